@@ -1,141 +1,271 @@
-"""Compares the plan `auto` with named plans, on cases that were not used to fit its rates: `auto_cases.json`.
+"""Compares the plan `auto` with named plans, on cases drawn at random from a seed.
 
-    python benchmarks/auto.py [--cases FILE] [--only TEXT] [--rounds N] [--threads N] [--json FILE]
+    python benchmarks/auto.py [--seed N] [--cases N] [--only TEXT] [--rounds N] [--threads N] [--wall] [--json FILE]
 
-A case is a scene, a light, a number of rays per receiver, and one of these jobs:
+A case is a scene, a camera (inside the scene, around it, or along a wall), a light, a number of samples per receiver,
+and one of these jobs:
 
-- `picture`: one frame, as rendered by `antumbra.render`.
-- `walk`: six frames of a static scene with one `Renderer` and a turning camera.
-- `animation`: six frames of an animated scene with one `Renderer`.
-- `bounce`: one frame with four diffuse rays per pixel.
-- `points`, `surface`, `grid`, `shuffled`: `antumbra.visibility` of points in a scene without a tree. The points are
-  random in the scene's box, random on its surfaces, a horizontal grid, and the same grid in random order.
+- `first`: the shadow rays of the first frame of a static scene, with all that they need: culling, tree and tracing.
+- `kept`: the shadow rays of a later frame, with a tree that is there.
+- `moving`: five frames of an animated scene.
+- `points`: random points in the bounds of a scene without a tree; `surface`: random points on its surfaces.
 
-The time of a case covers the whole job: trees, culling, G-buffers and tracing, but not evaluating the scene. Plans run
-in random order, and the minimum of their times counts. A plan that takes three times as long as the best in the first
-round is not repeated. All plans must return the same bits.
+G-buffers, the vertices of a moment and the compilation of kernels are not timed. The clock is the time of all threads
+of the process; `--wall` uses elapsed time. The plans of a case run in random order, and the minimum of each plan's
+times counts. A plan that takes three times as long as the best is not repeated. All plans must return the same bits.
+
+The constants of `auto` were chosen on the cases of seed 1.
 """
 
 import argparse
 import json
 import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
-from time import perf_counter
-from typing import NamedTuple
+from time import perf_counter, process_time
+from typing import NamedTuple, cast
 
 import numpy as np
 
 import antumbra as at
+from antumbra.engine.engine import Engine
+from antumbra.engine.frame_tracer import FrameMemory
 from antumbra.engine.plan import DEFAULT_PLAN, parse_plan
+from antumbra.jobs.dataset.random_views import SamplingRegion, random_camera, sampling_region
 from antumbra.kernels.parallel import thread_count
 from antumbra.papers.benchmark_views import named_view, square
-from antumbra.picture.render_kernels import precompile_indirect, precompile_plan
-from antumbra.picture.renderer import Renderer
+from antumbra.picture.render_kernels import precompile_plan
+from antumbra.query.light_samples import light_samples
+from antumbra.query.shadow_query import surface_queries
 from common import machine
 
-CASES = Path(__file__).with_name("auto_cases.json")
-TREES = "bsah", "lbvh", "tl-lbvh"
-TRACERS = "multifrusta", "packet16", "packet16:samples", "wide", "single"
-PICTURES = [f"{tree}+{tracer}" for tree in TREES[:2] for tracer in TRACERS]
-PICTURES += ["tl-lbvh+multifrusta", "grid32+lbvh+multifrusta", "grid32+bsah+multifrusta", "cones"]
-MOVING = ["bsah+refit+multifrusta", "bsah+refit+wide"]
-POINTS = [f"{tree}+{tracer}" for tree in TREES[:2] for tracer in TRACERS]
-FRAMES, SLOW = 6, 3.0
+STATIC = (
+    "sponza_crytek", "sanmiguel_lite", "bart_robots", "bart_museum8_subdivided", "zdm2", "godot_room",
+    "japanese_temple", "jungle_lowpoly", "macross_city", "delft_city", "stanford_bunny", "truck_town",
+    "city", "forest", "cellar", "atrium",
+)  # fmt: skip
+MOVING = "synthetic_garden_foxes", "bart_robots", "swaying_city"
+JOBS = "first", "first", "first", "kept", "kept", "moving", "points", "surface"
+LIGHTS = "lamp", "lamps", "small", "point", "sphere", "sun", "sky", "near", "list"
+SIZES = (384, 384), (640, 360), (1024, 768)
+FIRST = (
+    "lbvh+multifrusta", "lbvh+packet16", "lbvh+wide", "bsah+multifrusta", "bsah+packet16", "bsah+packet16:samples",
+    "bsah+wide", "tl-lbvh+multifrusta", "grid32+lbvh+multifrusta", "grid32+lbvh+packet16", "grid32+bsah+multifrusta",
+    "grid32+bsah+packet16", "grid32+bsah+wide", "srdh+multifrusta", "srdh+packet16", "bsah+srdh-order+packet16",
+    "cones", "grid32+cones", "bsah+chcrt",
+)  # fmt: skip
+KEPT = (
+    "bsah+multifrusta", "bsah+packet16", "bsah+packet16:samples", "bsah+wide", "bsah+reinsert+multifrusta",
+    "bsah+reinsert+packet16", "bsah+reinsert+wide", "srdh+multifrusta", "srdh+packet16", "srdh+wide",
+    "bsah+srdh-order+multifrusta", "bsah+srdh-order+packet16", "bsah+chcrt", "cones",
+)  # fmt: skip
+REFITTED = "bsah+refit+multifrusta", "bsah+refit+packet16", "bsah+refit+wide", "grid32+bsah+refit+multifrusta"
+FRAMES, WARM, SLOW = 5, 6, 3.0
+HELD_OUT = "sponza_crytek", "zdm2", "godot_room", "macross_city", "delft_city", "cellar", "synthetic_garden_foxes"
 
 
 class Case(NamedTuple):
-    """An entry of the cases file."""
+    """One case; `seed` determines its camera, points and light."""
 
     scene: str  # folder of $ANTUMBRA_SCENES, or a procedural scene
     job: str
-    light: str  # lamp, small, large, point, sphere, sun, sky, near or list
+    camera: str  # inside, around or wall
+    light: str
     spp: int
     size: tuple[int, int]  # of the picture; the number of points is the product
+    seed: int
+
+    def __str__(self) -> str:
+        size = f"{self.size[0]}x{self.size[1]}"
+        return f"{self.scene[:22]:22s} {self.job:7s} {self.camera:6s} {self.light:5s} {self.spp:2d} {size:9s}"
 
 
-def load_cases(path: Path = CASES) -> list[Case]:
-    return [Case(**{**fields, "size": tuple(fields["size"])}) for fields in json.loads(path.read_text())]
+def draw_cases(seed: int, count: int) -> Iterator[Case]:
+    """The cases of a seed."""
+    rng = np.random.default_rng(seed)
+    for k in range(count):
+        job = JOBS[k % len(JOBS)]
+        scene = str(rng.choice(MOVING if job == "moving" else STATIC))
+        camera, light = str(rng.choice(("inside", "around", "wall"))), LIGHTS[int(rng.integers(len(LIGHTS)))]
+        spp, size = int(rng.choice((1, 4, 16))), SIZES[int(rng.integers(len(SIZES)))]
+        if job in ("points", "surface"):
+            size = int(2 ** rng.uniform(7, 17)), 1
+        yield Case(scene, job, camera, light, spp, size, 1000 * seed + k)
 
 
-def light_of(name: str, view, rng) -> at.Light:
-    """The light of a case; lamps are squares around the first light of the view."""
-    bounds = view.scene.bounds
-    diagonal, lamp = float(np.linalg.norm(np.ptp(bounds, axis=0))), view.lights[0]
-    up = np.eye(3)[1 if view.scene.up == "y" else 2]
-    side = np.array([1.0, 0.0, 0.0])
-    if not isinstance(lamp, at.QuadLight):
-        corner = bounds.mean(0) + 0.4 * diagonal * up
-        lamp = at.QuadLight(corner, side * diagonal / 40, np.cross(up, side) * diagonal / 40)
-    centre = lamp.corner + (lamp.u + lamp.v) / 2
-    scaled = lambda k: at.QuadLight(centre - (lamp.u + lamp.v) * k / 2, lamp.u * k, lamp.v * k)
+# --- scenes, cameras, lights and points -------------------------------------------------------------------------------
+
+
+@cache
+def region_of(name: str) -> SamplingRegion:
+    """The scene of a name, with the region of its random cameras."""
+    if name == "swaying_city":
+        return sampling_region(swaying_city(), 0.0, None)
+    return sampling_region(named_view(name, (64, 64), square(40)).scene, 0.0, None)
+
+
+def swaying_city() -> at.Scene:
+    """A city of 500,000 triangles that sways in the wind: eight frames of all its vertices."""
+    still = at.procedural("city").triangles(0.0)
+    corners = still.vertices.reshape(-1, 3)
+    sway = 0.02 * (corners[:, 1] - corners[:, 1].min())
+    frames = np.stack([corners + np.outer(sway * np.sin(2.0 * np.pi * k / 8), [1.0, 0.0, 0.4]) for k in range(8)])
+    with tempfile.TemporaryDirectory() as folder:
+        np.save(Path(folder, "frames.npy"), frames)
+        np.save(Path(folder, "faces.npy"), np.arange(len(corners)).reshape(-1, 3))
+        return cast(at.Scene, at.load(folder))
+
+
+def camera_of(case: Case, region: SamplingRegion) -> at.Camera:
+    """The camera of a case."""
+    if case.camera == "wall":
+        for k in range(64):
+            point, normal = (each[0] for each in surface_points(region, 1, case.seed + k))
+            along = np.cross(normal, np.eye(3)[1 if region.scene.up == "y" else 2])
+            position = point + 0.01 * region.radius * normal
+            if np.linalg.norm(along) > 0.5 and not region.walled(position, 0.005 * region.radius):
+                up = np.eye(3)[1 if region.scene.up == "y" else 2]
+                return at.Camera(position, position + along, up, 60.0, *case.size)
+    return random_camera(region, case.seed, int(case.camera == "around"), case.size)
+
+
+def surface_points(region: SamplingRegion, n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """n random points on the surfaces of a scene, and their normals, (n, 3) float64 each."""
+    rng, triangles = np.random.default_rng(seed), region.scene.triangles(0.0)
+    corners = triangles.vertices.astype(float)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(across, axis=1)
+    some = rng.choice(len(area), n, p=area / area.sum())
+    points = (corners[some] * rng.dirichlet([1, 1, 1], n)[:, :, None]).sum(1) + triangles.origin
+    return points, across[some] / area[some, None]
+
+
+def lights_of(case: Case, region: SamplingRegion) -> list[at.Light]:
+    """The lights of a case: lamps hang at random places of the upper half of the bounds."""
+    rng, radius = np.random.default_rng(case.seed), region.radius
+    upward = 1 if region.scene.up == "y" else 2
+    up, side = np.eye(3)[upward], np.eye(3)[0]
+    across = np.cross(up, side)
+
+    def place() -> np.ndarray:
+        low, high = region.bounds.copy()
+        low[upward] = (low + high)[upward] / 2.0
+        return rng.uniform(low, high)
+
+    def lamp(edge: float) -> at.QuadLight:
+        return at.QuadLight(place() - edge * (side + across) / 2.0, edge * side, edge * across)
+
+    turn, height = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.3, 1.4)
+    towards = np.cos(height) * (np.cos(turn) * side + np.sin(turn) * across) + np.sin(height) * up
     return {
-        "lamp": lambda: lamp,
-        "small": lambda: scaled(0.25),
-        "large": lambda: scaled(4.0),
-        "point": lambda: at.PointLight(centre),
-        "sphere": lambda: at.SphereLight(centre, diagonal / 80),
-        "sun": lambda: at.DirectionalLight(-(up + 0.5 * side)),
-        "sky": at.AmbientOcclusion,
-        "near": lambda: at.AmbientOcclusion(diagonal / 30),
-        "list": lambda: at.PointLights(bounds[0] + rng.random((48, 3)) * np.ptp(bounds, axis=0), interleave=False),
-    }[name]()
+        "lamp": lambda: [lamp(radius / 10.0)],
+        "lamps": lambda: [lamp(radius / 10.0), lamp(radius / 10.0)],
+        "small": lambda: [lamp(radius / 40.0)],
+        "point": lambda: [at.PointLight(place())],
+        "sphere": lambda: [at.SphereLight(place(), radius / 40.0)],
+        "list": lambda: [at.PointLights([place() for _ in range(24)], interleave=False)],
+        "sun": lambda: [at.DirectionalLight(-towards)],
+        "sky": lambda: [at.AmbientOcclusion()],
+        "near": lambda: [at.AmbientOcclusion(radius / 15.0)],
+    }[case.light]()
 
 
-def points_of(case: Case, scene, rng) -> tuple[np.ndarray, np.ndarray]:
-    """(points, normals) of a case."""
-    bounds, n = scene.bounds, case.size[0] * case.size[1]
-    axis = 1 if scene.up == "y" else 2
-    up = np.eye(3)[axis]
+# --- one case by one plan ---------------------------------------------------------------------------------------------
+
+Clock = Callable[[], float]
+"""Seconds."""
+
+
+def trace_frame(engine: Engine, case: Case, time: float, clock: Clock) -> tuple[float, list[np.ndarray]]:
+    """(seconds, bits) of the shadow rays of one frame."""
+    region = region_of(case.scene)
+    lights, camera = lights_of(case, region), view_of(case)
+    samples = [light_samples(light, case.spp) for light in lights]
+    tracer, rays = engine.frame_tracer(), case.size[0] * case.size[1] * case.spp * len(lights)
+    tracer.begin(FrameMemory(0, 0, 0), rays, 0, time)
+    for rows in tracer.bands(camera.height):
+        surfaces = tracer.surfaces(camera, rows)
+        queries = surface_queries(surfaces, lights, samples, 0, engine.threads)
+        start = clock()
+        tracer.sample(surfaces.gbuffer, queries, lights, samples, 0)
+        tracer.prepare(queries, lambda step: None)
+        bits = tracer.trace(queries, None, None)
+        seconds = clock() - start
+    return seconds, bits
+
+
+@cache
+def view_of(case: Case) -> at.Camera:
+    """`camera_of` a case."""
+    return camera_of(case, region_of(case.scene))
+
+
+def trace_kept(engine: Engine, case: Case, clock: Clock) -> tuple[float, list[np.ndarray]]:
+    """(seconds, bits) of the shadow rays of a frame, with a tree built before."""
+    if engine.plan.tracer.keeps:
+        for _ in range(WARM):
+            trace_frame(engine, case, 0.0, clock)
+        return min((trace_frame(engine, case, 0.0, clock) for _ in range(2)), key=lambda answer: answer[0])
+    region, tracer = region_of(case.scene), engine.frame_tracer()
+    lights = lights_of(case, region)
+    samples = [light_samples(light, case.spp) for light in lights]
+    tracer.begin(FrameMemory(0, 0, 0), 0, 0, 0.0)
+    surfaces = tracer.surfaces(view_of(case), slice(0, case.size[1]))
+    queries = surface_queries(surfaces, lights, samples, 0, engine.threads)
+    tracer.sample(surfaces.gbuffer, queries, lights, samples, 0)
+    tracer.prepare(queries, lambda step: None)
+    seconds = []
+    for _ in range(2):
+        start = clock()
+        bits = tracer.trace(queries, None, None)
+        seconds.append(clock() - start)
+    return min(seconds), bits
+
+
+def receivers_of(case: Case) -> at.Receivers:
+    """The points of a case."""
+    region, n = region_of(case.scene), case.size[0]
+    points, normals = surface_points(region, n, case.seed)
     if case.job == "points":
-        return bounds[0] + rng.random((n, 3)) * np.ptp(bounds, axis=0), up
-    if case.job == "surface":
-        corners = scene.triangles(0.0).vertices.astype(float)
-        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        area = np.linalg.norm(across, axis=1)
-        some = rng.choice(len(area), n, p=area / area.sum())
-        points = (corners[some] * rng.dirichlet([1, 1, 1], n)[:, :, None]).sum(1) + scene.origin
-        return points, across[some] / area[some, None]
-    level = [k for k in range(3) if k != axis]
-    grid = np.empty((*case.size, 3))
-    grid[..., axis] = bounds[0][axis] + 0.08 * np.ptp(bounds[:, axis])
-    lines = [bounds[0][k] + np.ptp(bounds[:, k]) * np.linspace(0.2, 0.8, m) for k, m in zip(level, case.size)]
-    grid[..., level[0]], grid[..., level[1]] = np.meshgrid(*lines, indexing="ij")
-    points = grid.reshape(-1, 3)
-    return (rng.permutation(points) if case.job == "shuffled" else points), up
+        points = np.random.default_rng(case.seed).uniform(*region.bounds, (n, 3))
+    return at.Receivers.of(points, normals, region.scene.origin)
+
+
+def trace_points(engine: Engine, case: Case, clock: Clock) -> tuple[float, list[np.ndarray]]:
+    """(seconds, bits) of a query of points."""
+    receivers, lights = receivers_of(case), lights_of(case, region_of(case.scene))
+    engine.source.moment(0.0)
+    start = clock()
+    answer = engine.visibility(receivers, lights, spp=case.spp)
+    return clock() - start, [answer.bits]
+
+
+def run_case(case: Case, plan: str, threads: int, clock: Clock) -> tuple[float, list[np.ndarray]]:
+    """(seconds, bits of the last frame) of a case by a plan."""
+    scene = region_of(case.scene).scene
+    engine = Engine(scene, plan, threads, gbuffer="raster")
+    if case.job == "first":
+        return trace_frame(engine, case, 0.0, clock)
+    if case.job == "kept":
+        return trace_kept(engine, case, clock)
+    if case.job == "moving":
+        times = scene.duration * np.arange(FRAMES) / FRAMES
+        frames = [trace_frame(engine, case, float(time), clock) for time in times]
+        return sum(seconds for seconds, _ in frames), frames[-1][1]
+    return trace_points(engine, case, clock)
 
 
 def plans_of(case: Case) -> list[str]:
     """The plans of a case, `auto` first."""
-    if case.job in ("points", "surface", "grid", "shuffled"):
-        return [DEFAULT_PLAN, *POINTS]
-    return [DEFAULT_PLAN, *PICTURES, *(MOVING if case.job == "animation" else [])]
+    if case.job == "moving":
+        plans = [plan for plan in FIRST if "srdh" not in plan and "chcrt" not in plan]
+        return [DEFAULT_PLAN, *plans, *REFITTED]
+    return [DEFAULT_PLAN, *(KEPT if case.job == "kept" else FIRST)]
 
 
-def run_case(case: Case, view, plan: str, threads: int) -> tuple[float, list[np.ndarray]]:
-    """(seconds, bits of the last frame) of a case by a plan."""
-    rng = np.random.default_rng(1)
-    light, scene = light_of(case.light, view, rng), view.scene
-    if case.job in ("points", "surface", "grid", "shuffled"):
-        points, normals = points_of(case, scene, rng)
-        engine = at.Engine(scene, plan, threads)
-        start = perf_counter()
-        receivers = at.Receivers.of(points, normals, scene.origin)
-        result = engine.visibility(receivers, [light], spp=case.spp)
-        return perf_counter() - start, [result.bits]
-    renderer, seconds = Renderer(scene, plan, threads), 0.0
-    for k in range(1 if case.job in ("picture", "bounce") else FRAMES):
-        camera, time = view.camera.resized(*case.size), 0.0
-        if case.job == "walk":
-            aside = 0.02 * k * np.cross(camera.target - camera.position, camera.up)
-            camera = at.Camera(camera.position, camera.target + aside, camera.up, camera.vfov, *case.size)
-        if case.job == "animation":
-            time = scene.duration * k / FRAMES
-        frame = renderer.render(camera, [light], spp=case.spp, time=time, bounce=4 if case.job == "bounce" else None)
-        seconds += frame.timings["total"] - frame.timings["evaluate"]
-    return seconds, frame.bits
-
-
-def measure(case: Case, threads: int, rounds: int) -> dict[str, float]:
+def measure(case: Case, threads: int, rounds: int, clock: Clock) -> dict[str, float]:
     """Plan -> minimum seconds of a case.
 
     Raises
@@ -143,60 +273,82 @@ def measure(case: Case, threads: int, rounds: int) -> dict[str, float]:
     RuntimeError
         If two plans give different bits.
     """
-    view, rng = named_view(case.scene, case.size, square(40)), np.random.default_rng(0)
-    seconds_of: dict[str, float] = {}
-    _, reference = run_case(case, view, "lbvh+single", threads)  # the first run is a warm-up
+    rng, seconds_of = np.random.default_rng(0), dict[str, float]()
+    _, reference = run_case(case, DEFAULT_PLAN, threads, clock)  # not counted: it reads the scene
     for _ in range(rounds):
         for plan in rng.permutation(plans_of(case)).tolist():
             if seconds_of.get(plan, 0.0) > SLOW * min(seconds_of.values(), default=0.0):
                 continue
-            seconds, bits = run_case(case, view, plan, threads)
+            seconds, bits = run_case(case, plan, threads, clock)
             if not all(np.array_equal(a, b) for a, b in zip(reference, bits)):
                 raise RuntimeError(f"{case}: {plan} and {DEFAULT_PLAN} give different bits")
             seconds_of[plan] = min(seconds, seconds_of.get(plan, np.inf))
     return seconds_of
 
 
-def report(rows: list[tuple[Case, dict[str, float]]]) -> None:
-    """Print the summary: total times and worst cases."""
-    chosen = np.array([seconds[DEFAULT_PLAN] for _, seconds in rows])
-    best = np.array([min(seconds.values()) for _, seconds in rows])
-    ratios = chosen / best
-    print(f"\n{len(rows)} cases: auto {chosen.sum():.2f} s, the best plan of each case {best.sum():.2f} s:", end=" ")
-    print(f"ratio {chosen.sum() / best.sum():.3f}; worst case {ratios.max():.2f}, median {np.median(ratios):.2f}")
-    for plan in dict.fromkeys(plan for _, seconds in rows for plan in seconds):
-        slowdowns = [seconds[plan] / min(seconds.values()) for _, seconds in rows if plan in seconds]
-        print(f"  {plan:28s} worst {max(slowdowns):8.2f}, median {np.median(slowdowns):5.2f} ({len(slowdowns)} cases)")
+# --- report -----------------------------------------------------------------------------------------------------------
+
+Row = tuple[Case, dict[str, float]]
+
+
+def report(rows: list[Row]) -> None:
+    """Print the ratios of `auto` and the best plan, for all cases and for parts of them."""
+    parts: dict[str, Callable[[Case], bool]] = {"all": lambda case: True}
+    parts |= {job: lambda case, job=job: case.job == job for job in dict.fromkeys(JOBS)}
+    parts |= {light: lambda case, light=light: case.light == light for light in LIGHTS}
+    parts["scenes not in the fit"] = lambda case: case.scene in HELD_OUT
+    print("\nauto / best plan:")
+    for name, belongs in parts.items():
+        some = [seconds for case, seconds in rows if belongs(case)]
+        if some:
+            ratios = np.array([each[DEFAULT_PLAN] / best(each)[1] for each in some])
+            long = np.array([each[DEFAULT_PLAN] > 0.01 for each in some])
+            worst = ratios[long].max() if long.any() else np.nan
+            mean = np.exp(np.log(ratios).mean())
+            print(f"  {name:22s} geometric mean {mean:5.3f}, worst over 10 ms {worst:5.2f} ({len(some)} cases)")
+    wins: dict[str, int] = {}
+    for _, seconds in rows:
+        plan = best(seconds)[0]
+        wins[plan] = wins.get(plan, 0) + 1
+    print(
+        "best plan of the cases: " + ", ".join(f"{plan} {n}" for plan, n in sorted(wins.items(), key=lambda p: -p[1]))
+    )
+
+
+def best(seconds: dict[str, float]) -> tuple[str, float]:
+    """(name, seconds) of the fastest named plan."""
+    return min(((plan, s) for plan, s in seconds.items() if plan != DEFAULT_PLAN), key=lambda pair: pair[1])
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", type=Path, default=CASES)
+    parser.add_argument("--seed", type=int, default=2)
+    parser.add_argument("--cases", type=int, default=208)
     parser.add_argument("--only", default="", help="cases whose line contains this text")
     parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--threads", type=int, default=thread_count(None))
+    parser.add_argument("--wall", action="store_true", help="measure elapsed time")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    cases = [case for case in load_cases(options.cases) if options.only in str(case)]
+    clock = perf_counter if options.wall else process_time
+    cases = [case for case in draw_cases(options.seed, options.cases) if options.only in str(case)]
     for plan in dict.fromkeys(plan for case in cases for plan in plans_of(case)):
         precompile_plan(parse_plan(plan), "raster")
-    precompile_indirect("raster")
-    rows = []
+    rows = list[Row]()
     for case in cases:
         try:
-            seconds = measure(case, options.threads, options.rounds)
+            seconds = measure(case, options.threads, options.rounds, clock)
         except at.InputError as error:
-            print(f"skipped: {error}", file=sys.stderr)
+            print(f"skipped: {case}: {error}", file=sys.stderr)
             continue
         rows.append((case, seconds))
-        best = min(seconds, key=seconds.__getitem__)
-        what = f"{case.scene[:24]:24s} {case.job:9s} {case.light:6s} {case.spp:4d} {case.size[0]:4d}x{case.size[1]:<4d}"
+        plan, least = best(seconds)
         auto = seconds[DEFAULT_PLAN]
-        print(f"{what} {1e3 * auto:8.1f} ms, {auto / seconds[best]:5.2f} x {best}", flush=True)
+        print(f"{case} {1e3 * auto:8.1f} ms, {auto / least:5.2f} x {plan}", flush=True)
+        if options.json:
+            answer = {"machine": machine(options.threads), "rows": [{**c._asdict(), "seconds": s} for c, s in rows]}
+            options.json.write_text(json.dumps(answer, indent=1))
     report(rows)
-    if options.json:
-        answer = {"machine": machine(options.threads), "rows": [{**c._asdict(), "seconds": s} for c, s in rows]}
-        options.json.write_text(json.dumps(answer, indent=1))
 
 
 if __name__ == "__main__":

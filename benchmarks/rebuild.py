@@ -95,7 +95,7 @@ class _Ours:
 
     def shadows(self, frame_input):
         start = perf_counter()
-        culled = self.accelerator.culled(frame_input.triangles, [frame_input.query])
+        culled = self.accelerator.cull(frame_input.triangles, [frame_input.query])
         cut = perf_counter()
         ready = self.accelerator.build(frame_input.triangles, culled)
         built = perf_counter()

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine import calibration
+from antumbra.engine import auto_accelerator, calibration
 from antumbra.engine.auto import cost_model as rates
-from antumbra.engine.auto.cost_model import BEST, GOOD, QUICK
+from antumbra.engine.auto.cost_model import BEST, GOOD, GUIDED, QUICK
 from antumbra.engine.auto.strategies import STRATEGIES
 from antumbra.engine.plan import parse_plan
 from antumbra.picture.renderer import Renderer
@@ -21,9 +21,16 @@ def scene():
     return at.procedural("atrium", triangles=3000)
 
 
-def _builds(monkeypatch, good, best=1e6):
-    """Let trees of GOOD and of BEST take so many seconds, and one of QUICK none."""
-    monkeypatch.setattr(rates, "build_seconds", lambda tree, n: {QUICK: 0.0, GOOD: good, BEST: best}[tree])
+def _builds(monkeypatch, good, best=1e6, guided=1e6):
+    """Let trees of GOOD, BEST and GUIDED take so many seconds, and one of QUICK none."""
+    seconds = {QUICK: 0.0, GOOD: good, BEST: best, GUIDED: guided}
+    monkeypatch.setattr(rates, "build_seconds", lambda tree, n: seconds[tree])
+
+
+@pytest.fixture(autouse=True)
+def no_culling(monkeypatch):
+    """Let culling cost more than any tree, unless a test says otherwise."""
+    monkeypatch.setattr(auto_accelerator, "mark_seconds", lambda receivers, lights: 1e9)
 
 
 def test_the_default_plan_says_what_ran(scene):
@@ -138,7 +145,7 @@ def test_what_is_measured_is_kept_and_scales_the_rates(tmp_path, monkeypatch):
         assert rates.machine_rates() == rates.SHIPPED
         measured = calibration.calibrate()
         assert set(measured.slower) == set(STRATEGIES) == set(rates.reference())
-        assert set(measured.builds) == {QUICK, GOOD, BEST}
+        assert set(measured.builds) == {QUICK, GOOD, GUIDED, BEST}
         assert all(0.0 < x < 1e6 for found in measured for x in found.values())
         assert rates.machine_rates() == measured
         (tmp_path / "kernels" / "rates.json").write_text(json.dumps({"of another": "version"}))
@@ -149,5 +156,84 @@ def test_what_is_measured_is_kept_and_scales_the_rates(tmp_path, monkeypatch):
 
 
 def test_nothing_pays_twice():
-    assert not rates.good_pays(0.0, 1000) and rates.good_pays(1.0, 1000)
+    assert rates.choose_builder(1000, 0.0, True) == QUICK and rates.choose_builder(1000, 1.0, True) == GUIDED
+    assert rates.choose_builder(1000, 1.0, False) == GOOD
     assert not rates.best_pays(0.0, 1000) and rates.best_pays(1.0, 1000) and not rates.best_pays(1e9, 1 << 25)
+
+
+# --- culling and guided trees -----------------------------------------------------------------------------------------
+
+
+def _cheap_culling(monkeypatch):
+    monkeypatch.setattr(auto_accelerator, "mark_seconds", lambda receivers, lights: 0.0)
+    monkeypatch.setattr(auto_accelerator, "select_seconds", lambda triangles: 0.0)
+
+
+def corner(scene, size=(48, 40)):
+    """A view of a part of the scene, and a lamp beside it."""
+    return at.Camera((0, 1.5, 0), (2, 0.5, 1), width=size[0], height=size[1]), at.PointLight((0.5, 1.5, 0.2))
+
+
+@pytest.mark.parametrize("guided", [0.0, 1e6])
+def test_a_first_frame_is_culled_and_later_ones_keep_a_tree_of_everything(scene, monkeypatch, guided):
+    _builds(monkeypatch, 1e5, guided=guided)
+    _cheap_culling(monkeypatch)
+    monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: True)
+    renderer, (camera, light) = Renderer(scene), corner(scene)
+    named = at.render(scene, camera, [light], plan="bsah+single", background=False)
+    frames = [renderer.render(camera, [light], background=False) for _ in range(3)]
+    assert frames[0].plan.startswith("grid32+")
+    assert "grid32" not in frames[1].plan + frames[2].plan and frames[2].timings["build"] < frames[1].timings["build"]
+    for frame in frames:
+        np.testing.assert_array_equal(frame.bits[0], named.bits[0])
+        np.testing.assert_array_equal(frame.image, named.image)
+
+
+def test_culling_is_abandoned_if_nearly_everything_remains(scene, monkeypatch):
+    monkeypatch.setattr(auto_accelerator, "mark_seconds", lambda receivers, lights: 0.0)
+    monkeypatch.setattr(auto_accelerator, "select_seconds", lambda triangles: 5e-5)
+    monkeypatch.setattr(rates, "build_seconds", lambda tree, n: 1e-7 * n)
+    monkeypatch.setattr(auto_accelerator, "relevant_share", lambda triangles, marking: 0.98)
+    frame = Renderer(scene).render(scene.cameras[0].resized(48, 40), [LAMP])
+    assert "grid32" not in frame.plan
+
+
+@pytest.mark.parametrize("options", [{"bounce": 1}, {"adaptive": 64}, {"ground": True}])
+def test_frames_with_further_rays_are_not_culled(scene, monkeypatch, options):
+    _cheap_culling(monkeypatch)
+    camera, light = corner(scene)
+    frame = Renderer(scene).render(camera, [light], spp=4, **options)
+    assert "grid32" not in frame.plan
+
+
+def test_first_points_are_culled_and_later_ones_keep_a_tree_of_everything(monkeypatch):
+    scene = at.procedural("atrium", triangles=3000)
+    _builds(monkeypatch, 1e6)
+    _cheap_culling(monkeypatch)
+    points = np.random.default_rng(1).uniform((-1, 0.1, -1), (1, 2, 1), (300, 3))
+    light = at.PointLight((0.5, 1.5, 0.2))
+    named = at.visibility(scene, points, light, plan="bsah+single")
+    accelerated = scene.engine._trees._accelerated
+    np.testing.assert_array_equal(at.visibility(scene, points, light).bits, named.bits)
+    assert parse_plan("auto") not in accelerated
+    for _ in range(2):
+        np.testing.assert_array_equal(at.visibility(scene, points, light).bits, named.bits)
+        assert not accelerated[parse_plan("auto")].partial
+
+
+def test_moving_scenes_are_culled_frame_by_frame(monkeypatch, tmp_path):
+    rng = np.random.default_rng(0)
+    still = rng.normal(size=(3000, 3))
+    np.save(tmp_path / "frames.npy", np.stack([still, still + 0.01 * rng.normal(size=still.shape)]))
+    np.save(tmp_path / "faces.npy", np.arange(3000).reshape(-1, 3))
+    scene = at.load(tmp_path)
+    _builds(monkeypatch, 1e6)
+    monkeypatch.setattr(rates, "form_seconds", lambda strategy, triangles: 1e-6 * triangles)
+    _cheap_culling(monkeypatch)
+    renderer, camera = Renderer(scene), at.Camera((0, 0, 1), (1, 0, 0), width=24, height=20)
+    lamp = at.PointLight((1.0, 0.2, 0.8))
+    for time in (0.0, 0.01, 0.02):
+        frame = renderer.render(camera, [lamp], time=time)
+        named = at.render(scene, camera, [lamp], time=time, plan="bsah+single")
+        np.testing.assert_array_equal(frame.bits[0], named.bits[0])
+        assert frame.plan.startswith("grid32+"), time

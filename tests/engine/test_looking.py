@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine import primary_visibility as looking
-from antumbra.engine.accelerator import AutoAccelerator
+from antumbra.engine.auto_accelerator import AutoAccelerator
 from antumbra.engine.primary_visibility import RASTER, RAYS, PrimaryMethodChooser
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))

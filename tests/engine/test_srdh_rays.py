@@ -260,7 +260,7 @@ def test_hits_of_a_frame_of_other_triangles_are_not_shown(scene, moving, given):
     cellar, asked = query_of(scene, scene.cameras[0].resized(*SIZE), scene.lights[0], 1)
     soup, other = query_of(moving, CAMERA, LIGHT, 1)
     for triangles, query in ((cellar, asked), (soup, other), (cellar, asked)):
-        one.accelerator.build(triangles, None, one.accelerator.show(triangles, [query]))
+        one.accelerator.build(triangles, None, one.accelerator.sample_rays(triangles, [query]))
         vertices, rays = given[-1]
         assert len(vertices) == solid_count(triangles) > rays.prims.max() >= 0
         assert rows(rays.origins, rays.ends) <= rows(*_segments(query))
@@ -285,7 +285,7 @@ def test_a_refined_edge_does_not_change_what_the_next_frame_is_shown(given):
     one.render(camera, light, spp=1, adaptive=16)
     blockers = [blocker[0].tobytes() in {(v + scene.origin).tobytes() for v in vertices} for vertices, _ in given]
     assert blockers == [True, False]
-    shown = one.accelerator.showing.last
+    shown = one.accelerator.ray_selector.last
     truth = oracle.all_hits(scene.triangles().vertices, *shown.segments[:3])
     np.testing.assert_array_equal(as_matrix(shown.met, 4), truth)
     assert truth[:, 1].any()

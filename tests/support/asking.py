@@ -3,7 +3,7 @@
 import numpy as np
 
 import oracle
-from antumbra.engine.accelerator import accelerator_of
+from antumbra.engine.auto_accelerator import accelerator_of
 from antumbra.engine.plan import parse_plan
 from antumbra.engine.primary_visibility import primary_visibility
 from antumbra.query.light_samples import light_samples
@@ -36,5 +36,5 @@ def true_occlusion(triangles, query):
 def answer(plan, triangles, query, threads=2, counters=None):
     """(h, w, spp) bool: a plan's answer to a query."""
     make = accelerator_of(parse_plan(plan), threads)
-    ready = make.build(triangles, make.culled(triangles, [query]), make.show(triangles, [query]))
+    ready = make.build(triangles, make.cull(triangles, [query]), make.sample_rays(triangles, [query]))
     return unpack(make.answer(ready, query, counters), query.samples.shape[1])

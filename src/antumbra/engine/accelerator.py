@@ -1,13 +1,11 @@
 """Accelerators: build, optimise or update a BVH by a plan, prepare it for the plan's tracer, and answer queries.
 
-The accelerator of the plan `auto` also chooses the builder of each frame's tree. `SceneTrees` caches the trees of a
-scene in memory at its latest time sample.
+`SceneTrees` caches the trees of a scene in memory at its latest time sample. `auto_accelerator` has the accelerator
+of the plan `auto`, which also chooses what to build.
 """
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -17,20 +15,16 @@ from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
 from ..bvh.refit import filter_tree
 from ..errors import InputError
-from ..query.query_bounds import bounds
 from ..query.shadow_query import ShadowQuery, new_bits
 from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import ChcRtState
-from ..techniques.culling.pre_bvh_culling import CullResult, solid_count, solid_of, solid_tree, soup_of
+from ..techniques.culling.pre_bvh_culling import CullResult, solid_of, solid_tree, soup_of
 from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, RepresentativeRaySelector, SrdhRays
 from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree
-from .auto.cost_model import BEST, GOOD, QUICK, best_pays, good_pays, lost_share, predicted_rate
-from .auto.query_features import features_of
-from .auto.strategies import AutoTracer, StrategyMemory, suitable_strategies
-from .method_registry import BUILDERS, CULLERS, OPTIMISERS, TRACERS, UPDATERS, Builder, Optimiser
-from .plan import Plan, parse_plan
-from .precompilation import Job, fixed_job, precompile, small_scene
+from .auto.strategies import AutoTracer
+from .method_registry import BUILDERS, CULLERS, OPTIMISERS, UPDATERS, Builder, Optimiser
+from .plan import Plan
 
 # --- Acceleration by a plan -------------------------------------------------------------------------------------------
 
@@ -46,6 +40,7 @@ class Accelerated(NamedTuple):
     bvh: Bvh | None  # over the triangles left by culling; prim_ids index `triangles`; None: the tracer uses no BVH
     prepared: Any  # the tracer's input: the BVH, a structure made from it, or a `Soup` of the triangles left by culling
     cutouts: CutoutTree | None = None  # alpha-masked faces, which are not in the BVH; None: there are none
+    partial: bool = False  # whether culling has dropped triangles that other queries may need
 
     @property
     def scheduled(self) -> ChcRtState | None:
@@ -73,7 +68,7 @@ class Accelerator:
 
     Attributes
     ----------
-    showing : RepresentativeRaySelector or None
+    ray_selector : RepresentativeRaySelector or None
         Selects the sample rays of a ray-guided builder; None: the plan has none.
     one_tree : bool
         Whether shadow rays and camera rays share a BVH.
@@ -81,8 +76,8 @@ class Accelerator:
 
     def __init__(self, plan: Plan, threads: int):
         self.plan, self.threads = plan, threads
-        self.showing = RepresentativeRaySelector(plan.sample or SrdhRays(), threads) if plan.wants_rays else None
-        self.one_tree = plan.tracer.builds and self.showing is None
+        self.ray_selector = RepresentativeRaySelector(plan.sample or SrdhRays(), threads) if plan.wants_rays else None
+        self.one_tree = plan.tracer.builds and self.ray_selector is None
         self._updater = UPDATERS[plan.update].keep(self._new_tree) if plan.update else None
         self._updated: tuple[Triangles, Bvh] | None = None  # the triangles of the last update, and their BVH
         self._cutouts: tuple[Triangles, CutoutTree | None] | None = None  # the latest ones
@@ -94,6 +89,11 @@ class Accelerator:
         rays : estimated number of rays in the queries for which a tree is built
         later : estimated number of further rays in the same tree
         """
+
+    @property
+    def culls(self) -> bool:
+        """Whether the tree of the next queries may depend on their segments, so that they must be known first."""
+        return bool(self.plan.cull)
 
     @property
     def builder(self) -> str:
@@ -114,14 +114,14 @@ class Accelerator:
         """Whether rebuilding a cached tree with a better builder now pays off."""
         return False
 
-    def culled(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> CullResult | None:
-        """The triangles that segments of these queries can hit; None if the plan has no culler."""
+    def cull(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> CullResult | None:
+        """The triangles that segments of these queries can hit; None if nothing is culled. `build` follows."""
         if not self.plan.cull:
             return None
         result: CullResult = CULLERS[self.plan.cull].cull(triangles, queries, self.threads)
         return result
 
-    def show(
+    def sample_rays(
         self,
         triangles: Triangles,
         queries: Sequence[ShadowQuery],
@@ -129,7 +129,7 @@ class Accelerator:
         bounce: Bounce | None = None,
     ) -> RepresentativeRays | None:
         """Sample rays of these queries for a ray-guided builder; None for others. See `RepresentativeRaySelector`."""
-        return self.showing.show(queries, triangles, bvh, bounce) if self.showing else None
+        return self.ray_selector.show(queries, triangles, bvh, bounce) if self.ray_selector else None
 
     def build(
         self, triangles: Triangles, culled: CullResult | None = None, sample_rays: RepresentativeRays | None = None
@@ -153,7 +153,7 @@ class Accelerator:
         solid = solid_of(triangles, culled, self.threads)
         if not self.plan.tracer.builds:
             return self.prepare(triangles, None, solid)
-        if self.showing is not None:
+        if self.ray_selector is not None:
             if sample_rays is None:
                 raise InputError(
                     f"plan {str(self.plan)!r}: its builder needs sample rays; render an image or query points"
@@ -164,8 +164,8 @@ class Accelerator:
             bvh = self._updated_tree(triangles, culled) if self._updater is not None else self._tree(triangles, solid)
         finally:
             self._rays = None
-        if self.showing is not None:
-            self.showing.built(bvh)
+        if self.ray_selector is not None:
+            self.ray_selector.built(bvh)
         return self.prepare(triangles, bvh, solid)
 
     def _tree(self, triangles: Triangles, culled: CullResult | None) -> Bvh:
@@ -218,7 +218,8 @@ class Accelerator:
         `culled`: the triangles left by culling; None: all.
         """
         geometry = soup_of(triangles, culled, self.threads) if bvh is None else bvh
-        return Accelerated(triangles, bvh, self.plan.tracer.prepare(geometry, self.threads), self.cutouts_of(triangles))
+        prepared = self.plan.tracer.prepare(geometry, self.threads)
+        return Accelerated(triangles, bvh, prepared, self.cutouts_of(triangles), bool(self.plan.cull))
 
     def answer(
         self,
@@ -249,139 +250,6 @@ class Accelerator:
             for query, words in zip(queries, bits):
                 add_shadows(accelerated.cutouts, query, words, self.threads)
         return bits
-
-
-# --- The plan `auto`: its accelerator chooses the builder, and its tracer the strategy of each query ------------------
-
-
-_RAY = 1e-7  # default estimate of the time of a ray on one thread, in seconds
-
-
-class AutoAccelerator(Accelerator):
-    """An `Accelerator` that chooses the builder by the number of rays.
-
-    Building a GOOD tree takes five times as long as a QUICK one, but traversal is faster. A GOOD tree is built at once
-    if the predicted rays pay for it. Otherwise the cached tree is upgraded once traversal has lost more time than the
-    rebuild costs (the ski-rental rule), so the total loss is at most twice the minimum, however many rays follow. The
-    same rule replaces GOOD trees by BEST ones. Trees of animated scenes are refitted from the first GOOD tree on,
-    BEST trees included.
-    """
-
-    def __init__(self, plan: Plan, threads: int):
-        super().__init__(plan, threads)
-        self.memory = StrategyMemory()
-        self._tree_name = self._built = QUICK  # the next tree, and the last one
-        self._rays_soon = self._later = 0  # predicted numbers of rays: of the coming queries, and of later ones
-
-    def begin(self, rays: int, later: int = 0) -> None:
-        self.memory.begin()
-        self._rays_soon, self._later = rays, later
-
-    @property
-    def builder(self) -> str:
-        return self._tree_name.partition("+")[0]
-
-    @property
-    def optimiser(self) -> str | None:
-        return self._tree_name.partition("+")[2] or None
-
-    def executed_plan(self, accelerated: Accelerated) -> Plan:
-        assert accelerated.chosen is not None
-        tracers = {choice.strategy if choice.strategy in TRACERS else "multifrusta" for choice in self.memory.choices}
-        tree = parse_plan(f"{accelerated.chosen.builder}+{self.plan.trace}")
-        return replace(tree, trace=tracers.pop() if len(tracers) == 1 else self.plan.trace)
-
-    def culled(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> None:
-        """Choose the builder for these queries. Nothing is culled, since a quick build costs no more than culling."""
-        if self._tree_name != QUICK:
-            return
-        n, box = solid_count(triangles), np.stack(bounds(triangles.vertices, self.threads))
-        lost = self.memory.lost + self._loss(self._later)
-        for query in queries:
-            facts = features_of(query, n, box)
-            cost, strategy = min(
-                (predicted_rate(strategy, facts), strategy) for strategy in suitable_strategies(query, box)
-            )
-            lost += cost * facts.rays / self.threads * lost_share(strategy)
-        self._choose(lost, n)
-        self._rays_soon = self._later = 0
-
-    def _loss(self, rays: int) -> float:
-        """Seconds that unknown rays would lose in a QUICK tree."""
-        return rays * _RAY / self.threads * lost_share("")
-
-    def needs_rebuild(self, accelerated: Accelerated) -> bool:
-        chosen = accelerated.chosen
-        if chosen is None:
-            return False
-        if chosen.builder == QUICK and good_pays(chosen.memory.lost, chosen.forms.triangles):
-            self._tree_name = GOOD
-            return True
-        if chosen.builder == GOOD and best_pays(chosen.memory.in_good, chosen.forms.triangles):
-            self._optimise()
-            return True
-        return False
-
-    def _optimise(self) -> None:
-        """Make the next tree a BEST one. Later trees are GOOD again, until they have lost the cost of another BEST."""
-        precompile(best_tree_job)
-        self._tree_name, self._updater = BEST, None
-        self.memory.in_good = 0.0
-
-    def _choose(self, lost: float, triangles: int) -> None:
-        if self._tree_name == QUICK and good_pays(lost, triangles):
-            self._tree_name = GOOD
-
-    def build(
-        self, triangles: Triangles, culled: CullResult | None = None, sample_rays: RepresentativeRays | None = None
-    ) -> Accelerated:
-        n = solid_count(triangles)
-        self._choose(self._loss(self._rays_soon + self._later), n)
-        if self._tree_name == GOOD and self._updater is None and good_pays(self.memory.lost, n):
-            self._start_refitting()
-        if self._updater is not None and best_pays(self.memory.in_good, n):
-            self._optimise()
-            self._start_refitting()
-        return super().build(triangles, culled, sample_rays)
-
-    def _start_refitting(self) -> None:
-        """Build a new tree at the next time sample, and refit it at later ones."""
-        self._updater, self._updated = UPDATERS["refit"].keep(self._new_tree), None
-
-    def _new_tree(self, vertices: np.ndarray, threads: int) -> Bvh:
-        tree = super()._new_tree(vertices, threads)
-        self._built = self._tree_name
-        if self._tree_name == BEST:
-            self._tree_name = GOOD
-        return tree
-
-    def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: CullResult | None = None) -> Accelerated:
-        assert bvh is not None
-        upgrade = partial(self._upgrade, triangles) if self._tree_name == QUICK and self._updater is None else None
-        tracer = AutoTracer(bvh, self.threads, self.memory, self._built, upgrade)
-        return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles))
-
-    def _upgrade(self, triangles: Triangles) -> Bvh:
-        """A GOOD tree, for a query that turns out to need it."""
-        self._tree_name = GOOD
-        return self._tree(triangles, solid_of(triangles, None, self.threads))
-
-
-def best_tree(vertices: np.ndarray, threads: int) -> Bvh:
-    """A BEST tree."""
-    build, _, optimise = BEST.partition("+")
-    bvh: Bvh = OPTIMISERS[optimise].optimise(BUILDERS[build].build(vertices, threads), threads)
-    return bvh
-
-
-def best_tree_job() -> Job:
-    """The job of building a BEST tree, which only long runs of queries need."""
-    return fixed_job("best tree", lambda: best_tree(small_scene().triangles(0.0, 2).vertices, 2))
-
-
-def accelerator_of(plan: Plan, threads: int) -> Accelerator:
-    """The accelerator of a plan."""
-    return (AutoAccelerator if plan.chooses else Accelerator)(plan, threads)
 
 
 # --- The cached triangles and trees of a scene in memory --------------------------------------------------------------
@@ -423,6 +291,19 @@ class SceneTrees:
                 )
                 self._accelerated[plan] = accelerated
             return accelerated
+
+    def cached(self, accelerator: Accelerator, time: float) -> Accelerated | None:
+        """The tree of a plan at a time, as from `of`; None if it is not there or must be rebuilt."""
+        with self._lock:
+            self.triangles(time, accelerator.threads)
+            accelerated = self._accelerated.get(accelerator.plan)
+            return None if accelerated is None or accelerator.needs_rebuild(accelerated) else accelerated
+
+    def add(self, plan: Plan, accelerated: Accelerated) -> None:
+        """Cache the tree of a plan, unless the time has changed since it was built."""
+        with self._lock:
+            if accelerated.triangles is self._triangles:
+                self._accelerated[plan] = accelerated
 
     def evict(self, plan: Plan) -> None:
         """Drop the tree of this plan."""

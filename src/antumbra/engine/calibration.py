@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from functools import partial
 from statistics import geometric_mean
-from time import perf_counter, thread_time
+from time import process_time, thread_time
 
 import numpy as np
 
@@ -14,13 +14,14 @@ from ..query.shadow_query import ShadowQuery, ray_count, shadow_queries
 from ..scene.camera import Camera
 from ..scene.lights import AmbientOcclusion, DirectionalLight, PointLight, QuadLight
 from ..scene.triangles import Triangles
-from .accelerator import best_tree
-from .auto.cost_model import BEST, GOOD, QUICK, MachineRates, reference, store_machine_rates
+from .auto.cost_model import BEST, GOOD, GUIDED, QUICK, MachineRates, reference, store_machine_rates
 from .auto.strategies import STRATEGIES, TreeForms, answer_query
+from .auto_accelerator import best_tree
 from .method_registry import BUILDERS
 from .primary_visibility import primary_visibility
 from .scene import procedural
 
+_GUIDED_COST = 1.45  # of building a GUIDED tree, with finding what its sample rays meet, relative to a GOOD one
 _TRIANGLES, _SIZE, _SPP, _REPETITIONS = 60_000, (160, 128), 16, 2
 
 
@@ -32,6 +33,7 @@ def calibrate() -> MachineRates:
     builds = {
         name: 1e9 * _seconds(partial(BUILDERS[name].build, triangles.vertices, threads)) / n for name in (QUICK, GOOD)
     }
+    builds[GUIDED] = _GUIDED_COST * builds[GOOD]
     builds[BEST] = 1e9 * _seconds(lambda: best_tree(triangles.vertices, threads)) / n
     bvh = BUILDERS[QUICK].build(triangles.vertices, threads)
     form_times = {
@@ -39,8 +41,7 @@ def calibrate() -> MachineRates:
         for name, strategy in STRATEGIES.items()
         if strategy.form is not None
     }
-    queries = _queries(triangles, scene.cameras[0].resized(*_SIZE), threads)
-    times = ray_times(TreeForms(bvh, threads), queries)
+    times = ray_times(TreeForms(bvh, threads), _queries(triangles, scene.cameras[0].resized(*_SIZE), threads))
     slower = {name: nanoseconds / reference()[name] for name, nanoseconds in times.items()}
     rates = MachineRates(slower, form_times, builds)
     store_machine_rates(rates)
@@ -51,11 +52,19 @@ def ray_times(forms: TreeForms, queries: list[ShadowQuery]) -> dict[str, float]:
     """Strategy -> nanoseconds per ray on one thread, the geometric mean over the queries that it can answer."""
     means = {}
     for name, strategy in STRATEGIES.items():
-        suited = [query for query in queries if strategy.suits(query, forms.box)]
+        suited = [query for query in queries if strategy.suits(query, forms.extent.box)]
         rays = [ray_count(query) for query in suited]
         times = [_seconds(partial(answer_query, name, forms, query, 1), thread_time) for query in suited]
         means[name] = geometric_mean(1e9 * seconds / n for seconds, n in zip(times, rays))
     return means
+
+
+def small_queries() -> tuple[TreeForms, list[ShadowQuery]]:
+    """The tree and the queries of `calibrate`."""
+    scene = procedural("atrium", triangles=_TRIANGLES)
+    triangles = scene.triangles(0.0, 1)
+    bvh = BUILDERS[QUICK].build(triangles.vertices, 1)
+    return TreeForms(bvh, 1), _queries(triangles, scene.cameras[0].resized(*_SIZE), 1)
 
 
 def _queries(triangles: Triangles, camera: Camera, threads: int) -> list[ShadowQuery]:
@@ -75,7 +84,7 @@ def _form_seconds(name: str, bvh: Bvh, threads: int) -> float:
     return _seconds(lambda: TreeForms(bvh, threads).of(STRATEGIES[name]))
 
 
-def _seconds(work: Callable[[], object], clock: Callable[[], float] = perf_counter) -> float:
+def _seconds(work: Callable[[], object], clock: Callable[[], float] = process_time) -> float:
     """The shortest of `_REPETITIONS` measured times, in seconds."""
     times = []
     for _ in range(_REPETITIONS):

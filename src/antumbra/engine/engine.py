@@ -28,12 +28,13 @@ from ..scene.lights import Light, QuadLight, check_lights
 from ..scene.scene_data import MemoryData, SceneData
 from ..scene.triangles import Hit, HitFaces, Triangles
 from ..trace.counters import new_counters
-from .accelerator import Accelerated, Accelerator, Progress, SceneTrees, accelerator_of
+from .accelerator import Accelerated, Accelerator, Progress, SceneTrees
 from .auto.cost_model import GOOD, QUICK
 from .auto.strategies import STRATEGIES, TreeForms, answer_query
+from .auto_accelerator import CULLER, accelerator_of
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
 from .in_memory_source import InMemory
-from .method_registry import BUILDERS, UPDATERS
+from .method_registry import BUILDERS, CULLERS, UPDATERS
 from .plan import Plan, parse_plan
 from .precompilation import Job, fixed_job, precompile, small_scene, small_view
 from .primary_visibility import AUTO, METHODS, precompiled_method, primary_visibility
@@ -182,25 +183,26 @@ def trace_small(plan: Plan, view: tuple[Camera, list[Light]], spp: int = 1) -> N
     accelerator, triangles, (camera, lights) = accelerator_of(plan, 2), small_scene().triangles(0.0, 2), view
     samples = [light_samples(light, spp) for light in lights]
     queries = shadow_queries(triangles, primary_visibility(triangles, camera, None, 2), lights, samples, 0, 2)
-    if accelerator.showing is None:  # all triangles: culling leaves too few to reach every kernel of a builder
+    if accelerator.ray_selector is None:  # all triangles: culling leaves too few to reach every kernel of a builder
         accelerator.build(triangles)
     accelerator.answer_all(
-        accelerator.build(triangles, accelerator.culled(triangles, queries), accelerator.show(triangles, queries)),
+        accelerator.build(triangles, accelerator.cull(triangles, queries), accelerator.sample_rays(triangles, queries)),
         queries,
     )
 
 
 def trace_all_strategies(counters: bool) -> None:
-    """Trace the lights of the small scene by every strategy of `auto`, over each kind of tree that it may build."""
+    """Cull for the lights of the small scene, and trace them by every strategy of `auto` in each kind of its trees."""
     triangles, (camera, lights) = small_scene().triangles(0.0, 2), small_view()
     queries = shadow_queries(
         triangles, primary_visibility(triangles, camera, None, 2), lights, [light_samples(s, 1) for s in lights]
     )
+    CULLERS[CULLER].cull(triangles, queries, 2)
     for build in (BUILDERS[QUICK].build, UPDATERS["refit"].keep(BUILDERS[GOOD].build).update):
         forms = TreeForms(build(triangles.vertices, 2), 2)
         for name, strategy in STRATEGIES.items():
             for query in queries:
-                if strategy.suits(query, forms.box):
+                if strategy.suits(query, forms.extent.box):
                     answer_query(name, forms, query, 2, new_counters() if counters else None)
 
 
@@ -466,8 +468,9 @@ class Engine:
             queries = self._queries(triangles, receivers, lights, samples, facing)
             if accelerated is None:  # the tree depends on the queries
                 accelerated = accelerator.build(
-                    triangles, accelerator.culled(triangles, queries), accelerator.show(triangles, queries)
+                    triangles, accelerator.cull(triangles, queries), accelerator.sample_rays(triangles, queries)
                 )
+                source.keep_for_points(accelerated)
             accelerated.begin()
             return list(
                 zip(queries, accelerator.answer_all(accelerated, queries, None, split_progress(progress, len(queries))))

@@ -106,6 +106,9 @@ class RenderSource(Protocol):
         """The triangles at a time in seconds, and a tree for a point query; None: the tree depends on the query."""
         ...
 
+    def keep_for_points(self, accelerated: Accelerated) -> None:
+        """Offer the tree of a point query for reuse in later ones."""
+
     def keep(self, accelerated: Accelerated) -> None:
         """Offer the tree of a frame's shadow rays for reuse in later frames."""
 
@@ -254,8 +257,8 @@ class FrameTracer:
     ) -> None:
         """Select the sample rays of a ray-guided builder from an image's queries. No-op for other builders."""
         accelerator, tree = self._accelerator, self._full_tree
-        bounce = bounced_queries(accelerator.showing, self.triangles, gbuffer, lights, samples, facing)
-        self._sample_rays = accelerator.show(self.triangles, queries, None if tree is None else tree.bvh, bounce)
+        bounce = bounced_queries(accelerator.ray_selector, self.triangles, gbuffer, lights, samples, facing)
+        self._sample_rays = accelerator.sample_rays(self.triangles, queries, None if tree is None else tree.bvh, bounce)
 
     def prepare(self, queries: Sequence[ShadowQuery], lap: Callable[[str], None]) -> None:
         """Cull for the first queries of a frame or band, and build their tree unless an earlier frame cached it.
@@ -267,17 +270,18 @@ class FrameTracer:
         self._source.keep(self._accelerated)
 
     def prepare_again(self, queries: Sequence[ShadowQuery], lap: Callable[[str], None]) -> None:
-        """Cull for further queries. If the plan has no culler, the last tree is reused."""
+        """Prepare for further queries. The last tree is reused unless culling has dropped some of its triangles."""
         self._prepare(queries, self._accelerated, lap)
 
     def _prepare(
         self, queries: Sequence[ShadowQuery], accelerated: Accelerated | None, lap: Callable[[str], None]
     ) -> None:
-        culled = self._accelerator.culled(self.triangles, queries)
-        if culled is not None:
-            lap("cull")
-        if culled is not None or accelerated is None:
-            accelerated = self._accelerator.build(self.triangles, culled, self._sample_rays)
+        accelerator = self._accelerator
+        if accelerated is None or accelerated.partial or accelerator.plan.cull:
+            culled = accelerator.cull(self.triangles, queries)
+            if culled is not None:
+                lap("cull")
+            accelerated = accelerator.build(self.triangles, culled, self._sample_rays)
         self._accelerated = accelerated
         lap("build")
 
@@ -291,7 +295,7 @@ class FrameTracer:
     def reuse_tree(self) -> None:
         """Trace the next band of the image in this band's tree, if the plan allows it."""
         accelerator = self._accelerator
-        if self._accelerated is not None and accelerator.one_tree and not accelerator.plan.cull:
+        if self._accelerated is not None and accelerator.one_tree and not self._accelerated.partial:
             self._full_tree = None if accelerator.needs_rebuild(self._accelerated) else self._accelerated
         if self._full_tree is not None:
             self._full_tree.begin()
@@ -300,7 +304,7 @@ class FrameTracer:
         """A closest-hit function over all triangles. Later shadow queries use a tree of all triangles, too."""
         if self._bounce_state is None:
             accelerator = self._accelerator
-            if accelerator.plan.cull:
+            if self._accelerated is None or self._accelerated.partial:
                 shadow_tree = self._full_tree if accelerator.one_tree else None
                 self._accelerated = shadow_tree or accelerator.build(self.triangles, None, self._sample_rays)
             tree = (

@@ -23,8 +23,9 @@ from ..scene.triangles import Triangles
 from ..trace.alpha_test import add_hits
 from ..trace.rays.ray_batches import RayTracer
 from ..trace.rays.ray_hits import Nearest
-from .accelerator import Accelerated, Accelerator, Progress, SceneTrees, best_tree_job
+from .accelerator import Accelerated, Accelerator, Progress, SceneTrees
 from .auto.cost_model import BEST, GOOD, seconds_before_best
+from .auto_accelerator import best_tree_job
 from .frame_tracer import FrameMemory
 from .plan import DEFAULT_PLAN, Plan, parse_plan
 from .precompilation import Job, fixed_job, precompile, small_scene
@@ -59,7 +60,7 @@ class RayLists:
     """Traces the ray lists of a scene in memory. It is thread-safe.
 
     spent : float
-        Seconds spent on the rays of the latest time sample.
+        Seconds of all threads, spent on the rays of the latest time sample.
     """
 
     def __init__(self, data: MemoryData, trees: SceneTrees, threads: int):
@@ -79,7 +80,7 @@ class RayLists:
         ready = self._ready_at(time)
         out, start = hit_arrays(rays.n, any_hit), perf_counter()
         valid = ready.tracer.trace(rays, any_hit, out, threads)
-        self.spent += perf_counter() - start
+        self.spent += (perf_counter() - start) * (threads or self._threads)
         if not valid:  # the output is incomplete
             rays.arrays().check()
             raise changed_error()
@@ -187,13 +188,19 @@ class InMemory:
         plan = self._accelerator.plan
         if plan.cull or plan.wants_rays:
             return self._trees.triangles(time, self.threads), None
+        if self._accelerator.culls:
+            return self._trees.triangles(time, self.threads), self._trees.cached(self._accelerator, time)
         ready = self._trees.of(self._accelerator, time)
         return ready.triangles, ready
+
+    def keep_for_points(self, accelerated: Accelerated) -> None:
+        if not (accelerated.partial or self._accelerator.plan.wants_rays):
+            self._trees.add(self._accelerator.plan, accelerated)
 
     def keep(self, accelerated: Accelerated) -> None:
         """Cache the tree if its tracer has state across frames, and later frames use the same triangles and tree."""
         plan = self._accelerator.plan
-        if plan.tracer.keeps and not (self.scene.animated or plan.cull or plan.wants_rays):
+        if plan.tracer.keeps and not (self.scene.animated or accelerated.partial or plan.wants_rays):
             self._last = accelerated
 
     def bands(self, height: int) -> Iterator[slice]:

@@ -320,6 +320,8 @@ class Paged:
     def keep(self, accelerated: Accelerated) -> None:
         pass
 
+    keep_for_points = keep
+
     def box(self, triangles: Triangles) -> np.ndarray:
         return self.store.meta.box
 

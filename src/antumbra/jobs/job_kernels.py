@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..engine.accelerator import best_tree_job
+from ..engine.auto_accelerator import best_tree_job
 from ..engine.engine import wide_lights_job
 from ..engine.in_memory_source import rays_job
 from ..engine.paged_source import paged_job

@@ -67,10 +67,15 @@ def request_of(camera: Camera, lights: list[Light], options: RenderOptions, grou
 
 
 def ray_counts(request: Request) -> tuple[int, int]:
-    """Upper bounds for the shadow rays of a frame, and for its rays of bounced light with their shadow rays."""
+    """Upper bounds for the shadow rays of a frame's pixels, and for its later rays.
+
+    Later rays are those of bounced light with their shadow rays, of refined edges, and of the ground.
+    """
     pixels = request.camera.width * request.camera.height
+    rays = pixels * sum(samples.shape[1] for samples in request.samples)
     bounced = 0 if request.passes is None else len(request.passes.directions) * (1 + len(request.lights))
-    return pixels * sum(samples.shape[1] for samples in request.samples), pixels * bounced
+    others = (request.finer is not None) + (request.ground is not None)
+    return rays, pixels * bounced + rays * others
 
 
 # --- Memory estimate --------------------------------------------------------------------------------------------------
@@ -164,6 +169,6 @@ def _picture_of_store(scene: AnyScene, request: Request, threads: int, plan: Pla
 def build_for(accelerator: Accelerator, picture: PictureQueries) -> Accelerated:
     """Cull and build for the queries of a scene in memory, as a frame does."""
     _, triangles, gbuffer, lights, samples, queries = picture
-    bounce = bounced_queries(accelerator.showing, triangles, gbuffer, lights, samples)
-    training_rays = accelerator.show(triangles, queries, bounce=bounce)
-    return accelerator.build(triangles, accelerator.culled(triangles, queries), training_rays)
+    bounce = bounced_queries(accelerator.ray_selector, triangles, gbuffer, lights, samples)
+    training_rays = accelerator.sample_rays(triangles, queries, bounce=bounce)
+    return accelerator.build(triangles, accelerator.cull(triangles, queries), training_rays)

@@ -133,7 +133,7 @@ def _render_small(
     camera, lights = view or small_view(bool(options.filter), sky=options.bounce is None)
     request = request_of(camera, lights, options, None if options.ground is False else options.ground)
     if (
-        engine.accelerator.showing is None
+        engine.accelerator.ray_selector is None
     ):  # build over all triangles: culling leaves too few to run every builder kernel
         engine.accelerator.build(scene.triangles(0.0, 2))
     render_frame(engine, request)

@@ -196,7 +196,8 @@ class Renderer:
 
     def _precompile(self, request: Request) -> None:
         """Compile all kernels that the frame calls."""
-        gbuffer, showing, options = precompiled_method(self.source.gbuffer), self.accelerator.showing, request.options
+        gbuffer, options = precompiled_method(self.source.gbuffer), request.options
+        selector = self.accelerator.ray_selector
         precompile_plan(self.plan, gbuffer, options.counters)
         self.source.warm_up()
         if request.smooth or request.smooth_skies or request.finer is not None:
@@ -205,7 +206,7 @@ class Renderer:
             precompile_antialias()
         if (options.textures or options.smooth_normals) and self.scene.appearance is not None:
             precompile_appearance()
-        if showing is not None and showing.asked.bounce:
+        if selector is not None and selector.asked.bounce:
             precompile_bounce()
         if request.camera.listed:
             precompile_explicit_rays()

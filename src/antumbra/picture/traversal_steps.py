@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.accelerator import Accelerated, Accelerator, accelerator_of
+from ..engine.accelerator import Accelerated, Accelerator
+from ..engine.auto_accelerator import accelerator_of
 from ..engine.engine import Engine
 from ..engine.plan import Plan, parse_plan
 from ..engine.precompilation import Job, fixed_job, precompile, small_scene, small_view

@@ -6,11 +6,12 @@ import pytest
 import antumbra as at
 from antumbra.engine.auto import strategies as choose
 from antumbra.engine.auto import strategies as trace
-from antumbra.engine.auto.cost_model import GOOD, QUICK
+from antumbra.engine.auto.cost_model import GOOD, GUIDED, QUICK
 from antumbra.engine.auto.strategies import STRATEGIES
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.plan import parse_plan
 from antumbra.picture.renderer import Renderer
+from antumbra.techniques.culling.pre_bvh_culling import soup_of
 from antumbra.trace.counters import as_dict, new_counters
 from asking import answer, query_of, true_occlusion, unpack
 
@@ -29,7 +30,7 @@ def scene():
 def _forced(monkeypatch, strategy):
     """Make a strategy look far faster than the others."""
     monkeypatch.setattr(choose, "predicted_rate", lambda name, facts: 1e-12 if name == strategy else 1.0)
-    monkeypatch.setattr(choose, "_TRY", 1e9)
+    monkeypatch.setattr(choose, "_TRIALS", 0.0)
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
@@ -43,7 +44,9 @@ def test_every_strategy_gives_the_bits_of_brute_force(scene, monkeypatch, strate
     trace.trace_shadow(auto, query, bits, 2, counters)
     np.testing.assert_array_equal(unpack(bits, query.samples.shape[1])[asked], truth[asked])
     (choice,) = auto.choices
-    assert choice.strategy == (strategy if STRATEGIES[strategy].suits(query, auto.forms.box) else choice.strategy)
+    assert choice.strategy == (
+        strategy if STRATEGIES[strategy].suits(query, auto.forms.extent.box) else choice.strategy
+    )
     assert choice.seconds > 0.0 and choice.reason == "prediction" and as_dict(counters)["rays"] == truth[asked].size
 
 
@@ -60,8 +63,8 @@ def test_scattered_points_are_sorted_and_get_their_own_bits(scene, monkeypatch, 
 
 
 def test_a_sample_decides_among_likely_strategies_and_the_next_frame_remembers(scene, monkeypatch):
-    monkeypatch.setattr(choose, "_TRY", 1e-9)
-    monkeypatch.setattr(choose, "_MAKING", 1e9)
+    monkeypatch.setattr(choose, "_TRIALS", 1e9)
+    monkeypatch.setattr(choose, "_CONVERSION", 1e9)
     monkeypatch.setattr(choose, "predicted_rate", lambda name, facts: 1e-7)
     renderer, camera = Renderer(scene), scene.cameras[0].resized(160, 120)
     first = renderer.render(camera, [LAMP], spp=16)
@@ -80,22 +83,30 @@ def test_the_first_call_of_a_strategy_does_not_count(scene, monkeypatch):
     """It loads kernels. Shafts once looked hopeless for that alone."""
     clock, called = [0.0], []
 
-    def first_takes_long(name, forms, query, threads):
-        clock[0] += 1e-4 if name in called else 100.0
-        called.append(name)
+    def first_takes_long(name):
+        def trace_slowly(*arguments):
+            clock[0] += 1e-4 if name in called else 100.0
+            called.append(name)
 
-    monkeypatch.setattr(choose, "answer_query", first_takes_long)
-    monkeypatch.setattr(choose, "perf_counter", lambda: clock[0])
+        return trace_slowly
+
+    slow = {name: strategy._replace(trace=first_takes_long(name)) for name, strategy in STRATEGIES.items()}
+    monkeypatch.setattr(choose, "STRATEGIES", slow)
+    monkeypatch.setattr(choose, "_loaded", set())
+    monkeypatch.setattr(choose, "_TRIALS", 1e9)
+    monkeypatch.setattr(choose, "_MAX_TRIED", len(slow))
+    monkeypatch.setattr(choose, "process_time", lambda: clock[0])
     triangles, query = query_of(scene, scene.cameras[0].resized(64, 48), LAMP, 4)
     auto = trace.AutoTracer(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
-    facts = trace.features_of(query, auto.forms.triangles, auto.forms.box)
-    found = choose.try_strategies(query, auto.forms, list(STRATEGIES), facts, 1e-7, 2)
+    facts = trace.features_of(query, auto.forms.triangles, auto.forms.extent.box)
+    cost, conversion = dict.fromkeys(STRATEGIES, 1.0), dict.fromkeys(STRATEGIES, 0.0)
+    found = choose.try_strategies(query, auto.forms, cost, conversion, facts, 2)
     assert set(found) == set(STRATEGIES) and max(found.values()) < 1e4
 
 
 def test_an_unlikely_strategy_is_not_tried(scene, monkeypatch):
-    monkeypatch.setattr(choose, "_TRY", 1e-9)
-    monkeypatch.setattr(choose, "_MAKING", 1e9)
+    monkeypatch.setattr(choose, "_TRIALS", 1e9)
+    monkeypatch.setattr(choose, "_CONVERSION", 1e9)
     monkeypatch.setattr(choose, "predicted_rate", lambda name, facts: {"wide": 1e-7, "packet16": 2e-7}.get(name, 1e-6))
     frame = at.render(scene, scene.cameras[0].resized(64, 48), [LAMP], spp=4)
     assert set(frame.choices[0].tried) <= {"wide", "packet16"}
@@ -138,7 +149,7 @@ def test_a_query_that_loses_much_builds_a_better_tree_first(scene, monkeypatch, 
     monkeypatch.setattr(trace, "_DOUBT", 1e9)  # predictions are never believed
     triangles, query = query_of(scene, scene.cameras[0].resized(20, 16), LAMP, 4)
     truth, asked = true_occlusion(triangles, query)
-    better = lambda: BUILDERS[GOOD].build(triangles.vertices, 2)
+    better = lambda: (BUILDERS[GOOD].build(triangles.vertices, 2), GOOD)
     auto = trace.AutoTracer(BUILDERS[QUICK].build(triangles.vertices, 2), 2, None, QUICK, better)
     bits = np.zeros((16, 20, 1), np.uint64)
     trace.trace_shadow(auto, query, bits, 2)
@@ -147,7 +158,54 @@ def test_a_query_that_loses_much_builds_a_better_tree_first(scene, monkeypatch, 
 
 
 def test_a_frame_names_the_builder_of_its_better_tree(scene, monkeypatch):
-    monkeypatch.setattr(trace, "upgrade_seconds", lambda strategy, triangles: -1.0)
+    monkeypatch.setattr(trace.AutoTracer, "_upgrade_pays", lambda auto, strategy, seconds: True)
     renderer = at.Renderer(scene)
     plans = [renderer.render(scene.cameras[0].resized(20, 16), LAMP, spp=4).plan for _ in range(2)]
-    assert all(parse_plan(plan).build == GOOD for plan in plans)
+    assert all(parse_plan(plan).build in (GOOD, GUIDED) for plan in plans)
+
+
+def frame_query(scene, light, spp):
+    """An image with enough rows for bands, with the soup of the scene and a tree."""
+    triangles, query = query_of(scene, scene.cameras[0].resized(96, 160), light, spp)
+    return triangles, query, soup_of(triangles), BUILDERS["lbvh"].build(triangles.vertices, 2)
+
+
+@pytest.mark.parametrize("slower", ["cones", "packet16"])
+@pytest.mark.parametrize(("light", "spp"), [(LIGHTS[1], 1), (LAMP, 4), (LIGHTS[3], 3)])
+def test_bands_by_two_strategies_have_the_bits_of_one(scene, monkeypatch, slower, light, spp):
+    triangles, query, soup, bvh = frame_query(scene, light, spp)
+    named = answer("bsah+single", triangles, query)
+    clock = [0.0]
+
+    def slowed(name, work):
+        def trace_slowly(*arguments):
+            clock[0] += 1.0 if name == slower else 1e-3
+            return work(*arguments)
+
+        return trace_slowly
+
+    _forced(monkeypatch, "packet16")
+    packets = STRATEGIES["packet16"]._replace(trace=slowed("packet16", STRATEGIES["packet16"].trace))
+    monkeypatch.setitem(choose.STRATEGIES, "packet16", packets)
+    monkeypatch.setattr(choose, "trace_by_cones", slowed("cones", choose.trace_by_cones))
+    monkeypatch.setattr(choose, "process_time", lambda: clock[0])
+    monkeypatch.setattr(choose, "_MIN_CONE_SECONDS", 0.0)
+    auto = trace.AutoTracer(bvh, 2, soup=soup)
+    bits = choose.new_bits(query)
+    trace.trace_shadow(auto, query, bits, 2)
+    np.testing.assert_array_equal(unpack(bits, spp), named)
+    (choice,) = auto.choices
+    assert set(choice.tried) == {"cones", "packet16"} and choice.strategy == ({"cones", "packet16"} - {slower}).pop()
+    auto.begin()
+    again = choose.new_bits(query)
+    trace.trace_shadow(auto, query, again, 2)
+    np.testing.assert_array_equal(again, bits)
+
+
+@pytest.mark.parametrize(("light", "spp"), [(LIGHTS[4], 1), (LIGHTS[5], 1), (LAMP, 16)])
+def test_cones_are_not_tried_for_many_apexes_or_samples(scene, monkeypatch, light, spp):
+    monkeypatch.setattr(choose, "_MIN_CONE_SECONDS", 0.0)
+    _, query, soup, bvh = frame_query(scene, light, spp)
+    auto = trace.AutoTracer(bvh, 2, soup=soup)
+    trace.trace_shadow(auto, query, choose.new_bits(query), 2)
+    assert "cones" not in auto.choices[0].tried

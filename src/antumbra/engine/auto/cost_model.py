@@ -1,8 +1,10 @@
 """The cost model: predicted nanoseconds per ray of one thread, for each strategy.
 
 The logarithm of a rate is a weighted sum of terms of the `QueryFeatures`, with weights fitted to measurements
-(docs/design/auto.md). Measured rates scatter around the prediction by a factor of 1.6. The model therefore only selects
-the strategies that are worth trying; it decides alone for queries too short for a sample.
+(docs/design/auto.md). Measured rates scatter around the prediction by a factor of two, those of one query together. The
+model selects the strategies that are worth trying, and decides alone for queries too short for a sample.
+
+All times are computing time: the seconds that one thread would take.
 """
 
 import json
@@ -20,14 +22,19 @@ from ...kernels.toolchain.kernel_cache import user_cache
 from ...scene.lights import AMBIENT, DIRECTIONAL, LIST
 from .query_features import QueryFeatures
 
-QUICK, GOOD, BEST = "lbvh", "bsah", "bsah+reinsert"
-"""Builders: the fastest build, the best trade-off of build and ray time, and the fastest rays."""
+QUICK, GOOD, GUIDED, BEST = "lbvh", "bsah", "srdh", "bsah+reinsert"
+"""Builders: the fastest build, a good trade-off of build and ray time, the fastest rays of known queries [Feltman et
+al. 2012], and the fastest rays of any queries."""
 
 _STRATA = 16
-_QUICK_OVERHEAD = {"multifrusta": 0.2}  # strategy -> see `lost_share`
-_OTHER_QUICK_OVERHEAD = 0.4  # of all other strategies
+_QUICK_OVERHEAD = {"multifrusta": 0.12, "cones": 0.0}  # strategy -> see `lost_share`
+_OTHER_QUICK_OVERHEAD = 0.22  # of all other strategies
+_LOST_IN_GOOD = 0.5  # the part of the time lost in a QUICK tree that is also lost in a GOOD one
 _GOOD_OVERHEAD = 0.08  # relative increase of the trace time in a GOOD tree over a BEST one
 _MAX_BEST_TRIANGLES = 1 << 24  # `reinsert` takes about 100 bytes per triangle while it runs
+_REFIT = 15.0  # nanoseconds per triangle
+_MARK, _MARK_RECEIVER, _MARK_LIGHT = 1.2e6, 6.0, 1e6  # culling: nanoseconds in all, per receiver and per light
+_SELECT = 6.0  # culling: nanoseconds per triangle of the scene
 _MORTON_CAPACITY = 1 << 18  # triangles that the Morton cells of QUICK can separate
 
 
@@ -72,9 +79,11 @@ class MachineRates(NamedTuple):
 
 
 SHIPPED = MachineRates(
-    {}, {"multifrusta": 40.0, "packet16:blocks": 40.0, "wide": 70.0}, {QUICK: 45.0, GOOD: 270.0, BEST: 1000.0}
+    {},
+    {"multifrusta": 40.0, "packet16:blocks": 40.0, "wide": 70.0},
+    {QUICK: 40.0, GOOD: 195.0, GUIDED: 285.0, BEST: 1300.0},
 )
-"""Rates of two cores, used until `antumbra warmup` has measured this machine."""
+"""Rates used until `antumbra warmup` has measured this machine."""
 
 
 def machine_rates_file() -> Path:
@@ -116,27 +125,53 @@ def build_seconds(builder: str, triangles: int) -> float:
 
 
 def lost_share(strategy: str) -> float:
-    """The relative increase of the trace time in a QUICK tree over a GOOD one; ``""`` for an unknown strategy."""
+    """The relative increase of the trace time in a QUICK tree over a GUIDED one; ``""`` for an unknown strategy."""
     return _QUICK_OVERHEAD.get(strategy, _OTHER_QUICK_OVERHEAD)
 
 
-def lost_in_quick(strategy: str, seconds: float, triangles: int) -> float:
-    """The part of a query's `seconds` in a QUICK tree that a GOOD tree would save."""
-    share = lost_share(strategy) * _crowding(triangles)
+def lost_in_quick(strategy: str, seconds: float) -> float:
+    """The part of a query's `seconds` in a QUICK tree that a GUIDED tree would save."""
+    share = lost_share(strategy)
     return seconds * share / (1.0 + share)
 
 
-def upgrade_seconds(strategy: str, triangles: int) -> float:
-    """Predicted seconds to replace a QUICK tree by a GOOD one in the form that a strategy traverses."""
-    return build_seconds(GOOD, triangles) + form_seconds(strategy, triangles)
+def choose_builder(triangles: int, lost: float, guided: bool) -> str:
+    """QUICK, GOOD or GUIDED: the builder with the least time to build and lost time.
 
-
-def good_pays(lost: float, triangles: int) -> bool:
-    """Whether rays lose more time in a QUICK tree than the longer build of a GOOD one takes.
-
-    lost : seconds of the rays, weighted by `lost_share`
+    lost : seconds that rays lose in a QUICK tree, see `lost_share`
+    guided : whether sample rays are known
     """
-    return lost * _crowding(triangles) > build_seconds(GOOD, triangles) - build_seconds(QUICK, triangles)
+    costs = _tree_costs(triangles, lost, guided)
+    return min(costs, key=costs.__getitem__)
+
+
+def tree_seconds(triangles: int, lost: float, strategy: str, guided: bool) -> float:
+    """Predicted seconds to build the tree of `choose_builder` in the form of a strategy, and to lose in it."""
+    return min(_tree_costs(triangles, lost, guided).values()) + form_seconds(strategy, triangles)
+
+
+def _tree_costs(triangles: int, lost: float, guided: bool) -> dict[str, float]:
+    lost *= _crowding(triangles)
+    costs = {
+        QUICK: build_seconds(QUICK, triangles) + lost,
+        GOOD: build_seconds(GOOD, triangles) + _LOST_IN_GOOD * lost,
+    }
+    return {**costs, GUIDED: build_seconds(GUIDED, triangles)} if guided else costs
+
+
+def refit_seconds(triangles: int, strategy: str) -> float:
+    """Predicted seconds to refit a tree and to convert it to the form that a strategy traverses."""
+    return 1e-9 * _REFIT * triangles + form_seconds(strategy, triangles)
+
+
+def mark_seconds(receivers: int, lights: int) -> float:
+    """Predicted seconds to mark the cells that segments may enter."""
+    return 1e-9 * (_MARK + _MARK_RECEIVER * receivers + _MARK_LIGHT * lights)
+
+
+def select_seconds(triangles: int) -> float:
+    """Predicted seconds to find the triangles in marked cells."""
+    return 1e-9 * _SELECT * triangles
 
 
 def seconds_before_best(triangles: int) -> float:

@@ -7,7 +7,8 @@ reuse the fastest strategy.
 
 from collections.abc import Callable
 from math import ceil, log2
-from time import perf_counter
+from operator import itemgetter
+from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,11 @@ from ...bvh.nodes import Bvh, boxes_of
 from ...bvh.wide_bvh import widen
 from ...kernels.marshalling import Packed, packed
 from ...kernels.parallel import thread_count
-from ...query.shadow_query import ShadowQuery, new_bits, ray_count
+from ...query.shadow_query import ShadowQuery, new_bits, ray_count, with_receivers
+from ...scene.lights import DIRECTIONAL, FIXED
+from ...techniques.culling.pre_bvh_culling import Soup
+from ...techniques.rayhierarchy.ray_hierarchy import trace_shadow as trace_by_cones
+from ...techniques.tracer_options import FASTEST_RAY_HIERARCHY
 from ...trace.counters import Progress
 from ...trace.frusta.multi_frusta import trace_tree_list
 from ...trace.light_table import STRATA
@@ -26,7 +31,16 @@ from ...trace.packets.packet16 import over_pixels, over_samples
 from ...trace.packets.ray_tile import is_far, is_incoherent
 from ...trace.rays import single_rays as single
 from ...trace.tree_list import single_tree
-from .cost_model import GOOD, form_seconds, lost_in_quick, lost_share, predicted_rate, upgrade_seconds
+from .cost_model import (
+    GOOD,
+    QUICK,
+    build_seconds,
+    choose_builder,
+    form_seconds,
+    lost_in_quick,
+    lost_share,
+    predicted_rate,
+)
 from .query_features import (
     QueryFeatures,
     features_of,
@@ -80,18 +94,27 @@ STRATEGIES: dict[str, Strategy] = {
 """Name -> strategy. The tracer `multifrusta` uses the packets of `packet16:blocks` for hemispheres."""
 
 
+class SceneExtent(NamedTuple):
+    """Number and bounds of a scene's triangles, which determine the features of queries."""
+
+    triangles: int
+    box: Box
+
+
 class TreeForms:
     """A tree and its conversions to the forms of strategies, made on first use.
 
     bvh : Bvh
     threads : int
+    extent : SceneExtent
+        Of the scene; of the tree, if None is given.
     triangles : int
-    box : (2, 3) float32, the bounds of the triangles
+        Number of triangles in the tree.
     """
 
-    def __init__(self, bvh: Bvh, threads: int):
-        self.bvh, self.threads = bvh, threads
-        self.triangles, self.box = len(bvh.prim_ids), boxes_of(bvh.nodes[:1])[0]
+    def __init__(self, bvh: Bvh, threads: int, extent: SceneExtent | None = None):
+        self.bvh, self.threads, self.triangles = bvh, threads, len(bvh.prim_ids)
+        self.extent = extent or SceneExtent(self.triangles, boxes_of(bvh.nodes[:1])[0])
         self._forms: dict[Callable[[Bvh, int], Any], Any] = {}
         self._packed_single: Packed | None = None
 
@@ -131,11 +154,11 @@ def answer_query(
 
 # --- choice -----------------------------------------------------------------------------------------------------------
 
-_TRY = 0.02  # seconds of a query that justify trying one more strategy
-_MAKING = 0.25  # maximum cost of a tree conversion for a try, relative to the least predicted cost
+_TRIALS = 0.04  # maximum cost of trying strategies, relative to the predicted cost of the query
+_CONVERSION = 0.1  # maximum cost of a tree conversion for a try, relative to the least predicted cost
+_MAX_TRIED = 4  # strategies
+_MIN_SAMPLE_SECONDS = 4e-4  # a call alone costs a tenth of this
 _MAX_SAMPLE_SHARE = 0.1  # maximum share of the receivers in the sample
-_MIN_SAMPLE_SHARE = 0.005  # minimum share of the receivers in the sample
-_MIN_SAMPLE_SECONDS = 1.5e-3  # a call alone costs a few tenths of this
 _MIN_WINDOWS = 4  # of the sample
 _WINDOW = 256  # receivers per window
 _LIKELY = 2.2  # strategies predicted to cost more than this multiple of the least cost are not tried
@@ -157,17 +180,17 @@ class StrategyChoice(NamedTuple):
     strategy: str
     rays: int
     reason: str  # "prediction", "sample", "earlier query" or "few rays"
-    predicted: float  # seconds, by the source that `reason` names
-    tried: dict[str, float]  # strategy -> nanoseconds per ray of the sample; empty: no sample was traced
+    predicted: float  # seconds of one thread, by the source that `reason` names
+    tried: dict[str, float]  # strategy -> nanoseconds of one thread per ray of the sample; empty: no sample was traced
     sorted: bool = False  # the receivers were spatially sorted first
-    seconds: float = 0.0  # measured
+    seconds: float = 0.0  # measured: computing time of all threads
 
 
 class StrategyMemory:
     """Measured rates of this frame and earlier ones, shared by queries with similar features.
 
     lost : float
-        Seconds that a GOOD tree would have saved all queries so far.
+        Seconds that a GUIDED tree would have saved all queries so far.
     in_good : float
         Seconds that queries took in GOOD trees.
     """
@@ -224,23 +247,22 @@ def choose_strategy(
     suited : names of the strategies that can answer it
     known : strategy -> nanoseconds per ray of earlier queries; empty: unknown
     """
-    conversion = {name: form_seconds(name, features.triangles) * forms.missing(STRATEGIES[name]) for name in suited}
+    conversion = {name: form_seconds(name, forms.triangles) * forms.missing(STRATEGIES[name]) for name in suited}
     if known:
         cost = {name: 1e-9 * known[name] * features.rays + conversion[name] for name in suited if name in known}
         strategy = min(cost, key=cost.__getitem__)
         return StrategyChoice(strategy, features.rays, "earlier query", cost[strategy], {})
-    cost = {name: predicted_rate(name, features) * features.rays / threads + conversion[name] for name in suited}
+    cost = {name: predicted_rate(name, features) * features.rays + conversion[name] for name in suited}
     strategy = min(cost, key=cost.__getitem__)
-    likely = worth_trying(cost, conversion)
-    if len(likely) == 1:
+    tried = try_strategies(query, forms, cost, conversion, features, threads)
+    if not tried:
         return StrategyChoice(strategy, features.rays, "prediction", cost[strategy], {})
-    tried = try_strategies(query, forms, likely, features, cost[strategy] / max(features.rays, 1), threads)
     strategy = min(tried, key=tried.__getitem__)
     return StrategyChoice(strategy, features.rays, "sample", 1e-9 * tried[strategy] * features.rays, tried)
 
 
 def worth_trying(cost: dict[str, float], conversion: dict[str, float]) -> list[str]:
-    """The strategies to time on a sample. The longer the query takes, the more are worth trying.
+    """The strategies that may be the fastest, the one with the least predicted cost first.
 
     cost : strategy -> predicted seconds, including the conversion of the tree
     conversion : strategy -> predicted seconds to convert the tree to its form
@@ -249,10 +271,9 @@ def worth_trying(cost: dict[str, float], conversion: dict[str, float]) -> list[s
     likely = [
         name
         for name in others
-        if cost[name] < _RISKY.get(name, _LIKELY) * cost[best] and conversion[name] < _MAKING * cost[best]
+        if cost[name] < _RISKY.get(name, _LIKELY) * cost[best] and conversion[name] < _CONVERSION * cost[best]
     ]
-    likely.sort(key=lambda name: name not in _RISKY)
-    return [best, *likely[: int(cost[best] / _TRY)]]
+    return [best, *sorted(likely, key=lambda name: name not in _RISKY)]
 
 
 def sorting_pays(
@@ -261,10 +282,9 @@ def sorting_pays(
     """Whether spatially sorting scattered receivers saves more than it costs."""
     if query.sides.shape[0] > 1 or features.receivers < _FEW_RECEIVERS:
         return False
-    sorted_features = if_sorted(query, features, size_of(forms.box))
+    sorted_features = if_sorted(query, features, size_of(forms.extent.box))
     cost, sorted_cost = (
-        min(predicted_rate(name, each) for name in suited) * features.rays / threads
-        for each in (features, sorted_features)
+        min(predicted_rate(name, each) for name in suited) * features.rays for each in (features, sorted_features)
     )
     return sorted_cost + _SORT * features.receivers < _SORTED_COST * cost
 
@@ -275,48 +295,57 @@ def suitable_strategies(query: ShadowQuery, box: Box) -> list[str]:
 
 
 def try_strategies(
-    query: ShadowQuery, forms: TreeForms, names: list[str], features: QueryFeatures, ray_seconds: float, threads: int
+    query: ShadowQuery,
+    forms: TreeForms,
+    cost: dict[str, float],
+    conversion: dict[str, float],
+    features: QueryFeatures,
+    threads: int,
 ) -> dict[str, float]:
-    """Strategy -> nanoseconds per ray, measured on a sample of the query.
+    """Strategy -> nanoseconds per ray, measured on a sample of the query; empty if trials cost too much.
 
     Shafts may be a hundred times slower than predicted. If the first window takes too long, they are not tried further.
 
-    ray_seconds : predicted seconds per ray
+    cost, conversion : as for `worth_trying`
     """
-    window_seconds = ray_seconds * (_WINDOW * min(features.samples, STRATA))
-    first, sample = sample_of(query, 1), _sample(query, features.receivers, _MIN_SAMPLE_SECONDS / window_seconds)
+    names, least = worth_trying(cost, conversion), min(cost.values())
+    window = least * _WINDOW / max(features.receivers, 1) * min(1.0, STRATA / features.samples)  # seconds
+    count = min(len(names), _MAX_TRIED, int(_TRIALS * least / max(_MIN_SAMPLE_SECONDS, _MIN_WINDOWS * window)))
+    if count < 2:
+        return {}
+    windows = min(_TRIALS * least / count / window, _MAX_SAMPLE_SHARE * features.receivers / _WINDOW)
+    first, sample = sample_of(query, 1), sample_of(query, ceil(max(windows, _MIN_WINDOWS)))
     rates: dict[str, float] = {}
-    for name in sorted(names, key=lambda name: name in _RISKY):
+    for name in sorted(names[:count], key=lambda name: name in _RISKY):
         if name in _RISKY and _rate_of(name, forms, first, threads) > _HOPELESS * min(rates.values(), default=1e30):
             continue
         rates[name] = _rate_of(name, forms, sample, threads)
     return rates
 
 
-def _sample(query: ShadowQuery, receivers: int, windows: float) -> ShadowQuery:
-    """A sample of about `windows` windows, limited to a range of shares of the receivers."""
-    minimum = max(_MIN_WINDOWS, _MIN_SAMPLE_SHARE * receivers / _WINDOW, windows)
-    return sample_of(query, ceil(min(minimum, _MAX_SAMPLE_SHARE * receivers / _WINDOW)))
-
-
 def sampled_rate(strategy: str, forms: TreeForms, query: ShadowQuery, threads: int) -> float:
-    """Nanoseconds per ray of a strategy, measured on a sample of the query."""
-    receivers = int(np.count_nonzero(query.sides))
-    return _rate_of(strategy, forms, _sample(query, receivers, _MIN_WINDOWS), threads)
+    """Nanoseconds per ray of a strategy, measured on a few windows of the query."""
+    return _rate_of(strategy, forms, sample_of(query, _MIN_WINDOWS), threads)
+
+
+_loaded: set[str] = set()  # strategies whose kernels this process has loaded
 
 
 def _rate_of(strategy: str, forms: TreeForms, query: ShadowQuery, threads: int) -> float:
     """Nanoseconds per ray of a strategy, measured on the faster half of the query.
 
-    The slower half is ignored because one window may take as long as all others. A few rays are traced before the
-    measurement, because the first call of a process loads kernels.
+    The slower half is ignored because one window may take as long as all others. The clock is the time that all threads
+    compute, so that other processes do not count.
     """
-    answer_query(strategy, forms, tile_of(query), threads)
+    form = forms.of(STRATEGIES[strategy])
+    if strategy not in _loaded:  # the first call of a process loads kernels
+        answer_query(strategy, forms, tile_of(query), threads)
+        _loaded.add(strategy)
     rates = []
     for half in halves_of(query):
-        start = perf_counter()
-        answer_query(strategy, forms, half, threads)
-        rates.append(1e9 * (perf_counter() - start) / max(ray_count(half), 1))
+        bits, start = new_bits(half), process_time()
+        STRATEGIES[strategy].trace(form, half, bits, threads, None, None)
+        rates.append(1e9 * (process_time() - start) / max(ray_count(half), 1))
     return min(rates)
 
 
@@ -337,7 +366,14 @@ class AutoTracer:
     builder : str or None
         Name of the tree's builder in `cost_model`, if the plan chose the builder, too.
     better : function, optional
-        Builds a GOOD tree of the same triangles; None: the tree is never replaced.
+        Builds a better tree of the same triangles, and returns it with the name of its builder; None: the tree is never
+        replaced.
+    extent : SceneExtent, optional
+        Of the scene, if culling has left only a part of its triangles in the tree.
+    guided : bool
+        Whether a better tree may be a GUIDED one.
+    soup : Soup, optional
+        The triangles of the tree, if cones may trace them, too.
     """
 
     def __init__(
@@ -346,10 +382,13 @@ class AutoTracer:
         threads: int | None = None,
         memory: StrategyMemory | None = None,
         builder: str | None = None,
-        better: Callable[[], Bvh] | None = None,
+        better: Callable[[], tuple[Bvh, str]] | None = None,
+        extent: SceneExtent | None = None,
+        guided: bool = False,
+        soup: Soup | None = None,
     ) -> None:
-        self.forms, self.memory = TreeForms(bvh, thread_count(threads)), memory or StrategyMemory()
-        self.builder, self._better = builder, better
+        self.forms, self.memory = TreeForms(bvh, thread_count(threads), extent), memory or StrategyMemory()
+        self.builder, self._better, self._guided, self.soup = builder, better, guided, soup
 
     def begin(self) -> None:
         """Begin a frame, or a query of points."""
@@ -362,12 +401,18 @@ class AutoTracer:
         """
         if self._better is None:
             return
-        strategy, triangles = choice.strategy, self.forms.triangles
-        seconds, upgrade = choice.predicted, upgrade_seconds(strategy, triangles)
-        if not choice.tried and lost_in_quick(strategy, seconds, triangles) * _DOUBT > upgrade:
+        strategy, seconds = choice.strategy, choice.predicted
+        if not choice.tried and self._upgrade_pays(strategy, seconds * _DOUBT):
             seconds = 1e-9 * sampled_rate(strategy, self.forms, query, threads) * choice.rays
-        if lost_in_quick(strategy, seconds, triangles) > upgrade:
-            self.forms, self.builder, self._better = TreeForms(self._better(), self.forms.threads), GOOD, None
+        if self._upgrade_pays(strategy, seconds):
+            bvh, self.builder = self._better()
+            self.forms, self._better = TreeForms(bvh, self.forms.threads, self.forms.extent), None
+
+    def _upgrade_pays(self, strategy: str, seconds: float) -> bool:
+        """Whether a query that takes `seconds` in this tree pays for a better one, although this one is there."""
+        n = self.forms.triangles
+        lost = lost_in_quick(strategy, seconds) - build_seconds(QUICK, n) - form_seconds(strategy, n)
+        return choose_builder(n, lost, self._guided) != QUICK
 
     @property
     def choices(self) -> list[StrategyChoice]:
@@ -391,24 +436,86 @@ def trace_shadow(
     threads, forms, memory = thread_count(threads), auto.forms, auto.memory
     rays = query.sides.size * query.samples.shape[1]
     if rays <= _FEW_RAYS:
-        start = perf_counter()
+        start = process_time()
         trace_single: Callable[..., None] = single.trace_shadow  # also takes a packed tree
         trace_single(forms.packed_single, query, bits, threads, counters, progress)
-        choice = StrategyChoice("single", rays, "few rays", 0.0, {}, seconds=perf_counter() - start)
+        choice = StrategyChoice("single", rays, "few rays", 0.0, {}, seconds=process_time() - start)
         memory.learn(_FEW_RAYS_KEY, choice, auto.builder)
         return
-    features = features_of(query, forms.triangles, forms.box)
+    features = features_of(query, *forms.extent)
     key, places = feature_key(features), None
-    suited = suitable_strategies(query, forms.box)
+    suited = suitable_strategies(query, forms.extent.box)
     if sorting_pays(query, forms, features, suited, threads):
         places = spatial_order(query.origins[0])
         query = reorder_query(query, places)
-        features = features_of(query, forms.triangles, forms.box)
+        features = features_of(query, *forms.extent)
     choice = choose_strategy(query, forms, features, suited, threads, memory.rates(key))
     auto.improve(query, choice, threads)
-    form, start = auto.forms.of(STRATEGIES[choice.strategy]), perf_counter()
+    form, start = auto.forms.of(STRATEGIES[choice.strategy]), process_time()
     out = bits if places is None else np.zeros_like(bits)
-    STRATEGIES[choice.strategy].trace(form, query, out, threads, counters, progress)
+    if auto.soup is not None and cones_may_win(query, choice, memory.rates(key)):
+        choice = trace_beside_cones(auto.soup, form, query, out, choice, threads, progress)
+    else:
+        STRATEGIES[choice.strategy].trace(form, query, out, threads, counters, progress)
     if places is not None:
         bits[:, places] = out
-    memory.learn(key, choice._replace(sorted=places is not None, seconds=perf_counter() - start), auto.builder)
+    seconds = process_time() - start
+    memory.learn(key, choice._replace(sorted=places is not None, seconds=seconds), auto.builder)
+
+
+# --- cones ------------------------------------------------------------------------------------------------------------
+#
+# The hierarchy over rays of `techniques.rayhierarchy` needs no tree, and its time is hard to predict. Two bands of an
+# image are therefore traced first, one by the chosen strategy and one by cones, and then the rest by the faster one.
+# Every answer counts, so a band that cones trace slower costs only the difference.
+
+CONES = "cones"
+_MAX_CONE_SAMPLES = 4
+_MIN_CONE_SECONDS = 2e-3  # of the query
+_BAND_SHARE = 16  # a band has about 1 / 16 of the rows
+_BAND_ROWS = 16  # a multiple of the rows of all tiles, and of the period of the sample sets
+_MAX_CONE_RATE = 1.4  # cones slower than this multiple of the chosen strategy in earlier queries are not tried again
+
+
+def cones_may_win(query: ShadowQuery, choice: StrategyChoice, known: dict[str, float]) -> bool:
+    """Whether cones are worth a band: an image, one apex, few samples, and no earlier query in which they were slow."""
+    kinds, (height, _) = (FIXED, DIRECTIONAL), query.sides.shape
+    fits = query.light.kind in kinds and query.samples.shape[1] <= _MAX_CONE_SAMPLES and height >= 8 * _BAND_ROWS
+    slow = known.get(CONES, 0.0) > _MAX_CONE_RATE * known.get(choice.strategy, np.inf)
+    return fits and not slow and choice.predicted > _MIN_CONE_SECONDS
+
+
+def trace_beside_cones(
+    soup: Soup,
+    form: Any,
+    query: ShadowQuery,
+    bits: Bits,
+    choice: StrategyChoice,
+    threads: int,
+    progress: Progress | None,
+) -> StrategyChoice:
+    """Answer a query by the chosen strategy or by cones, whichever is faster in a band of the image.
+
+    Returns the choice with the rates of both.
+    """
+    strategy, height = STRATEGIES[choice.strategy], query.sides.shape[0]
+
+    def seconds(rows: slice, by_cones: bool) -> float:
+        part, start = with_receivers(query, itemgetter(rows)), process_time()
+        if by_cones:
+            trace_by_cones(soup, part, bits[rows], threads, None, progress, FASTEST_RAY_HIERARCHY)
+        else:
+            strategy.trace(form, part, bits[rows], threads, None, progress)
+        return (process_time() - start) / max(ray_count(part), 1)
+
+    rows = max(height // _BAND_SHARE // _BAND_ROWS, 1) * _BAND_ROWS
+    middle = height // 2 // _BAND_ROWS * _BAND_ROWS
+    rates = {
+        choice.strategy: 1e9 * seconds(slice(middle - rows, middle), False),
+        CONES: 1e9 * seconds(slice(middle, middle + rows), True),
+    }
+    by_cones = rates[CONES] < rates[choice.strategy]
+    for rest in slice(0, middle - rows), slice(middle + rows, height):
+        seconds(rest, by_cones)
+    chosen = choice._replace(tried={**choice.tried, **rates})
+    return chosen._replace(strategy=CONES, reason="sample") if by_cones else chosen

@@ -295,7 +295,7 @@ def _queries(view: CullingView, renderer: Renderer, spp: int) -> tuple[Triangles
 
 def _remaining(view: CullingView, renderer: Renderer) -> float:
     triangles, queries = _queries(view, renderer, 1)
-    culled = renderer.accelerator.culled(triangles, queries)
+    culled = renderer.accelerator.cull(triangles, queries)
     assert culled is not None
     return len(culled.kept) / len(triangles.vertices)
 

@@ -162,6 +162,9 @@ def _bound_cells(ticket, tiles, grid, cells):
     """Worker: fill the rows of `cells`: for each cell, the box of the receivers in the share of tiles of the row."""
     for part in items(ticket):
         boxes = cells[part]
+        for cell in range(len(boxes)):
+            store(boxes, cell * 8, splat4(_INF))
+            store(boxes, cell * 8 + 4, splat4(-_INF))
         for i in range(part, len(tiles.boxes), len(cells)):
             low, high = load4(tiles.boxes, i * 8), load4(tiles.boxes, i * 8 + 4)
             if not tiles.boxes[i, 0] <= tiles.boxes[i, 4]:
@@ -200,11 +203,9 @@ def sources_of(tiles: ReceiverTiles, grid: CellGrid, threads: int) -> NDArray[np
     """(m, 2, 3) float64: for each cell of a grid that has receivers, the box around them."""
     parts = min(threads, _PARTS)
     cells = np.empty((parts, grid.n**3, 8), np.float32)
-    cells[:, :, :4], cells[:, :, 4:] = np.inf, -np.inf
     run(_bound_cells, threads, new_ticket(parts, 1), tiles, grid, cells)
-    lower, upper = cells[:, :, :3].min(0), cells[:, :, 4:7].max(0)
-    occupied = lower[:, 0] <= upper[:, 0]
-    return np.stack([lower[occupied], upper[occupied]], 1).astype(np.float64)
+    boxes = cells[:, (cells[:, :, 0] <= cells[:, :, 4]).any(0)]
+    return np.stack([boxes[:, :, :3].min(0), boxes[:, :, 4:7].max(0)], 1).astype(np.float64)
 
 
 # --- Targets: boxes around the samples of a light ---------------------------------------------------------------------

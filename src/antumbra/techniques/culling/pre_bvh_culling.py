@@ -1,8 +1,8 @@
 """Pre-BVH culling: find and pack the triangles that segments of the queries can meet [Selgrad et al. 2015, Sec. 3].
 
-1. `culling_grid.sources_of` and `targets_of` make boxes of receivers and lights.
-2. `culling_grid.mark_hulls` marks the cells between these boxes.
-3. `find_relevant` drops the triangles that overlap no marked cell, and `pack_relevant` packs the others.
+1. `mark_segments` makes boxes of receivers and lights (`culling_grid.sources_of`, `targets_of`), and marks the cells
+   between them (`culling_grid.mark_hulls`).
+2. `select_relevant` drops the triangles that overlap no marked cell, and packs the others.
 
 Two differences from the paper: its grid covers the whole scene, while this one covers the box of all segments, so that
 cells are smaller. And it visits all cells that a triangle overlaps, while this module queries a summed-volume table,
@@ -47,6 +47,7 @@ from .culling_grid import (
 # --- The triangles that overlap a marked cell [Selgrad et al. 2015, Sec. 3.3] -----------------------------------------
 
 _CHUNK = 8192  # triangles per work item
+_SAMPLE = 4096  # triangles in the sample of `relevant_share`
 
 
 class MarkedCells(NamedTuple):
@@ -199,6 +200,73 @@ class CullResult(NamedTuple):
     targets: int  # number of target boxes
 
 
+class Marking(NamedTuple):
+    """The grid of a set of queries, with the cells that their segments may enter marked."""
+
+    grid: CellGrid
+    cells: MarkedCells
+    sources: int  # number of source boxes
+    targets: int  # number of target boxes
+
+
+def mark_segments(
+    triangles: Triangles,
+    queries: Sequence[ShadowQuery],
+    threads: int | None = None,
+    *,
+    n: int = 32,
+    mark: Mark = mark_hulls,
+    whole: bool = False,
+    lap: Callable[[str], None] = lambda step: None,
+) -> Marking | None:
+    """Mark the cells that segments of the queries may enter; None: no segment can meet a triangle.
+
+    The parameters are those of `cull`.
+    """
+    threads, corners = thread_count(threads), triangles.vertices.reshape(-1, 9)
+    groups = _groups(queries, threads)
+    box = _box_of(groups, corners, whole, threads)
+    if box is None:
+        return None
+    grid, coarse = grid_over(*box, n), grid_over(*box, min(n, FINEST))
+    marked, counts = np.zeros((n, n, n), np.uint8), np.zeros(2, np.int64)
+    for tiles, group_queries in groups:
+        sources = sources_of(tiles, coarse, threads)
+        lap("sources")
+        ends = [targets_of(query, (box[1] - box[0]) / n) for query in group_queries]
+        for targets in ends:
+            mark(sources, targets, grid, marked, threads)
+        counts += len(sources), sum(len(targets.boxes) for targets in ends)
+        lap("mark")
+    return Marking(grid, marked_cells_of(marked, threads), *counts.tolist())
+
+
+def select_relevant(
+    triangles: Triangles,
+    marking: Marking | None,
+    threads: int | None = None,
+    lap: Callable[[str], None] = lambda step: None,
+) -> CullResult:
+    """The triangles that overlap a marked cell."""
+    if marking is None:
+        return CullResult(np.empty(0, np.int32), np.empty((0, 3, 3), np.float32), None, None, 0, 0)
+    threads, corners = thread_count(threads), triangles.vertices.reshape(-1, 9)
+    relevant = find_relevant(corners, marking.grid, marking.cells, threads)
+    lap("triangles")
+    ids, packed = pack_relevant(corners, relevant, threads)
+    lap("pack")
+    vertices = packed.reshape(-1, 3, 3)
+    return CullResult(ids, vertices, marking.grid, marking.cells.cells, marking.sources, marking.targets)
+
+
+def relevant_share(triangles: Triangles, marking: Marking | None) -> float:
+    """The share of the triangles that overlap a marked cell, estimated from an evenly spaced sample of them."""
+    if marking is None:
+        return 0.0
+    sample = np.ascontiguousarray(triangles.vertices[:: -(-len(triangles.vertices) // _SAMPLE)]).reshape(-1, 9)
+    return int(find_relevant(sample, marking.grid, marking.cells, 1).counts.sum()) / len(sample)
+
+
 def cull(
     triangles: Triangles,
     queries: Sequence[ShadowQuery],
@@ -230,26 +298,8 @@ def cull(
     lap : function of str
         Called after each step, with its name from STEPS.
     """
-    threads, corners = thread_count(threads), triangles.vertices.reshape(-1, 9)
-    groups = _groups(queries, threads)
-    box = _box_of(groups, corners, whole, threads)
-    if box is None:
-        return CullResult(np.empty(0, np.int32), np.empty((0, 3, 3), np.float32), None, None, 0, 0)
-    grid, coarse = grid_over(*box, n), grid_over(*box, min(n, FINEST))
-    marked, counts = np.zeros((n, n, n), np.uint8), np.zeros(2, np.int64)
-    for tiles, group_queries in groups:
-        sources = sources_of(tiles, coarse, threads)
-        lap("sources")
-        ends = [targets_of(query, (box[1] - box[0]) / n) for query in group_queries]
-        for targets in ends:
-            mark(sources, targets, grid, marked, threads)
-        counts += len(sources), sum(len(targets.boxes) for targets in ends)
-        lap("mark")
-    relevant = find_relevant(corners, grid, marked_cells_of(marked, threads), threads)
-    lap("triangles")
-    ids, packed = pack_relevant(corners, relevant, threads)
-    lap("pack")
-    return CullResult(ids, packed.reshape(-1, 3, 3), grid, marked, *counts.tolist())
+    marking = mark_segments(triangles, queries, threads, n=n, mark=mark, whole=whole, lap=lap)
+    return select_relevant(triangles, marking, threads, lap)
 
 
 def _groups(queries: Sequence[ShadowQuery], threads: int) -> list[tuple[ReceiverTiles, list[ShadowQuery]]]:

@@ -1,0 +1,317 @@
+"""The accelerator of the plan `auto`: chooses what to build for the queries of a frame.
+
+- **Culling.** A tree that later queries will not use, of a first frame or a moving scene, only needs the triangles that
+  segments can meet [Selgrad et al. 2015]. Culling is tried if marking cells, and building a tree of the share of
+  triangles that is expected to remain, cost less than a tree of all triangles. Once the cells are marked, a sample of
+  the triangles tells the share, and culling is abandoned if it no longer pays.
+- **Builder.** Building a GOOD tree takes five times as long as a QUICK one, but traversal is faster. A GOOD tree is
+  built at once if the predicted rays pay for it. Otherwise the cached tree is upgraded once traversal has lost more
+  time than the rebuild costs (the ski-rental rule), so the total loss is at most twice the minimum, however many rays
+  follow. The same rule replaces GOOD trees by BEST ones. Trees of animated scenes are refitted from the first GOOD tree
+  on, BEST trees included.
+
+The tracer `auto` then chooses the strategy of each query (`auto.strategies`).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache, partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bvh.nodes import Bvh
+from ..query.query_bounds import bounds
+from ..query.shadow_query import ShadowQuery
+from ..scene.lights import AMBIENT
+from ..scene.triangles import Triangles
+from ..techniques.culling.pre_bvh_culling import (
+    CullResult,
+    mark_segments,
+    relevant_share,
+    select_relevant,
+    solid_count,
+    solid_of,
+    soup_of,
+)
+from ..techniques.srdh.representative_rays import (
+    RepresentativeRays,
+    RepresentativeRaySelector,
+    SrdhRays,
+)
+from ..trace.rays.ray_hits import Intersections
+from .accelerator import Accelerated, Accelerator
+from .auto.cost_model import (
+    BEST,
+    GOOD,
+    GUIDED,
+    QUICK,
+    best_pays,
+    choose_builder,
+    lost_share,
+    mark_seconds,
+    predicted_rate,
+    refit_seconds,
+    select_seconds,
+    tree_seconds,
+)
+from .auto.query_features import features_of, size_of
+from .auto.strategies import AutoTracer, SceneExtent, StrategyMemory, suitable_strategies
+from .method_registry import BUILDERS, OPTIMISERS, TRACERS, UPDATERS
+from .plan import Plan, parse_plan
+from .precompilation import Job, fixed_job, missing_of, precompile, small_scene
+
+CULLER = "grid32"
+"""The culler of `auto`."""
+
+_RAY = 1e-7  # default estimate of the time of a ray on one thread, in seconds
+_FIRST_SHARE = 0.4  # of the triangles: expected to remain after culling, before anything is known
+_PATIENCE = 16  # frames without a new try after culling was abandoned
+
+
+class Forecast(NamedTuple):
+    """Predictions for the queries of a frame."""
+
+    strategy: str  # of the query with the most rays
+    lost: float  # seconds that a GOOD tree would save, compared with a QUICK one
+
+
+class AutoAccelerator(Accelerator):
+    """An `Accelerator` that chooses what to build by the number of rays."""
+
+    def __init__(self, plan: Plan, threads: int):
+        super().__init__(plan, threads)
+        self.memory = StrategyMemory()
+        self._tree_name = self._next_name = QUICK  # of later trees of all triangles, and of the next tree
+        self._built_name = QUICK  # of the last tree
+        self._rays_soon = self._later = 0  # predicted numbers of rays: of the coming queries, and of later ones
+        self._share, self._patience = _FIRST_SHARE, 0
+        self._tried: Triangles | None = None  # the triangles of the last try of culling
+        self._latest: Triangles | None = None  # of the last tree
+        self._moves = False  # whether they have changed between trees
+        self._extent: SceneExtent | None = None  # of the scene with the triangles of the last queries
+        self._queries: Sequence[ShadowQuery] = ()  # the last queries, for sample rays
+        self._selector = RepresentativeRaySelector(SrdhRays(), threads)
+
+    def begin(self, rays: int, later: int = 0) -> None:
+        self.memory.begin()
+        self._rays_soon, self._later = rays, later
+        self._patience = max(self._patience - 1, 0)
+
+    @property
+    def culls(self) -> bool:
+        return self._later == 0
+
+    @property
+    def builder(self) -> str:
+        return self._next_name.partition("+")[0]
+
+    @property
+    def optimiser(self) -> str | None:
+        return self._next_name.partition("+")[2] or None
+
+    def executed_plan(self, accelerated: Accelerated) -> Plan:
+        assert accelerated.chosen is not None
+        tracers = {choice.strategy if choice.strategy in TRACERS else "multifrusta" for choice in self.memory.choices}
+        tree = parse_plan(f"{accelerated.chosen.builder}+{self.plan.trace}")
+        trace, cull = tracers.pop() if len(tracers) == 1 else self.plan.trace, CULLER if accelerated.partial else None
+        return replace(tree, trace=trace, cull=cull) if TRACERS[trace].builds else Plan(cull, trace=trace)
+
+    def cull(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> CullResult | None:
+        """Choose the builder for these queries, and cull if that pays."""
+        n, box = solid_count(triangles), np.stack(bounds(triangles.vertices, self.threads))
+        self._extent, self._queries = SceneExtent(n, box), queries
+        forecast = self._forecast(queries)
+        culled = self._try_culling(triangles, queries, forecast) if self._may_cull(triangles, queries) else None
+        if culled is not None:
+            self._next_name = choose_builder(len(culled.kept), forecast.lost, self._guided)
+            return culled
+        self._choose(self.memory.lost + self._loss(self._later) + forecast.lost, n)
+        self._rays_soon = self._later = 0
+        return None
+
+    def _forecast(self, queries: Sequence[ShadowQuery]) -> Forecast:
+        """Predictions for these queries."""
+        assert self._extent is not None
+        n, box = self._extent
+        lost, most, main = 0.0, -1.0, ""
+        for query in queries:
+            features = features_of(query, n, box)
+            rate, strategy = min((predicted_rate(name, features), name) for name in suitable_strategies(query, box))
+            seconds = rate * features.rays
+            lost += seconds * lost_share(strategy)
+            if seconds > most:
+                most, main = seconds, strategy
+        return Forecast(main, lost)
+
+    def _may_cull(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> bool:
+        """Whether culling can be considered: nothing else needs the tree, and segments do not reach everything."""
+        if not self.culls or triangles is self._tried or self._patience or not queries:
+            return False
+        assert self._extent is not None
+        size = size_of(self._extent.box)
+        return not any(query.light.kind == AMBIENT and query.light.radius >= size for query in queries)
+
+    def _try_culling(
+        self, triangles: Triangles, queries: Sequence[ShadowQuery], forecast: Forecast
+    ) -> CullResult | None:
+        """The triangles that segments can meet; None if finding them costs more than it saves."""
+        n = solid_count(triangles)
+        direct = tree_seconds(n, forecast.lost, forecast.strategy, self._guided)
+        if self._updater is not None:
+            direct = min(direct, refit_seconds(n, forecast.strategy))
+        tree = partial(tree_seconds, lost=forecast.lost, strategy=forecast.strategy, guided=self._guided)
+        receivers = {id(query.origins): query.sides.size for query in queries}
+        select = select_seconds(n)
+        mark = mark_seconds(sum(receivers.values()), len(queries))
+        if mark + select + tree(round(self._share * n)) > direct:
+            return None
+        self._tried = triangles
+        marking = mark_segments(triangles, queries, self.threads)
+        self._share = relevant_share(triangles, marking)
+        if select + tree(round(self._share * n)) > direct:
+            self._patience, self._share = _PATIENCE, _FIRST_SHARE
+            return None
+        return select_relevant(triangles, marking, self.threads)
+
+    def _loss(self, rays: int) -> float:
+        """Seconds that unknown rays would lose in a QUICK tree."""
+        return rays * _RAY * lost_share("")
+
+    def needs_rebuild(self, accelerated: Accelerated) -> bool:
+        chosen = accelerated.chosen
+        if chosen is None:
+            return False
+        if chosen.builder == QUICK:
+            self._choose(chosen.memory.lost, chosen.forms.triangles)
+            return self._tree_name != QUICK
+        if chosen.builder == GOOD and best_pays(chosen.memory.in_good, chosen.forms.triangles):
+            self._optimise()
+            return True
+        return False
+
+    def _optimise(self) -> None:
+        """Make the next tree a BEST one. Later trees are GOOD again, until they have lost the cost of another BEST."""
+        precompile(best_tree_job)
+        self._tree_name, self._updater = BEST, None
+        self.memory.in_good = 0.0
+
+    def _choose(self, lost: float, triangles: int) -> None:
+        if self._tree_name == QUICK:
+            self._tree_name = choose_builder(triangles, lost, self._guided)
+
+    @property
+    def _unkept(self) -> bool:
+        """Whether the next tree will serve the present queries only."""
+        return self.culls and (self._moves or self._tried is self._latest)
+
+    @property
+    def _guided(self) -> bool:
+        """Whether trees can be built for sample rays: the kernels are on disk, and the queries known."""
+        return bool(self._queries) and is_compiled(guided_job)
+
+    def build(
+        self, triangles: Triangles, culled: CullResult | None = None, sample_rays: RepresentativeRays | None = None
+    ) -> Accelerated:
+        try:
+            solid = solid_of(triangles, culled, self.threads)
+            self._moves = self._latest is not None and self._latest is not triangles
+            self._latest = triangles
+            self._rays = self._rays_among(triangles, solid)
+            if culled is not None:
+                return self.prepare(triangles, self._tree(triangles, solid), solid)
+            self._choose_for_all(solid_count(triangles))
+            return super().build(triangles, None, sample_rays)
+        finally:
+            self._rays = None
+
+    def _rays_among(
+        self, triangles: Triangles, solid: CullResult | None
+    ) -> Callable[[NDArray[np.float32], Bvh | None], Intersections]:
+        """A function that samples the rays of the last queries for a GUIDED tree of these triangles."""
+        ids = None if solid is None else solid.kept
+
+        def rays(vertices: NDArray[np.float32], bvh: Bvh | None) -> Intersections:
+            return self._selector.show(self._queries, triangles).among(vertices, ids, self.threads, bvh)
+
+        return rays
+
+    def _choose_for_all(self, n: int) -> None:
+        """Choose the next tree of all triangles, and whether to refit it."""
+        self._choose(self._loss(self._rays_soon + self._later), n)
+        good_pays = choose_builder(n, self.memory.lost, False) != QUICK
+        if self._tree_name != QUICK and self._updater is None and self._moves and good_pays:
+            self._tree_name = GOOD
+            self._start_refitting()
+        if self._updater is not None and best_pays(self.memory.in_good, n):
+            self._optimise()
+            self._start_refitting()
+        self._next_name = self._tree_name
+
+    def _start_refitting(self) -> None:
+        """Build a new tree at the next time sample, and refit it at later ones."""
+        self._updater, self._updated = UPDATERS["refit"].keep(self._new_tree), None
+
+    def _new_tree(self, vertices: NDArray[np.float32], threads: int) -> Bvh:
+        tree = super()._new_tree(vertices, threads)
+        self._built_name = self._next_name
+        if self._tree_name == BEST == self._next_name:
+            self._tree_name = self._next_name = GOOD
+        return tree
+
+    def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: CullResult | None = None) -> Accelerated:
+        assert bvh is not None
+        is_partial = culled is not None and culled.grid is not None
+        upgrades = self._built_name == QUICK and (is_partial or self._updater is None)
+        upgrade = partial(self._upgrade, triangles, culled if is_partial else None) if upgrades else None
+        extent = self._extent if is_partial else None
+        soup = soup_of(triangles, culled, self.threads) if self._unkept and is_compiled(cones_job) else None
+        tracer = AutoTracer(bvh, self.threads, self.memory, self._built_name, upgrade, extent, self._guided, soup)
+        return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles), is_partial)
+
+    def _upgrade(self, triangles: Triangles, culled: CullResult | None) -> tuple[Bvh, str]:
+        """A better tree of the same triangles, for a query that turns out to need it, and its builder."""
+        self._next_name = GUIDED if self._guided else GOOD
+        if culled is None:
+            self._tree_name = self._next_name
+        solid = culled or solid_of(triangles, None, self.threads)
+        try:
+            self._rays = self._rays_among(triangles, solid)
+            return self._tree(triangles, solid), self._next_name
+        finally:
+            self._rays = None
+
+
+def best_tree(vertices: NDArray[np.float32], threads: int) -> Bvh:
+    """A BEST tree."""
+    build, _, optimise = BEST.partition("+")
+    bvh: Bvh = OPTIMISERS[optimise].optimise(BUILDERS[build].build(vertices, threads), threads)
+    return bvh
+
+
+def best_tree_job() -> Job:
+    """The job of building a BEST tree, which only long runs of queries need."""
+    return fixed_job("best tree", lambda: best_tree(small_scene().triangles(0.0, 2).vertices, 2))
+
+
+def guided_job() -> Job:
+    """The job of building a GUIDED tree."""
+    return fixed_job(f"{GUIDED}+single (raster)", lambda: None)
+
+
+def cones_job() -> Job:
+    """The job of tracing by cones."""
+    return fixed_job("cones (raster)", lambda: None)
+
+
+@cache
+def is_compiled(job_of: Callable[[], Job]) -> bool:
+    """Whether all kernels of a job are on disk. Once they are, in this process, they stay there."""
+    kernels = job_of().kernels()
+    return kernels is not None and not missing_of(kernels)
+
+
+def accelerator_of(plan: Plan, threads: int) -> Accelerator:
+    """The accelerator of a plan."""
+    return (AutoAccelerator if plan.chooses else Accelerator)(plan, threads)
