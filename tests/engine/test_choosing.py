@@ -29,7 +29,9 @@ def _builds(monkeypatch, good, best=1e6, guided=1e6):
 
 @pytest.fixture(autouse=True)
 def no_culling(monkeypatch):
-    """Let culling cost more than any tree, unless a test says otherwise."""
+    """Let culling cost more than any tree, unless a test says otherwise, and no kernel any time to load."""
+    monkeypatch.setattr(auto_accelerator, "_loads", auto_accelerator.KernelLoads())
+    monkeypatch.setattr(auto_accelerator._loads, "_due", dict.fromkeys(auto_accelerator.KernelLoads.SECONDS, 0.0))
     monkeypatch.setattr(auto_accelerator, "mark_seconds", lambda receivers, lights: 1e9)
 
 
@@ -209,6 +211,7 @@ def test_frames_with_further_rays_are_not_culled(scene, monkeypatch, options):
 def test_first_points_are_culled_and_later_ones_keep_a_tree_of_everything(monkeypatch):
     scene = at.procedural("atrium", triangles=3000)
     _builds(monkeypatch, 1e6)
+    monkeypatch.setattr(rates, "form_seconds", lambda strategy, triangles: 1e-6 * triangles)
     _cheap_culling(monkeypatch)
     points = np.random.default_rng(1).uniform((-1, 0.1, -1), (1, 2, 1), (300, 3))
     light = at.PointLight((0.5, 1.5, 0.2))
@@ -237,3 +240,34 @@ def test_moving_scenes_are_culled_frame_by_frame(monkeypatch, tmp_path):
         named = at.render(scene, camera, [lamp], time=time, plan="bsah+single")
         np.testing.assert_array_equal(frame.bits[0], named.bits[0])
         assert frame.plan.startswith("grid32+"), time
+
+
+@pytest.mark.parametrize("light", [at.PointLight((0.5, 1.5, 0.2)), at.DirectionalLight((0.3, -1, 0.2))])
+@pytest.mark.parametrize("culled", [True, False])
+def test_cones_answer_a_first_frame_with_many_rays_per_triangle(scene, monkeypatch, light, culled):
+    monkeypatch.setattr(auto_accelerator, "_CONE_SHARE", 1e9)
+    monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: True)
+    if culled:
+        _cheap_culling(monkeypatch)
+    renderer, (camera, _) = Renderer(scene), corner(scene)
+    named = at.render(scene, camera, [light], plan="bsah+single", spp=4)
+    frames = [renderer.render(camera, [light], spp=4) for _ in range(2)]
+    assert frames[0].plan == ("grid32+cones" if culled else "cones") and "cones" not in frames[1].plan
+    assert frames[0].choices[0].strategy == "cones" and frames[0].choices[0].seconds > 0.0
+    for frame in frames:
+        np.testing.assert_array_equal(frame.bits[0], named.bits[0])
+
+
+@pytest.mark.parametrize(
+    ("light", "spp"), [(LAMP, 1), (at.AmbientOcclusion(1.0), 1), (at.PointLight((0.5, 1.5, 0.2)), 16)]
+)
+def test_cones_need_one_apex_and_few_samples(scene, monkeypatch, light, spp):
+    monkeypatch.setattr(auto_accelerator, "_CONE_SHARE", 1e9)
+    frame = Renderer(scene).render(corner(scene)[0], [light], spp=spp)
+    assert frame.choices[0].strategy != "cones"
+
+
+def test_kernels_are_loaded_once_queries_would_have_gained_their_time():
+    loads = auto_accelerator.KernelLoads()
+    assert not loads.pays("culling", -1.0) and not loads.pays("culling", 0.015) and not loads.pays("cones", 0.01)
+    assert loads.pays("culling", 0.006) and loads.pays("culling", 1e-6) and not loads.pays("culling", 0.0)

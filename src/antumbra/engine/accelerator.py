@@ -22,7 +22,7 @@ from ..techniques.chcrt.chc_rt import ChcRtState
 from ..techniques.culling.pre_bvh_culling import CullResult, solid_of, solid_tree, soup_of
 from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, RepresentativeRaySelector, SrdhRays
 from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree
-from .auto.strategies import AutoTracer
+from .auto.strategies import AutoTracer, ConeTracer
 from .method_registry import BUILDERS, CULLERS, OPTIMISERS, UPDATERS, Builder, Optimiser
 from .plan import Plan
 
@@ -48,13 +48,13 @@ class Accelerated(NamedTuple):
         return self.prepared if isinstance(self.prepared, ChcRtState) else None
 
     @property
-    def chosen(self) -> AutoTracer | None:
+    def chosen(self) -> AutoTracer | ConeTracer | None:
         """The state of the tracer `auto`; None for other tracers."""
-        return self.prepared if isinstance(self.prepared, AutoTracer) else None
+        return self.prepared if isinstance(self.prepared, (AutoTracer, ConeTracer)) else None
 
     def begin(self) -> None:
         """Begin a new frame or point query in a tracer with state."""
-        if isinstance(self.prepared, (ChcRtState, AutoTracer)):
+        if isinstance(self.prepared, (ChcRtState, AutoTracer, ConeTracer)):
             self.prepared.begin()
 
 

@@ -13,10 +13,11 @@
 The tracer `auto` then chooses the strategy of each query (`auto.strategies`).
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 from ..bvh.nodes import Bvh
 from ..query.query_bounds import bounds
 from ..query.shadow_query import ShadowQuery
-from ..scene.lights import AMBIENT
+from ..scene.lights import AMBIENT, DIRECTIONAL, FIXED
 from ..scene.triangles import Triangles
 from ..techniques.culling.pre_bvh_culling import (
     CullResult,
@@ -56,8 +57,8 @@ from .auto.cost_model import (
     select_seconds,
     tree_seconds,
 )
-from .auto.query_features import features_of, size_of
-from .auto.strategies import AutoTracer, SceneExtent, StrategyMemory, suitable_strategies
+from .auto.query_features import QueryFeatures, features_of, size_of
+from .auto.strategies import AutoTracer, ConeTracer, KnownQueries, SceneExtent, StrategyMemory, suitable_strategies
 from .method_registry import BUILDERS, OPTIMISERS, TRACERS, UPDATERS
 from .plan import Plan, parse_plan
 from .precompilation import Job, fixed_job, missing_of, precompile, small_scene
@@ -66,14 +67,42 @@ CULLER = "grid32"
 """The culler of `auto`."""
 
 _RAY = 1e-7  # default estimate of the time of a ray on one thread, in seconds
-_FIRST_SHARE = 0.4  # of the triangles: expected to remain after culling, before anything is known
+_FIRST_SHARE = 0.3  # of the triangles: expected to remain after culling, before anything is known
 _PATIENCE = 16  # frames without a new try after culling was abandoned
+
+
+_CONE_SHARE = 0.03  # triangles per ray up to which cones are the faster ones
+_CONE_SAVING = 0.25  # of the time of the rays
+_MAX_CONE_SAMPLES = 4
+
+
+class KernelLoads:
+    """Decides when methods are worth loading: their kernels take time, once per process.
+
+    By the ski-rental rule, a method is loaded once the queries so far would have gained that time.
+    """
+
+    SECONDS: ClassVar[dict[str, float]] = {"culling": 0.02, GUIDED: 0.03, "cones": 0.03}
+
+    def __init__(self) -> None:
+        self._due = dict(self.SECONDS)  # method -> seconds still to be gained; 0: loaded
+
+    def pays(self, method: str, gain: float) -> bool:
+        """Whether a method that gains `gain` seconds in a query should be used, and so loaded."""
+        if gain <= 0.0:
+            return False
+        self._due[method] = max(self._due[method] - gain, 0.0)
+        return self._due[method] == 0.0
+
+
+_loads = KernelLoads()
 
 
 class Forecast(NamedTuple):
     """Predictions for the queries of a frame."""
 
-    strategy: str  # of the query with the most rays
+    strategy: str  # of the query that takes longest
+    seconds: float  # of the rays
     lost: float  # seconds that a GOOD tree would save, compared with a QUICK one
 
 
@@ -88,10 +117,12 @@ class AutoAccelerator(Accelerator):
         self._rays_soon = self._later = 0  # predicted numbers of rays: of the coming queries, and of later ones
         self._share, self._patience = _FIRST_SHARE, 0
         self._tried: Triangles | None = None  # the triangles of the last try of culling
+        self._by_cones = self._culled = False  # whether the next queries go to cones; whether the last were culled
         self._latest: Triangles | None = None  # of the last tree
         self._moves = False  # whether they have changed between trees
         self._extent: SceneExtent | None = None  # of the scene with the triangles of the last queries
         self._queries: Sequence[ShadowQuery] = ()  # the last queries, for sample rays
+        self._features: dict[int, QueryFeatures] = {}  # id of a query -> its features
         self._selector = RepresentativeRaySelector(SrdhRays(), threads)
 
     def begin(self, rays: int, later: int = 0) -> None:
@@ -114,18 +145,22 @@ class AutoAccelerator(Accelerator):
     def executed_plan(self, accelerated: Accelerated) -> Plan:
         assert accelerated.chosen is not None
         tracers = {choice.strategy if choice.strategy in TRACERS else "multifrusta" for choice in self.memory.choices}
+        cull = CULLER if self._culled else None
+        if isinstance(accelerated.chosen, ConeTracer):
+            return Plan(cull, trace="cones")
         tree = parse_plan(f"{accelerated.chosen.builder}+{self.plan.trace}")
-        trace, cull = tracers.pop() if len(tracers) == 1 else self.plan.trace, CULLER if accelerated.partial else None
-        return replace(tree, trace=trace, cull=cull) if TRACERS[trace].builds else Plan(cull, trace=trace)
+        return replace(tree, trace=tracers.pop() if len(tracers) == 1 else self.plan.trace, cull=cull)
 
     def cull(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> CullResult | None:
         """Choose the builder for these queries, and cull if that pays."""
         n, box = solid_count(triangles), np.stack(bounds(triangles.vertices, self.threads))
         self._extent, self._queries = SceneExtent(n, box), queries
-        forecast = self._forecast(queries)
-        culled = self._try_culling(triangles, queries, forecast) if self._may_cull(triangles, queries) else None
+        forecast, serves_once = self._forecast(queries), self._serves_once(triangles)
+        culled = self._try_culling(triangles, queries, forecast) if serves_once else None
+        remaining = n if culled is None else len(culled.kept)
+        self._by_cones = serves_once and self._cones_pay(remaining, queries, forecast)
         if culled is not None:
-            self._next_name = choose_builder(len(culled.kept), forecast.lost, self._guided)
+            self._next_name = self._builder_for(len(culled.kept), forecast.lost)
             return culled
         self._choose(self.memory.lost + self._loss(self._later) + forecast.lost, n)
         self._rays_soon = self._later = 0
@@ -135,39 +170,49 @@ class AutoAccelerator(Accelerator):
         """Predictions for these queries."""
         assert self._extent is not None
         n, box = self._extent
-        lost, most, main = 0.0, -1.0, ""
+        total, lost, most, main = 0.0, 0.0, -1.0, ""
+        self._features = {}
         for query in queries:
-            features = features_of(query, n, box)
+            self._features[id(query)] = features = features_of(query, n, box)
             rate, strategy = min((predicted_rate(name, features), name) for name in suitable_strategies(query, box))
             seconds = rate * features.rays
+            total += seconds
             lost += seconds * lost_share(strategy)
             if seconds > most:
                 most, main = seconds, strategy
-        return Forecast(main, lost)
+        return Forecast(main, total, lost)
 
-    def _may_cull(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> bool:
-        """Whether culling can be considered: nothing else needs the tree, and segments do not reach everything."""
-        if not self.culls or triangles is self._tried or self._patience or not queries:
+    def _serves_once(self, triangles: Triangles) -> bool:
+        """Whether the next tree may serve the present queries only: no later ones have used these triangles yet."""
+        serves_once = self.culls and triangles is not self._tried
+        self._tried = triangles
+        return serves_once
+
+    def _cones_pay(self, n: int, queries: Sequence[ShadowQuery], forecast: Forecast) -> bool:
+        """Whether cones are likely to answer the queries faster than rays in a tree of n triangles."""
+        rays = sum(self._features[id(query)].rays for query in queries)
+        fits = all(has_one_apex(query) and query.samples.shape[1] <= _MAX_CONE_SAMPLES for query in queries)
+        if not fits or n > _CONE_SHARE * rays or not is_compiled(cones_job):
             return False
-        assert self._extent is not None
-        size = size_of(self._extent.box)
-        return not any(query.light.kind == AMBIENT and query.light.radius >= size for query in queries)
+        return _loads.pays("cones", _CONE_SAVING * forecast.seconds)
 
     def _try_culling(
         self, triangles: Triangles, queries: Sequence[ShadowQuery], forecast: Forecast
     ) -> CullResult | None:
         """The triangles that segments can meet; None if finding them costs more than it saves."""
-        n = solid_count(triangles)
+        assert self._extent is not None
+        n, size = self._extent.triangles, size_of(self._extent.box)
+        if self._patience or any(query.light.kind == AMBIENT and query.light.radius >= size for query in queries):
+            return None  # segments reach everything
         direct = tree_seconds(n, forecast.lost, forecast.strategy, self._guided)
         if self._updater is not None:
             direct = min(direct, refit_seconds(n, forecast.strategy))
         tree = partial(tree_seconds, lost=forecast.lost, strategy=forecast.strategy, guided=self._guided)
-        receivers = {id(query.origins): query.sides.size for query in queries}
+        receivers = {id(query.origins): self._features[id(query)].receivers for query in queries}
         select = select_seconds(n)
         mark = mark_seconds(sum(receivers.values()), len(queries))
-        if mark + select + tree(round(self._share * n)) > direct:
+        if not _loads.pays("culling", direct - mark - select - tree(round(self._share * n))):
             return None
-        self._tried = triangles
         marking = mark_segments(triangles, queries, self.threads)
         self._share = relevant_share(triangles, marking)
         if select + tree(round(self._share * n)) > direct:
@@ -181,7 +226,7 @@ class AutoAccelerator(Accelerator):
 
     def needs_rebuild(self, accelerated: Accelerated) -> bool:
         chosen = accelerated.chosen
-        if chosen is None:
+        if not isinstance(chosen, AutoTracer):
             return False
         if chosen.builder == QUICK:
             self._choose(chosen.memory.lost, chosen.forms.triangles)
@@ -191,6 +236,12 @@ class AutoAccelerator(Accelerator):
             return True
         return False
 
+    def _builder_for(self, n: int, lost: float) -> str:
+        """The builder for n triangles, if rays lose `lost` seconds in a QUICK tree."""
+        name, plain = choose_builder(n, lost, self._guided), choose_builder(n, lost, False)
+        gain = tree_seconds(n, lost, "", False) - tree_seconds(n, lost, "", True)
+        return plain if name == GUIDED and not _loads.pays(GUIDED, gain) else name
+
     def _optimise(self) -> None:
         """Make the next tree a BEST one. Later trees are GOOD again, until they have lost the cost of another BEST."""
         precompile(best_tree_job)
@@ -199,12 +250,7 @@ class AutoAccelerator(Accelerator):
 
     def _choose(self, lost: float, triangles: int) -> None:
         if self._tree_name == QUICK:
-            self._tree_name = choose_builder(triangles, lost, self._guided)
-
-    @property
-    def _unkept(self) -> bool:
-        """Whether the next tree will serve the present queries only."""
-        return self.culls and (self._moves or self._tried is self._latest)
+            self._tree_name = self._builder_for(triangles, lost)
 
     @property
     def _guided(self) -> bool:
@@ -216,9 +262,14 @@ class AutoAccelerator(Accelerator):
     ) -> Accelerated:
         try:
             solid = solid_of(triangles, culled, self.threads)
+            self._culled = culled is not None
             self._moves = self._latest is not None and self._latest is not triangles
             self._latest = triangles
             self._rays = self._rays_among(triangles, solid)
+            if self._by_cones:
+                self._by_cones = False
+                soup = soup_of(triangles, solid, self.threads)
+                return Accelerated(triangles, None, ConeTracer(soup, self.memory), self.cutouts_of(triangles), True)
             if culled is not None:
                 return self.prepare(triangles, self._tree(triangles, solid), solid)
             self._choose_for_all(solid_count(triangles))
@@ -265,14 +316,13 @@ class AutoAccelerator(Accelerator):
         is_partial = culled is not None and culled.grid is not None
         upgrades = self._built_name == QUICK and (is_partial or self._updater is None)
         upgrade = partial(self._upgrade, triangles, culled if is_partial else None) if upgrades else None
-        extent = self._extent if is_partial else None
-        soup = soup_of(triangles, culled, self.threads) if self._unkept and is_compiled(cones_job) else None
-        tracer = AutoTracer(bvh, self.threads, self.memory, self._built_name, upgrade, extent, self._guided, soup)
+        known = KnownQueries(self._extent if is_partial else None, self._features, self._guided)
+        tracer = AutoTracer(bvh, self.threads, self.memory, self._built_name, upgrade, known)
         return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles), is_partial)
 
     def _upgrade(self, triangles: Triangles, culled: CullResult | None) -> tuple[Bvh, str]:
         """A better tree of the same triangles, for a query that turns out to need it, and its builder."""
-        self._next_name = GUIDED if self._guided else GOOD
+        self._next_name = GUIDED if self._guided and _loads.pays(GUIDED, math.inf) else GOOD
         if culled is None:
             self._tree_name = self._next_name
         solid = culled or solid_of(triangles, None, self.threads)
@@ -298,6 +348,12 @@ def best_tree_job() -> Job:
 def guided_job() -> Job:
     """The job of building a GUIDED tree."""
     return fixed_job(f"{GUIDED}+single (raster)", lambda: None)
+
+
+def has_one_apex(query: ShadowQuery) -> bool:
+    """Whether all segments of a query end in one point or have one direction."""
+    light = query.light
+    return light.kind == DIRECTIONAL or (light.kind == FIXED and not np.any(light.u) and not np.any(light.v))
 
 
 def cones_job() -> Job:

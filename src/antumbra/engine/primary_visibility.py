@@ -30,7 +30,7 @@ from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree, replace_by_
 from ..trace.primary.primary_rays import trace_primary
 from ..trace.rays.ray_hits import Nearest, nearest_surfaces
 from .accelerator import Accelerated
-from .auto.strategies import STRATEGIES
+from .auto.strategies import STRATEGIES, AutoTracer
 from .precompilation import Job, fixed_job, missing_of, small_scene, small_scene_with_cutouts, small_view
 
 # --- Primary visibility -----------------------------------------------------------------------------------------------
@@ -59,7 +59,9 @@ def primary_visibility(
     elif tree.scheduled is not None:
         face, t = primary_hits(tree.scheduled, rays, threads)
     else:
-        blocks = tree.prepared if tree.chosen is None else tree.chosen.forms.of(STRATEGIES["multifrusta"])
+        blocks = (
+            tree.chosen.forms.of(STRATEGIES["multifrusta"]) if isinstance(tree.chosen, AutoTracer) else tree.prepared
+        )
         blocks_or_bvh = blocks if isinstance(blocks, BlockTree) else tree.bvh
         assert blocks_or_bvh is not None
         face, t = trace_primary(blocks_or_bvh, rays, threads)
@@ -192,7 +194,7 @@ class PrimaryMethodChooser:
 
 def _has_blocks(tree: Accelerated) -> bool:
     """Whether the tree exists in the form that camera rays traverse."""
-    if tree.chosen is not None:
+    if isinstance(tree.chosen, AutoTracer):
         return not tree.chosen.forms.missing(STRATEGIES["multifrusta"])
     return isinstance(tree.prepared, BlockTree)
 

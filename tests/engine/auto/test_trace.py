@@ -11,7 +11,6 @@ from antumbra.engine.auto.strategies import STRATEGIES
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.plan import parse_plan
 from antumbra.picture.renderer import Renderer
-from antumbra.techniques.culling.pre_bvh_culling import soup_of
 from antumbra.trace.counters import as_dict, new_counters
 from asking import answer, query_of, true_occlusion, unpack
 
@@ -162,50 +161,3 @@ def test_a_frame_names_the_builder_of_its_better_tree(scene, monkeypatch):
     renderer = at.Renderer(scene)
     plans = [renderer.render(scene.cameras[0].resized(20, 16), LAMP, spp=4).plan for _ in range(2)]
     assert all(parse_plan(plan).build in (GOOD, GUIDED) for plan in plans)
-
-
-def frame_query(scene, light, spp):
-    """An image with enough rows for bands, with the soup of the scene and a tree."""
-    triangles, query = query_of(scene, scene.cameras[0].resized(96, 160), light, spp)
-    return triangles, query, soup_of(triangles), BUILDERS["lbvh"].build(triangles.vertices, 2)
-
-
-@pytest.mark.parametrize("slower", ["cones", "packet16"])
-@pytest.mark.parametrize(("light", "spp"), [(LIGHTS[1], 1), (LAMP, 4), (LIGHTS[3], 3)])
-def test_bands_by_two_strategies_have_the_bits_of_one(scene, monkeypatch, slower, light, spp):
-    triangles, query, soup, bvh = frame_query(scene, light, spp)
-    named = answer("bsah+single", triangles, query)
-    clock = [0.0]
-
-    def slowed(name, work):
-        def trace_slowly(*arguments):
-            clock[0] += 1.0 if name == slower else 1e-3
-            return work(*arguments)
-
-        return trace_slowly
-
-    _forced(monkeypatch, "packet16")
-    packets = STRATEGIES["packet16"]._replace(trace=slowed("packet16", STRATEGIES["packet16"].trace))
-    monkeypatch.setitem(choose.STRATEGIES, "packet16", packets)
-    monkeypatch.setattr(choose, "trace_by_cones", slowed("cones", choose.trace_by_cones))
-    monkeypatch.setattr(choose, "process_time", lambda: clock[0])
-    monkeypatch.setattr(choose, "_MIN_CONE_SECONDS", 0.0)
-    auto = trace.AutoTracer(bvh, 2, soup=soup)
-    bits = choose.new_bits(query)
-    trace.trace_shadow(auto, query, bits, 2)
-    np.testing.assert_array_equal(unpack(bits, spp), named)
-    (choice,) = auto.choices
-    assert set(choice.tried) == {"cones", "packet16"} and choice.strategy == ({"cones", "packet16"} - {slower}).pop()
-    auto.begin()
-    again = choose.new_bits(query)
-    trace.trace_shadow(auto, query, again, 2)
-    np.testing.assert_array_equal(again, bits)
-
-
-@pytest.mark.parametrize(("light", "spp"), [(LIGHTS[4], 1), (LIGHTS[5], 1), (LAMP, 16)])
-def test_cones_are_not_tried_for_many_apexes_or_samples(scene, monkeypatch, light, spp):
-    monkeypatch.setattr(choose, "_MIN_CONE_SECONDS", 0.0)
-    _, query, soup, bvh = frame_query(scene, light, spp)
-    auto = trace.AutoTracer(bvh, 2, soup=soup)
-    trace.trace_shadow(auto, query, choose.new_bits(query), 2)
-    assert "cones" not in auto.choices[0].tried

@@ -7,7 +7,6 @@ reuse the fastest strategy.
 
 from collections.abc import Callable
 from math import ceil, log2
-from operator import itemgetter
 from time import process_time
 from typing import Any, NamedTuple
 
@@ -19,8 +18,7 @@ from ...bvh.nodes import Bvh, boxes_of
 from ...bvh.wide_bvh import widen
 from ...kernels.marshalling import Packed, packed
 from ...kernels.parallel import thread_count
-from ...query.shadow_query import ShadowQuery, new_bits, ray_count, with_receivers
-from ...scene.lights import DIRECTIONAL, FIXED
+from ...query.shadow_query import ShadowQuery, new_bits, ray_count
 from ...techniques.culling.pre_bvh_culling import Soup
 from ...techniques.rayhierarchy.ray_hierarchy import trace_shadow as trace_by_cones
 from ...techniques.tracer_options import FASTEST_RAY_HIERARCHY
@@ -157,7 +155,8 @@ def answer_query(
 _TRIALS = 0.04  # maximum cost of trying strategies, relative to the predicted cost of the query
 _CONVERSION = 0.1  # maximum cost of a tree conversion for a try, relative to the least predicted cost
 _MAX_TRIED = 4  # strategies
-_MIN_SAMPLE_SECONDS = 4e-4  # a call alone costs a tenth of this
+_MIN_SAMPLE_SECONDS = 8e-4  # a call alone costs a tenth of this
+_SAMPLE_RAYS = 1 << 14  # of `sampled_rate`
 _MAX_SAMPLE_SHARE = 0.1  # maximum share of the receivers in the sample
 _MIN_WINDOWS = 4  # of the sample
 _WINDOW = 256  # receivers per window
@@ -325,7 +324,8 @@ def try_strategies(
 
 def sampled_rate(strategy: str, forms: TreeForms, query: ShadowQuery, threads: int) -> float:
     """Nanoseconds per ray of a strategy, measured on a few windows of the query."""
-    return _rate_of(strategy, forms, sample_of(query, _MIN_WINDOWS), threads)
+    windows = max(_MIN_WINDOWS, _SAMPLE_RAYS // (_WINDOW * min(query.samples.shape[1], STRATA)))
+    return _rate_of(strategy, forms, sample_of(query, windows), threads)
 
 
 _loaded: set[str] = set()  # strategies whose kernels this process has loaded
@@ -353,7 +353,16 @@ def _rate_of(strategy: str, forms: TreeForms, query: ShadowQuery, threads: int) 
 
 _FEW_RAYS = 256  # rays that take less time than a choice
 _FEW_RAYS_KEY: Key = ("few",)  # different from every `feature_key`
-_DOUBT = 16.0  # predictions from counts alone, fitted to another machine, may be wrong by this factor
+_CONES_KEY: Key = ("cones",)
+_DOUBT = 4.0  # predictions from counts alone may be wrong by this factor
+
+
+class KnownQueries(NamedTuple):
+    """What is known of the queries of a tree before they are traced."""
+
+    extent: SceneExtent | None  # of the scene, if culling has left only a part of its triangles in the tree
+    features: dict[int, QueryFeatures]  # id of a query -> its features
+    guided: bool  # whether a better tree may be a GUIDED one
 
 
 class AutoTracer:
@@ -368,12 +377,8 @@ class AutoTracer:
     better : function, optional
         Builds a better tree of the same triangles, and returns it with the name of its builder; None: the tree is never
         replaced.
-    extent : SceneExtent, optional
-        Of the scene, if culling has left only a part of its triangles in the tree.
-    guided : bool
-        Whether a better tree may be a GUIDED one.
-    soup : Soup, optional
-        The triangles of the tree, if cones may trace them, too.
+    known : KnownQueries, optional
+        What is known of the queries before they are traced.
     """
 
     def __init__(
@@ -383,12 +388,15 @@ class AutoTracer:
         memory: StrategyMemory | None = None,
         builder: str | None = None,
         better: Callable[[], tuple[Bvh, str]] | None = None,
-        extent: SceneExtent | None = None,
-        guided: bool = False,
-        soup: Soup | None = None,
+        known: KnownQueries | None = None,
     ) -> None:
-        self.forms, self.memory = TreeForms(bvh, thread_count(threads), extent), memory or StrategyMemory()
-        self.builder, self._better, self._guided, self.soup = builder, better, guided, soup
+        self._known = known or KnownQueries(None, {}, False)
+        self.forms, self.memory = TreeForms(bvh, thread_count(threads), self._known.extent), memory or StrategyMemory()
+        self.builder, self._better = builder, better
+
+    def features(self, query: ShadowQuery) -> QueryFeatures:
+        """The features of a query."""
+        return self._known.features.get(id(query)) or features_of(query, *self.forms.extent)
 
     def begin(self) -> None:
         """Begin a frame, or a query of points."""
@@ -412,7 +420,7 @@ class AutoTracer:
         """Whether a query that takes `seconds` in this tree pays for a better one, although this one is there."""
         n = self.forms.triangles
         lost = lost_in_quick(strategy, seconds) - build_seconds(QUICK, n) - form_seconds(strategy, n)
-        return choose_builder(n, lost, self._guided) != QUICK
+        return choose_builder(n, lost, self._known.guided) != QUICK
 
     @property
     def choices(self) -> list[StrategyChoice]:
@@ -420,8 +428,39 @@ class AutoTracer:
         return self.memory.choices
 
 
+class ConeTracer:
+    """Triangles without a tree, whose queries cones answer [Olsson and Assarsson 2011].
+
+    soup : Soup
+    memory : StrategyMemory
+    """
+
+    builder = None
+
+    def __init__(self, soup: Soup, memory: StrategyMemory):
+        self.soup, self.memory = soup, memory
+
+    def begin(self) -> None:
+        """Begin a frame."""
+        self.memory.begin()
+
+    @property
+    def choices(self) -> list[StrategyChoice]:
+        """The choices of this frame, one per query."""
+        return self.memory.choices
+
+    def trace(
+        self, query: ShadowQuery, bits: Bits, threads: int, counters: Counters | None, progress: Progress | None
+    ) -> None:
+        """Answer a ShadowQuery, as `trace_shadow` does."""
+        start = process_time()
+        trace_by_cones(self.soup, query, bits, threads, counters, progress, FASTEST_RAY_HIERARCHY)
+        choice = StrategyChoice("cones", ray_count(query), "prediction", 0.0, {}, seconds=process_time() - start)
+        self.memory.learn(_CONES_KEY, choice, None)
+
+
 def trace_shadow(
-    auto: AutoTracer,
+    auto: AutoTracer | ConeTracer,
     query: ShadowQuery,
     bits: Bits,
     threads: int | None = None,
@@ -433,7 +472,11 @@ def trace_shadow(
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
-    threads, forms, memory = thread_count(threads), auto.forms, auto.memory
+    threads = thread_count(threads)
+    if isinstance(auto, ConeTracer):
+        auto.trace(query, bits, threads, counters, progress)
+        return
+    forms, memory = auto.forms, auto.memory
     rays = query.sides.size * query.samples.shape[1]
     if rays <= _FEW_RAYS:
         start = process_time()
@@ -442,7 +485,7 @@ def trace_shadow(
         choice = StrategyChoice("single", rays, "few rays", 0.0, {}, seconds=process_time() - start)
         memory.learn(_FEW_RAYS_KEY, choice, auto.builder)
         return
-    features = features_of(query, *forms.extent)
+    features = auto.features(query)
     key, places = feature_key(features), None
     suited = suitable_strategies(query, forms.extent.box)
     if sorting_pays(query, forms, features, suited, threads):
@@ -453,69 +496,8 @@ def trace_shadow(
     auto.improve(query, choice, threads)
     form, start = auto.forms.of(STRATEGIES[choice.strategy]), process_time()
     out = bits if places is None else np.zeros_like(bits)
-    if auto.soup is not None and cones_may_win(query, choice, memory.rates(key)):
-        choice = trace_beside_cones(auto.soup, form, query, out, choice, threads, progress)
-    else:
-        STRATEGIES[choice.strategy].trace(form, query, out, threads, counters, progress)
+    STRATEGIES[choice.strategy].trace(form, query, out, threads, counters, progress)
     if places is not None:
         bits[:, places] = out
     seconds = process_time() - start
     memory.learn(key, choice._replace(sorted=places is not None, seconds=seconds), auto.builder)
-
-
-# --- cones ------------------------------------------------------------------------------------------------------------
-#
-# The hierarchy over rays of `techniques.rayhierarchy` needs no tree, and its time is hard to predict. Two bands of an
-# image are therefore traced first, one by the chosen strategy and one by cones, and then the rest by the faster one.
-# Every answer counts, so a band that cones trace slower costs only the difference.
-
-CONES = "cones"
-_MAX_CONE_SAMPLES = 4
-_MIN_CONE_SECONDS = 2e-3  # of the query
-_BAND_SHARE = 16  # a band has about 1 / 16 of the rows
-_BAND_ROWS = 16  # a multiple of the rows of all tiles, and of the period of the sample sets
-_MAX_CONE_RATE = 1.4  # cones slower than this multiple of the chosen strategy in earlier queries are not tried again
-
-
-def cones_may_win(query: ShadowQuery, choice: StrategyChoice, known: dict[str, float]) -> bool:
-    """Whether cones are worth a band: an image, one apex, few samples, and no earlier query in which they were slow."""
-    kinds, (height, _) = (FIXED, DIRECTIONAL), query.sides.shape
-    fits = query.light.kind in kinds and query.samples.shape[1] <= _MAX_CONE_SAMPLES and height >= 8 * _BAND_ROWS
-    slow = known.get(CONES, 0.0) > _MAX_CONE_RATE * known.get(choice.strategy, np.inf)
-    return fits and not slow and choice.predicted > _MIN_CONE_SECONDS
-
-
-def trace_beside_cones(
-    soup: Soup,
-    form: Any,
-    query: ShadowQuery,
-    bits: Bits,
-    choice: StrategyChoice,
-    threads: int,
-    progress: Progress | None,
-) -> StrategyChoice:
-    """Answer a query by the chosen strategy or by cones, whichever is faster in a band of the image.
-
-    Returns the choice with the rates of both.
-    """
-    strategy, height = STRATEGIES[choice.strategy], query.sides.shape[0]
-
-    def seconds(rows: slice, by_cones: bool) -> float:
-        part, start = with_receivers(query, itemgetter(rows)), process_time()
-        if by_cones:
-            trace_by_cones(soup, part, bits[rows], threads, None, progress, FASTEST_RAY_HIERARCHY)
-        else:
-            strategy.trace(form, part, bits[rows], threads, None, progress)
-        return (process_time() - start) / max(ray_count(part), 1)
-
-    rows = max(height // _BAND_SHARE // _BAND_ROWS, 1) * _BAND_ROWS
-    middle = height // 2 // _BAND_ROWS * _BAND_ROWS
-    rates = {
-        choice.strategy: 1e9 * seconds(slice(middle - rows, middle), False),
-        CONES: 1e9 * seconds(slice(middle, middle + rows), True),
-    }
-    by_cones = rates[CONES] < rates[choice.strategy]
-    for rest in slice(0, middle - rows), slice(middle + rows, height):
-        seconds(rest, by_cones)
-    chosen = choice._replace(tried={**choice.tried, **rates})
-    return chosen._replace(strategy=CONES, reason="sample") if by_cones else chosen
