@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.false_colours import LINES, ColouredMesh, coloured_glb
+from antumbra.formats.gltf.gltf_writer import LINES
+from antumbra.jobs.false_colours import ColouredMesh, coloured_glb
 from antumbra.jobs.result_table import Column, Table
 from antumbra.picture.heat_maps import heat_colours
 from antumbra.scene.materials import srgb_to_linear

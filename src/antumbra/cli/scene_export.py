@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files import atomic_output, checked_output
-from ..formats.gltf.gltf_file import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_INT, buffer_views, glb_bytes
+from ..formats.gltf.gltf_writer import GltfWriter
 from ..picture.image_files import linear_to_srgb
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".glb", ".obj", ".ply")
 
-_PRIMITIVE = {"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2, "material": 0}
 _LIGHTS = "KHR_lights_punctual"
 
 
@@ -64,26 +63,17 @@ def write_scene(scene: "ProceduralScene", name: str, path: str | PathLike[str]) 
 
 def _glb(scene: "ProceduralScene", name: str) -> bytes:
     """A binary glTF 2.0 file."""
-    vertices, _, indices = blocks = _coloured_vertices(scene)
-    floats = {"componentType": FLOAT, "type": "VEC3", "count": len(vertices)}
-    root = {
-        "asset": {"version": "2.0", "generator": "antumbra"},
-        "scene": 0,
-        "scenes": [{"nodes": [0, 1, 2]}],
-        "nodes": [{"name": name, "mesh": 0}, _camera_node(scene.camera), _light_node(scene.light)],
-        "meshes": [{"name": name, "primitives": [_PRIMITIVE]}],
-        "materials": [{"pbrMetallicRoughness": {"metallicFactor": 0.0}, "doubleSided": True}],
-        "accessors": [
-            {"bufferView": 0, **floats, "min": vertices.min(0).tolist(), "max": vertices.max(0).tolist()},
-            {"bufferView": 1, **floats},
-            {"bufferView": 2, "componentType": UNSIGNED_INT, "type": "SCALAR", "count": indices.size},
-        ],
-        **buffer_views(blocks, [ARRAY_BUFFER, ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER]),
-        "cameras": [_lens(scene.camera)],
-        "extensionsUsed": [_LIGHTS],
-        "extensions": {_LIGHTS: {"lights": [_point_light(scene.light)]}},
-    }
-    return glb_bytes(root, blocks)
+    writer = GltfWriter()
+    material = writer.add("materials", {"pbrMetallicRoughness": {"metallicFactor": 0.0}, "doubleSided": True})
+    vertices, colours, indices = _coloured_vertices(scene)
+    primitive = writer.primitive(vertices, indices, colours, material=material)
+    writer.add_root({"name": name, "mesh": writer.add("meshes", {"name": name, "primitives": [primitive]})})
+    writer.add("cameras", _lens(scene.camera))
+    writer.add_root(_camera_node(scene.camera))
+    writer.uses(_LIGHTS)
+    writer.json["extensions"] = {_LIGHTS: {"lights": [_point_light(scene.light)]}}
+    writer.add_root(_light_node(scene.light))
+    return writer.glb()
 
 
 def _coloured_vertices(

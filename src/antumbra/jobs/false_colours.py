@@ -6,15 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.scene import AnyScene
-from ..formats.gltf.gltf_file import (
-    ARRAY_BUFFER,
-    ELEMENT_ARRAY_BUFFER,
-    FLOAT,
-    UNSIGNED_INT,
-    buffer_views,
-    glb_bytes,
-    up_axis_transform,
-)
+from ..formats.gltf.gltf_writer import TRIANGLES, GltfWriter, Json, up_axis_transform
 from ..picture.heat_maps import Panel, Scale, linear_scale, linear_ticks, panel_sheet
 from ..picture.renderer import render
 from ..scene.camera import Camera, ExplicitRays, axes, fitted_camera
@@ -168,8 +160,6 @@ def _values_at(
 # --- False-colour models ----------------------------------------------------------------------------------------------
 
 
-LINES, TRIANGLES = 1, 4  # primitive modes of glTF
-_UNLIT = "KHR_materials_unlit"
 _GREY = 0.35  # linear: surfaces without a value
 _LIFT = 0.02  # offset of a sensor's square from its surface, in widths of the square
 
@@ -227,33 +217,13 @@ def _squares(sensors: Sensors, colours: np.ndarray, scene: AnyScene) -> Coloured
     return ColouredMesh("sensors", vertices.reshape(-1, 3), colours.repeat(4, 0), faces.reshape(-1, 3))
 
 
-def coloured_glb(parts: list[ColouredMesh], up: str, extras: dict[str, Any]) -> bytes:
+def coloured_glb(parts: list[ColouredMesh], up: str, extras: Json) -> bytes:
     """A binary glTF 2.0 file of unlit coloured meshes, one node each."""
-    blocks, accessors, meshes = list[np.ndarray](), list[dict[str, Any]](), list[dict[str, Any]]()
+    writer = GltfWriter()
+    writer.json["asset"]["extras"] = extras
+    material = writer.add("materials", writer.make_unlit({"doubleSided": True}))
     for part in parts:
-        vertices, colours = (np.ascontiguousarray(a, "<f4") for a in (part.vertices, part.colours))
-        first, floats = len(accessors), {"componentType": FLOAT, "type": "VEC3", "count": len(vertices)}
-        box = {"min": vertices.min(0).tolist(), "max": vertices.max(0).tolist()}
-        accessors += [{"bufferView": first, **floats, **box}, {"bufferView": first + 1, **floats}]
-        kind = {"componentType": UNSIGNED_INT, "type": "SCALAR", "count": part.faces.size}
-        accessors.append({"bufferView": first + 2, **kind})
-        blocks += [vertices, colours, np.ascontiguousarray(part.faces, "<u4")]
-        use = {
-            "attributes": {"POSITION": first, "COLOR_0": first + 1},
-            "indices": first + 2,
-            "material": 0,
-            "mode": part.mode,
-        }
-        meshes.append({"name": part.name, "primitives": [use]})
-    root = {
-        "asset": {"version": "2.0", "generator": "antumbra", "extras": extras},
-        "scene": 0,
-        "scenes": [{"nodes": list(range(len(parts)))}],
-        "nodes": [{"name": part.name, "mesh": k, **up_axis_transform(up)} for k, part in enumerate(parts)],
-        "meshes": meshes,
-        "materials": [{"doubleSided": True, "extensions": {_UNLIT: {}}}],
-        "accessors": accessors,
-        **buffer_views(blocks, [ARRAY_BUFFER, ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER] * len(parts)),
-        "extensionsUsed": [_UNLIT],
-    }
-    return glb_bytes(root, blocks)
+        primitive = writer.primitive(part.vertices, part.faces, part.colours, material=material, mode=part.mode)
+        mesh = writer.add("meshes", {"name": part.name, "primitives": [primitive]})
+        writer.add_root({"name": part.name, "mesh": mesh, **up_axis_transform(up)})
+    return writer.glb()

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..formats.gltf.gltf_file import ARRAY_BUFFER, FLOAT, buffer_views, glb_bytes
+from ..formats.gltf.gltf_writer import GltfWriter
 from ..jobs.bake.surface_meter import Meter, MeterSettings, SurfacePoints
 from ..picture.image_files import roll_off
 from ..picture.shading import SIDEWAYS
@@ -29,23 +29,12 @@ def glb_of(corners: NDArray[np.floating[Any]], colours: NDArray[np.float32]) -> 
     corners : (n, 3, 3), at least one; stored as float32
     colours : (2, n, 3) float32, linear, in [0, 1]: of the front and of the back
     """
-    both = np.concatenate([corners, corners[:, ::-1]]).reshape(-1, 3).astype(np.float32)
-    rgb = np.repeat(before_aces(colours).reshape(-1, 3), 3, axis=0).astype(np.float32)
-    root = {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "extensionsUsed": ["KHR_materials_unlit"],
-        "materials": [{"extensions": {"KHR_materials_unlit": {}}}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "material": 0}]}],
-        "accessors": [
-            {**_accessor(0, both), "min": both.min(0).tolist(), "max": both.max(0).tolist()},
-            _accessor(1, rgb),
-        ],
-        **buffer_views([both, rgb], [ARRAY_BUFFER, ARRAY_BUFFER]),
-    }
-    return glb_bytes(root, [both, rgb])
+    both = np.concatenate([corners, corners[:, ::-1]]).reshape(-1, 3)
+    rgb = np.repeat(before_aces(colours).reshape(-1, 3), 3, axis=0)
+    writer = GltfWriter()
+    primitive = writer.primitive(both, colours=rgb, material=writer.add("materials", writer.make_unlit({})))
+    writer.add_root({"mesh": writer.add("meshes", {"primitives": [primitive]})})
+    return writer.glb()
 
 
 def before_aces(colours: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
@@ -56,10 +45,6 @@ def before_aces(colours: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     a, b, c = 1.0 - r * y, p - s * y, -q - t * y
     x = (-b + np.sqrt(b * b - 4.0 * a * c)) / (2.0 * a)
     return np.maximum(x @ np.linalg.inv(_INTO).T, 0.0) * _DARKER
-
-
-def _accessor(view: int, array: NDArray[np.float32]) -> dict[str, Any]:
-    return {"bufferView": view, "componentType": FLOAT, "count": len(array), "type": "VEC3"}
 
 
 # --- Simplified mesh with baked light ---------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.bake.gltf_asset import open_asset
+from antumbra.formats.gltf.gltf_asset import open_asset
 from baked_files import Glb, box, grid, primitive, scene_file
 from gltf_files import Gltf, png
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.bake.gltf_asset import prune, used_in
+from antumbra.formats.gltf.gltf_asset import prune, used_in
 from baked_files import KIND, WIDTH, Glb, box, grid, primitive
 from formats.test_draco import EXTENSION, textured
 from gltf_files import Gltf, everything, png

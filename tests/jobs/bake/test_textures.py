@@ -8,9 +8,9 @@ import pytest
 import trimesh
 
 import antumbra as at
+from antumbra.formats.gltf.gltf_asset import open_asset
 from antumbra.jobs.bake import baked_values as textures
 from antumbra.jobs.bake import texture_atlas as charts
-from antumbra.jobs.bake.gltf_asset import open_asset
 from antumbra.jobs.bake.gltf_primitives import NodePrimitive, accessors_of, read_primitives
 from antumbra.jobs.bake.surface_meter import Meter, MeterSettings
 from antumbra.jobs.bake.texture_atlas import cover

@@ -1,12 +1,10 @@
-"""glTF and GLB files: containers, buffers and data URIs, with sizes checked before reading; GLB output."""
+"""glTF and GLB files: containers, buffers and data URIs, with sizes checked before reading."""
 
 import base64
 import binascii
-import json
 import struct
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from urllib.parse import unquote_to_bytes
 
 import numpy as np
@@ -14,9 +12,6 @@ import numpy as np
 from ...errors import InputError
 from ...files import checked_file, sibling
 from ..json_fields import Fields, parse
-
-# --- Reading ----------------------------------------------------------------------------------------------------------
-
 
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
 COMPRESSIONS = {
@@ -147,45 +142,3 @@ def _check_extensions(root: Fields) -> None:
             raise InputError(
                 f"{root.where} extensionsRequired has {name[:60]!r}, which is unsupported; export without it"
             )
-
-
-# --- GLB output: a JSON chunk and a binary chunk ----------------------------------------------------------------------
-
-
-FLOAT, UNSIGNED_INT = 5126, 5125
-"""`componentType` of float32 and uint32."""
-
-ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
-"""`target` of buffer views with vertices and with indices."""
-
-
-_UPRIGHT = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]  # column-major
-
-
-def up_axis_transform(up: str) -> dict[str, Any]:
-    """The node transform that rotates the up axis of a scene, "y" or "z", to glTF's +Y.
-
-    A matrix, not a quaternion, whose square roots of 1/2 would cause rounding errors in the coordinates.
-    """
-    return {"matrix": _UPRIGHT} if up == "z" else {}
-
-
-def buffer_views(blocks: Sequence[np.ndarray], targets: Sequence[int]) -> dict[str, Any]:
-    """The keys `bufferViews` and `buffers` of a file with concatenated arrays."""
-    starts = np.cumsum([0, *(block.nbytes for block in blocks)]).tolist()
-    views = [
-        {"buffer": 0, "byteOffset": a, "byteLength": z - a, "target": t} for a, z, t in zip(starts, starts[1:], targets)
-    ]
-    return {"bufferViews": views, "buffers": [{"byteLength": starts[-1]}]}
-
-
-def glb_bytes(root: dict[str, Any], blocks: Sequence[np.ndarray]) -> bytes:
-    """A GLB file as bytes, from its JSON and from arrays whose sizes are multiples of four bytes."""
-    return assemble_glb(json.dumps(root, allow_nan=False).encode(), b"".join(block.tobytes() for block in blocks))
-
-
-def assemble_glb(text: bytes, binary: bytes) -> bytes:
-    """A GLB file as bytes, from its encoded JSON and its binary data."""
-    chunks = [(b"JSON", text + b" " * (-len(text) % 4)), (b"BIN\0", binary + bytes(-len(binary) % 4))]
-    body = b"".join(struct.pack("<I4s", len(data), kind) + data for kind, data in chunks)
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body

@@ -6,7 +6,6 @@
 - `baked_values`: values at vertices and texels, receivers inside solids, and texture images
 - `texture_atlas`: UV sets or a new atlas, and conservative texel coverage
 - `gltf_primitives`: primitives at their nodes, and edits of attributes and materials
-- `gltf_asset`: an editable glTF file, pruned when written
 """
 
 from .bake_job import Baked, bake

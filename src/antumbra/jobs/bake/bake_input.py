@@ -21,7 +21,9 @@ from ...errors import InputError
 from ...extras import import_extra
 from ...files import checked_output, temporary_folder
 from ...formats.gltf.accessors import Accessors
-from ...formats.gltf.gltf_file import open_gltf, up_axis_transform
+from ...formats.gltf.gltf_asset import Asset, open_asset
+from ...formats.gltf.gltf_file import open_gltf
+from ...formats.gltf.gltf_writer import Json, up_axis_transform
 from ...kernels.parallel import thread_count
 from ...picture.image_files import automatic_exposure, checked_exposure
 from ...query.light_samples import sample_sets
@@ -30,7 +32,6 @@ from ...scene.default_picture import sun
 from ...scene.light_lists import without_interleave
 from ...scene.lights import AmbientOcclusion, DirectionalLight, Light, check_lights
 from ...scene.mesh import Piece
-from .gltf_asset import Asset, Json, open_asset
 from .gltf_primitives import NodePrimitive, read_primitives
 from .surface_meter import QUANTITIES, MeterSettings
 
@@ -213,12 +214,12 @@ def _in_scene_frame(part: NodePrimitive, frame: np.ndarray) -> NodePrimitive:
 
 def scene_to_asset(scene: Scene, time: float) -> Asset:
     """A scene in memory as glTF: its triangles at a time, with base colours. A scene with +Z up is rotated."""
-    asset = Asset({"asset": {"version": "2.0", "generator": "antumbra"}, "scene": 0, "buffers": [{}]}, bytearray())
+    asset = Asset()
     root: Json = {"name": scene.name, "translation": scene.origin.tolist(), "children": []}
-    nodes = [asset.add("nodes", root)]
     if scene.up == "z":
-        nodes = [asset.add("nodes", {"name": "upright", "children": nodes, **up_axis_transform(scene.up)})]
-    asset.json["scenes"] = [{"nodes": nodes}]
+        asset.add_root({"name": "upright", "children": [asset.add("nodes", root)], **up_axis_transform(scene.up)})
+    else:
+        asset.add_root(root)
     materials: dict[bytes, int] = {}
     for piece in scene.source.pieces(scene.clamped(time)):
         vertices = (
@@ -244,27 +245,22 @@ def _primitives(
     of_face = of_face.reshape(-1)
     if len(kinds) > _MOST_MATERIALS:  # vertex colours instead; a vertex with several colours is duplicated
         keys, corners = np.unique(faces.astype(np.int64) * len(kinds) + of_face[:, None], return_inverse=True)
-        position = asset.accessor(vertices[keys // len(kinds)], bounds=True)
-        colour = asset.accessor(kinds[keys % len(kinds)].astype(np.float32))
-        attributes = {"POSITION": position, "COLOR_0": colour}
-        return [_primitive(asset, attributes, corners.reshape(-1, 3), np.ones(3, np.float32), materials)]
+        colours, white = kinds[keys % len(kinds)], _material(asset, np.ones(3), materials)
+        return [asset.primitive(vertices[keys // len(kinds)], corners, colours, material=white)]
     primitives = []
     for k, colour in enumerate(kinds):
         used, corners = np.unique(faces[of_face == k], return_inverse=True)
-        attributes = {"POSITION": asset.accessor(vertices[used], bounds=True)}
-        primitives.append(_primitive(asset, attributes, corners.reshape(-1, 3), colour, materials))
+        primitives.append(asset.primitive(vertices[used], corners, material=_material(asset, colour, materials)))
     return primitives
 
 
-def _primitive(
-    asset: Asset, attributes: Json, faces: np.ndarray, colour: np.ndarray, materials: dict[bytes, int]
-) -> Json:
+def _material(asset: Asset, colour: np.ndarray, materials: dict[bytes, int]) -> int:
+    """The index of the material of a colour, which is added if `materials` lacks it."""
     key = np.asarray(colour, np.float32).tobytes()
     if key not in materials:
         model = {"baseColorFactor": [*map(float, colour), 1.0], "metallicFactor": 0.0}
         materials[key] = asset.add("materials", {"pbrMetallicRoughness": model, "doubleSided": True})
-    indices = asset.accessor(faces.reshape(-1).astype("<u4"), indices=True)
-    return {"attributes": attributes, "indices": indices, "material": materials[key]}
+    return materials[key]
 
 
 def _has_instancing(asset: Asset) -> bool:

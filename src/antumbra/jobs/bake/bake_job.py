@@ -23,7 +23,9 @@ from ...engine.plan import Plan
 from ...engine.scene_loading import SceneLike
 from ...files import atomic_output
 from ...formats.gltf.accessors import Accessors
+from ...formats.gltf.gltf_asset import Asset
 from ...formats.gltf.gltf_file import data_uri_bytes, is_data_uri
+from ...formats.gltf.gltf_writer import Json
 from ...picture.image_files import linear_to_srgb, write_exr
 from ...progress import Progress, with_progress
 from ...scene.lights import Light
@@ -41,14 +43,12 @@ from .bake_input import (
     open_source,
 )
 from .baked_values import Solids, Texels, image_of, replace_hidden, sample_bilinear, seam_differences, vertex_receivers
-from .gltf_asset import Asset, Json
 from .gltf_primitives import (
     NodePrimitive,
     Remapper,
     accessors_of,
     all_rows,
     change_materials,
-    make_unlit,
     to_local,
     unshared_primitives,
     write_colours,
@@ -308,7 +308,7 @@ def _set_texture(asset: Asset, texture: int, options: BakeOptions, material: Jso
         material.setdefault("extras", {})["bentNormalTexture"] = texture_info
     else:
         material.setdefault("pbrMetallicRoughness", {})["baseColorTexture"] = texture_info
-        make_unlit(asset, material)
+        asset.make_unlit(material)
 
 
 def _local_texels(sheet: Sheet, values: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -354,7 +354,7 @@ def bake_vertices(
             rows = all_rows(part, part_values)
             primitive["attributes"][options.attribute] = asset.accessor(rows[:, 0] if rows.shape[1] == 1 else rows)
     if options.attribute == "COLOR_0" and options.settings.what in ("shadow", "sun", "light"):
-        change_materials(asset, primitives, [None] * len(primitives), lambda material, _: make_unlit(asset, material))
+        change_materials(asset, primitives, [None] * len(primitives), lambda material, _: asset.make_unlit(material))
     with atomic_output(output) as file:
         file.write_bytes(asset.glb())
     executor.end([measurement.parts])

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from ...engine.scene import Scene
 from ...formats.gltf.accessors import Accessors
+from ...formats.gltf.gltf_asset import Asset
 from ...formats.gltf.gltf_file import GltfDocument
+from ...formats.gltf.gltf_writer import Json
 from ...formats.json_fields import Fields
-from .gltf_asset import Asset, Json
 
 # --- Primitives at nodes ----------------------------------------------------------------------------------------------
 
@@ -144,9 +145,6 @@ def to_local(directions: NDArray[np.floating], part: NodePrimitive) -> NDArray[n
 # --- Edits ------------------------------------------------------------------------------------------------------------
 
 
-UNLIT = "KHR_materials_unlit"
-
-
 def unshared_primitives(asset: Asset, parts: Sequence[NodePrimitive]) -> list[Json]:
     """The JSON of each part's primitive, in a mesh that no other node uses.
 
@@ -169,7 +167,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 def change_materials(
-    asset: Asset, primitives: Sequence[Json], keys: Sequence[Key], change: Callable[[Json, Key], None]
+    asset: Asset, primitives: Sequence[Json], keys: Sequence[Key], change: Callable[[Json, Key], object]
 ) -> None:
     """Call ``change(material, key)`` for the material of each primitive.
 
@@ -192,12 +190,6 @@ def change_materials(
         primitive["material"] = changed[index, key]
     for (_, key), material_index in changed.items():
         change(asset.json["materials"][material_index], key)
-
-
-def make_unlit(asset: Asset, material: Json) -> None:
-    """Make a material unlit, so that viewers do not light its base colour again."""
-    material.setdefault("extensions", {})[UNLIT] = {}
-    asset.uses(UNLIT)
 
 
 def all_rows(part: NodePrimitive, values: NDArray[np.floating]) -> NDArray[np.float32]:

@@ -11,13 +11,14 @@ from ...engine.accelerator import Accelerated
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
+from ...formats.gltf.gltf_writer import LINES
 from ...kernels.parallel import thread_count
 from ...progress import Progress, with_progress
 from ...query.receivers import Receivers
 from ...trace.alpha_test import all_cutout_hits
 from ...trace.rays.ray_hits import intersections
 from ..executors import LocalExecutor
-from ..false_colours import LINES, ColouredMesh, coloured_glb
+from ..false_colours import ColouredMesh, coloured_glb
 from ..result_table import Column, Table
 from ..sensor_files import SUFFIXES, check_point_file, read_array, read_columns
 from ..sensors import Sensors, corners_of, point_sensors

@@ -1,6 +1,6 @@
 """An editable glTF file: its JSON, and one binary chunk to which data are appended; pruned when written.
 
-The contents of the file are preserved byte for byte. Only JSON objects that a bake affects change, and whatever the
+The contents of the file are preserved byte for byte. Only JSON objects that an edit affects change, and whatever the
 edit leaves unused is removed with its bytes. Objects that the original file did not use stay, since an unknown
 extension may use them; a file with unknown extensions that contain numbers is not pruned, since these may be indices.
 """
@@ -9,31 +9,19 @@ import copy
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
 from ...files import sibling
-from ...formats.gltf.accessors import COMPONENTS, WIDTHS, Accessors, decompress
-from ...formats.gltf.accessors import DRACO_EXTENSION as DRACO
-from ...formats.gltf.gltf_file import (
-    ARRAY_BUFFER,
-    CURE,
-    ELEMENT_ARRAY_BUFFER,
-    HARMLESS,
-    SUPPORTED,
-    GltfDocument,
-    assemble_glb,
-    is_data_uri,
-    open_gltf,
-)
+from .accessors import COMPONENTS, WIDTHS, Accessors, decompress
+from .accessors import DRACO_EXTENSION as DRACO
+from .gltf_file import CURE, HARMLESS, SUPPORTED, GltfDocument, is_data_uri, open_gltf
+from .gltf_writer import GltfWriter, Json, glb_bytes
 
 # --- Pruning: accessors, textures, images, samplers, and their bytes --------------------------------------------------
 
-
-Json: TypeAlias = dict[str, Any]
-"""An object of glTF JSON."""
 
 LISTS = "textures", "images", "samplers", "accessors", "bufferViews"  # each after the lists that refer to it
 _KNOWN = (*SUPPORTED, *HARMLESS, "KHR_node_visibility", "KHR_animation_pointer")
@@ -79,7 +67,7 @@ def _places(root: Json) -> Iterator[tuple[str, Any, Any]]:
             for attributes in (primitive["attributes"], *primitive.get("targets", [])):
                 yield from (("accessors", attributes, name) for name in attributes)
             yield "accessors", primitive, "indices"
-            yield "bufferViews", _extension(primitive, "KHR_draco_mesh_compression"), "bufferView"
+            yield "bufferViews", _extension(primitive, DRACO), "bufferView"
     for node in root.get("nodes", []):
         attributes = _extension(node, "EXT_mesh_gpu_instancing").get("attributes", {})
         yield from (("accessors", attributes, name) for name in attributes)
@@ -204,92 +192,22 @@ def _without(root: Json, binary: bytes, before: list[tuple[int, int]]) -> tuple[
 # --- Editing ----------------------------------------------------------------------------------------------------------
 
 
-_CODES = {np.dtype(kind): code for code, kind in COMPONENTS.items()}
-_TYPES = {width: name for name, width in WIDTHS.items() if name != "MAT4"}
 _MIME = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".webp": "image/webp"}
 
 
-class Asset:
-    """A glTF file in memory.
+class Asset(GltfWriter):
+    """A glTF file to edit; its buffer holds the buffers of the file, then appended data."""
 
-    Attributes
-    ----------
-    json : dict
-    binary : bytearray
-        The only buffer: the file's buffers concatenated, then appended data.
-    """
-
-    def __init__(self, json: Json, binary: bytearray):
-        self.json, self.binary = json, binary
-        self._lengths, self._used = {name: len(json.get(name, [])) for name in LISTS}, used_in(json)
-
-    def objects(self, key: str) -> list[Any]:
-        """A top-level list of the JSON, created if missing."""
-        values: list[Any] = self.json.setdefault(key, [])
-        return values
-
-    def add(self, key: str, fields: Json) -> int:
-        """Append a JSON object to a top-level list, and return its index."""
-        self.objects(key).append(fields)
-        return len(self.json[key]) - 1
-
-    def view(self, data: bytes, **fields: Any) -> int:
-        """Append data as a bufferView."""
-        self.binary += bytes(-len(self.binary) % 4)
-        start = len(self.binary)
-        self.binary += data
-        return self.add("bufferViews", {"buffer": 0, "byteOffset": start, "byteLength": len(data), **fields})
-
-    def accessor(
-        self, values: np.ndarray, *, normalized: bool = False, bounds: bool = False, indices: bool = False
-    ) -> int:
-        """Append an accessor of the rows of `values`, (n,) or (n, k), in their dtype.
-
-        bounds : write min and max, which POSITION needs
-        """
-        fields = self._stored(np.ascontiguousarray(values), indices)
-        if normalized:
-            fields["normalized"] = True
-        if bounds:
-            fields |= _bounds(values)
-        return self.add("accessors", fields)
+    def __init__(self, json: Json | None = None, binary: bytes = b"") -> None:
+        super().__init__(json, binary)
+        self._lengths, self._used = {name: len(self.json.get(name, [])) for name in LISTS}, used_in(self.json)
 
     def fill(self, index: int, values: np.ndarray, *, bounds: bool = False, indices: bool = False) -> None:
         """Replace the data of an existing accessor by `values`, (n, k), in their dtype."""
         accessor = self.json["accessors"][index]
         for earlier in ("byteOffset", "min", "max"):
             accessor.pop(earlier, None)
-        accessor |= self._stored(np.ascontiguousarray(values), indices) | (_bounds(values) if bounds else {})
-
-    def _stored(self, values: np.ndarray, indices: bool) -> Json:
-        """Append the rows of `values`; return the fields of their accessor."""
-        width, row = (values.shape[1], values[0].nbytes) if values.ndim > 1 else (1, values.itemsize)
-        more = {} if indices or row % 4 == 0 else {"byteStride": row + -row % 4}
-        if more:  # rows of vertex attributes must be aligned to four bytes
-            padded = np.zeros((len(values), more["byteStride"]), np.uint8)
-            padded[:, :row] = values.reshape(len(values), -1).view(np.uint8)
-            data = padded.tobytes()
-        else:
-            data = values.tobytes()
-        view = self.view(data, **more, target=ELEMENT_ARRAY_BUFFER if indices else ARRAY_BUFFER)
-        return {
-            "bufferView": view,
-            "componentType": _CODES[values.dtype],
-            "count": len(values),
-            "type": _TYPES[width],
-        }
-
-    def texture(self, png: bytes, name: str) -> int:
-        """Append a PNG as a texture with wrap mode CLAMP_TO_EDGE."""
-        image = self.add("images", {"name": name, "mimeType": "image/png", "bufferView": self.view(png)})
-        sampler = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}
-        return self.add("textures", {"name": name, "sampler": self.add("samplers", sampler), "source": image})
-
-    def uses(self, extension: str) -> None:
-        """Add an extension to `extensionsUsed`."""
-        used = self.objects("extensionsUsed")
-        if extension not in used:
-            used.append(extension)
+        accessor |= self.stored(values, bounds=bounds, indices=indices)
 
     def uses_no_more(self, extension: str) -> None:
         """Remove an extension from `extensionsUsed` and `extensionsRequired`."""
@@ -301,14 +219,7 @@ class Asset:
 
     def glb(self) -> bytes:
         """The file as binary glTF, without objects that edits left unused."""
-        root, binary = prune(self.json, bytes(self.binary), self._lengths, self._used)
-        root["buffers"] = [{**(root.get("buffers") or [{}])[0], "byteLength": len(binary)}]
-        text = json.dumps(root, allow_nan=False, separators=(",", ":"), ensure_ascii=False).encode()
-        return assemble_glb(text, binary)
-
-
-def _bounds(values: np.ndarray) -> Json:
-    return {"min": values.min(0).tolist(), "max": values.max(0).tolist()}
+        return glb_bytes(*prune(self.json, bytes(self.binary), self._lengths, self._used))
 
 
 def open_asset(path: Path) -> Asset:
@@ -320,7 +231,7 @@ def open_asset(path: Path) -> Asset:
         If it cannot be read, or a buffer has no data.
     """
     document = open_gltf(path)
-    asset = Asset(copy.deepcopy(document.root.data), bytearray())
+    asset = Asset(copy.deepcopy(document.root.data))
     starts = [_append_buffer(asset.binary, buffer, document.file, i) for i, buffer in enumerate(document.buffers)]
     for view in asset.json.get("bufferViews", []):
         for holder in (view, *view.get("extensions", {}).values()):
