@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.cli.scene_export import SUFFIXES, write_scene
+from antumbra.formats.format_registry import SCENE_WRITERS, write_scene
 from antumbra.generate.procedural_scenes import generate
 from antumbra.jobs.result_table import WRITERS
 from antumbra.picture.image_files import save_png, write_film
@@ -69,7 +69,7 @@ def test_matrices(disk, suffix):
     refused(disk, disk / f"a{suffix}", matrix.save)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", SCENE_WRITERS)
 def test_models(disk, suffix):
     made = generate("atrium", 5000, 0)
     refused(disk, disk / f"a{suffix}", lambda path: write_scene(made, "atrium", path))

@@ -1,7 +1,7 @@
 """Argument checks for the public API: each function returns the value in one form, or raises an `InputError`."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
@@ -106,9 +106,13 @@ def choice(value: Any, what: str, names: Iterable[str | None]) -> Any:
     if any(value is None if name is None else isinstance(value, str) and value == name for name in known):
         return value
     words = ["None" if name is None else f'"{name}"' for name in known]
-    listed = " or ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
     hint = spelling_hint(value, filter(None, known)) if isinstance(value, str) else ""
-    raise InputError(f"{what} is {quoted(value)}; {hint}it must be {listed}")
+    raise InputError(f"{what} is {quoted(value)}; {hint}it must be {alternatives(words)}")
+
+
+def alternatives(words: Sequence[str]) -> str:
+    """Words as text: a, b or c."""
+    return " or ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def text(value: Any, what: str) -> str:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from antumbra.cli.scene_export import write_scene
+from antumbra.formats.format_registry import write_scene
 from antumbra.generate.procedural_scenes import generate
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"

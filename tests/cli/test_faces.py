@@ -102,9 +102,13 @@ ANYTHING = {  # any text names something, or a file that may be missing
     "allow_host",
 }  # fmt: skip
 """Options whose messages name the value, not the option."""
+NO_VALUES = "merge", "warmup", "plans", "scenes", "formats"
+"""Commands without a scene, or without options that take a checked value."""
 
 
-@pytest.mark.parametrize("name", [name for name in COMMANDS if name not in ("merge", "warmup", "plans", "scenes")])
+@pytest.mark.parametrize(
+    "name", [name for name in COMMANDS if name not in ("merge", "warmup", "plans", "scenes", "formats")]
+)
 def test_wrong_values_of_options(name, cli, square_obj):
     """One line, which names the option as it was written, in words of this package."""
     asked = 0
@@ -136,6 +140,16 @@ def test_help_keeps_lines_that_are_laid_out(name, cli, monkeypatch):
     monkeypatch.setenv("TERMINAL_WIDTH", "80")
     shown = cli(name, "--help").out.splitlines()
     laid_out = [line for line in inspect.cleandoc(COMMANDS[name].callback.__doc__).splitlines() if line[:2] == "  "]
-    assert laid_out or name in ("plans", "doctor", "warmup", "merge", "compare", "scenes", "culling", "explain")
+    assert laid_out or name in (
+        "plans",
+        "doctor",
+        "warmup",
+        "merge",
+        "compare",
+        "scenes",
+        "formats",
+        "culling",
+        "explain",
+    )
     for line in laid_out:
         assert f"  {line}".rstrip() in shown, line

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 import antumbra as at
-from antumbra.cli import scene_export as export
+from antumbra.formats.format_registry import SCENE_WRITERS
 from antumbra.generate.procedural_scenes import PROCEDURAL, generate
 
 
@@ -27,7 +27,7 @@ def test_one_scene(cli, tmp_path):
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.parametrize("suffix", export.SUFFIXES)
+@pytest.mark.parametrize("suffix", SCENE_WRITERS)
 def test_exported_scenes_read_back_the_same(cli, suffix, tmp_path, recwarn):
     told = cli("scenes", "atrium", "--triangles", "3k", "-o", f"a{suffix}", "--json").json()
     assert sorted(told["files"]) == sorted(os.listdir(tmp_path))
@@ -63,7 +63,7 @@ def test_a_glb_has_the_camera_and_a_light_where_the_scene_has_them(cli):
 
 
 def test_exporting_twice_gives_the_same_bytes(cli, tmp_path):
-    for suffix in export.SUFFIXES:
+    for suffix in SCENE_WRITERS:
         data = []
         for _ in range(2):
             assert cli("scenes", "cellar", "--triangles", "2k", "-o", f"a{suffix}").code == 0
@@ -91,7 +91,7 @@ def test_bad_input(cli, tmp_path, arguments, words):
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.parametrize("suffix", export.SUFFIXES)
+@pytest.mark.parametrize("suffix", SCENE_WRITERS)
 def test_a_failing_export_leaves_no_file(cli, monkeypatch, tmp_path, suffix):
     real = os.replace
 

@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from antumbra.picture import image_files as tonemap
-from antumbra.picture.image_files import automatic_exposure, linear_to_srgb, roll_off, to_srgb8
+from antumbra.picture.image_files import automatic_exposure, roll_off, to_srgb8
+from antumbra.scene.materials import linear_to_srgb
 
 
 def grey(values, shape=None):

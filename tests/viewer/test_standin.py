@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.picture.image_files import linear_to_srgb
+from antumbra.scene.materials import linear_to_srgb
 from antumbra.viewer.progressive_pictures import Step, trace_picture
 from antumbra.viewer.proxy_mesh import before_aces, glb_of, proxy_colours, proxy_light, proxy_mesh
 from antumbra.viewer.viewer_model import Model

@@ -9,7 +9,7 @@
 - `view_command`: ``antumbra view``, a scene in the browser
 - `sun_command`, `sight_commands` (``los``, ``viewshed``, ``matrix``), `dataset_command`: the jobs
 - `shards`: the options --shard and --ray, and ``antumbra merge``
-- `scene_commands`: ``antumbra info``, ``scenes`` and ``build``; `scene_export`: files of procedural scenes
+- `scene_commands`: ``antumbra info``, ``scenes``, ``formats`` and ``build``
 - `installation_commands`: ``antumbra doctor``, ``warmup`` and ``plans``
 - `bench_command`: ``antumbra bench``, whose commands come from other packages, and the files of their results
 - `arguments`: parses arguments and opens the scene; `options`: shared options, and checks of the files they name

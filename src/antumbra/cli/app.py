@@ -86,6 +86,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "build": scene_commands.build,
     "info": scene_commands.info,
     "scenes": scene_commands.scenes,
+    "formats": scene_commands.formats,
     "plans": installation_commands.plans,
     "warmup": installation_commands.warmup,
     "culling": explain_commands.culling,

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from ..checks import alternatives
+from ..engine.scene_reading import SCENE_SUFFIXES
 from ..errors import InputError
 from ..picture.option_fields import CommandOption, WholeNumber, option_of, type_of
 from ..picture.render_options import RenderKeywords
@@ -61,8 +63,7 @@ def tables(about: str, *names: str, suffixes: Sequence[str] = TABLES, **more: An
     about : start of the help text
     names : of the option
     """
-    listed = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}"
-    help = f"{about}; may be repeated: {listed}."
+    help = f"{about}; may be repeated: {alternatives(suffixes)}."
     return typer.Option(*names, help=help, show_default=False, callback=writes(*suffixes), **more)
 
 
@@ -236,8 +237,8 @@ SrdhRaysOption = Annotated[
 MaxMemoryOption = Annotated[str | None, derived_option("max_memory")]
 
 SCENE_HELP = (
-    "A .glb, .gltf, .obj, .ply or .stl file, a CityJSON file (FILE or FILE?lod=N), a folder of vertex frames, "
-    "or procedural:NAME?triangles=N&seed=N. FILE?cutouts=off ignores alpha cutouts."
+    f"A {alternatives(SCENE_SUFFIXES)} file, a folder of vertex frames, or procedural:NAME?triangles=N&seed=N. "
+    "FILE?lod=N selects a level of detail of CityJSON; FILE?cutouts=off ignores alpha cutouts."
 )
 
 

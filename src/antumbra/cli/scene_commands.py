@@ -1,4 +1,7 @@
-"""``antumbra info``, ``scenes`` and ``build``: describe a scene, list and export procedural scenes, build stores."""
+"""``antumbra info``, ``scenes``, ``formats`` and ``build``.
+
+They describe a scene, list and export procedural scenes, list file formats, and build stores.
+"""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -8,7 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..checks import alternatives
+from ..engine.scene_reading import SCENE_FORMATS
 from ..errors import InputError
+from ..formats.format_registry import SCENE_WRITERS, check_output, write_scene
 from . import arguments, console
 from .arguments import SceneSpec, open_scene
 from .console import ProgressDisplay
@@ -184,9 +190,9 @@ def scenes(
         typer.Option(
             "--output",
             "-o",
-            help="Export the scene to a .glb, .obj or .ply file.",
+            help=f"Export the scene to a {alternatives(list(SCENE_WRITERS))} file.",
             metavar="FILE",
-            callback=writes(".glb", ".obj", ".ply"),
+            callback=writes(*SCENE_WRITERS),
         ),
     ] = None,
     json: Json = False,
@@ -209,8 +215,6 @@ def scenes(
     count = None if triangles is None else arguments.parse_count(triangles, "--triangles")
     number = arguments.parse_count(seed, "--seed")
     if output is not None:
-        from .scene_export import check_output
-
         check_output(output)
     with ProgressDisplay() as display:
         display.say("generating")
@@ -241,11 +245,7 @@ def _make(name: str, triangles: int | None, seed: int, output: Path | None) -> d
     from ..generate.procedural_scenes import generate
 
     generated = generate(name, triangles, seed)
-    files = []
-    if output is not None:
-        from .scene_export import write_scene
-
-        files = write_scene(generated, name, output)
+    files = [] if output is None else write_scene(generated, name, output)
     return {
         "name": name,
         "seed": seed,
@@ -255,6 +255,44 @@ def _make(name: str, triangles: int | None, seed: int, output: Path | None) -> d
         "light": generated.light,
         "files": [str(file) for file in files],
     }
+
+
+# --- ``antumbra formats`` ---------------------------------------------------------------------------------------------
+
+
+def formats(json: Json = False) -> None:
+    """List the file formats of scenes, and what is lost in them.
+
+    All are read; "write" marks those that antumbra scenes exports. Other commands write GLB files (bake), stores
+    (build), and copies of CityJSON files with results (sun --city-output). An extra is installed with
+    pip install 'antumbra[NAME]'; glTF needs it only for Draco compression.
+
+    \b
+    Examples
+      antumbra formats
+      antumbra formats --json
+    """
+    if json:
+        rows = [
+            {
+                "name": each.name,
+                "suffixes": each.suffixes,
+                "reads": True,
+                "writes": each.write is not None,
+                "extra": each.extra,
+                "lost": each.lost,
+            }
+            for each in SCENE_FORMATS
+        ]
+        console.print_json({"formats": rows})
+        return
+    console.print_table(
+        ("format", "suffix", "use", "extra", "what is lost"),
+        [
+            (each.name, " ".join(each.suffixes), "read, write" if each.write else "read", each.extra or "", each.lost)
+            for each in SCENE_FORMATS
+        ],
+    )
 
 
 # --- ``antumbra build`` -----------------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ import typer
 
 from ..engine.plan import DEFAULT_PLAN
 from ..errors import InputError
+from ..formats.format_registry import CITYJSON
 from . import console
 from .arguments import SceneSpec, limit_memory, open_scene, parse_bytes, parse_scene
 from .console import ProgressDisplay
@@ -105,7 +106,7 @@ class SunArguments:
         typer.Option(
             help="Copy the CityJSON file, .json or .jsonl, with the results as attributes.",
             metavar="FILE",
-            callback=writes(".json", ".jsonl"),
+            callback=writes(*CITYJSON.suffixes),
         ),
     ] = None
     matrix: Annotated[
@@ -236,11 +237,10 @@ def _checked_outputs(args: SunArguments, spec: SceneSpec, sensors: str) -> list[
 
 def _check_city(spec: SceneSpec, path: Path) -> None:
     """Raise an InputError unless a copy of the CityJSON file can be written to `path`."""
-    from ..engine.scene_reading import CITY_SUFFIXES
     from ..files import checked_output
 
     suffix = "" if spec.path is None else spec.path.suffix.lower()
-    if suffix not in CITY_SUFFIXES:
+    if suffix not in CITYJSON.suffixes:
         raise InputError(f"--city-output is for CityJSON files, unlike {spec.stem}; leave it out")
     checked_output(path, (suffix,))
 

@@ -9,15 +9,24 @@ import numpy as np
 from ..checks import path_of, text
 from ..errors import InputError
 from ..files import checked_file
+from ..formats.format_registry import CITYJSON, FORMATS, FRAMES, Format, format_of
 from ..formats.library_meshes import KNOWN, data_of_mesh, is_mesh
-from ..scene.mesh import Source
-from ..scene.scene_bounds import guess_z_up, sampled_faces
-from ..scene.scene_data import MemoryData, SceneData, check_up_axis
+from ..scene.scene_data import SceneData, check_up_axis
 from ..store.store_format import STORE_SUFFIX
 
-GLTF_SUFFIXES = (".glb", ".gltf")
-MESH_SUFFIXES = (".obj", ".ply", ".stl")
-CITY_SUFFIXES = (".json", ".jsonl")
+
+def _open_store(path: Path, up: str | None, lod: str | None) -> SceneData:
+    from ..store.store_file import load_store
+
+    return load_store(path)
+
+
+STORE = Format("store", (STORE_SUFFIX,), _open_store, None, None, "animation, textures and alpha cutouts")
+
+SCENE_FORMATS = *FORMATS, STORE
+"""All formats that `antumbra.load` reads."""
+
+SCENE_SUFFIXES = tuple(suffix for each in SCENE_FORMATS for suffix in each.suffixes)
 
 
 def data_of(value: Any) -> SceneData:
@@ -55,46 +64,12 @@ def _scene_in(path: Path, up: str | None, lod: str | None) -> SceneData:
 
 
 def _read(path: Path, up: str | None, lod: str | None) -> SceneData:
-    # Readers are imported on demand: importing trimesh alone takes longer than loading most scenes.
-    name, suffix = path.name or str(path), path.suffix.lower()
-    if suffix in CITY_SUFFIXES and not path.is_dir():
-        return _read_city(path, name, up, lod)
-    if lod is not None:
+    name, file_format = path.name or str(path), format_of(path, SCENE_FORMATS)
+    if lod is not None and file_format is not CITYJSON:
         raise InputError(f"{name}: lod is for CityJSON files; leave it out")
-    if path.is_dir():
-        from ..formats.array_files import read_frames
-
-        return _scene(*read_frames(path), path.resolve().name, up)
-    if suffix == STORE_SUFFIX:
-        from ..store.store_file import load_store
-
-        return load_store(path)
-    if suffix not in GLTF_SUFFIXES + MESH_SUFFIXES:
-        known = ", ".join((*GLTF_SUFFIXES, *MESH_SUFFIXES, *CITY_SUFFIXES, STORE_SUFFIX))
+    if file_format not in (FRAMES, STORE):
         checked_file(path, name)
-        description = f"format {suffix!r}" if suffix else "format, no suffix"
-        raise InputError(f"{name}: unknown {description}; use one of {known}, or a folder")
-    checked_file(path, name)
-    if suffix in GLTF_SUFFIXES:
-        from ..formats.gltf.gltf_source import read_gltf
-
-        return _scene(*read_gltf(path), path.stem, up)
-    from ..formats.mesh_files import read_mesh_file
-
-    return _scene(*read_mesh_file(path), path.stem, up)
-
-
-def _read_city(path: Path, name: str, up: str | None, lod: str | None) -> MemoryData:
-    from ..formats.cityjson.cityjson_source import read_cityjson
-
-    checked_file(path, name)
-    city_file = read_cityjson(path, lod)
-    name, city = path.stem.removesuffix(".city"), city_file.city
-    return MemoryData(city_file.source, name=name, up=up or "z", notes=tuple(city_file.notes), city=city, crs=city.crs)
-
-
-def _scene(source: Source, notes: list[str], name: str, up: str | None) -> MemoryData:
-    scene = MemoryData(source, name=name, up=up or "y", notes=tuple(notes))
-    if up is None and guess_z_up(sampled_faces(source, scene.n_triangles)):
-        scene.up, scene.notes = "z", (*scene.notes, f'{source.file}: seems to have z up; pass up="y" to override')
-    return scene
+    if file_format is None:
+        description = f"format {path.suffix.lower()!r}" if path.suffix else "format, no suffix"
+        raise InputError(f"{name}: unknown {description}; use one of {', '.join(SCENE_SUFFIXES)}, or a folder")
+    return file_format.read(path, up, lod)

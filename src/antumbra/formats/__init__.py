@@ -1,5 +1,6 @@
 """File formats: each module or folder reads or writes one family of formats.
 
+- `format_registry`: all formats with their suffixes, readers and writers
 - `gltf/`: glTF 2.0 and GLB
 - `cityjson/`: CityJSON and CityJSONSeq
 - `mesh_files`: OBJ, PLY and STL

@@ -1,4 +1,4 @@
-"""OBJ, PLY and STL files, parsed by trimesh, with checks before and after.
+"""OBJ, PLY and STL files: parsed by trimesh, with checks before and after; OBJ and PLY output with face colours.
 
 Headers, sizes and vertex indices that trimesh would misread are checked beforehand, the resulting arrays afterwards.
 """
@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..files import checked_file, sibling
-from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture, decode_image
+from ..files import atomic_output, checked_file, sibling
+from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture, decode_image, linear_to_srgb
 from ..scene.mesh import Mesh, StaticMeshes, flip_v, make_mesh, textured_mesh
+from ..scene.palette_scene import PaletteScene
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # keeps its tracebacks off the screen
 
@@ -26,6 +27,9 @@ _OPTIONS = re.compile(r"^(?:-(?:[ost]\s+\S+\s+\S+\s+\S+|mm\s+\S+\s+\S+|\w+\s+\S+
 _OBJ_HEAD = re.compile(rb"^(usemtl|o|f|g|s) ([^\n]*)", re.MULTILINE)
 _OBJ_OBJECT = re.compile(rb"^o [^\n]*", re.MULTILINE)
 _OBJ_ZERO = re.compile(rb"^\s*f\s(?:[^\n]*\s)?0+(?=[/\s]|$)", re.MULTILINE)
+
+
+# --- Reading ----------------------------------------------------------------------------------------------------------
 
 
 def read_mesh_file(path: Path) -> tuple[StaticMeshes, list[str]]:
@@ -199,3 +203,44 @@ def _check_obj(data: bytes, file: str) -> None:
     if match:
         line = data.count(b"\n", 0, match.end()) + 1
         raise InputError(f"{file}: line {line} uses vertex 0; OBJ counts vertices from 1, export the mesh again")
+
+
+# --- Writing ----------------------------------------------------------------------------------------------------------
+
+
+def write_ply(scene: PaletteScene, path: Path) -> list[Path]:
+    """Write a scene to a binary PLY file with 8-bit sRGB face colours; return its path in a list."""
+    rgb = np.round(255.0 * linear_to_srgb(np.asarray(scene.palette, float))).astype(np.uint8)
+    vertices = np.ascontiguousarray(scene.vertices, "<f4")
+    faces = np.empty(len(scene.faces), [("n", "u1"), ("corners", "<i4", 3), ("rgb", "u1", 3)])
+    faces["n"], faces["corners"], faces["rgb"] = 3, scene.faces, rgb[scene.colour]
+    head = [
+        "ply\nformat binary_little_endian 1.0",
+        f"element vertex {len(vertices)}",
+        *(f"property float {axis}" for axis in "xyz"),
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices",
+        *(f"property uchar {channel}" for channel in ("red", "green", "blue")),
+        "end_header\n",
+    ]
+    with atomic_output(path) as temporary:
+        temporary.write_bytes("\n".join(head).encode() + vertices.tobytes() + faces.tobytes())
+    return [path]
+
+
+def write_obj(scene: PaletteScene, name: str, path: Path) -> list[Path]:
+    """Write a scene to an .obj file, and its colours to an .mtl file next to it; return both paths."""
+    library = path.with_suffix(".mtl")
+    lines = [f"mtllib {library.name}", f"o {name}"]
+    lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.asarray(scene.vertices).tolist()]
+    colour = np.asarray(scene.colour)
+    order = np.argsort(colour, kind="stable")
+    groups = np.split(np.asarray(scene.faces)[order] + 1, np.flatnonzero(np.diff(colour[order])) + 1)
+    names = np.unique(colour).tolist()
+    for k, faces in zip(names, groups):
+        lines.append(f"usemtl colour{k}")
+        lines += [f"f {a} {b} {c}" for a, b, c in faces.tolist()]
+    paints = ["newmtl colour{}\nKd {:.6g} {:.6g} {:.6g}\n".format(k, *np.asarray(scene.palette)[k]) for k in names]
+    with atomic_output(library) as paint_file, atomic_output(path) as file:
+        paint_file.write_text("\n".join(paints), encoding="utf-8")
+        file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return [path, library]

@@ -4,27 +4,16 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import extras as plugins
 from ..checks import quoted, spelling_hint
 from ..errors import InputError
+from ..scene.palette_scene import PaletteScene
 from .atrium import atrium
 from .city import city, city_blocks, city_view
 from .forest import forest
 from .palette import MAX_TRIANGLES, MIN_TRIANGLES, PALETTE, check_request
 from .shapes import PaletteMesh
-
-
-class ProceduralScene(NamedTuple):
-    """A generated scene: metres, +Y up, right-handed."""
-
-    vertices: NDArray[np.float32]  # (v, 3) float32
-    faces: NDArray[np.int32]  # (f, 3) int32, counter-clockwise seen from outside
-    colour: NDArray[np.uint8]  # (f,) uint8, palette indices
-    palette: NDArray[np.float32]  # (256, 3) float32, linear
-    camera: dict[str, Any]  # position, target, up: (3,) tuples of float; vfov: degrees
-    light: dict[str, Any]  # a quad: corner, u, v: (3,) tuples of float
 
 
 class Recipe(NamedTuple):
@@ -73,7 +62,7 @@ def find_scene(name: str) -> Recipe:
     return PROCEDURAL[name]
 
 
-def generate(name: str, triangles: int | None = None, seed: int = 0) -> ProceduralScene:
+def generate(name: str, triangles: int | None = None, seed: int = 0) -> PaletteScene:
     """Generate the scene `name`. Equal arguments give the same scene.
 
     Parameters
@@ -96,7 +85,7 @@ def generate(name: str, triangles: int | None = None, seed: int = 0) -> Procedur
     mesh, camera, light = recipe.function(triangles, seed)
     camera = {key: _plain(value) for key, value in camera.items()}
     light = {key: _plain(value) for key, value in light.items()}
-    return ProceduralScene(mesh.vertices, mesh.faces, mesh.colour, PALETTE, camera, light)
+    return PaletteScene(mesh.vertices, mesh.faces, mesh.colour, PALETTE, camera, light)
 
 
 def _plain(value: Any) -> float | tuple[float, ...]:
@@ -109,7 +98,6 @@ __all__ = [
     "MIN_TRIANGLES",
     "PALETTE",
     "PROCEDURAL",
-    "ProceduralScene",
     "Recipe",
     "city_blocks",
     "city_view",

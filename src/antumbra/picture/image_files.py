@@ -17,7 +17,7 @@ from ..checks import choice, number, quoted, vector
 from ..errors import InputError
 from ..extras import import_extra
 from ..files import atomic_output, checked_output
-from ..scene.materials import BYTE_TO_LINEAR, srgb_to_linear
+from ..scene.materials import BYTE_TO_LINEAR, linear_to_srgb, srgb_to_linear
 
 # --- Tone mapping: exposure, highlight roll-off, sRGB -----------------------------------------------------------------
 
@@ -68,11 +68,6 @@ def roll_off(x: np.ndarray) -> np.ndarray:
     """Map linear light >= 0 to [0, 1]: unchanged up to `SHOULDER`, then towards 1, with a continuous derivative."""
     room = 1.0 - SHOULDER
     return np.where(x <= SHOULDER, x, 1.0 - room * np.exp(-np.maximum(x - SHOULDER, 0.0) / room))
-
-
-def linear_to_srgb(x: np.ndarray) -> np.ndarray:
-    """Linear light in [0, 1] as sRGB (IEC 61966-2-1)."""
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1.0 / 2.4) - 0.055)
 
 
 def to_srgb8(image: NDArray[np.floating], exposure: float) -> NDArray[np.uint8]:

@@ -2,6 +2,7 @@
 
 - `scene_data`: `SceneData` and `MemoryData`, city objects, and grouped loader notes
 - `mesh`: indexed triangles, and `Source`, the geometry interface of a scene
+- `palette_scene`: a scene with palette colours, as generators return and format writers take it
 - `triangles`: the triangles at one moment, and `Hit`
 - `triangle_setup`: interpolation, recentring and rounding to float32 triangles
 - `scene_bounds`: bounds, the recentred frame, the detail box, and the up axis

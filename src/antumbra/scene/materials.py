@@ -1,6 +1,6 @@
 """Materials and textures: base colour, alpha mode, decoded images with mip levels, and mean face colours.
 
-Also the conversion from sRGB to linear light.
+Also the conversions between sRGB and linear light.
 """
 
 import io
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 if TYPE_CHECKING:
     from PIL import Image
 
-# --- sRGB to linear light ---------------------------------------------------------------------------------------------
+# --- sRGB and linear light --------------------------------------------------------------------------------------------
 
 
 def srgb_to_linear(value: ArrayLike) -> NDArray[np.float64]:
@@ -24,6 +24,11 @@ def srgb_to_linear(value: ArrayLike) -> NDArray[np.float64]:
     s = np.asarray(value, np.float64)
     linear: NDArray[np.float64] = np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
     return linear
+
+
+def linear_to_srgb(x: np.ndarray) -> np.ndarray:
+    """Convert linear light in [0, 1] to sRGB (IEC 61966-2-1)."""
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1.0 / 2.4) - 0.055)
 
 
 BYTE_TO_LINEAR = srgb_to_linear(np.arange(256) / 255.0)

@@ -1,14 +1,19 @@
 """The one writer of GLB files: glTF JSON, and one buffer to which arrays and images are appended."""
 
 import json
+import math
 import struct
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from ...files import atomic_output
+from ...scene.palette_scene import PaletteScene
 from .accessors import COMPONENTS, WIDTHS
 from .gltf_file import BINARY_CHUNK, GLB_MAGIC, JSON_CHUNK
+from .gltf_nodes import LIGHTS_EXTENSION
 
 Json: TypeAlias = dict[str, Any]
 """An object of glTF JSON."""
@@ -161,3 +166,61 @@ class GltfWriter:
     def glb(self) -> bytes:
         """The file as binary glTF."""
         return glb_bytes(self.json, self.binary)
+
+
+# --- Scenes with palette colours --------------------------------------------------------------------------------------
+
+
+def write_glb(scene: PaletteScene, name: str, path: Path) -> list[Path]:
+    """Write a scene to a .glb file; return its path in a list.
+
+    It has linear float colours and a light (KHR_lights_punctual), unlike files of trimesh.
+    """
+    writer = GltfWriter()
+    material = writer.add("materials", {"pbrMetallicRoughness": {"metallicFactor": 0.0}, "doubleSided": True})
+    vertices, colours, indices = _coloured_vertices(scene)
+    primitive = writer.primitive(vertices, indices, colours, material=material)
+    writer.add_root({"name": name, "mesh": writer.add("meshes", {"name": name, "primitives": [primitive]})})
+    writer.add("cameras", _lens(scene.camera))
+    writer.add_root(_camera_node(scene.camera))
+    writer.uses(LIGHTS_EXTENSION)
+    writer.json["extensions"] = {LIGHTS_EXTENSION: {"lights": [_point_light(scene.light)]}}
+    writer.add_root(_light_node(scene.light))
+    with atomic_output(path) as temporary:
+        temporary.write_bytes(writer.glb())
+    return [path]
+
+
+def _coloured_vertices(
+    scene: PaletteScene,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint32]]:
+    """Positions and linear colours, (v, 3) float32 each, and indices, (f, 3) uint32. Vertices are split by colour."""
+    n = len(scene.palette)
+    key = np.asarray(scene.faces, np.int64) * n + np.asarray(scene.colour, np.int64)[:, None]
+    used, indices = np.unique(key, return_inverse=True)
+    vertices, palette = np.asarray(scene.vertices, "<f4"), np.asarray(scene.palette, "<f4")
+    return vertices[used // n], palette[used % n], indices.reshape(key.shape).astype("<u4")
+
+
+def _camera_node(camera: dict[str, Any]) -> Json:
+    """The node of a camera. A glTF camera looks along its node's -Z, with +Y up."""
+    position, target, up = (np.asarray(camera.get(k, (0, 1, 0)), float) for k in ("position", "target", "up"))
+    back = (position - target) / np.linalg.norm(position - target)
+    right = np.cross(up, back) / np.linalg.norm(np.cross(up, back))
+    columns = np.c_[np.stack([right, np.cross(back, right), back, position]), (0, 0, 0, 1)]
+    return {"name": "camera", "camera": 0, "matrix": columns.ravel().tolist()}
+
+
+def _lens(camera: dict[str, Any]) -> Json:
+    return {"type": "perspective", "perspective": {"yfov": math.radians(camera.get("vfov", 60.0)), "znear": 0.01}}
+
+
+def _light_node(light: dict[str, Any]) -> Json:
+    corner, u, v = (np.asarray(light[k], float) for k in ("corner", "u", "v"))
+    middle = corner + (u + v) / 2.0
+    return {"name": "light", "translation": middle.tolist(), "extensions": {LIGHTS_EXTENSION: {"light": 0}}}
+
+
+def _point_light(light: dict[str, Any]) -> Json:
+    colour = [float(c) for c in light.get("colour", (1.0, 1.0, 1.0))]
+    return {"type": "point", "color": colour, "intensity": float(light.get("intensity", 1.0))}

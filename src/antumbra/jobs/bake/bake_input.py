@@ -16,10 +16,10 @@ from ...engine.paged_scene import PagedScene
 from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike, load
-from ...engine.scene_reading import GLTF_SUFFIXES
 from ...errors import InputError
 from ...extras import import_extra
 from ...files import checked_output, temporary_folder
+from ...formats.format_registry import GLB, GLTF, format_of
 from ...formats.gltf.accessors import Accessors
 from ...formats.gltf.gltf_asset import Asset, open_asset
 from ...formats.gltf.gltf_file import open_gltf
@@ -77,7 +77,7 @@ def exposure_of(values: NDArray[np.float32], options: BakeOptions) -> float:
 
 def check_output(path: str | os.PathLike[str]) -> Path:
     """`path`, if a bake can be written there; otherwise an InputError with a remedy."""
-    return checked_output(path, (".glb",))
+    return checked_output(path, GLB.suffixes)
 
 
 def check_options(
@@ -171,7 +171,7 @@ def bake_source(scene: SceneLike, up: str | None = None) -> BakeSource:
 
 def is_gltf(path: Path) -> bool:
     """Whether a file is glTF, so that a bake preserves its contents."""
-    return path.suffix.lower() in GLTF_SUFFIXES
+    return format_of(path) in (GLB, GLTF)
 
 
 def open_source(source: BakeSource, time: float) -> BakeScene:

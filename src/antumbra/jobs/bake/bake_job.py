@@ -26,10 +26,10 @@ from ...formats.gltf.accessors import Accessors
 from ...formats.gltf.gltf_asset import Asset
 from ...formats.gltf.gltf_file import data_uri_bytes, is_data_uri
 from ...formats.gltf.gltf_writer import Json
-from ...picture.image_files import linear_to_srgb, write_exr
+from ...picture.image_files import write_exr
 from ...progress import Progress, with_progress
 from ...scene.lights import Light
-from ...scene.materials import BYTE_TO_LINEAR
+from ...scene.materials import BYTE_TO_LINEAR, linear_to_srgb
 from ..executors import Executor, Keep, executor_of
 from .bake_input import (
     BakeOptions,

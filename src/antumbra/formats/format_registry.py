@@ -1,0 +1,176 @@
+"""The registry of scene file formats: how each is read and written, and what is lost.
+
+Scene loading, exports, their error messages, the help of commands and ``antumbra formats`` derive from it. Readers and
+writers are imported when called: importing trimesh alone takes longer than loading most scenes.
+"""
+
+from collections.abc import Callable, Iterable
+from os import PathLike
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+from ..files import checked_output
+from ..scene.mesh import Source
+from ..scene.palette_scene import PaletteScene
+from ..scene.scene_bounds import guess_z_up, sampled_faces
+from ..scene.scene_data import MemoryData, SceneData
+from .cityjson.cityjson_file import SUFFIXES as CITYJSON_SUFFIXES
+
+Reader: TypeAlias = Callable[[Path, str | None, str | None], SceneData]
+"""(path, up axis or None, level of detail or None) -> the data of a scene."""
+
+Writer: TypeAlias = Callable[[PaletteScene, str, Path], list[Path]]
+"""(scene, name of its mesh, path) -> the files written."""
+
+
+class Format(NamedTuple):
+    """A file format of scenes."""
+
+    name: str  # in the list of formats
+    suffixes: tuple[str, ...]  # in lower case; () for a folder
+    read: Reader
+    write: Writer | None  # None: scenes are not exported to this format
+    extra: str | None  # of this package, which installs what some files or all need
+    lost: str  # what reading or writing leaves out
+
+
+# --- Readers and writers ----------------------------------------------------------------------------------------------
+
+
+def _in_memory(source: Source, notes: list[str], name: str, up: str | None) -> MemoryData:
+    """A scene whose up axis, unless given, is guessed from its faces."""
+    scene = MemoryData(source, name=name, up=up or "y", notes=tuple(notes))
+    if up is None and guess_z_up(sampled_faces(source, scene.n_triangles)):
+        scene.up, scene.notes = "z", (*scene.notes, f'{source.file}: seems to have z up; pass up="y" to override')
+    return scene
+
+
+def _read_gltf(path: Path, up: str | None, lod: str | None) -> MemoryData:
+    from .gltf.gltf_source import read_gltf
+
+    return _in_memory(*read_gltf(path), path.stem, up)
+
+
+def _write_glb(scene: PaletteScene, name: str, path: Path) -> list[Path]:
+    from .gltf.gltf_writer import write_glb
+
+    return write_glb(scene, name, path)
+
+
+def _read_mesh_file(path: Path, up: str | None, lod: str | None) -> MemoryData:
+    from .mesh_files import read_mesh_file
+
+    return _in_memory(*read_mesh_file(path), path.stem, up)
+
+
+def _write_obj(scene: PaletteScene, name: str, path: Path) -> list[Path]:
+    from .mesh_files import write_obj
+
+    return write_obj(scene, name, path)
+
+
+def _write_ply(scene: PaletteScene, name: str, path: Path) -> list[Path]:
+    from .mesh_files import write_ply
+
+    return write_ply(scene, path)
+
+
+def _read_cityjson(path: Path, up: str | None, lod: str | None) -> MemoryData:
+    from .cityjson.cityjson_source import read_cityjson
+
+    source, notes, city = read_cityjson(path, lod)
+    name = path.stem.removesuffix(".city")
+    return MemoryData(source, name=name, up=up or "z", notes=tuple(notes), city=city, crs=city.crs)
+
+
+def _read_frames(path: Path, up: str | None, lod: str | None) -> MemoryData:
+    from .array_files import read_frames
+
+    return _in_memory(*read_frames(path), path.resolve().name, up)
+
+
+# --- The registry -----------------------------------------------------------------------------------------------------
+
+
+_GLTF_LOST = "metalness, roughness, emission, normal maps, cones of spot lights, points and lines, KTX2 textures"
+GLB = Format(
+    "glTF 2.0, binary", (".glb",), _read_gltf, _write_glb, "compressed", f"{_GLTF_LOST}; when written: area lights"
+)
+GLTF = Format("glTF 2.0", (".gltf",), _read_gltf, None, "compressed", _GLTF_LOST)
+OBJ = Format(
+    "Wavefront OBJ",
+    (".obj",),
+    _read_mesh_file,
+    _write_obj,
+    None,
+    "all of materials but Kd, d, Tr, map_Kd and map_d; lines and curves; when written: cameras and lights",
+)
+PLY = Format(
+    "PLY",
+    (".ply",),
+    _read_mesh_file,
+    _write_ply,
+    None,
+    "points and lines; when written: cameras, lights, and colours beyond 8 bits",
+)
+STL = Format("STL", (".stl",), _read_mesh_file, None, None, "colours")
+CITYJSON = Format(
+    "CityJSON, CityJSONSeq",
+    CITYJSON_SUFFIXES,
+    _read_cityjson,
+    None,
+    "gis",
+    "points and lines, appearances, other levels of detail",
+)
+FRAMES = Format("folder of vertex frames", (), _read_frames, None, None, "alpha of face colours")
+
+FORMATS = GLB, GLTF, OBJ, PLY, STL, CITYJSON, FRAMES
+"""Formats of scenes in memory, in display order."""
+
+SCENE_WRITERS = {suffix: each.write for each in FORMATS if each.write is not None for suffix in each.suffixes}
+"""Suffix -> writer."""
+
+
+def format_of(path: Path, formats: Iterable[Format] = FORMATS) -> Format | None:
+    """The format of a path among `formats`, by its suffix in any case; for a folder, `FRAMES`; None if unknown."""
+    if path.is_dir():
+        return FRAMES
+    suffix = path.suffix.lower()
+    return next((each for each in formats if suffix in each.suffixes), None)
+
+
+def check_output(path: str | PathLike[str]) -> Path:
+    """`path` if a scene can be exported there; otherwise an InputError with a remedy."""
+    output = checked_output(path, tuple(SCENE_WRITERS))
+    if output.suffix.lower() in OBJ.suffixes:
+        checked_output(output.with_suffix(".mtl"), (".mtl",))
+    return output
+
+
+def write_scene(scene: PaletteScene, name: str, path: str | PathLike[str]) -> list[Path]:
+    """Export a scene to a file whose suffix, a key of `SCENE_WRITERS`, determines the format.
+
+    Parameters
+    ----------
+    scene : PaletteScene
+    name : str
+        Name of the mesh.
+    path : str or path-like
+
+    Returns
+    -------
+    list of Path
+        The files written: for OBJ also an .mtl file.
+
+    Raises
+    ------
+    InputError
+        If the suffix is unknown, or the file cannot be written.
+
+    Notes
+    -----
+    GLB holds exact linear colours, the camera, and a point light at the centre of the scene's quad light (glTF has no
+    area lights). OBJ and PLY hold triangles and colours, with 8 bits in PLY. Coordinates are float32 in GLB and PLY.
+    """
+    output = check_output(path)
+    return SCENE_WRITERS[output.suffix.lower()](scene, name, output)
