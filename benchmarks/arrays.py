@@ -34,14 +34,13 @@ from antumbra.engine.auto.cost_model import best_pays
 from antumbra.engine.in_memory_source import RAY_PLANS
 from antumbra.generate.procedural_scenes import PROCEDURAL
 from antumbra.kernels.parallel import thread_count
-from antumbra.papers.peers import embree
-from antumbra.papers.peers.embree import occluded_of, trace, write
-from antumbra.papers.peers.ray_contest import ray_set
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.rasteriser import rasterise
 from antumbra.query.receivers import NOTHING, surface_receivers
 from common import SCENES, arguments, has_embree, installed, machine
-from peers import open3d_rays
+from peers import embree, open3d_rays
+from peers.embree import occluded_of, trace, write
+from peers.ray_contest import ray_set
 
 REAL = ("sponza_crytek", "sanmiguel_lite", "bart_robots")
 

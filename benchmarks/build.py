@@ -25,11 +25,11 @@ from antumbra.bvh.tree_quality import sah_cost, validate
 from antumbra.bvh.tree_quality import statistics as shape_of
 from antumbra.engine.method_registry import BUILDERS, TRACERS
 from antumbra.kernels.parallel import thread_count
-from antumbra.papers.peers.embree import QUALITIES, Device, EmbreeScene
 from antumbra.picture.renderer import Renderer
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import shadow_queries
 from common import SCENES, arguments, has_embree, machine
+from peers.embree import QUALITIES, Device, EmbreeScene
 
 PEER = "embree medium"  # ratios are relative to this method
 TRACED_BY = ("single", "multifrusta")

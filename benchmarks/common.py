@@ -9,7 +9,7 @@ from pathlib import Path
 
 import antumbra
 from antumbra.cli.installation_commands import about
-from antumbra.papers.peers import embree
+from peers import embree
 
 SCENES = Path(os.environ.get("ANTUMBRA_SCENES", Path(__file__).resolve().parents[2] / "shared" / "scenes"))
 """The folder of real scenes: $ANTUMBRA_SCENES, or ../shared/scenes beside the repository."""

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from antumbra.errors import InputError
 from antumbra.kernels.parallel import thread_count
-from antumbra.papers.peers.ray_contest import CLOCKS, OURS, summary
 from common import machine
-from peer_contenders import describe_embree
+from peers.contenders import describe_embree
+from peers.ray_contest import CLOCKS, OURS, summary
 from views import VIEWS, views
 
 AVX2 = {"ANTUMBRA_LEVEL": "x86-64-v3"}

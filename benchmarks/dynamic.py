@@ -27,8 +27,6 @@ from typing import NamedTuple
 import numpy as np
 
 from antumbra.engine.plan import DEFAULT_PLAN
-from antumbra.papers.peers import embree
-from antumbra.papers.peers.ray_contest import CLOCKS, OURS
 from antumbra.picture.frame import PHASES
 from antumbra.picture.irradiance import irradiance
 from antumbra.picture.renderer import Renderer
@@ -36,7 +34,9 @@ from antumbra.picture.shading import ambient_light, shade
 from antumbra.query.shadow_query import fraction_lit
 from common import has_embree
 from comparison import compare, options_of, progress, start
+from peers import embree
 from peers.embree_frames import ORDERS, Primary, Shadow, light_points, primary, shadows
+from peers.ray_contest import CLOCKS, OURS
 from views import MOVING, Moving, moving_views
 
 FPS = 24

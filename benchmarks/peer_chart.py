@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from antumbra.extras import import_extra
-from antumbra.papers.peers.ray_contest import OURS
+from peers.ray_contest import OURS
 
 COLOURS = {OURS: "#d9480f", "Embree": "#1c7ed6", "Mitsuba": "#7048e8", "Open3D": "#868e96"}
 PACKAGES = {"embreex": "Embree", "mitsuba": "Mitsuba", "open3d": "Open3D"}

@@ -20,14 +20,13 @@ import argparse
 from antumbra.bvh.block_tree import block_tree
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.plan import Plan
-from antumbra.papers.peers.peer_measurements import embree_contenders
-from antumbra.papers.peers.ray_contest import OURS, Contender, contest, primary_rays, rows
 from antumbra.picture.render_kernels import precompile_plan
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.rasteriser import RASTER_COUNTERS, new_raster_counters, rasterise
 from antumbra.trace.primary.primary_rays import trace_primary
 from comparison import HEAD, compare, line, options_of, progress, start
-from peer_contenders import embree_scenes
+from peers.contenders import embree_contenders, embree_scenes
+from peers.ray_contest import OURS, Contender, contest, primary_rays, rows
 
 BUILDER = "bsah"
 

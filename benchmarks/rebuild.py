@@ -29,7 +29,6 @@ from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
 from antumbra.files import atomic_output
 from antumbra.papers.benchmark_views import BenchmarkView, scene_view
-from antumbra.papers.peers import embree
 from antumbra.papers.ray_hierarchy.ray_hierarchy_measurements import default_names, named_view, times_of, with_point
 from antumbra.picture.renderer import Renderer
 from antumbra.query.gbuffer import GBuffer
@@ -37,6 +36,7 @@ from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import ShadowQuery, shadow_queries
 from antumbra.scene.triangles import Triangles
 from common import arguments, machine
+from peers import embree
 from peers.embree_frames import Hits, Shadow, light_points, shadows
 
 PLANS = ("cones", "lbvh+single", "lbvh+multifrusta")

@@ -30,12 +30,11 @@ import numpy as np
 from antumbra.engine.method_registry import BUILDERS, OPTIMISERS, TRACERS
 from antumbra.engine.plan import Plan, parse_plan
 from antumbra.kernels.parallel import thread_count
-from antumbra.papers.peers.peer_measurements import embree_contenders, our_contender
-from antumbra.papers.peers.ray_contest import ORDERS, contest, query_of, rows, shadow_rays
 from antumbra.picture.render_kernels import precompile_plan
 from antumbra.techniques.culling.pre_bvh_culling import soup_of
 from comparison import HEAD, compare, line, options_of, progress, start
-from peer_contenders import embree_scenes, other_peers
+from peers.contenders import embree_contenders, embree_scenes, other_peers, our_contender
+from peers.ray_contest import ORDERS, contest, query_of, rows, shadow_rays
 
 QUALITY = "bsah"
 

@@ -25,11 +25,11 @@ import antumbra as at
 from antumbra.jobs.sun.sun_positions import parse_days, zone_of
 from antumbra.jobs.sun.sun_visibility import sum_suns, sun_query
 from antumbra.kernels.parallel import thread_count
-from antumbra.papers.peers import embree
-from antumbra.papers.peers.embree import occluded_of, trace, write
-from antumbra.papers.peers.ray_contest import ray_set
 from antumbra.query.receivers import Receivers
 from common import SCENES, arguments, has_embree, machine
+from peers import embree
+from peers.embree import occluded_of, trace, write
+from peers.ray_contest import ray_set
 
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
 DAYS = "year:2026"

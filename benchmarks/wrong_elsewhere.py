@@ -23,11 +23,10 @@ import numpy as np
 
 import antumbra as at
 from antumbra.errors import InputError
-from antumbra.papers.peers import embree
-from antumbra.papers.peers.ray_contest import ray_set
 from common import has_embree, installed, machine
 from comparison import start
-from peers import mitsuba_rays, open3d_rays, warp_rays
+from peers import embree, mitsuba_rays, open3d_rays, warp_rays
+from peers.ray_contest import ray_set
 from zoo import CASES, Case
 from zoo_truth import above, blocked
 

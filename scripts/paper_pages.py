@@ -49,11 +49,6 @@ PAPERS = {
         "[Mattausch et al. 2015] apply occlusion culling to all kinds of rays, in core and out of core.",
         "chcrt",
     ),
-    "peers": Paper(
-        "Comparison with Embree",
-        "This page compares the default plan with Embree on the same rays.",
-        "multifrusta",
-    ),
 }
 """Benchmark -> its page, in the order of the docs."""
 

@@ -31,12 +31,12 @@ from antumbra.kernels.simd import (
     splat16,
     store,
 )
-from antumbra.papers.peers.embree import FLUSH, HIT_WORDS, EmbreeScene, arguments, control, functions, set_control
 from antumbra.query.gbuffer import FaceNormal, GBuffer, face_normal, fill_pixel, pixel_direction, surface_of
 from antumbra.query.light_samples import light_samples
 from antumbra.query.receivers import NOTHING
 from antumbra.scene.camera import CameraRays
 from antumbra.scene.lights import FIXED
+from peers.embree import FLUSH, HIT_WORDS, EmbreeScene, arguments, control, functions, set_control
 
 BLOCK = 4
 ORDERS = "pixels", "samples"

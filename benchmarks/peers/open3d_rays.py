@@ -7,7 +7,7 @@ import numpy as np
 
 from antumbra.errors import InputError
 from antumbra.kernels.parallel import thread_count
-from antumbra.papers.peers.ray_contest import PeerRays, ray_array
+from peers.ray_contest import PeerRays, ray_array
 
 
 @cache

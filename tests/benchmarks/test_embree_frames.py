@@ -7,7 +7,7 @@ import antumbra as at
 
 pytest.importorskip("embreex", reason="Embree is not installed: pip install 'antumbra[peers]'")
 
-from antumbra.papers.peers import embree
+from peers import embree
 from peers.embree_frames import Primary, Shadow, light_points, primary, shadows
 
 SPP = 6  # no multiple of any packet's width

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from antumbra.errors import InputError
-from antumbra.papers.peers.ray_contest import ORDERS, packets, valid_ids
 from peer_scenes import rays_through, soup, truth
 from peers import mitsuba_rays, open3d_rays
+from peers.ray_contest import ORDERS, packets, valid_ids
 
 
 def needed(peer):

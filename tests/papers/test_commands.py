@@ -1,13 +1,11 @@
 """`antumbra bench`: tables are printed. Their contents are not tested here."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
 
 from antumbra.extras import plugins_of
-from antumbra.papers.peers import embree
 
 TINY = ("--size", "40x24", "--cellar", "5k", "--video", "5k", "--frames", "2", "--rounds", "1")
 
@@ -179,7 +177,6 @@ def test_chc_rt_out_of_core(cli, tmp_path):
 QUICK = {
     "chc-rt": {"scene": [SMALL[0]], "size": "24", "frames": 2},
     "multi-frusta": {"scene": ["procedural:atrium?triangles=2k"], "size": "24"},
-    "peers": {"scene": [SMALL[0]], "size": "24"},
     "pre-bvh-culling": {"size": "40x24", "cellar": "5k"},
     "ray-hierarchy": {"scene": [SMALL[0]], "size": "24"},
     "srdh": {"scene": [SMALL[0]], "size": "24", "timed_size": "16"},
@@ -188,7 +185,6 @@ QUICK = {
 
 def test_all_of_them_write_their_results(culling, cli, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
-    pytest.importorskip("embreex", reason="Embree is not installed: pip install 'antumbra[peers]'")
     points = plugins_of("antumbra.bench")
     assert set(QUICK) <= set(points)
     for name, values in QUICK.items():
@@ -204,24 +200,6 @@ def test_all_of_them_write_their_results(culling, cli, tmp_path, monkeypatch):
     assert len([name for name in plots if "-figure-" in name]) == 4
 
 
-def test_tables_of_peers(cli):
-    pytest.importorskip("embreex", reason="Embree is not installed: pip install 'antumbra[peers]'")
-    told = cli(
-        "bench", "peers", "--scene", SMALL[0], "--size", "24", "--rounds", "1", "--threads", "1", "--json"
-    ).json()
-    ours, *theirs = told["rows"]
-    assert ours["contender"] == told["plan"] == "bsah+auto" and ours["differs"] == 0 and ours["ratio"] > 0
-    assert len(theirs) == 24 and all(row["family"].startswith("Embree") and row["mrays"] > 0 for row in theirs)
-    assert len(told["builds"]) == 5 and all(b["seconds"] > 0 for b in told["builds"])
-    cli("bench", "peers", "--scene", "none.glb").refused("none.glb", "atrium")
-
-
-def test_peers_without_embree(cli, monkeypatch):
-    embree.library.cache_clear()
-    monkeypatch.setitem(sys.modules, "embreex", None)
-    cli("bench", "peers", "--scene", SMALL[0]).refused("Embree is not installed", "pip install 'antumbra[peers]'")
-
-
 def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):
     cli("bench", "srdh", "--scene", "procedural:cellar?triangles=2k", "--scene", "none.glb").refused(
         "none.glb", "cellar"
@@ -235,7 +213,6 @@ def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):
     cli("bench", "ray-hierarchy", "--scene", "none.glb").refused("none.glb", "atrium")
     cli("bench", "ray-hierarchy", "--plot", "cones.gif").refused(".gif", ".png")
     cli("bench", "multi-frusta", "--plot", "frusta.gif").refused(".gif", ".png")
-    cli("bench", "peers", "--plot", "rates.gif").refused(".gif", ".png")
     cli("bench", "chc-rt", "--scene", "none.glb").refused("none.glb", "atrium")
     cli("bench", "chc-rt", "--triangles", "10").refused("10", "1000")
     cli("bench", "chc-rt", "--max-memory", "1G").refused("--max-memory", "--store")

@@ -3,7 +3,7 @@
 import numpy as np
 
 import oracle
-from antumbra.papers.peers.ray_contest import PeerRays
+from peers.ray_contest import PeerRays
 
 SHAPE = (6, 5, 18)  # not multiples of a packet's width
 

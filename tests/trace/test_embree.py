@@ -13,7 +13,7 @@ RAYS = 200_000
 
 @pytest.mark.parametrize("kind", ["random", "at vertices and edges"])
 def test_embree_agrees_or_is_wrong(kind, capsys):
-    from antumbra.papers.peers.embree import ROBUST, Device, EmbreeScene, occluded
+    from peers.embree import ROBUST, Device, EmbreeScene, occluded
 
     rng = np.random.default_rng(8)
     scene = at.procedural("atrium", triangles=20_000)

@@ -4,9 +4,8 @@
 - `benchmark_views`: scenes with a camera and lights, and digests of answers
 - `bench_options`: options that commands of ``antumbra bench`` share
 - `structure_benches`: ``antumbra bench srdh``, ``pre-bvh-culling`` and ``chc-rt``
-- `tracer_benches`: ``antumbra bench multi-frusta``, ``ray-hierarchy`` and ``peers``
+- `tracer_benches`: ``antumbra bench multi-frusta`` and ``ray-hierarchy``
 - `multi_frusta`, `pre_bvh_culling`, `srdh`, `ray_hierarchy`, `chc_rt`: one paper each
-- `peers`: Embree beside the default plan
 - `scenes`: procedural scenes for these benchmarks
 
 The README of each paper maps its sections, tables and figures to code.

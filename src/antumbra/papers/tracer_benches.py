@@ -1,9 +1,8 @@
-"""``antumbra bench multi-frusta``, ``ray-hierarchy`` and ``peers``: compare tracers with one another and with Embree.
+"""``antumbra bench multi-frusta`` and ``ray-hierarchy``: compare tracers with one another.
 
 The measurements are imported only when a command runs, which keeps the help of ``antumbra bench`` fast.
 """
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -397,114 +396,3 @@ def _print_spreads(spreads: "list[Spread]") -> None:
     )
     print("Shadow times over the frames of an animation (Figure 6b)")
     report.print_table(head, table, right=range(2, len(head)), width=_WIDTH)
-
-
-# --- antumbra bench peers ---------------------------------------------------------------------------------------------
-
-
-if TYPE_CHECKING:
-    from .peers.peer_measurements import PeerBuild
-
-_PEERS_WIDTH = 110  # width of the tables, in characters
-
-
-@benchmark(size="384x384", rounds=3)
-def peers(
-    results: Results,
-    scene: Annotated[list[str] | None, scene_option("sponza_crytek, if it exists, and forest")] = None,
-    plot: Annotated[Path | None, plot_option("bars")] = None,
-    size: ImageSize = "1024x1024",
-    spp: Annotated[int, typer.Option(help="Shadow rays per pixel.", min=1, max=1024)] = 16,
-    rounds: Annotated[int, typer.Option(help="Runs of each contender; the median counts.", min=1, max=1000)] = 5,
-    threads: Threads = None,
-    json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Soft shadows with the plan bsah+auto and with Embree: same rays, alternating runs, one process.
-
-    Our time runs from the query of a frame to its bits. Embree traces rays generated beforehand, singly and in packets.
-    Each of its modes is tried once, and the fastest are measured in alternation with ours. The ratio is our median rate
-    over that of Embree's fastest mode. Rays that differ are those where Embree's answer, which is subject to rounding,
-    is not ours.
-
-    Measures one thread and all cores. Embree needs: pip install 'antumbra[peers]'
-
-    \b
-    Examples
-      antumbra bench peers
-      antumbra bench peers --scene forest --size 512 --rounds 9 --threads 1
-    """
-    width_height = arguments.parse_size(size)
-
-    from ..engine.plan import parse_plan
-    from ..kernels.parallel import thread_count
-    from ..picture.render_kernels import precompile_plan
-    from .peers import peer_measurements as bench
-
-    plan = parse_plan("bsah+auto")
-    plots = results.plots(plot)
-    embree = bench.describe_embree()  # raises if Embree is missing
-    counts = [threads] if threads else list(dict.fromkeys((1, thread_count(None))))
-    rows: list[dict[str, Any]] = []
-    builds: list[PeerBuild] = []
-    with ProgressDisplay(quiet) as display:
-        views = open_views(scene or bench.default_names(), width_height, bench.named_view, display.say)
-        precompile_plan(plan, "raster", False)
-        for view in views:
-            view_rows, times = bench.measure(view, plan, spp, counts, rounds, display.say)
-            rows += view_rows
-            builds += times
-            if not (json or quiet):
-                _show(view_rows)
-        for path in plots:
-            bench.write_plot(rows, path)
-    settings = {
-        "plan": str(plan),
-        "embree": embree,
-        "size": width_height,
-        "spp": spp,
-        "rounds": rounds,
-        "threads": counts,
-    }
-    with results.told({**settings, "rows": rows, "builds": [b._asdict() for b in builds]}):
-        for name in dict.fromkeys(row["scene"] for row in rows):
-            _print_rates([row for row in rows if row["scene"] == name])
-        _print_builds(builds)
-        _print_summary(embree, rows)
-
-
-def _show(rows: list[dict[str, Any]]) -> None:
-    """Print a line per thread count to standard error, as soon as a scene has been measured."""
-    for row in rows:
-        if "ratio" in row:
-            rate = f"{row['mrays']:.1f} M rays/s, {row['ratio']:.2f} times Embree's fastest mode"
-            print(f"{row['scene']}, {row['threads']} thread(s): {rate}", file=sys.stderr, flush=True)
-
-
-def _print_rates(rows: list[dict[str, Any]]) -> None:
-    """Print the rates of one scene."""
-    from .peers.peer_measurements import finalists
-
-    first, table = rows[0], []
-    for row in finalists(rows):
-        ratio = f"{row['ratio']:.2f}" if "ratio" in row else ""
-        rates = f"{row['mrays']:.2f}", f"{row['best_mrays']:.2f}"
-        table.append((f"{row['threads']}", row["contender"], *rates, ratio, f"{row['differs']:,}"))
-    size = f"{first['triangles']:,} triangles, {first['rays'] / 1e6:.2f} M rays, {first['occluded']:.0%} blocked"
-    print(f"Soft shadows, {first['scene']}: {size}")
-    head = ("threads", "contender", "M rays/s", "at best", "ratio", "rays that differ")
-    report.print_table(head, table, right=(0, 2, 3, 4, 5), width=_PEERS_WIDTH)
-
-
-def _print_builds(builds: "list[PeerBuild]") -> None:
-    scenes, methods = (list(dict.fromkeys(getattr(b, name) for b in builds)) for name in ("scene", "method"))
-    seconds = {(b.scene, b.method): b.seconds for b in builds}
-    table = [(scene, *(f"{1e3 * seconds[scene, method]:.0f}" for method in methods)) for scene in scenes]
-    print("Build times on all cores, ms; ours include the tracer's blocks")
-    report.print_table(("scene", *methods), table, right=range(1, 1 + len(methods)), width=_PEERS_WIDTH)
-
-
-def _print_summary(embree: str, rows: list[dict[str, Any]]) -> None:
-    from .peers.ray_contest import summary
-
-    report.print_fields([("peer", embree), *(("ours", line) for line in summary(rows))])

@@ -11,14 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...query.gbuffer import from_hits
-from ...query.light_samples import light_samples
-from ...query.rasteriser import rasterise
-from ...query.receivers import NOTHING
-from ...query.shadow_query import ShadowQuery, segments, shadow_queries
-from ...scene.camera import Camera, CameraRays
-from ...scene.lights import Light
-from ...scene.triangles import Triangles
+from antumbra.query.gbuffer import from_hits
+from antumbra.query.light_samples import light_samples
+from antumbra.query.rasteriser import rasterise
+from antumbra.query.receivers import NOTHING
+from antumbra.query.shadow_query import ShadowQuery, segments, shadow_queries
+from antumbra.scene.camera import Camera, CameraRays
+from antumbra.scene.lights import Light
+from antumbra.scene.triangles import Triangles
 
 # --- Ray sets ---------------------------------------------------------------------------------------------------------
 

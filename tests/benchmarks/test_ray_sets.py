@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from antumbra.papers.peers.ray_contest import LANES, ORDERS, PeerRays, blocks, packets, primary_rays, valid_ids
 from antumbra.query.gbuffer import pixel_direction
 from antumbra.scene.camera import Camera
+from peers.ray_contest import LANES, ORDERS, PeerRays, blocks, packets, primary_rays, valid_ids
 
 SHAPE = (10, 7, 20)
 

@@ -1,4 +1,4 @@
-"""Embree, called from a kernel, gives the known answers for a single triangle."""
+"""Embree gives known answers: for a triangle, called from a kernel; and for a soup, in loops over rays and packets."""
 
 import ctypes
 import sys
@@ -7,8 +7,12 @@ import numba
 import numpy as np
 import pytest
 
+import oracle
 from antumbra.errors import InputError
-from antumbra.papers.peers import embree
+from antumbra.kernels.jit import kernel
+from peer_scenes import rays_through, soup, truth
+from peers import embree
+from peers.ray_contest import ORDERS, packets, valid_ids
 
 pytest.importorskip("embreex", reason="Embree is not installed: pip install 'antumbra[peers]'")
 
@@ -72,3 +76,54 @@ def test_absence_is_told_with_its_cure(monkeypatch):
 def test_unknown_quality_lists_the_known():
     with embree.Device(1) as device, pytest.raises(InputError, match="low, medium, high"):
         embree.EmbreeScene(device, TRIANGLE, quality="best")
+
+
+# Loops over a soup: no ray is lost or mixed up
+
+
+def ids_of(rays, order, lanes):
+    return packets(rays, order, lanes) if lanes > 1 else valid_ids(packets(rays, order))
+
+
+@pytest.fixture(params=[None, "avx2"])
+def scene(request):
+    with embree.Device(2, request.param) as device, embree.EmbreeScene(device, soup(), flags=embree.ROBUST) as scene:
+        yield scene
+
+
+@pytest.mark.parametrize("coherent", [False, True])
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("lanes", [1, 4, 8, 16])
+def test_any_hit(scene, lanes, order, coherent):
+    rays = rays_through(1.0)
+    records = embree.write(rays, ids_of(rays, order, lanes), threads=2)
+    embree.trace(scene, records, coherent, threads=2)
+    np.testing.assert_array_equal(embree.occluded_of(rays, records), truth(soup(), rays))
+
+
+@pytest.mark.parametrize("lanes", [1, 4, 8, 16])
+def test_nearest_hit(scene, lanes):
+    rays = rays_through(np.inf)
+    records = embree.write(rays, ids_of(rays, "pixels", lanes), hits=True, threads=2)
+    embree.trace(scene, records, threads=2)
+    _, expected = oracle.closest_hit(soup(), np.repeat(rays.origins, rays.each, 0), rays.directions)
+    found = embree.faces_of(rays, records)
+    assert (found[rays.active] >= 0).any() and (found[rays.active] < 0).any()
+    np.testing.assert_array_equal(found, np.where(rays.active, expected, -1))
+
+
+def test_device_uses_no_more_than_it_is_told():
+    with embree.Device(1, "avx2") as narrow, embree.Device(1) as device:
+        assert narrow.width == min(device.width, 8)
+        assert device.version.startswith("4.")
+
+
+def test_denormals_are_back_after_a_trace(scene):
+    @kernel
+    def register():
+        return embree.control()
+
+    rays = rays_through(1.0)
+    before = register()
+    embree.trace(scene, embree.write(rays, packets(rays, "pixels")), threads=1)
+    assert register() == before and not before & embree.FLUSH
