@@ -35,12 +35,13 @@ from antumbra.engine.frame_tracer import FrameMemory
 from antumbra.engine.plan import DEFAULT_PLAN, parse_plan
 from antumbra.jobs.dataset.random_views import SamplingRegion, random_camera, sampling_region
 from antumbra.kernels.parallel import thread_count
-from antumbra.papers.benchmark_views import named_view, square
+from antumbra.papers.benchmark_views import BenchmarkScenes, square
 from antumbra.picture.render_kernels import precompile_plan
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import surface_queries
 from common import machine
 
+SCENES = BenchmarkScenes((), (), (), square(40))
 STATIC = (
     "sponza_crytek", "sanmiguel_lite", "bart_robots", "bart_museum8_subdivided", "zdm2", "godot_room",
     "japanese_temple", "jungle_lowpoly", "macross_city", "delft_city", "stanford_bunny", "truck_town",
@@ -103,7 +104,7 @@ def region_of(name: str) -> SamplingRegion:
     """The scene of a name, with the region of its random cameras."""
     if name == "swaying_city":
         return sampling_region(swaying_city(), 0.0, None)
-    return sampling_region(named_view(name, (64, 64), square(40)).scene, 0.0, None)
+    return sampling_region(SCENES.view(name, (64, 64)).scene, 0.0, None)
 
 
 def swaying_city() -> at.Scene:

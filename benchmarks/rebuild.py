@@ -29,7 +29,7 @@ from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
 from antumbra.files import atomic_output
 from antumbra.papers.benchmark_views import BenchmarkView, scene_view
-from antumbra.papers.ray_hierarchy.ray_hierarchy_measurements import default_names, named_view, times_of, with_point
+from antumbra.papers.ray_hierarchy.ray_hierarchy_measurements import SCENES, times_of, with_point
 from antumbra.picture.renderer import Renderer
 from antumbra.query.gbuffer import GBuffer
 from antumbra.query.light_samples import light_samples
@@ -356,8 +356,8 @@ def main() -> None:
     threads, size = options.threads or os.cpu_count() or 1, tuple(options.size)
     say = lambda text: print(f"\r{text:80s}", end="", file=sys.stderr, flush=True)
     rows: list[Rebuilt] = []
-    for name in [str(path) for path in options.scene] or default_names():
-        rows += rebuild(with_point(named_view(name, size)), "", options.frames, threads, options.rounds, say)
+    for name in [str(path) for path in options.scene] or SCENES.default_names():
+        rows += rebuild(with_point(SCENES.view(name, size)), "", options.frames, threads, options.rounds, say)
     for name in PROCEDURAL:
         for text in options.sizes.split(","):
             rows += rebuild(sized(name, parse_count(text, "--sizes"), size), name, 1, threads, options.rounds, say)

@@ -3,6 +3,7 @@
 import json
 import sys
 from contextlib import redirect_stdout
+from typing import NamedTuple
 
 import pytest
 import typer
@@ -10,9 +11,9 @@ import typer
 from antumbra.cli import bench_command as bench
 from antumbra.cli import console as report
 from antumbra.cli import installation_commands as about
-from antumbra.cli.bench_command import Results, benchmark
+from antumbra.cli.bench_command import BenchResult, BenchRun, benchmark
 from antumbra.cli.console import Record
-from antumbra.cli.options import Json, Quiet
+from antumbra.cli.options import Json
 from antumbra.errors import InputError
 
 
@@ -23,16 +24,23 @@ class Point:
         self.load = lambda: command
 
 
+class Options(NamedTuple):
+    rounds: int = 5
+    scene: list[str] | None = None
+
+
 @benchmark(rounds=1)
-def good(results: Results, rounds: int = 5, scene: list[str] | None = None, json: Json = False, quiet: Quiet = False):
-    with results.told({"rounds": rounds}):
-        print(f"Rounds of {scene}")
-        report.print_table(("what", "n"), [("rounds | *all*", str(rounds))], right=(1,))
+def good(run: BenchRun, options: Options) -> BenchResult:
+    def print_tables():
+        print(f"Rounds of {options.scene}")
+        report.print_table(("what", "n"), [("rounds | *all*", str(options.rounds))], right=(1,))
         report.print_fields([("bits", "the same")])
 
+    return BenchResult({"rounds": options.rounds}, print_tables)
+
 
 @benchmark(rounds=1)
-def bad(results: Results, rounds: int = 5, json: Json = False, quiet: Quiet = False):
+def bad(run: BenchRun, options: Options) -> BenchResult:
     raise InputError("nothing to measure; name a scene")
 
 
@@ -42,7 +50,7 @@ def plain(json: Json = False):
 
 
 @benchmark()
-def interrupted(results: Results, json: Json = False, quiet: Quiet = False):
+def interrupted(run: BenchRun, options: Options) -> BenchResult:
     raise KeyboardInterrupt
 
 
@@ -144,4 +152,4 @@ def test_the_commit_is_known_only_in_a_checkout(tmp_path, monkeypatch):
 
 
 def test_typer_sees_the_types_of_the_parameters():
-    assert good.__annotations__["context"] is typer.Context and "results" not in good.__annotations__
+    assert good.__annotations__["context"] is typer.Context and "options" not in good.__annotations__

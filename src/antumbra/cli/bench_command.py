@@ -1,8 +1,8 @@
 """``antumbra bench``: repeat the measurements of the papers, with the published figures beside ours.
 
 Its commands are the functions under the entry point ``antumbra.bench``, and ``all``, which runs them. `antumbra.papers`
-registers some, and other packages can add more; they are looked up when the command is used. `benchmark` gives a
-command the options --quick and --output, which ``all`` passes on, and `Results` writes its tables and plots.
+registers some, and other packages can add more; they are looked up when the command is used. `benchmark` runs a
+command, and prints and writes the `BenchResult` that it returns.
 """
 
 import gc
@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
 from time import monotonic
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import typer
 from typer.core import TyperGroup
@@ -26,10 +26,10 @@ from ..extras import plugins_of
 from ..files import atomic_output, checked_output
 from . import console
 from .arguments import check_plot
-from .console import UNFORESEEN, Record, explained, say
-from .options import Quiet, writes_folder
+from .console import UNFORESEEN, ProgressDisplay, Record, explained, say
+from .options import Json, Quiet, writes_folder
 
-# --- Options --quick and --output, and result files -------------------------------------------------------------------
+# --- One benchmark: its options, its run and its results --------------------------------------------------------------
 
 
 OutputOption = Annotated[
@@ -44,16 +44,34 @@ OutputOption = Annotated[
 _NEUTRAL = "output", "json", "quiet"  # options that do not affect results
 
 
-class Results:
-    """The results of a benchmark run: printed, and written to the folder of --output, if any."""
+class BenchResult(NamedTuple):
+    """What a benchmark measured."""
+
+    answer: dict[str, Any]  # fields of the JSON object
+    print_tables: Callable[[], None]  # prints the tables by `console`
+    write_plot: Callable[[Path], None] | None = None  # writes the plot to a .png file
+    same_bits: bool | None = None  # whether all methods return the same bits; None: not compared
+
+
+class BenchRun:
+    """A run of a benchmark: shows its progress, and prints and writes its result."""
 
     def __init__(self, name: str, command: str, folder: Path | None, as_json: bool, quiet: bool):
-        self.name, self.command = name, command
-        self._folder, self._json, self._quiet = folder, as_json, quiet
+        self.name, self.command, self.silent = name, command, as_json or quiet
+        self._folder, self._json = folder, as_json
         self._draws = folder is not None and find_spec("matplotlib") is not None
+        self._display = ProgressDisplay(quiet)
 
-    def plots(self, plot: Path | None) -> list[Path]:
-        """The files to draw the plot to: `plot`, from --plot, and one in the folder of --output.
+    def say(self, text: str) -> None:
+        """Show the current operation."""
+        self._display.say(text)
+
+    def pictures(self) -> Path | None:
+        """The folder for further pictures; None without --output or Matplotlib."""
+        return self._folder if self._draws else None
+
+    def finish(self, measure: Callable[[], BenchResult], plot: Path | None) -> None:
+        """Measure, and print and write the result. `plot`: a further file for the plot.
 
         Raises
         ------
@@ -63,18 +81,19 @@ class Results:
         if plot is not None:
             check_plot(plot)
         extra = self._folder / f"{self.name}.png" if self._folder and self._draws else None
-        return [path for path in (plot, extra) if path is not None]
-
-    def pictures(self) -> Path | None:
-        """The folder for further pictures; None without --output or Matplotlib."""
-        return self._folder if self._draws else None
-
-    @contextmanager
-    def told(self, answer: dict[str, Any]) -> Iterator[None]:
-        """Print the JSON object, or the tables printed by the block; write both to the folder."""
-        record = Record(None if self._json or self._quiet else sys.stdout)
+        with self._display:
+            result = measure()
+            for path in (plot, extra):
+                if path is not None and result.write_plot is not None:
+                    result.write_plot(path)
+        answer, same = result.answer, result.same_bits
+        record = Record(None if self.silent else sys.stdout)
         with redirect_stdout(record):
-            yield
+            result.print_tables()
+            if same is not None:
+                answer = {**answer, "same_bits": same}
+                verdict = "the same by all methods" if same else "DIFFER: please report this"
+                console.print_fields([("bits", verdict)])
         if self._folder is not None:
             self._write(self._folder, record, answer)
         if self._json:
@@ -95,24 +114,31 @@ class Results:
             say(f"no plots in {folder}, because matplotlib is missing: pip install 'antumbra[plot]'")
 
 
-def benchmark(**quick: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Decorator of a command ``f(results, ...)`` of ``antumbra bench`` that adds --quick and --output.
+def benchmark(**quick: Any) -> Callable[[Callable[..., BenchResult]], Callable[..., None]]:
+    """Decorator of a command ``f(run, options)`` of ``antumbra bench``: `run` is a `BenchRun`.
+
+    `options` is a NamedTuple whose annotated fields become the options of the command, followed by --quick, --output,
+    --json and --quiet. Its field `plot`, if any, is a further file for the plot.
 
     quick : option -> its value with --quick, unless the user sets it
     """
 
-    def wrap(command: Callable[..., None]) -> Any:
-        def run(context: typer.Context, quick: bool, output: Path | None, **values: Any) -> None:
+    def wrap(command: Callable[..., BenchResult]) -> Any:
+        options = inspect.signature(command).parameters["options"].annotation
+
+        def run(
+            context: typer.Context, quick: bool, output: Path | None, json: bool, quiet: bool, **given: Any
+        ) -> None:
             if quick:
-                values |= {name: value for name, value in wrapper.quick.items() if not _is_given(context, name)}
-            name = context.command.name or ""
+                given |= {name: value for name, value in wrapper.quick.items() if not _is_given(context, name)}
             with results_folder(output):
-                command(Results(name, _command_line(context), output, values["json"], values["quiet"]), **values)
+                bench = BenchRun(context.command.name or "", _command_line(context), output, json, quiet)
+                bench.finish(lambda: command(bench, options(**given)), given.get("plot"))
 
         wrapper: Any = run
         wrapper.quick = dict(quick)
         wrapper.__doc__, wrapper.__name__ = command.__doc__, command.__name__
-        wrapper.__signature__ = inspect.Signature(_parameters(command, quick))
+        wrapper.__signature__ = inspect.Signature(_parameters(options, quick))
         wrapper.__annotations__ = {p.name: p.annotation for p in wrapper.__signature__.parameters.values()}
         return wrapper
 
@@ -149,20 +175,16 @@ def _make(folder: Path) -> None:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another folder") from None
 
 
-def _parameters(command: Callable[..., None], quick: dict[str, Any]) -> list[inspect.Parameter]:
-    """The parameters for Typer: those of the command without `results`, and the new ones before --json."""
-    _, *parameters = inspect.signature(command).parameters.values()
+def _parameters(options: Any, quick: dict[str, Any]) -> list[inspect.Parameter]:
+    """The parameters for Typer: the fields of the NamedTuple `options`, between the context and the common options."""
     values = ((name, value if isinstance(value, list) else [value]) for name, value in quick.items())
     shorter = " ".join(f"--{name.replace('_', '-')} {each}" for name, several in values for each in several)
-    option = Annotated[bool, typer.Option("--quick", help=f"Measure less, as with {shorter}.")]
-    keyword = inspect.Parameter.KEYWORD_ONLY
-    new = [
-        inspect.Parameter("quick", keyword, default=False, annotation=option),
-        inspect.Parameter("output", keyword, default=None, annotation=OutputOption),
-    ]
-    at = next(i for i, p in enumerate(parameters) if p.name == "json")
-    parameters = [p.replace(kind=keyword) for p in parameters]
-    return [inspect.Parameter("context", keyword, annotation=typer.Context), *parameters[:at], *new, *parameters[at:]]
+    quick_option = Annotated[bool, typer.Option("--quick", help=f"Measure less, as with {shorter}.")]
+    types = {"context": typer.Context, **get_type_hints(options, include_extras=True), "quick": quick_option}
+    types |= {"output": OutputOption, "json": Json, "quiet": Quiet}
+    defaults = {"quick": False, "output": None, "json": False, "quiet": False, **options._field_defaults}
+    keyword, none = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.empty
+    return [inspect.Parameter(n, keyword, default=defaults.get(n, none), annotation=t) for n, t in types.items()]
 
 
 def _is_given(context: typer.Context, name: str) -> bool:

@@ -77,18 +77,48 @@ def file_of(name: str) -> Path | None:
     return real_path(name) or here
 
 
-def named_view(name: str, size: tuple[int, int], make_light: LightMaker, real: tuple[str, ...] = ()) -> BenchmarkView:
-    """The view of a folder of $ANTUMBRA_SCENES, of a procedural scene, or of a scene file.
+class BenchmarkScenes(NamedTuple):
+    """The scenes of a benchmark, with lights of one kind."""
 
-    `real` : folders of $ANTUMBRA_SCENES that an error message suggests
-    """
-    path = file_of(name)
-    if path is not None:
-        return info_view(name, path, size, make_light)
-    if name in PROCEDURAL:
-        return scene_view(name, procedural(name), size)
-    available = [*(folder for folder in real if real_path(folder)), *PROCEDURAL]
-    raise InputError(f"{name}: no such scene or scene file; choose one of {', '.join(available)}")
+    real: tuple[str, ...]  # folders of $ANTUMBRA_SCENES to measure if they exist
+    beside_real: tuple[str, ...]  # procedural scenes to measure beside them
+    without_real: tuple[str, ...]  # procedural scenes to measure if none of the folders exists
+    make_light: LightMaker  # makes the light of a scene with an info.json
+    moving: tuple[str, ...] = ()  # the folders with vertex frames
+
+    def default_names(self) -> list[str]:
+        """The names of the default scenes."""
+        real = [name for name in self.real if real_path(name, "frames.npy" if name in self.moving else "scene.glb")]
+        return [*real, *self.beside_real] if real else list(self.without_real)
+
+    def view(self, name: str, size: tuple[int, int]) -> BenchmarkView:
+        """The view of a folder of $ANTUMBRA_SCENES, a procedural scene, a scene file, or a folder of vertex frames.
+
+        Raises
+        ------
+        InputError
+            If there is no such scene.
+        """
+        spec = parse_scene(name)
+        if spec.path is None:
+            return scene_view(name.removeprefix(PREFIX), open_scene(spec), size)
+        frames = real_path(name, "frames.npy") if name in self.moving else Path(name) / "frames.npy"
+        if frames and frames.is_file():
+            return info_view(frames.parent.resolve().name, frames.parent, size, self.make_light)
+        path = file_of(name)
+        if path is not None:
+            return info_view(name, path, size, self.make_light)
+        if name in PROCEDURAL:
+            return scene_view(name, procedural(name), size)
+        available = [*(folder for folder in self.real if real_path(folder)), *PROCEDURAL]
+        raise InputError(f"{name}: no such scene or scene file; choose one of {', '.join(available)}")
+
+    def open(
+        self, names: Iterable[str] | None, size: tuple[int, int], say: Callable[[str], None]
+    ) -> list[BenchmarkView]:
+        """The views of distinct names, or of the default scenes."""
+        say("opening the scenes")
+        return [self.view(name, size) for name in dict.fromkeys(names or self.default_names())]
 
 
 def info_view(name: str, path: Path, size: tuple[int, int], make_light: LightMaker) -> BenchmarkView:
@@ -109,16 +139,6 @@ def scene_view(name: str, scene: AnyScene, size: tuple[int, int]) -> BenchmarkVi
     """The view of a scene through its own camera and with its own lights, or the default ones."""
     camera = scene.cameras[0].resized(*size) if scene.cameras else scene.default_camera(*size)
     return BenchmarkView(name, scene, camera, scene.lights or [scene.default_light()])
-
-
-def open_view(
-    name: str, size: tuple[int, int], named_view: Callable[[str, tuple[int, int]], BenchmarkView]
-) -> BenchmarkView:
-    """The view of a name: `open_scene` opens ``procedural:...``, and `named_view` any other name."""
-    spec = parse_scene(name)
-    if spec.path is not None:
-        return named_view(name, size)
-    return scene_view(name.removeprefix(PREFIX), open_scene(spec), size)
 
 
 def read_info(path: Path) -> dict[str, Any]:

@@ -130,9 +130,8 @@ def test_variants_of_a_store_have_as_many_frames_as_the_first(place, monkeypatch
 
 
 def test_bytes_read_are_of_nodes_and_of_geometry(place):
-    found, same = session.measure_out_of_core(
-        place, [ChcrtTable.times, ChcrtTable.queries], None, 2, PACE, quiet, quiet
-    )
+    run = session.ChcrtRun([ChcrtTable.times, ChcrtTable.queries], 2, PACE, quiet, quiet)
+    found, same = session.measure_out_of_core(place, run)
     turns = found[ChcrtTable.store]
     assert {t.method for t in turns} == {"lru"} and same is None
     begun = measure.of(turns, kind="primary", frame=0)
@@ -145,7 +144,8 @@ def test_bytes_read_are_of_nodes_and_of_geometry(place):
 def test_walkthroughs_are_shown_when_they_have_ended(core, capsys):
     shown = []
     tables = [ChcrtTable.scenes, ChcrtTable.phases, ChcrtTable.randomisation]
-    found, same = session.measure_in_memory([core.place], tables, 2, PACE._replace(frames=2), quiet, shown.append)
+    run = session.ChcrtRun(tables, 2, PACE._replace(frames=2), quiet, shown.append)
+    found, same = session.measure_in_memory([core.place], run)
     assert same and [t for turns in shown for t in turns] == found[ChcrtTable.times] + found[ChcrtTable.randomisation]
     assert len(shown) == 2 + len(measure.SAMPLERS) and found[ChcrtTable.scenes][0].triangles > 0
     session.show_medians(shown[0])
@@ -153,7 +153,7 @@ def test_walkthroughs_are_shown_when_they_have_ended(core, capsys):
     assert told.out == "" and [line.split(":")[0] for line in told.err.splitlines()] == [
         f"city, near, {kind}, chcrt" for kind in KINDS
     ]
-    assert session.measure_in_memory([core.place], [ChcrtTable.scenes], 2, PACE, quiet, quiet)[1] is None
+    assert session.measure_in_memory([core.place], run._replace(tables=[ChcrtTable.scenes]))[1] is None
 
 
 def test_published_bytes_add_up_or_are_noted():

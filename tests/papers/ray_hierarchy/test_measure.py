@@ -34,7 +34,7 @@ def silent(text: str) -> None:
 
 
 def test_all_variants_answer_the_same(picture):
-    seen, costs = bench.measure(picture, 2, 2, math.inf, silent)
+    seen, costs = bench.measure(picture, bench.Effort(2, 2, math.inf), silent)
     assert [c.variant for c in costs] == list(PLANS) == [bench.OURS, *paper.VARIANTS]
     assert 0 < seen.blocked < seen.rays == SIZE * SIZE
     assert len(bench.answers([seen], costs)) == 1 + len(PLANS) and agree(bench.answers([seen], costs))
@@ -43,16 +43,16 @@ def test_all_variants_answer_the_same(picture):
 
 
 def test_face_culling_drops_nodes_and_keeps_answers_the_same(picture):
-    seen, costs = bench.measure(picture, 2, 1, math.inf, silent, "back")
+    seen, costs = bench.measure(picture, bench.Effort(2, 1, math.inf, "back"), silent)
     assert agree(bench.answers([seen], costs)) and all(0 < c.passed < c.nodes for c in costs)
-    both = bench.measure(picture, 2, 1, math.inf, silent)[1]
+    both = bench.measure(picture, bench.Effort(2, 1, math.inf), silent)[1]
     assert sum(c.nodes for c in costs) < sum(c.nodes for c in both)
     rows = bench.relative_costs([seen], costs, paper.FIGURE7)
     assert [r.variant for r in rows] == list(paper.FIGURE7) and rows[0].nodes == rows[0].passed == 1.0
 
 
 def test_what_would_take_too_long_is_left_out(picture):
-    seen, costs = bench.measure(picture, 2, 1, 0.0, silent)
+    seen, costs = bench.measure(picture, bench.Effort(2, 1, 0.0), silent)
     assert all((c.nodes, c.tests, c.seconds, c.bits) == (None,) * 4 for c in costs)
     assert all(c.predicted > 0 and c.predicted_nodes > 0 for c in costs)
     assert bench.answers([seen], costs) == [("cellar", seen.bits)]
@@ -61,7 +61,7 @@ def test_what_would_take_too_long_is_left_out(picture):
 def test_pictures_of_nothing_are_refused(picture):
     away = Camera((1e4, 1e4, 1e4), (2e4, 2e4, 2e4), width=SIZE, height=SIZE)
     with pytest.raises(InputError, match="cellar: the camera sees nothing"):
-        bench.measure(picture._replace(camera=away), 2, 1, 1.0, silent)
+        bench.measure(picture._replace(camera=away), bench.Effort(2, 1, 1.0), silent)
 
 
 def test_variants_are_plans():

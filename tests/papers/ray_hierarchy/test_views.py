@@ -11,10 +11,8 @@ from antumbra.errors import InputError
 from antumbra.papers.benchmark_views import scene_view
 from antumbra.papers.ray_hierarchy.ray_hierarchy_measurements import (
     MUSEUM,
-    PROCEDURAL,
     ROBOTS,
-    default_names,
-    named_view,
+    SCENES,
     pictures,
     times_of,
     with_point,
@@ -46,17 +44,17 @@ def scenes(tmp_path, monkeypatch):
 
 
 def test_scenes_that_are_there(scenes, monkeypatch):
-    assert default_names() == list(PROCEDURAL)
+    assert SCENES.default_names() == list(SCENES.without_real)
     scenes("synthetic_garden_foxes")
     scenes(ROBOTS)
-    assert default_names() == [ROBOTS, "synthetic_garden_foxes"]
+    assert SCENES.default_names() == [ROBOTS, "synthetic_garden_foxes"]
     monkeypatch.delenv("ANTUMBRA_SCENES")
-    assert default_names() == list(PROCEDURAL)
+    assert SCENES.default_names() == list(SCENES.without_real)
 
 
 def test_robots_move(scenes):
     scenes(ROBOTS)
-    shown = pictures(named_view(ROBOTS, (40, 30)), 5)
+    shown = pictures(SCENES.view(ROBOTS, (40, 30)), 5)
     assert [p.time for p in shown] == [0.0, 0.5, 1.0, 1.5, 2.0] and [p.frame for p in shown] == list(range(5))
     assert len({p.name for p in shown}) == 5 and {p.of for p in shown} == {ROBOTS}
     assert all(p.camera.position.tolist() == [0, 1, 5] and p.light.position.tolist() == [1, 2, 3] for p in shown)
@@ -65,7 +63,7 @@ def test_robots_move(scenes):
 
 def test_the_museum_is_seen_from_four_places(scenes):
     scenes(MUSEUM)
-    shown = pictures(named_view(MUSEUM, (40, 30)), 5)
+    shown = pictures(SCENES.view(MUSEUM, (40, 30)), 5)
     assert len({p.name for p in shown}) == 4 and {p.frame for p in shown} == {None}
     assert len({tuple(p.camera.position) for p in shown}) == 4
     assert shown[0].camera.position.tolist() == [0, 1, 5]
@@ -75,17 +73,17 @@ def test_the_museum_is_seen_from_four_places(scenes):
 
 def test_other_scenes_stand_still(scenes):
     scenes("synthetic_garden_foxes", light=[0.0, 3.0, 4.0, 0.0])
-    (only,) = pictures(named_view("synthetic_garden_foxes", (40, 30)), 5)
+    (only,) = pictures(SCENES.view("synthetic_garden_foxes", (40, 30)), 5)
     assert (only.frame, only.time, times_of(only.scene, 5)) == (None, 0.0, [0.0])
     assert np.allclose(only.light.position, 13 * np.array([0, 0.6, 0.8]))
 
 
 def test_folders_of_vertex_frames_by_path(scenes):
     folder = scenes("walk")
-    view = named_view(str(folder), (40, 30))
+    view = SCENES.view(str(folder), (40, 30))
     assert view.name == "walk" and len(pictures(view, 2)) == 2
     with pytest.raises(InputError, match=r"none: .*atrium"):
-        named_view("none", (40, 30))
+        SCENES.view("none", (40, 30))
 
 
 def test_points_in_the_middle_of_lights():

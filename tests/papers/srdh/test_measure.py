@@ -34,7 +34,7 @@ def view() -> BenchmarkView:
 
 @pytest.fixture(scope="module")
 def rows(view):
-    return srdh.count_view(view, PRERENDER_SPP, None, lambda text: None, (8, SIZE))
+    return srdh.count_view(Workload(view, PRERENDER_SPP, None), lambda text: None, (8, SIZE))
 
 
 def test_all_methods_find_the_same_rays_blocked(rows):

@@ -8,7 +8,7 @@ import trimesh
 
 from antumbra.errors import InputError
 from antumbra.papers import benchmark_views as views
-from antumbra.papers.srdh.srdh_measurements import PROCEDURAL, default_names, named_view
+from antumbra.papers.srdh.srdh_measurements import SCENES
 
 INFO = {"up": [0, 1, 0], "camera": {"position": [0, 1, 5], "target": [0, 1, 0], "vfov": 50}, "light": [1.0, 2.0, 3.0]}
 
@@ -30,13 +30,13 @@ def scenes(tmp_path, monkeypatch):
 
 
 def test_real_scenes_where_they_are(scenes, monkeypatch):
-    assert default_names() == ["zdm2", PROCEDURAL[0]]
+    assert SCENES.default_names() == ["zdm2", *SCENES.beside_real]
     monkeypatch.delenv("ANTUMBRA_SCENES")
-    assert default_names() == list(PROCEDURAL)
+    assert SCENES.default_names() == list(SCENES.without_real)
 
 
 def test_camera_and_light_are_those_of_info(scenes):
-    view = named_view("zdm2", (40, 30))
+    view = SCENES.view("zdm2", (40, 30))
     assert (view.camera.width, view.camera.height, view.camera.vfov) == (40, 30, 50)
     assert view.camera.position.tolist() == [0, 1, 5]
     (light,) = view.lights
@@ -47,7 +47,7 @@ def test_camera_and_light_are_those_of_info(scenes):
 
 def test_a_direction_is_a_square_far_away_that_faces_the_scene(scenes):
     scenes(light=[0.0, 3.0, 4.0, 0.0])
-    (light,) = named_view("zdm2", (40, 30)).lights
+    (light,) = SCENES.view("zdm2", (40, 30)).lights
     middle = light.corner + (light.u + light.v) / 2
     assert np.allclose(middle, 13 * np.array([0, 0.6, 0.8]))
     assert np.allclose(np.abs(np.cross(light.u, light.v)) / 1.69, [0, 0.6, 0.8])
@@ -55,24 +55,24 @@ def test_a_direction_is_a_square_far_away_that_faces_the_scene(scenes):
 
 def test_z_up(scenes):
     scenes(up=[0, 0, 1], camera={"position": [5, 0, 1], "target": [0, 0, 1], "vfov": 50})
-    view = named_view("zdm2", (40, 30))
+    view = SCENES.view("zdm2", (40, 30))
     assert view.scene.up == "z" and view.camera.up.tolist() == [0, 0, 1]
 
 
 def test_files_without_notes_have_default_lights(scenes, tmp_path):
     folder = scenes()
     (folder / "info.json").unlink()
-    view = named_view(str(folder / "scene.glb"), (40, 30))
+    view = SCENES.view(str(folder / "scene.glb"), (40, 30))
     assert view.camera.height == 30 and len(view.lights) == 1
 
 
 def test_procedural_scenes_have_their_own(monkeypatch):
     whole = views.procedural
     monkeypatch.setattr(views, "procedural", lambda name: whole(name, triangles=2000))
-    view = named_view("cellar", (40, 30))
+    view = SCENES.view("cellar", (40, 30))
     assert view.scene.name == "cellar" and (view.camera.width, view.camera.height) == (40, 30)
 
 
 def test_what_is_not_there_is_named(scenes):
     with pytest.raises(InputError, match=r"sponza_crytek: .*zdm2.*cellar"):
-        named_view("sponza_crytek", (40, 30))
+        SCENES.view("sponza_crytek", (40, 30))

@@ -14,7 +14,6 @@ import numpy as np
 from ...bvh.block_tree import BlockTree
 from ...bvh.nodes import CHILDREN, block_leaf, is_leaf
 from ...errors import InputError
-from ...files import atomic_output
 from ...query.ray_passes import RayPass
 from ...query.shadow_query import Surfaces
 from ...techniques.chcrt.chc_rt import ChcRtState, camera_hits
@@ -25,12 +24,12 @@ from ...techniques.chcrt.tree_parts import TreeParts, parts_of
 from ...techniques.chcrt.visibility_fronts import INNER, VISIBLE, Fronts
 from ...techniques.tracer_options import ChcRtOptions
 from ...trace.tree_list import ROOT, Hits
+from ..bench_runner import Say, plot_sheet, save_sheet
 from ..published_methods import tracer_name
 from . import chcrt_published as published
 from .walkthrough_timing import (
     PHASES,
     InCore,
-    Say,
     Turn,
     colour_bleeding,
     error_of,
@@ -283,7 +282,6 @@ def _bleeding(method: Culling, frame_rays: FrameRays) -> np.ndarray:
 
 FIGURES = 4, 5, 6, 9
 _PANEL = 5.2  # width of a panel, in inches
-_DPI = 110
 _RED, _GREEN, _BLUE = "#e0301e", "#2ca02c", "#1030ff"
 _OVER = 0.05, 0.65, 0.1  # colour of tiles whose rays may hit many triangles
 _LONGEST = 24  # list length that is drawn white
@@ -304,9 +302,7 @@ def write_pictures(core: InCore, folder: Path, say: Say) -> None:
     say(f"{core.place.name}, figures")
     state = culling_state(core)
     for figure, draw in zip(FIGURES, (_draw_tiles, _draw_parts, _draw_matrix, _draw_bleeding), strict=True):
-        sheet = draw(state)
-        with atomic_output(folder / name_of(state.name, figure)) as temporary:
-            sheet.savefig(temporary, format="png", dpi=_DPI)
+        save_sheet(draw(state), folder / name_of(state.name, figure))
 
 
 def shaded(state: CullingState) -> np.ndarray:
@@ -470,26 +466,22 @@ _ROOT = "bsah+single"  # stands for GLSL in Fig. 8
 
 def write_plot(turns: list[Turn], path: Path) -> None:
     """Write a plot with a row per scene and view: bars on the left, then a panel of curves per ray kind."""
-    from matplotlib.figure import Figure
-
     walks, kinds = rows_of(turns, "scene", "view"), rows_of(turns, "kind")
     colours = {row["method"]: f"C{i}" for i, row in enumerate(rows_of(turns, "method"))}
     columns, widths = 1 + len(kinds), [1.5] + [1.0] * len(kinds)
-    sheet = Figure(figsize=(3.6 * sum(widths), 3.0 * len(walks) + 0.4), layout="constrained")
-    panels = sheet.subplots(len(walks), columns, squeeze=False, width_ratios=widths)
-    for row, walk in zip(panels, walks):
-        mine = of(turns, **walk)
-        _draw_bars(row[0], mine)
-        row[0].set_title(", ".join(walk.values()), fontsize=9)
-        for panel, kind in zip(row[1:], kinds):
-            _draw_curves(panel, of(mine, **kind), colours)
-            panel.set_title(kind["kind"], fontsize=9)
-    bars = panels[0, 0].get_legend_handles_labels()
-    sheet.legend(*bars, loc="outside lower left", ncols=len(bars[0]), fontsize=8)
-    lines = {line.get_label(): line for panel in panels[:, 1:].flat for line in panel.get_lines()}
-    sheet.legend(lines.values(), lines, loc="outside lower right", ncols=len(lines), fontsize=8)
-    with atomic_output(path) as temporary:
-        sheet.savefig(temporary, format="png", dpi=110)
+    with plot_sheet(path, 3.6 * sum(widths), 3.0 * len(walks) + 0.4) as sheet:
+        panels = sheet.subplots(len(walks), columns, squeeze=False, width_ratios=widths)
+        for row, walk in zip(panels, walks):
+            mine = of(turns, **walk)
+            _draw_bars(row[0], mine)
+            row[0].set_title(", ".join(walk.values()), fontsize=9)
+            for panel, kind in zip(row[1:], kinds):
+                _draw_curves(panel, of(mine, **kind), colours)
+                panel.set_title(kind["kind"], fontsize=9)
+        bars = panels[0, 0].get_legend_handles_labels()
+        sheet.legend(*bars, loc="outside lower left", ncols=len(bars[0]), fontsize=8)
+        lines = {line.get_label(): line for panel in panels[:, 1:].flat for line in panel.get_lines()}
+        sheet.legend(lines.values(), lines, loc="outside lower right", ncols=len(lines), fontsize=8)
 
 
 def shares(turns: list[Turn]) -> dict[str, float]:

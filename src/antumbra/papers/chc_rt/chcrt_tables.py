@@ -6,22 +6,24 @@ or other parameters (Sec. 4.4, 4.5, 5.1, 5.2, 6). The medians of each walkthroug
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from math import inf
 from pathlib import Path
+from statistics import fmean
 from typing import Any, NamedTuple
 
-from ...cli import console as report
 from ...engine.paged_scene import PagedScene
 from ...engine.paged_source import MAX_MEMORY
 from ...errors import InputError
 from ...store.chunk_residency import POLICIES
 from ...store.store_format import chunk_places
 from ...techniques.tracer_options import WHOLE_SCREEN
+from ..bench_runner import Column, Say, columns_of, item, label, ms, print_notes, print_table
 from ..benchmark_views import agree
 from . import chcrt_published as paper
 from . import walkthrough_timing as bench
 from .chcrt_published import WALKED, ChcrtTable
-from .walkthrough_timing import Digests, InCore, Pace, Say, Turn, hit_rate
+from .walkthrough_timing import Digests, InCore, Pace, Turn, hit_rate
 from .walkthroughs import AO, DIFFUSE, PLANS, SAMPLER, SOFT, WalkPlace
 
 # --- Scene sizes ------------------------------------------------------------------------------------------------------
@@ -110,7 +112,6 @@ def ablate_out_of_core(
 # --- Measures the requested tables ------------------------------------------------------------------------------------
 
 
-Show = Callable[[list[Turn]], None]
 TableRows = dict[ChcrtTable, list[Any]]
 """`Turn`s of each measured table; `SceneSize`s for `scenes`. `times` or `store` has the turns of all WALKED tables."""
 
@@ -124,27 +125,29 @@ def show_medians(turns: list[Turn]) -> None:
         print(text, file=sys.stderr, flush=True)
 
 
-def measure_in_memory(
-    places: Iterable[WalkPlace],
-    tables: Sequence[ChcrtTable],
-    threads: int,
-    pace: Pace,
-    say: Say,
-    show: Show,
-    pictures: Path | None = None,
-) -> tuple[TableRows, bool | None]:
-    """Measure scenes in memory: (rows, whether all answers agree, or None without answers).
+class ChcrtRun(NamedTuple):
+    """What to measure, and how to show it."""
 
-    pictures : folder for the figures, or None
-    """
+    tables: Sequence[ChcrtTable]
+    threads: int
+    pace: Pace
+    say: Say
+    show: Callable[[list[Turn]], None]  # called with the turns of each walkthrough as soon as it ends
+    pictures: Path | None = None  # folder for the figures of scenes in memory
+    memory: int | None = None  # memory limit for a store, in bytes
+
+
+def measure_in_memory(places: Iterable[WalkPlace], run: ChcrtRun) -> tuple[TableRows, bool | None]:
+    """Measure scenes in memory: (rows, whether all answers agree, or None without answers)."""
+    tables, pace, say = run.tables, run.pace, run.say
     rows: TableRows = {}
     for place in places:
         say(f"{place.name}, building")
-        core = InCore(place, threads)
-        if pictures is not None:
+        core = InCore(place, run.threads)
+        if run.pictures is not None:
             from .chcrt_figures import write_pictures
 
-            write_pictures(core, pictures, say)
+            write_pictures(core, run.pictures, say)
         if ChcrtTable.scenes in tables:
             rows.setdefault(ChcrtTable.scenes, []).append(size_in_memory(core))
         walks: dict[ChcrtTable, Iterable[list[Turn]]] = {
@@ -155,27 +158,26 @@ def measure_in_memory(
         }
         for name, each in walks.items():
             if name in tables or (name == ChcrtTable.times and WALKED.intersection(tables)):
-                rows.setdefault(name, []).extend(_gathered(each, show))
+                rows.setdefault(name, []).extend(_gathered(each, run))
     return rows, differing(rows) == 0 if rows.keys() - {ChcrtTable.scenes} else None
 
 
-def measure_out_of_core(
-    place: WalkPlace, tables: Sequence[ChcrtTable], memory: int | None, threads: int, pace: Pace, say: Say, show: Show
-) -> tuple[TableRows, bool | None]:
+def measure_out_of_core(place: WalkPlace, run: ChcrtRun) -> tuple[TableRows, bool | None]:
     """Measure a store: (rows, whether all answers agree, or None if none are compared)."""
+    tables, store = run.tables, (place, run.memory, run.threads)
     rows: TableRows = {}
     digests: Digests = []
     if ChcrtTable.scenes in tables:
-        rows[ChcrtTable.scenes] = [size_of_store(place, memory)]
+        rows[ChcrtTable.scenes] = [size_of_store(place, run.memory)]
     if WALKED.intersection(tables):
         policies = POLICIES if ChcrtTable.store in tables else POLICIES[:1]
-        walks = bench.out_of_core(place, memory, threads, pace, policies, say)
-        rows[ChcrtTable.store] = _gathered(_without(digests, walks), show)
+        walks = bench.out_of_core(*store, run.pace, policies, run.say)
+        rows[ChcrtTable.store] = _gathered(_without(digests, walks), run)
     if ChcrtTable.aggressive in tables:
-        rows[ChcrtTable.aggressive] = _gathered(bench.aggressive_out_of_core(place, memory, threads, pace, say), show)
+        rows[ChcrtTable.aggressive] = _gathered(bench.aggressive_out_of_core(*store, run.pace, run.say), run)
     if ChcrtTable.ablation in tables:
-        walks = ablate_out_of_core(place, memory, threads, pace, say)
-        rows[ChcrtTable.ablation] = _gathered(_without(digests, walks), show)
+        walks = ablate_out_of_core(*store, run.pace, run.say)
+        rows[ChcrtTable.ablation] = _gathered(_without(digests, walks), run)
     return rows, agree(digests) if {ChcrtTable.store, ChcrtTable.ablation}.intersection(tables) else None
 
 
@@ -185,11 +187,11 @@ def differing(measured: TableRows) -> int:
     return sum(t.differs for t in turns if t.error is None)
 
 
-def _gathered(walks: Iterable[list[Turn]], show: Show) -> list[Turn]:
+def _gathered(walks: Iterable[list[Turn]], run: ChcrtRun) -> list[Turn]:
     """All turns of the walkthroughs, each shown as soon as it ends."""
     turns: list[Turn] = []
     for walk in walks:
-        show(walk)
+        run.show(walk)
         turns += walk
     return turns
 
@@ -204,20 +206,54 @@ def _without(digests: Digests, walks: Iterable[tuple[list[Turn], Digests]]) -> I
 # --- Prints the tables ------------------------------------------------------------------------------------------------
 
 
-_WIDTH = 170  # width of the tables, in characters
 _ROW = ("scene", "view", "kind")
+Group = tuple[dict[str, str], list[Turn]]
+"""A row of a table: the values that its turns have in common, and the turns."""
 
 
-def _ms(seconds: float | None) -> str:
-    return "" if seconds is None else f"{1e3 * seconds:,.1f}"
+def _named(head: str, published: int | None = None, name: str = "") -> Column:
+    """A column of text: a common value of a `Group`, and item `published` of a published row."""
+    return label(head, item(0, lambda common: common[name or head]), None if published is None else item(published))
 
 
-def _cells(row: dict[str, str]) -> tuple[str, ...]:
-    return tuple(row.values())
+def _by_turns(head: str, cell: Callable[[list[Turn]], str], published: Callable[[Any], str] | None = None) -> Column:
+    """A column of numbers from the turns of a `Group`."""
+    return Column(head, item(1, cell), published)
 
 
-def _paper(scene: str, *cells: str) -> tuple[str, ...]:
-    return (f"(paper: {scene})", *cells)
+def _typical(head: str, value: str = "seconds", published: Callable[[Any], str] | None = None) -> Column:
+    """A column of a value's median, in milliseconds."""
+    return _by_turns(head, lambda turns: ms(bench.typical(turns, value)), published)
+
+
+def _count(group: Group, name: str) -> str:
+    """The median of a statistic."""
+    return f"{bench.typical(group[1], name):,.0f}"
+
+
+_FIRST = _by_turns("first frame", lambda turns: ms(bench.first(turns)))
+_FRAMES = _by_turns("frames", lambda turns: f"{len(turns)}")
+_PUBLISHED_ROW = (_named("scene", 0), _named("view", 1), _named("kind", 2))
+
+
+def _groups(turns: list[Turn], *fields: str) -> list[Group]:
+    """The turns by the values of these fields."""
+    return [(row, bench.of(turns, **row)) for row in bench.rows_of(turns, *fields)]
+
+
+def _with_statistics(turns: list[Turn]) -> list[Group]:
+    """The turns with CHC+RT statistics, by scene, view, ray kind and method."""
+    return _groups([t for t in turns if t.statistics], *_ROW, "method")
+
+
+def _published(figures: Iterable[tuple[str, Callable[[int, int], tuple[Any, ...]]]]) -> list[tuple[Any, ...]]:
+    """Published rows (scene, view, kind, *figures of view v and kind k) of (scene, function of v and k)."""
+    return [
+        (f"(paper: {name})", view, kind, *of(v, k))
+        for name, of in figures
+        for v, view in enumerate(("near", "far"))
+        for k, kind in enumerate(paper.KINDS)
+    ]
 
 
 def _is_paged(turns: list[Turn]) -> bool:
@@ -226,15 +262,18 @@ def _is_paged(turns: list[Turn]) -> bool:
 
 def _print_scenes(sizes: list[SceneSize]) -> None:
     """Print Table 1."""
-    table = []
-    for s in sizes:
-        megabytes = (f"{n / 1e6:,.1f}" for n in (s.total, s.bvh, s.geometry))
-        table.append((s.scene, f"{s.triangles:,}", *megabytes, f"{100 * s.share:.0f}"))
-    for name, (triangles, total, bvh, geometry, share) in paper.MODELS.items():
-        table.append(_paper(name, f"{triangles:,.0f}", f"{total:,}", f"{bvh:,}", f"{geometry:,}", f"{share}"))
-    print("Scene sizes, in memory or in a store's file, and the memory limit (Table 1)")
-    head = "scene", "triangles", "MB", "BVH, MB", "geometry, MB", "memory limit, %"
-    report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
+    megabytes = lambda name: lambda s: f"{getattr(s, name) / 1e6:,.1f}"
+    figure = lambda k: lambda row: f"{row[1][k]:,.0f}"
+    columns = (
+        label("scene", "scene", lambda row: f"(paper: {row[0]})"),
+        Column("triangles", lambda s: f"{s.triangles:,}", figure(0)),
+        Column("MB", megabytes("total"), figure(1)),
+        Column("BVH, MB", megabytes("bvh"), figure(2)),
+        Column("geometry, MB", megabytes("geometry"), figure(3)),
+        Column("memory limit, %", lambda s: f"{100 * s.share:.0f}", figure(4)),
+    )
+    title = "Scene sizes, in memory or in a store's file, and the memory limit (Table 1)"
+    print_table(title, columns, sizes, paper.MODELS.items())
 
 
 def _print_times(turns: list[Turn]) -> None:
@@ -243,157 +282,183 @@ def _print_times(turns: list[Turn]) -> None:
 
 
 def _print_paged_times(turns: list[Turn]) -> None:
-    table = []
-    for row, mine in _with_statistics(turns):
-        table.append((*row, f"{mine[-1].rays:,}", _ms(bench.first(mine)), _ms(bench.typical(mine)), f"{len(mine)}"))
-    for name, times in paper.PAGED_TIMES.items():
-        for v, view in enumerate(("near", "far")):
-            for kind, ms in zip(paper.KINDS, times[v]):
-                table.append(_paper(name, view, kind, "", "", "", f"{ms:,}", ""))
-    head = (*_ROW, "eviction", "rays", "first frame", "chcrt", "frames")
-    print("Milliseconds per frame, out of core (Table 2)")
-    report.print_table(head, table, right=range(4, len(head)), width=_WIDTH)
+    columns = (
+        *_PUBLISHED_ROW,
+        _named("eviction", name="method"),
+        _by_turns("rays", lambda mine: f"{mine[-1].rays:,}"),
+        _FIRST,
+        _typical("chcrt", published=item(3)),
+        _FRAMES,
+    )
+    published = ((name, lambda v, k, ms=times: (f"{ms[v][k]:,}",)) for name, times in paper.PAGED_TIMES.items())
+    title = "Milliseconds per frame, out of core (Table 2)"
+    print_table(title, columns, _with_statistics(turns), _published(published))
 
 
 def _print_times_in_core(turns: list[Turn]) -> None:
-    table, best = [], 0.0
-    for row in bench.rows_of(turns, *_ROW):
-        ours = bench.of(turns, **row, method=bench.CHCRT)
-        cells = [f"{ours[-1].rays:,}", _ms(bench.first(ours)), _ms(bench.typical(ours))]
-        for plan in PLANS:
-            theirs = bench.of(turns, **row, method=plan)
-            ratio = bench.speedup(ours, theirs) if theirs else 0.0
-            best = max(best, ratio)
-            cells += [_ms(bench.typical(theirs)), f"{ratio:.2f}"] if theirs else ["", ""]
-        differs = sum(t.differs for t in bench.of(turns, **row))
-        table.append((*_cells(row), *cells, f"{len(ours)}", f"{differs}"))
-    for name, methods in paper.TIMES.items():
-        for v, view in enumerate(("near", "far")):
-            for k, kind in enumerate(paper.KINDS):
-                glsl, chc, cuda = (methods[m][v][k] for m in ("GLSL", "CHC+RT", "CUDA"))
-                figures = f"{glsl:,}", f"{glsl / chc:.2f}", f"{cuda:,}", f"{cuda / chc:.2f}"
-                table.append(_paper(name, view, kind, "", "", f"{chc:,}", *figures, "", "", "", ""))
-    plans = [cell for plan in PLANS for cell in (plan, "ratio")]
-    head = (*_ROW, "rays", "first frame", "chcrt", *plans, "frames", "differ")
-    print("Milliseconds per frame, and ratio of the other plans to chcrt in the same frames (Table 2)")
-    report.print_table(head, table, right=range(3, len(head)), width=_WIDTH)
+    by = {
+        (plan, *row.values()): mine
+        for plan in (bench.CHCRT, *PLANS)
+        for row, mine in _groups(bench.of(turns, method=plan), *_ROW)
+    }
+    ours = lambda group: by[bench.CHCRT, *group[0].values()]
+    theirs = lambda group, plan: by.get((plan, *group[0].values()))
+
+    def speedup(group: Group, plan: str) -> float:
+        other = theirs(group, plan)
+        return bench.speedup(ours(group), other) if other else 0.0
+
+    def plan_columns(k: int, plan: str) -> tuple[Column, Column]:
+        time, ratio = (item(4 + 2 * k), item(5 + 2 * k)) if k < 2 else (None, None)
+        return (
+            Column(plan, lambda group: ms(bench.typical(other)) if (other := theirs(group, plan)) else "", time),
+            Column("ratio", lambda group: f"{speedup(group, plan):.2f}" if theirs(group, plan) else "", ratio),
+        )
+
+    columns = (
+        *_PUBLISHED_ROW,
+        Column("rays", lambda group: f"{ours(group)[-1].rays:,}"),
+        Column("first frame", lambda group: ms(bench.first(ours(group)))),
+        Column("chcrt", lambda group: ms(bench.typical(ours(group))), item(3)),
+        *(column for k, plan in enumerate(PLANS) for column in plan_columns(k, plan)),
+        Column("frames", lambda group: f"{len(ours(group))}"),
+        _by_turns("differ", lambda mine: f"{sum(t.differs for t in mine)}"),
+    )
+
+    def figures(methods: Any, v: int, k: int) -> tuple[str, ...]:
+        glsl, chc, cuda = (methods[m][v][k] for m in ("GLSL", "CHC+RT", "CUDA"))
+        return f"{chc:,}", f"{glsl:,}", f"{glsl / chc:.2f}", f"{cuda:,}", f"{cuda / chc:.2f}"
+
+    groups = _groups(turns, *_ROW)
+    published = _published((name, partial(figures, methods)) for name, methods in paper.TIMES.items())
+    title = "Milliseconds per frame, and ratio of the other plans to chcrt in the same frames (Table 2)"
+    print_table(title, columns, groups, published)
     print("(paper: the first of the other plans is GLSL, from the root; the second is CUDA)")
-    report.print_fields([("largest speedup", f"{best:.2f} over plain tracing (the paper's {paper.BEST})")])
-    print()
-
-
-def _with_statistics(turns: list[Turn]) -> Iterator[tuple[tuple[str, ...], list[Turn]]]:
-    """Yield (first cells of a row, its turns) for all turns with CHC+RT statistics."""
-    for row in bench.rows_of([t for t in turns if t.statistics], *_ROW, "method"):
-        yield _cells(row), bench.of(turns, **row)
+    best = max((speedup(group, plan) for group in groups for plan in PLANS), default=0.0)
+    print_notes([("largest speedup", f"{best:.2f} over plain tracing (the paper's {paper.BEST})")])
 
 
 def _print_phases(turns: list[Turn]) -> None:
     """Print Fig. 8 as a table."""
-    table = []
-    for row, mine in _with_statistics(turns):
-        parts = [bench.typical(mine, phase) for phase in bench.PHASES]
-        before = bench.typical(mine, "before")
-        table.append((*row, *map(_ms, (*parts, before)), _ms(bench.typical(mine))))
-    head = (*_ROW, "method", *bench.PHASES, "before", "all")
-    print("Milliseconds per frame by phase: previously visible, occlusion queries, newly visible (Figure 8)")
-    report.print_table(head, table, right=range(4, len(head)), width=_WIDTH)
+    columns = [_named(name) for name in (*_ROW, "method")]
+    columns += [_typical(phase, phase) for phase in (*bench.PHASES, "before")]
+    title = "Milliseconds per frame by phase: previously visible, occlusion queries, newly visible (Figure 8)"
+    print_table(title, [*columns, _typical("all")], _with_statistics(turns))
 
 
 def _print_queries(turns: list[Turn]) -> None:
     """Print Table 3."""
-    names = "queries", "multi_queries", "traced pairs", "visible", "invisible"
-    table = []
-    for row, mine in _with_statistics(turns):
-        counts = [f"{bench.typical(mine, name):,.0f}" for name in names]
-        rate = mine[-1].rays / bench.typical(mine) / 1e6
-        moved = (bench.typical(mine, name) / 1e6 for name in ("bytes", "bvh_bytes", "geometry_bytes"))
-        table.append((*row, f"{rate:.2f}", *counts, *(f"{mb:,.2f}" for mb in moved)))
-    for name, (rates, queries, megabytes) in paper.STATISTICS.items():
-        split = megabytes, *paper.MOVED[name]
-        for v, view in enumerate(("near", "far")):
-            for k, kind in enumerate(paper.KINDS):
-                cells = f"{rates[v][k]:.2f}", f"{queries[v][k]:,.0f}", *[""] * 4, *(f"{mb[v][k]:,.2f}" for mb in split)
-                table.append(_paper(name, view, kind, "", *cells))
-    pairs = "traced pairs", "visible", "invisible"
-    head = (*_ROW, "method", "M rays/s", "queries", "multi-queries", *pairs, "MB moved", "BVH", "geometry")
-    print("Rays, queries, pairs, and bytes read from a store, per frame (Table 3)")
-    report.print_table(head, table, right=range(4, len(head)), width=_WIDTH)
+    counts = {"queries": "queries", "multi_queries": "multi-queries"}
+    counts |= {name: name for name in ("traced pairs", "visible", "invisible")}
+    bytes_read = {"bytes": "MB moved", "bvh_bytes": "BVH", "geometry_bytes": "geometry"}
+    megabytes = lambda group, name: f"{bench.typical(group[1], name) / 1e6:,.2f}"
+    columns = (
+        *_PUBLISHED_ROW,
+        _named("method"),
+        _by_turns("M rays/s", lambda mine: f"{mine[-1].rays / bench.typical(mine) / 1e6:.2f}", item(3)),
+        *columns_of(counts, _count, lambda row, name: row[4] if name == "queries" else ""),
+        *columns_of(bytes_read, megabytes, lambda row, name: row[5 + list(bytes_read).index(name)]),
+    )
+
+    def figures(name: str, v: int, k: int) -> tuple[str, ...]:
+        rates, queries, megabytes = paper.STATISTICS[name]
+        moved = (f"{mb[v][k]:,.2f}" for mb in (megabytes, *paper.MOVED[name]))
+        return f"{rates[v][k]:.2f}", f"{queries[v][k]:,.0f}", *moved
+
+    published = _published((name, partial(figures, name)) for name in paper.STATISTICS)
+    title = "Rays, queries, pairs, and bytes read from a store, per frame (Table 3)"
+    print_table(title, columns, _with_statistics(turns), published)
 
 
 def _print_randomisation(turns: list[Turn]) -> None:
     """Print Table 5."""
-    table = []
-    for row in bench.rows_of(turns, *_ROW):
-        mine = [bench.typical(bench.of(turns, **row, sampler=s)) for s in bench.SAMPLERS]
-        table.append((row["scene"], row["kind"], *map(_ms, mine), f"{mine[-1] / mine[0]:.2f}"))
-    for (name, kind), ms in paper.RANDOMISATION.items():
-        table.append(_paper(name, kind, *(f"{m:,}" for m in ms), f"{ms[-1] / ms[0]:.2f}"))
-    print("Milliseconds per frame, near walk, by rotation of directions between pixels (Table 5)")
-    head = ("scene", "kind", "none", "18 degrees", "36 degrees", "full", "full / none")
-    report.print_table(head, table, right=range(2, len(head)), width=_WIDTH)
+    times = lambda group: [bench.typical(bench.of(group[1], sampler=sampler)) for sampler in bench.SAMPLERS]
+    ratio = lambda seconds: f"{seconds[-1] / seconds[0]:.2f}"
+    heads = dict(enumerate(("none", "18 degrees", "36 degrees", "full")))
+    columns = (
+        _named("scene", 0),
+        _named("kind", 1),
+        *columns_of(heads, lambda group, k: ms(times(group)[k]), lambda row, k: f"{row[2][k]:,}"),
+        Column("full / none", lambda group: ratio(times(group)), lambda row: ratio(row[2])),
+    )
+    published = [(f"(paper: {name})", kind, theirs) for (name, kind), theirs in paper.RANDOMISATION.items()]
+    title = "Milliseconds per frame, near walk, by rotation of directions between pixels (Table 5)"
+    print_table(title, columns, _groups(turns, *_ROW), published)
 
 
 def _print_aggressive(turns: list[Turn]) -> None:
     """Print Table 4."""
-    table = []
-    for row in bench.rows_of(turns, "scene", "view", "method"):
-        mine, exact = bench.of(turns, **row), bench.of(turns, **{**row, "method": bench.CHCRT})
-        error = sum(t.error or 0.0 for t in mine) / len(mine)
-        ratio = bench.typical(exact) / bench.typical(mine)
-        if "bytes" in mine[0].statistics:
-            missed, moved = "", f"{bench.typical(mine, 'bytes') / 1e6:,.1f}"
-        else:
-            missed = f"{100 * sum(t.differs for t in mine) / max(sum(t.rays for t in mine), 1):.3f}"
-            moved = ""
-        table.append((*_cells(row), _ms(bench.typical(mine)), f"{ratio:.2f}", missed, f"{error:.3f}", moved))
-    for name, thresholds in paper.AGGRESSIVE.items():
-        for v, view in enumerate(("near", "far")):
-            for threshold, ms in thresholds.items():
-                ratio = thresholds[0][v] / ms[v]
-                table.append(_paper(name, view, f"{threshold} pixels", f"{ms[v]:,}", f"{ratio:.2f}", "", "", ""))
-    print("Diffuse rays in aggressive mode (Table 4); error: mean absolute difference on a scale of 0 to 255")
-    head = ("scene", "view", "method", "ms", "speedup", "% rays that differ", "error", "MB read")
-    report.print_table(head, table, right=range(3, len(head)), width=_WIDTH)
-    report.print_fields([("the paper's error", f"{paper.ERROR} with 20 pixels")])
-    print()
+
+    def ratio(group: Group) -> str:
+        exact = bench.of(turns, **{**group[0], "method": bench.CHCRT})
+        return f"{bench.typical(exact) / bench.typical(group[1]):.2f}"
+
+    def missed(mine: list[Turn]) -> str:
+        return f"{100 * sum(t.differs for t in mine) / max(sum(t.rays for t in mine), 1):.3f}"
+
+    columns = (
+        _named("scene", 0),
+        _named("view", 1),
+        _named("method", 2),
+        _typical("ms", published=item(3)),
+        Column("speedup", ratio, item(4)),
+        _by_turns("% rays that differ", lambda mine: "" if _is_paged(mine) else missed(mine)),
+        _by_turns("error", lambda mine: f"{fmean(t.error or 0.0 for t in mine):.3f}"),
+        _by_turns("MB read", lambda m: f"{bench.typical(m, 'bytes') / 1e6:,.1f}" if _is_paged(m) else ""),
+    )
+    published = [
+        (f"(paper: {name})", view, f"{threshold} pixels", f"{times[v]:,}", f"{thresholds[0][v] / times[v]:.2f}")
+        for name, thresholds in paper.AGGRESSIVE.items()
+        for v, view in enumerate(("near", "far"))
+        for threshold, times in thresholds.items()
+    ]
+    title = "Diffuse rays in aggressive mode (Table 4); error: mean absolute difference on a scale of 0 to 255"
+    print_table(title, columns, _groups(turns, "scene", "view", "method"), published)
+    print_notes([("the paper's error", f"{paper.ERROR} with 20 pixels")])
 
 
 def _print_ablation(turns: list[Turn]) -> None:
     """Print the ablation."""
-    table, paged = [], _is_paged(turns)
-    for row, mine in _with_statistics(turns):
-        base = bench.of(turns, **dict(zip(_ROW, row)), method=BASELINE)
-        ratio = bench.typical(mine) / bench.typical(base)
-        counts = [f"{bench.typical(mine, name):,.0f}" for name in ("queries", "traced pairs", "visible")]
-        read = [f"{sum(t.statistics['bytes'] for t in mine) / 1e6:,.1f}"] if paged else []
-        table.append(
-            (*row, _ms(bench.first(mine)), _ms(bench.typical(mine)), f"{ratio:.2f}", *counts, *read, f"{len(mine)}")
-        )
-    read = ["total MB read"] if paged else []
-    head = (*_ROW, "CHC+RT", "ms first", "ms", "ratio", "queries", "traced pairs", "visible pairs", *read, "frames")
-    print("Ablation: CHC+RT without single features or with other parameters, per frame; ratio of times to default")
-    report.print_table(head, table, right=range(4, len(head)), width=_WIDTH)
+
+    def ratio(group: Group) -> str:
+        base = bench.of(turns, **{**group[0], "method": BASELINE})
+        return f"{bench.typical(group[1]) / bench.typical(base):.2f}"
+
+    counts = {"queries": "queries", "traced pairs": "traced pairs", "visible": "visible pairs"}
+    read = _by_turns("total MB read", lambda mine: f"{sum(t.statistics['bytes'] for t in mine) / 1e6:,.1f}")
+    columns = (
+        *map(_named, _ROW),
+        _named("CHC+RT", name="method"),
+        _FIRST._replace(head="ms first"),
+        _typical("ms"),
+        Column("ratio", ratio),
+        *columns_of(counts, _count),
+        *([read] if _is_paged(turns) else []),
+        _FRAMES,
+    )
+    title = "Ablation: CHC+RT without single features or with other parameters, per frame; ratio of times to default"
+    print_table(title, columns, _with_statistics(turns))
     claim = f"the screen hierarchy makes Powerplant {paper.SCREEN_HIERARCHY} times as fast (Section 6)"
-    report.print_fields([("in the paper", claim)])
-    print()
+    print_notes([("in the paper", claim)])
 
 
 def _print_store(turns: list[Turn]) -> None:
     """Print the chunks and bytes read under both eviction policies."""
-    table = []
-    for row, mine in _with_statistics(turns):
-        start, after = mine[0].statistics, bench.later(mine)
-        requested, loaded, moved = (
-            sum(t.statistics[n] for t in after) / len(after) for n in ("wanted", "loaded", "bytes")
-        )
-        cells = f"{start['loaded']:,}", f"{start['bytes'] / 1e6:,.1f}", _ms(bench.first(mine)), _ms(bench.typical(mine))
-        share = f"{100 * hit_rate(after):.2f}"
-        table.append((*row, *cells, f"{requested:,.1f}", share, f"{loaded:,.1f}", f"{moved / 1e6:,.2f}"))
-    first = "chunks read first", "MB read first", "ms first"
-    head = (*_ROW, "eviction", *first, "ms", "chunks requested", "% resident", "chunks read", "MB read")
-    print("Paging from a store: the first frame, and the mean of later frames (ms: median)")
-    report.print_table(head, table, right=range(4, len(head)), width=_WIDTH)
+    mean = lambda mine, name: fmean(t.statistics[name] for t in bench.later(mine))
+    columns = (
+        *map(_named, _ROW),
+        _named("eviction", name="method"),
+        _by_turns("chunks read first", lambda mine: f"{mine[0].statistics['loaded']:,}"),
+        _by_turns("MB read first", lambda mine: f"{mine[0].statistics['bytes'] / 1e6:,.1f}"),
+        _FIRST._replace(head="ms first"),
+        _typical("ms"),
+        _by_turns("chunks requested", lambda mine: f"{mean(mine, 'wanted'):,.1f}"),
+        _by_turns("% resident", lambda mine: f"{100 * hit_rate(bench.later(mine)):.2f}"),
+        _by_turns("chunks read", lambda mine: f"{mean(mine, 'loaded'):,.1f}"),
+        _by_turns("MB read", lambda mine: f"{mean(mine, 'bytes') / 1e6:,.2f}"),
+    )
+    title = "Paging from a store: the first frame, and the mean of later frames (ms: median)"
+    print_table(title, columns, _with_statistics(turns))
 
 
 PRINT: dict[ChcrtTable, Callable[[list[Any]], None]] = {

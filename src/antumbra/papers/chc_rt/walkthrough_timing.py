@@ -35,6 +35,7 @@ from ...scene.lights import AmbientOcclusion
 from ...techniques.chcrt.chc_rt import ChcRtState
 from ...techniques.chcrt.tree_parts import parts_of
 from ...techniques.tracer_options import ChcRtOptions
+from ..bench_runner import Say
 from ..benchmark_views import digest
 from ..published_methods import THRESHOLDS, tracer_name
 from .walkthroughs import (
@@ -64,7 +65,6 @@ CHCRT = tracer_name(0)
 SAMPLERS = tuple(name for name in ROTATIONS if ":" in name)
 """The samplers of Table 5: directions are rotated between pixels by 0, 18 and 36 degrees, or fully."""
 
-Say = Callable[[str], None]
 PHASES = ("phase 1", "phase 2", "phase 3")
 _OPTIONS = ChcRtOptions()
 

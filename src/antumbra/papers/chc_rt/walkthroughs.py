@@ -31,16 +31,11 @@ from ...scene.lights import AmbientOcclusion, Light
 from ...techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, trace_shadow
 from ...trace.primary.primary_rays import trace_primary
 from ...trace.rays import ray_hits as bounce
-from .. import benchmark_views as views
-from ..benchmark_views import BenchmarkView, real_path, square
+from ..benchmark_views import BenchmarkScenes, BenchmarkView, square
 
 # --- Walkthroughs -----------------------------------------------------------------------------------------------------
 
 
-REAL = ("sanmiguel_lite",)
-"""Folders of $ANTUMBRA_SCENES to measure if they exist."""
-
-CITY = "procedural:city?triangles="
 _EYE = 1.7  # height of the eye above the street, in metres
 _LANE = 1.5  # distance from the middle of the street, in metres, clear of cars
 _FIRST, _LAST = 55.0, -5.0  # z of both ends of the walk along the street
@@ -75,14 +70,10 @@ class WalkPlace(NamedTuple):
     walks: tuple[Walk, Walk]  # near and far
 
 
-def default_names(triangles: int) -> list[str]:
-    """The default scenes."""
-    return [f"{CITY}{triangles}", *(name for name in REAL if real_path(name))]
-
-
-def named_view(name: str, size: tuple[int, int]) -> BenchmarkView:
-    """The view of a folder of $ANTUMBRA_SCENES, a procedural scene, a scene file or a store."""
-    return views.named_view(name, size, square(10), REAL)
+def scenes(triangles: int) -> BenchmarkScenes:
+    """The scenes of the benchmark; the city has about `triangles` triangles."""
+    city = (f"procedural:city?triangles={triangles}",)
+    return BenchmarkScenes(("sanmiguel_lite",), city, city, square(10))
 
 
 def check_in_memory(view: BenchmarkView) -> None:

@@ -1,4 +1,4 @@
-"""Measures and draws "Efficient ray traced soft shadows using multi-frusta tracing" [Benthin and Wald 2009].
+"""Measures, prints and draws "Efficient ray traced soft shadows using multi-frusta tracing" [Benthin and Wald 2009].
 
 - Table 1: accesses, tests and time of multi-frusta tracing and of packets of 16 rays. Shadow rays and primary rays have
   separate tables; the paper's S rows include the primary rays.
@@ -14,11 +14,11 @@ are culled, as published, unless the case says otherwise. Times are CPU times of
 building. Tracers alternate in each round.
 """
 
-import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +27,6 @@ from ...bvh import binned_sah
 from ...bvh.block_tree import block_tree
 from ...engine.method_registry import TRACERS, add_plugins
 from ...errors import InputError
-from ...files import atomic_output
 from ...picture.frame import Frame
 from ...picture.image_files import automatic_exposure, to_srgb8
 from ...picture.renderer import Renderer
@@ -41,7 +40,8 @@ from ...scene.lights import QuadLight
 from ...scene.triangles import Triangles
 from ...trace.counters import as_dict, new_counters
 from ...trace.primary.primary_rays import trace_primary
-from ..benchmark_views import BenchmarkView, diagonal_of, named_view, real_path, square
+from ..bench_runner import Column, Say, columns_of, interleave, item, label, plot_sheet, print_notes, print_table
+from ..benchmark_views import BenchmarkScenes, BenchmarkView, diagonal_of, square
 from .packet_baselines import deep_tree, trace_packets
 
 # --- Published results ------------------------------------------------------------------------------------------------
@@ -82,8 +82,8 @@ FIGURE6 = ("multifrusta:paper", "multifrusta")
 SIZES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 """Edge lengths of the light in Figure 6, relative to the default."""
 
-REAL = ("sponza_crytek", "bart_robots")
 EDGE = 40  # the default edge of the light is 1 / EDGE of the scene's diagonal
+SCENES = BenchmarkScenes(("sponza_crytek", "bart_robots"), ("forest",), ("forest",), square(EDGE))
 
 Rows = dict[str, dict[str, float]]
 """Tracer -> its counters, and "seconds" if it was timed."""
@@ -104,16 +104,6 @@ class Case(NamedTuple):
     prepared: Mapping[str, Any]  # tracer -> its acceleration structure
     primary: Mapping[str, Any]  # the same for primary rays
     light: QuadLight  # the default light
-
-
-def default_names() -> list[str]:
-    """The scenes in `REAL` that exist, and a procedural scene."""
-    return [*(name for name in REAL if real_path(name)), "forest"]
-
-
-def quad_view(name: str, size: tuple[int, int]) -> BenchmarkView:
-    """The view of a named scene, with a square light."""
-    return named_view(name, size, square(EDGE), REAL)
 
 
 def case_of(view: BenchmarkView, cull_faces: str | None = "back") -> Case:
@@ -183,7 +173,6 @@ def measure_primary(case: Case, rounds: int) -> Rows:
 
 def _in_turns(name: str, calls: dict[str, TraceCall], rounds: int) -> Rows:
     results: Rows = {}
-    seconds: dict[str, list[float]] = {tracer: [] for tracer in calls}
     reference = None
     for tracer, call in calls.items():
         counters = new_counters()
@@ -194,15 +183,18 @@ def _in_turns(name: str, calls: dict[str, TraceCall], rounds: int) -> Rows:
         results[tracer] = dict(as_dict(counters))
         if rounds:
             call(None)  # compile the kernels without counters
-    for _ in range(rounds):
-        for tracer, call in calls.items():
-            start = time.thread_time()
-            call(None)
-            seconds[tracer].append(time.thread_time() - start)
-    return {t: {**r, "seconds": statistics.median(seconds[t])} if rounds else r for t, r in results.items()}
+
+    def seconds(tracer: str, turn: int) -> float:
+        start = time.thread_time()
+        calls[tracer](None)
+        return time.thread_time() - start
+
+    for tracer, laps in interleave(calls, rounds, seconds).items():
+        results[tracer] |= {"seconds": median(laps)} if laps else {}
+    return results
 
 
-def tables(case: Case, rounds: int, say: Callable[[str], None]) -> dict[str, Any]:
+def tables(case: Case, rounds: int, say: Say) -> dict[str, Any]:
     """Measure all tables of a case.
 
     "table 1 primary", "table 1" and "table 2" are Rows; "figure 6" maps relative edge lengths of the light to Rows.
@@ -241,7 +233,7 @@ class SoftShadowQuality(NamedTuple):
     pictures: dict[str, np.ndarray]  # name -> (h, w, 3) uint8, in the order of the figures
 
 
-def measure_quality(case: Case, say: Callable[[str], None]) -> SoftShadowQuality:
+def measure_quality(case: Case, say: Say) -> SoftShadowQuality:
     """Render each frame of both figures once with the default plan."""
     renderer, frames = Renderer(case.view.scene), {}
     for name, options in FRAMES.items():
@@ -284,6 +276,98 @@ def _most_varied_crop(visibility: np.ndarray, visible: np.ndarray) -> tuple[slic
     return max(parts, key=lambda part: float((visibility[part] * visible[part]).var()))
 
 
+# --- Tables -----------------------------------------------------------------------------------------------------------
+
+
+_NAMES = dict(zip(COLUMNS, ("#tris", "+culling", "#AABB", "#isec")))
+"""Counter -> its name in the paper."""
+
+
+def print_case(case: Case, tables: dict[str, Any], quality: SoftShadowQuality) -> None:
+    """Print all tables of a case; `tables` is the result of `tables`."""
+    primary, one, two, six = tables.values()
+    _print_counts(f"Table 1, {case.name}, primary rays", case, primary)
+    _print_reduction(primary, "packet16", ("multifrusta",), PUBLISHED_PRIMARY)
+    _print_counts(f"Table 1, {case.name}, shadow rays", case, one)
+    for base in BASELINES:
+        _print_reduction(one, base, TABLE1[2:], PUBLISHED_TABLE1)
+    _print_packet256(one)
+    _print_table2(case, two)
+    title = f"Figure 5, {case.name}: visibility error x 1000 against 256 samples per pixel (the paper: pictures)"
+    print_table(title, _FIGURE5, quality.rows.items())
+    _print_figure6(case, six)
+    ours, theirs = f"{100 * quality.edges:.1f} %", f"{100 * EDGES:.1f} % in Saloon"
+    print(f"Figure 7, {case.name}: {ours} of the pixels are at edges (the paper: {theirs})\n")
+
+
+_FIGURE5 = (
+    label("frame", item(0)),
+    Column("M rays", item(1, lambda row: f"{row['rays'] / 1e6:.2f}")),
+    Column("seconds", item(1, lambda row: f"{row['seconds']:.3f}")),
+    Column("rms", item(1, lambda row: f"{1e3 * row['rms']:.1f}")),
+    Column("mean", item(1, lambda row: f"{1e3 * row['mean']:.1f}")),
+)
+
+
+def _per_counter(cell: Callable[[dict[str, float], str], str], published: bool = False) -> list[Column]:
+    """A column per counter of COLUMNS. Rows are (tracer, counters); the published row has its figures in order."""
+    theirs = (lambda row, counter: row[1 + COLUMNS.index(counter)]) if published else None
+    return columns_of(_NAMES, lambda row, counter: cell(row[1], counter), theirs)
+
+
+def _print_counts(title: str, case: Case, rows: Rows) -> None:
+    rays = next(iter(rows.values()))["rays"]
+    columns = (
+        label("tracer", item(0)),
+        *_per_counter(lambda row, counter: f"{row[counter] / 1e3:,.0f}K"),
+        Column("seconds", item(1, lambda row: f"{row['seconds']:.3f}")),
+        Column("M rays/s", item(1, lambda row: f"{rays / row['seconds'] / 1e6:.2f}")),
+    )
+    size = f"{len(case.triangles.vertices):,} triangles, {rays / 1e6:.2f} M rays"
+    print_table(f"{title}: {size}", columns, rows.items())
+
+
+def _print_reduction(rows: Rows, base: str, tracers: Sequence[str], published: Sequence[str]) -> None:
+    """Print by what factor the tracers reduce the counts and time of `base`, and the paper's range."""
+    columns = (
+        label("tracer", item(0), item(0)),
+        *_per_counter(lambda row, counter: f"{rows[base][counter] / max(row[counter], 1):.2f}", published=True),
+        Column("seconds", item(1, lambda row: f"{rows[base]['seconds'] / row['seconds']:.2f}"), item(5)),
+    )
+    reductions = [(tracer, rows[tracer]) for tracer in tracers]
+    title = f"Reduction factor over {base} (Table 1; the paper's range)"
+    print_table(title, columns, reductions, [("the paper", *published)])
+
+
+def _print_packet256(rows: Rows) -> None:
+    """Print the comparison of Sec. 5.2. The paper counts a box once for all 256 rays, as this counts nodes."""
+    many, frusta, packets = (rows[t] for t in ("packet256", "multifrusta:paper", "packet16"))
+    change = f"{100 * (many['nodes'] / max(frusta['nodes'], 1) - 1):+.0f} % (the paper: {PACKET256[0]})"
+    speed = f"{frusta['seconds'] / many['seconds']:.2f} (the paper: {PACKET256[1]})"
+    over_packet16 = f"{packets['seconds'] / many['seconds']:.2f} (the paper: in some cases less than 1)"
+    print("Packets of 256 rays compared with multifrusta:paper (Sec. 5.2)")
+    print_notes([("nodes", change), ("speedup", speed), ("speedup over packet16", over_packet16)])
+
+
+def _print_table2(case: Case, rows: Rows) -> None:
+    none = rows[TABLE2[0]]
+    columns = (
+        label("tracer", item(0)),
+        *_per_counter(lambda row, counter: f"{100 * (row[counter] / max(none[counter], 1) - 1):+.1f}"),
+        label("the paper", item(0, PUBLISHED_TABLE2.__getitem__)),
+        Column("shrinks", item(1, lambda row: f"{row['shrinks'] / 1e3:,.0f}K")),
+        Column("speedup", item(1, lambda row: f"{none['seconds'] / row['seconds']:.2f}")),
+    )
+    print_table(f"Table 2, {case.name}: change in %, with the paper's for T-Rex", columns, rows.items())
+
+
+def _print_figure6(case: Case, sizes: dict[str, Rows]) -> None:
+    thousands = lambda row: f"{row['triangles'] / 1e3:,.0f} {row['triangle_tests'] / 1e3:,.0f}"
+    columns = columns_of({size: size for size in sizes}, lambda tracer, size: thousands(sizes[size][tracer]))
+    title = f"Figure 6, {case.name}: #tris and #isec in thousands, by edge length of the light"
+    print_table(title, [label("tracer", str), *columns], FIGURE6)
+
+
 # --- Draws Figures 5 to 7 ---------------------------------------------------------------------------------------------
 
 
@@ -296,23 +380,19 @@ def write_plot(scenes: dict[str, tuple[dict[str, Any], SoftShadowQuality]], path
 
     scenes : name of the scene -> (its tables, its quality)
     """
-    from matplotlib.figure import Figure
-
-    sheet = Figure(figsize=(14.0, 4.5 + 3.7 * len(scenes)), layout="constrained")
-    (above,), (below,) = sheet.subfigures(2, 1, squeeze=False, height_ratios=[4.5, 3.7 * len(scenes)])
-    for panel, (counter, label) in zip(above.subplots(1, 2), _PANELS):
-        _draw_sizes(panel, {name: tables["figure 6"] for name, (tables, _) in scenes.items()}, counter, label)
-    panels = below.subplots(len(scenes), 4, squeeze=False)
-    for row, (name, (_, quality)) in zip(panels, scenes.items()):
-        for panel, (title, picture) in zip(row, quality.pictures.items()):
-            panel.imshow(picture, interpolation="nearest")
-            panel.set_title(f"{name}: {title}", fontsize=9)
-            panel.set_axis_off()
-    with atomic_output(path) as temporary:
-        sheet.savefig(temporary, format="png", dpi=110)
+    with plot_sheet(path, 14.0, 4.5 + 3.7 * len(scenes)) as sheet:
+        (above,), (below,) = sheet.subfigures(2, 1, squeeze=False, height_ratios=[4.5, 3.7 * len(scenes)])
+        for panel, (counter, axis) in zip(above.subplots(1, 2), _PANELS):
+            _draw_sizes(panel, {name: tables["figure 6"] for name, (tables, _) in scenes.items()}, counter, axis)
+        panels = below.subplots(len(scenes), 4, squeeze=False)
+        for row, (name, (_, quality)) in zip(panels, scenes.items()):
+            for panel, (title, picture) in zip(row, quality.pictures.items()):
+                panel.imshow(picture, interpolation="nearest")
+                panel.set_title(f"{name}: {title}", fontsize=9)
+                panel.set_axis_off()
 
 
-def _draw_sizes(panel: Any, scenes: dict[str, dict[str, Rows]], counter: str, label: str) -> None:
+def _draw_sizes(panel: Any, scenes: dict[str, dict[str, Rows]], counter: str, axis: str) -> None:
     """Draw a counter over the light's size: a colour per scene, a line style per tracer."""
     for k, (name, sizes) in enumerate(scenes.items()):
         edges = [float(size) for size in sizes]
@@ -322,6 +402,6 @@ def _draw_sizes(panel: Any, scenes: dict[str, dict[str, Rows]], counter: str, la
     panel.set_xscale("log", base=2)
     panel.set_yscale("log")
     panel.set_xticks(edges, [f"{edge:g}" for edge in edges])
-    panel.set(xlabel="edge length of the light, relative (Fig. 6)", ylabel=f"{label}, millions")
+    panel.set(xlabel="edge length of the light, relative (Fig. 6)", ylabel=f"{axis}, millions")
     panel.grid(alpha=0.3)
     panel.legend(fontsize=8)

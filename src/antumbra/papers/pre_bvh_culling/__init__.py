@@ -1,5 +1,6 @@
 """Pre-BVH culling as published [Selgrad et al. 2015].
 
 - `cell_marking`: marks grid cells as published, and a convex region for comparison
-- `culling_measurements`: views, published results, measurements, tables and the plot
+- `culling_measurements`: views and measurements
+- `culling_tables`: prints the tables with the published results, and draws Figure 7
 """

@@ -1,15 +1,14 @@
-"""Measures, prints and draws the pre-BVH culling paper [Selgrad et al. 2015, Tables 1 to 4, Fig. 2, 7].
+"""Measures the pre-BVH culling paper [Selgrad et al. 2015, Tables 1 to 4, Fig. 2, 7].
 
 The four views are reconstructed from the paper's pictures. In Table 4, a swaying procedural city with a flying camera
 replaces the paper's video: every triangle above the ground moves in every frame, so nothing from an earlier frame can
-be reused unchanged. Tables show the paper's results, measured on a GPU, in brackets. Figure 7 shows time to image over
-samples, relative to BSAH, with a row per tracer.
+be reused unchanged.
 
 As in the paper, time to image covers culling, building and tracing, but not the G-buffer and shading. All methods use
 the same tracer and alternate within each round; the median of the rounds counts.
 """
 
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -17,12 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...cli import console as report
 from ...engine.accelerator import Accelerator
 from ...engine.scene import AnyScene, Scene, procedural
 from ...engine.scene_loading import load
 from ...errors import InputError
-from ...files import atomic_output
 from ...picture.renderer import Renderer
 from ...query.light_samples import light_samples
 from ...query.shadow_query import ShadowQuery, shadow_queries
@@ -31,76 +28,9 @@ from ...scene.lights import Light, QuadLight
 from ...scene.mesh import Piece
 from ...scene.triangles import Triangles
 from ...techniques.culling.pre_bvh_culling import STEPS, cull
+from ..bench_runner import Say, interleave, medians, round_text
 from ..benchmark_views import digest, real_path
 from .cell_marking import mark_convex, mark_lines
-
-# --- Published results, in milliseconds on a GPU ----------------------------------------------------------------------
-
-
-METHODS = {
-    "LBVH": "lbvh",
-    "LBVH culled": "grid32+lbvh",
-    "TL-LBVH": "tl-lbvh",
-    "TL-LBVH culled": "grid32+tl-lbvh",
-    "BSAH": "bsah",
-}
-"""The paper's name of a method -> culler and builder of a plan."""
-
-TIME_TO_IMAGE = {
-    "Figure 3": {
-        "LBVH": (0.0, 3.520, 26.836, 30.356, 271.880, 2687.120),
-        "LBVH culled": (1.399, 2.095, 20.955, 24.449, 213.044, 2098.994),
-        "TL-LBVH": (0.0, 23.316, 20.776, 44.092, 231.076, 2100.916),
-        "TL-LBVH culled": (1.399, 12.065, 17.653, 31.117, 189.994, 1778.764),
-        "BSAH": (0.0, 278.500, 14.279, 292.779, 421.290, 1706.400),
-    },
-    "Figure 4": {
-        "LBVH": (0.0, 3.539, 15.872, 19.411, 162.259, 1590.739),
-        "LBVH culled": (1.405, 2.428, 12.636, 16.469, 130.193, 1267.433),
-        "TL-LBVH": (0.0, 23.408, 11.862, 35.270, 142.028, 1209.608),
-        "TL-LBVH culled": (1.405, 15.185, 9.834, 26.424, 114.930, 999.990),
-        "BSAH": (0.0, 278.500, 8.428, 286.928, 362.780, 1121.300),
-    },
-    "Figure 5": {
-        "LBVH": (0.0, 3.525, 12.684, 16.209, 130.365, 1271.925),
-        "LBVH culled": (1.228, 2.687, 11.004, 14.919, 113.955, 1104.315),
-        "TL-LBVH": (0.0, 23.293, 10.349, 33.642, 126.783, 1058.193),
-        "TL-LBVH culled": (1.228, 16.678, 9.741, 27.647, 115.316, 992.006),
-        "BSAH": (0.0, 278.500, 8.372, 286.872, 362.220, 1115.700),
-    },
-    "Figure 6": {
-        "LBVH": (0.0, 9.902, 18.408, 28.310, 193.982, 1850.702),
-        "LBVH culled": (2.374, 1.121, 14.160, 17.655, 145.095, 1419.495),
-        "TL-LBVH": (0.0, 68.993, 10.540, 79.533, 174.393, 1122.993),
-        "TL-LBVH culled": (2.374, 4.775, 9.329, 16.478, 100.439, 940.049),
-        "BSAH": (0.0, 879.400, 9.041, 888.441, 969.810, 1783.500),
-    },
-}
-"""Table 3: view -> method -> times of culling, building and tracing 1 sample, and totals with 1, 10 and 100 samples."""
-
-DETAILS = {
-    "Figure 3": (2.158, 0.734, 0.387, 0.122, 0.638, 0.231),
-    "Figure 4": (2.897, 0.710, 0.710, 0.128, 0.600, 0.232),
-    "Figure 5": (3.035, 1.539, 0.344, 0.133, 0.562, 0.220),
-    "Figure 6": (4.554, 1.623, 0.403, 0.126, 1.570, 0.251),
-}
-"""Tables 1 and 2: view -> times of the G-buffer, the final blit, and the culling steps."""
-
-REMAINING = {"Figure 3": 0.45, "Figure 4": 0.60, "Figure 5": 0.60, "Figure 6": 0.04}
-"""Captions of Figures 3 to 6: share of remaining triangles."""
-
-GRIDS = {
-    16: (0.34, 0.319, 0.074, 4.323, 4.716, 15.464, 15.430, 95.601, 11.496),
-    32: (0.24, 0.463, 0.133, 4.810, 5.406, 11.450, 13.915, 67.056, 10.660),
-    64: (0.19, 0.658, 0.704, 5.884, 7.246, 9.809, 13.307, 56.057, 10.354),
-    128: (0.17, 0.904, 11.880, 8.515, 21.299, 8.989, 12.889, 49.942, 10.095),
-    256: (0.16, 2.995, 534.021, 16.388, 553.404, 8.458, 12.538, 46.145, 9.874),
-}
-"""Table 4: grid -> (share of remaining triangles, times of sources, marking, triangles and all culling, of building and
-tracing with LBVH, and of building and tracing with TL-LBVH)."""
-
-UNCULLED = (42.161, 17.020, 261.186, 12.167)
-"""Table 4, without culling: times of building and tracing with LBVH, and with TL-LBVH."""
 
 # --- Views ------------------------------------------------------------------------------------------------------------
 
@@ -206,6 +136,15 @@ def _frame(scene: Scene, still: Scene, time: float, size: tuple[int, int]) -> Cu
 # --- Measurements -----------------------------------------------------------------------------------------------------
 
 
+METHODS = {
+    "LBVH": "lbvh",
+    "LBVH culled": "grid32+lbvh",
+    "TL-LBVH": "tl-lbvh",
+    "TL-LBVH culled": "grid32+tl-lbvh",
+    "BSAH": "bsah",
+}
+"""The paper's name of a method -> culler and builder of a plan."""
+
 SAMPLES = (1, 10, 100)  # samples per pixel and light
 HULLS, LINES, CONVEX = "hulls", "as published", "convex region"
 MARKINGS: dict[str, dict[str, Any]] = {
@@ -254,32 +193,31 @@ class GridRow(NamedTuple):
     trace: dict[str, float]  # builder+tracer -> seconds with one sample
 
 
-def times_to_image(
-    view: CullingView, tracer: str, threads: int, rounds: int, say: Callable[[str], None]
-) -> list[TimeToImage]:
+def times_to_image(view: CullingView, tracer: str, threads: int, rounds: int, say: Say) -> list[TimeToImage]:
     """Measure Tables 1 to 3 for one view and tracer; InputError if its camera sees nothing."""
     renderers = {m: Renderer(view.scene, f"{part}+{tracer}", threads) for m, part in METHODS.items()}
-    seconds: dict[str, dict[Any, list[float]]] = {m: {} for m in METHODS}
     bits: dict[str, bytes] = {}
-    for turn in range(-1, rounds):  # the first is a warm-up
-        for method, renderer in renderers.items():
-            for spp in SAMPLES if turn >= 0 else SAMPLES[:1]:
-                say(f"{view.figure}, {method}, {tracer}, {spp} samples, round {max(turn, 0) + 1} of {rounds}")
-                frame = renderer.render(view.camera, view.lights, spp=spp, time=view.time)
-                if not frame.rays:
-                    raise InputError(f"{view.figure}: the camera sees nothing; give Crytek's Sponza, in centimetres")
-                if turn >= 0:
-                    for phase in ("gbuffer", "shade", "cull", "build"):
-                        seconds[method].setdefault(phase, []).append(frame.timings[phase])
-                    seconds[method].setdefault(spp, []).append(frame.timings["trace"])
-                bits[method] = digest(frame.bits)
+
+    def render(method: str, turn: int) -> dict[int, dict[str, float]]:
+        timings = {}
+        for spp in SAMPLES if turn >= 0 else SAMPLES[:1]:
+            say(f"{view.figure}, {method}, {tracer}, {spp} samples, {round_text(turn, rounds)}")
+            frame = renderers[method].render(view.camera, view.lights, spp=spp, time=view.time)
+            if not frame.rays:
+                raise InputError(f"{view.figure}: the camera sees nothing; give Crytek's Sponza, in centimetres")
+            timings[spp], bits[method] = frame.timings, digest(frame.bits)
+        return timings
+
+    laps = interleave(METHODS, rounds, render, warm_up=1)
     remaining = _remaining(view, renderers["LBVH culled"])
     rows = []
-    for method, times in seconds.items():
-        middle = {key: median(values) for key, values in times.items()}
+    for method, times in laps.items():
+        gbuffer, shade, culling, build = (
+            median(lap[spp][phase] for lap in times for spp in SAMPLES)
+            for phase in ("gbuffer", "shade", "cull", "build")
+        )
+        trace = {spp: median(lap[spp]["trace"] for lap in times) for spp in SAMPLES}
         share = remaining if METHODS[method].startswith("grid") else 1.0
-        gbuffer, shade, culling, build = (middle[phase] for phase in ("gbuffer", "shade", "cull", "build"))
-        trace = {spp: middle[spp] for spp in SAMPLES}
         rows.append(
             TimeToImage(view.figure, tracer, method, gbuffer, shade, culling, build, trace, share, bits[method])
         )
@@ -301,12 +239,7 @@ def _remaining(view: CullingView, renderer: Renderer) -> float:
 
 
 def grid_rows(
-    view: CullingView,
-    grids: Mapping[str, Sequence[int]],
-    tracers: Sequence[str],
-    threads: int,
-    rounds: int,
-    say: Callable[[str], None],
+    view: CullingView, grids: Mapping[str, Sequence[int]], tracers: Sequence[str], threads: int, rounds: int, say: Say
 ) -> list[GridRow]:
     """Measure culling in one view with `grids`, such as USUAL or VIDEO.
 
@@ -323,10 +256,10 @@ def grid_rows(
             options = MARKINGS[marked]
             laps = [_steps(triangles, queries, threads, n, options) for _ in range(rounds + 1)][1:]
             culled = cull(triangles, queries, threads, n=n, **options)
-            steps = {step: median(lap[step] for lap in laps) for step in STEPS}
             timed = accelerators if marked == HULLS else {}
             times = _all_traced(timed, triangles, culled, queries, rounds)
-            rows.append(GridRow(view.figure, n, marked, len(culled.kept) / len(triangles.vertices), steps, *times))
+            remaining = len(culled.kept) / len(triangles.vertices)
+            rows.append(GridRow(view.figure, n, marked, remaining, medians(laps), *times))
     return rows if tracers else rows[1:]
 
 
@@ -399,152 +332,3 @@ def _mean(rows: list[GridRow]) -> GridRow:
         for name in ("steps", "build", "trace")
     )
     return GridRow("mean", rows[0].grid, rows[0].marked, mean(r.remaining for r in rows), *parts)
-
-
-# --- Tables -----------------------------------------------------------------------------------------------------------
-
-
-_WIDTH = 150  # width of the tables, in characters
-_STEPS = {
-    "sources": "G-buffer to grid",
-    "mark": "mark cells",
-    "triangles": "determine triangles",
-    "pack": "scan and pack triangles",
-}
-"""Culling step -> its name in Tables 1 and 2."""
-
-
-def _ms(seconds: float) -> str:
-    return f"{1e3 * seconds:.1f}"
-
-
-def _beside(ours: str, theirs: float | None, digits: int = 1) -> str:
-    """Our result, with the paper's in brackets if there is one."""
-    return ours if theirs is None else f"{ours} ({theirs:.{digits}f})"
-
-
-def print_details(times: list[TimeToImage], grids: list[GridRow]) -> None:
-    """Print Tables 1 and 2: all steps for each view and tracer."""
-    columns = list(dict.fromkeys((t.figure, t.tracer) for t in times))
-    parts = [_details(*column, times, grids) for column in columns]
-    table = [(name, *(part[name] for part in parts)) for name in parts[0]]
-    head = ("ms", *(f"{figure}, {tracer}" for figure, tracer in columns))
-    print("All steps with one sample (Tables 1 and 2; in brackets the paper's results on a GPU)")
-    report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
-
-
-def _details(figure: str, tracer: str, times: list[TimeToImage], grids: list[GridRow]) -> dict[str, str]:
-    """The column of one view and tracer: row name -> times."""
-    methods = {t.method: t for t in times if (t.figure, t.tracer) == (figure, tracer)}
-    grid = next(r for r in grids if r.figure == figure and r.marked == HULLS)
-    theirs: Sequence[float | None] = DETAILS.get(figure) or (None,) * 6
-    totals: Mapping[str, Sequence[float | None]] = TIME_TO_IMAGE.get(figure, {})
-    first = methods["LBVH"]
-    rows = {
-        "render G-buffer": _beside(_ms(first.gbuffer), theirs[0]),
-        "shading (final blit)": _beside(_ms(first.shade), theirs[1]),
-    }
-    for (step, name), ms in zip(_STEPS.items(), theirs[2:]):
-        rows[name] = _beside(_ms(grid.steps[step]), ms)
-    for method, t in methods.items():
-        total = totals.get(method, (None,) * 3)
-        if t.cull:
-            rows[f"{method}: all culling"] = _beside(_ms(t.cull), total[0])
-        rows[f"{method}: build"] = _beside(_ms(t.build), total[1])
-        rows[f"{method}: trace"] = _beside(_ms(t.trace[SAMPLES[0]]), total[2])
-    return rows
-
-
-def print_times(times: list[TimeToImage]) -> None:
-    """Print Table 3, with the paper's ratios to LBVH in brackets, and the break-even points of Figure 7."""
-    rows = []
-    for t in times:
-        same = {o.method: o for o in times if (o.figure, o.tracer) == (t.figure, t.tracer)}
-        first, last, theirs = same["LBVH"], same["BSAH"], TIME_TO_IMAGE.get(t.figure)
-        ratios = []
-        for k, spp in enumerate(SAMPLES):
-            ratio = 100 * theirs[t.method][3 + k] / theirs["LBVH"][3 + k] if theirs else None
-            ratios.append(_beside(f"{100 * t.total(spp) / first.total(spp):.0f}", ratio, 0))
-        even = "" if t is last else f"{break_even(last, t):.0f}"
-        seconds = t.cull, t.build, t.trace[SAMPLES[0]], *(t.total(spp) for spp in SAMPLES)
-        rows.append((t.figure, t.tracer, t.method, *map(_ms, seconds), *ratios, even))
-    totals, ratios = ([f"{name} {spp} spp" for spp in SAMPLES] for name in ("total", "% of LBVH"))
-    head = ("view", "tracer", "method", "cull", "build", "trace 1 spp", *totals, *ratios, "BSAH breaks even, spp")
-    print("Time to image, ms (Table 3 and Figure 7; the paper's results in brackets)")
-    report.print_table(head, rows, right=range(3, len(head)), width=_WIDTH)
-
-
-def print_regions(grids: list[GridRow]) -> None:
-    """Print the remaining triangles with a convex region and with grids (Figure 2, captions of Figures 3 to 6)."""
-    figures, table = list(dict.fromkeys(r.figure for r in grids)), []
-    for figure in figures:
-        shares = {r.marked: f"{100 * r.remaining:.1f}" for r in grids if r.figure == figure}
-        theirs = REMAINING.get(figure)
-        published = _beside(shares[LINES], None if theirs is None else 100 * theirs, 0)
-        table.append((figure, shares[CONVEX], published, shares[HULLS]))
-    head = ("view", "convex region (Figure 2b)", "as published (Figure 2d)", "hulls (grid32)")
-    print("Remaining triangles, %, with 32 cells per axis (the paper's results in brackets)")
-    report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
-
-
-def print_grids(rows: list[GridRow], tracers: list[str]) -> None:
-    """Print Table 4, with the paper's results in brackets."""
-    table = []
-    for r in rows:
-        theirs: Sequence[float | None] = GRIDS[r.grid] if r.grid else (None, None, None, None, None, *UNCULLED)
-        share = _beside(f"{100 * r.remaining:.0f}", 100 * GRIDS[r.grid][0] if r.grid else None, 0)
-        steps = ["", "", ""]
-        if r.grid:
-            parts = r.steps["sources"], r.steps["mark"], r.steps["triangles"] + r.steps["pack"]
-            steps = [_beside(_ms(part), ms) for part, ms in zip(parts, theirs[1:4])]
-        total = _beside(_ms(sum(r.steps.values())), theirs[4]) if r.grid else ""
-        times = []
-        for builder, ms in zip(BUILDERS, (theirs[5:7], theirs[7:9])):
-            plans = [f"{builder}+{tracer}" for tracer in tracers]
-            times.append(_beside(_ms(r.build[plans[0]]), ms[0]) if r.build else "")
-            times += [_beside(_ms(r.trace[plan]), ms[1]) if r.trace else "" for plan in plans]
-        table.append((str(r.grid or "none"), r.marked, share, *steps, total, *times))
-    names = [name for b in BUILDERS for name in (f"build {b}", *(f"{t}, 1 spp" for t in tracers))]
-    head = ("grid", "marking", "% remaining", "sources", "mark", "triangles", "all culling", *names)
-    print("Grids, ms, means over the frames of an animated city (Table 4; in brackets the paper's, for another scene)")
-    report.print_table(head, table, right=(0, *range(2, len(head))), width=_WIDTH)
-
-
-# --- Plot -------------------------------------------------------------------------------------------------------------
-
-
-def _sums(t: TimeToImage, spp: np.ndarray) -> np.ndarray:
-    """Time to image in seconds for any number of samples, by linear interpolation and extrapolation."""
-    traced = np.array([t.trace[s] for s in SAMPLES])
-    beyond = np.maximum(spp - SAMPLES[-1], 0) * seconds_a_sample(t)
-    sums: np.ndarray = t.cull + t.build + np.interp(spp, SAMPLES, traced) + beyond
-    return sums
-
-
-def write_plot(times: list[TimeToImage], path: Path) -> None:
-    """Write Figure 7 with a panel per view and tracer. A dot marks where BSAH breaks even with a method."""
-    from matplotlib.figure import Figure
-
-    figures, tracers = (list(dict.fromkeys(getattr(t, name) for t in times)) for name in ("figure", "tracer"))
-    sheet = Figure(figsize=(4.2 * len(figures), 3.8 * len(tracers)), layout="constrained")
-    panels = sheet.subplots(len(tracers), len(figures), squeeze=False)
-    for row, tracer in zip(panels, tracers):
-        for panel, figure in zip(row, figures):
-            _draw(panel, {t.method: t for t in times if (t.figure, t.tracer) == (figure, tracer)})
-        row[0].set_ylabel("time to image / BSAH's")
-    sheet.axes[0].legend(fontsize=8)
-    with atomic_output(path) as temporary:
-        sheet.savefig(temporary, format="png", dpi=110)
-
-
-def _draw(panel: Any, methods: dict[str, TimeToImage]) -> None:
-    """Draw the curves of one view and one tracer."""
-    spp, last = np.geomspace(1, 1000, 200), methods["BSAH"]
-    for method, t in methods.items():
-        (line,) = panel.plot(spp, _sums(t, spp) / _sums(last, spp), label=method)
-        even = break_even(last, t)
-        if t is not last and even <= spp[-1]:
-            panel.plot(even, 1.0, "o", color=line.get_color())
-    title = f"{last.figure}, {last.tracer}"
-    panel.set(xscale="log", title=title, xlabel="samples per pixel and light", ylim=(0, None))
-    panel.grid(alpha=0.3)

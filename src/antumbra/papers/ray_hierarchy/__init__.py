@@ -2,5 +2,6 @@
 
 - `cone_hierarchy`: nodes as cones with a common apex, and the tracers ``cones:...``
 - `cone_tests`: tests of triangles against cones
-- `ray_hierarchy_measurements`: views, published results, measurements and plots
+- `ray_hierarchy_measurements`: views, published results and measurements
+- `ray_hierarchy_tables`: prints the tables, and draws Figures 6 and 7
 """

@@ -1,4 +1,4 @@
-"""Measures and draws Figures 6 and 7 and Table 2 of the report on ray hierarchies [Olsson and Assarsson 2011].
+"""Measures Figures 6 and 7 and Table 2 of the report on ray hierarchies [Olsson and Assarsson 2011].
 
 The views are frames of BART's robots, its museum from four viewpoints, and static scenes, each with one point light.
 The report follows BART's own camera through the robots' city; here the camera is static, because the scene folder has
@@ -11,22 +11,20 @@ median of the rounds counts. Smaller pictures predict the time of a variant, whi
 The published results were measured on a GPU (Sec. 5, Tables 1 and 2).
 """
 
-from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
+from collections.abc import Iterable, Mapping
 from statistics import fmean, median, pstdev
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ...engine.scene import AnyScene
 from ...errors import InputError
-from ...files import atomic_output
 from ...picture.frame import Frame
 from ...picture.renderer import Renderer
 from ...scene.camera import Camera
 from ...scene.lights import Light, PointLight
-from .. import benchmark_views as views
-from ..benchmark_views import BenchmarkView, digest, info_view, point, real_path
+from ..bench_runner import Say, interleave
+from ..benchmark_views import BenchmarkScenes, BenchmarkView, digest, point
 from .cone_hierarchy import with_culling
 
 # --- Published results ------------------------------------------------------------------------------------------------
@@ -70,12 +68,13 @@ def published_cut(unsorted: str, sorted_: str, table: Mapping[str, tuple[float, 
 
 
 ROBOTS, MUSEUM = "bart_robots", "bart_museum8_subdivided"
-MOVING = (ROBOTS, MUSEUM)
-"""Folders of $ANTUMBRA_SCENES with vertex frames; the other folders have a static scene.glb."""
-
-REAL = (*MOVING, "sponza_crytek", "synthetic_garden_foxes")
-PROCEDURAL = ("atrium", "forest")
-"""Procedural static scenes, for machines without the real ones."""
+SCENES = BenchmarkScenes(
+    real=(ROBOTS, MUSEUM, "sponza_crytek", "synthetic_garden_foxes"),
+    beside_real=(),
+    without_real=("atrium", "forest"),
+    make_light=point,
+    moving=(ROBOTS, MUSEUM),
+)
 
 MUSEUM_NAME = "subdivided museum"
 """The report uses BART's museum at its finest tessellation; this is a coarse one with subdivided triangles."""
@@ -102,20 +101,6 @@ class PictureCase(NamedTuple):
     camera: Camera
     light: Light
     time: float  # seconds
-
-
-def default_names() -> list[str]:
-    """The default scenes."""
-    real = [name for name in REAL if real_path(name, "frames.npy" if name in MOVING else "scene.glb")]
-    return real or list(PROCEDURAL)
-
-
-def named_view(name: str, size: tuple[int, int]) -> BenchmarkView:
-    """The view of a folder of $ANTUMBRA_SCENES, a procedural scene, a scene file, or a folder of vertex frames."""
-    frames = real_path(name, "frames.npy") if name in MOVING else Path(name) / "frames.npy"
-    if frames and frames.is_file():
-        return info_view(frames.parent.resolve().name, frames.parent, size, point)
-    return views.named_view(name, size, point, REAL)
 
 
 def with_point(view: BenchmarkView) -> BenchmarkView:
@@ -223,40 +208,39 @@ class Spread(NamedTuple):
     deviation: float  # standard deviation / mean
 
 
-def measure(
-    picture: PictureCase,
-    threads: int,
-    rounds: int,
-    limit: float,
-    say: Callable[[str], None],
-    cull_faces: str | None = None,
-) -> tuple[PictureRays, list[Cost]]:
-    """Measure all variants in one picture; InputError if its camera sees nothing.
+class Effort(NamedTuple):
+    """How much to measure."""
 
-    limit : maximum seconds per variant
-    cull_faces : triangle side, as seen from the receiver, that does not block; "back" is as published
-    """
-    plans = PLANS if cull_faces is None else CULLING_PLANS
-    renderers = {name: Renderer(picture.scene, plan, threads) for name, plan in plans.items()}
+    threads: int
+    rounds: int
+    limit: float  # maximum seconds per variant and picture
+    cull_faces: str | None = None  # triangle side, as seen from the receiver, that does not block; published: "back"
+
+
+def measure(picture: PictureCase, effort: Effort, say: Say) -> tuple[PictureRays, list[Cost]]:
+    """Measure all variants in one picture; InputError if its camera sees nothing."""
+    plans = PLANS if effort.cull_faces is None else CULLING_PLANS
+    renderers = {name: Renderer(picture.scene, plan, effort.threads) for name, plan in plans.items()}
 
     def trace(name: str, renderer: Renderer, shrink: int = 1, counters: bool = False) -> Frame:
         camera = picture.camera.resized(*(max(n // shrink, 1) for n in (picture.camera.width, picture.camera.height)))
         say(f"{picture.name}, {name}, {camera.width} x {camera.height}")
         return renderer.render(
-            camera, [picture.light], spp=1, time=picture.time, counters=counters, cull_faces=cull_faces
+            camera, [picture.light], spp=1, time=picture.time, counters=counters, cull_faces=effort.cull_faces
         )
 
-    frame = trace(REFERENCE, Renderer(picture.scene, REFERENCE, threads))
+    frame = trace(REFERENCE, Renderer(picture.scene, REFERENCE, effort.threads))
     if not frame.rays:
         raise InputError(f"{picture.name}: the camera sees nothing; choose a scene whose camera sees something")
-    rays = _picture_rays(picture, frame)
     predicted = {n: _predicted(*(trace(n, r, part, True) for part in SHRINK)) for n, r in renderers.items()}
-    counted = {n: trace(n, r, counters=True) for n, r in renderers.items() if predicted[n][0] <= limit}
-    laps: dict[str, list[float]] = {name: [] for name in counted}
-    for turn in range(rounds):
-        for name, first in counted.items():
-            if turn == 0 or (turn + 1) * first.timings["trace"] <= limit:  # slow variants run once
-                laps[name].append(trace(name, renderers[name]).timings["trace"])
+    counted = {n: trace(n, r, counters=True) for n, r in renderers.items() if predicted[n][0] <= effort.limit}
+
+    def seconds(name: str, turn: int) -> float | None:
+        if turn and (turn + 1) * counted[name].timings["trace"] > effort.limit:  # slow variants run once
+            return None
+        return trace(name, renderers[name]).timings["trace"]
+
+    laps = interleave(counted, effort.rounds, seconds)
     costs = []
     for name in PLANS:
         cost = Cost(picture.name, name, *predicted[name])
@@ -265,7 +249,7 @@ def measure(
             cost = cost._replace(nodes=nodes, passed=passed, tests=tests)
             cost = cost._replace(seconds=median(laps[name]), bits=digest(counted[name].bits))
         costs.append(cost)
-    return rays, costs
+    return _picture_rays(picture, frame), costs
 
 
 def _counts(frame: Frame) -> tuple[int, int, int]:
@@ -356,68 +340,3 @@ def spreads(pictures: Iterable[PictureRays], costs: Iterable[Cost]) -> list[Spre
                 shares = median(some), max(some) / min(some), most - quarter, pstdev(some) / fmean(some)
                 rows.append(Spread(name, variant, len(some), len(every) - len(some), *shares))
     return rows
-
-
-# --- Plot -------------------------------------------------------------------------------------------------------------
-
-
-_WIDTH, _MARKERS = 7.0, "osD^vP*X"
-_FIGURES = (
-    ("Figure 6: spheres, precise test and sorting", (OURS, *MEASURED)),
-    ("Figure 7: early accept, two passes", FIGURE7),
-)
-"""(title, variants) of the rows of the plot."""
-
-
-def write_plot(pictures: list[PictureRays], costs: list[Cost], path: Path) -> None:
-    """Write a plot of each variant's nodes and time in each picture, with a row per figure."""
-    from matplotlib.figure import Figure
-
-    sheet = Figure(figsize=(max(2 * _WIDTH, 0.9 * len(pictures)), 10.0), layout="constrained")
-    panels = sheet.subplots(len(_FIGURES), 2, sharex=True)
-    for (nodes, time), (title, variants) in zip(panels, _FIGURES):
-        nodes.set_title(title)
-        time.set_title(title)
-        _draw_pictures(nodes, pictures, costs, variants, ("nodes", "predicted_nodes"), "nodes tested, millions", 1e-6)
-        _draw_pictures(time, pictures, costs, variants, ("seconds", "predicted"), "trace, ms", 1e3)
-        nodes.legend(fontsize=8)
-    with atomic_output(path) as temporary:
-        sheet.savefig(temporary, format="png", dpi=110)
-
-
-def _draw_pictures(
-    panel: Any,
-    pictures: list[PictureRays],
-    costs: list[Cost],
-    variants: tuple[str, ...],
-    fields: tuple[str, str],
-    label: str,
-    scale: float,
-) -> None:
-    """Draw each variant in its own colour. Lines connect the frames of an animation.
-
-    Hollow markers show the predicted values of skipped variants.
-    """
-    field, predicted = fields
-    for variant in variants:
-        k = list(PLANS).index(variant)
-        style = {"color": f"C{k}", "marker": _MARKERS[k % 8], "markersize": 4}
-        for x, cost in enumerate(of(costs, s.picture, variant) for s in pictures):
-            if cost.nodes is None:
-                panel.plot(x, scale * getattr(cost, predicted), fillstyle="none", **style)
-        for start, end in _runs(pictures):
-            values = [getattr(of(costs, s.picture, variant), field) for s in pictures[start:end]]
-            heights = [float("nan") if v is None else scale * v for v in values]
-            name = variant if start == 0 else None
-            panel.plot(range(start, end), heights, label=name, **style)
-    names = [s.picture for s in pictures]
-    panel.set_xticks(range(len(pictures)), names, rotation=40, ha="right", rotation_mode="anchor", fontsize=8)
-    panel.set_yscale("log")
-    panel.set_ylabel(label)
-    panel.grid(alpha=0.3)
-
-
-def _runs(pictures: list[PictureRays]) -> list[tuple[int, int]]:
-    """(first, end) of runs of pictures: the frames of an animation, or a single picture."""
-    starts = [k for k, s in enumerate(pictures) if k == 0 or s.frame is None or s.of != pictures[k - 1].of]
-    return list(zip(starts, [*starts[1:], len(pictures)]))

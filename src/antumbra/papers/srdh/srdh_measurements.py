@@ -42,30 +42,17 @@ from ...techniques.srdh.representative_rays import (
 from ...trace.rays.ray_hits import bounce_surfaces
 from ...trace.rays.ray_traversal import BUILT, RANDOM, SRDH, Ordered
 from ...trace.rays.single_rays import UNOCCLUDED, count_steps
-from .. import benchmark_views as views
-from ..benchmark_views import BenchmarkView, digest, real_path, square
+from ..bench_runner import Say, interleave, medians, round_text
+from ..benchmark_views import BenchmarkScenes, BenchmarkView, digest, square
 from ..published_methods import BUILDERS, ORDERS
 
-# --- Views: real scenes with area lights, and procedural ones with much occlusion -------------------------------------
-
-
-REAL = ("sponza_crytek", "zdm2", "godot_room", "bart_robots", "sanmiguel_lite")
-"""Folders of $ANTUMBRA_SCENES to measure if they exist. Each has a scene.glb and an info.json."""
-
-PROCEDURAL = ("blinds", "cellar", "atrium")
-"""Procedural scenes. The first is always measured, the others only without real scenes."""
-
-
-def default_names() -> list[str]:
-    """The default scenes."""
-    real = [name for name in REAL if real_path(name)]
-    return [*real, PROCEDURAL[0]] if real else list(PROCEDURAL)
-
-
-def named_view(name: str, size: tuple[int, int]) -> BenchmarkView:
-    """The view of a folder of $ANTUMBRA_SCENES, of a procedural scene, or of a scene file."""
-    return views.named_view(name, size, square(10), REAL)
-
+SCENES = BenchmarkScenes(
+    ("sponza_crytek", "zdm2", "godot_room", "bart_robots", "sanmiguel_lite"),
+    ("blinds",),
+    ("blinds", "cellar", "atrium"),
+    square(10),
+)
+"""Real scenes with area lights, and procedural ones with much occlusion."""
 
 # --- Box tests (Figures 2, 4 and 5) -----------------------------------------------------------------------------------
 
@@ -146,12 +133,10 @@ class Workload:
         return self._queries(bounce_surfaces(sparse, self.triangles, bvh, threads=self.threads), samples)
 
 
-def count_view(
-    view: BenchmarkView, spp: int, threads: int | None, say: Callable[[str], None], pixels: Iterable[int] = PIXELS
-) -> list[BoxTests]:
-    """All counts of one view; InputError if its camera sees nothing."""
+def count_view(work: Workload, say: Say, pixels: Iterable[int] = PIXELS) -> list[BoxTests]:
+    """All counts of one view; InputError if its lights reach no visible surface."""
+    view = work.view
     say(f"{view.name}, generating shadow rays")
-    work = Workload(view, spp, threads)
     vertices, queries = work.triangles.vertices, work.queries()
     rows: list[BoxTests] = []
 
@@ -320,23 +305,25 @@ class RenderTimes(NamedTuple):
     traced: float
     bits: bytes  # digest of the answer
 
+    @property
+    def total(self) -> float:
+        return self.built + self.traced
 
-def build_times(
-    view: BenchmarkView, spp: int, threads: int | None, rounds: int, say: Callable[[str], None]
-) -> list[BuildTimes]:
-    """Measure Table 1 for one view; InputError if its camera sees nothing."""
-    work, alone = Workload(view, spp, threads), Workload(view, spp, 1)
-    laps: dict[int, list[dict[str, float]]] = {k: [] for k in BUILD_PIXELS}
+
+def build_times(work: Workload, spp: int, rounds: int, say: Say) -> list[BuildTimes]:
+    """Measure Table 1 for one view, with `spp` samples per light as in its workload."""
+    name, alone = work.view.name, Workload(work.view, spp, 1)
     counts = {}
-    for turn in range(-1, rounds):  # the first is a warm-up
-        for k in BUILD_PIXELS:
-            say(f"{view.name}, building for {k} x {k} pixels, round {max(turn, 0) + 1} of {rounds}")
-            seconds, counts[k] = _build_once(work, alone, k)
-            if turn >= 0:
-                laps[k].append(seconds)
-    middle = {k: {part: median(lap[part] for lap in laps[k]) for part in laps[k][0]} for k in BUILD_PIXELS}
+
+    def build(pixels: int, turn: int) -> dict[str, float]:
+        say(f"{name}, building for {pixels} x {pixels} pixels, {round_text(turn, rounds)}")
+        seconds, counts[pixels] = _build_once(work, alone, pixels)
+        return seconds
+
+    laps = interleave(BUILD_PIXELS, rounds, build, warm_up=1)
     n = len(work.triangles.vertices)
-    return [BuildTimes(view.name, k, n, rays, hits, **middle[k]) for k, (rays, hits) in counts.items()]
+    parts: dict[int, dict[str, Any]] = {k: medians(laps[k]) for k in BUILD_PIXELS}
+    return [BuildTimes(name, k, n, *counts[k], **parts[k]) for k in BUILD_PIXELS]
 
 
 def _build_once(work: Workload, alone: Workload, pixels: int) -> tuple[dict[str, float], tuple[int, int]]:
@@ -358,24 +345,20 @@ def _build_once(work: Workload, alone: Workload, pixels: int) -> tuple[dict[str,
     return seconds, (len(rays.origins), len(rays.prims))
 
 
-def render_times(
-    view: BenchmarkView, threads: int | None, rounds: int, say: Callable[[str], None]
-) -> list[RenderTimes]:
+def render_times(view: BenchmarkView, threads: int | None, rounds: int, say: Say) -> list[RenderTimes]:
     """Measure each of BUILDS with each of TRACERS, with a `Renderer`'s default representative rays."""
     plans = [(build, tracer) for tracer in TRACERS for build in BUILDS]
     renderers = {plan: Renderer(view.scene, "+".join(plan), threads) for plan in plans}
-    seconds: dict[Any, list[tuple[float, float]]] = {plan: [] for plan in plans}
-    answers: dict[Any, tuple[int, bytes]] = {}
-    for turn in range(-1, rounds):  # the first is a warm-up
-        for plan, renderer in renderers.items():
-            say(f"{view.name}, {renderer.plan}, round {max(turn, 0) + 1} of {rounds}")
-            frame = renderer.render(view.camera, view.lights, spp=SPP if turn >= 0 else 1)
-            if turn >= 0:
-                seconds[plan].append((frame.timings["build"], frame.timings["trace"]))
-            answers[plan] = frame.rays, digest(frame.bits)
+    answers: dict[tuple[str, str], tuple[int, bytes]] = {}
+
+    def render(plan: tuple[str, str], turn: int) -> tuple[float, float]:
+        say(f"{view.name}, {renderers[plan].plan}, {round_text(turn, rounds)}")
+        frame = renderers[plan].render(view.camera, view.lights, spp=SPP if turn >= 0 else 1)
+        answers[plan] = frame.rays, digest(frame.bits)
+        return frame.timings["build"], frame.timings["trace"]
+
     rows = []
-    for plan in plans:
-        rays, bits = answers[plan]
-        built, traced = (median(column) for column in zip(*seconds[plan]))
+    for plan, laps in interleave(plans, rounds, render, warm_up=1).items():
+        (rays, bits), (built, traced) = answers[plan], (median(seconds) for seconds in zip(*laps))
         rows.append(RenderTimes(view.name, *plan, rays, built, traced, bits))
     return rows

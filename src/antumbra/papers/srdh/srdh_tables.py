@@ -1,13 +1,13 @@
 """Prints the tables of the SRDH paper with the published results, and draws its Figures 2 and 4."""
 
 from pathlib import Path
-from typing import Any
+from statistics import fmean
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...cli import console as report
-from ...files import atomic_output
 from ...trace.rays.single_rays import FALSE, PATH, UNOCCLUDED
+from ..bench_runner import Column, columns_of, label, ms, percent, plot_sheet, print_notes, print_table
 from . import srdh_measurements as bench
 from .srdh_measurements import (
     BUILD_PIXELS,
@@ -17,7 +17,6 @@ from .srdh_measurements import (
     PUBLISHED,
     SAH_ORDERS,
     SPP,
-    TRACERS,
     BoxTests,
     BuildTimes,
     RenderTimes,
@@ -62,137 +61,176 @@ def both_over_sah(pixels: int) -> float:
 # --- Tables -----------------------------------------------------------------------------------------------------------
 
 
-_WIDTH = 150  # width of the tables, in characters
+class SrdhRows(NamedTuple):
+    """All measured rows."""
+
+    counts: list[BoxTests]
+    rtsah: list[RtsahCheck]
+    builds: list[BuildTimes]
+    renders: list[RenderTimes]
 
 
-def _percent(share: float) -> str:
-    return f"{100 * share:.0f}"
+def print_tables(rows: SrdhRows) -> None:
+    """Print all tables."""
+    _print_orders(rows.counts)
+    _print_saved(rows.counts)
+    _print_rtsah(rows.rtsah)
+    _print_pixels(rows.counts)
+    _print_kernels(rows.counts)
+    _print_builds(rows.builds)
+    _print_renders(rows.renders)
 
 
-def _ms(seconds: float) -> str:
-    return f"{1e3 * seconds:.1f}"
-
-
-def print_orders(rows: list[BoxTests]) -> None:
+def _print_orders(rows: list[BoxTests]) -> None:
     """Print ray counts, and Figure 2 as a table."""
+    base = lambda row: of(rows, row.scene, bench.BASE)
+    sizes = (
+        label("scene", "scene"),
+        Column("triangles", lambda r: f"{r.triangles:,}"),
+        Column("rays", lambda r: f"{r.rays:,}"),
+        Column("% blocked", lambda r: percent(r.blocked / r.rays)),
+    )
+    print_table("Counted shadow rays", sizes, [of(rows, name, bench.BASE) for name in scenes_of(rows)])
+    columns = (
+        label("scene", "scene"),
+        label("method", "method"),
+        Column("all", lambda r: percent(relative(rows, r))),
+        *columns_of(
+            dict(enumerate(("path to the hit", "false hits", "unoccluded"))),
+            lambda r, k: percent(r.boxes[k] / base(r).total),
+        ),
+        Column("boxes per ray", lambda r: f"{r.total / r.rays:.1f}"),
+        Column("triangles per ray", lambda r: f"{r.tested / r.rays:.2f}"),
+    )
+    methods = (*SAH_ORDERS, PUBLISHED, OURS)
+    title = "Box tests, % of random order; SRDH with all rays as representative rays (Figure 2)"
+    print_table(title, columns, [of(rows, name, method) for name in scenes_of(rows) for method in methods])
 
-    counts, table = [], []
-    for name in bench.scenes_of(rows):
-        base = bench.of(rows, name, bench.BASE)
-        counts.append((name, f"{base.triangles:,}", f"{base.rays:,}", _percent(base.blocked / base.rays)))
-        for method in (*bench.SAH_ORDERS, bench.PUBLISHED, bench.OURS):
-            r = bench.of(rows, name, method)
-            parts = [_percent(part / base.total) for part in (r.total, *r.boxes)]
-            table.append((name, method, *parts, f"{r.total / r.rays:.1f}", f"{r.tested / r.rays:.2f}"))
-    print("Counted shadow rays")
-    report.print_table(("scene", "triangles", "rays", "% blocked"), counts, right=range(1, 4), width=_WIDTH)
-    classes = "path to the hit", "false hits", "unoccluded"
-    head = ("scene", "method", "all", *classes, "boxes per ray", "triangles per ray")
-    print("Box tests, % of random order; SRDH with all rays as representative rays (Figure 2)")
-    report.print_table(head, table, right=range(2, len(head)), width=_WIDTH)
 
-
-def print_saved(rows: list[BoxTests]) -> None:
+def _print_saved(rows: list[BoxTests]) -> None:
     """Print the savings that the paper's text derives from Figure 2."""
+    columns = (
+        label("scene", "scene", lambda p: f"(paper: {p[0]})"),
+        *columns_of(
+            {order: f"vs. {order}" for order in SAH_ORDERS},
+            lambda r, order: percent(bench.saved(rows, r, order)),
+            lambda p, order: p[1].get(order, ""),
+        ),
+        Column("unoccluded rays", lambda r: percent(bench.saved_unoccluded(rows, r)), lambda p: p[1].get("", "")),
+    )
+    published = (
+        ("BEDROOM", {order: percent(share) for order, share in BEDROOM.items()}),
+        *((name, {"": percent(share)}) for name, share in PUBLISHED_UNOCCLUDED.items()),
+        ("all scenes", {bench.BASE: " to ".join(map(percent, REDUCTION))}),
+    )
+    title = "Box tests saved by SRDH, as published with all rays as representative rays, % (Section 4.1)"
+    print_table(title, columns, [of(rows, name, PUBLISHED) for name in scenes_of(rows)], published)
 
-    table = []
-    for name in bench.scenes_of(rows):
-        r = bench.of(rows, name, bench.PUBLISHED)
-        shares = [bench.saved(rows, r, order) for order in bench.SAH_ORDERS]
-        table.append((name, *map(_percent, shares), _percent(bench.saved_unoccluded(rows, r))))
-    blinds = (_percent(BEDROOM[order]) if order in BEDROOM else "" for order in bench.SAH_ORDERS)
-    table.append(("(paper: BEDROOM)", *blinds, ""))
-    table += [(f"(paper: {name})", *[""] * 4, _percent(share)) for name, share in PUBLISHED_UNOCCLUDED.items()]
-    least, most = map(_percent, REDUCTION)
-    table.append(("(paper: all scenes)", f"{least} to {most}", *[""] * 4))
-    head = ("scene", *(f"vs. {order}" for order in bench.SAH_ORDERS), "unoccluded rays")
-    print("Box tests saved by SRDH, as published with all rays as representative rays, % (Section 4.1)")
-    report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
 
-
-def print_rtsah(rows: list[RtsahCheck]) -> None:
+def _print_rtsah(rows: list[RtsahCheck]) -> None:
     """Print RTSAH with the lines that it assumes and with shadow rays."""
-    bedroom = (1 - BEDROOM["random"]) / (1 - BEDROOM["rtsah"])
-    table = [(r.scene, *map(_percent, r[1:])) for r in rows] + [("(paper: BEDROOM)", "", "", _percent(bedroom), "")]
-    head = ("scene", "uniform lines", "reversed", "shadow rays", "reversed")
-    print("Box tests with RTSAH and with the opposite order, % of random order")
-    report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
+    columns = (
+        label("scene", "scene", lambda _: "(paper: BEDROOM)"),
+        Column("uniform lines", lambda r: percent(r.lines)),
+        Column("reversed", lambda r: percent(r.lines_reversed)),
+        Column("shadow rays", lambda r: percent(r.rays), lambda b: percent((1 - b["random"]) / (1 - b["rtsah"]))),
+        Column("reversed", lambda r: percent(r.rays_reversed)),
+    )
+    print_table("Box tests with RTSAH and with the opposite order, % of random order", columns, rows, [BEDROOM])
 
 
-def print_pixels(rows: list[BoxTests]) -> None:
-    """Print Figure 4 as a table."""
+def _print_pixels(rows: list[BoxTests]) -> None:
+    """Print Figure 4 as a table. Its rows are those of the trees for all rays."""
+    sixteen = lambda r: bench.beyond_all(rows, of(rows, r.scene, r.method, 16))
+    columns = (
+        label("scene", "scene"),
+        label("method", "method"),
+        *columns_of(
+            {k: f"{k} x {k}" if k else "all" for k in (*PIXELS, None)},
+            lambda r, k: f"{100 * relative(rows, of(rows, r.scene, r.method, k)):.1f}",
+        ),
+        Column("16 x 16 vs. all", lambda r: f"{100 * sixteen(r):+.1f} %"),
+    )
+    table = [of(rows, name, method) for name in scenes_of(rows) for method in (PUBLISHED, OURS)]
+    print_table("Box tests, % of random order, by size of the pre-render (Figure 4)", columns, table)
+    most = {method: max(sixteen(r) for r in table if r.method == method) for method in (PUBLISHED, OURS)}
+    notes = [(method, f"16 x 16 at most {100 * share:.1f} % above all rays") for method, share in most.items()]
+    print_notes([*notes, ("the paper's", f"at most {percent(WITHIN)} %")])
 
-    table, beyond = [], dict[str, list[float]]()
-    for name in bench.scenes_of(rows):
-        for method in (bench.PUBLISHED, bench.OURS):
-            pre_renders = [bench.of(rows, name, method, k) for k in (*bench.PIXELS, None)]
-            sixteen = bench.beyond_all(rows, bench.of(rows, name, method, 16))
-            beyond.setdefault(method, []).append(sixteen)
-            cells = [f"{100 * bench.relative(rows, r):.1f}" for r in pre_renders]
-            table.append((name, method, *cells, f"{100 * sixteen:+.1f} %"))
-    head = ("scene", "method", *(f"{k} x {k}" for k in bench.PIXELS), "all", "16 x 16 vs. all")
-    print("Box tests, % of random order, by size of the pre-render (Figure 4)")
-    report.print_table(head, table, right=range(2, len(head)), width=_WIDTH)
-    most = {method: f"16 x 16 at most {100 * max(shares):.1f} % above all rays" for method, shares in beyond.items()}
-    report.print_fields([*most.items(), ("the paper's", f"at most {_percent(WITHIN)} %")])
-    print()
 
-
-def print_kernels(rows: list[BoxTests]) -> None:
+def _print_kernels(rows: list[BoxTests]) -> None:
     """Print Figure 5 as a table."""
-
-    methods = (bench.CONSTANT, bench.DISTANCE, bench.PUBLISHED)
-    table = []
-    for name in bench.scenes_of(rows):
-        kernel_rows = [bench.of(rows, name, method) for method in methods]
-        table.append((name, *(f"{100 * bench.relative(rows, r):.1f}" for r in kernel_rows)))
-    head = ("scene", *methods[:2], "all kernels")
-    print("Box tests, % of random order, by available kernels, with all rays as representative rays (Figure 5)")
-    report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
+    heads = {bench.CONSTANT: bench.CONSTANT, bench.DISTANCE: bench.DISTANCE, PUBLISHED: "all kernels"}
+    share = lambda scene, method: f"{100 * relative(rows, of(rows, scene, method)):.1f}"
+    title = "Box tests, % of random order, by available kernels, with all rays as representative rays (Figure 5)"
+    print_table(title, [label("scene", str), *columns_of(heads, share)], scenes_of(rows))
 
 
-def print_builds(times: list[BuildTimes]) -> None:
+class _PublishedBuild(NamedTuple):
+    """A row of Table 1 in the paper."""
+
+    scene: str
+    triangles: int
+    pixels: int
+    rays: int
+    sah: float
+    srdh: float
+
+    @property
+    def both(self) -> float:
+        return (self.sah + self.srdh) / self.sah
+
+
+def _print_builds(times: list[BuildTimes]) -> None:
     """Print Table 1 with the paper's rows, and the build times of a renderer without another tree."""
-    table: list[tuple[str, ...]] = []
-    for t in times:
-        published = _ms(t.sah_single), _ms(t.rays_by_sah), _ms(t.published), f"{t.both:.2f}"
-        ours = _ms(t.sah), _ms(t.rays_by_lbvh), _ms(t.srdh), f"{t.instead:.2f}"
-        size = f"{t.pixels} x {t.pixels}"
-        table.append((t.scene, f"{t.triangles:,}", size, f"{t.rays:,}", f"{t.hits:,}", *published, *ours))
-    for name, (triangles, sah, pre_renders) in PUBLISHED_BUILDS.items():
-        for k, (rays, srdh) in pre_renders.items():
-            theirs = _ms(sah), "", _ms(srdh), f"{(sah + srdh) / sah:.2f}"
-            table.append((f"(paper: {name})", f"{triangles:,}", f"{k} x {k}", f"{rays:,}", "", *theirs, *[""] * 4))
-    published = "SAH", "its rays", "SRDH", "both / SAH"
-    ours = "bsah", "lbvh, rays", "srdh", "srdh only / bsah"
-    head = ("scene", "triangles", "pixels", "rays", "hits", *published, *ours)
-    print("Build times, ms: as published, with one triangle per leaf on one thread; then in a renderer (Table 1)")
-    report.print_table(head, table, right=(1, *range(3, len(head))), width=_WIDTH)
+    published = [
+        _PublishedBuild(name, triangles, k, rays, sah, srdh)
+        for name, (triangles, sah, pre_renders) in PUBLISHED_BUILDS.items()
+        for k, (rays, srdh) in pre_renders.items()
+    ]
+    size, triangles, rays = lambda t: f"{t.pixels} x {t.pixels}", lambda t: f"{t.triangles:,}", lambda t: f"{t.rays:,}"
+    columns = (
+        label("scene", "scene", lambda p: f"(paper: {p.scene})"),
+        Column("triangles", triangles, triangles),
+        label("pixels", size, size),
+        Column("rays", rays, rays),
+        Column("hits", lambda t: f"{t.hits:,}"),
+        Column("SAH", lambda t: ms(t.sah_single), lambda p: ms(p.sah)),
+        Column("its rays", lambda t: ms(t.rays_by_sah)),
+        Column("SRDH", lambda t: ms(t.published), lambda p: ms(p.srdh)),
+        Column("both / SAH", lambda t: f"{t.both:.2f}", lambda p: f"{p.both:.2f}"),
+        Column("bsah", lambda t: ms(t.sah)),
+        Column("lbvh, rays", lambda t: ms(t.rays_by_lbvh)),
+        Column("srdh", lambda t: ms(t.srdh)),
+        Column("srdh only / bsah", lambda t: f"{t.instead:.2f}"),
+    )
+    title = "Build times, ms: as published, with one triangle per leaf on one thread; then in a renderer (Table 1)"
+    print_table(title, columns, times, published)
     means = []
     for k in BUILD_PIXELS:
-        same_size = [t for t in times if t.pixels == k]
-        both, instead = (sum(getattr(t, name) for t in same_size) / len(same_size) for name in ("both", "instead"))
-        their_both = both_over_sah(k)
-        text = f"both / SAH {both:.2f} (the paper's {their_both:.2f}), srdh only / bsah {instead:.2f}"
+        both, instead = (fmean(getattr(t, name) for t in times if t.pixels == k) for name in ("both", "instead"))
+        text = f"both / SAH {both:.2f} (the paper's {both_over_sah(k):.2f}), srdh only / bsah {instead:.2f}"
         means.append((f"{k} x {k}", text))
-    report.print_fields(means)
-    print()
+    print_notes(means)
 
 
-def print_renders(times: list[RenderTimes]) -> None:
-    """Print the gain of each tracer."""
-
-    table = []
-    for name in dict.fromkeys(t.scene for t in times):
-        for tracer in TRACERS:
-            sah, ours = (next(t for t in times if t[:3] == (name, build, tracer)) for build in BUILDS)
-            ms = (f"{1e3 * t:.0f}" for t in (sah.built, ours.built, sah.traced, ours.traced))
-            all_ = (ours.built + ours.traced) / (sah.built + sah.traced)
-            rate = f"{ours.rays / ours.traced / 1e6:.1f}"
-            table.append((name, tracer, *ms, f"{ours.traced / sah.traced:.2f}", f"{all_:.2f}", rate))
-    head = ("scene", "tracer", "build bsah", "srdh", "trace bsah", "srdh", "trace ratio", "total ratio", "M rays/s")
-    print(f"Direct light on visible surfaces, {SPP} samples, ms: srdh and bsah")
-    report.print_table(head, table, right=range(2, len(head)), width=_WIDTH)
+def _print_renders(times: list[RenderTimes]) -> None:
+    """Print the gain of each tracer. Rows are pairs of results with bsah and srdh."""
+    by = {(t.scene, t.tracer, t.build): t for t in times}
+    pairs = [tuple(by[scene, tracer, build] for build in BUILDS) for scene, tracer, build in by if build == BUILDS[0]]
+    rounded = lambda seconds: f"{1e3 * seconds:.0f}"
+    columns = (
+        label("scene", lambda pair: pair[0].scene),
+        label("tracer", lambda pair: pair[0].tracer),
+        Column("build bsah", lambda pair: rounded(pair[0].built)),
+        Column("srdh", lambda pair: rounded(pair[1].built)),
+        Column("trace bsah", lambda pair: rounded(pair[0].traced)),
+        Column("srdh", lambda pair: rounded(pair[1].traced)),
+        Column("trace ratio", lambda pair: f"{pair[1].traced / pair[0].traced:.2f}"),
+        Column("total ratio", lambda pair: f"{pair[1].total / pair[0].total:.2f}"),
+        Column("M rays/s", lambda pair: f"{pair[1].rays / pair[1].traced / 1e6:.1f}"),
+    )
+    print_table(f"Direct light on visible surfaces, {SPP} samples, ms: srdh and bsah", columns, pairs)
 
 
 # --- Plot -------------------------------------------------------------------------------------------------------------
@@ -210,15 +248,11 @@ _CLASSES = (
 
 def write_plot(rows: list[BoxTests], path: Path) -> None:
     """Write a plot: Figure 2 as bars grouped by scene at the top, Figure 4 as curves coloured by scene below."""
-    from matplotlib.figure import Figure
-
     scenes = scenes_of(rows)
-    sheet = Figure(figsize=(max(7.0, 2.2 * len(scenes)), 8.0), layout="constrained")
-    above, below = sheet.subplots(2, 1)
-    _draw_bars(above, rows, scenes)
-    _draw_curves(below, rows, scenes)
-    with atomic_output(path) as temporary:
-        sheet.savefig(temporary, format="png", dpi=110)
+    with plot_sheet(path, max(7.0, 2.2 * len(scenes)), 8.0) as sheet:
+        above, below = sheet.subplots(2, 1)
+        _draw_bars(above, rows, scenes)
+        _draw_curves(below, rows, scenes)
 
 
 def _draw_bars(panel: Any, rows: list[BoxTests], scenes: list[str]) -> None:
@@ -247,8 +281,8 @@ def _draw_curves(panel: Any, rows: list[BoxTests], scenes: list[str]) -> None:
     for k, scene in enumerate(scenes):
         for method, style in ((PUBLISHED, "-"), (OURS, "--")):
             ratios = [relative(rows, of(rows, scene, method, pixels)) for pixels in (*PIXELS, None)]
-            label = scene if method == PUBLISHED else None
-            panel.plot([*PIXELS, last], ratios, style, marker=".", color=f"C{k}", label=label)
+            name = scene if method == PUBLISHED else None
+            panel.plot([*PIXELS, last], ratios, style, marker=".", color=f"C{k}", label=name)
     panel.plot([], [], "k-", label=PUBLISHED)
     panel.plot([], [], "k--", label=OURS)
     panel.set_xscale("log", base=2)

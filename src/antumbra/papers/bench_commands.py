@@ -1,0 +1,418 @@
+"""The commands of ``antumbra bench``: one per paper, each with its options and its settings.
+
+The measurements are imported only when a command runs, which keeps the help of ``antumbra bench`` fast.
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import typer
+
+from ..cli import arguments, console
+from ..cli.bench_command import BenchResult, BenchRun, benchmark
+from ..cli.options import MaxMemoryOption, Threads, writes_folder
+from ..errors import InputError
+from ..picture.render_options import CullFaces
+from .bench_runner import ImageSize, Rounds, plot_option, records, scene_option
+from .chc_rt.chcrt_published import IN_CORE, PAGED, WALKED, ChcrtTable
+
+# --- antumbra bench multi-frusta --------------------------------------------------------------------------------------
+
+
+class FrustaOptions(NamedTuple):
+    """Options of ``antumbra bench multi-frusta``."""
+
+    scene: Annotated[list[str] | None, scene_option("two folders of $ANTUMBRA_SCENES, if they exist, and forest")] = (
+        None
+    )
+    plot: Annotated[Path | None, plot_option("Figures 5 to 7")] = None
+    size: ImageSize = "512x512"
+    cull_faces: Annotated[
+        CullFaces, typer.Option(help="Triangle side that does not block shadow rays; published with: back.")
+    ] = CullFaces.back
+    rounds: Rounds = 5
+
+
+@benchmark(size="160x160", rounds=1)
+def multi_frusta(run: BenchRun, options: FrustaOptions) -> BenchResult:
+    """Multi-frusta tracing compared with packets: accesses, tests and times [Benthin and Wald 2009].
+
+    Traces 16 shadow rays per pixel to a square light on one thread. Table 1 compares the paper's tracer and ours with
+    packets of 16 rays, for primary and shadow rays; Section 5.2 has packets of 256 rays. Table 2 compares three kinds
+    of frustum shrinking. Figure 5 compares 16 filtered samples with 256. Figure 6 scales the light's edge by 1/4 to 8.
+    Figure 7 counts silhouette pixels. All tracers give the same bits.
+
+    \b
+    Examples
+      antumbra bench multi-frusta
+      antumbra bench multi-frusta --scene forest --size 256 --rounds 3 --plot forest.png
+    """
+    size = arguments.parse_size(options.size)
+
+    from .multi_frusta import frusta_measurements as bench
+
+    measured = []
+    for view in bench.SCENES.open(options.scene, size, run.say):
+        case = bench.case_of(view, options.cull_faces.side)
+        measured.append((case, bench.tables(case, options.rounds, run.say), bench.measure_quality(case, run.say)))
+    rows = {
+        case.name: {**tables, "figure 5": quality.rows, "figure 7": {"edges": quality.edges}}
+        for case, tables, quality in measured
+    }
+
+    def print_tables() -> None:
+        for case, tables, quality in measured:
+            bench.print_case(case, tables, quality)
+
+    answer = {"size": size, "rounds": options.rounds, "cull_faces": options.cull_faces.side, "rows": rows}
+    plot = partial(bench.write_plot, {case.name: (tables, quality) for case, tables, quality in measured})
+    return BenchResult(answer, print_tables, plot, same_bits=True)
+
+
+# --- antumbra bench ray-hierarchy -------------------------------------------------------------------------------------
+
+
+class RayHierarchyOptions(NamedTuple):
+    """Options of ``antumbra bench ray-hierarchy``."""
+
+    scene: Annotated[
+        list[str] | None,
+        scene_option("four folders of $ANTUMBRA_SCENES, else atrium and forest", "a file, a folder of vertex frames"),
+    ] = None
+    plot: Annotated[Path | None, plot_option("curves")] = None
+    size: ImageSize = "1024x1024"
+    frames: Annotated[int, typer.Option(help="Evenly spaced frames of each animated scene.", min=1, max=10_000)] = 10
+    limit: Annotated[
+        float,
+        typer.Option(help="Skip variants predicted to take longer per picture.", metavar="SECONDS", min=0.0),
+    ] = 60.0
+    cull_faces: Annotated[
+        CullFaces,
+        typer.Option(
+            help="Triangle side, as seen from the receiver, that does not block shadow rays. The report culls faces "
+            "visible from the light: back."
+        ),
+    ] = CullFaces.back
+    rounds: Rounds = 3
+    threads: Threads = None
+
+
+@benchmark(size="192x192", frames=3, limit=0.5, rounds=1)
+def ray_hierarchy(run: BenchRun, options: RayHierarchyOptions) -> BenchResult:
+    """Ray hierarchies: nodes, times and their variation [Olsson and Assarsson 2011].
+
+    Traces one shadow ray per pixel to a point light with the variants of the report's Table 1 and ours. The scenes are
+    frames of BART's robots, views of its museum (Figures 6 and 7, Table 2), and static scenes.
+
+    \b
+    Examples
+      antumbra bench ray-hierarchy
+      antumbra bench ray-hierarchy --scene bart_robots --frames 40 --plot robots.png
+      antumbra bench ray-hierarchy --scene procedural:forest --size 512 --limit 10
+    """
+    size = arguments.parse_size(options.size)
+
+    from ..kernels.parallel import thread_count
+    from .benchmark_views import agree
+    from .ray_hierarchy import ray_hierarchy_measurements as bench
+    from .ray_hierarchy.ray_hierarchy_tables import print_tables, write_plot
+
+    effort = bench.Effort(thread_count(options.threads), options.rounds, options.limit, options.cull_faces.side)
+    pictures: list[bench.PictureRays] = []
+    costs: list[bench.Cost] = []
+    for view in bench.SCENES.open(options.scene, size, run.say):
+        for picture in bench.pictures(bench.with_point(view), options.frames):
+            rays, picture_costs = bench.measure(picture, effort, run.say)
+            pictures.append(rays)
+            costs += picture_costs
+    relative = bench.relative_costs(pictures, costs, bench.FIGURE7)
+    spreads = bench.spreads(pictures, costs)
+    answer = {"size": size, "frames": options.frames, **effort._asdict()}
+    answer |= {"pictures": records(pictures), "costs": records(costs)}
+    answer |= {"figure 7": records(relative), "spreads": records(spreads)}
+    same = agree(bench.answers(pictures, costs))
+    tables = partial(print_tables, pictures, costs, relative, spreads)
+    return BenchResult(answer, tables, partial(write_plot, pictures, costs), same)
+
+
+# --- antumbra bench srdh ----------------------------------------------------------------------------------------------
+
+
+class SrdhOptions(NamedTuple):
+    """Options of ``antumbra bench srdh``."""
+
+    scene: Annotated[
+        list[str] | None, scene_option("five folders and blinds; without the folders: blinds, cellar and atrium")
+    ] = None
+    plot: Annotated[Path | None, plot_option("bars and curves")] = None
+    size: Annotated[str, typer.Option(help="Image size for counting box tests.", metavar="WxH")] = "1024x1024"
+    spp: Annotated[int, typer.Option(help="Shadow rays counted per light and point.", min=1, max=1024)] = 1
+    timed_size: Annotated[str, typer.Option(help="Image size for timing.", metavar="WxH")] = "512x512"
+    rounds: Rounds = 3
+    threads: Threads = None
+
+
+@benchmark(scene=["blinds", "procedural:cellar?triangles=50k"], size="192x192", timed_size="192x192", rounds=1)
+def srdh(run: BenchRun, options: SrdhOptions) -> BenchResult:
+    """Trees and traversal orders for shadow rays: box tests, build and trace times [Feltman et al. 2012].
+
+    Box tests are counted for shadow rays from the visible surfaces, and from where one diffuse ray per visible point
+    hits (Figures 2, 4, 5). RTSAH is checked with uniformly distributed lines, which it assumes. Build times are as in
+    Table 1; trace times are for direct light at the visible surfaces.
+
+    \b
+    Examples
+      antumbra bench srdh
+      antumbra bench srdh --scene blinds --scene room.glb --plot srdh.png
+      antumbra bench srdh --scene "procedural:cellar?triangles=50k" --size 256 --rounds 5
+    """
+    size, timed = arguments.parse_size(options.size), arguments.parse_size(options.timed_size, "--timed-size")
+
+    from ..kernels.parallel import thread_count
+    from .benchmark_views import agree
+    from .srdh import srdh_measurements as bench
+    from .srdh import srdh_tables
+
+    spp, rounds, threads = options.spp, options.rounds, thread_count(options.threads)
+    rows = srdh_tables.SrdhRows([], [], [], [])
+    for view in bench.SCENES.open(options.scene, size, run.say):
+        work = bench.Workload(view, spp, threads)
+        rows.counts.extend(bench.count_view(work, run.say))
+        run.say(f"{view.name}, uniformly distributed lines")
+        rows.rtsah.append(bench.check_rtsah(work))
+        rows.builds.extend(bench.build_times(work, spp, rounds, run.say))
+        smaller = view._replace(camera=view.camera.resized(*timed))
+        rows.renders.extend(bench.render_times(smaller, threads, rounds, run.say))
+    answer: dict[str, Any] = {"size": size, "spp": spp, "timed_size": timed, "rounds": rounds, "threads": threads}
+    relative = ({"relative": bench.relative(rows.counts, row)} for row in rows.counts)
+    answer |= {"counts": [record | more for record, more in zip(records(rows.counts), relative)]}
+    answer |= {"rtsah": records(rows.rtsah), "builds": records(rows.builds, "both", "instead")}
+    answer |= {"renders": records(rows.renders)}
+    same = agree((row.scene, row.bits) for row in rows.renders)
+    plot = partial(srdh_tables.write_plot, rows.counts)
+    return BenchResult(answer, partial(srdh_tables.print_tables, rows), plot, same)
+
+
+# --- antumbra bench pre-bvh-culling -----------------------------------------------------------------------------------
+
+
+class CullingOptions(NamedTuple):
+    """Options of ``antumbra bench pre-bvh-culling``."""
+
+    sponza: Annotated[
+        Path | None,
+        typer.Option(
+            help="Crytek's Sponza.  [default: sponza_crytek/scene.glb in $ANTUMBRA_SCENES, else the atrium]",
+            metavar="FILE",
+            show_default=False,
+        ),
+    ] = None
+    plot: Annotated[Path | None, plot_option("break-even")] = None
+    tracer: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A tracer (see antumbra plans); may be repeated.  [default: single and multifrusta]",
+            metavar="NAME",
+            show_default=False,
+        ),
+    ] = None
+    size: ImageSize = "1366x768"
+    cellar: Annotated[str, typer.Option(help="Triangles in the cellar.", metavar="N")] = "1M"
+    video: Annotated[str, typer.Option(help="Triangles in the animated city (Table 4).", metavar="N")] = "1M"
+    frames: Annotated[int, typer.Option(help="Animation frames to measure.", min=1, max=1000)] = 4
+    rounds: Rounds = 3
+    threads: Threads = None
+
+
+@benchmark(size="320x180", cellar="250k", video="100k", frames=3, rounds=1)
+def pre_bvh_culling(run: BenchRun, options: CullingOptions) -> BenchResult:
+    """Time to image with and without pre-BVH culling [Selgrad et al. 2015, Tables 1 to 4, Figures 2 and 7].
+
+    Tables 1 to 3 cover the paper's four views; Table 4 covers an animated city. Figure 2 compares the grid with a
+    convex region around receivers and lights, which antumbra culling --culler grid32:convex draws.
+
+    \b
+    Examples
+      antumbra bench pre-bvh-culling
+      antumbra bench pre-bvh-culling --sponza sponza.glb --rounds 5 --plot break_even.png
+      antumbra bench pre-bvh-culling --tracer single --size 683x384 --cellar 250k --video 250k
+    """
+    size = arguments.parse_size(options.size)
+    cellar = arguments.parse_count(options.cellar, "--cellar")
+    video = arguments.parse_count(options.video, "--video")
+
+    from ..kernels.parallel import thread_count
+
+    tracers = list(dict.fromkeys(options.tracer or ("single", "multifrusta")))
+    for name in tracers:
+        _check_tracer(name)
+
+    from .benchmark_views import agree
+    from .pre_bvh_culling import culling_measurements as bench
+    from .pre_bvh_culling.culling_tables import print_tables, write_plot
+
+    effort = thread_count(options.threads), options.rounds, run.say
+    run.say("making the scenes")
+    views = bench.culling_views(options.sponza, size, cellar)
+    times = [t for view in views for name in tracers for t in bench.times_to_image(view, name, *effort)]
+    grids = [row for view in views for row in bench.grid_rows(view, bench.USUAL, (), *effort)]
+    frames = bench.video_views(video, options.frames, size)
+    filmed = [row for view in frames for row in bench.grid_rows(view, bench.VIDEO, tracers, *effort)]
+    answer = {"tracers": tracers, "size": size, "rounds": options.rounds, "frames": options.frames}
+    answer |= {"threads": effort[0], "time_to_image": records(times)}
+    answer |= {"grids": records(grids), "video": records(filmed)}
+    same = agree((t.figure, t.bits) for t in times)
+    return BenchResult(answer, partial(print_tables, times, grids, filmed, tracers), partial(write_plot, times), same)
+
+
+def _check_tracer(name: str) -> None:
+    """Raise InputError unless the tracer exists and uses a BVH."""
+    from ..engine.method_registry import TRACERS, find_method
+
+    with_bvh = ", ".join(each for each, method in TRACERS.items() if method.builds)
+    match = find_method("trace", name)
+    if match is None:
+        raise InputError(f"tracer {name!r} is unknown; choose one of {with_bvh}")
+    if not match[1].builds:
+        raise InputError(
+            f"tracer {name!r} uses no BVH, and this benchmark measures BVH builds; choose one of {with_bvh}"
+        )
+
+
+# --- antumbra bench chc-rt --------------------------------------------------------------------------------------------
+
+
+class ChcrtOptions(NamedTuple):
+    """Options of ``antumbra bench chc-rt``."""
+
+    scene: Annotated[list[str] | None, scene_option("the city, and sanmiguel_lite if it exists")] = None
+    store: Annotated[
+        Path | None,
+        typer.Option(
+            help="Trace a store from antumbra build instead of scenes in memory.",
+            metavar="FILE",
+            show_default=False,
+        ),
+    ] = None
+    max_memory: MaxMemoryOption = None
+    table: Annotated[
+        list[ChcrtTable] | None,
+        typer.Option(help="Measure only this table; may be repeated.  [default: all]", show_default=False),
+    ] = None
+    plot: Annotated[Path | None, plot_option("bars and curves")] = None
+    pictures: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write figures of the culling state to a folder.",
+            metavar="FOLDER",
+            show_default=False,
+            callback=writes_folder(),
+        ),
+    ] = None
+    triangles: Annotated[str, typer.Option(help="Triangles in the city.", metavar="N")] = "10M"
+    size: ImageSize = "640x360"
+    frames: Annotated[int, typer.Option(help="Frames per walkthrough.", min=1, max=10_000)] = 60
+    compared: Annotated[int, typer.Option(help="Frames to time the other plans on.", min=1, max=10_000)] = 3
+    limit: Annotated[
+        float,
+        typer.Option(help="Time limit per walkthrough; at least two frames run.", metavar="SECONDS", min=0.0),
+    ] = 120.0
+    threads: Threads = None
+
+
+@benchmark(triangles="300k", size="192x108", frames=4, compared=1, limit=0.5)
+def chc_rt(run: BenchRun, options: ChcrtOptions) -> BenchResult:
+    """CHC+RT compared with tracing from the root: times, phases, queries, paging [Mattausch et al. 2015].
+
+    Measures a near and a far walkthrough; CHC+RT keeps its state from frame to frame. Each pixel has a primary ray, 20
+    ambient occlusion rays, 20 diffuse rays, and 16 shadow rays to an area light.
+
+    Times are medians over the frames after the first. The tables cover sizes (Table 1), times (Table 2), phases
+    (Figure 8), queries and bytes read (Table 3), randomised directions (Table 5), aggressive mode (Table 4), and an
+    ablation. A store has a table of hit rates with two eviction policies instead of randomised directions.
+
+    The medians of each walkthrough are printed to standard error as soon as it ends.
+
+    --pictures draws two frames of the near walkthrough: queries and triangles per tile (Figure 4), subtrees (Figure
+    5), the matrix of rays and triangles (Figure 6), and the error of aggressive mode (Figure 9).
+
+    \b
+    Examples
+      antumbra bench chc-rt --triangles 1M --frames 20
+      antumbra bench chc-rt --scene sanmiguel_lite --table times --table phases --plot chcrt.png
+      antumbra bench chc-rt --scene atrium --table queries --frames 2 --pictures .
+      antumbra bench chc-rt --store city.antumbra --max-memory 1G
+    """
+    size = arguments.parse_size(options.size)
+    store, pictures = options.store, options.pictures
+    names = _checked_tables(options)
+    memory = None if options.max_memory is None else arguments.parse_bytes(options.max_memory, "--max-memory")
+    triangles = arguments.parse_count(options.triangles, "--triangles")
+
+    from ..generate.palette import check_request
+    from ..kernels.parallel import thread_count
+    from ..store.system_resources import peak_resident_memory
+    from .chc_rt import chcrt_tables, walkthroughs
+    from .chc_rt.walkthrough_timing import Pace
+
+    check_request("city", triangles, 0)
+    walks = WALKED.intersection(names)
+    if options.plot is not None and not walks:
+        raise InputError("--plot needs --table times, phases, queries or store")
+    if pictures is not None:
+        if store is not None:
+            raise InputError("--pictures draws scenes in memory; omit --store")
+        arguments.check_plot(pictures / "figure-4.png", "--pictures")
+    elif store is None:
+        pictures = run.pictures()
+    pace = Pace(options.frames, options.compared, options.limit)
+    show = (lambda turns: None) if run.silent else chcrt_tables.show_medians
+    plan = chcrt_tables.ChcrtRun(names, thread_count(options.threads), pace, run.say, show, pictures, memory)
+    views = walkthroughs.scenes(triangles).open([str(store)] if store else options.scene, size, run.say)
+    if store is None:
+        for view in views:
+            walkthroughs.check_in_memory(view)
+    places = [walkthroughs.place_of(view) for view in views]
+    if store is None:
+        rows, same = chcrt_tables.measure_in_memory(places, plan)
+    else:
+        rows, same = chcrt_tables.measure_out_of_core(places[0], plan)
+    answer = {"size": size, "frames": pace.frames, "compared": pace.compared, "limit": pace.limit}
+    answer |= {"threads": plan.threads, **{name.value: records(table) for name, table in rows.items()}}
+    peak = peak_resident_memory()
+    answer |= {"differs": chcrt_tables.differing(rows), "same_answers": same, "peak_resident": peak}
+    walked = rows.get(ChcrtTable.store) or rows.get(ChcrtTable.times) or []
+    verdict = {
+        True: "the same by all methods",
+        False: f"DIFFER for {answer['differs']:,} rays: please report this",
+        None: "not compared",
+    }
+
+    def print_tables() -> None:
+        for name in names:
+            chcrt_tables.PRINT[name](rows.get(name, walked))
+        memory_text = console.size_in_memory(peak) if peak else "unknown"
+        console.print_fields([("answers", verdict[same]), ("peak memory", memory_text)])
+
+    def write_plot(path: Path) -> None:
+        from .chc_rt.chcrt_figures import write_plot
+
+        write_plot(walked, path)
+
+    return BenchResult(answer, print_tables, write_plot if walks else None)
+
+
+def _checked_tables(options: ChcrtOptions) -> tuple[ChcrtTable, ...]:
+    """The requested tables, in order; InputError on conflicting options."""
+    store, tables = options.store, options.table
+    if store is None and options.max_memory is not None:
+        raise InputError("--max-memory needs --store")
+    if store is not None and options.scene:
+        raise InputError("--store and --scene cannot be combined")
+    possible = IN_CORE if store is None else PAGED
+    wrong = [name.value for name in tables or () if name not in possible]
+    if wrong:
+        cure = "needs a --store" if store is None else "needs scenes in memory; omit --store"
+        raise InputError(f"--table {wrong[0]} {cure}")
+    return tuple(name for name in possible if not tables or name in tables)
