@@ -154,6 +154,24 @@ def split_progress(report: ProgressCallback | None, count: int, index: int = 0, 
     return progress
 
 
+class PhaseClock:
+    """Adds up the seconds of each phase, 0 for `phases` that do not occur."""
+
+    def __init__(self, *phases: str) -> None:
+        self.seconds = dict.fromkeys(phases, 0.0)
+        self._start = self._last = perf_counter()
+
+    def lap(self, phase: str) -> None:
+        """Add the time since the last lap to a phase."""
+        now = perf_counter()
+        self.seconds[phase] = self.seconds.get(phase, 0.0) + now - self._last
+        self._last = now
+
+    def timings(self) -> dict[str, float]:
+        """Seconds of each phase, and "total" up to the last lap."""
+        return {**self.seconds, "total": self._last - self._start}
+
+
 class ProgressBar:
     """A progress line on standard error that is updated in place, in terminals and notebooks alike.
 

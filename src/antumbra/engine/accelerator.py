@@ -6,7 +6,7 @@ of the plan `auto`, which also chooses what to build.
 
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
 from ..bvh.refit import filter_tree
 from ..errors import InputError
+from ..progress import ProgressCallback
 from ..query.shadow_query import ShadowQuery, new_bits
 from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
@@ -27,10 +28,6 @@ from .method_registry import BUILDERS, CULLERS, OPTIMISERS, UPDATERS, Builder, O
 from .plan import Plan
 
 # --- Acceleration by a plan -------------------------------------------------------------------------------------------
-
-
-Progress: TypeAlias = Callable[[int, int], Any]
-"""Called about ten times a second with (rays done, total), or whatever unit the tracer counts."""
 
 
 class Accelerated(NamedTuple):
@@ -226,7 +223,7 @@ class Accelerator:
         accelerated: Accelerated,
         query: ShadowQuery,
         tally: np.ndarray | None = None,
-        progress: Progress | None = None,
+        progress: ProgressCallback | None = None,
     ) -> NDArray[np.uint64]:
         """Trace a query with this plan's tracer: (h, w, ceil(spp / 64)) uint64; bit s = sample s is occluded."""
         return self.answer_all(accelerated, [query], tally, progress)[0]
@@ -236,7 +233,7 @@ class Accelerator:
         accelerated: Accelerated,
         queries: Sequence[ShadowQuery],
         tally: np.ndarray | None = None,
-        progress: Progress | None = None,
+        progress: ProgressCallback | None = None,
     ) -> list[NDArray[np.uint64]]:
         """Trace several queries whose receivers have the same shape. Returns the bits of each, as from `answer`."""
         bits = [new_bits(query) for query in queries]

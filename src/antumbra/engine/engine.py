@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..kernels.toolchain import kernel_manifest as needs
 from ..kernels.toolchain.compile_pool import KernelRequest
-from ..progress import show_progress, split_progress
+from ..progress import ProgressCallback, show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
@@ -28,7 +28,7 @@ from ..scene.lights import Light, QuadLight, check_lights
 from ..scene.scene_data import MemoryData, SceneData
 from ..scene.triangles import Hit, HitFaces, Triangles
 from ..trace.counters import new_counters
-from .accelerator import Accelerated, Accelerator, Progress, SceneTrees
+from .accelerator import Accelerated, Accelerator, SceneTrees
 from .auto.cost_model import GOOD, QUICK
 from .auto.strategies import STRATEGIES, TreeForms, answer_query
 from .auto_accelerator import CULLER, accelerator_of
@@ -409,7 +409,7 @@ class Engine:
         sampler: str = "larcher-pillichshammer",
         cull_faces: str | None = None,
         time: float = 0.0,
-        progress: Progress | bool | None = None,
+        progress: ProgressCallback | bool | None = None,
     ) -> Visibility:
         """The visibility of light samples from n receivers: a `Visibility` of shape (n, lights).
 
@@ -434,7 +434,7 @@ class Engine:
         time: float = 0.0,
         *,
         later: int = 0,
-        progress: Progress | None = None,
+        progress: ProgressCallback | None = None,
     ) -> list[tuple[ShadowQuery, NDArray[np.uint64]]]:
         """The shadow query of each light and its bits, (h, w, ceil(n / 64)) uint64.
 

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..progress import ProgressCallback
 from ..query.gbuffer import GBuffer
 from ..query.ray_list import HitArrays, RayArguments
 from ..query.shadow_query import ShadowQuery, Surfaces
@@ -19,7 +20,7 @@ from ..scene.scene_data import SceneData
 from ..scene.triangles import Triangles
 from ..techniques.srdh.representative_rays import RepresentativeRays, bounced_queries
 from ..trace.rays.ray_hits import Nearest
-from .accelerator import Accelerated, Accelerator, Progress
+from .accelerator import Accelerated, Accelerator
 from .auto.strategies import StrategyChoice
 from .plan import Plan
 
@@ -121,7 +122,7 @@ class RenderSource(Protocol):
         camera: Camera,
         triangles: Triangles,
         tree: Accelerated | None,
-        progress: Progress | None = None,
+        progress: ProgressCallback | None = None,
         rows: slice | None = None,
     ) -> Surfaces:
         """The surfaces visible to a camera.
@@ -237,7 +238,7 @@ class FrameTracer:
             self._full_tree.begin()
         return self._source.bands(height)
 
-    def surfaces(self, camera: Camera, rows: slice, progress: Progress | None = None) -> Surfaces:
+    def surfaces(self, camera: Camera, rows: slice, progress: ProgressCallback | None = None) -> Surfaces:
         """The surfaces visible in some rows of the camera."""
         surfaces = self._source.look(camera, self.triangles, self._full_tree, progress, rows)
         self.triangles, self.view = surfaces.triangles, camera.view(surfaces.triangles.origin)
@@ -286,7 +287,7 @@ class FrameTracer:
         lap("build")
 
     def trace(
-        self, queries: Sequence[ShadowQuery], tally: np.ndarray | None, progress: Progress | None
+        self, queries: Sequence[ShadowQuery], tally: np.ndarray | None, progress: ProgressCallback | None
     ) -> list[NDArray[np.uint64]]:
         """The bits of each query, (h, w, ceil(n / 64)) uint64. The receivers of all have the same shape."""
         assert self._accelerated is not None

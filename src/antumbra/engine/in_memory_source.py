@@ -13,6 +13,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from ..progress import ProgressCallback
 from ..query.pixel_refinement import subpixel_rays
 from ..query.query_bounds import bounds
 from ..query.ray_list import HitArrays, RayArguments, changed_error, hit_arrays, rays_of
@@ -23,7 +24,7 @@ from ..scene.triangles import Triangles
 from ..trace.alpha_test import add_hits
 from ..trace.rays.ray_batches import RayTracer
 from ..trace.rays.ray_hits import Nearest
-from .accelerator import Accelerated, Accelerator, Progress, SceneTrees
+from .accelerator import Accelerated, Accelerator, SceneTrees
 from .auto.cost_model import BEST, GOOD, seconds_before_best
 from .auto_accelerator import best_tree_job
 from .frame_tracer import FrameMemory
@@ -211,7 +212,7 @@ class InMemory:
         camera: Camera,
         triangles: Triangles,
         tree: Accelerated | None,
-        progress: Progress | None = None,
+        progress: ProgressCallback | None = None,
         rows: slice | None = None,
     ) -> Surfaces:
         """The surfaces visible to a camera; `progress` and `rows` are not used."""

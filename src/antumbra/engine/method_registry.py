@@ -13,6 +13,7 @@ from ..bvh import binned_sah, lbvh, refit, reinsertion, sweep_sah, tl_lbvh
 from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
 from ..bvh.wide_bvh import widen
+from ..progress import ProgressCallback
 from ..query.shadow_query import ShadowQuery
 from ..techniques.culling.pre_bvh_culling import CullResult, Soup, cull
 from ..techniques.srdh import srdh_builder as rayorder
@@ -20,7 +21,6 @@ from ..techniques.srdh import srdh_builder as srdh
 from ..techniques.tracer_options import FASTEST_RAY_HIERARCHY
 from ..techniques.tracer_options import ChcRtOptions as CullingOptions
 from ..techniques.tracer_options import RayHierarchyOptions as ConeOptions
-from ..trace.counters import Progress
 from ..trace.frusta import multi_frusta as multifrusta
 from ..trace.packets import packet16
 from ..trace.rays import single_rays as single
@@ -197,7 +197,7 @@ def by_cones(options: ConeOptions, description: str) -> Tracer:
         bits: Bits,
         threads: int | None,
         counters: Counters | None,
-        progress: Progress | None,
+        progress: ProgressCallback | None,
     ) -> None:
         from ..techniques.rayhierarchy.ray_hierarchy import trace_shadow
 
@@ -220,7 +220,7 @@ def by_culling(options: CullingOptions, description: str) -> Tracer:
         bits: Sequence[Bits],
         threads: int | None,
         counters: Counters | None,
-        progress: Progress | None,
+        progress: ProgressCallback | None,
     ) -> None:
         from ..techniques.chcrt.chc_rt import trace_shadows
 
@@ -232,7 +232,7 @@ def by_culling(options: CullingOptions, description: str) -> Tracer:
         bits: Bits,
         threads: int | None,
         counters: Counters | None,
-        progress: Progress | None,
+        progress: ProgressCallback | None,
     ) -> None:
         trace_all(prepared, [query], [bits], threads, counters, progress)
 

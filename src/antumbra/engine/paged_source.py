@@ -21,6 +21,7 @@ from ..kernels.exact.filters import single_weights
 from ..kernels.exact.predicate import ray_along
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run
+from ..progress import ProgressCallback
 from ..query.gbuffer import from_hits
 from ..query.pixel_refinement import subpixel_rays
 from ..query.query_bounds import morton_codes
@@ -42,7 +43,7 @@ from ..techniques.tracer_options import ChcRtOptions
 from ..trace.rays.ray_hits import Nearest, hit_surfaces
 from ..trace.rays.single_rays import leaf_depths
 from ..trace.tree_list import Hits
-from .accelerator import Accelerated, Accelerator, Progress
+from .accelerator import Accelerated, Accelerator
 from .frame_tracer import FrameMemory
 from .method_registry import BUILDERS
 from .plan import Plan
@@ -343,7 +344,7 @@ class Paged:
         camera: Camera,
         triangles: Triangles | None = None,
         tree: Accelerated | None = None,
-        progress: Progress | None = None,
+        progress: ProgressCallback | None = None,
         rows: slice | None = None,
     ) -> Surfaces:
         """The surfaces visible to a camera; `triangles` and `tree` are not used."""

@@ -5,10 +5,9 @@ from collections.abc import Sequence
 from numpy.typing import ArrayLike
 
 from ..checks import as_array
-from ..progress import with_quiet_progress
+from ..progress import ProgressCallback, with_quiet_progress
 from ..query.receivers import Receivers
 from ..scene.lights import Light
-from .accelerator import Progress
 from .engine import Visibility
 from .plan import Plan
 from .scene_loading import SceneLike, scene_of
@@ -28,7 +27,7 @@ def visibility(
     sampler: str = "larcher-pillichshammer",
     cull_faces: str | None = None,
     max_memory: int | None = None,
-    progress: Progress | bool | None = None,
+    progress: ProgressCallback | bool | None = None,
 ) -> Visibility:
     """Compute which samples of lights are visible from arbitrary points, such as mesh vertices or sensors.
 

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..progress import ProgressCallback
 from .jit import Intrinsic, kernel
 from .simd import atomic_add
 
@@ -181,7 +182,7 @@ def run(
     ticket: Ticket,
     *args: Any,
     own: Callable[[], Iterable[Any]] = tuple,
-    progress: Callable[[int, int], None] | None = None,
+    progress: ProgressCallback | None = None,
 ) -> None:
     """Call ``worker(ticket, *args, *own())`` in `n_threads` threads at once, and wait until all have returned.
 

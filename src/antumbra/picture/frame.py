@@ -1,7 +1,6 @@
 """`Frame`, the result of a `Renderer`, and the state and steps that the passes of one frame share."""
 
 import os
-from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..engine.auto.strategies import StrategyChoice
 from ..engine.engine import Engine
+from ..progress import PhaseClock
 from ..query.gbuffer import GBuffer, PictureSurfaces
 from ..query.shadow_query import ShadowQuery, Surfaces, ray_count, surface_queries
 from ..scene.lights import Light
@@ -137,24 +137,6 @@ class Frame(NamedTuple):
         return f"Frame({about}, plan {self.plan!r}; {', '.join(self._fields)})"
 
 
-class FrameClock:
-    """Accumulates the seconds of each phase."""
-
-    def __init__(self) -> None:
-        self.seconds = dict.fromkeys(PHASES, 0.0)
-        self.start = self.last = perf_counter()
-
-    def lap(self, phase: str) -> None:
-        """Add the time since the last lap to a phase."""
-        now = perf_counter()
-        self.seconds[phase] += now - self.last
-        self.last = now
-
-    def timings(self) -> dict[str, float]:
-        """Seconds of each phase, and "total" up to the last lap."""
-        return {**self.seconds, "total": self.last - self.start}
-
-
 # --- State of a frame, and steps that several passes share ------------------------------------------------------------
 
 
@@ -180,7 +162,7 @@ class FrameState:
     tracer : FrameTracer
         The engine's tracer.
     request : Request
-    clock : FrameClock
+    clock : PhaseClock
         Each pass adds its seconds.
     tally : (n,) int64 or None
         Counters, if requested.
@@ -192,7 +174,7 @@ class FrameState:
 
     def __init__(self, engine: Engine, request: Request, known: TracedBits | None = None):
         self.tracer, self.request = engine.frame_tracer(), request
-        self.clock, self.threads, self.rays = FrameClock(), engine.threads, 0
+        self.clock, self.threads, self.rays = PhaseClock(*PHASES), engine.threads, 0
         self.tally = new_counters() if request.options.counters else None
         self.known = known
 

@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine.accelerator import Accelerated, Accelerator, Progress
+from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.frame_tracer import CELL_BYTES, FrameMemory, ray_set_count
 from ..engine.plan import Plan
 from ..engine.primary_visibility import primary_visibility
 from ..engine.scene import AnyScene
+from ..progress import ProgressCallback
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.pixel_refinement import FinerSamples, finer_samples
@@ -36,7 +37,7 @@ class Request(NamedTuple):
     finer: FinerSamples | None = None  # samples of refined pixels; None: no refinement
     passes: Passes | None = None  # passes of diffuse rays; None: no bounced light
     ground: float | None = None  # height of the shadow-catcher plane, world space; None: no plane
-    progress: Progress | None = None
+    progress: ProgressCallback | None = None
 
     @property
     def facing(self) -> int:

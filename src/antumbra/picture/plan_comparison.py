@@ -4,7 +4,7 @@ Each plan renders one frame with counters, one untimed frame, and then one frame
 turns. Each frame has a new `Renderer`, so nothing is cached between frames.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from statistics import median
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ from ..engine.plan import Plan, parse_plan
 from ..engine.scene import AnyScene
 from ..errors import InputError
 from ..kernels.parallel import thread_count
+from ..progress import ProgressListener
 from ..query.receivers import NOTHING
 from ..scene.lights import check_lights
 from .frame import Frame
@@ -24,9 +25,6 @@ from .option_fields import field_values
 from .render_options import EngineOptions, RenderOptions
 from .renderer import Renderer
 from .traversal_steps import WINDOW, trace_windows
-
-StepCallback = Callable[[str, int, int], object]
-"""Progress callback: function of (current step, steps done, total steps)."""
 
 PLAIN, BY_RASTER = RenderOptions(antialias=False), EngineOptions(gbuffer="raster")
 """Default options of a comparison."""
@@ -114,7 +112,7 @@ def compare(
     engine: EngineOptions = BY_RASTER,
     *,
     rounds: int = 5,
-    say: StepCallback | None = None,
+    say: ProgressListener | None = None,
 ) -> Comparison:
     """Measure several plans on the same frame.
 
@@ -179,7 +177,7 @@ def compared_plans(plans: Sequence[str | Plan]) -> list[Plan]:
 class _Steps:
     """Reports the steps of a comparison."""
 
-    def __init__(self, say: StepCallback | None, total: int) -> None:
+    def __init__(self, say: ProgressListener | None, total: int) -> None:
         self._say, self._done, self._total = say, 0, total
 
     def next(self, text: str) -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any, ParamSpec, Protocol
 
 from ..checks import checked_instance, choice
-from ..engine.accelerator import Accelerated, Accelerator, Progress
+from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.engine import Engine
 from ..engine.frame_tracer import RenderSource
 from ..engine.plan import Plan
@@ -13,7 +13,7 @@ from ..engine.primary_visibility import AUTO, METHODS, precompiled_method, prima
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
-from ..progress import show_progress, with_quiet_progress
+from ..progress import ProgressCallback, show_progress, with_quiet_progress
 from ..query.gbuffer import GBuffer
 from ..scene.camera import Camera
 from ..scene.lights import Light, check_lights
@@ -47,7 +47,7 @@ class RenderFunction(Protocol[_P]):
         camera: Camera | None = None,
         lights: Sequence[Light] | Light | None = None,
         options: RenderOptions | None = None,
-        progress: Progress | bool | None = None,
+        progress: ProgressCallback | bool | None = None,
         *args: _P.args,
         **keywords: _P.kwargs,
     ) -> Frame: ...
@@ -61,7 +61,7 @@ class FrameFunction(Protocol[_P]):
         camera: Camera,
         lights: Sequence[Light] | Light,
         options: RenderOptions | None = None,
-        progress: Progress | bool | None = None,
+        progress: ProgressCallback | bool | None = None,
         *args: _P.args,
         **keywords: _P.kwargs,
     ) -> Frame: ...
@@ -139,7 +139,7 @@ class Renderer:
         lights: Sequence[Light] | Light,
         *,
         options: RenderOptions | None = None,
-        progress: Progress | bool | None = None,
+        progress: ProgressCallback | bool | None = None,
         **keywords: Any,
     ) -> Frame:
         """Render one frame.
@@ -239,7 +239,7 @@ def render(
     lights: Sequence[Light] | Light | None = None,
     *,
     options: RenderOptions | None = None,
-    progress: Progress | bool | None = None,
+    progress: ProgressCallback | bool | None = None,
     **keywords: Any,
 ) -> Frame:
     """Render one frame with exact shadows.

@@ -1,16 +1,17 @@
 """Build a store from scenes of any size within a given amount of memory."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import closing
 from pathlib import Path
 from time import perf_counter
-from typing import NamedTuple, TypeAlias, TypedDict
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
 from ..errors import InputError
 from ..files import atomic_output
 from ..generate.generated_scene import StreamedCity
+from ..progress import ProgressListener
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..scene.mesh import Source
@@ -29,7 +30,6 @@ _GROUP = 8  # chunks sorted in memory at a time
 _BATCH_BYTES = 640  # budget per triangle distributed at a time: four times the memory it takes
 _THREAD_BYTES = 64 << 20  # memory for building and writing a chunk
 
-Progress: TypeAlias = Callable[[str, int, int], object]
 """Called with the name of the step, the number of items done, and their total (0: unknown)."""
 
 
@@ -60,7 +60,7 @@ def write_store(
     max_memory: int = MIN_MEMORY,
     threads: int = 1,
     chunk: int = CHUNK,
-    progress: Progress | None = None,
+    progress: ProgressListener | None = None,
 ) -> BuildReport:
     """`engine.store_building.build_store`, once arguments are checked and kernels compiled."""
     with atomic_output(path, durable=True) as temporary:
@@ -70,7 +70,7 @@ def write_store(
 class _Build:
     """A build: the settings and clocks that its phases share."""
 
-    def __init__(self, folder: Path, max_memory: int, threads: int, chunk: int, progress: Progress | None):
+    def __init__(self, folder: Path, max_memory: int, threads: int, chunk: int, progress: ProgressListener | None):
         self.folder, self.chunk, self.progress = folder, chunk, progress
         self.threads, self.workers = threads, max(1, min(threads, max_memory // 2 // _THREAD_BYTES))
         self.batch = max(MAX_FACES, min(max_memory // _BATCH_BYTES, 1 << 22))

@@ -4,8 +4,6 @@ Most tracers always count, even if the caller passes no counters, so that they a
 to nothing. Counting is compiled away if a kernel gets None as counters.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,9 +50,6 @@ once.
 RAYS, BELOW_HORIZON, NODES, BOX_TESTS, TRIANGLE_TESTS, UNCERTAIN, EXACT, REPEAT_HITS = range(8)
 TRIANGLES, CANDIDATES, COVERED, SHRINKS, TILE_GROUP_TILES, GROUP_STRATA, FAN_STRATA = range(8, len(COUNTERS))
 N_COUNTERS = len(COUNTERS)
-
-Progress = Callable[[int, int], None]
-"""A function of (items handed out, items), as for `kernels.parallel.run`."""
 
 
 def new_counters() -> NDArray[np.int64]:

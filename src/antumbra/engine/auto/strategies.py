@@ -18,11 +18,11 @@ from ...bvh.nodes import Bvh, boxes_of
 from ...bvh.wide_bvh import widen
 from ...kernels.marshalling import Packed, packed
 from ...kernels.parallel import thread_count
+from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery, new_bits, ray_count
 from ...techniques.culling.pre_bvh_culling import Soup
 from ...techniques.rayhierarchy.ray_hierarchy import trace_shadow as trace_by_cones
 from ...techniques.tracer_options import FASTEST_RAY_HIERARCHY
-from ...trace.counters import Progress
 from ...trace.frusta.multi_frusta import trace_tree_list
 from ...trace.light_table import STRATA
 from ...trace.packets.packet16 import over_pixels, over_samples
@@ -72,7 +72,12 @@ class Strategy(NamedTuple):
 
 
 def _trace_shafts(
-    tree: BlockTree, query: ShadowQuery, bits: Bits, threads: int, counters: Counters | None, progress: Progress | None
+    tree: BlockTree,
+    query: ShadowQuery,
+    bits: Bits,
+    threads: int,
+    counters: Counters | None,
+    progress: ProgressCallback | None,
 ) -> None:
     trace_tree_list(single_tree(tree), query, bits, threads, counters, progress)
 
@@ -142,7 +147,7 @@ def answer_query(
     query: ShadowQuery,
     threads: int,
     counters: Counters | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Bits:
     """(h, w, ceil(spp / 64)) uint64: the bits of a query, traced by the named strategy."""
     bits = new_bits(query)
@@ -450,7 +455,7 @@ class ConeTracer:
         return self.memory.choices
 
     def trace(
-        self, query: ShadowQuery, bits: Bits, threads: int, counters: Counters | None, progress: Progress | None
+        self, query: ShadowQuery, bits: Bits, threads: int, counters: Counters | None, progress: ProgressCallback | None
     ) -> None:
         """Answer a ShadowQuery, as `trace_shadow` does."""
         start = process_time()
@@ -465,7 +470,7 @@ def trace_shadow(
     bits: Bits,
     threads: int | None = None,
     counters: Counters | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 

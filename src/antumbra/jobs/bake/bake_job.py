@@ -12,7 +12,6 @@ from contextlib import ExitStack
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +26,7 @@ from ...formats.gltf.gltf_asset import Asset
 from ...formats.gltf.gltf_file import data_uri_bytes, is_data_uri
 from ...formats.gltf.gltf_writer import Json
 from ...picture.image_files import write_exr
-from ...progress import Progress, with_progress
+from ...progress import PhaseClock, Progress, with_progress
 from ...scene.lights import Light
 from ...scene.materials import BYTE_TO_LINEAR, linear_to_srgb
 from ..executors import Executor, Keep, executor_of
@@ -74,19 +73,6 @@ class Baked(NamedTuple):
     exposure: float  # factor on light in colours and textures, which range from 0 to 1; not in custom attributes or EXR
     seam: float | None  # 99th percentile of the difference across seams; None: no texture, or no seams
     seconds: dict[str, float]  # per phase: read, unwrap, trace, write
-
-
-class PhaseClock:
-    """Measures the duration of consecutive phases."""
-
-    def __init__(self) -> None:
-        self._last, self.seconds = perf_counter(), dict[str, float]()
-
-    def lap(self, name: str) -> None:
-        """End the phase `name`."""
-        now = perf_counter()
-        self.seconds[name] = self.seconds.get(name, 0.0) + now - self._last
-        self._last = now
 
 
 # --- Image files ------------------------------------------------------------------------------------------------------

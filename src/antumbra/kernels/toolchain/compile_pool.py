@@ -15,10 +15,11 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from queue import Empty, SimpleQueue
 from typing import NamedTuple, TypeAlias
 
+from ...progress import ProgressCallback
 from ..machine_code import level
 from ..marshalling import import_object
 from ..parallel import thread_count
@@ -68,7 +69,6 @@ def serve() -> None:
 # --- The pool ---------------------------------------------------------------------------------------------------------
 
 
-PoolProgress = Callable[[int, int], None]
 _POLL_SECONDS = 0.1
 _START = """
 import json, sys
@@ -131,7 +131,7 @@ class _CompileProcess(threading.Thread):
 
 def compile_kernels(
     requests: Iterable[KernelRequest],
-    progress: PoolProgress | None = None,
+    progress: ProgressCallback | None = None,
     processes: int | None = None,
     levels: Sequence[str] | None = None,
 ) -> list[str]:
@@ -171,7 +171,7 @@ def compile_kernels(
         KernelFolder(cache_folder(), level()).prune()
 
 
-def _wait(done: _Done, n_running: int, total: int, progress: PoolProgress | None) -> list[str]:
+def _wait(done: _Done, n_running: int, total: int, progress: ProgressCallback | None) -> list[str]:
     n_done, errors = 0, []
     while n_running:
         if progress is not None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ...bvh.block_tree import block_tree
 from ...bvh.nodes import Bvh
 from ...kernels.parallel import thread_count
+from ...progress import ProgressCallback
 from ...query.query_bounds import bounds
 from ...query.ray_passes import RayPass
 from ...query.shadow_query import ShadowQuery, Surfaces, surfaces_of
@@ -20,7 +21,7 @@ from ..tracer_options import ChcRtOptions
 from .picture_ray_sets import CameraRaySet, CombinedRaySets, PassRaySet, RaySets, SegmentRaySets, segments_of
 from .ray_bundles import NO_TARGETS, PassRays, pass_rays
 from .tree_parts import TreeParts, parts_of
-from .visibility_fronts import Fronts, Progress, trace_frame
+from .visibility_fronts import Fronts, trace_frame
 
 # --- State between frames, shadow queries and ray passes --------------------------------------------------------------
 
@@ -57,7 +58,9 @@ class ChcRtState:
         self._fronts = {key: entry for key, entry in self._fronts.items() if entry[0] >= self._frame - _UNUSED_FRAMES}
         self._calls, self.statistics = 0, list[dict[str, float]]()
 
-    def run(self, rays: RaySets | CombinedRaySets, shape: tuple[int, ...], progress: Progress | None = None) -> None:
+    def run(
+        self, rays: RaySets | CombinedRaySets, shape: tuple[int, ...], progress: ProgressCallback | None = None
+    ) -> None:
         """Trace ray sets in one call, starting from the fronts of the same call of the last frame."""
         with self._lock:
             key = self._calls, shape, rays.sets
@@ -87,7 +90,7 @@ def trace_shadow(
     bits: NDArray[np.uint64],
     threads: int | None = None,
     counters: NDArray[np.int64] | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
@@ -103,7 +106,7 @@ def trace_shadows(
     bits: Sequence[NDArray[np.uint64]],
     threads: int | None = None,
     counters: NDArray[np.int64] | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> None:
     """Answer several queries with the same receiver shape, as `trace_shadow` does.
 
@@ -137,7 +140,7 @@ def nearest_hits(
     passes: Sequence[RayPass],
     shape: tuple[int, int],
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> list[Hits]:
     """Nearest hits of several ray passes over images of this shape, traced in one call.
 
@@ -182,7 +185,7 @@ def camera_hits(
     scheduled: ChcRtState,
     rays: CameraRays,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
     rows: slice | None = None,
 ) -> Hits:
     """Nearest hits of camera rays.

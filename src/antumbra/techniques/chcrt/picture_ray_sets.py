@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh.nodes import boxes_of
+from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery
 from ...scene.camera import CameraRays
 from ...scene.lights import AMBIENT, is_list
@@ -48,7 +49,6 @@ from .ray_bundles import (
     shorten_camera,
 )
 from .tree_parts import Lists, Mark, TreeParts, lists_of
-from .visibility_fronts import Progress
 
 TreeListTracer: TypeAlias = Callable[..., None]
 """Tracer of a `TreeList`, with the arguments of `trace.frusta.multi_frusta.trace_tree_list`."""
@@ -111,7 +111,7 @@ class SegmentRaySets(RaySets):
         *,
         threads: int,
         counters: NDArray[np.int64] | None,
-        progress: Progress | None,
+        progress: ProgressCallback | None,
     ):
         self.query, self.bits, self.trace_lists = query, bits, trace
         self.arguments = {"threads": threads, "counters": counters, "progress": progress, "chunks": chunks}

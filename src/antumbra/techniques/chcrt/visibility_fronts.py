@@ -9,7 +9,6 @@ occlusion or diffuse rays (Sec. 5.3). All hierarchies share the same arrays, bec
 together.
 """
 
-from collections.abc import Callable
 from contextlib import closing
 from time import perf_counter
 from typing import Protocol
@@ -17,6 +16,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ...progress import ProgressCallback
 from ..tracer_options import ChcRtOptions
 from .occlusion_queries import Answers, Pairs, Tiles
 from .tree_parts import Mark, TreeParts, in_lists
@@ -159,9 +159,6 @@ class FrameRaySet(Protocol):
         ...
 
 
-Progress = Callable[[int, int], None]
-
-
 class Statistics:
     """Times and counts of a tracing call, by the phases of Fig. 8.
 
@@ -169,7 +166,7 @@ class Statistics:
         Called with the number of parts traced, and the number of parts requested from the part memory.
     """
 
-    def __init__(self, progress: Progress | None = None):
+    def __init__(self, progress: ProgressCallback | None = None):
         self.progress = progress
         self.seconds = dict.fromkeys(("phase 1", "phase 2", "phase 3"), 0.0)
         self.queries = self.multi_queries = self.traced = 0
@@ -190,7 +187,7 @@ class Statistics:
         }  # fmt: skip
 
 
-def trace_frame(fronts: Fronts, rays: FrameRaySet, progress: Progress | None = None) -> Statistics:
+def trace_frame(fronts: Fronts, rays: FrameRaySet, progress: ProgressCallback | None = None) -> Statistics:
     """Trace the rays of a call, and update `fronts` for the next frame."""
     fronts.begin_frame()
     statistics = Statistics(progress)

@@ -11,15 +11,15 @@ leaves have one light sample each. The remaining triangles use the cheaper trave
 only, and no triangle is traced twice.
 """
 
-from collections.abc import Callable
 from operator import itemgetter
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh.lbvh import sort_by_codes
 from ...kernels.parallel import new_ticket, run, thread_count
+from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery, with_receivers
 from ...scene.lights import FIXED, LIST
 from ...trace.counters import BOX_TESTS, N_COUNTERS, NODES, TRIANGLE_TESTS, new_counters
@@ -62,9 +62,6 @@ SHARE = 16
 _NONE = np.float32(0.0)
 
 
-Progress: TypeAlias = Callable[[int, int], None]
-
-
 class TraversalInputs(NamedTuple):
     """The inputs of a traversal, and its options."""
 
@@ -74,7 +71,7 @@ class TraversalInputs(NamedTuple):
     how: TraversalOptions
     threads: int
     counters: np.ndarray
-    progress: Progress | None
+    progress: ProgressCallback | None
 
 
 def traverse(
@@ -172,7 +169,7 @@ def trace_shadow(
     bits: NDArray[np.uint64],
     threads: int | None,
     counters: NDArray[np.int64] | None,
-    progress: Progress | None,
+    progress: ProgressCallback | None,
     options: RayHierarchyOptions,
 ) -> None:
     """Answer a ShadowQuery by the triangles of a soup: set bit s of ``bits[y, x]`` where sample s is occluded.

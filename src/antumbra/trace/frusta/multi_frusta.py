@@ -12,9 +12,10 @@ from ...bvh.nodes import boxes_of
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import get, lowest_bit, popcount, ptr, put, stack_f32, stack_i32, stack_i64
+from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import is_list
-from ..counters import N_COUNTERS, TILE_GROUP_TILES, Progress, add_counters, cleared, count, new_counters
+from ..counters import N_COUNTERS, TILE_GROUP_TILES, add_counters, cleared, count, new_counters
 from ..horizon import PLANES, apply_horizon
 from ..light_table import STRATA, light_table
 from ..packets.packet16 import over_pixels, over_samples
@@ -199,7 +200,7 @@ def trace_shadow(
     bits: NDArray[np.uint64],
     threads: int | None = None,
     counters: NDArray[np.int64] | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
@@ -223,7 +224,7 @@ def trace_tree_list(
     bits: NDArray[np.uint64],
     threads: int | None = None,
     counters: NDArray[np.int64] | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
     chunks: range | None = None,
 ) -> None:
     """Trace shafts through the trees of a `TreeList`; other arguments as for `trace_shadow`.

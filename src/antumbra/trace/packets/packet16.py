@@ -19,8 +19,9 @@ from ...bvh.nodes import EMPTY, Bvh, Tree, bvh_leaf, tree_of
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import items
 from ...kernels.simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
+from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery
-from ..counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, Progress, add_counters, cleared, count
+from ..counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, add_counters, cleared, count
 from ..descent import NOT_STARTED, after_leaf, load_saved, next_leaf, not_started, rays_as_shafts, root, save, slabs_of
 from ..tree_list import (
     TREE,
@@ -243,7 +244,7 @@ def trace_shadow(
     bits: NDArray[np.uint64],
     threads: int | None = None,
     counters: NDArray[np.int64] | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
     chunks: range | None = None,
 ) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.

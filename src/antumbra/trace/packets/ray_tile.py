@@ -24,9 +24,10 @@ from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import new_ticket, run, thread_count
 from ...kernels.simd import broadcast16, get, lowest_bit, ptr_at, put, store
 from ...kernels.vec3 import broadcasts, rows, subtract3
+from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import AMBIENT, FIXED, is_list
-from ..counters import TRIANGLES, Progress, count, new_counters
+from ..counters import TRIANGLES, count, new_counters
 from ..horizon import PLANES, apply_horizon
 from ..light_table import POINTS, STRATA, LightTable, light_table
 from ..tile import (
@@ -226,7 +227,7 @@ def trace_tiles(
     bits: NDArray[np.uint64],
     threads: int | None,
     counters: NDArray[np.int64] | None,
-    progress: Progress | None,
+    progress: ProgressCallback | None,
     *options: object,
     fresh: bool = True,
     chunks: range | None = None,

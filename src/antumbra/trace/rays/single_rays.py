@@ -65,6 +65,7 @@ from ...kernels.simd import (
     store_compressed,
 )
 from ...kernels.vec3 import get3
+from ...progress import ProgressCallback
 from ...query.receivers import NOTHING
 from ...query.shadow_query import ShadowQuery, horizon_of, is_above, patch_of, query_pointers, sample_of, set_bit
 from ..counters import (
@@ -75,7 +76,6 @@ from ..counters import (
     RAYS,
     REPEAT_HITS,
     TRIANGLE_TESTS,
-    Progress,
     add_counters,
     cleared_if,
     count,
@@ -328,7 +328,7 @@ def trace_shadow(
     bits: NDArray[np.uint64],
     threads: int | None = None,
     counters: NDArray[np.int64] | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> None:
     """Answer a ShadowQuery over an `Ordered` or a `WideBvh`: set bit s of ``bits[y, x]`` where sample s is occluded.
 
@@ -428,7 +428,7 @@ def count_steps(
     query: ShadowQuery,
     n_triangles: int,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Steps:
     """Trace all rays of a ShadowQuery and count their steps. The BVH holds some of the scene's `n_triangles`."""
     bvh, shape = ordered.bvh, query.sides.shape
