@@ -30,7 +30,7 @@ from antumbra.engine.plan import DEFAULT_PLAN
 from antumbra.picture.frame import PHASES
 from antumbra.picture.irradiance import irradiance
 from antumbra.picture.renderer import Renderer
-from antumbra.picture.shading import ambient_light, shade
+from antumbra.picture.shading import Illumination, ambient_light, shade
 from antumbra.query.shadow_query import fraction_lit
 from common import has_embree
 from comparison import compare, options_of, progress, start
@@ -124,7 +124,7 @@ class EmbreeFrames:
         arrived = [irradiance(hits.gbuffer, light.patch(triangles.origin, 1.0), light.domain, threads=self.threads)]
         ambient = ambient_light(hits.gbuffer, [light], arrived)
         colour, up = triangles.colour, view.scene.up
-        shade(hits.gbuffer, colour, [light], arrived, [visibility], ambient, up, threads=self.threads)
+        shade(hits.gbuffer, colour, Illumination([light], arrived, [visibility], ambient), up, self.threads)
         lap("shade")
         return Result({**seconds, "total": sum(seconds.values())}, visibility)
 

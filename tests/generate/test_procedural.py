@@ -175,7 +175,7 @@ def _solids():
     yield "wall with a window", window.pierced((-3.0, 0.0), (3.0, 2.8), 0.3)
     yield "stairs", build.stairs(9, 1.5, 0.2, 0.25)
     yield "crate", props.crate((1.0, 0.8, 0.7), 4)
-    yield "curtain", props.cloth(2.0, 3.0, 20, 12, rng, sway=1.0)
+    yield "curtain", props.cloth((2.0, 3.0), (20, 12), rng, sway=1.0)
     yield "painting", sculptures.painting(2.0, 1.5, 6, rng)
     yield "house", houses.house(9.0, 8.0, 2, flat, rng)
     yield "round tower", houses.round_tower(6.0, 5, 12, rng)

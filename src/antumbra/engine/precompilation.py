@@ -23,7 +23,7 @@ from ..scene.camera import Camera
 from ..scene.light_lists import PointLights
 from ..scene.lights import AmbientOcclusion, Light, PointLight, SphereLight
 from ..scene.materials import MASK, Material, Texture
-from ..scene.mesh import StaticMeshes, make_mesh, textured_mesh
+from ..scene.mesh import StaticMeshes, VertexAttributes, make_mesh, textured_mesh
 from ..scene.scene_data import MemoryData
 
 
@@ -111,6 +111,6 @@ def small_scene_with_cutouts() -> MemoryData:
     pixels[..., 3] = 255 * np.eye(8)
     material = Material(texture=Texture("paper", pixels, has_alpha=True), alpha_mode=MASK)
     sheet = make_mesh("paper", corners.reshape(-1, 3), None, None, "paper")
-    paper = textured_mesh(sheet, None, 6, material, "paper", uv=corners[..., ::2].reshape(-1, 2))
+    paper = textured_mesh(sheet, None, 6, material, "paper", VertexAttributes(corners[..., ::2].reshape(-1, 2)))
     hills = make_mesh("hills", small_scene().triangles().vertices.reshape(-1, 3), None, None, "hills")
     return MemoryData(StaticMeshes([hills, paper], "small"))

@@ -15,7 +15,16 @@ from ..checks import as_array, text
 from ..errors import InputError
 from ..scene.crs import checked_crs
 from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture, rgba_of
-from ..scene.mesh import Mesh, StaticMeshes, flip_v, linear_colours, make_mesh, picture_texture, textured_mesh
+from ..scene.mesh import (
+    Mesh,
+    StaticMeshes,
+    VertexAttributes,
+    flip_v,
+    linear_colours,
+    make_mesh,
+    picture_texture,
+    textured_mesh,
+)
 from ..scene.scene_data import MemoryData
 
 KNOWN = "a mesh of trimesh, pyvista, meshio or Open3D"
@@ -78,7 +87,8 @@ def _mesh(foreign: ForeignMesh, where: str) -> Mesh:
     mesh = make_mesh(foreign.name, vertices.astype(precision), faces, colours, where)
     if foreign.colours is not None:
         return mesh
-    return textured_mesh(mesh, faces, len(vertices), foreign.material, where, foreign.uv, foreign.vertex_colours)
+    attributes = VertexAttributes(foreign.uv, foreign.vertex_colours)
+    return textured_mesh(mesh, faces, len(vertices), foreign.material, where, attributes)
 
 
 def _reader(obj: object) -> _Reader | None:
@@ -258,7 +268,8 @@ def data_of_arrays(
                 f"{name}: colours and vertex_colours, uv, texture or normals exclude each other; leave colours out"
             )
         material = PLAIN if texture is None else Material(texture=picture_texture(texture, name))
-        mesh = textured_mesh(mesh, indices, len(positions), material, name, uv, vertex_colours, normals)
+        attributes = VertexAttributes(uv, vertex_colours, normals)
+        mesh = textured_mesh(mesh, indices, len(positions), material, name, attributes)
     return MemoryData(StaticMeshes([mesh], name), name=name, up=up, crs=None if crs is None else checked_crs(crs))
 
 

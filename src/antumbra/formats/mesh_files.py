@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import InputError
 from ..files import atomic_output, checked_file, sibling
 from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture, decode_image, linear_to_srgb
-from ..scene.mesh import Mesh, StaticMeshes, flip_v, make_mesh, textured_mesh
+from ..scene.mesh import Mesh, StaticMeshes, VertexAttributes, flip_v, make_mesh, textured_mesh
 from ..scene.palette_scene import PaletteScene
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # keeps its tracebacks off the screen
@@ -132,7 +132,7 @@ def _mesh(name: str, part: Any, textures: FolderResolver) -> Mesh:
     uv = flip_v(getattr(part.visual, "uv", None), len(positions))
     normals = part.vertex_normals if "vertex_normals" in part._cache else None  # only if from the file
     material = _material(getattr(part.visual, "material", None), textures)
-    return textured_mesh(mesh, faces, len(positions), material, where, uv, of_vertices, normals)
+    return textured_mesh(mesh, faces, len(positions), material, where, VertexAttributes(uv, of_vertices, normals))
 
 
 def _material(mtl: Any, textures: FolderResolver) -> Material:

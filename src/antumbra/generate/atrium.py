@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import palette as p
-from .props import SINK, agave, bench, blades, bush, cloth, crate, ivy, palm, pot, shrub, vase
+from .props import SINK, Blade, agave, bench, blades, bush, cloth, crate, ivy, palm, pot, shrub, vase
 from .shapes import (
     PaletteMesh,
     ScenePart,
@@ -94,11 +94,7 @@ def _acanthus(r: float, y: float, leaves: int, segments: int, colour: int) -> Pa
             out * 0.86 * r + [0, y + row, 0],
             along,
             out,
-            np.full(leaves, length),
-            width,
-            -0.4,
-            segments,
-            3,
+            Blade(np.full(leaves, length), width, -0.4, segments, 3),
             colour,
         )
         rows.append(shape)
@@ -166,21 +162,20 @@ def vault(half: float, crown: float, top: float, n: int, colour: int = p.PLASTER
 
 
 def tiles(
-    x0: float,
-    x1: float,
-    z0: float,
-    z1: float,
-    nx: int,
-    nz: int,
+    x: tuple[float, float, int],
+    z: tuple[float, float, int],
     rng: np.random.Generator,
     colour: int = p.TRAVERTINE,
     accent: int | None = None,
     joint: float = 0.03,
     relief: float = 0.008,
 ) -> PaletteMesh:
-    """A floor of nx x nz tiles with tops within `relief` / 2 of y = 0, bevelled into the joints."""
-    lines = []
-    for a, b, n in ((x0, x1, nx), (z0, z1, nz)):
+    """A floor of tiles with tops within `relief` / 2 of y = 0, bevelled into the joints.
+
+    x, z : (start, end, number of tiles) along the axis
+    """
+    lines, nx, nz = [], x[2], z[2]
+    for a, b, n in (x, z):
         corner = np.linspace(a, b, n + 1)
         inner = np.stack([corner[:-1], corner[:-1] + joint / 2, corner[1:] - joint / 2], axis=1)
         lines.append(np.append(inner, b))
@@ -316,7 +311,7 @@ def _floors(d: float, rng: np.random.Generator) -> list[ScenePart]:
     edge_x, edge_z = HALF_X - 0.55, HALF_Z - 0.55
     wide = min(0.9, max(0.2, 0.9 / d**0.5)) if d > COARSE else 3.0
     nx, nz = round(2 * edge_x / wide), round(2 * edge_z / wide)
-    court = tiles(-edge_x, edge_x, -edge_z, edge_z, nx, nz, rng, p.SANDSTONE, p.CLAY)
+    court = tiles((-edge_x, edge_x, nx), (-edge_z, edge_z, nz), rng, p.SANDSTONE, p.CLAY)
     inner_x, inner_z = HALF_X + 0.45, HALF_Z + 0.45
     outer_x, outer_z = HALF_X + GALLERY, HALF_Z + GALLERY
     wide *= 1.4
@@ -327,12 +322,12 @@ def _floors(d: float, rng: np.random.Generator) -> list[ScenePart]:
         k = max(1, round(GALLERY / wide))
         parts.append(
             place_copies(
-                tiles(x0, x1, -outer_z, outer_z, k, round(2 * outer_z / wide), rng, p.TERRACOTTA), (0, STEP, 0)
+                tiles((x0, x1, k), (-outer_z, outer_z, round(2 * outer_z / wide)), rng, p.TERRACOTTA), (0, STEP, 0)
             )
         )
         parts.append(
             place_copies(
-                tiles(-inner_x, inner_x, z0, z1, round(2 * inner_x / wide), k, rng, p.TERRACOTTA), (0, STEP, 0)
+                tiles((-inner_x, inner_x, round(2 * inner_x / wide)), (z0, z1, k), rng, p.TERRACOTTA), (0, STEP, 0)
             )
         )
     kerb = [(-0.56, -0.1), (0.5, -0.1), (0.5, STEP + 0.03), (-0.5, STEP + 0.05), (-0.56, STEP)]
@@ -549,12 +544,12 @@ def _cloths(d: float, rng: np.random.Generator) -> list[ScenePart]:
     out = np.stack([np.sin(facing), np.cos(facing)], axis=1)
     parts = []
     for colour, banners, curtains in ((p.RED, (1, 6, 13, 17), (5, 10, 16)), (p.BLUE, (4, 8, 11, 15), (2, 7, 14))):
-        banner = cloth(1.25, 2.2, nx, ny, rng, 2.5, 0.05, colour=colour, trim=p.OCHRE)
+        banner = cloth((1.25, 2.2), (nx, ny), rng, 2.5, 0.05, colour=colour)
         k = list(banners)
         parts.append(place_copies(banner, at_height(middles[k] + 0.72 * out[k], LEVEL + 0.86), facing[k]))
         size = 2 * RADIUS - 0.1, SPRING - STEP - 0.1
         shade = p.RED if colour == p.RED else p.OCHRE
-        curtain = cloth(*size, 2 * nx, ny, rng, 6.0, 0.07, 0.95, shade, p.OCHRE)
+        curtain = cloth(size, (2 * nx, ny), rng, 6.0, 0.07, 0.95, shade)
         k = list(curtains)
         parts.append(place_copies(curtain, at_height(middles[k], SPRING), facing[k]))
     return parts

@@ -54,6 +54,8 @@ class Style(NamedTuple):
     wall: int  # palette index
     glass: int  # palette index
     ledge: float  # projection of a ledge at every floor, metres; 0: none
+    roof: int = p.CONCRETE  # palette index
+    parapet: float = 1.0  # metres
 
 
 class Lines(NamedTuple):
@@ -86,7 +88,7 @@ def _side(length: float, style: Style) -> Lines:
     )
 
 
-def _rises(floors: int, style: Style, parapet: float) -> tuple[Lines, NDArray[np.float64]]:
+def _rises(floors: int, style: Style) -> tuple[Lines, NDArray[np.float64]]:
     """(horizontal lines from below the ground to the roof, outward offset of the wall at each)."""
     sill, head, d = 0.8, FLOOR - 0.6, style.ledge
     if style.relief:
@@ -103,7 +105,7 @@ def _rises(floors: int, style: Style, parapet: float) -> tuple[Lines, NDArray[np
         )
     top = floors * FLOOR
     heights = (np.arange(floors)[:, None] * FLOOR + y).ravel()
-    heights = np.concatenate([[-0.2], heights, top + parapet * np.array([0.0, 0.12, 0.9, 0.95, 0.2])])
+    heights = np.concatenate([[-0.2], heights, top + style.parapet * np.array([0.0, 0.12, 0.9, 0.95, 0.2])])
     insets, panes, offsets = (np.concatenate([[0], np.tile(a, floors), [0] * 5]) for a in (inset, pane, out))
     offsets[-5:] = 0.3, 0.35, 0.1, -0.25, -0.3
     return Lines(heights, insets, panes > 0), offsets
@@ -116,8 +118,6 @@ def tower(
     style: Style,
     rng: np.random.Generator,
     base: float = 0.0,
-    roof: int = p.CONCRETE,
-    parapet: float = 1.0,
 ) -> PaletteMesh:
     """A rectangular building with windows all around, ledges, and a parapet around a flat roof."""
     x, z = _side(width, style), _side(depth, style)
@@ -132,7 +132,7 @@ def tower(
     normal = np.repeat([(1.0, 0.0), (0.0, -1.0), (-1.0, 0.0), (0.0, 1.0)], sizes, axis=0)
     corner = np.cumsum([0, *sizes[:-1]])
     normal[corner] = [(1, 1), (1, -1), (-1, -1), (-1, 1)]
-    rise, out = _rises(floors, style, parapet)
+    rise, out = _rises(floors, style)
     inset = np.concatenate([z.inset, x.inset] * 2)
     shift = out[:, None] - _RECESS * rise.inset[:, None] * inset
     points = np.empty((len(rise.at), len(normal), 3))
@@ -142,7 +142,9 @@ def tower(
     glass = style.glass + p.shades(rng, window.size).reshape(window.shape)
     glass = np.where(rng.random(window.shape) < 0.06, p.YELLOW, glass)
     k = len(normal)
-    colour = np.concatenate([np.where(window, glass, style.wall).ravel(), np.full(k, style.wall), np.full(k, roof)])
+    colour = np.concatenate(
+        [np.where(window, glass, style.wall).ravel(), np.full(k, style.wall), np.full(k, style.roof)]
+    )
     return capped(points, (0, points[0, 0, 1], 0), (0, points[-1, 0, 1], 0), colour)
 
 
@@ -173,7 +175,7 @@ def house(
     width: float, depth: float, floors: int, style: Style, rng: np.random.Generator, roof: int = p.TERRACOTTA
 ) -> PaletteMesh:
     """A house with a gabled roof along x, eaves, and a chimney."""
-    body = tower(width, depth, floors, style, rng, parapet=0.3)
+    body = tower(width, depth, floors, style._replace(parapet=0.3), rng)
     top, rise = floors * FLOOR + 0.45, 0.42 * depth
     y = np.array([[-depth / 2 - 0.6, -0.3], [0.0, rise], [depth / 2 + 0.6, -0.3]])
     half = (width + 1.0) / 2
@@ -489,7 +491,7 @@ def _building(
     top = floors * FLOOR + 0.2
     spots = rng.uniform(-0.34, 0.34, (3, 2)) * [w, d]
     roof = (p.CONCRETE, p.SLATE, p.TERRACOTTA, p.TRAVERTINE)[rng.integers(4)]
-    return tower(w, d, floors, style, rng, roof=roof), np.insert(spots, 1, top, axis=1)
+    return tower(w, d, floors, style._replace(roof=roof), rng), np.insert(spots, 1, top, axis=1)
 
 
 def _affordable(budget: float, w: float, d: float, floors: int, style: Style) -> Style:

@@ -30,46 +30,48 @@ def sphere_directions(rng: np.random.Generator, n: int, low: float = -1.0) -> ND
     return np.stack([flat * np.cos(angle), y, flat * np.sin(angle)], axis=1)
 
 
+class Blade(NamedTuple):
+    """The shape of k leaves of 2 (segments - 1) triangles each, or of 4 (segments - 1) with a midrib."""
+
+    length: ArrayLike  # scalar or (k,), like the next two
+    width: ArrayLike
+    droop: ArrayLike  # the tip bends away from the upper side by droop x length
+    segments: int  # at least 2
+    ribs: int = 2  # 2: flat; 3: with a folded midrib
+
+
 def blades(
     base: NDArray[np.float64],
     along: NDArray[np.float64],
     facing: NDArray[np.float64],
-    length: ArrayLike,
-    width: ArrayLike,
-    droop: ArrayLike,
-    segments: int,
-    ribs: int = 2,
+    blade: Blade,
     colour: ArrayLike = p.LEAF,
 ) -> PaletteMesh:
     """k leaves: pointed ribbons that grow from `base` in the direction `along`.
 
     base, along, facing : (k, 3)
         Start, direction of growth, and approximate direction of the upper side.
-    length, width, droop : scalar or (k,)
-        The tip bends away from `facing` by droop x length.
-    segments : int, at least 2
-    ribs : 2 for flat leaves, 3 for a folded midrib
-        A leaf has 2 (segments - 1) triangles, or 4 (segments - 1) with a midrib.
     colour : scalar or (k,), palette indices
     """
     along = unit(np.asarray(along, np.float64))
     side = unit(cross(along, facing))
     normal = cross(side, along)
     length, width, droop = (
-        np.broadcast_to(np.asarray(a, np.float64), len(base))[:, None, None] for a in (length, width, droop)
+        np.broadcast_to(np.asarray(a, np.float64), len(base))[:, None, None]
+        for a in (blade.length, blade.width, blade.droop)
     )
-    t = np.linspace(0.0, 1.0, segments + 1)[None, :, None]
+    t = np.linspace(0.0, 1.0, blade.segments + 1)[None, :, None]
     centre = np.asarray(base)[:, None] + length * (
         along[:, None] * (t - 0.35 * droop**2 * t**2) - normal[:, None] * droop * t**2
     )
     half = width / 2.0 * np.sin(np.pi * t**0.75)
     inner, half = centre[:, 1:-1], half[:, 1:-1]
     columns = [inner - half * side[:, None], inner + half * side[:, None]]
-    if ribs == 3:
+    if blade.ribs == 3:
         columns.insert(1, inner - 0.45 * half * normal[:, None])
     k, rings = len(base), np.stack(columns, axis=2)
     vertices = np.concatenate([centre[:, :1], rings.reshape(k, -1, 3), centre[:, -1:]], axis=1)
-    faces = _blade_faces(segments, ribs)
+    faces = _blade_faces(blade.segments, blade.ribs)
     starts = np.arange(k, dtype=np.int32)[:, None, None] * vertices.shape[1]
     colour = np.broadcast_to(np.asarray(colour, np.uint8), k)
     return PaletteMesh(
@@ -103,11 +105,7 @@ def agave(rng: np.random.Generator, leaves: int, length: float, segments: int, c
         flat * 0.03,
         along,
         facing,
-        size,
-        0.16 * length,
-        rng.uniform(0.15, 0.5, leaves),
-        segments,
-        3,
+        Blade(size, 0.16 * length, rng.uniform(0.15, 0.5, leaves), segments, 3),
         colour + p.shades(rng, leaves),
     )
 
@@ -124,11 +122,7 @@ def shrub(
         base,
         along,
         UP + 0.3 * out,
-        size * rng.uniform(0.7, 1.3, leaves),
-        0.5 * size,
-        0.3,
-        2,
-        3,
+        Blade(size * rng.uniform(0.7, 1.3, leaves), 0.5 * size, 0.3, 2, 3),
         colour + p.shades(rng, leaves),
     )
     k = 5
@@ -152,11 +146,7 @@ def ivy(
         base,
         along,
         sphere_directions(rng, leaves, 0.0),
-        size * rng.uniform(0.6, 1.3, leaves),
-        0.7 * size,
-        0.3,
-        2,
-        3,
+        Blade(size * rng.uniform(0.6, 1.3, leaves), 0.7 * size, 0.3, 2, 3),
         colour,
     )
 
@@ -176,11 +166,7 @@ def fern(rng: np.random.Generator, fronds: int, pairs: int, length: float) -> Pa
         np.zeros((fronds, 3)),
         flat * 0.66 + 0.75 * UP,
         UP - 0.7 * flat,
-        1.02 * reach[:, 0, 0],
-        0.012,
-        0.42,
-        5,
-        2,
+        Blade(1.02 * reach[:, 0, 0], 0.012, 0.42, 5),
         p.LIME,
     )
     meshes = [stem]
@@ -192,11 +178,7 @@ def fern(rng: np.random.Generator, fronds: int, pairs: int, length: float) -> Pa
                 base.reshape(-1, 3),
                 direction.reshape(-1, 3),
                 facing.reshape(-1, 3),
-                size,
-                0.34 * size + 0.012,
-                0.2,
-                2,
-                2,
+                Blade(size, 0.34 * size + 0.012, 0.2, 2),
                 colour,
             )
         )
@@ -214,11 +196,7 @@ def grass(rng: np.random.Generator, n_blades: int, height: float, spread: float,
         base,
         along,
         UP - lean,
-        size,
-        0.05 * height + 0.004,
-        rng.uniform(0.1, 0.6, n_blades),
-        segments,
-        2,
+        Blade(size, 0.05 * height + 0.004, rng.uniform(0.1, 0.6, n_blades), segments),
         p.GRASS + p.shades(rng, n_blades),
     )
 
@@ -269,11 +247,7 @@ def palm(
                 base.reshape(-1, 3),
                 direction.reshape(-1, 3),
                 facing.reshape(-1, 3),
-                np.tile(size, fronds),
-                0.045 * min(1.0, 12.0 / leaflets) * length,
-                0.25,
-                3,
-                2,
+                Blade(np.tile(size, fronds), 0.045 * min(1.0, 12.0 / leaflets) * length, 0.25, 3),
                 colour,
             )
         )
@@ -336,7 +310,8 @@ def tree(rng: np.random.Generator, bare: BareTree, leaves: int, size: float, col
     out = unit(bare.tips[which] + 1.2 * sphere_directions(rng, leaves) - 0.2 * UP)
     shade = p.shades(rng, len(twigs))[which]
     facing = UP + 0.7 * sphere_directions(rng, leaves)
-    foliage = blades(base, out, facing, size * rng.uniform(0.7, 1.2, leaves), 0.55 * size, 0.25, 2, 3, colour + shade)
+    blade = Blade(size * rng.uniform(0.7, 1.2, leaves), 0.55 * size, 0.25, 2, 3)
+    foliage = blades(base, out, facing, blade, colour + shade)
     return merge(bare.wood, foliage)
 
 
@@ -356,11 +331,7 @@ def conifer(rng: np.random.Generator, height: float, leaves: int, detail: float)
         base,
         along,
         UP + 0.3 * sphere_directions(rng, leaves),
-        size,
-        0.3 * size,
-        0.2,
-        2,
-        3,
+        Blade(size, 0.3 * size, 0.2, 2, 3),
         p.PINE + p.shades(rng, leaves),
     )
     return merge(tubes(trunk[None], height * 0.022 * (1.06 - t), steps(7, detail, 4), p.BARK), boughs)
@@ -509,18 +480,21 @@ def shelf(width: float, height: float, depth: float, boards: int) -> PaletteMesh
 
 
 def cloth(
-    width: float,
-    height: float,
-    nx: int,
-    ny: int,
+    size: tuple[float, float],
+    cells: tuple[int, int],
     rng: np.random.Generator,
     folds: float = 5.0,
     depth: float = 0.07,
     sway: float = 0.0,
     colour: int = p.RED,
-    trim: int = p.OCHRE,
 ) -> PaletteMesh:
-    """A hanging cloth, 1 cm thick, with its top edge along x at y = 0. `sway` gathers it to one side at half height."""
+    """A hanging cloth, 1 cm thick, with its top edge along x at y = 0.
+
+    size : width and height
+    cells : quads along the width and the height
+    sway : gathers the cloth to one side at half height
+    """
+    (width, height), (nx, ny) = size, cells
     u, v = np.linspace(-0.5, 0.5, nx + 1)[:, None], np.linspace(0.0, 1.0, ny + 1)[None]
     phase = rng.uniform(0.0, 2.0 * np.pi, 3)
     wave = np.sin(2 * np.pi * folds * u + phase[0] + 0.6 * v) + 0.4 * np.sin(2 * np.pi * folds * 1.7 * u + phase[1] - v)
@@ -531,4 +505,4 @@ def cloth(
     normal = np.cross(np.gradient(front, axis=1), np.gradient(front, axis=0))
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     band = (np.arange(ny) > 0.86 * ny) & (np.arange(ny) < 0.95 * ny) if ny > 8 else np.zeros(ny, bool)
-    return shell(front, front - 0.01 * normal, np.where(band, trim, colour) + np.zeros((nx, 1), int))
+    return shell(front, front - 0.01 * normal, np.where(band, p.OCHRE, colour) + np.zeros((nx, 1), int))

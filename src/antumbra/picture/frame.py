@@ -19,7 +19,7 @@ from .image_files import LUMINANCE
 from .irradiance import PixelNormals, pixel_normals
 from .light_visibility import irradiance_shares
 from .pixel_appearance import albedo, eye_of, shading_normals, surface_points
-from .shading import arriving_irradiance, shade
+from .shading import Illumination, arriving_irradiance, shade
 
 # --- Results: frame, layers, ground and timings -----------------------------------------------------------------------
 
@@ -240,9 +240,9 @@ def shade_surfaces(
     ambient: np.ndarray,
     indirect: np.ndarray | None = None,
 ) -> NDArray[np.float32]:
-    """Shade these surfaces: (H, W, 3) float32. The arguments are those of `picture.shading.shade`."""
-    up, lights = state.tracer.scene.up, state.request.lights
-    return shade(*shading_inputs(surfaces), lights, arrived, shares, ambient, up, indirect, state.threads)
+    """Shade these surfaces: (H, W, 3) float32. The arguments are those of `picture.shading.Illumination`."""
+    illumination = Illumination(state.request.lights, arrived, shares, ambient, indirect)
+    return shade(*shading_inputs(surfaces), illumination, state.tracer.scene.up, state.threads)
 
 
 def shading_inputs(surfaces: Surfaces) -> tuple[GBuffer, np.ndarray]:

@@ -41,7 +41,7 @@ from .frame import (
 from .frame_request import LIGHT_BYTES, PASS_BYTES, SURFACE_BYTES, Request, edge_bytes, frame_memory, ray_counts
 from .light_visibility import LightFractions, finer_query, light_fractions, refine_fractions, without_equal_samples
 from .morphological_antialiasing import mixture
-from .shading import ambient_light, backdrop, shade, skies_of, sky_behind
+from .shading import Illumination, ambient_light, backdrop, shade, skies_of, sky_behind
 from .shadow_catcher import ShadowCatcher
 
 # --- Layers for compositing: base colours, each light alone, and objects ----------------------------------------------
@@ -67,7 +67,8 @@ def frame_layers(
     def shaded(
         lights: list[Light], arrived: list[np.ndarray], shares: list[np.ndarray], indirect: np.ndarray | None = None
     ) -> np.ndarray:
-        return shade(gbuffer, colour, lights, arrived, shares, dark, up, indirect, state.threads)
+        illumination = Illumination(lights, arrived, shares, dark, indirect)
+        return shade(gbuffer, colour, illumination, up, state.threads)
 
     images = [shaded([light], [a], [s]) for light, a, s in zip(request.lights, arrived, shares)]
     bounced = None if indirect is None else shaded([], [], [], indirect)

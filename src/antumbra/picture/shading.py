@@ -116,26 +116,25 @@ def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, shares, am
                 put(out, at + c, radiance if i >= 0 else np.float32(0.0))
 
 
+class Illumination(NamedTuple):
+    """The light that reaches the surfaces of a picture."""
+
+    lights: Sequence[Light]
+    arrived: Sequence[np.ndarray]  # per light the result of `arriving_irradiance`
+    shares: Sequence[np.ndarray]  # per light (H, W) float32, from `picture.light_visibility`
+    ambient: np.ndarray  # (3,) float32, from `ambient_light` of the whole picture
+    indirect: np.ndarray | None = None  # (H, W, 3) float32, additional irradiance
+
+
 def shade(
-    gbuffer: GBuffer,
-    colour: np.ndarray,
-    lights: Sequence[Light],
-    arrived: Sequence[np.ndarray],
-    shares: Sequence[np.ndarray],
-    ambient: np.ndarray,
-    up: str = "y",
-    indirect: np.ndarray | None = None,
-    threads: int | None = None,
+    gbuffer: GBuffer, colour: np.ndarray, illumination: Illumination, up: str = "y", threads: int | None = None
 ) -> NDArray[np.float32]:
     """(H, W, 3) float32: linear radiance of diffuse surfaces; 0 in the background.
 
     colour : (n, 3) float32, the colour of each face
-    arrived : for each light the result of `arriving_irradiance`
-    shares : for each light (H, W) float32, from `picture.light_visibility`
-    ambient : (3,) float32, from `ambient_light` of the whole picture
     up : "y" or "z", the axis from which most of the ambient light comes
-    indirect : (H, W, 3) float32, additional irradiance; None: none
     """
+    lights, arrived, shares, ambient, indirect = illumination
     shape, shining = gbuffer.face.shape, _shining(lights)
     irradiances, arriving_shares = (_stack([of[k] for k in shining], shape) for of in (arrived, shares))
     lists = [arrived[k] for k, light in enumerate(lights) if light.domain == "list"]

@@ -22,7 +22,7 @@ from .discontinuity_filter import smooth_irradiance
 from .frame import FrameState, Ground, TracedLights, smooths_light, trace_queries, trace_query
 from .irradiance import pixel_normals
 from .light_visibility import finer_query, irradiance_shares, light_fractions, refine_fractions
-from .shading import arriving_irradiance, shade
+from .shading import Illumination, arriving_irradiance, shade
 
 _WHITE = np.ones((1, 3), np.float32)
 
@@ -182,7 +182,8 @@ class ShadowCatcher:
     def _shade(self, gbuffer: GBuffer, arrived: Sequence[np.ndarray], shares: list[np.ndarray]) -> np.ndarray:
         """Shade the ground as a white surface."""
         white = gbuffer._replace(face=gbuffer.side.astype(np.int32) - np.int32(1))  # face 0 where the ground is seen
-        return shade(white, _WHITE, self._lights, arrived, shares, self._ambient, self._up, threads=self._state.threads)
+        illumination = Illumination(self._lights, arrived, shares, self._ambient)
+        return shade(white, _WHITE, illumination, self._up, self._state.threads)
 
     def _unshadowed_shares(self, gbuffer: GBuffer, light: Light, query: ShadowQuery) -> NDArray[np.float32]:
         """(H, W) float32: the share of a light's irradiance that arrives without shadows: its part above the ground."""

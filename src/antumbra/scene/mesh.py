@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array
 from ..errors import InputError
-from .materials import BYTE_TO_LINEAR, PLAIN, Material, MeshAppearance, Texture, look_of, mean_colours
+from .materials import BYTE_TO_LINEAR, Material, MeshAppearance, Texture, look_of, mean_colours
 
 # --- Indexed triangles and their checks -------------------------------------------------------------------------------
 
@@ -191,22 +191,25 @@ class StaticMeshes:
 # --- Meshes with materials, textures and vertex colours ---------------------------------------------------------------
 
 
+class VertexAttributes(NamedTuple):
+    """Attributes of the v vertices of a mesh, unchecked."""
+
+    uv: object = None  # (v, 2) float, texture coordinates, v down
+    colours: object = None  # (v, 3 or 4) float (linear) or uint8 (sRGB)
+    normals: object = None  # (v, 3) float
+
+
 def textured_mesh(
     mesh: Mesh,
     faces: ArrayLike | None,
     n_vertices: int,
-    material: Material = PLAIN,
-    where: str = "",
-    uv: object = None,
-    colours: object = None,
-    normals: object = None,
+    material: Material,
+    where: str,
+    attributes: VertexAttributes,
 ) -> Mesh:
     """A mesh from `make_mesh`, with the vertex attributes of its file or library.
 
     faces, n_vertices : the original faces and vertex count, since `make_mesh` drops unused vertices
-    uv : (n_vertices, 2) float, texture coordinates, v down
-    colours : (n_vertices, 3 or 4) float (linear) or uint8 (sRGB)
-    normals : (n_vertices, 3) float
 
     Raises
     ------
@@ -220,15 +223,13 @@ def textured_mesh(
     def rows(values: np.ndarray | None) -> np.ndarray | None:
         return values if values is None or used is None else values[used]
 
-    if colours is not None:
-        colours = linear_colours(colours, where, alpha=True)
+    colours = None
+    if attributes.colours is not None:
+        colours = linear_colours(attributes.colours, where, alpha=True)
         if colours.ndim != 2 or len(colours) != n_vertices:
             raise InputError(f"{where}: vertex_colours of {n_vertices} vertices have shape {colours.shape}")
-    uv, normals = (
-        _checked_attribute(uv, (n_vertices, 2), f"{where}: uv"),
-        _checked_attribute(normals, (n_vertices, 3), f"{where}: normals"),
-    )
-    uv, colours = rows(uv), rows(colours)
+    normals = _checked_attribute(attributes.normals, (n_vertices, 3), f"{where}: normals")
+    uv, colours = rows(_checked_attribute(attributes.uv, (n_vertices, 2), f"{where}: uv")), rows(colours)
     look = look_of(material, uv, colours, rows(normals), mesh.positions)
     return mesh._replace(colour=mean_colours(material, mesh.faces, uv, colours), look=look)
 

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import checked_instance, number
-from ..engine.plan import Plan
 from ..engine.scene import AnyScene, Scene
 from ..errors import InputError
 from ..jobs.dataset.dataset_layers import has_centre, towards_centre
@@ -21,6 +20,7 @@ from ..jobs.sun.location import Place, checked_place
 from ..jobs.sun.sun_positions import directions_of, solar_angles, zone_of
 from ..picture.frame import Frame
 from ..picture.image_files import frame_exposure
+from ..picture.render_options import EngineOptions
 from ..picture.renderer import Renderer
 from ..scene.camera import Camera, axes, bounding_sphere
 from ..scene.lights import (
@@ -215,8 +215,8 @@ class Model:
         The first view. None: the scene's first camera, or ``scene.default_camera()``.
     time : float
         Seconds.
-    plan, threads, max_memory
-        As in `antumbra.render`.
+    engine : EngineOptions or None
+        None: the defaults.
     place : Place or None
         Location of the scene on Earth, which lets the sun follow a date and time.
     """
@@ -228,18 +228,17 @@ class Model:
         camera: Camera | None = None,
         time: float = 0.0,
         *,
-        plan: str | Plan | None = None,
-        threads: int | None = None,
-        max_memory: int | None = None,
+        engine: EngineOptions | None = None,
         place: Place | None = None,
     ):
+        engine = engine or EngineOptions()
         if camera is not None:
             checked_instance(camera, Camera, "camera")
         if place is not None:
             place = checked_place(checked_instance(place, Place, "place"))
-        self.scene, self.page_frame, self.place, self.threads = scene, PageFrame.of(scene), place, threads
-        self.renderer = Renderer(scene, plan, threads, max_memory=max_memory)
-        self.plan, self.time, self.display = plan, scene.clamped(time), DisplayOptions()
+        self.scene, self.page_frame, self.place, self.threads = scene, PageFrame.of(scene), place, engine.threads
+        self.renderer = Renderer(scene, engine.plan, engine.threads, engine.gbuffer, engine.max_memory)
+        self.plan, self.time, self.display = engine.plan, scene.clamped(time), DisplayOptions()
         self._initial_lights = None if lights is None else check_lights(lights, scene.up)
         self._default_lights: tuple[float, dict[str, Light]] | None = None  # the unmoved lights at a time
         self._moved: dict[str, Light] = {}

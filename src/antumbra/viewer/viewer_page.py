@@ -23,6 +23,7 @@ from ..extras import import_extra
 from ..jobs.job_kernels import points_job
 from ..jobs.sun.location import Place
 from ..picture.render_kernels import precompile_quality
+from ..picture.render_options import EngineOptions
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from .control_panel import Controls
@@ -333,7 +334,8 @@ def view(
     allowed = items(allow_host, str, "allow_host")
     if browser is not None:
         browser = flag(browser, "browser")
-    model = Model(scene_of(scene), lights, camera, time, plan=plan, threads=threads, max_memory=max_memory, place=place)
+    engine = EngineOptions(plan=plan, threads=threads, max_memory=max_memory)
+    model = Model(scene_of(scene), lights, camera, time, engine=engine, place=place)
     prepare(model)
     viewer = Viewer(Page(model, host, port, allowed))
     if "ipykernel" not in sys.modules if browser is None else browser:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...generate import palette as p
 from ...generate.atrium import EMBED, tiles
-from ...generate.props import UP, agave, blades, cloth, palm, pot, shrub, sphere_directions, unit
+from ...generate.props import UP, Blade, agave, blades, cloth, palm, pot, shrub, sphere_directions, unit
 from ...generate.shapes import (
     PaletteMesh,
     ScenePart,
@@ -175,7 +175,7 @@ def curtains(top: float, colour: int, d: float, rng: np.random.Generator) -> lis
         ),
     ]
     for side in (-1, 1):
-        hung = cloth(wide, top - 0.03, nx, ny, rng, 5.0, 0.045, 0.3, colour, p.OCHRE)
+        hung = cloth((wide, top - 0.03), (nx, ny), rng, 5.0, 0.045, 0.3, colour)
         parts.append(place_copies(hung, (side * (half + 0.06), top - 0.008, z), 0.0 if side > 0 else np.pi))
     return parts
 
@@ -216,7 +216,7 @@ def _sun() -> dict[str, Any]:
 def _shell(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """Floorboards, the three plain walls, ceiling, skirting, cornice, door."""
     x, z, h = HALF_X, HALF_Z, HEIGHT
-    boards = tiles(-x - 0.05, x + 0.05, -z - 0.05, z + 0.05, 3, steps(40, d, 8), rng, p.OAK, None, 0.008, 0.003)
+    boards = tiles((-x - 0.05, x + 0.05, 3), (-z - 0.05, z + 0.05, steps(40, d, 8)), rng, p.OAK, None, 0.008, 0.003)
     skirting = [(EMBED, -EMBED), (-0.016, -EMBED), (-0.02, 0.07), (-0.012, 0.1), (EMBED, 0.105)]
     cornice = [(EMBED, -0.1), (-0.02, -0.1), (-0.04, -0.05), (-0.09, -0.03), (-0.1, EMBED), (EMBED, EMBED)]
     return [
@@ -305,5 +305,5 @@ def _rug(rng: np.random.Generator, triangles: int) -> list[ScenePart]:
     lean = sphere_directions(rng, n, 0.0)
     size = np.clip(0.03 * np.sqrt(15_000 / n), 0.012, 0.04)
     colour = _pattern(*at.T) + p.shades(rng, n) % 4
-    pile = blades(root, 0.6 * UP + lean, UP - lean, size * rng.uniform(0.7, 1.2, n), 0.3 * size, 0.3, 2, 2, colour)
+    pile = blades(root, 0.6 * UP + lean, UP - lean, Blade(size * rng.uniform(0.7, 1.2, n), 0.3 * size, 0.3, 2), colour)
     return [base, place_copies(pile)]

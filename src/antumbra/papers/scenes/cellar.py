@@ -90,7 +90,7 @@ def _structure(maze: _Maze, d: float, rng: np.random.Generator) -> list[ScenePar
     hole[nx * nz :] = maze.stairs[: -nx * nz] if len(at) > nx * nz else False
     half = ROOM / 2
     n = steps(7, d, 2)
-    floor = tiles(-half, half, -half, half, n, n, rng, p.SLATE)
+    floor = tiles((-half, half, n), (-half, half, n), rng, p.SLATE)
     closed = _wall(rng, d)
     open_, trim = (
         doorway(ROOM - 0.7, DOOR, DOOR_SPRING, HEIGHT, WALL, steps(10, d, 3)),

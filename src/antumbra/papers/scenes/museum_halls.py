@@ -211,7 +211,7 @@ def _halls(
     """Floors, walls, doorways between halls, cornices, ceilings, and skylights with bars."""
     n, m = steps(14, d, 4), steps(17, d, 5)
     hx, hz = WIDTH / 2, DEPTH / 2
-    floor = tiles(-hx - 0.05, hx + 0.05, -hz - 0.05, hz + 0.05, n, m, rng, p.MARBLE, p.SANDSTONE, 0.02, 0.004)
+    floor = tiles((-hx - 0.05, hx + 0.05, n), (-hz - 0.05, hz + 0.05, m), rng, p.MARBLE, p.SANDSTONE, 0.02, 0.004)
     threshold = box((2.6, 0.2, WALL + 0.1), (0, -0.11, 0), p.OAK)
     slabs = boxes(
         [(hx - SKY_X + 0.1, 0.5, DEPTH + 0.2)] * 2 + [(2 * SKY_X + 0.1, 0.49, hz - SKY_Z + 0.1)] * 2,
