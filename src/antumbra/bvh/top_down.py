@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.jit import F32Ptr, I32Ptr, kernel, overload, overloaded
+from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel, overload, overloaded
 from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import (
     as_i32,
@@ -27,6 +27,7 @@ from ..kernels.simd import (
     popcount,
     prefetch,
     ptr,
+    ptr_at,
     put,
     stack_f32,
     stack_i32,
@@ -146,6 +147,16 @@ class Settings(NamedTuple):
     scale: np.float32  # a power of two that scales the largest coordinate to about 1, so that no area overflows
 
 
+class Range(NamedTuple):
+    """A range of records."""
+
+    first: int
+    last: int  # exclusive
+    depth: int
+    box: Any  # f32x8, like the next
+    centroids: Any  # box of the centroids
+
+
 class Ranges(NamedTuple):
     """A stack of ranges to build."""
 
@@ -154,15 +165,30 @@ class Ranges(NamedTuple):
 
 
 @kernel
-def push_range(ranges, height, first, last, depth, slot, box, centroids):
-    """Push a range on the stack, and return the new height."""
-    put(ranges.numbers, height * 4, first)
-    put(ranges.numbers, height * 4 + 1, last)
-    put(ranges.numbers, height * 4 + 2, depth)
+def push_range(ranges, height, part, slot):
+    """Push a `Range`, whose link is written to word `slot`, on the stack. Return the new height."""
+    put(ranges.numbers, height * 4, part.first)
+    put(ranges.numbers, height * 4 + 1, part.last)
+    put(ranges.numbers, height * 4 + 2, part.depth)
     put(ranges.numbers, height * 4 + 3, slot)
-    store(ranges.boxes, height * 16, box)
-    store(ranges.boxes, height * 16 + 8, centroids)
+    store(ranges.boxes, height * 16, part.box)
+    store(ranges.boxes, height * 16 + 8, part.centroids)
     return height + 1
+
+
+@inlined
+def range_at(ranges, height):
+    """(the `Range` at a height of the stack, the word of its link)."""
+    numbers, boxes = ptr_at(ranges.numbers, height * 4), ptr_at(ranges.boxes, height * 16)
+    first, last, depth = np.int64(get(numbers, 0)), np.int64(get(numbers, 1)), np.int64(get(numbers, 2))
+    return Range(first, last, depth, load8(boxes, 0), load8(boxes, 8)), np.int64(get(numbers, 3))
+
+
+@inlined
+def part_of(records, first, last, depth):
+    """The `Range` of the records from `first` to `last` - 1."""
+    box, centroids = range_bounds(records, first, last)
+    return Range(first, last, depth, box, centroids)
 
 
 @kernel
@@ -193,41 +219,38 @@ def copy_corners(vertices, first, last, out):
 
 
 @kernel
-def build_subtree(source, first, last, depth, box, centroids, settings, out, next_node, word):
-    """Build the tree over the records from `first` to `last` - 1, and return the index of the next free node.
+def build_subtree(source, part, settings, out, next_node, word):
+    """Build the tree over the records of a range, and return the index of the next free node.
 
     Its nodes start at `next_node`, in depth-first order. n records make at most n - 1 nodes.
     """
-    # In: source, of `source_of`; first, last, depth; box, centroids, f32x8; settings, `Settings`
+    # In: source, of `source_of`; part, a `Range`; settings, `Settings`
     # Out: out, a `Tree`: nodes, links, prim_ids; out.links[word], the link to the tree
     ranges = Ranges(stack_i32(_NUMBERS), stack_f32(_BOXES))
     records = source.records
-    height = push_range(ranges, 0, first, last, depth, word, box, centroids)
+    height = push_range(ranges, 0, part, word)
     while height > 0:
         height -= 1
-        b, e = np.int64(get(ranges.numbers, height * 4)), np.int64(get(ranges.numbers, height * 4 + 1))
-        d, slot = np.int64(get(ranges.numbers, height * 4 + 2)), np.int64(get(ranges.numbers, height * 4 + 3))
+        (b, e, d, box, centroids), slot = range_at(ranges, height)
         if e - b <= OPTIMAL_SIZE and d + e - b - 1 <= MAX_DEPTH:
             next_node = build_optimal_subtree(records, b, e - b, settings, out, next_node, slot, d == 0)
             continue
-        range_box, centroids = load8(ranges.boxes, height * 16), load8(ranges.boxes, height * 16 + 8)
         split = find_split(source, b, e, centroids, d, settings.scale)
-        if _leaf_is_cheaper(e - b, d, range_box, split, settings):
+        if _leaf_is_cheaper(e - b, d, box, split, settings):
             write_leaf(records, b, e, out, slot)
             continue
         m = divide(source, b, e, centroids, split)
-        left_box, left_centroids = range_bounds(records, b, m)
-        right_box, right_centroids = range_bounds(records, m, e)
+        left, right = part_of(records, b, m, d + 1), part_of(records, m, e, d + 1)
         put(out.links, slot, next_node)
-        write_boxes(out.nodes, next_node, left_box, right_box)
-        height = push_range(ranges, height, m, e, d + 1, link_at(next_node, 1), right_box, right_centroids)
-        height = push_range(ranges, height, b, m, d + 1, link_at(next_node, 0), left_box, left_centroids)
+        write_boxes(out.nodes, next_node, left.box, right.box)
+        height = push_range(ranges, height, right, link_at(next_node, 1))
+        height = push_range(ranges, height, left, link_at(next_node, 0))
         next_node += 1
     return next_node
 
 
 @overloaded("top_down")
-def build_range(vertices, source, first, last, depth, box, centroids, settings, s, out):
+def build_range(vertices, source, part, settings, s, out):
     """In kernels: build the tree over range s of those below the top levels, and return its number of nodes.
 
     The type of `settings` selects the implementation. The nodes are 1, 2, ... of `out`. The left link of node 0 becomes
@@ -238,14 +261,12 @@ def build_range(vertices, source, first, last, depth, box, centroids, settings, 
 
 
 @overload(build_range)
-def _build_range(vertices, source, first, last, depth, box, centroids, settings, s, out):
+def _build_range(vertices, source, part, settings, s, out):
     if settings.instance_class is Settings:
 
-        def build(vertices, source, first, last, depth, box, centroids, settings, s, out):
-            next_node = build_subtree(
-                source, first, last, depth, box, centroids, settings, out, np.int64(1), np.int64(12)
-            )
-            copy_corners(vertices, first, last, out)
+        def build(vertices, source, part, settings, s, out):
+            next_node = build_subtree(source, part, settings, out, np.int64(1), np.int64(LINK))
+            copy_corners(vertices, part.first, part.last, out)
             return next_node - 1
 
         return build
@@ -281,9 +302,8 @@ def _build_subtrees(ticket, vertices, method, top, order, settings, bvh, subtree
     for k in items(ticket):
         s = order[k]
         first, last, depth = top.ranges[s]
-        box, centroids = load8(top.range_boxes, s * 16), load8(top.range_boxes, s * 16 + 8)
-        source = source_of(method, depth, ptr(scratch))
-        count = build_range(ptr(vertices), source, first, last, depth, box, centroids, settings, s, out)
+        part = Range(first, last, depth, load8(top.range_boxes, s * 16), load8(top.range_boxes, s * 16 + 8))
+        count = build_range(ptr(vertices), source_of(method, depth, ptr(scratch)), part, settings, s, out)
         at = atomic_add(next_free, 0, count)
         for i in range(count):
             store(subtrees.nodes, line_at(at + i), load16(part_nodes, line_at(i + 1)))

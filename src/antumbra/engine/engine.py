@@ -19,7 +19,7 @@ from ..progress import ProgressCallback, show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
-from ..query.ray_list import HitArrays, RayArguments, cull_value, rays_of
+from ..query.ray_list import HitArrays, HitFilter, RayArguments, cull_value, rays_of
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery, fraction_lit, shadow_queries
 from ..scene.camera import Camera
@@ -338,7 +338,8 @@ class Engine:
         threads: int | None = None,
     ) -> NDArray[np.bool_]:
         """(...) bool: whether a triangle blocks each ray; `antumbra.Scene.occluded` documents the parameters."""
-        rays = rays_of(origins, directions, tmin, tmax, skip_face, cull_faces, self._frame, self._n_faces, targets)
+        hits = HitFilter(tmin, tmax, skip_face, cull_faces)
+        rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets)
         return self._hits(rays, True, time, threads).blocked.reshape(rays.shape)
 
     def closest_hit(
@@ -354,7 +355,8 @@ class Engine:
         threads: int | None = None,
     ) -> Hit:
         """The nearest hits of rays; `antumbra.Scene.closest_hit` documents the parameters."""
-        rays = rays_of(origins, directions, tmin, tmax, skip_face, cull_faces, self._frame, self._n_faces)
+        hit_filter = HitFilter(tmin, tmax, skip_face, cull_faces)
+        rays = rays_of(origins, directions, hit_filter, self._frame, self._n_faces)
         hits = self._hits(rays, False, time, threads)
         faces = HitFaces(*(array.reshape(rays.shape) for array in (hits.t, hits.face, hits.u, hits.v)))
         data = self.data

@@ -16,7 +16,7 @@ import numpy as np
 from ..progress import ProgressCallback
 from ..query.pixel_refinement import subpixel_rays
 from ..query.query_bounds import bounds
-from ..query.ray_list import HitArrays, RayArguments, changed_error, hit_arrays, rays_of
+from ..query.ray_list import HitArrays, HitFilter, RayArguments, changed_error, hit_arrays, rays_of
 from ..query.shadow_query import Surfaces, surfaces_of
 from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.scene_data import MemoryData
@@ -128,7 +128,7 @@ def rays_job() -> Job:
     def work() -> None:
         triangles = small_scene().triangles(0.0, 1)
         tracer = RayTracer(Accelerator(parse_plan(RAY_PLANS[0]), 1).build(triangles).prepared)
-        rays = rays_of(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, (0.0, 0.0, 0.0), 1)
+        rays = rays_of(np.zeros(3), np.ones(3), HitFilter(0.0, 1.0), (0.0, 0.0, 0.0), 1)
         for any_hit in True, False:
             tracer.trace(rays, any_hit, hit_arrays(1, any_hit), 1)
 

@@ -499,16 +499,7 @@ def _reached_chunks(paged: Paged, queries: Sequence[ShadowQuery]) -> np.ndarray:
     for query in queries:
         bits = new_bits(query)
         for step in segments_of(scheduled.parts, query):
-            rays = SegmentRaySets(
-                scheduled.parts,
-                scheduled.options,
-                query,
-                bits,
-                *step,
-                threads=paged.threads,
-                counters=None,
-                progress=None,
-            )
+            rays = SegmentRaySets(scheduled.parts, scheduled.options, step, bits, paged.threads)
             for s in range(rays.sets):
                 screen = np.full(k, len(rays.tiles.spans) - 1, np.int32)  # the tile that covers the whole screen
                 pairs = Pairs(screen, np.full(k, s, np.int32), np.arange(k, dtype=np.int32))

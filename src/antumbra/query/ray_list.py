@@ -141,13 +141,19 @@ def _copied(value: np.ndarray | float) -> np.ndarray | float:
     return np.array(value) if isinstance(value, np.ndarray) else value
 
 
+class HitFilter(NamedTuple):
+    """The hits of rays that count, unchecked. `Scene.occluded` documents the fields."""
+
+    tmin: ArrayLike = 0.0
+    tmax: ArrayLike = np.inf
+    skip_face: ArrayLike | None = None
+    cull_faces: str | None = None
+
+
 def rays_of(
     origins: ArrayLike,
     directions: ArrayLike | None,
-    tmin: ArrayLike,
-    tmax: ArrayLike,
-    skip_face: ArrayLike | None,
-    cull_faces: str | None,
+    hits: HitFilter,
     frame: tuple[float, float, float],
     n_faces: int,
     targets: ArrayLike | None = None,
@@ -156,6 +162,7 @@ def rays_of(
 
     n_faces : number of faces of the scene
     """
+    tmin, tmax, skip_face, cull_faces = hits
     origins, target_name = as_array(origins, "origins"), "directions" if targets is None else "targets"
     if targets is not None:
         directions, tmax = _segment_ends(directions, tmin, tmax, targets)

@@ -107,8 +107,8 @@ def test_segments(atrium):
     _, query, parts = atrium
     (h, w), spp = query.sides.shape, query.samples.shape[1]
     bits = np.random.default_rng(1).integers(0, 1 << spp, (h, w, 1)).astype(np.uint64)
-    ((chunks, trace, several),) = segments_of(parts, query)
-    rays = SegmentRaySets(parts, OPTIONS, query, bits, chunks, trace, several, threads=2, counters=None, progress=None)
+    (step,) = segments_of(parts, query)
+    rays = SegmentRaySets(parts, OPTIONS, step, bits, 2)
     ends, _ = segments(query)
     origins = np.broadcast_to(query.origins[:, :, None], ends.shape).reshape(-1, 3).astype(np.float64)
     blocked = (bits >> np.arange(spp, dtype=np.uint64) & np.uint64(1)).astype(bool).ravel()

@@ -12,7 +12,7 @@ from antumbra.bvh.wide_bvh import widen
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.kernels.exact.predicate import ray_along
 from antumbra.kernels.jit import kernel
-from antumbra.query.ray_list import hit_arrays, rays_of
+from antumbra.query.ray_list import HitFilter, hit_arrays, rays_of
 from antumbra.trace.counters import COUNTERS, new_counters
 from antumbra.trace.rays.ray_batches import RayTracer
 from antumbra.trace.rays.ray_traversal import CLOSEST, walk
@@ -37,7 +37,7 @@ def _compare(soup, origins, directions, tmin=0.0, tmax=np.inf, skip=None, cull_f
     skip = np.full(n, -1, np.int32) if skip is None else skip.astype(np.int32)
     face, t = np.empty(n, np.int32), np.empty(n)
     rays, tracer = (
-        rays_of(origins, directions, tmin, tmax, skip, cull_faces, (0.0, 0.0, 0.0), len(soup)),
+        rays_of(origins, directions, HitFilter(tmin, tmax, skip, cull_faces), (0.0, 0.0, 0.0), len(soup)),
         RayTracer(wide),
     )
     _walk_all(bvh, origins, directions, float(tmin), float(tmax), skip, rays.cull_faces, face, t)

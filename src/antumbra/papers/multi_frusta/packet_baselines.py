@@ -74,6 +74,7 @@ from ...trace.descent import (
 from ...trace.packets.ray_tile import (
     SCRATCH_FLOATS,
     SCRATCH_INTS,
+    TileRun,
     directions_of,
     finish_tile,
     open_rays,
@@ -233,7 +234,7 @@ def trace_shadow(
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
-    trace_tiles(_trace_packets, tree, query, True, bits, threads, counters, progress)
+    trace_tiles(TileRun(_trace_packets, True, threads, counters, progress), tree, query, bits)
 
 
 # --- Packets of 16 primary rays (Sec. 5.1) ----------------------------------------------------------------------------

@@ -70,6 +70,7 @@ from ...trace.descent import (
 from ...trace.packets.ray_tile import (
     SCRATCH_FLOATS,
     SCRATCH_INTS,
+    TileRun,
     directions_of,
     finish_tile,
     open_rays,
@@ -498,7 +499,7 @@ def trace_shadow(
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
-    trace_tiles(_trace_frusta, tree, query, True, bits, threads, counters, progress, shrinking)
+    trace_tiles(TileRun(_trace_frusta, True, threads, counters, progress), tree, query, bits, shrinking)
 
 
 as_published = partial(trace_shadow, Shrinking())

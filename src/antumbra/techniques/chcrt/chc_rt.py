@@ -115,9 +115,9 @@ def trace_shadows(
     parts, options, used, members = scheduled.parts, scheduled.options, 0, list[SegmentRaySets]()
     inside = None if parts.memory else progress  # out of core, reading parts dominates: report that instead
     n_threads = thread_count(threads)
-    steps = [(q, b, *step) for q, b in zip(queries, bits, strict=True) for step in segments_of(parts, q)]
+    steps = [(step, b) for q, b in zip(queries, bits, strict=True) for step in segments_of(parts, q)]
     for i, step in enumerate(steps):
-        members.append(SegmentRaySets(parts, options, *step, threads=n_threads, counters=counters, progress=inside))
+        members.append(SegmentRaySets(parts, options, *step, n_threads, counters, inside))
         used += members[-1].rays.cells.nbytes
         if used >= scheduled.room or i == len(steps) - 1:
             scheduled.run(combine_ray_sets(members), queries[0].sides.shape, progress)

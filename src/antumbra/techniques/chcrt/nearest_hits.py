@@ -106,12 +106,12 @@ class CellHits(NamedTuple):
 
 
 @inlined
-def _load(picture, rays, y0, x0, cell):
+def _load(picture, rays, corner, cell):
     """Load the rays of a cell and their hits. Return bits of the active rays."""
-    live = load_rays(rays, picture, y0, x0, cell.bundle)
+    live = load_rays(rays, picture, corner, cell.bundle)
     for lane in range(16):
         if live >> lane & 1 != 0:
-            y, x, _ = receiver_in(picture, y0, x0, lane)
+            y, x, _ = receiver_in(picture, corner, lane)
             put(cell.t, lane, rays.hits.t[y, x])
             put(cell.face, lane, rays.hits.face[y, x])
             put(cell.skip, lane, rays.skip[y, x])
@@ -131,13 +131,13 @@ def _put_span(cell, lane, span):
 
 
 @inlined
-def _write(picture, hits, y0, x0, live, cell):
+def _write(picture, hits, corner, live, cell):
     """Write the new hits of a cell. Return the largest limit of its rays."""
     while live != 0:
         lane = lowest_bit(live)
         live &= live - 1
         if get(cell.part, lane) >= 0:
-            y, x, _ = receiver_in(picture, y0, x0, lane)
+            y, x, _ = receiver_in(picture, corner, lane)
             hits.t[y, x], hits.face[y, x] = get(cell.t, lane), get(cell.face, lane)
             hits.part[y, x], hits.slot[y, x] = get(cell.part, lane), get(cell.slot, lane)
     return reduce_max(load16(cell.bundle.limits, 0))
@@ -249,10 +249,10 @@ def _trace_region(forest, picture, rays, region, cells, cell, waiting):
     while met != 0:
         g = lowest_bit(met)
         met &= met - 1
-        y, x = first_receiver(picture, region, g)
-        live = _load(picture, rays, y, x, cell)
+        corner = first_receiver(picture, region, g)
+        live = _load(picture, rays, corner, cell)
         _trace_cell(forest, begin, end, live, cell, waiting)
-        put(cells, FAR * 16 + g, _write(picture, rays.hits, y, x, live, cell))
+        put(cells, FAR * 16 + g, _write(picture, rays.hits, corner, live, cell))
 
 
 @kernel

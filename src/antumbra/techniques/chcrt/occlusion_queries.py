@@ -85,10 +85,10 @@ def bundles_in(source):
 
 
 @overloaded("ray_bundles")
-def load_bundle(source, picture, y0, x0, s, k, with_blocked, bundle):
+def load_bundle(source, picture, corner, s, k, with_blocked, bundle):
     """In kernels: fill bundle k of a cell, in ray set s. Return bits of the active rays.
 
-    y0, x0 : the first receiver of the cell
+    corner : (y, x) of the first receiver of the cell
     with_blocked : also load blocked rays, as active ones
     """
 
@@ -141,12 +141,12 @@ def first_receiver(picture, region, g):
 
 
 @inlined
-def receiver_in(picture, y0, x0, lane):
-    """(y, x, whether it is inside the image) of a receiver of the cell whose first receiver is (y0, x0)."""
+def receiver_in(picture, corner, lane):
+    """(y, x, whether it is inside the image) of a receiver of the cell whose first receiver is `corner`, (y, x)."""
     row, column = lane // picture.shape.width, lane % picture.shape.width
     if picture.spread:
         row, column = row * picture.layout.down, column * picture.layout.across
-    y, x = y0 + row, x0 + column
+    y, x = corner[0] + row, corner[1] + column
     return y, x, y < picture.h and x < picture.w
 
 
@@ -362,9 +362,9 @@ def _count_region(source, picture, region, set_, cells, lines, pairs, with_block
         met &= met - 1
         if n == 0:
             _count_cell(pairs, g, np.int64(get(cells, (ALL if with_blocked else COUNT) * 16 + g)))
-        y, x = first_receiver(picture, region, g)
+        corner = first_receiver(picture, region, g)
         for k in range(n):
-            live = load_bundle(source, picture, y, x, set_, k, with_blocked, bundle)
+            live = load_bundle(source, picture, corner, set_, k, with_blocked, bundle)
             if live != 0 and _count_bundle(bundle, live, lines, pairs, g) == 0:
                 break
     for i in range(pairs.first, pairs.end):

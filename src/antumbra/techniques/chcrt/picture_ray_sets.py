@@ -6,7 +6,7 @@ tracer for its kind of rays.
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,12 +90,17 @@ class RaySets:
         return TreeList(p.trees, p.heads, t.pixels, t.across, sets, lists.starts, lists.items, fresh)
 
 
-class SegmentRaySets(RaySets):
-    """The segments of a query to some chunks of its samples: one set for all, or one per stratum.
+class SegmentStep(NamedTuple):
+    """The segments of a query to some chunks of its samples."""
 
-    several : one set per stratum
-    trace : the tracer of lists of trees
-    """
+    query: ShadowQuery
+    chunks: range
+    trace: TreeListTracer
+    several: bool  # one ray set per stratum; otherwise one for all segments
+
+
+class SegmentRaySets(RaySets):
+    """The ray sets of a step; `bits` are those of its query."""
 
     front_to_back = False
 
@@ -103,17 +108,14 @@ class SegmentRaySets(RaySets):
         self,
         parts: TreeParts,
         options: ChcRtOptions,
-        query: ShadowQuery,
+        step: SegmentStep,
         bits: NDArray[np.uint64],
-        chunks: range,
-        trace: TreeListTracer,
-        several: bool,
-        *,
         threads: int,
-        counters: NDArray[np.int64] | None,
-        progress: ProgressCallback | None,
+        counters: NDArray[np.int64] | None = None,
+        progress: ProgressCallback | None = None,
     ):
-        self.query, self.bits, self.trace_lists = query, bits, trace
+        query, chunks, self.trace_lists, several = step
+        self.query, self.bits = query, bits
         self.arguments = {"threads": threads, "counters": counters, "progress": progress, "chunks": chunks}
         first = chunks.start * STRATA
         count = min(len(chunks) * STRATA, query.samples.shape[1] - first)
@@ -144,8 +146,8 @@ def _padded(lists: Lists, sets: int) -> Lists:
     return lists._replace(starts=np.concatenate([[0], np.cumsum(counts)]).astype(np.int32))
 
 
-def segments_of(parts: TreeParts, query: ShadowQuery) -> list[tuple[range, TreeListTracer, bool]]:
-    """Split a query's segments into steps: (chunks of samples, tracer of lists of trees, whether one set per stratum).
+def segments_of(parts: TreeParts, query: ShadowQuery) -> list[SegmentStep]:
+    """Split a query's segments into steps.
 
     Rays to a lamp or the sun form one set, traced by multi-frusta tracing. Rays of each hemisphere direction form a set
     of their own (Sec. 5.3), traced by packets.
@@ -153,9 +155,9 @@ def segments_of(parts: TreeParts, query: ShadowQuery) -> list[tuple[range, TreeL
     chunks, kind = range(-(-query.samples.shape[1] // STRATA)), query.light.kind
     if is_incoherent(query):
         trace = over_samples if is_list(query.light) else over_pixels
-        return [(range(c, c + 1), trace, kind == AMBIENT) for c in chunks]
+        return [SegmentStep(query, range(c, c + 1), trace, kind == AMBIENT) for c in chunks]
     wide = is_huge(query, parts.extents) or is_far(query, boxes_of(parts.lines[:1]))
-    return [(chunks, over_pixels if wide else trace_tree_list, kind == AMBIENT)]
+    return [SegmentStep(query, chunks, over_pixels if wide else trace_tree_list, kind == AMBIENT)]
 
 
 class HitRays(RaySets):

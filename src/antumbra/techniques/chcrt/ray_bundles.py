@@ -112,11 +112,11 @@ def ends_of(query: ShadowQuery, first: int, count: int) -> Ends:
 
 
 @kernel
-def _bound_receivers(query, picture, y0, x0):
+def _bound_receivers(query, picture, corner):
     """The box of a cell's receivers, and their number."""
     (low, high), n = nothing_yet(), np.int64(0)
     for lane in range(16):
-        y, x, inside = receiver_in(picture, y0, x0, lane)
+        y, x, inside = receiver_in(picture, corner, lane)
         if inside and query.sides[y, x] != NOTHING:
             o = query.origins[y, x]
             low, high = wider(low, high, (o[0], o[1], o[2]))
@@ -125,7 +125,7 @@ def _bound_receivers(query, picture, y0, x0):
 
 
 @kernel
-def _bound_ends(query, picture, y0, x0, samples, ends):
+def _bound_ends(query, picture, corner, samples, ends):
     """For each of 16 hemisphere directions, write the box of the ends of a cell's segments.
 
     samples : pointer to (16, 3, 16) float32
@@ -134,7 +134,7 @@ def _bound_ends(query, picture, y0, x0, samples, ends):
     pointers, inf = query_pointers(query), splat16(_F(np.inf))
     lows, highs = (inf, inf, inf), (-inf, -inf, -inf)
     for lane in range(16):
-        y, x, inside = receiver_in(picture, y0, x0, lane)
+        y, x, inside = receiver_in(picture, corner, lane)
         if inside and query.sides[y, x] != NOTHING:
             i = y * pointers.w + x
             p, abc = patch_of(pointers, i), rows(samples, 48 * set_of(pointers, i), 16)
@@ -161,10 +161,10 @@ def _bound_segments(ticket, query, picture, ends, pad, samples, spp, cells):
     sets, regions, boxes = cells.shape[0], cells.shape[1], stack_f32(_BOXES)
     for region in items(ticket):
         for g in range(16):
-            y, x = first_receiver(picture, region, g)
-            o_low, o_high, n = _bound_receivers(query, picture, y, x)
+            corner = first_receiver(picture, region, g)
+            o_low, o_high, n = _bound_receivers(query, picture, corner)
             if sets > 1 and n > 0:
-                _bound_ends(query, picture, y, x, ptr(samples), boxes)
+                _bound_ends(query, picture, corner, ptr(samples), boxes)
             for s in range(sets):
                 out = ptr_at(ptr(cells), (s * regions + region) * WORDS)
                 if n == 0:
@@ -210,19 +210,19 @@ def _segment_bundles_in(source):
 
 
 @overload(load_bundle)
-def _load_segment_bundle(source, picture, y0, x0, s, k, with_blocked, bundle):
+def _load_segment_bundle(source, picture, corner, s, k, with_blocked, bundle):
     if source.instance_class is SegmentBundles:
-        return lambda source, picture, y0, x0, s, k, with_blocked, bundle: _load_segments(
-            source, picture, y0, x0, source.first + (s if source.sets > 1 else k), with_blocked, bundle
+        return lambda source, picture, corner, s, k, with_blocked, bundle: _load_segments(
+            source, picture, corner, source.first + (s if source.sets > 1 else k), with_blocked, bundle
         )
 
 
 @kernel
-def _load_segments(source, picture, y0, x0, sample, with_blocked, bundle):
+def _load_segments(source, picture, corner, sample, with_blocked, bundle):
     """`load_bundle` of segments: the vector from each receiver to a sample, rounded once, as in the tracers."""
     query, live = query_pointers(source.query), np.int64(0)
     for lane in range(16):
-        y, x, active = receiver_in(picture, y0, x0, lane)
+        y, x, active = receiver_in(picture, corner, lane)
         i = y * query.w + x
         active = active and source.query.sides[y, x] != NOTHING
         active = active and (with_blocked or not _is_blocked(ptr(source.bits), i, query.words, sample))
@@ -239,11 +239,11 @@ def _load_segments(source, picture, y0, x0, sample, with_blocked, bundle):
 
 
 @kernel
-def _count_unblocked(query, picture, y0, x0, bits, words, first, counts):
+def _count_unblocked(query, picture, corner, bits, words, first, counts):
     """Write the number of a cell's unblocked receivers for each of 16 samples; `first` is a multiple of 16."""
     sums = splat16(_F(0.0))
     for lane in range(16):
-        y, x, inside = receiver_in(picture, y0, x0, lane)
+        y, x, inside = receiver_in(picture, corner, lane)
         if inside and query.sides[y, x] != NOTHING:
             word = get(bits, (y * picture.w + x) * words + (first >> 6)) >> np.uint64(first & 63)
             blocked = mask_from_bits16(np.int64(word & np.uint64(0xFFFF)))
@@ -271,9 +271,9 @@ def _shorten_segments(ticket, spans, tiles, columns, segments, picture, cells):
         for k in range(regions_in(span)):
             region = region_in(span, k, columns)
             for g in range(16):
-                (y, x), n = first_receiver(picture, region, g), _F(0.0)
+                corner, n = first_receiver(picture, region, g), _F(0.0)
                 for first in range(segments.first, segments.first + segments.n_samples, 16):
-                    _count_unblocked(query, picture, y, x, bits, words, first, unblocked)
+                    _count_unblocked(query, picture, corner, bits, words, first, unblocked)
                     for s in range(min(16, segments.first + segments.n_samples - first)):
                         if segments.sets > 1:
                             _put_active_count(ptr_at(ptr(cells), (s * regions + region) * WORDS), g, get(unblocked, s))
@@ -340,10 +340,10 @@ def is_spread(rays: PassRays) -> bool:
 
 
 @inlined
-def _load_ray(rays, picture, y0, x0, lane, bundle):
+def _load_ray(rays, picture, corner, lane, bundle):
     """Load the ray of a lane, with its limit in lengths of its direction. Return whether it is active."""
-    y, x, inside = receiver_in(picture, y0, x0, lane)
-    y, x = (y, x) if inside else (y0, x0)
+    y, x, inside = receiver_in(picture, corner, lane)
+    y, x = (y, x) if inside else corner
     d, far = rays.directions[y, x], _F(rays.hits.t[y, x])
     for k in range(3):
         put(bundle.rays, 16 * k + lane, rays.origins[y, x, k])
@@ -353,11 +353,11 @@ def _load_ray(rays, picture, y0, x0, lane, bundle):
 
 
 @kernel
-def load_rays(rays, picture, y0, x0, bundle):
+def load_rays(rays, picture, corner, bundle):
     """Fill the bundle of a cell. Return bits of its active rays."""
     live = np.int64(0)
     for lane in range(16):
-        live |= np.int64(_load_ray(rays, picture, y0, x0, lane, bundle)) << lane
+        live |= np.int64(_load_ray(rays, picture, corner, lane, bundle)) << lane
     d = rows(bundle.rays, 48, 16)
     size = largest(d)
     live &= bits(size > _F(0.0))
@@ -392,9 +392,9 @@ def _pass_bundles_in(source):
 
 
 @overload(load_bundle)
-def _load_pass_bundle(source, picture, y0, x0, s, k, with_blocked, bundle):
+def _load_pass_bundle(source, picture, corner, s, k, with_blocked, bundle):
     if source.instance_class is PassRays:
-        return lambda source, picture, y0, x0, s, k, with_blocked, bundle: load_rays(source, picture, y0, x0, bundle)
+        return lambda source, picture, corner, s, k, with_blocked, bundle: load_rays(source, picture, corner, bundle)
 
 
 @inlined
@@ -416,8 +416,9 @@ def _bound_pass(ticket, picture, rays, cells):
     for region in items(ticket):
         out = ptr_at(ptr(cells), region * WORDS)
         for g in range(16):
-            y0, x0 = first_receiver(picture, region, g)
-            live = load_rays(rays, picture, y0, x0, bundle) if y0 < picture.h and x0 < picture.w else np.int64(0)
+            corner = first_receiver(picture, region, g)
+            inside = corner[0] < picture.h and corner[1] < picture.w
+            live = load_rays(rays, picture, corner, bundle) if inside else np.int64(0)
             if live == 0:
                 no_cell(out, g)
             else:
@@ -452,19 +453,19 @@ def _camera_bundles_in(source):
 
 
 @overload(load_bundle)
-def _load_camera_bundle(source, picture, y0, x0, s, k, with_blocked, bundle):
+def _load_camera_bundle(source, picture, corner, s, k, with_blocked, bundle):
     if source.instance_class is CameraBundles:
-        return lambda source, picture, y0, x0, s, k, with_blocked, bundle: _load_camera_rays(
-            source, picture, y0, x0, bundle
+        return lambda source, picture, corner, s, k, with_blocked, bundle: _load_camera_rays(
+            source, picture, corner, bundle
         )
 
 
 @kernel
-def _load_camera_rays(source, picture, y0, x0, bundle):
+def _load_camera_rays(source, picture, corner, bundle):
     """`load_bundle` of a camera."""
     rays, live = source.rays, np.int64(0)
     for lane in range(16):
-        y, x, inside = receiver_in(picture, y0, x0, lane)
+        y, x, inside = receiver_in(picture, corner, lane)
         d = pixel_direction(rays, x, y)
         for k in range(3):
             put(bundle.rays, 16 * k + lane, rays.origin[k])

@@ -76,7 +76,9 @@ from ...bvh.top_down import (
     build_subtree,
     copy_corners,
     largest_subtree,
+    part_of,
     push_range,
+    range_at,
     write_leaf,
 )
 from ...bvh.top_levels import (
@@ -90,7 +92,7 @@ from ...bvh.top_levels import (
     set_split,
     split_blocks,
 )
-from ...bvh.triangle_bounds import PAIR, area_scale_for, checked_vertices, make_records, range_bounds, write_boxes
+from ...bvh.triangle_bounds import PAIR, area_scale_for, checked_vertices, make_records, write_boxes
 from ...errors import InputError
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import items, new_ticket, run, thread_count
@@ -98,7 +100,6 @@ from ...kernels.simd import (
     as_i32,
     atomic_add,
     bits,
-    get,
     load4,
     load8,
     load16,
@@ -471,13 +472,13 @@ def _leaf_is_cheaper(n, depth, n_rays, cost, settings):
 
 
 @kernel
-def _choose(source, first, last, depth, box, mapping, rays, n_rays, settings):
+def _choose(source, part, mapping, rays, n_rays, settings):
     """The `RaySplit` of a range; axis -1: `build_subtree` builds the range."""
-    if n_rays == 0 or must_halve(last - first, depth):
+    if n_rays == 0 or must_halve(part.last - part.first, part.depth):
         return no_ray_split()
     clear_bins(source.bins, mapping.n_bins)
-    fill_bins(source.records, first, last, mapping, source.bins)
-    return ray_split(source.bins, rays, n_rays, mapping, box, settings)
+    fill_bins(source.records, part.first, part.last, mapping, source.bins)
+    return ray_split(source.bins, rays, n_rays, mapping, part.box, settings)
 
 
 @kernel
@@ -493,32 +494,30 @@ def _first_set(settings, s, scratch):
 
 
 @kernel
-def _grow_with_rays(source, first, last, depth, box, centroids, settings, s, out):
-    """`top_down.grow` from node 1 on, for ray set s; returns the index of the next free node."""
+def _grow_with_rays(source, part, settings, s, out):
+    """`top_down.build_subtree` from node 1 on, for ray set s; returns the index of the next free node."""
     ranges, spans = Ranges(stack_i32(_NUMBERS), stack_f32(_BOXES)), stack_array(np.int64, _WAITING, 4)
     plain, records, boxes = Settings(settings.max_leaf, settings.scale), source.records, stack_f32(16)
     next_node, waiting = np.int64(1), _first_set(settings, s, ptr_at(source.bins.boxes, BIN_WORDS))
     spans[0, 0], spans[0, 1], spans[0, 2], spans[0, 3] = 0, 0, settings.spans[s, 1], settings.spans[s, 3]
-    height = push_range(ranges, 0, first, last, depth, 12, box, centroids)
+    height = push_range(ranges, 0, part, LINK)
     while height > 0:
         height -= 1
-        b, e = np.int64(get(ranges.numbers, height * 4)), np.int64(get(ranges.numbers, height * 4 + 1))
-        d, word = np.int64(get(ranges.numbers, height * 4 + 2)), np.int64(get(ranges.numbers, height * 4 + 3))
-        range_box, centroids = load8(ranges.boxes, height * 16), load8(ranges.boxes, height * 16 + 8)
+        part, word = range_at(ranges, height)
+        b, e, d = part.first, part.last, part.depth
         start, n = SetSize(spans[height, 0], spans[height, 1]), SetSize(spans[height, 2], spans[height, 3])
-        mapping = make_mapping(centroids, e - b)
-        choice = _choose(source, b, e, d, range_box, mapping, _from(waiting, start), n.rays, settings)
+        mapping = make_mapping(part.centroids, e - b)
+        choice = _choose(source, part, mapping, _from(waiting, start), n.rays, settings)
         if choice.split.axis < 0 or start.rays + 3 * n.rays > settings.rooms[s]:
-            next_node = build_subtree(source, b, e, d, range_box, centroids, plain, out, next_node, word)
+            next_node = build_subtree(source, part, plain, out, next_node, word)
             continue
         if _leaf_is_cheaper(e - b, d, n.rays, choice.cost, settings):
             write_leaf(records, b, e, out, word)
             continue
         m = partition(records, b, e, mapping, choice.split)
-        low, low_centroids = range_bounds(records, b, m)
-        high, high_centroids = range_bounds(records, m, e)
-        store(boxes, 0, low)
-        store(boxes, 8, high)
+        low, high = part_of(records, b, m, d + 1), part_of(records, m, e, d + 1)
+        store(boxes, 0, low.box)
+        store(boxes, 8, high.box)
         second_start, first_start = _beyond(start, n, 1), _beyond(start, n, 2)
         low_at, high_at = (
             (second_start, first_start) if choice.swapped else (first_start, second_start)
@@ -534,26 +533,22 @@ def _grow_with_rays(source, first, last, depth, box, centroids, settings, s, out
         spans[height + 1] = next_start.rays, next_start.hits, n_first.rays, n_first.hits
         put(out.links, word, next_node)
         left_link, right_link = link_at(next_node, 0), link_at(next_node, 1)
-        if choice.swapped:
-            write_boxes(out.nodes, next_node, high, low)
-            height = push_range(ranges, height, b, m, d + 1, right_link, low, low_centroids)
-            height = push_range(ranges, height, m, e, d + 1, left_link, high, high_centroids)
-        else:
-            write_boxes(out.nodes, next_node, low, high)
-            height = push_range(ranges, height, m, e, d + 1, right_link, high, high_centroids)
-            height = push_range(ranges, height, b, m, d + 1, left_link, low, low_centroids)
+        left, right = (high, low) if choice.swapped else (low, high)
+        write_boxes(out.nodes, next_node, left.box, right.box)
+        height = push_range(ranges, height, right, right_link)
+        height = push_range(ranges, height, left, left_link)
         put(out.links, order_at(next_node), choice.order)
         next_node += 1
     return next_node
 
 
 @overload(build_range)
-def _build_range(vertices, source, first, last, depth, box, centroids, settings, s, out):
+def _build_range(vertices, source, part, settings, s, out):
     if settings.instance_class is RaySettings:
 
-        def build(vertices, source, first, last, depth, box, centroids, settings, s, out):
-            next_node = _grow_with_rays(source, first, last, depth, box, centroids, settings, s, out)
-            copy_corners(vertices, first, last, out)
+        def build(vertices, source, part, settings, s, out):
+            next_node = _grow_with_rays(source, part, settings, s, out)
+            copy_corners(vertices, part.first, part.last, out)
             return next_node - 1
 
         return build

@@ -8,7 +8,7 @@ where the paper uses Moeller and Trumbore's test.
 For incoherent samples (see `ray_tile`), the same packets traverse a tree of blocks.
 """
 
-from functools import partial
+from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -39,6 +39,7 @@ from .ray_tile import (
     SCRATCH_FLOATS,
     SCRATCH_INTS,
     TileRays,
+    TileRun,
     directions_of,
     finish_tile,
     open_rays,
@@ -79,12 +80,12 @@ def tree_number(trees, k):
     """In kernels: tree k."""
 
 
-def walk_trees(trees, i, end, slabs, alive, row, scratch, counters):
+def walk_trees(trees, i, end, alive, row, scratch, counters):
     """In kernels: trace a row through trees i .. end. Return (tree at which to continue, bits of the rays left)."""
 
 
-def trace_leaf(tree, rays, r, link, mask, facing, deferred, counters):
-    """In kernels: test the rays of row r in `mask` against a leaf. Return bits of the blocked rays."""
+def trace_leaf(tree, row, link, mask, deferred, counters):
+    """In kernels: test the rays of a row in `mask` against a leaf. Return bits of the blocked rays."""
 
 
 @overload(pointers)
@@ -109,13 +110,11 @@ def _tree_number(trees, k):
 
 
 @overload(walk_trees)
-def _walk_trees(trees, i, end, slabs, alive, row, scratch, counters):
+def _walk_trees(trees, i, end, alive, row, scratch, counters):
     if trees.instance_class is Tree:
-        return lambda trees, i, end, slabs, alive, row, scratch, counters: _walk_one(
-            trees, slabs, alive, row, scratch, counters
-        )
-    return lambda trees, i, end, slabs, alive, row, scratch, counters: walk_tree_list(
-        trees, i, end, slabs, alive, row, scratch, counters
+        return lambda trees, i, end, alive, row, scratch, counters: _walk_one(trees, alive, row, scratch, counters)
+    return lambda trees, i, end, alive, row, scratch, counters: walk_tree_list(
+        trees, i, end, _slabs(row, alive), alive, row, scratch, counters
     )
 
 
@@ -133,14 +132,12 @@ def _by_type(argument: Any, kind: type, one: T, other: T) -> T:
 
 
 @overload(trace_leaf)
-def _trace_leaf(tree, rays, r, link, mask, facing, deferred, counters):
+def _trace_leaf(tree, row, link, mask, deferred, counters):
     if tree.instance_class is Tree:
-        return lambda tree, rays, r, link, mask, facing, deferred, counters: _trace_triangles(
-            tree, rays, r, link, mask, facing, deferred, counters
+        return lambda tree, row, link, mask, deferred, counters: _trace_triangles(
+            tree, row, link, mask, deferred, counters
         )
-    return lambda tree, rays, r, link, mask, facing, deferred, counters: trace_block(
-        tree, rays, r, link, mask, facing, deferred, counters
-    )
+    return lambda tree, row, link, mask, deferred, counters: trace_block(tree, row, link, mask, deferred, counters)
 
 
 @inlined
@@ -151,10 +148,16 @@ def _on_triangle(tree, rays, r, slot):
     return bits(load16(rays.tile.faces, 0) == get(tree.prim_ids, slot))
 
 
+@inlined
+def _slabs(row, alive):
+    """The rays of a row, prepared for slab tests."""
+    return slabs_of(rays_as_shafts(origins_of(row.rays, row.number), directions_of(row.rays, row.number)), alive)
+
+
 @kernel
-def _trace_triangles(tree, rays, r, link, mask, facing, deferred, counters):
+def _trace_triangles(tree, row, link, mask, deferred, counters):
     """`trace_leaf` for a `Tree`, triangle by triangle."""
-    hits = np.int64(0)
+    hits, (rays, r, facing) = np.int64(0), row
     if link == EMPTY:
         return hits
     o, d = origins_of(rays, r), directions_of(rays, r)
@@ -186,15 +189,15 @@ def _walk_tree(tree, slabs, at, alive, row, scratch, counters):
     """`walk_tree` of a row."""
     at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
     while at.mask != 0 and np.int64(get(scratch.deferred, 0)) <= DEFERRED:
-        alive &= ~trace_leaf(tree, row.rays, row.number, at.link, at.mask, row.facing, scratch.deferred, counters)
+        alive &= ~trace_leaf(tree, row, at.link, at.mask, scratch.deferred, counters)
         at = next_leaf(tree, slabs, after_leaf(at), scratch.stack, alive, counters)
     return at if at.mask != 0 else not_started(), alive
 
 
 @inlined
-def _walk_one(tree, slabs, alive, row, scratch, counters):
+def _walk_one(tree, alive, row, scratch, counters):
     """`walk_trees` for a single tree."""
-    at = load_saved(scratch.at, alive)
+    at, slabs = load_saved(scratch.at, alive), _slabs(row, alive)
     at, alive = _walk_tree(tree, slabs, at if at.place != NOT_STARTED else root(alive), alive, row, scratch, counters)
     save(scratch.at, at)
     return np.int64(0) if at.place != NOT_STARTED else np.int64(1), alive
@@ -204,8 +207,7 @@ def _walk_one(tree, slabs, alive, row, scratch, counters):
 def _walk(trees, rays, r, i, end, facing, scratch, counters):
     """Trace row r through trees i .. end. Return the tree at which to continue once deferred tests are settled."""
     alive = open_rays(rays, r)
-    slabs = slabs_of(rays_as_shafts(origins_of(rays, r), directions_of(rays, r)), alive)
-    i, alive = walk_trees(trees, i, end, slabs, alive, Row(rays, r, facing), scratch, counters)
+    i, alive = walk_trees(trees, i, end, alive, Row(rays, r, facing), scratch, counters)
     put(rays.dead, r, np.int64(get(rays.dead, r)) | (rays.lanes & ~alive))
     return i if alive != 0 else end
 
@@ -237,29 +239,34 @@ def _trace_packets(ticket, prepared, query, samples, job, out, counters):
     add_counters(counters, mine)
 
 
-def trace_shadow(
-    by_sample: bool,
-    prepared: Bvh | BlockTree | TreeList,
-    query: ShadowQuery,
-    bits: NDArray[np.uint64],
-    threads: int | None = None,
-    counters: NDArray[np.int64] | None = None,
-    progress: ProgressCallback | None = None,
-    chunks: range | None = None,
-) -> None:
-    """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
+@dataclass(frozen=True)
+class PacketTracer:
+    """Answers queries by packets."""
 
-    by_sample : whether a packet holds the samples of one receiver; otherwise those of 16 receivers
-    prepared : Bvh, BlockTree or TreeList
-    bits : (h, w, ceil(spp / 64)) uint64. Zeros on entry; for a tree list that is not fresh, the samples blocked so far.
-    counters : from `new_counters`, or None
-    chunks : range of the chunks of 16 samples to trace; None: all
-    """
-    trees = single_tree(prepared) if isinstance(prepared, BlockTree) else prepared
-    fresh = trees.fresh if isinstance(trees, TreeList) else True
-    arguments = _trace_packets, trees, query, by_sample, bits, threads, counters, progress
-    trace_tiles(*arguments, fresh=fresh, chunks=chunks)
+    by_sample: bool  # whether a packet holds the samples of one receiver; otherwise those of 16 receivers
+
+    def __call__(
+        self,
+        prepared: Bvh | BlockTree | TreeList,
+        query: ShadowQuery,
+        bits: NDArray[np.uint64],
+        threads: int | None = None,
+        counters: NDArray[np.int64] | None = None,
+        progress: ProgressCallback | None = None,
+        chunks: range | None = None,
+    ) -> None:
+        """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
+
+        prepared : Bvh, BlockTree or TreeList
+        bits : (h, w, ceil(spp / 64)) uint64. Zeros on entry; for a tree list that is not fresh, the samples blocked so
+            far.
+        counters : from `new_counters`, or None
+        chunks : range of the chunks of 16 samples to trace; None: all
+        """
+        trees = single_tree(prepared) if isinstance(prepared, BlockTree) else prepared
+        fresh = trees.fresh if isinstance(trees, TreeList) else True
+        run = TileRun(_trace_packets, self.by_sample, threads, counters, progress, fresh, chunks)
+        trace_tiles(run, trees, query, bits)
 
 
-over_pixels = partial(trace_shadow, False)
-over_samples = partial(trace_shadow, True)
+over_pixels, over_samples = PacketTracer(False), PacketTracer(True)

@@ -219,34 +219,29 @@ def _samples(query: ShadowQuery, sets: NDArray[np.int64]) -> SampleRows:
     return SampleRows(table, np.ascontiguousarray(parameters.transpose(1, 0, 3, 2)))
 
 
-def trace_tiles(
-    worker: Callable[..., None],
-    tree: object,
-    query: ShadowQuery,
-    by_sample: bool,
-    bits: NDArray[np.uint64],
-    threads: int | None,
-    counters: NDArray[np.int64] | None,
-    progress: ProgressCallback | None,
-    *options: object,
-    fresh: bool = True,
-    chunks: range | None = None,
-) -> None:
-    """Run ``worker(ticket, tree, query, samples, job, bits, counters, *options)`` over all tiles, chunk by chunk.
+class TileRun(NamedTuple):
+    """A worker, and how it runs over the tiles of a query."""
 
-    by_sample : whether rows are receivers; otherwise strata
-    fresh : True: no ray has been tested yet; False: `bits` mark the rays known to be blocked
-    chunks : range of the chunks of samples; None: all
-    """
-    counters = new_counters() if counters is None else counters
+    worker: Callable[..., None]
+    by_sample: bool  # whether rows are receivers; otherwise strata
+    threads: int | None
+    counters: NDArray[np.int64] | None
+    progress: ProgressCallback | None
+    fresh: bool = True  # True: no ray has been tested yet; False: the bits mark the rays known to be blocked
+    chunks: range | None = None  # range of the chunks of samples; None: all
+
+
+def trace_tiles(tiles: TileRun, tree: object, query: ShadowQuery, bits: NDArray[np.uint64], *options: object) -> None:
+    """Run ``worker(ticket, tree, query, samples, job, bits, counters, *options)`` over all tiles, chunk by chunk."""
+    counters = new_counters() if tiles.counters is None else tiles.counters
     shape, spp = tile_shape(query), query.samples.shape[1]
     samples = _samples(query, sets_of(shape))
-    for chunk in range(-(-spp // STRATA)) if chunks is None else chunks:
+    for chunk in range(-(-spp // STRATA)) if tiles.chunks is None else tiles.chunks:
         count = min(STRATA, spp - chunk * STRATA)
-        job = RayTileJob(shape, chunk, count, by_sample, fresh)
+        job = RayTileJob(shape, chunk, count, tiles.by_sample, tiles.fresh)
         ticket = new_ticket(shape.columns * shape.rows, 4)
         arrays = tree, query, samples, job, bits, counters
-        run(worker, thread_count(threads), ticket, *arrays, *options, progress=progress)
+        run(tiles.worker, thread_count(tiles.threads), ticket, *arrays, *options, progress=tiles.progress)
 
 
 # --- Incoherent samples -----------------------------------------------------------------------------------------------
@@ -305,10 +300,10 @@ def is_far(query: ShadowQuery, box: NDArray[np.float32]) -> bool:
 
 
 @kernel
-def trace_block(tree, rays, r, link, mask, facing, deferred, counters):
-    """Test the rays of row r in `mask` (bits) against a block. Return bits of the blocked rays."""
-    # In: tree, rays, r, link, mask, facing. Out: deferred, counters.
-    block, triangles = block_leaf(link)
+def trace_block(tree, row, link, mask, deferred, counters):
+    """Test the rays of a `packet16.Row` in `mask` (bits) against a block. Return bits of the blocked rays."""
+    # In: tree, row, link, mask. Out: deferred, counters.
+    (rays, r, facing), (block, triangles) = row, block_leaf(link)
     b = Block(tree, block, (np.int64(1) << triangles) - 1, np.int64(0), facing, None, deferred)
     hits = np.int64(0)
     while mask != 0:
