@@ -13,7 +13,7 @@ from antumbra.bvh.tree_quality import statistics, validate
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.errors import InputError
 from antumbra.techniques.srdh import srdh_builder as srdh
-from antumbra.techniques.srdh.srdh_builder import KERNELS
+from antumbra.techniques.srdh.srdh_builder import KERNELS, SrdhOptions
 from antumbra.trace.rays.ray_hits import Intersections
 from antumbra.trace.rays.ray_traversal import BUILT, RANDOM, SRDH
 from antumbra.trace.rays.single_rays import leaf_depths
@@ -53,8 +53,7 @@ def words(bvh):
 )
 def test_any_soup_and_rays(vertices, max_leaf, kernels, prior, linear, reorder, m, seed):
     rays = met_in(vertices, m, seed)
-    options = dict(kernels=kernels, prior=prior, linear=linear, reorder=reorder)
-    bvh = srdh.build(vertices, 1, max_leaf, rays=rays, **options)
+    bvh = srdh.build(vertices, 1, max_leaf, rays=rays, options=SrdhOptions(kernels, prior, linear, reorder))
     validate(bvh, vertices)
     assert statistics(bvh).leaf_sizes[max_leaf + 1 :].sum() == 0
     assert words(bvh) <= WORDS[kernels] | {UNORDERED}
@@ -62,11 +61,11 @@ def test_any_soup_and_rays(vertices, max_leaf, kernels, prior, linear, reorder, 
 
 
 @pytest.mark.parametrize("name", HAZARDS)
-@pytest.mark.parametrize("options", [dict(), dict(kernels="all", max_leaf=1, prior=0.0, linear=True)], ids=str)
-def test_hazards(name, options, monkeypatch):
+@pytest.mark.parametrize("max_leaf, options", [(4, SrdhOptions()), (1, SrdhOptions("all", 0.0, True))], ids=str)
+def test_hazards(name, max_leaf, options, monkeypatch):
     monkeypatch.setattr(top_down, "_SMALL", 200)
     vertices = np.ascontiguousarray(HAZARDS[name], np.float32)
-    bvh = srdh.build(vertices, 2, rays=met_in(vertices), **options)
+    bvh = srdh.build(vertices, 2, max_leaf, rays=met_in(vertices), options=options)
     validate(bvh, vertices)
     assert statistics(bvh).depth <= MAX_DEPTH
 
@@ -95,7 +94,7 @@ def test_odd_rays(name, kernels, monkeypatch):
     rays = met(vertices, *RAYS[name](vertices))
     assert (len(rays.prims) > 0) == (name not in ("without length", "far outside", "huge"))
     for prior in (0.0, 16.0):
-        bvh = srdh.build(vertices, 2, rays=rays, kernels=kernels, prior=prior)
+        bvh = srdh.build(vertices, 2, rays=rays, options=SrdhOptions(kernels, prior))
         validate(bvh, vertices)
         assert (words(bvh) == {UNORDERED}) == (len(rays.prims) == 0)
 
@@ -134,7 +133,7 @@ def test_deep_trees_end_in_time():
     vertices = (sizes[:, None, None] * (1 + np.random.default_rng(0).random((len(sizes), 3, 3)))).astype(np.float32)
     for soup in (vertices, nested_clusters()):
         for linear in (False, True):
-            bvh = srdh.build(soup, 1, 1, rays=met_in(soup, 200), prior=0.0, linear=linear)
+            bvh = srdh.build(soup, 1, 1, rays=met_in(soup, 200), options=SrdhOptions(prior=0.0, linear=linear))
             validate(bvh, soup)
             assert statistics(bvh).depth <= MAX_DEPTH
 
@@ -148,11 +147,11 @@ def test_same_bits_for_any_number_of_threads(kernels, small, monkeypatch):
     monkeypatch.setattr(top_down, "_SMALL", small)
     vertices = terrain(20_000) if small == 4096 else scattered(4000)
     rays = met_in(vertices, 500)
-    first = srdh.build(vertices, 1, rays=rays, kernels=kernels)
+    first = srdh.build(vertices, 1, rays=rays, options=SrdhOptions(kernels))
     validate(first, vertices)
     assert words(first) >= WORDS[kernels] and not same(first, binned_sah.build(vertices, 1))
     for threads in (1, 2, 5):
-        assert same(first, srdh.build(vertices, threads, rays=rays, kernels=kernels))
+        assert same(first, srdh.build(vertices, threads, rays=rays, options=SrdhOptions(kernels)))
 
 
 def test_a_top_of_all_threads_changes_no_triangle_of_a_leaf(monkeypatch):
@@ -161,7 +160,7 @@ def test_a_top_of_all_threads_changes_no_triangle_of_a_leaf(monkeypatch):
     rays = met_in(vertices, 300)
     for small in (100, 4096):
         monkeypatch.setattr(top_down, "_SMALL", small)
-        trees.append(srdh.build(vertices, 2, rays=rays, kernels="all"))
+        trees.append(srdh.build(vertices, 2, rays=rays, options=SrdhOptions("all")))
     one, other = (
         [sorted(t.prim_ids[~k >> 3 :][: (~k & 7) + 1]) for k in t.links[:, 12:14].flat if k < 0] for t in trees
     )
@@ -194,7 +193,7 @@ def test_left_children_come_right_behind_their_parents():
 
 def test_refitting_keeps_the_orders(monkeypatch):
     vertices = terrain(6000)
-    bvh = srdh.build(vertices, 2, rays=met_in(vertices, 500), kernels="all")
+    bvh = srdh.build(vertices, 2, rays=met_in(vertices, 500), options=SrdhOptions("all"))
     moved = (vertices * np.float32(1.5)).astype(np.float32)
     for threads in (1, 3):
         after = refit(bvh, moved, threads)
@@ -205,7 +204,7 @@ def test_refitting_keeps_the_orders(monkeypatch):
 @pytest.mark.parametrize("kernels", ["", "constants", None, 3])
 def test_unknown_kernels(kernels):
     with pytest.raises(InputError, match="choose one of constant, distance, all"):
-        srdh.build(scattered(3), kernels=kernels)
+        srdh.build(scattered(3), options=SrdhOptions(kernels))
 
 
 # Good trees
@@ -219,8 +218,8 @@ def test_every_node_is_split_as_the_paper_says(kernels, prior, linear, small, mo
     monkeypatch.setattr(top_down, "_SMALL", small)
     vertices = scattered(260, 5)
     origins, ends = segments_in(vertices, 40, 6)
-    options = dict(kernels=kernels, prior=prior, linear=linear, reorder=False)
-    bvh = srdh.build(vertices, 2, 1, rays=met(vertices, origins, ends), **options)
+    options = SrdhOptions(kernels, prior, linear, reorder=False)
+    bvh = srdh.build(vertices, 2, 1, rays=met(vertices, origins, ends), options=options)
     scene, checked = scene_of(vertices, origins, ends, oracle.all_hits(vertices, origins, ends)), []
 
     def ids_of(tree):

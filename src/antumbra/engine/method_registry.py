@@ -16,7 +16,6 @@ from ..bvh.wide_bvh import widen
 from ..progress import ProgressCallback
 from ..query.shadow_query import ShadowQuery
 from ..techniques.culling.pre_bvh_culling import CullResult, Soup, cull
-from ..techniques.srdh import srdh_builder as rayorder
 from ..techniques.srdh import srdh_builder as srdh
 from ..techniques.tracer_options import FASTEST_RAY_HIERARCHY
 from ..techniques.tracer_options import ChcRtOptions as CullingOptions
@@ -162,7 +161,7 @@ OPTIMISERS: dict[str, Optimiser] = {
         "Meister and Bittner 2018, Parallel reinsertion for bounding volume hierarchy optimization",
     ),
     "srdh-order": Optimiser(
-        rayorder.order_by_rays,
+        srdh.order_by_rays,
         "child order optimised for a sparse sample of the shadow rays, in the tree of any other builder",
         f"{FELTMAN}, Sec. 3.2",
         wants_rays=True,

@@ -95,19 +95,19 @@ ORDERS: dict[str, TraversalOrder] = {
 
 BUILDERS = {
     "srdh:distance": Builder(
-        partial(srdh.build, kernels="distance"),
+        partial(srdh.build, options=srdh.SrdhOptions("distance")),
         "as srdh, but each node is traversed front to back or back to front",
         f"{FELTMAN}, Sec. 4.3",
         wants_rays=True,
     ),
     "srdh:all": Builder(
-        partial(srdh.build, kernels="all"),
+        partial(srdh.build, options=srdh.SrdhOptions("all")),
         "as srdh, with the best of all orders at each node",
         f"{FELTMAN}, Sec. 4.3",
         wants_rays=True,
     ),
     "srdh:paper": Builder(
-        partial(srdh.build, kernels="all", prior=0.0, linear=True, reorder=False, max_leaf=1),
+        partial(srdh.build, max_leaf=1, options=srdh.PUBLISHED),
         "as published: all orders, one triangle per leaf, linear costs, and rays alone decide wherever there are any",
         FELTMAN,
         wants_rays=True,

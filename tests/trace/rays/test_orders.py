@@ -38,7 +38,7 @@ def test_every_order_is_a_tracer_of_its_own():
 def test_any_hit_equals_the_oracle(vertices, seed, kernels):
     origins, ends = segments_in(vertices, 100, seed)
     shown = met(vertices, origins[:20], ends[:20]) if kernels else None
-    bvh = srdh.build(vertices, 1, rays=shown, kernels=kernels or "constant")
+    bvh = srdh.build(vertices, 1, rays=shown, options=srdh.SrdhOptions(kernels or "constant"))
     truth = oracle.all_hits(vertices, origins, ends)
     for name, value in VALUES.items():
         tree = ORDERS[name].prepare(bvh) if name in ORDERS else bvh
@@ -187,7 +187,7 @@ def test_the_word_of_a_node_is_what_is_done():
 def test_the_closest_hit_does_not_look_at_orders():
     vertices = terrain(1500)
     origins, ends = segments_in(vertices, 400, 8)
-    bvh = srdh.build(vertices, 1, rays=met(vertices, origins, ends), kernels="all")
+    bvh = srdh.build(vertices, 1, rays=met(vertices, origins, ends), options=srdh.SrdhOptions("all"))
     assert len(np.unique(bvh.links[:, 14])) > 2
     found = walked(bvh, CLOSEST, origins, ends)
     bvh.links[:, 14] = UNORDERED

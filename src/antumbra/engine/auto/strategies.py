@@ -408,7 +408,7 @@ class AutoTracer:
         self.memory.begin()
 
     def improve(self, query: ShadowQuery, choice: StrategyChoice, threads: int) -> None:
-        """Build a GOOD tree if the query would lose more time in this one than the build takes.
+        """Build a better tree if the query would lose more time in this one than the build takes.
 
         A cost predicted from counts alone is first checked on a sample, unless no plausible error would matter.
         """

@@ -69,8 +69,8 @@ PRERENDER_SPP = 4
 _paper = BUILDERS["srdh:paper"].build
 METHODS: dict[str, tuple[Callable[..., Bvh], int]] = {
     PUBLISHED: (_paper, SRDH),
-    CONSTANT: (partial(_paper, kernels="constant"), SRDH),
-    DISTANCE: (partial(_paper, kernels="distance"), SRDH),
+    CONSTANT: (partial(_paper, options=srdh.PUBLISHED._replace(kernels="constant")), SRDH),
+    DISTANCE: (partial(_paper, options=srdh.PUBLISHED._replace(kernels="distance")), SRDH),
     OURS: (partial(srdh.build, max_leaf=1), BUILT),
 }
 """Method -> (build function, traversal order). The last one is the builder `srdh`."""

@@ -565,16 +565,32 @@ def _compile_top() -> None:
     build_top(2, *bounds, 1, RayLevels(method, rays, settings, 1, 1).split)
 
 
+class SrdhOptions(NamedTuple):
+    """Options of the builder. `PUBLISHED` are those of the paper.
+
+    The prior keeps a few rays from outweighing the SAH. Sublinear costs are closer to the true ones and yield better
+    trees. Only constant orders are chosen again at the end, when costs are known (`order_by_rays`).
+    """
+
+    kernels: str = "constant"  # name in `KERNELS`: the traversal kernels from which the builder chooses at each node
+    prior: float = PRIOR  # uniformly distributed rays, as the SAH assumes, added to the rays of each range
+    linear: bool = False  # whether the cost of a subtree of n triangles is n; otherwise n to the power of 3/4
+    reorder: bool = True  # whether orders are chosen again at the end
+
+
+PUBLISHED = SrdhOptions("all", prior=0.0, linear=True, reorder=False)
+"""As in the paper, except for its one triangle per leaf."""
+
+_DEFAULTS = SrdhOptions()
+
+
 def build(
     vertices: NDArray[np.float32],
     threads: int | None = None,
     max_leaf: int = 4,
     *,
     rays: Intersections | None = None,
-    kernels: str = "constant",
-    prior: float = PRIOR,
-    linear: bool = False,
-    reorder: bool = True,
+    options: SrdhOptions = _DEFAULTS,
 ) -> Bvh:
     """Build a BVH for shadow rays like `rays`. The result is bitwise identical for any number of threads.
 
@@ -585,17 +601,7 @@ def build(
     rays : Intersections
         A sparse sample of the rays that will be traced, with all triangles that each ray hits. With None or an
         empty sample, the tree is that of `bsah`.
-    kernels : str
-        A name in `KERNELS`: the traversal kernels from which the builder chooses at each node.
-    prior : float
-        Number of uniformly distributed rays, as the SAH assumes, that are added to the rays of each range, so that a
-        few rays do not outweigh the SAH. 0 is as published.
-    linear : bool
-        Whether the cost of a subtree is its triangle count n, as published. Otherwise it is n to the power of 3/4,
-        which is closer to the true cost and yields better trees.
-    reorder : bool
-        Whether constant orders are chosen again at the end, when costs are known (`order_by_rays`), which is not in
-        the paper. It applies only to constant `kernels`.
+    options : SrdhOptions
 
     Returns
     -------
@@ -607,6 +613,7 @@ def build(
     InputError
         As `binned_sah.build`; also on unknown kernels, an invalid prior, or rays with triangle indices out of range.
     """
+    kernels, prior, linear, reorder = options
     if kernels not in KERNELS:
         raise InputError(f"kernels is {kernels!r}; choose one of {', '.join(KERNELS)}")
     if not 0.0 <= prior < np.inf:
