@@ -149,7 +149,7 @@ def test_a_query_that_loses_much_builds_a_better_tree_first(scene, monkeypatch, 
     triangles, query = query_of(scene, scene.cameras[0].resized(20, 16), LAMP, 4)
     truth, asked = true_occlusion(triangles, query)
     better = lambda: (BUILDERS[GOOD].build(triangles.vertices, 2), GOOD)
-    auto = trace.AutoTracer(BUILDERS[QUICK].build(triangles.vertices, 2), 2, None, QUICK, trace.TreeUpgrade(better))
+    auto = trace.AutoTracer(BUILDERS[QUICK].build(triangles.vertices, 2), 2, None, QUICK, better)
     bits = np.zeros((16, 20, 1), np.uint64)
     trace.trace_shadow(auto, query, bits, 2)
     np.testing.assert_array_equal(unpack(bits, 4)[asked], truth[asked])
@@ -157,7 +157,7 @@ def test_a_query_that_loses_much_builds_a_better_tree_first(scene, monkeypatch, 
 
 
 def test_a_frame_names_the_builder_of_its_better_tree(scene, monkeypatch):
-    monkeypatch.setattr(trace.AutoTracer, "_upgrade_pays", lambda auto, strategy, seconds, guided: True)
+    monkeypatch.setattr(trace.AutoTracer, "_upgrade_pays", lambda auto, strategy, seconds: True)
     renderer = at.Renderer(scene)
     plans = [renderer.render(scene.cameras[0].resized(20, 16), LAMP, spp=4).plan for _ in range(2)]
     assert all(parse_plan(plan).build in (GOOD, GUIDED) for plan in plans)
