@@ -251,6 +251,25 @@ def joined(lanes):
     return compute
 
 
+def permuted(lanes):
+    """A kernel that permutes the vectors of an array by those of another."""
+    load = getattr(simd, f"load{lanes}")
+
+    @compiled
+    def compute(a, order, out):
+        for i in range(0, len(a), lanes):
+            store(out, i, simd.permute(load(a, i), load(order, i)))
+
+    return compute
+
+
+@compiled
+def bits_of_f32(a, out):
+    """Write the bits of an array."""
+    for i in range(0, len(a), 8):
+        store(out, i, simd.f32_bits(simd.load8(a, i)))
+
+
 # --- expectations ---------------------------------------------------------------------------------------
 # Dicts in the order of the rows that the kernels write.
 

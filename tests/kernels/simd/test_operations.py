@@ -80,6 +80,22 @@ def test_join(lanes, inputs):
     assert_same("join", out, np.stack([a.reshape(-1, lanes), b.reshape(-1, lanes)], 1).ravel())
 
 
+@pytest.mark.parametrize("lanes", ops.LANES)
+@pytest.mark.parametrize("inputs", [ops.f32_inputs, ops.i32_inputs], ids=["f32", "i32"])
+def test_permute(lanes, inputs):
+    a = inputs()[0]
+    order = np.random.default_rng(1).integers(0, lanes, a.shape).astype(np.int32)
+    out = np.empty_like(a)
+    ops.permuted(lanes)(a, order, out)
+    assert_same("permute", out, np.take_along_axis(a.reshape(-1, lanes), order.reshape(-1, lanes), 1).ravel())
+
+
+def test_f32_bits():
+    a, out = ops.f32_inputs()[0], np.empty(ops.f32_inputs()[0].shape, np.int32)
+    ops.bits_of_f32(a, out)
+    assert_same("f32_bits", out, a.view(np.int32))
+
+
 def test_inputs_are_hard():
     a, b, _ = ops.f32_inputs()
     for array in (a, b):

@@ -38,9 +38,9 @@ Make
     `splat4` (a scalar), `iota4` (0, 1, 2, ...), `mask_from_bits4`, `load4` and `broadcast4` (from memory), and all of
     these for 8 and 16 lanes.
 Lanes
-    `minimum`, `maximum`, `fma`, `absolute`, `square_root`, `flip_sign`, `select`, `to_f32`, `to_f64`, `to_i32`;
-    `swap_halves`, `shuffle`, `join`, `extract`; `reduce_min`, `reduce_max`, `reduce_and`; for masks
-    `bits`, `any_lane`, `all_lanes`.
+    `minimum`, `maximum`, `fma`, `absolute`, `square_root`, `flip_sign`, `select`, `to_f32`, `to_f64`, `to_i32`,
+    `f32_bits`; `swap_halves`, `shuffle`, `permute`, `join`, `extract`; `reduce_min`, `reduce_max`, `reduce_and`; for
+    masks `bits`, `any_lane`, `all_lanes`.
 Memory
     `load4`, `broadcast4`, `gather`, `store`, `store_compressed`, `get` and `put` work on arrays and pointers, as does
     `load16x3`, which deinterleaves vectors. `ptr`, `ptr_at`, `as_f32` and `as_i32` make pointers; `f32_at`, `f64_at`
@@ -94,8 +94,8 @@ if typing.TYPE_CHECKING:
 
 _HOMES = {
     "lanes": """
-        absolute all_lanes any_lane bits extract flip_sign fma iota4 iota8 iota16 join mask_from_bits4
-        mask_from_bits8 mask_from_bits16 maximum minimum reduce_and reduce_max reduce_min select shuffle splat4
+        absolute all_lanes any_lane bits extract f32_bits flip_sign fma iota4 iota8 iota16 join mask_from_bits4
+        mask_from_bits8 mask_from_bits16 maximum minimum permute reduce_and reduce_max reduce_min select shuffle splat4
         splat8 splat16 square_root swap_halves to_f32 to_f64 to_i32 highest_bit lowest_bit popcount product_error
     """,
     "load_store": """
@@ -125,6 +125,7 @@ __all__ = [
     "broadcast16",
     "extract",
     "f32_at",
+    "f32_bits",
     "f64_at",
     "flip_sign",
     "fma",
@@ -146,6 +147,7 @@ __all__ = [
     "mask_from_bits16",
     "maximum",
     "minimum",
+    "permute",
     "popcount",
     "prefetch",
     "product_error",

@@ -224,6 +224,18 @@ def to_i32(typingctx, v):
     return result(v), codegen
 
 
+@intrinsic
+def f32_bits(typingctx, v):
+    """The bits of f32 as i32."""
+    _check_vector("f32_bits", v, types.float32)
+    result = Vector(types.int32, v.lanes)
+
+    def codegen(context, builder, sig, values):
+        return builder.bitcast(values[0], llvm_type(result))
+
+    return result(v), codegen
+
+
 # --- permute and reduce -------------------------------------------------------------------------------------
 
 
@@ -270,6 +282,22 @@ def shuffle(typingctx, v, *indices):
         return _permute(builder, values[0], [i.literal_value for i in indices])
 
     return v(v, types.StarArgTuple(indices)), codegen
+
+
+@intrinsic
+def permute(typingctx, v, indices):
+    """Lane k of the result is lane ``indices[k]`` of `v`; the indices are i32, from 0 to the last lane, unchecked."""
+    if not isinstance(v, Vector) or indices != Vector(types.int32, v.lanes):
+        reject("permute", v, indices, cure="needs a vector and as many i32")
+
+    def codegen(context, builder, sig, values):
+        result = ir.Constant(values[0].type, ir.Undefined)
+        for k in range(v.lanes):  # LLVM finds the instruction, if the processor has one
+            lane = builder.extract_element(values[0], builder.extract_element(values[1], I32(k)))
+            result = builder.insert_element(result, lane, I32(k))
+        return result
+
+    return v(v, indices), codegen
 
 
 @intrinsic
