@@ -295,6 +295,7 @@ _COARSE = np.float32(20.0 * 2.0**-24)
 _FINE = np.float32(12.0 / 20.0)  # of the coarse unit
 _THIRD = np.float32(1.0 / 3.0)
 _TINY = np.float32(1e-37)  # larger than any error from underflow, for each unit of length
+_LESS, _MORE = np.float32(1.0 - 2.0**-21), np.float32(1.0 + 2.0**-21)  # more than the roundings of a quotient
 
 
 class FilterRays(NamedTuple):
@@ -344,27 +345,52 @@ def _sum3(ax, bx, ay, by, az, bz):
 
 
 @inlined
-def filter_hits(r, t):
-    """(hits, positive, unsure) of each lane's ray and triangle, as bit masks: bit k is lane k.
-
-    hits : the ray certainly meets the triangle inside (tmin, tmax)
-    positive : d . n > 0; valid for hits
-    unsure : the ray may meet the triangle
-    """
+def _lines(r, t):
+    """(a, n, (e0, e1, e2), det) of each lane's line and triangle."""
     ax, ay, az = t.x - r.ox, t.y - r.oy, t.z - r.oz
     rx, ry, rz = fma(r.dy, az, -(r.dz * ay)), fma(r.dz, ax, -(r.dx * az)), fma(r.dx, ay, -(r.dy * ax))
     nx, ny, nz = fma(t.py, t.qz, -(t.pz * t.qy)), fma(t.pz, t.qx, -(t.px * t.qz)), fma(t.px, t.qy, -(t.py * t.qx))
     e2, e1 = _sum3(t.px, rx, t.py, ry, t.pz, rz), -_sum3(t.qx, rx, t.qy, ry, t.qz, rz)
     det = _sum3(r.dx, nx, r.dy, ny, r.dz, nz)
-    e0 = det - e1 - e2
-    lx, ly, lz, hx, hy, hz = absolute(ax), absolute(ay), absolute(az), absolute(r.dx), absolute(r.dy), absolute(r.dz)
-    wide = maximum(maximum(maximum(lx, ly), lz), t.s)
-    bound = fma(wide * t.s, (hx + hy + hz) * r.unit, r.floor)
+    return (ax, ay, az), (nx, ny, nz), (det - e1 - e2, e1, e2), det
+
+
+@inlined
+def _lines_may_meet(r, t):
+    """Mask of the lanes whose line may meet the triangle, by the coarse bound."""
+    a, _, (e0, e1, e2), _ = _lines(r, t)
+    wide = maximum(maximum(maximum(absolute(a[0]), absolute(a[1])), absolute(a[2])), t.s)
+    span = absolute(r.dx) + absolute(r.dy) + absolute(r.dz)
+    bound = fma(wide * t.s, span * r.unit, r.floor)
     third = e0 * _THIRD
     low, high = minimum(third, minimum(e1, e2)), maximum(third, maximum(e1, e2))
-    possible = ~((low < -bound) & (high > bound))
-    if not any_lane(possible):
-        return np.int64(0), np.int64(0), np.int64(0)
+    return ~((low < -bound) & (high > bound))
+
+
+class FilterHits(NamedTuple):
+    """The tests of each lane's ray and triangle. Masks are int64, and bit k is lane k."""
+
+    hits: int  # the ray certainly meets the triangle inside (tmin, tmax)
+    positive: int  # d . n > 0; valid for hits
+    unsure: int  # the ray may meet the triangle
+    near: F32Lanes  # at most t; valid for hits
+    far: F32Lanes  # at least t, perhaps inf; valid for hits
+
+
+@inlined
+def filter_hits(r, t):
+    """`FilterHits` of each lane's ray and triangle, with an early exit if no line may meet its triangle."""
+    if not any_lane(_lines_may_meet(r, t)):
+        return FilterHits(np.int64(0), np.int64(0), np.int64(0), r.floor, r.floor)
+    return filter_hits_branchless(r, t)
+
+
+@inlined
+def filter_hits_branchless(r, t):
+    """`filter_hits` without the early exit."""
+    possible = _lines_may_meet(r, t)
+    (ax, ay, az), (nx, ny, nz), (e0, e1, e2), det = _lines(r, t)
+    lx, ly, lz, hx, hy, hz = absolute(ax), absolute(ay), absolute(az), absolute(r.dx), absolute(r.dy), absolute(r.dz)
     px, py, pz, qx, qy, qz = (
         absolute(t.px),
         absolute(t.py),
@@ -394,7 +420,12 @@ def filter_hits(r, t):
     inside = (t_near > t_near_bound) & (endless | (t_far > t_far_bound))
     outside = (t_near < -t_near_bound) | (~endless & (t_far < -t_far_bound))
     hits = line & inside
-    return bits(hits), bits(positive), bits(possible & ~hits & ~miss & ~(line & outside))
+    unsure = possible & ~hits & ~miss & ~(line & outside)
+    # Eq. (18) of docs/design/exactness.md
+    near = (volume - b_volume) / (det + b_det) * _LESS - _TINY
+    room = det - b_det
+    far = select(room > np.float32(0.0), (volume + b_volume) / room * _MORE + _TINY, np.float32(np.inf))
+    return FilterHits(bits(hits), bits(positive), bits(unsure), near, far)
 
 
 # --- Hit coordinates: t and the corners' weights ----------------------------------------------------------------------

@@ -3,7 +3,8 @@
 - `ray_traversal`: any-hit and closest-hit traversal of the binary BVH, child orders
 - `wide_traversal`: the eight-wide BVH: `RayBlock`, box and triangle tests
 - `ray_packet`: packets of coherent rays through the wide BVH
-- `single_rays`: interleaved rays, the tracers `single` and `wide`, step counts
+- `interleaved_rays`: incoherent rays through the wide BVH
+- `single_rays`: the tracers `single` and `wide`, step counts
 - `ray_batches`: ray arrays, for `Scene.occluded` and `Scene.closest_hit`
 - `ray_hits`: nearest surfaces of diffuse rays, all intersections of segments
 """

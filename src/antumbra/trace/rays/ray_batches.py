@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...bvh.nodes import WideBvh, wide_tree_of
+from ...bvh.nodes import WIDTH, WideBvh, wide_tree_of
 from ...kernels.exact.filters import (
     UNKNOWN,
     are_differences,
@@ -20,7 +20,7 @@ from ...kernels.exact.filters import (
     single_weights,
 )
 from ...kernels.exact.predicate import two_diff
-from ...kernels.jit import F32Ptr, F64Ptr, inlined, kernel
+from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined, kernel
 from ...kernels.marshalling import packed
 from ...kernels.parallel import STOP, items, new_ticket, run, thread_count
 from ...kernels.simd import (
@@ -33,27 +33,32 @@ from ...kernels.simd import (
     f64_at,
     get,
     i32_at,
+    load8,
     load16,
     load16x3,
+    mask_from_bits8,
     maximum,
+    prefetch,
     ptr,
     ptr_at,
     put,
     select,
+    shuffle,
     splat16,
     stack_f32,
     stack_f64,
     stack_i32,
     stack_i64,
     store,
+    swap_halves,
     to_f32,
     to_f64,
 )
 from ...query.ray_list import HitArrays, RayArguments
 from ...scene.scene_bounds import NEAREST
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
+from .interleaved_rays import walk_interleaved
 from .ray_packet import is_coherent_with, walk_packet
-from .single_rays import walk_interleaved
 from .wide_traversal import (
     BLOCK_WORDS,
     BLOCKS,
@@ -75,7 +80,6 @@ from .wide_traversal import (
     hits_of,
     prepare,
     ray_of,
-    rays_in,
     rays_of_block,
     settle_block,
     slot_of,
@@ -94,7 +98,10 @@ class Report(NamedTuple):
     """Pointers to scratch memory for the numbers of 16 nearest hits."""
 
     corners: F32Ptr  # float32 *, CORNER_WORDS: rows of 16, corners of the triangle that each ray hits
+    rows: F32Ptr  # float32 *, BLOCK_WORDS: origins and directions, in rows of a block
     numbers: F64Ptr  # float64 *, REPORT_WORDS: rows of 16: t, u, v; t or u may be UNKNOWN
+    rays: I32Ptr  # int32 *: the rays that hit
+    slots: I64Ptr  # int64 *: the slots of their triangles
 
 
 @inlined
@@ -123,37 +130,118 @@ def _fill_report(rows, report):
 
 
 @inlined
-def _write(tree, rays, hits, i, report, out, at):
-    """Write the nearest hit of ray i of a block to element `at` of the arrays."""
-    slot, numbers = slot_of(tree, hits, i), report.numbers
-    if slot < 0:
-        out.face[at], out.t[at], out.u[at], out.v[at] = -1, np.inf, 0.0, 0.0
-        return
-    t, u, v = get(numbers, _T + i), clamp_weight(get(numbers, _U + i)), clamp_weight(get(numbers, _V + i))
+def _write(tree, rays, k, report, out, first):
+    """Write hit k, whose numbers are in column k mod 16 of the report; out: arrays whose element `first` is ray 0's."""
+    i, slot, column = np.int64(get(report.rays, k)), get(report.slots, k), k % LANES
+    numbers, at = report.numbers, first + i
+    t, u, v = get(numbers, _T + column), get(numbers, _U + column), get(numbers, _V + column)
+    out.face[at], out.t[at] = get(tree.prim_ids, slot), t
+    out.u[at], out.v[at] = clamp_weight(u), clamp_weight(v)
     if t == UNKNOWN:
-        t = rounded_t(ray_of(rays, i), tree.corners, slot)
-    if get(numbers, _U + i) == UNKNOWN:
-        u, v = single_weights(ray_of(rays, i), tree.corners, slot)
-    out.face[at], out.t[at], out.u[at], out.v[at] = get(hits.prim, i), t, u, v
+        out.t[at] = rounded_t(ray_of(block_of(rays, i // LANES), i % LANES), tree.corners, slot)
+    if u == UNKNOWN:
+        ray = ray_of(block_of(rays, i // LANES), i % LANES)
+        out.u[at], out.v[at] = single_weights(ray, tree.corners, slot)
+
+
+@inlined
+def _write_misses(tree, hits, n, report, out, first):
+    """Write the misses among n rays, and list the rays that hit and their slots. Return their number."""
+    n_hits = np.int64(0)
+    for i in range(n):
+        slot = slot_of(tree, hits_of(hits, i // LANES), i % LANES)
+        put(report.rays, n_hits, i)
+        put(report.slots, n_hits, slot)
+        n_hits += slot >= 0
+        corners = ptr_at(tree.corners, 9 * slot)
+        prefetch(corners, 0)
+        prefetch(corners, 8)
+        if slot < 0:
+            at = first + i
+            out.face[at], out.t[at], out.u[at], out.v[at] = -1, np.inf, 0.0, 0.0
+    return n_hits
+
+
+@inlined
+def _exchange(a, b, other_a, other_b, lower):
+    """A step of a transposition: exchange lanes of two vectors; lower (bits): the lanes that the first one retains."""
+    mask = mask_from_bits8(np.int64(lower))
+    return select(mask, a, other_b), select(mask, other_a, b)
+
+
+@inlined
+def _by_1(a, b):
+    return _exchange(a, b, shuffle(a, 1, 0, 3, 2, 5, 4, 7, 6), shuffle(b, 1, 0, 3, 2, 5, 4, 7, 6), 0b01010101)
+
+
+@inlined
+def _by_2(a, b):
+    return _exchange(a, b, shuffle(a, 2, 3, 0, 1, 6, 7, 4, 5), shuffle(b, 2, 3, 0, 1, 6, 7, 4, 5), 0b00110011)
+
+
+@inlined
+def _by_4(a, b):
+    return _exchange(a, b, swap_halves(a), swap_halves(b), 0b00001111)
+
+
+@inlined
+def _transposed8(a, b, c, d, e, f, g, h):
+    """The columns of a matrix of eight rows."""
+    (a, b), (c, d), (e, f), (g, h) = _by_1(a, b), _by_1(c, d), _by_1(e, f), _by_1(g, h)
+    (a, c), (b, d), (e, g), (f, h) = _by_2(a, c), _by_2(b, d), _by_2(e, g), _by_2(f, h)
+    (a, e), (b, f), (c, g), (d, h) = _by_4(a, e), _by_4(b, f), _by_4(c, g), _by_4(d, h)
+    return a, b, c, d, e, f, g, h
+
+
+@inlined
+def _load_corners(tree, slots, corners):
+    """Write the corners of the triangles in sixteen slots to rows of 16."""
+    for i in range(LANES):
+        put(corners, 8 * LANES + i, get(tree.corners, 9 * get(slots, i) + 8))
+    for half in range(0, LANES, WIDTH):
+        c, p = tree.corners, ptr_at(slots, half)
+        columns = _transposed8(
+            load8(c, 9 * get(p, 0)), load8(c, 9 * get(p, 1)), load8(c, 9 * get(p, 2)), load8(c, 9 * get(p, 3)),
+            load8(c, 9 * get(p, 4)), load8(c, 9 * get(p, 5)), load8(c, 9 * get(p, 6)), load8(c, 9 * get(p, 7)),
+        )  # fmt: skip
+        for k in range(8):
+            store(corners, LANES * k + half, columns[k])
+
+
+@inlined
+def _rows_of(rows, report, first, n_hits, n):
+    """Rows of origins and directions of the sixteen hits from the `first` on; rows: of all rays' blocks."""
+    if n_hits == n:
+        return ptr_at(rows, first // LANES * BLOCK_WORDS)
+    for k in range(LANES):
+        i = np.int64(get(report.rays, first + k))
+        column = i // LANES * BLOCK_WORDS + i % LANES
+        for row in range(6):
+            put(report.rows, OX + LANES * row + k, get(rows, OX + LANES * row + column))
+    return report.rows
 
 
 @inlined
 def write_nearest(tree, rays, hits, n, report, out, first):
-    """Write the nearest hits of the first n rays of a block from element `first` of the arrays on."""
-    for i in range(n):
-        slot = slot_of(tree, hits, i)
-        at = 9 * (slot if slot >= 0 else np.int64(0))
-        for k in range(9):
-            put(report.corners, LANES * k + i, get(tree.corners, at + k))
-    _fill_report(rays.rows, report)
-    for i in range(n):
-        _write(tree, rays, hits, i, report, out, first + i)
+    """Write the nearest hits of n rays of several blocks from element `first` of the arrays on."""
+    n_hits = _write_misses(tree, hits, n, report, out, first)
+    if n_hits == 0:
+        return
+    for k in range(LANES):  # repeat the last hit in unused columns
+        put(report.rays, n_hits + k, get(report.rays, n_hits - 1))
+        put(report.slots, n_hits + k, get(report.slots, n_hits - 1))
+    for begin in range(0, n_hits, LANES):
+        _load_corners(tree, ptr_at(report.slots, begin), report.corners)
+        _fill_report(_rows_of(rays.rows, report, begin, n_hits, n), report)
+        for k in range(begin, min(begin + LANES, n_hits)):
+            _write(tree, rays, k, report, out, first)
 
 
 # --- Reading, tracing and writing batches -----------------------------------------------------------------------------
 
 
 _RAYS, _ROWS, _ENDS, _TESTS = (BLOCKS * n for n in (LANES, BLOCK_WORDS, PRECISE_WORDS, DEFERRED_WORDS))  # of all blocks
+_LISTED = _RAYS + LANES
 _CHUNK = 16  # batches that a thread takes at a time
 _FINITE = np.float32(3.4028235e38)
 _NEAREST, _ZERO = np.float32(NEAREST), np.float32(0.0)
@@ -290,7 +378,7 @@ def _write_blocked(blocked, n, out, first):
 @inlined
 def _trace(tree, rays, alive, query, hits, counters):
     """Trace the rays in `alive` (bits) of several blocks. Return bits of blocked rays that `hits` does not hold."""
-    blocked = np.int64(0)
+    blocked, single = np.int64(0), np.int64(0)
     while alive:
         j = first_block(alive)
         packet = alive & _packet_rays(rays.rows, j, alive, tree.reach, query.any_hit)
@@ -298,16 +386,20 @@ def _trace(tree, rays, alive, query, hits, counters):
             blocked |= walk_packet(tree, rays, packet, query, hits, counters)
             alive &= ~packet
         else:
-            walk_interleaved(tree, block_of(rays, j), rays_in(alive, j), query, hits_of(hits, j), counters)
+            single |= alive & rays_of_block(j)
             alive &= ~rays_of_block(j)
+    if single:
+        walk_interleaved(tree, rays, single, query, hits, counters)
     return blocked
 
 
 @kernel
 def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
     rows, precise, skip = stack_f32(_ROWS), stack_f64(_ENDS), stack_i32(_RAYS)
-    hits = WideHit(stack_i32(_RAYS), stack_i64(_RAYS), stack_f64(_RAYS), stack_i32(_TESTS))
-    report = Report(stack_f32(CORNER_WORDS), stack_f64(REPORT_WORDS))
+    hits = WideHit(stack_i32(_RAYS), stack_i32(_TESTS))
+    report = Report(
+        stack_f32(CORNER_WORDS), stack_f32(BLOCK_WORDS), stack_f64(REPORT_WORDS), stack_i32(_LISTED), stack_i64(_LISTED)
+    )
     batch, query = RayBlock(rows, precise, skip, rays.segments), Query(rays.cull_faces, any_hit)
     mine, tree = cleared(stack_i64(N_COUNTERS)), wide_tree_of(wide)
     for b in items(ticket):
@@ -324,7 +416,7 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
                 break
             alive &= moving << (j * LANES) | ~rays_of_block(j)
             prepare(block.rows, tree.reach)
-            start(hits_of(hits, j), block)
+            start(hits_of(hits, j))
         if faults[0]:
             break
         blocked = _trace(tree, batch, alive, query, hits, mine)
@@ -332,13 +424,12 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
             block_hits = hits_of(hits, j)
             if get(block_hits.deferred, 0) > 0:
                 settle_block(tree, block_of(batch, j), query, block_hits, mine)
-            blocked |= bits(load16(block_hits.lane, 0) != NONE) << (j * LANES)
+            if any_hit:
+                blocked |= bits(load16(block_hits.lane, 0) != NONE) << (j * LANES)
         if any_hit:
             _write_blocked(blocked, n, out.blocked, first)
         else:
-            for j in range(n_blocks):
-                at, n_rays = j * LANES, min(LANES, n - j * LANES)
-                write_nearest(tree, block_of(batch, j), hits_of(hits, j), n_rays, report, out, first + at)
+            write_nearest(tree, batch, hits, n, report, out, first)
     add_counters(counters, mine)
 
 

@@ -1,4 +1,4 @@
-"""Packets of coherent rays: up to 64 any-hit or 16 closest-hit rays traverse a wide BVH together.
+"""Packets of coherent rays: up to 64 rays traverse a wide BVH together.
 
 Boxes. Ray i meets the plane x = c at t = (c - x0) / d_i + (x0 - o_i) / d_i, for any x0. Over the packet, 1 / d_i and
 (x0 - o_i) / d_i are intervals. Interval arithmetic bounds the t at which any ray may enter and leave each of eight
@@ -6,10 +6,11 @@ boxes [Boulos et al. 2006]. The second interval is short where all rays are clos
 or end.
 
 Traversal. The packet visits inner nodes as a whole. Interval arithmetic finds the boxes that some ray may enter, and
-those that all rays enter. For each of the others, any-hit queries test which rays enter it, sixteen at a time, and push
-these rays with the box. Closest-hit queries run this test at leaves. At a leaf, the loop runs over the triangles or
-over the rays of a block, whichever are fewer: each triangle is tested against all rays at once, or each ray against all
-triangles. So an incoherent packet degrades to single rays.
+those that all rays enter. For each of the others, a test of sixteen rays at a time finds those that enter it, which are
+pushed with the box. Closest-hit queries visit the nearest box first, and repeat this test at leaves, because hits have
+shortened rays since. At a leaf, the loop runs over the triangles or over the rays of a block, whichever are fewer: each
+triangle is tested against all rays at once, or each ray against all triangles. So an incoherent packet degrades to
+single rays.
 """
 
 from typing import NamedTuple
@@ -22,16 +23,17 @@ from ...kernels.jit import I32Ptr, I64Ptr, inlined
 from ...kernels.simd import (
     absolute,
     all_lanes,
+    as_f32,
     bits,
     broadcast8,
     broadcast16,
     extract,
     fma,
     get,
-    iota8,
     load8,
     load16,
     lowest_bit,
+    mask_from_bits16,
     maximum,
     minimum,
     popcount,
@@ -39,9 +41,9 @@ from ...kernels.simd import (
     put,
     reduce_max,
     reduce_min,
+    select,
     splat8,
     splat16,
-    stack_f32,
     stack_i32,
     stack_i64,
     store,
@@ -52,9 +54,11 @@ from .wide_traversal import (
     DX,
     FAR,
     INVERSE,
+    LANE,
     LANES,
     LARGE,
     LIMIT,
+    LOWER,
     NEAR,
     OX,
     STACK,
@@ -69,11 +73,10 @@ from .wide_traversal import (
     filter_rays16,
     first_block,
     hits_of,
-    keep,
-    push_sorted,
     rays_in,
     rays_of_block,
     slabs_of,
+    sorted_keys,
     visit_leaf,
 )
 
@@ -254,10 +257,11 @@ _NEAR_DIRECTIONS = np.float32(1 / 4)  # largest extent of its directions, as a f
 
 
 class _Stack(NamedTuple):
-    """The stack of an any-hit traversal: pointers to scratch memory."""
+    """The stack of a packet: pointers to scratch memory."""
 
     rays: I64Ptr  # int64 *: bits of the rays that enter the box
     boxes: I32Ptr  # int32 *: word of the box's first plane
+    keys: I32Ptr  # int32 *: lower bound of the entry t, as its bits
 
 
 @inlined
@@ -286,22 +290,33 @@ def is_coherent_with(rows, first, j, tree_reach, any_hit):
 
 
 @inlined
-def _push_entered(tree, rows, active, at, packet, limit, stack, height, counters):
-    """Push the children of the node at word `at` that active rays enter: bits of the rays, and the box."""
-    some, each, _ = enter_any(tree.nodes, at, packet, limit)
-    hits, sure = bits(some), bits(each)
-    while hits:
-        k = lowest_bit(hits)
-        box = at + k
-        hits &= hits - 1
-        inside = active & -((sure >> k) & 1)
-        remaining = active & ~inside
-        while remaining:
-            j = first_block(remaining)
-            remaining &= ~rays_of_block(j)
-            count(counters, BOX_TESTS, 1)
-            inside |= enter_alike(tree.nodes, box, ptr_at(rows, j * BLOCK_WORDS), packet) << (j * LANES)
-        inside &= active
+def _entering(tree, rows, active, box, packet, counters):
+    """The active rays (bits) that enter a box; box: the word of its first plane."""
+    inside, remaining = np.int64(0), active
+    while remaining:
+        j = first_block(remaining)
+        remaining &= ~rays_of_block(j)
+        count(counters, BOX_TESTS, 1)
+        inside |= enter_alike(tree.nodes, box, ptr_at(rows, j * BLOCK_WORDS), packet) << (j * LANES)
+    return inside & active
+
+
+@inlined
+def _push_entered(tree, rows, active, at, packet, limit, any_hit, stack, height, counters):
+    """Push the children of a node that active rays enter; for closest-hit, with the nearest one on top."""
+    some, each, t_near = enter_any(tree.nodes, at, packet, limit)
+    entered, sure, keys = bits(some), bits(each), stack_i32(WIDTH)
+    if not any_hit:
+        store(keys, 0, sorted_keys(some, t_near))
+    for k in range(popcount(entered)):
+        lane = lowest_bit(entered)
+        entered &= entered - 1
+        if not any_hit:
+            key = get(keys, k)
+            lane = np.int64(key & LANE)
+            put(stack.keys, height, key & ~LANE)
+        box, all_enter = at + lane, -((sure >> lane) & 1)
+        inside = (active & all_enter) | _entering(tree, rows, active & ~all_enter, box, packet, counters)
         put(stack.rays, height, inside)
         put(stack.boxes, height, box)
         fetch(tree, np.int64(get(tree.links, box + LINKS)))
@@ -337,12 +352,17 @@ def _triangle(groups, at):
 
 
 @inlined
-def _keep_each(tree, rays, lanes, at, query, hits):
-    """Store the hits on the triangle in lane `at` of the rays that meet it (`lanes`, bits)."""
-    while lanes:
-        i = lowest_bit(lanes)
-        lanes &= lanes - 1
-        keep(tree, rays, i, at, query, hits)
+def _keep_nearest(rays, lanes, at, near, far, hits):
+    """Store the hits on the triangle in lane `at` of the rays that meet it (`lanes`, bits), and defer rivals."""
+    rows, met = rays.rows, mask_from_bits16(lanes)
+    lower, limit = load16(rows, LOWER), load16(rows, LIMIT)
+    nearest = met & (far < lower)
+    store(hits.lane, 0, select(nearest, splat16(np.int32(at)), load16(hits.lane, 0)))
+    store(rows, LOWER, select(met, minimum(lower, near), lower))
+    store(rows, LIMIT, select(met, minimum(limit, far), limit))
+    rivals = bits(met & ~nearest & (near <= limit))
+    if rivals:
+        defer(hits, rivals, at)
 
 
 @inlined
@@ -353,14 +373,16 @@ def _leaf_by_triangle(tree, rays, active, link, query, hits, counters):
         todo = active & ~done
         count(counters, TRIANGLE_TESTS, popcount(todo))
         at = group * WIDTH + k
-        lanes, positive, unsure = filter_hits(filter_rays16(rays.rows), _triangle(tree.groups, group * GROUP_WORDS + k))
-        lanes = facing(lanes, positive, query.cull_faces) & todo
-        unsure &= todo
-        if query.any_hit and lanes:
+        tests = filter_hits(filter_rays16(rays.rows), _triangle(tree.groups, group * GROUP_WORDS + k))
+        lanes = facing(tests.hits, tests.positive, query.cull_faces) & todo
+        unsure = tests.unsure & todo
+        if lanes:
             prim = get(tree.prim_ids, get(tree.slots, at))
-            done |= lanes & bits(load16(rays.skip, 0) != prim)
-        elif lanes:
-            _keep_each(tree, rays, lanes, at, query, hits)
+            lanes &= bits(load16(rays.skip, 0) != prim)
+            if query.any_hit:
+                done |= lanes
+            else:
+                _keep_nearest(rays, lanes, at, tests.near, tests.far, hits)
         if unsure:
             defer(hits, unsure, at)
         if done == active:
@@ -403,7 +425,7 @@ def _leaf_of_blocks(tree, rays, active, link, query, hits, counters):
 @inlined
 def _walk_any(tree, rays, alive, query, hits, counters):
     """Trace the rays in `alive`, of several blocks. Return bits of the blocked rays."""
-    stack, rows = _Stack(stack_i64(STACK), stack_i32(STACK)), rays.rows
+    stack, rows = _Stack(stack_i64(STACK), stack_i32(STACK), stack_i32(1)), rays.rows
     packet, limit = packet_of(tree, rows, alive)
     height, link, blocked, active = np.int64(0), np.int64(0), np.int64(0), alive
     while True:
@@ -414,10 +436,11 @@ def _walk_any(tree, rays, alive, query, hits, counters):
         else:
             count(counters, NODES, 1)
             count(counters, BOX_TESTS, WIDTH)
+            at = link * NODE_WORDS
             if active & (active - 1) == 0:
-                height = _push_entered_by_one(tree, rows, active, link * NODE_WORDS, stack, height)
+                height = _push_entered_by_one(tree, rows, active, at, stack, height)
             else:
-                height = _push_entered(tree, rows, active, link * NODE_WORDS, packet, limit, stack, height, counters)
+                height = _push_entered(tree, rows, active, at, packet, limit, True, stack, height, counters)
         active = np.int64(0)
         while active == 0:
             if height == 0:
@@ -428,32 +451,39 @@ def _walk_any(tree, rays, alive, query, hits, counters):
 
 
 @inlined
+def _greatest_limit(rows, alive):
+    """The greatest limit of the blocks that hold rays in `alive` (bits)."""
+    limits = splat16(-_INF)
+    while alive:
+        j = first_block(alive)
+        alive &= ~rays_of_block(j)
+        limits = maximum(limits, load16(rows, LIMIT + j * BLOCK_WORDS))
+    return reduce_max(limits)
+
+
+@inlined
 def _walk_nearest(tree, rays, alive, query, hits, counters):
-    """Trace the rays in `alive` and write their nearest hits to `hits`."""
-    stack, entry, nears, children = stack_i32(STACK), stack_f32(STACK), stack_f32(WIDTH), stack_i32(WIDTH)
-    rows = rays.rows
-    packet, limit = packet_of(tree, rows, np.int64(1))
-    height, link, box = np.int64(0), np.int64(0), np.int64(0)
+    """Trace the rays in `alive`, of several blocks, and write their nearest hits to `hits`."""
+    stack, rows = _Stack(stack_i64(STACK), stack_i32(STACK), stack_i32(STACK)), rays.rows
+    packet, limit = packet_of(tree, rows, alive)
+    height, link, box, active = np.int64(0), np.int64(0), np.int64(0), alive
     while True:
         if link < 0:
-            count(counters, BOX_TESTS, 1)
-            active = alive & enter_alike(tree.nodes, box, rows, packet)
+            active = _entering(tree, rows, active, box, packet, counters)
             if active:
-                _leaf(tree, rays, active, link, query, hits, counters)
-                limit = reduce_max(load16(rows, LIMIT))
+                _leaf_of_blocks(tree, rays, active, link, query, hits, counters)
+                limit = _greatest_limit(rows, alive)
         else:
             count(counters, NODES, 1)
             count(counters, BOX_TESTS, WIDTH)
-            entered, _, t_near = enter_any(tree.nodes, link * NODE_WORDS, packet, limit)
-            store(nears, 0, t_near)
-            store(children, 0, iota8() + np.int32(link * NODE_WORDS))
-            height = push_sorted(stack, entry, height, children, nears, bits(entered))
-        while height > 0 and get(entry, height - 1) > limit:
+            at = link * NODE_WORDS
+            height = _push_entered(tree, rows, active, at, packet, limit, False, stack, height, counters)
+        while height > 0 and get(as_f32(stack.keys), height - 1) > limit:
             height -= 1
         if height == 0:
             return
         height -= 1
-        box = np.int64(get(stack, height))
+        active, box = get(stack.rays, height), np.int64(get(stack.boxes, height))
         link = np.int64(get(tree.links, box + LINKS))
 
 
@@ -466,9 +496,5 @@ def walk_packet(tree, rays, alive, query, hits, counters):
     """
     if query.any_hit:
         return _walk_any(tree, rays, alive, Query(query.cull_faces, True), hits, counters)
-    nearest = Query(query.cull_faces, False)
-    while alive:
-        j = first_block(alive)
-        _walk_nearest(tree, block_of(rays, j), rays_in(alive, j), nearest, hits_of(hits, j), counters)
-        alive &= ~rays_of_block(j)
+    _walk_nearest(tree, rays, alive, Query(query.cull_faces, False), hits, counters)
     return np.int64(0)

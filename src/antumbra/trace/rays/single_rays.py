@@ -1,9 +1,4 @@
-"""Rays one at a time: interleaved rays, the tracers `single` and `wide`, and exact step counts.
-
-Interleaving. A single ray stalls on memory at nearly every step, because each step determines the next node. So
-incoherent rays take turns: each takes one step through the wide BVH, a node or a leaf, and prefetches its next node,
-which is in the cache at the ray's next turn. The first step is the same for all rays, and any-hit queries take it
-together, with one ray per lane.
+"""Rays one at a time: the tracers `single` and `wide`, and exact step counts.
 
 Tracers. `single` (binary BVH) and `wide` (wide BVH) trace one shadow ray at a time by the same loop. `single` is the
 baseline, with which every other tracer must agree bit for bit. Variants such as `single:random` differ only in the
@@ -26,10 +21,6 @@ from numpy.typing import NDArray
 
 from ...bvh.nodes import (
     LINK,
-    LINKS,
-    NO_CHILD,
-    NODE_WORDS,
-    WIDTH,
     Bvh,
     Tree,
     WideBvh,
@@ -43,18 +34,9 @@ from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel, overload
 from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import (
     atomic_add,
-    bits,
-    broadcast8,
     get,
-    load8,
-    lowest_bit,
-    mask_from_bits8,
-    mask_from_bits16,
-    popcount,
     ptr,
-    ptr_at,
     put,
-    select,
     splat16,
     stack_array,
     stack_f32,
@@ -62,7 +44,6 @@ from ...kernels.simd import (
     stack_i32,
     stack_i64,
     store,
-    store_compressed,
 )
 from ...kernels.vec3 import get3
 from ...progress import ProgressCallback
@@ -72,7 +53,6 @@ from ..counters import (
     BELOW_HORIZON,
     BOX_TESTS,
     N_COUNTERS,
-    NODES,
     RAYS,
     REPEAT_HITS,
     TRIANGLE_TESTS,
@@ -81,7 +61,7 @@ from ..counters import (
     count,
     new_counters,
 )
-from .ray_packet import enter_each
+from .interleaved_rays import walk_interleaved
 from .ray_traversal import BUILT, Ordered, triangle_hit, walk
 from .wide_traversal import (
     BLOCK_WORDS,
@@ -90,104 +70,21 @@ from .wide_traversal import (
     DX,
     ENDS,
     LANES,
-    LIMIT,
     OX,
     PRECISE_WORDS,
     REMAINDER,
-    STACK,
     TMAX,
     TMIN,
     Query,
     RayBlock,
     WideHit,
-    enter,
-    fetch,
     prepare,
-    push_sorted,
     settle_block,
-    slabs_of,
     slot_of,
     start,
-    visit_leaf,
 )
 
-# --- Interleaved rays -------------------------------------------------------------------------------------------------
-
-
-_STACKS = LANES * STACK
-
-
-@inlined
-def _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters):
-    """Push the children that ray i enters, with the first one to visit on top. Return the new height."""
-    count(counters, NODES, 1)
-    count(counters, BOX_TESTS, WIDTH)
-    at = link * NODE_WORDS
-    entered, t_near = enter(tree.nodes, at, slabs_of(rays.rows, i), broadcast8(rays.rows, LIMIT + i))
-    boxes = bits(entered)
-    if query.any_hit:
-        store_compressed(stack, height, mask_from_bits8(boxes), load8(tree.links, at + LINKS))
-        return height + popcount(boxes)
-    store(nears, 0, t_near)
-    return push_sorted(stack, entry, height, ptr_at(tree.links, at + LINKS), nears, boxes)
-
-
-@inlined
-def _open_root(tree, rays, alive, stacks, heights, counters):
-    """For any-hit, push the root's children that each ray enters, for all rays at once. Return bits of these rays."""
-    entered, n = splat16(np.int32(0)), 0
-    while n < WIDTH and get(tree.links, LINKS + n) != NO_CHILD:
-        inside = mask_from_bits16(enter_each(tree.nodes, n, rays.rows))
-        entered |= select(inside, splat16(np.int32(1 << n)), splat16(np.int32(0)))
-        n += 1
-    count(counters, NODES, 1)
-    count(counters, BOX_TESTS, n)
-    hits, links = stack_i32(LANES), load8(tree.links, LINKS)
-    store(hits, 0, entered)
-    alive &= bits(entered != splat16(np.int32(0)))
-    turn = alive
-    while turn:
-        i = lowest_bit(turn)
-        turn &= turn - 1
-        inside = np.int64(get(hits, i))
-        height = popcount(inside)
-        store_compressed(stacks, i * STACK, mask_from_bits8(inside), links)
-        put(heights, i, height)
-        fetch(tree, np.int64(get(stacks, i * STACK + height - 1)))
-    return alive
-
-
-@inlined
-def walk_interleaved(tree, rays, alive, query, hits, counters):
-    """Trace the rays in `alive` (bits) of a prepared block and write their hits, any or nearest, to `hits`."""
-    stacks, entries, heights = stack_i32(_STACKS), stack_f32(_STACKS), stack_i32(LANES)
-    nears = stack_f32(WIDTH)
-    if query.any_hit and alive & (alive - 1):  # two or more rays
-        alive = _open_root(tree, rays, alive, stacks, heights, counters)
-    else:
-        for i in range(LANES):
-            put(heights, i, 1)
-            put(stacks, i * STACK, 0)
-            put(entries, i * STACK, 0.0)
-    while alive:
-        turn = alive
-        while turn:
-            i = lowest_bit(turn)
-            turn &= turn - 1
-            stack, entry = ptr_at(stacks, i * STACK), ptr_at(entries, i * STACK)
-            height = np.int64(get(heights, i)) - 1
-            link = np.int64(get(stack, height))
-            if link >= 0:
-                height = _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters)
-            elif visit_leaf(tree, rays, i, link, query, hits, counters):
-                height = np.int64(0)
-            while not query.any_hit and height > 0 and get(entry, height - 1) > get(rays.rows, LIMIT + i):
-                height -= 1
-            if height == 0:
-                alive &= ~(1 << i)
-            else:
-                put(heights, i, height)
-                fetch(tree, np.int64(get(stack, height - 1)))
+# --- The tracers `single` and `wide` ----------------------------------------------------------------------------------
 
 
 @kernel
@@ -212,17 +109,14 @@ def any_hit_wide(tree, ray, skip, cull_faces, counters):
     put(precise, REMAINDER + LANES, ray.ry)
     put(precise, REMAINDER + 2 * LANES, ray.rz)
     put(skips, 0, skip)
-    hits = WideHit(stack_i32(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(DEFERRED_WORDS))
+    hits = WideHit(stack_i32(LANES), stack_i32(DEFERRED_WORDS))
     prepare(rows, tree.reach)
     block, query = RayBlock(rows, precise, skips, True), Query(cull_faces, True)
-    start(hits, block)
+    start(hits)
     walk_interleaved(tree, block, np.int64(1), query, hits, counters)
     if get(hits.deferred, 0) > 0:
         settle_block(tree, block, query, hits, counters)
     return slot_of(tree, hits, 0)
-
-
-# --- The tracers `single` and `wide` ----------------------------------------------------------------------------------
 
 
 TILE = 16  # side of a tile in pixels; a tile is traced by one thread

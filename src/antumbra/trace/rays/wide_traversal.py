@@ -1,10 +1,14 @@
 """Traversal of a wide BVH: tests of eight boxes or eight triangles at a time, and the results of queries.
 
-Ray blocks. A *block* is scratch memory of 20 rows of 16 float32, with one column per ray. The caller fills origins,
+Ray blocks. A *block* is scratch memory of 21 rows of 16 float32, with one column per ray. The caller fills origins,
 directions, tmin and tmax, rounded to nearest; `prepare` fills the remaining rows. A ray reaches a plane x = c at t = c
 * inverse + offset, in one instruction. The error is absolute, a fraction of the largest coordinate involved. So the
 offsets move the planes outwards by more than this error, both where a ray enters and where it leaves. Proof:
 docs/design/wide.md.
+
+Nearest hits. The float32 filter bounds the t of each hit. LOWER and LIMIT are the bounds of a ray's nearest hit so far.
+A hit surely nearer than LOWER replaces it, and one surely beyond LIMIT is ignored. Others are its rivals: their tests
+are deferred, like undecided ones, and float64 decides among them when the traversal has ended.
 """
 
 from typing import NamedTuple
@@ -12,24 +16,30 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.nodes import GROUP_WORDS, MAX_DEPTH, NODE_WORDS, WIDTH, wide_leaf
-from ...kernels.exact.filters import BEYOND, FilterRays, FilterTriangles, comes_first, error_unit, filter_hits, hit_t
+from ...kernels.exact.filters import FilterRays, FilterTriangles, comes_first, error_unit, filter_hits, hit_t
 from ...kernels.exact.predicate import Ray, ray_along
-from ...kernels.jit import F32Ptr, F32x8, F64Ptr, I32Ptr, I64Ptr, inlined, kernel
+from ...kernels.jit import F32Ptr, F32x8, F64Ptr, I32Ptr, inlined, kernel
 from ...kernels.simd import (
     absolute,
     broadcast8,
+    f32_bits,
     fma,
     get,
+    iota8,
     load8,
     load16,
     lowest_bit,
+    mask_from_bits8,
     maximum,
     minimum,
     prefetch,
     ptr_at,
     put,
     select,
+    shuffle,
+    splat8,
     splat16,
+    stack_f32,
     store,
 )
 from ..counters import TRIANGLE_TESTS, count
@@ -42,8 +52,8 @@ LANES = 16
 BLOCKS = 4  # consecutive blocks in memory
 OX, OY, OZ, DX, DY, DZ, TMIN, TMAX = (LANES * k for k in range(8))  # filled by the caller
 INVERSE, NEAR, FAR = 8 * LANES, 11 * LANES, 14 * LANES  # three rows each: x, y, z
-LIMIT, UNIT, FLOOR = 17 * LANES, 18 * LANES, 19 * LANES
-BLOCK_WORDS = 20 * LANES
+LOWER, LIMIT, UNIT, FLOOR = 17 * LANES, 18 * LANES, 19 * LANES, 20 * LANES
+BLOCK_WORDS = 21 * LANES
 ENDS, DIRECTION, REMAINDER = (
     0,
     2 * LANES,
@@ -125,6 +135,7 @@ def prepare(block, tree_reach):
     store(block, UNIT, unit)
     store(block, FLOOR, floor)
     store(block, LIMIT, load16(block, TMAX))
+    store(block, LOWER, splat16(_INF))
 
 
 @inlined
@@ -156,6 +167,7 @@ DEFERRED = 128  # largest number of deferred tests per block of rays
 DEFERRED_WORDS = 2 + 2 * DEFERRED
 NONE = -1
 _LINE = 16  # float32 of a cache line
+_BOUNDS = 2 * WIDTH
 
 
 class Query(NamedTuple):
@@ -169,17 +181,13 @@ class WideHit(NamedTuple):
     """Pointers to the hit of each ray of a block, and to the deferred tests."""
 
     lane: I32Ptr  # int32 *: group * 8 + lane of the triangle; NONE: no hit; below NONE: -2 - its slot
-    prim: I64Ptr  # int64 *: index of the triangle; only for closest-hit queries
-    t: F64Ptr  # float64 *: `hit_t` of the hit; only for closest-hit queries
     deferred: I32Ptr  # int32 *, DEFERRED_WORDS: count; bits of rays whose tests overflowed; each test's ray and lane
 
 
 @inlined
 def hits_of(hits, j):
     """The `WideHit` of block j, where `hits` has memory for several consecutive blocks."""
-    at = j * LANES
-    lane, prim, t = ptr_at(hits.lane, at), ptr_at(hits.prim, at), ptr_at(hits.t, at)
-    return WideHit(lane, prim, t, ptr_at(hits.deferred, j * DEFERRED_WORDS))
+    return WideHit(ptr_at(hits.lane, j * LANES), ptr_at(hits.deferred, j * DEFERRED_WORDS))
 
 
 @inlined
@@ -190,13 +198,11 @@ def slot_of(tree, hits, i):
 
 
 @inlined
-def start(hits, rays):
-    """Reset `hits` for the rays of a block."""
+def start(hits):
+    """Reset `hits` of a block."""
     put(hits.deferred, 0, 0)
     put(hits.deferred, 1, 0)
-    for i in range(LANES):
-        put(hits.lane, i, NONE)
-        put(hits.t, i, np.float64(get(rays.rows, TMAX + i)))
+    store(hits.lane, 0, splat16(np.int32(NONE)))
 
 
 @inlined
@@ -216,29 +222,18 @@ def _defer_lanes(hits, i, first, lanes):
 
 
 @inlined
-def keep(tree, rays, i, at, query, hits):
-    """Store the hit of ray i on the triangle in lane `at`; for closest-hit, only if it is nearer than the best so far.
-
-    Return whether this ends the ray's any-hit query.
-    """
-    slot = np.int64(get(tree.slots, at))
+def _settle_hit(tree, rays, i, at, query, hits):
+    """Store the hit of ray i on the triangle in lane `at`, unless the best one so far comes first."""
+    slot, best = np.int64(get(tree.slots, at)), slot_of(tree, hits, i)
     prim = np.int64(get(tree.prim_ids, slot))
     if prim == get(rays.skip, i):
-        return False
-    if query.any_hit:
-        put(hits.lane, i, at)
-        return True
-    ray = ray_of(rays, i)
-    t, best = hit_t(ray, tree.corners, slot), slot_of(tree, hits, i)
-    best_prim, best_t = get(hits.prim, i), get(hits.t, i)
-    if best < 0 or comes_first(ray, tree.corners, slot, prim, t, best, best_prim, best_t):
-        put(hits.lane, i, at)
-        put(hits.prim, i, prim)
-        put(hits.t, i, t)
-        limit = np.float32(t * BEYOND)
-        if limit < get(rays.rows, LIMIT + i):
-            put(rays.rows, LIMIT + i, limit)
-    return False
+        return
+    if best >= 0:
+        ray, best_prim = ray_of(rays, i), np.int64(get(tree.prim_ids, best))
+        t, best_t = hit_t(ray, tree.corners, slot), hit_t(ray, tree.corners, best)
+        if not comes_first(ray, tree.corners, slot, prim, t, best, best_prim, best_t):
+            return
+    put(hits.lane, i, at)
 
 
 @kernel
@@ -251,16 +246,13 @@ def settle_block(tree, rays, query, hits, counters):
             continue
         side = settle(ray_of(rays, i), tree.corners, np.int64(get(tree.slots, at)), counters)
         if side != 0 and side != query.cull_faces:
-            keep(tree, rays, i, at, query, hits)
+            _settle_hit(tree, rays, i, at, query, hits)
     while overflowed:
         i = lowest_bit(overflowed)
         overflowed &= overflowed - 1
         skip = np.int64(get(rays.skip, i))
-        slot, t = walk(tree.binary, ray_of(rays, i), skip, query.cull_faces, order, None, counters)
+        slot = walk(tree.binary, ray_of(rays, i), skip, query.cull_faces, order, None, counters)[0]
         put(hits.lane, i, -2 - slot)
-        put(hits.t, i, t)
-        if slot >= 0:
-            put(hits.prim, i, np.int64(get(tree.prim_ids, slot)))
 
 
 @inlined
@@ -282,25 +274,59 @@ def facing(hits, positive, cull_faces):
 
 
 @inlined
-def visit_leaf(tree, rays, i, link, query, hits, counters):
-    """Test ray i against the triangles of a leaf. Return whether this ends the ray's any-hit query."""
-    group, n = wide_leaf(link)
-    count(counters, TRIANGLE_TESTS, n)
-    lanes, positive, unsure = filter_hits(filter_ray8(rays.rows, i), group_of(tree.groups, group * GROUP_WORDS))
-    there = (1 << n) - 1
-    lanes = facing(lanes, positive, query.cull_faces) & there
-    if query.any_hit and lanes and get(rays.skip, i) < 0:
-        put(hits.lane, i, group * WIDTH + lowest_bit(lanes))
+def _without_skipped(tree, first, lanes, skip):
+    """The `lanes` (bits) of a group, without that of the triangle `skip`; first: the group's first lane."""
+    remaining = lanes
+    while remaining:
+        k = lowest_bit(remaining)
+        remaining &= remaining - 1
+        if np.int64(get(tree.prim_ids, get(tree.slots, first + k))) == skip:
+            lanes &= ~(1 << k)
+    return lanes
+
+
+@inlined
+def keep_lanes(tree, rays, i, first, lanes, bounds, any_hit, hits):
+    """Store the nearest of ray i's hits in a group, and defer its rivals and undecided tests.
+
+    lanes : bits of hits and, from bit 8 on, of undecided tests
+    bounds : `near` and `far` of the tests, 8 float32 each
+    """
+    rows, skip = rays.rows, np.int64(get(rays.skip, i))
+    unsure, lanes = lanes >> WIDTH, lanes & ((1 << WIDTH) - 1)
+    if lanes and skip >= 0:
+        lanes = _without_skipped(tree, first, lanes, skip)
+    if any_hit and lanes:
+        put(hits.lane, i, first + lowest_bit(lanes))
         return True
     while lanes:
         k = lowest_bit(lanes)
         lanes &= lanes - 1
-        if keep(tree, rays, i, group * WIDTH + k, query, hits):
-            return True
-    unsure &= there
+        low, high, lower, limit = get(bounds, k), get(bounds, WIDTH + k), get(rows, LOWER + i), get(rows, LIMIT + i)
+        if low > limit:
+            continue
+        if high < lower:
+            put(hits.lane, i, first + k)
+        else:
+            unsure |= np.int64(1) << k
+        put(rows, LOWER + i, low if low < lower else lower)
+        put(rows, LIMIT + i, high if high < limit else limit)
     if unsure:
-        _defer_lanes(hits, i, group * WIDTH, unsure)
+        _defer_lanes(hits, i, first, unsure)
     return False
+
+
+@inlined
+def visit_leaf(tree, rays, i, link, query, hits, counters):
+    """Test ray i against the triangles of a leaf. Return whether this ends the ray's any-hit query."""
+    group, n = wide_leaf(link)
+    count(counters, TRIANGLE_TESTS, n)
+    tests = filter_hits(filter_ray8(rays.rows, i), group_of(tree.groups, group * GROUP_WORDS))
+    there, bounds = np.int64((1 << n) - 1), stack_f32(_BOUNDS)
+    lanes = (facing(tests.hits, tests.positive, query.cull_faces) & there) | (tests.unsure & there) << WIDTH
+    store(bounds, 0, tests.near)
+    store(bounds, WIDTH, tests.far)
+    return lanes != 0 and keep_lanes(tree, rays, i, group * WIDTH, lanes, bounds, query.any_hit, hits)
 
 
 @inlined
@@ -315,7 +341,8 @@ def defer(hits, rays, at):
 @inlined
 def fetch(tree, link):
     """Prefetch the memory of a node or a leaf."""
-    p = ptr_at(tree.nodes, link * NODE_WORDS) if link >= 0 else ptr_at(tree.groups, wide_leaf(link).group * GROUP_WORDS)
+    node, group = ptr_at(tree.nodes, link * NODE_WORDS), ptr_at(tree.groups, wide_leaf(link).group * GROUP_WORDS)
+    p = node if link >= 0 else group
     prefetch(p, 0)
     prefetch(p, _LINE)
     prefetch(p, 2 * _LINE)
@@ -366,19 +393,30 @@ def enter(nodes, at, r, limit):
     return t_near <= t_far, t_near
 
 
+# --- Sorted children --------------------------------------------------------------------------------------------------
+
+
+LANE = np.int32(WIDTH - 1)  # bits of a key that hold the child's lane
+NO_KEY = np.int32(-(2**31))  # the least key, for boxes that are not entered
+_T = np.int32(0x7FFFFFFF - (WIDTH - 1))  # bits that hold t, which is not negative
+
+
 @inlined
-def push_sorted(stack, entry, height, values, nears, hits):
-    """Push values[k] for each k in `hits`, with the least nears[k] on top. Return the new height."""
-    base = height
-    while hits:
-        k = lowest_bit(hits)
-        hits &= hits - 1
-        t, j = get(nears, k), height
-        while j > base and get(entry, j - 1) < t:
-            put(entry, j, get(entry, j - 1))
-            put(stack, j, get(stack, j - 1))
-            j -= 1
-        put(entry, j, t)
-        put(stack, j, get(values, k))
-        height += 1
-    return height
+def _exchange(v, other, upper):
+    """The maximum with `other` in the lanes of `upper` (bits), the minimum elsewhere."""
+    return select(mask_from_bits8(np.int64(upper)), maximum(v, other), minimum(v, other))
+
+
+@inlined
+def sorted_keys(entered, t_near):
+    """Keys of the children entered, in descending order of t, then NO_KEY; entered, t_near : from `enter`.
+
+    A key is the bits of t, an int32 that orders like t, with the child's lane in its lowest bits.
+    """
+    v = select(entered, (f32_bits(t_near) & _T) | iota8(), splat8(NO_KEY))
+    v = _exchange(v, shuffle(v, 1, 0, 3, 2, 5, 4, 7, 6), 0b01010101)  # a bitonic network
+    v = _exchange(v, shuffle(v, 3, 2, 1, 0, 7, 6, 5, 4), 0b00110011)
+    v = _exchange(v, shuffle(v, 1, 0, 3, 2, 5, 4, 7, 6), 0b01010101)
+    v = _exchange(v, shuffle(v, 7, 6, 5, 4, 3, 2, 1, 0), 0b00001111)
+    v = _exchange(v, shuffle(v, 2, 3, 0, 1, 6, 7, 4, 5), 0b00110011)
+    return _exchange(v, shuffle(v, 1, 0, 3, 2, 5, 4, 7, 6), 0b01010101)
