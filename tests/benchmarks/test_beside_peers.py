@@ -55,11 +55,20 @@ def test_arrays(run, small, hidden, fresh):
     methods = ["occluded"] if without_embree(hidden) else ["occluded", *embree, "embreex"]
     found = [(row["kind"], row["method"]) for row in done.rows]
     assert found == [(kind, method) for kind in ("coherent", "incoherent") for method in methods]
-    assert all(0 < row["occluded"] < 1 and row["rays"] == 1024 for row in done.rows)
+    assert all(0 < row["hit"] < 1 and row["rays"] == 1024 for row in done.rows)
     differ = {row["differ_from_embree"] for row in done.rows}
     assert differ == {None} if without_embree(hidden) else max(differ) <= 10  # Embree rounds; ours do not
     assert ("tree optimised after" in done.out) != bool(fresh)
     assert done.out.count("\n") == 2 - len(fresh) + len(done.rows)
+
+
+def test_arrays_of_closest_hits(run, small, hidden):
+    sizes = "--rays", 1024, "--rounds", 1, "--threads", 1, "--fresh"
+    done = run("arrays", small, "--query", "closest", "--clock", "cpu", *sizes, without=hidden)
+    kinds = [row["kind"] for row in done.rows if row["method"] == "closest"]
+    assert kinds == ["camera", "bounce", "random"] and all(0 < row["hit"] <= 1 for row in done.rows)
+    differ = {row["differ_from_embree"] for row in done.rows}
+    assert differ == {None} if without_embree(hidden) else max(differ) <= 10  # faces at the same t, and roundings
 
 
 def test_build(run, small, hidden):
