@@ -8,9 +8,7 @@ from antumbra.engine.store_building import build_store
 from antumbra.errors import InputError
 from antumbra.papers.benchmark_views import scene_view
 from antumbra.papers.chc_rt import chcrt_published as published
-from antumbra.papers.chc_rt import chcrt_tables as ablation
-from antumbra.papers.chc_rt import chcrt_tables as session
-from antumbra.papers.chc_rt import chcrt_tables as sizes
+from antumbra.papers.chc_rt import chcrt_tables
 from antumbra.papers.chc_rt import walkthrough_timing as measure
 from antumbra.papers.chc_rt.chcrt_figures import shares
 from antumbra.papers.chc_rt.chcrt_published import ChcrtTable
@@ -21,7 +19,7 @@ from antumbra.techniques.tracer_options import WHOLE_SCREEN, ChcRtOptions
 SIZE = 24
 PACE = Pace(3, 1, 60.0)
 WALK = "--size", "24", "--frames", "2", "--compared", "1"
-WITHOUT_PARTS = [name for name, changed in ablation.VARIANTS.items() if "triangles" not in changed]
+WITHOUT_PARTS = [name for name, changed in chcrt_tables.VARIANTS.items() if "triangles" not in changed]
 
 
 def quiet(text):
@@ -49,31 +47,31 @@ def one_walk(walks):
 
 
 def test_sizes_in_memory_are_of_what_is_traced(core):
-    size = sizes.size_in_memory(core)
+    size = chcrt_tables.size_in_memory(core)
     assert (size.scene, size.triangles, size.share) == ("city", core.place.scene.n_triangles, 1.0)
     assert size.total == size.bvh + size.geometry and size.geometry >= 52 * size.triangles
     assert 0 < size.bvh < size.geometry
 
 
 def test_sizes_of_a_store_are_of_its_file(place, core):
-    size = sizes.size_of_store(place, None)
+    size = chcrt_tables.size_of_store(place, None)
     store = place.scene.store
     assert size.triangles == core.place.scene.n_triangles and size.share == 1.0
     assert size.bvh == 64 * (int(store.chunks.nodes.sum()) + len(store.top.nodes))
     assert 41 * size.triangles <= size.geometry < 53 * size.triangles
     assert size.bvh + size.geometry < size.total == store.path.stat().st_size
-    assert sizes.size_of_store(place, size.total // 4).share == pytest.approx(0.25, abs=1e-6)
+    assert chcrt_tables.size_of_store(place, size.total // 4).share == pytest.approx(0.25, abs=1e-6)
     with pytest.raises(InputError, match="--scene instead"):
-        sizes.size_of_store(core.place, None)
+        chcrt_tables.size_of_store(core.place, None)
 
 
 def test_variants_change_what_they_say(core):
-    whole = core.culling_by("whole", ablation.VARIANTS["no screen hierarchy"]).scheduled
+    whole = core.culling_by("whole", chcrt_tables.VARIANTS["no screen hierarchy"]).scheduled
     assert whole.options == ChcRtOptions(triangles=1 << 12)._replace(tile=WHOLE_SCREEN)
     assert whole.parts is core.culling().scheduled.parts
-    larger = core.culling_by("larger", ablation.VARIANTS["parts of 4 M triangles"]).scheduled
+    larger = core.culling_by("larger", chcrt_tables.VARIANTS["parts of 4 M triangles"]).scheduled
     assert 0 < len(larger.parts.trees) < len(whole.parts.trees)
-    assert ablation.VARIANTS[ablation.BASELINE] == {} and len(WITHOUT_PARTS) == len(ablation.VARIANTS) - 2
+    assert chcrt_tables.VARIANTS[chcrt_tables.BASELINE] == {} and len(WITHOUT_PARTS) == len(chcrt_tables.VARIANTS) - 2
 
 
 def told(core, walk, changed, name, frames):
@@ -100,22 +98,22 @@ def test_without_pull_up_pairs_are_never_forgotten(core):
 
 
 def test_ablation_in_memory(core):
-    turns = one_walk(ablation.ablate_in_memory(core, PACE, quiet))
+    turns = one_walk(chcrt_tables.ablate_in_memory(core, PACE, quiet))
     assert {(t.kind, t.method, t.frame) for t in turns} == {
-        (kind, name, frame) for kind in (AO, DIFFUSE, SOFT) for name in ablation.VARIANTS for frame in range(3)
+        (kind, name, frame) for kind in (AO, DIFFUSE, SOFT) for name in chcrt_tables.VARIANTS for frame in range(3)
     }
     assert all(t.differs == 0 and t.view == "near" for t in turns)
 
     def of(name, value):
         return sum(measure.typical(measure.of(turns, method=name, kind=kind), value) for kind in (AO, DIFFUSE, SOFT))
 
-    assert of("no temporal coherence", "queries") > of(ablation.BASELINE, "queries") > 0
-    assert of("no pull-up", "pairs") >= of(ablation.BASELINE, "pairs") > 0
-    assert of("parts of 4 M triangles", "visible") < of(ablation.BASELINE, "visible")
+    assert of("no temporal coherence", "queries") > of(chcrt_tables.BASELINE, "queries") > 0
+    assert of("no pull-up", "pairs") >= of(chcrt_tables.BASELINE, "pairs") > 0
+    assert of("parts of 4 M triangles", "visible") < of(chcrt_tables.BASELINE, "visible")
 
 
 def test_ablation_of_a_store(place):
-    walks = list(ablation.ablate_out_of_core(place, None, 2, PACE._replace(frames=2), quiet))
+    walks = list(chcrt_tables.ablate_out_of_core(place, None, 2, PACE._replace(frames=2), quiet))
     assert [turns[0].method for turns, _ in walks] == WITHOUT_PARTS
     assert all({t.kind for t in turns} == {*KINDS} and {t.frame for t in turns} == {0, 1} for turns, _ in walks)
     assert len({tuple(digests) for _, digests in walks}) == 1
@@ -123,15 +121,15 @@ def test_ablation_of_a_store(place):
 
 
 def test_variants_of_a_store_have_as_many_frames_as_the_first(place, monkeypatch):
-    some = {name: ablation.VARIANTS[name] for name in WITHOUT_PARTS[:2]}
-    monkeypatch.setattr(ablation, "VARIANTS", some)
-    walks = list(ablation.ablate_out_of_core(place, None, 2, PACE._replace(limit=0.0), quiet))
+    some = {name: chcrt_tables.VARIANTS[name] for name in WITHOUT_PARTS[:2]}
+    monkeypatch.setattr(chcrt_tables, "VARIANTS", some)
+    walks = list(chcrt_tables.ablate_out_of_core(place, None, 2, PACE._replace(limit=0.0), quiet))
     assert all({t.frame for t in turns} == {0, 1} for turns, _ in walks)
 
 
 def test_bytes_read_are_of_nodes_and_of_geometry(place):
-    run = session.ChcrtRun([ChcrtTable.times, ChcrtTable.queries], 2, PACE, quiet, quiet)
-    found, same = session.measure_out_of_core(place, run)
+    run = chcrt_tables.ChcrtRun([ChcrtTable.times, ChcrtTable.queries], 2, PACE, quiet, quiet)
+    found, same = chcrt_tables.measure_out_of_core(place, run)
     turns = found[ChcrtTable.store]
     assert {t.method for t in turns} == {"lru"} and same is None
     begun = measure.of(turns, kind="primary", frame=0)
@@ -144,16 +142,16 @@ def test_bytes_read_are_of_nodes_and_of_geometry(place):
 def test_walkthroughs_are_shown_when_they_have_ended(core, capsys):
     shown = []
     tables = [ChcrtTable.scenes, ChcrtTable.phases, ChcrtTable.randomisation]
-    run = session.ChcrtRun(tables, 2, PACE._replace(frames=2), quiet, shown.append)
-    found, same = session.measure_in_memory([core.place], run)
+    run = chcrt_tables.ChcrtRun(tables, 2, PACE._replace(frames=2), quiet, shown.append)
+    found, same = chcrt_tables.measure_in_memory([core.place], run)
     assert same and [t for turns in shown for t in turns] == found[ChcrtTable.times] + found[ChcrtTable.randomisation]
     assert len(shown) == 2 + len(measure.SAMPLERS) and found[ChcrtTable.scenes][0].triangles > 0
-    session.show_medians(shown[0])
+    chcrt_tables.show_medians(shown[0])
     told = capsys.readouterr()
     assert told.out == "" and [line.split(":")[0] for line in told.err.splitlines()] == [
         f"city, near, {kind}, chcrt" for kind in KINDS
     ]
-    assert session.measure_in_memory([core.place], run._replace(tables=[ChcrtTable.scenes]))[1] is None
+    assert chcrt_tables.measure_in_memory([core.place], run._replace(tables=[ChcrtTable.scenes]))[1] is None
 
 
 def test_published_bytes_add_up_or_are_noted():

@@ -42,20 +42,40 @@ PUBLISHED_UNOCCLUDED = {"SPONZA": 0.19, "ARCADE": 0.24}
 BEDROOM = {"random": 0.56, "back-to-front": 0.41, "rtsah": 0.44}
 """Sec. 4.1: share of box tests that SRDH saves relative to orders of the SAH tree, for light through blinds."""
 
-PUBLISHED_BUILDS = {
-    "MADSCI": (80_149, 1.7, {16: (5_505, 3.0), 32: (22_477, 6.2)}),
-    "BEDROOM": (361_754, 7.7, {16: (4_864, 10.1), 32: (19_198, 12.2)}),
-    "FAIRY": (174_117, 3.6, {16: (366, 4.6), 32: (1_451, 4.7)}),
-    "SPONZA": (66_444, 1.2, {16: (416, 1.6), 32: (1_648, 1.8)}),
-    "ARCADE": (66_444, 1.2, {16: (774, 1.7), 32: (3_110, 2.1)}),
-}
-"""Table 1: scene -> (triangles, seconds of SAH, width of the pre-render -> (rays, seconds of SRDH)); one thread."""
+
+class PublishedBuild(NamedTuple):
+    """A row of Table 1, in seconds on one thread."""
+
+    scene: str
+    triangles: int
+    sah: float
+    pixels: int  # width of the pre-render
+    rays: int
+    srdh: float
+
+    @property
+    def both(self) -> float:
+        """Time to build both trees, relative to the SAH tree alone."""
+        return (self.sah + self.srdh) / self.sah
+
+
+PUBLISHED_BUILDS = (
+    PublishedBuild("MADSCI", 80_149, 1.7, 16, 5_505, 3.0),
+    PublishedBuild("MADSCI", 80_149, 1.7, 32, 22_477, 6.2),
+    PublishedBuild("BEDROOM", 361_754, 7.7, 16, 4_864, 10.1),
+    PublishedBuild("BEDROOM", 361_754, 7.7, 32, 19_198, 12.2),
+    PublishedBuild("FAIRY", 174_117, 3.6, 16, 366, 4.6),
+    PublishedBuild("FAIRY", 174_117, 3.6, 32, 1_451, 4.7),
+    PublishedBuild("SPONZA", 66_444, 1.2, 16, 416, 1.6),
+    PublishedBuild("SPONZA", 66_444, 1.2, 32, 1_648, 1.8),
+    PublishedBuild("ARCADE", 66_444, 1.2, 16, 774, 1.7),
+    PublishedBuild("ARCADE", 66_444, 1.2, 32, 3_110, 2.1),
+)
 
 
 def both_over_sah(pixels: int) -> float:
-    """The time to build both trees relative to SAH alone, as mean over the scenes."""
-    ratios = [(sah + pre_renders[pixels][1]) / sah for _, sah, pre_renders in PUBLISHED_BUILDS.values()]
-    return sum(ratios) / len(ratios)
+    """The time to build both trees relative to SAH alone, as mean over the paper's scenes."""
+    return fmean(row.both for row in PUBLISHED_BUILDS if row.pixels == pixels)
 
 
 # --- Tables -----------------------------------------------------------------------------------------------------------
@@ -166,28 +186,8 @@ def _print_kernels(rows: list[BoxTests]) -> None:
     print_table(title, [label("scene", str), *columns_of(heads, share)], scenes_of(rows))
 
 
-class _PublishedBuild(NamedTuple):
-    """A row of Table 1 in the paper."""
-
-    scene: str
-    triangles: int
-    pixels: int
-    rays: int
-    sah: float
-    srdh: float
-
-    @property
-    def both(self) -> float:
-        return (self.sah + self.srdh) / self.sah
-
-
 def _print_builds(times: list[BuildTimes]) -> None:
     """Print Table 1 with the paper's rows, and the build times of a renderer without another tree."""
-    published = [
-        _PublishedBuild(name, triangles, k, rays, sah, srdh)
-        for name, (triangles, sah, pre_renders) in PUBLISHED_BUILDS.items()
-        for k, (rays, srdh) in pre_renders.items()
-    ]
     size, triangles, rays = lambda t: f"{t.pixels} x {t.pixels}", lambda t: f"{t.triangles:,}", lambda t: f"{t.rays:,}"
     columns = (
         label("scene", "scene", lambda p: f"(paper: {p.scene})"),
@@ -205,7 +205,7 @@ def _print_builds(times: list[BuildTimes]) -> None:
         Column("srdh only / bsah", lambda t: f"{t.instead:.2f}"),
     )
     title = "Build times, ms: as published, with one triangle per leaf on one thread; then in a renderer (Table 1)"
-    print_table(title, columns, times, published)
+    print_table(title, columns, times, PUBLISHED_BUILDS)
     means = []
     for k in BUILD_PIXELS:
         both, instead = (fmean(getattr(t, name) for t in times if t.pixels == k) for name in ("both", "instead"))
