@@ -2,19 +2,18 @@
 
 import inspect
 from dataclasses import dataclass
-from typing import Annotated
 
 import pytest
 
 from antumbra.errors import InputError
 from antumbra.picture.option_fields import (
-    Option,
     RealNumber,
     WholeNumber,
     check_fields,
     deciding_fields,
     describe_fields,
     field_values,
+    option,
     optional_flag,
     with_keywords,
 )
@@ -33,10 +32,10 @@ class Baking:
     Warm.
     """
 
-    degrees: Annotated[float, Option(RealNumber(0.0, 300.0, unit="Celsius"), "float", "Of the oven.")] = 180.0
-    eggs: Annotated[
-        "int | None", Option(WholeNumber(0, 12, optional=True), "int or None", "How many.", decides=False)
-    ] = None
+    degrees: float = option(180.0, RealNumber(0.0, 300.0, unit="Celsius"))
+    """Of the oven."""
+    eggs: "int | None" = option(None, WholeNumber(0, 12, optional=True), decides=False)
+    """How many."""
 
     def __post_init__(self):
         check_fields(self)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.picture.option_fields import deciding_fields, field_values, option_of, split_keywords
+from antumbra.field_docs import field_texts
+from antumbra.picture.option_fields import deciding_fields, field_values, split_keywords, type_text
 from antumbra.picture.render_options import EngineOptions, RenderKeywords, RenderOptions, options_of
 from repository import ROOT
 
@@ -58,9 +59,9 @@ def test_keywords_are_the_fields(function):
     for field in fields(RenderOptions):
         parameter = shown[field.name]
         assert parameter.kind is inspect.Parameter.KEYWORD_ONLY
-        assert (parameter.default, option_of(field).kind != "") == (field.default, True)
+        assert parameter.default == field.default
         text = " ".join(inspect.getdoc(function).split())
-        assert f"{field.name} : {option_of(field).kind} {' '.join(option_of(field).text.split())}" in text
+        assert f"{field.name} : {type_text(field)} {field_texts(RenderOptions)[field.name]}" in text
     assert text.index("Parameters -------") < text.index("spp : int") < text.index("Raises")
 
 

@@ -1,7 +1,7 @@
 """Options shared by several commands, and a decorator for commands that take all options as one dataclass.
 
-Options that set fields of `RenderOptions` and `EngineOptions` are derived from those fields. Options that name output
-files or folders are checked while the command line is parsed.
+Options that set fields of `RenderOptions`, `EngineOptions` and the options of jobs are derived from those fields.
+Options that name output files or folders are checked while the command line is parsed.
 """
 
 import inspect
@@ -10,14 +10,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import MISSING, Field, field, fields, make_dataclass
 from enum import Enum, StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, get_args
 
 import typer
 
 from ..checks import alternatives
 from ..engine.scene_reading import SCENE_SUFFIXES
 from ..errors import InputError
-from ..picture.option_fields import CommandOption, WholeNumber, option_of, type_of
+from ..picture.option_fields import Choice, CommandOption, WholeNumber, option_of
 from ..picture.render_options import RenderKeywords
 from .arguments import parse_point
 
@@ -113,7 +113,7 @@ def _once(context: typer.Context, path: Path) -> None:
     paths.add(real)
 
 
-# --- Options derived from the fields of `RenderOptions` and `EngineOptions` -------------------------------------------
+# --- Options derived from fields of `RenderOptions`, `EngineOptions` and the options of jobs --------------------------
 
 
 class DerivedOption(NamedTuple):
@@ -131,7 +131,10 @@ class DerivedOption(NamedTuple):
     @property
     def kind(self) -> Any:
         """The type of the option's value."""
-        return type_of(self.field) if self.words.kind is None else self.words.kind
+        if self.words.kind is not None:
+            return self.words.kind
+        check = option_of(self.field).check
+        return Literal[check.names] if isinstance(check, Choice) else self.field.type
 
     def option(self, start: Any) -> Any:
         """The option for Typer."""
@@ -170,11 +173,17 @@ def arguments_of(command: str, kind: type = RenderKeywords, **starts: Any) -> An
     def start(each: DerivedOption) -> Any:
         return starts.get(each.name, each.start)
 
-    options = [each for each in derived_options(kind) if command in each.words.commands]
+    options = [each for each in derived_options(kind) if not each.words.commands or command in each.words.commands]
     members = [
         (each.name, Annotated[each.kind, each.option(start(each))], field(default=start(each))) for each in options
     ]
     return make_dataclass(f"Options of {command}", members, frozen=True, kw_only=True)
+
+
+class Before(NamedTuple):
+    """Metadata of an option of a command: the help lists it, and those after it, before a derived option."""
+
+    name: str  # of the derived option; "": after all of them
 
 
 def literal(arguments: Any, kind: type) -> dict[str, Any]:
@@ -243,14 +252,23 @@ SCENE_HELP = (
 
 
 def fields_of(arguments: type) -> list[Field[Any]]:
-    """The fields of an arguments dataclass in the order of the help: its own before those of base classes."""
-    return sorted(fields(arguments), key=lambda field: field.name not in vars(arguments).get("__annotations__", {}))
+    """The fields of an arguments dataclass in the order of the help: own ones first, except where `Before` says."""
+    own = vars(arguments).get("__annotations__", {})
+    groups: dict[str | None, list[Field[Any]]] = {None: []}
+    place = None
+    for each in fields(arguments):
+        if each.name in own:
+            place = next((m.name for m in get_args(each.type) if isinstance(m, Before)), place)
+            groups.setdefault(place, []).append(each)
+    derived = [each for each in fields(arguments) if each.name not in own]
+    moved = [part for each in derived for part in (*groups.get(each.name, []), each)]
+    return [*groups[None], *moved, *groups.get("", [])]
 
 
 def takes(arguments: type) -> Callable[[Callable[[Any], int]], Callable[..., int]]:
     """Decorator of a command ``f(args)``: Typer gets each field of the dataclass `arguments` as a parameter.
 
-    Fields without a default are required. In the help, fields of base classes come last.
+    Fields without a default are required. The help has them in the order of `fields_of`.
     """
 
     def default(field: Field[Any]) -> Any:

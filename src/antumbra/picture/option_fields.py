@@ -1,47 +1,80 @@
-"""Options as annotated dataclass fields, from which signatures, docstrings and CLI options are derived.
+"""Options as dataclass fields, from which signatures, docstrings, CLI options, records and digests are derived.
 
-Each field carries an `Option`: its check, its description, and its CLI options. Records and digests are derived from
-the same fields.
+A field is declared by `option`, with its default, its check and its CLI options; its docstring follows it::
+
+    spp: int = option(16, WholeNumber(1, 1024), CommandOption("Shadow rays per pixel and light."))
+    \"\"\"Shadow rays per pixel and light, 1 to 1024.\"\"\"
 """
 
 import inspect
 import textwrap
 from collections.abc import Callable
-from dataclasses import MISSING, Field, fields
+from dataclasses import MISSING, Field, field, fields
 from functools import wraps
-from typing import Any, ForwardRef, NamedTuple, TypeVar
+from types import UnionType
+from typing import Any, NamedTuple, Protocol, TypeVar
 
-from ..checks import flag, number, whole_number
+from ..checks import choice, flag, number, whole_number
+from ..engine.plan import DEFAULT_PLAN, parse_plan
+from ..field_docs import field_texts
 
-Check = Callable[[Any, str], Any]
-"""Function of (value, name) that returns the normalised value, or raises an InputError with the option's name."""
-
+_T = TypeVar("_T")
 _K = TypeVar("_K", bound=type)
 _WIDTH = 116  # of parameter descriptions, as in other docstrings
+
+
+class Check(Protocol):
+    """Function of (value, name) that returns the normalised value, or raises an InputError with the option's name."""
+
+    def __call__(self, value: Any, what: str, /) -> Any: ...
 
 
 class CommandOption(NamedTuple):
     """A CLI option of commands that sets an option field."""
 
     help: str
-    panel: str = "Quality"  # title of its group in the help
+    panel: str | None = None  # title of its group in the help
     kind: Any = None  # type of the CLI value, such as a StrEnum, whose "none" is None; None: the type of the field
     start: Any = MISSING  # default on the command line; MISSING: the default of the field
     note: str = ""  # meaning of a default of None
     metavar: str | None = None
-    commands: tuple[str, ...] = ("render", "compare")
+    commands: tuple[str, ...] = ()  # names of the commands that have it; empty: all that take the options
     name: str = ""  # its own name if several CLI options set the field; "": the name of the field
     literal: bool = True  # whether the CLI value is the value of the field; otherwise the command computes that
 
 
 class Option(NamedTuple):
-    """The metadata of an option field, besides its type and its default."""
+    """The metadata of an option field, besides its type, its default and its docstring."""
 
     check: Check
-    kind: str  # the type in docstrings
-    text: str  # the description in docstrings
     words: tuple[CommandOption, ...] = ()  # CLI options
-    decides: bool = True  # whether the picture depends on it
+    decides: bool = True  # whether the result depends on it
+    kind: str = ""  # the type in docstrings; "": as in the annotation
+
+
+def option(default: _T, check: Check, *words: CommandOption, decides: bool = True, kind: str = "") -> _T:
+    """A dataclass field with an `Option`."""
+    declared: Any = field(default=default, metadata={"option": Option(check, words, decides, kind)})
+    return declared  # type: ignore[no-any-return]  # type checkers see the default
+
+
+def same_option(options: type, name: str, default: Any = MISSING) -> Any:
+    """A field like that of another class, with its first CLI option; `default`: instead of the other's."""
+    original = next(each for each in fields(options) if each.name == name)
+    option = option_of(original)
+    words = option.words[0]._replace(start=MISSING, commands=())
+    start = original.default if default is MISSING else default
+    return field(default=start, metadata={"option": option._replace(words=(words,))})
+
+
+class Choice(NamedTuple):
+    """Check of a name."""
+
+    names: tuple[str | None, ...]
+
+    def __call__(self, value: Any, what: str) -> str | None:
+        name: str | None = choice(value, what, self.names)
+        return name
 
 
 class WholeNumber(NamedTuple):
@@ -72,6 +105,12 @@ def optional_flag(value: Any, what: str) -> bool | None:
     return None if value is None else flag(value, what)
 
 
+def known_plan(value: Any, what: str) -> Any:
+    """Check of a plan, or None."""
+    parse_plan(DEFAULT_PLAN if value is None else value)
+    return value
+
+
 def unchecked(value: Any, what: str) -> Any:
     """No check: the function that receives the value checks it."""
     return value
@@ -79,38 +118,30 @@ def unchecked(value: Any, what: str) -> Any:
 
 def option_of(field: Field[Any]) -> Option:
     """The `Option` of a field."""
-    annotation: Any = field.type
-    option: Option = annotation.__metadata__[0]
+    option: Option = field.metadata["option"]
     return option
-
-
-def type_of(field: Field[Any]) -> Any:
-    """The type of a field; a string if the annotation is one."""
-    annotation: Any = field.type
-    kind = annotation.__origin__
-    return kind.__forward_arg__ if isinstance(kind, ForwardRef) else kind
 
 
 def check_fields(options: Any) -> None:
     """Check all fields of frozen options, and replace their values by the normalised ones."""
-    for field in fields(options):
-        value = option_of(field).check(getattr(options, field.name), field.name)
-        object.__setattr__(options, field.name, value)
+    for each in fields(options):
+        value = option_of(each).check(getattr(options, each.name), each.name)
+        object.__setattr__(options, each.name, value)
 
 
 def field_values(options: Any) -> dict[str, Any]:
     """Name -> value of all options, in the order of the fields."""
-    return {field.name: getattr(options, field.name) for field in fields(options)}
+    return {each.name: getattr(options, each.name) for each in fields(options)}
 
 
 def deciding_fields(options: Any) -> dict[str, Any]:
-    """Name -> value of the options on which the picture depends, for digests."""
-    return {field.name: getattr(options, field.name) for field in fields(options) if option_of(field).decides}
+    """Name -> value of the options on which the result depends, for digests."""
+    return {each.name: getattr(options, each.name) for each in fields(options) if option_of(each).decides}
 
 
 def split_keywords(keywords: dict[str, Any], kind: type) -> tuple[dict[str, Any], dict[str, Any]]:
     """Split keywords into those that are fields of a class, and all others."""
-    names = {field.name for field in fields(kind)}
+    names = {each.name for each in fields(kind)}
     of_kind = {name: value for name, value in keywords.items() if name in names}
     return of_kind, {name: value for name, value in keywords.items() if name not in names}
 
@@ -126,7 +157,7 @@ def with_keywords(kind: Any) -> Callable[[Callable[..., Any]], Any]:
 
     Unknown keywords raise a TypeError, as for any function.
     """
-    names = {field.name for field in fields(kind)}
+    names = {each.name for each in fields(kind)}
 
     def wrap(function: Callable[..., Any]) -> Any:
         parameters = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
@@ -150,21 +181,32 @@ def with_keywords(kind: Any) -> Callable[[Callable[..., Any]], Any]:
 def _parameters(kind: type) -> list[inspect.Parameter]:
     """The fields of a class as keyword-only parameters."""
     keyword = inspect.Parameter.KEYWORD_ONLY
-    return [inspect.Parameter(f.name, keyword, default=f.default, annotation=type_of(f)) for f in fields(kind)]
+    return [inspect.Parameter(f.name, keyword, default=f.default, annotation=f.type) for f in fields(kind)]
 
 
 def _doc_with_fields(doc: str | None, kind: type) -> str | None:
     """Append the fields of a class to a docstring's section Parameters. None without docstrings (-OO)."""
     if doc is None:
         return None
-    lines = inspect.cleandoc(doc).splitlines()
+    lines, texts = inspect.cleandoc(doc).splitlines(), field_texts(kind)
     start = lines.index("Parameters") + 2
     end = next((i for i in range(start, len(lines)) if not lines[i]), len(lines))
-    return "\n".join([*lines[:end], *map(_field_doc, fields(kind)), *lines[end:]])
+    return "\n".join([*lines[:end], *(_field_doc(each, texts) for each in fields(kind)), *lines[end:]])
 
 
-def _field_doc(field: Field[Any]) -> str:
+def _field_doc(field: Field[Any], texts: dict[str, str]) -> str:
     """A field as a parameter in a NumPy docstring."""
-    option = option_of(field)
-    text = textwrap.fill(" ".join(option.text.split()), _WIDTH, break_long_words=False, break_on_hyphens=False)
-    return f"{field.name} : {option.kind}\n{textwrap.indent(text, '    ')}"
+    text = textwrap.fill(texts.get(field.name, ""), _WIDTH, break_long_words=False, break_on_hyphens=False)
+    return f"{field.name} : {type_text(field)}\n{textwrap.indent(text, '    ')}"
+
+
+def type_text(field: Field[Any]) -> str:
+    """The type of a field in docstrings: ``int or None``, ``str, Plan or None``, or the names of a choice."""
+    option, annotation = option_of(field), field.type
+    if option.kind:
+        return option.kind
+    if isinstance(option.check, Choice):
+        words = ["None" if name is None else f'"{name}"' for name in option.check.names]
+    else:
+        words = (str(annotation) if isinstance(annotation, (str, UnionType)) else annotation.__name__).split(" | ")
+    return " or ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

@@ -6,20 +6,21 @@ and the digests of finished frames, bands and data sets are derived from the sam
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..checks import checked_instance, choice, flag, number
+from ..checks import checked_instance, flag, number
 from ..query.light_samples import SAMPLERS
 from ..scene.lights import MAX_SPP
 from .option_fields import (
+    Choice,
     CommandOption,
-    Option,
     RealNumber,
     WholeNumber,
     check_fields,
     describe_fields,
+    option,
     optional_flag,
     unchecked,
 )
@@ -52,16 +53,6 @@ class GBufferBy(StrEnum):
     rays = "rays"
 
 
-def _sampler(value: Any, what: str) -> str:
-    name: str = choice(value, what, SAMPLERS)
-    return name
-
-
-def _side(value: Any, what: str) -> str | None:
-    side: str | None = choice(value, what, (None, "front", "back"))
-    return side
-
-
 def _ground(value: Any, what: str) -> bool | float:
     if value is None or isinstance(value, (bool, np.bool_)):
         return bool(value)
@@ -85,210 +76,145 @@ class RenderOptions:
         If a value is out of range.
     """
 
-    spp: Annotated[
-        int,
-        Option(
-            WholeNumber(1, MAX_SPP),
-            "int",
-            """Shadow rays per pixel and light, 1 to 1024. `PointLights`, and an `AmbientOcclusion` with its own spp,
-            ignore it.""",
-            (CommandOption("Shadow rays per pixel and light.", start=None, note="16"),),
+    spp: int = option(
+        16, WholeNumber(1, MAX_SPP), CommandOption("Shadow rays per pixel and light.", "Quality", start=None, note="16")
+    )
+    """Shadow rays per pixel and light, 1 to 1024. `PointLights`, and an `AmbientOcclusion` with its own spp, ignore
+    it."""
+    time: float = option(
+        0.0,
+        RealNumber(-np.inf, np.inf, "[]", "seconds"),
+        CommandOption("Seconds into the animation.", "Scene", start=None, note="0", literal=False),
+    )
+    """Seconds, clamped to [0, scene.duration]."""
+    counters: bool = option(
+        False,
+        flag,
+        CommandOption("Count rays, nodes and tests exactly.", "Output", commands=("render",)),
+        decides=False,
+    )
+    """Count rays, nodes and tests exactly (slightly slower)."""
+    sampler: str = option(
+        "larcher-pillichshammer",
+        Choice(tuple(SAMPLERS)),
+        CommandOption(
+            "Light samples: larcher-pillichshammer, hammersley, sobol or halton[:0|:18|:36|:full].",
+            "Quality",
+            kind=str,
+            metavar="NAME",
         ),
-    ] = 16
-    time: Annotated[
-        float,
-        Option(
-            RealNumber(-np.inf, np.inf, "[]", "seconds"),
-            "float",
-            "Seconds, clamped to [0, scene.duration].",
-            (CommandOption("Seconds into the animation.", "Scene", start=None, note="0", literal=False),),
+        kind="str",
+    )
+    """A name in `antumbra.query.light_samples.SAMPLERS`."""
+    cull_faces: str | None = option(
+        None,
+        Choice((None, "front", "back")),
+        CommandOption(
+            "Ignore triangles that face the receiver with this side.", "Quality", kind=CullFaces, start=CullFaces.none
         ),
-    ] = 0.0
-    counters: Annotated[
-        bool,
-        Option(
-            flag,
-            "bool",
-            "Count rays, nodes and tests exactly (slightly slower).",
-            (CommandOption("Count rays, nodes and tests exactly.", "Output", commands=("render",)),),
-            decides=False,
+    )
+    """Triangles that face the receiver with this side do not block its rays."""
+    filter: bool | None = option(
+        None, optional_flag, CommandOption("Smooth noise in penumbrae over 4x4 pixels.", "Quality", note="filter")
+    )
+    """Smooth the visibility, but not the bits, over 4 x 4 pixels of the same surface, so that pixels in wide penumbrae
+    use 16 times as many samples of the light. For interleaved lists of lights, smooth the irradiance. None: smooth only
+    the irradiance of a `Sky`."""
+    antialias: bool = option(
+        True,
+        flag,
+        CommandOption(
+            "Smooth edges of surfaces by their shape; --adaptive smooths them better, with more rays.",
+            "Quality",
+            commands=("render",),
         ),
-    ] = False
-    sampler: Annotated[
-        str,
-        Option(
-            _sampler,
-            "str",
-            "A name in `antumbra.query.light_samples.SAMPLERS`.",
-            (
-                CommandOption(
-                    "Light samples: larcher-pillichshammer, hammersley, sobol or halton[:0|:18|:36|:full].",
-                    metavar="NAME",
-                ),
-            ),
+    )
+    """Smooth the edges of surfaces in the image, its coverage and the light of its layers at almost no cost: mix pixels
+    at an edge with their neighbours across it, according to the shape of the edge. No ray is traced, and bits,
+    visibility and G-buffer do not change. `adaptive` smooths edges better, and replaces it. If False, each pixel shows
+    what its centre sees."""
+    adaptive: int | None = option(
+        None,
+        WholeNumber(1, MAX_SPP, optional=True),
+        CommandOption(
+            "Refine penumbrae with more rays, and edges by sub-pixels.",
+            "Quality",
+            kind=bool | None,
+            note="no-adaptive",
+            literal=False,
         ),
-    ] = "larcher-pillichshammer"
-    cull_faces: Annotated[
-        str | None,
-        Option(
-            _side,
-            'None, "front" or "back"',
-            "Triangles that face the receiver with this side do not block its rays.",
-            (
-                CommandOption(
-                    "Ignore triangles that face the receiver with this side.",
-                    kind=CullFaces,
-                    start=CullFaces.none,
-                ),
-            ),
+        CommandOption(
+            "Shadow rays per refined pixel and light; implies --adaptive.",
+            "Quality",
+            note="4 times --spp",
+            name="adaptive_spp",
+            literal=False,
         ),
-    ] = None
-    filter: Annotated[
-        bool | None,
-        Option(
-            optional_flag,
-            "bool or None",
-            """Smooth the visibility, but not the bits, over 4 x 4 pixels of the same surface, so that pixels in wide
-            penumbrae use 16 times as many samples of the light. For interleaved lists of lights, smooth the irradiance.
-            None: smooth only the irradiance of a `Sky`.""",
-            (CommandOption("Smooth noise in penumbrae over 4x4 pixels.", note="filter"),),
+    )
+    """Refine with this many shadow rays per pixel and light, 1 to 1024; None: no refinement. In penumbrae the refined
+    visibility replaces the original. At edges, the rays are divided among 16 sub-pixels, whose mean is the pixel of the
+    image. Lights with their own number of rays keep it, in each sub-pixel too."""
+    bounce: int | None = option(
+        None,
+        WholeNumber(1, MAX_SPP, optional=True),
+        CommandOption(
+            "Replace ambient light by light that bounces once, with this number of diffuse rays per pixel.",
+            "Light",
+            metavar="RAYS",
         ),
-    ] = None
-    antialias: Annotated[
-        bool,
-        Option(
-            flag,
-            "bool",
-            """Smooth the edges of surfaces in the image, its coverage and the light of its layers at almost no cost:
-            mix pixels at an edge with their neighbours across it, according to the shape of the edge. No ray is traced,
-            and bits, visibility and G-buffer do not change. `adaptive` smooths edges better, and replaces it. If False,
-            each pixel shows what its centre sees.""",
-            (
-                CommandOption(
-                    "Smooth edges of surfaces by their shape; --adaptive smooths them better, with more rays.",
-                    commands=("render",),
-                ),
-            ),
+    )
+    """Replace ambient light by light that bounces once: number of diffuse rays per pixel, 1 to 1024. From the hit of
+    each diffuse ray, one shadow ray goes to each light. `sampler` also distributes the diffuse rays."""
+    background: bool = option(
+        True,
+        flag,
+        CommandOption(
+            "Background of a .png: a colour, or transparent.",
+            "Scene",
+            kind=str | None,
+            start=None,
+            note="the sky",
+            metavar="COLOUR|transparent",
+            commands=("render",),
+            literal=False,
         ),
-    ] = True
-    adaptive: Annotated[
-        int | None,
-        Option(
-            WholeNumber(1, MAX_SPP, optional=True),
-            "int or None",
-            """Refine with this many shadow rays per pixel and light, 1 to 1024; None: no refinement. In penumbrae the
-            refined visibility replaces the original. At edges, the rays are divided among 16 sub-pixels, whose mean is
-            the pixel of the image. Lights with their own number of rays keep it, in each sub-pixel too.""",
-            (
-                CommandOption(
-                    "Refine penumbrae with more rays, and edges by sub-pixels.",
-                    kind=bool | None,
-                    note="no-adaptive",
-                    literal=False,
-                ),
-                CommandOption(
-                    "Shadow rays per refined pixel and light; implies --adaptive.",
-                    note="4 times --spp",
-                    name="adaptive_spp",
-                    literal=False,
-                ),
-            ),
+    )
+    """Whether pixels that see no surface show the skies among the lights. Without a sky they are black in the image,
+    but a PNG shows soft daylight there, which lights nothing. If False, they are always black."""
+    layers: bool = option(False, flag, decides=False)
+    """Keep base colours, the image of each light alone, and objects in `Frame.layers` and in EXR files."""
+    textures: bool = option(
+        True,
+        flag,
+        CommandOption(
+            "Show textures and vertex colours instead of the mean colour of each face.", "Quality", commands=("render",)
         ),
-    ] = None
-    bounce: Annotated[
-        int | None,
-        Option(
-            WholeNumber(1, MAX_SPP, optional=True),
-            "int or None",
-            """Replace ambient light by light that bounces once: number of diffuse rays per pixel, 1 to 1024. From the
-            hit of each diffuse ray, one shadow ray goes to each light. `sampler` also distributes the diffuse rays.""",
-            (
-                CommandOption(
-                    "Replace ambient light by light that bounces once, with this number of diffuse rays per pixel.",
-                    "Light",
-                    metavar="RAYS",
-                ),
-            ),
+    )
+    """Show textures and vertex colours. If False, each face has its mean colour, see `Scene.colours`."""
+    smooth_normals: bool = option(
+        True, flag, CommandOption("Shade with vertex normals instead of face normals.", "Quality", commands=("render",))
+    )
+    """Shade with vertex normals, if the scene has them. If False, shade with face normals. Bits and visibility stay the
+    same: shadows are those of the geometric surface."""
+    ground: bool | float = option(
+        False,
+        _ground,
+        CommandOption(
+            "Shadow-catcher plane below the scene: on, off, a height, or auto, which adds it to scenes without "
+            "a ground that are seen from outside.",
+            "Scene",
+            kind=str,
+            start="auto",
+            metavar="auto|on|off|HEIGHT",
+            commands=("render",),
+            literal=False,
         ),
-    ] = None
-    background: Annotated[
-        bool,
-        Option(
-            flag,
-            "bool",
-            """Whether pixels that see no surface show the skies among the lights. Without a sky they are black in the
-            image, but a PNG shows soft daylight there, which lights nothing. If False, they are always black.""",
-            (
-                CommandOption(
-                    "Background of a .png: a colour, or transparent.",
-                    "Scene",
-                    kind=str | None,
-                    start=None,
-                    note="the sky",
-                    metavar="COLOUR|transparent",
-                    commands=("render",),
-                    literal=False,
-                ),
-            ),
-        ),
-    ] = True
-    layers: Annotated[
-        bool,
-        Option(
-            flag,
-            "bool",
-            """Keep base colours, the image of each light alone, and objects in `Frame.layers` and in EXR files.""",
-            decides=False,
-        ),
-    ] = False
-    textures: Annotated[
-        bool,
-        Option(
-            flag,
-            "bool",
-            """Show textures and vertex colours. If False, each face has its mean colour, see `Scene.colours`.""",
-            (
-                CommandOption(
-                    "Show textures and vertex colours instead of the mean colour of each face.", commands=("render",)
-                ),
-            ),
-        ),
-    ] = True
-    smooth_normals: Annotated[
-        bool,
-        Option(
-            flag,
-            "bool",
-            """Shade with vertex normals, if the scene has them. If False, shade with face normals. Bits and visibility
-            stay the same: shadows are those of the geometric surface.""",
-            (CommandOption("Shade with vertex normals instead of face normals.", commands=("render",)),),
-        ),
-    ] = True
-    ground: Annotated[
-        bool | float,
-        Option(
-            _ground,
-            "bool or float",
-            """Add a shadow-catcher plane: a horizontal plane below the scene that shows only shadows. True: just below
-            the lowest point at this time (see `Scene.ground_height`); a number: at this height along the scene's up
-            axis, in world units. Pixels that see the plane show the background times the ratio of the light that
-            arrives to the light that would arrive without shadows. `Frame.ground` has its visibility. The plane blocks
-            no ray, changes no other pixel and is not in `Frame.mask`. It is invisible from below. Not available for a
-            store.""",
-            (
-                CommandOption(
-                    "Shadow-catcher plane below the scene: on, off, a height, or auto, which adds it to scenes without "
-                    "a ground that are seen from outside.",
-                    "Scene",
-                    kind=str,
-                    start="auto",
-                    metavar="auto|on|off|HEIGHT",
-                    commands=("render",),
-                    literal=False,
-                ),
-            ),
-        ),
-    ] = False
+    )
+    """Add a shadow-catcher plane: a horizontal plane below the scene that shows only shadows. True: just below the
+    lowest point at this time (see `Scene.ground_height`); a number: at this height along the scene's up axis, in world
+    units. Pixels that see the plane show the background times the ratio of the light that arrives to the light that
+    would arrive without shadows. `Frame.ground` has its visibility. The plane blocks no ray, changes no other pixel and
+    is not in `Frame.mask`. It is invisible from below. Not available for a store."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -310,68 +236,44 @@ def options_of(options: RenderOptions | None, keywords: dict[str, Any]) -> Rende
 class EngineOptions:
     """The keywords of `Renderer`, which checks them: methods and resources. Exact plans change no bit."""
 
-    plan: Annotated[
-        "str | Plan | None",
-        Option(
-            unchecked,
-            "str, Plan or None",
-            """The methods, such as ``"bsah+single"`` (see ``antumbra plans``). A plan never changes the bits, unless it
-            neglects geometry that few rays see, such as ``"bsah+chcrt:20"``. None: ``"auto"``, which chooses the
-            methods; ``"bsah+chcrt"`` for a store.""",
-            (
-                CommandOption(
-                    "The methods of building and tracing; see antumbra plans.",
-                    "Speed",
-                    kind=str | None,
-                    note="auto; bsah+chcrt for a store",
-                    commands=("render",),
-                ),
-            ),
+    plan: "str | Plan | None" = option(
+        None,
+        unchecked,
+        CommandOption(
+            "The methods of building and tracing; see antumbra plans.",
+            "Speed",
+            kind=str | None,
+            note="auto; bsah+chcrt for a store",
+            commands=("render",),
         ),
-    ] = None
-    threads: Annotated[
-        int | None,
-        Option(
-            WholeNumber(1, 1024, optional=True),
-            "int or None",
-            "None: all cores.",
-            (CommandOption("Threads to use.", "Speed", note="all cores"),),
+    )
+    """The methods, such as ``"bsah+single"`` (see ``antumbra plans``). A plan never changes the bits, unless it
+    neglects geometry that few rays see, such as ``"bsah+chcrt:20"``. None: ``"auto"``, which chooses the methods;
+    ``"bsah+chcrt"`` for a store."""
+    threads: int | None = option(
+        None, WholeNumber(1, 1024, optional=True), CommandOption("Threads to use.", "Speed", note="all cores")
+    )
+    """None: all cores."""
+    gbuffer: str = option(
+        "auto",
+        unchecked,
+        CommandOption("The method of primary visibility.", "Speed", kind=GBufferBy, start=GBufferBy.auto),
+        kind='"raster", "rays" or "auto"',
+    )
+    """The method of primary visibility, see `Renderer`. It never changes the bits."""
+    max_memory: int | None = option(
+        None,
+        unchecked,
+        CommandOption(
+            "Memory limit for scenes in a store: in bytes, or with M or G, such as 512M.",
+            "Speed",
+            kind=str | None,
+            note="4G",
+            metavar="SIZE",
+            literal=False,
         ),
-    ] = None
-    gbuffer: Annotated[
-        str,
-        Option(
-            unchecked,
-            '"raster", "rays" or "auto"',
-            "The method of primary visibility, see `Renderer`. It never changes the bits.",
-            (
-                CommandOption(
-                    "The method of primary visibility.",
-                    "Speed",
-                    kind=GBufferBy,
-                    start=GBufferBy.auto,
-                ),
-            ),
-        ),
-    ] = "auto"
-    max_memory: Annotated[
-        int | None,
-        Option(
-            unchecked,
-            "int or None",
-            "Limit in bytes on the memory of the process, for scenes in a store; None: 4 GiB.",
-            (
-                CommandOption(
-                    "Memory limit for scenes in a store: in bytes, or with M or G, such as 512M.",
-                    "Speed",
-                    kind=str | None,
-                    note="4G",
-                    metavar="SIZE",
-                    literal=False,
-                ),
-            ),
-        ),
-    ] = None
+    )
+    """Limit in bytes on the memory of the process, for scenes in a store; None: 4 GiB."""
 
 
 @dataclass(frozen=True, kw_only=True)
