@@ -14,7 +14,7 @@ from PIL import Image
 
 import antumbra as at
 from antumbra.cli.app import app
-from antumbra.jobs.bake.surface_meter import QUANTITIES
+from antumbra.jobs.bake.bake_options import QUANTITIES
 from antumbra.scene.default_picture import KINDS
 from baked_files import Glb
 from turned import FIRST, SHARP, SOFT, TURNS, UPRIGHT, Turned, camera_in, corners, lights_in, scene_in

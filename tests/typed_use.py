@@ -32,6 +32,8 @@ def use() -> None:
     assert_type(at.build_store([at.procedural("atrium")], "scene.antumbra"), at.BuildReport)
     assert_type(at.virtual_point_lights(scene, lights[0], 64), at.PointLights)
     assert_type(at.DirectionalLight((0, -1, 0), angular_diameter=0.5).direction, np.ndarray)
+    assert_type(at.bake("model.glb", "baked.glb", "light", lights=lights, spp=16), at.Baked)
+    at.bake("model.glb", "baked.glb", radius="far")  # type: ignore[arg-type]
     place = at.place_of(scene, latitude=52.0, longitude=4.4)
     assert place is not None
     suns = at.suns_of(place, at.times_of([date(2026, 6, 21)], UTC, 60), scene.up)

@@ -24,7 +24,7 @@ if typing.TYPE_CHECKING:
     from .engine.store_building import build_store
     from .errors import InputError
     from .formats.cityjson.attribute_writer import write_attributes
-    from .jobs.bake import Baked, bake
+    from .jobs.bake.bake_job import Baked, bake
     from .jobs.dataset.dataset_job import Dataset, dataset
     from .jobs.ground_areas import area_sensors
     from .jobs.line_of_sight.sightlines import Sightlines, line_of_sight
@@ -129,7 +129,7 @@ __all__ = [
 # Names are imported on first use, since `antumbra --help` must start faster than Numba can be imported.
 _HOME = {
     "AmbientOcclusion": "scene.lights",
-    "Baked": "jobs.bake",
+    "Baked": "jobs.bake.bake_job",
     "BuildReport": "store.store_build",
     "Camera": "scene.camera",
     "CityModel": "scene.scene_data",
@@ -170,7 +170,7 @@ _HOME = {
     "Visibility": "engine.engine",
     "VisibilityMatrix": "jobs.line_of_sight.visibility_matrix",
     "area_sensors": "jobs.ground_areas",
-    "bake": "jobs.bake",
+    "bake": "jobs.bake.bake_job",
     "build_store": "engine.store_building",
     "dataset": "jobs.dataset.dataset_job",
     "face_sensors": "jobs.sensors",

@@ -1,8 +1,7 @@
 """``antumbra bake``: bake ambient occlusion, shadows or light of a scene into a glTF file."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from enum import StrEnum
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,18 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import InputError
+from ..jobs.bake.bake_options import BakeOptions
 from . import arguments, console
 from .arguments import open_scene, quietly
 from .console import ProgressDisplay
 from .options import (
     SCENE_HELP,
+    Before,
     Json,
     PictureLightOption,
     Quiet,
-    SamplerOption,
-    Threads,
-    TimeOption,
     UpOption,
+    arguments_of,
+    literal,
     takes,
     writes,
 )
@@ -29,95 +29,35 @@ from .shards import MergeOption, RayOption, ShardOption, executor_for, report_sh
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
-    from ..jobs.bake import Baked
+    from ..jobs.bake.bake_job import Baked
     from ..scene.lights import Light
 
 
-class BakedQuantity(StrEnum):
-    ao = "ao"
-    shadow = "shadow"
-    sun = "sun"
-    light = "light"
-    bent_normal = "bent-normal"
+_Options: Any = arguments_of("bake", BakeOptions)
 
 
-@dataclass(frozen=True)
-class BakeArguments:
-    """The arguments of the command line."""
+@dataclass(frozen=True, kw_only=True)
+class BakeArguments(_Options):  # type: ignore[misc] # made from the options of a bake
+    """The arguments of the command line, besides those derived from `BakeOptions`."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The .glb file to write.", metavar="FILE", callback=writes(".glb"))
     ]
-    what: Annotated[BakedQuantity, typer.Option(help="Quantity to bake.")] = BakedQuantity.ao
-    vertex: Annotated[bool, typer.Option("--vertex", help="Bake values at vertices (the default).")] = False
-    attribute: Annotated[
-        str | None,
-        typer.Option(
-            help="Vertex attribute: COLOR_0, or a custom name such as _AO.  [default: COLOR_0; for bent normals "
-            "_BENT_NORMAL]",
-            metavar="NAME",
-            show_default=False,
-        ),
-    ] = None
-    multiply: Annotated[
-        bool, typer.Option("--multiply", help="Multiply the file's COLOR_0 instead of replacing it.")
+    vertex: Annotated[
+        bool, typer.Option("--vertex", help="Bake values at vertices (the default)."), Before("attribute")
     ] = False
-    texture: Annotated[
-        int | None,
-        typer.Option(
-            help="Bake a square texture of SIZE texels per side instead of vertices.",
-            metavar="SIZE",
-            show_default=False,
-        ),
-    ] = None
-    uv: Annotated[
-        int | None,
-        typer.Option(
-            help="UV set of the file for the texture.  [default: a new atlas]", metavar="SET", show_default=False
-        ),
-    ] = None
-    bits: Annotated[int, typer.Option(help="Bits per texture channel: 8 or 16.")] = 8
-    exr: Annotated[bool, typer.Option("--exr", help="Also write the texture as .exr next to FILE.")] = False
-    denoise: Annotated[bool, typer.Option("--denoise", help="Smooth the noise of ao or shadow over 4x4 texels.")] = (
-        False
-    )
-    radius: Annotated[
-        float | None,
-        typer.Option(help="For ao: greatest distance of occluders.  [default: no limit]", show_default=False),
-    ] = None
-    light: PictureLightOption = None
+    light: Annotated[PictureLightOption, Before("exposure")] = None
     sky: Annotated[
         float | None,
         typer.Option(help="For light: add the irradiance of an open sky.", metavar="LUX", show_default=False),
     ] = None
-    exposure: Annotated[
-        float | None,
-        typer.Option(
-            help="Exposure factor; values are clipped at 1.  [default: 1; for light automatic]", show_default=False
-        ),
-    ] = None
-    spp: Annotated[int, typer.Option(help="Rays per vertex or texel and light.", min=1, max=1024)] = 256
-    sampler: SamplerOption = "hammersley"
-    keep_hidden: Annotated[bool, typer.Option("--keep-hidden", help="Keep points inside solids dark.")] = False
-    time: TimeOption = 0.0
-    up: UpOption = None
-    plan: Annotated[
-        str | None,
-        typer.Option(help="Plan; see antumbra plans.  [default: auto]", show_default=False),
-    ] = None
-    threads: Threads = None
-    shard: ShardOption = None
+    up: Annotated[UpOption, Before("plan")] = None
+    shard: Annotated[ShardOption, Before("")] = None
     ray: RayOption = None
     merge: MergeOption = None
     json: Json = False
     quiet: Quiet = False
-
-    def options(self) -> dict[str, Any]:
-        """The arguments of `antumbra.bake` that do not depend on the scene."""
-        names = "attribute", "multiply", "texture", "uv", "bits", "exr", "denoise", "radius", "exposure"
-        more = "spp", "sampler", "keep_hidden", "time", "plan", "threads"
-        return {name: getattr(self, name) for name in (*names, *more)}
 
 
 @takes(BakeArguments)
@@ -157,24 +97,26 @@ def bake(args: BakeArguments) -> int:
     """
     if args.vertex and args.texture is not None:
         raise InputError("--vertex and --texture exclude each other; leave one of them out")
-    if args.sky is not None and args.what is not BakedQuantity.light:
+    if args.sky is not None and args.what != "light":
         raise InputError("--sky belongs to --what light; leave it out")
     spec = arguments.parse_scene(args.scene)
     specs = [arguments.parse_light(text) for text in args.light or []]
 
-    from ..jobs.bake.bake_input import BakeSource, check_options, is_gltf
-    from ..jobs.bake.bake_job import bake as bake_source
+    from ..jobs.bake.bake_input import BakeSource, is_gltf
+    from ..jobs.bake.bake_job import bake_file
+    from ..jobs.executors import executor_of
+    from ..progress import PhaseClock
 
     executor = executor_for(args, args.output)
-    check_options(args.what.value, lights=[a for a in specs if not isinstance(a, int)] or None, **args.options())
+    options = BakeOptions(**literal(args, BakeOptions), lights=[a for a in specs if not isinstance(a, int)] or None)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
         scene = open_scene(spec, None if args.up is None else args.up.value, args.quiet)
         lights = _lights(args, specs, scene)
         source = BakeSource(scene, spec.path if spec.path is not None and is_gltf(spec.path) else None)
-        start, keep = perf_counter(), executor or args.output.with_suffix(".parts")
+        start, keep = perf_counter(), executor_of(executor or args.output.with_suffix(".parts"))
         with quietly():
-            result = bake_source(source, args.output, args.what.value, lights=lights, keep=keep, **args.options())
+            result = bake_file(source, replace(options, lights=lights), args.output, PhaseClock(), keep)
         if result is None:
             return report_shard(executor, args, perf_counter() - start)
     if args.json:

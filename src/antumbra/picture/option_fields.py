@@ -95,8 +95,11 @@ class RealNumber(NamedTuple):
     high: float
     ends: str = "()"  # as in `checks.number`
     unit: str = ""
+    optional: bool = False  # whether None is valid
 
-    def __call__(self, value: Any, what: str) -> float:
+    def __call__(self, value: Any, what: str) -> float | None:
+        if value is None and self.optional:
+            return None
         return number(value, f"{what} ({self.unit})" if self.unit else what, self.low, self.high, self.ends)
 
 

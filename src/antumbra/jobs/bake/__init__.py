@@ -1,13 +1,10 @@
 """Bakes visibility and light on surfaces into glTF files: `antumbra.bake`.
 
 - `bake_job`: `bake`, from a scene to a file: textures, vertex attributes, image files, and the report
-- `bake_input`: checked arguments, the scene to measure, and the glTF file to edit
+- `bake_options`: quantities and options, with their checks
+- `bake_input`: the scene to measure, its lights, and the glTF file to edit
 - `surface_meter`: rays from all receivers, and values from their occlusion bits
 - `baked_values`: values at vertices and texels, receivers inside solids, and texture images
 - `texture_atlas`: UV sets or a new atlas, and conservative texel coverage
 - `gltf_primitives`: primitives at their nodes, and edits of attributes and materials
 """
-
-from .bake_job import Baked, bake
-
-__all__ = ["Baked", "bake"]

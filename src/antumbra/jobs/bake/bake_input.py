@@ -1,61 +1,35 @@
-"""The checked arguments of a bake, and its input: the scene to measure, and the glTF file to edit.
+"""The input of a bake: the scene to measure, with its lights, and the glTF file to edit.
 
 The file is the input itself, or a new one created from any other kind of scene.
 """
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...checks import choice, flag, is_number, number, quoted, text, whole_number
 from ...engine.paged_scene import PagedScene
-from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike, load
-from ...errors import InputError
-from ...extras import import_extra
-from ...files import checked_output, temporary_folder
+from ...files import temporary_folder
 from ...formats.format_registry import GLB, GLTF, format_of
 from ...formats.gltf.accessors import Accessors
 from ...formats.gltf.gltf_asset import Asset, open_asset
 from ...formats.gltf.gltf_file import open_gltf
 from ...formats.gltf.gltf_writer import Json, up_axis_transform
-from ...kernels.parallel import thread_count
-from ...picture.image_files import automatic_exposure, checked_exposure
-from ...query.light_samples import sample_sets
+from ...picture.image_files import automatic_exposure
 from ...scene.camera import axes
 from ...scene.default_picture import sun
 from ...scene.light_lists import without_interleave
-from ...scene.lights import AmbientOcclusion, DirectionalLight, Light, check_lights
+from ...scene.lights import DirectionalLight, Light
 from ...scene.mesh import Piece
+from .bake_options import BakeOptions
 from .gltf_primitives import NodePrimitive, read_primitives
-from .surface_meter import QUANTITIES, MeterSettings
+from .surface_meter import MeterSettings
 
-# --- Arguments --------------------------------------------------------------------------------------------------------
-
-
-MAX_TEXTURE = 16384
-_OWN_NAMES = {"ao": "_AO", "shadow": "_SHADOW", "sun": "_SUN", "light": "_LIGHT", "bent-normal": "_BENT_NORMAL"}
-_SKY = ("ao", "bent-normal")  # quantities that depend on the sky instead of lights
-
-
-class BakeOptions(NamedTuple):
-    """Checked arguments of `bake`."""
-
-    settings: MeterSettings
-    attribute: str
-    multiply: bool
-    texture: int | None
-    uv: int | None
-    bits: int
-    exr: bool
-    denoise: bool
-    exposure: float | None
-    keep_hidden: bool
+# --- Settings that depend on the scene ------------------------------------------------------------------------------
 
 
 def default_bake_lights(scene: Scene, what: str, time: float) -> list[Light]:
@@ -66,76 +40,20 @@ def default_bake_lights(scene: Scene, what: str, time: float) -> list[Light]:
     return [next((light for light in lights if isinstance(light, DirectionalLight)), sun(scene.up))]
 
 
+def meter_settings(options: BakeOptions, scene: Scene) -> MeterSettings:
+    """The settings of the measurement, with the scene's default lights if there are no others."""
+    what, time = options.what, options.time
+    lights = options.measured_lights() or default_bake_lights(scene, what, time)
+    return MeterSettings(what, lights, options.spp, options.sampler, options.plan, time, options.threads)
+
+
 def exposure_of(values: NDArray[np.float32], options: BakeOptions) -> float:
     """The factor on light, from the measured values ((n, c), NaN for hidden points)."""
     if options.exposure is not None:
         return options.exposure
-    if options.settings.what != "light":
+    if options.what != "light":
         return 1.0
     return automatic_exposure(values[None], np.isfinite(values[None, :, 0]))
-
-
-def check_output(path: str | os.PathLike[str]) -> Path:
-    """`path`, if a bake can be written there; otherwise an InputError with a remedy."""
-    return checked_output(path, GLB.suffixes)
-
-
-def check_options(
-    what: str, *, lights: Sequence[Light] | Light | None, radius: float | None, spp: int, attribute: str | None,
-    multiply: bool, texture: int | None, uv: int | None, bits: int, exr: bool, denoise: bool, exposure: float | None,
-    keep_hidden: bool, time: float, plan: str | Plan | None, sampler: str, threads: int | None,
-) -> BakeOptions:  # fmt: skip
-    """Check the arguments of `bake` as far as possible without a scene. Raises InputError."""
-    choice(what, "what", QUANTITIES)
-    thread_count(threads)
-    time = number(time, "time (seconds)", -np.inf, np.inf, "[]")
-    flags = {"multiply": multiply, "exr": exr, "denoise": denoise, "keep_hidden": keep_hidden}
-    multiply, exr, denoise, keep_hidden = (flag(value, name) for name, value in flags.items())
-    if attribute is not None:
-        text(attribute, "attribute")
-    parse_plan(DEFAULT_PLAN if plan is None else plan)
-    sample_sets(whole_number(spp, "spp", 1, 1024), sampler)
-    checked_lights = _checked_lights(what, lights, radius)
-    if not is_number(bits) or bits not in (8, 16):
-        raise InputError(f"bits is {quoted(bits)}; a PNG has 8 or 16")
-    if texture is not None:
-        whole_number(texture, "texture", 16, MAX_TEXTURE)
-        if attribute is not None or multiply:
-            raise InputError("attribute and multiply belong to values at vertices; leave them or texture out")
-        if uv is None:
-            import_extra("xatlas", "an atlas (--texture without --uv)", "bake")
-    elif uv is not None or exr or denoise or bits != 8:
-        raise InputError("uv, bits, exr and denoise belong to a texture; give its size as texture")
-    if uv is not None:
-        whole_number(uv, "uv", 0, 7)
-    if denoise and what not in ("ao", "shadow"):
-        raise InputError(f"denoise is for ao and shadow, not for {what}; leave it out and raise spp")
-    attribute = attribute or ("_BENT_NORMAL" if what == "bent-normal" else "COLOR_0")
-    if attribute != "COLOR_0" and not (attribute.startswith("_") and attribute.isascii() and attribute[1:]):
-        raise InputError(f"attribute is {attribute!r}; write COLOR_0, or a name of your own such as {_OWN_NAMES[what]}")
-    if multiply and attribute != "COLOR_0":
-        raise InputError("multiply is for COLOR_0; leave it or attribute out")
-    if exposure is not None:
-        exposure = checked_exposure(exposure)
-    settings = MeterSettings(what, checked_lights, spp, sampler, plan, time, threads)
-    return BakeOptions(settings, attribute, multiply, texture, uv, bits, exr, denoise, exposure, keep_hidden)
-
-
-def _checked_lights(what: str, lights: Sequence[Light] | Light | None, radius: float | None) -> list[Light]:
-    if what in _SKY:
-        if lights is not None:
-            raise InputError(f"{what} depends on the sky, not on lights; leave lights out")
-        return [AmbientOcclusion(None if radius is None else number(radius, "radius", 0.0, np.inf, "(]"))]
-    if radius is not None:
-        raise InputError(f"radius is for ao and bent-normal, not for {what}; leave it out")
-    lights = [] if lights is None else check_lights(lights, "y")  # a `Sky` among them is rejected below
-    if any(light.domain == "list" for light in lights):
-        raise InputError("a bake takes lights one by one; PointLights is a list of them")
-    if what == "sun" and lights and not (len(lights) == 1 and isinstance(lights[0], DirectionalLight)):
-        raise InputError("sun takes one DirectionalLight; for several lights bake light")
-    if what == "shadow" and any(light.domain == "hemisphere" for light in lights):
-        raise InputError("a sky casts no shadow of its own; bake ao, or light")
-    return lights
 
 
 # --- The scene and its glTF file --------------------------------------------------------------------------------------

@@ -7,40 +7,31 @@ report.
 import io
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, ParamSpec, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...checks import choice
-from ...engine.plan import Plan
 from ...engine.scene_loading import SceneLike
-from ...files import atomic_output
+from ...files import atomic_output, checked_output
+from ...formats.format_registry import GLB
 from ...formats.gltf.accessors import Accessors
 from ...formats.gltf.gltf_asset import Asset
 from ...formats.gltf.gltf_file import data_uri_bytes, is_data_uri
 from ...formats.gltf.gltf_writer import Json
 from ...picture.image_files import write_exr
+from ...picture.option_fields import with_keywords
 from ...progress import PhaseClock, Progress, with_progress
-from ...scene.lights import Light
 from ...scene.materials import BYTE_TO_LINEAR, linear_to_srgb
 from ..executors import Executor, Keep, executor_of
-from .bake_input import (
-    BakeOptions,
-    BakeScene,
-    BakeSource,
-    bake_source,
-    check_options,
-    check_output,
-    default_bake_lights,
-    exposure_of,
-    open_source,
-)
+from .bake_input import BakeScene, BakeSource, bake_source, exposure_of, meter_settings, open_source
+from .bake_options import BakeKeywords, BakeOptions
 from .baked_values import Solids, Texels, image_of, replace_hidden, sample_bilinear, seam_differences, vertex_receivers
 from .gltf_primitives import (
     NodePrimitive,
@@ -54,6 +45,8 @@ from .gltf_primitives import (
 )
 from .surface_meter import Measurement, Meter, curve_blocks
 from .texture_atlas import Sheet, Unwrapped, atlas, corners_of, uv_set_sheets
+
+_P = ParamSpec("_P")
 
 # --- Report -----------------------------------------------------------------------------------------------------------
 
@@ -204,14 +197,14 @@ def bake_textures(
     assert size is not None
     sheets = atlas(parts, size) if options.uv is None else uv_set_sheets(parts, accessors, options.uv, size)
     clock.lap("unwrap")
-    meter = Meter(scene, options.settings, sum(len(sheet.cover.texel) for sheet in sheets))
+    meter = Meter(scene, meter_settings(options, scene), sum(len(sheet.cover.texel) for sheet in sheets))
     texels = [Texels(sheet, meter, options.denoise, executor.folder) for sheet in sheets]
     job = [each.parts for each in texels]
     if not executor.finish(job):
         return None
-    solids = None if options.keep_hidden else Solids(scene, options.settings.time, options.settings.threads)
+    solids = None if options.keep_hidden else Solids(scene, options.time, options.threads)
     measured = [each.values(solids) for each in texels]
-    if options.settings.what == "bent-normal":
+    if options.what == "bent-normal":
         measured = [(_local_texels(sheet, values), hidden) for sheet, (values, hidden) in zip(sheets, measured)]
     clock.lap("trace")
     all_values = np.concatenate([values for values, _ in measured])
@@ -226,9 +219,8 @@ def bake_textures(
         texture_image = _material_image(
             asset, accessors, sheet, values * exposure, [originals[k] for k in sheet.members], options
         )
-        is_light = options.settings.what in ("shadow", "sun", "light")
-        png = png_file(encode_pixels(texture_image, options.bits, is_light))
-        texture = asset.texture(png, options.settings.what)
+        png = png_file(encode_pixels(texture_image, options.bits, options.is_light))
+        texture = asset.texture(png, options.what)
         sheet_primitives = [primitives[k] for k in sheet.members]
         sets = [
             _uv_set(one, primitive, remapper, asset, options.uv)
@@ -246,7 +238,7 @@ def bake_textures(
     return Baked(
         path=output,
         images=[path for path, _ in images],
-        what=options.settings.what,
+        what=options.what,
         attribute=None,
         parts=len(parts),
         receivers=len(all_values),
@@ -274,7 +266,7 @@ def _material_image(
     options: BakeOptions,
 ) -> NDArray[np.float32]:  # fmt: skip
     """(size, size, c) float32: the material's texture, ambient occlusion or light times the base colour."""
-    what = options.settings.what
+    what = options.what
     if what == "ao":
         return image_of(sheet.cover, values)
     if what == "bent-normal":
@@ -288,9 +280,9 @@ def _material_image(
 def _set_texture(asset: Asset, texture: int, options: BakeOptions, material: Json, uv_set: int) -> None:
     """Assign a baked texture to a material."""
     texture_info = {"index": texture, "texCoord": uv_set}
-    if options.settings.what == "ao":
+    if options.what == "ao":
         material["occlusionTexture"] = texture_info
-    elif options.settings.what == "bent-normal":
+    elif options.what == "bent-normal":
         material.setdefault("extras", {})["bentNormalTexture"] = texture_info
     else:
         material.setdefault("pbrMetallicRoughness", {})["baseColorTexture"] = texture_info
@@ -319,27 +311,28 @@ def bake_vertices(
 ) -> Baked | None:
     """Measure the vertices of all parts and write the file; None if the executor leaves vertices to other shards."""
     scene, asset, parts = source
-    meter = Meter(scene, options.settings, sum(len(p.positions) for p in parts))
+    meter = Meter(scene, meter_settings(options, scene), sum(len(p.positions) for p in parts))
     receivers = vertex_receivers(parts)
     measurement = Measurement(meter, receivers, curve_blocks(receivers.positions), False, executor.folder)
     if not executor.finish([measurement.parts]):
         return None
-    solids = None if options.keep_hidden else Solids(scene, options.settings.time, options.settings.threads)
+    solids = None if options.keep_hidden else Solids(scene, options.time, options.threads)
     values = measurement.result()
     hidden = replace_hidden(values, receivers, parts, meter, solids)
     clock.lap("trace")
     exposure = exposure_of(values, options)
-    accessors, primitives = accessors_of(asset, scene.name), unshared_primitives(asset, parts)
+    name, accessors = options.vertex_attribute, accessors_of(asset, scene.name)
+    primitives = unshared_primitives(asset, parts)
     for part, primitive, part_values in zip(parts, primitives, _split(values, parts)):
-        if options.settings.what == "bent-normal":
+        if options.what == "bent-normal":
             part_values = to_local(part_values, part)
-        if options.attribute == "COLOR_0":
-            colours = 0.5 + 0.5 * part_values if options.settings.what == "bent-normal" else part_values * exposure
+        if name == "COLOR_0":
+            colours = 0.5 + 0.5 * part_values if options.what == "bent-normal" else part_values * exposure
             write_colours(asset, accessors, primitive, all_rows(part, colours), options.multiply)
         else:
             rows = all_rows(part, part_values)
-            primitive["attributes"][options.attribute] = asset.accessor(rows[:, 0] if rows.shape[1] == 1 else rows)
-    if options.attribute == "COLOR_0" and options.settings.what in ("shadow", "sun", "light"):
+            primitive["attributes"][name] = asset.accessor(rows[:, 0] if rows.shape[1] == 1 else rows)
+    if name == "COLOR_0" and options.is_light:
         change_materials(asset, primitives, [None] * len(primitives), lambda material, _: asset.make_unlit(material))
     with atomic_output(output) as file:
         file.write_bytes(asset.glb())
@@ -348,8 +341,8 @@ def bake_vertices(
     return Baked(
         path=output,
         images=[],
-        what=options.settings.what,
-        attribute=options.attribute,
+        what=options.what,
+        attribute=name,
         parts=len(parts),
         receivers=len(values),
         hidden=hidden,
@@ -368,14 +361,25 @@ def _split(values: np.ndarray, parts: list[NodePrimitive]) -> list[np.ndarray]:
 # --- `antumbra.bake` --------------------------------------------------------------------------------------------------
 
 
+class BakeFunction(Protocol[_P]):
+    """The type of `bake`, whose keywords are the fields of a class."""
+
+    def __call__(
+        self, scene: SceneLike, output: str | PathLike[str], what: str = "ao", up: str | None = None, keep: Keep = None,
+        progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
+    ) -> Baked: ...  # fmt: skip
+
+
+def _bake_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Baked]], BakeFunction[_P]]:
+    """`with_keywords`, with types."""
+    return with_keywords(kind)
+
+
+@_bake_function(BakeKeywords)
 @with_progress
 def bake(
-    scene: SceneLike, output: str | PathLike[str], what: str = "ao", *, lights: Sequence[Light] | Light | None = None,
-    radius: float | None = None, spp: int = 256, attribute: str | None = None, multiply: bool = False,
-    texture: int | None = None, uv: int | None = None, bits: int = 8, exr: bool = False, denoise: bool = False,
-    exposure: float | None = None, keep_hidden: bool = False, time: float = 0.0, up: str | None = None,
-    plan: str | Plan | None = None, sampler: str = "hammersley", threads: int | None = None, keep: Keep = None,
-    progress: Progress = None,
+    scene: SceneLike, output: str | PathLike[str], what: str = "ao", *, up: str | None = None, keep: Keep = None,
+    progress: Progress = None, **keywords: Any,
 ) -> Baked:  # fmt: skip
     """Measure visibility or light on the surfaces of a scene, and write it into a copy of its glTF file.
 
@@ -393,39 +397,9 @@ def bake(
         ``ao``: the cosine-weighted visible share of the sky, in [0, 1]. ``shadow``: the mean visible share of the
         lights. ``sun``: the irradiance of one sun over its intensity. ``light``: the irradiance of all lights in lux,
         linear RGB. ``bent-normal``: the mean unoccluded direction.
-    lights : lights, optional
-        For shadow, sun and light, in the scene's own coordinates, whichever axis points up. None:
-        `Scene.default_lights`. `AmbientOcclusion` among the lights of ``light`` acts as a sky.
-    radius : float, optional
-        For ao and bent-normal: ignore blockers farther away than this, in world units. None: all count.
-    spp : int
-        Rays per receiver and light, 1 to 1024.
-    attribute : str, optional
-        Vertex attribute: ``COLOR_0``, or a name that begins with an underscore. None: ``COLOR_0``, or
-        ``_BENT_NORMAL`` for bent normals.
-    multiply : bool
-        Multiply an existing ``COLOR_0`` instead of replacing it.
-    texture : int, optional
-        Bake into a square texture with this many texels per side, 16 to 16384, instead of vertices.
-    uv : int, optional
-        UV set of the file for the texture. None: a new atlas (needs ``antumbra[bake]``).
-    bits : {8, 16}
-        Bits per channel of the texture.
-    exr : bool
-        Also write the texture as float32 beside `output`.
-    denoise : bool
-        Filter a texture of ao or shadow over 4 x 4 texels, within penumbrae and surfaces.
-    exposure : float, optional
-        Factor on light before it is clipped at 1. None: automatic for ``light``, else 1.
-    keep_hidden : bool
-        Keep the values of points inside solids. Otherwise those of visible points nearby replace them.
-    time : float
-        Seconds into the animation.
     up : {"y", "z"}, optional
         The axis that points up in a file, as for `load`. Default lights follow it. A glTF file created from another
         scene is rotated so that +Y points up; an existing glTF file is not.
-    plan, sampler, threads
-        As in `render`. On a hemisphere, ``hammersley`` has half the error of the default sampler of pictures.
     keep : str, path-like or executor, optional
         Folder for the finished parts of an interrupted bake, or an executor for the parts; see
         `antumbra.jobs.executors`.
@@ -442,19 +416,19 @@ def bake(
     InputError
         If an argument is invalid, or the scene cannot be read or written. No file is left behind.
     """
-    path, executor = check_output(output), executor_of(keep)
+    path, executor = checked_output(output, GLB.suffixes), executor_of(keep)
     choice(up, "up", (None, "y", "z"))
-    options = check_options(
-        what, lights=lights, radius=radius, spp=spp, attribute=attribute, multiply=multiply, texture=texture, uv=uv,
-        bits=bits, exr=exr, denoise=denoise, exposure=exposure, keep_hidden=keep_hidden, time=time, plan=plan,
-        sampler=sampler, threads=threads,
-    )  # fmt: skip
+    options = BakeOptions(what=what, **keywords)
     clock = PhaseClock()
-    source = open_source(scene if isinstance(scene, BakeSource) else bake_source(scene, up), time)
-    if not options.settings.lights:
-        default_lights = default_bake_lights(source.scene, what, time)
-        options = options._replace(settings=options.settings._replace(lights=default_lights))
+    report = bake_file(bake_source(scene, up), options, path, clock, executor)
+    return report  # type: ignore[return-value]  # None: a shard, of a command
+
+
+def bake_file(
+    source: BakeSource, options: BakeOptions, output: Path, clock: PhaseClock, executor: Executor
+) -> Baked | None:
+    """Bake into a file; None if the executor leaves parts to other shards."""
+    scene = open_source(source, options.time)
     clock.lap("read")
     job = bake_textures if options.texture else bake_vertices
-    report = job(source, options, path, clock, executor)
-    return report  # type: ignore[return-value]  # None: a shard, of a command
+    return job(scene, options, output, clock, executor)

@@ -28,15 +28,6 @@ SIDE = 4  # receivers along the side of a block
 BLOCK = SIDE * SIDE
 _PART = 1 << 12  # blocks per part, traced by one query
 
-QUANTITIES = {
-    "ao": "the cosine-weighted visible share of the sky",
-    "shadow": "the visible share of the lights",
-    "sun": "the irradiance of the sun over its intensity",
-    "light": "the irradiance of all lights, linear RGB",
-    "bent-normal": "the mean unoccluded direction",
-}
-"""Name of a quantity that a bake measures -> its meaning."""
-
 
 class SurfacePoints(NamedTuple):
     """Points on surfaces."""
@@ -51,7 +42,7 @@ class SurfacePoints(NamedTuple):
 class MeterSettings(NamedTuple):
     """The quantity that a bake measures, and its settings."""
 
-    what: str  # a key of QUANTITIES
+    what: str  # a key of `bake_options.QUANTITIES`
     lights: list[Light]
     spp: int
     sampler: str
