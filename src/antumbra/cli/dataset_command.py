@@ -3,25 +3,24 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from ..jobs.dataset.dataset_options import DatasetOptions
 from . import arguments, console
 from .arguments import CameraSpec, SceneSpec, limit_memory, open_scene
 from .console import ProgressDisplay, say
 from .options import (
     SCENE_HELP,
     AoOption,
+    Before,
     Json,
-    MaxMemoryOption,
     PictureLightOption,
     Quiet,
-    SamplerOption,
-    SppOption,
-    Threads,
-    TimeOption,
     UpOption,
+    arguments_of,
+    literal,
     takes,
     writes,
     writes_folder,
@@ -35,9 +34,12 @@ if TYPE_CHECKING:
     from ..scene.lights import Light
 
 
-@dataclass(frozen=True)
-class DatasetArguments:
-    """The command-line arguments and options, one per field."""
+_Options: Any = arguments_of("dataset", DatasetOptions)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DatasetArguments(_Options):  # type: ignore[misc] # made from the options of a data set
+    """The command-line arguments and options, besides those derived from `DatasetOptions`."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
     output: Annotated[
@@ -56,31 +58,12 @@ class DatasetArguments:
             help="An index, or POSITION:TARGET[:VFOV]; may be repeated.", metavar="CAMERA", show_default=False
         ),
     ] = None
-    orbit: Annotated[int, typer.Option(help="Add N cameras around the scene.", min=0, metavar="N")] = 0
-    random: Annotated[int, typer.Option(help="Add N random cameras in and around the scene.", min=0, metavar="N")] = 0
-    light: PictureLightOption = None
-    random_lights: Annotated[
-        int, typer.Option(help="Add N random lights, alternately a sun and a sphere.", min=0, max=1000, metavar="N")
-    ] = 0
-    ao: AoOption = None
-    seed: Annotated[int, typer.Option(help="Seed of random cameras and lights.", min=0)] = 0
-    size: Annotated[str, typer.Option(help="Picture size in pixels.", metavar="WxH")] = "512x512"
-    spp: SppOption = 16
-    sampler: SamplerOption = "larcher-pillichshammer"
-    time: TimeOption = 0.0
-    up: UpOption = None
-    plan: Annotated[
-        str | None,
-        typer.Option(help="Plan; see antumbra plans. Exact plans give the same bits.", show_default=False),
-    ] = None
-    threads: Threads = None
-    max_memory: MaxMemoryOption = None
-    shard: ShardOption = None
+    light: Annotated[PictureLightOption, Before("random_lights")] = None
+    ao: Annotated[AoOption, Before("seed")] = None
+    up: Annotated[UpOption, Before("plan")] = None
+    shard: Annotated[ShardOption, Before("overwrite")] = None
     ray: RayOption = None
     merge: MergeOption = None
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace finished frames, and data sets with other settings.")
-    ] = False
     sheet: Annotated[
         Path | None,
         typer.Option(
@@ -89,6 +72,7 @@ class DatasetArguments:
             show_default=False,
             callback=writes(".png"),
         ),
+        Before(""),
     ] = None
     json: Json = False
     quiet: Quiet = False
@@ -169,19 +153,10 @@ def _dataset(args: DatasetArguments, parsed: "_Parsed", scene: "AnyScene", displ
         args.output,
         [arguments.make_camera(camera, scene, args.time, parsed.size) for camera in parsed.cameras] or None,
         lights + parsed.ambient or None,
-        orbit=args.orbit,
-        random=args.random,
-        random_lights=args.random_lights,
-        seed=args.seed,
+        **literal(args, DatasetOptions),
         size=parsed.size,
-        spp=args.spp,
-        sampler=args.sampler,
-        time=args.time,
-        plan=args.plan,
-        threads=args.threads,
         max_memory=parsed.memory,
         keep=executor_for(args, args.output),
-        overwrite=args.overwrite,
         progress=display.say,
     )
 

@@ -146,7 +146,7 @@ class DerivedOption(NamedTuple):
             help=words.help + (f"  [default: {words.note}]" if start is None and words.note else ""),
             metavar=words.metavar,
             min=low,
-            max=high,
+            max=None if words.unbounded else high,
             show_default=start is not None,
             rich_help_panel=words.panel,
         )

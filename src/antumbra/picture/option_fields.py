@@ -38,6 +38,7 @@ class CommandOption(NamedTuple):
     start: Any = MISSING  # default on the command line; MISSING: the default of the field
     note: str = ""  # meaning of a default of None
     metavar: str | None = None
+    unbounded: bool = False  # whether the help omits the upper limit of a number
     commands: tuple[str, ...] = ()  # names of the commands that have it; empty: all that take the options
     name: str = ""  # its own name if several CLI options set the field; "": the name of the field
     literal: bool = True  # whether the CLI value is the value of the field; otherwise the command computes that

@@ -84,7 +84,7 @@ class RenderOptions:
     time: float = option(
         0.0,
         RealNumber(-np.inf, np.inf, "[]", "seconds"),
-        CommandOption("Seconds into the animation.", "Scene", start=None, note="0", literal=False),
+        CommandOption("Seconds into the animation.", "Scene", start=None, note="0"),
     )
     """Seconds, clamped to [0, scene.duration]."""
     counters: bool = option(

@@ -1,19 +1,17 @@
 """`dataset`: render a scene from many cameras under many lights, with object, face and blocker ids."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any, NamedTuple, ParamSpec, Protocol
 
-from ...checks import flag
-from ...engine.plan import Plan
 from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...files import checked_folder
 from ...kernels.parallel import thread_count
-from ...picture.option_fields import deciding_fields
+from ...picture.option_fields import deciding_fields, with_keywords
 from ...picture.render_options import RenderOptions
 from ...picture.renderer import Renderer
 from ...progress import Progress, with_progress
@@ -33,7 +31,10 @@ from ..scene_records import (
 )
 from .dataset_files import MANIFEST, DatasetFolder, read_json, write_json
 from .dataset_layers import Objects, channels, light_blockers, light_layer, masks, objects_of
+from .dataset_options import DatasetOptions
 from .random_views import CameraSet, SamplingRegion, camera_set, lights_of, sampling_region
+
+_P = ParamSpec("_P")
 
 
 class Dataset(NamedTuple):
@@ -48,13 +49,27 @@ class Dataset(NamedTuple):
     seconds: float  # duration of the call
 
 
+class DatasetFunction(Protocol[_P]):
+    """The type of `dataset`, whose keywords are the fields of a class."""
+
+    def __call__(
+        self, scene: SceneLike, folder: str | PathLike[str], cameras: Sequence[Camera] | None = None,
+        lights: Sequence[Light] | Light | None = None, shard: tuple[int, int] = (0, 1), progress: Progress = None,
+        keep: Executor | None = None, *args: _P.args, **keywords: _P.kwargs,
+    ) -> Dataset: ...  # fmt: skip
+
+
+def _dataset_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Dataset]], DatasetFunction[_P]]:
+    """`with_keywords`, with types."""
+    return with_keywords(kind)
+
+
+@_dataset_function(DatasetOptions)
 @with_progress
 def dataset(
     scene: SceneLike, folder: str | PathLike[str], cameras: Sequence[Camera] | None = None,
-    lights: Sequence[Light] | Light | None = None, *, orbit: int = 0, random: int = 0, random_lights: int = 0,
-    seed: int = 0, size: tuple[int, int] = (512, 512), spp: int = 16, sampler: str = "larcher-pillichshammer",
-    time: float = 0.0, plan: str | Plan | None = None, threads: int | None = None, max_memory: int | None = None,
-    shard: tuple[int, int] = (0, 1), overwrite: bool = False, progress: Progress = None, keep: Executor | None = None,
+    lights: Sequence[Light] | Light | None = None, *, shard: tuple[int, int] = (0, 1), progress: Progress = None,
+    keep: Executor | None = None, **keywords: Any,
 ) -> Dataset:  # fmt: skip
     """Render a data set: per camera, an EXR file with a layer for each light, and a shadow mask for each light.
 
@@ -71,24 +86,9 @@ def dataset(
         given.
     lights : list of lights, one light, or None
         None: `Scene.default_lights`; no such light if `random_lights` is given.
-    orbit : int
-        Number of cameras around the scene at equal angles, or inside it if a closed box surrounds everything.
-    random : int
-        Number of cameras in and around the scene. Each looks at a point in the scene's bounds, sees surfaces, and does
-        not stand in a wall.
-    random_lights : int
-        Number of lights, alternately a sun 10 to 80 degrees high and a sphere in free space.
-    seed : int
-        Seed of random cameras and lights. Camera k depends only on the scene, the seed and k.
-    size : (width, height)
-        Resolution of all cameras other than `cameras`, in pixels.
-    spp, sampler, time, plan, threads, max_memory
-        As in `antumbra.render`.
     shard : (i, n)
         Render only the frames k with ``k % n == i``. The call after which all frames are finished completes the
         manifest.
-    overwrite : bool
-        Render all frames of the shard again. If the folder has a data set with other settings, it is removed.
     progress : function of (text, done, total), or bool, optional
         Called after each frame. False: show nothing. None: terminals and notebooks show a bar after a second.
     keep : executor, optional
@@ -105,17 +105,16 @@ def dataset(
         settings or other files, or it cannot be written.
     """
     start = perf_counter()
-    path = checked_folder(folder)
-    scene, threads = scene_of(scene), thread_count(threads)
-    options = RenderOptions(spp=spp, sampler=sampler, time=scene.clamped(time))
-    share, overwrite = checked_shard(shard), flag(overwrite, "overwrite")
+    path, options, share = checked_folder(folder), DatasetOptions(**keywords), checked_shard(shard)
     if keep is not None:
         keep = executor_of(keep)
-    region = sampling_region(scene, options.time, threads)
-    views = camera_set(scene, cameras, orbit, random, seed, size, region.time)
-    renderer = Renderer(scene, plan, threads, max_memory=max_memory)
-    work = _FrameUnits(region, views, lights_of(region, lights, random_lights, seed), options, renderer)
-    work.open(path, overwrite)
+    scene = scene_of(scene)
+    picture = RenderOptions(spp=options.spp, sampler=options.sampler, time=scene.clamped(options.time))
+    region = sampling_region(scene, picture.time, thread_count(options.threads))
+    views = camera_set(scene, cameras, options, region.time)
+    renderer = Renderer(scene, options.plan, region.threads, max_memory=options.max_memory)
+    work = _FrameUnits(region, views, lights_of(region, lights, options), picture, renderer)
+    work.open(path, options.overwrite)
     if keep is None:
         do_missing(work, range(share.number, len(work), share.of))
     elif keep.finish([work]):

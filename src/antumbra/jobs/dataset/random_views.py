@@ -9,15 +9,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...checks import items, listed, whole_number
+from ...checks import items
 from ...engine.paged_scene import PagedScene
 from ...engine.scene import AnyScene
 from ...errors import InputError
-from ...scene.camera import AZIMUTH, MAX_SIZE, Camera, axes, bounding_sphere, default_camera
+from ...scene.camera import AZIMUTH, Camera, axes, bounding_sphere, default_camera
 from ...scene.default_picture import Room
 from ...scene.lights import DirectionalLight, Light, SphereLight, check_lights
 from ...scene.triangles import Hit
 from ..scene_records import Record, camera_record
+from .dataset_options import MOST_FRAMES, MOST_LIGHTS, DatasetOptions
 
 # --- Random and orbit views -------------------------------------------------------------------------------------------
 
@@ -202,11 +203,6 @@ _AROUND = _sphere(64)
 # --- Camera and light sets --------------------------------------------------------------------------------------------
 
 
-MOST_FRAMES = 10_000_000
-MOST_LIGHTS = 1000
-_MOST_SEED = 2**63 - 1
-
-
 class CameraSet(NamedTuple):
     """The cameras: first the explicit ones, then an orbit, then random ones."""
 
@@ -235,34 +231,29 @@ class CameraSet(NamedTuple):
         return {"given": cameras, "orbit": self.orbit, "random": self.random, "size": list(self.size)}
 
 
-def camera_set(
-    scene: AnyScene, cameras: Sequence[Camera] | None, orbit: int, random: int, seed: int, size: tuple[int, int],
-    time: float,
-) -> CameraSet:  # fmt: skip
+def camera_set(scene: AnyScene, cameras: Sequence[Camera] | None, options: DatasetOptions, time: float) -> CameraSet:
     """A checked `CameraSet`. By default, it has the scene's own cameras, or its default camera."""
-    orbit = whole_number(orbit, "orbit", 0, MOST_FRAMES)
-    random = whole_number(random, "random", 0, MOST_FRAMES)
-    seed = whole_number(seed, "seed", 0, _MOST_SEED)
-    width, height = listed(size, "size (width, height)", 2)
-    size = whole_number(width, "picture width", 1, MAX_SIZE), whole_number(height, "picture height", 1, MAX_SIZE)
-    if cameras is None:
-        scene_cameras = (
-            [] if orbit or random else [scene.camera(i, time).resized(*size) for i in range(len(scene.cameras))]
-        )
-        cameras = scene_cameras if scene_cameras or orbit or random else [scene.default_camera(*size)]
-    views = CameraSet(items(cameras, Camera, "a camera"), orbit, random, seed, size)
+    orbit, random, size = options.orbit, options.random, options.size
+    if cameras is None and (orbit or random):
+        cameras = []
+    elif cameras is None:
+        cameras = [scene.camera(i, time).resized(*size) for i in range(len(scene.cameras))]
+        cameras = cameras or [scene.default_camera(*size)]
+    views = CameraSet(items(cameras, Camera, "a camera"), orbit, random, options.seed, size)
     if not 1 <= views.total <= MOST_FRAMES:
         raise InputError(f"{views.total} cameras; a data set has 1 to {MOST_FRAMES:,}, give cameras, orbit or random")
     return views
 
 
-def lights_of(region: SamplingRegion, lights: Sequence[Light] | Light | None, random: int, seed: int) -> list[Light]:
+def lights_of(region: SamplingRegion, lights: Sequence[Light] | Light | None, options: DatasetOptions) -> list[Light]:
     """The explicit lights, then random ones; by default, the scene's default lights."""
-    random, scene = whole_number(random, "random_lights", 0, MOST_LIGHTS), region.scene
+    random, scene = options.random_lights, region.scene
     if lights is None:
         lights = [] if random else scene.default_lights(region.time)
     explicit_lights = items(lights, Light, "a light", "give an antumbra.PointLight, QuadLight, ... or a list of them")
-    all_lights = check_lights(explicit_lights + [random_light(region, seed, k) for k in range(random)], scene.up)
+    all_lights = check_lights(
+        explicit_lights + [random_light(region, options.seed, k) for k in range(random)], scene.up
+    )
     if len(all_lights) > MOST_LIGHTS:
         raise InputError(f"{len(all_lights)} lights; a data set has at most {MOST_LIGHTS}, each is a layer")
     return all_lights
