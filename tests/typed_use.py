@@ -35,6 +35,7 @@ def use() -> None:
     assert_type(at.bake("model.glb", "baked.glb", "light", lights=lights, spp=16), at.Baked)
     at.bake("model.glb", "baked.glb", radius="far")  # type: ignore[arg-type]
     assert_type(at.dataset(scene, "set", [camera], orbit=4, size=(64, 64)), at.Dataset)
+    assert_type(at.viewshed(scene, "face", [0, 2, 0], max_distance=10.0), at.Viewshed)
     place = at.place_of(scene, latitude=52.0, longitude=4.4)
     assert place is not None
     suns = at.suns_of(place, at.times_of([date(2026, 6, 21)], UTC, 60), scene.up)

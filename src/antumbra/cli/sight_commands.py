@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import InputError
+from ..jobs.line_of_sight.viewshed_options import ViewshedOptions
+from ..picture.option_fields import field_values
 from . import arguments, console
 from .arguments import in_memory, open_scene
 from .console import ProgressDisplay
 from .options import (
     SCENE_HELP,
+    Before,
     CameraOption,
     ColumnOption,
     CrsOption,
@@ -24,6 +27,8 @@ from .options import (
     Threads,
     TimeOption,
     UpOption,
+    arguments_of,
+    literal,
     points_or_file,
     tables,
     takes,
@@ -194,9 +199,12 @@ def _of_city(scene: "AnyScene", face: int, blocker: int) -> dict[str, str]:
 _SIZE = 1024, 768  # of pictures
 
 
-@dataclass(frozen=True)
-class ViewshedArguments:
-    """The command-line arguments and options, one per field."""
+_Options: Any = arguments_of("viewshed", ViewshedOptions)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewshedArguments(_Options):  # type: ignore[misc] # made from the options of a viewshed
+    """The command-line arguments and options, besides those derived from `ViewshedOptions`."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     sensors: SensorsOption = "face"
@@ -206,25 +214,7 @@ class ViewshedArguments:
     observers: Annotated[
         Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
     ] = None
-    eye_height: Annotated[float, typer.Option(help="Height of the eyes above the observers, in world units.")] = 0.0
-    on_surface: Annotated[
-        bool, typer.Option("--on-surface", help="First place each observer on the highest surface at its position.")
-    ] = False
-    min_distance: Annotated[float, typer.Option(help="Least distance of visible sensors, in world units.")] = 0.0
-    max_distance: Annotated[
-        float | None,
-        typer.Option(help="Greatest distance of visible sensors.  [default: no limit]", show_default=False),
-    ] = None
-    azimuth: Annotated[
-        str, typer.Option(help="Compass directions, degrees clockwise from north.", metavar="FROM:TO")
-    ] = "0:360"
-    elevation: Annotated[str, typer.Option(help="Degrees above the horizontal.", metavar="LOWEST:HIGHEST")] = "-90:90"
-    curvature: Annotated[bool, typer.Option("--curvature", help="Account for the curvature of the earth.")] = False
-    refraction: Annotated[
-        float, typer.Option(help="Refraction coefficient: share of the curvature that refraction offsets.")
-    ] = 0.13
-    earth_radius: Annotated[float, typer.Option(help="Radius of the earth in world units.")] = 6_371_000.0
-    output: OutputsOption = None
+    output: Annotated[OutputsOption, Before("plan")] = None
     column: ColumnOption = None
     camera: CameraOption = None
     bits: Annotated[
@@ -235,12 +225,9 @@ class ViewshedArguments:
             callback=writes(".npy"),
         ),
     ] = None
-    plan: PlanOption = None
-    time: TimeOption = 0.0
-    up: UpOption = None
+    up: Annotated[UpOption, Before("threads")] = None
     crs: CrsOption = None
-    threads: Threads = None
-    json: Json = False
+    json: Annotated[Json, Before("")] = False
     quiet: Quiet = False
 
 
@@ -260,9 +247,11 @@ def viewshed(args: ViewshedArguments) -> int:
       antumbra viewshed hills.ply --up z --observer 0,0,900 --curvature --azimuth 350:10 -o seen.parquet
     """
     spec = arguments.parse_scene(args.scene)
-    angles = (
-        arguments.parse_interval(args.azimuth, "--azimuth"),
-        arguments.parse_interval(args.elevation, "--elevation"),
+    options = ViewshedOptions(
+        **literal(args, ViewshedOptions),
+        azimuth=arguments.parse_interval(args.azimuth, "--azimuth"),
+        elevation=arguments.parse_interval(args.elevation, "--elevation"),
+        bits=args.bits is not None,
     )
     camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
 
@@ -288,24 +277,7 @@ def viewshed(args: ViewshedArguments) -> int:
         sensors = sensors_of(args.sensors, opened, args.threads)
         camera = None if camera_spec is None else arguments.make_camera(camera_spec, opened, args.time, _SIZE)
         start = perf_counter()
-        result = compute_viewshed(
-            opened,
-            sensors,
-            eyes.points,
-            eye_height=args.eye_height,
-            on_surface=args.on_surface,
-            min_distance=args.min_distance,
-            max_distance=args.max_distance,
-            azimuth=angles[0],
-            elevation=angles[1],
-            curvature=args.curvature,
-            refraction=args.refraction,
-            earth_radius=args.earth_radius,
-            bits=bits is not None,
-            plan=args.plan,
-            time=args.time,
-            threads=args.threads,
-        )
+        result = compute_viewshed(opened, sensors, eyes.points, **field_values(options))
         seconds = perf_counter() - start
         display.say("writing the results")
         table = result.table

@@ -2,5 +2,6 @@
 
 - `sightlines`: `line_of_sight`, for pairs of points
 - `visibility_matrix`: `visibility_matrix`, for all pairs of two sets of points
+- `viewshed_options`: options of a viewshed, with limits of distance and direction
 - `viewshed`: `viewshed`, for observers and sensors
 """

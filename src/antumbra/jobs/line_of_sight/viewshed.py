@@ -6,17 +6,17 @@ straight line over this lowered copy of the scene represents a refracted line ov
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple, ParamSpec, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import as_array, flag, listed, number, points
-from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
+from ...checks import as_array, points
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
+from ...picture.option_fields import with_keywords
 from ...progress import Progress, report_progress, with_progress
 from ...query.query_bounds import morton_codes
 from ...scene.lights import MAX_SPP
@@ -24,79 +24,14 @@ from ..bit_matrices import unpack_bits, words_of
 from ..result_table import Column, Table
 from ..sensor_files import sensors_of
 from ..sensors import Sensors, corners_of, on_top, point_sensors, sensors_from, sightline_ends
+from .viewshed_options import ViewshedOptions
 from .visibility_matrix import TileTracer
 
-# --- Limits of distance and direction ---------------------------------------------------------------------------------
-
-
-class Limits(NamedTuple):
-    """The part of space that each observer looks at.
-
-    min_distance, max_distance : float
-        World units, in a straight line; both ends are included.
-    azimuth : (float, float)
-        Degrees clockwise from north (+Y if Z is up, else -Z), from the first to the second: (350, 10) is 20 degrees
-        wide. (0, 360): all around.
-    elevation : (float, float)
-        Degrees above the horizontal, lowest and highest.
-    """
-
-    min_distance: float = 0.0
-    max_distance: float = np.inf
-    azimuth: tuple[float, float] = (0.0, 360.0)
-    elevation: tuple[float, float] = (-90.0, 90.0)
-
-    @property
-    def all_around(self) -> bool:
-        """Whether the angles cover all directions."""
-        return abs(self.azimuth[1] - self.azimuth[0]) >= 360.0 and self.elevation == (-90.0, 90.0)
-
-    def in_range(self, distance: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(...) bool: whether distances are within the limits."""
-        return np.asarray((distance >= self.min_distance) & (distance <= self.max_distance))
-
-    def inside(self, away: NDArray[np.float64], distance: NDArray[np.float64], up: str) -> NDArray[np.bool_]:
-        """(...) bool: whether points are within the limits; away: (..., 3), from the observer to the points."""
-        within = self.in_range(distance)
-        if self.all_around:
-            return within
-        z = away[..., "xyz".index(up)]
-        north = away[..., 1] if up == "z" else -away[..., 2]
-        horizontal = np.hypot(away[..., 0], north)
-        elevation = np.degrees(np.arctan2(z, horizontal))
-        within &= (elevation >= self.elevation[0]) & (elevation <= self.elevation[1])
-        width = self.azimuth[1] - self.azimuth[0]
-        if abs(width) < 360.0:
-            bearing = np.degrees(np.arctan2(away[..., 0], north)) - self.azimuth[0]
-            within &= (bearing % 360.0 <= width % 360.0) | (horizontal == 0.0)
-        return within
-
-
-def checked_limits(
-    min_distance: float, max_distance: float | None, azimuth: tuple[float, float], elevation: tuple[float, float]
-) -> Limits:
-    """The arguments as `Limits`; otherwise an InputError."""
-    least = number(min_distance, "min_distance", 0.0, np.inf, "[)")
-    most = np.inf if max_distance is None else number(max_distance, "max_distance", 0.0, np.inf, "(]")
-    if least >= most:
-        raise InputError(f"min_distance is {least:g} and max_distance {most:g}; nothing lies between them")
-    around = _angles(azimuth, "azimuth", 360.0)
-    low, high = _angles(elevation, "elevation", 90.0)
-    if low > high:
-        raise InputError(f"elevation is from {low:g} to {high:g}; give the lower angle first")
-    return Limits(least, most, around, (low, high))
-
-
-def _angles(value: tuple[float, float], what: str, most: float) -> tuple[float, float]:
-    first, last = (number(angle, f"{what} (degrees)", -most, most, "[]") for angle in listed(value, what, 2))
-    return first, last
-
+_P = ParamSpec("_P")
 
 # --- Earth curvature and refraction -----------------------------------------------------------------------------------
 
 
-EARTH_RADIUS = 6_371_000.0
-REFRACTION = 0.13
 _SAG = 1e-3  # world units: maximum height of an edge above the curve between its ends
 
 
@@ -131,12 +66,6 @@ class Earth(NamedTuple):
         away = points - observer
         away[:, self.up] = 0.0
         return np.asarray(normals + 2.0 * self.drop * normals[:, self.up, None] * away)
-
-
-def earth_of(scene: AnyScene, refraction: float, radius: float) -> Earth:
-    """A checked `Earth`."""
-    k = number(refraction, "refraction", -1.0, 1.0)
-    return Earth((1.0 - k) / (2.0 * number(radius, "earth_radius", 0.0, np.inf)), "xyz".index(scene.up))
 
 
 class CurvedScene:
@@ -210,19 +139,30 @@ class _ViewshedState:
 
     sensors: Sensors
     eyes: np.ndarray  # (k, 3)
-    limits: Limits
+    options: ViewshedOptions
     up: str
     sight: _Sight
 
 
+class ViewshedFunction(Protocol[_P]):
+    """The type of `viewshed`, whose keywords are the fields of a class."""
+
+    def __call__(
+        self, scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike, progress: Progress = None,
+        *args: _P.args, **keywords: _P.kwargs,
+    ) -> Viewshed: ...  # fmt: skip
+
+
+def _viewshed_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Viewshed]], ViewshedFunction[_P]]:
+    """`with_keywords`, with types."""
+    return with_keywords(kind)
+
+
+@_viewshed_function(ViewshedOptions)
 @with_progress
 def viewshed(
-    scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike, *, eye_height: float = 0.0,
-    on_surface: bool = False, min_distance: float = 0.0, max_distance: float | None = None,
-    azimuth: tuple[float, float] = (0.0, 360.0), elevation: tuple[float, float] = (-90.0, 90.0),
-    curvature: bool = False, refraction: float = REFRACTION, earth_radius: float = EARTH_RADIUS, bits: bool = False,
-    plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None,
-    progress: Progress = None,
+    scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike, *, progress: Progress = None,
+    **keywords: Any,
 ) -> Viewshed:  # fmt: skip
     """Find which observers see each sensor: a cumulative viewshed. Every line of sight is exact.
 
@@ -235,26 +175,6 @@ def viewshed(
         ``at.face_sensors(scene)``, are visible only from their outer side.
     observers : (3,) or (k, 3) float
         World coordinates.
-    eye_height : float
-        Height of the eyes above the observers, world units.
-    on_surface : bool
-        First move each observer to the highest surface above or below it. Observers beside the scene are not moved.
-    min_distance, max_distance : float
-        World units, in a straight line from eye to sensor. None: no limit.
-    azimuth : (float, float)
-        Compass directions in degrees, clockwise from north (+Y if Z is up, else -Z): (350, 10) looks north.
-    elevation : (float, float)
-        Degrees above the horizontal.
-    curvature : bool
-        Account for earth curvature around each observer. World units must be those of `earth_radius`.
-    refraction : float
-        Share k of the curvature that refraction compensates; 0 for straight light.
-    earth_radius : float
-        World units.
-    bits : bool
-        Also return which observer sees which sensor.
-    plan, time, threads
-        As in `antumbra.visibility`.
     progress : function of (text, done, total), or bool, optional
         Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
 
@@ -277,47 +197,42 @@ def viewshed(
     vertices. Edges are divided until they follow the curve within a millimetre (0.001 world units), and sensors on
     faces are lifted by the same amount. Each observer then costs one BVH build.
     """
-    scene, threads = scene_of(scene), thread_count(threads)
-    time, bits = scene.clamped(time), flag(bits, "bits")
-    parse_plan(DEFAULT_PLAN if plan is None else plan)
-    earth, curvature = earth_of(scene, refraction, earth_radius), flag(curvature, "curvature")
+    options, scene = ViewshedOptions(**keywords), scene_of(scene)
+    threads, time = thread_count(options.threads), scene.clamped(options.time)
     checked = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
     targets = sensors_from(scene, checked, None, "sensors")
-    limits = checked_limits(min_distance, max_distance, azimuth, elevation)
-    eyes = _eyes(scene, observers, eye_height, on_surface, time, threads)
+    eyes = _eyes(scene, observers, options)
     n, k = len(targets), len(eyes)
-    if bits and 8 * n * words_of(k) > _MOST:
+    if options.bits and 8 * n * words_of(k) > _MOST:
         raise InputError(
             f"bits of {n} sensors and {k} observers take {n * k / 8e9:.1f} GB; visibility_matrix streams them"
         )
-    visibility_bits = np.zeros((n, words_of(k)), np.uint64) if bits else None
+    visibility_bits = np.zeros((n, words_of(k)), np.uint64) if options.bits else None
     no_observer = np.full(n, -1, np.int32)
     sight = _Sight(np.zeros(n, np.int32), np.full(n, k, np.int32), no_observer, np.full(n, np.inf), visibility_bits)
-    state = _ViewshedState(targets, eyes, limits, scene.up, sight)
+    state = _ViewshedState(targets, eyes, options, scene.up, sight)
+    recorded = ["eye_height", "min_distance", "max_distance", "azimuth", "elevation"]
     with report_progress(f"{n} sensors, {k} observers") as report:
-        if curvature:
-            _curved(state, CurvedScene(scene, earth, time), plan, threads, report)
+        if options.curvature:
+            drop = (1.0 - options.refraction) / (2.0 * options.earth_radius)
+            _curved(state, CurvedScene(scene, Earth(drop, "xyz".index(scene.up)), time), report)
+            recorded += ["refraction", "earth_radius"]
         else:
-            _straight(state, scene, TileTracer(scene, plan, time, threads, n * k), report)
-    about = {"job": "viewshed", "observers": k, "eye_height": eye_height, **limits._asdict()}
-    about["max_distance"] = None if limits.max_distance == np.inf else limits.max_distance
-    if curvature:
-        about |= {"refraction": refraction, "earth_radius": earth_radius}
+            _straight(state, scene, TileTracer(scene, options.plan, time, threads, n * k), report)
+    about = {"job": "viewshed", "observers": k, **{name: getattr(options, name) for name in recorded}}
     return Viewshed(Table(targets, _columns(sight, k), about, scene, marks=eyes), eyes, visibility_bits)
 
 
-def _eyes(
-    scene: AnyScene, observers: ArrayLike, height: float, on_surface: bool, time: float, threads: int
-) -> NDArray[np.float64]:
+def _eyes(scene: AnyScene, observers: ArrayLike, options: ViewshedOptions) -> NDArray[np.float64]:
     """(k, 3) float64: the observers' eyes."""
     eyes = points(np.atleast_2d(as_array(observers, "observers")), "observers").copy()
     if not len(eyes):
         raise InputError("there is no observer; give at least one")
     up = "xyz".index(scene.up)
-    if flag(on_surface, "on_surface"):
-        tops, faces = on_top(scene, eyes, time, threads)
+    if options.on_surface:
+        tops, faces = on_top(scene, eyes, scene.clamped(options.time), thread_count(options.threads))
         eyes[:, up] = np.where(faces >= 0, tops, eyes[:, up])
-    eyes[:, up] += number(height, "eye_height")
+    eyes[:, up] += options.eye_height
     return eyes
 
 
@@ -339,7 +254,7 @@ def _straight(
     curve, order = (np.argsort(morton_codes(each.origins[0]), kind="stable") for each in (ends, eyes))
     for first in range(0, len(order), MAX_SPP):
         some = order[first : first + MAX_SPP]
-        places = curve[_within(state.sensors.points[curve], state.eyes[some], state.limits.max_distance)]
+        places = curve[_within(state.sensors.points[curve], state.eyes[some], state.options.reach)]
         step = max(1024, _PAIRS // len(some))
         for start in range(0, len(places), step):
             part = places[start : start + step]
@@ -353,17 +268,15 @@ def _within(at: np.ndarray, eyes: np.ndarray, distance: float) -> NDArray[np.boo
     return np.asarray(((at >= lower) & (at <= upper)).all(1))
 
 
-def _curved(
-    state: _ViewshedState, curved: CurvedScene, plan: str | Plan | None, threads: int,
-    progress: Callable[[int, int], object],
-) -> None:  # fmt: skip
+def _curved(state: _ViewshedState, curved: CurvedScene, progress: Callable[[int, int], object]) -> None:
     """Trace one observer at a time, each in its own copy of the scene."""
+    options = state.options
     for k, eye in enumerate(state.eyes):
-        places = np.flatnonzero(_within(state.sensors.points, eye[None], state.limits.max_distance))
+        places = np.flatnonzero(_within(state.sensors.points, eye[None], state.options.reach))
         if len(places):
             copy, sensors = curved.scene_for(eye), curved.sensors(state.sensors, eye)
             ends = sightline_ends(copy, sensors).take(places)
-            tracing = TileTracer(copy, plan, 0.0, threads, len(places))
+            tracing = TileTracer(copy, options.plan, 0.0, options.threads, len(places))
             one = sightline_ends(copy, point_sensors(eye[None]))
             _add(state, places, np.array([k]), tracing.visible(ends, one))
         progress(k + 1, len(state.eyes))
@@ -375,7 +288,7 @@ def _add(state: _ViewshedState, places: np.ndarray, some: np.ndarray, words: np.
     rows, columns = np.nonzero(visible)
     away = state.sensors.points[places[rows]] - state.eyes[some[columns]]
     distance = np.sqrt((away * away).sum(1))
-    inside = state.limits.inside(away, distance, state.up)
+    inside = state.options.includes(away, distance, state.up)
     rows, columns, distance = rows[inside], columns[inside], distance[inside]
     at, observer = places[rows], some[columns]
     np.add.at(sight.observers, at, 1)

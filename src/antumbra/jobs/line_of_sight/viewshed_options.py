@@ -1,0 +1,128 @@
+"""The options of a viewshed: the keywords of `antumbra.viewshed`, with the limits of distance and direction."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...checks import flag, listed, number
+from ...errors import InputError
+from ...picture.option_fields import CommandOption, RealNumber, check_fields, known_plan, option, same_option
+from ...picture.render_options import EngineOptions, RenderOptions
+
+if TYPE_CHECKING:
+    from ...engine.plan import Plan
+
+
+def _azimuth(value: Any, what: str) -> tuple[float, float]:
+    return _angles(value, what, 360.0)
+
+
+def _elevation(value: Any, what: str) -> tuple[float, float]:
+    low, high = _angles(value, what, 90.0)
+    if low > high:
+        raise InputError(f"{what} is from {low:g} to {high:g}; give the lower angle first")
+    return low, high
+
+
+def _angles(value: Any, what: str, most: float) -> tuple[float, float]:
+    first, last = (number(angle, f"{what} (degrees)", -most, most, "[]") for angle in listed(value, what, 2))
+    return first, last
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewshedOptions:
+    """The options of a viewshed, checked and immutable. Raises InputError."""
+
+    eye_height: float = option(
+        0.0,
+        RealNumber(-np.inf, np.inf),
+        CommandOption("Height of the eyes above the observers, in world units."),
+    )
+    """Height of the eyes above the observers, world units."""
+    on_surface: bool = option(
+        False, flag, CommandOption("First place each observer on the highest surface at its position.")
+    )
+    """First move each observer to the highest surface above or below it. Observers beside the scene are not moved."""
+    min_distance: float = option(
+        0.0, RealNumber(0.0, np.inf, "[)"), CommandOption("Least distance of visible sensors, in world units.")
+    )
+    """World units, in a straight line from eye to sensor; the limits are included."""
+    max_distance: float | None = option(
+        None,
+        RealNumber(0.0, np.inf, "(]", optional=True),
+        CommandOption("Greatest distance of visible sensors.", note="no limit"),
+    )
+    """None: no limit."""
+    azimuth: tuple[float, float] = option(
+        (0.0, 360.0),
+        _azimuth,
+        CommandOption(
+            "Compass directions, degrees clockwise from north.",
+            kind=str,
+            start="0:360",
+            metavar="FROM:TO",
+            literal=False,
+        ),
+        kind="(float, float)",
+    )
+    """Compass directions in degrees, clockwise from north (+Y if Z is up, else -Z): (350, 10) looks north."""
+    elevation: tuple[float, float] = option(
+        (-90.0, 90.0),
+        _elevation,
+        CommandOption(
+            "Degrees above the horizontal.", kind=str, start="-90:90", metavar="LOWEST:HIGHEST", literal=False
+        ),
+        kind="(float, float)",
+    )
+    """Degrees above the horizontal."""
+    curvature: bool = option(False, flag, CommandOption("Account for the curvature of the earth."))
+    """Account for earth curvature around each observer. World units must be those of `earth_radius`."""
+    refraction: float = option(
+        0.13,
+        RealNumber(-1.0, 1.0),
+        CommandOption("Refraction coefficient: share of the curvature that refraction offsets."),
+    )
+    """Share k of the curvature that refraction compensates; 0 for straight light."""
+    earth_radius: float = option(
+        6_371_000.0, RealNumber(0.0, np.inf), CommandOption("Radius of the earth in world units.")
+    )
+    """World units."""
+    bits: bool = option(False, flag)
+    """Also return which observer sees which sensor."""
+    plan: "str | Plan | None" = option(
+        None, known_plan, CommandOption("Plan; see antumbra plans.", kind=str | None, note="auto")
+    )
+    """As in `antumbra.visibility`."""
+    time: float = same_option(RenderOptions, "time")
+    """Seconds into the animation."""
+    threads: int | None = same_option(EngineOptions, "threads")
+    """None: all cores."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.min_distance >= self.reach:
+            raise InputError(
+                f"min_distance is {self.min_distance:g} and max_distance {self.reach:g}; nothing lies between them"
+            )
+
+    @property
+    def reach(self) -> float:
+        """The greatest distance; inf: no limit."""
+        return np.inf if self.max_distance is None else self.max_distance
+
+    def includes(self, away: NDArray[np.float64], distance: NDArray[np.float64], up: str) -> NDArray[np.bool_]:
+        """(...) bool: whether points are within the limits; away: (..., 3), from the observer to the points."""
+        within = np.asarray((distance >= self.min_distance) & (distance <= self.reach))
+        width = self.azimuth[1] - self.azimuth[0]
+        if abs(width) >= 360.0 and self.elevation == (-90.0, 90.0):
+            return within
+        north = away[..., 1] if up == "z" else -away[..., 2]
+        horizontal = np.hypot(away[..., 0], north)
+        elevation = np.degrees(np.arctan2(away[..., "xyz".index(up)], horizontal))
+        within &= (elevation >= self.elevation[0]) & (elevation <= self.elevation[1])
+        if abs(width) < 360.0:
+            bearing = np.degrees(np.arctan2(away[..., 0], north)) - self.azimuth[0]
+            within &= (bearing % 360.0 <= width % 360.0) | (horizontal == 0.0)
+        return within
