@@ -38,6 +38,7 @@ def use() -> None:
     assert_type(at.viewshed(scene, "face", [0, 2, 0], max_distance=10.0), at.Viewshed)
     place = at.place_of(scene, latitude=52.0, longitude=4.4)
     assert place is not None
+    assert_type(at.sun_hours(scene, "face", "2026-06-21", place=place, sky=64, by=["month"]), at.Table)
     suns = at.suns_of(place, at.times_of([date(2026, 6, 21)], UTC, 60), scene.up)
     assert_type(suns, at.Suns)
     city = at.load("city.json", lod="2.2").city

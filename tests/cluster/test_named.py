@@ -79,8 +79,8 @@ def told(tmp_path, monkeypatch):
 
 
 CITY = "procedural:city?triangles=1000"
-SUN = SunArguments(CITY, "raster:dem.tif+1.6", "2026-03-21", latitude=52.0, longitude=4.36, plan="bsah+single",
-                   output=[Path("a.csv")])  # fmt: skip
+SUN = SunArguments(scene=CITY, sensors="raster:dem.tif+1.6", days="2026-03-21", latitude=52.0, longitude=4.36,
+                   plan="bsah+single", output=[Path("a.csv")])  # fmt: skip
 MATRIX = MatrixArguments(CITY, "raster:dem.tif+1.6", output=Path("a.npy"), plan="bsah+single")
 
 

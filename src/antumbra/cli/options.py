@@ -193,7 +193,9 @@ def literal(arguments: Any, kind: type) -> dict[str, Any]:
 
 
 def _value(word: Any) -> Any:
-    """The Python value of an option's word."""
+    """The Python value of an option's word, or of a list of words."""
+    if isinstance(word, list):
+        return [_value(each) for each in word]
     value = word.value if isinstance(word, Enum) else word
     return None if isinstance(word, Enum) and value == "none" else value
 
@@ -280,10 +282,11 @@ def takes(arguments: type) -> Callable[[Callable[[Any], int]], Callable[..., int
 
         wrapper: Any = run
         kind, members = inspect.Parameter.KEYWORD_ONLY, fields_of(arguments)
+        kinds = {f.name: Annotated[get_args(f.type)[:2]] for f in members}  # without `Before`
         wrapper.__signature__ = inspect.Signature(
-            [inspect.Parameter(f.name, kind, default=default(f), annotation=f.type) for f in members]
+            [inspect.Parameter(f.name, kind, default=default(f), annotation=kinds[f.name]) for f in members]
         )
-        wrapper.__annotations__ = {f.name: f.type for f in members}
+        wrapper.__annotations__ = kinds
         wrapper.__doc__, wrapper.__name__ = command.__doc__, command.__name__
         wrapper.command, arguments.home = command, (command.__module__, command.__name__)  # type: ignore[attr-defined]
         return wrapper

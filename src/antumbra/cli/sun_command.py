@@ -1,7 +1,6 @@
 """``antumbra sun``: hours of direct sunlight on sensors, as tables, pictures, models and CityJSON attributes."""
 
-from dataclasses import dataclass
-from enum import StrEnum
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -10,15 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from ..engine.plan import DEFAULT_PLAN
 from ..errors import InputError
 from ..formats.format_registry import CITYJSON
+from ..jobs.sun.sun_options import SunOptions
+from ..picture.option_fields import field_values
 from . import console
 from .arguments import SceneSpec, limit_memory, open_scene, parse_bytes, parse_scene
 from .console import ProgressDisplay
 from .options import (
     SCENE_HELP,
     SENSORS_HELP,
+    Before,
     ColumnOption,
     CrsOption,
     DegreesOption,
@@ -27,9 +28,10 @@ from .options import (
     NorthOption,
     OutputsOption,
     Quiet,
-    Threads,
     TimezoneOption,
     UpOption,
+    arguments_of,
+    literal,
     takes,
     writes,
 )
@@ -41,38 +43,16 @@ if TYPE_CHECKING:
 # --- Arguments --------------------------------------------------------------------------------------------------------
 
 
-class HoursInterval(StrEnum):
-    month = "month"
-    hour = "hour"
+_Options: Any = arguments_of("sun", SunOptions)
 
 
-@dataclass(frozen=True)
-class SunArguments:
-    """The command-line arguments and options, one per field."""
+@dataclass(frozen=True, kw_only=True)
+class SunArguments(_Options):  # type: ignore[misc] # made from the options of a study
+    """The command-line arguments and options, besides those derived from `SunOptions`."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
     sensors: Annotated[
         str | None, typer.Option(help=SENSORS_HELP + "  [default: face; with --areas raster:0.5]", show_default=False)
-    ] = None
-    days: Annotated[
-        str | None,
-        typer.Option(
-            help="2026-06-21, 2026-03-21:2026-09-21, year:2026, or a comma-separated list.  [default: those of the "
-            "rule or the EPW file]",
-            metavar="DAYS",
-            show_default=False,
-        ),
-    ] = None
-    step: Annotated[
-        float | None,
-        typer.Option(
-            help="Minutes represented by each sun position.  [default: 60, or as the rule requires]",
-            metavar="MINUTES",
-            show_default=False,
-        ),
-    ] = None
-    rule: Annotated[
-        str | None, typer.Option(help="A daylight rule: br209-windows, en17037-medium, ...", show_default=False)
     ] = None
     areas: Annotated[
         Path | None,
@@ -81,25 +61,14 @@ class SunArguments:
             metavar="FILE",
             show_default=False,
         ),
+        Before("epw"),
     ] = None
-    epw: Annotated[
-        Path | None,
-        typer.Option(help="EPW weather file: location, days, direct and diffuse radiation.", metavar="FILE"),
-    ] = None
-    crs: CrsOption = None
+    crs: Annotated[CrsOption, Before("energy")] = None
     latitude: DegreesOption = None
     longitude: DegreesOption = None
     north: NorthOption = None
     timezone: TimezoneOption = None
-    energy: Annotated[bool, typer.Option("--energy", help="Add the direct energy under a clear sky.")] = False
-    sky: Annotated[
-        int, typer.Option(help="Add the sky-view factor, from N directions.", min=0, max=16384, metavar="N")
-    ] = 0
-    by: Annotated[
-        list[HoursInterval] | None, typer.Option(help="Also list hours per month or hour of the day; may be repeated.")
-    ] = None
-    samples: Annotated[int, typer.Option(help="Sample points on the sun's disk; 1: its centre.", min=1, max=64)] = 1
-    output: OutputsOption = None
+    output: Annotated[OutputsOption, Before("plan")] = None
     column: ColumnOption = None
     city_output: Annotated[
         Path | None,
@@ -115,9 +84,7 @@ class SunArguments:
             help="A .npy file of bits: which sensor sees which sun position.", metavar="FILE", callback=writes(".npy")
         ),
     ] = None
-    plan: Annotated[str, typer.Option(help="Plan; see antumbra plans.")] = DEFAULT_PLAN
-    threads: Threads = None
-    max_memory: MaxMemoryOption = None
+    max_memory: Annotated[MaxMemoryOption, Before("")] = None
     up: UpOption = None
     shard: ShardOption = None
     ray: RayOption = None
@@ -156,13 +123,10 @@ def sun(args: SunArguments) -> int:
       antumbra sun city.city.json --sensors windows.csv --rule br209-windows --epw delft.epw -o windows.csv
       antumbra sun city.city.json --rule br209-amenity --areas gardens.geojson -o gardens.tif
     """
-    from ..engine.plan import parse_plan
     from ..jobs.ground_areas import SPACING, check_areas
     from ..jobs.sensor_files import check_sensors, sensors_of
-    from ..jobs.sun.daylight_rules import check_rule
     from ..jobs.sun.location import place_of, position_fields
     from ..jobs.sun.sun_hours import sun_hours
-    from ..jobs.sun.sun_positions import checked_step, parse_days
 
     spec = parse_scene(args.scene)
     names = "latitude", "longitude", "north", "timezone"
@@ -172,12 +136,8 @@ def sun(args: SunArguments) -> int:
     if args.areas is not None:
         check_areas(args.areas)
     check_sensors(sensor_form, areas=in_areas)
-    days = None if args.days is None else parse_days(args.days)
-    if args.step is not None:
-        checked_step(args.step)
-    if args.rule is not None:
-        check_rule(args.rule, days, in_areas)
-    parse_plan(args.plan)
+    options = SunOptions(**literal(args, SunOptions))
+    options.check_rule(in_areas)
     memory = None if args.max_memory is None else parse_bytes(args.max_memory, "--max-memory")
     outputs = _checked_outputs(args, spec, sensor_form)
     executor = executor_for(args, outputs[0])
@@ -190,21 +150,7 @@ def sun(args: SunArguments) -> int:
         place = place_of(scene, **position)
         sensors = sensors_of(sensor_form, scene, args.threads, args.areas)
         display.say("preparing")
-        run = partial(
-            sun_hours,
-            scene,
-            days=days,
-            place=place,
-            step=args.step,
-            rule=args.rule,
-            epw=args.epw,
-            energy=args.energy,
-            sky=args.sky,
-            by=[by.value for by in args.by or ()],
-            samples=args.samples,
-            plan=args.plan,
-            threads=args.threads,
-        )
+        run = partial(sun_hours, scene, **field_values(replace(options, place=place)))
         if args.column is not None:
             run(sensors=sensors.part(0, 0)).shown(args.column)  # reports an unknown column before the long work
         start = perf_counter()

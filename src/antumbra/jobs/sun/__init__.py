@@ -1,6 +1,7 @@
 """Sun hours: which sensors see the sun, and when; and how much of the sky they see.
 
 - `sun_hours`: `sun_hours` and `sky_view`
+- `sun_options`: options of `sun_hours`, with their checks
 - `location`: latitude, longitude, time zone and true north of a scene
 - `sun_positions`: time intervals and the sun position of each
 - `solar_radiation`: EPW files and clear skies

@@ -1,20 +1,21 @@
 """`sun_hours` and `sky_view`: tables of the direct sun, and of the share of the sky, that reaches each sensor."""
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable
 from datetime import date
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, ParamSpec, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import checked_instance, choice, flag, items, whole_number
+from ...checks import whole_number
 from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...files import atomic_output, check_disk_space, checked_output
 from ...kernels.parallel import thread_count
+from ...picture.option_fields import with_keywords
 from ...progress import Progress, with_progress
 from ..bit_matrices import row_file_size
 from ..executors import Keep, checked_keep, executor_of
@@ -22,16 +23,18 @@ from ..ground_areas import SPACING, AreaLike
 from ..result_table import Column, Table
 from ..sensor_files import sensors_of
 from ..sensors import Sensors, sensors_from
-from .daylight_rules import Rule, check_rule, meets_rule, rule_named, weights_of
-from .location import Place, checked_place, place_of
+from .daylight_rules import Rule, meets_rule, rule_named, weights_of
+from .location import Place, place_of
 from .solar_radiation import TYPICAL_YEAR, clear_sky, on_days, read_epw
-from .sun_positions import Suns, checked_step, days_of, suns_of, times_of, zone_of
+from .sun_options import MOST_DIRECTIONS, SunKeywords, SunOptions
+from .sun_positions import Suns, checked_step, suns_of, times_of, zone_of
 from .sun_visibility import SunQuery, SunSums, Tally, sum_suns, sun_query
+
+_P = ParamSpec("_P")
 
 # --- Sky view ---------------------------------------------------------------------------------------------------------
 
 
-MOST_DIRECTIONS = 1 << 14
 SKY_VIEW_ABOUT = "sky-view factor: share of a uniform sky's light that arrives"
 
 
@@ -116,15 +119,10 @@ def share_of_sky(tally: Tally) -> NDArray[np.float64]:
 
 
 MONTHS = "jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"
-BY = "month", "hour"
-"""Groupings of hours that `sun_hours` offers."""
-
-MOST_SAMPLES = 64
-"""Maximum number of points on the sun's disk."""
 
 
 class Study(NamedTuple):
-    """The checked arguments of `sun_hours`, which explains them."""
+    """What a study needs of its options, besides the sensors: suns, rule, and groupings of hours."""
 
     place: Place
     suns: Suns
@@ -134,13 +132,28 @@ class Study(NamedTuple):
     step: float  # minutes
 
 
+class SunFunction(Protocol[_P]):
+    """The type of `sun_hours`, whose keywords are the fields of a class."""
+
+    def __call__(
+        self, scene: SceneLike, sensors: Sensors | ArrayLike | str | None = None,
+        days: str | Iterable[date] | None = None, areas: AreaLike | None = None,
+        matrix: str | os.PathLike[str] | None = None, keep: Keep = None, progress: Progress = None,
+        *args: _P.args, **keywords: _P.kwargs,
+    ) -> Table: ...  # fmt: skip
+
+
+def _sun_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Table]], SunFunction[_P]]:
+    """`with_keywords`, with types."""
+    return with_keywords(kind)
+
+
+@_sun_function(SunKeywords)
 @with_progress
 def sun_hours(
     scene: SceneLike, sensors: Sensors | ArrayLike | str | None = None, days: str | Iterable[date] | None = None, *,
-    place: Place | None = None, step: float | None = None, rule: str | None = None, areas: AreaLike | None = None,
-    epw: str | os.PathLike[str] | None = None, energy: bool = False, sky: int = 0, by: Sequence[str] = (),
-    samples: int = 1, matrix: str | os.PathLike[str] | None = None, plan: str | Plan | None = None,
-    threads: int | None = None, keep: Keep = None, progress: Progress = None,
+    areas: AreaLike | None = None, matrix: str | os.PathLike[str] | None = None, keep: Keep = None,
+    progress: Progress = None, **keywords: Any,
 ) -> Table:  # fmt: skip
     """Find the hours of direct sun of each sensor, exactly.
 
@@ -156,33 +169,13 @@ def sun_hours(
     days : str or iterable of date, optional
         ``2026-06-21``, ``2026-03-21:2026-09-21``, ``year:2026``, or several separated by commas. None: the days of the
         rule or of the EPW file.
-    place : Place, optional
-        None: that of the scene's CRS.
-    step : float, optional
-        Length of an interval in minutes. None: 60, or that of the rule. EPW files have hourly intervals.
-    rule : str, optional
-        A daylight rule, see `antumbra plans`: its criteria become columns. Days to which it does not apply are
-        rejected.
     areas : optional
         Gardens or other ground areas, in any form that `antumbra.area_sensors` accepts, such as a GeoJSON file or
         polygons. The table has the raster cells in them, except those inside buildings. ``about["areas"]`` lists the
         name of each area, its cells, the number left out, the mean of the hours, and for the rule br209-amenity the
         share of its cells that get two hours and whether the area passes.
-    epw : str or path-like, optional
-        Weather file with direct and diffuse radiation; also sets the place if there is no other.
-    energy : bool
-        Add the energy of direct light, under a clear sky if there is no EPW file.
-    sky : int
-        Number of sky directions for the sky-view factor, 0 to 16384; 0: no such column. `sky_view` needs no place and
-        no days.
-    by : sequence of {"month", "hour"}
-        Add a column of hours for each month, or for each hour of the day.
-    samples : int
-        Points on the sun's disk, 1 to 64; 1: its centre.
     matrix : str or path-like, optional
         A .npy file for the bits of each sensor and sun, (n, ceil(k / 64)) uint64: bit s is set if sun s is hidden.
-    plan, threads
-        As in `antumbra.render`.
     keep : str, path-like or executor, optional
         Folder for the finished parts of an interrupted job, or an executor for the parts; see
         `antumbra.jobs.executors`.
@@ -202,12 +195,10 @@ def sun_hours(
         If the place or the days are unknown, a text is malformed, a package is missing (``antumbra[sun]``), or no sun
         is above the horizon.
     """
-    scene, threads = scene_of(scene), thread_count(threads)
-    samples, count = whole_number(samples, "samples", 1, MOST_SAMPLES), whole_number(sky, "sky", 0, MOST_DIRECTIONS)
-    parse_plan(DEFAULT_PLAN if plan is None else plan)
-    keep = checked_keep(keep)
+    options, keep, scene = SunOptions(days=days, **keywords), checked_keep(keep), scene_of(scene)
+    plan, threads, samples = options.plan, thread_count(options.threads), options.samples
     in_areas = areas is not None or (isinstance(sensors, Sensors) and sensors.zone is not None)
-    study = checked_study(StudyOptions(scene, days, place, step, rule, in_areas, epw, energy, by))
+    study = study_of(options, scene, in_areas)
     if sensors is None:
         sensors = "face" if areas is None else f"raster:{SPACING:g}"
     if isinstance(sensors, str):
@@ -227,8 +218,8 @@ def sun_hours(
     sums = [SunSums(query, "suns", executor.folder, matrix=target is not None)]
     if target is not None:
         check_disk_space(target, row_file_size(sums[0].matrix_shape))
-    if count:
-        sums.append(SunSums(sky_query(scene, sensors, count, plan, threads), "sky", executor.folder))
+    if options.sky:
+        sums.append(SunSums(sky_query(scene, sensors, options.sky, plan, threads), "sky", executor.folder))
     job = [each.parts for each in sums]
     if not executor.finish(job):
         return None  # type: ignore[return-value]  # a shard, of a command
@@ -245,40 +236,23 @@ def sun_hours(
     return table
 
 
-class StudyOptions(NamedTuple):
-    """Arguments of `sun_hours` that define a `Study`, unchecked."""
+def study_of(options: SunOptions, scene: AnyScene, areas: bool) -> Study:
+    """The place, the suns and the groupings of hours: everything that does not depend on the scene's triangles.
 
-    scene: AnyScene
-    days: str | Iterable[date] | None
-    place: Place | None
-    step: float | None
-    rule: str | None
-    areas: bool  # whether the sensors lie in areas
-    epw: str | os.PathLike[str] | None
-    energy: bool
-    by: Sequence[str]
-
-
-def checked_study(options: StudyOptions) -> Study:
-    """The place, the suns and the groupings of hours: everything that does not depend on the scene's triangles."""
-    scene, requested_days, place, step, rule, areas, epw, energy, by = options
-    by = tuple(choice(each, "by", BY) for each in items(by, str, "by"))
-    energy = flag(energy, "energy")
-    daylight_rule = None if rule is None else rule_named(rule)
-    days = None if requested_days is None else days_of(requested_days)
-    if daylight_rule is not None:
-        check_rule(daylight_rule.name, days, areas)
-    if step is None:
-        step = 60.0 if daylight_rule is None else daylight_rule.step
-    step = checked_step(step)
-    place = place_of(scene) if place is None else checked_place(checked_instance(place, Place, "place"))
+    areas : whether the sensors lie in areas
+    """
+    rule = None if options.rule is None else rule_named(options.rule)
+    days = options.dates
+    options.check_rule(areas)
+    step = options.step or (60.0 if rule is None else checked_step(rule.step))
+    place = options.place or place_of(scene)
     weather = None
-    if epw is not None:
-        weather, place = read_epw(epw, place)
+    if options.epw is not None:
+        weather, place = read_epw(options.epw, place)
     if place is None:
         raise InputError("the place is unknown; give a latitude and a longitude, a CRS, or an EPW file")
-    if days is None and daylight_rule is not None:
-        days = daylight_rule.days(TYPICAL_YEAR)
+    if days is None and rule is not None:
+        days = rule.days(TYPICAL_YEAR)
     if weather is not None:
         weather = weather if days is None else on_days(weather, days)
         suns = suns_of(place, weather.times, scene.up, weather.dni)
@@ -287,12 +261,12 @@ def checked_study(options: StudyOptions) -> Study:
         if days is None:
             raise InputError("the days are unknown; give days such as 2026-06-21 or year:2026, a rule, or an EPW file")
         times = times_of(days, zone_of(place), step)
-        clear = clear_sky(place, times) if energy else None
+        clear = clear_sky(place, times) if options.energy else None
         suns = suns_of(place, times, scene.up, None if clear is None else clear.dni)
         diffuse = None if clear is None else clear.dhi * times.hours
     if not len(suns.hours):
         raise InputError("no sun is above the horizon on these days; check the days and the place")
-    return Study(place, suns, daylight_rule, diffuse, by, step)
+    return Study(place, suns, rule, diffuse, tuple(options.by), step)
 
 
 class _Bins:
