@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.auto.cost_model import predicted_rate, terms, weights
-from antumbra.engine.auto.query_features import features_of, halves_of, if_sorted, sample_of, size_of, tile_size
+from antumbra.engine.auto.query_features import features_of, if_sorted, sample_of, size_of, tile_size
 from antumbra.engine.auto.strategies import STRATEGIES
 from antumbra.query.query_bounds import bounds
 from asking import query_of
@@ -64,18 +64,3 @@ def test_samples_are_windows_of_their_query(scene, size, windows):
     every = {tuple(o) for o in query.origins.reshape(-1, 3).tolist()}
     assert all(tuple(o) in every for o in sample.origins.reshape(-1, 3).tolist())
     assert (sample.sides.shape[0] == 1) == (query.sides.shape[0] == 1)
-
-
-@pytest.mark.parametrize("windows", [1, 2, 7])
-@pytest.mark.parametrize("row", [False, True])
-def test_halves_of_a_sample_are_its_windows(scene, windows, row):
-    query, _ = _facts(scene, LIGHTS[0], (200, 150))
-    if row:
-        query = query._replace(**{name: getattr(query, name).reshape(1, -1, *getattr(query, name).shape[2:])
-                                  for name in ("origins", "faces", "sides", "ids")})  # fmt: skip
-    sample = sample_of(query, windows)
-    halves = halves_of(sample)
-    assert len(halves) == (1 if sample.sides.size == 256 else 2)
-    joined = np.concatenate([half.origins for half in halves], axis=1 if row else 0)
-    np.testing.assert_array_equal(joined, sample.origins)
-    assert all(half.sides.size % 256 == 0 for half in halves)

@@ -4,7 +4,6 @@ The module also sorts scattered receivers spatially, so that packets and shafts 
 small samples from a query. Strategies are timed on such a sample because their rates depend on the scene.
 """
 
-from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -141,18 +140,6 @@ def sample_of(query: ShadowQuery, windows: int) -> ShadowQuery:
     y, x = y[chosen], x[chosen]
     join = lambda a: np.concatenate([a[i : i + height, j : j + width] for i, j in zip(y, x)], axis=0 if h > 1 else 1)
     return with_receivers(query, join)._replace(samples=np.ascontiguousarray(query.samples[:, :STRATA]))
-
-
-def halves_of(sample: ShadowQuery) -> list[ShadowQuery]:
-    """The two halves of a sample, or the sample itself if it has only one window."""
-    h, w = sample.sides.shape
-    length, side = (h, min(_WINDOW_SIDE, w)) if h > 1 else (w, min(_WINDOW_ROW, w))
-    middle = length // side // 2 * side
-    if middle == 0:
-        return [sample]
-    first, second = slice(0, middle), slice(middle, length)
-    indices = [np.s_[first], np.s_[second]] if h > 1 else [np.s_[:, first], np.s_[:, second]]
-    return [with_receivers(sample, itemgetter(index)) for index in indices]
 
 
 def tile_of(query: ShadowQuery) -> ShadowQuery:

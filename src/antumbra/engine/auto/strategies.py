@@ -42,7 +42,6 @@ from .cost_model import (
 from .query_features import (
     QueryFeatures,
     features_of,
-    halves_of,
     if_sorted,
     reorder_query,
     sample_of,
@@ -337,21 +336,18 @@ _loaded: set[str] = set()  # strategies whose kernels this process has loaded
 
 
 def _rate_of(strategy: str, forms: TreeForms, query: ShadowQuery, threads: int) -> float:
-    """Nanoseconds per ray of a strategy, measured on the faster half of the query.
+    """Nanoseconds per ray of a strategy, measured on a query.
 
-    The slower half is ignored because one window may take as long as all others. The clock is the time that all threads
-    compute, so that other processes do not count.
+    The clock is the time that all threads compute, so that other processes do not count. The mean decides, because
+    shafts may be slow in a few windows only.
     """
     form = forms.of(STRATEGIES[strategy])
     if strategy not in _loaded:  # the first call of a process loads kernels
         answer_query(strategy, forms, tile_of(query), threads)
         _loaded.add(strategy)
-    rates = []
-    for half in halves_of(query):
-        bits, start = new_bits(half), process_time()
-        STRATEGIES[strategy].trace(form, half, bits, threads, None, None)
-        rates.append(1e9 * (process_time() - start) / max(ray_count(half), 1))
-    return min(rates)
+    bits, start = new_bits(query), process_time()
+    STRATEGIES[strategy].trace(form, query, bits, threads, None, None)
+    return 1e9 * (process_time() - start) / max(ray_count(query), 1)
 
 
 # --- tracer -----------------------------------------------------------------------------------------------------------
