@@ -86,7 +86,7 @@ class _Method(Protocol):
         ...
 
 
-class _Ours:
+class Ours:
     """One of our plans."""
 
     def __init__(self, plan: str, view: BenchmarkView, threads: int):
@@ -142,9 +142,9 @@ def rebuild(
     family : name of the scene if it is generated in several sizes
     """
     common, times = Renderer(view.scene, PLANS[-1], threads), times_of(view.scene, frames)
-    first, _ = _input_of(common, view, times[len(times) // 2])
+    first, _ = input_of(common, view, times[len(times) // 2])
     with ExitStack() as stack:
-        methods: list[_Method] = [_Ours(plan, view, threads) for plan in PLANS]
+        methods: list[_Method] = [Ours(plan, view, threads) for plan in PLANS]
         if embree_version():
             device = stack.enter_context(embree.Device(threads))
             say(f"{view.name}, trying Embree")
@@ -155,7 +155,7 @@ def rebuild(
         for turn in range(-1, rounds):  # the first round is a warm-up and compares answers
             for k, time in enumerate(times):
                 say(f"{view.name}, frame {k + 1} of {len(times)}, round {max(turn, 0) + 1} of {rounds}")
-                frame_input, common_seconds = _input_of(common, view, time)
+                frame_input, common_seconds = input_of(common, view, time)
                 bits = {}
                 for m in methods:
                     seconds, bits[m.name] = m.shadows(frame_input)
@@ -179,7 +179,7 @@ def embree_version() -> str:
         return ""
 
 
-def _input_of(common: Renderer, view: BenchmarkView, time: float) -> tuple[FrameInput, float]:
+def input_of(common: Renderer, view: BenchmarkView, time: float) -> tuple[FrameInput, float]:
     """(input of all methods at a time, seconds of everything except culling, building and tracing)."""
     frame = common.render(view.camera, view.lights, spp=1, time=time)
     triangles = view.scene.triangles(time, common.threads)

@@ -41,15 +41,15 @@ def scenes() -> Iterator[tuple]:
 
     for name, count in (("atrium", 20_000), ("city", 50_000), ("forest", 50_000)):
         scene = at.procedural(name, triangles=count)
-        yield name, scene, scene.default_camera(*SIZE), _lights(scene)
+        yield name, scene, scene.default_camera(*SIZE), standard_lights(scene)
     folder = Path(os.environ.get("ANTUMBRA_SCENES", ROOT.parent / "shared" / "scenes"))
     for name in ("sponza_crytek", "japanese_temple"):
         if (folder / name / "scene.glb").exists():
             scene = at.load(folder / name / "scene.glb")
-            yield name, scene, scene.default_camera(*SIZE), _lights(scene)
+            yield name, scene, scene.default_camera(*SIZE), standard_lights(scene)
 
 
-def _lights(scene) -> list:
+def standard_lights(scene) -> list:
     """A light of each kind, around the scene."""
     import antumbra as at
 

@@ -13,19 +13,23 @@ import numpy as np
 _CHUNK = 200_000  # ray-triangle pairs in memory at a time: few enough for the processor's cache
 
 
-def _cross(a, b):
+def cross(a, b):
+    """The cross product."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-def _dot(a, b):
+def dot(a, b):
+    """The scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _minus(a, b):
+def minus(a, b):
+    """The difference of two vectors."""
     return tuple(x - y for x, y in zip(a, b))
 
 
-def _rational(v):
+def rational(v):
+    """The exact numbers of a float vector: a tuple of Fractions."""
     return tuple(Fraction(float(x)) for x in v)
 
 
@@ -46,12 +50,12 @@ def meets_exactly(origin, direction, triangle, tmin=0.0, tmax=np.inf):
     """
     (o, *corners), scale = _integers(origin, *triangle)
     (d,), pace = _integers(direction)
-    v = [_minus(p, o) for p in corners]
-    e = [_dot(d, _cross(v[(k + 1) % 3], v[(k + 2) % 3])) for k in range(3)]
+    v = [minus(p, o) for p in corners]
+    e = [dot(d, cross(v[(k + 1) % 3], v[(k + 2) % 3])) for k in range(3)]
     total = sum(e)
     if total == 0 or (min(e) < 0 < max(e)):
         return 0, None
-    t = Fraction(_dot(v[0], _cross(v[1], v[2])) * pace, total * scale)
+    t = Fraction(dot(v[0], cross(v[1], v[2])) * pace, total * scale)
     compared = t if isinstance(direction[0], Fraction) else float(t)
     if not float(tmin) < compared < float(tmax):
         return 0, None
@@ -60,8 +64,8 @@ def meets_exactly(origin, direction, triangle, tmin=0.0, tmax=np.inf):
 
 def plane_side(point, triangle):
     """The exact sign of (point - v0) . n."""
-    p, (a, b, c) = _rational(point), [_rational(v) for v in triangle]
-    s = _dot(_minus(p, a), _cross(_minus(b, a), _minus(c, a)))
+    p, (a, b, c) = rational(point), [rational(v) for v in triangle]
+    s = dot(minus(p, a), cross(minus(b, a), minus(c, a)))
     return (s > 0) - (s < 0)
 
 
@@ -145,7 +149,7 @@ def _verdicts(vertices, origins, directions, tmin, tmax, skip):
 
 def _decided(vertices, origins, directions, ends, tmin, tmax, ray, tri):
     """(n,) bool: whether each pair meets, by rational arithmetic, one at a time."""
-    exact_direction = cache(lambda i: _minus(_rational(ends[i]), _rational(origins[i])))
+    exact_direction = cache(lambda i: minus(rational(ends[i]), rational(origins[i])))
     return np.array(
         [
             meets_exactly(

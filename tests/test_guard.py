@@ -30,7 +30,7 @@ def test_benchmarks_run(monkeypatch):
     import antumbra as at
 
     scene = at.procedural("atrium", triangles=2_000)
-    view = "atrium", scene, scene.default_camera(16, 12), guard._lights(scene)
+    view = "atrium", scene, scene.default_camera(16, 12), guard.standard_lights(scene)
     monkeypatch.setattr(guard, "scenes", lambda: iter([view]))
     calls = dict(guard.benchmarks())
     assert len(calls) == 8

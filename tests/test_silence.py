@@ -10,6 +10,7 @@ import antumbra as at
 import city_files
 from antumbra import progress
 from antumbra.progress import show_progress
+from terminal import Terminal
 
 CALLS = {
     "area_sensors": "at.area_sensors(scene, [[(-1, -1), (1, -1), (1, 1)]])",
@@ -80,7 +81,7 @@ def test_progress_is_a_function_or_a_bool(name):
 
 
 def test_false_silences_what_is_called_too(monkeypatch):
-    monkeypatch.setattr(progress, "_is_interactive", lambda: True)
+    monkeypatch.setattr(sys, "stderr", Terminal())
 
     @progress.with_quiet_progress
     def work(progress=None):

@@ -226,7 +226,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 MAKERS = {
     "a context": "from antumbra import files\nmade = files.temporary_folder()\nfolder = made.__enter__()",
     "a process": "from antumbra.files import private_folder\nfolder = private_folder('inputs')",
-    "a node of a cluster": "from antumbra.cluster.ray_workers import Node\nnode = Node(1)\nfolder = node._folder",
+    "a node of a cluster": "from antumbra.cluster.ray_workers import Node\nnode = Node(1)\nfolder = node.folder",
 }
 
 
@@ -239,15 +239,16 @@ def test_folders_of_killed_processes_are_removed_and_those_of_others_stay(tmp_pa
     assert files(left) == [".lock", "model.glb"]
     (tmp_path / "antumbra-theirs00").mkdir()  # without a lock
     monkeypatch.setattr(temporary.tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(temporary, "_MIN_AGE", -1.0)
-    temporary._remove_abandoned_folders.cache_clear()
+    os.utime(left / ".lock", (0.0, 0.0))  # a young folder's owner may be about to lock it
+    temporary.remove_abandoned_folders.cache_clear()
     with temporary_folder() as folder:
+        os.utime(folder / ".lock", (0.0, 0.0))
         assert set(files(tmp_path)) == {folder.name, "antumbra-theirs00"} and folder.stat().st_mode & 0o777 == 0o700
-        temporary._remove_abandoned_folders.cache_clear()
+        temporary.remove_abandoned_folders.cache_clear()
         with temporary_folder() as other:
             assert folder.exists() and other != folder
     assert files(tmp_path) == ["antumbra-theirs00"]
-    temporary._remove_abandoned_folders.cache_clear()
+    temporary.remove_abandoned_folders.cache_clear()
 
 
 def test_no_other_module_makes_folders_that_outlive_a_killed_process():

@@ -286,7 +286,7 @@ def temporary_folder() -> Iterator[Path]:
     The first call also removes folders of this user left by killed processes.
     """
     parent = tempfile.gettempdir()
-    _remove_abandoned_folders(parent)
+    remove_abandoned_folders(parent)
     folder = tempfile.mkdtemp(prefix="antumbra-", dir=parent)
     descriptor = claim_folder(folder)
     try:
@@ -297,7 +297,8 @@ def temporary_folder() -> Iterator[Path]:
 
 
 @cache
-def _remove_abandoned_folders(parent: str) -> None:
+def remove_abandoned_folders(parent: str) -> None:
+    """Remove this user's temporary folders in `parent` whose owners have ended."""
     with suppress(OSError), os.scandir(parent) as entries:
         for entry in entries:
             if _FOLDER_NAME.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False) and _belongs_to_user(entry):

@@ -28,13 +28,17 @@ Progress = ProgressListener | bool | None
 
 LOG = logging.getLogger("antumbra")
 
+BAR_DELAY = 1.0
+"""Seconds before a bar appears."""
+
+UPDATE_PERIOD = 0.1
+"""Seconds between updates of a bar."""
+
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 _listener: ContextVar[ProgressListener | None] = ContextVar("listener", default=None)
 _active: list[str] = []  # names of the work currently shown by a bar or a listener
-_DELAY = 1.0  # seconds before a bar appears
-_EVERY = 0.1  # seconds between updates of a bar
 _WIDTH = 24  # characters of a bar
 
 
@@ -103,7 +107,7 @@ def report_progress(what: str) -> Iterator[ProgressCallback]:
         if listener := _listener.get():
             yield lambda done, total: listener(what, done, total)
         elif _is_interactive():
-            bar = ProgressBar(what, _DELAY)
+            bar = ProgressBar(what, BAR_DELAY)
             with bar.visible():
                 yield bar
         else:
@@ -130,7 +134,7 @@ def show_progress(
 def _short_work(what: str) -> Iterator[ProgressCallback]:
     """Show a bar for work that may be short."""
     with _active_work(what):
-        bar = ProgressBar(what, _DELAY)
+        bar = ProgressBar(what, BAR_DELAY)
         try:
             yield bar
         finally:
@@ -210,7 +214,7 @@ class ProgressBar:
 
     def _draw(self) -> None:
         elapsed, share = perf_counter() - self._start, self._share
-        self._next = elapsed + _EVERY
+        self._next = elapsed + UPDATE_PERIOD
         full = round(share * _WIDTH)
         remaining = f", {elapsed / share - elapsed:.0f} s left" if share > 0.0 else ""
         bar = "#" * full + "-" * (_WIDTH - full)

@@ -47,8 +47,8 @@ def test_embree_answers_nearly_the_same(view):
 
 def test_answers_of_embree_are_not_all_alike(view):
     """Otherwise the comparison above could not fail."""
-    frame_input, seconds = bench._input_of(bench.Renderer(view.scene, PLANS[-1], 2), view, 0.0)
-    _, bits = bench._Ours(PLANS[-1], view, 2).shadows(frame_input)
+    frame_input, seconds = bench.input_of(bench.Renderer(view.scene, PLANS[-1], 2), view, 0.0)
+    _, bits = bench.Ours(PLANS[-1], view, 2).shadows(frame_input)
     assert 0 < np.count_nonzero(bits) < bits.size and seconds > 0
 
 

@@ -5,11 +5,7 @@ import threading
 import pytest
 
 from antumbra.cli.console import ProgressDisplay
-
-
-class Terminal(io.StringIO):
-    def isatty(self):
-        return True
+from terminal import Terminal
 
 
 @pytest.fixture
@@ -25,50 +21,53 @@ def new_terminal(monkeypatch):
     return make
 
 
-def wait_for_bar(display):
-    display._timer.join()
-    assert display._bar is not None
+def timers():
+    return [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)]
+
+
+def assert_no_timer_runs():
+    for timer in timers():
+        timer.join(30.0)
+    assert not timers()
 
 
 def test_a_person_who_waits_sees_what_is_being_done(new_terminal):
     terminal = new_terminal()
     with ProgressDisplay(delay=0.0) as display:
         display.say("reading")
-        wait_for_bar(display)
+        assert terminal.written.wait(30.0)
         display.say("tracing", 5, 10)
-        display._bar.refresh()
         print("a line", file=sys.stderr)
-    shown = terminal.getvalue()
-    assert "tracing" in shown and "a line\n" in shown
-    assert not [t for t in threading.enumerate() if isinstance(t, threading.Timer) and t.is_alive()]
+    assert "tracing" in terminal.getvalue() and "a line\n" in terminal.getvalue()
+    assert_no_timer_runs()
 
 
 def test_what_is_fast_shows_nothing(new_terminal):
     terminal = new_terminal()
     with ProgressDisplay(delay=60.0) as display:
         display.say("reading")
-    display._timer.join()
-    assert terminal.getvalue() == "" and display._bar is None
+    assert_no_timer_runs()
+    assert terminal.getvalue() == ""
 
 
 def test_nobody_looking_means_nothing_shown(new_terminal, monkeypatch):
     terminal = new_terminal()
-    with ProgressDisplay(quiet=True, delay=0.0) as display:
+    with ProgressDisplay(quiet=True, delay=30.0) as display:
         display.say("reading")
+        assert not timers()
     monkeypatch.setattr(sys, "stderr", io.StringIO())
-    with ProgressDisplay(delay=0.0) as other:
-        other.say("reading")
+    with ProgressDisplay(delay=30.0) as display:
+        display.say("reading")
+        assert not timers()
     assert terminal.getvalue() == "" == sys.stderr.getvalue()
-    assert display._timer is None and other._timer is None
 
 
 def test_a_bar_is_put_away_after_an_error(new_terminal):
-    new_terminal()
-    display = ProgressDisplay(delay=0.0)
-    with pytest.raises(ValueError), display:
-        wait_for_bar(display)
+    terminal = new_terminal()
+    with pytest.raises(ValueError), ProgressDisplay(delay=0.0):
+        assert terminal.written.wait(30.0)
         raise ValueError
-    assert display._bar.live.is_started is False
+    assert sys.stderr is terminal and "\x1b[?25h" in terminal.getvalue()  # the cursor is visible again
 
 
 def test_runs_one_after_the_other_are_one_bar():

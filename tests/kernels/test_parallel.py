@@ -215,15 +215,13 @@ def test_compiled_workers_see_stop(worker):
 
 
 @pytest.mark.parametrize("n_threads", [1, 2])
-def test_progress(monkeypatch, n_threads):
-    monkeypatch.setattr(parallel, "_POLL_SECONDS", 0.001)
-
+def test_progress(n_threads):
     def slow(ticket):
         while take(ticket) >= 0:
-            time.sleep(0.005)
+            time.sleep(0.08)
 
     calls = []
-    run(slow, n_threads, new_ticket(10, 3), progress=lambda done, total: calls.append((done, total)))
+    run(slow, n_threads, new_ticket(10, 1), progress=lambda done, total: calls.append((done, total)))
     assert calls[-1] == (10, 10) and len(calls) > 2
     assert calls == sorted(calls) and {total for _, total in calls} == {10}
 
@@ -240,9 +238,7 @@ def test_progress_of_work_that_is_done_at_once(n_threads):
     assert calls[-1] == (4, 4)
 
 
-def test_an_error_in_progress_stops_the_workers(monkeypatch):
-    monkeypatch.setattr(parallel, "_POLL_SECONDS", 0.001)
-
+def test_an_error_in_progress_stops_the_workers():
     def fail(done, total):
         raise ZeroDivisionError
 

@@ -4,12 +4,12 @@ import json
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
 import sample_package as sample
-from antumbra import files as locks
-from antumbra import files as private
+from antumbra import files
 from antumbra.kernels.machine_code import KernelCode
 from antumbra.kernels.toolchain import kernel_cache as cache
 
@@ -37,35 +37,37 @@ def give_away(path):
 @pytest.mark.parametrize("mode", [0o700, 0o755, 0o500, 0o644, 0o600])
 def test_what_only_its_user_can_change(own, mode):
     own.chmod(mode)
-    private.check_trusted(own)
+    files.check_trusted(own)
 
 
 @pytest.mark.parametrize("mode", [0o777, 0o757, 0o702, 0o1777])
 def test_what_anyone_can_change(own, mode):
     own.chmod(mode)
-    with pytest.raises(private.Untrusted, match="own can be changed by other users"):
-        private.check_trusted(own)
+    with pytest.raises(files.Untrusted, match="own can be changed by other users"):
+        files.check_trusted(own)
 
 
 def test_groups_of_several_users(own, monkeypatch):
     own.chmod(0o775)
-    monkeypatch.setattr(private, "_is_private_group", lambda group: True)
-    private.check_trusted(own)
-    monkeypatch.setattr(private, "_is_private_group", lambda group: False)
-    with pytest.raises(private.Untrusted):
-        private.check_trusted(own)
+    user, members = SimpleNamespace(pw_name="user", pw_gid=own.stat().st_gid), []
+    monkeypatch.setattr("pwd.getpwuid", lambda user_id: user)
+    monkeypatch.setattr("grp.getgrgid", lambda group_id: SimpleNamespace(gr_name="user", gr_mem=members))
+    files.check_trusted(own)
+    members.append("stranger")
+    with pytest.raises(files.Untrusted):
+        files.check_trusted(own)
 
 
 def test_what_belongs_to_another_user(own):
     give_away(own)
-    with pytest.raises(private.Untrusted, match=f"own belongs to another user .id {STRANGER}"):
-        private.check_trusted(own)
+    with pytest.raises(files.Untrusted, match=f"own belongs to another user .id {STRANGER}"):
+        files.check_trusted(own)
 
 
 def test_new_folders_are_private(own):
-    private.make_folder(own / "a" / "b")
+    files.make_folder(own / "a" / "b")
     assert [(own / name).stat().st_mode & 0o777 for name in ("a", "a/b")] == [0o700] * 2
-    private.make_folder(own)
+    files.make_folder(own)
     assert own.stat().st_mode & 0o777 == 0o755
 
 
@@ -99,11 +101,11 @@ def test_a_file_that_is_not_ours_is_missing_and_is_replaced(own, kind):
 
 def test_locks_do_not_follow_links(own):
     (own / "lock").symlink_to(own / "elsewhere")
-    with pytest.raises(OSError), locks.file_lock(own / "lock"):
+    with pytest.raises(OSError), files.file_lock(own / "lock"):
         pass
     assert not (own / "elsewhere").exists()
     os.mkfifo(own / "pipe")
-    with locks.file_lock(own / "pipe"):
+    with files.file_lock(own / "pipe"):
         pass
 
 
@@ -126,11 +128,11 @@ def open_inside(folder):
 
 @pytest.mark.parametrize("spoil", [open_to_all, open_inside, give_away])
 def test_folders_of_kernels_that_others_can_change(own, spoil):
-    cache._check(own)
-    cache._check(own / "missing")
+    cache.check_cache(own)
+    cache.check_cache(own / "missing")
     spoil(own)
-    with pytest.raises(private.Untrusted, match=str(own)):
-        cache._check(own)
+    with pytest.raises(files.Untrusted, match=str(own)):
+        cache.check_cache(own)
 
 
 def test_kernels_are_then_compiled_in_a_private_folder(package, own, tmp_path):
@@ -168,7 +170,7 @@ def test_a_folder_of_inputs_that_others_made(tmp_path, monkeypatch, caplog, spoi
     from antumbra.cluster import node_files as inputs
 
     monkeypatch.setattr(inputs.tempfile, "tempdir", str(tmp_path))
-    private.private_folder.cache_clear()
+    files.private_folder.cache_clear()
     own = inputs.user_temporary_folder()
     assert own == tmp_path / f"antumbra-{os.getuid()}" and own.stat().st_mode & 0o777 == 0o700
     assert inputs.user_temporary_folder() == own and not caplog.records

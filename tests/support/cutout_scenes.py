@@ -46,8 +46,8 @@ def _texel(place: Fraction, size: int, wrap: int) -> int:
 def is_hole(cutouts: Cutouts, face: int, triangle, origin, direction) -> bool:
     """Whether the texel is clear where the line through `origin` along `direction`, rationals, meets the face."""
     k = int(np.searchsorted(cutouts.faces, face))
-    a, b, c = (oracle._minus(oracle._rational(v), origin) for v in triangle)
-    edges = [oracle._dot(direction, oracle._cross(p, q)) for p, q in ((b, c), (c, a), (a, b))]
+    a, b, c = (oracle.minus(oracle.rational(v), origin) for v in triangle)
+    edges = [oracle.dot(direction, oracle.cross(p, q)) for p, q in ((b, c), (c, a), (a, b))]
     uv = [[Fraction(float(x)) for x in corner] for corner in cutouts.uv[k]]
     place = [sum(w * corner[axis] for w, corner in zip(edges, uv)) / sum(edges) for axis in range(2)]
     mask = MASKS[cutouts.mask[k]]
@@ -62,7 +62,7 @@ def meets(triangles, origin, direction, face: int) -> bool:
         return True
     if face not in own.faces:
         return False
-    exact = oracle._rational(origin), direction
+    exact = oracle.rational(origin), direction
     return not is_hole(own, face, triangles.vertices[face], *exact)
 
 
@@ -75,6 +75,6 @@ def true_shadows(triangles, query) -> tuple[np.ndarray, np.ndarray]:
     origins, ends = query.origins[y, x], ends[y, x, s]
     hits = oracle.all_hits(triangles.vertices, origins, ends)
     for i, row in enumerate(hits):
-        along = oracle._minus(oracle._rational(ends[i]), oracle._rational(origins[i]))
+        along = oracle.minus(oracle.rational(ends[i]), oracle.rational(origins[i]))
         truth[y[i], x[i], s[i]] = any(meets(triangles, origins[i], along, int(f)) for f in np.flatnonzero(row))
     return truth, asked

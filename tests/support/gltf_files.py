@@ -82,7 +82,7 @@ class Gltf:
         target["channels"].append(channel)
 
     def glb(self) -> bytes:
-        document = self._document()
+        document = self.document()
         text = json.dumps(document).encode()
         text += b" " * (-len(text) % 4)
         data = bytes(self.data) + bytes(-len(self.data) % 4)
@@ -92,7 +92,7 @@ class Gltf:
 
     def gltf(self, uri=None) -> bytes:
         """The file as JSON, with the buffer at `uri`, or inside it."""
-        document = self._document()
+        document = self.document()
         inside = "data:application/octet-stream;base64," + base64.b64encode(self.data).decode()
         document["buffers"][0]["uri"] = inside if uri is None else uri
         return json.dumps(document).encode()
@@ -105,7 +105,7 @@ class Gltf:
     def _index(self, values):
         return self.accessor(values) if isinstance(values, np.ndarray) else values
 
-    def _document(self):
+    def document(self):
         return {"buffers": [{"byteLength": len(self.data)}], **self.json} if self.data else dict(self.json)
 
 

@@ -46,7 +46,7 @@ def nearest(triangles, origins, directions):
     hits = [[] for _ in origins]
     far = origins + directions.astype(np.float64) * 100
     for i, row in enumerate(oracle.all_hits(triangles.vertices, origins, far.astype(np.float32))):
-        along = oracle._rational(directions[i])
+        along = oracle.rational(directions[i])
         for f in np.flatnonzero(row):
             found = oracle.meets_exactly(origins[i], directions[i], triangles.vertices[f])
             if found[0] and meets(triangles, origins[i], along, int(f)):

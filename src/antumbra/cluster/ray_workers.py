@@ -59,7 +59,7 @@ class Node:
 
     def __init__(self, threads: int):
         self._threads, self._resources = threads, ExitStack()
-        self._folder = self._resources.enter_context(
+        self.folder = self._resources.enter_context(
             temporary_folder()
         )  # that of a killed worker is removed by the next one
         self._units: list[tuple[Units, int]] = []
@@ -71,7 +71,7 @@ class Node:
         """
         with progress_listener(ignore_progress):
             paths = {name: local_path(each, read, None) for name, each in job.inputs.items()}
-            os.chdir(self._folder)  # results of a job have relative paths
+            os.chdir(self.folder)  # results of a job have relative paths
             precompile_plan_kernels(job.plan)
             collector = UnitCollector(Path(job.folder))
             job.prepare(paths, self._threads, collector)

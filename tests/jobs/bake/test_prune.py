@@ -98,7 +98,7 @@ def test_a_file_with_unknown_numbers_stays_whole(tmp_path, data, whole):
 
 
 def test_pruning_twice_changes_nothing(tmp_path):
-    root = json.loads(json.dumps(everything()._document()))
+    root = json.loads(json.dumps(everything().document()))
     lengths = {name: len(root.get(name, [])) for name in used_in(root)}
     data = bytes(everything().data)
     assert prune(root, data, lengths, used_in(root)) == (root, data)

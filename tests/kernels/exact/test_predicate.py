@@ -33,7 +33,7 @@ def _check(o, l, corners):
     _answers(o, l, corners, out)
     truth = np.zeros(len(o), np.int64)
     for i in range(len(o)):
-        direction = oracle._minus(oracle._rational(l[i]), oracle._rational(o[i]))
+        direction = oracle.minus(oracle.rational(l[i]), oracle.rational(o[i]))
         truth[i] = oracle.meets_exactly(o[i], direction, corners[i].reshape(3, 3), 0.0, 1.0)[0]
     np.testing.assert_array_equal(out[:, EXACT], truth)
     np.testing.assert_array_equal(out[:, MEETS], truth)

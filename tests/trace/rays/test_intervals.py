@@ -181,10 +181,10 @@ def _check_weights(asked, truth, world, directions):
     there = np.flatnonzero(hit.face >= 0)
     assert len(there) > N // 4 and (hit.u >= 0).all() and (hit.v >= 0).all() and (hit.u + hit.v <= 1 + 2.0**-23).all()
     for i in there.tolist():
-        corners = [oracle._rational(v) for v in truth.triangles.vertices[hit.face[i]]]
-        t, o, d = truth.exact[i, int(hit.face[i])], *map(oracle._rational, (truth.origins[i], directions[i]))
+        corners = [oracle.rational(v) for v in truth.triangles.vertices[hit.face[i]]]
+        t, o, d = truth.exact[i, int(hit.face[i])], *map(oracle.rational, (truth.origins[i], directions[i]))
         weights = [Fraction(float(w)) for w in (hit.u[i], hit.v[i])]
-        edges = [oracle._minus(corner, corners[0]) for corner in corners[1:]]
+        edges = [oracle.minus(corner, corners[0]) for corner in corners[1:]]
         bound = max(abs(x) for edge in edges for x in edge) / 2**22
         for k in range(3):
             given = corners[0][k] + sum(weight * edge[k] for weight, edge in zip(weights, edges))
@@ -208,7 +208,7 @@ def test_rays_find_all_hits_on_cutouts_in_turn():
     world = rng.uniform((-3, 0, -3), (3, 3, 3), (N, 3)).astype(np.float32) + scene.origin
     directions = rng.normal(size=(N, 3)).astype(np.float32)
     triangles, local = scene.triangles(), (world - scene.origin).astype(np.float32)
-    ways = [oracle._rational(d) for d in directions]
+    ways = [oracle.rational(d) for d in directions]
     truth = _Truth(scene, world, directions, lambda ray, face: stops(triangles, local[ray], ways[ray], face))
     for check in _check_walk, _check_ends:
         check(scene, truth, world, directions)
@@ -267,7 +267,7 @@ def test_segments_and_cutouts():
     triangles, (origins, ends) = scene.triangles(), ((p - scene.origin).astype(np.float32) for p in world)
     truth = np.zeros(200, bool)
     for i, row in enumerate(oracle.all_hits(triangles.vertices, origins, ends)):
-        along = oracle._minus(oracle._rational(ends[i]), oracle._rational(origins[i]))
+        along = oracle.minus(oracle.rational(ends[i]), oracle.rational(origins[i]))
         truth[i] = any(stops(triangles, origins[i], along, int(f)) for f in np.flatnonzero(row))
     solid = oracle.occluded(triangles.vertices, origins, ends=ends)
     assert 0.1 < truth.mean() < solid.mean()

@@ -60,14 +60,14 @@ def cache_folder() -> Path:
     """
     root = Path(os.environ.get("ANTUMBRA_CACHE") or _user_cache() / "antumbra")
     try:
-        _check(root)
+        check_cache(root)
     except Untrusted as error:
         LOG.warning(f"{error}: kernels are compiled for this process alone")
         return private_folder("kernels")
     return root
 
 
-def _check(root: Path) -> None:
+def check_cache(root: Path) -> None:
     """Raise `Untrusted` if other users can modify a cache, or a folder in it with this compiler's kernels."""
     ours = root / "kernels" / toolchain()
     for folder in (root, ours.parent, ours, *ours.glob("*")):
