@@ -148,7 +148,7 @@ def main() -> None:
     if options.command == "fit":
         rows = [json.loads(line) for file in options.files for line in file.read_text().splitlines()]
         weights = fit(rows)
-        rates = {"weights": weights, "reference": ray_times(*small_queries())}
+        rates = {"weights": weights, "reference": ray_times(*small_queries()[:2])}
         Path(rates_module.__file__).with_name("rates.json").write_text(json.dumps(rates, indent=1) + "\n")
         return
     cases = (case for case in draw_cases(options.seed, options.cases) if options.only in str(case))

@@ -38,7 +38,7 @@ def test_any_part_of_any_soup(soup, name, max_leaf, seed, share):
 @pytest.mark.parametrize("name", [n for n in HAZARDS if n != "largest allowed"])
 def test_hazards(name, monkeypatch):
     monkeypatch.setattr(cutting, "PART", 100)
-    monkeypatch.setattr(kept, "_NODES_PER_SHARE", 64)
+    monkeypatch.setattr(kept, "NODES_PER_SHARE", 64)
     vertices = np.ascontiguousarray(HAZARDS[name], np.float32)
     bvh = binned_sah.build(vertices)
     check(bvh, vertices, np.arange(0, len(vertices), 3, dtype=np.int32), 2)

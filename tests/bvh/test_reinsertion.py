@@ -22,7 +22,7 @@ def test_costly_rounds_are_the_last(monkeypatch, soup, rounds):
     searched, run = [], reinsertion.run
 
     def counted(kernel, *arguments):
-        searched.append(kernel is reinsertion._find_places)
+        searched.append(kernel is reinsertion.find_places)
         return run(kernel, *arguments)
 
     monkeypatch.setattr(reinsertion, "run", counted)

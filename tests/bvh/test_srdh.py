@@ -63,7 +63,7 @@ def test_any_soup_and_rays(vertices, max_leaf, kernels, prior, linear, reorder, 
 @pytest.mark.parametrize("name", HAZARDS)
 @pytest.mark.parametrize("max_leaf, options", [(4, SrdhOptions()), (1, SrdhOptions("all", 0.0, True))], ids=str)
 def test_hazards(name, max_leaf, options, monkeypatch):
-    monkeypatch.setattr(top_down, "_SMALL", 200)
+    monkeypatch.setattr(top_down, "MIN_PARALLEL_RANGE", 200)
     vertices = np.ascontiguousarray(HAZARDS[name], np.float32)
     bvh = srdh.build(vertices, 2, max_leaf, rays=met_in(vertices), options=options)
     validate(bvh, vertices)
@@ -89,7 +89,7 @@ RAYS = {
 @pytest.mark.parametrize("kernels", KERNELS)
 @pytest.mark.parametrize("name", RAYS)
 def test_odd_rays(name, kernels, monkeypatch):
-    monkeypatch.setattr(top_down, "_SMALL", 500)
+    monkeypatch.setattr(top_down, "MIN_PARALLEL_RANGE", 500)
     vertices = terrain(2000)
     rays = met(vertices, *RAYS[name](vertices))
     assert (len(rays.prims) > 0) == (name not in ("without length", "far outside", "huge"))
@@ -101,7 +101,7 @@ def test_odd_rays(name, kernels, monkeypatch):
 
 @pytest.mark.parametrize("max_leaf", [1, 4])
 def test_a_ray_that_meets_everything(max_leaf, monkeypatch):
-    monkeypatch.setattr(top_down, "_SMALL", 300)
+    monkeypatch.setattr(top_down, "MIN_PARALLEL_RANGE", 300)
     vertices, *segment = _one_ray_through_all(3000)
     rays = met(vertices, *segment)
     assert len(rays.prims) == 3000
@@ -122,7 +122,7 @@ def test_ranges_that_find_no_room_for_their_rays_go_on_by_the_sah(monkeypatch):
     rays = met(vertices, np.concatenate([origins, origins - shift]), np.concatenate([ends, ends - shift]))
     assert len(rays.prims) == 60 * n
     roomy = srdh.build(vertices, 1, rays=rays)
-    monkeypatch.setattr(srdh, "_MAX_WAITING_RAYS", 0)
+    monkeypatch.setattr(srdh, "MAX_WAITING_RAYS", 0)
     cramped = srdh.build(vertices, 1, rays=rays)
     validate(cramped, vertices)
     assert not same(cramped, roomy) and words(cramped) == words(roomy) == {UNORDERED, LEFT_FIRST}
@@ -144,7 +144,7 @@ def test_deep_trees_end_in_time():
 @pytest.mark.parametrize("kernels", KERNELS)
 @pytest.mark.parametrize("small", [300, 4096])
 def test_same_bits_for_any_number_of_threads(kernels, small, monkeypatch):
-    monkeypatch.setattr(top_down, "_SMALL", small)
+    monkeypatch.setattr(top_down, "MIN_PARALLEL_RANGE", small)
     vertices = terrain(20_000) if small == 4096 else scattered(4000)
     rays = met_in(vertices, 500)
     first = srdh.build(vertices, 1, rays=rays, options=SrdhOptions(kernels))
@@ -159,7 +159,7 @@ def test_a_top_of_all_threads_changes_no_triangle_of_a_leaf(monkeypatch):
     vertices, trees = scattered(3000), []
     rays = met_in(vertices, 300)
     for small in (100, 4096):
-        monkeypatch.setattr(top_down, "_SMALL", small)
+        monkeypatch.setattr(top_down, "MIN_PARALLEL_RANGE", small)
         trees.append(srdh.build(vertices, 2, rays=rays, options=SrdhOptions("all")))
     one, other = (
         [sorted(t.prim_ids[~k >> 3 :][: (~k & 7) + 1]) for k in t.links[:, 12:14].flat if k < 0] for t in trees
@@ -215,7 +215,7 @@ def test_unknown_kernels(kernels):
 @pytest.mark.parametrize("small", [60, 4096], ids=["with a top", "alone"])
 def test_every_node_is_split_as_the_paper_says(kernels, prior, linear, small, monkeypatch):
     """At every node, with the ray sets of Sec. 3.4, no plane and kernel costs less than the builder's choice."""
-    monkeypatch.setattr(top_down, "_SMALL", small)
+    monkeypatch.setattr(top_down, "MIN_PARALLEL_RANGE", small)
     vertices = scattered(260, 5)
     origins, ends = segments_in(vertices, 40, 6)
     options = SrdhOptions(kernels, prior, linear, reorder=False)

@@ -10,7 +10,6 @@ from antumbra.engine import auto_accelerator, calibration
 from antumbra.engine.auto import cost_model as rates
 from antumbra.engine.auto.cost_model import BEST, GOOD, GUIDED, QUICK
 from antumbra.engine.auto.strategies import STRATEGIES
-from antumbra.engine.plan import parse_plan
 from antumbra.picture.renderer import Renderer
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
@@ -56,11 +55,11 @@ def test_a_kept_tree_is_built_again_once_its_rays_have_lost_the_price(scene, mon
     renderer, camera = Renderer(scene), scene.cameras[0].resized(32, 24)
     first, second = (renderer.render(camera, [LAMP]) for _ in range(2))
     assert first.plan.startswith(QUICK) and second.plan.startswith(QUICK)
-    kept = renderer.source._last
-    assert kept.chosen.builder == QUICK and renderer.source.moment(0.0)[1] is kept
+    _, tree = renderer.source.moment(0.0)
+    assert tree.chosen.builder == QUICK
     _builds(monkeypatch, 0.0)
     third, fourth = (renderer.render(camera, [LAMP]) for _ in range(2))
-    assert third.plan.startswith(GOOD) and renderer.source._last is not kept
+    assert third.plan.startswith(GOOD) and renderer.source.moment(0.0)[1] is not tree
     for frame in second, third, fourth:
         np.testing.assert_array_equal(frame.bits[0], first.bits[0])
     assert fourth.timings["build"] < third.timings["build"]
@@ -74,8 +73,7 @@ def test_a_kept_tree_is_optimised_once_its_rays_have_lost_the_price(scene, monke
     _builds(monkeypatch, 0.0, 0.0)
     third, fourth = (renderer.render(camera, [LAMP]) for _ in range(2))
     assert third.plan.startswith(f"{BEST}+") and fourth.plan == third.plan
-    kept = renderer.source._last
-    assert kept.chosen.builder == BEST and renderer.source.moment(0.0)[1] is kept
+    assert renderer.source.moment(0.0)[1].chosen.builder == BEST
     for frame in second, third, fourth:
         np.testing.assert_array_equal(frame.bits[0], first.bits[0])
 
@@ -92,20 +90,20 @@ def test_trees_of_animated_scenes_are_refitted_once_it_pays(monkeypatch, tmp_pat
         frame = renderer.render(camera, [LAMP], time=time)
         named = at.render(scene, camera, [LAMP], time=time, plan="bsah+single")
         np.testing.assert_array_equal(frame.bits[0], named.bits[0])
-    assert renderer.accelerator._updater is not None and frame.plan.startswith(f"{GOOD}+")
+    assert renderer.accelerator.updater is not None and frame.plan.startswith(f"{GOOD}+")
     _builds(monkeypatch, 0.0, 0.0)
     optimised = renderer.render(camera, [LAMP], time=0.5)
-    kept, memory = renderer.accelerator._updater, renderer.accelerator.memory
+    updater, memory = renderer.accelerator.updater, renderer.accelerator.memory
     _builds(monkeypatch, 0.0)
     refitted = renderer.render(camera, [LAMP], time=0.75)
     assert optimised.plan.startswith(f"{BEST}+") and refitted.plan == optimised.plan
-    assert renderer.accelerator._updater is kept and memory.in_good == 0.0
+    assert renderer.accelerator.updater is updater and memory.in_good == 0.0
     named = at.render(scene, camera, [LAMP], time=0.75, plan="bsah+single")
     np.testing.assert_array_equal(refitted.bits[0], named.bits[0])
 
 
 def _chosen(scene):
-    return scene.engine._trees._accelerated[parse_plan("auto")].chosen
+    return scene.engine.accelerated().chosen
 
 
 def test_points_share_the_scenes_tree_until_it_is_outgrown(scene, monkeypatch):
@@ -140,12 +138,10 @@ def test_few_rays_count_towards_a_better_tree(monkeypatch):
 
 def test_what_is_measured_is_kept_and_scales_the_rates(tmp_path, monkeypatch):
     monkeypatch.setattr(rates, "machine_rates_file", lambda: tmp_path / "kernels" / "rates.json")
-    monkeypatch.setattr(calibration, "_TRIANGLES", 2000)
-    monkeypatch.setattr(calibration, "_SIZE", (16, 16))
     rates.machine_rates.cache_clear()
     try:
         assert rates.machine_rates() == rates.SHIPPED
-        measured = calibration.calibrate()
+        measured = calibration.calibrate(triangles=2000, size=(16, 16))
         assert set(measured.slower) == set(STRATEGIES) == set(rates.reference())
         assert set(measured.builds) == {QUICK, GOOD, GUIDED, BEST}
         assert all(0.0 < x < 1e6 for found in measured for x in found.values())

@@ -104,9 +104,9 @@ def test_engines_of_other_plans_share_trees_and_are_remembered(atrium):
     assert engine.with_options("bsah+single", 1, None) is one
     assert engine.with_options(None, None, None) is engine
     assert engine.with_options(engine.plan, engine.threads, None) is engine
-    for k in range(1, 20):
-        engine.with_options("bsah+single", k, None)
-    assert len(engine._others) <= 8
+    engines = [engine.with_options("bsah+single", threads, None) for threads in range(1, 20)]
+    assert [engine.with_options("bsah+single", threads, None) for threads in range(12, 20)] == engines[11:]
+    assert engine.with_options("bsah+single", 1, None) is not one  # only the latest eight are remembered
 
 
 def test_of_a_store_only_the_engine_asked_last_keeps_chunks(both):
@@ -121,11 +121,15 @@ def test_of_a_store_only_the_engine_asked_last_keeps_chunks(both):
     np.testing.assert_array_equal(other.visibility(receivers, [LAMP], spp=4).bits, first.bits)
     assert own.held == 0 < other.source.residency.held
     third = engine.with_options(None, engine.threads + 2, None)
-    assert third is not other and list(engine._others.values()) == [third]
-    assert engine.with_options(None, None, None) is engine and not engine._others
+    assert third is not other and engine.with_options(None, engine.threads + 2, None) is third
+    assert engine.with_options(None, None, None) is engine
+    others = [weakref.ref(other), weakref.ref(third)]
+    del other, third
+    gc.collect()
+    assert [each() for each in others] == [None, None]
     engine.occluded(*_rays(50), threads=engine.threads + 1)
     engine.occluded(*_rays(50))
-    assert own.held > 0 and not engine._others
+    assert own.held > 0
 
 
 def test_a_scene_that_nobody_has_leaves_memory_at_once():
@@ -148,8 +152,10 @@ def test_pickles_have_no_engine(both):
     for scene in both:
         before = scene.occluded(*rays)
         again = pickle.loads(pickle.dumps(scene))
-        assert again._engine is None and repr(again) == repr(scene)
+        size = len(pickle.dumps(again))
+        assert repr(again) == repr(scene)
         np.testing.assert_array_equal(again.occluded(*rays), before)
+        assert len(pickle.dumps(again)) == size
 
 
 def test_attributes_of_data_are_those_of_the_face():
@@ -209,6 +215,6 @@ def test_hits_keep_the_triangles_of_their_moment(tmp_path):
     scene = at.load(tmp_path)
     first = scene.closest_hit((1, 9, 1), (0, -1, 0), time=0.0)
     later = scene.closest_hit((1, 9, 1), (0, -1, 0), time=scene.duration)
-    trees = scene.engine._trees._accelerated
+    tree = scene.engine.accelerated(scene.duration)
     assert first.position.tolist() == [1, 0, 1] and later.position.tolist() == [1, 3, 1]
-    assert scene.engine._trees._accelerated is trees
+    assert scene.engine.accelerated(scene.duration) is tree

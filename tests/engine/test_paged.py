@@ -1,10 +1,12 @@
 """Scenes in a store give the pictures of scenes in memory, for any budget. Errors in a store are reported."""
 
+import gc
 import json
 import os
 import subprocess
 import sys
 import threading
+import weakref
 
 import numpy as np
 import pytest
@@ -92,7 +94,7 @@ def test_bands_of_a_picture_too_large_for_memory(city, monkeypatch):
             yield rows
 
     monkeypatch.setattr(Bands, "of_frame", noted)
-    monkeypatch.setattr("antumbra.engine.paged_source._BAND_FACTOR", 0)
+    monkeypatch.setattr("antumbra.engine.paged_source.BAND_FACTOR", 0)
     for _ in range(3):
         frame = renderer.render(camera, lights, **options)
         _same(frame, inside)
@@ -246,10 +248,12 @@ def test_a_limit_on_memory_counts_from_the_next_question_on(city):
 
 def test_old_questions_are_forgotten(city):
     _, path = city
-    scene, light = at.load(path), at.SphereLight((0, 30, 0), 1.0)
+    scene, light, fronts = at.load(path), at.SphereLight((0, 30, 0), 1.0), []
     for n in range(10, 60):
-        at.visibility(scene, np.full((n, 3), 5.0), light, spp=1, threads=1)
-    assert len(scene.engine.source.accelerated.prepared._fronts) < 12
+        at.visibility(scene, np.full((n, 3), 5.0), light, spp=1)
+        fronts += [weakref.ref(each) for _, each in scene.engine.source.accelerated.prepared.states()]
+    gc.collect()
+    assert len(fronts) == 50 and sum(front() is not None for front in fronts) < 12
 
 
 def test_damage_after_a_chunk_was_read(city, tmp_path):
@@ -372,5 +376,5 @@ def test_an_interruption_while_chunks_are_read_leaves_the_renderer_as_it_was(cit
 
     with pytest.raises(KeyboardInterrupt):
         renderer.render(camera, LIGHT, spp=2, progress=interrupt)
-    assert residency.used <= residency.budget and residency._coming == 0
+    assert residency.used <= residency.budget and residency.pending == 0
     _same(renderer.render(camera, LIGHT, spp=2), at.render(scene, camera, LIGHT, spp=2, threads=2))

@@ -41,13 +41,15 @@ def _price(monkeypatch, seconds):
 def test_rays_get_a_better_tree_once_it_pays(scene, monkeypatch, seconds):
     _price(monkeypatch, seconds)
     rays = _rays()
-    blocked, hit = scene.occluded(*rays), scene.closest_hit(*rays)
+    tree_of = lambda plan: scene.engine.with_options(plan, None, None).accelerated().bvh
+    blocked, first, hit = scene.occluded(*rays), tree_of(FIRST), scene.closest_hit(*rays)
     assert 0.1 < blocked.mean() < 1
-    plans = scene.engine._trees._accelerated
-    assert set(plans) == ({BETTER} if seconds == 0.0 else {FIRST})
-    tree = next(iter(plans.values())).bvh
+    plan = scene.engine.source.ray_lists.plan
+    assert plan == (BETTER if seconds == 0.0 else FIRST)
+    assert (tree_of(FIRST) is first) == (plan == FIRST)  # a tree that was replaced is evicted
+    tree = tree_of(plan)
     np.testing.assert_array_equal(scene.occluded(*rays), blocked)
-    assert next(iter(plans.values())).bvh is tree
+    assert tree_of(plan) is tree
     assert (scene.closest_hit(*rays).face == hit.face).all() and (scene.closest_hit(*rays).t == hit.t).all()
 
 

@@ -7,7 +7,6 @@ import antumbra as at
 from antumbra.engine.accelerator import Accelerator
 from antumbra.engine.plan import parse_plan
 from antumbra.engine.store_building import build_store
-from antumbra.picture import plan_comparison as comparison
 from antumbra.picture.frame import PHASES
 from antumbra.picture.frame_request import TimeSample
 from antumbra.picture.plan_comparison import Difference, compare, difference, windows_to_pixels
@@ -175,7 +174,7 @@ def test_nothing_seen(scene):
 
 
 def test_what_is_wrong_is_said_before_anything_is_drawn(scene, moment, monkeypatch):
-    monkeypatch.setattr(comparison._ComparedFrame, "draw", None)
+    monkeypatch.setattr(at.Renderer, "render", None)
     for plans, words in (
         ([], "two plans or more"),
         (PLANS[:1], "two plans or more"),

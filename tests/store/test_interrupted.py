@@ -10,7 +10,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.store_building import build_store
-from antumbra.store.store_file import StoreWriter, open_store
+from antumbra.store.store_file import open_store
 from bvh_scenes import scattered
 from stores import soup_scene
 
@@ -103,16 +103,14 @@ def test_a_disk_without_room(tmp_path, monkeypatch):
 
 def test_the_header_comes_last(tmp_path, monkeypatch):
     """A file without the last write is no store, although all other bytes are complete."""
-    kept = []
+    states = []
 
-    def sync(self):
-        self._stream.flush()
-        (unfinished,) = tmp_path.glob(".antumbra-*.tmp")
-        kept.append(unfinished.read_bytes())
+    def sync(descriptor):
+        states.extend(path.read_bytes() for path in tmp_path.glob(".antumbra-*.tmp"))
 
-    monkeypatch.setattr(StoreWriter, "_sync", sync)
+    monkeypatch.setattr(os, "fsync", sync)
     build_store([soup_scene(scattered(2000))], tmp_path / "a.antumbra", chunk=256)
-    before, after = kept
+    before, after = states
     assert len(before) == len(after) and before[4096:] == after[4096:] and not any(before[:4096])
     (tmp_path / "b.antumbra").write_bytes(before)
     with pytest.raises(at.InputError, match="not finished"):

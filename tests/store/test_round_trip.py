@@ -90,7 +90,7 @@ def test_neither_memory_nor_threads_change_a_byte(tmp_path, monkeypatch, name):
     assert built(tmp_path, SCENES[name], threads=3).path.read_bytes() == once
     monkeypatch.setattr(spool_module, "MAX_FACES", 7)  # so that large pieces are split ...
     monkeypatch.setattr(build_module, "MAX_FACES", 50)
-    monkeypatch.setattr(build_module, "_BATCH_BYTES", 1 << 40)  # ... and few triangles are distributed at a time
+    monkeypatch.setattr(build_module, "TRIANGLE_MEMORY", 1 << 40)  # ... and few triangles are distributed at a time
     assert built(tmp_path, SCENES[name]).path.read_bytes() == once
     assert built(tmp_path, SCENES[name], chunk=CHUNK + 1).path.read_bytes() != once
 
@@ -119,7 +119,7 @@ def test_a_store_of_a_streamed_city(tmp_path):
 def test_processes_that_make_a_city_end_with_who_reads(monkeypatch):
     started = []
     monkeypatch.setattr(
-        stream, "_start_worker", lambda *a, start=stream._start_worker: started.append(start(*a)) or started[-1]
+        stream, "start_worker", lambda *a, start=stream.start_worker: started.append(start(*a)) or started[-1]
     )
     pieces = StreamedCity(5_000_000, processes=2).pieces(0.0)
     next(pieces)
@@ -131,7 +131,7 @@ def test_processes_that_make_a_city_end_with_who_reads(monkeypatch):
 @pytest.mark.parametrize("code", ["raise SystemExit(3)", "import os; os.write(1, bytes([9] + 15 * [0]))"])
 def test_a_process_that_fails_is_no_end_of_the_city(monkeypatch, code):
     command = [sys.executable, "-c", code]
-    monkeypatch.setattr(stream, "_start_worker", lambda *_: subprocess.Popen(command, stdout=subprocess.PIPE))
+    monkeypatch.setattr(stream, "start_worker", lambda *_: subprocess.Popen(command, stdout=subprocess.PIPE))
     with pytest.raises(RuntimeError, match=r"has failed|ended too early"):
         list(StreamedCity(20_000).pieces(0.0))
 

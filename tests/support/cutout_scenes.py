@@ -29,7 +29,7 @@ def scene_with_cutouts(n=60, seed=0) -> Scene:
     scene = Scene.from_arrays(np.concatenate([soup, ground]), name="cut")
     uv = rng.uniform(-1.5, 2.5, (n + 2, 3, 2)).astype(np.float32)
     mask = np.where(np.arange(n + 2) < n, rng.integers(-3, len(MASKS), n + 2), -1).clip(-1).astype(np.int32)
-    scene.data._cutouts = cutouts_of(uv, mask, MASKS)
+    scene.data.cutouts = cutouts_of(uv, mask, MASKS)
     assert scene.cutouts is not None and len(scene.cutouts.faces) > n // 5
     return scene
 

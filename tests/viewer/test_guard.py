@@ -235,7 +235,7 @@ def test_messages_with_wrong_values_change_nothing(local, message, capfd, monkey
 
 
 def test_wrong_values_of_controls_are_one_line(local, capfd, caplog):
-    slider = local.controls._sliders["bearing"]
+    slider = local.controls.sliders["bearing"]
     wrong = "east", None, [1, 2], {"a": 1}, float("nan"), 1e400
     update = lambda value: {"type": "GuiUpdateMessage", "uuid": slider._impl.uuid, "updates": {"value": value}}
     with caplog.at_level(logging.WARNING, LOG.name):

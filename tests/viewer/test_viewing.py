@@ -39,10 +39,10 @@ def looking(x=0.0, width=64, height=48):
 @pytest.fixture
 def viewing(monkeypatch):
     monkeypatch.setattr(viewings, "REST_DELAY", 0.02)
-    monkeypatch.setattr(viewings, "_DISPLAY_DELAY", 0.0)
-    worker, drawn = TaskQueue(lambda error: drawn.append(error)), []
-    made = ClientView(Model(box_on_floor(), SUN, CAMERA), worker, Browser(), drawn.append)
-    made.worker, made.drawn, made.browser = worker, drawn, made._client
+    monkeypatch.setattr(viewings, "DISPLAY_DELAY", 0.0)
+    worker, drawn, browser = TaskQueue(lambda error: drawn.append(error)), [], Browser()
+    made = ClientView(Model(box_on_floor(), SUN, CAMERA), worker, browser, drawn.append)
+    made.worker, made.drawn, made.browser = worker, drawn, browser
     yield made
     worker.close()
 

@@ -200,7 +200,7 @@ class DeformingTree:
 # --- Filtering --------------------------------------------------------------------------------------------------------
 
 
-_NODES_PER_SHARE = 4096  # nodes that a thread processes at a time
+NODES_PER_SHARE = 4096  # nodes that a thread processes at a time
 
 
 @inlined
@@ -275,10 +275,10 @@ def filter_tree(bvh: Bvh, triangles: NDArray[np.integer], threads: int) -> Bvh:
         return small._replace(prim_ids=prim_ids[small.prim_ids])
     bounded = boxes_of_subset(bvh, slots, threads)
     branches = np.empty(len(bvh.nodes), np.bool_)
-    run(_find_branches, threads, new_ticket(len(branches), _NODES_PER_SHARE), bounded, branches)
+    run(_find_branches, threads, new_ticket(len(branches), NODES_PER_SHARE), bounded, branches)
     node_at, slot_at = _numbers(branches), _numbers(slots)
     nodes = aligned_empty((int(node_at[-1]), 16), "f4")
     new = Bvh(nodes, nodes.view(np.int32), prim_ids, corners)
-    ticket = new_ticket(len(branches), _NODES_PER_SHARE)
+    ticket = new_ticket(len(branches), NODES_PER_SHARE)
     run(_write_branches, threads, ticket, bounded, branches, node_at, slot_at, new)
     return new

@@ -186,7 +186,7 @@ def _best_place(tree, item, stack, gains):
 
 
 @kernel
-def _find_places(ticket, loose, gains, places, visits):
+def find_places(ticket, loose, gains, places, visits):
     """Worker: find each item's best place, or -1, and count the places tried. The root's children stay."""
     tree = _pointers_of(loose)
     stack, scratch = stack_i32(_SEARCH_STACK), stack_f32(_SEARCH_STACK)
@@ -318,7 +318,7 @@ def reinsert(bvh: Bvh, threads: int | None = None, rounds: int = 4) -> Bvh:
     loose, n = _make_loose(bvh), 2 * m + 1
     gains, places, visits = np.empty(n, np.float32), np.empty(n, np.int64), np.empty(n, np.int64)
     for _ in range(rounds):
-        run(_find_places, threads, new_ticket(n, _CHUNK), loose, gains, places, visits)
+        run(find_places, threads, new_ticket(n, _CHUNK), loose, gains, places, visits)
         movable = np.flatnonzero(places >= 0)
         order = movable[np.argsort(-gains[movable], kind="stable")]
         if _make_moves(loose, order, places) < _FEW * n or visits.sum() > _MANY * n:

@@ -69,13 +69,15 @@ class Accelerator:
         Selects the sample rays of a ray-guided builder; None: the plan has none.
     one_tree : bool
         Whether shadow rays and camera rays share a BVH.
+    updater : Updater or None
+        Updates the tree of moving triangles; None: each moment gets a new tree.
     """
 
     def __init__(self, plan: Plan, threads: int):
         self.plan, self.threads = plan, threads
         self.ray_selector = RepresentativeRaySelector(plan.sample or SrdhRays(), threads) if plan.wants_rays else None
         self.one_tree = plan.tracer.builds and self.ray_selector is None
-        self._updater = UPDATERS[plan.update].keep(self._new_tree) if plan.update else None
+        self.updater = UPDATERS[plan.update].keep(self._new_tree) if plan.update else None
         self._updated: tuple[Triangles, Bvh] | None = None  # the triangles of the last update, and their BVH
         self._cutouts: tuple[Triangles, CutoutTree | None] | None = None  # the latest ones
         self._rays: Callable[[Any, Bvh | None], Any] | None = None  # (vertices, their BVH) -> Intersections, in a build
@@ -155,10 +157,10 @@ class Accelerator:
                 raise InputError(
                     f"plan {str(self.plan)!r}: its builder needs sample rays; render an image or query points"
                 )
-            indices = triangles.solid if solid is None or self._updater is not None else solid.kept
+            indices = triangles.solid if solid is None or self.updater is not None else solid.kept
             self._rays = lambda vertices, bvh: sample_rays.among(vertices, indices, self.threads, bvh)
         try:
-            bvh = self._updated_tree(triangles, culled) if self._updater is not None else self._tree(triangles, solid)
+            bvh = self._updated_tree(triangles, culled) if self.updater is not None else self._tree(triangles, solid)
         finally:
             self._rays = None
         if self.ray_selector is not None:
@@ -174,9 +176,9 @@ class Accelerator:
 
     def _updated_tree(self, triangles: Triangles, culled: CullResult | None) -> Bvh:
         """The updater's BVH of all solid triangles, filtered to those left by culling."""
-        assert self._updater is not None
+        assert self.updater is not None
         if self._updated is None or self._updated[0] is not triangles:  # otherwise a further query of the same frame
-            self._updated = triangles, solid_tree(self._updater.update, triangles, self.threads)
+            self._updated = triangles, solid_tree(self.updater.update, triangles, self.threads)
         bvh = self._updated[1]
         solid = solid_of(triangles, culled, self.threads) if culled is not None else None
         return bvh if solid is None else filter_tree(bvh, solid.kept, self.threads)

@@ -205,7 +205,7 @@ class AutoAccelerator(Accelerator):
         if self._patience or any(query.light.kind == AMBIENT and query.light.radius >= size for query in queries):
             return None  # segments reach everything
         direct = tree_seconds(n, forecast.lost, forecast.strategy, self._guided)
-        if self._updater is not None:
+        if self.updater is not None:
             direct = min(direct, refit_seconds(n, forecast.strategy))
         tree = partial(tree_seconds, lost=forecast.lost, strategy=forecast.strategy, guided=self._guided)
         receivers = {id(query.origins): self._features[id(query)].receivers for query in queries}
@@ -245,7 +245,7 @@ class AutoAccelerator(Accelerator):
     def _optimise(self) -> None:
         """Make the next tree a BEST one. Later trees are GOOD again, until they have lost the cost of another BEST."""
         precompile(best_tree_job)
-        self._tree_name, self._updater = BEST, None
+        self._tree_name, self.updater = BEST, None
         self.memory.in_good = 0.0
 
     def _choose(self, lost: float, triangles: int) -> None:
@@ -292,17 +292,17 @@ class AutoAccelerator(Accelerator):
         """Choose the next tree of all triangles, and whether to refit it."""
         self._choose(self._loss(self._rays_soon + self._later), n)
         good_pays = choose_builder(n, self.memory.lost, False) != QUICK
-        if self._tree_name != QUICK and self._updater is None and self._moves and good_pays:
+        if self._tree_name != QUICK and self.updater is None and self._moves and good_pays:
             self._tree_name = GOOD
             self._start_refitting()
-        if self._updater is not None and best_pays(self.memory.in_good, n):
+        if self.updater is not None and best_pays(self.memory.in_good, n):
             self._optimise()
             self._start_refitting()
         self._next_name = self._tree_name
 
     def _start_refitting(self) -> None:
         """Build a new tree at the next time sample, and refit it at later ones."""
-        self._updater, self._updated = UPDATERS["refit"].keep(self._new_tree), None
+        self.updater, self._updated = UPDATERS["refit"].keep(self._new_tree), None
 
     def _new_tree(self, vertices: NDArray[np.float32], threads: int) -> Bvh:
         tree = super()._new_tree(vertices, threads)
@@ -314,7 +314,7 @@ class AutoAccelerator(Accelerator):
     def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: CullResult | None = None) -> Accelerated:
         assert bvh is not None
         is_partial = culled is not None and culled.grid is not None
-        upgrades = self._built_name == QUICK and (is_partial or self._updater is None)
+        upgrades = self._built_name == QUICK and (is_partial or self.updater is None)
         upgrade = partial(self._upgrade, triangles, culled if is_partial else None) if upgrades else None
         known = KnownQueries(self._extent if is_partial else None, self._features, self._guided)
         tracer = AutoTracer(bvh, self.threads, self.memory, self._built_name, upgrade, known)

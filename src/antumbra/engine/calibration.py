@@ -6,6 +6,7 @@ from statistics import geometric_mean
 from time import process_time, thread_time
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bvh.nodes import Bvh
 from ..kernels.parallel import thread_count
@@ -22,27 +23,27 @@ from .primary_visibility import primary_visibility
 from .scene import procedural
 
 _GUIDED_COST = 1.45  # of building a GUIDED tree, with finding what its sample rays meet, relative to a GOOD one
-_TRIANGLES, _SIZE, _SPP, _REPETITIONS = 60_000, (160, 128), 16, 2
+TRIANGLES, SIZE = 60_000, (160, 128)
+_SPP, _REPETITIONS = 16, 2
 
 
-def calibrate() -> MachineRates:
-    """Measure the rates of all strategies and the times to build trees, and store them beside the kernels."""
-    scene, threads = procedural("atrium", triangles=_TRIANGLES), thread_count(None)
-    triangles = scene.triangles(0.0, threads)
-    n = len(triangles.vertices)
-    builds = {
-        name: 1e9 * _seconds(partial(BUILDERS[name].build, triangles.vertices, threads)) / n for name in (QUICK, GOOD)
-    }
+def calibrate(triangles: int = TRIANGLES, size: tuple[int, int] = SIZE) -> MachineRates:
+    """Measure the rates of all strategies and the times to build trees, and store them beside the kernels.
+
+    triangles, size : of the scene, and of its picture in pixels
+    """
+    threads = thread_count(None)
+    forms, queries, vertices = small_queries(triangles, size)
+    n = len(vertices)
+    builds = {name: 1e9 * _seconds(partial(BUILDERS[name].build, vertices, threads)) / n for name in (QUICK, GOOD)}
     builds[GUIDED] = _GUIDED_COST * builds[GOOD]
-    builds[BEST] = 1e9 * _seconds(lambda: best_tree(triangles.vertices, threads)) / n
-    bvh = BUILDERS[QUICK].build(triangles.vertices, threads)
+    builds[BEST] = 1e9 * _seconds(lambda: best_tree(vertices, threads)) / n
     form_times = {
-        name: 1e9 * _form_seconds(name, bvh, threads) / n
+        name: 1e9 * _form_seconds(name, forms.bvh, threads) / n
         for name, strategy in STRATEGIES.items()
         if strategy.form is not None
     }
-    times = ray_times(TreeForms(bvh, threads), _queries(triangles, scene.cameras[0].resized(*_SIZE), threads))
-    slower = {name: nanoseconds / reference()[name] for name, nanoseconds in times.items()}
+    slower = {name: nanoseconds / reference()[name] for name, nanoseconds in ray_times(forms, queries).items()}
     rates = MachineRates(slower, form_times, builds)
     store_machine_rates(rates)
     return rates
@@ -59,12 +60,14 @@ def ray_times(forms: TreeForms, queries: list[ShadowQuery]) -> dict[str, float]:
     return means
 
 
-def small_queries() -> tuple[TreeForms, list[ShadowQuery]]:
-    """The tree and the queries of `calibrate`."""
-    scene = procedural("atrium", triangles=_TRIANGLES)
-    triangles = scene.triangles(0.0, 1)
-    bvh = BUILDERS[QUICK].build(triangles.vertices, 1)
-    return TreeForms(bvh, 1), _queries(triangles, scene.cameras[0].resized(*_SIZE), 1)
+def small_queries(
+    triangles: int = TRIANGLES, size: tuple[int, int] = SIZE
+) -> tuple[TreeForms, list[ShadowQuery], NDArray[np.float32]]:
+    """The tree, the queries and the vertices of `calibrate`."""
+    scene = procedural("atrium", triangles=triangles)
+    moment = scene.triangles(0.0, 1)
+    bvh = BUILDERS[QUICK].build(moment.vertices, 1)
+    return TreeForms(bvh, 1), _queries(moment, scene.cameras[0].resized(*size), 1), moment.vertices
 
 
 def _queries(triangles: Triangles, camera: Camera, threads: int) -> list[ShadowQuery]:

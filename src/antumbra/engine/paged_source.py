@@ -194,7 +194,7 @@ def weights(batch: HitBatch, threads: int) -> tuple[np.ndarray, np.ndarray]:
 MAX_MEMORY = 4 << 30
 _CHUNKS_AT_ONCE = 256  # chunks whose triangles are numbered together
 _NO_SLOTS = np.empty(0, np.int64)
-_BAND_FACTOR = 4  # bands pay off if a frame reads more than this multiple of the budget: neighbours share some chunks
+BAND_FACTOR = 4  # bands pay off if a frame reads more than this multiple of the budget: neighbours share some chunks
 _RESERVED = 48 << 20  # bytes reserved for small allocations
 
 
@@ -334,7 +334,7 @@ class Paged:
 
     def bands(self, height: int) -> Iterator[slice]:
         budget = self.residency.budget
-        for rows in self._bands.of_frame(height, self._frame_reads > _BAND_FACTOR * budget):
+        for rows in self._bands.of_frame(height, self._frame_reads > BAND_FACTOR * budget):
             before = self.residency.paging.bytes
             yield rows
             self._bands.read(self._camera_mark - before, self.residency.paging.bytes - self._camera_mark, budget)

@@ -152,7 +152,9 @@ def cutouts_job() -> Job:
 
 
 RASTER, RAYS, AUTO = METHODS = "raster", "rays", "auto"
-_RETRY_PERIOD = 64  # frames after which the slower method is tried again
+RETRY_PERIOD = 64
+"""Frames after which the slower method is tried again."""
+
 _T = TypeVar("_T")
 
 
@@ -171,16 +173,16 @@ class PrimaryMethodChooser:
 
     def choose(self, tree: Accelerated | None) -> str:
         """The method of the next frame; `tree`: a tree of all triangles, cached by an earlier frame."""
-        if tree is None or not _has_blocks(tree):
+        if tree is None or not has_blocks(tree):
             return RASTER
-        if self._calls[RAYS] == 0 and not _rays_are_compiled():
+        if self._calls[RAYS] == 0 and not rays_are_compiled():
             return RASTER
         for method in RASTER, RAYS:
             if method not in self._seconds:
                 return method
         self._frames += 1
         slower, faster = sorted(self._seconds, key=self._seconds.__getitem__, reverse=True)
-        return slower if self._frames % _RETRY_PERIOD == 0 else faster
+        return slower if self._frames % RETRY_PERIOD == 0 else faster
 
     def timed(self, method: str, pixels: int, look: Callable[[], _T]) -> _T:
         """Call `look` and record its time, except in the first call of a method, which loads kernels."""
@@ -192,14 +194,15 @@ class PrimaryMethodChooser:
         return result
 
 
-def _has_blocks(tree: Accelerated) -> bool:
+def has_blocks(tree: Accelerated) -> bool:
     """Whether the tree exists in the form that camera rays traverse."""
     if isinstance(tree.chosen, AutoTracer):
         return not tree.chosen.forms.missing(STRATEGIES["multifrusta"])
     return isinstance(tree.prepared, BlockTree)
 
 
-def _rays_are_compiled() -> bool:
+def rays_are_compiled() -> bool:
+    """Whether the kernels of camera rays are compiled."""
     kernels = camera_rays_job().kernels()
     return kernels is not None and not missing_of(kernels)
 

@@ -74,8 +74,8 @@ def virtual_point_lights(
     n = whole_number(n, "n", 1, 16384 if flag(interleave, "interleave") else 1024)
     seed = whole_number(seed, "seed", 0, 2**63 - 1)
     centre, radius = scene.bounds.mean(0), np.linalg.norm(np.ptp(scene.bounds, axis=0)) / 2.0
-    xi = _sobol(n, seed)
-    origins, directions, power = _emit_photons(light, xi, centre, radius)
+    xi = sobol_points(n, seed)
+    origins, directions, power = emit_photons(light, xi, centre, radius)
     hit = scene.closest_hit(origins, directions, time=time, threads=threads)
     mask = hit.mask
     if not mask.any():
@@ -95,7 +95,7 @@ def virtual_point_lights(
     )
 
 
-def _sobol(n: int, seed: int) -> NDArray[np.float64]:
+def sobol_points(n: int, seed: int) -> NDArray[np.float64]:
     """The first n points of a scrambled Sobol sequence: (n, 4) float64 in [0, 1)."""
     from scipy.stats import qmc  # slow to import
 
@@ -103,7 +103,7 @@ def _sobol(n: int, seed: int) -> NDArray[np.float64]:
     return points
 
 
-def _emit_photons(
+def emit_photons(
     light: Light, xi: NDArray[np.float64], centre: NDArray[np.float64], radius: float | np.floating
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float | np.floating]:
     """World-space origins (n, 3) and unit directions (n, 3) of the photons, and their total power.

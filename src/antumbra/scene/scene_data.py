@@ -266,9 +266,14 @@ class MemoryData(SceneData):
             self._cutouts, self._find_cutouts = find_cutouts(self.appearance), False
         return self._cutouts
 
+    @cutouts.setter
+    def cutouts(self, cutouts: Cutouts | None) -> None:
+        """Replace them, before the first query."""
+        self._cutouts, self._find_cutouts = cutouts, False
+
     def ignore_alpha(self) -> None:
         """Make all faces solid. Call it before the first query."""
-        self._cutouts, self._find_cutouts = None, False
+        self.cutouts = None
 
     def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
         """The triangles at `time` (seconds, clamped to 0 .. `duration`), recentred, always in the same order.

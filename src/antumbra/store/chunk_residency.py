@@ -77,6 +77,11 @@ class Residency:
         Limit in bytes on the chunks in memory. It may change between frames.
     policy : "lru" or "round-robin"
         Which chunk is evicted first.
+
+    Attributes
+    ----------
+    pending : int
+        Bytes reserved for chunks that are being read.
     """
 
     def __init__(self, store: Store, budget: int, policy: str = "lru"):
@@ -86,7 +91,7 @@ class Residency:
         self.trees = np.zeros((len(store), ADDRESSES), np.int64)
         self.paging = Paging(0, 0, 0, 0, 0)
         self._chunks: OrderedDict[int, ResidentChunk] = OrderedDict()  # the next chunk to evict comes first
-        self._used = self._coming = 0
+        self._used = self.pending = 0
         self._pinned: set[int] = set()
         self._copies: dict[int, TriangleCopies] = {}  # from evicted chunks in which the current query has hits
         self._pool = BufferPool()
@@ -178,11 +183,11 @@ class Residency:
         self._make_room(missing, mark)
         while missing and (self._free() >= self.max_bytes(missing[0]) or not (coming or self._pinned)):
             k = missing.popleft()
-            self._coming += self.max_bytes(k)
+            self.pending += self.max_bytes(k)
             coming.append((k, self._reader.submit(self._read, k)))
 
     def _free(self) -> int:
-        return self.budget - self._used - self._coming
+        return self.budget - self._used - self.pending
 
     def _make_room(self, missing: Iterable[int], mark: Mark | None) -> None:
         """Evict enough chunks for the missing ones to fit, or all that are not being traced."""
@@ -214,7 +219,7 @@ class Residency:
         return group
 
     def _receive(self, k: int, future: Future[ResidentChunk]) -> None:
-        self._coming -= self.max_bytes(k)
+        self.pending -= self.max_bytes(k)
         resident = future.result()
         self._chunks[k] = resident
         self._used += resident.bytes
@@ -226,7 +231,7 @@ class Residency:
         """After an error or an interruption, cancel the reads that have not begun and wait for the others."""
         for k, future in coming:
             future.cancel()
-            self._coming -= self.max_bytes(k)
+            self.pending -= self.max_bytes(k)
         wait([future for _, future in coming])
 
     def _mark_used(self, group: list[int]) -> None:

@@ -27,7 +27,7 @@ MIN_MEMORY = 384 << 20
 MAX_TRIANGLES = 2**31 - 1  # so that int32 holds their indices
 CHUNK = 65536
 _GROUP = 8  # chunks sorted in memory at a time
-_BATCH_BYTES = 640  # budget per triangle distributed at a time: four times the memory it takes
+TRIANGLE_MEMORY = 640  # budget per triangle distributed at a time: four times the memory it takes
 _THREAD_BYTES = 64 << 20  # memory for building and writing a chunk
 
 """Called with the name of the step, the number of items done, and their total (0: unknown)."""
@@ -73,7 +73,7 @@ class _Build:
     def __init__(self, folder: Path, max_memory: int, threads: int, chunk: int, progress: ProgressListener | None):
         self.folder, self.chunk, self.progress = folder, chunk, progress
         self.threads, self.workers = threads, max(1, min(threads, max_memory // 2 // _THREAD_BYTES))
-        self.batch = max(MAX_FACES, min(max_memory // _BATCH_BYTES, 1 << 22))
+        self.batch = max(MAX_FACES, min(max_memory // TRIANGLE_MEMORY, 1 << 22))
         self._excluded_box = np.array([[np.inf] * 3, [-np.inf] * 3], np.float32)  # bounds of triangles in no chunk
         self.seconds: dict[str, float] = {}
         self._start = self._lap = perf_counter()

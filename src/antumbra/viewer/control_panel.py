@@ -22,11 +22,16 @@ class Controls:
 
     page : Page
         Its `changed` is called after each change of the model.
+
+    Attributes
+    ----------
+    sliders : dict
+        The sun's sliders: "bearing" and "elevation"; empty without a sun.
     """
 
     def __init__(self, page: Any):
         self._page, self._model, self._gui = page, page.model, page.server.gui
-        self._sliders: dict[str, Any] = {}
+        self.sliders: dict[str, Any] = {}
         self._status = self._gui.add_markdown("preparing the first picture")
         self._legend: Any = None
         self._add_point()
@@ -59,12 +64,12 @@ class Controls:
     def refresh(self) -> None:
         """Set the sliders from the model."""
         sun = self._model.sun
-        if sun is not None and "elevation" in self._sliders:
+        if sun is not None and "elevation" in self.sliders:
             bearing, elevation = sun_angles(sun.light, self._model.scene.up)
             for name, value in ("bearing", bearing), ("elevation", elevation):
                 value = round(value, 1)
-                if abs(self._sliders[name].value - value) > 0.1:
-                    self._sliders[name].value = value
+                if abs(self.sliders[name].value - value) > 0.1:
+                    self.sliders[name].value = value
 
     def _add_point(self) -> None:
         with self._gui.add_folder("Point"):
@@ -99,7 +104,7 @@ class Controls:
         self._bind(slider, model.go_to)
 
     def _add_sun(self) -> None:
-        model, gui, sliders = self._model, self._gui, self._sliders
+        model, gui, sliders = self._model, self._gui, self.sliders
         assert isinstance(model.sun.light, DirectionalLight)
         bearing, elevation = sun_angles(model.sun.light, model.scene.up)
         with gui.add_folder("Sun"):

@@ -273,10 +273,12 @@ def _grey(share: NDArray[np.float32], mask: NDArray[np.bool_]) -> NDArray[np.uin
 REST_DELAY = 0.15
 """Seconds after the last move until the camera counts as resting."""
 
+DISPLAY_DELAY = 0.1
+"""Seconds until a browser shows a picture."""
+
 _QUICK_SPP = 4  # most shadow rays per pixel and light of pictures traced at the rank PICTURE
 _QUALITY = 92  # of JPEG
 _MAX_SIDE = 1 << 14  # most pixels along a side of a page
-_DISPLAY_DELAY = 0.1  # seconds until a browser shows a picture
 
 
 class ClientView:
@@ -351,7 +353,7 @@ class ClientView:
         self._client.scene.set_background_image(picture.image, kind, jpeg_quality=_QUALITY)
         if self._navigating:
             self._navigating = False
-            later = Timer(_DISPLAY_DELAY, self._hide)  # the browser decodes pictures asynchronously
+            later = Timer(DISPLAY_DELAY, self._hide)  # the browser decodes pictures asynchronously
             later.daemon = True
             later.start()
         self._on_sent(picture)

@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
+from antumbra.strategies.counters import as_dict, new_counters
 
 import antumbra as at
-from antumbra.engine.auto import strategies as choose
-from antumbra.engine.auto import strategies as trace
+from antumbra.engine.auto import strategies
 from antumbra.engine.auto.cost_model import GOOD, GUIDED, QUICK
 from antumbra.engine.auto.strategies import STRATEGIES
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.plan import parse_plan
 from antumbra.picture.renderer import Renderer
-from antumbra.trace.counters import as_dict, new_counters
 from asking import answer, query_of, true_occlusion, unpack
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
@@ -28,8 +27,8 @@ def scene():
 
 def _forced(monkeypatch, strategy):
     """Make a strategy look far faster than the others."""
-    monkeypatch.setattr(choose, "predicted_rate", lambda name, facts: 1e-12 if name == strategy else 1.0)
-    monkeypatch.setattr(choose, "_TRIALS", 0.0)
+    monkeypatch.setattr(strategies, "predicted_rate", lambda name, facts: 1e-12 if name == strategy else 1.0)
+    monkeypatch.setattr(strategies, "TRIAL_SHARE", 0.0)
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
@@ -38,9 +37,9 @@ def test_every_strategy_gives_the_bits_of_brute_force(scene, monkeypatch, strate
     _forced(monkeypatch, strategy)
     triangles, query = query_of(scene, scene.cameras[0].resized(20, 16), light, 4)
     truth, asked = true_occlusion(triangles, query)
-    auto = trace.AutoTracer(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
+    auto = strategies.AutoTracer(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
     bits, counters = np.zeros((16, 20, -(-query.samples.shape[1] // 64)), np.uint64), new_counters()
-    trace.trace_shadow(auto, query, bits, 2, counters)
+    strategies.trace_shadow(auto, query, bits, 2, counters)
     np.testing.assert_array_equal(unpack(bits, query.samples.shape[1])[asked], truth[asked])
     (choice,) = auto.choices
     assert choice.strategy == (
@@ -54,17 +53,17 @@ def test_scattered_points_are_sorted_and_get_their_own_bits(scene, monkeypatch, 
     rng = np.random.default_rng(2)
     points = rng.uniform((-6, 0.1, -4), (6, 5, 4), (3001, 3))
     plain = at.visibility(scene, points, LAMP, spp=spp, plan="bsah+single")
-    monkeypatch.setattr(choose, "_SORT", -1.0)
+    monkeypatch.setattr(strategies, "SORT_SECONDS", -1.0)
     seen = at.visibility(scene, points, LAMP, spp=spp, plan="auto")
     np.testing.assert_array_equal(seen.bits, plain.bits)
-    chosen = scene.engine._trees._accelerated[parse_plan("auto")].chosen
+    chosen = scene.engine.accelerated().chosen
     assert [c.sorted for c in chosen.choices] == [True] and 0.1 < plain.fraction.mean() < 0.99
 
 
 def test_a_sample_decides_among_likely_strategies_and_the_next_frame_remembers(scene, monkeypatch):
-    monkeypatch.setattr(choose, "_TRIALS", 1e9)
-    monkeypatch.setattr(choose, "_CONVERSION", 1e9)
-    monkeypatch.setattr(choose, "predicted_rate", lambda name, facts: 1e-7)
+    monkeypatch.setattr(strategies, "TRIAL_SHARE", 1e9)
+    monkeypatch.setattr(strategies, "MAX_CONVERSION_SHARE", 1e9)
+    monkeypatch.setattr(strategies, "predicted_rate", lambda name, facts: 1e-7)
     renderer, camera = Renderer(scene), scene.cameras[0].resized(160, 120)
     first = renderer.render(camera, [LAMP], spp=16)
     (choice,) = first.choices
@@ -90,30 +89,32 @@ def test_the_first_call_of_a_strategy_does_not_count(scene, monkeypatch):
         return trace_slowly
 
     slow = {name: strategy._replace(trace=first_takes_long(name)) for name, strategy in STRATEGIES.items()}
-    monkeypatch.setattr(choose, "STRATEGIES", slow)
-    monkeypatch.setattr(choose, "_loaded", set())
-    monkeypatch.setattr(choose, "_TRIALS", 1e9)
-    monkeypatch.setattr(choose, "_MAX_TRIED", len(slow))
-    monkeypatch.setattr(choose, "process_time", lambda: clock[0])
+    monkeypatch.setattr(strategies, "STRATEGIES", slow)
+    monkeypatch.setattr(strategies, "LOADED", set())
+    monkeypatch.setattr(strategies, "TRIAL_SHARE", 1e9)
+    monkeypatch.setattr(strategies, "MAX_TRIED", len(slow))
+    monkeypatch.setattr(strategies, "process_time", lambda: clock[0])
     triangles, query = query_of(scene, scene.cameras[0].resized(64, 48), LAMP, 4)
-    auto = trace.AutoTracer(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
-    facts = trace.features_of(query, auto.forms.triangles, auto.forms.extent.box)
+    auto = strategies.AutoTracer(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
+    facts = strategies.features_of(query, auto.forms.triangles, auto.forms.extent.box)
     cost, conversion = dict.fromkeys(STRATEGIES, 1.0), dict.fromkeys(STRATEGIES, 0.0)
-    found = choose.try_strategies(query, auto.forms, cost, conversion, facts, 2)
+    found = strategies.try_strategies(query, auto.forms, cost, conversion, facts, 2)
     assert set(found) == set(STRATEGIES) and max(found.values()) < 1e4
 
 
 def test_an_unlikely_strategy_is_not_tried(scene, monkeypatch):
-    monkeypatch.setattr(choose, "_TRIALS", 1e9)
-    monkeypatch.setattr(choose, "_CONVERSION", 1e9)
-    monkeypatch.setattr(choose, "predicted_rate", lambda name, facts: {"wide": 1e-7, "packet16": 2e-7}.get(name, 1e-6))
+    monkeypatch.setattr(strategies, "TRIAL_SHARE", 1e9)
+    monkeypatch.setattr(strategies, "MAX_CONVERSION_SHARE", 1e9)
+    monkeypatch.setattr(
+        strategies, "predicted_rate", lambda name, facts: {"wide": 1e-7, "packet16": 2e-7}.get(name, 1e-6)
+    )
     frame = at.render(scene, scene.cameras[0].resized(64, 48), [LAMP], spp=4)
     assert set(frame.choices[0].tried) <= {"wide", "packet16"}
 
 
 def test_rates_are_forgotten_when_the_rays_change():
-    memory, key = choose.StrategyMemory(), (1,)
-    measured = choose.StrategyChoice("wide", 1000, "sample", 1.0, {"wide": 100.0, "packet16": 200.0}, seconds=1e-4)
+    memory, key = strategies.StrategyMemory(), (1,)
+    measured = strategies.StrategyChoice("wide", 1000, "sample", 1.0, {"wide": 100.0, "packet16": 200.0}, seconds=1e-4)
     memory.learn(key, measured, None)
     assert memory.rates(key) == {"wide": pytest.approx(100.0), "packet16": 200.0}
     memory.learn(key, measured._replace(tried={}, seconds=1.5e-4), None)
@@ -144,20 +145,20 @@ def test_the_oracle_agrees_over_all_of_the_plan(scene):
 
 @pytest.mark.parametrize(("slow", "builder"), [(1e9, GOOD), (1e-9, QUICK)])
 def test_a_query_that_loses_much_builds_a_better_tree_first(scene, monkeypatch, slow, builder):
-    monkeypatch.setattr(trace, "sampled_rate", lambda strategy, forms, query, threads: slow)
-    monkeypatch.setattr(trace, "_DOUBT", 1e9)  # predictions are never believed
+    monkeypatch.setattr(strategies, "sampled_rate", lambda strategy, forms, query, threads: slow)
+    monkeypatch.setattr(strategies, "PREDICTION_ERROR", 1e9)  # predictions are never believed
     triangles, query = query_of(scene, scene.cameras[0].resized(20, 16), LAMP, 4)
     truth, asked = true_occlusion(triangles, query)
     better = lambda: (BUILDERS[GOOD].build(triangles.vertices, 2), GOOD)
-    auto = trace.AutoTracer(BUILDERS[QUICK].build(triangles.vertices, 2), 2, None, QUICK, better)
+    auto = strategies.AutoTracer(BUILDERS[QUICK].build(triangles.vertices, 2), 2, None, QUICK, better)
     bits = np.zeros((16, 20, 1), np.uint64)
-    trace.trace_shadow(auto, query, bits, 2)
+    strategies.trace_shadow(auto, query, bits, 2)
     np.testing.assert_array_equal(unpack(bits, 4)[asked], truth[asked])
     assert auto.builder == builder
 
 
 def test_a_frame_names_the_builder_of_its_better_tree(scene, monkeypatch):
-    monkeypatch.setattr(trace.AutoTracer, "_upgrade_pays", lambda auto, strategy, seconds: True)
+    monkeypatch.setattr(strategies.AutoTracer, "upgrade_pays", lambda auto, strategy, seconds: True)
     renderer = at.Renderer(scene)
     plans = [renderer.render(scene.cameras[0].resized(20, 16), LAMP, spp=4).plan for _ in range(2)]
     assert all(parse_plan(plan).build in (GOOD, GUIDED) for plan in plans)

@@ -9,7 +9,7 @@ from antumbra.bvh.block_tree import block_tree
 from antumbra.bvh.nodes import boxes_of
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.techniques.chcrt.occlusion_queries import Answers, tiles_of
-from antumbra.techniques.chcrt.tree_parts import _order, lists_of, parts_of
+from antumbra.techniques.chcrt.tree_parts import lists_of, part_order, parts_of
 from antumbra.techniques.chcrt.visibility_fronts import INNER, INVISIBLE, VISIBLE, Fronts, trace_frame
 from antumbra.techniques.tracer_options import ChcRtOptions
 from antumbra.trace.tile import TileShape
@@ -107,7 +107,7 @@ def test_lists_have_each_visible_part_once_in_their_order(front_to_back):
 def test_parts_come_in_the_order_of_the_tree():
     parts = _parts()[0]
     np.testing.assert_array_equal(parts.order, np.arange(len(parts.trees)))  # in the order of `parts_of`
-    np.testing.assert_array_equal(_order(np.array([[1, 4], [3, 2], [-1, -1], [-1, -1], [-1, -1]]), 2), [1, 0, 2])
+    np.testing.assert_array_equal(part_order(np.array([[1, 4], [3, 2], [-1, -1], [-1, -1], [-1, -1]]), 2), [1, 0, 2])
 
 
 def test_visible_pairs_are_asked_every_few_frames_and_invisible_ones_always():

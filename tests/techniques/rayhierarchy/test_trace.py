@@ -112,7 +112,7 @@ def test_queries_that_are_cut_into_parts(light, shape, segments_held, monkeypatc
     for name in ("cones", "cones:precise:sorted", "cones:SpheresSorted"):
         np.testing.assert_array_equal(_bits(triangles, query, combination(name) or CONES[name][0]), whole)
     assert whole.any() and not whole.all()
-    assert len(trace._parts(query, np.zeros((*shape, 1), np.uint64))) > (1 if segments_held < 1000 else 0)
+    assert len(trace.query_parts(query, np.zeros((*shape, 1), np.uint64))) > (1 if segments_held < 1000 else 0)
 
 
 # Hazards, by name.

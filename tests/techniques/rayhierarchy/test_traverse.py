@@ -17,19 +17,19 @@ from antumbra.techniques.rayhierarchy.ray_leaves import leaves_of
 from antumbra.techniques.rayhierarchy.ray_tree import tree_pointers
 from antumbra.techniques.rayhierarchy.shadow_planes import BLOCK, LANES, NUMBERS
 from antumbra.techniques.rayhierarchy.triangle_traversal import (
-    _QUEUES,
     AREA,
     BATCH,
     NEAREST,
     PAIRS,
+    QUEUES,
     SOLID_ANGLE,
+    Queues,
     TraversalOptions,
-    _queue_block,
-    _Queues,
-    _traverse,
     memory_for,
     occluders_first,
+    queue_block,
     trace_triangles,
+    traverse_queues,
     write_rows,
 )
 from antumbra.techniques.tracer_options import FASTEST_RAY_HIERARCHY, RayHierarchyOptions
@@ -68,7 +68,7 @@ def _trace_guarded(triangles, beam, arrays, rays, how, pairs, step, memory, foun
     tree, parts, view, leaves = tree_pointers(arrays), len(arrays.faces), view_of(beam), leaves_of(rays)
     soup, n = Soup(ptr(triangles.corners), ptr(triangles.ids)), len(triangles.corners)
     rows, marks, slots, flat = memory.rows, memory.marks, stack_array(np.int32, LANES), ptr(pairs)
-    queues = _Queues(flat, ptr_at(flat, _QUEUES * step), ptr(marks), step, stack_f32(LANES))
+    queues = Queues(flat, ptr_at(flat, QUEUES * step), ptr(marks), step, stack_f32(LANES))
     for first in range(0, n, BATCH):
         last = min(first + BATCH, n)
         for i in range(first, last, LANES):
@@ -80,8 +80,8 @@ def _trace_guarded(triangles, beam, arrays, rays, how, pairs, step, memory, foun
         for part in range(parts):
             of_part = ptr_at(rows, part * BATCH * NUMBERS)
             for block in range((last - first + LANES - 1) // LANES):
-                _queue_block(tree, part, block, of_part, np.int64(found[block * parts + part]), queues)
-            _traverse(tree, part, leaves, soup, of_part, queues, how, None)
+                queue_block(tree, part, block, of_part, np.int64(found[block * parts + part]), queues)
+            traverse_queues(tree, part, leaves, soup, of_part, queues, how, None)
 
 
 def _met_by_all_nodes(n):
@@ -116,7 +116,7 @@ def test_queues_never_hold_more_than_they_may(kind, ways, early_accept):
     for pairs in (BATCH, PAIRS):
         made = hierarchy(kind, query, beam, ways, True)
         step = pairs + LANES + MARGIN
-        queues = np.full((2, _QUEUES, step), GUARD, np.int32)
+        queues = np.full((2, QUEUES, step), GUARD, np.int32)
         how = HOW._replace(early_accept=early_accept, pairs=pairs)
         parts = len(made.tree.faces)
         memory, found = memory_for(parts, how), np.zeros(BATCH // LANES * parts, np.int32)

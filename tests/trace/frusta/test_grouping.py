@@ -5,7 +5,7 @@ import pytest
 
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.simd import ptr
-from antumbra.trace.frusta.tile_clusters import TRIAL_FLOATS, Grouping, _pays, record_costs, reset_trials
+from antumbra.trace.frusta.tile_clusters import TRIAL_FLOATS, Grouping, group_pays, record_costs, reset_trials
 
 
 @kernel
@@ -14,7 +14,7 @@ def _decide(memory, c, together, apart, decisions):
     trials = ptr(memory)
     reset_trials(trials)
     for i in range(len(decisions)):
-        pays, trial = _pays(trials, c)
+        pays, trial = group_pays(trials, c)
         decisions[i] = pays
         taken = np.int64(c) if pays and trial else np.int64(-1)
         declined = np.int64(1) << c if trial and not pays else np.int64(0)

@@ -156,9 +156,9 @@ def answer_query(
 
 # --- choice -----------------------------------------------------------------------------------------------------------
 
-_TRIALS = 0.04  # maximum cost of trying strategies, relative to the predicted cost of the query
-_CONVERSION = 0.1  # maximum cost of a tree conversion for a try, relative to the least predicted cost
-_MAX_TRIED = 4  # strategies
+TRIAL_SHARE = 0.04  # maximum cost of trying strategies, relative to the predicted cost of the query
+MAX_CONVERSION_SHARE = 0.1  # maximum cost of a tree conversion for a try, relative to the least predicted cost
+MAX_TRIED = 4  # strategies
 _MIN_SAMPLE_SECONDS = 8e-4  # a call alone costs a tenth of this
 _SAMPLE_RAYS = 1 << 14  # of `sampled_rate`
 _MAX_SAMPLE_SHARE = 0.1  # maximum share of the receivers in the sample
@@ -168,7 +168,7 @@ _LIKELY = 2.2  # strategies predicted to cost more than this multiple of the lea
 _RISKY = {"multifrusta": 5.0}  # strategy with unreliable predictions -> the same multiple
 _HOPELESS = 12.0  # a risky strategy slower than this multiple of the best rate in one window is not tried further
 _FEW_RECEIVERS = 256  # too few to be worth sorting
-_SORT = 2e-7  # seconds per receiver
+SORT_SECONDS = 2e-7  # seconds per receiver
 _SORTED_COST = 0.75  # receivers are sorted if that reduces the predicted cost below this share
 _EXPIRY = 64  # frames after which strategies are tried again
 _CHANGE = 1.6  # strategies are tried again once a query takes this multiple of the measured rate
@@ -274,7 +274,7 @@ def worth_trying(cost: dict[str, float], conversion: dict[str, float]) -> list[s
     likely = [
         name
         for name in others
-        if cost[name] < _RISKY.get(name, _LIKELY) * cost[best] and conversion[name] < _CONVERSION * cost[best]
+        if cost[name] < _RISKY.get(name, _LIKELY) * cost[best] and conversion[name] < MAX_CONVERSION_SHARE * cost[best]
     ]
     return [best, *sorted(likely, key=lambda name: name not in _RISKY)]
 
@@ -289,7 +289,7 @@ def sorting_pays(
     cost, sorted_cost = (
         min(predicted_rate(name, each) for name in suited) * features.rays for each in (features, sorted_features)
     )
-    return sorted_cost + _SORT * features.receivers < _SORTED_COST * cost
+    return sorted_cost + SORT_SECONDS * features.receivers < _SORTED_COST * cost
 
 
 def suitable_strategies(query: ShadowQuery, box: Box) -> list[str]:
@@ -313,10 +313,10 @@ def try_strategies(
     """
     names, least = worth_trying(cost, conversion), min(cost.values())
     window = least * _WINDOW / max(features.receivers, 1) * min(1.0, STRATA / features.samples)  # seconds
-    count = min(len(names), _MAX_TRIED, int(_TRIALS * least / max(_MIN_SAMPLE_SECONDS, _MIN_WINDOWS * window)))
+    count = min(len(names), MAX_TRIED, int(TRIAL_SHARE * least / max(_MIN_SAMPLE_SECONDS, _MIN_WINDOWS * window)))
     if count < 2:
         return {}
-    windows = min(_TRIALS * least / count / window, _MAX_SAMPLE_SHARE * features.receivers / _WINDOW)
+    windows = min(TRIAL_SHARE * least / count / window, _MAX_SAMPLE_SHARE * features.receivers / _WINDOW)
     first, sample = sample_of(query, 1), sample_of(query, ceil(max(windows, _MIN_WINDOWS)))
     rates: dict[str, float] = {}
     for name in sorted(names[:count], key=lambda name: name in _RISKY):
@@ -332,7 +332,7 @@ def sampled_rate(strategy: str, forms: TreeForms, query: ShadowQuery, threads: i
     return _rate_of(strategy, forms, sample_of(query, windows), threads)
 
 
-_loaded: set[str] = set()  # strategies whose kernels this process has loaded
+LOADED: set[str] = set()  # strategies whose kernels this process has loaded
 
 
 def _rate_of(strategy: str, forms: TreeForms, query: ShadowQuery, threads: int) -> float:
@@ -342,9 +342,9 @@ def _rate_of(strategy: str, forms: TreeForms, query: ShadowQuery, threads: int) 
     shafts may be slow in a few windows only.
     """
     form = forms.of(STRATEGIES[strategy])
-    if strategy not in _loaded:  # the first call of a process loads kernels
+    if strategy not in LOADED:  # the first call of a process loads kernels
         answer_query(strategy, forms, tile_of(query), threads)
-        _loaded.add(strategy)
+        LOADED.add(strategy)
     bits, start = new_bits(query), process_time()
     STRATEGIES[strategy].trace(form, query, bits, threads, None, None)
     return 1e9 * (process_time() - start) / max(ray_count(query), 1)
@@ -355,7 +355,7 @@ def _rate_of(strategy: str, forms: TreeForms, query: ShadowQuery, threads: int) 
 _FEW_RAYS = 256  # rays that take less time than a choice
 _FEW_RAYS_KEY: Key = ("few",)  # different from every `feature_key`
 _CONES_KEY: Key = ("cones",)
-_DOUBT = 4.0  # predictions from counts alone may be wrong by this factor
+PREDICTION_ERROR = 4.0  # predictions from counts alone may be wrong by this factor
 
 
 class KnownQueries(NamedTuple):
@@ -411,13 +411,13 @@ class AutoTracer:
         if self._better is None:
             return
         strategy, seconds = choice.strategy, choice.predicted
-        if not choice.tried and self._upgrade_pays(strategy, seconds * _DOUBT):
+        if not choice.tried and self.upgrade_pays(strategy, seconds * PREDICTION_ERROR):
             seconds = 1e-9 * sampled_rate(strategy, self.forms, query, threads) * choice.rays
-        if self._upgrade_pays(strategy, seconds):
+        if self.upgrade_pays(strategy, seconds):
             bvh, self.builder = self._better()
             self.forms, self._better = TreeForms(bvh, self.forms.threads, self.forms.extent), None
 
-    def _upgrade_pays(self, strategy: str, seconds: float) -> bool:
+    def upgrade_pays(self, strategy: str, seconds: float) -> bool:
         """Whether a query that takes `seconds` in this tree pays for a better one, although this one is there."""
         n = self.forms.triangles
         lost = lost_in_quick(strategy, seconds) - build_seconds(QUICK, n) - form_seconds(strategy, n)

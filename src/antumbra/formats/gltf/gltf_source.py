@@ -46,7 +46,7 @@ from .gltf_nodes import (
 )
 
 MAX_TRIANGLES = 2**31 - 1
-_BATCH = 1 << 18  # vertices of a mesh's copies that are evaluated at once
+VERTEX_BATCH = 1 << 18  # vertices of a mesh's copies that are evaluated at once
 
 
 class MeshNode(NamedTuple):
@@ -256,7 +256,7 @@ def _world_batches(
         yield skinned(positions, primitive, draw.skin, world), None
         return
     matrices = world[draw.node][None] if draw.copies is None else world[draw.node] @ draw.copies
-    batch = max(1, _BATCH // len(positions))
+    batch = max(1, VERTEX_BATCH // len(positions))
     for a in range(0, len(matrices), batch):
         chunk = matrices[a : a + batch]
         yield transform_points(positions, chunk), chunk[:, :3, :3]

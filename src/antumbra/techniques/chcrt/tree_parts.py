@@ -133,7 +133,7 @@ def _lines(tree: BlockTree, links: NDArray[np.int64], parents: dict[int, tuple[i
     return lines
 
 
-def _order(children: NDArray[np.int32], m: int) -> NDArray[np.int32]:
+def part_order(children: NDArray[np.int32], m: int) -> NDArray[np.int32]:
     """See `TreeParts.order`."""
     order, waiting, n = np.empty(len(children) - m, np.int32), [0], 0
     while waiting:
@@ -165,7 +165,7 @@ def parts_of(tree: BlockTree, options: ChcRtOptions) -> TreeParts:
     boxes = boxes_of(lines)
     trees = np.array([addresses(tree, int(root)) for root in roots], np.int64).reshape(k, -1)
     return TreeParts(
-        lines, children, shares(lines), m, _order(children, m), trees, head(*boxes[m:].swapaxes(0, 1)),
+        lines, children, shares(lines), m, part_order(children, m), trees, head(*boxes[m:].swapaxes(0, 1)),
         boxes[0, 1] - boxes[0, 0], None, tree,
     )  # fmt: skip
 
@@ -190,7 +190,7 @@ def parts_of_chunks(
         lines, children, m = lines[m:], children[m:], 0
     boxes = boxes_of(lines)
     heads = head(*boxes[m:].swapaxes(0, 1))
-    order = _order(children, m)
+    order = part_order(children, m)
     return TreeParts(lines, children, shares(lines), m, order, trees, heads, boxes[0, 1] - boxes[0, 0], memory, keeps)
 
 

@@ -181,14 +181,14 @@ def trace_shadow(
     threads = thread_count(threads)
     counters = new_counters() if counters is None else counters
     how = TraversalOptions(options.spheres, options.early_accept, query.cull_faces, options.backface, PAIRS)
-    for part, part_bits in _parts(query, bits):
+    for part, part_bits in query_parts(query, bits):
         for beam in beams_of(part, not options.shared, threads):
             traced = TraversalInputs(soup, part, beam, how, threads, counters, progress)
             with borrowed() as empty:
                 _trace_beam(traced, part_bits, options, empty)
 
 
-def _parts(query: ShadowQuery, bits: NDArray[np.uint64]) -> list[tuple[ShadowQuery, NDArray[np.uint64]]]:
+def query_parts(query: ShadowQuery, bits: NDArray[np.uint64]) -> list[tuple[ShadowQuery, NDArray[np.uint64]]]:
     """Cut a query into parts whose segments fit in memory: bands of rows, or pieces of a single row."""
     (h, w), spp = query.sides.shape, query.samples.shape[1]
     most = max(SEGMENTS // spp, 1)

@@ -49,7 +49,9 @@ from .light_beams import Beam, query_bits_of
 KEPT = 64 << 20
 """Maximum number of bytes retained for later calls."""
 
-_spare: list[NDArray[np.uint8]] = []  # most recently used first
+spare_buffers: list[NDArray[np.uint8]] = []
+"""Buffers retained for later calls, most recently used first."""
+
 _lock = threading.Lock()
 
 Empty = Callable[[int, Any], np.ndarray]
@@ -59,21 +61,21 @@ Empty = Callable[[int, Any], np.ndarray]
 def _spare_buffer(size: int) -> NDArray[np.uint8]:
     """A buffer of at least this many bytes: the smallest spare one that fits and is at most twice as large, or new."""
     with _lock:
-        fit = [i for i, spare in enumerate(_spare) if size <= len(spare) <= 2 * size]
+        fit = [i for i, spare in enumerate(spare_buffers) if size <= len(spare) <= 2 * size]
         if fit:
-            return _spare.pop(min(fit, key=lambda i: len(_spare[i])))
+            return spare_buffers.pop(min(fit, key=lambda i: len(spare_buffers[i])))
     return np.empty(size, np.uint8)
 
 
 def _return_buffers(buffers: list[NDArray[np.uint8]]) -> None:
     with _lock:
         total = 0
-        for i, buffer in enumerate(all_ := buffers + _spare):
+        for i, buffer in enumerate(all_ := buffers + spare_buffers):
             total += len(buffer)
             if total > KEPT:
                 del all_[i:]
                 break
-        _spare[:] = all_
+        spare_buffers[:] = all_
 
 
 @contextmanager

@@ -108,7 +108,7 @@ BLOCKS = BATCH // LANES
 PAIRS = 2048
 """Maximum number of pairs in a queue; at least BATCH and at least 16."""
 
-_QUEUES = LEVELS + 1
+QUEUES = LEVELS + 1
 _AHEAD = 4  # leaves to prefetch ahead of the tested leaf
 
 
@@ -122,15 +122,15 @@ class TraversalOptions(NamedTuple):
     pairs: int  # capacity of a queue
 
 
-class _Queues(NamedTuple):
+class Queues(NamedTuple):
     """A thread's pairs, as pointers to int32.
 
     Queue 0 pairs triangles with leaves. Queue k + 1 pairs triangles with groups of level k.
     """
 
-    rows: I32Ptr  # (_QUEUES, pairs + 16): the triangle's row in the batch
-    groups: I32Ptr  # (_QUEUES, pairs + 16): the group, or the leaf in queue 0
-    counts: I32Ptr  # (_QUEUES,): pairs in each queue
+    rows: I32Ptr  # (QUEUES, pairs + 16): the triangle's row in the batch
+    groups: I32Ptr  # (QUEUES, pairs + 16): the group, or the leaf in queue 0
+    counts: I32Ptr  # (QUEUES,): pairs in each queue
     step: int  # pairs + 16
     union: F32Ptr  # (6,) float32: scratch memory
 
@@ -147,8 +147,8 @@ def memory_for(parts: int, how: TraversalOptions) -> TraversalMemory:
     """Allocate the memory for a traversal of the hierarchies of `parts` faces."""
     return TraversalMemory(
         np.empty(parts * BATCH * NUMBERS, np.float32),
-        np.zeros(_QUEUES + parts * BLOCKS + LANES, np.int32),
-        np.empty(2 * _QUEUES * (how.pairs + LANES), np.int32),
+        np.zeros(QUEUES + parts * BLOCKS + LANES, np.int32),
+        np.empty(2 * QUEUES * (how.pairs + LANES), np.int32),
     )
 
 
@@ -261,7 +261,7 @@ def _test_rays(tree, part, leaves, soup, rows, queues, how, counters):
 
 
 @kernel
-def _traverse(tree, part, leaves, soup, rows, queues, how, counters):
+def traverse_queues(tree, part, leaves, soup, rows, queues, how, counters):
     """Traverse the hierarchy of one face with the queued triangles, down to its rays."""
     queue, last = np.int64(0), get(tree.heights, part)
     while queue <= last:
@@ -329,7 +329,7 @@ def _start(tree, part, block, lanes, union):
 
 
 @inlined
-def _queue_block(tree, part, block, rows, lanes, queues):
+def queue_block(tree, part, block, rows, lanes, queues):
     """Queue the triangles of a block that may block rays of a face. They are close together and start at one group."""
     if lanes == 0:
         return
@@ -350,8 +350,8 @@ def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters,
     soup, step = Soup(ptr(triangles.corners), ptr(triangles.ids)), how.pairs + LANES
     thread_counters = cleared(stack_i64(N_COUNTERS))
     marks, pairs = memory.marks, memory.pairs
-    queues = _Queues(ptr(pairs), ptr_at(pairs, _QUEUES * step), ptr(marks), step, stack_f32(LANES))
-    rows, face_lanes, slots = ptr(memory.rows), ptr_at(marks, _QUEUES), ptr_at(marks, _QUEUES + parts * BLOCKS)
+    queues = Queues(ptr(pairs), ptr_at(pairs, QUEUES * step), ptr(marks), step, stack_f32(LANES))
+    rows, face_lanes, slots = ptr(memory.rows), ptr_at(marks, QUEUES), ptr_at(marks, QUEUES + parts * BLOCKS)
     for first, last in shares(ticket):
         for i in range(first, last, LANES):
             for lane in range(LANES):
@@ -362,6 +362,6 @@ def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters,
         for part in range(parts):
             of_part = ptr_at(rows, part * BATCH * NUMBERS)
             for block in range((last - first + LANES - 1) // LANES):
-                _queue_block(tree, part, block, of_part, np.int64(get(face_lanes, block * parts + part)), queues)
-            _traverse(tree, part, leaves, soup, of_part, queues, how, thread_counters)
+                queue_block(tree, part, block, of_part, np.int64(get(face_lanes, block * parts + part)), queues)
+            traverse_queues(tree, part, leaves, soup, of_part, queues, how, thread_counters)
     add_counters(counters, thread_counters)

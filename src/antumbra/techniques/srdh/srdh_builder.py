@@ -408,7 +408,7 @@ KERNELS = {"constant": CONSTANT, "distance": DISTANCE, "all": CONSTANT | DISTANC
 _WAITING = MAX_DEPTH + 1
 _NUMBERS = 4 * _WAITING
 _BOXES = 16 * _WAITING
-_MAX_WAITING_RAYS = 1 << 25  # a GiB
+MAX_WAITING_RAYS = 1 << 25  # a GiB
 
 
 class RaySettings(NamedTuple):
@@ -429,9 +429,9 @@ def _rooms_for(n_rays: NDArray[np.int64]) -> NDArray[np.int64]:
     """The capacity for rays below ranges that `n_rays` rays reach.
 
     All rays may reach the waiting range of each level, the range being divided, and both its sides. Hardly any of this
-    memory is ever touched. The capacity is limited to `_MAX_WAITING_RAYS`. Ranges that exceed it continue by the SAH.
+    memory is ever touched. The capacity is limited to `MAX_WAITING_RAYS`. Ranges that exceed it continue by the SAH.
     """
-    return np.minimum((_WAITING + 3) * n_rays, np.maximum(3 * n_rays, _MAX_WAITING_RAYS))
+    return np.minimum((_WAITING + 3) * n_rays, np.maximum(3 * n_rays, MAX_WAITING_RAYS))
 
 
 def _scratch_words(settings: RaySettings) -> int:

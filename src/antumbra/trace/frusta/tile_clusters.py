@@ -351,7 +351,7 @@ def _enough_near(chunk, tiles, numbers, most):
 
 
 @inlined
-def _pays(trials, c):
+def group_pays(trials, c):
     """(whether to form a group of class c, whether this is a trial)."""
     clusters = np.int64(get(trials, _CLUSTERS + c))
     put(trials, _CLUSTERS + c, _F(clusters + 1))
@@ -384,7 +384,7 @@ def choose_group(chunk, tiles, live, trials):
             break
         while c < _CLASSES - 1 and size * _SMALLEST * _F(2 << c) < light:
             c += 1
-        pays, trial = _pays(trials, c)
+        pays, trial = group_pays(trials, c)
         if pays:
             return Grouping(members, np.int64(c) if trial else np.int64(-1), declined)
         if trial:
