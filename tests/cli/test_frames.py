@@ -165,7 +165,7 @@ def test_a_frame_that_fails_is_named_and_the_others_go_on(film, moving):
 def test_a_full_disk_fails_the_frame(film, monkeypatch, tmp_path):
     from antumbra.picture import image_files as save
 
-    write_png, calls = save._write_png, []
+    write_png, calls = save.write_png, []
 
     def full_once(*arguments):
         calls.append(arguments)
@@ -173,7 +173,7 @@ def test_a_full_disk_fails_the_frame(film, monkeypatch, tmp_path):
             raise OSError(28, "No space left on device")
         write_png(*arguments)
 
-    monkeypatch.setattr(save, "_write_png", full_once)
+    monkeypatch.setattr(save, "write_png", full_once)
     done = film("--json")
     assert states(done, code=2) == ["rendered", "failed", "rendered", "rendered"]
     assert done.err.startswith("antumbra: frame 1: f.01.png: ") and "No space left" in done.err

@@ -62,13 +62,12 @@ def test_notes_are_shown_whole(cli, square_obj):
     assert "none.mtl" in note
 
 
-def test_many_meshes_are_counted(cli, tmp_path, monkeypatch):
-    monkeypatch.setattr(command, "_MOST_MESHES", 1)
+def test_many_meshes_are_counted(cli, tmp_path):
     lines = [
-        f"usemtl part{i}\nv 0 0 {i}\nv 1 0 {i}\nv 0 1 {i}\nf {3 * i + 1} {3 * i + 2} {3 * i + 3}" for i in range(3)
+        f"usemtl part{i}\nv 0 0 {i}\nv 1 0 {i}\nv 0 1 {i}\nf {3 * i + 1} {3 * i + 2} {3 * i + 3}" for i in range(22)
     ]
     (tmp_path / "parts.obj").write_text("\n".join(lines))
-    assert len(cli("info", "parts.obj", "--json").json()["meshes"]) == 3
+    assert len(cli("info", "parts.obj", "--json").json()["meshes"]) == 22
     assert "2 smaller meshes" in cli("info", "parts.obj").out
 
 
@@ -114,5 +113,5 @@ def test_lights_with_names(cli, tmp_path):
 ], ids=lambda light: type(light).__name__)  # fmt: skip
 def test_every_light_has_words(light):
     for each in (light, light.named("lamp")):
-        told = command._in_words(each)
+        told = command.light_text(each)
         assert told.startswith(type(light).__name__) and ("lamp" in told) == (each is not light)

@@ -361,7 +361,7 @@ def test_a_failing_save_leaves_no_file(render, monkeypatch, tmp_path):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("antumbra.picture.image_files._write_png", full)
+    monkeypatch.setattr("antumbra.picture.image_files.write_png", full)
     render().refused("antumbra.png", "No space left on device")
     assert os.listdir(tmp_path) == []
 

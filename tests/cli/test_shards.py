@@ -1,9 +1,12 @@
 """Shards of every command, and their merge: the bytes of the whole, and errors that name what is wrong."""
 
+import json
 import shutil
 from pathlib import Path
 
 import pytest
+
+from antumbra.picture.image_files import note_of
 
 CITY = "procedural:city?triangles=3000"
 SUN = (
@@ -43,8 +46,8 @@ def small_parts(monkeypatch):
     from antumbra.jobs.line_of_sight import visibility_matrix as matrix
     from antumbra.jobs.sun import sun_visibility as hours
 
-    monkeypatch.setattr(hours, "_PART", 100)
-    monkeypatch.setattr(measure, "_PART", 60)
+    monkeypatch.setattr(hours, "SENSORS_PER_PART", 100)
+    monkeypatch.setattr(measure, "BLOCKS_PER_PART", 60)
     monkeypatch.setattr(bands, "BAND", 16)
     monkeypatch.setattr(matrix, "STRIP", 128)
 
@@ -159,11 +162,9 @@ def test_bad_input(cli, words, told):
 
 def test_frames_of_shards_have_the_exposure_of_the_first(run, tmp_path):
     """Shard 1 has the second frame only: it finds the exposure of the first, although nobody has rendered it yet."""
-    from antumbra.cli.render_command import _stored_settings
-
     words = JOBS["frames"]
     run("a", *words, "--shard", "1/4", "-q")
     run("whole", *words, "-q")
-    found = _stored_settings(tmp_path / "a" / "f.05.png")
-    assert found["exposed"] == _stored_settings(tmp_path / "whole" / "f.03.png")["exposed"]
+    exposures = [json.loads(note_of(tmp_path / file))["exposed"] for file in ("a/f.05.png", "whole/f.03.png")]
+    assert exposures[0] == exposures[1]
     assert not (tmp_path / "a" / "f.03.png").exists()

@@ -105,8 +105,8 @@ def test_files_of_calls_are_fetched(tmp_path, monkeypatch, told):
     at.build_store(at.procedural("city", triangles=1000), "city.antumbra")
     given = {"days": "2026-03-21", "place": at.Place(52.0, 4.36), "plan": "bsah+chcrt"}
     args = ("raster:dem.tif+1.6",)
-    named = calls._named(at.sun_hours, Path("city.antumbra"), args, given)
-    prepare = partial(calls._prepare, ("antumbra.jobs.sun.sun_hours", "sun_hours"), args, given)
+    named = calls.named_arguments(at.sun_hours, Path("city.antumbra"), args, given)
+    prepare = partial(calls.prepare_call, ("antumbra.jobs.sun.sun_hours", "sun_hours"), args, given)
     found, fetched = told(prepare, files_in(named))
     assert set(fetched) == {"city.antumbra", "dem.tif"} and found[0][0] >= 1
     with pytest.raises(at.InputError, match="sun_hours: got an unexpected keyword argument 'dayz'"):

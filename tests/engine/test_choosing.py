@@ -212,12 +212,12 @@ def test_first_points_are_culled_and_later_ones_keep_a_tree_of_everything(monkey
     points = np.random.default_rng(1).uniform((-1, 0.1, -1), (1, 2, 1), (300, 3))
     light = at.PointLight((0.5, 1.5, 0.2))
     named = at.visibility(scene, points, light, plan="bsah+single")
-    accelerated = scene.engine._trees._accelerated
     np.testing.assert_array_equal(at.visibility(scene, points, light).bits, named.bits)
-    assert parse_plan("auto") not in accelerated
+    assert scene.engine.source.for_points(0.0)[1] is None
     for _ in range(2):
         np.testing.assert_array_equal(at.visibility(scene, points, light).bits, named.bits)
-        assert not accelerated[parse_plan("auto")].partial
+        tree = scene.engine.source.for_points(0.0)[1]
+        assert tree is not None and not tree.partial
 
 
 def test_moving_scenes_are_culled_frame_by_frame(monkeypatch, tmp_path):

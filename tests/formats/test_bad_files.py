@@ -5,9 +5,9 @@ import threading
 
 import pytest
 
-from antumbra.engine import scene_reading as module
 from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
+from antumbra.formats.gltf import gltf_source
 from gltf_files import single
 
 
@@ -71,8 +71,9 @@ def test_what_no_check_foresees_still_becomes_one_line(tmp_path, monkeypatch, er
     def fail(*_):
         raise error
 
-    monkeypatch.setattr(module, "_read", fail)
+    path = single().write(tmp_path)
+    monkeypatch.setattr(gltf_source, "read_gltf", fail)
     with pytest.raises(InputError) as caught:
-        load(tmp_path / "a.glb")
-    assert str(caught.value).startswith("a.glb: ") and "\n" not in str(caught.value)
+        load(path)
+    assert str(caught.value).startswith("made.glb: ") and "\n" not in str(caught.value)
     assert caught.value.__cause__ is error

@@ -122,7 +122,7 @@ def test_texts_are_no_points(tmp_path):
 
 
 def test_long_tables(tmp_path, monkeypatch):
-    monkeypatch.setattr(readsensors, "_ROWS", 3)
+    monkeypatch.setattr(readsensors, "CSV_ROWS", 3)
     for n in 0, 1, 3, 7:
         points = np.arange(3.0 * n).reshape(n, 3)
         (tmp_path / "a.csv").write_text("x,y,z\n" + "".join(f"{x},{y},{z}\n" for x, y, z in points))
@@ -188,7 +188,7 @@ def bomb(path, suffix, n=1 << 27):
 def test_files_that_expand_are_refused_before_they_do(tmp_path, monkeypatch):
     bomb(tmp_path / "a.npz", ".npz")
     refused(tmp_path / "a.npz", r"its 0.0 MB expand to 3.2 GB; split it")
-    monkeypatch.setattr(arrayfile, "_MOST", 1 << 16)
+    monkeypatch.setattr(arrayfile, "MAX_EXPANDED_BYTES", 1 << 16)
     bomb(tmp_path / "a.parquet", ".parquet", 1 << 17)
     refused(tmp_path / "a.parquet", "expand to 0.0 GB; split it")
 

@@ -128,7 +128,9 @@ def test_the_viewer_is_a_handle(viewer):
 
 def test_what_the_user_left_can_be_rendered(page, viewer):
     shown(page, lambda p: red(p, *MIDDLE))
-    viewer._page.model.aim_sun(0.0, 45.0)
+    _, bearing, _ = page.get_by_role("slider").all()  # exposure, bearing, elevation
+    bearing.press("Home")
+    shown(page, lambda p: dark(p, SOUTH) and bright(p, NORTH))
     np.testing.assert_allclose(viewer.camera.position, CAMERA.position, atol=1e-5)
     assert (viewer.camera.width, viewer.camera.height) == (1000, 400)
     frame = at.render(viewer.scene, viewer.camera, viewer.lights, spp=1)

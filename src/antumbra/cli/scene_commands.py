@@ -150,7 +150,7 @@ def _info_fields(scene: "AnyScene", seconds: float) -> Iterator[tuple[str, str]]
         lens = f"vfov {camera.vfov:.4g}" if camera.extent is None else f"orthographic, {camera.extent:.4g} high"
         yield f"camera {i}", f"{place}, {lens}"
     for i, light in enumerate(scene.lights):
-        yield f"light {i}", _in_words(light)
+        yield f"light {i}", light_text(light)
     if not scene.cameras:
         yield "cameras", "none; the default camera shows the whole scene"
     if not scene.lights:
@@ -159,7 +159,8 @@ def _info_fields(scene: "AnyScene", seconds: float) -> Iterator[tuple[str, str]]
         yield "note", note
 
 
-def _in_words(light: "Light") -> str:
+def light_text(light: "Light") -> str:
+    """The fields of a light in one line."""
     values = console.light_fields(light)
     kind = values.pop("type")
     if tuple(values.get("colour", ())) == (1.0, 1.0, 1.0):

@@ -171,13 +171,15 @@ def run(
     text(address, "address")
     home = function.__module__, function.__name__
     with temporary_folder() as folder:
-        prepare = partial(_prepare, home, args, kwargs)
+        prepare = partial(prepare_call, home, args, kwargs)
         plan = None if kwargs.get("plan") is None else str(kwargs["plan"])
-        executor = Cluster(folder / "parts", address, prepare, files_in(_named(function, scene, args, kwargs)), plan)
+        executor = Cluster(
+            folder / "parts", address, prepare, files_in(named_arguments(function, scene, args, kwargs)), plan
+        )
         return function(_opened(function, scene), *args, keep=executor, **kwargs)
 
 
-def _named(
+def named_arguments(
     function: Callable[..., Any], scene: str | PathLike[str], args: tuple[Any, ...], kwargs: dict[str, Any]
 ) -> dict[str, Any]:
     """The arguments of a call by name."""
@@ -192,7 +194,7 @@ def _opened(function: Callable[..., Any], scene: str | PathLike[str]) -> Any:
     return scene if function.__name__ == "bake" else load(scene)
 
 
-def _prepare(
+def prepare_call(
     home: tuple[str, str],
     args: tuple[Any, ...],
     kwargs: dict[str, Any],
@@ -202,7 +204,7 @@ def _prepare(
 ) -> None:
     """Start the call on a node. Its results go to the current folder."""
     function = getattr(import_module(home[0]), home[1])
-    named = _named(function, Path(), args, kwargs)
+    named = named_arguments(function, Path(), args, kwargs)
     named |= with_files(named, paths)
     named["scene"] = _opened(function, named["scene"])
     for name in _OUTPUTS:

@@ -27,7 +27,8 @@ from ..scene.mesh import MeshInfo, ObjectInfo, Piece, check_finite, face_colours
 
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 _METHODS = zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED
-_MOST, _RATIO = 1 << 30, 20  # a file may expand to this many bytes, or to this multiple of its size if that is more
+MAX_EXPANDED_BYTES = 1 << 30
+_RATIO = 20  # a file may expand to this multiple of its size, even beyond MAX_EXPANDED_BYTES
 _ENCRYPTED = 1  # flag bit of a zip entry
 
 
@@ -66,7 +67,7 @@ def npz_arrays(path: Path, names: Iterable[str]) -> dict[str, np.ndarray]:
 def check_expansion(path: Path, size: int) -> None:
     """Raise InputError if the expanded size that a file declares, in bytes, is far larger than the file."""
     file_size = path.stat().st_size
-    if size > max(_MOST, _RATIO * file_size):
+    if size > max(MAX_EXPANDED_BYTES, _RATIO * file_size):
         raise InputError(f"{path.name}: its {file_size / 1e6:,.1f} MB expand to {size / 1e9:,.1f} GB; split it")
 
 

@@ -31,7 +31,7 @@ SUFFIXES = (".csv", ".parquet", ".npy", ".npz")
 
 _GRID = re.compile(r"grid:([0-9.eE+-]+)")
 _RASTER = re.compile(r"raster:([0-9.]+(?:[eE][0-9-]+)?|.+\.(?:tif|tiff|vrt|asc))(?:([+@])([0-9.eE+-]+))?", re.I)
-_ROWS = 1 << 16  # lines of a CSV file held as lists at a time
+CSV_ROWS = 1 << 16  # lines of a CSV file held as lists at a time
 _NUMBER_BYTES = 8  # maximum size of a number in a Parquet column
 _WORLD = "OGC:CRS84"  # CRS of GeoParquet that names none
 _POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
@@ -198,7 +198,7 @@ def _csv(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]:
             except (ValueError, IndexError):
                 line_text = ",".join(row)[:60]
                 raise InputError(f"{path.name}, line {line}: {line_text!r} lacks a number of a point") from None
-            if len(values) == _ROWS:  # an array takes a fifth of the memory
+            if len(values) == CSV_ROWS:  # an array takes a fifth of the memory
                 tables, values = [*tables, np.array(values, np.float64)], []
     table = np.concatenate([*tables, np.array(values, np.float64).reshape(len(values), len(columns))])
     return {name: table[:, k] for k, (_, name) in enumerate(columns)}

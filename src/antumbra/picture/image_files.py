@@ -227,13 +227,13 @@ def save_exr(
 def save_png(rgb: NDArray[np.uint8], path: Path, note: str | None = None) -> None:
     """Write (H, W, 3) or (H, W, 4) uint8 sRGB, or (H, W) uint8 grey, to a complete file or to none."""
     with atomic_output(path) as temporary:
-        _write_png(rgb, temporary, note)
+        write_png(rgb, temporary, note)
 
 
 def png_bytes(rgb: NDArray[np.uint8]) -> bytes:
     """The contents of a PNG file of (H, W, 3) uint8 sRGB."""
     with BytesIO() as stream:
-        _write_png(rgb, stream, None)
+        write_png(rgb, stream, None)
         return stream.getvalue()
 
 
@@ -302,7 +302,7 @@ def note_of(path: Path) -> str | None:
         return None
 
 
-def _write_png(rgb: NDArray[np.uint8], file: Path | BytesIO, note: str | None) -> None:
+def write_png(rgb: NDArray[np.uint8], file: Path | BytesIO, note: str | None) -> None:
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 

@@ -70,7 +70,7 @@ def test_cameras_stand_outside_solids_and_inside_rooms(inward):
 
 def test_no_view_is_an_error_that_names_the_cure(monkeypatch):
     monkeypatch.setattr(drawn, "TRIES", 4)
-    monkeypatch.setattr(drawn, "_LEAST_SEEN", 2.0)
+    monkeypatch.setattr(drawn, "MIN_HIT_SHARE", 2.0)
     with pytest.raises(at.InputError, match=r"no view for random camera 5 in 4 tries \(4 see little\).*--camera"):
         random_camera(ATRIUM, 0, 5, SIZE)
     solid = sampling_region(at.Scene.from_arrays(box((0, 0, 0), (2, 3, 4))), 0.0, None)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import antumbra as at
 from antumbra.jobs import bit_matrices as bitrows
 from antumbra.jobs.line_of_sight import visibility_matrix as matrix
-from antumbra.jobs.line_of_sight import visibility_matrix as tiles
+from antumbra.jobs.line_of_sight.visibility_matrix import TileTracer
 from sight_scenes import expected, scene_of
 
 
@@ -17,7 +17,7 @@ from sight_scenes import expected, scene_of
 def small_strips(monkeypatch):
     """Strips of 64 points and lists of 64 lights, so that small matrices have many tiles."""
     monkeypatch.setattr(matrix, "STRIP", 64)
-    monkeypatch.setattr(tiles, "MAX_SPP", 64)
+    monkeypatch.setattr(matrix, "MAX_SPP", 64)
 
 
 @pytest.mark.parametrize("columns", [1, 63, 64, 65, 130])
@@ -94,21 +94,20 @@ def test_a_streamed_matrix_has_the_same_bits(small_strips, tmp_path):
 
 def test_an_interrupted_matrix_goes_on(small_strips, tmp_path, monkeypatch):
     scene, rng = scene_of(8)
-    points, traced, whole = rng.uniform(-1.5, 1.5, (200, 3)), [], matrix._tile
+    points, tiles, visible = rng.uniform(-1.5, 1.5, (200, 3)), [], TileTracer.visible
 
-    def stops(tracing, grid, k):
-        if k == 4 and len(traced) == 4:
+    def stops(self, rows, columns):
+        tiles.append((rows.n, columns.n))
+        if len(tiles) == 5:
             raise KeyboardInterrupt
-        traced.append(k)
-        return whole(tracing, grid, k)
+        return visible(self, rows, columns)
 
-    monkeypatch.setattr(matrix, "_tile", stops)
+    monkeypatch.setattr(TileTracer, "visible", stops)
     with pytest.raises(KeyboardInterrupt):
         at.visibility_matrix(scene, points, output=tmp_path / "m.npy")
-    assert traced == [0, 1, 2, 3] and not (tmp_path / "m.npy").exists()
-    traced.append("again")
+    assert len(tiles) == 5 and not (tmp_path / "m.npy").exists()
     made = at.visibility_matrix(scene, points, output=tmp_path / "m.npy")
-    assert traced == [0, 1, 2, 3, "again", 4, 5, 6, 7, 8, 9]
+    assert len(tiles) == 5 + 6  # of ten tiles, four were finished
     assert np.array_equal(made.bits, at.visibility_matrix(scene, points).bits)
 
 

@@ -40,10 +40,10 @@ def test_every_line_of_sight_equals_the_oracle(seed):
 
 def test_many_observers_in_several_lists(monkeypatch):
     scene, rng = scene_of(3)
-    sensors, eyes = rng.uniform(-1.5, 1.5, (50, 3)), rng.uniform(-1.5, 1.5, (150, 3))
+    sensors, eyes = rng.uniform(-1.5, 1.5, (1100, 3)), rng.uniform(-1.5, 1.5, (150, 3))
     whole = at.viewshed(scene, sensors, eyes, max_distance=1.0, bits=True)
     monkeypatch.setattr(viewshed, "MAX_SPP", 64)
-    monkeypatch.setattr(viewshed, "_PAIRS", 64)
+    monkeypatch.setattr(viewshed, "MAX_PAIRS", 64)
     parts = at.viewshed(scene, sensors, eyes, max_distance=1.0, bits=True)
     for name in whole.table.columns:
         assert np.array_equal(whole.table[name], parts.table[name], equal_nan=True), name

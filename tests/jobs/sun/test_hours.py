@@ -193,7 +193,7 @@ def test_bundles_are_a_permutation_in_close_groups(count):
 def test_an_interrupted_job_goes_on(tmp_path, monkeypatch):
     from antumbra.jobs.sun import sun_visibility as hours
 
-    monkeypatch.setattr(hours, "_PART", 256)
+    monkeypatch.setattr(hours, "SENSORS_PER_PART", 256)
     scene, suns = town(), suns_of()
     sensors = at.raster_sensors(scene, 2.0)
     make = lambda: sun_query(scene, sensors, suns, np.empty((len(suns.hours), 0)), 1)
@@ -222,7 +222,7 @@ def test_an_interrupted_job_goes_on(tmp_path, monkeypatch):
 def test_parts_of_another_scene_are_not_taken(tmp_path, monkeypatch):
     from antumbra.jobs.sun import sun_visibility as hours
 
-    monkeypatch.setattr(hours, "_PART", 256)
+    monkeypatch.setattr(hours, "SENSORS_PER_PART", 256)
     scenes, suns = [town(), town(1)], suns_of()
     sensors = at.raster_sensors(scenes[0], 2.0, 1.0, follow=False)
     make = lambda scene: sun_query(scene, sensors, suns, np.empty((len(suns.hours), 0)), 1)

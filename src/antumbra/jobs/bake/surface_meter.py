@@ -26,7 +26,7 @@ from ..work_parts import Parts, about_parts, inexact_plan
 
 SIDE = 4  # receivers along the side of a block
 BLOCK = SIDE * SIDE
-_PART = 1 << 12  # blocks per part, traced by one query
+BLOCKS_PER_PART = 1 << 12  # blocks per part, traced by one query
 
 
 class SurfacePoints(NamedTuple):
@@ -164,7 +164,7 @@ class Measurement:
             scene = scene_digest(meter.scene, meter.scene.clamped(settings.time), settings.threads)
             quantity = settings.what, lights, settings.spp, settings.sampler, plan, counted
             about = about_parts("bake", scene, *quantity, *receivers, blocks)
-        self.parts = Parts("tracing rays", len(blocks), _PART, self._part, folder, about)
+        self.parts = Parts("tracing rays", len(blocks), BLOCKS_PER_PART, self._part, folder, about)
 
     def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
         grid = _grid(self.blocks[first:last])

@@ -30,7 +30,7 @@ VFOV = 60.0
 _BACK, _WIDEST = 0.9, 75.0  # orbit in a closed box: fraction of the distance to the box, and maximum vfov in degrees
 _CAMERA, _LIGHT = 1, 2  # streams of random numbers
 _PROBE = 16  # rays across and down a candidate view
-_LEAST_SEEN = 0.25  # minimum share of a view's rays that hit surfaces
+MIN_HIT_SHARE = 0.25  # minimum share of a view's rays that hit surfaces
 _LEAST_CLEAR = 0.01  # minimum clearance around a camera, in radii of the bounds
 _MARGINS = 0.0, 0.5  # margins around the bounds, in their radii: positions in the scene, and around it
 _LEAST_FACES = 8  # minimum number of faces that a view's rays hit, in scenes of many faces
@@ -178,7 +178,7 @@ def _fault(region: SamplingRegion, camera: Camera, radius: float) -> str | None:
     directions = rays.corner + across[:, None] * rays.dx + across[:, None, None] * rays.dy
     hit, back = region.nearest(camera.position, directions)
     hits = hit.face >= 0
-    if hits.mean() < _LEAST_SEEN or len(np.unique(hit.face[hits])) < min(_LEAST_FACES, region.scene.n_triangles // 8):
+    if hits.mean() < MIN_HIT_SHARE or len(np.unique(hit.face[hits])) < min(_LEAST_FACES, region.scene.n_triangles // 8):
         return SEES_LITTLE
     if 2 * back.sum() > hits.sum() or region.walled(camera.position, _LEAST_CLEAR * radius):
         return IN_A_WALL

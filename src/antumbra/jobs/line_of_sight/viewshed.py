@@ -111,7 +111,7 @@ def subdivide(corners: NDArray[np.float64], longest: float) -> NDArray[np.float6
 # --- Viewsheds --------------------------------------------------------------------------------------------------------
 
 
-_PAIRS = 1 << 22  # pairs of sensors and observers unpacked at a time
+MAX_PAIRS = 1 << 22  # pairs of sensors and observers unpacked at a time
 _MOST = 1 << 31  # maximum bytes of bits
 
 
@@ -255,7 +255,7 @@ def _straight(
     for first in range(0, len(order), MAX_SPP):
         some = order[first : first + MAX_SPP]
         places = curve[_within(state.sensors.points[curve], state.eyes[some], state.options.reach)]
-        step = max(1024, _PAIRS // len(some))
+        step = max(1024, MAX_PAIRS // len(some))
         for start in range(0, len(places), step):
             part = places[start : start + step]
             _add(state, part, some, tracing.visible(ends.take(part), eyes.take(some)))

@@ -155,7 +155,7 @@ def tally_of(
 DISK = 0.533
 """Mean angular diameter of the sun, degrees."""
 
-_PART = 1 << 14  # sensors per part
+SENSORS_PER_PART = 1 << 14
 _BEHIND = 1e-3  # cosine below which a sun is certainly behind a surface, despite rounding
 
 
@@ -239,7 +239,7 @@ class SunSums:
             of = scene_digest(query.scene, 0.0, query.threads)
             about = about_parts(what, of, inexact_plan(query.plan), query.columns, matrix, *arrays)
         title = f"{what}: {n:,} sensors x {len(query.calendar.hours):,} directions"
-        self.parts = Parts(title, n, _PART, self._part, folder, about)
+        self.parts = Parts(title, n, SENSORS_PER_PART, self._part, folder, about)
 
     def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
         query, indices = self._query, self._order[first:last]
