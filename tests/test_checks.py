@@ -14,7 +14,7 @@ def test_numbers_of_any_type(value):
 
 
 @pytest.mark.parametrize(
-    ("ends", "taken", "says"),
+    "ends, taken, says",
     [
         ("()", [False, True, False], "it must lie between 0 and 1"),
         ("[)", [True, True, False], "it must be at least 0 and below 1"),

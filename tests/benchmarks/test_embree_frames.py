@@ -59,7 +59,7 @@ def test_building_again():
                     built.build_again(refit)
                     seen.append(int(primary(built, moved, rays, Primary(1, False), 1).gbuffer.face[0, 0]))
                 assert seen == [0, -1, 0] and built.build_seconds > 0.0
-            with embree.EmbreeScene(device, triangles.vertices) as built, pytest.raises(ValueError):
+            with embree.EmbreeScene(device, triangles.vertices) as built, pytest.raises(ValueError, match="bytes"):
                 built.fill(np.zeros((2, 3, 3), np.float32))
 
 

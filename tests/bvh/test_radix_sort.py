@@ -20,7 +20,7 @@ def keys_of(kind, n, bits):
 
 
 @pytest.mark.parametrize("kind", ["random", "few values", "one value", "descending", "one digit"])
-@pytest.mark.parametrize(("bits", "dtype"), [(30, np.int32), (63, np.int64), (13, np.int32)])
+@pytest.mark.parametrize("bits, dtype", [(30, np.int32), (63, np.int64), (13, np.int32)])
 def test_sorts_and_is_stable(kind, bits, dtype):
     for n in (1, 2, 1000, 70_000):
         keys = keys_of(kind, n, bits).astype(dtype)

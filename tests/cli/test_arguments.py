@@ -150,7 +150,7 @@ def test_a_camera_that_looks_straight_down_has_another_up(floor):
 
 
 @pytest.mark.parametrize(
-    ("text", "projection", "extent"),
+    "text, projection, extent",
     [
         ("ortho", "orthographic", None),
         ("top", "orthographic", None),

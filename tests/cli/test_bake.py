@@ -48,7 +48,7 @@ def test_other_scenes(cli, square_obj, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    "options, words",
     [
         (["-o", "out.png"], [".glb"]),
         (["-o", "none/out.glb"], ["none", "does not exist"]),

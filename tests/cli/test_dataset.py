@@ -60,7 +60,7 @@ def test_other_settings_need_overwrite(cli):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    "arguments, words",
     [
         (("-o", "no/such/set"), ("does not exist",)),
         (("-o", "file"), ("is a file",)),

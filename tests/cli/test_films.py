@@ -78,7 +78,7 @@ def test_a_failed_frame_makes_no_film(cli, moving, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("more", "says"),
+    "more, says",
     [
         (["--background", "transparent", "-o", "a.gif"], ["transparent", "no alpha"]),
         (["-o", "there/a.gif"], ["there"]),

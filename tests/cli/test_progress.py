@@ -64,9 +64,9 @@ def test_nobody_looking_means_nothing_shown(new_terminal, monkeypatch):
 
 def test_a_bar_is_put_away_after_an_error(new_terminal):
     terminal = new_terminal()
-    with pytest.raises(ValueError), ProgressDisplay(delay=0.0):
+    with pytest.raises(ZeroDivisionError), ProgressDisplay(delay=0.0):
         assert terminal.written.wait(30.0)
-        raise ValueError
+        raise ZeroDivisionError
     assert sys.stderr is terminal and "\x1b[?25h" in terminal.getvalue()  # the cursor is visible again
 
 

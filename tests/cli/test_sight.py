@@ -62,7 +62,7 @@ def test_pairs_from_files(cli, wall, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    "arguments, words",
     [
         ((), ["there are no points"]),
         (("--from", "0,0,0"), ["observers need targets"]),
@@ -101,7 +101,7 @@ def test_a_viewshed_in_files(cli, wall, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    "arguments, words",
     [
         ((), ["there is no observer"]),
         (("--observer", "0,0,0", "--azimuth", "3"), ["--azimuth", "FROM:TO"]),
@@ -136,7 +136,7 @@ def test_a_matrix_of_sensors_and_targets(cli, wall, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    "arguments, words",
     [
         ((), ["nothing to write"]),
         (("--targets", "cells", "-o", "a.npy"), ["--targets", "grid:SPACING"]),

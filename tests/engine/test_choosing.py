@@ -254,9 +254,7 @@ def test_cones_answer_a_first_frame_with_many_rays_per_triangle(scene, monkeypat
         np.testing.assert_array_equal(frame.bits[0], named.bits[0])
 
 
-@pytest.mark.parametrize(
-    ("light", "spp"), [(LAMP, 1), (at.AmbientOcclusion(1.0), 1), (at.PointLight((0.5, 1.5, 0.2)), 16)]
-)
+@pytest.mark.parametrize("light, spp", [(LAMP, 1), (at.AmbientOcclusion(1.0), 1), (at.PointLight((0.5, 1.5, 0.2)), 16)])
 def test_cones_need_one_apex_and_few_samples(scene, monkeypatch, light, spp):
     monkeypatch.setattr(auto_accelerator, "_CONE_SHARE", 1e9)
     frame = Renderer(scene).render(corner(scene)[0], [light], spp=spp)

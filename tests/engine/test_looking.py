@@ -70,7 +70,7 @@ def test_moving_scenes_have_no_tree_in_time(tmp_path, monkeypatch, compiled):
     assert used == [RASTER] * 3
 
 
-@pytest.mark.parametrize(("slow", "fast"), [(RASTER, RAYS), (RAYS, RASTER)])
+@pytest.mark.parametrize("slow, fast", [(RASTER, RAYS), (RAYS, RASTER)])
 def test_the_faster_method_is_used_and_the_other_tried_again(monkeypatch, slow, fast):
     clock = [0.0]
     monkeypatch.setattr(looking, "perf_counter", lambda: clock[0])

@@ -49,7 +49,7 @@ def assert_shows(scene, is_content, box, size, kind="perspective", least=0.03):
         assert (camera.position > box[0]).all() and (camera.position < box[1]).all()
 
 
-@pytest.mark.parametrize(("times", "inward"), [(0, True), (0, False), (3, False)], ids=["inward", "outward", "divided"])
+@pytest.mark.parametrize("times, inward", [(0, True), (0, False), (3, False)], ids=["inward", "outward", "divided"])
 @pytest.mark.parametrize("name", BOXES)
 def test_a_map_in_a_sky_box(name, times, inward):
     box = divided(block(*BOXES[name], inward=inward), times)

@@ -78,7 +78,7 @@ def test_a_material_has_its_mean_colour():
     np.testing.assert_allclose(at.load(tetrahedron(visual=visual)).colours, [[0.5, 0.1, 0.0]] * 4, atol=1e-6)
 
 
-@pytest.mark.parametrize(("v", "shade"), [(0.1, 0.0), (0.9, 1.0)])  # trimesh counts v from below
+@pytest.mark.parametrize("v, shade", [(0.1, 0.0), (0.9, 1.0)])  # trimesh counts v from below
 def test_a_face_has_the_mean_colour_of_its_part_of_a_texture(v, shade):
     half = np.zeros((2, 2, 3), np.uint8)
     half[0] = 255

@@ -254,7 +254,7 @@ def encoded(kind: str) -> bytes:
         more = {**more, "pnginfo": PngInfo()}
         more["pnginfo"].add_text("Comment", "harmless " * 50)
     source = Image.fromarray(pixels if mode == "RGBA" else pixels[..., :3])
-    source.convert(mode).save(stream, kind.split()[0], **more)
+    source.convert(mode).save(stream, kind.split(maxsplit=1)[0], **more)
     return stream.getvalue()
 
 

@@ -28,7 +28,7 @@ def test_a_new_file_is_a_scene(tmp_path):
     assert_at(at.load(tmp_path / "a.glb", up="y"), TETRAHEDRON[TETRAHEDRON_FACES][..., [0, 2, 1]] * (1, 1, -1))
 
 
-@pytest.mark.parametrize(("width", "kind"), [(1, "u1"), (3, "u1"), (3, "<u2"), (4, "<u2"), (2, "<f4")])
+@pytest.mark.parametrize("width, kind", [(1, "u1"), (3, "u1"), (3, "<u2"), (4, "<u2"), (2, "<f4")])
 @pytest.mark.parametrize("count", [1, 5])
 def test_rows_are_aligned_to_four_bytes(tmp_path, width, kind, count):
     writer, rows = GltfWriter(), (7 * np.arange(count * width) % 256).astype(kind).reshape(count, width)

@@ -38,7 +38,7 @@ def scene(request):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize(("triangles", "seed"), [(10_000, 0), (14_321, 1), (37_000, 2), (250_000, 3), (800_000, 0)])
+@pytest.mark.parametrize("triangles, seed", [(10_000, 0), (14_321, 1), (37_000, 2), (250_000, 3), (800_000, 0)])
 def test_the_number_of_triangles_is_met_within_ten_per_cent(name, triangles, seed):
     assert len(generate(name, triangles, seed).faces) == pytest.approx(triangles, rel=0.1)
 
@@ -183,7 +183,7 @@ def _solids():
         yield f"tower {relief}", houses.tower(12.0, 9.0, 4, flat._replace(relief=relief), rng)
 
 
-@pytest.mark.parametrize(("name", "mesh"), list(_solids()), ids=lambda x: x if isinstance(x, str) else "")
+@pytest.mark.parametrize("name, mesh", list(_solids()), ids=lambda x: x if isinstance(x, str) else "")
 def test_solids_are_closed_and_face_outwards(name, mesh):
     edges = np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]])
     edges = edges[:, 0].astype(np.int64) * len(mesh.vertices) + edges[:, 1]
@@ -263,7 +263,7 @@ def test_the_largest_city_can_be_streamed():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    "arguments, message",
     [
         (("attic",), "no procedural scene 'attic'; choose one of atrium, city, forest, cellar, museum, blinds"),
         (("atrium", 10), "triangles is 10; it must be a whole number from 1000 to 400000000"),

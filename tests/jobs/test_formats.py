@@ -72,7 +72,7 @@ def test_geotiff_is_north_up_and_has_no_data_beside_the_surfaces(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "kind", "words"),
+    "name, kind, words",
     [("a.tif", "face", "holds a raster"), ("a.txt", "face", "unknown suffix"), ("no/a.csv", "face", "does not exist")],
 )
 def test_refused_before_work_begins(tmp_path, name, kind, words):

@@ -43,7 +43,7 @@ def written(folder, suffix, found):
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".npz", ".parquet"])
-@pytest.mark.parametrize(("normals", "areas"), [(True, True), (False, True), (True, False), (False, False)])
+@pytest.mark.parametrize("normals, areas", [(True, True), (False, True), (True, False), (False, False)])
 def test_columns_of_points(tmp_path, suffix, normals, areas):
     read = read_points(written(tmp_path, suffix, columns(normals, areas)))
     assert np.array_equal(read.points, POINTS) and read.kind == "points"
@@ -60,7 +60,7 @@ def test_arrays_of_points(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "kind", "count"),
+    "text, kind, count",
     [("face", "face", 2), ("vertex", "vertex", 4), ("grid:1", "grid", 16), ("raster:2", "raster", 4)],
 )
 def test_forms(text, kind, count):
@@ -81,7 +81,7 @@ def test_unknown_forms(text):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "words"),
+    "name, text, words",
     [
         ("a.csv", "x,y\n1,2\n", "column 'z' is missing"),
         ("a.csv", "x,y,z\n1,2,3\n1,zwei,3\n", "line 3: '1,zwei,3'"),

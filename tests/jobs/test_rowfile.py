@@ -38,7 +38,7 @@ def test_a_system_that_cannot_reserve_space(tmp_path, monkeypatch):
 
 def test_a_full_disk_is_an_error_before_the_first_row(tmp_path):
     with small_disk(tmp_path / "disk", 1 << 20) as disk:
-        with pytest.raises(OSError) as caught:
+        with pytest.raises(OSError, match="No space left") as caught:
             RowFile(disk / "a.npy", (1 << 10, 1 << 8))
         assert caught.value.errno == errno.ENOSPC
 

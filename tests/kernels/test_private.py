@@ -101,7 +101,7 @@ def test_a_file_that_is_not_ours_is_missing_and_is_replaced(own, kind):
 
 def test_locks_do_not_follow_links(own):
     (own / "lock").symlink_to(own / "elsewhere")
-    with pytest.raises(OSError), files.file_lock(own / "lock"):
+    with pytest.raises(OSError, match="symbolic links"), files.file_lock(own / "lock"):
         pass
     assert not (own / "elsewhere").exists()
     os.mkfifo(own / "pipe")

@@ -67,7 +67,7 @@ def test_a_whole_sphere_is_a_point_and_a_whole_sun_a_cosine():
         np.testing.assert_allclose(found, np.cos(angle), rtol=2e-6)
 
 
-@pytest.mark.parametrize(("s", "t"), [(0.3, 1.4), (0.8, 1.0), (0.8, 1.9), (1.2, 2.0), (1.5, 1.5)])
+@pytest.mark.parametrize("s, t", [(0.3, 1.4), (0.8, 1.0), (0.8, 1.9), (1.2, 2.0), (1.5, 1.5)])
 def test_a_sphere_and_a_sun_cut_by_the_horizon(s, t):
     """A cap of half-angle s, whose axis is at an angle t to the normal [Howell, configuration B-43]."""
     a = np.arccos(1 / (np.tan(s) * np.tan(t)))

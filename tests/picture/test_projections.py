@@ -113,7 +113,7 @@ def test_the_pixels_of_an_orthographic_picture_have_one_width(scene):
 
 
 @pytest.mark.parametrize(
-    ("given", "says"),
+    "given, says",
     [
         (dict(projection="fisheye"), "fisheye"),
         (dict(projection="orthographic"), "extent"),

@@ -125,7 +125,7 @@ def test_culling_by_facing_only_removes_shadows(atrium):
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    "change, says",
     [
         (dict(spp=0), "spp"),
         (dict(spp=1025), "1024"),

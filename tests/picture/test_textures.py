@@ -231,7 +231,7 @@ def test_sub_pixels_show_textures_too():
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    "given, words",
     [
         ({"uv": np.zeros((3, 2))}, r"uv must be numbers \(4, 2\)"),
         ({"normals": np.zeros((4, 2))}, r"normals must be numbers \(4, 3\)"),

@@ -110,7 +110,7 @@ def test_lights_are_off_their_surface_on_the_lit_side_and_depend_on_the_seed_onl
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    "change, says",
     [
         (dict(light=at.AmbientOcclusion()), "AmbientOcclusion"),
         (dict(light=at.PointLights([(0, 1, 0)])), "PointLights"),

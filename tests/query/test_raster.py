@@ -214,7 +214,7 @@ def test_nothing_to_see():
 
 
 @pytest.mark.parametrize(
-    ("corners", "options", "message"),
+    "corners, options, message",
     [
         (np.zeros((2, 3, 3), np.float32), {}, r"\(n, 9\)"),
         ([[0.0] * 9], {}, r"\(n, 9\)"),

@@ -194,7 +194,7 @@ def test_points_on_a_surface_do_not_shadow_themselves_at_map_coordinates():
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    "change, says",
     [
         (dict(points=np.zeros((4, 2))), "shape"),
         (dict(points=np.full((4, 3), np.nan)), "NaN"),

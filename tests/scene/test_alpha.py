@@ -40,7 +40,7 @@ CHECKERS = (np.indices((4, 8)).sum(0) % 2 * 200 + 20).astype(np.uint8)
 
 
 @pytest.mark.parametrize(
-    ("mode", "cutoff", "factor", "least"),
+    "mode, cutoff, factor, least",
     [
         ("OPAQUE", 0.5, 255, 0),
         ("MASK", 0.5, 255, 128),
@@ -69,7 +69,7 @@ def one_face(material, alpha=None):
 
 
 @pytest.mark.parametrize("mode", [OPAQUE, MASK, BLEND])
-@pytest.mark.parametrize(("factor", "vertices", "solid"), [(0.6, None, True), (0.4, None, False), (1.0, 0.4, False)])
+@pytest.mark.parametrize("factor, vertices, solid", [(0.6, None, True), (0.4, None, False), (1.0, 0.4, False)])
 def test_alpha_without_a_texture_keeps_or_drops_whole_faces(mode, factor, vertices, solid):
     found = find_cutouts(one_face(Material(factor=(1, 1, 1, factor), alpha_mode=mode), vertices))
     if mode == OPAQUE or solid:

@@ -168,7 +168,7 @@ def test_obj_has_coordinates_normals_and_holes(tmp_path):
     assert scene.appearance.normals is not None and not scene.notes
 
 
-@pytest.mark.parametrize(("wrap", "shown"), [(REPEAT, [1, 1, 1]), (CLAMP, [1, 0, 0]), (MIRROR, [1, 0, 1])])
+@pytest.mark.parametrize("wrap, shown", [(REPEAT, [1, 1, 1]), (CLAMP, [1, 0, 0]), (MIRROR, [1, 0, 1])])
 def test_means_of_faces_beyond_the_edges(wrap, shown):
     pixels = np.zeros((1, 4, 4), np.uint8)
     pixels[0, 1, 0] = 255  # from 0.25 to 0.5

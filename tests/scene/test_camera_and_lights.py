@@ -22,7 +22,7 @@ def test_z_up():
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    "change, says",
     [
         (dict(target=(0, 0, 0)), "target"),
         (dict(up=(0, 0, 2)), "up"),
@@ -44,7 +44,7 @@ def test_bad_cameras(change, says):
 
 
 @pytest.mark.parametrize(
-    ("make", "says"),
+    "make, says",
     [
         (lambda: at.QuadLight((0, 0, 0), (1, 0, 0), (2, 0, 0)), "no area"),
         (lambda: at.QuadLight((0, 0, 0), (1, 0, 0), (0, 0, 0)), "no area"),

@@ -76,7 +76,7 @@ def test_files_hold_maps(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    "make, message",
     [
         (lambda folder: at.Sky(np.ones((2, 2))), "a map"),
         (lambda folder: at.Sky((1.0, -1.0, 1.0)), "not negative"),

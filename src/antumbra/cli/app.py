@@ -112,9 +112,9 @@ app.add_typer(bench_command.app, name="bench")
 
 def _version(is_set: bool) -> None:
     if is_set:
-        from ..version import VERSION as __version__
+        from ..version import VERSION
 
-        print(f"antumbra {__version__}")
+        print(f"antumbra {VERSION}")
         raise typer.Exit
 
 

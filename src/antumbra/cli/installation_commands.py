@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ..version import VERSION as __version__
+from ..version import VERSION
 from . import console
 from .console import ProgressDisplay
 from .options import Json, Quiet
@@ -28,7 +28,7 @@ from .options import Json, Quiet
 
 def about() -> dict[str, str | int]:
     """Name -> version, commit, or hardware. `commit` is present only in a git checkout."""
-    facts: dict[str, str | int] = {"antumbra": __version__}
+    facts: dict[str, str | int] = {"antumbra": VERSION}
     if commit := _commit():
         facts["commit"] = commit
     facts |= {"python": platform.python_version(), "numpy": version("numpy"), "numba": version("numba")}
@@ -106,7 +106,6 @@ def doctor(
       antumbra doctor --json
       antumbra doctor --ray auto
     """
-
     results: dict[str, Any] = {
         **about(),
         **_versions(),

@@ -204,6 +204,8 @@ def _value(word: Any) -> Any:
 
 
 class Up(StrEnum):
+    """The values of ``--up``."""
+
     y = "y"
     z = "z"
 
@@ -325,6 +327,8 @@ VplOption = Annotated[
 
 
 class Preset(StrEnum):
+    """The values of ``--preset``."""
+
     draft = "draft"
     standard = "standard"
     final = "final"

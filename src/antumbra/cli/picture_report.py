@@ -178,6 +178,7 @@ def picture_fields(
 
 
 def scene_text(spec: "PictureSpec", scene: "AnyScene") -> str:
+    """The source of a scene and its number of triangles."""
     return f"{spec.source}, {scene.n_triangles:,} triangles"
 
 

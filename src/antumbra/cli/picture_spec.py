@@ -246,12 +246,12 @@ class PictureSpec(NamedTuple):
         do not change any bit.
         """
         from ..engine.plan import parse_plan
-        from ..version import VERSION as __version__
+        from ..version import VERSION
 
         plan = None if self.engine.plan is None else parse_plan(self.engine.plan)
         settings: dict[str, Any] = console.plain(
             {
-                "version": __version__,
+                "version": VERSION,
                 "scene": digest,
                 "up": scene.up,
                 "camera": console.camera_fields(self.view(scene, time)),

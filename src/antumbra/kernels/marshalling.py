@@ -88,6 +88,7 @@ address_of = _address_in_header if _address_in_header(_probe) == _address_by_num
 
 
 def is_array(token: str) -> bool:
+    """Whether a token is of an array."""
     return token[1:2] == "["
 
 

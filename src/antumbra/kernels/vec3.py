@@ -60,11 +60,13 @@ def crosses(a, s):
 
 @inlined
 def add3(a, b):
+    """The sum of two vectors."""
     return Vec3(a.x + b.x, a.y + b.y, a.z + b.z)
 
 
 @inlined
 def subtract3(a, b):
+    """The difference of two vectors."""
     return Vec3(a.x - b.x, a.y - b.y, a.z - b.z)
 
 
@@ -82,6 +84,7 @@ def largest(v):
 
 @inlined
 def magnitudes(v):
+    """The magnitude of each component."""
     return Vec3(absolute(v.x), absolute(v.y), absolute(v.z))
 
 

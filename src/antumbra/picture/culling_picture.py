@@ -98,8 +98,9 @@ def _xray_view(
     shape: tuple[int, ...],
     axis: int,
 ) -> NDArray[np.float32]:
-    """(H, W, 3) float32: X-ray view along an axis. Points on all surfaces add their colours; receivers and lights are
-    drawn on top.
+    """(H, W, 3) float32: X-ray view along an axis.
+
+    Points on all surfaces add their colours. Receivers and lights are drawn on top.
     """
     h, w = shape
     u, v = [(2, 1), (0, 2), (0, 1)][axis]  # across and down

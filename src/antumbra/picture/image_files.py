@@ -303,6 +303,7 @@ def note_of(path: Path) -> str | None:
 
 
 def write_png(rgb: NDArray[np.uint8], file: Path | BytesIO, note: str | None) -> None:
+    """Write an sRGB picture, (h, w, 3 or 4) uint8, with an optional note in its metadata."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 

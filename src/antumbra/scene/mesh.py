@@ -60,6 +60,7 @@ def make_mesh(name: str, positions: NDArray[Any], faces: NDArray[Any] | None, co
 
 
 def n_faces(positions: np.ndarray, faces: np.ndarray | None) -> int:
+    """The number of faces; `faces` None: three vertices each."""
     return len(positions) // 3 if faces is None else len(faces)
 
 

@@ -307,6 +307,7 @@ class MemoryData(SceneData):
 
 
 def check_up_axis(up: str) -> str:
+    """Check that an axis is "y" or "z"; InputError for anything else."""
     axis: str = choice(up, "up", ("y", "z"))
     return axis
 

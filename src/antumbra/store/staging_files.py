@@ -190,6 +190,7 @@ class TriangleColumns(NamedTuple):
 
 
 def empty_columns(n: int) -> TriangleColumns:
+    """Uninitialised columns of n triangles."""
     return TriangleColumns(np.empty((n, 9), np.float32), np.empty(n, np.int32), np.empty((n, 3), np.float32))
 
 

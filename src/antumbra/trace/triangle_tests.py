@@ -301,6 +301,7 @@ def fetch(tree, link):
 
 @inlined
 def numbers_of(b):
+    """A pointer to the rows of a block of triangles."""
     return ptr_at(b.tree.blocks, rows_at(b.number))
 
 

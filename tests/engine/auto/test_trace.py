@@ -143,7 +143,7 @@ def test_the_oracle_agrees_over_all_of_the_plan(scene):
     np.testing.assert_array_equal(answer("auto", triangles, query)[asked], truth[asked])
 
 
-@pytest.mark.parametrize(("slow", "builder"), [(1e9, GOOD), (1e-9, QUICK)])
+@pytest.mark.parametrize("slow, builder", [(1e9, GOOD), (1e-9, QUICK)])
 def test_a_query_that_loses_much_builds_a_better_tree_first(scene, monkeypatch, slow, builder):
     monkeypatch.setattr(strategies, "sampled_rate", lambda strategy, forms, query, threads: slow)
     monkeypatch.setattr(strategies, "PREDICTION_ERROR", 1e9)  # predictions are never believed

@@ -159,7 +159,7 @@ def test_an_asset_that_is_not_edited_is_the_same(rich, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    "options, words",
     [
         ({"what": "gold"}, "gold"),
         ({"what": "sun", "radius": 1.0}, "radius"),

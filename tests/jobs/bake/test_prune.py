@@ -87,7 +87,7 @@ def test_nothing_dead_is_left_and_all_else_is_there(tmp_path, options):
         assert not any((image == before.image(0)).all() for image in images[1:] if image.shape == (5, 5, 3))
 
 
-@pytest.mark.parametrize(("data", "whole"), [({"table": 0}, True), ({"name": "x", "on": True}, False)])
+@pytest.mark.parametrize("data, whole", [({"table": 0}, True), ({"name": "x", "on": True}, False)])
 def test_a_file_with_unknown_numbers_stays_whole(tmp_path, data, whole):
     pytest.importorskip("xatlas")
     path = model(tmp_path, extensions={"X_own": data}, extensionsUsed=["X_own"])

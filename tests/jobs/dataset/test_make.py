@@ -218,7 +218,7 @@ def test_a_folder_of_other_files_is_left_alone(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("asked", "words"),
+    "asked, words",
     [
         ({"shard": (2, 2)}, "shard"),
         ({"shard": 3}, "shard"),

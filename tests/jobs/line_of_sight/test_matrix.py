@@ -124,7 +124,7 @@ def test_sparse_matrices_are_scipys(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    "arguments, words",
     [
         ({"sensors": np.zeros((4, 2))}, "sensors must have shape"),
         ({"sensors": np.zeros((4, 3)), "targets": [[np.nan, 0, 0]]}, "targets hold NaN"),

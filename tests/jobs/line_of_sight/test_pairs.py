@@ -117,7 +117,7 @@ def test_the_object_that_blocks_is_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    "arguments, words",
     [
         ({"observers": np.zeros((3, 2))}, "observers must have shape"),
         ({"observers": np.zeros((3, 3)), "targets": np.ones((4, 3))}, "do not broadcast"),

@@ -126,7 +126,7 @@ def test_divided_faces_cover_the_same_area_and_fit_each_other():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    "arguments, words",
     [
         ({"observers": np.empty((0, 3))}, "no observer"),
         ({"observers": [0, 0]}, "observers must have shape"),

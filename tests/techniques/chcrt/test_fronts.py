@@ -187,7 +187,7 @@ def test_small_scenes_are_one_part(n):
     assert parts.inner == 0 and len(parts.trees) == len(parts.lines) == 1 and np.isfinite(parts.lines[:, :12]).all()
 
 
-@pytest.mark.parametrize(("w", "h", "pixels"), [(200, 120, 32), (16, 16, 64), (1000, 1, 64), (33, 700, 16)])
+@pytest.mark.parametrize("w, h, pixels", [(200, 120, 32), (16, 16, 64), (1000, 1, 64), (33, 700, 16)])
 def test_tiles_are_a_quadtree(w, h, pixels):
     shape = TileShape(4, 4, -(-w // 4), -(-h // 4)) if h > 1 else TileShape(16, 1, -(-w // 16), 1)
     tiles = tiles_of(shape, pixels)

@@ -41,7 +41,7 @@ def _no_probe_is_left_out():
 
 
 @pytest.fixture(scope="module")
-def _shafts_always():
+def always_shafts():
     """Use shafts at any cost. The list counts their traversals."""
     used, before = [], clusters.trace_clusters
 
@@ -58,9 +58,9 @@ def _shafts_always():
 
 
 @pytest.fixture
-def shafts_always(_shafts_always):
-    _shafts_always.clear()
-    return _shafts_always
+def shafts_always(always_shafts):
+    always_shafts.clear()
+    return always_shafts
 
 
 @pytest.mark.parametrize("shape", [(21, 30), (1, 200)], ids=str)
@@ -103,7 +103,7 @@ def test_numbers_of_samples(light, spp, shafts_always):
     receivers=st.sampled_from(list(RECEIVERS)),
     scale=st.sampled_from([1.0, 1e-6, 1e-3, 1e3, 1e6] * 3 + [1e-36, 1e-30, 1e-20, 1e20, 1e30, 3e33]),
 )
-def test_any_rays_and_triangles(_shafts_always, seed, light, receivers, scale):
+def test_any_rays_and_triangles(always_shafts, seed, light, receivers, scale):
     """Triangles are aimed at the rays' ends, corners and edges."""
     try:
         triangles, query = lit(seed, light, receivers, scale)

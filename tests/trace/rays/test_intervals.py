@@ -275,7 +275,7 @@ def test_segments_and_cutouts():
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    "change, says",
     [
         (dict(directions=np.ones(3)), "either targets, which end the rays, or directions"),
         (dict(tmin=0.5), "either targets, which end the rays, or directions"),

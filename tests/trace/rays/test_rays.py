@@ -107,7 +107,7 @@ def test_map_grid_origins_are_recentred_before_rounding():
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    "change, says",
     [
         (dict(origins=np.zeros((3, 2))), "origins must have shape"),
         (dict(directions=None), "shape \\(..., 6\\)"),

@@ -82,6 +82,7 @@ def split_glb(data: bytes, file: str) -> tuple[bytes, memoryview | None]:
 
 
 def is_data_uri(uri: str) -> bool:
+    """Whether a URI holds the data itself."""
     return uri[:5].lower() == "data:"
 
 

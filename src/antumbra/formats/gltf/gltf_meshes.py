@@ -149,6 +149,7 @@ class Skin(NamedTuple):
 
 
 def read_skins(root: Fields, accessors: Accessors, n_nodes: int) -> list[Skin]:
+    """All skins of a file."""
     skins = []
     for fields in root.objects("skins"):
         joints = np.array(fields.indices("joints", n_nodes), np.int64)

@@ -177,6 +177,7 @@ def result_spec(kind: Any) -> Spec:
 
 
 def type_of_function(function: inlined) -> Any:
+    """Numba's type of a function that kernels call."""
     return part_of(function).type
 
 

@@ -224,6 +224,7 @@ events: list[LoadEvent] = []
 
 @cache
 def user_cache() -> KernelFolder:
+    """The folder of this user's kernels for this processor."""
     return KernelFolder(cache_folder(), level())
 
 

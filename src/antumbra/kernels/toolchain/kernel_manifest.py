@@ -102,6 +102,7 @@ def make_packs(out: Path, levels: list[str]) -> list[Path]:
 
 
 def main(arguments: list[str] | None = None) -> int:
+    """Compile packs of all recorded kernels."""
     parser = argparse.ArgumentParser(
         prog="python -m antumbra.kernels.toolchain.kernel_manifest",
         description="Compile packs of all recorded kernels.",

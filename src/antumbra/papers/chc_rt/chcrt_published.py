@@ -10,6 +10,8 @@ from enum import StrEnum
 
 
 class ChcrtTable(StrEnum):
+    """The tables that the benchmark measures."""
+
     scenes = "scenes"
     times = "times"
     phases = "phases"

@@ -162,7 +162,7 @@ def _entry(nodes, at, packet, planes):
 
 @inlined
 def _packets_in(tree, at, rays, packets, planes, counters):
-    """(left, right, turn): bits of the packets with an unblocked ray that hits each child; right child first?"""
+    """(left, right, turn): bits of the packets with an open ray in each child; whether the right one comes first."""
     waiting, in_left, in_right, votes = at.mask, np.int64(0), np.int64(0), np.int64(0)
     count(counters, NODES, 1)
     while waiting != 0:

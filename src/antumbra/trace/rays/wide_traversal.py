@@ -370,6 +370,7 @@ class WideSlabs(NamedTuple):
 
 @inlined
 def slabs_of(block, i):
+    """The slabs of rays i to i + 7 of a block."""
     b = block
     upper = np.int64(WIDTH)
     return WideSlabs(
