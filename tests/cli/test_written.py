@@ -13,7 +13,6 @@ from antumbra.cli.compare_command import CompareArguments
 from antumbra.cli.options import arguments_of, derived_options, literal, takes
 from antumbra.cli.picture_spec import RenderArguments
 from antumbra.picture.option_fields import (
-    CommandOption,
     WholeNumber,
     deciding_fields,
     field_values,
@@ -87,7 +86,7 @@ def test_words_become_values():
 class MoreOptions(RenderOptions):
     """The options of a picture, and one more."""
 
-    glow: int = option(5, WholeNumber(0, 9), CommandOption("How much it glows.", "Light"))
+    glow: int = option(5, WholeNumber(0, 9), "How much it glows.", panel="Light")
     """How much it glows, 0 to 9."""
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import pytest
 
+from antumbra.checks import flag
 from antumbra.errors import InputError
 from antumbra.picture.option_fields import (
     RealNumber,
@@ -14,7 +15,7 @@ from antumbra.picture.option_fields import (
     describe_fields,
     field_values,
     option,
-    optional_flag,
+    optional,
     with_keywords,
 )
 
@@ -79,9 +80,9 @@ def test_values():
 
 
 def test_flags_may_be_none():
-    assert [optional_flag(value, "x") for value in (None, True, False)] == [None, True, False]
+    assert [optional(flag)(value, "x") for value in (None, True, False)] == [None, True, False]
     with pytest.raises(InputError, match="x is 1"):
-        optional_flag(1, "x")
+        optional(flag)(1, "x")
 
 
 def test_without_docstrings():

@@ -237,7 +237,6 @@ LightOption = Annotated[
 ]
 TimeOption = Annotated[float, derived_option("time", 0.0)]
 SppOption = Annotated[int, derived_option("spp", 16)]
-SamplerOption = Annotated[str, derived_option("sampler", "")]
 SrdhRaysOption = Annotated[
     str | None,
     typer.Option(

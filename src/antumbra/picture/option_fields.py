@@ -2,7 +2,7 @@
 
 A field is declared by `option`, with its default, its check and its CLI options; its docstring follows it::
 
-    spp: int = option(16, WholeNumber(1, 1024), CommandOption("Shadow rays per pixel and light."))
+    spp: int = option(16, WholeNumber(1, 1024), "Shadow rays per pixel and light.")
     \"\"\"Shadow rays per pixel and light, 1 to 1024.\"\"\"
 """
 
@@ -14,7 +14,7 @@ from functools import wraps
 from types import UnionType
 from typing import Any, NamedTuple, Protocol, TypeVar
 
-from ..checks import choice, flag, number, whole_number
+from ..checks import choice, number, whole_number
 from ..engine.plan import DEFAULT_PLAN, parse_plan
 from ..field_docs import field_texts
 
@@ -50,22 +50,35 @@ class Option(NamedTuple):
     check: Check
     words: tuple[CommandOption, ...] = ()  # CLI options
     decides: bool = True  # whether the result depends on it
-    kind: str = ""  # the type in docstrings; "": as in the annotation
+    doc_type: str = ""  # the type in docstrings; "": that of the annotation
+    origin: type | None = None  # class with the docstring of an option of several classes
 
 
-def option(default: _T, check: Check, *words: CommandOption, decides: bool = True, kind: str = "") -> _T:
-    """A dataclass field with an `Option`."""
-    declared: Any = field(default=default, metadata={"option": Option(check, words, decides, kind)})
+def option(
+    default: _T, check: Check, help: str = "", *, more: tuple[CommandOption, ...] = (), decides: bool = True,
+    doc_type: str = "", **words: Any,
+) -> _T:  # fmt: skip
+    """A dataclass field with an `Option`.
+
+    help, words : of its `CommandOption`; "": the command line does not have it
+    more : further CLI options that set the field
+    """
+    first = (CommandOption(help, **words),) if help else ()
+    metadata = {"option": Option(check, first + more, decides, doc_type)}
+    declared: Any = field(default=default, metadata=metadata)
     return declared  # type: ignore[no-any-return]  # type checkers see the default
 
 
-def same_option(options: type, name: str, default: Any = MISSING) -> Any:
-    """A field like that of another class, with its first CLI option; `default`: instead of the other's."""
+def same_option(options: type, name: str, default: Any = MISSING, **words: Any) -> Any:
+    """A field like that of another class, with its docstring, unless another follows, and its first CLI option.
+
+    default : instead of the other's
+    words : changes to the `CommandOption`
+    """
     original = next(each for each in fields(options) if each.name == name)
-    option = option_of(original)
-    words = option.words[0]._replace(start=MISSING, commands=())
-    start = original.default if default is MISSING else default
-    return field(default=start, metadata={"option": option._replace(words=(words,))})
+    option, start = option_of(original), original.default if default is MISSING else default
+    word = option.words[0]._replace(**{"start": MISSING, "commands": (), **words})
+    return field(default=start, metadata={"option": option._replace(words=(word,), origin=options)})
 
 
 class Choice(NamedTuple):
@@ -104,9 +117,9 @@ class RealNumber(NamedTuple):
         return number(value, f"{what} ({self.unit})" if self.unit else what, self.low, self.high, self.ends)
 
 
-def optional_flag(value: Any, what: str) -> bool | None:
-    """Check of True, False or None."""
-    return None if value is None else flag(value, what)
+def optional(check: Check) -> Check:
+    """A check that also allows None."""
+    return lambda value, what: None if value is None else check(value, what)
 
 
 def known_plan(value: Any, what: str) -> Any:
@@ -200,15 +213,17 @@ def _doc_with_fields(doc: str | None, kind: type) -> str | None:
 
 def _field_doc(field: Field[Any], texts: dict[str, str]) -> str:
     """A field as a parameter in a NumPy docstring."""
-    text = textwrap.fill(texts.get(field.name, ""), _WIDTH, break_long_words=False, break_on_hyphens=False)
+    origin = option_of(field).origin
+    text = texts.get(field.name) or (field_texts(origin).get(field.name, "") if origin else "")
+    text = textwrap.fill(text, _WIDTH, break_long_words=False, break_on_hyphens=False)
     return f"{field.name} : {type_text(field)}\n{textwrap.indent(text, '    ')}"
 
 
 def type_text(field: Field[Any]) -> str:
     """The type of a field in docstrings: ``int or None``, ``str, Plan or None``, or the names of a choice."""
     option, annotation = option_of(field), field.type
-    if option.kind:
-        return option.kind
+    if option.doc_type:
+        return option.doc_type
     if isinstance(option.check, Choice):
         words = ["None" if name is None else f'"{name}"' for name in option.check.names]
     else:

@@ -20,8 +20,9 @@ from .option_fields import (
     WholeNumber,
     check_fields,
     describe_fields,
+    known_plan,
     option,
-    optional_flag,
+    optional,
     unchecked,
 )
 
@@ -77,45 +78,44 @@ class RenderOptions:
     """
 
     spp: int = option(
-        16, WholeNumber(1, MAX_SPP), CommandOption("Shadow rays per pixel and light.", "Quality", start=None, note="16")
+        16, WholeNumber(1, MAX_SPP), "Shadow rays per pixel and light.", panel="Quality", start=None, note="16"
     )
     """Shadow rays per pixel and light, 1 to 1024. `PointLights`, and an `AmbientOcclusion` with its own spp, ignore
     it."""
     time: float = option(
         0.0,
         RealNumber(-np.inf, np.inf, "[]", "seconds"),
-        CommandOption("Seconds into the animation.", "Scene", start=None, note="0"),
+        "Seconds into the animation.",
+        panel="Scene",
+        start=None,
+        note="0",
     )
     """Seconds, clamped to [0, scene.duration]."""
     counters: bool = option(
-        False,
-        flag,
-        CommandOption("Count rays, nodes and tests exactly.", "Output", commands=("render",)),
-        decides=False,
+        False, flag, "Count rays, nodes and tests exactly.", panel="Output", commands=("render",), decides=False
     )
     """Count rays, nodes and tests exactly (slightly slower)."""
     sampler: str = option(
         "larcher-pillichshammer",
         Choice(tuple(SAMPLERS)),
-        CommandOption(
-            "Light samples: larcher-pillichshammer, hammersley, sobol or halton[:0|:18|:36|:full].",
-            "Quality",
-            kind=str,
-            metavar="NAME",
-        ),
-        kind="str",
+        "Light samples: larcher-pillichshammer, hammersley, sobol or halton[:0|:18|:36|:full].",
+        panel="Quality",
+        kind=str,
+        metavar="NAME",
+        doc_type="str",
     )
     """A name in `antumbra.query.light_samples.SAMPLERS`."""
     cull_faces: str | None = option(
         None,
         Choice((None, "front", "back")),
-        CommandOption(
-            "Ignore triangles that face the receiver with this side.", "Quality", kind=CullFaces, start=CullFaces.none
-        ),
+        "Ignore triangles that face the receiver with this side.",
+        panel="Quality",
+        kind=CullFaces,
+        start=CullFaces.none,
     )
     """Triangles that face the receiver with this side do not block its rays."""
     filter: bool | None = option(
-        None, optional_flag, CommandOption("Smooth noise in penumbrae over 4x4 pixels.", "Quality", note="filter")
+        None, optional(flag), "Smooth noise in penumbrae over 4x4 pixels.", panel="Quality", note="filter"
     )
     """Smooth the visibility, but not the bits, over 4 x 4 pixels of the same surface, so that pixels in wide penumbrae
     use 16 times as many samples of the light. For interleaved lists of lights, smooth the irradiance. None: smooth only
@@ -123,11 +123,9 @@ class RenderOptions:
     antialias: bool = option(
         True,
         flag,
-        CommandOption(
-            "Smooth edges of surfaces by their shape; --adaptive smooths them better, with more rays.",
-            "Quality",
-            commands=("render",),
-        ),
+        "Smooth edges of surfaces by their shape; --adaptive smooths them better, with more rays.",
+        panel="Quality",
+        commands=("render",),
     )
     """Smooth the edges of surfaces in the image, its coverage and the light of its layers at almost no cost: mix pixels
     at an edge with their neighbours across it, according to the shape of the edge. No ray is traced, and bits,
@@ -136,19 +134,19 @@ class RenderOptions:
     adaptive: int | None = option(
         None,
         WholeNumber(1, MAX_SPP, optional=True),
-        CommandOption(
-            "Refine penumbrae with more rays, and edges by sub-pixels.",
-            "Quality",
-            kind=bool | None,
-            note="no-adaptive",
-            literal=False,
-        ),
-        CommandOption(
-            "Shadow rays per refined pixel and light; implies --adaptive.",
-            "Quality",
-            note="4 times --spp",
-            name="adaptive_spp",
-            literal=False,
+        "Refine penumbrae with more rays, and edges by sub-pixels.",
+        panel="Quality",
+        kind=bool | None,
+        note="no-adaptive",
+        literal=False,
+        more=(
+            CommandOption(
+                "Shadow rays per refined pixel and light; implies --adaptive.",
+                "Quality",
+                note="4 times --spp",
+                name="adaptive_spp",
+                literal=False,
+            ),
         ),
     )
     """Refine with this many shadow rays per pixel and light, 1 to 1024; None: no refinement. In penumbrae the refined
@@ -157,27 +155,23 @@ class RenderOptions:
     bounce: int | None = option(
         None,
         WholeNumber(1, MAX_SPP, optional=True),
-        CommandOption(
-            "Replace ambient light by light that bounces once, with this number of diffuse rays per pixel.",
-            "Light",
-            metavar="RAYS",
-        ),
+        "Replace ambient light by light that bounces once, with this number of diffuse rays per pixel.",
+        panel="Light",
+        metavar="RAYS",
     )
     """Replace ambient light by light that bounces once: number of diffuse rays per pixel, 1 to 1024. From the hit of
     each diffuse ray, one shadow ray goes to each light. `sampler` also distributes the diffuse rays."""
     background: bool = option(
         True,
         flag,
-        CommandOption(
-            "Background of a .png: a colour, or transparent.",
-            "Scene",
-            kind=str | None,
-            start=None,
-            note="the sky",
-            metavar="COLOUR|transparent",
-            commands=("render",),
-            literal=False,
-        ),
+        "Background of a .png: a colour, or transparent.",
+        panel="Scene",
+        kind=str | None,
+        start=None,
+        note="the sky",
+        metavar="COLOUR|transparent",
+        commands=("render",),
+        literal=False,
     )
     """Whether pixels that see no surface show the skies among the lights. Without a sky they are black in the image,
     but a PNG shows soft daylight there, which lights nothing. If False, they are always black."""
@@ -186,29 +180,27 @@ class RenderOptions:
     textures: bool = option(
         True,
         flag,
-        CommandOption(
-            "Show textures and vertex colours instead of the mean colour of each face.", "Quality", commands=("render",)
-        ),
+        "Show textures and vertex colours instead of the mean colour of each face.",
+        panel="Quality",
+        commands=("render",),
     )
     """Show textures and vertex colours. If False, each face has its mean colour, see `Scene.colours`."""
     smooth_normals: bool = option(
-        True, flag, CommandOption("Shade with vertex normals instead of face normals.", "Quality", commands=("render",))
+        True, flag, "Shade with vertex normals instead of face normals.", panel="Quality", commands=("render",)
     )
     """Shade with vertex normals, if the scene has them. If False, shade with face normals. Bits and visibility stay the
     same: shadows are those of the geometric surface."""
     ground: bool | float = option(
         False,
         _ground,
-        CommandOption(
-            "Shadow-catcher plane below the scene: on, off, a height, or auto, which adds it to scenes without "
-            "a ground that are seen from outside.",
-            "Scene",
-            kind=str,
-            start="auto",
-            metavar="auto|on|off|HEIGHT",
-            commands=("render",),
-            literal=False,
-        ),
+        "Shadow-catcher plane below the scene: on, off, a height, or auto, which adds it to scenes without "
+        "a ground that are seen from outside.",
+        panel="Scene",
+        kind=str,
+        start="auto",
+        metavar="auto|on|off|HEIGHT",
+        commands=("render",),
+        literal=False,
     )
     """Add a shadow-catcher plane: a horizontal plane below the scene that shows only shadows. True: just below the
     lowest point at this time (see `Scene.ground_height`); a number: at this height along the scene's up axis, in world
@@ -238,40 +230,39 @@ class EngineOptions:
 
     plan: "str | Plan | None" = option(
         None,
-        unchecked,
-        CommandOption(
-            "The methods of building and tracing; see antumbra plans.",
-            "Speed",
-            kind=str | None,
-            note="auto; bsah+chcrt for a store",
-            commands=("render",),
-        ),
+        known_plan,
+        "The methods of building and tracing; see antumbra plans.",
+        panel="Speed",
+        kind=str | None,
+        note="auto; bsah+chcrt for a store",
+        commands=("render",),
     )
     """The methods, such as ``"bsah+single"`` (see ``antumbra plans``). A plan never changes the bits, unless it
     neglects geometry that few rays see, such as ``"bsah+chcrt:20"``. None: ``"auto"``, which chooses the methods;
     ``"bsah+chcrt"`` for a store."""
     threads: int | None = option(
-        None, WholeNumber(1, 1024, optional=True), CommandOption("Threads to use.", "Speed", note="all cores")
+        None, WholeNumber(1, 1024, optional=True), "Threads to use.", panel="Speed", note="all cores"
     )
     """None: all cores."""
     gbuffer: str = option(
         "auto",
         unchecked,
-        CommandOption("The method of primary visibility.", "Speed", kind=GBufferBy, start=GBufferBy.auto),
-        kind='"raster", "rays" or "auto"',
+        "The method of primary visibility.",
+        panel="Speed",
+        kind=GBufferBy,
+        start=GBufferBy.auto,
+        doc_type='"raster", "rays" or "auto"',
     )
     """The method of primary visibility, see `Renderer`. It never changes the bits."""
     max_memory: int | None = option(
         None,
         unchecked,
-        CommandOption(
-            "Memory limit for scenes in a store: in bytes, or with M or G, such as 512M.",
-            "Speed",
-            kind=str | None,
-            note="4G",
-            metavar="SIZE",
-            literal=False,
-        ),
+        "Memory limit for scenes in a store: in bytes, or with M or G, such as 512M.",
+        panel="Speed",
+        kind=str | None,
+        note="4G",
+        metavar="SIZE",
+        literal=False,
     )
     """Limit in bytes on the memory of the process, for scenes in a store; None: 4 GiB."""
 

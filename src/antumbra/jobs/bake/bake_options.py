@@ -11,12 +11,11 @@ from ...errors import InputError
 from ...extras import import_extra
 from ...picture.option_fields import (
     Choice,
-    CommandOption,
     RealNumber,
     WholeNumber,
     check_fields,
-    known_plan,
     option,
+    optional,
     same_option,
     unchecked,
 )
@@ -39,10 +38,6 @@ QUANTITIES = {
 """Name of a quantity that a bake measures -> its meaning."""
 
 
-def _attribute(value: Any, what: str) -> str | None:
-    return None if value is None else text(value, what)
-
-
 def _bits(value: Any, what: str) -> int:
     if not is_number(value) or value not in (8, 16):
         raise InputError(f"{what} is {quoted(value)}; a PNG has 8 or 16")
@@ -59,7 +54,7 @@ def _exposure(value: Any, what: str) -> float | None:
 class BakeQuantity:
     """The quantity that a bake measures."""
 
-    what: str = option("ao", Choice(tuple(QUANTITIES)), CommandOption("Quantity to bake."))
+    what: str = option("ao", Choice(tuple(QUANTITIES)), "Quantity to bake.")
     """A name in `QUANTITIES`."""
 
 
@@ -69,66 +64,58 @@ class BakeKeywords:
 
     attribute: str | None = option(
         None,
-        _attribute,
-        CommandOption(
-            "Vertex attribute: COLOR_0, or a custom name such as _AO.",
-            note="COLOR_0; for bent normals _BENT_NORMAL",
-            metavar="NAME",
-        ),
+        optional(text),
+        "Vertex attribute: COLOR_0, or a custom name such as _AO.",
+        note="COLOR_0; for bent normals _BENT_NORMAL",
+        metavar="NAME",
     )
     """Vertex attribute: ``COLOR_0``, or a name that begins with an underscore. None: ``COLOR_0``, or ``_BENT_NORMAL``
     for bent normals."""
-    multiply: bool = option(False, flag, CommandOption("Multiply the file's COLOR_0 instead of replacing it."))
+    multiply: bool = option(False, flag, "Multiply the file's COLOR_0 instead of replacing it.")
     """Multiply an existing ``COLOR_0`` instead of replacing it."""
     texture: int | None = option(
         None,
         WholeNumber(16, MAX_TEXTURE, optional=True),
-        CommandOption(
-            "Bake a square texture of SIZE texels per side instead of vertices.", kind=int | None, metavar="SIZE"
-        ),
+        "Bake a square texture of SIZE texels per side instead of vertices.",
+        kind=int | None,
+        metavar="SIZE",
     )
     """Bake into a square texture with this many texels per side, 16 to 16384, instead of vertices."""
     uv: int | None = option(
         None,
         WholeNumber(0, 7, optional=True),
-        CommandOption("UV set of the file for the texture.", kind=int | None, note="a new atlas", metavar="SET"),
+        "UV set of the file for the texture.",
+        kind=int | None,
+        note="a new atlas",
+        metavar="SET",
     )
     """UV set of the file for the texture. None: a new atlas (needs ``antumbra[bake]``)."""
-    bits: int = option(8, _bits, CommandOption("Bits per texture channel: 8 or 16."))
+    bits: int = option(8, _bits, "Bits per texture channel: 8 or 16.")
     """Bits per channel of the texture, 8 or 16."""
-    exr: bool = option(False, flag, CommandOption("Also write the texture as .exr next to FILE."))
+    exr: bool = option(False, flag, "Also write the texture as .exr next to FILE.")
     """Also write the texture as float32 beside `output`."""
-    denoise: bool = option(False, flag, CommandOption("Smooth the noise of ao or shadow over 4x4 texels."))
+    denoise: bool = option(False, flag, "Smooth the noise of ao or shadow over 4x4 texels.")
     """Filter a texture of ao or shadow over 4 x 4 texels, within penumbrae and surfaces."""
     radius: float | None = option(
-        None,
-        RealNumber(0.0, np.inf, "(]", optional=True),
-        CommandOption("For ao: greatest distance of occluders.", note="no limit"),
+        None, RealNumber(0.0, np.inf, "(]", optional=True), "For ao: greatest distance of occluders.", note="no limit"
     )
     """For ao and bent-normal: ignore blockers farther away than this, in world units. None: all count."""
-    lights: Sequence[Light] | Light | None = option(None, unchecked, kind="lights or None")
+    lights: Sequence[Light] | Light | None = option(None, unchecked, doc_type="lights or None")
     """For shadow, sun and light, in the scene's own coordinates, whichever axis points up. None:
     `Scene.default_lights`. `AmbientOcclusion` among the lights of ``light`` acts as a sky."""
     exposure: float | None = option(
-        None,
-        _exposure,
-        CommandOption("Exposure factor; values are clipped at 1.", note="1; for light automatic"),
+        None, _exposure, "Exposure factor; values are clipped at 1.", note="1; for light automatic"
     )
     """Factor on light before it is clipped at 1. None: automatic for ``light``, else 1."""
-    spp: int = option(256, WholeNumber(1, MAX_SPP), CommandOption("Rays per vertex or texel and light."))
+    spp: int = option(256, WholeNumber(1, MAX_SPP), "Rays per vertex or texel and light.")
     """Rays per receiver and light, 1 to 1024."""
     sampler: str = same_option(RenderOptions, "sampler", "hammersley")
     """As in `render`. On a hemisphere, ``hammersley`` has half the error of the default sampler of pictures."""
-    keep_hidden: bool = option(False, flag, CommandOption("Keep points inside solids dark."))
+    keep_hidden: bool = option(False, flag, "Keep points inside solids dark.")
     """Keep the values of points inside solids. Otherwise those of visible points nearby replace them."""
     time: float = same_option(RenderOptions, "time")
-    """Seconds into the animation."""
-    plan: "str | Plan | None" = option(
-        None, known_plan, CommandOption("Plan; see antumbra plans.", kind=str | None, note="auto")
-    )
-    """As in `render`."""
+    plan: "str | Plan | None" = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")
     threads: int | None = same_option(EngineOptions, "threads")
-    """None: all cores."""
 
 
 @dataclass(frozen=True, kw_only=True)

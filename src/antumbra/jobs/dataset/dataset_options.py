@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ...checks import flag, listed, whole_number
-from ...picture.option_fields import CommandOption, WholeNumber, check_fields, known_plan, option, same_option
+from ...picture.option_fields import WholeNumber, check_fields, option, same_option
 from ...picture.render_options import EngineOptions, RenderOptions
 from ...scene.camera import MAX_SIZE
 
@@ -24,51 +24,39 @@ def _size(value: Any, what: str) -> tuple[int, int]:
 class DatasetOptions:
     """The options of a data set, checked and immutable. Raises InputError."""
 
-    orbit: int = option(
-        0,
-        WholeNumber(0, MOST_FRAMES),
-        CommandOption("Add N cameras around the scene.", metavar="N", unbounded=True),
-    )
+    orbit: int = option(0, WholeNumber(0, MOST_FRAMES), "Add N cameras around the scene.", metavar="N", unbounded=True)
     """Number of cameras around the scene at equal angles, or inside it if a closed box surrounds everything."""
     random: int = option(
-        0,
-        WholeNumber(0, MOST_FRAMES),
-        CommandOption("Add N random cameras in and around the scene.", metavar="N", unbounded=True),
+        0, WholeNumber(0, MOST_FRAMES), "Add N random cameras in and around the scene.", metavar="N", unbounded=True
     )
     """Number of cameras in and around the scene. Each looks at a point in the scene's bounds, sees surfaces, and does
     not stand in a wall."""
     random_lights: int = option(
-        0,
-        WholeNumber(0, MOST_LIGHTS),
-        CommandOption("Add N random lights, alternately a sun and a sphere.", metavar="N"),
+        0, WholeNumber(0, MOST_LIGHTS), "Add N random lights, alternately a sun and a sphere.", metavar="N"
     )
     """Number of lights, alternately a sun 10 to 80 degrees high and a sphere in free space."""
-    seed: int = option(
-        0, WholeNumber(0, 2**63 - 1), CommandOption("Seed of random cameras and lights.", unbounded=True)
-    )
+    seed: int = option(0, WholeNumber(0, 2**63 - 1), "Seed of random cameras and lights.", unbounded=True)
     """Seed of random cameras and lights. Camera k depends only on the scene, the seed and k."""
     size: tuple[int, int] = option(
         (512, 512),
         _size,
-        CommandOption("Picture size in pixels.", kind=str, start="512x512", metavar="WxH", literal=False),
-        kind="(width, height)",
+        "Picture size in pixels.",
+        kind=str,
+        start="512x512",
+        metavar="WxH",
+        literal=False,
+        doc_type="(width, height)",
     )
     """Resolution of all cameras other than `cameras`, in pixels."""
     spp: int = same_option(RenderOptions, "spp")
-    """As in `antumbra.render`."""
     sampler: str = same_option(RenderOptions, "sampler")
-    """As in `antumbra.render`."""
     time: float = same_option(RenderOptions, "time")
-    """As in `antumbra.render`."""
-    plan: "str | Plan | None" = option(
-        None, known_plan, CommandOption("Plan; see antumbra plans. Exact plans give the same bits.", kind=str | None)
+    plan: "str | Plan | None" = same_option(
+        EngineOptions, "plan", help="Plan; see antumbra plans. Exact plans give the same bits.", note=""
     )
-    """As in `antumbra.render`."""
     threads: int | None = same_option(EngineOptions, "threads")
-    """As in `antumbra.render`."""
     max_memory: int | None = same_option(EngineOptions, "max_memory")
-    """As in `antumbra.render`."""
-    overwrite: bool = option(False, flag, CommandOption("Replace finished frames, and data sets with other settings."))
+    overwrite: bool = option(False, flag, "Replace finished frames, and data sets with other settings.")
     """Render all frames of the shard again. If the folder has a data set with other settings, it is removed."""
 
     def __post_init__(self) -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ...checks import flag, listed, number
 from ...errors import InputError
-from ...picture.option_fields import CommandOption, RealNumber, check_fields, known_plan, option, same_option
+from ...picture.option_fields import RealNumber, check_fields, option, same_option
 from ...picture.render_options import EngineOptions, RenderOptions
 
 if TYPE_CHECKING:
@@ -36,69 +36,54 @@ class ViewshedOptions:
     """The options of a viewshed, checked and immutable. Raises InputError."""
 
     eye_height: float = option(
-        0.0,
-        RealNumber(-np.inf, np.inf),
-        CommandOption("Height of the eyes above the observers, in world units."),
+        0.0, RealNumber(-np.inf, np.inf), "Height of the eyes above the observers, in world units."
     )
     """Height of the eyes above the observers, world units."""
-    on_surface: bool = option(
-        False, flag, CommandOption("First place each observer on the highest surface at its position.")
-    )
+    on_surface: bool = option(False, flag, "First place each observer on the highest surface at its position.")
     """First move each observer to the highest surface above or below it. Observers beside the scene are not moved."""
     min_distance: float = option(
-        0.0, RealNumber(0.0, np.inf, "[)"), CommandOption("Least distance of visible sensors, in world units.")
+        0.0, RealNumber(0.0, np.inf, "[)"), "Least distance of visible sensors, in world units."
     )
     """World units, in a straight line from eye to sensor; the limits are included."""
     max_distance: float | None = option(
-        None,
-        RealNumber(0.0, np.inf, "(]", optional=True),
-        CommandOption("Greatest distance of visible sensors.", note="no limit"),
+        None, RealNumber(0.0, np.inf, "(]", optional=True), "Greatest distance of visible sensors.", note="no limit"
     )
     """None: no limit."""
     azimuth: tuple[float, float] = option(
         (0.0, 360.0),
         _azimuth,
-        CommandOption(
-            "Compass directions, degrees clockwise from north.",
-            kind=str,
-            start="0:360",
-            metavar="FROM:TO",
-            literal=False,
-        ),
-        kind="(float, float)",
+        "Compass directions, degrees clockwise from north.",
+        kind=str,
+        start="0:360",
+        metavar="FROM:TO",
+        literal=False,
+        doc_type="(float, float)",
     )
     """Compass directions in degrees, clockwise from north (+Y if Z is up, else -Z): (350, 10) looks north."""
     elevation: tuple[float, float] = option(
         (-90.0, 90.0),
         _elevation,
-        CommandOption(
-            "Degrees above the horizontal.", kind=str, start="-90:90", metavar="LOWEST:HIGHEST", literal=False
-        ),
-        kind="(float, float)",
+        "Degrees above the horizontal.",
+        kind=str,
+        start="-90:90",
+        metavar="LOWEST:HIGHEST",
+        literal=False,
+        doc_type="(float, float)",
     )
     """Degrees above the horizontal."""
-    curvature: bool = option(False, flag, CommandOption("Account for the curvature of the earth."))
+    curvature: bool = option(False, flag, "Account for the curvature of the earth.")
     """Account for earth curvature around each observer. World units must be those of `earth_radius`."""
     refraction: float = option(
-        0.13,
-        RealNumber(-1.0, 1.0),
-        CommandOption("Refraction coefficient: share of the curvature that refraction offsets."),
+        0.13, RealNumber(-1.0, 1.0), "Refraction coefficient: share of the curvature that refraction offsets."
     )
     """Share k of the curvature that refraction compensates; 0 for straight light."""
-    earth_radius: float = option(
-        6_371_000.0, RealNumber(0.0, np.inf), CommandOption("Radius of the earth in world units.")
-    )
+    earth_radius: float = option(6_371_000.0, RealNumber(0.0, np.inf), "Radius of the earth in world units.")
     """World units."""
     bits: bool = option(False, flag)
     """Also return which observer sees which sensor."""
-    plan: "str | Plan | None" = option(
-        None, known_plan, CommandOption("Plan; see antumbra plans.", kind=str | None, note="auto")
-    )
-    """As in `antumbra.visibility`."""
+    plan: "str | Plan | None" = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")
     time: float = same_option(RenderOptions, "time")
-    """Seconds into the animation."""
     threads: int | None = same_option(EngineOptions, "threads")
-    """None: all cores."""
 
     def __post_init__(self) -> None:
         check_fields(self)
