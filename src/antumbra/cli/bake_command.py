@@ -111,7 +111,7 @@ def bake(args: BakeArguments) -> int:
     options = BakeOptions(**literal(args, BakeOptions), lights=[a for a in specs if not isinstance(a, int)] or None)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(spec, None if args.up is None else args.up.value, args.quiet)
+        scene = open_scene(spec, args.up, args.quiet)
         lights = _lights(args, specs, scene)
         source = BakeSource(scene, spec.path if spec.path is not None and is_gltf(spec.path) else None)
         start, keep = perf_counter(), executor_of(executor or args.output.with_suffix(".parts"))

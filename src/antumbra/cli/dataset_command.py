@@ -123,7 +123,7 @@ def dataset(args: DatasetArguments) -> int:
 
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(parsed.spec, None if args.up is None else args.up.value, args.quiet)
+        scene = open_scene(parsed.spec, args.up, args.quiet)
         limit_memory(scene, parsed.memory)
         display.say("preparing")
         try:

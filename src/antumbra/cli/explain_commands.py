@@ -130,7 +130,7 @@ def explain(args: ExplainArguments) -> int:
     memory = None if args.max_memory is None else arguments.parse_bytes(args.max_memory, "--max-memory")
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if args.up is None else args.up.value, args.quiet)
+        opened = open_scene(spec, args.up, args.quiet)
         of_store = isinstance(opened, PagedScene)
         limit_memory(opened, memory)
         plans = with_sample(plans or explained_plans(_STORE_PLANS if of_store else _PLANS), rays)
@@ -327,7 +327,7 @@ def culling(args: CullingArguments) -> int:
         raise InputError(f"culler {args.culler!r} is unknown; {hint}choose one of {', '.join(CULLERS)}")
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = in_memory(open_scene(spec, None if args.up is None else args.up.value, args.quiet))
+        opened = in_memory(open_scene(spec, args.up, args.quiet))
         view = arguments.make_camera(camera_spec, opened, args.time, width_height)
         lights = arguments.make_lights(light_specs, opened, args.time)
         display.say("preparing")

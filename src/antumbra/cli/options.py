@@ -203,15 +203,8 @@ def _value(word: Any) -> Any:
 # --- Shared options, and the decorator for commands that take all options as one object -------------------------------
 
 
-class Up(StrEnum):
-    """The values of ``--up``."""
-
-    y = "y"
-    z = "z"
-
-
 UpOption = Annotated[
-    Up | None,
+    Literal["y", "z"] | None,
     typer.Option(
         help="Up axis of the file.  [default: z for CityJSON, and if floors and roofs face z; else y]",
         show_default=False,

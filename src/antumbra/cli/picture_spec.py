@@ -433,7 +433,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
         spec = PictureSpec(
             source=self.scene,
             scene_spec=arguments.parse_scene(self.scene),
-            up=None if self.up is None else self.up.value,
+            up=self.up,
             size=arguments.parse_size(self.size or ("2048x1024" if wide else "1024x1024")),
             camera=camera,
             lights=[arguments.parse_light(text) for text in self.light or []],

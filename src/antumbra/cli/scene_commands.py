@@ -57,7 +57,7 @@ def info(
     with ProgressDisplay() as display:
         display.say("reading the scene")
         start = perf_counter()
-        opened = open_scene(spec, None if up is None else up.value, quiet=True)
+        opened = open_scene(spec, up, quiet=True)
         seconds = perf_counter() - start
         store = getattr(opened, "store", None)
         if check:
@@ -336,7 +336,7 @@ def build(
 
     with ProgressDisplay(quiet) as display:
         display.say("reading")
-        opened = _opened(specs, None if up is None else up.value, threads, quiet)
+        opened = _opened(specs, up, threads, quiet)
         report = build_store(opened, output, max_memory=memory, threads=threads, progress=display.say)
     peak = peak_resident_memory()
     if json:

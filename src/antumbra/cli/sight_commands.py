@@ -127,7 +127,7 @@ def los(args: SightArguments) -> int:
     pair_list = read_pairs(Path(args.pairs)) if begin is None or end is None else pairs_of(args.pairs, begin, end)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = in_memory(open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs))
+        opened = in_memory(open_scene(spec, args.up, args.quiet, args.crs))
         check_file_crs(opened, args.observers, args.targets, Path(args.pairs))
         start = perf_counter()
         at, to, normals, target_normals, faces, target_faces = pair_list
@@ -271,7 +271,7 @@ def viewshed(args: ViewshedArguments) -> int:
         raise InputError("there is no observer: give --observer X,Y,Z or --observers FILE")
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs)
+        opened = open_scene(spec, args.up, args.quiet, args.crs)
         check_file_crs(opened, args.observers)
         display.say("preparing")
         sensors = sensors_of(args.sensors, opened, args.threads)
@@ -390,7 +390,7 @@ def matrix(args: MatrixArguments) -> int:
     executor = executor_for(args, outputs[0])
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs)
+        opened = open_scene(spec, args.up, args.quiet, args.crs)
         display.say("preparing")
         sensors = sensors_of(args.sensors, opened, args.threads)
         others = None if args.targets is None else sensors_of(args.targets, opened, args.threads)

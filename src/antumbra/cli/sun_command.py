@@ -145,7 +145,7 @@ def sun(args: SunArguments) -> int:
         _check_city(spec, args.city_output)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs)
+        scene = open_scene(spec, args.up, args.quiet, args.crs)
         limit_memory(scene, memory)
         place = place_of(scene, **position)
         sensors = sensors_of(sensor_form, scene, args.threads, args.areas)

@@ -97,7 +97,7 @@ def view(args: ViewArguments) -> int:
     position = position_fields(**{name: getattr(args, name) for name in names})
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs)
+        opened = open_scene(spec, args.up, args.quiet, args.crs)
         limit_memory(opened, memory)
         place = place_of(opened, **position)
         if place is None and (args.north is not None or args.timezone is not None):
