@@ -130,18 +130,7 @@ def los(args: SightArguments) -> int:
         opened = in_memory(open_scene(spec, args.up, args.quiet, args.crs))
         check_file_crs(opened, args.observers, args.targets, Path(args.pairs))
         start = perf_counter()
-        at, to, normals, target_normals, faces, target_faces = pair_list
-        sightlines = line_of_sight(
-            opened,
-            at,
-            to,
-            normals=normals,
-            target_normals=target_normals,
-            faces=faces,
-            target_faces=target_faces,
-            time=args.time,
-            threads=args.threads,
-        )
+        sightlines = line_of_sight(opened, **pair_list._asdict(), time=args.time, threads=args.threads)
         seconds = perf_counter() - start
         display.say("writing the results")
         for path, write in zip(outputs, writers):
@@ -150,18 +139,18 @@ def los(args: SightArguments) -> int:
                     temporary.write_bytes(sight_model(opened, pair_list, sightlines))
             else:
                 write(sight_table(opened, pair_list, sightlines), path, "visible")
-    visible = int(sightlines.visible.sum())
+    n, visible = len(pair_list.observers), int(sightlines.visible.sum())
     if args.json:
-        answer = {"scene": opened.name, "pairs": len(at), "visible": visible, "seconds": seconds}
+        answer = {"scene": opened.name, "pairs": n, "visible": visible, "seconds": seconds}
         answer["outputs"] = [str(path) for path in outputs]
-        if len(at) <= _MOST_LINES:
+        if n <= _MOST_LINES:
             answer["lines"] = _lines(opened, pair_list, sightlines)
         console.print_json(answer)
     elif not args.quiet:
-        if len(at) <= _MOST_LINES:
+        if n <= _MOST_LINES:
             rows = [[str(line[name]) for name in _COLUMNS] for line in _lines(opened, pair_list, sightlines)]
             console.print_table([name.replace("_", " ") for name in _COLUMNS], rows)
-        fields = [("visible", f"{visible:,} of {len(at):,} pairs"), ("time", console.duration(seconds))]
+        fields = [("visible", f"{visible:,} of {n:,} pairs"), ("time", console.duration(seconds))]
         console.print_fields(fields + [("written", str(path)) for path in outputs])
     return 0
 
