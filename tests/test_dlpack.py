@@ -20,9 +20,11 @@ def arrays() -> dict[str, np.ndarray]:
     told["occluded"] = SCENE.occluded(origins, (0.0, -1.0, 0.0))
     told["objects"] = SCENE.object_of_face
     for result in (
-        frame.gbuffer, at.visibility(SCENE, origins, point), SCENE.closest_hit(origins, (0.0, -1.0, 0.0)),
+        frame.gbuffer,
+        at.visibility(SCENE, origins, point),
+        SCENE.closest_hit(origins, (0.0, -1.0, 0.0)),
         SCENE.triangles(),
-    ):  # fmt: skip
+    ):
         fields = {name: value for name, value in result._asdict().items() if value is not None}
         told |= {f"{type(result).__name__}.{name}": value for name, value in fields.items()}
     return told

@@ -210,12 +210,14 @@ def examples(folder: Path) -> dict[str, Example]:
         "visibility": ex(at.visibility, scene=own, points=points, light=LIGHT, **quick),
         "visibility_matrix": ex(at.visibility_matrix, scene=own, sensors=points),
         "write_attributes": ex(
-            at.write_attributes, source_path=folder / "own.json", target_path=folder / "more.json",
+            at.write_attributes,
+            source_path=folder / "own.json",
+            target_path=folder / "more.json",
             values={"a": np.zeros(city.n_triangles)},
         ),
         "Viewer": ex(at.Viewer, works=False, page=None),
         "cluster": ex(at.cluster.run, works=False, function=at.sun_hours, scene="nowhere.glb"),
-    }  # fmt: skip
+    }
     for kind, made in (("Scene", own), ("PagedScene", store)):
         found |= {f"{kind}.{name}": each for name, each in scene_methods(made, made is store).items()}
     for made in (LIGHT, sky, suns, many, at.AmbientOcclusion(), at.Light()):

@@ -105,12 +105,10 @@ def sibling(folder: Path, uri: str, where: str) -> Path:
 _POLL_SECONDS = 0.05
 _LOCK_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
-try:
-    import fcntl
-except ImportError:  # Windows
+if sys.platform == "win32":
     import msvcrt
-
-    fcntl = None  # type: ignore[assignment]
+else:
+    import fcntl
 
 
 def lock(descriptor: int) -> None:
@@ -123,13 +121,13 @@ def lock(descriptor: int) -> None:
     OSError
         If the file system does not support locks.
     """
-    if fcntl is not None:
+    if sys.platform == "win32":
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except OSError as error:  # Windows does not report why
+            raise BlockingIOError(*error.args) from error
+    else:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return
-    try:
-        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-    except OSError as error:  # Windows does not report why
-        raise BlockingIOError(*error.args) from error
 
 
 @contextmanager

@@ -94,7 +94,7 @@ CORRUPTIONS = {
     "a triangle twice": (lambda b: assign(b.prim_ids, 7, b.prim_ids[2]), "slot 7"),
     "a triangle that is not": (lambda b: assign(b.prim_ids, 7, len(b.prim_ids)), "slot 7"),
     "a negative triangle": (lambda b: assign(b.prim_ids, 7, -1), "slot 7"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", CORRUPTIONS)

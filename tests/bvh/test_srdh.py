@@ -191,7 +191,7 @@ def test_left_children_come_right_behind_their_parents():
     assert len(inner) > 100 and np.array_equal(left[inner], inner + 1)
 
 
-def test_refitting_keeps_the_orders(monkeypatch):
+def test_refitting_keeps_the_orders():
     vertices = terrain(6000)
     bvh = srdh.build(vertices, 2, rays=met_in(vertices, 500), options=SrdhOptions("all"))
     moved = (vertices * np.float32(1.5)).astype(np.float32)

@@ -38,7 +38,7 @@ pytestmark = pytest.mark.skipif(shutil.which("bash") is None, reason="the templa
 
 
 @pytest.fixture
-def shell(tmp_path, monkeypatch):
+def shell(tmp_path):
     """Runs words in a folder where ``antumbra`` is this one; returns the folder."""
     programs = tmp_path / "bin"
     programs.mkdir()

@@ -82,7 +82,7 @@ def test_filter_and_adaptive_sampling_as_json(render):
     assert render("--json", "--adaptive", "--spp", 500, size="4x4").json()["adaptive"] == 1024
 
 
-def test_quiet(render, tmp_path):
+def test_quiet(render):
     assert render("--quiet") == (0, "", "")
     assert render("-q", "--json").json()["output"] == "antumbra.png"
 

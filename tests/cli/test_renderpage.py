@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 
-def test_the_page_holds_the_picture_and_everything_about_it(render, tmp_path):
+def test_the_page_holds_the_picture_and_everything_about_it(render):
     assert render("--html", "a.html", "-o", "a.png", "--counters").code == 0
     text = Path("a.html").read_text()
     (picture,) = re.findall(r"data:image/png;base64,([^\"]+)", text)
@@ -38,7 +38,9 @@ def test_a_browser_shows_the_picture(render, tmp_path):
     with Image.open(tmp_path / "shot.png") as shot, Image.open("a.png") as picture:
         pixels, wanted = np.asarray(shot.convert("RGB")).astype(int), np.asarray(picture).astype(int)
     found = [
-        (y, x) for y in range(40, 160) for x in range(0, 80)
+        (y, x)
+        for y in range(40, 160)
+        for x in range(0, 80)
         if (abs(pixels[y : y + 200 : 37, x : x + 200 : 37] - wanted[::37, ::37]) <= 2).all()
-    ]  # fmt: skip
+    ]
     assert found, "the picture is not on the screen"

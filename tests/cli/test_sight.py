@@ -85,7 +85,7 @@ def test_bad_indices(cli, wall, tmp_path):
     cli("los", wall, *given).refused("from and to")
 
 
-def test_a_viewshed_in_files(cli, wall, tmp_path):
+def test_a_viewshed_in_files(cli, wall):
     asked = "viewshed", wall, "--sensors", "raster:0.5", "--observer", "0,0,3", "--observer", "4,0,3", "--on-surface"
     told = cli(*asked, "--eye-height", "1", "-o", "a.npz", "-o", "a.png", "--bits", "b.npy", "--json").json()
     assert told["sensors"] == 400 and told["observers"] == 2 and 0 < told["seen"] < 400

@@ -54,7 +54,7 @@ def test_paths_of_other_types(path):
     assert "give the path of a file" in message_of(path)
 
 
-def test_paths_that_no_system_has(tmp_path):
+def test_paths_that_no_system_has():
     for path in ("a\0b.glb", "x" * 5000 + ".glb", ""):
         assert message_of(path)
 

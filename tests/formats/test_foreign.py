@@ -35,9 +35,11 @@ def polydata(point_data=(), cell_data=()):
 
 def open3d_mesh(colours=None):
     return SimpleNamespace(
-        vertices=TETRAHEDRON.tolist(), triangles=TETRAHEDRON_FACES.tolist(), vertex_colors=colours,
+        vertices=TETRAHEDRON.tolist(),
+        triangles=TETRAHEDRON_FACES.tolist(),
+        vertex_colors=colours,
         has_vertex_colors=lambda: colours is not None,
-    )  # fmt: skip
+    )
 
 
 def meshio_mesh(*cells, points=TETRAHEDRON, point_data=()):

@@ -61,7 +61,7 @@ def test_forms_of_areas(tmp_path):
     assert rings_of(read_areas(both, None)) == [("area 1", [ring] * 3)]
 
 
-def test_areas_in_other_systems(tmp_path):
+def test_areas_in_other_systems():
     world = pyproj.Transformer.from_crs("EPSG:28992", "EPSG:4326", always_xy=True)
     (local,) = placed(SQUARE)
     degrees = [world.transform(*corner) for corner in local]
@@ -115,7 +115,7 @@ def test_cells_lie_on_the_ground_and_outside_the_house(tmp_path):
     assert hole.zones[0][1:] == (192, 0)
 
 
-def test_pavements_are_ground_and_houses_are_not(tmp_path):
+def test_pavements_are_ground_and_houses_are_not():
     """A pavement of 0.2, a house that stands on it, and a table of 0.8; nothing below the pavement."""
     boxes = [
         ([0, 0, 0], [20, 20, 0.2]),

@@ -4,10 +4,10 @@ import inspect
 
 import pytest
 
-from antumbra.kernels.toolchain.numba_frontend import _PATCHES, numba_patches
+from antumbra.kernels.toolchain.numba_frontend import PATCHES, numba_patches
 
 
-@pytest.mark.parametrize("owner, name, value", _PATCHES, ids=[name for _, name, _ in _PATCHES])
+@pytest.mark.parametrize("owner, name, value", PATCHES, ids=[name for _, name, _ in PATCHES])
 def test_a_patch_still_applies(owner, name, value):
     before = getattr(owner, name)  # an AttributeError means that this version of Numba needs another patch
     if inspect.isfunction(before) and inspect.isfunction(value):

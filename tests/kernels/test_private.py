@@ -19,7 +19,7 @@ STRANGER = 65534
 
 
 @pytest.fixture
-def own(tmp_path, monkeypatch):
+def own(tmp_path):
     """A folder of this user, even if the tests are run by root, to whom no user is a stranger."""
     folder = tmp_path / "own"
     folder.mkdir(mode=0o755)
@@ -147,7 +147,7 @@ def test_kernels_are_then_compiled_in_a_private_folder(package, own, tmp_path):
     assert not list(own.iterdir()) and not list(temporary.iterdir())
 
 
-def test_compiling_processes_use_the_same_private_folder(package, own, tmp_path):
+def test_compiling_processes_use_the_same_private_folder(package, own):
     own.chmod(0o777)
     program = """
 from antumbra.kernels.toolchain.compile_pool import KernelRequest, compile_kernels

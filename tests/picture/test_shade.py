@@ -64,8 +64,10 @@ def test_a_list_gives_the_light_of_its_lights(scene):
     wanted = _frame(
         scene,
         *[at.PointLight(p, intensity=3 * i, colour=c * (1, 0.5, 1)) for p, i, c in zip(positions, candela, colours)],
-        BLACK, spp=1, size=(20, 16),
-    )  # fmt: skip
+        BLACK,
+        spp=1,
+        size=(20, 16),
+    )
     assert frame.bits[0].shape == (16, 20, 2) and frame.rays == wanted.rays
     assert 0.1 < frame.visibility[0].mean() < 0.9
     np.testing.assert_allclose(frame.visibility[0], np.mean(wanted.visibility[:-1], axis=0), atol=1e-6)

@@ -5,6 +5,7 @@ Therefore the ``Host`` and ``Origin`` of every request are checked, and a page e
 """
 
 import asyncio
+import importlib
 import logging
 import secrets
 import socket
@@ -94,8 +95,7 @@ def guarding(guard: Guard) -> Iterator[None]:
     viser looks ``serve`` up in its module when a server starts. Callers must check `Guard.in_place` afterwards, because
     another version of viser might import it differently.
     """
-    import websockets.asyncio.server as library
-
+    library: Any = importlib.import_module("websockets.asyncio.server")
     serve = library.serve
 
     def guarded(handler: Callable[..., Any], *args: Any, process_request: Any = None, **options: Any) -> Any:
@@ -107,11 +107,11 @@ def guarding(guard: Guard) -> Iterator[None]:
         return serve(_quiet(handler), *args, process_request=check, logger=_logger(), **options)
 
     with _STARTING:
-        library.serve = guarded  # type: ignore[assignment, misc]
+        library.serve = guarded
         try:
             yield
         finally:
-            library.serve = serve  # type: ignore[misc]
+            library.serve = serve
 
 
 def is_loopback(host: str) -> bool:

@@ -98,11 +98,13 @@ class PageFrame(NamedTuple):
 def rotation_matrix(wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3, 3) float64: the rotation matrix of a unit quaternion. Its columns are a camera's right, down and forward."""
     w, x, y, z = np.asarray(wxyz, np.float64)
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 # --- Editable lights --------------------------------------------------------------------------------------------------

@@ -97,7 +97,7 @@ def test_a_file_with_unknown_numbers_stays_whole(tmp_path, data, whole):
     assert after.json["extensions"] == {"X_own": data}
 
 
-def test_pruning_twice_changes_nothing(tmp_path):
+def test_pruning_twice_changes_nothing():
     root = json.loads(json.dumps(everything().document()))
     lengths = {name: len(root.get(name, [])) for name in used_in(root)}
     data = bytes(everything().data)

@@ -94,8 +94,10 @@ def test_the_shadow_of_a_pole_at_noon_points_to_true_north():
     noon = suns(place, "2026-06-21", 2)
     x, y, z = noon.directions[noon.altitude.argmax()]
     assert x < -0.3 and abs(y) < 0.02 and z > 0.9
-    np.testing.assert_allclose(directions_of(np.zeros(4), np.array([0, 90, 180, 270]), "z").round(9) + 0.0,
-                               [[0, 1, 0], [1, 0, 0], [0, -1, 0], [-1, 0, 0]])  # fmt: skip
+    np.testing.assert_allclose(
+        directions_of(np.zeros(4), np.array([0, 90, 180, 270]), "z").round(9) + 0.0,
+        [[0, 1, 0], [1, 0, 0], [0, -1, 0], [-1, 0, 0]],
+    )
 
 
 def test_intervals_of_the_night_are_dropped():

@@ -37,7 +37,7 @@ def numba_patches() -> Iterator[None]:
     """Within the context, Numba compiles faster. Call it under Numba's compiler lock."""
     with ExitStack() as changes:
         changes.enter_context(_without_garbage_collection())
-        for owner, name, value in _PATCHES:
+        for owner, name, value in PATCHES:
             with suppress(AttributeError):
                 changes.enter_context(_patched(owner, name, value))
         yield
@@ -106,7 +106,7 @@ def _list_vars(self: Any) -> list[ir.Var]:
     return _variables(vars(self).values(), [])
 
 
-_PATCHES = (
+PATCHES = (
     (event, "broadcast", lambda event: None),  # nothing listens to Numba's events
     (functions.BaseFunction, "get_call_type", _cached_call_type),
     (ir.Stmt, "list_vars", _list_vars),
