@@ -4,7 +4,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from antumbra.papers.bench_runner import Column, beside, columns_of, interleave, label, medians, print_table, records
+from antumbra.papers.bench_runner import (
+    TableColumn,
+    beside,
+    columns_of,
+    interleave,
+    label,
+    medians,
+    print_table,
+    records,
+)
 from antumbra.papers.benchmark_views import agree, digest
 
 
@@ -46,7 +55,7 @@ class Row(NamedTuple):
 def test_a_table_ends_with_the_published_rows(capsys):
     columns = (
         label("name", "name", str),
-        Column("size", lambda row: beside(f"{row.size}", 2.5)),
+        TableColumn("size", lambda row: beside(f"{row.size}", 2.5)),
         *columns_of({0: "first", 1: "second"}, lambda row, k: f"{row.bits[k]}", lambda row, k: f"{row}{k}"),
     )
     print_table("A table", columns, [Row("ours", b"ab")], ["paper"])

@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.jobs.bake.bake_input import default_bake_lights
-from antumbra.jobs.bake.surface_meter import Meter, MeterSettings, SurfacePoints
+from antumbra.jobs.bake.surface_meter import Meter, MeterSettings, ReceiverPoints
 from antumbra.picture.irradiance import PixelNormals
 from antumbra.picture.light_visibility import irradiance_shares
 from antumbra.query.light_samples import light_samples
@@ -59,7 +59,7 @@ def points_of(frame):
 def baked(soup, what, light, points, spp, normal=(0.0, 1.0, 0.0)):
     scene = at.Scene.from_arrays(soup)
     asked = MeterSettings(what, [light], spp, "larcher-pillichshammer", "bsah+single", 0.0, 1)
-    return Meter(scene, asked, len(points)).values(SurfacePoints(points, np.broadcast_to(normal, points.shape)))[:, 0]
+    return Meter(scene, asked, len(points)).values(ReceiverPoints(points, np.broadcast_to(normal, points.shape)))[:, 0]
 
 
 @pytest.mark.parametrize("name", LIGHTS)

@@ -28,7 +28,7 @@ from ..query.light_samples import light_samples
 from ..query.receivers import Receivers
 from ..query.shadow_query import below_horizon
 from ..scene.lights import PointLight
-from .bake.surface_meter import Meter, MeterSettings, SurfacePoints
+from .bake.surface_meter import Meter, MeterSettings, ReceiverPoints
 from .bit_matrices import reorder_bits
 from .sun.sun_visibility import tally_job
 
@@ -75,7 +75,7 @@ def points_job() -> Job:
         samples = light_samples(light, 1)
         for what in ("light", "bent-normal"):
             settings = MeterSettings(what, [light], 1, "larcher-pillichshammer", "bsah+single", 0.0, 1)
-            Meter(scene, settings, 1).values(SurfacePoints(np.zeros((1, 3)), up))
+            Meter(scene, settings, 1).values(ReceiverPoints(np.zeros((1, 3)), up))
         ends = Receivers.on_surface(np.zeros((1, 3)), up, np.zeros(3))
         (query,) = scene.engine.with_options("bsah+single", 1, None).queries(ends, [light], [samples])
         below_horizon(query, 1)

@@ -73,7 +73,7 @@ def multi_frusta(run: BenchRun, options: FrustaOptions) -> BenchResult:
 # --- antumbra bench ray-hierarchy -------------------------------------------------------------------------------------
 
 
-class RayHierarchyOptions(NamedTuple):
+class RayHierarchyBenchOptions(NamedTuple):
     """Options of ``antumbra bench ray-hierarchy``."""
 
     scene: Annotated[
@@ -99,7 +99,7 @@ class RayHierarchyOptions(NamedTuple):
 
 
 @benchmark(size="192x192", frames=3, limit=0.5, rounds=1)
-def ray_hierarchy(run: BenchRun, options: RayHierarchyOptions) -> BenchResult:
+def ray_hierarchy(run: BenchRun, options: RayHierarchyBenchOptions) -> BenchResult:
     """Ray hierarchies: nodes, times and their variation [Olsson and Assarsson 2011].
 
     Traces one shadow ray per pixel to a point light with the variants of the report's Table 1 and ours. The scenes are
@@ -139,7 +139,7 @@ def ray_hierarchy(run: BenchRun, options: RayHierarchyOptions) -> BenchResult:
 # --- antumbra bench srdh ----------------------------------------------------------------------------------------------
 
 
-class SrdhOptions(NamedTuple):
+class SrdhBenchOptions(NamedTuple):
     """Options of ``antumbra bench srdh``."""
 
     scene: Annotated[
@@ -154,7 +154,7 @@ class SrdhOptions(NamedTuple):
 
 
 @benchmark(scene=["blinds", "procedural:cellar?triangles=50k"], size="192x192", timed_size="192x192", rounds=1)
-def srdh(run: BenchRun, options: SrdhOptions) -> BenchResult:
+def srdh(run: BenchRun, options: SrdhBenchOptions) -> BenchResult:
     """Trees and traversal orders for shadow rays: box tests, build and trace times [Feltman et al. 2012].
 
     Box tests are counted for shadow rays from the visible surfaces, and from where one diffuse ray per visible point

@@ -73,7 +73,7 @@ def round_text(turn: int, rounds: int) -> str:
 _WIDTH = 170  # width of the tables, in characters
 
 
-class Column(NamedTuple):
+class TableColumn(NamedTuple):
     """A column of a table: how to write its cell in a measured row, and in a published row."""
 
     head: str
@@ -82,21 +82,21 @@ class Column(NamedTuple):
     right: bool = True  # whether to align it right, as numbers are
 
 
-def label(head: str, cell: Callable[[Any], str] | str, published: Callable[[Any], str] | None = None) -> Column:
+def label(head: str, cell: Callable[[Any], str] | str, published: Callable[[Any], str] | None = None) -> TableColumn:
     """A column of text. `cell` may be the name of a row's attribute."""
-    return Column(head, attribute(cell) if isinstance(cell, str) else cell, published, right=False)
+    return TableColumn(head, attribute(cell) if isinstance(cell, str) else cell, published, right=False)
 
 
 def columns_of(
     heads: Mapping[Case, str],
     cell: Callable[[Any, Case], str],
     published: Callable[[Any, Case], str] | None = None,
-) -> list[Column]:
+) -> list[TableColumn]:
     """A column per case. `heads` maps cases to heads; `cell` and `published` take a row and a case."""
 
-    def column(case: Case, head: str) -> Column:
+    def column(case: Case, head: str) -> TableColumn:
         theirs = (lambda row: published(row, case)) if published else None
-        return Column(head, lambda row: cell(row, case), theirs)
+        return TableColumn(head, lambda row: cell(row, case), theirs)
 
     return [column(case, head) for case, head in heads.items()]
 
@@ -111,7 +111,7 @@ def item(k: int, write: Callable[[Any], str] = str) -> Callable[[Any], str]:
     return lambda row: write(row[k])
 
 
-def print_table(title: str, columns: Sequence[Column], rows: Iterable[Any], published: Iterable[Any] = ()) -> None:
+def print_table(title: str, columns: Sequence[TableColumn], rows: Iterable[Any], published: Iterable[Any] = ()) -> None:
     """Print a table of measured rows, followed by the published rows."""
     table = [[column.cell(row) for column in columns] for row in rows]
     table += [[column.published(row) if column.published else "" for column in columns] for row in published]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..formats.gltf.gltf_writer import GltfWriter
-from ..jobs.bake.surface_meter import Meter, MeterSettings, SurfacePoints
+from ..jobs.bake.surface_meter import Meter, MeterSettings, ReceiverPoints
 from ..picture.image_files import roll_off
 from ..picture.shading import SIDEWAYS
 from ..query.query_bounds import morton_codes
@@ -145,7 +145,7 @@ def proxy_light(model: Model, pieces: ProxyMesh, check: Callable[..., None] = la
         for start in range(0, n, _BATCH):
             check()
             part = slice(start, start + _BATCH)
-            receivers = SurfacePoints(pieces.points[part], sign * pieces.normals[part])
+            receivers = ReceiverPoints(pieces.points[part], sign * pieces.normals[part])
             out[side, part] = meter.values(receivers)
     return out
 

@@ -19,7 +19,7 @@ from ...query.light_samples import light_samples
 from ...query.receivers import NOTHING
 from ...scene.lights import AmbientOcclusion
 from .gltf_primitives import NodePrimitive, face_vectors
-from .surface_meter import SIDE, Measurement, Meter, SurfacePoints, curve_order
+from .surface_meter import SIDE, Measurement, Meter, ReceiverPoints, curve_order
 from .texture_atlas import Cover, Sheet, Unwrapped, chart_of_faces, closest_weights, corners_of
 
 # --- Points inside solids ---------------------------------------------------------------------------------------------
@@ -40,7 +40,7 @@ class Solids:
         self._outward = np.cross(b - a, c - a)
         self._samples = light_samples(AmbientOcclusion(), _RAYS, "larcher-pillichshammer")[0]
 
-    def contain(self, receivers: SurfacePoints) -> NDArray[np.bool_]:
+    def contain(self, receivers: ReceiverPoints) -> NDArray[np.bool_]:
         """(n,) bool: which receivers are inside a solid."""
         inside = np.zeros(len(receivers.positions), bool)
         for start in range(0, len(inside), _BATCH):
@@ -48,7 +48,7 @@ class Solids:
             inside[part] = self._contain(receivers.at(part))
         return inside
 
-    def _contain(self, receivers: SurfacePoints) -> NDArray[np.bool_]:
+    def _contain(self, receivers: ReceiverPoints) -> NDArray[np.bool_]:
         local = receivers.positions - self._scene.origin
         far = np.abs(local).max(-1, keepdims=True)
         origins = receivers.positions + _LIFT * far * receivers.normals
@@ -83,13 +83,13 @@ class AllFaces(NamedTuple):
     normals: np.ndarray  # (f, 3) float64, unit, outward
 
 
-def vertex_receivers(parts: Sequence[NodePrimitive]) -> SurfacePoints:
+def vertex_receivers(parts: Sequence[NodePrimitive]) -> ReceiverPoints:
     """The vertices of all parts, concatenated."""
-    return SurfacePoints(np.concatenate([p.positions for p in parts]), np.concatenate([p.normals for p in parts]))
+    return ReceiverPoints(np.concatenate([p.positions for p in parts]), np.concatenate([p.normals for p in parts]))
 
 
 def replace_hidden(
-    values: np.ndarray, receivers: SurfacePoints, parts: Sequence[NodePrimitive], meter: Meter, solids: Solids | None
+    values: np.ndarray, receivers: ReceiverPoints, parts: Sequence[NodePrimitive], meter: Meter, solids: Solids | None
 ) -> int:
     """Replace the values of vertices inside solids; return the number of these vertices.
 
@@ -126,7 +126,7 @@ def _faces_of(parts: Sequence[NodePrimitive]) -> AllFaces:
 
 
 def _replace(
-    values: np.ndarray, hidden: np.ndarray, receivers: SurfacePoints, all_faces: AllFaces, meter: Meter, solids: Solids
+    values: np.ndarray, hidden: np.ndarray, receivers: ReceiverPoints, all_faces: AllFaces, meter: Meter, solids: Solids
 ) -> None:
     """Give hidden vertices the area-weighted mean of the nearest visible points on the faces around them.
 
@@ -140,7 +140,7 @@ def _replace(
             return
         vertex = all_faces.faces[face, corner]
         centre = receivers.positions[all_faces.faces[face]].mean(1)
-        points = SurfacePoints((1.0 - share) * receivers.positions[vertex] + share * centre, all_faces.normals[face])
+        points = ReceiverPoints((1.0 - share) * receivers.positions[vertex] + share * centre, all_faces.normals[face])
         visible = ~solids.contain(points)
         if visible.any():
             measured, weight = meter.values(points.at(visible)), all_faces.areas[face[visible]]
@@ -175,7 +175,7 @@ def surface_of(sheet: Sheet) -> SheetSurface:
     return SheetSurface(positions, normals, uv)
 
 
-def texel_receivers(surface: SheetSurface, face: np.ndarray, weights: np.ndarray) -> SurfacePoints:
+def texel_receivers(surface: SheetSurface, face: np.ndarray, weights: np.ndarray) -> ReceiverPoints:
     """Points on faces. On smooth surfaces they lie on the curve described by the normals, not on the facets.
 
     Bulging facets therefore do not shadow their neighbours [Hanika 2021].
@@ -185,7 +185,7 @@ def texel_receivers(surface: SheetSurface, face: np.ndarray, weights: np.ndarray
     normal = np.einsum("nk,nki->ni", weights, normals)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     below = np.minimum(np.einsum("nki,nki->nk", points[:, None] - corners, normals), 0.0)
-    return SurfacePoints(points - np.einsum("nk,nk,nki->ni", weights, below, normals), normal)
+    return ReceiverPoints(points - np.einsum("nk,nk,nki->ni", weights, below, normals), normal)
 
 
 class Texels:
@@ -336,7 +336,7 @@ def _beside(cover: Cover, which: np.ndarray) -> np.ndarray:
 
 
 def _smoothed(
-    sheet: Sheet, surface: SheetSurface, receivers: SurfacePoints, counts: np.ndarray, meter: Meter
+    sheet: Sheet, surface: SheetSurface, receivers: ReceiverPoints, counts: np.ndarray, meter: Meter
 ) -> np.ndarray:
     """(n,) float32: the visible share of a light, by the discontinuity filter over texels of one chart."""
     cover, spp = sheet.cover, meter.settings.spp

@@ -29,14 +29,14 @@ BLOCK = SIDE * SIDE
 BLOCKS_PER_PART = 1 << 12  # blocks per part, traced by one query
 
 
-class SurfacePoints(NamedTuple):
+class ReceiverPoints(NamedTuple):
     """Points on surfaces."""
 
     positions: np.ndarray  # (n, 3) float64, world
     normals: np.ndarray  # (n, 3) float64, unit
 
-    def at(self, index: NDArray[Any] | slice) -> "SurfacePoints":
-        return SurfacePoints(self.positions[index], self.normals[index])
+    def at(self, index: NDArray[Any] | slice) -> "ReceiverPoints":
+        return ReceiverPoints(self.positions[index], self.normals[index])
 
 
 class MeterSettings(NamedTuple):
@@ -94,7 +94,7 @@ class Meter:
         self._later = receivers * sum(samples.shape[1] for samples in self._samples)
         self._engine = scene.engine.with_options(settings.plan, settings.threads, None)
 
-    def values(self, receivers: SurfacePoints) -> NDArray[np.float32]:
+    def values(self, receivers: ReceiverPoints) -> NDArray[np.float32]:
         """(n, c) float32: the values of a few receivers, traced by one query."""
         out = np.zeros((len(receivers.positions), self.settings.channels), np.float32)
         grid = _grid(curve_blocks(receivers.positions))
@@ -102,7 +102,7 @@ class Meter:
         out[grid[there]] = self.evaluate(self.shadows(receivers, grid, there))[there]
         return out
 
-    def shadows(self, receivers: SurfacePoints, grid: NDArray[np.int64], there: NDArray[np.bool_]) -> Shadows:
+    def shadows(self, receivers: ReceiverPoints, grid: NDArray[np.int64], there: NDArray[np.bool_]) -> Shadows:
         """Trace the receivers of a grid; `there`: which of its cells have one."""
         world, normals = receivers.positions[grid], receivers.normals[grid]
         ends = Receivers.moved_off(world, normals, self.scene.origin)
@@ -146,7 +146,7 @@ class Measurement:
     """A measurement of many receivers, in parts.
 
     meter : Meter
-    receivers : SurfacePoints
+    receivers : ReceiverPoints
     blocks : (m, 16) int64
         From `curve_blocks`, or blocks of texels.
     counted : bool
@@ -155,7 +155,7 @@ class Measurement:
         Stores the parts; None: in memory.
     """
 
-    def __init__(self, meter: Meter, receivers: SurfacePoints, blocks: np.ndarray, counted: bool, folder: Path | None):
+    def __init__(self, meter: Meter, receivers: ReceiverPoints, blocks: np.ndarray, counted: bool, folder: Path | None):
         self.receivers, self.blocks = receivers, blocks
         self._meter, self._counted = meter, counted
         settings, about = meter.settings, None

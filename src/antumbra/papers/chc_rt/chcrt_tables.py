@@ -18,7 +18,7 @@ from ...errors import InputError
 from ...store.chunk_residency import POLICIES
 from ...store.store_format import chunk_places
 from ...techniques.tracer_options import WHOLE_SCREEN
-from ..bench_runner import Column, Say, columns_of, item, label, ms, print_notes, print_table
+from ..bench_runner import Say, TableColumn, columns_of, item, label, ms, print_notes, print_table
 from ..benchmark_views import agree
 from . import chcrt_published as paper
 from . import walkthrough_timing as bench
@@ -211,17 +211,19 @@ Group = tuple[dict[str, str], list[Turn]]
 """A row of a table: the values that its turns have in common, and the turns."""
 
 
-def _named(head: str, published: int | None = None, name: str = "") -> Column:
+def _named(head: str, published: int | None = None, name: str = "") -> TableColumn:
     """A column of text: a common value of a `Group`, and item `published` of a published row."""
     return label(head, item(0, lambda common: common[name or head]), None if published is None else item(published))
 
 
-def _by_turns(head: str, cell: Callable[[list[Turn]], str], published: Callable[[Any], str] | None = None) -> Column:
+def _by_turns(
+    head: str, cell: Callable[[list[Turn]], str], published: Callable[[Any], str] | None = None
+) -> TableColumn:
     """A column of numbers from the turns of a `Group`."""
-    return Column(head, item(1, cell), published)
+    return TableColumn(head, item(1, cell), published)
 
 
-def _typical(head: str, value: str = "seconds", published: Callable[[Any], str] | None = None) -> Column:
+def _typical(head: str, value: str = "seconds", published: Callable[[Any], str] | None = None) -> TableColumn:
     """A column of a value's median, in milliseconds."""
     return _by_turns(head, lambda turns: ms(bench.typical(turns, value)), published)
 
@@ -266,11 +268,11 @@ def _print_scenes(sizes: list[SceneSize]) -> None:
     figure = lambda k: lambda row: f"{row[1][k]:,.0f}"
     columns = (
         label("scene", "scene", lambda row: f"(paper: {row[0]})"),
-        Column("triangles", lambda s: f"{s.triangles:,}", figure(0)),
-        Column("MB", megabytes("total"), figure(1)),
-        Column("BVH, MB", megabytes("bvh"), figure(2)),
-        Column("geometry, MB", megabytes("geometry"), figure(3)),
-        Column("memory limit, %", lambda s: f"{100 * s.share:.0f}", figure(4)),
+        TableColumn("triangles", lambda s: f"{s.triangles:,}", figure(0)),
+        TableColumn("MB", megabytes("total"), figure(1)),
+        TableColumn("BVH, MB", megabytes("bvh"), figure(2)),
+        TableColumn("geometry, MB", megabytes("geometry"), figure(3)),
+        TableColumn("memory limit, %", lambda s: f"{100 * s.share:.0f}", figure(4)),
     )
     title = "Scene sizes, in memory or in a store's file, and the memory limit (Table 1)"
     print_table(title, columns, sizes, paper.MODELS.items())
@@ -308,20 +310,20 @@ def _print_times_in_core(turns: list[Turn]) -> None:
         other = theirs(group, plan)
         return bench.speedup(ours(group), other) if other else 0.0
 
-    def plan_columns(k: int, plan: str) -> tuple[Column, Column]:
+    def plan_columns(k: int, plan: str) -> tuple[TableColumn, TableColumn]:
         time, ratio = (item(4 + 2 * k), item(5 + 2 * k)) if k < 2 else (None, None)
         return (
-            Column(plan, lambda group: ms(bench.typical(other)) if (other := theirs(group, plan)) else "", time),
-            Column("ratio", lambda group: f"{speedup(group, plan):.2f}" if theirs(group, plan) else "", ratio),
+            TableColumn(plan, lambda group: ms(bench.typical(other)) if (other := theirs(group, plan)) else "", time),
+            TableColumn("ratio", lambda group: f"{speedup(group, plan):.2f}" if theirs(group, plan) else "", ratio),
         )
 
     columns = (
         *_PUBLISHED_ROW,
-        Column("rays", lambda group: f"{ours(group)[-1].rays:,}"),
-        Column("first frame", lambda group: ms(bench.first(ours(group)))),
-        Column("chcrt", lambda group: ms(bench.typical(ours(group))), item(3)),
+        TableColumn("rays", lambda group: f"{ours(group)[-1].rays:,}"),
+        TableColumn("first frame", lambda group: ms(bench.first(ours(group)))),
+        TableColumn("chcrt", lambda group: ms(bench.typical(ours(group))), item(3)),
         *(column for k, plan in enumerate(PLANS) for column in plan_columns(k, plan)),
-        Column("frames", lambda group: f"{len(ours(group))}"),
+        TableColumn("frames", lambda group: f"{len(ours(group))}"),
         _by_turns("differ", lambda mine: f"{sum(t.differs for t in mine)}"),
     )
 
@@ -379,7 +381,7 @@ def _print_randomisation(turns: list[Turn]) -> None:
         _named("scene", 0),
         _named("kind", 1),
         *columns_of(heads, lambda group, k: ms(times(group)[k]), lambda row, k: f"{row[2][k]:,}"),
-        Column("full / none", lambda group: ratio(times(group)), lambda row: ratio(row[2])),
+        TableColumn("full / none", lambda group: ratio(times(group)), lambda row: ratio(row[2])),
     )
     published = [(f"(paper: {name})", kind, theirs) for (name, kind), theirs in paper.RANDOMISATION.items()]
     title = "Milliseconds per frame, near walk, by rotation of directions between pixels (Table 5)"
@@ -401,7 +403,7 @@ def _print_aggressive(turns: list[Turn]) -> None:
         _named("view", 1),
         _named("method", 2),
         _typical("ms", published=item(3)),
-        Column("speedup", ratio, item(4)),
+        TableColumn("speedup", ratio, item(4)),
         _by_turns("% rays that differ", lambda mine: "" if _is_paged(mine) else missed(mine)),
         _by_turns("error", lambda mine: f"{fmean(t.error or 0.0 for t in mine):.3f}"),
         _by_turns("MB read", lambda m: f"{bench.typical(m, 'bytes') / 1e6:,.1f}" if _is_paged(m) else ""),
@@ -431,7 +433,7 @@ def _print_ablation(turns: list[Turn]) -> None:
         _named("CHC+RT", name="method"),
         _FIRST._replace(head="ms first"),
         _typical("ms"),
-        Column("ratio", ratio),
+        TableColumn("ratio", ratio),
         *columns_of(counts, _count),
         *([read] if _is_paged(turns) else []),
         _FRAMES,

@@ -40,7 +40,7 @@ from ...scene.lights import QuadLight
 from ...scene.triangles import Triangles
 from ...trace.counters import as_dict, new_counters
 from ...trace.primary.primary_rays import trace_primary
-from ..bench_runner import Column, Say, columns_of, interleave, item, label, plot_sheet, print_notes, print_table
+from ..bench_runner import Say, TableColumn, columns_of, interleave, item, label, plot_sheet, print_notes, print_table
 from ..benchmark_views import BenchmarkScenes, BenchmarkView, diagonal_of, square
 from .packet_baselines import deep_tree, trace_packets
 
@@ -302,14 +302,14 @@ def print_case(case: Case, tables: dict[str, Any], quality: SoftShadowQuality) -
 
 _FIGURE5 = (
     label("frame", item(0)),
-    Column("M rays", item(1, lambda row: f"{row['rays'] / 1e6:.2f}")),
-    Column("seconds", item(1, lambda row: f"{row['seconds']:.3f}")),
-    Column("rms", item(1, lambda row: f"{1e3 * row['rms']:.1f}")),
-    Column("mean", item(1, lambda row: f"{1e3 * row['mean']:.1f}")),
+    TableColumn("M rays", item(1, lambda row: f"{row['rays'] / 1e6:.2f}")),
+    TableColumn("seconds", item(1, lambda row: f"{row['seconds']:.3f}")),
+    TableColumn("rms", item(1, lambda row: f"{1e3 * row['rms']:.1f}")),
+    TableColumn("mean", item(1, lambda row: f"{1e3 * row['mean']:.1f}")),
 )
 
 
-def _per_counter(cell: Callable[[dict[str, float], str], str], published: bool = False) -> list[Column]:
+def _per_counter(cell: Callable[[dict[str, float], str], str], published: bool = False) -> list[TableColumn]:
     """A column per counter of COLUMNS. Rows are (tracer, counters); the published row has its figures in order."""
     theirs = (lambda row, counter: row[1 + COLUMNS.index(counter)]) if published else None
     return columns_of(_NAMES, lambda row, counter: cell(row[1], counter), theirs)
@@ -320,8 +320,8 @@ def _print_counts(title: str, case: Case, rows: Rows) -> None:
     columns = (
         label("tracer", item(0)),
         *_per_counter(lambda row, counter: f"{row[counter] / 1e3:,.0f}K"),
-        Column("seconds", item(1, lambda row: f"{row['seconds']:.3f}")),
-        Column("M rays/s", item(1, lambda row: f"{rays / row['seconds'] / 1e6:.2f}")),
+        TableColumn("seconds", item(1, lambda row: f"{row['seconds']:.3f}")),
+        TableColumn("M rays/s", item(1, lambda row: f"{rays / row['seconds'] / 1e6:.2f}")),
     )
     size = f"{len(case.triangles.vertices):,} triangles, {rays / 1e6:.2f} M rays"
     print_table(f"{title}: {size}", columns, rows.items())
@@ -332,7 +332,7 @@ def _print_reduction(rows: Rows, base: str, tracers: Sequence[str], published: S
     columns = (
         label("tracer", item(0), item(0)),
         *_per_counter(lambda row, counter: f"{rows[base][counter] / max(row[counter], 1):.2f}", published=True),
-        Column("seconds", item(1, lambda row: f"{rows[base]['seconds'] / row['seconds']:.2f}"), item(5)),
+        TableColumn("seconds", item(1, lambda row: f"{rows[base]['seconds'] / row['seconds']:.2f}"), item(5)),
     )
     reductions = [(tracer, rows[tracer]) for tracer in tracers]
     title = f"Reduction factor over {base} (Table 1; the paper's range)"
@@ -355,8 +355,8 @@ def _print_table2(case: Case, rows: Rows) -> None:
         label("tracer", item(0)),
         *_per_counter(lambda row, counter: f"{100 * (row[counter] / max(none[counter], 1) - 1):+.1f}"),
         label("the paper", item(0, PUBLISHED_TABLE2.__getitem__)),
-        Column("shrinks", item(1, lambda row: f"{row['shrinks'] / 1e3:,.0f}K")),
-        Column("speedup", item(1, lambda row: f"{none['seconds'] / row['seconds']:.2f}")),
+        TableColumn("shrinks", item(1, lambda row: f"{row['shrinks'] / 1e3:,.0f}K")),
+        TableColumn("speedup", item(1, lambda row: f"{none['seconds'] / row['seconds']:.2f}")),
     )
     print_table(f"Table 2, {case.name}: change in %, with the paper's for T-Rex", columns, rows.items())
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...techniques.culling.pre_bvh_culling import STEPS
-from ..bench_runner import Column, beside, columns_of, label, ms, percent, plot_sheet, print_table
+from ..bench_runner import TableColumn, beside, columns_of, label, ms, percent, plot_sheet, print_table
 from .culling_measurements import (
     BUILDERS,
     CONVEX,
@@ -152,12 +152,12 @@ def _print_times(times: list[TimeToImage]) -> None:
         label("view", "figure"),
         label("tracer", "tracer"),
         label("method", "method"),
-        Column("cull", lambda t: ms(t.cull)),
-        Column("build", lambda t: ms(t.build)),
-        Column("trace 1 spp", lambda t: ms(t.trace[SAMPLES[0]])),
+        TableColumn("cull", lambda t: ms(t.cull)),
+        TableColumn("build", lambda t: ms(t.build)),
+        TableColumn("trace 1 spp", lambda t: ms(t.trace[SAMPLES[0]])),
         *columns_of({spp: f"total {spp} spp" for spp in SAMPLES}, lambda t, spp: ms(t.total(spp))),
         *columns_of({spp: f"% of LBVH {spp} spp" for spp in SAMPLES}, ratio),
-        Column("BSAH breaks even, spp", even),
+        TableColumn("BSAH breaks even, spp", even),
     )
     print_table("Time to image, ms (Table 3 and Figure 7; the paper's results in brackets)", columns, times)
 
@@ -168,16 +168,16 @@ def _print_regions(grids: list[GridRow]) -> None:
     theirs = {figure: 100 * remaining for figure, remaining in REMAINING.items()}
     columns = (
         label("view", str),
-        Column("convex region (Figure 2b)", lambda figure: f"{share[figure, CONVEX]:.1f}"),
-        Column("as published (Figure 2d)", lambda view: beside(f"{share[view, LINES]:.1f}", theirs.get(view), 0)),
-        Column("hulls (grid32)", lambda figure: f"{share[figure, HULLS]:.1f}"),
+        TableColumn("convex region (Figure 2b)", lambda figure: f"{share[figure, CONVEX]:.1f}"),
+        TableColumn("as published (Figure 2d)", lambda view: beside(f"{share[view, LINES]:.1f}", theirs.get(view), 0)),
+        TableColumn("hulls (grid32)", lambda figure: f"{share[figure, HULLS]:.1f}"),
     )
     title = "Remaining triangles, %, with 32 cells per axis (the paper's results in brackets)"
     print_table(title, columns, dict.fromkeys(r.figure for r in grids))
 
 
 _STEPS_OF = {"sources": ("sources",), "mark": ("mark",), "triangles": ("triangles", "pack"), "all culling": STEPS}
-"""Column of Table 4 -> its steps of STEPS."""
+"""TableColumn of Table 4 -> its steps of STEPS."""
 
 
 def _print_grids(rows: list[GridRow], tracers: Sequence[str]) -> None:
@@ -195,9 +195,11 @@ def _print_grids(rows: list[GridRow], tracers: Sequence[str]) -> None:
         return beside(ms(times[f"{builder}+{tracer or tracers[0]}"]), theirs) if times else ""
 
     columns = (
-        Column("grid", lambda r: str(r.grid or "none")),
+        TableColumn("grid", lambda r: str(r.grid or "none")),
         label("marking", "marked"),
-        Column("% remaining", lambda r: beside(percent(r.remaining), 100 * GRIDS[r.grid][0] if r.grid else None, 0)),
+        TableColumn(
+            "% remaining", lambda r: beside(percent(r.remaining), 100 * GRIDS[r.grid][0] if r.grid else None, 0)
+        ),
         *columns_of({column: column for column in _STEPS_OF}, culling),
         *columns_of({(b, t): f"{t}, 1 spp" if t else f"build {b}" for b in BUILDERS for t in ("", *tracers)}, seconds),
     )

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...cli.console import duration
-from ..bench_runner import Column, beside, columns_of, label, ms, plot_sheet, print_notes, print_table
+from ..bench_runner import TableColumn, beside, columns_of, label, ms, plot_sheet, print_notes, print_table
 from . import ray_hierarchy_measurements as paper
 from .ray_hierarchy_measurements import (
     BEST,
@@ -45,9 +45,9 @@ def _print_pictures(pictures: list[PictureRays], costs: list[Cost]) -> None:
     """Print Figures 6 and 7 as tables."""
     sizes = (
         label("picture", "picture"),
-        Column("triangles", lambda s: f"{s.triangles:,}"),
-        Column("rays", lambda s: f"{s.rays:,}"),
-        Column("% blocked", lambda s: f"{100 * s.blocked / s.rays:.0f}"),
+        TableColumn("triangles", lambda s: f"{s.triangles:,}"),
+        TableColumn("rays", lambda s: f"{s.rays:,}"),
+        TableColumn("% blocked", lambda s: f"{100 * s.blocked / s.rays:.0f}"),
     )
     print_table("Pictures: one point light, one shadow ray per visible surface point", sizes, pictures)
     if any(s.of == ROBOTS for s in pictures):
@@ -96,10 +96,10 @@ def _print_figure7(rows: list[RelativeCost]) -> None:
     columns = (
         label("scene", "of"),
         label("variant", "variant"),
-        Column("pictures", lambda b: f"{b.pictures}"),
-        Column("nodes tested", lambda b: f"{b.nodes:.2f}"),
-        Column("nodes passed", lambda b: f"{b.passed:.2f}"),
-        Column("time", lambda b: f"{b.seconds:.2f}"),
+        TableColumn("pictures", lambda b: f"{b.pictures}"),
+        TableColumn("nodes tested", lambda b: f"{b.nodes:.2f}"),
+        TableColumn("nodes passed", lambda b: f"{b.passed:.2f}"),
+        TableColumn("time", lambda b: f"{b.seconds:.2f}"),
     )
     title = f"Early accept and two passes relative to {BEST} (Figure 7; in the report, nodes fall and time rises)"
     print_table(title, columns, [b for b in rows if b.variant != BEST])
@@ -141,11 +141,11 @@ def _print_spreads(spreads: list[Spread]) -> None:
     columns = (
         label("animation", "of"),
         label("variant", "variant"),
-        Column("frames", lambda s: f"{s.frames} of {s.frames + s.missing}" if s.missing else f"{s.frames}"),
-        Column("median, ms", lambda s: ms(s.median)),
-        Column("longest / shortest", lambda s: f"{s.ratio:.2f}"),
-        Column("interquartile range, ms", lambda s: ms(s.quartiles)),
-        Column("deviation, % of mean", lambda s: f"{100 * s.deviation:.0f}"),
+        TableColumn("frames", lambda s: f"{s.frames} of {s.frames + s.missing}" if s.missing else f"{s.frames}"),
+        TableColumn("median, ms", lambda s: ms(s.median)),
+        TableColumn("longest / shortest", lambda s: f"{s.ratio:.2f}"),
+        TableColumn("interquartile range, ms", lambda s: ms(s.quartiles)),
+        TableColumn("deviation, % of mean", lambda s: f"{100 * s.deviation:.0f}"),
     )
     print_table("Shadow times over the frames of an animation (Figure 6b)", columns, spreads)
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...trace.rays.single_rays import FALSE, PATH, UNOCCLUDED
-from ..bench_runner import Column, columns_of, label, ms, percent, plot_sheet, print_notes, print_table
+from ..bench_runner import TableColumn, columns_of, label, ms, percent, plot_sheet, print_notes, print_table
 from . import srdh_measurements as bench
 from .srdh_measurements import (
     BUILD_PIXELS,
@@ -106,21 +106,21 @@ def _print_orders(rows: list[BoxTests]) -> None:
     base = lambda row: of(rows, row.scene, bench.BASE)
     sizes = (
         label("scene", "scene"),
-        Column("triangles", lambda r: f"{r.triangles:,}"),
-        Column("rays", lambda r: f"{r.rays:,}"),
-        Column("% blocked", lambda r: percent(r.blocked / r.rays)),
+        TableColumn("triangles", lambda r: f"{r.triangles:,}"),
+        TableColumn("rays", lambda r: f"{r.rays:,}"),
+        TableColumn("% blocked", lambda r: percent(r.blocked / r.rays)),
     )
     print_table("Counted shadow rays", sizes, [of(rows, name, bench.BASE) for name in scenes_of(rows)])
     columns = (
         label("scene", "scene"),
         label("method", "method"),
-        Column("all", lambda r: percent(relative(rows, r))),
+        TableColumn("all", lambda r: percent(relative(rows, r))),
         *columns_of(
             dict(enumerate(("path to the hit", "false hits", "unoccluded"))),
             lambda r, k: percent(r.boxes[k] / base(r).total),
         ),
-        Column("boxes per ray", lambda r: f"{r.total / r.rays:.1f}"),
-        Column("triangles per ray", lambda r: f"{r.tested / r.rays:.2f}"),
+        TableColumn("boxes per ray", lambda r: f"{r.total / r.rays:.1f}"),
+        TableColumn("triangles per ray", lambda r: f"{r.tested / r.rays:.2f}"),
     )
     methods = (*SAH_ORDERS, PUBLISHED, OURS)
     title = "Box tests, % of random order; SRDH with all rays as representative rays (Figure 2)"
@@ -136,7 +136,7 @@ def _print_saved(rows: list[BoxTests]) -> None:
             lambda r, order: percent(bench.saved(rows, r, order)),
             lambda p, order: p[1].get(order, ""),
         ),
-        Column("unoccluded rays", lambda r: percent(bench.saved_unoccluded(rows, r)), lambda p: p[1].get("", "")),
+        TableColumn("unoccluded rays", lambda r: percent(bench.saved_unoccluded(rows, r)), lambda p: p[1].get("", "")),
     )
     published = (
         ("BEDROOM", {order: percent(share) for order, share in BEDROOM.items()}),
@@ -151,10 +151,10 @@ def _print_rtsah(rows: list[RtsahCheck]) -> None:
     """Print RTSAH with the lines that it assumes and with shadow rays."""
     columns = (
         label("scene", "scene", lambda _: "(paper: BEDROOM)"),
-        Column("uniform lines", lambda r: percent(r.lines)),
-        Column("reversed", lambda r: percent(r.lines_reversed)),
-        Column("shadow rays", lambda r: percent(r.rays), lambda b: percent((1 - b["random"]) / (1 - b["rtsah"]))),
-        Column("reversed", lambda r: percent(r.rays_reversed)),
+        TableColumn("uniform lines", lambda r: percent(r.lines)),
+        TableColumn("reversed", lambda r: percent(r.lines_reversed)),
+        TableColumn("shadow rays", lambda r: percent(r.rays), lambda b: percent((1 - b["random"]) / (1 - b["rtsah"]))),
+        TableColumn("reversed", lambda r: percent(r.rays_reversed)),
     )
     print_table("Box tests with RTSAH and with the opposite order, % of random order", columns, rows, [BEDROOM])
 
@@ -169,7 +169,7 @@ def _print_pixels(rows: list[BoxTests]) -> None:
             {k: f"{k} x {k}" if k else "all" for k in (*PIXELS, None)},
             lambda r, k: f"{100 * relative(rows, of(rows, r.scene, r.method, k)):.1f}",
         ),
-        Column("16 x 16 vs. all", lambda r: f"{100 * sixteen(r):+.1f} %"),
+        TableColumn("16 x 16 vs. all", lambda r: f"{100 * sixteen(r):+.1f} %"),
     )
     table = [of(rows, name, method) for name in scenes_of(rows) for method in (PUBLISHED, OURS)]
     print_table("Box tests, % of random order, by size of the pre-render (Figure 4)", columns, table)
@@ -191,18 +191,18 @@ def _print_builds(times: list[BuildTimes]) -> None:
     size, triangles, rays = lambda t: f"{t.pixels} x {t.pixels}", lambda t: f"{t.triangles:,}", lambda t: f"{t.rays:,}"
     columns = (
         label("scene", "scene", lambda p: f"(paper: {p.scene})"),
-        Column("triangles", triangles, triangles),
+        TableColumn("triangles", triangles, triangles),
         label("pixels", size, size),
-        Column("rays", rays, rays),
-        Column("hits", lambda t: f"{t.hits:,}"),
-        Column("SAH", lambda t: ms(t.sah_single), lambda p: ms(p.sah)),
-        Column("its rays", lambda t: ms(t.rays_by_sah)),
-        Column("SRDH", lambda t: ms(t.published), lambda p: ms(p.srdh)),
-        Column("both / SAH", lambda t: f"{t.both:.2f}", lambda p: f"{p.both:.2f}"),
-        Column("bsah", lambda t: ms(t.sah)),
-        Column("lbvh, rays", lambda t: ms(t.rays_by_lbvh)),
-        Column("srdh", lambda t: ms(t.srdh)),
-        Column("srdh only / bsah", lambda t: f"{t.instead:.2f}"),
+        TableColumn("rays", rays, rays),
+        TableColumn("hits", lambda t: f"{t.hits:,}"),
+        TableColumn("SAH", lambda t: ms(t.sah_single), lambda p: ms(p.sah)),
+        TableColumn("its rays", lambda t: ms(t.rays_by_sah)),
+        TableColumn("SRDH", lambda t: ms(t.published), lambda p: ms(p.srdh)),
+        TableColumn("both / SAH", lambda t: f"{t.both:.2f}", lambda p: f"{p.both:.2f}"),
+        TableColumn("bsah", lambda t: ms(t.sah)),
+        TableColumn("lbvh, rays", lambda t: ms(t.rays_by_lbvh)),
+        TableColumn("srdh", lambda t: ms(t.srdh)),
+        TableColumn("srdh only / bsah", lambda t: f"{t.instead:.2f}"),
     )
     title = "Build times, ms: as published, with one triangle per leaf on one thread; then in a renderer (Table 1)"
     print_table(title, columns, times, PUBLISHED_BUILDS)
@@ -222,13 +222,13 @@ def _print_renders(times: list[RenderTimes]) -> None:
     columns = (
         label("scene", lambda pair: pair[0].scene),
         label("tracer", lambda pair: pair[0].tracer),
-        Column("build bsah", lambda pair: rounded(pair[0].built)),
-        Column("srdh", lambda pair: rounded(pair[1].built)),
-        Column("trace bsah", lambda pair: rounded(pair[0].traced)),
-        Column("srdh", lambda pair: rounded(pair[1].traced)),
-        Column("trace ratio", lambda pair: f"{pair[1].traced / pair[0].traced:.2f}"),
-        Column("total ratio", lambda pair: f"{pair[1].total / pair[0].total:.2f}"),
-        Column("M rays/s", lambda pair: f"{pair[1].rays / pair[1].traced / 1e6:.1f}"),
+        TableColumn("build bsah", lambda pair: rounded(pair[0].built)),
+        TableColumn("srdh", lambda pair: rounded(pair[1].built)),
+        TableColumn("trace bsah", lambda pair: rounded(pair[0].traced)),
+        TableColumn("srdh", lambda pair: rounded(pair[1].traced)),
+        TableColumn("trace ratio", lambda pair: f"{pair[1].traced / pair[0].traced:.2f}"),
+        TableColumn("total ratio", lambda pair: f"{pair[1].total / pair[0].total:.2f}"),
+        TableColumn("M rays/s", lambda pair: f"{pair[1].rays / pair[1].traced / 1e6:.1f}"),
     )
     print_table(f"Direct light on visible surfaces, {SPP} samples, ms: srdh and bsah", columns, pairs)
 
