@@ -46,7 +46,7 @@ class Split(NamedTuple):
 @kernel
 def no_split():
     """The split that halves a range."""
-    return Split(np.int64(-1), np.int64(0), INF)
+    return Split(-1, 0, INF)
 
 
 @kernel
@@ -127,7 +127,7 @@ class BinnedSource(NamedTuple):
 @kernel
 def bin_count(n):
     """The number of bins for n records; few records would leave many bins empty."""
-    return min(np.int64(BINS), np.int64(4) + n // 16)
+    return min(np.int64(BINS), 4 + n // 16)
 
 
 @kernel
@@ -176,15 +176,15 @@ def fill_bins(records, first, last, mapping, bins):
 def cheapest_split(bins, n_bins, scale):
     """The cheapest split at a boundary between bins, over all axes."""
     right = stack_f32(BINS)
-    best, best_axis, best_bin = INF, np.int64(-1), np.int64(0)
+    best, best_axis, best_bin = INF, -1, 0
     for axis in range(3):
         base = axis * n_bins
-        box, count = splat8(INF), np.int64(0)
+        box, count = splat8(INF), 0
         for k in range(n_bins - 1, 0, -1):
             box = minimum(box, load8(bins.boxes, (base + k) * 8))
             count += get(bins.counts, base + k)
             put(right, k, half_area(box, scale) * np.float32(count))
-        box, count = splat8(INF), np.int64(0)
+        box, count = splat8(INF), 0
         for k in range(1, n_bins):
             box = minimum(box, load8(bins.boxes, (base + k - 1) * 8))
             count += get(bins.counts, base + k - 1)

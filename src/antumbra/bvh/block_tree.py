@@ -87,7 +87,7 @@ def block_pointers(tree):
 def _size(link, below):
     """The number of triangles below a link."""
     if link == EMPTY:
-        return np.int64(0)
+        return 0
     return np.int64(below[link]) if link >= 0 else np.int64(bvh_leaf(link).count)
 
 
@@ -167,7 +167,7 @@ def _fill_blocks(ticket, source_links, corners, roots, blocks, bounds, slots, ar
             areas[block] += triangle_area(values, np.int64(get(block_slots, i)))
         for lane in range(16):
             is_used = lane < n
-            slot = np.int64(get(block_slots, lane if is_used else 0)) * 9 if n > 0 else np.int64(0)
+            slot = np.int64(get(block_slots, lane if is_used else 0)) * 9 if n > 0 else 0
             put(ptr(slots), slot_at(block, lane), get(block_slots, lane) if is_used else np.int32(-1))
             for k in range(3):
                 v0 = get(values, slot + k) if n > 0 else np.float32(0.0)

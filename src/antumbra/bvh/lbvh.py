@@ -157,14 +157,14 @@ def _build_subtree(vertices, codes, drop, max_leaf, first, last, end_node, out):
     # In: vertices, float32 *, 9 per triangle; codes, pointer, sorted; drop, max_leaf; first, last, slots
     # Out: out, a `Tree`: nodes, links, and corners of the slots
     levels, stack, boxes = stack_i64(_LEVELS), stack_i64(_STACK_SIZE), stack_f32(_BOXES)
-    ids, node, height, box, link, depth = out.prim_ids, end_node, 0, triangle_box(vertices, 0), np.int64(0), np.int64(0)
+    ids, node, height, box, link, depth = out.prim_ids, end_node, 0, triangle_box(vertices, 0), 0, 0
     for i in range(last - 1, first - 1, -1):
         prefetch(vertices, np.int64(get(ids, max(i - _AHEAD, 0))) * 9)
         prefetch(vertices, np.int64(get(ids, max(i - _AHEAD, 0))) * 9 + 8)
         level = _level(codes, i - 1, i, drop) if i > first else _NO_LEVEL
         id_ = np.int64(get(ids, i))
         _copy_triangle(vertices, id_, out.corners, i)
-        box, link, depth, end = triangle_box(vertices, id_), bvh_link(i, 1), np.int64(0), i + 1
+        box, link, depth, end = triangle_box(vertices, id_), bvh_link(i, 1), 0, i + 1
         while height > 0 and get(levels, height - 1) <= level:  # equal only if it is _NO_LEVEL
             height -= 1
             right_box = load8(boxes, height * 8)

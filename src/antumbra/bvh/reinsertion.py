@@ -171,9 +171,7 @@ def _best_place(tree, item, stack, gains):
     path = np.int64(get(tree.parents, item))
     sibling, gain = _sibling(tree, item), _area(tree, path)
     shrunk = load8(tree.boxes, sibling * 8)
-    best = _search(
-        tree, item, sibling, gain, InsertionPlace(_LEAST * _area(tree, item), np.int64(-1), np.int64(0)), stack, gains
-    )
+    best = _search(tree, item, sibling, gain, InsertionPlace(_LEAST * _area(tree, item), -1, 0), stack, gains)
     while path > 0:
         other = _sibling(tree, path)
         best = _search(tree, item, other, gain, best, stack, gains)
@@ -191,7 +189,7 @@ def find_places(ticket, loose, gains, places, visits):
     tree = _pointers_of(loose)
     stack, scratch = stack_i32(_SEARCH_STACK), stack_f32(_SEARCH_STACK)
     for item in items(ticket):
-        best = InsertionPlace(np.float32(0.0), np.int64(-1), np.int64(0))
+        best = InsertionPlace(np.float32(0.0), -1, 0)
         if item > 0 and get(tree.parents, item) > 0:
             best = _best_place(tree, item, stack, scratch)
         gains[item], places[item], visits[item] = best
@@ -204,7 +202,7 @@ def _update_ancestors(tree, node):
     while node >= 0:
         node_growth, changed = _update_node(tree, node)
         growth += node_growth
-        node = np.int64(get(tree.parents, node)) if changed else np.int64(-1)
+        node = np.int64(get(tree.parents, node)) if changed else -1
     return growth
 
 

@@ -90,7 +90,7 @@ def _divide_order(records, first, last, axis, centroid, index, scratch):
     # Out: records, float32 *, reordered
     # Scratch: scratch, float32 *, 8 per record
     ids = as_i32(records)
-    next_left, n_right = first, np.int64(0)
+    next_left, n_right = first, 0
     for i in range(first, last):
         record, c = load8(records, i * 8), _centroid(records, i, axis)
         goes_left = c < centroid or (c == centroid and get(ids, i * 8 + 3) < index)
@@ -128,7 +128,7 @@ def _divide(source, first, last, centroids, split):
     if source.instance_class is SortedSource:
 
         def cut(source, first, last, centroids, split):
-            axis, middle = max(split.axis, np.int64(0)), split.place
+            axis, middle = max(split.axis, 0), split.place
             if split.axis < 0:
                 middle = (first + last) >> 1
             records = _sorted_records(source, axis)

@@ -362,7 +362,7 @@ def _area_of_node(nodes, node, scale):
 def _update_facts(part, node, rules):
     """Compute a node's facts from those of its children, and return its cost."""
     costs, areas = as_f32(part.facts), areas_of_children(part.nodes, node, rules.scale)
-    count, cost, n_nodes, height = np.int64(0), np.float32(0.0), np.int64(1), np.int64(0)
+    count, cost, n_nodes, height = 0, np.float32(0.0), 1, 0
     for side in range(2):
         link = np.int64(get(part.links, link_at(node, side)))
         if link < 0:
@@ -376,7 +376,7 @@ def _update_facts(part, node, rules):
     area = _area_of_node(part.nodes, node, rules.scale)
     cost, as_leaf = cost + area, area * np.float32(count)
     if count <= rules.max_leaf and as_leaf <= cost and node != 0:  # the root is never a leaf
-        cost, n_nodes = as_leaf, np.int64(0)
+        cost, n_nodes = as_leaf, 0
     put(costs, node * 4 + COST, cost)
     put(part.facts, node * 4 + COUNT, count)
     put(part.facts, node * 4 + NODES, n_nodes)

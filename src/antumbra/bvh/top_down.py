@@ -82,7 +82,7 @@ def _plan(records, first, n, max_leaf, scale, plans):
             box = minimum(box, load8(plans.boxes, others * 8))
         store(plans.boxes, subset * 8, box)
         area, size = half_area(box, scale), popcount(subset)
-        cost, half = np.float32(size) * area, np.int64(0)
+        cost, half = np.float32(size) * area, 0
         if size > 1:
             divided, halves = _cheapest_halves(plans.cost, subset)
             if size > max_leaf or divided + area < cost:
@@ -265,7 +265,7 @@ def _build_range(vertices, source, part, settings, s, out):
     if settings.instance_class is Settings:
 
         def build(vertices, source, part, settings, s, out):
-            next_node = build_subtree(source, part, settings, out, np.int64(1), np.int64(LINK))
+            next_node = build_subtree(source, part, settings, out, 1, np.int64(LINK))
             copy_corners(vertices, part.first, part.last, out)
             return next_node - 1
 

@@ -120,7 +120,7 @@ def _count_left(level, block, split, n_bins, middle):
     """The number of records in a block that go left."""
     if split.axis < 0:
         return min(max(middle - level.blocks[block, 1], 0), level.blocks[block, 2] - level.blocks[block, 1])
-    bins, count = _bins_of_block(level, block), np.int64(0)
+    bins, count = _bins_of_block(level, block), 0
     for k in range(split.axis * n_bins, split.axis * n_bins + split.place):
         count += get(bins.counts, k)
     return count

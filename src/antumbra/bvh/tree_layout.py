@@ -125,7 +125,7 @@ class _CostStack(NamedTuple):
 @kernel
 def _price_node(tree, node, best, top, max_leaf):
     """Replace a node's children on the stack by the node, and return (whether it becomes a leaf, new height)."""
-    cost, triangles, nodes = surface(tree.nodes, box_at(node, 0), box_at(node, 1)), np.int64(0), np.int64(1)
+    cost, triangles, nodes = surface(tree.nodes, box_at(node, 0), box_at(node, 1)), 0, 1
     area = cost
     for side in range(2):
         link, box = np.int64(get(tree.links, link_at(node, side))), box_at(node, side)

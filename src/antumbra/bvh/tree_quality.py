@@ -138,7 +138,7 @@ def _check_slots(bvh, vertices, used):
         for k in range(9):
             if bvh.corners[slot, k] != vertices[prim, k]:  # NaN too
                 return slot
-    return np.int64(-1)
+    return -1
 
 
 def _check_arrays(bvh: Bvh, n: int) -> None:

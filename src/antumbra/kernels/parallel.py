@@ -105,9 +105,9 @@ def take(ticket):
     """The first of the next ``ticket[CHUNK]`` items; -1 if none is left or `STOP` is set."""
     # Adding 0 reads STOP from memory each time; LLVM could hoist a plain read out of the worker's loop.
     if atomic_add(ticket, STOP, 0) != 0:
-        return np.int64(-1)
+        return -1
     first = atomic_add(ticket, NEXT, ticket[CHUNK])
-    return first if first < ticket[N] else np.int64(-1)
+    return first if first < ticket[N] else -1
 
 
 class _ParallelRun:

@@ -88,7 +88,7 @@ def _filter_rows(ticket, surfaces, counts, shares, limit, spp, out, out_shares):
     points, inputs = points_of(surfaces), _FilterInputs(ptr(counts), ptr(shares), len(shares) > 0, limit)
     for y in items(ticket):
         for x in range(points.w):
-            total, weight = at(points, inputs.counts, y, x), np.int64(1)
+            total, weight = at(points, inputs.counts, y, x), 1
             share = np.float64(at(points, inputs.shares, y, x)) if inputs.shared else 0.0
             if at(points, points.side, y, x) != NOTHING and not _is_constant(points, inputs, y, x):
                 total, share, weight = _window_sums(points, inputs, y, x)

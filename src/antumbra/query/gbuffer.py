@@ -123,7 +123,7 @@ def _fill(ticket, t, corners, rays, row, gbuffer):
     zero, out = np.float32(0.0), surface_of(gbuffer)
     faces, ts, depths, triangles = ptr(gbuffer.face), ptr(t), ptr(gbuffer.depth), ptr(corners)
     for y0, end in shares(ticket):
-        last, normal = np.int64(-1), FaceNormal(0.0, 0.0, 0.0, 0.0)
+        last, normal = -1, FaceNormal(0.0, 0.0, 0.0, 0.0)
         for y in range(y0, end):
             for x in range(rays.width):
                 at = y * rays.width + x

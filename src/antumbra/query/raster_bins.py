@@ -361,7 +361,7 @@ def front_to_back(bins, tile, order):
     """Write a tile's slots to `order`, roughly by decreasing depth key of the nearest corner; return their number."""
     first, n = bins.first[tile], bins.first[tile + 1] - bins.first[tile]
     key, slots, start = as_i32(ptr(bins.survivors.nearest)), ptr(bins.slot), stack_i64(_BOUNDS)
-    lowest, highest = np.int64(_INFINITY), np.int64(0)
+    lowest, highest = np.int64(_INFINITY), 0
     for e in range(first, first + n):
         k = np.int64(get(key, np.int64(get(slots, e))))
         lowest = k if k < lowest else lowest

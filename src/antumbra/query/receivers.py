@@ -77,7 +77,7 @@ def _move_kernel(ticket, positions, normals, faces, sides, corners, origins):
     positions, normals, faces, sides = ptr(positions), ptr(normals), ptr(faces), ptr(sides)
     corners, origins, zero = ptr(corners), ptr(origins), np.float64(0.0)
     for first, end in shares(ticket):
-        last, known = np.int64(-1), _Face((zero, zero, zero), (zero, zero, zero), zero, zero)
+        last, known = -1, _Face((zero, zero, zero), (zero, zero, zero), zero, zero)
         for i in range(first, end):
             x, y, z = get(positions, 3 * i), get(positions, 3 * i + 1), get(positions, 3 * i + 2)
             if get(sides, i) != NOTHING:

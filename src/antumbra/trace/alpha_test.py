@@ -64,7 +64,7 @@ def texel_pointers(texels):
 def _wrapped(x, size, wrap):
     """The texel, 0 to size - 1, at coordinate x of the repeated texture."""
     if wrap == CLAMP:
-        return min(max(x, np.int64(0)), size - 1)
+        return min(max(x, 0), size - 1)
     if wrap == MIRROR:
         x = x % (2 * size)
         return x if x < size else 2 * size - 1 - x
@@ -152,7 +152,7 @@ def _blocking_cutout(tree, holes, ray, skip, cull_faces, last):
 def _shadows(ticket, bvh, texels, query, met, bits):
     """Worker: set the bits of segments in `met` that an opaque texel blocks, unless they are already set."""
     tree, holes, pointers = tree_of(bvh), texel_pointers(texels), query_pointers(query)
-    candidates, out, last = ptr(met), ptr(bits), np.int64(-1)
+    candidates, out, last = ptr(met), ptr(bits), -1
     for i in items(ticket):
         skip = np.int64(get(pointers.ids, i))
         for k in range(pointers.words):

@@ -311,19 +311,19 @@ def entry(nodes, at, slabs, far):
 @inlined
 def root(alive):
     """The initial state of a traversal by the lanes in `alive`."""
-    return Traversal(np.int64(0), np.int64(-1), alive, np.int64(0))
+    return Traversal(0, -1, alive, 0)
 
 
 @inlined
 def not_started():
     """The state of a traversal that has not begun."""
-    return Traversal(np.int64(0), np.int64(NOT_STARTED), np.int64(0), np.int64(0))
+    return Traversal(0, np.int64(NOT_STARTED), 0, 0)
 
 
 @inlined
 def after_leaf(at):
     """The state of a traversal after a leaf."""
-    return Traversal(at.link, at.place, np.int64(0), at.height)
+    return Traversal(at.link, at.place, 0, at.height)
 
 
 @inlined
@@ -418,7 +418,7 @@ def _popped_near(at, waiting, far):
 @inlined
 def after_visit(at):
     """The state of a closest-hit traversal after a link."""
-    return NearestTraversal(at.link, np.int64(0), at.height)
+    return NearestTraversal(at.link, 0, at.height)
 
 
 @inlined

@@ -147,6 +147,6 @@ def apply_horizon(chunk, y0, x0, valid, tile, planes, deferred, counters):
         at = s * 48
         h, error = _height(planes, load16(tile.points, at), load16(tile.points, at + 16), load16(tile.points, at + 32))
         below = bits(h < -error) & crossing
-        defer(deferred, np.int64(-1), tile.number << 8 | s << 4, 1, crossing & ~below & ~bits(h > error))
+        defer(deferred, -1, tile.number << 8 | s << 4, 1, crossing & ~below & ~bits(h > error))
         count(counters, BELOW_HORIZON, popcount(below))
         put(tile.dead, s, below | under)

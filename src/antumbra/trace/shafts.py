@@ -271,7 +271,7 @@ def _fill_inverses(tile, s):
     reach = store_inverses(tile.inverses, _ROWS + 48 * s, rows(tile.origins, 0, 16), rows(tile.points, s * 48, 16))
     put(tile.inverses, _REACH + s, reach)
     ready = as_i32(tile.inverses)
-    put(ready, _READY, np.int64(get(ready, _READY)) | np.int64(1) << s)
+    put(ready, _READY, np.int64(get(ready, _READY)) | 1 << s)
 
 
 @inlined

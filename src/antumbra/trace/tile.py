@@ -179,12 +179,12 @@ def fetch_receivers(chunk, y0, x0):
 @kernel
 def load_receivers(chunk, y0, x0, tile):
     """Fill origins and faces. Return bits of the lanes with a receiver."""
-    valid, lane = np.int64(0), np.int64(0)
+    valid, lane = 0, 0
     for y in range(y0, y0 + chunk.shape.height):
         for x in range(x0, x0 + chunk.shape.width):
             at = y * chunk.query.w + x
             if y < chunk.query.h and x < chunk.query.w and np.int64(get(chunk.query.sides, at)) != NOTHING:
-                valid |= np.int64(1) << lane
+                valid |= 1 << lane
                 put(tile.origins, lane, get(chunk.query.origins, at * 3))
                 put(tile.origins, 16 + lane, get(chunk.query.origins, at * 3 + 1))
                 put(tile.origins, 32 + lane, get(chunk.query.origins, at * 3 + 2))
@@ -325,7 +325,7 @@ def read_bits(chunk, y0, x0, valid, tile, known):
     shift, word, absent = (
         np.uint64(chunk.first & 63),
         chunk.first >> 6,
-        ~((np.int64(1) << chunk.n_samples) - 1),
+        ~((1 << chunk.n_samples) - 1),
     )
     store(tile.dead, 0, splat16(np.int32(-1)))
     while valid != 0:
@@ -345,7 +345,7 @@ def write_bits(chunk, y0, x0, valid, tile, out):
     shift, word, known = (
         np.uint64(chunk.first & 63),
         chunk.first >> 6,
-        (np.int64(1) << chunk.n_samples) - 1,
+        (1 << chunk.n_samples) - 1,
     )
     if bits((load16(tile.dead, 0) & splat16(np.int32(valid))) != 0) & known == 0:
         return

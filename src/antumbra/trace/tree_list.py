@@ -80,13 +80,13 @@ def tree_list_pointers(tree_list):
 @inlined
 def _tile_of(tree_list, y, x):
     """The screen tile that contains pixel (y, x)."""
-    return y // tree_list.tile * tree_list.across + x // tree_list.tile if tree_list.tile > 0 else np.int64(0)
+    return y // tree_list.tile * tree_list.across + x // tree_list.tile if tree_list.tile > 0 else 0
 
 
 @inlined
 def list_of(tree_list, y, x, stratum):
     """(begin, end) in `items` of the trees for a stratum of the receivers near pixel (y, x)."""
-    number = _tile_of(tree_list, y, x) * tree_list.sets + (stratum if tree_list.sets > 1 else np.int64(0))
+    number = _tile_of(tree_list, y, x) * tree_list.sets + (stratum if tree_list.sets > 1 else 0)
     return np.int64(get(tree_list.starts, number)), np.int64(get(tree_list.starts, number + 1))
 
 
@@ -128,7 +128,7 @@ def tree_number(tree_list, i):
 @inlined
 def start_in(tree_list, k, slabs, alive):
     """The initial state of a traversal of tree k by the lanes in `alive` that meet its box; mask 0: none does."""
-    return Traversal(root_in(tree_list, k), np.int64(-1), children(tree_list.heads, k, slabs)[0] & alive, np.int64(0))
+    return Traversal(root_in(tree_list, k), -1, children(tree_list.heads, k, slabs)[0] & alive, 0)
 
 
 @inlined

@@ -238,7 +238,7 @@ def defer_triangles(deferred, tree, block, face, place, unsure):
         slot = np.int64(get(tree.slots, slot_at(block, lowest_bit(unsure))))
         unsure &= unsure - 1
         if get(tree.prim_ids, slot) != face:
-            defer(deferred, slot, place, 0, np.int64(1))
+            defer(deferred, slot, place, 0, 1)
 
 
 @kernel
@@ -268,7 +268,7 @@ def resolve_deferred(corners, chunk, tiles, pixels, deferred, counters):
         tile = tile_at(tiles, g, chunk)
         dead = np.int64(get(tile.dead, s))
         if dead >> lane & 1 == 0 and _is_blocked(corners, chunk, y0, x0, tile, slot, s, lane, counters):
-            put(tile.dead, s, dead | np.int64(1) << lane)
+            put(tile.dead, s, dead | 1 << lane)
     put(deferred, 0, 0)
 
 

@@ -184,7 +184,7 @@ def _keep_if_nearest(cell, lane, tree, k, slot):
 def _trace_block(tree, k, link, mask, cell):
     """Test the rays in `mask` against a block."""
     block, triangles = block_leaf(link)
-    numbers, present = ptr_at(tree.blocks, rows_at(block)), (np.int64(1) << triangles) - 1
+    numbers, present = ptr_at(tree.blocks, rows_at(block)), (1 << triangles) - 1
     while mask != 0:
         lane = lowest_bit(mask)
         mask &= mask - 1
@@ -192,23 +192,21 @@ def _trace_block(tree, k, link, mask, cell):
         hit, unsure = ray_meets(o, d, numbers, cell.cull_faces, get(cell.bundle.limits, lane))
         hit, unsure = hit & present, unsure & present
         if get(cell.span, lane) > 0.0 or get(cell.span, 16 + lane) < np.inf:
-            hit, unsure = np.int64(0), hit | unsure  # float32 cannot decide whether a hit lies within a span
+            hit, unsure = 0, hit | unsure  # float32 cannot decide whether a hit lies within a span
         while hit | unsure != 0:
             i = lowest_bit(hit | unsure)
             slot = np.int64(get(tree.slots, slot_at(block, i)))
             is_skipped = get(tree.prim_ids, slot) == get(cell.skip, lane)
             if not is_skipped and (hit >> i & 1 != 0 or _is_hit(cell, lane, tree.corners, slot)):
                 _keep_if_nearest(cell, lane, tree, k, slot)
-            hit, unsure = hit & ~(np.int64(1) << i), unsure & ~(np.int64(1) << i)
+            hit, unsure = hit & ~(1 << i), unsure & ~(1 << i)
 
 
 @kernel
 def _walk(tree, k, link, mask, slabs, cell, waiting):
     """Trace the rays in `mask` through the subtree at a link."""
     # In: tree, k, link, mask, slabs. Out: cell. Scratch: waiting.
-    at = next_block(
-        tree, slabs, NearestTraversal(link, mask, np.int64(0)), waiting, load16(cell.bundle.limits, 0), None
-    )
+    at = next_block(tree, slabs, NearestTraversal(link, mask, 0), waiting, load16(cell.bundle.limits, 0), None)
     while at.mask != 0:
         _trace_block(tree, k, at.link, at.mask, cell)
         at = next_block(tree, slabs, after_visit(at), waiting, load16(cell.bundle.limits, 0), None)
@@ -229,7 +227,7 @@ def _trace_cell(forest, begin, end, live, cell, waiting):
 @inlined
 def _cells_entering(forest, begin, end, cells):
     """Bits of the cells of a region whose shafts enter a part of a list before their rays' hits so far."""
-    far, met = load16(cells, FAR * 16), np.int64(0)
+    far, met = load16(cells, FAR * 16), 0
     live = bits(far >= _F(0.0))
     slabs = slabs_of(shafts_of(cells), live)
     for i in range(begin, end):
@@ -244,8 +242,8 @@ def _trace_region(forest, picture, rays, region, cells, cell, waiting):
     """Trace the cells of a region, and update their limits."""
     # In: forest, picture, region. In and out: rays, cells. Scratch: cell, waiting.
     y0, x0 = first_receiver(picture, region, 0)
-    begin, end = list_of(forest, y0, x0, np.int64(0))
-    met = _cells_entering(forest, begin, end, cells) if begin < end else np.int64(0)
+    begin, end = list_of(forest, y0, x0, 0)
+    met = _cells_entering(forest, begin, end, cells) if begin < end else 0
     while met != 0:
         g = lowest_bit(met)
         met &= met - 1

@@ -312,7 +312,7 @@ def _is_open(pairs, i):
 @kernel
 def _test_shafts(cells, lines, pairs, with_blocked):
     """Test the shafts of a region's cells, and write `pairs.met` and keys. Return bits of the cells that meet a box."""
-    far, any_ = load16(cells, FAR * 16), np.int64(0)
+    far, any_ = load16(cells, FAR * 16), 0
     if with_blocked:
         far = select(far >= BLOCKED, splat16(_F(1.0)), far)
     live = bits(far >= _F(0.0))
@@ -320,7 +320,7 @@ def _test_shafts(cells, lines, pairs, with_blocked):
         return any_
     slabs = slabs_of(shafts_of(cells), live)
     for i in range(pairs.first, pairs.end):
-        met = np.int64(0)
+        met = 0
         if _is_open(pairs, i):
             met, enters = _entered_children(lines, np.int64(get(pairs.rows, i)), slabs, far)
             met &= live
@@ -335,7 +335,7 @@ def _test_shafts(cells, lines, pairs, with_blocked):
 @kernel
 def _count_bundle(bundle, live, lines, pairs, g):
     """Count the rays of a bundle of cell g. Return the number of pairs that met the cell's shaft and are still open."""
-    slabs, far, n_open = slabs_in(bundle, live), load16(bundle.limits, 0), np.int64(0)
+    slabs, far, n_open = slabs_in(bundle, live), load16(bundle.limits, 0), 0
     for i in range(pairs.first, pairs.end):
         if np.int64(get(pairs.met, i)) >> g & 1 != 0 and _is_open(pairs, i):
             met = _entered_children(lines, np.int64(get(pairs.rows, i)), slabs, far)[0] & live

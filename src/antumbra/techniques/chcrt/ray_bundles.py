@@ -114,7 +114,7 @@ def ends_of(query: ShadowQuery, first: int, count: int) -> Ends:
 @kernel
 def _bound_receivers(query, picture, corner):
     """The box of a cell's receivers, and their number."""
-    (low, high), n = nothing_yet(), np.int64(0)
+    (low, high), n = nothing_yet(), 0
     for lane in range(16):
         y, x, inside = receiver_in(picture, corner, lane)
         if inside and query.sides[y, x] != NOTHING:
@@ -220,7 +220,7 @@ def _load_segment_bundle(source, picture, corner, s, k, with_blocked, bundle):
 @kernel
 def _load_segments(source, picture, corner, sample, with_blocked, bundle):
     """`load_bundle` of segments: the vector from each receiver to a sample, rounded once, as in the tracers."""
-    query, live = query_pointers(source.query), np.int64(0)
+    query, live = query_pointers(source.query), 0
     for lane in range(16):
         y, x, active = receiver_in(picture, corner, lane)
         i = y * query.w + x
@@ -355,7 +355,7 @@ def _load_ray(rays, picture, corner, lane, bundle):
 @kernel
 def load_rays(rays, picture, corner, bundle):
     """Fill the bundle of a cell. Return bits of its active rays."""
-    live = np.int64(0)
+    live = 0
     for lane in range(16):
         live |= np.int64(_load_ray(rays, picture, corner, lane, bundle)) << lane
     d = rows(bundle.rays, 48, 16)
@@ -418,7 +418,7 @@ def _bound_pass(ticket, picture, rays, cells):
         for g in range(16):
             corner = first_receiver(picture, region, g)
             inside = corner[0] < picture.h and corner[1] < picture.w
-            live = load_rays(rays, picture, corner, bundle) if inside else np.int64(0)
+            live = load_rays(rays, picture, corner, bundle) if inside else 0
             if live == 0:
                 no_cell(out, g)
             else:
@@ -463,7 +463,7 @@ def _load_camera_bundle(source, picture, corner, s, k, with_blocked, bundle):
 @kernel
 def _load_camera_rays(source, picture, corner, bundle):
     """`load_bundle` of a camera."""
-    rays, live = source.rays, np.int64(0)
+    rays, live = source.rays, 0
     for lane in range(16):
         y, x, inside = receiver_in(picture, corner, lane)
         d = pixel_direction(rays, x, y)

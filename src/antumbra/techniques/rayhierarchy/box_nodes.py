@@ -497,7 +497,7 @@ def _covered_boxes(group, row, ways, among):
     u = (load16(group, 0) >= number16(row, BOX)) & (load16(group, ways) <= number16(row, BOX + 1))
     v = (load16(group, 2 * ways) >= number16(row, BOX + 2)) & (load16(group, 3 * ways) <= number16(row, BOX + 3))
     if bits(u & v) & among == 0 or integer(row, COVERS) == 0:  # early exit: few nodes lie in a triangle's box
-        return np.int64(0)
+        return 0
     inside = _inside(group, row, INNER, ways) & _inside(group, row, INNER + 4, ways)
     return bits(inside & _inside(group, row, INNER + 8, ways) & _inside(group, row, INNER + 12, ways)) & among
 

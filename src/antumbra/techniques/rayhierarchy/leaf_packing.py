@@ -87,10 +87,10 @@ def _fill_block(query_bits, ids, lanes, blocks, block):
 @kernel
 def _fill(ticket, query, order, starts, bits, arrays, lanes_of):
     """Worker: fill blocks with consecutive receivers of the order; starts: each face's first block."""
-    query_bits, part, places = query_bits_of(query, bits), np.int64(0), stack_i32(16)
+    query_bits, part, places = query_bits_of(query, bits), 0, stack_i32(16)
     blocks, ways = block_pointers(arrays), np.int64(arrays.ways)
     for block in items(ticket):
-        part = part if starts[part] <= block else np.int64(0)
+        part = part if starts[part] <= block else 0
         while starts[part + 1] <= block:
             part += 1
         at = order.starts[part] + (block - starts[part]) * ways
@@ -99,7 +99,7 @@ def _fill(ticket, query, order, starts, bits, arrays, lanes_of):
             for lane in range(n):
                 put(places, lane, get(ids, lane))
             ids = places
-        lanes = bits_of(load16(ids, 0) >= np.int32(0)) & (np.int64(1) << n) - 1
+        lanes = bits_of(load16(ids, 0) >= np.int32(0)) & (1 << n) - 1
         put(lanes_of, block, lanes)
         _fill_block(query_bits, ids, lanes, blocks, block)
 
@@ -171,7 +171,7 @@ def _beyond_gap(x, lanes, extent):
     """Bits of the lanes beyond a gap wider than half of the extent, which contains its middle; 0: no gap."""
     beyond = bits_of(x > (extent[0] + extent[1]) * _HALF) & lanes
     gap = _extent(x, beyond)[0] - _extent(x, lanes & ~beyond)[1]
-    return beyond if gap > (extent[1] - extent[0]) * _HALF else np.int64(0)
+    return beyond if gap > (extent[1] - extent[0]) * _HALF else 0
 
 
 @kernel
@@ -199,7 +199,7 @@ def _groups(face, places, lanes, groups, centres):
 
     face : pointer to 16 int32; places: to 32 float32, u and v; groups: to 32 int32, bits and faces
     """
-    n, i = np.int64(lanes != 0), np.int64(0)
+    n, i = np.int64(lanes != 0), 0
     put(groups, 0, lanes)
     while i < n:
         group = np.int64(get(groups, i))

@@ -303,7 +303,7 @@ def _light_side(query_bits, view, face):
     """The side of a triangle's plane that all segment ends of the receivers near it are on; 0: unknown."""
     z = np.float64(0.0)
     if view.kind == AROUND:
-        return np.int64(0)
+        return 0
     at = (view.x, view.y, view.z) if view.kind == PERSPECTIVE else (z, z, z)
     p, n, error = plane(query_bits.query.corners, face, z, z, z)
     length = np.sqrt(dot(n, n)) * _MORE
@@ -311,12 +311,12 @@ def _light_side(query_bits, view, face):
         to = at[0] - p[0], at[1] - p[1], at[2] - p[2]
         h, slack = dot(n, to), view.radius / view.unit * length + error * max_magnitude(to)
     elif view.scale > 64.0 * view.unit * _distance(query_bits):  # rounding of ends is significant
-        return np.int64(0)
+        return 0
     else:
         h, slack = dot(n, view.w), (view.radius + _SLANT) * length + error
     if not abs(h) > slack:
-        return np.int64(0)
-    return np.int64(1) if h > z else np.int64(-1)
+        return 0
+    return 1 if h > z else -1
 
 
 @inlined
@@ -385,7 +385,7 @@ def _sides_of(query_bits, samples, ids, lanes, sides):
 @kernel
 def _active_below_plane(query_bits, view, samples, ids, lanes, counters):
     """`active_receivers` for receivers that their triangle's plane separates from the light, tested one by one."""
-    active, below = np.int64(0), np.int64(0)
+    active, below = 0, 0
     while lanes != 0:
         lane, i = lanes & -lanes, np.int64(get(ids, lowest_bit(lanes)))
         lanes ^= lane
@@ -408,18 +408,18 @@ def active_receivers(query_bits, view, samples, ids, lanes, last, counters):
     scratch = stack_i32(16)
     _sides_of(query_bits, samples, ids, lanes, scratch)
     sides = load16(scratch, 0)
-    valid, active = bits(sides != np.int32(NOTHING)), np.int64(0)
+    valid, active = bits(sides != np.int32(NOTHING)), 0
     count(counters, RAYS, samples.n_samples * popcount(valid))
     faces = gather(query_bits.query.faces, load16(ids, 0))
     store(scratch, 0, faces)
     while valid != 0:  # one triangle at a time
-        face, lane, known = np.int64(get(scratch, lowest_bit(valid))), valid & -valid, np.int64(0)
+        face, lane, known = np.int64(get(scratch, lowest_bit(valid))), valid & -valid, 0
         if face >= 0:
             known = _cached_light_side(query_bits, view, face, last)
         if known == 0:
             valid ^= lane
             i = np.int64(get(ids, lowest_bit(lane)))
-            active |= lane if _is_active(query_bits, samples, i, counters) else np.int64(0)
+            active |= lane if _is_active(query_bits, samples, i, counters) else 0
         else:
             same = valid & bits(faces == np.int32(face))
             valid ^= same

@@ -201,7 +201,7 @@ def _fill_ends(ticket, query, bits, rays):
     """Worker: write the segment ends of each block's receivers. Empty lanes repeat the ends of another lane."""
     query_bits, leaves, ways = query_bits_of(query, bits), leaves_of(rays), np.int64(rays.ways)
     for block in items(ticket):
-        some_id = np.int64(-1)
+        some_id = -1
         for lane in range(ways):
             some_id = max(some_id, np.int64(get(leaves.ids, block * ways + lane)))
         for lane in range(ways if some_id >= 0 else 0):
@@ -224,16 +224,16 @@ def _fill_common(query, leaf, bits, rays):
     """Write the ends that all receivers share, computed for one receiver of a leaf."""
     query_bits, leaves = query_bits_of(query, bits), leaves_of(rays)
     lane = lowest_bit(np.int64(get(leaves.lanes, leaf)) | 1 << 15) & leaves.ways - 1
-    i = max(np.int64(get(leaves.ids, block_of(leaves, leaf) * leaves.ways + lane)), np.int64(0))
+    i = max(np.int64(get(leaves.ids, block_of(leaves, leaf) * leaves.ways + lane)), 0)
     for lane in range(rays.ways):
-        _fill_lane(query_bits, i, leaves, np.int64(0), lane)
+        _fill_lane(query_bits, i, leaves, 0, lane)
 
 
 @inlined
 def _fill_leaf(query_bits, leaves, leaf):
     """Mark the segments of a leaf that are dead before the traversal."""
     lanes = np.int64(get(leaves.lanes, leaf))
-    others = ~lanes & (np.int64(1) << leaves.ways) - 1
+    others = ~lanes & (1 << leaves.ways) - 1
     if leaves.n_samples == 1:  # all receivers of a leaf are active, so their only sample is live
         put(leaves.dead, leaf, others)
         return
@@ -322,7 +322,7 @@ def write_bits(rays: LeafRays, bits: NDArray[np.uint64], threads: int) -> None:
 @kernel
 def _exactly_blocked(leaves, block, ends, corners, slot, facing, unsure, counters):
     """Bits of the `unsure` lanes that the triangle blocks: an exact test where float32 was undecided."""
-    blocked, o = np.int64(0), ptr_at(leaves.origins, 3 * block * leaves.ways)
+    blocked, o = 0, ptr_at(leaves.origins, 3 * block * leaves.ways)
     while unsure != 0:
         lane = lowest_bit(unsure)
         unsure &= unsure - 1
@@ -332,7 +332,7 @@ def _exactly_blocked(leaves, block, ends, corners, slot, facing, unsure, counter
         )  # fmt: skip
         side = settle(ray, corners, slot, counters)
         if side != 0 and side != facing:
-            blocked |= np.int64(1) << lane
+            blocked |= 1 << lane
     return blocked
 
 
@@ -352,8 +352,8 @@ def block_rays(leaves, leaf, corners, slot, triangle, prim, facing, counters):
     triangle : the result of `triangle_in`
     prim : the triangle's id; it does not block receivers that lie on it
     """
-    ways, block, all_lanes = leaves.ways, block_of(leaves, leaf), (np.int64(1) << leaves.ways) - 1
-    marks, first = ptr_at(leaves.dead, leaf * leaves.n_samples), np.int64(0)
+    ways, block, all_lanes = leaves.ways, block_of(leaves, leaf), (1 << leaves.ways) - 1
+    marks, first = ptr_at(leaves.dead, leaf * leaves.n_samples), 0
     while first < leaves.n_samples and np.int64(get(marks, first)) == all_lanes:
         first += 1
     if first == leaves.n_samples:

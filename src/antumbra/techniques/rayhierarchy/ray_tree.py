@@ -119,7 +119,7 @@ def _bound(ticket, arrays, beam, rays, part, level):
     below = groups_of(tree, part, max(level - 1, 0))
     face, first_leaf = get(tree.faces, part), get(tree.leaves, part)
     for g in items(ticket):
-        group, alive = group_at(tree, start + g), np.int64(0)
+        group, alive = group_at(tree, start + g), 0
         for lane in range(min(ways, n - g * ways)):
             i = g * ways + lane
             if level == 0:
@@ -130,7 +130,7 @@ def _bound(ticket, arrays, beam, rays, part, level):
                 if known:
                     bound_node(tree.nodes, group_at(tree, below + i), live, ways, group, lane)
             if known:
-                alive |= np.int64(1) << lane
+                alive |= 1 << lane
         put(tree.alive, start + g, alive)
 
 

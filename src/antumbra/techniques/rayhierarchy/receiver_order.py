@@ -141,7 +141,7 @@ def at_apex(view, d):
     """Bits of the lanes whose receivers lie exactly at the apex; their segments are points that nothing can block."""
     zero = np.float32(0.0)
     exact = view.kind == PERSPECTIVE and view.radius == 0.0
-    return bits_of((d.x == zero) & (d.y == zero) & (d.z == zero)) if exact else np.int64(0)
+    return bits_of((d.x == zero) & (d.y == zero) & (d.z == zero)) if exact else 0
 
 
 @inlined
@@ -163,7 +163,7 @@ def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
         n = 0
         for i in range(first, end, 16):
             store(ids, 0, minimum(np.int32(i) + iota16(), np.int32(ticket[N] - 1)))
-            lanes = (np.int64(1) << min(16, ticket[N] - i)) - 1
+            lanes = (1 << min(16, ticket[N] - i)) - 1
             d = relative16(view, origins_of(query_bits, load16(ids, 0)))
             active = active_receivers(query_bits, view, samples, ids, lanes, last, thread_counters) & ~at_apex(view, d)
             face, u, v = places_on(view, scale, d)

@@ -207,7 +207,7 @@ def shape_of(view, a, b, c):
     """The `Shape` of the triangle with these corners, float64, in the beam's frame."""
     if view.kind == AROUND:  # segments have all directions, so no plane is known
         none = unknown_plane(), unknown_plane(), unknown_plane(), unknown_plane()
-        return Shape(a, b, c, none, none, False, np.int64(0))
+        return Shape(a, b, c, none, none, False, 0)
     plane, facing = _own_plane(view, a, b, c)
     outer0, inner0, known0 = _edge(view, a, b, c)
     outer1, inner1, known1 = _edge(view, b, c, a)

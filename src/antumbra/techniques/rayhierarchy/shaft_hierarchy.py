@@ -270,10 +270,10 @@ def _is_blocked(origins, ends, ways, own_prim, lane, soup, clusters, facing, uni
 def _block_rays(leaves, leaf, soup, clusters, facing, unit, counters):
     """Mark the segments of a leaf that the clusters block as dead; True if all are dead now. A lane has one segment."""
     ways = leaves.ways
-    live = ~np.int64(get(leaves.dead, leaf)) & (np.int64(1) << ways) - 1
+    live = ~np.int64(get(leaves.dead, leaf)) & (1 << ways) - 1
     if live == 0:
         return True
-    block, blocked, box = block_of(leaves, leaf), np.int64(0), clusters.box
+    block, blocked, box = block_of(leaves, leaf), 0, clusters.box
     o, points = origins_in(leaves, block), ends_in(leaves, leaf, block)
     d = subtract3(rows(points, 0, ways), o)
     count(counters, BOX_TESTS, 1)
@@ -284,7 +284,7 @@ def _block_rays(leaves, leaf, soup, clusters, facing, unit, counters):
         candidates &= candidates - 1
         own_prim = np.int64(get(leaves.own, block * ways + lane))
         if _is_blocked(origins, points, ways, own_prim, lane, soup, clusters, facing, unit, counters):
-            blocked |= np.int64(1) << lane
+            blocked |= 1 << lane
     if blocked != 0:
         atomic_or(leaves.dead, leaf, blocked)
     return live == blocked

@@ -169,7 +169,7 @@ def _kill_below(tree, part, level, node, leaves):
         start = groups_of(tree, part, k)
         for g in range(low >> tree.shift, (high + tree.ways - 1) >> tree.shift):
             put(tree.alive, start + g, 0)
-    all_lanes = (np.int64(1) << tree.ways) - 1
+    all_lanes = (1 << tree.ways) - 1
     first = get(tree.leaves, part)
     for i in range((first + low) * leaves.n_samples, (first + high) * leaves.n_samples):
         put(leaves.dead, i, all_lanes)
@@ -181,7 +181,7 @@ def _kill(tree, part, level, node, leaves):
     if level >= 0:
         _kill_below(tree, part, level, node, leaves)
     while level < get(tree.heights, part):
-        group, bit = groups_of(tree, part, level) + (node >> tree.shift), np.int64(1) << (node & (tree.ways - 1))
+        group, bit = groups_of(tree, part, level) + (node >> tree.shift), 1 << (node & (tree.ways - 1))
         if np.int64(atomic_and(tree.alive, group, ~bit)) & ~bit != 0:
             return
         node >>= tree.shift
@@ -191,7 +191,7 @@ def _kill(tree, part, level, node, leaves):
 @kernel
 def finish(tree, leaf, leaves):
     """Mark a leaf as finished: its rays need no further tests. The hierarchy must have one part."""
-    _kill(tree, np.int64(0), np.int64(0), leaf, leaves)
+    _kill(tree, 0, 0, leaf, leaves)
 
 
 @kernel
@@ -246,7 +246,7 @@ def _process_queue(tree, part, level, leaves, rows, queues, how, counters):
 @kernel
 def _test_rays(tree, part, leaves, soup, rows, queues, how, counters):
     """Test the rays of the queued leaves, and prefetch later leaves."""
-    first, slot, triangle = get(tree.leaves, part), np.int64(-1), triangle_in(soup.corners, 0)
+    first, slot, triangle = get(tree.leaves, part), -1, triangle_in(soup.corners, 0)
     for i in range(np.int64(get(queues.counts, 0)) - 1, -1, -1):
         fetch_leaf(leaves, first + np.int64(get(queues.groups, max(i - _AHEAD, 0))))
         node, last = np.int64(get(queues.groups, i)), slot
@@ -256,14 +256,14 @@ def _test_rays(tree, part, leaves, soup, rows, queues, how, counters):
         prim = np.int64(get(soup.ids, slot))
         finished = block_rays(leaves, first + node, soup.corners, slot, triangle, prim, how.facing, counters)
         if finished and how.early_accept:
-            _kill(tree, part, np.int64(0), node, leaves)
+            _kill(tree, part, 0, node, leaves)
     put(queues.counts, 0, 0)
 
 
 @kernel
 def traverse_queues(tree, part, leaves, soup, rows, queues, how, counters):
     """Traverse the hierarchy of one face with the queued triangles, down to its rays."""
-    queue, last = np.int64(0), get(tree.heights, part)
+    queue, last = 0, get(tree.heights, part)
     while queue <= last:
         if queue > 0:
             _process_queue(tree, part, queue - 1, leaves, rows, queues, how, counters)
@@ -291,14 +291,14 @@ def _write_row(tree, parts, view, soup, slot, how, row, lane, face_lanes):
             put_integer(numbers, TRIANGLE, slot)
             if how.facing != 0 and shape.facing != -how.facing:
                 put_integer(numbers, COVERS, 0)
-            put(face_lanes, part, np.int64(get(face_lanes, part)) | np.int64(1) << lane)
+            put(face_lanes, part, np.int64(get(face_lanes, part)) | 1 << lane)
 
 
 @kernel
 def write_rows(tree, parts, view, soup, slots, n, how, rows, face_lanes):
     """Write the rows of n <= 16 triangles for each face; `face_lanes`: bits of those that may block a ray."""
     if view.kind == PERSPECTIVE and view.radius == 0.0 and writes_sixteen(tree.nodes):
-        lanes = (np.int64(1) << n) - 1
+        lanes = (1 << n) - 1
         step = BATCH * NUMBERS
         write_point_rows(view, tree.faces, parts, tree.ways, slots, soup.corners, lanes, how, rows, step, face_lanes)
         return
@@ -315,14 +315,14 @@ def _start(tree, part, block, lanes, union):
 
     It is the deepest group that contains all nodes that the triangles meet.
     """
-    level, g = get(tree.heights, part) - 1, np.int64(0)
+    level, g = get(tree.heights, part) - 1, 0
     if not union_of(tree.nodes, block, lanes, union):
         return level, g
     while True:
         group = groups_of(tree, part, level) + g
         met = meet_union(tree.nodes, group_at(tree, group), union, tree.ways) & np.int64(get(tree.alive, group))
         if met == 0:
-            return level, np.int64(-1)
+            return level, -1
         if level == 0 or met & (met - 1) != 0:
             return level, g
         level, g = level - 1, g * tree.ways + lowest_bit(met)

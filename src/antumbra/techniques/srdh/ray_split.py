@@ -178,7 +178,7 @@ def _copy_ray(source, i, target, size, axis, origin, factor, limit, is_left):
     """Append ray i, with its hits on one side of a split, to a child's set, and return the set's new `SetSize`."""
     # In: source, `RayHitSetPointers`; size, `SetSize` of the set; axis to limit, the split; is_left, side of the child
     # Out: target, the child's `RayHitSetPointers`
-    at, hit, n = size.rays * RAY, size.hits, np.int64(0)
+    at, hit, n = size.rays * RAY, size.hits, 0
     store(target.rays, at, load8(source.rays, i * RAY))
     first = np.int64(get(source.words, i * RAY + 6))
     for k in range(first, first + get(source.words, i * RAY + 7)):
@@ -202,9 +202,9 @@ def divide_rays(source, n, mapping, choice, boxes, left, right):
     axis, limit, order = choice.split.axis, np.float32(choice.split.place), choice.order
     origin, factor = extract(mapping.origin, axis), extract(mapping.factor, axis)
     left_box, right_box = boxes, ptr_at(boxes, 8)
-    left_size, right_size = SetSize(np.int64(0), np.int64(0)), SetSize(np.int64(0), np.int64(0))
+    left_size, right_size = SetSize(0, 0), SetSize(0, 0)
     for i in range(n):
-        ray, below = ray_at(source.rays, i), np.int64(0)
+        ray, below = ray_at(source.rays, i), 0
         first, count = np.int64(get(source.words, i * RAY + 6)), np.int64(get(source.words, i * RAY + 7))
         for k in range(first, first + count):
             below += np.int64((get(source.hits, k * HIT + axis) - origin) * factor < limit)
@@ -293,19 +293,19 @@ def bound_sides(bins, n_bins, sides):
     """Fill `RangeSides` from the bins of a range, padded with empty sides to a multiple of LANES."""
     scratch, end = stack_f32(8), (n_bins + LANES - 1) // LANES * LANES
     for axis in range(3):
-        base, box, count = axis * n_bins, splat8(INF), np.int64(0)
+        base, box, count = axis * n_bins, splat8(INF), 0
         for k in range(n_bins):
             _put_side(sides, 2 * axis, k, box, count, scratch)
             box = minimum(box, load8(bins.boxes, (base + k) * 8))
             count += get(bins.counts, base + k)
-        box, count = splat8(INF), np.int64(0)
+        box, count = splat8(INF), 0
         for k in range(n_bins - 1, -1, -1):
             box = minimum(box, load8(bins.boxes, (base + k) * 8))
             count += get(bins.counts, base + k)
             _put_side(sides, 2 * axis + 1, k, box, count, scratch)
         for k in range(n_bins, end):
-            _put_side(sides, 2 * axis, k, splat8(INF), np.int64(0), scratch)
-            _put_side(sides, 2 * axis + 1, k, splat8(INF), np.int64(0), scratch)
+            _put_side(sides, 2 * axis, k, splat8(INF), 0, scratch)
+            _put_side(sides, 2 * axis + 1, k, splat8(INF), 0, scratch)
 
 
 @inlined
@@ -386,7 +386,7 @@ def _count_places(places, axis, first, last, lowest, highest):
 @inlined
 def _count_visits(visits, axis, first, last, lowest, highest, closer):
     """Count the planes at which a ray visits each side if the closer, or the farther, child comes first."""
-    at, all_ = axis * 4 * BINS, (np.int64(1) << BINS) - 1
+    at, all_ = axis * 4 * BINS, (1 << BINS) - 1
     enters_left, enters_right = (all_ << first) & all_, all_ >> (BINS - 1 - last)
     clear_left, clear_right = all_ >> (BINS - 1 - min(lowest, BINS - 1)), (all_ << (highest + 1)) & all_
     _add_lanes(visits, at + _LEFT_NEAR * BINS, enters_left & (closer | clear_right))
@@ -398,7 +398,7 @@ def _count_visits(visits, axis, first, last, lowest, highest, closer):
 @kernel
 def count_rays(rays, n, mapping, sides, kernels, counts):
     """Count n rays at all planes, and return the number of their hits."""
-    lowest, highest, n_hits, n_bins = stack_i32(4), stack_i32(4), np.int64(0), mapping.n_bins
+    lowest, highest, n_hits, n_bins = stack_i32(4), stack_i32(4), 0, mapping.n_bins
     for k in range(_PLACES):
         put(counts.places, k, 0)
     if kernels & DISTANCE:
@@ -415,7 +415,7 @@ def count_rays(rays, n, mapping, sides, kernels, counts):
             low, high = np.int64(get(lowest, axis)), np.int64(get(highest, axis))
             left_planes = _entered(sides.boxes, 2 * axis, ray, near_rows, far_rows, n_bins)
             right_planes = _entered(sides.boxes, 2 * axis + 1, ray, near_rows, far_rows, n_bins)
-            first = min(lowest_bit(left_planes | np.int64(1) << BINS), low + 1)
+            first = min(lowest_bit(left_planes | 1 << BINS), low + 1)
             last = max(highest_bit(right_planes | 1), high)
             _count_places(counts.places, axis, first, last, low, high)
             if kernels & DISTANCE:

@@ -173,8 +173,8 @@ def _children_entered(nodes, node, ray):
 def _leaf(bvh, link, met, ray):
     """(triangle count of a leaf, 1 if the ray hits one of them); `met`: the last ray that hit each triangle."""
     if link == EMPTY:
-        return np.int64(0), np.int64(0)
-    leaf, hit = bvh_leaf(link), np.int64(0)
+        return 0, 0
+    leaf, hit = bvh_leaf(link), 0
     for slot in range(leaf.first, leaf.first + leaf.count):
         hit |= np.int64(met[bvh.prim_ids[slot]] == ray)
     return leaf.count, hit
@@ -186,7 +186,7 @@ def _weigh(bvh, box_ray, i, met, frames, gains):
     nodes = ptr(bvh.nodes)
     frames.node[0], frames.side[0], frames.comes[0] = 0, 0, 1
     frames.entered[0] = _children_entered(nodes, 0, box_ray)
-    depth, cost, hit = 0, np.int64(0), np.int64(0)  # cost, hit: of the last completed child
+    depth, cost, hit = 0, 0, 0  # cost, hit: of the last completed child
     while depth >= 0:
         node, side = frames.node[depth], frames.side[depth]
         if side == 1:
@@ -200,7 +200,7 @@ def _weigh(bvh, box_ray, i, met, frames, gains):
             depth -= 1
             continue
         frames.side[depth] += 1
-        cost, hit = np.int64(1), np.int64(0)
+        cost, hit = 1, 0
         if not frames.entered[depth] >> side & 1:
             continue
         link = np.int64(bvh.links[node, LINK + side])
@@ -326,7 +326,7 @@ def _divide_sets(ticket, level, sides, sets, spans, orders, out, children):
     boxes = stack_f32(16)
     for r in items(ticket):
         split = Split(level.splits[r, 0], level.splits[r, 1], np.float32(0.0))
-        low, high = SetSize(np.int64(0), np.int64(0)), SetSize(np.int64(0), np.int64(0))
+        low, high = SetSize(0, 0), SetSize(0, 0)
         if split.axis >= 0 and spans[r, N_RAYS] > 0:
             store(boxes, 0, load8(ptr(sides), r * 32))
             store(boxes, 8, load8(ptr(sides), r * 32 + 16))
@@ -498,7 +498,7 @@ def _grow_with_rays(source, part, settings, s, out):
     """`top_down.build_subtree` from node 1 on, for ray set s; returns the index of the next free node."""
     ranges, spans = Ranges(stack_i32(_NUMBERS), stack_f32(_BOXES)), stack_array(np.int64, _WAITING, 4)
     plain, records, boxes = Settings(settings.max_leaf, settings.scale), source.records, stack_f32(16)
-    next_node, waiting = np.int64(1), _first_set(settings, s, ptr_at(source.bins.boxes, BIN_WORDS))
+    next_node, waiting = 1, _first_set(settings, s, ptr_at(source.bins.boxes, BIN_WORDS))
     spans[0, 0], spans[0, 1], spans[0, 2], spans[0, 3] = 0, 0, settings.spans[s, 1], settings.spans[s, 3]
     height = push_range(ranges, 0, part, LINK)
     while height > 0:

@@ -76,7 +76,7 @@ class Scratch(NamedTuple):
 @inlined
 def _power_of_two(n):
     """The least power of two that is at least n."""
-    power = np.int64(1)
+    power = 1
     while power < n:
         power *= 2
     return power
@@ -108,7 +108,7 @@ def lane_strata(lanes, bundle):
     """Bits of the strata in the groups `lanes` (bits) of a tile."""
     if bundle.strata == 1:
         return lanes
-    ones, strata = (np.int64(1) << bundle.strata) - 1, np.int64(0)
+    ones, strata = (1 << bundle.strata) - 1, 0
     while lanes != 0:
         strata |= ones << (lowest_bit(lanes) * bundle.strata)
         lanes &= lanes - 1
@@ -118,10 +118,10 @@ def lane_strata(lanes, bundle):
 @inlined
 def finished_groups(tile, valid, bundle):
     """Bits of the groups to which all segments from `valid` receivers (bits) are blocked."""
-    strata, ones, groups = finished_strata(tile, valid), (np.int64(1) << bundle.strata) - 1, np.int64(0)
+    strata, ones, groups = finished_strata(tile, valid), (1 << bundle.strata) - 1, 0
     for q in range(bundle.groups):
         if (strata >> (q * bundle.strata)) & ones == ones:
-            groups |= np.int64(1) << q
+            groups |= 1 << q
     return groups
 
 
@@ -171,8 +171,8 @@ def _tile_group_leaf(tree, link, strata, chunk, scratch, counters):
     live = tiles_by_beams(tile_group, ptr_at(tree.bounds, bounds_at(block)), strata, chunk)
     if live < 0:
         trace_tile_group(tile_group, tree, block, triangles, strata, chunk, scratch.work, scratch.deferred, counters)
-        live = np.int64(0)
-    changed = np.int64(0)
+        live = 0
+    changed = 0
     while live != 0:
         g = lowest_bit(live)
         live &= live - 1
@@ -181,7 +181,7 @@ def _tile_group_leaf(tree, link, strata, chunk, scratch, counters):
         before = load16(tile.dead, 0)
         _trace_tile(tree, link, tile, valid, strata, chunk, scratch, counters)
         if bits(load16(tile.dead, 0) != before) != 0:
-            changed |= np.int64(1) << g
+            changed |= 1 << g
     if changed != 0:
         copy_from_tiles(tile_group, changed, chunk)
     return finished(tile_group)
@@ -192,7 +192,7 @@ def _leaf(tree, link, mask, chunk, bundle, scratch, counters):
     """Test a block against the lanes in `mask`. Return bits of the lanes whose segments are all blocked."""
     if bundle.is_tile_group:
         return _tile_group_leaf(tree, link, mask, chunk, scratch, counters)
-    done, all_groups = np.int64(0), (np.int64(1) << bundle.groups) - 1
+    done, all_groups = 0, (1 << bundle.groups) - 1
     for slot in range(bundle.tiles):
         groups = mask >> (slot * bundle.groups) & all_groups
         if groups != 0:
@@ -248,7 +248,7 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
     link, mask = np.int64(get(scratch.at, WAITING)), np.int64(get(scratch.at, WAITING + 1))
     known = np.int64(N_BLOCKERS)
     if at.place == -1:
-        known = np.int64(0)
+        known = 0
         if get(scratch.at, BLOCKERS) != get(scratch.at, TREE):
             reset_blockers(scratch, np.int64(get(scratch.at, TREE)))
     while True:
@@ -271,10 +271,10 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
             return not_started(), alive
         if known < N_BLOCKERS:
             link = np.int64(get(scratch.at, BLOCKERS + 1 + known))
-            mask = alive if is_leaf(link) else np.int64(0)
+            mask = alive if is_leaf(link) else 0
             known += 1
         else:
-            link, mask = at.link, at.mask if block_leaf(at.link).count != 0 else np.int64(0)
+            link, mask = at.link, at.mask if block_leaf(at.link).count != 0 else 0
             at = after_leaf(at)
 
 
@@ -291,7 +291,7 @@ def trace_lanes(tree_list, y, x, alive, chunk, bundle, scratch, counters):
 
     Deferred tests are settled when their memory runs low, before a tree with separate arrays, and at the end.
     """
-    i, end = list_of(tree_list, y, x, np.int64(0))
+    i, end = list_of(tree_list, y, x, 0)
     save(scratch.at, not_started())
     put(scratch.at, WAITING + 1, 0)
     put(scratch.at, TREE, 0)

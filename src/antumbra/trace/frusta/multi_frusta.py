@@ -106,7 +106,7 @@ def _fill_slot(chunk, bundle, slot, g, scratch):
     tile = tile_at(scratch.tiles, g, chunk)
     put(scratch.slots, slot, g)
     fill_lanes(slot, tile, bundle, scratch.lanes)
-    groups = ~finished_groups(tile, np.int64(get(scratch.valid, g)), bundle) & ((np.int64(1) << bundle.groups) - 1)
+    groups = ~finished_groups(tile, np.int64(get(scratch.valid, g)), bundle) & ((1 << bundle.groups) - 1)
     return groups << (slot * bundle.groups)
 
 
@@ -117,7 +117,7 @@ def _bundle_separate(numbers, chunk, scratch):
     Return (bundle, bits of its live lanes, bits of the tiles left).
     """
     n = min(popcount(numbers), max(_INTERLEAVED, tiles_to_fill(chunk.n_samples)))
-    bundle, alive = bundle_of(n, chunk.n_samples), np.int64(0)
+    bundle, alive = bundle_of(n, chunk.n_samples), 0
     for slot in range(n):
         alive |= _fill_slot(chunk, bundle, slot, lowest_bit(numbers), scratch)
         numbers &= numbers - 1
@@ -129,19 +129,19 @@ def _bundle_together(members, chunk, scratch, counters):
     """Make a `Bundle` of a tile group of `members` (bits). Return (bundle, bits of its live lanes)."""
     count(counters, TILE_GROUP_TILES, popcount(members))
     put(scratch.slots, 0, lowest_bit(members))
-    bundle, tile_group = Bundle(np.int64(1), np.int64(STRATA), np.int64(1), True), tile_group_of(scratch, chunk)
+    bundle, tile_group = Bundle(1, np.int64(STRATA), 1, True), tile_group_of(scratch, chunk)
     make_tile_group(tile_group, members, chunk)
-    fill_lanes(np.int64(0), tile_group.union, bundle, scratch.lanes)
+    fill_lanes(0, tile_group.union, bundle, scratch.lanes)
     return bundle, ~finished(tile_group) & 0xFFFF
 
 
 @inlined
 def _trace_parts(tree_list, n, chunk, scratch, known, counters):
     """Trace n tiles whose receivers are loaded; a tile group, if they form one, is traced first."""
-    (y, x), live = first_pixel(scratch.places, 0), np.int64(0)
+    (y, x), live = first_pixel(scratch.places, 0), 0
     for g in range(n):
         if _start_tile(chunk, g, scratch, tree_list.fresh, known, counters):
-            live |= np.int64(1) << g
+            live |= 1 << g
     grouping, before = choose_group(chunk, scratch.tiles, live, scratch.trials), work_of(counters)
     members, separate = grouping.members, live & ~grouping.members
     while members | separate != 0:
@@ -150,7 +150,7 @@ def _trace_parts(tree_list, n, chunk, scratch, known, counters):
         else:
             bundle, alive, separate = _bundle_separate(separate, chunk, scratch)
         trace_lanes(tree_list, y, x, alive, chunk, bundle, scratch, counters)
-        members = np.int64(0)
+        members = 0
     record_costs(scratch.trials, grouping, work_of(counters) - before, live)
 
 
@@ -179,7 +179,7 @@ def _trace_areas(ticket, arrays, query, table, shape, layout, regions, k, n_samp
         y, x = corner_of(layout, at * regions)
         idle = is_idle(tree_list, y * shape.height, x * shape.width)
         mark_unlisted(parts, n_tiles, 0 if idle else 0xFFFF)
-        reset_blockers(scratch, np.int64(-1))
+        reset_blockers(scratch, -1)
         n = list_parts(chunk, layout, y, x, n_tiles, room, parts)
         while n > 0:
             order_parts(parts, n)

@@ -149,7 +149,7 @@ def _rays_in_box(fans, points, s, r, box):
     ready = np.int64(get(fans.ready, s))
     if ready >> r & 1 == 0:
         put(fans.reach, fan, store_inverses(fans.inverses, 48 * fan, o, broadcasts(points, r, 16)))
-        put(fans.ready, s, ready | np.int64(1) << r)
+        put(fans.ready, s, ready | 1 << r)
     return segments_in_box(o, rows(fans.inverses, 48 * fan, 16), broadcast16(fans.reach, fan), box)
 
 
@@ -180,7 +180,7 @@ def _test_ray(fans, b, points, s, r, g, lanes, counters):
         slot = slot_of(b, lowest_bit(unsure))
         unsure &= unsure - 1
         if get(b.tree.prim_ids, slot) != face:
-            defer(b.deferred, slot, g << 8 | s << 4 | r, 0, np.int64(1))
+            defer(b.deferred, slot, g << 8 | s << 4 | r, 0, 1)
     return False
 
 
@@ -210,12 +210,12 @@ def _trace_fan(fans, union, b, points, s, r, dead, box, counters):
             triangles &= triangles - 1
             _test_triangle(fans, b, points, s, r, dead, i, slot_of(b, i), counters)
         return
-    blocked = np.int64(0)
+    blocked = 0
     while rays != 0 and triangles != 0:
         g = lowest_bit(rays)
         rays &= rays - 1
         if _test_ray(fans, b, points, s, r, g, lanes, counters):
-            blocked |= np.int64(1) << g
+            blocked |= 1 << g
     _block(dead, r, blocked)
 
 

@@ -357,7 +357,7 @@ def on_light_side(tile, tree, slot, above, below, lanes):
     """
     f = np.float64
     a, n, error = plane(tree.corners, slot, f(0.0), f(0.0), f(0.0))
-    settled = np.int64(0)
+    settled = 0
     while lanes != 0:
         lane = lowest_bit(lanes)
         lanes &= lanes - 1
@@ -368,7 +368,7 @@ def on_light_side(tile, tree, slot, above, below, lanes):
         )
         t = x * n[0] + y * n[1] + z * n[2]
         bound = error * (abs(x) + abs(y) + abs(z))
-        one = np.int64(1) << lane
+        one = 1 << lane
         if (t > bound and above & one != 0) or (t < -bound and below & one != 0):
             settled |= one
     return settled
@@ -400,7 +400,7 @@ def _test_strata(tile, b, slot, i, receivers, strata, counters):
         unsure &= receivers & ~np.int64(get(tile.dead, s))
         if unsure != 0:
             defer(b.deferred, slot, tile.number << 8 | s << 4, 1, unsure)
-        dead = with_blocked(dead, np.int64(1) << s, splat16(np.int32(hit & receivers)))
+        dead = with_blocked(dead, 1 << s, splat16(np.int32(hit & receivers)))
     store(tile.dead, 0, dead)
 
 
@@ -455,7 +455,7 @@ def _by_strata(tile, b, i, strata, counters):
 @kernel
 def _trace_receiver(tile, b, r, strata, counters):
     """Test the beam of receiver r against the triangles of a block, and its rays where the beam does not decide."""
-    face, lanes, one = get(tile.faces, r), receiver_lanes(tile, numbers_of(b), r), np.int64(1) << r
+    face, lanes, one = get(tile.faces, r), receiver_lanes(tile, numbers_of(b), r), 1 << r
     d, half = beam_of(tile, r)
     v = cull_beams(d, half, lanes, b.facing)
     triangles = b.present & ~v.miss
@@ -483,14 +483,14 @@ def _trace_receiver(tile, b, r, strata, counters):
 @inlined
 def _trace_rays(tile, b, s, rays, counters):
     """Test rays of stratum s (bits) one by one against the triangles of a block. Return bits of the blocked rays."""
-    blocked = np.int64(0)
+    blocked = 0
     while rays != 0:
         r = lowest_bit(rays)
         rays &= rays - 1
         o, place = broadcasts(tile.origins, r, 16), tile.number << 8 | s << 4 | r
         d = subtract3(broadcasts(tile.points, s * 48 + r, 16), o)
         if blocks_ray(b, o, d, get(tile.faces, r), place, counters):
-            blocked |= np.int64(1) << r
+            blocked |= 1 << r
     return blocked
 
 
@@ -526,7 +526,7 @@ def _trace_stratum(tile, b, s, box, counters):
     else:
         rays = _trace_rays(tile, b, s, rays, counters)
     if rays != 0:
-        store(tile.dead, 0, with_blocked(load16(tile.dead, 0), np.int64(1) << s, splat16(np.int32(rays))))
+        store(tile.dead, 0, with_blocked(load16(tile.dead, 0), 1 << s, splat16(np.int32(rays))))
 
 
 @kernel
@@ -537,7 +537,7 @@ def trace_block(tile, tree, number, triangles, strata, valid, facing, work, defe
     strata, valid : bits of the strata, and of the tile's receivers
     """
     # In: tile, tree, number, triangles, strata, valid, facing. Out: work, deferred, counters, `tile.dead`.
-    b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, valid, facing, work, deferred)
+    b = Block(tree, np.int64(number), (1 << triangles) - 1, valid, facing, work, deferred)
     count(counters, TRIANGLES, triangles)
     bounds = ptr_at(tree.bounds, bounds_at(b.number))
     box, use_beams = box_at(bounds), is_near(tile.shafts, tile.info, bounds)

@@ -81,7 +81,7 @@ def _even_bits(code):
 def corner_of(layout, at):
     """(row, column) of the first tile of region `at`. Regions of a square are in Z order, for cache locality."""
     if layout.rows == 1:
-        return np.int64(0), at * layout.across
+        return 0, at * layout.across
     square, code, across = at >> 6, at & 63, (layout.columns + 7) >> 3
     by, bx = square // across * 8 + _even_bits(code >> 1), square % across * 8 + _even_bits(code)
     return by * layout.down, bx * layout.across
@@ -91,7 +91,7 @@ def corner_of(layout, at):
 def tile_in(layout, g):
     """(row, column) of tile g in its region, or in four consecutive regions. Tiles are in Z order, too."""
     if layout.down == 1:
-        return np.int64(0), np.int64(g)
+        return 0, np.int64(g)
     if layout.rows == 1:  # consecutive regions form a row
         return _even_bits((g & 15) >> 1), _even_bits(g & 15) + (g >> 4) * layout.across
     return _even_bits(g >> 1), _even_bits(g)
@@ -171,7 +171,7 @@ def list_parts(chunk, layout, y, x, n_tiles, tile, parts):
 
     tile : any `Tile`
     """
-    n = np.int64(0)
+    n = 0
     for g in range(n_tiles):
         fetch_receivers(chunk, *_place_in(chunk, layout, y, x, g + _AHEAD))
         remaining = np.int64(get(parts.unlisted, g))
@@ -246,7 +246,7 @@ def _half(count):
 @kernel
 def order_parts(parts, n):
     """Sort n listed parts by repeated halving along the longest axis."""
-    waiting, height, first, count = stack_i32(2 * 16), np.int64(0), np.int64(0), np.int64(n)
+    waiting, height, first, count = stack_i32(2 * 16), 0, 0, np.int64(n)
     for i in range(n):
         put(parts.order, i, np.int32(i))
     while True:
@@ -335,7 +335,7 @@ def _near_each_other(chunk, tiles, numbers, most):
         extents = b[0] - a[0] + b[1] - a[1] + b[2] - a[2]
         if extents < most:
             low, high, size = a, b, extents
-            members |= np.int64(1) << g
+            members |= 1 << g
     return members, size
 
 
@@ -347,7 +347,7 @@ def _enough_near(chunk, tiles, numbers, most):
         if popcount(members) >= _FEW_TILES:
             return members, size
         numbers &= ~members
-    return np.int64(0), _F(0.0)
+    return 0, _F(0.0)
 
 
 @inlined
@@ -374,9 +374,9 @@ def reset_trials(trials):
 @kernel
 def choose_group(chunk, tiles, live, trials):
     """The `Grouping` of a cluster whose tiles in `live` (bits) have segments to trace, with at most one group."""
-    declined, c = np.int64(0), np.int64(0)
+    declined, c = 0, 0
     if live == 0 or chunk.n_samples < _FEW_SAMPLES:
-        return Grouping(np.int64(0), np.int64(-1), declined)
+        return Grouping(0, -1, declined)
     light = _light_size(tile_at(tiles, lowest_bit(live), chunk))
     while c < _CLASSES:
         members, size = _enough_near(chunk, tiles, live, light / (_SMALLEST * _F(1 << c)))
@@ -386,11 +386,11 @@ def choose_group(chunk, tiles, live, trials):
             c += 1
         pays, trial = group_pays(trials, c)
         if pays:
-            return Grouping(members, np.int64(c) if trial else np.int64(-1), declined)
+            return Grouping(members, np.int64(c) if trial else -1, declined)
         if trial:
-            declined |= np.int64(1) << c
+            declined |= 1 << c
         c += 1
-    return Grouping(np.int64(0), np.int64(-1), declined)
+    return Grouping(0, -1, declined)
 
 
 @inlined

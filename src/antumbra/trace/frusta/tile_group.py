@@ -171,7 +171,7 @@ def copy_to_tile(tile_group, g, dead):
     stale = np.int64(get(tile_group.state, _STALE))
     if stale >> g & 1 == 0:
         return
-    put(tile_group.state, _STALE, stale & ~(np.int64(1) << g))
+    put(tile_group.state, _STALE, stale & ~(1 << g))
     for s in range(STRATA):
         put(dead, s, np.int64(get(dead, s)) | np.int64(get(tile_group.dead, 16 * s + g)))
 
@@ -277,7 +277,7 @@ def finished(tile_group):
 @inlined
 def _open_tiles(tile_group, strata):
     """Bits of the tiles with an unblocked segment to any of `strata` (bits)."""
-    tiles = np.int64(0)
+    tiles = 0
     while strata != 0:
         tiles |= np.int64(get(tile_group.open, lowest_bit(strata)))
         strata &= strata - 1
@@ -291,7 +291,7 @@ def tiles_by_beams(tile_group, bounds, strata, chunk):
     bounds : pointer to the block's box
     """
     if not is_near(tile_group.union.shafts, tile_at(tile_group.tiles, tile_group.first, chunk).info, bounds):
-        return np.int64(-1)
+        return -1
     tiles = tiles_near_box(tile_group, broadcasts(bounds, 0, 1), broadcasts(bounds, 4, 1))
     return tiles & _open_tiles(tile_group, strata)
 
@@ -312,13 +312,13 @@ def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, d
     number, triangles : number of the block, and how many triangles it has
     """
     # In: tile_group, tree, number, triangles, strata, chunk. Out: work, deferred, counters, and the tiles' `dead`.
-    b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, np.int64(0), chunk.query.facing, work, deferred)
+    b = Block(tree, np.int64(number), (1 << triangles) - 1, 0, chunk.query.facing, work, deferred)
     bounds = ptr_at(tree.bounds, bounds_at(b.number))
     box = box_at(bounds)
     count(counters, TRIANGLES, triangles)
     one = tile_at(tile_group.tiles, tile_group.first, chunk)
     by_fans = chunk.fixed and reverse_frusta_are_narrower(tile_group.union, one, lowest_bit(strata), bounds)
-    lanes, remaining = stack_i32(STRATA), np.int64(0)
+    lanes, remaining = stack_i32(STRATA), 0
     count(counters, GROUP_STRATA, popcount(strata))
     while strata != 0:
         s = lowest_bit(strata)

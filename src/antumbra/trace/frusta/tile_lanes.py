@@ -74,12 +74,12 @@ def gather(rays, n, tile, s, receivers):
 @inlined
 def test_one_by_one(rays, n, b, counters):
     """Test up to 64 rays, each against all triangles of a block. Return bits of the blocked rays."""
-    blocked = np.int64(0)
+    blocked = 0
     for r in range(n):
         o, place = broadcasts(rays.origins, r, _ROW), np.int64(get(rays.places, r))
         d = subtract3(broadcasts(rays.points, r, _ROW), o)
         if blocks_ray(b, o, d, get(rays.faces, r), place, counters):
-            blocked |= np.int64(1) << r
+            blocked |= 1 << r
     return blocked
 
 
@@ -89,7 +89,7 @@ def test_together(rays, first, n, b, triangles, counters):
 
     first, n : the first ray, and the number of rays
     """
-    open_rays = (np.int64(1) << n) - 1
+    open_rays = (1 << n) - 1
     o, everyone = rows(rays.origins, first, _ROW), open_rays
     d, faces = subtract3(rows(rays.points, first, _ROW), o), load16(rays.faces, first)
     while triangles != 0 and open_rays != 0:
@@ -102,7 +102,7 @@ def test_together(rays, first, n, b, triangles, counters):
         others = open_rays & ~bits(faces == get(b.tree.prim_ids, slot))
         unsure &= others
         while unsure != 0:
-            defer(b.deferred, slot, np.int64(get(rays.places, first + lowest_bit(unsure))), 0, np.int64(1))
+            defer(b.deferred, slot, np.int64(get(rays.places, first + lowest_bit(unsure))), 0, 1)
             unsure &= unsure - 1
         open_rays &= ~(hit & others)
     return everyone & ~open_rays
@@ -138,7 +138,7 @@ def _blocked_rays(tile_group, dead, first, rays):
     while rays != 0:
         place = np.int64(get(tile_group.rays.places, first + lowest_bit(rays)))
         rays &= rays - 1
-        dead = with_blocked(dead, np.int64(1) << (place >> 8), splat16(np.int32(1 << (place & 15))))
+        dead = with_blocked(dead, 1 << (place >> 8), splat16(np.int32(1 << (place & 15))))
     return dead
 
 
@@ -148,7 +148,7 @@ def _tiles_with_rays(tile_group, s, live, chunk, box):
 
     No branch depends on a test, so that the tests overlap.
     """
-    tiles = np.int64(0)
+    tiles = 0
     while live != 0:
         g = lowest_bit(live)
         live &= live - 1
@@ -162,7 +162,7 @@ def _tiles_with_rays(tile_group, s, live, chunk, box):
 @inlined
 def _gather_rays(tile_group, s, tiles, chunk):
     """Gather the rays in `met` of some tiles (bits). Return their number."""
-    n = np.int64(0)
+    n = 0
     while tiles != 0:
         g = lowest_bit(tiles)
         tiles &= tiles - 1
@@ -176,7 +176,7 @@ def _cover(tile_group, b, s, live, triangles, counters):
 
     Return bits of the tiles that a single triangle covers completely.
     """
-    all_covered, numbers, targets = np.int64(0), numbers_of(b), ptr_at(tile_group.targets, s * BOXES)
+    all_covered, numbers, targets = 0, numbers_of(b), ptr_at(tile_group.targets, s * BOXES)
     while triangles != 0 and live != 0:
         covered = live & cull_tiles(tile_group.boxes, targets, numbers, b.work, lowest_bit(triangles), b.facing).cover
         triangles &= triangles - 1
@@ -196,7 +196,7 @@ def trace_tiles(tile_group, b, s, live, dead, chunk, box, counters):
     n = _gather_rays(tile_group, s, tiles, chunk)
     if n <= _FEW_RAYS:
         blocked = test_one_by_one(tile_group.rays, n, b, counters)
-        store(dead, 0, _blocked_rays(tile_group, load16(dead, 0), np.int64(0), blocked))
+        store(dead, 0, _blocked_rays(tile_group, load16(dead, 0), 0, blocked))
         return
     row = load16(dead, 0)
     triangles = cull_block(tile_group.union, numbers_of(b), 16 + s, b.facing, b.work) & b.present

@@ -95,7 +95,7 @@ def _pointers(prepared):
 
 @overload(trees_for)
 def _trees_for(trees, y, x, stratum):
-    one = lambda trees, y, x, stratum: (np.int64(0), np.int64(1))
+    one = lambda trees, y, x, stratum: (0, 1)
     return _by_type(trees, Tree, one, lambda trees, y, x, stratum: list_of(trees, y, x, stratum))
 
 
@@ -144,7 +144,7 @@ def _trace_leaf(tree, row, link, mask, deferred, counters):
 def _on_triangle(tree, rays, r, slot):
     """Bits of the rays of row r that start on the triangle in `slot`."""
     if rows_are_receivers(rays):
-        return np.int64(0xFFFF) if get(rays.tile.faces, r) == get(tree.prim_ids, slot) else np.int64(0)
+        return np.int64(0xFFFF) if get(rays.tile.faces, r) == get(tree.prim_ids, slot) else 0
     return bits(load16(rays.tile.faces, 0) == get(tree.prim_ids, slot))
 
 
@@ -157,7 +157,7 @@ def _slabs(row, alive):
 @kernel
 def _trace_triangles(tree, row, link, mask, deferred, counters):
     """`trace_leaf` for a `Tree`, triangle by triangle."""
-    hits, (rays, r, facing) = np.int64(0), row
+    hits, (rays, r, facing) = 0, row
     if link == EMPTY:
         return hits
     o, d = origins_of(rays, r), directions_of(rays, r)
@@ -200,7 +200,7 @@ def _walk_one(tree, alive, row, scratch, counters):
     at, slabs = load_saved(scratch.at, alive), _slabs(row, alive)
     at, alive = _walk_tree(tree, slabs, at if at.place != NOT_STARTED else root(alive), alive, row, scratch, counters)
     save(scratch.at, at)
-    return np.int64(0) if at.place != NOT_STARTED else np.int64(1), alive
+    return 0 if at.place != NOT_STARTED else 1, alive
 
 
 @kernel

@@ -146,7 +146,7 @@ def start_tile(job, chunk, n, scratch, known, counters):
     put(scratch.pixel, 0, y0)
     put(scratch.pixel, 1, x0)
     put(scratch.deferred, 0, 0)
-    strata = (np.int64(1) << chunk.n_samples) - 1
+    strata = (1 << chunk.n_samples) - 1
     valid = load_receivers(chunk, y0, x0, tile)
     if valid != 0:
         bound_receivers(tile, valid)
@@ -304,8 +304,8 @@ def trace_block(tree, row, link, mask, deferred, counters):
     """Test the rays of a `packet16.Row` in `mask` (bits) against a block. Return bits of the blocked rays."""
     # In: tree, row, link, mask. Out: deferred, counters.
     (rays, r, facing), (block, triangles) = row, block_leaf(link)
-    b = Block(tree, block, (np.int64(1) << triangles) - 1, np.int64(0), facing, None, deferred)
-    hits = np.int64(0)
+    b = Block(tree, block, (1 << triangles) - 1, 0, facing, None, deferred)
+    hits = 0
     while mask != 0:
         lane = lowest_bit(mask)
         mask &= mask - 1
@@ -313,5 +313,5 @@ def trace_block(tree, row, link, mask, deferred, counters):
         o, place = broadcasts(rays.origins, r * rays.stride + lane, 16), r * rays.row_place + lane * rays.lane_place
         d = subtract3(broadcasts(rays.points, r * 48 + lane, 16), o)
         if blocks_ray(b, o, d, get(rays.tile.faces, r if rows_are_receivers(rays) else lane), place, counters):
-            hits |= np.int64(1) << lane
+            hits |= 1 << lane
     return hits

@@ -52,7 +52,7 @@ _LARGEST = 1e30  # more than any depth key computed in float32
 @inlined
 def start(pixels, x0, y0, rays):
     """Reset the pixels to no hit. Return bits of the frusta that have pixels."""
-    alive = np.int64(0)
+    alive = 0
     for cell in range(CELLS):
         x, y = first_pixel(cell)
         inside = ((iota16() & 3) < rays.width - x0 - x) & ((iota16() >> 2) < rays.height - y0 - y)
@@ -62,7 +62,7 @@ def start(pixels, x0, y0, rays):
         store(pixels.part, 16 * cell, splat16(NOTHING))
         put(pixels.least, cell, _F(-np.inf) if bits(inside) != 0 else _F(np.inf))
         if bits(inside) != 0:
-            alive |= np.int64(1) << (cell & 15)
+            alive |= 1 << (cell & 15)
     store(pixels.far, 0, splat16(_F(np.inf)))
     put(pixels.deferred, 0, 0)
     return alive
@@ -90,7 +90,7 @@ def _update_least(pixels, touched):
 @kernel
 def resume(pixels, x0, y0, rays, face, t, scale):
     """`start` for a tile whose picture already has hits of earlier calls."""
-    alive, touched = start(pixels, x0, y0, rays), np.int64(0)
+    alive, touched = start(pixels, x0, y0, rays), 0
     for cell in range(CELLS):
         across, down = first_pixel(cell)
         for y in range(y0 + down, min(y0 + down + 4, rays.height)):
@@ -98,7 +98,7 @@ def resume(pixels, x0, y0, rays, face, t, scale):
                 at = y * rays.width + x
                 if get(face, at) >= 0:
                     _set_hit(pixels, 16 * cell + 4 * (y - y0 - down) + x - x0 - across, KNOWN, get(t, at), scale)
-                    touched |= np.int64(1) << cell
+                    touched |= 1 << cell
     if touched != 0:
         _update_least(pixels, touched)
         shorten(pixels, _F(scale))
@@ -115,7 +115,7 @@ def shorten(pixels, scale):
 @inlined
 def keep(pixels, number):
     """Finish the current tree, `number`, by making its visible triangles KNOWN. Return whether there are any."""
-    any_ = np.int64(0)
+    any_ = 0
     for cell in range(CELLS):
         slot, part = load16(pixels.slot, 16 * cell), load16(pixels.part, 16 * cell)
         new = slot >= np.int32(0)
@@ -154,8 +154,8 @@ def settle(pixels, tree_list, part, rays, x0, y0, scale, face, t):
     face, t : pointers to the picture, which holds the hits of earlier calls
     """
     # In: tree_list, part, rays, x0, y0, scale, face, t. In and out: pixels.
-    o, touched, tree = rays.origin, np.int64(0), tree_in(tree_list, part)
-    mine, other = (NO_PLANE, np.int64(-1)), (NO_PLANE, np.int64(-1))
+    o, touched, tree = rays.origin, 0, tree_in(tree_list, part)
+    mine, other = (NO_PLANE, -1), (NO_PLANE, -1)
     for k in range(np.int64(get(pixels.deferred, 0))):
         slot, entry = np.int64(get(pixels.deferred, 2 + 2 * k)), np.int64(get(pixels.deferred, 3 + 2 * k))
         at = entry >> 1
@@ -172,7 +172,7 @@ def settle(pixels, tree_list, part, rays, x0, y0, scale, face, t):
             if is_nearer(best_t, best, new_t, get(tree.prim_ids, slot)):
                 continue
         _set_hit(pixels, at, slot, new_t, scale)
-        touched |= np.int64(1) << (at >> 4)
+        touched |= 1 << (at >> 4)
     put(pixels.deferred, 0, 0)
     _update_least(pixels, touched)
 
@@ -231,9 +231,9 @@ def _find_planes(pixels, tree_list, o, scratch):
         store(scratch.marks, k, splat16(np.int32(-1)))
     _put_plane(scratch.known, 0, 1, NO_PLANE)
     put(scratch.ids, 0, np.int32(-1))
-    n = np.int64(1)
+    n = 1
     for k in range(PIXELS):
-        part, number = np.int64(get(pixels.part, k)), np.int64(0)
+        part, number = np.int64(get(pixels.part, k)), 0
         if part >= 0:
             slot = np.int64(get(pixels.known_slot, k))
             mark = slot & (_MARKS - 1)

@@ -237,14 +237,14 @@ def _volume_error(frame, d, a_size, p_size):
 @kernel
 def _settle_turns(frame, tree, block, flat, work):
     """Write the exact signs of the volumes in `flat` (bits), undecided in float32. Return bits of the zero volumes."""
-    none, e = np.int64(0), frame.eye
+    none, e = 0, frame.eye
     while flat != 0:
         i = lowest_bit(flat)
         flat &= flat - 1
         turn = -frame.turn * plane_side(e.x, e.y, e.z, tree.corners, np.int64(get(tree.slots, slot_at(block, i))))
         put(work, SIGN + i, turn)
         if turn == 0:
-            none |= np.int64(1) << i
+            none |= 1 << i
     return none
 
 
@@ -259,7 +259,7 @@ def set_up_block(frame, tree, block, triangles, work):
     a_size = _sizes(frame, maximum(absolute(a.x), absolute(a.y)), absolute(a.z), largest(a3))
     xy = maximum(maximum(absolute(p.x), absolute(p.y)), maximum(absolute(q.x), absolute(q.y)))
     p_size = _sizes(frame, xy, maximum(absolute(p.z), absolute(q.z)), maximum(largest(p3), largest(q3)))
-    remaining = bits(_keep_boxes(frame, a, p, q, a_size, p_size, work)) & ((np.int64(1) << triangles) - 1)
+    remaining = bits(_keep_boxes(frame, a, p, q, a_size, p_size, work)) & ((1 << triangles) - 1)
     if remaining == 0:
         return remaining
     d, e1, e2 = cross(p, q), cross(q, a), cross(a, p)
@@ -348,7 +348,7 @@ def defer(deferred, slot, cell, unsure, sure):
 @inlined
 def _test_cell(work, tree, block, tests, x, y, pixels, cell):
     """Test triangles (bits) against the pixels of a cell. Return bits of triangles that became some pixel's hit."""
-    at, winners = 16 * cell, np.int64(0)
+    at, winners = 16 * cell, 0
     low, high, slot = load16(pixels.low, at), load16(pixels.high, at), load16(pixels.slot, at)
     while tests != 0:
         i = lowest_bit(tests)
@@ -376,7 +376,7 @@ def _test_cell(work, tree, block, tests, x, y, pixels, cell):
 @kernel
 def trace_block(frame, tree, link, frusta, pixels, work, counters):
     """Test a block against some frusta (bits) of a tile. Return whether the hit of some pixel has changed."""
-    (block, triangles), winners, tested = block_leaf(link), np.int64(0), np.int64(0)
+    (block, triangles), winners, tested = block_leaf(link), 0, 0
     candidates = set_up_block(frame, tree, block, triangles, work)
     count(counters, TRIANGLES, triangles)
     if candidates == 0:

@@ -129,8 +129,8 @@ def _walk(tree_list, k, alive, picture, tile, scratch, counters):
     """Trace the frusta in `alive` (bits) through tree k. Blocks are prefetched, and tested once the next is reached."""
     tree, hits, pixels, scale = tree_in(tree_list, k), picture.hits, scratch.pixels, picture.scale
     at, last = (
-        NearestTraversal(root_in(tree_list, k), alive, np.int64(0)),
-        NearestTraversal(np.int64(0), np.int64(0), np.int64(0)),
+        NearestTraversal(root_in(tree_list, k), alive, 0),
+        NearestTraversal(0, 0, 0),
     )
     while True:
         at = next_block(tree, tile.slabs, at, scratch.waiting, load16(pixels.far, 0), counters)
@@ -207,7 +207,7 @@ def _trace_tiles(ticket, arrays, picture, across, counters):
     for k in items(ticket):
         x0, y0 = _place(k, across)
         if x0 < picture.rays.width and y0 < picture.rays.height:
-            begin, end = list_of(tree_list, y0, x0, np.int64(0))
+            begin, end = list_of(tree_list, y0, x0, 0)
             if begin < end:
                 tile = _start(picture, x0, y0, tree_list.fresh, scratch)
                 _trace_tile(tree_list, begin, end, picture, tile, scratch, mine)

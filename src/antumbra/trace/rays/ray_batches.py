@@ -353,7 +353,7 @@ def _load(args, first, last, block):
 @inlined
 def _packet_rays(rows, first, candidates, tree_reach, any_hit):
     """Rays (bits) of the blocks in `candidates` that are coherent with block `first`; 0 if its own rays are not."""
-    members = np.int64(0)
+    members = 0
     if is_coherent_with(rows, first, first, tree_reach, any_hit):
         while candidates:
             j = first_block(candidates)
@@ -407,7 +407,7 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
         n = min(_RAYS, rays.n - first)
         count(mine, RAYS, n)
         n_blocks = (n + LANES - 1) // LANES
-        alive = np.int64(-1) if n == _RAYS else (np.int64(1) << n) - 1
+        alive = -1 if n == _RAYS else (1 << n) - 1
         for j in range(n_blocks):
             block = block_of(batch, j)
             good, moving = _load(rays, first + j * LANES, rays.n - 1, block)

@@ -164,7 +164,7 @@ def _axis(rows, alive, k, origin, reach):
         zero = np.float32(0.0)
         return PacketAxis(origin, zero, zero, -_INF, _INF, np.int64(2 * WIDTH * k))
     grow = _PAD * reach * (-low if low < 0 else high)
-    word = np.int64(2 * WIDTH * k) + (np.int64(WIDTH) if low < 0 else np.int64(0))
+    word = np.int64(2 * WIDTH * k) + (np.int64(WIDTH) if low < 0 else 0)
     return PacketAxis(origin, low, high, reduce_min(nears) - grow, reduce_max(fars) + grow, word)
 
 
@@ -368,7 +368,7 @@ def _keep_nearest(rays, lanes, at, near, far, hits):
 @inlined
 def _leaf_by_triangle(tree, rays, active, link, query, hits, counters):
     """Test each triangle of a leaf against all active rays. Return bits of the rays that any-hit finds blocked."""
-    (group, n), done = wide_leaf(link), np.int64(0)
+    (group, n), done = wide_leaf(link), 0
     for k in range(n):
         todo = active & ~done
         count(counters, TRIANGLE_TESTS, popcount(todo))
@@ -393,7 +393,7 @@ def _leaf_by_triangle(tree, rays, active, link, query, hits, counters):
 @inlined
 def _leaf_by_ray(tree, rays, active, link, query, hits, counters):
     """Test each active ray against all triangles of a leaf. Return the same as `_leaf_by_triangle`."""
-    done = np.int64(0)
+    done = 0
     while active:
         i = lowest_bit(active)
         active &= active - 1
@@ -413,7 +413,7 @@ def _leaf(tree, rays, active, link, query, hits, counters):
 @inlined
 def _leaf_of_blocks(tree, rays, active, link, query, hits, counters):
     """`_leaf` for the active rays of several blocks."""
-    done = np.int64(0)
+    done = 0
     while active:
         j = first_block(active)
         mine, block = rays_in(active, j), block_of(rays, j)
@@ -427,7 +427,7 @@ def _walk_any(tree, rays, alive, query, hits, counters):
     """Trace the rays in `alive`, of several blocks. Return bits of the blocked rays."""
     stack, rows = _Stack(stack_i64(STACK), stack_i32(STACK), stack_i32(1)), rays.rows
     packet, limit = packet_of(tree, rows, alive)
-    height, link, blocked, active = np.int64(0), np.int64(0), np.int64(0), alive
+    height, link, blocked, active = 0, 0, 0, alive
     while True:
         if link < 0:
             blocked |= _leaf_of_blocks(tree, rays, active, link, query, hits, counters)

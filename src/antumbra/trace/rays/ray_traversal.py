@@ -296,11 +296,11 @@ def walk(tree, ray, skip, cull_faces, order, hit_filter, counters):
     box = box_ray(nodes, ray)
     o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
     d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
-    best, best_id, best_t = np.int64(-1), np.int64(-1), ray.tmax
+    best, best_id, best_t = -1, -1, ray.tmax
     limit = np.float32(best_t * BEYOND)
     one_by_one = order != CLOSEST and counters is not None
     height = 0
-    link = np.int64(0)
+    link = 0
     while True:
         if link >= 0:
             count(counters, NODES, 1)

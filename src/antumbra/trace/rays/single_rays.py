@@ -208,7 +208,7 @@ def _shadow_tiles(ticket, prepared, query, bits, counters):
     mine, tree = cleared_if(counters, stack_i64(N_COUNTERS)), pointers(prepared)
     for tile in items(ticket):
         y0, x0 = tile // columns * TILE, tile % columns * TILE
-        last = np.int64(-1)  # reset for each tile, so that counts do not depend on threads
+        last = -1  # reset for each tile, so that counts do not depend on threads
         for y in range(y0, min(y0 + TILE, h)):
             for x in range(x0, min(x0 + TILE, w)):
                 if get(chunk.sides, y * w + x) != NOTHING:

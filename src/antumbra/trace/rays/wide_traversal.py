@@ -213,7 +213,7 @@ def _defer_lanes(hits, i, first, lanes):
         k = lowest_bit(lanes)
         lanes &= lanes - 1
         if n == DEFERRED:
-            put(hits.deferred, 1, np.int64(get(hits.deferred, 1)) | np.int64(1) << i)
+            put(hits.deferred, 1, np.int64(get(hits.deferred, 1)) | 1 << i)
             break
         put(hits.deferred, 2 + 2 * n, i)
         put(hits.deferred, 3 + 2 * n, first + k)
@@ -335,7 +335,7 @@ def defer(hits, rays, at):
     while rays:
         i = lowest_bit(rays)
         rays &= rays - 1
-        _defer_lanes(hits, i, at, np.int64(1))
+        _defer_lanes(hits, i, at, 1)
 
 
 @inlined
@@ -378,9 +378,9 @@ def slabs_of(block, i):
         broadcast8(b, NEAR + i), broadcast8(b, NEAR + LANES + i), broadcast8(b, NEAR + 2 * LANES + i),
         broadcast8(b, FAR + i), broadcast8(b, FAR + LANES + i), broadcast8(b, FAR + 2 * LANES + i),
         broadcast8(b, TMIN + i),
-        upper if get(b, INVERSE + i) < 0 else np.int64(0),
-        2 * upper + (upper if get(b, INVERSE + LANES + i) < 0 else np.int64(0)),
-        4 * upper + (upper if get(b, INVERSE + 2 * LANES + i) < 0 else np.int64(0)),
+        upper if get(b, INVERSE + i) < 0 else 0,
+        2 * upper + (upper if get(b, INVERSE + LANES + i) < 0 else 0),
+        4 * upper + (upper if get(b, INVERSE + 2 * LANES + i) < 0 else 0),
     )  # fmt: skip
 
 
