@@ -145,7 +145,7 @@ def _bound_block(corners, block_slots, n, bounds, block):
     for k in range(3):
         low, high = np.float32(np.inf), np.float32(-np.inf)
         for i in range(n):
-            slot = np.int64(get(block_slots, i)) * 9
+            slot = get(block_slots, i) * 9
             for corner in (0, 3, 6):
                 x = get(corners, slot + corner + k)
                 low, high = x if x < low else low, x if x > high else high
@@ -164,10 +164,10 @@ def _fill_blocks(ticket, source_links, corners, roots, blocks, bounds, slots, ar
         n = slots_below(roots[block], links, block_slots)
         _bound_block(values, block_slots, n, bounds, block)
         for i in range(n):
-            areas[block] += triangle_area(values, np.int64(get(block_slots, i)))
+            areas[block] += triangle_area(values, get(block_slots, i))
         for lane in range(16):
             is_used = lane < n
-            slot = np.int64(get(block_slots, lane if is_used else 0)) * 9 if n > 0 else 0
+            slot = get(block_slots, lane if is_used else 0) * 9 if n > 0 else 0
             put(ptr(slots), slot_at(block, lane), get(block_slots, lane) if is_used else np.int32(-1))
             for k in range(3):
                 v0 = get(values, slot + k) if n > 0 else np.float32(0.0)

@@ -69,7 +69,7 @@ def _level(codes, i, k, drop):
     It is the exclusive or of the two codes, since the gaps that are compared differ in its highest bit. Equal codes
     come below all others, ordered by the exclusive or of their positions.
     """
-    differing = (np.int64(get(codes, i)) ^ np.int64(get(codes, k))) >> drop
+    differing = (get(codes, i) ^ get(codes, k)) >> drop
     return differing if differing != 0 else (i ^ k) - np.int64(1 << 32)
 
 
@@ -159,10 +159,10 @@ def _build_subtree(vertices, codes, drop, max_leaf, first, last, end_node, out):
     levels, stack, boxes = stack_i64(_LEVELS), stack_i64(_STACK_SIZE), stack_f32(_BOXES)
     ids, node, height, box, link, depth = out.prim_ids, end_node, 0, triangle_box(vertices, 0), 0, 0
     for i in range(last - 1, first - 1, -1):
-        prefetch(vertices, np.int64(get(ids, max(i - _AHEAD, 0))) * 9)
-        prefetch(vertices, np.int64(get(ids, max(i - _AHEAD, 0))) * 9 + 8)
+        prefetch(vertices, get(ids, max(i - _AHEAD, 0)) * 9)
+        prefetch(vertices, get(ids, max(i - _AHEAD, 0)) * 9 + 8)
         level = _level(codes, i - 1, i, drop) if i > first else _NO_LEVEL
-        id_ = np.int64(get(ids, i))
+        id_ = get(ids, i)
         _copy_triangle(vertices, id_, out.corners, i)
         box, link, depth, end = triangle_box(vertices, id_), bvh_link(i, 1), 0, i + 1
         while height > 0 and get(levels, height - 1) <= level:  # equal only if it is _NO_LEVEL

@@ -90,7 +90,7 @@ def _count(ticket, keys, shift, counts):
         for d in range(_DIGITS):
             put(row, d, 0)
         for i in range(first, last):
-            d = (np.int64(get(k, i)) >> shift) & mask
+            d = (get(k, i) >> shift) & mask
             put(row, d, get(row, d) + 1)
 
 
@@ -120,7 +120,7 @@ def _scatter(ticket, keys, values, shift, places, to_keys, to_values):
         for i in range(first, last):
             key = get(k, i)
             d = (np.int64(key) >> shift) & mask
-            at = np.int64(get(row, d))
+            at = get(row, d)
             put(row, d, at + 1)
             put(out_k, at, key)
             put(out_v, at, get(v, i))

@@ -256,7 +256,7 @@ def slots_below(link, links, slots):
     height, n = 1, 0
     while height > 0:
         height -= 1
-        link = np.int64(get(stack, height))
+        link = get(stack, height)
         if link == EMPTY:
             continue
         if link >= 0:

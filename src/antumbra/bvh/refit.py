@@ -53,10 +53,10 @@ def _refit_leaf(vertices, link, out):
     """Copy the corners of a leaf's triangles and return their box."""
     box, leaf = splat8(_INF), bvh_leaf(np.int64(link))
     for slot in range(leaf.first + leaf.count - 1, leaf.first - 1, -1):
-        ahead = np.int64(get(out.prim_ids, max(slot - _AHEAD, 0))) * 9
+        ahead = get(out.prim_ids, max(slot - _AHEAD, 0)) * 9
         prefetch(vertices, ahead)
         prefetch(vertices, ahead + 8)
-        source = np.int64(get(out.prim_ids, slot)) * 9
+        source = get(out.prim_ids, slot) * 9
         store(out.corners, slot * 9, load8(vertices, source))
         put(out.corners, slot * 9 + 8, get(vertices, source + 8))
         box = minimum(box, triangle_box(vertices, source // 9))
@@ -221,7 +221,7 @@ def _find_branches(ticket, bvh, branches):
 def _new_link(tree, link, node_at, slot_at):
     """The new link to the first node with two children, or to the leaf, that `link` leads to."""
     while link >= 0 and (_is_empty(tree.nodes, link, 0) or _is_empty(tree.nodes, link, 1)):
-        link = np.int64(get(tree.links, link_at(link, 1 if _is_empty(tree.nodes, link, 0) else 0)))
+        link = get(tree.links, link_at(link, 1 if _is_empty(tree.nodes, link, 0) else 0))
     if link >= 0:
         return np.int64(node_at[link])
     first, count = bvh_leaf(link)
@@ -239,7 +239,7 @@ def _write_branches(ticket, bvh, branches, node_at, slot_at, new):
             new_node = np.int64(node_at[node])
             store(out.nodes, line_at(new_node), load16(tree.nodes, line_at(node)))
             for side in range(2):
-                link = _new_link(tree, np.int64(get(tree.links, link_at(node, side))), node_at, slot_at)
+                link = _new_link(tree, get(tree.links, link_at(node, side)), node_at, slot_at)
                 put(out.links, link_at(new_node, side), link)
 
 

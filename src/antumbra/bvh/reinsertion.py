@@ -91,7 +91,7 @@ def _set_box(tree, item, box):
 
 @inlined
 def _sibling(tree, item):
-    parent = np.int64(get(tree.parents, item))
+    parent = get(tree.parents, item)
     left_child = get(tree.children, 2 * parent)
     return np.int64(get(tree.children, 2 * parent + 1) if left_child == item else left_child)
 
@@ -99,7 +99,7 @@ def _sibling(tree, item):
 @inlined
 def _update_node(tree, node):
     """Update a node's box and height from its children, and return (growth of its area, whether anything changed)."""
-    left_child, right_child = np.int64(get(tree.children, 2 * node)), np.int64(get(tree.children, 2 * node + 1))
+    left_child, right_child = get(tree.children, 2 * node), get(tree.children, 2 * node + 1)
     box = minimum(load8(tree.boxes, left_child * 8), load8(tree.boxes, right_child * 8))
     height = 1 + max(get(tree.heights, left_child), get(tree.heights, right_child))
     same = bits(box == load8(tree.boxes, node * 8)) & _COORDINATES == _COORDINATES
@@ -152,7 +152,7 @@ def _search(tree, item, root, gain, best, stack, gains):
     while height > 0:
         height -= 1
         visits += 1
-        place, gain = np.int64(get(stack, height)), get(gains, height)
+        place, gain = get(stack, height), get(gains, height)
         merged = half_area(minimum(load8(tree.boxes, place * 8), box), tree.scale)
         if gain - merged > best.gain:
             best = InsertionPlace(gain - merged, place, visits)
@@ -168,14 +168,14 @@ def _search(tree, item, root, gain, best, stack, gains):
 @kernel
 def _best_place(tree, item, stack, gains):
     """The best place of an item below the siblings of its ancestors [Meister and Bittner 2018, Alg. 1]."""
-    path = np.int64(get(tree.parents, item))
+    path = get(tree.parents, item)
     sibling, gain = _sibling(tree, item), _area(tree, path)
     shrunk = load8(tree.boxes, sibling * 8)
     best = _search(tree, item, sibling, gain, InsertionPlace(_LEAST * _area(tree, item), -1, 0), stack, gains)
     while path > 0:
         other = _sibling(tree, path)
         best = _search(tree, item, other, gain, best, stack, gains)
-        path = np.int64(get(tree.parents, path))
+        path = get(tree.parents, path)
         shrunk = minimum(shrunk, load8(tree.boxes, other * 8))
         gain += _area(tree, path) - half_area(shrunk, tree.scale)
         if path > 0 and gain - _area(tree, path) > best.gain:
@@ -202,14 +202,14 @@ def _update_ancestors(tree, node):
     while node >= 0:
         node_growth, changed = _update_node(tree, node)
         growth += node_growth
-        node = np.int64(get(tree.parents, node)) if changed else -1
+        node = get(tree.parents, node) if changed else -1
     return growth
 
 
 @inlined
 def _replace_child(tree, new, old):
     """Replace the child `old` by `new`, and return their parent."""
-    parent = np.int64(get(tree.parents, old))
+    parent = get(tree.parents, old)
     put(tree.children, 2 * parent + (0 if get(tree.children, 2 * parent) == old else 1), new)
     put(tree.parents, new, parent)
     return parent
@@ -218,7 +218,7 @@ def _replace_child(tree, new, old):
 @kernel
 def _move(tree, item, place):
     """Make `item` the sibling of `place` under its reused parent node, and return the total growth of areas."""
-    node, sibling = np.int64(get(tree.parents, item)), _sibling(tree, item)
+    node, sibling = get(tree.parents, item), _sibling(tree, item)
     growth = -_area(tree, node)
     growth += _update_ancestors(tree, _replace_child(tree, sibling, node))
     parent = _replace_child(tree, node, place)
@@ -239,7 +239,7 @@ def _can_move(tree, item, place):
     while node > 0:
         if node == item:
             return False
-        node = np.int64(get(tree.parents, node))
+        node = get(tree.parents, node)
         depth += 1
     return depth + 1 + max(get(tree.heights, item), get(tree.heights, place)) <= MAX_DEPTH
 
@@ -272,7 +272,7 @@ def _write_nodes(loose, bvh):
             put(links, word, n if item < tree.n_nodes else loose.links[item - tree.n_nodes])
         if item >= tree.n_nodes:
             continue
-        left_child, right_child = np.int64(get(tree.children, 2 * item)), np.int64(get(tree.children, 2 * item + 1))
+        left_child, right_child = get(tree.children, 2 * item), get(tree.children, 2 * item + 1)
         write_boxes(nodes, n, load8(tree.boxes, left_child * 8), load8(tree.boxes, right_child * 8))
         stack[height, 0], stack[height, 1] = right_child, link_at(n, 1)
         stack[height + 1, 0], stack[height + 1, 1] = left_child, link_at(n, 0)

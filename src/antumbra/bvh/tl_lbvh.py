@@ -164,7 +164,7 @@ def _open_largest_box(part, k, lane, batch, rules):
     links, places = ptr_at(batch.links, lane * 16), ptr_at(batch.places, lane * 8)
     areas = load8(batch.areas, lane * 8)
     opened_leaf = lowest_bit(bits(areas == reduce_max(areas)))
-    node = np.int64(get(links, np.int64(get(places, opened_leaf))))
+    node = get(links, get(places, opened_leaf))
     line = load16(part.nodes, line_at(node))
     store(batch.pairs, (lane * _INNER + k) * 16, shuffle(line, 0, 4, 8, 0, 2, 6, 10, 2, 1, 5, 9, 1, 3, 7, 11, 3))
     both = areas_of_children(part.nodes, node, rules.scale)
@@ -198,12 +198,12 @@ def spread_treelets(part, root, lane, batch):
     single = select(iota4() == np.int32(COUNT), splat4(np.int32(1)), np.int32(0))
     single = select(iota4() == np.int32(COST), _MINUS_ONE, single)
     for leaf in range(LEAVES):
-        place = np.int64(get(batch.places, lane * 8 + leaf))
+        place = get(batch.places, lane * 8 + leaf)
         row = leaf * _ROW + lane
         for k in range(3):
             put(batch.boxes, row + k * LANES, get(pairs, place * 8 + k))
             put(batch.boxes, row + (k + 3) * LANES, get(pairs, place * 8 + k + 4))
-        link = np.int64(get(links, place))
+        link = get(links, place)
         fact = load4(part.facts, (link if link >= 0 else root) * 4)  # any node for a triangle, which avoids a branch
         fact = select(splat4(np.int32(link)) >= 0, fact, single)
         store(facts, leaf * 4, fact)
@@ -292,8 +292,8 @@ def _list_inner_nodes(batch, lane, subsets, children):
     put(subsets, 0, _ALL)
     n = 1
     for i in range(_INNER):
-        subset = np.int64(get(subsets, i))
-        half = np.int64(get(batch.lefts, subset * LANES + lane)) & _ALL
+        subset = get(subsets, i)
+        half = get(batch.lefts, subset * LANES + lane) & _ALL
         for side in range(2):
             is_leaf = half & (half - 1) == 0
             put(children, 2 * i + side, lowest_bit(half) if is_leaf else LEAVES + n)
@@ -310,13 +310,13 @@ def replace_treelets(part, lane, batch):
     inner = ptr_at(batch.inner, lane * 8)
     _list_inner_nodes(batch, lane, subsets, children)
     for leaf in range(LEAVES):
-        place = np.int64(get(batch.places, lane * 8 + leaf))
+        place = get(batch.places, lane * 8 + leaf)
         store(boxes, leaf * 8, load8(batch.pairs, lane * _INNER * 16 + place * 8))
         store(facts, leaf * 4, load4(batch.facts, lane * 32 + leaf * 4))
         put(links, leaf, get(batch.links, lane * 16 + place))
     for i in range(_INNER - 1, -1, -1):
-        left_child, right_child = np.int64(get(children, 2 * i)), np.int64(get(children, 2 * i + 1))
-        subset, at = np.int64(get(subsets, i)), (LEAVES + i) * 4
+        left_child, right_child = get(children, 2 * i), get(children, 2 * i + 1)
+        subset, at = get(subsets, i), (LEAVES + i) * 4
         is_leaf = get(batch.lefts, subset * LANES + lane) & _LEAF != 0 and get(inner, i) != 0  # never the root
         n_nodes = 1 + get(facts, left_child * 4 + NODES) + get(facts, right_child * 4 + NODES)
         put(as_f32(facts), at + COST, get(batch.costs, subset * LANES + lane))
@@ -324,12 +324,12 @@ def replace_treelets(part, lane, batch):
         put(facts, at + NODES, 0 if is_leaf else n_nodes)
         put(facts, at + HEIGHT, 1 + max(get(facts, left_child * 4 + HEIGHT), get(facts, right_child * 4 + HEIGHT)))
         put(links, LEAVES + i, get(inner, i))
-    if get(facts, LEAVES * 4 + HEIGHT) > get(part.rooms, np.int64(get(inner, 0))):
+    if get(facts, LEAVES * 4 + HEIGHT) > get(part.rooms, get(inner, 0)):
         return
     lower = mask_from_bits8(15)
     for i in range(_INNER - 1, -1, -1):
-        node, at = np.int64(get(inner, i)), LEAVES + i
-        left_child, right_child = np.int64(get(children, 2 * i)), np.int64(get(children, 2 * i + 1))
+        node, at = get(inner, i), LEAVES + i
+        left_child, right_child = get(children, 2 * i), get(children, 2 * i + 1)
         a, b = load8(boxes, left_child * 8), load8(boxes, right_child * 8)
         store(boxes, at * 8, select(lower, minimum(a, b), maximum(a, b)))
         store(pair, 0, a)
@@ -364,7 +364,7 @@ def _update_facts(part, node, rules):
     costs, areas = as_f32(part.facts), areas_of_children(part.nodes, node, rules.scale)
     count, cost, n_nodes, height = 0, np.float32(0.0), 1, 0
     for side in range(2):
-        link = np.int64(get(part.links, link_at(node, side)))
+        link = get(part.links, link_at(node, side))
         if link < 0:
             count += 1
             cost += extract(areas, side)
@@ -372,7 +372,7 @@ def _update_facts(part, node, rules):
             cost += get(costs, link * 4 + COST)
             count += get(part.facts, link * 4 + COUNT)
             n_nodes += get(part.facts, link * 4 + NODES)
-            height = max(height, np.int64(get(part.facts, link * 4 + HEIGHT)))
+            height = max(height, get(part.facts, link * 4 + HEIGHT))
     area = _area_of_node(part.nodes, node, rules.scale)
     cost, as_leaf = cost + area, area * np.float32(count)
     if count <= rules.max_leaf and as_leaf <= cost and node != 0:  # the root is never a leaf
@@ -399,9 +399,9 @@ def _schedule(part, first, room, least, queue, stack):
     height, n = 1, 0
     while height > 0:
         height -= 1
-        node, pending = np.int64(get(stack, height)), 0
+        node, pending = get(stack, height), 0
         for side in range(2):
-            child = np.int64(get(part.links, link_at(node, side)))
+            child = get(part.links, link_at(node, side))
             if child >= 0 and get(part.facts, child * 4 + COUNT) >= least:
                 put(part.parents, child, node)
                 put(part.rooms, child, get(part.rooms, node) - 1)
@@ -423,14 +423,14 @@ def _treat_queue(part, queue, n, batch, rules):
         lanes = min(LANES, n - done)
         form_treelets(part, ptr_at(queue, done), lanes, batch, rules)
         for lane in range(lanes):
-            spread_treelets(part, np.int64(get(queue, done + lane)), lane, batch)
+            spread_treelets(part, get(queue, done + lane), lane, batch)
         price_subsets(batch, rules.scale)
         plan_treelets(batch, rules)
         for lane in range(lanes):
-            node = np.int64(get(queue, done + lane))
+            node = get(queue, done + lane)
             if cost_of_best(batch, lane) < _update_facts(part, node, rules) * _LESS:
                 replace_treelets(part, lane, batch)
-            parent = np.int64(get(part.parents, node))
+            parent = get(part.parents, node)
             if parent >= 0:
                 put(part.pending, parent, get(part.pending, parent) - 1)
                 if get(part.pending, parent) == 0:

@@ -110,8 +110,8 @@ def build_optimal_subtree(records, first, n, settings, out, next_node, slot, is_
     height, cursor = 1, first
     while height > 0:
         height -= 1
-        subset, slot = np.int64(get(todo, 2 * height)), np.int64(get(todo, 2 * height + 1))
-        left_half = np.int64(get(plans.left, subset))
+        subset, slot = get(todo, 2 * height), get(todo, 2 * height + 1)
+        left_half = get(plans.left, subset)
         if left_half == 0:
             put(out.links, slot, bvh_link(cursor, popcount(subset)))
             while subset != 0:
@@ -180,8 +180,8 @@ def push_range(ranges, height, part, slot):
 def range_at(ranges, height):
     """(the `Range` at a height of the stack, the word of its link)."""
     numbers, boxes = ptr_at(ranges.numbers, height * 4), ptr_at(ranges.boxes, height * 16)
-    first, last, depth = np.int64(get(numbers, 0)), np.int64(get(numbers, 1)), np.int64(get(numbers, 2))
-    return Range(first, last, depth, load8(boxes, 0), load8(boxes, 8)), np.int64(get(numbers, 3))
+    first, last, depth = get(numbers, 0), get(numbers, 1), get(numbers, 2)
+    return Range(first, last, depth, load8(boxes, 0), load8(boxes, 8)), get(numbers, 3)
 
 
 @inlined
@@ -212,8 +212,8 @@ def write_leaf(records, first, last, out, slot):
 def copy_corners(vertices, first, last, out):
     """Copy the vertices of the triangles in slots `first` to `last` - 1."""
     for i in range(first, last):
-        prefetch(vertices, np.int64(get(out.prim_ids, min(i + _AHEAD, last - 1))) * 9)
-        source = np.int64(get(out.prim_ids, i)) * 9
+        prefetch(vertices, get(out.prim_ids, min(i + _AHEAD, last - 1)) * 9)
+        source = get(out.prim_ids, i) * 9
         store(out.corners, i * 9, load8(vertices, source))
         put(out.corners, i * 9 + 8, get(vertices, source + 8))
 

@@ -128,7 +128,7 @@ def _price_node(tree, node, best, top, max_leaf):
     cost, triangles, nodes = surface(tree.nodes, box_at(node, 0), box_at(node, 1)), 0, 1
     area = cost
     for side in range(2):
-        link, box = np.int64(get(tree.links, link_at(node, side))), box_at(node, side)
+        link, box = get(tree.links, link_at(node, side)), box_at(node, side)
         if link < 0:
             count = bvh_leaf(link).count
             cost += surface(tree.nodes, box, box) * count
@@ -159,7 +159,7 @@ def _price(tree, root, max_leaf, is_leaf):
             continue
         stack[height - 1] = ~node  # to be visited again after its children
         for side in range(2):
-            link = np.int64(get(tree.links, link_at(node, side)))
+            link = get(tree.links, link_at(node, side))
             if link >= 0:
                 stack[height] = link
                 height += 1
@@ -218,7 +218,7 @@ def _fetch_part(source, root, queue):
         node = np.int64(queue[done])
         done += 1
         for side in range(2):
-            link = np.int64(get(source.links, link_at(node, side)))
+            link = get(source.links, link_at(node, side))
             if link >= 0:
                 prefetch(source.nodes, line_at(link))
                 queue[n] = link

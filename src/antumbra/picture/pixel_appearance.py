@@ -155,11 +155,11 @@ def _bilinear(texels, linear, w, h, wrap_s, wrap_t, u, v, nearest):
     i, j = np.int64(x0), np.int64(y0)
     left, top = _wrap_texel(i, w, wrap_s), _wrap_texel(j, h, wrap_t) * w
     if nearest:
-        return _light(linear, np.int64(get(texels, top + left)))
+        return _light(linear, get(texels, top + left))
     right, low = _wrap_texel(i + 1, w, wrap_s), _wrap_texel(j + 1, h, wrap_t) * w
     fx, fy = x - x0, y - y0
-    a, b = _light(linear, np.int64(get(texels, top + left))), _light(linear, np.int64(get(texels, top + right)))
-    c, d = _light(linear, np.int64(get(texels, low + left))), _light(linear, np.int64(get(texels, low + right)))
+    a, b = _light(linear, get(texels, top + left)), _light(linear, get(texels, top + right))
+    c, d = _light(linear, get(texels, low + left)), _light(linear, get(texels, low + right))
     p, q, r, s = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy
     return (
         p * a[0] + q * b[0] + r * c[0] + s * d[0],
@@ -345,9 +345,9 @@ def _albedo_rows(ticket, places, face_colours, eye, out):
     for y0, last in shares(ticket):
         for at in range(y0 * w, last * w):
             red = green = blue = 0.0
-            k = np.int64(get(ids, at))
+            k = get(ids, at)
             if k >= 0:
-                i, material = np.int64(get(faces, at)), get(materials, k)
+                i, material = get(faces, at), get(materials, k)
                 if material >= 0:
                     red, green, blue = _material_colour(places, face_colours, eye, at, i, k, material)
                 else:
@@ -430,9 +430,9 @@ def _normal_rows(ticket, places, corner_normals, bends, out):
     sines, ends = ptr(bends), ptr(out.bend)
     for y0, last in shares(ticket):
         for at in range(y0 * w, last * w):
-            n, k, bend = three_at(geometric, at), np.int64(get(ids, at)), 0.0
+            n, k, bend = three_at(geometric, at), get(ids, at), 0.0
             if k >= 0:
-                i = np.int64(get(faces, at))
+                i = get(faces, at)
                 frame = _triangle_frame(corners, i)
                 b0, b1, b2 = _barycentric_weights(frame, corners, i, three_at(positions, at))
                 p, q, r = three_at(normals, 3 * k), three_at(normals, 3 * k + 1), three_at(normals, 3 * k + 2)

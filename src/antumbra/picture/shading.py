@@ -110,9 +110,9 @@ def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, shares, am
     for y in items(ticket):
         _light_row(rows, normals, up, ambient, y * w, w, ptr(sums))
         for x in range(w):
-            at, i = 3 * (y * w + x), np.int64(get(faces, y * w + x))
+            at, i = 3 * (y * w + x), get(faces, y * w + x)
             for c in range(3):
-                radiance = sums[c * w + x] * get(colours, 3 * max(i, 0) + c) * inverse_pi  # type: ignore[operator]
+                radiance = sums[c * w + x] * get(colours, 3 * max(i, 0) + c) * inverse_pi
                 put(out, at + c, radiance if i >= 0 else np.float32(0.0))
 
 

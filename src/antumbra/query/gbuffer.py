@@ -127,7 +127,7 @@ def _fill(ticket, t, corners, rays, row, gbuffer):
         for y in range(y0, end):
             for x in range(rays.width):
                 at = y * rays.width + x
-                i, far = np.int64(get(faces, at)), get(ts, at)
+                i, far = get(faces, at), get(ts, at)
                 put(depths, at, far)
                 if i >= 0:
                     if i != last:  # neighbouring pixels often see the same triangle

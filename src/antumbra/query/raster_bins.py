@@ -271,10 +271,10 @@ def _keep(survivors, slot, i, box, nearest, columns, counts):
 @inlined
 def _quick_box(boxes, k):
     return (
-        np.int64(get(boxes, k)),
-        np.int64(get(boxes, k + BLOCK)),
-        np.int64(get(boxes, k + 2 * BLOCK)),
-        np.int64(get(boxes, k + 3 * BLOCK)),
+        get(boxes, k),
+        get(boxes, k + BLOCK),
+        get(boxes, k + 2 * BLOCK),
+        get(boxes, k + 3 * BLOCK),
     )
 
 
@@ -353,7 +353,7 @@ def bin_triangles(corners: NDArray[np.float32], view: RasterView, threads: int) 
 @inlined
 def _bucket(key, slot, highest, shift):
     """The depth bucket of a slot: lower for larger depth keys. Positive floats sort like their bit patterns."""
-    return max(highest - np.int64(get(key, slot)), 0) >> shift
+    return max(highest - get(key, slot), 0) >> shift
 
 
 @kernel
@@ -363,7 +363,7 @@ def front_to_back(bins, tile, order):
     key, slots, start = as_i32(ptr(bins.survivors.nearest)), ptr(bins.slot), stack_i64(_BOUNDS)
     lowest, highest = np.int64(_INFINITY), 0
     for e in range(first, first + n):
-        k = np.int64(get(key, np.int64(get(slots, e))))
+        k = get(key, get(slots, e))
         lowest = k if k < lowest else lowest
         highest = k if highest < k < _INFINITY else highest  # triangles that cross the camera's plane go to bucket 0
     shift = 0
@@ -372,12 +372,12 @@ def front_to_back(bins, tile, order):
     for b in range(_BOUNDS):
         put(start, b, 0)
     for e in range(first, first + n):
-        b = _bucket(key, np.int64(get(slots, e)), highest, shift) + 1
+        b = _bucket(key, get(slots, e), highest, shift) + 1
         put(start, b, get(start, b) + 1)
     for b in range(_BUCKETS):
         put(start, b + 1, get(start, b + 1) + get(start, b))
     for e in range(first, first + n):
-        slot = np.int64(get(slots, e))
+        slot = get(slots, e)
         b = _bucket(key, slot, highest, shift)
         order[get(start, b)] = slot
         put(start, b, get(start, b) + 1)

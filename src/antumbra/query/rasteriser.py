@@ -127,7 +127,7 @@ def _cover(tile, i, columns, rows, at, f):
         down = _F(y)
         r0, r1, r2 = f.c0 + f.b0 * down, f.c1 + f.b1 * down, f.c2 + f.b2 * down
         key_row = f.key_c + f.key_b * down
-        for x in range(np.int64(get(tile.ranges, y & 7)), np.int64(get(tile.ranges, 8 + (y & 7))), 8):
+        for x in range(get(tile.ranges, y & 7), get(tile.ranges, 8 + (y & 7)), 8):
             right = lanes + _F(x)
             inside = minimum(minimum(fma(right, f.a0, r0), fma(right, f.a1, r1)), fma(right, f.a2, r2))
             key = fma(right, f.key_a, key_row)
@@ -159,7 +159,7 @@ def _settle(tile, n, x0, y0, corners, rays, i):
     p, o, ties = ptr(corners), rays.origin, 0
     mine, other = eye_plane(p, i, o), NO_PLANE
     for u in range(n):
-        entry = np.int64(get(tile.unsure, u))
+        entry = get(tile.unsure, u)
         at = entry >> 1
         if at % STRIDE >= TILE:  # beyond the right edge
             continue
@@ -167,7 +167,7 @@ def _settle(tile, n, x0, y0, corners, rays, i):
         ties += entry & 1
         if entry & 1 == 0 and meets(ray, p, i) == 0:
             continue
-        t, j = plane_t(mine, ray, p), np.int64(get(tile.face, at))
+        t, j = plane_t(mine, ray, p), get(tile.face, at)
         if j >= 0:
             if j != other.triangle:
                 other = eye_plane(p, j, o)
@@ -188,13 +188,13 @@ def _draw(tile, bins, order, n, window, corners, rays, view, cull_faces, counts)
     boxes, triangles, nearest = ptr(bins.survivors.box), ptr(bins.survivors.triangle), ptr(bins.survivors.nearest)
     for entry in range(n):
         slot = np.int64(order[entry])
-        x, y = max(np.int64(get(boxes, 4 * slot)), x0), max(np.int64(get(boxes, 4 * slot + 1)), y0)
-        columns = min(np.int64(get(boxes, 4 * slot + 2)), x1) - x + 1
-        rows = min(np.int64(get(boxes, 4 * slot + 3)), y1) - y + 1
+        x, y = max(get(boxes, 4 * slot), x0), max(get(boxes, 4 * slot + 1), y0)
+        columns = min(get(boxes, 4 * slot + 2), x1) - x + 1
+        rows = min(get(boxes, 4 * slot + 3), y1) - y + 1
         at = (y - y0) * STRIDE + x - x0
         if _hidden(tile, at, columns, rows, get(nearest, slot)):
             continue
-        i = np.int64(get(triangles, slot))
+        i = get(triangles, slot)
         counts[_DRAWN] += 1
         turn, f = edge_functions(view, p, i, x, y, columns + 7, rows)
         if turn == 0:
@@ -217,7 +217,7 @@ def _finish(tile, window, corners, rays, face, t):
     x0, y0, x1, y1 = window
     for y in range(y0, y1 + 1):
         for x in range(x0, x1 + 1):
-            i = np.int64(get(tile.face, (y - y0) * STRIDE + x - x0))
+            i = get(tile.face, (y - y0) * STRIDE + x - x0)
             face[y, x] = i
             if i >= 0 and i != plane.triangle:
                 plane = eye_plane(p, i, o)

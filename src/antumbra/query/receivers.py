@@ -81,7 +81,7 @@ def _move_kernel(ticket, positions, normals, faces, sides, corners, origins):
         for i in range(first, end):
             x, y, z = get(positions, 3 * i), get(positions, 3 * i + 1), get(positions, 3 * i + 2)
             if get(sides, i) != NOTHING:
-                face = np.int64(get(faces, i))
+                face = get(faces, i)
                 if face != last:  # neighbouring pixels often see the same triangle
                     last, known = face, _face_of(corners, face)
                 p = np.float64(x), np.float64(y), np.float64(z)

@@ -148,7 +148,7 @@ def sample_of(query, patch, i, s):
 @inlined
 def horizon_of(query, i):
     """The `Horizon` of receiver i."""
-    side, face, z = np.int64(get(query.sides, i)), np.int64(get(query.faces, i)), np.float64(0.0)
+    side, face, z = get(query.sides, i), get(query.faces, i), np.float64(0.0)
     if face >= 0:
         p, n, error = plane(query.corners, face, z, z, z)
         return Horizon(side, face, p[0], p[1], p[2], n[0], n[1], n[2], error)

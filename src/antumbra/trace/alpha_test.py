@@ -88,8 +88,8 @@ def is_hole(texels, ray, corners, slot):
     """True if the texel is transparent where the ray meets the cut-out in `slot`. One float64 expression defines it."""
     b, c = weights(ray, corners, slot)
     b, c = _inside(b), _inside(c)
-    k = np.int64(get(texels.mask, slot))
-    w, h = np.int64(get(texels.shapes, 4 * k)), np.int64(get(texels.shapes, 4 * k + 1))
+    k = get(texels.mask, slot)
+    w, h = get(texels.shapes, 4 * k), get(texels.shapes, 4 * k + 1)
     u = np.int64(np.floor(_texture_coordinate(texels.uv, slot, 0, b, c) * w))
     v = np.int64(np.floor(_texture_coordinate(texels.uv, slot, 1, b, c) * h))
     x, y = _wrapped(u, w, get(texels.shapes, 4 * k + 2)), _wrapped(v, h, get(texels.shapes, 4 * k + 3))
@@ -154,7 +154,7 @@ def _shadows(ticket, bvh, texels, query, met, bits):
     tree, holes, pointers = tree_of(bvh), texel_pointers(texels), query_pointers(query)
     candidates, out, last = ptr(met), ptr(bits), -1
     for i in items(ticket):
-        skip = np.int64(get(pointers.ids, i))
+        skip = get(pointers.ids, i)
         for k in range(pointers.words):
             words = get(candidates, i * pointers.words + k) & ~get(out, i * pointers.words + k)
             if words == 0:
@@ -219,7 +219,7 @@ def _nearest(ticket, bvh, texels, rays, out):
         slot, t = walk(tree, ray, skip, rays.cull_faces, np.int64(CLOSEST), holes, None)
         if slot < 0:
             continue
-        prim = np.int64(get(tree.prim_ids, slot))
+        prim = get(tree.prim_ids, slot)
         if out.face[i] < 0 or is_nearer(t, prim, out.t[i], np.int64(out.face[i])):
             u, v = single_weights(ray, tree.corners, slot)
             out.face[i], out.t[i], out.u[i], out.v[i] = prim, t, u, v

@@ -338,9 +338,7 @@ def save(memory, at):
 @inlined
 def load_saved(memory, alive):
     """The saved state of a traversal, without the lanes that are no longer alive."""
-    return Traversal(
-        np.int64(get(memory, 0)), np.int64(get(memory, 1)), np.int64(get(memory, 2)) & alive, np.int64(get(memory, 3))
-    )
+    return Traversal(get(memory, 0), get(memory, 1), get(memory, 2) & alive, get(memory, 3))
 
 
 @inlined
@@ -349,8 +347,8 @@ def pop_node(links, at, stack, alive):
     link, place, mask, height = at.link, at.place, at.mask, at.height
     while mask == 0 and height > 0:
         height -= 2
-        place, mask = np.int64(get(stack, height)), np.int64(get(stack, height + 1)) & alive
-        link = np.int64(get(links, place))
+        place, mask = get(stack, height), get(stack, height + 1) & alive
+        link = get(links, place)
     return Traversal(link, place, mask, height)
 
 
@@ -369,7 +367,7 @@ def enter_first(links, at, first, one, other, stack):
         put(stack, height + 1, other)
         height += 2
     place = first if one != 0 else sibling_at(first)
-    return Traversal(np.int64(get(links, place)), place, one if one != 0 else other, height)
+    return Traversal(get(links, place), place, one if one != 0 else other, height)
 
 
 @inlined
@@ -380,7 +378,7 @@ def next_leaf(tree, slabs, at, stack, alive, counters):
         count(counters, NODES, 1)
         count(counters, BOX_TESTS, 2)
         for child in range(2):  # before the test; links of leaves are harmless prefetch addresses
-            prefetch(tree.nodes, line_at(np.int64(get(tree.links, link_at(at.link, child)))))
+            prefetch(tree.nodes, line_at(get(tree.links, link_at(at.link, child))))
         left_lanes, right_lanes = children(tree.nodes, at.link, slabs)
         at = pop_node(
             tree.links, entered(tree.links, at, left_lanes & at.mask, right_lanes & at.mask, stack), stack, alive
@@ -410,7 +408,7 @@ def _popped_near(at, waiting, far):
     while mask == 0 and height > 0:
         height -= 1
         entries = load16(waiting.entries, 16 * height)
-        link, mask = np.int64(get(waiting.links, 2 * height)), np.int64(get(waiting.links, 2 * height + 1))
+        link, mask = get(waiting.links, 2 * height), get(waiting.links, 2 * height + 1)
         mask &= bits(entries <= far)
     return NearestTraversal(link, mask, height)
 
@@ -432,8 +430,8 @@ def _nearer_child(tree, slabs, at, waiting, far, counters):
     right_lanes &= at.mask
     if left_lanes | right_lanes == 0:
         return after_visit(at)
-    first = np.int64(get(tree.links, link_at(at.link, 0)))
-    second = np.int64(get(tree.links, link_at(at.link, 1)))
+    first = get(tree.links, link_at(at.link, 0))
+    second = get(tree.links, link_at(at.link, 1))
     if left_lanes != 0:
         fetch(tree, first)
     if right_lanes == 0:

@@ -87,14 +87,14 @@ def _gather_planes(chunk, y0, x0, valid, tile, planes):
     first = get(tile.faces, lowest_bit(valid))
     together = first >= 0 and bits(load16(tile.faces, 0) == first) & valid == valid
     if together:
-        face = np.int64(get(chunk.query.faces, place_of(chunk, y0, x0, lowest_bit(valid))))
+        face = get(chunk.query.faces, place_of(chunk, y0, x0, lowest_bit(valid)))
         _put_everywhere(planes, _plane_of_face(chunk.query.corners, face))
     lanes = valid
     while lanes != 0:
         lane = lowest_bit(lanes)
         lanes &= lanes - 1
         at = place_of(chunk, y0, x0, lane)
-        side, face = np.int64(get(chunk.query.sides, at)), np.int64(get(chunk.query.faces, at))
+        side, face = get(chunk.query.sides, at), get(chunk.query.faces, at)
         put(planes, 96 + lane, _F(0.0) if side == FREE else _F(side))
         if not together:
             plane = _plane_of_face(chunk.query.corners, face) if face >= 0 else _plane_at(chunk, at, side == FREE)

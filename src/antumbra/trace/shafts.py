@@ -271,7 +271,7 @@ def _fill_inverses(tile, s):
     reach = store_inverses(tile.inverses, _ROWS + 48 * s, rows(tile.origins, 0, 16), rows(tile.points, s * 48, 16))
     put(tile.inverses, _REACH + s, reach)
     ready = as_i32(tile.inverses)
-    put(ready, _READY, np.int64(get(ready, _READY)) | 1 << s)
+    put(ready, _READY, get(ready, _READY) | 1 << s)
 
 
 @inlined
@@ -284,7 +284,7 @@ def _span(c, o, inverse, e):
 @inlined
 def rays_in_box(tile, s, box):
     """Bits of the receivers whose segment to stratum s meets a `Box`."""
-    if np.int64(get(as_i32(tile.inverses), _READY)) >> s & 1 == 0:
+    if get(as_i32(tile.inverses), _READY) >> s & 1 == 0:
         _fill_inverses(tile, s)
     inverse, reach = rows(tile.inverses, _ROWS + 48 * s, 16), broadcast16(tile.inverses, _REACH + s)
     return segments_in_box(rows(tile.origins, 0, 16), inverse, reach, box)

@@ -162,7 +162,7 @@ def tile_at(scratch, g, chunk):
 @inlined
 def first_pixel(pixels, g):
     """(y, x) of the first pixel of tile g of a bundle; `pixels`: int32, y and x of each tile."""
-    return np.int64(get(pixels, 2 * g)), np.int64(get(pixels, 2 * g + 1))
+    return get(pixels, 2 * g), get(pixels, 2 * g + 1)
 
 
 @inlined
@@ -183,7 +183,7 @@ def load_receivers(chunk, y0, x0, tile):
     for y in range(y0, y0 + chunk.shape.height):
         for x in range(x0, x0 + chunk.shape.width):
             at = y * chunk.query.w + x
-            if y < chunk.query.h and x < chunk.query.w and np.int64(get(chunk.query.sides, at)) != NOTHING:
+            if y < chunk.query.h and x < chunk.query.w and get(chunk.query.sides, at) != NOTHING:
                 valid |= 1 << lane
                 put(tile.origins, lane, get(chunk.query.origins, at * 3))
                 put(tile.origins, 16 + lane, get(chunk.query.origins, at * 3 + 1))
@@ -311,7 +311,7 @@ def transpose_bits(source, target):
     """Transpose 16 x 16 bits, stored as 16 int32."""
     words = splat16(np.int32(0))
     for r in range(16):
-        there = mask_from_bits16(np.int64(get(source, r)))
+        there = mask_from_bits16(get(source, r))
         words = words | select(there, splat16(np.int32(1 << r)), splat16(np.int32(0)))
     store(target, 0, words)
 
@@ -354,4 +354,4 @@ def write_bits(chunk, y0, x0, valid, tile, out):
         lane = lowest_bit(valid)
         valid &= valid - 1
         at = place_of(chunk, y0, x0, lane) * chunk.query.words + word
-        put(out, at, get(out, at) | np.uint64(np.int64(get(tile.dead, lane)) & known) << shift)
+        put(out, at, get(out, at) | np.uint64(get(tile.dead, lane) & known) << shift)

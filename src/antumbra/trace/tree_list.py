@@ -87,14 +87,14 @@ def _tile_of(tree_list, y, x):
 def list_of(tree_list, y, x, stratum):
     """(begin, end) in `items` of the trees for a stratum of the receivers near pixel (y, x)."""
     number = _tile_of(tree_list, y, x) * tree_list.sets + (stratum if tree_list.sets > 1 else 0)
-    return np.int64(get(tree_list.starts, number)), np.int64(get(tree_list.starts, number + 1))
+    return get(tree_list.starts, number), get(tree_list.starts, number + 1)
 
 
 @inlined
 def tree_in(tree_list, k):
     """The `BlockPointers` of tree k."""
     at = k * ADDRESSES
-    nodes = np.int64(get(tree_list.trees, at))
+    nodes = get(tree_list.trees, at)
     return BlockPointers(
         f32_at(nodes),
         i32_at(nodes),
@@ -116,13 +116,13 @@ def is_idle(tree_list, y, x):
 @inlined
 def root_in(tree_list, k):
     """The link to the root of tree k."""
-    return np.int64(get(tree_list.trees, k * ADDRESSES + ROOT))
+    return get(tree_list.trees, k * ADDRESSES + ROOT)
 
 
 @inlined
 def tree_number(tree_list, i):
     """The number of the tree at place i of the lists."""
-    return np.int64(get(tree_list.items, i))
+    return get(tree_list.items, i)
 
 
 @inlined
@@ -156,7 +156,7 @@ def walk_tree_list(tree_list, i, end, slabs, alive, job, scratch, counters):
     at = load_saved(scratch.at, alive)
     while i < end and alive != 0:
         k = tree_number(tree_list, i)
-        if np.int64(get(scratch.deferred, 0)) != 0 and are_separate(tree_list, np.int64(get(scratch.at, TREE)), k):
+        if get(scratch.deferred, 0) != 0 and are_separate(tree_list, get(scratch.at, TREE), k):
             break
         put(scratch.at, TREE, k)
         if at.place == NOT_STARTED:

@@ -222,7 +222,7 @@ def defer(deferred, slot, place, step, unsure):
     Lane i is at ``place + i step``. A place is ``tile << 8 | stratum << 4 | receiver``. Slot -1 stands for the horizon
     test of the receiver's own surface.
     """
-    n = np.int64(get(deferred, 0))
+    n = get(deferred, 0)
     while unsure != 0:
         put(deferred, 2 + 2 * n, slot)
         put(deferred, 3 + 2 * n, place + lowest_bit(unsure) * step)
@@ -235,7 +235,7 @@ def defer(deferred, slot, place, step, unsure):
 def defer_triangles(deferred, tree, block, face, place, unsure):
     """Defer the tests of a block's triangles (bits) against the ray at `place`, except the receiver's own, `face`."""
     while unsure != 0:
-        slot = np.int64(get(tree.slots, slot_at(block, lowest_bit(unsure))))
+        slot = get(tree.slots, slot_at(block, lowest_bit(unsure)))
         unsure &= unsure - 1
         if get(tree.prim_ids, slot) != face:
             defer(deferred, slot, place, 0, 1)
@@ -261,12 +261,12 @@ def resolve_deferred(corners, chunk, tiles, pixels, deferred, counters):
 
     tiles, pixels : as `tile.tile_at` and `tile.first_pixel` read them
     """
-    for k in range(np.int64(get(deferred, 0))):
-        slot, place = np.int64(get(deferred, 2 + 2 * k)), np.int64(get(deferred, 3 + 2 * k))
+    for k in range(get(deferred, 0)):
+        slot, place = get(deferred, 2 + 2 * k), get(deferred, 3 + 2 * k)
         g, s, lane = place >> 8, place >> 4 & 15, place & 15
         y0, x0 = first_pixel(pixels, g)
         tile = tile_at(tiles, g, chunk)
-        dead = np.int64(get(tile.dead, s))
+        dead = get(tile.dead, s)
         if dead >> lane & 1 == 0 and _is_blocked(corners, chunk, y0, x0, tile, slot, s, lane, counters):
             put(tile.dead, s, dead | 1 << lane)
     put(deferred, 0, 0)
@@ -308,7 +308,7 @@ def numbers_of(b):
 @inlined
 def slot_of(b, i):
     """The slot of triangle i: its index in the BVH's arrays."""
-    return np.int64(get(b.tree.slots, slot_at(b.number, i)))
+    return get(b.tree.slots, slot_at(b.number, i))
 
 
 @inlined

@@ -168,13 +168,15 @@ def store_compressed(typingctx, a, i, mask, v):
 
 @intrinsic
 def get(typingctx, p, i):
-    """Element i of `p`, a scalar. Unlike ``p[i]``, it does not test for a negative index."""
+    """Element i of `p`, a scalar; a signed integer as int64. Unlike ``p[i]``, it does not test for a negative index."""
     _check("get", p, i)
+    result = types.int64 if isinstance(p.dtype, types.Integer) and p.dtype.signed else p.dtype
 
     def codegen(context, builder, sig, values):
-        return context.unpack_value(builder, p.dtype, _address(context, builder, sig, values))
+        value = context.unpack_value(builder, p.dtype, _address(context, builder, sig, values))
+        return context.cast(builder, value, p.dtype, result)
 
-    return p.dtype(p, i), codegen
+    return result(p, i), codegen
 
 
 @intrinsic

@@ -114,7 +114,7 @@ def _bound(packet, at):
 
 @inlined
 def _uniform(packet, planes, axis):
-    plane = np.int64(get(planes, 1 + axis))
+    plane = get(planes, 1 + axis)
     return Uniform(_bound(packet, 64 * axis), _bound(packet, 64 * axis + 32), plane, 2 - plane)
 
 
@@ -190,7 +190,7 @@ def _walk(tree, rays, frusta, packets, planes, facing, work, scratch, counters):
             in_left, in_right, turn = _packets_in(tree, at, rays, packets, planes, counters)
             at = entered_nearer(tree.links, at, in_left, in_right, turn, scratch.stack)
         else:
-            if np.int64(get(scratch.deferred, 0)) > DEFERRED:
+            if get(scratch.deferred, 0) > DEFERRED:
                 save(scratch.at, at)
                 return True
             leaf = trace_block(tree, at.link, at.mask, rays, frusta, facing, work, scratch.deferred, counters)
@@ -327,7 +327,7 @@ def _trace_leaf(tree, link, mask, rays, packet, counters):
     span = length1(d)
     leaf = block_leaf(link)
     for i in range(leaf.count):
-        slot = np.int64(get(tree.slots, slot_at(leaf.block, i)))
+        slot = get(tree.slots, slot_at(leaf.block, i))
         count(counters, TRIANGLES, 1)
         count(counters, CANDIDATES, 1)
         count(counters, TRIANGLE_TESTS, 1)

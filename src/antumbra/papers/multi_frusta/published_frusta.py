@@ -343,7 +343,7 @@ def trace_block(tree, link, mask, rays, frusta, facing, work, deferred, counters
     leaf, done, struck = block_leaf(link), np.int64(0), np.int64(0)
     block = ptr_at(tree.blocks, rows_at(leaf.block))
     for i in range(leaf.count):
-        slot = np.int64(get(tree.slots, slot_at(leaf.block, i)))
+        slot = get(tree.slots, slot_at(leaf.block, i))
         count(counters, TRIANGLES, 1)
         active = _cull(tree, slot, block, i, mask, rays, frusta, facing, work)
         if active == 0:
@@ -354,7 +354,7 @@ def trace_block(tree, link, mask, rays, frusta, facing, work, deferred, counters
             active &= active - 1
             hit = _test_frustum(slot, rays, r, facing, work, deferred, counters)
             if hit != 0:
-                dead = np.int64(get(rays.dead, r)) | hit
+                dead = get(rays.dead, r) | hit
                 put(rays.dead, r, dead)
                 struck |= np.int64(1) << r
                 if dead & rays.lanes == rays.lanes:
@@ -446,7 +446,7 @@ def _walk(tree, rays, frusta, shrinking, facing, work, scratch, counters):
     slabs = slabs_of(frusta_as_shafts(rays, frusta), alive)
     at = _next_leaf(tree, slabs, load_saved(scratch.at, alive), scratch.stack, alive, counters)
     while at.mask != 0:
-        if np.int64(get(scratch.deferred, 0)) > DEFERRED:
+        if get(scratch.deferred, 0) > DEFERRED:
             save(scratch.at, at)
             return True
         mask = at.mask
@@ -476,7 +476,7 @@ def _trace_frusta(ticket, arrays, query, samples, job, out, counters, shrinking)
         frusta = make_frusta(chunk, samples, job, rays, memory)
         save(scratch.at, root(open_frusta(rays)))
         while _walk(tree, rays, frusta, shrinking, chunk.query.facing, work, scratch, totals):
-            if np.int64(get(scratch.deferred, 0)) > DEFERRED:
+            if get(scratch.deferred, 0) > DEFERRED:
                 settle(tree, chunk, rays, scratch, totals)
         settle(tree, chunk, rays, scratch, totals)
         finish_tile(chunk, rays, places)

@@ -253,7 +253,7 @@ def _ray_of(view, leaves, at):
 @kernel
 def _cone_of_leaf(view, leaves, leaf, group, lane):
     """Write the cone around the rays of a leaf; return whether the leaf has rays."""
-    ways, z, lanes = leaves.ways, np.float64(0.0), np.int64(get(leaves.lanes, leaf))
+    ways, z, lanes = leaves.ways, np.float64(0.0), get(leaves.lanes, leaf)
     w, first = (z, z, z), 3 * block_of(leaves, leaf) * ways
     for i in range(ways):
         if lanes >> i & 1:

@@ -195,7 +195,7 @@ def _trace_block(tree, k, link, mask, cell):
             hit, unsure = 0, hit | unsure  # float32 cannot decide whether a hit lies within a span
         while hit | unsure != 0:
             i = lowest_bit(hit | unsure)
-            slot = np.int64(get(tree.slots, slot_at(block, i)))
+            slot = get(tree.slots, slot_at(block, i))
             is_skipped = get(tree.prim_ids, slot) == get(cell.skip, lane)
             if not is_skipped and (hit >> i & 1 != 0 or _is_hit(cell, lane, tree.corners, slot)):
                 _keep_if_nearest(cell, lane, tree, k, slot)

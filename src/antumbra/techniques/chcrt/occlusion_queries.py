@@ -306,7 +306,7 @@ def _entered_children(lines, row, slabs, far):
 
 @inlined
 def _is_open(pairs, i):
-    return np.int64(get(pairs.counts, i)) <= pairs.threshold
+    return get(pairs.counts, i) <= pairs.threshold
 
 
 @kernel
@@ -322,7 +322,7 @@ def _test_shafts(cells, lines, pairs, with_blocked):
     for i in range(pairs.first, pairs.end):
         met = 0
         if _is_open(pairs, i):
-            met, enters = _entered_children(lines, np.int64(get(pairs.rows, i)), slabs, far)
+            met, enters = _entered_children(lines, get(pairs.rows, i), slabs, far)
             met &= live
             if met != 0:
                 key = reduce_min(select(mask_from_bits16(met), enters, splat16(_F(1.0))))
@@ -337,9 +337,9 @@ def _count_bundle(bundle, live, lines, pairs, g):
     """Count the rays of a bundle of cell g. Return the number of pairs that met the cell's shaft and are still open."""
     slabs, far, n_open = slabs_in(bundle, live), load16(bundle.limits, 0), 0
     for i in range(pairs.first, pairs.end):
-        if np.int64(get(pairs.met, i)) >> g & 1 != 0 and _is_open(pairs, i):
-            met = _entered_children(lines, np.int64(get(pairs.rows, i)), slabs, far)[0] & live
-            put(pairs.counts, i, np.int64(get(pairs.counts, i)) + popcount(met))
+        if get(pairs.met, i) >> g & 1 != 0 and _is_open(pairs, i):
+            met = _entered_children(lines, get(pairs.rows, i), slabs, far)[0] & live
+            put(pairs.counts, i, get(pairs.counts, i) + popcount(met))
             n_open += np.int64(_is_open(pairs, i))
     return n_open
 
@@ -348,8 +348,8 @@ def _count_bundle(bundle, live, lines, pairs, g):
 def _count_cell(pairs, g, n):
     """Count all n rays of cell g for the pairs that meet its shaft."""
     for i in range(pairs.first, pairs.end):
-        if np.int64(get(pairs.met, i)) >> g & 1 != 0 and _is_open(pairs, i):
-            put(pairs.counts, i, np.int64(get(pairs.counts, i)) + n)
+        if get(pairs.met, i) >> g & 1 != 0 and _is_open(pairs, i):
+            put(pairs.counts, i, get(pairs.counts, i) + n)
 
 
 @kernel

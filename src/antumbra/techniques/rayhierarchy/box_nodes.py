@@ -400,7 +400,7 @@ def _put_box(group, ways, lane, low, high):
 @kernel
 def _box_of_leaf(view, face, leaves, leaf, group, lane):
     """Write the box around the receivers of a leaf; empty lanes are ignored."""
-    ways, lanes = leaves.ways, np.int64(get(leaves.lanes, leaf))
+    ways, lanes = leaves.ways, get(leaves.lanes, leaf)
     if lanes == 0:
         return False
     there = mask_from_bits16(lanes)

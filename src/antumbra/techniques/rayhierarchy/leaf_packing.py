@@ -202,7 +202,7 @@ def _groups(face, places, lanes, groups, centres):
     n, i = np.int64(lanes != 0), 0
     put(groups, 0, lanes)
     while i < n:
-        group = np.int64(get(groups, i))
+        group = get(groups, i)
         apart = _cut(face, places, group, n > GROUPS - 6, ptr_at(centres, i))
         if apart != 0:
             put(groups, i, group & ~apart)

@@ -341,7 +341,7 @@ def _is_near(query_bits, view, i):
     if view.kind == PERSPECTIVE:  # all receivers have the same ends
         return True
     z = np.float64(0.0)
-    p, n, error = plane(query_bits.query.corners, np.int64(get(query_bits.query.faces, i)), z, z, z)
+    p, n, error = plane(query_bits.query.corners, get(query_bits.query.faces, i), z, z, z)
     o = three_at(query_bits.query.origins, i)
     to = o[0] - p[0], o[1] - p[1], o[2] - p[2]
     return abs(dot(n, to)) + error * max_magnitude(to) < _SHALLOW * _distance(query_bits) * np.sqrt(dot(n, n))
@@ -366,7 +366,7 @@ def _set_below_horizon(query_bits, samples, ids, lanes, counters):
     """Set the bits of all samples of a beam for some lanes."""
     count(counters, BELOW_HORIZON, samples.n_samples * popcount(lanes))
     while lanes != 0:
-        i = np.int64(get(ids, lowest_bit(lanes)))
+        i = get(ids, lowest_bit(lanes))
         lanes &= lanes - 1
         for s in range(samples.first, samples.first + samples.n_samples):
             set_bit(query_bits.query, query_bits.bits, i, s)
@@ -376,9 +376,9 @@ def _set_below_horizon(query_bits, samples, ids, lanes, counters):
 def _sides_of(query_bits, samples, ids, lanes, sides):
     """Write the sides of 16 receivers, NOTHING for receivers outside `lanes` or of another sample set."""
     for lane in range(16):
-        i = np.int64(get(ids, lane))
+        i = get(ids, lane)
         others = samples.set >= 0 and set_of(query_bits.query, i) != samples.set
-        put(sides, lane, NOTHING if others else np.int64(get(query_bits.query.sides, i)))
+        put(sides, lane, NOTHING if others else get(query_bits.query.sides, i))
     store(sides, 0, select(mask_from_bits16(lanes), load16(sides, 0), np.int32(NOTHING)))
 
 
@@ -387,7 +387,7 @@ def _active_below_plane(query_bits, view, samples, ids, lanes, counters):
     """`active_receivers` for receivers that their triangle's plane separates from the light, tested one by one."""
     active, below = 0, 0
     while lanes != 0:
-        lane, i = lanes & -lanes, np.int64(get(ids, lowest_bit(lanes)))
+        lane, i = lanes & -lanes, get(ids, lowest_bit(lanes))
         lanes ^= lane
         if _is_near(query_bits, view, i):
             below |= lane
@@ -413,12 +413,12 @@ def active_receivers(query_bits, view, samples, ids, lanes, last, counters):
     faces = gather(query_bits.query.faces, load16(ids, 0))
     store(scratch, 0, faces)
     while valid != 0:  # one triangle at a time
-        face, lane, known = np.int64(get(scratch, lowest_bit(valid))), valid & -valid, 0
+        face, lane, known = get(scratch, lowest_bit(valid)), valid & -valid, 0
         if face >= 0:
             known = _cached_light_side(query_bits, view, face, last)
         if known == 0:
             valid ^= lane
-            i = np.int64(get(ids, lowest_bit(lane)))
+            i = get(ids, lowest_bit(lane))
             active |= lane if _is_active(query_bits, samples, i, counters) else 0
         else:
             same = valid & bits(faces == np.int32(face))

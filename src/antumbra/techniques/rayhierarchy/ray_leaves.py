@@ -172,13 +172,13 @@ def leaves_of(rays):
 @inlined
 def block_of(leaves, leaf):
     """The block of a leaf."""
-    return np.int64(get(leaves.blocks, leaf))
+    return get(leaves.blocks, leaf)
 
 
 @inlined
 def ends_in(leaves, leaf, block):
     """Pointer to the ends of a leaf's segments; block: the leaf's block."""
-    return ptr_at(leaves.ends, block * leaves.end_step + 3 * leaves.ways * np.int64(get(leaves.samples, leaf)))
+    return ptr_at(leaves.ends, block * leaves.end_step + 3 * leaves.ways * get(leaves.samples, leaf))
 
 
 @inlined
@@ -203,9 +203,9 @@ def _fill_ends(ticket, query, bits, rays):
     for block in items(ticket):
         some_id = -1
         for lane in range(ways):
-            some_id = max(some_id, np.int64(get(leaves.ids, block * ways + lane)))
+            some_id = max(some_id, get(leaves.ids, block * ways + lane))
         for lane in range(ways if some_id >= 0 else 0):
-            i = np.int64(get(leaves.ids, block * ways + lane))
+            i = get(leaves.ids, block * ways + lane)
             _fill_lane(query_bits, i if i >= 0 else some_id, leaves, block, lane)
 
 
@@ -223,8 +223,8 @@ def _fill_lane(query_bits, i, leaves, block, lane):
 def _fill_common(query, leaf, bits, rays):
     """Write the ends that all receivers share, computed for one receiver of a leaf."""
     query_bits, leaves = query_bits_of(query, bits), leaves_of(rays)
-    lane = lowest_bit(np.int64(get(leaves.lanes, leaf)) | 1 << 15) & leaves.ways - 1
-    i = max(np.int64(get(leaves.ids, block_of(leaves, leaf) * leaves.ways + lane)), 0)
+    lane = lowest_bit(get(leaves.lanes, leaf) | 1 << 15) & leaves.ways - 1
+    i = max(get(leaves.ids, block_of(leaves, leaf) * leaves.ways + lane), 0)
     for lane in range(rays.ways):
         _fill_lane(query_bits, i, leaves, 0, lane)
 
@@ -232,7 +232,7 @@ def _fill_common(query, leaf, bits, rays):
 @inlined
 def _fill_leaf(query_bits, leaves, leaf):
     """Mark the segments of a leaf that are dead before the traversal."""
-    lanes = np.int64(get(leaves.lanes, leaf))
+    lanes = get(leaves.lanes, leaf)
     others = ~lanes & (1 << leaves.ways) - 1
     if leaves.n_samples == 1:  # all receivers of a leaf are active, so their only sample is live
         put(leaves.dead, leaf, others)
@@ -302,10 +302,10 @@ def _write_bits(ticket, rays, bits):
     leaves, out, words = leaves_of(rays), ptr(bits), bits.shape[2]
     for leaf in items(ticket):
         for s in range(leaves.n_samples):
-            blocked = np.int64(get(leaves.dead, leaf * leaves.n_samples + s)) & np.int64(get(leaves.lanes, leaf))
+            blocked = get(leaves.dead, leaf * leaves.n_samples + s) & get(leaves.lanes, leaf)
             block, n = block_of(leaves, leaf) * leaves.ways, leaves.first + s
             while blocked != 0:
-                i = np.int64(get(leaves.ids, block + lowest_bit(blocked)))
+                i = get(leaves.ids, block + lowest_bit(blocked))
                 blocked &= blocked - 1
                 at = i * words + (n >> 6)
                 put(out, at, get(out, at) | np.uint64(1) << np.uint64(n & 63))
@@ -354,14 +354,14 @@ def block_rays(leaves, leaf, corners, slot, triangle, prim, facing, counters):
     """
     ways, block, all_lanes = leaves.ways, block_of(leaves, leaf), (1 << leaves.ways) - 1
     marks, first = ptr_at(leaves.dead, leaf * leaves.n_samples), 0
-    while first < leaves.n_samples and np.int64(get(marks, first)) == all_lanes:
+    while first < leaves.n_samples and get(marks, first) == all_lanes:
         first += 1
     if first == leaves.n_samples:
         return True
     origins, ends = origins_in(leaves, block), ends_in(leaves, leaf, block)
     lanes, finished = lanes_from(origins, _span(leaves, ends, origins), triangle), True
     for s in range(first, leaves.n_samples):
-        live = all_lanes & ~np.int64(get(marks, s))
+        live = all_lanes & ~get(marks, s)
         if live == 0:
             continue
         count(counters, TRIANGLE_TESTS, 1)

@@ -125,7 +125,7 @@ def _bound(ticket, arrays, beam, rays, part, level):
             if level == 0:
                 known = bound_leaf(tree.nodes, view, face, leaves, first_leaf + i, group, lane)
             else:
-                live = np.int64(get(tree.alive, below + i))
+                live = get(tree.alive, below + i)
                 known = live != 0
                 if known:
                     bound_node(tree.nodes, group_at(tree, below + i), live, ways, group, lane)

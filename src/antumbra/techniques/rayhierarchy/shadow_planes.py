@@ -63,7 +63,7 @@ def put_number(row, k, x):
 @inlined
 def integer(row, k):
     """Number k of a triangle, read as an int32."""
-    return np.int64(get(as_i32(row), LANES * k))
+    return get(as_i32(row), LANES * k)
 
 
 @inlined

@@ -81,7 +81,7 @@ def _put_range(group, k, ways, lane, there, x):
 @kernel
 def _shaft_of_leaf(leaves, leaf, group, lane):
     """Write the shaft around the segments of a leaf; False if it has no rays."""
-    ways, lanes = leaves.ways, np.int64(get(leaves.lanes, leaf))
+    ways, lanes = leaves.ways, get(leaves.lanes, leaf)
     if lanes == 0:
         return False
     there, block = mask_from_bits16(lanes), block_of(leaves, leaf)
@@ -234,7 +234,7 @@ def _exactly_blocked(o, ends, ways, lane, soup, clusters, first, facing, unsure,
         get(ends, lane), get(ends, ways + lane), get(ends, 2 * ways + lane),
     )  # fmt: skip
     while unsure != 0:
-        side = settle(ray, soup.corners, np.int64(get(clusters.slots, first + lowest_bit(unsure))), counters)
+        side = settle(ray, soup.corners, get(clusters.slots, first + lowest_bit(unsure)), counters)
         if side != 0 and side != facing:
             return True
         unsure &= unsure - 1
@@ -270,7 +270,7 @@ def _is_blocked(origins, ends, ways, own_prim, lane, soup, clusters, facing, uni
 def _block_rays(leaves, leaf, soup, clusters, facing, unit, counters):
     """Mark the segments of a leaf that the clusters block as dead; True if all are dead now. A lane has one segment."""
     ways = leaves.ways
-    live = ~np.int64(get(leaves.dead, leaf)) & (1 << ways) - 1
+    live = ~get(leaves.dead, leaf) & (1 << ways) - 1
     if live == 0:
         return True
     block, blocked, box = block_of(leaves, leaf), 0, clusters.box
@@ -282,7 +282,7 @@ def _block_rays(leaves, leaf, soup, clusters, facing, unit, counters):
     while candidates != 0:
         lane = lowest_bit(candidates)
         candidates &= candidates - 1
-        own_prim = np.int64(get(leaves.own, block * ways + lane))
+        own_prim = get(leaves.own, block * ways + lane)
         if _is_blocked(origins, points, ways, own_prim, lane, soup, clusters, facing, unit, counters):
             blocked |= 1 << lane
     if blocked != 0:
@@ -300,7 +300,7 @@ def _descend(tree, leaves, soup, clusters, facing, unit, waiting, counters):
         n -= 1
         g, level = get(waiting, 2 * n), get(waiting, 2 * n + 1)
         group = groups_of(tree, 0, level) + g
-        alive = np.int64(get(tree.alive, group))
+        alive = get(tree.alive, group)
         count(counters, NODES, popcount(alive))
         hit_nodes = meet_shafts(group_at(tree, group), clusters.box, tree.ways) & alive
         while hit_nodes != 0:

@@ -209,7 +209,7 @@ def _visit(tree, part, leaves, level, group, first, numbers, how, counters):
 
     Covered nodes are marked as finished. The group starts at node `first`.
     """
-    alive = np.int64(get(tree.alive, group))
+    alive = get(tree.alive, group)
     count(counters, NODES, popcount(alive))
     candidates = possible(tree.nodes, group_at(tree, group), numbers, tree.ways, alive, how.spheres)
     count(counters, CANDIDATES, popcount(candidates))
@@ -227,13 +227,13 @@ def _process_queue(tree, part, level, leaves, rows, queues, how, counters):
 
     The counts of both queues stay in registers, so that a pair does not wait for the previous pair.
     """
-    n, below = np.int64(get(queues.counts, level + 1)), np.int64(get(queues.counts, level))
+    n, below = get(queues.counts, level + 1), get(queues.counts, level)
     to_rows, to_groups = ptr_at(queues.rows, level * queues.step), ptr_at(queues.groups, level * queues.step)
     from_rows, from_groups = ptr_at(to_rows, queues.step), ptr_at(to_groups, queues.step)
     start, room = groups_of(tree, part, level), how.pairs - tree.ways
     while n > 0 and below <= room:
         n -= 1
-        row, g = np.int64(get(from_rows, n)), np.int64(get(from_groups, n))
+        row, g = get(from_rows, n), get(from_groups, n)
         first = g * tree.ways
         candidates = _visit(tree, part, leaves, level, start + g, first, row_at(rows, row), how, counters)
         store(to_rows, below, splat16(np.int32(row)))
@@ -247,13 +247,13 @@ def _process_queue(tree, part, level, leaves, rows, queues, how, counters):
 def _test_rays(tree, part, leaves, soup, rows, queues, how, counters):
     """Test the rays of the queued leaves, and prefetch later leaves."""
     first, slot, triangle = get(tree.leaves, part), -1, triangle_in(soup.corners, 0)
-    for i in range(np.int64(get(queues.counts, 0)) - 1, -1, -1):
-        fetch_leaf(leaves, first + np.int64(get(queues.groups, max(i - _AHEAD, 0))))
-        node, last = np.int64(get(queues.groups, i)), slot
-        slot = integer(row_at(rows, np.int64(get(queues.rows, i))), TRIANGLE)
+    for i in range(get(queues.counts, 0) - 1, -1, -1):
+        fetch_leaf(leaves, first + get(queues.groups, max(i - _AHEAD, 0)))
+        node, last = get(queues.groups, i), slot
+        slot = integer(row_at(rows, get(queues.rows, i)), TRIANGLE)
         if slot != last:
             triangle = triangle_in(soup.corners, slot)
-        prim = np.int64(get(soup.ids, slot))
+        prim = get(soup.ids, slot)
         finished = block_rays(leaves, first + node, soup.corners, slot, triangle, prim, how.facing, counters)
         if finished and how.early_accept:
             _kill(tree, part, 0, node, leaves)
@@ -291,7 +291,7 @@ def _write_row(tree, parts, view, soup, slot, how, row, lane, face_lanes):
             put_integer(numbers, TRIANGLE, slot)
             if how.facing != 0 and shape.facing != -how.facing:
                 put_integer(numbers, COVERS, 0)
-            put(face_lanes, part, np.int64(get(face_lanes, part)) | 1 << lane)
+            put(face_lanes, part, get(face_lanes, part) | 1 << lane)
 
 
 @kernel
@@ -305,7 +305,7 @@ def write_rows(tree, parts, view, soup, slots, n, how, rows, face_lanes):
     for part in range(parts):
         put(face_lanes, part, 0)
     for lane in range(n):
-        slot = np.int64(get(slots, lane))
+        slot = get(slots, lane)
         _write_row(tree, parts, view, soup, slot, how, ptr_at(rows, lane), lane, face_lanes)
 
 
@@ -320,7 +320,7 @@ def _start(tree, part, block, lanes, union):
         return level, g
     while True:
         group = groups_of(tree, part, level) + g
-        met = meet_union(tree.nodes, group_at(tree, group), union, tree.ways) & np.int64(get(tree.alive, group))
+        met = meet_union(tree.nodes, group_at(tree, group), union, tree.ways) & get(tree.alive, group)
         if met == 0:
             return level, -1
         if level == 0 or met & (met - 1) != 0:
@@ -337,7 +337,7 @@ def queue_block(tree, part, block, rows, lanes, queues):
     if g < 0:
         return
     queue = level + 1
-    at = queue * queues.step + np.int64(get(queues.counts, queue))
+    at = queue * queues.step + get(queues.counts, queue)
     store_compressed(queues.rows, at, mask_from_bits16(lanes), iota16() + np.int32(block * LANES))
     store(queues.groups, at, splat16(np.int32(g)))
     put(queues.counts, queue, get(queues.counts, queue) + popcount(lanes))

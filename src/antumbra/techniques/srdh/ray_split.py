@@ -180,7 +180,7 @@ def _copy_ray(source, i, target, size, axis, origin, factor, limit, is_left):
     # Out: target, the child's `RayHitSetPointers`
     at, hit, n = size.rays * RAY, size.hits, 0
     store(target.rays, at, load8(source.rays, i * RAY))
-    first = np.int64(get(source.words, i * RAY + 6))
+    first = get(source.words, i * RAY + 6)
     for k in range(first, first + get(source.words, i * RAY + 7)):
         if ((get(source.hits, k * HIT + axis) - origin) * factor < limit) == is_left:
             store(target.hits, (hit + n) * HIT, load4(source.hits, k * HIT))
@@ -205,7 +205,7 @@ def divide_rays(source, n, mapping, choice, boxes, left, right):
     left_size, right_size = SetSize(0, 0), SetSize(0, 0)
     for i in range(n):
         ray, below = ray_at(source.rays, i), 0
-        first, count = np.int64(get(source.words, i * RAY + 6)), np.int64(get(source.words, i * RAY + 7))
+        first, count = get(source.words, i * RAY + 6), get(source.words, i * RAY + 7)
         for k in range(first, first + count):
             below += np.int64((get(source.hits, k * HIT + axis) - origin) * factor < limit)
         above = count - below
@@ -346,7 +346,7 @@ def _put_hit_bins(rays, i, mapping, n_bins, lowest, highest):
     """Write the lowest and highest bin of ray i's hits on each axis; BINS and -1 without hits."""
     top = np.int32(n_bins - 1)
     low, high = splat4(np.int32(BINS)), splat4(np.int32(-1))
-    first = np.int64(get(rays.words, i * RAY + 6))
+    first = get(rays.words, i * RAY + 6)
     for k in range(first, first + get(rays.words, i * RAY + 7)):
         centroid = load4(rays.hits, k * HIT)
         place = minimum(maximum(to_i32((centroid - mapping.origin) * mapping.factor), np.int32(0)), top)
@@ -412,7 +412,7 @@ def count_rays(rays, n, mapping, sides, kernels, counts):
         _put_hit_bins(rays, i, mapping, n_bins, lowest, highest)
         n_hits += get(rays.words, i * RAY + 7)
         for axis in range(3):
-            low, high = np.int64(get(lowest, axis)), np.int64(get(highest, axis))
+            low, high = get(lowest, axis), get(highest, axis)
             left_planes = _entered(sides.boxes, 2 * axis, ray, near_rows, far_rows, n_bins)
             right_planes = _entered(sides.boxes, 2 * axis + 1, ray, near_rows, far_rows, n_bins)
             first = min(lowest_bit(left_planes | 1 << BINS), low + 1)

@@ -100,7 +100,7 @@ def bundle_of(tiles, count):
 def tile_group_of(scratch, chunk):
     """The `TileGroup` of a bundle. Its first tile is in the first slot."""
     union = tile_at(scratch.tiles, MAX_TILES, chunk)
-    return tile_group_at(scratch.tile_group, scratch.tiles, scratch.valid, union, np.int64(get(scratch.slots, 0)))
+    return tile_group_at(scratch.tile_group, scratch.tiles, scratch.valid, union, get(scratch.slots, 0))
 
 
 @inlined
@@ -176,7 +176,7 @@ def _tile_group_leaf(tree, link, strata, chunk, scratch, counters):
     while live != 0:
         g = lowest_bit(live)
         live &= live - 1
-        tile, valid = tile_in(tile_group, g, chunk), np.int64(get(scratch.valid, g))
+        tile, valid = tile_in(tile_group, g, chunk), get(scratch.valid, g)
         copy_to_tile(tile_group, g, tile.dead)
         before = load16(tile.dead, 0)
         _trace_tile(tree, link, tile, valid, strata, chunk, scratch, counters)
@@ -196,8 +196,8 @@ def _leaf(tree, link, mask, chunk, bundle, scratch, counters):
     for slot in range(bundle.tiles):
         groups = mask >> (slot * bundle.groups) & all_groups
         if groups != 0:
-            g = np.int64(get(scratch.slots, slot))
-            tile, valid = tile_at(scratch.tiles, g, chunk), np.int64(get(scratch.valid, g))
+            g = get(scratch.slots, slot)
+            tile, valid = tile_at(scratch.tiles, g, chunk), get(scratch.valid, g)
             ensure_shafts(tile)
             _trace_tile(tree, link, tile, valid, lane_strata(groups, bundle), chunk, scratch, counters)
             done |= (groups & finished_groups(tile, valid, bundle)) << (slot * bundle.groups)
@@ -245,12 +245,12 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
 
     Blocks that blocked all segments of a lane of earlier bundles are tested first.
     """
-    link, mask = np.int64(get(scratch.at, WAITING)), np.int64(get(scratch.at, WAITING + 1))
+    link, mask = get(scratch.at, WAITING), get(scratch.at, WAITING + 1)
     known = np.int64(N_BLOCKERS)
     if at.place == -1:
         known = 0
         if get(scratch.at, BLOCKERS) != get(scratch.at, TREE):
-            reset_blockers(scratch, np.int64(get(scratch.at, TREE)))
+            reset_blockers(scratch, get(scratch.at, TREE))
     while True:
         if known >= N_BLOCKERS:
             at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
@@ -258,7 +258,7 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
                 prefetch(tree.bounds, bounds_at(block_leaf(at.link).block))
                 fetch(tree, at.link)
         if mask & alive != 0:
-            if np.int64(get(scratch.deferred, 0)) > DEFERRED:
+            if get(scratch.deferred, 0) > DEFERRED:
                 put(scratch.at, WAITING, link)
                 put(scratch.at, WAITING + 1, mask)
                 return at, alive
@@ -270,7 +270,7 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
             put(scratch.at, WAITING + 1, 0)
             return not_started(), alive
         if known < N_BLOCKERS:
-            link = np.int64(get(scratch.at, BLOCKERS + 1 + known))
+            link = get(scratch.at, BLOCKERS + 1 + known)
             mask = alive if is_leaf(link) else 0
             known += 1
         else:
@@ -300,8 +300,8 @@ def trace_lanes(tree_list, y, x, alive, chunk, bundle, scratch, counters):
             i, alive = _walk(tree_list, i, end, alive, chunk, bundle, scratch, counters)
         if bundle.is_tile_group:
             copy_to_tiles(tile_group_of(scratch, chunk), chunk)
-        if np.int64(get(scratch.deferred, 0)) != 0:
-            corners = tree_in(tree_list, np.int64(get(scratch.at, TREE))).corners
+        if get(scratch.deferred, 0) != 0:
+            corners = tree_in(tree_list, get(scratch.at, TREE)).corners
             resolve_deferred(corners, chunk, scratch.tiles, scratch.places, scratch.deferred, counters)
         if i >= end or alive == 0:
             return

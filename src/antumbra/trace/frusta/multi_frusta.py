@@ -83,7 +83,7 @@ def _start_tile(chunk, g, scratch, fresh, known, counters):
 
     Unless `fresh`, the bits at `known` mark segments known to be blocked.
     """
-    tile, valid = tile_at(scratch.tiles, g, chunk), np.int64(get(scratch.valid, g))
+    tile, valid = tile_at(scratch.tiles, g, chunk), get(scratch.valid, g)
     y0, x0 = first_pixel(scratch.places, g)
     bound_receivers(tile, valid)
     if not chunk.fixed:
@@ -106,7 +106,7 @@ def _fill_slot(chunk, bundle, slot, g, scratch):
     tile = tile_at(scratch.tiles, g, chunk)
     put(scratch.slots, slot, g)
     fill_lanes(slot, tile, bundle, scratch.lanes)
-    groups = ~finished_groups(tile, np.int64(get(scratch.valid, g)), bundle) & ((1 << bundle.groups) - 1)
+    groups = ~finished_groups(tile, get(scratch.valid, g), bundle) & ((1 << bundle.groups) - 1)
     return groups << (slot * bundle.groups)
 
 
@@ -189,7 +189,7 @@ def _trace_areas(ticket, arrays, query, table, shape, layout, regions, k, n_samp
                 _trace_parts(tree_list, m, chunk, scratch, places, mine)
                 for g in range(m):
                     y0, x0 = first_pixel(scratch.places, g)
-                    write_bits(chunk, y0, x0, np.int64(get(scratch.valid, g)), tile_at(scratch.tiles, g, chunk), places)
+                    write_bits(chunk, y0, x0, get(scratch.valid, g), tile_at(scratch.tiles, g, chunk), places)
             n = list_parts(chunk, layout, y, x, n_tiles, room, parts)
     add_counters(counters, mine)
 

@@ -146,7 +146,7 @@ def _others(fans, b, slot, r):
 def _rays_in_box(fans, points, s, r, box):
     """Bits of the tiles whose ray of fan r to stratum s meets a `Box`."""
     o, fan = rows(fans.receivers, 48 * r, 16), 16 * s + r
-    ready = np.int64(get(fans.ready, s))
+    ready = get(fans.ready, s)
     if ready >> r & 1 == 0:
         put(fans.reach, fan, store_inverses(fans.inverses, 48 * fan, o, broadcasts(points, r, 16)))
         put(fans.ready, s, ready | 1 << r)

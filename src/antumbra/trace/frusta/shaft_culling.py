@@ -397,7 +397,7 @@ def _test_strata(tile, b, slot, i, receivers, strata, counters):
         d = subtract3(rows(tile.points, s * 48, 16), rows(tile.origins, 0, 16))
         count(counters, TRIANGLE_TESTS, 1)
         hit, unsure = decide(d, lanes, b.facing)
-        unsure &= receivers & ~np.int64(get(tile.dead, s))
+        unsure &= receivers & ~get(tile.dead, s)
         if unsure != 0:
             defer(b.deferred, slot, tile.number << 8 | s << 4, 1, unsure)
         dead = with_blocked(dead, 1 << s, splat16(np.int32(hit & receivers)))
@@ -518,7 +518,7 @@ def _trace_stratum(tile, b, s, box, counters):
 
     A few rays are tested one by one. Otherwise the stratum's shaft culls triangles first.
     """
-    rays = rays_in_box(tile, s, box) & b.valid & ~np.int64(get(tile.dead, s))
+    rays = rays_in_box(tile, s, box) & b.valid & ~get(tile.dead, s)
     if popcount(rays) > _FEW_RAYS:
         triangles = cull_block(tile, numbers_of(b), 16 + s, b.facing, b.work) & b.present
         count(counters, CANDIDATES, popcount(triangles))

@@ -174,7 +174,7 @@ def list_parts(chunk, layout, y, x, n_tiles, tile, parts):
     n = 0
     for g in range(n_tiles):
         fetch_receivers(chunk, *_place_in(chunk, layout, y, x, g + _AHEAD))
-        remaining = np.int64(get(parts.unlisted, g))
+        remaining = get(parts.unlisted, g)
         if remaining != 0 and n < _MOST:
             y0, x0 = _place_in(chunk, layout, y, x, g)
             receivers = _tile_of(parts, g, tile)
@@ -231,7 +231,7 @@ def _sort_piece(parts, first, count):
             rank = rank + select(broadcast16(parts.keys, i) < key, splat16(np.int32(1)), splat16(np.int32(0)))
         store(parts.ranks, at, rank)
     for i in range(count):
-        put(parts.sorted, np.int64(get(parts.ranks, i)), get(parts.order, first + i))
+        put(parts.sorted, get(parts.ranks, i), get(parts.order, first + i))
     for i in range(count):
         put(parts.order, first + i, get(parts.sorted, i))
 
@@ -260,7 +260,7 @@ def order_parts(parts, n):
         if height == 0:
             return
         height -= 2
-        first, count = np.int64(get(waiting, height)), np.int64(get(waiting, height + 1))
+        first, count = get(waiting, height), get(waiting, height + 1)
 
 
 @kernel
@@ -268,8 +268,8 @@ def load_cluster(chunk, layout, y, x, first, n, scratch):
     """Load n parts, from index `first` of the order on, as tiles 0 to n - 1 of a bundle."""
     parts = parts_at(scratch.parts)
     for g in range(n):
-        k = np.int64(get(parts.order, first + g))
-        number, tile = np.int64(get(parts.tiles, k)), tile_at(scratch.tiles, g, chunk)
+        k = get(parts.order, first + g)
+        number, tile = get(parts.tiles, k), tile_at(scratch.tiles, g, chunk)
         memory, (y0, x0) = ptr_at(parts.receivers, 64 * number), _place_in(chunk, layout, y, x, number)
         store3(tile.origins, 0, 16, rows(memory, 0, 16))
         store(tile.faces, 0, load16(as_i32(memory), 48))
@@ -353,7 +353,7 @@ def _enough_near(chunk, tiles, numbers, most):
 @inlined
 def group_pays(trials, c):
     """(whether to form a group of class c, whether this is a trial)."""
-    clusters = np.int64(get(trials, _CLUSTERS + c))
+    clusters = get(trials, _CLUSTERS + c)
     put(trials, _CLUSTERS + c, _F(clusters + 1))
     together, apart = get(trials, _TOGETHER + c), get(trials, _APART + c)
     clear = together > _CLEAR * apart or apart > _CLEAR * together
@@ -397,12 +397,12 @@ def choose_group(chunk, tiles, live, trials):
 def work_of(counters):
     """The counted work so far, roughly in nanoseconds."""
     return (
-        57 * np.int64(get(counters, NODES))
-        + 3 * np.int64(get(counters, TRIANGLES))
-        + 27 * np.int64(get(counters, TRIANGLE_TESTS))
-        + 53 * np.int64(get(counters, COVERED))
-        + 24 * np.int64(get(counters, GROUP_STRATA))
-        + 346 * np.int64(get(counters, TILE_GROUP_TILES))
+        57 * get(counters, NODES)
+        + 3 * get(counters, TRIANGLES)
+        + 27 * get(counters, TRIANGLE_TESTS)
+        + 53 * get(counters, COVERED)
+        + 24 * get(counters, GROUP_STRATA)
+        + 346 * get(counters, TILE_GROUP_TILES)
     )
 
 

@@ -161,25 +161,25 @@ def _record_blocked(tile_group, s, before):
     """Update `open` and the stale tiles if the row of stratum s has changed since `before`."""
     tiles = bits(load16(_dead_row(tile_group, s), 0) != before)
     if tiles != 0:
-        put(tile_group.state, _STALE, np.int64(get(tile_group.state, _STALE)) | tiles)
+        put(tile_group.state, _STALE, get(tile_group.state, _STALE) | tiles)
         _update_open(tile_group, s)
 
 
 @inlined
 def copy_to_tile(tile_group, g, dead):
     """Copy the blocked segments of tile g from the group to the tile's `dead`, unless it is up to date."""
-    stale = np.int64(get(tile_group.state, _STALE))
+    stale = get(tile_group.state, _STALE)
     if stale >> g & 1 == 0:
         return
     put(tile_group.state, _STALE, stale & ~(1 << g))
     for s in range(STRATA):
-        put(dead, s, np.int64(get(dead, s)) | np.int64(get(tile_group.dead, 16 * s + g)))
+        put(dead, s, get(dead, s) | get(tile_group.dead, 16 * s + g))
 
 
 @kernel
 def copy_to_tiles(tile_group, chunk):
     """Copy the blocked segments of all stale tiles from the group to the tiles."""
-    stale = np.int64(get(tile_group.state, _STALE))
+    stale = get(tile_group.state, _STALE)
     while stale != 0:
         g = lowest_bit(stale)
         stale &= stale - 1
@@ -213,9 +213,9 @@ def copy_from_tiles(tile_group, tiles, chunk):
     while tiles != 0:
         g = lowest_bit(tiles)
         tiles &= tiles - 1
-        absent, dead = ~np.int64(get(tile_group.valid, g)), tile_at(tile_group.tiles, g, chunk).dead
+        absent, dead = ~get(tile_group.valid, g), tile_at(tile_group.tiles, g, chunk).dead
         for s in range(STRATA):
-            put(tile_group.dead, 16 * s + g, np.int64(get(dead, s)) | absent)
+            put(tile_group.dead, 16 * s + g, get(dead, s) | absent)
     for s in range(STRATA):
         _update_open(tile_group, s)
 
@@ -240,7 +240,7 @@ def make_tile_group(tile_group, members, chunk):
         members &= members - 1
         tile = tile_at(tile_group.tiles, g, chunk)
         _add_tile(tile_group, tile, chunk)
-        _close_strata(tile_group, g, finished_strata(tile, np.int64(get(tile_group.valid, g))))
+        _close_strata(tile_group, g, finished_strata(tile, get(tile_group.valid, g)))
     for k in range(3):
         middle, half = middle_and_half(get(info, 6 + k), get(info, 9 + k))
         put(info, k, middle)
@@ -251,7 +251,7 @@ def make_tile_group(tile_group, members, chunk):
 @kernel
 def _fill(tile_group, chunk):
     """Fill the data for block tests. Deferred to the first block, because many groups meet none."""
-    members = np.int64(get(tile_group.state, _MEMBERS))
+    members = get(tile_group.state, _MEMBERS)
     put(tile_group.state, _FILLED, np.int32(1))
     if chunk.fixed:
         _set_fixed_targets(tile_group, chunk)
@@ -279,7 +279,7 @@ def _open_tiles(tile_group, strata):
     """Bits of the tiles with an unblocked segment to any of `strata` (bits)."""
     tiles = 0
     while strata != 0:
-        tiles |= np.int64(get(tile_group.open, lowest_bit(strata)))
+        tiles |= get(tile_group.open, lowest_bit(strata))
         strata &= strata - 1
     return tiles
 
@@ -302,7 +302,7 @@ def _lanes_in_box(tile_group, s, by_fans, chunk, box):
     if by_fans:
         alive = ~np.int64(reduce_and(load16(_dead_row(tile_group, s), 0)))
         return alive & reverse_frusta_in_box(tile_group.fans, ptr_at(chunk.points, 48 * s), box)
-    return np.int64(get(tile_group.open, s)) & tiles_in_box(tile_group, s, box.middle, box.half)
+    return get(tile_group.open, s) & tiles_in_box(tile_group, s, box.middle, box.half)
 
 
 @kernel
@@ -329,7 +329,7 @@ def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, d
     while remaining != 0:
         s = lowest_bit(remaining)
         remaining &= remaining - 1
-        live, dead = np.int64(get(lanes, s)), _dead_row(tile_group, s)
+        live, dead = get(lanes, s), _dead_row(tile_group, s)
         before = load16(dead, 0)
         if by_fans:
             points = ptr_at(chunk.points, 48 * s)

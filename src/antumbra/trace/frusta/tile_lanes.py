@@ -76,7 +76,7 @@ def test_one_by_one(rays, n, b, counters):
     """Test up to 64 rays, each against all triangles of a block. Return bits of the blocked rays."""
     blocked = 0
     for r in range(n):
-        o, place = broadcasts(rays.origins, r, _ROW), np.int64(get(rays.places, r))
+        o, place = broadcasts(rays.origins, r, _ROW), get(rays.places, r)
         d = subtract3(broadcasts(rays.points, r, _ROW), o)
         if blocks_ray(b, o, d, get(rays.faces, r), place, counters):
             blocked |= 1 << r
@@ -102,7 +102,7 @@ def test_together(rays, first, n, b, triangles, counters):
         others = open_rays & ~bits(faces == get(b.tree.prim_ids, slot))
         unsure &= others
         while unsure != 0:
-            defer(b.deferred, slot, np.int64(get(rays.places, first + lowest_bit(unsure))), 0, 1)
+            defer(b.deferred, slot, get(rays.places, first + lowest_bit(unsure)), 0, 1)
             unsure &= unsure - 1
         open_rays &= ~(hit & others)
     return everyone & ~open_rays
@@ -136,7 +136,7 @@ def tiles_near_box(tile_group, c, e):
 def _blocked_rays(tile_group, dead, first, rays):
     """`dead` with gathered rays marked as blocked; rays: bits, counted from `first` on."""
     while rays != 0:
-        place = np.int64(get(tile_group.rays.places, first + lowest_bit(rays)))
+        place = get(tile_group.rays.places, first + lowest_bit(rays))
         rays &= rays - 1
         dead = with_blocked(dead, 1 << (place >> 8), splat16(np.int32(1 << (place & 15))))
     return dead
@@ -153,7 +153,7 @@ def _tiles_with_rays(tile_group, s, live, chunk, box):
         g = lowest_bit(live)
         live &= live - 1
         tile = tile_at(tile_group.tiles, g, chunk)
-        rays = rays_in_box(tile, s, box) & ~np.int64(get(tile_group.dead, 16 * s + g))
+        rays = rays_in_box(tile, s, box) & ~get(tile_group.dead, 16 * s + g)
         put(tile_group.met, g, rays)
         tiles |= np.int64(rays != 0) << g
     return tiles
@@ -166,7 +166,7 @@ def _gather_rays(tile_group, s, tiles, chunk):
     while tiles != 0:
         g = lowest_bit(tiles)
         tiles &= tiles - 1
-        n = gather(tile_group.rays, n, tile_at(tile_group.tiles, g, chunk), s, np.int64(get(tile_group.met, g)))
+        n = gather(tile_group.rays, n, tile_at(tile_group.tiles, g, chunk), s, get(tile_group.met, g))
     return n
 
 

@@ -188,7 +188,7 @@ def _trace_triangles(tree, row, link, mask, deferred, counters):
 def _walk_tree(tree, slabs, at, alive, row, scratch, counters):
     """`walk_tree` of a row."""
     at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
-    while at.mask != 0 and np.int64(get(scratch.deferred, 0)) <= DEFERRED:
+    while at.mask != 0 and get(scratch.deferred, 0) <= DEFERRED:
         alive &= ~trace_leaf(tree, row, at.link, at.mask, scratch.deferred, counters)
         at = next_leaf(tree, slabs, after_leaf(at), scratch.stack, alive, counters)
     return at if at.mask != 0 else not_started(), alive
@@ -208,7 +208,7 @@ def _walk(trees, rays, r, i, end, facing, scratch, counters):
     """Trace row r through trees i .. end. Return the tree at which to continue once deferred tests are settled."""
     alive = open_rays(rays, r)
     i, alive = walk_trees(trees, i, end, alive, Row(rays, r, facing), scratch, counters)
-    put(rays.dead, r, np.int64(get(rays.dead, r)) | (rays.lanes & ~alive))
+    put(rays.dead, r, get(rays.dead, r) | (rays.lanes & ~alive))
     return i if alive != 0 else end
 
 
@@ -233,8 +233,8 @@ def _trace_packets(ticket, prepared, query, samples, job, out, counters):
             while i < end:
                 i = _walk(trees, rays, r, i, end, chunk.query.facing, scratch, mine)
                 if i < end:
-                    settle(tree_number(trees, np.int64(get(scratch.at, TREE))), chunk, rays, scratch, mine)
-        settle(tree_number(trees, np.int64(get(scratch.at, TREE))), chunk, rays, scratch, mine)
+                    settle(tree_number(trees, get(scratch.at, TREE)), chunk, rays, scratch, mine)
+        settle(tree_number(trees, get(scratch.at, TREE)), chunk, rays, scratch, mine)
         finish_tile(chunk, rays, places)
     add_counters(counters, mine)
 

@@ -179,7 +179,7 @@ def directions_of(rays, r):
 @inlined
 def open_rays(rays, r):
     """Bits of the rays of row r that are not blocked so far."""
-    return rays.lanes & ~np.int64(get(rays.dead, r))
+    return rays.lanes & ~get(rays.dead, r)
 
 
 @inlined

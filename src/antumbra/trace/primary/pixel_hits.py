@@ -138,13 +138,13 @@ def _plane_of(tree_list, known, part, slot, o):
 @inlined
 def _best_of(pixels, at, tree_list, other, part, ray, o, pixel, face, t):
     """((last plane, its part), t, face) of the hit of pixel `at`."""
-    slot = np.int64(get(pixels.slot, at))
+    slot = get(pixels.slot, at)
     if slot == KNOWN:
-        part, slot = np.int64(get(pixels.part, at)), np.int64(get(pixels.known_slot, at))
+        part, slot = get(pixels.part, at), get(pixels.known_slot, at)
         if part < 0:
-            return other, get(t, pixel), np.int64(get(face, pixel))
+            return other, get(t, pixel), get(face, pixel)
     tree, other = tree_in(tree_list, part), _plane_of(tree_list, other, part, slot, o)
-    return other, plane_t(other[0], ray, tree.corners), np.int64(get(tree.prim_ids, slot))
+    return other, plane_t(other[0], ray, tree.corners), get(tree.prim_ids, slot)
 
 
 @kernel
@@ -156,8 +156,8 @@ def settle(pixels, tree_list, part, rays, x0, y0, scale, face, t):
     # In: tree_list, part, rays, x0, y0, scale, face, t. In and out: pixels.
     o, touched, tree = rays.origin, 0, tree_in(tree_list, part)
     mine, other = (NO_PLANE, -1), (NO_PLANE, -1)
-    for k in range(np.int64(get(pixels.deferred, 0))):
-        slot, entry = np.int64(get(pixels.deferred, 2 + 2 * k)), np.int64(get(pixels.deferred, 3 + 2 * k))
+    for k in range(get(pixels.deferred, 0)):
+        slot, entry = get(pixels.deferred, 2 + 2 * k), get(pixels.deferred, 3 + 2 * k)
         at = entry >> 1
         (across, down), lane = first_pixel(at >> 4), at & 15
         x, y = x0 + across + (lane & 3), y0 + down + (lane >> 2)
@@ -233,11 +233,11 @@ def _find_planes(pixels, tree_list, o, scratch):
     put(scratch.ids, 0, np.int32(-1))
     n = 1
     for k in range(PIXELS):
-        part, number = np.int64(get(pixels.part, k)), 0
+        part, number = get(pixels.part, k), 0
         if part >= 0:
-            slot = np.int64(get(pixels.known_slot, k))
+            slot = get(pixels.known_slot, k)
             mark = slot & (_MARKS - 1)
-            number = np.int64(get(scratch.marks, 2 * _MARKS + mark))
+            number = get(scratch.marks, 2 * _MARKS + mark)
             if get(scratch.marks, mark) != slot or get(scratch.marks, _MARKS + mark) != part:
                 tree, number = tree_in(tree_list, part), n
                 _put_plane(scratch.known, 5 * n, 1, eye_plane(tree.corners, slot, o))
@@ -272,8 +272,8 @@ def _correct_t(pixels, tree_list, rays, x, y, cell, planes):
     for i in range(16):
         if get(planes, _T + i) < 0.0:
             at = 16 * cell + i
-            ray, tree = pixel_ray(rays, x + (i & 3), y + (i >> 2)), tree_in(tree_list, np.int64(get(pixels.part, at)))
-            put(planes, _T + i, hit_t(ray, tree.corners, np.int64(get(pixels.known_slot, at))))
+            ray, tree = pixel_ray(rays, x + (i & 3), y + (i >> 2)), tree_in(tree_list, get(pixels.part, at))
+            put(planes, _T + i, hit_t(ray, tree.corners, get(pixels.known_slot, at)))
 
 
 @inlined

@@ -241,7 +241,7 @@ def _settle_turns(frame, tree, block, flat, work):
     while flat != 0:
         i = lowest_bit(flat)
         flat &= flat - 1
-        turn = -frame.turn * plane_side(e.x, e.y, e.z, tree.corners, np.int64(get(tree.slots, slot_at(block, i))))
+        turn = -frame.turn * plane_side(e.x, e.y, e.z, tree.corners, get(tree.slots, slot_at(block, i)))
         put(work, SIGN + i, turn)
         if turn == 0:
             none |= 1 << i
@@ -335,7 +335,7 @@ def _value(work, at, i, x, y):
 @inlined
 def defer(deferred, slot, cell, unsure, sure):
     """Defer the tests of a triangle against the pixels of a cell in `unsure` (bits)."""
-    n = np.int64(get(deferred, 0))
+    n = get(deferred, 0)
     while unsure != 0:
         lane = lowest_bit(unsure)
         unsure &= unsure - 1
@@ -396,7 +396,7 @@ def trace_block(frame, tree, link, frusta, pixels, work, counters):
     count(counters, CANDIDATES, popcount(tested))
     changed = winners != 0
     while winners != 0:  # prefetch the corners for the float64 t
-        slot = np.int64(get(tree.slots, slot_at(block, lowest_bit(winners))))
+        slot = get(tree.slots, slot_at(block, lowest_bit(winners)))
         winners &= winners - 1
         prefetch(tree.corners, 9 * slot)
         prefetch(tree.corners, 9 * slot + 8)

@@ -54,7 +54,7 @@ def _collect(ticket, bvh, origins, ends, skip, cull_faces, next_free, prims, spa
         ray = segment(o[0], o[1], o[2], e[0], e[1], e[2])
         if ray.dx != 0.0 or ray.dy != 0.0 or ray.dz != 0.0:
             walk(tree, ray, np.int64(skip[i]), cull_faces, np.int64(LEFT_FIRST), hits, None)
-        start, count = 0, np.int64(get(n, 0))
+        start, count = 0, get(n, 0)
         if count > 0:
             start = atomic_add(next_free, 0, count)
         for k in range(min(count, len(prims) - start)):

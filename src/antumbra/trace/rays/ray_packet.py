@@ -319,7 +319,7 @@ def _push_entered(tree, rows, active, at, packet, limit, any_hit, stack, height,
         inside = (active & all_enter) | _entering(tree, rows, active & ~all_enter, box, packet, counters)
         put(stack.rays, height, inside)
         put(stack.boxes, height, box)
-        fetch(tree, np.int64(get(tree.links, box + LINKS)))
+        fetch(tree, get(tree.links, box + LINKS))
         height += inside != 0  # branchless, because a branch would often be mispredicted
     return height
 
@@ -333,7 +333,7 @@ def _push_entered_by_one(tree, rows, active, at, stack, height):
     while hits:
         box = at + lowest_bit(hits)
         hits &= hits - 1
-        fetch(tree, np.int64(get(tree.links, box + LINKS)))
+        fetch(tree, get(tree.links, box + LINKS))
         put(stack.rays, height, active)
         put(stack.boxes, height, box)
         height += 1
@@ -447,7 +447,7 @@ def _walk_any(tree, rays, alive, query, hits, counters):
                 return blocked
             height -= 1
             active = get(stack.rays, height) & ~blocked
-        link = np.int64(get(tree.links, np.int64(get(stack.boxes, height)) + LINKS))
+        link = get(tree.links, get(stack.boxes, height) + LINKS)
 
 
 @inlined

@@ -117,7 +117,7 @@ def left_comes_first(order, nodes, links, node, a, b, o, d):
     a, b : entry t of the boxes of the left and the right child
     """
     if order == BUILT or order == SRDH:
-        chosen = np.int64(get(links, order_at(node)))
+        chosen = get(links, order_at(node))
         if chosen == LEFT_FIRST:
             return True
         if chosen == UNORDERED and order == BUILT:
@@ -262,7 +262,7 @@ def ignores_hit(hit_filter, ray, corners, slot, prim):
 
 @kernel
 def _record_hit(hits, prim):
-    n = np.int64(get(hits.count, 0))
+    n = get(hits.count, 0)
     if n < hits.room:
         put(hits.prims, n, prim)
         put(hits.count, 0, n + 1)
@@ -307,7 +307,7 @@ def walk(tree, ray, skip, cull_faces, order, hit_filter, counters):
             count(counters, BOX_TESTS, 1 if one_by_one else 2)
             mask, t_near = _enter(nodes, link, box, splat4(limit))
             if mask or one_by_one:
-                left_link, right_link = np.int64(get(links, link_at(link, 0))), np.int64(get(links, link_at(link, 1)))
+                left_link, right_link = get(links, link_at(link, 0)), get(links, link_at(link, 1))
                 if one_by_one:
                     left_link, right_link = (
                         left_link if mask & 1 else np.int64(EMPTY),
@@ -326,7 +326,7 @@ def walk(tree, ray, skip, cull_faces, order, hit_filter, counters):
         elif link != EMPTY:  # EMPTY: no such child, or tests are counted and the ray misses it
             leaf = bvh_leaf(link)
             for slot in range(leaf.first, leaf.first + leaf.count):
-                prim = np.int64(get(tree.prim_ids, slot))
+                prim = get(tree.prim_ids, slot)
                 if prim != skip and triangle_hit(tree.corners, slot, ray, o, d, cull_faces, counters):
                     if ignores_hit(hit_filter, ray, tree.corners, slot, prim):
                         continue
@@ -341,6 +341,6 @@ def walk(tree, ray, skip, cull_faces, order, hit_filter, counters):
         if height == 0:
             return best, best_t if best < 0 else rounded_t(ray, tree.corners, best)
         height -= 1
-        link = np.int64(get(stack, height))
+        link = get(stack, height)
         if one_by_one:
             count(counters, BOX_TESTS, 1)

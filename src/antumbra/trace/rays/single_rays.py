@@ -181,7 +181,7 @@ def _blocked(tree, ray, skip, cull_faces, last, counters):
 @inlined
 def _shadow_pixel(tree, query, i, bits, last, counters):
     """Trace all samples of receiver i. Return the slot of the last blocker."""
-    o, skip = get3(query.origins, 3 * i, 1), np.int64(get(query.ids, i))
+    o, skip = get3(query.origins, 3 * i, 1), get(query.ids, i)
     patch, horizon = patch_of(query, i), horizon_of(query, i)
     count(counters, RAYS, query.spp)
     for s in range(query.spp):
@@ -287,7 +287,7 @@ def leaf_depths(bvh: Bvh) -> NDArray[np.int32]:
 def _walk_pixel(bvh, order, query, y, x, depths, counters, steps):
     """Trace the rays to all samples of one receiver and count their steps."""
     tree, i = tree_of(bvh), y * query.w + x
-    o, skip = get3(query.origins, 3 * i, 1), np.int64(get(query.ids, i))
+    o, skip = get3(query.origins, 3 * i, 1), get(query.ids, i)
     patch, horizon = patch_of(query, i), horizon_of(query, i)
     for s in range(query.spp):
         lx, ly, lz = sample_of(query, patch, i, s)

@@ -193,8 +193,8 @@ def hits_of(hits, j):
 @inlined
 def slot_of(tree, hits, i):
     """Slot of the triangle that ray i hits, or -1."""
-    lane = np.int64(get(hits.lane, i))
-    return np.int64(get(tree.slots, lane)) if lane >= 0 else -2 - lane
+    lane = get(hits.lane, i)
+    return get(tree.slots, lane) if lane >= 0 else -2 - lane
 
 
 @inlined
@@ -208,12 +208,12 @@ def start(hits):
 @inlined
 def _defer_lanes(hits, i, first, lanes):
     """Defer the tests of ray i against the triangles in `lanes` (bits) of a group; `first`: the group's first lane."""
-    n = np.int64(get(hits.deferred, 0))
+    n = get(hits.deferred, 0)
     while lanes:
         k = lowest_bit(lanes)
         lanes &= lanes - 1
         if n == DEFERRED:
-            put(hits.deferred, 1, np.int64(get(hits.deferred, 1)) | 1 << i)
+            put(hits.deferred, 1, get(hits.deferred, 1) | 1 << i)
             break
         put(hits.deferred, 2 + 2 * n, i)
         put(hits.deferred, 3 + 2 * n, first + k)
@@ -239,12 +239,12 @@ def _settle_hit(tree, rays, i, at, query, hits):
 @kernel
 def settle_block(tree, rays, query, hits, counters):
     """Settle the deferred tests. Rays whose tests overflowed are traced again, through the binary BVH."""
-    overflowed, order = np.int64(get(hits.deferred, 1)), np.int64(BUILT if query.any_hit else CLOSEST)
+    overflowed, order = get(hits.deferred, 1), np.int64(BUILT if query.any_hit else CLOSEST)
     for k in range(get(hits.deferred, 0)):
-        i, at = np.int64(get(hits.deferred, 2 + 2 * k)), np.int64(get(hits.deferred, 3 + 2 * k))
+        i, at = get(hits.deferred, 2 + 2 * k), get(hits.deferred, 3 + 2 * k)
         if overflowed >> i & 1 or (query.any_hit and get(hits.lane, i) != NONE):
             continue
-        side = settle(ray_of(rays, i), tree.corners, np.int64(get(tree.slots, at)), counters)
+        side = settle(ray_of(rays, i), tree.corners, get(tree.slots, at), counters)
         if side != 0 and side != query.cull_faces:
             _settle_hit(tree, rays, i, at, query, hits)
     while overflowed:
