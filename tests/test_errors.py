@@ -41,5 +41,5 @@ def test_notes_are_one_line_without_addresses(tmp_path):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         scene = at.load(made.write(tmp_path))
-    told = [*scene.notes, *(str(each.message) for each in caught)]
-    assert told and all(note.isprintable() and " at 0x" not in note for note in told), told
+    messages = [*scene.notes, *(str(each.message) for each in caught)]
+    assert messages and all(note.isprintable() and " at 0x" not in note for note in messages), messages

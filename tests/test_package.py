@@ -85,8 +85,8 @@ def test_import_is_light():
         "imageio_ffmpeg",
     )
     code = f"import sys, antumbra; print(*(m for m in {heavy} if m in sys.modules))"
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert told.stdout.split() == []
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert process.stdout.split() == []
 
 
 def _imports(path):
@@ -186,8 +186,8 @@ def test_a_page_is_written_from_results():
 
 
 def test_every_command_has_its_section():
-    told = subprocess.run([sys.executable, "-m", "antumbra", "--help"], capture_output=True, text=True, check=True)
-    commands = told.stdout.partition("Commands:\n")[2].partition("\n\n")[0]
+    process = subprocess.run([sys.executable, "-m", "antumbra", "--help"], capture_output=True, text=True, check=True)
+    commands = process.stdout.partition("Commands:\n")[2].partition("\n\n")[0]
     names = re.findall(r"^  (\w+)", commands, re.MULTILINE)
     assert {"render", "info"} <= set(names)
     page = (ROOT / "docs" / "cli.md").read_text()

@@ -64,12 +64,12 @@ def test_the_library_is_silent(tmp_path):
 
 
 def test_the_log_tells_begin_and_end_and_the_callers_function_tells_the_rest(caplog):
-    scene, told = at.procedural("atrium", triangles=1000), []
+    scene, calls = at.procedural("atrium", triangles=1000), []
     with caplog.at_level("INFO", "antumbra"):
-        at.line_of_sight(scene, (0, 1, 0), (0, 2, 0), progress=lambda *what: told.append(what))
+        at.line_of_sight(scene, (0, 1, 0), (0, 2, 0), progress=lambda *what: calls.append(what))
     begin, end = caplog.messages
     assert begin == "1 lines of sight ..." and end.startswith("1 lines of sight: ")
-    assert told[-1] == ("1 lines of sight", 1, 1)
+    assert calls[-1] == ("1 lines of sight", 1, 1)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_false_silences_what_is_called_too(monkeypatch):
 
     @progress.with_quiet_progress
     def work(progress=None):
-        with show_progress("a", progress) as heard:
-            return progress, heard is None
+        with show_progress("a", progress) as report:
+            return progress, report is None
 
-    assert [work(progress=asked) for asked in (False, True, None)] == [(False, True), (None, False), (None, False)]
+    assert [work(progress=value) for value in (False, True, None)] == [(False, True), (None, False), (None, False)]

@@ -121,8 +121,8 @@ def test_rebuild(run, small, hidden):
 
 def test_sun(run, small, hidden):
     done = run("sun", small, "--sensors", 200, "--slice", 50, "--threads", 1, without=hidden)
-    ways = {row["method"] for row in done.rows}
-    assert ways == ({"sun_hours"} if without_embree(hidden) else {"sun_hours", "embree numpy", "embree bare"})
+    methods = {row["method"] for row in done.rows}
+    assert methods == ({"sun_hours"} if without_embree(hidden) else {"sun_hours", "embree numpy", "embree bare"})
     assert all(row["million_pairs_per_second"] > 0 for row in done.rows)
     check_left_out(done, *(["Embree"] if without_embree(hidden) else []))
 

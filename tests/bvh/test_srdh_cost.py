@@ -95,9 +95,9 @@ def test_no_split_costs_less(n, kernels):
     for seed, (prior, linear) in enumerate([(0.0, True), (0.0, False), (16.0, True), (2.5, False)] * 3):
         vertices = scattered(n, seed) if seed % 2 else terrain(n, seed) + np.float32(0.1)
         from_, to = segments_in(vertices, 50, seed)
-        told = check(vertices, *((to, from_) if seed % 3 else (from_, to)), kernels, prior, linear)
-        clear.append(told[0])
-        chosen.append(told[1])
+        counts = check(vertices, *((to, from_) if seed % 3 else (from_, to)), kernels, prior, linear)
+        clear.append(counts[0])
+        chosen.append(counts[1])
     assert np.mean(clear) > 0.98
     assert len(set(chosen)) > 1 or n == 3
 

@@ -62,10 +62,10 @@ def test_receivers_are_those_of_points_with_normals(atrium):
     points, normals = _rays()
     receivers = at.Receivers.on_surface(points, normals, atrium.origin)
     found = atrium.engine.visibility(receivers, [LAMP, at.AmbientOcclusion()], spp=8)
-    asked = at.visibility(atrium, points, [LAMP, at.AmbientOcclusion()], normals, spp=8)
-    np.testing.assert_array_equal(found.bits, asked.bits)
+    expected = at.visibility(atrium, points, [LAMP, at.AmbientOcclusion()], normals, spp=8)
+    np.testing.assert_array_equal(found.bits, expected.bits)
     some = atrium.engine.visibility(receivers.take(slice(64, 128)), [LAMP], spp=8)
-    np.testing.assert_array_equal(some.fraction[:, 0], asked.fraction[64:128, 0])
+    np.testing.assert_array_equal(some.fraction[:, 0], expected.fraction[64:128, 0])
 
 
 @pytest.mark.parametrize("plan", [None, "bsah+single", "grid32+bsah+single", "srdh+single", "cones"])

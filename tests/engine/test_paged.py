@@ -70,9 +70,9 @@ def test_pictures_are_those_in_memory(city, chunks, policy):
     for camera in [*_cameras(scene), _cameras(scene)[0]]:
         frame = renderer.render(camera, lights, spp=4)
         _same(frame, inside.render(camera, lights, spp=4))
-        told = frame.paging
-        loaded += told["loaded"]
-        assert told["wanted"] >= told["cached"] + told["loaded"] > 0
+        paging = frame.paging
+        loaded += paging["loaded"]
+        assert paging["wanted"] >= paging["cached"] + paging["loaded"] > 0
         if chunks is not None:
             assert renderer.source.residency.used <= renderer.source.residency.budget
     assert (loaded > 2 * len(renderer.source.store)) == (chunks is not None)
@@ -360,8 +360,8 @@ def test_five_million_triangles_in_a_tenth_of_their_size(tmp_path):
         assert renderer.source.residency.used <= tenth
     del whole, expected
     memory = 640 << 20
-    told = subprocess.run([sys.executable, "-c", _RENDER, str(path), str(memory)], capture_output=True, check=True)
-    answer = json.loads(told.stdout.splitlines()[-1])
+    process = subprocess.run([sys.executable, "-c", _RENDER, str(path), str(memory)], capture_output=True, check=True)
+    answer = json.loads(process.stdout.splitlines()[-1])
     assert answer["peak"] <= memory and answer["loaded"][0] > 0
     assert os.path.getsize(path) > 300_000_000
 

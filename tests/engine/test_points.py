@@ -76,9 +76,9 @@ def test_bad_lights_are_named(scene):
 
 
 def test_progress_counts_all_lights(scene):
-    told = []
-    at.visibility(scene, np.ones((5000, 3)), [LEFT, RIGHT], plan="bsah+single", progress=lambda *at: told.append(at))
-    assert told and told == sorted(told) and all(total == 2 * 313 and 0 <= done <= total for done, total in told)
+    calls = []
+    at.visibility(scene, np.ones((5000, 3)), [LEFT, RIGHT], plan="bsah+single", progress=lambda *at: calls.append(at))
+    assert calls and calls == sorted(calls) and all(total == 2 * 313 and 0 <= done <= total for done, total in calls)
 
 
 def test_hits_know_their_surface(scene, store):

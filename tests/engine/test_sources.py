@@ -32,9 +32,9 @@ def test_both_sources_have_all_of_the_protocol(both):
 def test_only_stores_count_what_the_camera_sees_and_what_is_read(both):
     camera = both[0].cameras[0].resized(24, 20)
     for scene, looks in zip(both, (0, 1)):
-        told, renderer = [], Renderer(scene, None, 2)
-        frame = renderer.render(camera, scene.lights, spp=1, progress=lambda *heard, to=told: to.append(heard))
-        assert sum(done == total for done, total in told) == 1 + looks == 1 + renderer.source.looks
+        calls, renderer = [], Renderer(scene, None, 2)
+        frame = renderer.render(camera, scene.lights, spp=1, progress=lambda *call, to=calls: to.append(call))
+        assert sum(done == total for done, total in calls) == 1 + looks == 1 + renderer.source.looks
         assert (frame.paging is None) == (looks == 0)
 
 

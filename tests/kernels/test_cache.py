@@ -21,9 +21,9 @@ import json, sys
 from antumbra.kernels.toolchain.compile_pool import KernelRequest, compile_kernels
 
 kernels = [KernelRequest(f"antumbra.sample.top:{name}", key) for name, key in json.loads(sys.argv[1])]
-told = []
-wrong = compile_kernels(kernels, lambda done, total: told.append((done, total)), processes=int(sys.argv[2]))
-print(json.dumps([wrong, told[0], told[-1]]))
+calls = []
+wrong = compile_kernels(kernels, lambda done, total: calls.append((done, total)), processes=int(sys.argv[2]))
+print(json.dumps([wrong, calls[0], calls[-1]]))
 """
 GOOD = [("alone", "i"), ("by_call", "i"), ("by_constant", "i"), ("by_overload", "i"), ("by_intrinsic", "A[f4,1,C]")]
 
@@ -40,9 +40,9 @@ def filled(package, tmp_path_factory):
     command = [sys.executable, "-c", sample.RUN]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     both = [subprocess.Popen(command, env=sample.environment(package, folder), **pipes) for _ in range(2)]
-    told = [process.communicate() for process in both]
-    assert not any(process.returncode for process in both), told
-    return folder, [dict(json.loads(out)[1]) for out, _ in told]
+    outputs = [process.communicate() for process in both]
+    assert not any(process.returncode for process in both), outputs
+    return folder, [dict(json.loads(out)[1]) for out, _ in outputs]
 
 
 @pytest.fixture
@@ -167,8 +167,8 @@ def test_ctrl_c_leaves_a_usable_cache_and_no_process(package, tmp_path):
     while not kernels_in(folder) and time.monotonic() < deadline:
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)
-    _, told = process.communicate(timeout=60)
-    assert process.returncode != 0 and "KeyboardInterrupt" in told
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode != 0 and "KeyboardInterrupt" in errors
     with pytest.raises(ProcessLookupError):
         for _ in range(600):  # the processes that it started have ended, or are about to end
             os.killpg(process.pid, 0)

@@ -25,10 +25,10 @@ def at_once(monkeypatch):
 @pytest.mark.parametrize("stream", [Terminal, Cell])
 def test_watchers_see_a_bar_and_then_nothing(stream, monkeypatch, at_once):
     monkeypatch.setattr(sys, "stderr", stream())
-    with progress.show_progress("tracing") as heard:
-        heard(1, 4)
+    with progress.show_progress("tracing") as report:
+        report(1, 4)
         text = sys.stderr.getvalue()
-        heard(4, 4)
+        report(4, 4)
     assert text.startswith("\rantumbra: tracing:  25 % [######------------------] ")
     lines = sys.stderr.getvalue().split("\r")
     assert "100 %" in lines[2] and not lines[3].strip() and lines[4] == ""
@@ -44,8 +44,8 @@ def test_a_bar_appears_although_nothing_is_reported(monkeypatch, at_once):
 
 def test_work_that_nobody_watches_prints_nothing_and_is_logged(monkeypatch, caplog):
     monkeypatch.setattr(sys, "stderr", io.StringIO())
-    with caplog.at_level("INFO", "antumbra"), progress.report_progress("unwrapping") as heard:
-        heard(1, 2)
+    with caplog.at_level("INFO", "antumbra"), progress.report_progress("unwrapping") as report:
+        report(1, 2)
     assert sys.stderr.getvalue() == "" and [m.split(":")[0] for m in caplog.messages] == [
         "unwrapping ...",
         "unwrapping",
@@ -54,38 +54,38 @@ def test_work_that_nobody_watches_prints_nothing_and_is_logged(monkeypatch, capl
 
 def test_nobody_watches(monkeypatch, at_once):
     monkeypatch.setattr(sys, "stderr", io.StringIO())
-    with progress.show_progress("tracing") as heard:
-        assert heard is None
+    with progress.show_progress("tracing") as report:
+        assert report is None
     monkeypatch.setattr(sys, "stderr", None)
-    with progress.show_progress("tracing") as heard:
-        assert heard is None
+    with progress.show_progress("tracing") as report:
+        assert report is None
     assert progress.split_progress(None, 3) is None
 
 
 def test_parts_of_shown_work_are_silent(monkeypatch, at_once):
     monkeypatch.setattr(sys, "stderr", Terminal())
-    told = []
-    with progress.progress_listener(lambda *what: told.append(what)), progress.show_progress("a") as heard:
-        assert heard is None
+    calls = []
+    with progress.progress_listener(lambda *what: calls.append(what)), progress.show_progress("a") as report:
+        assert report is None
     with progress.report_progress("whole") as whole:
-        with progress.show_progress("part") as heard:
-            assert heard is None
+        with progress.show_progress("part") as report:
+            assert report is None
         whole(1, 2)
-    assert " 50 %" in sys.stderr.getvalue() and told == []
-    with progress.show_progress("afterwards") as heard:
-        assert heard is not None
+    assert " 50 %" in sys.stderr.getvalue() and calls == []
+    with progress.show_progress("afterwards") as report:
+        assert report is not None
 
 
 def test_short_work_shows_nothing(monkeypatch):
     monkeypatch.setattr(sys, "stderr", Terminal())
-    with progress.show_progress("tracing") as heard:
-        heard(1, 2)
+    with progress.show_progress("tracing") as report:
+        report(1, 2)
     assert sys.stderr.getvalue() == ""
 
 
 def test_runs_one_after_the_other():
-    told = []
-    heard = progress.split_progress(lambda done, total: told.append((done, total)), 2, 1, 3)
+    calls = []
+    report = progress.split_progress(lambda done, total: calls.append((done, total)), 2, 1, 3)
     for done in (5, 10, 1, 10):
-        heard(done, 10)
-    assert told == [(25, 60), (30, 60), (31, 60), (40, 60)]
+        report(done, 10)
+    assert calls == [(25, 60), (30, 60), (31, 60), (40, 60)]

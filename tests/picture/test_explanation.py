@@ -32,29 +32,29 @@ def moment(scene):
 
 
 @pytest.fixture(scope="module")
-def told(scene, moment):
+def report(scene, moment):
     return explain(scene, [moment], [*ONE_BY_ONE, *BUNDLES], spp=SPP, threads=2)
 
 
-def test_rays_are_those_that_are_asked_and_blocked(scene, moment, told):
+def test_rays_are_those_that_are_asked_and_blocked(scene, moment, report):
     rays, blocked, asks = 0, 0, np.zeros((24, 40), bool)
     for light in moment.lights:
         triangles, query = query_of(scene, moment.camera, light, SPP)
         above = segments(query)[1]
         rays, asks = rays + int(above.sum()), asks | above.any(axis=-1)
         blocked += int((true_occlusion(triangles, query)[0] & above).sum())
-    assert (told.rays, told.blocked) == (rays, blocked) and 0 < blocked < rays
-    assert (told.asks == asks).all() and 0 < asks.sum() < asks.size
+    assert (report.rays, report.blocked) == (rays, blocked) and 0 < blocked < rays
+    assert (report.asks == asks).all() and 0 < asks.sum() < asks.size
 
 
 @pytest.mark.parametrize("i", range(len(ONE_BY_ONE) + len(BUNDLES)))
-def test_the_parts_are_the_whole(told, i):
-    one = told.plans[i]
+def test_the_parts_are_the_whole(report, i):
+    one = report.plans[i]
     assert str(one.plan) == [*ONE_BY_ONE, *BUNDLES][i]
     assert one.box_tests > 0 < one.triangle_tests and one.boxes.sum() == pytest.approx(one.box_tests)
-    assert (one.boxes[told.asks] > 0).all() and (one.boxes[~told.asks] == 0).all()
+    assert (one.boxes[report.asks] > 0).all() and (one.boxes[~report.asks] == 0).all()
     depths = one.depths
-    assert depths.histogram.sum() == told.blocked and len(depths.histogram) == depths.deepest + 1
+    assert depths.histogram.sum() == report.blocked and len(depths.histogram) == depths.deepest + 1
     ends = np.repeat(np.arange(len(depths.histogram)), depths.histogram)
     assert depths.mean == pytest.approx(ends.mean()) and abs(depths.median - np.median(ends)) <= 1
     assert 1 <= depths.frequent <= depths.deepest
@@ -71,16 +71,16 @@ def test_rays_that_nothing_blocks_do_not_care_for_the_order(scene, moment):
     assert len(classes) > 5 and len({c[2] for c in classes}) == 1 < len({c[1] for c in classes})
 
 
-def test_frequent_blockers_are_the_fewest_that_block_half(scene, moment, told):
+def test_frequent_blockers_are_the_fewest_that_block_half(scene, moment, report):
     accelerator = Accelerator(parse_plan(ONE_BY_ONE[0]), 2)
     hits = np.zeros(scene.n_triangles, np.int64)
     for light in moment.lights:
         triangles, query = query_of(scene, moment.camera, light, SPP)
         hits += count_steps(accelerator.build(triangles).prepared, query, len(hits)).hits
-    assert hits.sum() == told.blocked and hits[told.frequent].sum() == told.frequent_rays
-    assert (np.diff(hits[told.frequent]) <= 0).all() and hits[told.frequent[0]] == hits.max()
-    assert told.frequent_rays >= told.blocked / 2 > told.frequent_rays - hits[told.frequent[-1]]
-    assert told.plans[0].depths.frequent == told.plans[3].depths.frequent  # the same tree
+    assert hits.sum() == report.blocked and hits[report.frequent].sum() == report.frequent_rays
+    assert (np.diff(hits[report.frequent]) <= 0).all() and hits[report.frequent[0]] == hits.max()
+    assert report.frequent_rays >= report.blocked / 2 > report.frequent_rays - hits[report.frequent[-1]]
+    assert report.plans[0].depths.frequent == report.plans[3].depths.frequent  # the same tree
 
 
 def test_steps_are_those_that_the_tracer_counts(scene, moment):
@@ -118,9 +118,9 @@ def test_windows_add_up_to_the_tracers_own_counters(scene, moment, tracer, light
 
 def test_where_nothing_is_asked(scene, moment):
     away = moment._replace(camera=at.Camera((900, 900, 900), (999, 999, 999), width=20, height=10))
-    told = explain(scene, [away], ["srdh+single", "bsah+multifrusta"], spp=1)
-    assert told.rays == told.blocked == len(told.frequent) == 0 and not told.asks.any()
-    for one in told.plans:
+    report = explain(scene, [away], ["srdh+single", "bsah+multifrusta"], spp=1)
+    assert report.rays == report.blocked == len(report.frequent) == 0 and not report.asks.any()
+    for one in report.plans:
         assert one.box_tests == one.triangle_tests == 0 and not one.boxes.any()
         assert np.isnan(one.depths[:3]).all() and one.depths.deepest > 0 and not one.depths.histogram.any()
 

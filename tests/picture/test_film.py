@@ -25,17 +25,17 @@ def frames_of(path) -> tuple[dict, list[np.ndarray]]:
     import imageio_ffmpeg
 
     reader = imageio_ffmpeg.read_frames(str(path))
-    told = next(reader)
-    width, height = told["size"]
-    return told, [np.frombuffer(data, np.uint8).reshape(height, width, 3) for data in reader]
+    metadata = next(reader)
+    width, height = metadata["size"]
+    return metadata, [np.frombuffer(data, np.uint8).reshape(height, width, 3) for data in reader]
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".webm"])
 def test_films_have_the_pictures_their_speed_and_colours(pictures, tmp_path, suffix):
-    heard = []
-    write_film(pictures, tmp_path / f"a{suffix}", 10.0, lambda *done: heard.append(done))
-    told, frames = frames_of(tmp_path / f"a{suffix}")
-    assert told["fps"] == 10.0 and len(frames) == 5 and heard[-1] == (5, 5)
+    calls = []
+    write_film(pictures, tmp_path / f"a{suffix}", 10.0, lambda *done: calls.append(done))
+    metadata, frames = frames_of(tmp_path / f"a{suffix}")
+    assert metadata["fps"] == 10.0 and len(frames) == 5 and calls[-1] == (5, 5)
     for k, frame in enumerate(frames):
         assert frame.shape == (22, 32, 3)  # odd sides are filled up
         assert frame[10, 6 * k + 1 : 6 * k + 5].min() > 200

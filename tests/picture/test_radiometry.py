@@ -110,18 +110,18 @@ def test_shares_are_weighted_means():
         bits = rng.integers(0, 1 << 16, (*query.sides.shape, 1)).astype(np.uint64)
         bits[0, 0], bits[0, 1] = 0, (1 << 16) - 1
         found = irradiance_shares(PixelNormals(normal, normal, frame.gbuffer.depth, False), query, bits)
-        ways = segments(query)[0].astype(float) - query.origins[:, :, None]
-        r = np.linalg.norm(ways, axis=-1)
-        weight = np.maximum((ways * normal[:, :, None]).sum(-1) / r, 0.0)
+        directions = segments(query)[0].astype(float) - query.origins[:, :, None]
+        r = np.linalg.norm(directions, axis=-1)
+        weight = np.maximum((directions * normal[:, :, None]).sum(-1) / r, 0.0)
         if isinstance(light, at.SphereLight):
             axis = light.center - points_of(frame).reshape(*r.shape[:2], 1, 3)
         elif isinstance(light, at.DirectionalLight):
             axis = light.direction
         elif isinstance(light, at.PointLight):
-            axis = ways
+            axis = directions
         else:
             axis = np.cross(query.light.u, query.light.v)
-        weight *= np.abs((ways * axis).sum(-1)) / np.linalg.norm(axis, axis=-1) / r**3
+        weight *= np.abs((directions * axis).sum(-1)) / np.linalg.norm(axis, axis=-1) / r**3
         open_ = (bits >> np.arange(16, dtype=np.uint64) & np.uint64(1)) == 0
         total = weight.sum(-1)
         wanted = np.divide((weight * open_).sum(-1), total, out=np.zeros_like(total), where=total > 0.0)

@@ -156,11 +156,11 @@ def test_directions_with_components_of_all_magnitudes(tmp_path):
     wall = np.array([[[1.0, 0, -1], [1, 0, 1], [1, 1, 0]], [[-1.0, 0, -1], [-1, 0, 1], [-1, -1, 0]]])
     scene, path = at.Scene.from_arrays(wall), tmp_path / "a.antumbra"
     build_store(scene, path)
-    ways = np.array([[2.0**100, side * 2.0**-60, 0] for side in (1, 0, -1)])
+    directions = np.array([[2.0**100, side * 2.0**-60, 0] for side in (1, 0, -1)])
     for each in scene, at.load(path):
-        np.testing.assert_array_equal(each.occluded(np.zeros((3, 3)), ways), [True, True, False])
-        np.testing.assert_array_equal(each.closest_hit(np.zeros((3, 3)), ways).face, [0, 0, -1])
-        np.testing.assert_array_equal(each.closest_hit(np.zeros((3, 3)), 2.0**-89 * -ways).face, [1, 1, -1])
+        np.testing.assert_array_equal(each.occluded(np.zeros((3, 3)), directions), [True, True, False])
+        np.testing.assert_array_equal(each.closest_hit(np.zeros((3, 3)), directions).face, [0, 0, -1])
+        np.testing.assert_array_equal(each.closest_hit(np.zeros((3, 3)), 2.0**-89 * -directions).face, [1, 1, -1])
 
 
 @pytest.mark.parametrize("far", [2.0**45, 2.0**90, 2.0**120])

@@ -12,7 +12,7 @@ from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf
 from scenes import scene_path
 
 
-def told(scene) -> list[tuple[str, int, int]]:
+def summary(scene) -> list[tuple[str, int, int]]:
     """Name, mesh and instance of each object."""
     return [(each.name, each.mesh, each.instance) for each in scene.objects]
 
@@ -34,7 +34,7 @@ def test_each_node_is_an_object_with_all_its_primitives(tmp_path):
     made.node(mesh=both, translation=[20, 0, 0])
     made.node(root=False, mesh=unused)
     scene = load(made.write(tmp_path))
-    assert told(scene) == [("left", 0, 0), ("single", 1, 0), ("both", 0, 1)]
+    assert summary(scene) == [("left", 0, 0), ("single", 1, 0), ("both", 0, 1)]
     assert [m.name for m in scene.meshes] == ["both", "single"]
     assert scene.object_of_face.tolist() == [0] * 5 + [1] + [2] * 5
     assert scene.object_of_face.dtype == np.int32
@@ -50,7 +50,7 @@ def test_each_copy_of_an_instanced_node_is_an_object(tmp_path, monkeypatch, batc
     made.node(mesh=mesh)
     made.node(mesh=mesh, name="row", extensions={"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": at}}})
     scene = load(made.write(tmp_path))
-    assert told(scene) == [("tree", 0, 0), ("row[0]", 0, 1), ("row[1]", 0, 2), ("row[2]", 0, 3)]
+    assert summary(scene) == [("tree", 0, 0), ("row[0]", 0, 1), ("row[1]", 0, 2), ("row[2]", 0, 3)]
     assert scene.object_of_face.tolist() == [0] * 5 + [1] * 4 + [2] * 4 + [3] * 4 + [1, 2, 3]
     assert places(scene) == [{0}, {1}, {2}, {3}]
 

@@ -24,13 +24,13 @@ def unpack(bits, spp):
 
 
 def true_occlusion(triangles, query):
-    """(truth, asked), (h, w, spp) bool each: the correct bits of a query, by brute force; which of them are rays."""
+    """(truth, active), (h, w, spp) bool each: the correct bits of a query, by brute force; which of them are rays."""
     ends, above = segments(query)
-    asked = np.broadcast_to((query.sides != 0)[..., None], above.shape)
-    truth = asked & ~above
+    active = np.broadcast_to((query.sides != 0)[..., None], above.shape)
+    truth = active & ~above
     y, x, s = np.nonzero(above)
     truth[y, x, s] = oracle.occluded(triangles.vertices, query.origins[y, x], ends=ends[y, x, s])
-    return truth, asked
+    return truth, active
 
 
 def answer(plan, triangles, query, threads=2, counters=None):

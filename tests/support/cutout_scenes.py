@@ -67,14 +67,14 @@ def meets(triangles, origin, direction, face: int) -> bool:
 
 
 def true_shadows(triangles, query) -> tuple[np.ndarray, np.ndarray]:
-    """(truth, asked) as from `asking.true_occlusion`, with cut-outs."""
+    """(truth, active) as from `asking.true_occlusion`, with cut-outs."""
     ends, above = segments(query)
-    asked = np.broadcast_to((query.sides != 0)[..., None], above.shape)
-    truth = asked & ~above
+    active = np.broadcast_to((query.sides != 0)[..., None], above.shape)
+    truth = active & ~above
     y, x, s = np.nonzero(above)
     origins, ends = query.origins[y, x], ends[y, x, s]
     hits = oracle.all_hits(triangles.vertices, origins, ends)
     for i, row in enumerate(hits):
         along = oracle.minus(oracle.rational(ends[i]), oracle.rational(origins[i]))
         truth[y[i], x[i], s[i]] = any(meets(triangles, origins[i], along, int(f)) for f in np.flatnonzero(row))
-    return truth, asked
+    return truth, active

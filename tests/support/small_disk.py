@@ -11,11 +11,11 @@ import pytest
 def small_disk(folder, size: int):
     """Mount a file system of `size` bytes at a new folder; skip the test where the system does not allow it."""
     folder.mkdir()
-    told = subprocess.run(
+    process = subprocess.run(
         ["mount", "-t", "tmpfs", "-o", f"size={size}", "antumbra-test", str(folder)], capture_output=True, text=True
     )
-    if told.returncode:
-        pytest.skip(f"no file system can be mounted here: {told.stderr.strip()}")
+    if process.returncode:
+        pytest.skip(f"no file system can be mounted here: {process.stderr.strip()}")
     try:
         yield folder
     finally:

@@ -31,10 +31,10 @@ def _case(name, size):
 def case_of(name, size):
     scene, camera, light = _case(name, size)
     triangles, query = query_of(scene, camera, light or at.QuadLight((-1, 6, -1), (2, 0, 0), (0, 0, 2)), 16)
-    truth, asked = true_occlusion(triangles, query)
-    print(f"{name}: {asked.sum()} rays, {truth[asked].mean():.1%} occluded")
-    assert asked.sum() > 7 * size[0] * size[1]
-    assert 0.02 < truth[asked].mean() < 0.98
+    truth, active = true_occlusion(triangles, query)
+    print(f"{name}: {active.sum()} rays, {truth[active].mean():.1%} occluded")
+    assert active.sum() > 7 * size[0] * size[1]
+    assert 0.02 < truth[active].mean() < 0.98
     return triangles, query, truth
 
 
@@ -60,7 +60,7 @@ LIGHTS = {
 
 @cache
 def asked_of(seed, size, light, spp, scale=1.0):
-    """(triangles, query, truth, asked) of a soup. The oracle answers once, for all plans."""
+    """(triangles, query, truth, active) of a soup. The oracle answers once, for all plans."""
     scene = soup_scene(seed)
     if scale != 1.0:
         scene = at.Scene.from_arrays(scene.triangles().vertices.astype(np.float64) * scale)

@@ -23,9 +23,9 @@ LIGHTS = {
 def case(name):
     scene = scene_with_cutouts()
     triangles, query = query_of(scene, at.Camera((0, 2, 9), (0, 0.5, 0), width=20, height=14), LIGHTS[name], 8)
-    truth, asked = true_shadows(triangles, query)
+    truth, active = true_shadows(triangles, query)
     solid = true_occlusion(triangles, query)[0]
-    assert 0.05 < truth[asked].mean() < 0.95 and (solid & ~truth).sum() > 20 and (truth & asked).sum() > 20
+    assert 0.05 < truth[active].mean() < 0.95 and (solid & ~truth).sum() > 20 and (truth & active).sum() > 20
     return triangles, query, truth
 
 

@@ -41,16 +41,16 @@ def test_no_bit_differs_by_other_builders_cullers_and_orders(small_case, plan):
 @pytest.mark.parametrize("name", LIGHTS)
 @pytest.mark.parametrize("plan", LIT, ids=str)
 def test_every_light_shape(plan, name):
-    triangles, query, truth, asked = asked_of(7, (24, 20), LIGHTS[name], 5)
-    assert truth[asked].any() and (name == "light in the floor's plane" or not truth[asked].all())
+    triangles, query, truth, active = asked_of(7, (24, 20), LIGHTS[name], 5)
+    assert truth[active].any() and (name == "light in the floor's plane" or not truth[active].all())
     np.testing.assert_array_equal(answer(plan, triangles, query), truth)
 
 
 @pytest.mark.parametrize("spp", [1, 3, 64, 65, 130])
 @pytest.mark.parametrize("plan", TRACING, ids=str)
 def test_every_number_of_samples(plan, spp):
-    triangles, query, truth, asked = asked_of(9, (12, 9), LIGHTS["quad"], spp)
-    assert truth[asked].any() and not truth[asked].all()
+    triangles, query, truth, active = asked_of(9, (12, 9), LIGHTS["quad"], spp)
+    assert truth[active].any() and not truth[active].all()
     np.testing.assert_array_equal(answer(plan, triangles, query), truth)
 
 
@@ -58,16 +58,16 @@ def test_every_number_of_samples(plan, spp):
 @pytest.mark.parametrize("plan", TRACING, ids=str)
 def test_few_samples_of_receivers_that_lie_apart(plan, spp):
     """A chunk of at most 8 samples at silhouettes, with receivers in the neighbours on all sides."""
-    triangles, query, truth, asked = asked_of(3, (24, 20), LIGHTS["quad"], spp)
-    assert truth[asked].any() and not truth[asked].all()
+    triangles, query, truth, active = asked_of(3, (24, 20), LIGHTS["quad"], spp)
+    assert truth[active].any() and not truth[active].all()
     np.testing.assert_array_equal(answer(plan, triangles, query), truth)
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3, 1e6])
 @pytest.mark.parametrize("plan", LIT, ids=str)
 def test_scales(plan, scale):
-    triangles, query, truth, asked = asked_of(11, (24, 20), None, 8, scale)
-    assert truth[asked].any() and not truth[asked].all()
+    triangles, query, truth, active = asked_of(11, (24, 20), None, 8, scale)
+    assert truth[active].any() and not truth[active].all()
     np.testing.assert_array_equal(answer(plan, triangles, query), truth)
 
 

@@ -72,8 +72,8 @@ def test_a_click_overtakes_and_the_rest_goes_on(worker):
 
 
 def test_errors_are_told_and_the_thread_lives(worker):
-    told, done = [], threading.Event()
-    failing = TaskQueue(told.append)
+    errors, done = [], threading.Event()
+    failing = TaskQueue(errors.append)
     error = ValueError("no")
 
     def fail(check):
@@ -83,7 +83,7 @@ def test_errors_are_told_and_the_thread_lives(worker):
     failing.submit("y", FINE, lambda check: done.set())
     until(done)
     failing.close()
-    assert told == [error] and not failing.has("x")
+    assert errors == [error] and not failing.has("x")
 
 
 def test_work_waits_until_it_is_due(worker):

@@ -36,16 +36,16 @@ def _forced(monkeypatch, strategy):
 def test_every_strategy_gives_the_bits_of_brute_force(scene, monkeypatch, strategy, light):
     _forced(monkeypatch, strategy)
     triangles, query = query_of(scene, scene.cameras[0].resized(20, 16), light, 4)
-    truth, asked = true_occlusion(triangles, query)
+    truth, active = true_occlusion(triangles, query)
     auto = strategies.AutoTracer(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
     bits, counters = np.zeros((16, 20, -(-query.samples.shape[1] // 64)), np.uint64), new_counters()
     strategies.trace_shadow(auto, query, bits, 2, counters)
-    np.testing.assert_array_equal(unpack(bits, query.samples.shape[1])[asked], truth[asked])
+    np.testing.assert_array_equal(unpack(bits, query.samples.shape[1])[active], truth[active])
     (choice,) = auto.choices
     assert choice.strategy == (
         strategy if STRATEGIES[strategy].suits(query, auto.forms.extent.box) else choice.strategy
     )
-    assert choice.seconds > 0.0 and choice.reason == "prediction" and as_dict(counters)["rays"] == truth[asked].size
+    assert choice.seconds > 0.0 and choice.reason == "prediction" and as_dict(counters)["rays"] == truth[active].size
 
 
 @pytest.mark.parametrize("spp", [1, 70])
@@ -139,8 +139,8 @@ def test_no_receivers_and_one_triangle():
 
 def test_the_oracle_agrees_over_all_of_the_plan(scene):
     triangles, query = query_of(scene, scene.cameras[0].resized(24, 20), LAMP, 8)
-    truth, asked = true_occlusion(triangles, query)
-    np.testing.assert_array_equal(answer("auto", triangles, query)[asked], truth[asked])
+    truth, active = true_occlusion(triangles, query)
+    np.testing.assert_array_equal(answer("auto", triangles, query)[active], truth[active])
 
 
 @pytest.mark.parametrize("slow, builder", [(1e9, GOOD), (1e-9, QUICK)])
@@ -148,12 +148,12 @@ def test_a_query_that_loses_much_builds_a_better_tree_first(scene, monkeypatch, 
     monkeypatch.setattr(strategies, "sampled_rate", lambda strategy, forms, query, threads: slow)
     monkeypatch.setattr(strategies, "PREDICTION_ERROR", 1e9)  # predictions are never believed
     triangles, query = query_of(scene, scene.cameras[0].resized(20, 16), LAMP, 4)
-    truth, asked = true_occlusion(triangles, query)
+    truth, active = true_occlusion(triangles, query)
     better = lambda: (BUILDERS[GOOD].build(triangles.vertices, 2), GOOD)
     auto = strategies.AutoTracer(BUILDERS[QUICK].build(triangles.vertices, 2), 2, None, QUICK, better)
     bits = np.zeros((16, 20, 1), np.uint64)
     strategies.trace_shadow(auto, query, bits, 2)
-    np.testing.assert_array_equal(unpack(bits, 4)[asked], truth[asked])
+    np.testing.assert_array_equal(unpack(bits, 4)[active], truth[active])
     assert auto.builder == builder
 
 

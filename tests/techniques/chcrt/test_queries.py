@@ -35,20 +35,20 @@ def atrium():
     return camera.rays(triangles.origin), query, parts_of(tree, OPTIONS)
 
 
-def _counts(boxes, origins, ways, live, grow):
-    """(rows, n) bool: which rays from `origins` along `ways`, up to 1, meet which boxes grown by `grow`."""
+def _counts(boxes, origins, directions, live, grow):
+    """(rows, n) bool: which rays from `origins` along `directions`, up to 1, meet which boxes grown by `grow`."""
     low, high = boxes[:, 0, None] - grow, boxes[:, 1, None] + grow
     with np.errstate(divide="ignore", invalid="ignore"):
-        a, b = (low - origins) / ways, (high - origins) / ways
+        a, b = (low - origins) / directions, (high - origins) / directions
         near, far = np.fmin(a, b), np.fmax(a, b)
-    inside = (ways != 0) | ((low <= origins) & (origins <= high))
-    meets = (np.fmax.reduce(np.where(ways != 0, near, 0), 2) <= np.fmin.reduce(np.where(ways != 0, far, 1), 2)) & (
-        np.where(ways != 0, near, -1).max(2) <= 1
-    )
-    return meets & inside.all(2) & (np.where(ways != 0, far, 1).min(2) >= 0) & live
+    inside = (directions != 0) | ((low <= origins) & (origins <= high))
+    meets = (
+        np.fmax.reduce(np.where(directions != 0, near, 0), 2) <= np.fmin.reduce(np.where(directions != 0, far, 1), 2)
+    ) & (np.where(directions != 0, near, -1).max(2) <= 1)
+    return meets & inside.all(2) & (np.where(directions != 0, far, 1).min(2) >= 0) & live
 
 
-def _check(rays, parts, origins, ways, live, per_tile):
+def _check(rays, parts, origins, directions, live, per_tile):
     """Compare the counts of all pairs of a smallest tile and a row with rays tested one by one."""
     n, rows = rays.tiles.smallest, len(parts.lines)
     tile, row = (a.ravel().astype(np.int32) for a in np.meshgrid(np.arange(n), np.arange(rows), indexing="ij"))
@@ -61,8 +61,8 @@ def _check(rays, parts, origins, ways, live, per_tile):
         mine = per_tile == t
         exact, grown = (
             (
-                _counts(left, origins[mine], ways[mine], live[mine], g)
-                | _counts(right, origins[mine], ways[mine], live[mine], g)
+                _counts(left, origins[mine], directions[mine], live[mine], g)
+                | _counts(right, origins[mine], directions[mine], live[mine], g)
             ).sum(1)
             for g in (0.0, 1e-4 * size)
         )
@@ -81,20 +81,24 @@ def test_camera_rays(atrium):
     reach = 4.0 * float(np.abs(parts.boxes).max())
     rays = CameraRaySet(parts, OPTIONS, camera, slice(0, camera.height), reach, 2)
     y, x = np.mgrid[: camera.height, : camera.width] + 0.5
-    ways = (camera.corner + x[..., None] * camera.dx + y[..., None] * camera.dy).reshape(-1, 3) * rays.length
-    origins = np.broadcast_to(camera.origin.astype(np.float64), ways.shape)
-    _check(rays, parts, origins, ways, np.ones(len(ways), bool), _tile_of(camera.height, camera.width, rays))
+    directions = (camera.corner + x[..., None] * camera.dx + y[..., None] * camera.dy).reshape(-1, 3) * rays.length
+    origins = np.broadcast_to(camera.origin.astype(np.float64), directions.shape)
+    _check(
+        rays, parts, origins, directions, np.ones(len(directions), bool), _tile_of(camera.height, camera.width, rays)
+    )
 
 
 @pytest.mark.parametrize("alike", ["neighbours", "every fourth"])
 def test_passes(atrium, alike):
     _, query, parts = atrium
     rng, (h, w) = np.random.default_rng(2), query.sides.shape
-    ways = rng.normal(size=(h, w, 3))
+    directions = rng.normal(size=(h, w, 3))
     if alike == "every fourth":
-        ways = np.tile(rng.normal(size=(4, 4, 3)), (h // 4 + 1, w // 4 + 1, 1))[:h, :w]
-    ways[rng.random((h, w)) < 0.1] = 0.0
-    flat = RayPass(query.origins.reshape(-1, 3), ways.astype(np.float32).reshape(-1, 3), np.full(h * w, -1, np.int32))
+        directions = np.tile(rng.normal(size=(4, 4, 3)), (h // 4 + 1, w // 4 + 1, 1))[:h, :w]
+    directions[rng.random((h, w)) < 0.1] = 0.0
+    flat = RayPass(
+        query.origins.reshape(-1, 3), directions.astype(np.float32).reshape(-1, 3), np.full(h * w, -1, np.int32)
+    )
     rays = PassRaySet(parts, OPTIONS, pass_rays(flat, h, w, 100.0), 2)
     assert rays.rays.picture.spread == (alike == "every fourth")
     rays.hits.t[: h // 2] = 3.0 + rng.random((h // 2, w))  # how far rays look counts
@@ -113,8 +117,8 @@ def test_segments(atrium):
     origins = np.broadcast_to(query.origins[:, :, None], ends.shape).reshape(-1, 3).astype(np.float64)
     blocked = (bits >> np.arange(spp, dtype=np.uint64) & np.uint64(1)).astype(bool).ravel()
     live = ~blocked & np.repeat(query.sides.ravel() != 0, spp)
-    ways = (ends.reshape(-1, 3) - query.origins[:, :, None].repeat(spp, 2).reshape(-1, 3)).astype(np.float64)
-    _check(rays, parts, origins, ways, live, np.repeat(_tile_of(h, w, rays), spp))
+    directions = (ends.reshape(-1, 3) - query.origins[:, :, None].repeat(spp, 2).reshape(-1, 3)).astype(np.float64)
+    _check(rays, parts, origins, directions, live, np.repeat(_tile_of(h, w, rays), spp))
 
 
 def test_several_ray_sets_answer_as_each_by_itself(atrium):

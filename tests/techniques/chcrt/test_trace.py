@@ -80,7 +80,7 @@ def test_a_camera_that_moves(atrium):
         )
         np.testing.assert_array_equal(hits.face, face)
         np.testing.assert_array_equal(hits.t, t)
-        traced.append([told["traced pairs"] for told in scheduled.statistics])
+        traced.append([entry["traced pairs"] for entry in scheduled.statistics])
     assert len({tuple(n) for n in traced}) > 1
 
 

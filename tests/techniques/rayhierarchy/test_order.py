@@ -85,7 +85,7 @@ def _asking(query, beam):
 def _check(query, apart=False, threads=2):
     above = segments(query)[1]
     expected = (query.sides != NOTHING)[..., None] & ~above
-    told = {}
+    answers = {}
     for beam in beams_of(query, apart):
         asks = np.flatnonzero(_asking(query, beam))
         blank = lambda: np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
@@ -95,8 +95,8 @@ def _check(query, apart=False, threads=2):
             np.testing.assert_array_equal(np.sort(order), asks)
             assert rays.starts[0] == 0 and rays.starts[-1] == len(rays.blocks)
             assert (np.diff(rays.starts) > 0).all() or not len(ids)
-            told.setdefault(name, blank())[:] |= bits
-    for name, bits in told.items():
+            answers.setdefault(name, blank())[:] |= bits
+    for name, bits in answers.items():
         np.testing.assert_array_equal(unpack(bits, above.shape[2]), expected, err_msg=name)
     return expected
 

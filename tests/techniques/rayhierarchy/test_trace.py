@@ -53,8 +53,8 @@ def _all_say(truth, triangles, query, variants=VARIANTS, threads=(1, 3)):
 @pytest.mark.parametrize("light", LIGHTS)
 def test_receivers_on_surfaces(light, shape):
     triangles, query = on_surfaces(21, light, shape, n=60)
-    truth, asked = true_occlusion(triangles, query)
-    assert truth[asked].any() and not truth[asked].all()
+    truth, active = true_occlusion(triangles, query)
+    assert truth[active].any() and not truth[active].all()
     _all_say(truth, triangles, query)
 
 
@@ -96,8 +96,8 @@ def test_culled_faces(light, cull_faces):
 @pytest.mark.parametrize("light", ["quad", "sphere", "sun", "ambient"])
 def test_numbers_of_samples(light, spp):
     triangles, query = on_surfaces({"ambient": 2}.get(light, 3), light, (9, 11), n=60, spp=spp)
-    truth, asked = true_occlusion(triangles, query)
-    assert truth[asked].any() and not truth[asked].all()
+    truth, active = true_occlusion(triangles, query)
+    assert truth[active].any() and not truth[active].all()
     some = {name: VARIANTS[name] for name in ("cones", "cones:SpheresSorted", "cones:PreciseSEATP", *COMBINED)}
     _all_say(truth, triangles, query, some, threads=(2,))
 
@@ -279,14 +279,14 @@ def test_better_tests_and_orders_visit_fewer_nodes():
 
 def test_progress_is_told():
     triangles, query = on_surfaces(1, "point", (20, 20), n=600)
-    told, bits = [], np.zeros((20, 20, 1), np.uint64)
+    calls, bits = [], np.zeros((20, 20, 1), np.uint64)
     trace_shadow(
         soup_of(triangles),
         query,
         bits,
         1,
         None,
-        lambda done, n: told.append((done, n)),
+        lambda done, n: calls.append((done, n)),
         RayHierarchyOptions(nodes=Cones),
     )
-    assert told[-1] == (600, 600) and bits.any()
+    assert calls[-1] == (600, 600) and bits.any()

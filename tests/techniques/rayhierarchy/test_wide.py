@@ -67,8 +67,8 @@ def shafts_always(always_shafts):
 @pytest.mark.parametrize("light", LIGHTS)
 def test_shafts_say_what_brute_force_says(light, shape, shafts_always):
     triangles, query = on_surfaces(21, light, shape, n=60)
-    truth, asked = true_occlusion(triangles, query)
-    assert truth[asked].any() and not truth[asked].all()
+    truth, active = true_occlusion(triangles, query)
+    assert truth[active].any() and not truth[active].all()
     for threads in (1, 3):
         np.testing.assert_array_equal(_bits(triangles, query, threads=threads), truth)
     np.testing.assert_array_equal(_bits(triangles, query, combination(TWO_PASSES)), truth)
@@ -90,8 +90,8 @@ def test_culled_faces(light, cull_faces, shafts_always):
 @pytest.mark.parametrize("light", WIDE)
 def test_numbers_of_samples(light, spp, shafts_always):
     triangles, query = on_surfaces({"ambient": 2}.get(light, 3), light, (9, 11), n=60, spp=spp)
-    truth, asked = true_occlusion(triangles, query)
-    assert truth[asked].any() and not truth[asked].all()
+    truth, active = true_occlusion(triangles, query)
+    assert truth[active].any() and not truth[active].all()
     np.testing.assert_array_equal(_bits(triangles, query), truth)
     assert shafts_always
 

@@ -58,8 +58,8 @@ def test_culled_faces(cull_faces, n, size):
 def test_the_oracle(spp):
     triangles, query = _query(_scene(60, 0.6), LIGHTS["quad"], spp)
     bits, counts = _traced(triangles, query)
-    truth, asked = true_occlusion(triangles, query)
-    assert counts["group_tiles"] >= 12 and truth.any() and not truth[asked].all()
+    truth, active = true_occlusion(triangles, query)
+    assert counts["group_tiles"] >= 12 and truth.any() and not truth[active].all()
     np.testing.assert_array_equal(bits, truth)
 
 

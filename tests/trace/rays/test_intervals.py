@@ -140,20 +140,20 @@ def _rays(kind, coherent):
     return scene, world[order], np.ascontiguousarray(np.asarray(directions, np.float32)[order])
 
 
-def _check_walk(asked, truth, world, directions):
+def _check_walk(engine, truth, world, directions):
     """Follow all rays from hit to hit."""
     tmin, longest = np.zeros(N), max(map(len, truth.hits))
     assert longest > 2 and sum(map(len, truth.hits)) > N // 3
     for k in range(longest + 1):
-        hit = asked.closest_hit(world, directions, tmin=tmin)
+        hit = engine.closest_hit(world, directions, tmin=tmin)
         t, face = truth.column(k)
         np.testing.assert_array_equal(hit.t, t)
         np.testing.assert_array_equal(hit.face, face)
-        np.testing.assert_array_equal(asked.occluded(world, directions, tmin=tmin), face >= 0)
+        np.testing.assert_array_equal(engine.occluded(world, directions, tmin=tmin), face >= 0)
         tmin = np.where(face >= 0, t, 1e300)  # rays without another hit stop
 
 
-def _check_ends(asked, truth, world, directions):
+def _check_ends(engine, truth, world, directions):
     """Intervals whose ends are hits, and float64 neighbours of hits."""
     before = np.zeros(N)
     for k in range(max(map(len, truth.hits))):
@@ -168,16 +168,16 @@ def _check_ends(asked, truth, world, directions):
             (just_before, beyond, True),
             (t, beyond, False),
         ):
-            hit = asked.closest_hit(*some, tmin=tmin, tmax=tmax)
+            hit = engine.closest_hit(*some, tmin=tmin, tmax=tmax)
             np.testing.assert_array_equal(hit.face, face if found else -1)
             np.testing.assert_array_equal(hit.t, t if found else np.inf)
-            np.testing.assert_array_equal(asked.occluded(*some, tmin=tmin, tmax=tmax), found)
+            np.testing.assert_array_equal(engine.occluded(*some, tmin=tmin, tmax=tmax), found)
         before[there] = t
 
 
-def _check_weights(asked, truth, world, directions):
+def _check_weights(engine, truth, world, directions):
     """The weights of the nearest hits, and the points that they give, against rational arithmetic."""
-    hit = asked.closest_hit(world, directions)
+    hit = engine.closest_hit(world, directions)
     there = np.flatnonzero(hit.face >= 0)
     assert len(there) > N // 4 and (hit.u >= 0).all() and (hit.v >= 0).all() and (hit.u + hit.v <= 1 + 2.0**-23).all()
     for i in there.tolist():
@@ -198,9 +198,9 @@ def test_rays_find_all_hits_in_turn(tracer, kind, coherent, tmp_path):
     if tracer != "memory" and not coherent:
         pytest.skip("only memory has packets")
     scene, world, directions = _rays(kind, coherent)
-    asked, truth = TRACERS[tracer](scene, tmp_path), _Truth(scene, world, directions)
+    engine, truth = TRACERS[tracer](scene, tmp_path), _Truth(scene, world, directions)
     for check in _check_walk, _check_ends, _check_weights:
-        check(asked, truth, world, directions)
+        check(engine, truth, world, directions)
 
 
 def test_rays_find_all_hits_on_cutouts_in_turn():
@@ -208,8 +208,8 @@ def test_rays_find_all_hits_on_cutouts_in_turn():
     world = rng.uniform((-3, 0, -3), (3, 3, 3), (N, 3)).astype(np.float32) + scene.origin
     directions = rng.normal(size=(N, 3)).astype(np.float32)
     triangles, local = scene.triangles(), (world - scene.origin).astype(np.float32)
-    ways = [oracle.rational(d) for d in directions]
-    truth = _Truth(scene, world, directions, lambda ray, face: stops(triangles, local[ray], ways[ray], face))
+    exact = [oracle.rational(d) for d in directions]
+    truth = _Truth(scene, world, directions, lambda ray, face: stops(triangles, local[ray], exact[ray], face))
     for check in _check_walk, _check_ends:
         check(scene, truth, world, directions)
 
@@ -253,10 +253,10 @@ def test_segments_equal_the_oracle(tracer, kind, tmp_path):
     origins, targets = ((points - scene.origin).astype(np.float32) for points in world)
     truth = oracle.occluded(vertices, origins, ends=targets, skip=skip)
     assert 0.05 < truth.mean() < 0.95
-    asked = TRACERS[tracer](scene, tmp_path)
-    np.testing.assert_array_equal(asked.occluded(world[0], targets=world[1], skip_face=skip), truth)
-    np.testing.assert_array_equal(asked.occluded(world[1], targets=world[0], skip_face=skip), truth)
-    many = asked.occluded(world[0][:9, None], targets=world[1][None, :7])
+    engine = TRACERS[tracer](scene, tmp_path)
+    np.testing.assert_array_equal(engine.occluded(world[0], targets=world[1], skip_face=skip), truth)
+    np.testing.assert_array_equal(engine.occluded(world[1], targets=world[0], skip_face=skip), truth)
+    many = engine.occluded(world[0][:9, None], targets=world[1][None, :7])
     pairs = [np.broadcast_to(p, (9, 7, 3)).reshape(-1, 3) for p in (origins[:9, None], targets[None, :7])]
     np.testing.assert_array_equal(many.ravel(), oracle.occluded(vertices, pairs[0], ends=pairs[1]))
 
