@@ -7,6 +7,7 @@ A field is declared by `option`, with its default, its check and its CLI options
 """
 
 import inspect
+import re
 import textwrap
 from collections.abc import Callable
 from dataclasses import MISSING, Field, field, fields
@@ -227,5 +228,6 @@ def type_text(field: Field[Any]) -> str:
     if isinstance(option.check, Choice):
         words = ["None" if name is None else f'"{name}"' for name in option.check.names]
     else:
-        words = (str(annotation) if isinstance(annotation, (str, UnionType)) else annotation.__name__).split(" | ")
+        text = str(annotation) if isinstance(annotation, (str, UnionType)) else annotation.__name__
+        words = re.sub(r"(\w+\.)+", "", text).split(" | ")
     return " or ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

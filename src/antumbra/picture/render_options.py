@@ -6,11 +6,12 @@ and the digests of finished frames, bands and data sets are derived from the sam
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..checks import checked_instance, flag, number
+from ..engine.plan import Plan
 from ..query.light_samples import SAMPLERS
 from ..scene.lights import MAX_SPP
 from .option_fields import (
@@ -25,9 +26,6 @@ from .option_fields import (
     optional,
     unchecked,
 )
-
-if TYPE_CHECKING:
-    from ..engine.plan import Plan
 
 MAX_HEIGHT = 1e30
 """Limit of a ground's height, up or down. As for camera positions, float32 can represent it."""
@@ -228,7 +226,7 @@ def options_of(options: RenderOptions | None, keywords: dict[str, Any]) -> Rende
 class EngineOptions:
     """The keywords of `Renderer`, which checks them: methods and resources. Exact plans change no bit."""
 
-    plan: "str | Plan | None" = option(
+    plan: str | Plan | None = option(
         None,
         known_plan,
         "The methods of building and tracing; see antumbra plans.",

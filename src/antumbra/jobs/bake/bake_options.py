@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ...checks import flag, is_number, quoted, text
+from ...engine.plan import Plan
 from ...errors import InputError
 from ...extras import import_extra
 from ...picture.option_fields import (
@@ -21,9 +22,6 @@ from ...picture.option_fields import (
 )
 from ...picture.render_options import EngineOptions, RenderOptions
 from ...scene.lights import MAX_SPP, AmbientOcclusion, DirectionalLight, Light, check_lights
-
-if TYPE_CHECKING:
-    from ...engine.plan import Plan
 
 MAX_TEXTURE = 16384
 _SKY = ("ao", "bent-normal")  # quantities that depend on the sky instead of lights
@@ -114,7 +112,7 @@ class BakeKeywords:
     keep_hidden: bool = option(False, flag, "Keep points inside solids dark.")
     """Keep the values of points inside solids. Otherwise those of visible points nearby replace them."""
     time: float = same_option(RenderOptions, "time")
-    plan: "str | Plan | None" = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")
+    plan: str | Plan | None = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")
     threads: int | None = same_option(EngineOptions, "threads")
 
 

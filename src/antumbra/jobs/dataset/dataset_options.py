@@ -1,15 +1,13 @@
 """The options of a data set: the keywords of `antumbra.dataset`."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...checks import flag, listed, whole_number
+from ...engine.plan import Plan
 from ...picture.option_fields import WholeNumber, check_fields, option, same_option
 from ...picture.render_options import EngineOptions, RenderOptions
 from ...scene.camera import MAX_SIZE
-
-if TYPE_CHECKING:
-    from ...engine.plan import Plan
 
 MOST_FRAMES = 10_000_000
 MOST_LIGHTS = 1000
@@ -51,7 +49,7 @@ class DatasetOptions:
     spp: int = same_option(RenderOptions, "spp")
     sampler: str = same_option(RenderOptions, "sampler")
     time: float = same_option(RenderOptions, "time")
-    plan: "str | Plan | None" = same_option(
+    plan: str | Plan | None = same_option(
         EngineOptions, "plan", help="Plan; see antumbra plans. Exact plans give the same bits.", note=""
     )
     threads: int | None = same_option(EngineOptions, "threads")

@@ -1,18 +1,16 @@
 """The options of a viewshed: the keywords of `antumbra.viewshed`, with the limits of distance and direction."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...checks import flag, listed, number
+from ...engine.plan import Plan
 from ...errors import InputError
 from ...picture.option_fields import RealNumber, check_fields, option, same_option
 from ...picture.render_options import EngineOptions, RenderOptions
-
-if TYPE_CHECKING:
-    from ...engine.plan import Plan
 
 
 def _azimuth(value: Any, what: str) -> tuple[float, float]:
@@ -81,7 +79,7 @@ class ViewshedOptions:
     """World units."""
     bits: bool = option(False, flag)
     """Also return which observer sees which sensor."""
-    plan: "str | Plan | None" = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")
+    plan: str | Plan | None = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")
     time: float = same_option(RenderOptions, "time")
     threads: int | None = same_option(EngineOptions, "threads")
 

@@ -6,18 +6,15 @@ from dataclasses import dataclass
 from datetime import date
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 from ...checks import checked_instance, choice, flag, items
-from ...engine.plan import DEFAULT_PLAN
+from ...engine.plan import DEFAULT_PLAN, Plan
 from ...picture.option_fields import WholeNumber, check_fields, option, optional, same_option, unchecked
 from ...picture.render_options import EngineOptions
 from .daylight_rules import check_rule, rule_named
 from .location import Place, checked_place
 from .sun_positions import checked_step, days_of
-
-if TYPE_CHECKING:
-    from ...engine.plan import Plan
 
 MOST_DIRECTIONS = 1 << 14
 """Maximum number of directions for the sky-view factor."""
@@ -81,7 +78,7 @@ class SunKeywords:
         "EPW weather file: location, days, direct and diffuse radiation.",
         kind=Path | None,
         metavar="FILE",
-        doc_type="str or path-like or None",
+        doc_type="str, path-like or None",
     )
     """Weather file with direct and diffuse radiation; also sets the place if there is no other."""
     energy: bool = option(False, flag, "Add the direct energy under a clear sky.")
@@ -100,7 +97,7 @@ class SunKeywords:
     """Add a column of hours for each month, or for each hour of the day."""
     samples: int = option(1, WholeNumber(1, MOST_SAMPLES), "Sample points on the sun's disk; 1: its centre.")
     """Points on the sun's disk, 1 to 64; 1: its centre."""
-    plan: "str | Plan | None" = same_option(
+    plan: str | Plan | None = same_option(
         EngineOptions, "plan", help="Plan; see antumbra plans.", kind=str, start=DEFAULT_PLAN
     )
     threads: int | None = same_option(EngineOptions, "threads")
