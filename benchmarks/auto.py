@@ -84,16 +84,28 @@ class Case(NamedTuple):
         return f"{self.scene[:22]:22s} {self.job:7s} {self.camera:6s} {self.light:5s} {self.spp:2d} {size:9s}"
 
 
-def draw_cases(seed: int, count: int) -> Iterator[Case]:
+class Draw(NamedTuple):
+    """What cases are drawn from."""
+
+    static: tuple[str, ...] = STATIC
+    moving: tuple[str, ...] = MOVING
+    size: tuple[int, int] | None = None  # None: one of SIZES, and 128 to 131,072 points
+
+
+EVERYTHING = Draw()
+
+
+def draw_cases(seed: int, count: int, draw: Draw = EVERYTHING) -> Iterator[Case]:
     """The cases of a seed."""
     rng = np.random.default_rng(seed)
     for k in range(count):
         job = JOBS[k % len(JOBS)]
-        scene = str(rng.choice(MOVING if job == "moving" else STATIC))
+        scene = str(rng.choice(draw.moving if job == "moving" else draw.static))
         camera, light = str(rng.choice(("inside", "around", "wall"))), LIGHTS[int(rng.integers(len(LIGHTS)))]
         spp, size = int(rng.choice((1, 4, 16))), SIZES[int(rng.integers(len(SIZES)))]
         if job in ("points", "surface"):
             size = int(2 ** rng.uniform(7, 17)), 1
+        size = draw.size or size
         yield Case(scene, job, camera, light, spp, size, 1000 * seed + k)
 
 
@@ -230,7 +242,7 @@ def trace_kept(engine: Engine, case: Case, clock: Clock) -> tuple[float, list[np
 
 def receivers_of(case: Case) -> at.Receivers:
     """The points of a case."""
-    region, n = region_of(case.scene), case.size[0]
+    region, n = region_of(case.scene), case.size[0] * case.size[1]
     points, normals = surface_points(region, n, case.seed)
     if case.job == "points":
         points = np.random.default_rng(case.seed).uniform(*region.bounds, (n, 3))
@@ -324,18 +336,33 @@ def best(seconds: dict[str, float]) -> tuple[str, float]:
     return min(((plan, s) for plan, s in seconds.items() if plan != DEFAULT_PLAN), key=lambda pair: pair[1])
 
 
-def main() -> None:
+def arguments(seed: int, cases: int) -> argparse.ArgumentParser:
+    """A parser with the options of `cases_of`."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seed", type=int, default=2)
-    parser.add_argument("--cases", type=int, default=208)
+    parser.add_argument("--seed", type=int, default=seed)
+    parser.add_argument("--cases", type=int, default=cases)
     parser.add_argument("--only", default="", help="cases whose line contains this text")
+    parser.add_argument("--scenes", nargs="+", help="draw from these scenes only")
+    parser.add_argument("--size", type=int, nargs=2, help="of all pictures; the number of points is the product")
+    return parser
+
+
+def cases_of(options: argparse.Namespace) -> list[Case]:
+    """The cases that the options select."""
+    scenes = tuple(options.scenes or ())
+    draw = Draw(scenes or STATIC, scenes or MOVING, options.size and tuple(options.size))
+    return [case for case in draw_cases(options.seed, options.cases, draw) if options.only in str(case)]
+
+
+def main() -> None:
+    parser = arguments(2, 208)
     parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--threads", type=int, default=thread_count(None))
     parser.add_argument("--wall", action="store_true", help="measure elapsed time")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     clock = perf_counter if options.wall else process_time
-    cases = [case for case in draw_cases(options.seed, options.cases) if options.only in str(case)]
+    cases = cases_of(options)
     for plan in dict.fromkeys(plan for case in cases for plan in plans_of(case)):
         precompile_plan(parse_plan(plan), "raster")
     rows = list[Row]()

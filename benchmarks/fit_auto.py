@@ -1,14 +1,13 @@
 """Measures the strategies of the plan `auto` on random queries, and fits its cost model to them.
 
-    python benchmarks/fit_auto.py measure FILE [--seed N] [--cases N] [--only TEXT]
-    python benchmarks/fit_auto.py fit FILE...
+    python benchmarks/fit_auto.py measure FILE [--seed N] [--cases N] [--only TEXT] [--scenes NAME ...] [--size W H]
+    python benchmarks/fit_auto.py fit FILE... [--output FILE]
 
 `measure` writes one line of JSON per query and tree: the features of the query, and the nanoseconds per ray that each
-strategy takes on one thread, in trees by `lbvh` and `bsah`, with and without culling. `fit` writes the weights to
-`engine/auto/rates.json`, and prints their error on scenes that it leaves out.
+strategy takes on one thread, in trees by `lbvh` and `bsah`, with and without culling. `fit` writes the weights, by
+default to `engine/auto/rates.json`, and prints their error on scenes that it leaves out.
 """
 
-import argparse
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -35,7 +34,7 @@ from antumbra.query.query_bounds import bounds
 from antumbra.query.shadow_query import ShadowQuery, new_bits, ray_count, surface_queries
 from antumbra.scene.triangles import Triangles
 from antumbra.techniques.culling.pre_bvh_culling import CullResult, cull, soup_of
-from auto import Case, draw_cases, lights_of, receivers_of, region_of, view_of
+from auto import Case, arguments, cases_of, lights_of, receivers_of, region_of, view_of
 
 WINDOWS = 48  # of the sample of a query
 SLOW = 8.0  # strategies slower than this multiple of the best are not measured again
@@ -124,6 +123,8 @@ def fit(rows: list[dict]) -> dict[str, list[float]]:
         known = np.isfinite(logs[:, k])
         for scene in np.unique(scenes):
             others, here = known & (scenes != scene), known & (scenes == scene)
+            if not others.any():
+                continue
             predicted[here, k] = values[here] @ fitted(values[others], logs[others, k])
         error = predicted[known, k] - logs[known, k]
         print(f"{list(STRATEGIES)[k]:18s} {known.sum():4d} rows, error {np.exp(error.std()):.2f} x")
@@ -138,22 +139,19 @@ def fit(rows: list[dict]) -> dict[str, list[float]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = arguments(1, 600)
     parser.add_argument("command", choices=("measure", "fit"))
     parser.add_argument("files", nargs="+", type=Path)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--cases", type=int, default=600)
-    parser.add_argument("--only", default="")
+    parser.add_argument("--output", type=Path, default=Path(rates_module.__file__).with_name("rates.json"))
     options = parser.parse_args()
     if options.command == "fit":
         rows = [json.loads(line) for file in options.files for line in file.read_text().splitlines()]
         weights = fit(rows)
         rates = {"weights": weights, "reference": ray_times(*small_queries()[:2])}
-        Path(rates_module.__file__).with_name("rates.json").write_text(json.dumps(rates, indent=1) + "\n")
+        options.output.write_text(json.dumps(rates, indent=1) + "\n")
         return
-    cases = (case for case in draw_cases(options.seed, options.cases) if options.only in str(case))
     with options.files[0].open("a") as file:
-        for case in sorted((c for c in cases if c.job != "moving"), key=lambda case: case.scene):
+        for case in sorted((c for c in cases_of(options) if c.job != "moving"), key=lambda case: case.scene):
             for row in rows_of(case):
                 file.write(json.dumps(row, default=float) + "\n")
                 file.flush()

@@ -43,14 +43,16 @@ def test_memory(run, small):
     assert float(sizes["vertices"]) == 36 and float(sizes["nodes"]) > 0 and last.startswith("process grew by ")
 
 
-def test_auto(run, small, tmp_path):
-    jobs = "picture", "walk", "bounce", "points", "surface", "grid", "shuffled"
-    lights = "lamp", "sun", "sphere", "sky", "point", "list", "near"
-    cases = [
-        {"scene": str(small), "job": job, "light": light, "spp": 1, "size": [12, 8]} for job, light in zip(jobs, lights)
-    ]
-    (tmp_path / "cases.json").write_text(json.dumps(cases))
-    done = run("auto", "--cases", tmp_path / "cases.json", "--rounds", 1)
-    assert [row["job"] for row in done.rows] == list(jobs)
+def test_auto(run, small):
+    done = run("auto", "--scenes", small, "--size", 24, 16, "--cases", 8, "--rounds", 1)
+    assert [row["job"] for row in done.rows] == [*["first"] * 3, *["kept"] * 2, "moving", "points", "surface"]
     assert all(row["seconds"]["auto"] > 0.0 and len(row["seconds"]) > 3 for row in done.rows)
-    assert f"{len(jobs)} cases" in done.out and "worst case" in done.out
+    assert "geometric mean" in done.out and "(8 cases)" in done.out
+
+
+def test_fit_auto(run, small, tmp_path):
+    rows, rates = tmp_path / "rows.jsonl", tmp_path / "rates.json"
+    run("fit_auto", "measure", rows, "--scenes", small, "--size", 24, 16, "--cases", 8, rows=False)
+    done = run("fit_auto", "fit", rows, "--output", rates, rows=False)
+    fitted = json.loads(rates.read_text())
+    assert set(fitted["weights"]) == set(fitted["reference"]) and "predictions alone lose" in done.out

@@ -15,7 +15,7 @@ COMMAND += ["-o", "f.##.png", "--json"]
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are different on Windows")
 def test_killed(tmp_path):
-    run_killed(tmp_path, "_write_png", *COMMAND)
+    run_killed(tmp_path, "write_png", *COMMAND)
     lock, picture, first = sorted(os.listdir(tmp_path))
     assert first == "f.00.png" and {lock[-5:], picture[-4:]} == {".lock", ".tmp"} and lock[:-5] == picture[:-4]
     done = run(tmp_path, *COMMAND)

@@ -112,7 +112,7 @@ def test_a_disk_that_is_full_leaves_the_older_file_and_no_other(frame, tmp_path,
     assert entries(tmp_path) == [path.name]
 
 
-@pytest.mark.parametrize("writer, suffix", [("_write_png", ".png"), ("write_exr", ".exr")])
+@pytest.mark.parametrize("writer, suffix", [("write_png", ".png"), ("write_exr", ".exr")])
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
 def test_an_interrupted_save_leaves_no_file(frame, tmp_path, monkeypatch, writer, suffix, error):
     def interrupted(_, path, note, *more):

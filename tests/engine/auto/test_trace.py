@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from antumbra.strategies.counters import as_dict, new_counters
 
 import antumbra as at
 from antumbra.engine.auto import strategies
@@ -11,6 +10,7 @@ from antumbra.engine.auto.strategies import STRATEGIES
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.plan import parse_plan
 from antumbra.picture.renderer import Renderer
+from antumbra.trace.counters import as_dict, new_counters
 from asking import answer, query_of, true_occlusion, unpack
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
