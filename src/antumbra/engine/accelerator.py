@@ -294,8 +294,7 @@ class SceneTrees:
     def cached(self, accelerator: Accelerator, time: float) -> Accelerated | None:
         """The tree of a plan at a time, as from `of`; None if it is not there or must be rebuilt."""
         with self._lock:
-            self.triangles(time, accelerator.threads)
-            accelerated = self._accelerated.get(accelerator.plan)
+            accelerated = self._accelerated.get(accelerator.plan) if time == self._time else None
             return None if accelerated is None or accelerator.needs_rebuild(accelerated) else accelerated
 
     def add(self, plan: Plan, accelerated: Accelerated) -> None:

@@ -238,9 +238,11 @@ class AutoAccelerator(Accelerator):
 
     def _builder_for(self, n: int, lost: float) -> str:
         """The builder for n triangles, if rays lose `lost` seconds in a QUICK tree."""
-        name, plain = choose_builder(n, lost, self._guided), choose_builder(n, lost, False)
+        name = choose_builder(n, lost, self._guided)
+        if name != GUIDED:
+            return name
         gain = tree_seconds(n, lost, "", False) - tree_seconds(n, lost, "", True)
-        return plain if name == GUIDED and not _loads.pays(GUIDED, gain) else name
+        return name if _loads.pays(GUIDED, gain) else choose_builder(n, lost, False)
 
     def _optimise(self) -> None:
         """Make the next tree a BEST one. Later trees are GOOD again, until they have lost the cost of another BEST."""

@@ -190,7 +190,8 @@ class InMemory:
         if plan.cull or plan.wants_rays:
             return self._trees.triangles(time, self.threads), None
         if self._accelerator.culls:
-            return self._trees.triangles(time, self.threads), self._trees.cached(self._accelerator, time)
+            cached = self._trees.cached(self._accelerator, time)
+            return (self._trees.triangles(time, self.threads), None) if cached is None else (cached.triangles, cached)
         ready = self._trees.of(self._accelerator, time)
         return ready.triangles, ready
 

@@ -7,7 +7,7 @@ reuse the fastest strategy.
 
 from collections.abc import Callable
 from math import ceil, log2
-from time import process_time
+from time import perf_counter, process_time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -480,10 +480,10 @@ def trace_shadow(
     forms, memory = auto.forms, auto.memory
     rays = query.sides.size * query.samples.shape[1]
     if rays <= _FEW_RAYS:
-        start = process_time()
+        start = perf_counter()
         trace_single: Callable[..., None] = single.trace_shadow  # also takes a packed tree
         trace_single(forms.packed_single, query, bits, threads, counters, progress)
-        choice = StrategyChoice("single", rays, "few rays", 0.0, {}, seconds=process_time() - start)
+        choice = StrategyChoice("single", rays, "few rays", 0.0, {}, seconds=perf_counter() - start)
         memory.learn(_FEW_RAYS_KEY, choice, auto.builder)
         return
     features = auto.features(query)
