@@ -1,6 +1,8 @@
 """The plan `auto`: its builder follows the rays, kept trees are replaced once, and what is measured is kept."""
 
+import gc
 import json
+import weakref
 
 import numpy as np
 import pytest
@@ -265,3 +267,38 @@ def test_kernels_are_loaded_once_queries_would_have_gained_their_time():
     loads = auto_accelerator.KernelLoads()
     assert not loads.pays("culling", -1.0) and not loads.pays("culling", 0.015) and not loads.pays("cones", 0.01)
     assert loads.pays("culling", 0.006) and loads.pays("culling", 1e-6) and not loads.pays("culling", 0.0)
+
+
+@pytest.mark.parametrize("by_points", [False, True], ids=["picture", "points"])
+def test_a_first_query_without_segments_leaves_no_empty_tree(monkeypatch, by_points):
+    """Culling then drops every triangle. Later queries once kept that tree, and saw no shadow."""
+    scene = at.procedural("atrium", triangles=3000)
+    _builds(monkeypatch, 1e6)
+    monkeypatch.setattr(rates, "form_seconds", lambda strategy, triangles: 1e-6 * triangles)
+    _cheap_culling(monkeypatch)
+    light = at.PointLight((0.5, 1.5, 0.2))
+    if by_points:
+        points = np.random.default_rng(1).uniform((-1, 0.1, -1), (1, 2, 1), (300, 3))
+        assert at.visibility(scene, np.empty((0, 3)), light).fraction.shape == (0,)
+        answers = [at.visibility(scene, points, light, plan=plan).bits for plan in ("auto", "bsah+single")]
+    else:
+        renderer = Renderer(scene)
+        away = at.Camera((0, 100, 0), (0, 200, 0), (1, 0, 0), width=48, height=40)
+        assert renderer.render(away, [light]).rays == 0
+        view = scene.cameras[0].resized(48, 40)
+        answers = [each.render(view, [LAMP]).bits[0] for each in (renderer, Renderer(scene, "bsah+single"))]
+    np.testing.assert_array_equal(*answers)
+    assert answers[0].any()
+
+
+def test_queries_are_not_kept_between_calls(monkeypatch):
+    scene = at.procedural("atrium", triangles=3000)
+    monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: True)
+    _builds(monkeypatch, 1e6, guided=0.0)
+    points = np.random.default_rng(1).uniform((-6, 0.1, -4), (6, 5, 4), (3000, 3))
+    receivers = at.Receivers.of(points, None, scene.origin)
+    origins = weakref.ref(receivers.origins)
+    scene.engine.visibility(receivers, LAMP)
+    del receivers
+    gc.collect()
+    assert origins() is None and _chosen(scene).builder == GUIDED

@@ -8,7 +8,9 @@
   built at once if the predicted rays pay for it. Otherwise the cached tree is upgraded once traversal has lost more
   time than the rebuild costs (the ski-rental rule), so the total loss is at most twice the minimum, however many rays
   follow. The same rule replaces GOOD trees by BEST ones. Trees of animated scenes are refitted from the first GOOD tree
-  on, BEST trees included.
+  on, BEST trees included. Where the queries are known, a GUIDED tree, built for a sample of their rays [Feltman et al.
+  2012], takes the place of a GOOD one.
+- **Cones.** Queries with one apex, few samples and many rays per triangle need no tree [Olsson and Assarsson 2011].
 
 The tracer `auto` then chooses the strategy of each query (`auto.strategies`).
 """
@@ -23,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.nodes import Bvh
+from ..kernels.toolchain.kernel_manifest import kernels_of_job
 from ..query.query_bounds import bounds
 from ..query.shadow_query import ShadowQuery
 from ..scene.lights import AMBIENT, DIRECTIONAL, FIXED
@@ -57,11 +60,11 @@ from .auto.cost_model import (
     select_seconds,
     tree_seconds,
 )
-from .auto.query_features import QueryFeatures, features_of, size_of
-from .auto.strategies import AutoTracer, ConeTracer, KnownQueries, SceneExtent, StrategyMemory, suitable_strategies
+from .auto.query_features import features_of, size_of
+from .auto.strategies import AutoTracer, ConeTracer, SceneExtent, StrategyMemory, TreeUpgrade, suitable_strategies
 from .method_registry import BUILDERS, OPTIMISERS, TRACERS, UPDATERS
 from .plan import Plan, parse_plan
-from .precompilation import Job, fixed_job, missing_of, precompile, small_scene
+from .precompilation import Job, are_on_disk, fixed_job, precompile, small_scene
 
 CULLER = "grid32"
 """The culler of `auto`."""
@@ -69,8 +72,6 @@ CULLER = "grid32"
 _RAY = 1e-7  # default estimate of the time of a ray on one thread, in seconds
 _FIRST_SHARE = 0.3  # of the triangles: expected to remain after culling, before anything is known
 _PATIENCE = 16  # frames without a new try after culling was abandoned
-
-
 _CONE_SHARE = 0.03  # triangles per ray up to which cones are the faster ones
 _CONE_SAVING = 0.25  # of the time of the rays
 _MAX_CONE_SAMPLES = 4
@@ -103,7 +104,9 @@ class Forecast(NamedTuple):
 
     strategy: str  # of the query that takes longest
     seconds: float  # of the rays
-    lost: float  # seconds that a GOOD tree would save, compared with a QUICK one
+    lost: float  # seconds that a GUIDED tree would save, compared with a QUICK one
+    rays: int
+    receivers: int
 
 
 class AutoAccelerator(Accelerator):
@@ -117,12 +120,11 @@ class AutoAccelerator(Accelerator):
         self._rays_soon = self._later = 0  # predicted numbers of rays: of the coming queries, and of later ones
         self._share, self._patience = _FIRST_SHARE, 0
         self._tried: Triangles | None = None  # the triangles of the last try of culling
-        self._by_cones = self._culled = False  # whether the next queries go to cones; whether the last were culled
+        self._by_cones = False  # whether the next queries go to cones
         self._latest: Triangles | None = None  # of the last tree
         self._moves = False  # whether they have changed between trees
         self._extent: SceneExtent | None = None  # of the scene with the triangles of the last queries
-        self._queries: Sequence[ShadowQuery] = ()  # the last queries, for sample rays
-        self._features: dict[int, QueryFeatures] = {}  # id of a query -> its features
+        self._sample: RepresentativeRays | None = None  # rays of the present queries, for a GUIDED tree
         self._selector = RepresentativeRaySelector(SrdhRays(), threads)
 
     def begin(self, rays: int, later: int = 0) -> None:
@@ -145,42 +147,46 @@ class AutoAccelerator(Accelerator):
     def executed_plan(self, accelerated: Accelerated) -> Plan:
         assert accelerated.chosen is not None
         tracers = {choice.strategy if choice.strategy in TRACERS else "multifrusta" for choice in self.memory.choices}
-        cull = CULLER if self._culled else None
         if isinstance(accelerated.chosen, ConeTracer):
-            return Plan(cull, trace="cones")
+            return Plan(CULLER if accelerated.chosen.culled else None, trace="cones")
+        cull = CULLER if accelerated.partial else None
         tree = parse_plan(f"{accelerated.chosen.builder}+{self.plan.trace}")
         return replace(tree, trace=tracers.pop() if len(tracers) == 1 else self.plan.trace, cull=cull)
 
     def cull(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> CullResult | None:
         """Choose the builder for these queries, and cull if that pays."""
         n, box = solid_count(triangles), np.stack(bounds(triangles.vertices, self.threads))
-        self._extent, self._queries = SceneExtent(n, box), queries
+        self._extent = SceneExtent(n, box)
         forecast, serves_once = self._forecast(queries), self._serves_once(triangles)
         culled = self._try_culling(triangles, queries, forecast) if serves_once else None
         remaining = n if culled is None else len(culled.kept)
         self._by_cones = serves_once and self._cones_pay(remaining, queries, forecast)
         if culled is not None:
             self._next_name = self._builder_for(len(culled.kept), forecast.lost)
-            return culled
-        self._choose(self.memory.lost + self._loss(self._later) + forecast.lost, n)
-        self._rays_soon = self._later = 0
-        return None
+        else:
+            self._choose(self.memory.lost + self._loss(self._later) + forecast.lost, n)
+            self._rays_soon = self._later = 0
+            self._next_name = self._tree_name
+        self._take_sample(triangles, queries)
+        return culled
 
     def _forecast(self, queries: Sequence[ShadowQuery]) -> Forecast:
         """Predictions for these queries."""
         assert self._extent is not None
         n, box = self._extent
-        total, lost, most, main = 0.0, 0.0, -1.0, ""
-        self._features = {}
+        total, lost, most, main, rays = 0.0, 0.0, -1.0, "", 0
+        receivers: dict[int, int] = {}  # those of queries that share their receivers count once
         for query in queries:
-            self._features[id(query)] = features = features_of(query, n, box)
+            features = features_of(query, n, box)
+            receivers[id(query.origins)] = features.receivers
+            rays += features.rays
             rate, strategy = min((predicted_rate(name, features), name) for name in suitable_strategies(query, box))
             seconds = rate * features.rays
             total += seconds
             lost += seconds * lost_share(strategy)
             if seconds > most:
                 most, main = seconds, strategy
-        return Forecast(main, total, lost)
+        return Forecast(main, total, lost, rays, sum(receivers.values()))
 
     def _serves_once(self, triangles: Triangles) -> bool:
         """Whether the next tree may serve the present queries only: no later ones have used these triangles yet."""
@@ -190,9 +196,8 @@ class AutoAccelerator(Accelerator):
 
     def _cones_pay(self, n: int, queries: Sequence[ShadowQuery], forecast: Forecast) -> bool:
         """Whether cones are likely to answer the queries faster than rays in a tree of n triangles."""
-        rays = sum(self._features[id(query)].rays for query in queries)
         fits = all(has_one_apex(query) and query.samples.shape[1] <= _MAX_CONE_SAMPLES for query in queries)
-        if not fits or n > _CONE_SHARE * rays or not is_compiled(cones_job):
+        if not fits or n > _CONE_SHARE * forecast.rays or not is_compiled("cones (raster)"):
             return False
         return _loads.pays("cones", _CONE_SAVING * forecast.seconds)
 
@@ -208,9 +213,7 @@ class AutoAccelerator(Accelerator):
         if self.updater is not None:
             direct = min(direct, refit_seconds(n, forecast.strategy))
         tree = partial(tree_seconds, lost=forecast.lost, strategy=forecast.strategy, guided=self._guided)
-        receivers = {id(query.origins): self._features[id(query)].receivers for query in queries}
-        select = select_seconds(n)
-        mark = mark_seconds(sum(receivers.values()), len(queries))
+        select, mark = select_seconds(n), mark_seconds(forecast.receivers, len(queries))
         if not _loads.pays("culling", direct - mark - select - tree(round(self._share * n))):
             return None
         marking = mark_segments(triangles, queries, self.threads)
@@ -256,37 +259,34 @@ class AutoAccelerator(Accelerator):
 
     @property
     def _guided(self) -> bool:
-        """Whether trees can be built for sample rays: the kernels are on disk, and the queries known."""
-        return bool(self._queries) and is_compiled(guided_job)
+        """Whether the kernels of GUIDED trees are on disk."""
+        return is_compiled(f"{GUIDED}+single (raster)")
 
     def build(
         self, triangles: Triangles, culled: CullResult | None = None, sample_rays: RepresentativeRays | None = None
     ) -> Accelerated:
         try:
-            solid = solid_of(triangles, culled, self.threads)
-            self._culled = culled is not None
             self._moves = self._latest is not None and self._latest is not triangles
             self._latest = triangles
-            self._rays = self._rays_among(triangles, solid)
+            solid = solid_of(triangles, culled, self.threads) if culled is not None else None
+            self._rays = self._rays_among(triangles.solid if solid is None else solid.kept)
             if self._by_cones:
                 self._by_cones = False
-                soup = soup_of(triangles, solid, self.threads)
-                return Accelerated(triangles, None, ConeTracer(soup, self.memory), self.cutouts_of(triangles), True)
-            if culled is not None:
-                return self.prepare(triangles, self._tree(triangles, solid), solid)
+                tracer = ConeTracer(soup_of(triangles, solid, self.threads), self.memory, culled is not None)
+                return Accelerated(triangles, None, tracer, self.cutouts_of(triangles), True)
+            if solid is not None:
+                return self._prepare(triangles, self._tree(triangles, solid), solid)
             self._choose_for_all(solid_count(triangles))
             return super().build(triangles, None, sample_rays)
         finally:
-            self._rays = None
+            self._rays = self._sample = None
 
-    def _rays_among(
-        self, triangles: Triangles, solid: CullResult | None
-    ) -> Callable[[NDArray[np.float32], Bvh | None], Intersections]:
-        """A function that samples the rays of the last queries for a GUIDED tree of these triangles."""
-        ids = None if solid is None else solid.kept
+    def _rays_among(self, ids: NDArray[np.int32] | None) -> Callable[[NDArray[np.float32], Bvh | None], Intersections]:
+        """A function that finds what the sample rays meet among the triangles `ids`; None: all."""
 
         def rays(vertices: NDArray[np.float32], bvh: Bvh | None) -> Intersections:
-            return self._selector.show(self._queries, triangles).among(vertices, ids, self.threads, bvh)
+            assert self._sample is not None
+            return self._sample.among(vertices, ids, self.threads, bvh)
 
         return rays
 
@@ -300,7 +300,7 @@ class AutoAccelerator(Accelerator):
         if self.updater is not None and best_pays(self.memory.in_good, n):
             self._optimise()
             self._start_refitting()
-        self._next_name = self._tree_name
+        self._next_name = GOOD if self._tree_name == GUIDED and self._sample is None else self._tree_name
 
     def _start_refitting(self) -> None:
         """Build a new tree at the next time sample, and refit it at later ones."""
@@ -315,24 +315,34 @@ class AutoAccelerator(Accelerator):
 
     def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: CullResult | None = None) -> Accelerated:
         assert bvh is not None
-        is_partial = culled is not None and culled.grid is not None
+        return self._prepare(triangles, bvh, None)
+
+    def _prepare(self, triangles: Triangles, bvh: Bvh, culled: CullResult | None) -> Accelerated:
+        """Prepare a tree for the tracer; `culled`: the solid triangles that culling left; None: nothing is culled."""
+        is_partial = culled is not None
         upgrades = self._built_name == QUICK and (is_partial or self.updater is None)
-        upgrade = partial(self._upgrade, triangles, culled if is_partial else None) if upgrades else None
-        known = KnownQueries(self._extent if is_partial else None, self._features, self._guided)
-        tracer = AutoTracer(bvh, self.threads, self.memory, self._built_name, upgrade, known)
+        upgrade = TreeUpgrade(partial(self._upgrade, triangles, culled), self._guided) if upgrades else None
+        extent = self._extent if is_partial else None
+        tracer = AutoTracer(bvh, self.threads, self.memory, self._built_name, upgrade, extent)
         return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles), is_partial)
 
-    def _upgrade(self, triangles: Triangles, culled: CullResult | None) -> tuple[Bvh, str]:
+    def _upgrade(self, triangles: Triangles, culled: CullResult | None, query: ShadowQuery) -> tuple[Bvh, str]:
         """A better tree of the same triangles, for a query that turns out to need it, and its builder."""
         self._next_name = GUIDED if self._guided and _loads.pays(GUIDED, math.inf) else GOOD
         if culled is None:
             self._tree_name = self._next_name
         solid = culled or solid_of(triangles, None, self.threads)
+        self._take_sample(triangles, [query])
         try:
-            self._rays = self._rays_among(triangles, solid)
+            self._rays = self._rays_among(None if solid is None else solid.kept)
             return self._tree(triangles, solid), self._next_name
         finally:
-            self._rays = None
+            self._rays = self._sample = None
+
+    def _take_sample(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> None:
+        """Sample the rays of queries if the next tree is a GUIDED one. The queries themselves are not kept."""
+        if self._next_name == GUIDED:
+            self._sample = self._selector.show(queries, triangles)
 
 
 def best_tree(vertices: NDArray[np.float32], threads: int) -> Bvh:
@@ -347,27 +357,16 @@ def best_tree_job() -> Job:
     return fixed_job("best tree", lambda: best_tree(small_scene().triangles(0.0, 2).vertices, 2))
 
 
-def guided_job() -> Job:
-    """The job of building a GUIDED tree."""
-    return fixed_job(f"{GUIDED}+single (raster)", lambda: None)
-
-
 def has_one_apex(query: ShadowQuery) -> bool:
     """Whether all segments of a query end in one point or have one direction."""
     light = query.light
     return light.kind == DIRECTIONAL or (light.kind == FIXED and not np.any(light.u) and not np.any(light.v))
 
 
-def cones_job() -> Job:
-    """The job of tracing by cones."""
-    return fixed_job("cones (raster)", lambda: None)
-
-
 @cache
-def is_compiled(job_of: Callable[[], Job]) -> bool:
-    """Whether all kernels of a job are on disk. Once they are, in this process, they stay there."""
-    kernels = job_of().kernels()
-    return kernels is not None and not missing_of(kernels)
+def is_compiled(job: str) -> bool:
+    """Whether all kernels recorded for a job were on disk when this process first asked."""
+    return are_on_disk(kernels_of_job(job))
 
 
 def accelerator_of(plan: Plan, threads: int) -> Accelerator:

@@ -69,6 +69,11 @@ def missing_of(kernels: Iterable[KernelRequest]) -> set[KernelRequest]:
     return {each for each in kernels if not is_cached(import_object(each.kernel), each.key)}
 
 
+def are_on_disk(kernels: Iterable[KernelRequest] | None) -> bool:
+    """Whether all kernels of a job are on disk; False if the job has no record."""
+    return kernels is not None and not missing_of(kernels)
+
+
 def compile_missing(missing: set[KernelRequest]) -> None:
     """Compile kernels on all cores with a progress message. No-op if the cache is read-only; `loading` warns then."""
     if not user_cache().is_writable():

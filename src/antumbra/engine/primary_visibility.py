@@ -31,7 +31,7 @@ from ..trace.primary.primary_rays import trace_primary
 from ..trace.rays.ray_hits import Nearest, nearest_surfaces
 from .accelerator import Accelerated
 from .auto.strategies import STRATEGIES, AutoTracer
-from .precompilation import Job, fixed_job, missing_of, small_scene, small_scene_with_cutouts, small_view
+from .precompilation import Job, are_on_disk, fixed_job, small_scene, small_scene_with_cutouts, small_view
 
 # --- Primary visibility -----------------------------------------------------------------------------------------------
 
@@ -203,8 +203,7 @@ def has_blocks(tree: Accelerated) -> bool:
 
 def rays_are_compiled() -> bool:
     """Whether the kernels of camera rays are compiled."""
-    kernels = camera_rays_job().kernels()
-    return kernels is not None and not missing_of(kernels)
+    return are_on_disk(camera_rays_job().kernels())
 
 
 def camera_rays_job() -> Job:

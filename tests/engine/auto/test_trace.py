@@ -149,7 +149,7 @@ def test_a_query_that_loses_much_builds_a_better_tree_first(scene, monkeypatch, 
     monkeypatch.setattr(strategies, "PREDICTION_ERROR", 1e9)  # predictions are never believed
     triangles, query = query_of(scene, scene.cameras[0].resized(20, 16), LAMP, 4)
     truth, active = true_occlusion(triangles, query)
-    better = lambda: (BUILDERS[GOOD].build(triangles.vertices, 2), GOOD)
+    better = strategies.TreeUpgrade(lambda query: (BUILDERS[GOOD].build(triangles.vertices, 2), GOOD))
     auto = strategies.AutoTracer(BUILDERS[QUICK].build(triangles.vertices, 2), 2, None, QUICK, better)
     bits = np.zeros((16, 20, 1), np.uint64)
     strategies.trace_shadow(auto, query, bits, 2)

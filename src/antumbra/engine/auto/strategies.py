@@ -358,12 +358,13 @@ _CONES_KEY: Key = ("cones",)
 PREDICTION_ERROR = 4.0  # predictions from counts alone may be wrong by this factor
 
 
-class KnownQueries(NamedTuple):
-    """What is known of the queries of a tree before they are traced."""
+class TreeUpgrade(NamedTuple):
+    """A better tree of the same triangles, built when it pays off."""
 
-    extent: SceneExtent | None  # of the scene, if culling has left only a part of its triangles in the tree
-    features: dict[int, QueryFeatures]  # id of a query -> its features
-    guided: bool  # whether a better tree may be a GUIDED one
+    build: Callable[
+        [ShadowQuery], tuple[Bvh, str]
+    ]  # for a query: the tree, and the name of its builder in `cost_model`
+    guided: bool = False  # whether it may be a GUIDED one
 
 
 class AutoTracer:
@@ -375,11 +376,10 @@ class AutoTracer:
         Outlives the tree in a sequence of frames.
     builder : str or None
         Name of the tree's builder in `cost_model`, if the plan chose the builder, too.
-    better : function, optional
-        Builds a better tree of the same triangles, and returns it with the name of its builder; None: the tree is never
-        replaced.
-    known : KnownQueries, optional
-        What is known of the queries before they are traced.
+    upgrade : TreeUpgrade, optional
+        None: the tree is never replaced.
+    extent : SceneExtent, optional
+        Of the scene, if culling has left only a part of its triangles in the tree.
     """
 
     def __init__(
@@ -388,16 +388,11 @@ class AutoTracer:
         threads: int | None = None,
         memory: StrategyMemory | None = None,
         builder: str | None = None,
-        better: Callable[[], tuple[Bvh, str]] | None = None,
-        known: KnownQueries | None = None,
+        upgrade: TreeUpgrade | None = None,
+        extent: SceneExtent | None = None,
     ) -> None:
-        self._known = known or KnownQueries(None, {}, False)
-        self.forms, self.memory = TreeForms(bvh, thread_count(threads), self._known.extent), memory or StrategyMemory()
-        self.builder, self._better = builder, better
-
-    def features(self, query: ShadowQuery) -> QueryFeatures:
-        """The features of a query."""
-        return self._known.features.get(id(query)) or features_of(query, *self.forms.extent)
+        self.forms, self.memory = TreeForms(bvh, thread_count(threads), extent), memory or StrategyMemory()
+        self.builder, self._upgrade = builder, upgrade
 
     def begin(self) -> None:
         """Begin a frame, or a query of points."""
@@ -408,20 +403,20 @@ class AutoTracer:
 
         A cost predicted from counts alone is first checked on a sample, unless no plausible error would matter.
         """
-        if self._better is None:
+        if self._upgrade is None:
             return
         strategy, seconds = choice.strategy, choice.predicted
         if not choice.tried and self.upgrade_pays(strategy, seconds * PREDICTION_ERROR):
             seconds = 1e-9 * sampled_rate(strategy, self.forms, query, threads) * choice.rays
         if self.upgrade_pays(strategy, seconds):
-            bvh, self.builder = self._better()
-            self.forms, self._better = TreeForms(bvh, self.forms.threads, self.forms.extent), None
+            bvh, self.builder = self._upgrade.build(query)
+            self.forms, self._upgrade = TreeForms(bvh, self.forms.threads, self.forms.extent), None
 
     def upgrade_pays(self, strategy: str, seconds: float) -> bool:
         """Whether a query that takes `seconds` in this tree pays for a better one, although this one is there."""
         n = self.forms.triangles
         lost = lost_in_quick(strategy, seconds) - build_seconds(QUICK, n) - form_seconds(strategy, n)
-        return choose_builder(n, lost, self._known.guided) != QUICK
+        return choose_builder(n, lost, self._upgrade is not None and self._upgrade.guided) != QUICK
 
     @property
     def choices(self) -> list[StrategyChoice]:
@@ -434,12 +429,12 @@ class ConeTracer:
 
     soup : Soup
     memory : StrategyMemory
+    culled : bool
+        Whether the soup lacks triangles that culling has dropped.
     """
 
-    builder = None
-
-    def __init__(self, soup: Soup, memory: StrategyMemory):
-        self.soup, self.memory = soup, memory
+    def __init__(self, soup: Soup, memory: StrategyMemory, culled: bool):
+        self.soup, self.memory, self.culled = soup, memory, culled
 
     def begin(self) -> None:
         """Begin a frame."""
@@ -486,7 +481,7 @@ def trace_shadow(
         choice = StrategyChoice("single", rays, "few rays", 0.0, {}, seconds=perf_counter() - start)
         memory.learn(_FEW_RAYS_KEY, choice, auto.builder)
         return
-    features = auto.features(query)
+    features = features_of(query, *forms.extent)
     key, places = feature_key(features), None
     suited = suitable_strategies(query, forms.extent.box)
     if sorting_pays(query, forms, features, suited, threads):
