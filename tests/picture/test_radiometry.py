@@ -11,6 +11,7 @@ from antumbra.picture.light_visibility import irradiance_shares
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import segments, shadow_queries
 from antumbra.scene.light_lists import LightList
+from antumbra.trace.transmission import TracedQuery
 from reference_radiometry import irradiance as reference
 
 FLOOR = np.array([[[-50, 0, -50], [-50, 0, 50], [50, 0, 50]], [[-50, 0, -50], [50, 0, 50], [50, 0, -50]]], float)
@@ -109,7 +110,7 @@ def test_shares_are_weighted_means():
         normal = (normal / np.linalg.norm(normal, axis=-1, keepdims=True)).astype(np.float32)
         bits = rng.integers(0, 1 << 16, (*query.sides.shape, 1)).astype(np.uint64)
         bits[0, 0], bits[0, 1] = 0, (1 << 16) - 1
-        found = irradiance_shares(PixelNormals(normal, normal, frame.gbuffer.depth, False), query, bits)
+        found = irradiance_shares(PixelNormals(normal, normal, frame.gbuffer.depth, False), TracedQuery(query, bits))
         directions = segments(query)[0].astype(float) - query.origins[:, :, None]
         r = np.linalg.norm(directions, axis=-1)
         weight = np.maximum((directions * normal[:, :, None]).sum(-1) / r, 0.0)

@@ -7,6 +7,8 @@ import antumbra as at
 from antumbra.picture.irradiance import list_irradiance
 from antumbra.query.gbuffer import GBuffer
 from antumbra.query.light_samples import light_samples
+from antumbra.query.shadow_query import shadow_queries
+from antumbra.trace.transmission import TracedQuery
 
 LAMP = at.QuadLight((-1, 5, -1), (2, 0, 0), (0, 0, 2), intensity=20.0)
 BLACK = at.AmbientOcclusion(intensity=0.0, spp=1)
@@ -105,8 +107,9 @@ def _one_pixel(lights, position=(0, 0, 0), normal=(0, 1, 0)):
         pixel(position, np.float32), pixel(normal, np.float32), side.astype(np.int32), side.astype(np.float32), side,
         np.zeros(3),
     )  # fmt: skip
-    samples = light_samples(lights, 1)
-    return list_irradiance(gbuffer, lights, samples, np.zeros((1, 1, 1), np.uint64))[0, 0, 0]
+    scene = at.Scene.from_arrays(np.eye(3)[None])
+    (query,) = shadow_queries(scene.triangles(), gbuffer, [lights], [light_samples(lights, 1)])
+    return list_irradiance(gbuffer, lights, TracedQuery(query, np.zeros((1, 1, 1), np.uint64)))[0, 0, 0]
 
 
 def test_falloff_of_lights_with_normals():

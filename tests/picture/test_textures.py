@@ -11,6 +11,7 @@ from antumbra.picture.pixel_appearance import albedo, eye_of, shading_normals, s
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import new_bits, surface_queries, surfaces_of
 from antumbra.scene.materials import CLAMP, MIRROR, REPEAT
+from antumbra.trace.transmission import TracedQuery
 from gltf_files import Gltf, png
 
 CAMERA = at.Camera((0, 0, 4), (0, 0, 0), vfov=30, width=48, height=48)
@@ -193,7 +194,8 @@ def test_the_terminator_is_smooth_and_nothing_leaks():
 
     def lit(shading):
         found = irradiance(surfaces.gbuffer, query.light, light.domain, shading, threads=1)
-        return found * irradiance_shares(pixel_normals(surfaces.gbuffer, shading), query, new_bits(query), threads=1)
+        facing, unshadowed = pixel_normals(surfaces.gbuffer, shading), TracedQuery(query, new_bits(query))
+        return found * irradiance_shares(facing, unshadowed, threads=1)
 
     flat, smooth = lit(None), lit(shading)
     assert (flat[smooth > 0] > 0).all() and (smooth > 0).sum() > 1000

@@ -72,7 +72,9 @@ def one_face(material, alpha=None):
 @pytest.mark.parametrize("factor, vertices, solid", [(0.6, None, True), (0.4, None, False), (1.0, 0.4, False)])
 def test_alpha_without_a_texture_keeps_or_drops_whole_faces(mode, factor, vertices, solid):
     found = find_cutouts(one_face(Material(factor=(1, 1, 1, factor), alpha_mode=mode), vertices))
-    if mode == OPAQUE or solid:
+    if mode == BLEND:
+        assert found.faces.tolist() == [0] and found.depths[0, 3] == solid
+    elif mode == OPAQUE or solid:
         assert found is None
     else:
         assert not len(found.solid) and not len(found.faces)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from antumbra.scene.alpha_masks import AlphaMask, cutouts_of, finite_uv
+from antumbra.scene.alpha_masks import cutouts_of, finite_uv, holes
 from antumbra.scene.materials import CLAMP, MIRROR, REPEAT
 
 WRAPS = [(a, b) for a in (REPEAT, CLAMP, MIRROR) for b in (REPEAT, CLAMP, MIRROR)]
@@ -19,11 +19,11 @@ def wrapped(place, size, wrap):
 
 
 def texels_of(uv, mask):
-    """(f, m) bool: the texels at many points of faces, corners included."""
+    """(f, m) uint8: the texels at many points of faces, corners included."""
     weights = np.concatenate([np.eye(3), np.random.default_rng(0).dirichlet(np.ones(3), 400)])
     places = np.einsum("mk,fka->fma", weights, uv.astype(np.float64))
-    h, w = mask.solid.shape
-    return mask.solid[wrapped(places[..., 1], h, mask.wrap[1]), wrapped(places[..., 0], w, mask.wrap[0])]
+    h, w = mask.texels.shape
+    return mask.texels[wrapped(places[..., 1], h, mask.wrap[1]), wrapped(places[..., 0], w, mask.wrap[0])]
 
 
 @pytest.mark.parametrize("wrap", WRAPS)
@@ -31,12 +31,12 @@ def texels_of(uv, mask):
 def test_faces_are_what_their_texels_are(wrap, size):
     rng = np.random.default_rng(sum(size))
     y, x = np.indices(size)
-    mask = AlphaMask((x // 9 + y // 9) % 2 == 0, wrap)
+    mask = holes((x // 9 + y // 9) % 2 == 0, wrap)
     uv = (rng.uniform(-3, 3, (900, 1, 2)) + rng.uniform(-0.2, 0.2, (900, 3, 2)) * rng.random((900, 1, 1))).astype("f4")
     own = cutouts_of(uv, np.zeros(900, np.int32), [mask])
     seen = texels_of(uv, mask)
     if own is None:
-        assert seen.all() and mask.solid.all()
+        assert seen.all() and mask.texels.all()
         return
     kinds = np.full(900, "clear")
     kinds[own.solid], kinds[own.faces] = "solid", "cut"
@@ -49,7 +49,7 @@ def test_faces_are_what_their_texels_are(wrap, size):
 
 def test_faces_without_a_mask_are_solid():
     uv = np.zeros((4, 3, 2), np.float32)
-    clear = AlphaMask(np.zeros((2, 2), bool), (REPEAT, REPEAT))
+    clear = holes(np.zeros((2, 2), bool), (REPEAT, REPEAT))
     own = cutouts_of(uv, np.array([-1, 0, -1, 0], np.int32), [clear])
     assert own.solid.tolist() == [0, 2] and not len(own.faces)
     assert cutouts_of(uv, np.full(4, -1, np.int32), [clear]) is None

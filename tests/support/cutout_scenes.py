@@ -8,15 +8,15 @@ import numpy as np
 import oracle
 from antumbra import Scene
 from antumbra.query.shadow_query import segments
-from antumbra.scene.alpha_masks import AlphaMask, Cutouts, cutouts_of
+from antumbra.scene.alpha_masks import Cutouts, cutouts_of, holes
 from antumbra.scene.materials import CLAMP, MIRROR, REPEAT
 
 MASKS = [
-    AlphaMask(np.indices((5, 7)).sum(0) % 2 == 0, (REPEAT, REPEAT)),
-    AlphaMask(np.random.default_rng(0).random((9, 4)) < 0.5, (CLAMP, MIRROR)),
-    AlphaMask(np.random.default_rng(1).random((16, 16)) < 0.3, (MIRROR, REPEAT)),
-    AlphaMask(np.ones((2, 2), bool), (REPEAT, REPEAT)),
-    AlphaMask(np.zeros((3, 1), bool), (REPEAT, CLAMP)),
+    holes(np.indices((5, 7)).sum(0) % 2 == 0, (REPEAT, REPEAT)),
+    holes(np.random.default_rng(0).random((9, 4)) < 0.5, (CLAMP, MIRROR)),
+    holes(np.random.default_rng(1).random((16, 16)) < 0.3, (MIRROR, REPEAT)),
+    holes(np.ones((2, 2), bool), (REPEAT, REPEAT)),
+    holes(np.zeros((3, 1), bool), (REPEAT, CLAMP)),
 ]
 
 
@@ -51,8 +51,9 @@ def is_hole(cutouts: Cutouts, face: int, triangle, origin, direction) -> bool:
     uv = [[Fraction(float(x)) for x in corner] for corner in cutouts.uv[k]]
     place = [sum(w * corner[axis] for w, corner in zip(edges, uv)) / sum(edges) for axis in range(2)]
     mask = MASKS[cutouts.mask[k]]
-    rows, columns = mask.solid.shape
-    return not mask.solid[_texel(place[1], rows, mask.wrap[1]), _texel(place[0], columns, mask.wrap[0])]
+    rows, columns = mask.texels.shape
+    texel = mask.texels[_texel(place[1], rows, mask.wrap[1]), _texel(place[0], columns, mask.wrap[0])]
+    return bool(mask.transmittance[texel].mean() > 0.5)
 
 
 def meets(triangles, origin, direction, face: int) -> bool:

@@ -18,6 +18,8 @@ import antumbra as at
 import oracle
 from antumbra.engine.plan import covering_plans
 from antumbra.query.shadow_query import segments
+from antumbra.trace.alpha_test import cutout_tree
+from antumbra.trace.transmission import transmission
 from asking import answer, query_of
 from gltf_files import Gltf
 
@@ -36,6 +38,7 @@ class Card(NamedTuple):
     factor: float  # alpha of the material
     vertices: float  # mean alpha of the corners
     least: float | None  # alpha that is solid; None: any
+    blends: bool = False  # whether shadow rays lose the share alpha of their light
 
 
 def encoded(alpha, kind, rng):
@@ -102,7 +105,7 @@ def made(seed):
         index = file.add("materials", **material)
         primitives.append(file.primitive(corners.astype(np.float32), attributes=attributes, material=index))
         least = {"MASK": cutoff, "BLEND": 0.5, "OPAQUE": None}[mode]
-        cards.append(Card(corners, used, alpha, wraps, factor, float(colours.mean()), least))
+        cards.append(Card(corners, used, alpha, wraps, factor, float(colours.mean()), least, mode == "BLEND"))
     floor_ = np.array([[-8, -1, -8], [-8, -1, 8], [8, -1, 8], [-8, -1, -8], [8, -1, 8], [8, -1, -8]], np.float64)
     primitives.append(file.primitive(floor_.astype(np.float32)))
     cards += [Card(part, None, None, ("", ""), 1.0, 1.0, None) for part in (floor_[:3], floor_[3:])]
@@ -158,27 +161,37 @@ def texel_at(place, size, wrap):
     return floor((place % 1) * size)
 
 
-def is_solid(card, origin, along):
-    """Whether a line that meets a card is stopped there."""
-    if card.least is None:
-        return True
+def alpha_at(card, origin, along):
+    """The alpha where a line meets a card."""
     byte = 255
     if card.uv is not None:
         u, v = place_of(card, origin, along)
         h, w = card.alpha.shape
         byte = int(card.alpha[texel_at(v, h, card.wrap[1]), texel_at(u, w, card.wrap[0])])
-    missing = card.least - byte / 255 * card.factor * card.vertices
+    return byte / 255 * card.factor * card.vertices
+
+
+def is_solid(card, origin, along):
+    """Whether a line that meets a card is stopped there."""
+    if card.least is None:
+        return True
+    missing = card.least - alpha_at(card, origin, along)
     assert not 1e-9 < missing < 1e-5  # equal, up to the rounding of a decimal cutoff: solid
     return missing < 1e-9
 
 
-def met(cards, origins, ends):
-    """All pairs (segment, card) that meet, and whether the card stops the segment there."""
+def passing(card, origin, along):
+    """The share of the light along a line that passes a card."""
+    return 1.0 - (alpha_at(card, origin, along) if card.blends else is_solid(card, origin, along))
+
+
+def met(cards, origins, ends, property=is_solid):
+    """All pairs (segment, card) that meet, and a property of the card there."""
     vertices = np.array([card.corners for card in cards], np.float32)
     for i, row in enumerate(oracle.all_hits(vertices, origins, ends)):
         for k in np.flatnonzero(row):
             along = [a - b for a, b in zip(rational(ends[i]), rational(origins[i]))]
-            yield i, int(k), is_solid(cards[k], origins[i], along)
+            yield i, int(k), property(cards[k], origins[i], along)
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
@@ -204,26 +217,39 @@ def test_rays(seed):
 
 @cache
 def shadows():
-    """(triangles, query, truth) of an area light above the cards."""
+    """(scene, triangles, query, lit) of an area light above the cards; lit: the share of light that arrives."""
     scene, cards = scene_of(0)
     light = at.QuadLight((-2, 7, -2), (4, 1, 0), (0, 0, 4))
     triangles, query = query_of(scene, at.Camera((0, 3, 14), (0, 0.5, 0), width=22, height=16), light, 8)
     ends, above = segments(query)
-    asked = np.broadcast_to((query.sides != 0)[..., None], above.shape)
-    truth, through = asked & ~above, 0
+    lit = np.where(above, 1.0, 0.0)
     moved = [card._replace(corners=card.corners - scene.origin) for card in cards]
     y, x, s = np.nonzero(above)
-    for i, _, solid in met(moved, query.origins[y, x], ends[y, x, s]):
-        truth[y[i], x[i], s[i]] |= solid
-        through += not solid
-    assert 0.05 < truth[asked].mean() < 0.95 and through > 150
-    return triangles, query, truth
+    for i, _, share in met(moved, query.origins[y, x], ends[y, x, s], passing):
+        lit[y[i], x[i], s[i]] *= share
+    assert not (abs(lit * 256 - 1) < 1e-6).any()
+    lit[lit < 1 / 256] = 0
+    assert 0.05 < (lit[above] == 0).mean() < 0.95 and ((lit > 0) & (lit < 1)).sum() > 25
+    return scene, triangles, query, lit
 
 
 @pytest.mark.parametrize("plan", list(covering_plans()), ids=str)
 def test_shadows_by_every_plan(plan):
-    triangles, query, truth = shadows()
-    assert np.array_equal(answer(str(plan), triangles, query), truth)
+    _, triangles, query, lit = shadows()
+    asked = np.broadcast_to((query.sides != 0)[..., None], lit.shape)
+    assert np.array_equal(answer(str(plan), triangles, query), asked & (lit == 0))
+
+
+def test_the_light_that_passes():
+    """Sums of rounded logarithms agree with sorted float64 products, and a pane of grey has one channel."""
+    _, triangles, query, lit = shadows()
+    tree = cutout_tree(triangles)
+    bits = np.packbits(lit == 0, axis=-1, bitorder="little")[..., :1].astype(np.uint64)
+    light = transmission(tree, query, bits, 2)
+    assert light.values.shape[1:] == (8, 1)
+    there = light.rows >= 0
+    assert np.allclose(light.values[light.rows[there]][..., 0], lit[there], rtol=2e-6, atol=0)
+    assert ((lit[~there] == 0) | (lit[~there] == 1)).all() and there.sum() > 8
 
 
 @pytest.mark.parametrize("gbuffer", ["raster", "rays"])

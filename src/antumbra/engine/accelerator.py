@@ -23,6 +23,7 @@ from ..techniques.chcrt.chc_rt import ChcRtState
 from ..techniques.culling.pre_bvh_culling import CullResult, solid_of, solid_tree, soup_of
 from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, RepresentativeRaySelector, SrdhRays
 from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree
+from ..trace.transmission import Transmission, transmission
 from .auto.strategies import AutoTracer, ConeTracer
 from .method_registry import BUILDERS, CULLERS, OPTIMISERS, UPDATERS, Builder, Optimiser
 from .plan import Plan
@@ -210,6 +211,10 @@ class Accelerator:
         if self._cutouts is None or self._cutouts[0] is not triangles:
             self._cutouts = triangles, cutout_tree(triangles, self.threads)
         return self._cutouts[1]
+
+    def transmission(self, triangles: Triangles, query: ShadowQuery, bits: NDArray[np.uint64]) -> Transmission | None:
+        """The light of samples that comes through cut-outs; `bits`: the query's answer. None if there is none."""
+        return transmission(self.cutouts_of(triangles), query, bits, self.threads)
 
     def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: CullResult | None = None) -> Accelerated:
         """Convert the BVH, or the triangles if the tracer uses no BVH, to the input of this plan's tracer.

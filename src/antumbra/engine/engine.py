@@ -28,6 +28,7 @@ from ..scene.lights import Light, QuadLight, check_lights
 from ..scene.scene_data import MemoryData, SceneData
 from ..scene.triangles import Hit, HitFaces, Triangles
 from ..trace.counters import new_counters
+from ..trace.transmission import TracedQuery, lit_fraction
 from .accelerator import Accelerated, Accelerator, SceneTrees
 from .auto.cost_model import GOOD, QUICK
 from .auto.strategies import STRATEGIES, TreeForms, answer_query
@@ -54,8 +55,9 @@ class Visibility(NamedTuple):
     """
 
     bits: NDArray[np.uint64]  # (..., ceil(n / 64)) uint64: bit s = sample s occluded; 0 beyond the samples of a light
-    fraction: NDArray[np.float32]  # (...) float32 in [0, 1]: share of the samples that are not occluded
+    fraction: NDArray[np.float32]  # (...) float32 in [0, 1]: mean over the samples of the light that arrives
     samples: NDArray[np.int64]  # int64, () or (lights,): number of samples of each light
+    colour: NDArray[np.float32] | None = None  # (..., 3) float32: `fraction` of red, green and blue; None: all equal
 
     @property
     def seen(self) -> NDArray[np.bool_]:
@@ -76,21 +78,30 @@ class Visibility(NamedTuple):
         words = self.bits.shape[-1]
         lights = () if single else (len(self.samples),)
         samples = self.samples.reshape(()) if single else self.samples
-        return Visibility(
-            self.bits.reshape((*shape, *lights, words)), self.fraction.reshape((*shape, *lights)), samples
-        )
+        fraction = self.fraction.reshape((*shape, *lights))
+        colour = None if self.colour is None else self.colour.reshape((*shape, *lights, 3))
+        return Visibility(self.bits.reshape((*shape, *lights, words)), fraction, samples, colour)
 
     def __repr__(self) -> str:
         samples = "/".join(map(str, np.unique(self.samples)))
-        mean = f", {self.fraction.mean():.3g} of the samples seen" if self.fraction.size else ""
+        mean = f", {self.fraction.mean():.3g} of the light arrives" if self.fraction.size else ""
         return f"Visibility({self.fraction.shape}, {samples} samples{mean}; bits, fraction, samples, seen)"
 
 
-def visibility_of(bits: Sequence[np.ndarray], counts: Sequence[int]) -> Visibility:
-    """The `Visibility` of n points, (n, lights), from the bits of each light, (1, n, words) uint64."""
-    words = max(each.shape[-1] for each in bits)
-    fraction = _stack_last([fraction_lit(each, n)[0] for each, n in zip(bits, counts)])
-    return Visibility(_stack_bits(bits, words)[0], fraction, np.array(counts, np.int64))
+def visibility_of(answers: Sequence[TracedQuery]) -> Visibility:
+    """The `Visibility` of n points, (n, lights), from the answer for each light, whose receivers are a single row."""
+    words = max(each.bits.shape[-1] for each in answers)
+    fraction = _stack_last([lit_fraction(each)[0] for each in answers])
+    counts = np.array([each.spp for each in answers], np.int64)
+    colour = None
+    if any(each.light is not None and each.light.values.shape[2] > 1 for each in answers):
+        colour = np.stack([_colour_of(each)[0] for each in answers], axis=-2)
+    return Visibility(_stack_bits([each.bits for each in answers], words)[0], fraction, counts, colour)
+
+
+def _colour_of(traced: TracedQuery) -> NDArray[np.float32]:
+    fraction = fraction_lit(traced.bits, traced.spp)
+    return np.repeat(fraction[..., None], 3, -1) if traced.light is None else traced.light.colour_of(fraction)
 
 
 def _stack_last(arrays: Sequence[np.ndarray]) -> np.ndarray:
@@ -425,7 +436,7 @@ class Engine:
                 raise InputError(f"{type(light).__name__} needs surface normals; give the points' normals")
         with show_progress("tracing shadow rays", progress) as callback:
             answers = self.shadows(receivers, lights, samples, cull_value(cull_faces), time, progress=callback)
-        return visibility_of([bits for _, bits in answers], [each.shape[1] for each in samples])
+        return visibility_of(answers)
 
     def shadows(
         self,
@@ -436,9 +447,10 @@ class Engine:
         time: float = 0.0,
         *,
         later: int = 0,
+        whole: bool = False,
         progress: ProgressCallback | None = None,
-    ) -> list[tuple[ShadowQuery, NDArray[np.uint64]]]:
-        """The shadow query of each light and its bits, (h, w, ceil(n / 64)) uint64.
+    ) -> list[TracedQuery]:
+        """The shadow query of each light, with its answer.
 
         Parameters
         ----------
@@ -452,6 +464,8 @@ class Engine:
             Seconds, clamped to 0 .. `duration`.
         later : int
             Estimated number of rays in further queries. The plan `auto` builds better trees for more rays.
+        whole : bool
+            Surfaces that let at least half of the light pass block none, and others block all, as for `occluded`.
         progress : function of (done, total), optional
 
         Raises
@@ -474,9 +488,12 @@ class Engine:
                 )
                 source.keep_for_points(accelerated)
             accelerated.begin()
-            return list(
-                zip(queries, accelerator.answer_all(accelerated, queries, None, split_progress(progress, len(queries))))
-            )
+            if whole and accelerated.cutouts is not None:
+                accelerated = accelerated._replace(cutouts=accelerated.cutouts.as_holes())
+            bits = accelerator.answer_all(accelerated, queries, None, split_progress(progress, len(queries)))
+            if whole:
+                return [TracedQuery(*each) for each in zip(queries, bits)]
+            return [TracedQuery(q, b, accelerator.transmission(triangles, q, b)) for q, b in zip(queries, bits)]
 
     def queries(
         self,

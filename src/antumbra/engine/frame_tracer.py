@@ -20,6 +20,7 @@ from ..scene.scene_data import SceneData
 from ..scene.triangles import Triangles
 from ..techniques.srdh.representative_rays import RepresentativeRays, bounced_queries
 from ..trace.rays.ray_hits import Nearest
+from ..trace.transmission import TracedQuery
 from .accelerator import Accelerated, Accelerator
 from .auto.strategies import StrategyChoice
 from .plan import Plan
@@ -292,6 +293,10 @@ class FrameTracer:
         """The bits of each query, (h, w, ceil(n / 64)) uint64. The receivers of all have the same shape."""
         assert self._accelerated is not None
         return self._accelerator.answer_all(self._accelerated, queries, tally, progress)
+
+    def traced_query(self, query: ShadowQuery, bits: NDArray[np.uint64]) -> TracedQuery:
+        """A query with its bits, and with the light that comes through cut-outs."""
+        return TracedQuery(query, bits, self._accelerator.transmission(self.triangles, query, bits))
 
     def reuse_tree(self) -> None:
         """Trace the next band of the image in this band's tree, if the plan allows it."""

@@ -14,6 +14,7 @@ from ..query.shadow_query import ShadowQuery, Surfaces, ray_count, surface_queri
 from ..scene.lights import Light
 from ..scene.sky import Sky
 from ..trace.counters import new_counters
+from ..trace.transmission import TracedQuery
 from .frame_request import Request
 from .image_files import LUMINANCE
 from .irradiance import PixelNormals, pixel_normals
@@ -140,13 +141,6 @@ class Frame(NamedTuple):
 # --- State of a frame, and steps that several passes share ------------------------------------------------------------
 
 
-class TracedLights(NamedTuple):
-    """The queries of all lights, and their bits."""
-
-    queries: list[ShadowQuery]  # one per light
-    bits: list[NDArray[np.uint64]]  # per light (H, W, ceil(n / 64)) uint64
-
-
 class TracedBits(NamedTuple):
     """The occlusion bits and bounced light of a picture."""
 
@@ -184,24 +178,24 @@ def queries_of(state: FrameState, surfaces: Surfaces, samples: list[np.ndarray])
     return surface_queries(surfaces, state.request.lights, samples, state.request.facing, state.threads)
 
 
-def trace_query(state: FrameState, query: ShadowQuery) -> NDArray[np.uint64]:
-    """Trace a query: (h, w, ceil(n / 64)) uint64."""
-    return trace_queries(state, [query]).bits[0]
+def trace_query(state: FrameState, query: ShadowQuery) -> TracedQuery:
+    """Trace a query."""
+    return trace_queries(state, [query])[0]
 
 
-def trace_queries(state: FrameState, queries: list[ShadowQuery]) -> TracedLights:
+def trace_queries(state: FrameState, queries: list[ShadowQuery]) -> list[TracedQuery]:
     """Trace several queries of pictures of the same shape."""
     return with_known_bits(state, queries, state.tracer.trace(queries, state.tally, state.request.progress))
 
 
-def with_known_bits(state: FrameState, queries: list[ShadowQuery], bits: list[np.ndarray]) -> TracedLights:
-    """Pair queries with their bits, and count their rays."""
+def with_known_bits(state: FrameState, queries: list[ShadowQuery], bits: list[np.ndarray]) -> list[TracedQuery]:
+    """Pair queries with their answers, and count their rays."""
     state.rays += sum(ray_count(query) for query in queries)
-    return TracedLights(queries, bits)
+    return [state.tracer.traced_query(*each) for each in zip(queries, bits)]
 
 
 def arriving_light(
-    state: FrameState, surfaces: Surfaces, traced: TracedLights, visible: PictureSurfaces | None = None
+    state: FrameState, surfaces: Surfaces, traced: list[TracedQuery], visible: PictureSurfaces | None = None
 ) -> list[np.ndarray]:
     """The irradiance from each light at each pixel's surface; see `picture.shading.arriving_irradiance`.
 
@@ -212,13 +206,12 @@ def arriving_light(
         arriving_irradiance(
             surfaces.gbuffer,
             light,
-            query,
-            b,
+            each,
             visible if smooths_light(request, light) else None,
             surfaces.shading,
             state.threads,
         )
-        for light, query, b in zip(request.lights, *traced)
+        for light, each in zip(request.lights, traced)
     ]
 
 
@@ -280,13 +273,13 @@ def with_appearance(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Su
 def shade_unfiltered(
     state: FrameState,
     surfaces: Surfaces,
-    traced: TracedLights,
+    traced: list[TracedQuery],
     ambient: np.ndarray,
     indirect: np.ndarray | None = None,
 ) -> NDArray[np.float32]:
     """Shade these surfaces with unfiltered bits: (H, W, 3) float32."""
     facing = surface_facing(surfaces)
-    shares = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
+    shares = [irradiance_shares(facing, each, state.threads) for each in traced]
     return shade_surfaces(state, surfaces, arriving_light(state, surfaces, traced), shares, ambient, indirect)
 
 

@@ -18,6 +18,7 @@ from ..scene.lights import Light, is_indirect, light_names
 from ..scene.sky import Sky
 from ..trace.counters import as_dict
 from ..trace.rays.ray_hits import Nearest
+from ..trace.transmission import TracedQuery
 from .discontinuity_filter import smooth_irradiance
 from .frame import (
     Frame,
@@ -25,7 +26,6 @@ from .frame import (
     Ground,
     Layers,
     TracedBits,
-    TracedLights,
     arriving_light,
     edge_colours,
     queries_of,
@@ -51,7 +51,7 @@ def frame_layers(
     state: FrameState,
     surfaces: Surfaces,
     visible: PictureSurfaces,
-    traced: TracedLights,
+    traced: list[TracedQuery],
     shares: list[np.ndarray],
     indirect: np.ndarray | None,
 ) -> Layers:
@@ -132,7 +132,7 @@ def indirect_light(state: FrameState, surfaces: Surfaces, origins: np.ndarray, n
             traced = trace_queries(state, [query for of_pass in queries for query in of_pass])
             for i, (_, hit) in enumerate(group):
                 part = slice(i * n_lights, (i + 1) * n_lights)
-                radiance += shade_unfiltered(state, hit, TracedLights(traced.queries[part], traced.bits[part]), _BLACK)
+                radiance += shade_unfiltered(state, hit, traced[part], _BLACK)
     return (np.pi / len(passes.directions) * radiance).astype(np.float32)
 
 
@@ -184,7 +184,7 @@ def _render_frame(state: FrameState) -> Frame:
     return Frame(
         image=image,
         visibility=visibility,
-        bits=traced.bits,
+        bits=[each.bits for each in traced],
         gbuffer=gbuffer,
         rays=state.rays,
         timings=state.clock.timings(),
@@ -213,20 +213,20 @@ def evaluate(state: FrameState) -> None:
         state.clock.lap("build")
 
 
-def find_and_trace(state: FrameState) -> tuple[Surfaces, TracedLights]:
+def find_and_trace(state: FrameState) -> tuple[Surfaces, list[TracedQuery]]:
     """Find the surfaces that the camera sees and trace their shadow rays, one band of rows after another."""
     bands, bits = list[Surfaces](), list[list[np.ndarray]]()
     for rows in state.tracer.bands(state.request.camera.height):
         surfaces = find_surfaces(state, rows)
         traced = trace(state, surfaces, rows)
         bands.append(surfaces)
-        bits.append(traced.bits)
+        bits.append([each.bits for each in traced])
     if len(bands) == 1:
         return surfaces, traced
     surfaces = join_bands(bands)
     state.tracer.triangles = surfaces.triangles
     queries = queries_of(state, surfaces, state.request.samples)
-    return surfaces, TracedLights(queries, [np.concatenate(of_light) for of_light in zip(*bits)])
+    return surfaces, [state.tracer.traced_query(q, np.concatenate(b)) for q, b in zip(queries, zip(*bits))]
 
 
 def find_surfaces(state: FrameState, rows: slice) -> Surfaces:
@@ -236,7 +236,7 @@ def find_surfaces(state: FrameState, rows: slice) -> Surfaces:
     return surfaces
 
 
-def trace(state: FrameState, surfaces: Surfaces, rows: slice) -> TracedLights:
+def trace(state: FrameState, surfaces: Surfaces, rows: slice) -> list[TracedQuery]:
     """Trace the shadow rays of a band's pixels, in a tree that also serves the rays of refined penumbrae."""
     request, tracer = state.request, state.tracer
     queries = queries_of(state, surfaces, request.samples)
@@ -252,11 +252,11 @@ def trace(state: FrameState, surfaces: Surfaces, rows: slice) -> TracedLights:
 
 
 def visible_fractions(
-    state: FrameState, surfaces: Surfaces, traced: TracedLights
+    state: FrameState, surfaces: Surfaces, traced: list[TracedQuery]
 ) -> tuple[PictureSurfaces, list[LightFractions]]:
     """The visible surfaces as input of filters, and the visible fraction of each light, filtered on request."""
     visible, facing = picture_surfaces(surfaces.gbuffer, state.tracer.view), surface_facing(surfaces)
-    fractions = [light_fractions(visible, facing, q, b, state.request.smooth, state.threads) for q, b in zip(*traced)]
+    fractions = [light_fractions(visible, facing, each, state.request.smooth, state.threads) for each in traced]
     state.clock.lap("filter")
     return visible, fractions
 
@@ -265,7 +265,7 @@ def refine(
     state: FrameState,
     surfaces: Surfaces,
     visible: PictureSurfaces,
-    traced: TracedLights,
+    traced: list[TracedQuery],
     fractions: list[LightFractions],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trace more rays in penumbrae, and replace the values of `fractions` there.
@@ -276,28 +276,28 @@ def refine(
     assert more is not None
     edge = edges(visible, edge_colours(state), state.threads)
     chosen = edge.copy()
-    for i, (query, bits, samples) in enumerate(zip(*traced, more.penumbra)):
-        finer = finer_query(visible, query, bits, samples, state.threads)
+    for i, (each, samples) in enumerate(zip(traced, more.penumbra)):
+        finer = finer_query(visible, each, samples, state.threads)
         better = trace_query(state, finer) if known is None else _known(state, known.finer[i], finer)
         fractions[i] = refine_fractions(
-            fractions[i], visible, surface_facing(surfaces), finer, better, state.request.smooth, state.threads
+            fractions[i], visible, surface_facing(surfaces), better, state.request.smooth, state.threads
         )
         chosen |= finer.sides != NOTHING
     state.clock.lap("trace")
     return edge, chosen
 
 
-def _known(state: FrameState, bits: np.ndarray, query: ShadowQuery) -> np.ndarray:
-    return with_known_bits(state, [query], [bits]).bits[0]
+def _known(state: FrameState, bits: np.ndarray, query: ShadowQuery) -> TracedQuery:
+    return with_known_bits(state, [query], [bits])[0]
 
 
 def bounce(
-    state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: TracedLights
+    state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: list[TracedQuery]
 ) -> NDArray[np.float32]:
     """(H, W, 3) float32: irradiance after one bounce, filtered on request."""
     if state.known is None:
         nearest = state.tracer.closest_hits(state.clock.lap)
-        indirect = indirect_light(state, surfaces, traced.queries[0].origins, nearest)
+        indirect = indirect_light(state, surfaces, traced[0].query.origins, nearest)
         state.clock.lap("trace")
     else:
         assert state.known.indirect is not None
@@ -312,7 +312,7 @@ def shade_frame(
     state: FrameState,
     surfaces: Surfaces,
     visible: PictureSurfaces,
-    traced: TracedLights,
+    traced: list[TracedQuery],
     shares: list[np.ndarray],
     indirect: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

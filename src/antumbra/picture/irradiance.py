@@ -18,6 +18,7 @@ from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadingNormals, three_at
 from ..scene.light_lists import LightList, PointLights
 from ..scene.lights import DIRECTIONAL, SPHERE, LightPatch
+from ..trace.transmission import TracedQuery, arriving, row_of, transmission_pointers
 
 # --- Terminator of interpolated normals, see docs/design/shading.md ---------------------------------------------------
 
@@ -330,8 +331,9 @@ def _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least):
 
 
 @kernel
-def _list_rows(ticket, gbuffer, surface, points, distant, normals, candela, least, bits, out):
+def _list_rows(ticket, gbuffer, surface, points, distant, normals, candela, least, bits, light, out):
     facing, (normal, geometric, bend, soft) = len(normals) > 0, surface
+    through = transmission_pointers(light)
     mx = my = mz = 0.0
     for y in items(ticket):
         for x in range(gbuffer.side.shape[1]):
@@ -343,6 +345,7 @@ def _list_rows(ticket, gbuffer, surface, points, distant, normals, candela, leas
                     px, py, pz = gbuffer.position[y, x, 0], gbuffer.position[y, x, 1], gbuffer.position[y, x, 2]
                 nx, ny, nz = normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]
                 gx, gy, gz = geometric[y, x, 0], geometric[y, x, 1], geometric[y, x, 2]
+                row = row_of(through, y * gbuffer.side.shape[1] + x)
                 for s in range(points.shape[1]):
                     if bits[y, x, s >> 6] >> np.uint64(s & 63) & np.uint64(1):
                         continue
@@ -352,17 +355,16 @@ def _list_rows(ticket, gbuffer, surface, points, distant, normals, candela, leas
                     e = _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least)
                     if soft:
                         e *= terminator_factor((gx, gy, gz), (nx, ny, nz), bend[y, x], (wx, wy, wz))
-                    red += e * candela[k, s, 0]
-                    green += e * candela[k, s, 1]
-                    blue += e * candela[k, s, 2]
+                    red += e * candela[k, s, 0] * arriving(through, row, s, 0)
+                    green += e * candela[k, s, 1] * arriving(through, row, s, 1)
+                    blue += e * candela[k, s, 2] * arriving(through, row, s, 2)
             out[y, x, 0], out[y, x, 1], out[y, x, 2] = np.float32(red), np.float32(green), np.float32(blue)
 
 
 def list_irradiance(
     gbuffer: GBuffer,
     lights: LightList,
-    samples: np.ndarray,
-    bits: np.ndarray,
+    traced: TracedQuery,
     shading: ShadingNormals | None = None,
     threads: int | None = None,
 ) -> NDArray[np.float32]:
@@ -370,15 +372,14 @@ def list_irradiance(
 
     Distant lights are unit vectors, for which `_falloff` at the origin is the cosine.
 
-    samples : (16, n, 3) float64, from `light_samples`
-    bits : (H, W, ceil(n / 64)) uint64, the answer to the query of these samples
+    traced : the query of the list's samples, and its answer
     shading : None: geometric normals
     """
     out = np.empty((*gbuffer.face.shape, 3), np.float32)
-    distant, points, normals, least = True, samples, None, 0.0
+    distant, points, normals, least = True, traced.query.samples, None, 0.0
     if isinstance(lights, PointLights):
-        distant, points, normals, least = False, samples - gbuffer.origin, lights.normals, lights.nearest**2
+        distant, points, normals, least = False, points - gbuffer.origin, lights.normals, lights.nearest**2
     normals = np.empty((0, 0, 3)) if normals is None else np.ascontiguousarray(normals[lights.sets])
-    args = gbuffer, pixel_normals(gbuffer, shading), points, distant, normals, lights.weights(), least, bits, out
-    run(_list_rows, thread_count(threads), new_ticket(len(out), 4), *args)
+    args = gbuffer, pixel_normals(gbuffer, shading), points, distant, normals, lights.weights(), least
+    run(_list_rows, thread_count(threads), new_ticket(len(out), 4), *args, traced.bits, traced.through, out)
     return out

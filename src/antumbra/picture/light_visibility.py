@@ -18,6 +18,14 @@ from ..query.pixel_refinement import penumbra
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, fraction_lit, patch_of, query_pointers, sample_of, set_of, three_at
 from ..scene.lights import AMBIENT, SPHERE, LightPatch, is_list
+from ..trace.transmission import (
+    TracedQuery,
+    arriving,
+    lit_fraction,
+    occluded_count,
+    row_of,
+    transmission_pointers,
+)
 from .discontinuity_filter import filter_fractions, filter_shares
 from .irradiance import PixelNormals, terminator_factor
 
@@ -46,45 +54,53 @@ def _may_soften(c, u, v, n, bend):
     return not dot(n, c) - extent >= 2.0 * bend * (np.sqrt(dot(c, c)) + extent)
 
 
-@kernel
-def _weighted_share(pointers, words, patch, i, n, g, bend, soft):
-    """The share of receiver i: weight of its visible samples, times `terminator_factor`, over that of all samples."""
-    c, u, v = _edges_of(patch, three_at(pointers.origins, i))
+@inlined
+def _weighted_share(pointers, words, i, at, facing, light, c):
+    """The share of receiver i: weight of the light of its samples, times `terminator_factor`, over that of all samples.
+
+    at : (patch, normal, geometric normal, bend) of the receiver
+    c : channel of the light
+    """
+    patch, n, g, bend = at
+    p, row = three_at(pointers.origins, i), row_of(light, i)
+    w0, u, v = _edges_of(patch, p)
     axis = cross(u, v)
     flat = dot(axis, axis) > 0.0
-    at, total, surfaces = 3 * set_of(pointers, i) * pointers.spp, 0.0, 0.0
+    first, total, arrived = 3 * set_of(pointers, i) * pointers.spp, 0.0, 0.0
     for s in range(pointers.spp):
-        a, b = get(pointers.samples, at + 3 * s), get(pointers.samples, at + 3 * s + 1)
-        w = c[0] + a * u[0] + b * v[0], c[1] + a * u[1] + b * v[1], c[2] + a * u[2] + b * v[2]
+        a, b = get(pointers.samples, first + 3 * s), get(pointers.samples, first + 3 * s + 1)
+        w = w0[0] + a * u[0] + b * v[0], w0[1] + a * u[1] + b * v[1], w0[2] + a * u[2] + b * v[2]
         r2 = dot(w, w)
         weight = max(dot(n, w), 0.0) * (abs(dot(axis, w)) / (r2 * r2) if flat else 1.0)
         weight = weight if r2 > 0.0 else 0.0
         total += weight
         if get(words, i * pointers.words + (s >> 6)) >> np.uint64(s & 63) & np.uint64(1) == np.uint64(0):
-            surfaces += weight * terminator_factor(g, n, bend, w) if soft else weight
-    return surfaces / total if total > 0.0 else 0.0
+            passing = weight * arriving(light, row, s, c)
+            arrived += passing * terminator_factor(g, n, bend, w) if facing.soft else passing
+    return arrived / total if total > 0.0 else 0.0
 
 
 @kernel
-def _share_kernel(ticket, query, bits, facing, out):
+def _share_kernel(ticket, query, bits, light, facing, out):
     pointers, words, shares = query_pointers(query), ptr(bits), ptr(out)
+    through, channels = transmission_pointers(light), out.shape[2]
     normals, geometric, bends = ptr(facing.normal), ptr(facing.geometric), ptr(facing.bend)
     for i in items(ticket):
-        share, hidden = 1.0, 0
+        share, partial, hidden = 1.0, False, 0
         for k in range(pointers.words):
             hidden += popcount(get(words, i * pointers.words + k))
         if hidden == pointers.spp:
             share = 0.0
-        elif get(pointers.sides, i) != NOTHING and (hidden > 0 or facing.soft):
-            patch, n, bend = patch_of(pointers, i), three_at(normals, i), np.float64(0.0)
-            partial = hidden > 0
-            if facing.soft:
-                bend = np.float64(get(bends, i))
-                c, u, v = _edges_of(patch, three_at(pointers.origins, i))
-                partial = partial or _may_soften(c, u, v, n, bend)
-            if partial:
-                share = _weighted_share(pointers, words, patch, i, n, three_at(geometric, i), bend, facing.soft)
-        put(shares, i, np.float32(share))
+        elif get(pointers.sides, i) != NOTHING and (hidden > 0 or facing.soft or row_of(through, i) >= 0):
+            bend = np.float64(get(bends, i)) if facing.soft else np.float64(0.0)
+            at = patch_of(pointers, i), three_at(normals, i), three_at(geometric, i), bend
+            partial = hidden > 0 or row_of(through, i) >= 0
+            if not partial:
+                c, u, v = _edges_of(at[0], three_at(pointers.origins, i))
+                partial = _may_soften(c, u, v, at[1], bend)
+        for c in range(channels):
+            value = _weighted_share(pointers, words, i, at, facing, through, c) if partial else share
+            put(shares, channels * i + c, np.float32(value))
 
 
 def is_weighted(patch: LightPatch) -> bool:
@@ -92,36 +108,41 @@ def is_weighted(patch: LightPatch) -> bool:
     return patch.kind != AMBIENT and not is_list(patch)
 
 
-def irradiance_shares(
-    facing: PixelNormals, query: ShadowQuery, bits: np.ndarray, threads: int | None = None
-) -> NDArray[np.float32]:
-    """(H, W) float32: the share of each receiver's unshadowed irradiance that arrives; 1 where there is no receiver.
+def irradiance_shares(facing: PixelNormals, traced: TracedQuery, threads: int | None = None) -> NDArray[np.float32]:
+    """The share of each receiver's unshadowed irradiance that arrives; 1 where there is no receiver.
 
-    It is 0 where all samples are occluded or below the horizon, and exactly 1 where none is.
+    It is 0 where all samples are occluded or below the horizon, and exactly 1 where none is and no light comes through
+    cut-outs. The shape is (H, W), or (H, W, 3) for red, green and blue if light comes through coloured surfaces.
 
     facing : normals of the receivers
-    query, bits : a query and its answer
     """
-    spp = query.samples.shape[1]
+    query, light = traced.query, traced.light
+    channels = 1 if light is None else light.values.shape[2]
     if not is_weighted(query.light):
-        return fraction_lit(bits, spp, threads)
-    out = np.empty(query.sides.shape, np.float32)
-    run(_share_kernel, thread_count(threads), new_ticket(out.size, 1024), query, bits, facing, out)
-    return out
+        fraction = fraction_lit(traced.bits, traced.spp, threads)
+        return fraction if light is None else light.mean_of(fraction) if channels == 1 else light.colour_of(fraction)
+    out = np.empty((*query.sides.shape, channels), np.float32)
+    ticket = new_ticket(query.sides.size, 1024)
+    run(_share_kernel, thread_count(threads), ticket, query, traced.bits, traced.through, facing, out)
+    return out if channels > 1 else out[..., 0]
 
 
 # --- Visible fractions ------------------------------------------------------------------------------------------------
 
 
 class LightFractions(NamedTuple):
-    """The visibility of a light at the pixels: two (H, W) float32 in [0, 1]."""
+    """The visibility of a light at the pixels."""
 
-    fraction: np.ndarray  # visible fraction of its samples
-    share: np.ndarray  # share of its unshadowed irradiance, see `irradiance_shares`
+    fraction: np.ndarray  # (H, W) float32 in [0, 1]: mean light of its samples
+    share: np.ndarray  # (H, W) or (H, W, 3) float32: share of its unshadowed irradiance, see `irradiance_shares`
 
     def replaced(self, where: np.ndarray, other: "LightFractions") -> "LightFractions":
         """Take the values of `other` where the mask `where`, (H, W) bool, is set."""
-        return LightFractions(*(np.where(where, new, old) for new, old in zip(other, self)))
+        new, old = other.share, self.share
+        if new.ndim != old.ndim:
+            new, old = (np.broadcast_to(s[..., None] if s.ndim == 2 else s, (*where.shape, 3)) for s in (new, old))
+        share = np.where(where if new.ndim == 2 else where[..., None], new, old)
+        return LightFractions(np.where(where, other.fraction, self.fraction), share)
 
 
 def is_soft(query: ShadowQuery) -> bool:
@@ -142,46 +163,54 @@ def without_equal_samples(query: ShadowQuery) -> ShadowQuery:
 
 
 def light_fractions(
-    surfaces: PictureSurfaces,
-    facing: PixelNormals,
-    query: ShadowQuery,
-    bits: np.ndarray,
-    smooth: bool,
-    threads: int | None = None,
+    surfaces: PictureSurfaces, facing: PixelNormals, traced: TracedQuery, smooth: bool, threads: int | None = None
 ) -> LightFractions:
-    """The visibility of a light, from the bits of its query; filtered if `smooth` and if the light is soft."""
-    spp, smooth = query.samples.shape[1], smooth and is_soft(query)
-    if not is_weighted(query.light):
+    """The visibility of a light, from the answer to its query; filtered if `smooth` and if the light is soft."""
+    spp, smooth = traced.spp, smooth and is_soft(traced.query)
+    if traced.light is not None:
+        return _coloured_fractions(surfaces, facing, traced, smooth, threads)
+    if not is_weighted(traced.query.light):
         fraction = (
-            filter_fractions(surfaces, occluded_samples(bits), spp, threads)
+            filter_fractions(surfaces, occluded_count(traced), spp, threads)
             if smooth
-            else fraction_lit(bits, spp, threads)
+            else fraction_lit(traced.bits, spp, threads)
         )
         return LightFractions(fraction, fraction)
-    share = irradiance_shares(facing, query, bits, threads)
+    share = irradiance_shares(facing, traced, threads)
     if smooth:
-        return LightFractions(*filter_shares(surfaces, occluded_samples(bits), share, spp, threads))
-    return LightFractions(fraction_lit(bits, spp, threads), share)
+        return LightFractions(*filter_shares(surfaces, occluded_count(traced), share, spp, threads))
+    return LightFractions(fraction_lit(traced.bits, spp, threads), share)
 
 
-def occluded_samples(bits: np.ndarray) -> NDArray[np.int32]:
-    """(H, W) int32: the number of occluded samples of each pixel."""
-    counts: NDArray[np.int32] = np.bitwise_count(bits).sum(-1, dtype=np.int32)
-    return counts
+def _coloured_fractions(
+    surfaces: PictureSurfaces, facing: PixelNormals, traced: TracedQuery, smooth: bool, threads: int | None
+) -> LightFractions:
+    """`light_fractions` of a light that comes through cut-outs. The filter smooths brightness, not colour."""
+    fraction, share = lit_fraction(traced, threads), irradiance_shares(facing, traced, threads)
+    if not smooth:
+        return LightFractions(fraction, share)
+    grey = share if share.ndim == 2 else share.mean(-1)
+    counts = occluded_count(traced)
+    fraction, even = (filter_shares(surfaces, counts, s, traced.spp, threads)[1] for s in (fraction, grey))
+    if share.ndim == 2:
+        return LightFractions(fraction, even)
+    colour = np.divide(share, grey[..., None], out=np.ones_like(share), where=grey[..., None] > 0.0)
+    return LightFractions(fraction, colour * even[..., None])
 
 
 def finer_query(
-    surfaces: PictureSurfaces, query: ShadowQuery, bits: np.ndarray, samples: np.ndarray, threads: int | None = None
+    surfaces: PictureSurfaces, traced: TracedQuery, samples: np.ndarray, threads: int | None = None
 ) -> ShadowQuery:
-    """A query with finer samples at the pixels in the penumbra of a light, which the bits of its query show.
+    """A query with finer samples at the pixels in the penumbra of a light, which the answer to its query shows.
 
     Elsewhere it has no receiver (side NOTHING): everywhere if `samples` are those of the query.
 
     samples : (16, n, 3) float64, in the light's domain
     """
+    query = traced.query
     sides = np.zeros_like(query.sides)
     if is_soft(query) and not np.array_equal(samples, query.samples):
-        where = penumbra(surfaces, occluded_samples(bits), query.samples.shape[1], threads)
+        where = penumbra(surfaces, occluded_count(traced), traced.spp, threads)
         sides = np.where(where, query.sides, np.int8(NOTHING))
     return query._replace(sides=sides, samples=samples)
 
@@ -190,8 +219,7 @@ def refine_fractions(
     before: LightFractions,
     surfaces: PictureSurfaces,
     facing: PixelNormals,
-    finer: ShadowQuery,
-    bits: np.ndarray,
+    finer: TracedQuery,
     smooth: bool,
     threads: int | None = None,
 ) -> LightFractions:
@@ -200,35 +228,38 @@ def refine_fractions(
     Without `smooth`, these equal the values of a frame that uses the finer samples everywhere. With it, refined pixels
     are filtered among themselves.
     """
-    better = light_fractions(surfaces._replace(side=finer.sides), facing, finer, bits, smooth, threads)
-    return before.replaced(finer.sides != NOTHING, better)
+    sides = finer.query.sides
+    better = light_fractions(surfaces._replace(side=sides), facing, finer, smooth, threads)
+    return before.replaced(sides != NOTHING, better)
 
 
 # --- Unoccluded directions, for bent normals --------------------------------------------------------------------------
 
 
 @kernel
-def _directions_kernel(ticket, query, bits, out):
-    pointers, words, sums = query_pointers(query), ptr(bits), ptr(out)
+def _directions_kernel(ticket, query, bits, light, out):
+    pointers, words, sums, through = query_pointers(query), ptr(bits), ptr(out), transmission_pointers(light)
     for i in items(ticket):
         x = y = z = 0.0
         if get(pointers.sides, i) != NOTHING:
-            patch, p = patch_of(pointers, i), three_at(pointers.origins, i)
+            patch, p, row = patch_of(pointers, i), three_at(pointers.origins, i), row_of(through, i)
             for s in range(pointers.spp):
                 if get(words, i * pointers.words + (s >> 6)) >> np.uint64(s & 63) & np.uint64(1) == np.uint64(0):
                     q = sample_of(pointers, patch, i, s)
                     dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
                     r = np.sqrt(dx * dx + dy * dy + dz * dz)
                     if r > 0.0:
-                        x, y, z = x + dx / r, y + dy / r, z + dz / r
+                        share = arriving(through, row, s, 1) / r  # of green, which eyes see best
+                        x, y, z = x + share * dx, y + share * dy, z + share * dz
         put(sums, 3 * i, np.float32(x))
         put(sums, 3 * i + 1, np.float32(y))
         put(sums, 3 * i + 2, np.float32(z))
 
 
-def unoccluded_directions(query: ShadowQuery, bits: np.ndarray, threads: int | None = None) -> NDArray[np.float32]:
-    """(h, w, 3) float32: the sum of unit vectors to the samples that each receiver sees; `bits`: the query's answer."""
+def unoccluded_directions(traced: TracedQuery, threads: int | None = None) -> NDArray[np.float32]:
+    """(h, w, 3) float32: the sum of unit vectors to the samples that each receiver sees, times their green light."""
+    query = traced.query
     out = np.empty((*query.sides.shape, 3), np.float32)
     ticket = new_ticket(query.sides.size, 1024)
-    run(_directions_kernel, thread_count(threads), ticket, query, bits, out)
+    run(_directions_kernel, thread_count(threads), ticket, query, traced.bits, traced.through, out)
     return out

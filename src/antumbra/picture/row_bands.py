@@ -11,7 +11,8 @@ from ..query.gbuffer import picture_surfaces
 from ..query.pixel_refinement import blocks_of, edges, picture_of
 from ..query.receivers import NOTHING
 from ..query.shadow_query import Surfaces
-from .frame import FrameState, TracedBits, TracedLights, edge_colours, queries_of, trace_queries, trace_query
+from ..trace.transmission import TracedQuery
+from .frame import FrameState, TracedBits, edge_colours, queries_of, trace_queries, trace_query
 from .frame_passes import evaluate, find_surfaces, indirect_light, trace
 from .frame_request import Request
 from .light_visibility import finer_query, without_equal_samples
@@ -60,11 +61,11 @@ class RowBands:
         surfaces = self._surfaces_of(rows)
         surfaces.gbuffer.side[: max(inner.start - 1, 0)] = NOTHING
         traced = self._trace(surfaces)
-        arrays = {f"bits {i}": bits[inner] for i, bits in enumerate(traced.bits)}
+        arrays = {f"bits {i}": each.bits[inner] for i, each in enumerate(traced)}
         if request.finer is not None:
             arrays |= self._trace_penumbrae(surfaces, traced, inner) | self._trace_edges(surfaces, traced, rows, inner)
         if request.passes is not None:
-            arrays["indirect"] = self._bounce(_rows(surfaces, inner), traced.queries[0].origins[inner])
+            arrays["indirect"] = self._bounce(_rows(surfaces, inner), traced[0].query.origins[inner])
         return arrays
 
     def _surfaces_of(self, rows: slice) -> Surfaces:
@@ -75,31 +76,31 @@ class RowBands:
             self._surfaces = find_surfaces(state, slice(0, state.request.camera.height))
         return _rows(self._surfaces, rows)
 
-    def _trace(self, surfaces: Surfaces) -> TracedLights:
+    def _trace(self, surfaces: Surfaces) -> list[TracedQuery]:
         self._state.tracer.reuse_tree()
         return trace(self._state, surfaces, slice(0))
 
-    def _trace_penumbrae(self, surfaces: Surfaces, traced: TracedLights, inner: slice) -> dict[str, np.ndarray]:
+    def _trace_penumbrae(self, surfaces: Surfaces, traced: list[TracedQuery], inner: slice) -> dict[str, np.ndarray]:
         """Trace refined penumbrae: the bits of their finer samples."""
         state, arrays = self._state, {}
         assert state.request.finer is not None
         visible = picture_surfaces(surfaces.gbuffer, state.tracer.view)
-        for i, (query, bits, samples) in enumerate(zip(*traced, state.request.finer.penumbra)):
-            finer = finer_query(visible, query, bits, samples, state.threads)
+        for i, (each, samples) in enumerate(zip(traced, state.request.finer.penumbra)):
+            finer = finer_query(visible, each, samples, state.threads)
             sides = np.full_like(finer.sides, NOTHING)
             sides[inner] = finer.sides[inner]
-            arrays[f"finer {i}"] = trace_query(state, finer._replace(sides=sides))[inner]
+            arrays[f"finer {i}"] = trace_query(state, finer._replace(sides=sides)).bits[inner]
         return arrays
 
     def _trace_edges(
-        self, surfaces: Surfaces, traced: TracedLights, rows: slice, inner: slice
+        self, surfaces: Surfaces, traced: list[TracedQuery], rows: slice, inner: slice
     ) -> dict[str, np.ndarray]:
         """Trace refined edges: the bits of their sub-pixels."""
         state, finer = self._state, self._state.request.finer
         assert finer is not None
         pixels, blocks = self._subpixels(surfaces, rows, inner)
         if not len(blocks):
-            needed = [without_equal_samples(query._replace(samples=s)) for query, s in zip(traced.queries, finer.edges)]
+            needed = [without_equal_samples(t.query._replace(samples=s)) for t, s in zip(traced, finer.edges)]
             words = [-(-query.samples.shape[1] // 64) for query in needed]
             return {f"edges {i}": np.zeros((0, 4, 4, n), np.uint64) for i, n in enumerate(words)}
         g = pixels.gbuffer
@@ -113,7 +114,7 @@ class RowBands:
         queries = queries_of(state, pixels._replace(gbuffer=gbuffer, ids=row(pixels.ids)), finer.edges)
         queries = [without_equal_samples(query) for query in queries]
         state.tracer.prepare_again(queries, state.clock.lap)
-        return {f"edges {i}": blocks_of(bits) for i, bits in enumerate(trace_queries(state, queries).bits)}
+        return {f"edges {i}": blocks_of(each.bits) for i, each in enumerate(trace_queries(state, queries))}
 
     def _subpixels(self, surfaces: Surfaces, rows: slice, inner: slice) -> tuple[Surfaces, range]:
         """The sub-pixels of edges, and the range of blocks that belong to the band."""

@@ -15,11 +15,12 @@ from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, ptr, ptr_at, put
 from ..query.gbuffer import GBuffer, PictureSurfaces
 from ..query.receivers import NOTHING
-from ..query.shadow_query import ShadingNormals, ShadowQuery
+from ..query.shadow_query import ShadingNormals
 from ..scene.camera import CameraRays, ExplicitRays
 from ..scene.light_lists import LightList
 from ..scene.lights import Light, is_indirect
 from ..scene.sky import Sky
+from ..trace.transmission import TracedQuery
 from .discontinuity_filter import smooth_irradiance
 from .irradiance import irradiance, list_irradiance
 
@@ -39,8 +40,7 @@ _ONE, SIDEWAYS = np.float32(1.0), np.float32(0.65)
 def arriving_irradiance(
     gbuffer: GBuffer,
     light: Light,
-    query: ShadowQuery,
-    bits: np.ndarray,
+    traced: TracedQuery,
     surfaces: PictureSurfaces | None = None,
     shading: ShadingNormals | None = None,
     threads: int | None = None,
@@ -53,11 +53,11 @@ def arriving_irradiance(
     - Other lights: (H, W) float32, unshadowed and for intensity 1.
     """
     if isinstance(light, LightList):
-        arrived = list_irradiance(gbuffer, light, query.samples, bits, shading, threads)
+        arrived = list_irradiance(gbuffer, light, traced, shading, threads)
         return arrived if surfaces is None or not light.interleave else smooth_irradiance(surfaces, arrived, threads)
     if light.domain == "hemisphere":
         return np.zeros(gbuffer.face.shape, np.float32)
-    return irradiance(gbuffer, query.light, light.domain, shading, threads)
+    return irradiance(gbuffer, traced.query.light, light.domain, shading, threads)
 
 
 class _Rows(NamedTuple):
@@ -121,7 +121,7 @@ class Illumination(NamedTuple):
 
     lights: Sequence[Light]
     arrived: Sequence[np.ndarray]  # per light the result of `arriving_irradiance`
-    shares: Sequence[np.ndarray]  # per light (H, W) float32, from `picture.light_visibility`
+    shares: Sequence[np.ndarray]  # per light (H, W) or (H, W, 3) float32, from `picture.light_visibility`
     ambient: np.ndarray  # (3,) float32, from `ambient_light` of the whole picture
     indirect: np.ndarray | None = None  # (H, W, 3) float32, additional irradiance
 
@@ -135,11 +135,13 @@ def shade(
     up : "y" or "z", the axis from which most of the ambient light comes
     """
     lights, arrived, shares, ambient, indirect = illumination
-    shape, shining = gbuffer.face.shape, _shining(lights)
+    shape = gbuffer.face.shape
+    shining = [k for k in _shining(lights) if shares[k].ndim == 2]
     irradiances, arriving_shares = (_stack([of[k] for k in shining], shape) for of in (arrived, shares))
+    coloured = [_coloured(lights[k], arrived[k], shares[k]) for k in _shining(lights) if shares[k].ndim == 3]
     lists = [arrived[k] for k, light in enumerate(lights) if light.domain == "list"]
-    more = _stack(lists if indirect is None else [*lists, indirect], (*shape, 3))
-    skies = _stack([shares[k] for k, light in enumerate(lights) if light.domain == "hemisphere"], shape)
+    more = _stack([*coloured, *lists, *([] if indirect is None else [indirect])], (*shape, 3))
+    skies = _stack([_grey(shares[k]) for k, light in enumerate(lights) if light.domain == "hemisphere"], shape)
     tints = _tints([lights[k] for k in shining])
     image = np.empty((*shape, 3), np.float32)
     args = gbuffer.face, gbuffer.normal, "xyz".index(up), colour, tints, irradiances
@@ -174,6 +176,18 @@ def ambient_light(gbuffer: GBuffer, lights: Sequence[Light], arrived: Sequence[n
 def _shining(lights: Sequence[Light]) -> list[int]:
     """Indices of the lights whose irradiance is multiplied by their shares."""
     return [k for k, light in enumerate(lights) if light.domain not in ("hemisphere", "list")]
+
+
+def _coloured(light: Light, arrived: np.ndarray, share: np.ndarray) -> NDArray[np.float32]:
+    """(H, W, 3) float32: the irradiance from a light that comes through coloured surfaces."""
+    irradiance: NDArray[np.float32] = arrived[..., None] * share * _tints([light])[0]
+    return irradiance
+
+
+def _grey(share: np.ndarray) -> np.ndarray:
+    """(H, W) float32: the mean of the channels of a share."""
+    grey: np.ndarray = share if share.ndim == 2 else share.mean(-1)
+    return grey
 
 
 def _tints(lights: Sequence[Light]) -> NDArray[np.float32]:

@@ -18,8 +18,9 @@ from ..query.shadow_query import ShadowQuery, Surfaces, below_horizon
 from ..scene.light_lists import LightList
 from ..scene.lights import DIRECTIONAL, Light, is_indirect
 from ..techniques.culling.culling_grid import targets_of
+from ..trace.transmission import TracedQuery
 from .discontinuity_filter import smooth_irradiance
-from .frame import FrameState, Ground, TracedLights, smooths_light, trace_queries, trace_query
+from .frame import FrameState, Ground, smooths_light, trace_queries, trace_query
 from .irradiance import pixel_normals
 from .light_visibility import finer_query, irradiance_shares, light_fractions, refine_fractions
 from .shading import Illumination, arriving_irradiance, shade
@@ -63,19 +64,18 @@ class ShadowCatcher:
         traced = trace_queries(state, queries)
         state.clock.lap("trace")
         visible, facing = picture_surfaces(gbuffer, state.tracer.view), pixel_normals(gbuffer, None)
-        fractions = [light_fractions(visible, facing, q, b, request.smooth, state.threads) for q, b in zip(*traced)]
+        fractions = [light_fractions(visible, facing, each, request.smooth, state.threads) for each in traced]
         state.clock.lap("filter")
-        for i, (query, bits, samples) in enumerate(zip(*traced, finer)):
-            more = finer_query(visible, query, bits, samples, state.threads)
-            fractions[i] = refine_fractions(
-                fractions[i], visible, facing, more, trace_query(state, more), request.smooth, state.threads
-            )
+        for i, (each, samples) in enumerate(zip(traced, finer)):
+            more = trace_query(state, finer_query(visible, each, samples, state.threads))
+            fractions[i] = refine_fractions(fractions[i], visible, facing, more, request.smooth, state.threads)
             state.clock.lap("trace")
         visibility = [one.fraction for one in fractions]
         lit, unshadowed = self._irradiances(gbuffer, traced, [one.share for one in fractions], visible)
         share = np.float32(1.0) - hits.kept[..., None] * (np.float32(1.0) - _ratio(lit, unshadowed))
         state.clock.lap("shade")
-        return Ground(self._height, gbuffer.side != NOTHING, gbuffer.position, visibility, traced.bits, share)
+        bits = [each.bits for each in traced]
+        return Ground(self._height, gbuffer.side != NOTHING, gbuffer.position, visibility, bits, share)
 
     def edge_shares(self, edge: np.ndarray, pixels: Surfaces) -> NDArray[np.float32]:
         """(E, 3) float32: `Ground.share` of edge pixels, where they see no surface; `pixels`: their sub-pixels."""
@@ -92,7 +92,7 @@ class ShadowCatcher:
         traced = trace_queries(state, queries)
         state.clock.lap("trace")
         facing = pixel_normals(hits.gbuffer, None)
-        shares = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
+        shares = [irradiance_shares(facing, each, state.threads) for each in traced]
         lit, unshadowed = (block_means(part, count) for part in self._irradiances(hits.gbuffer, traced, shares, None))
         strength = block_means(hits.kept, count) / np.maximum(
             block_means(free.astype(np.float32), count), np.float32(1e-6)
@@ -124,35 +124,34 @@ class ShadowCatcher:
         ]
 
     def _irradiances(
-        self, gbuffer: GBuffer, traced: TracedLights, shares: list[np.ndarray], visible: PictureSurfaces | None
+        self, gbuffer: GBuffer, traced: list[TracedQuery], shares: list[np.ndarray], visible: PictureSurfaces | None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The light of all lights that arrives, (H, W, 3) float32, and the light that would arrive without shadows."""
         arrived, unshadowed = zip(
-            *(self._irradiance(gbuffer, *of_light, visible) for of_light in zip(self._lights, *traced))
+            *(self._irradiance(gbuffer, light, each, visible) for light, each in zip(self._lights, traced))
         )
-        above = [self._unshadowed_shares(gbuffer, light, query) for light, query in zip(self._lights, traced.queries)]
+        above = [self._unshadowed_shares(gbuffer, light, each.query) for light, each in zip(self._lights, traced)]
         return self._shade(gbuffer, arrived, shares), self._shade(gbuffer, unshadowed, above)
 
     def _irradiance(
-        self, gbuffer: GBuffer, light: Light, query: ShadowQuery, bits: np.ndarray, visible: PictureSurfaces | None
+        self, gbuffer: GBuffer, light: Light, traced: TracedQuery, visible: PictureSurfaces | None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The irradiance from one light, as from `arriving_irradiance`, and the irradiance without shadows."""
         threads = self._state.threads
         if not smooths_light(self._state.request, light):
             visible = None
-        if query.light.kind == DIRECTIONAL and isinstance(light, LightList):
-            return self._distant_irradiance(gbuffer, light, query, bits, visible)
-        arrived = arriving_irradiance(gbuffer, light, query, bits, visible, None, threads)
+        if traced.query.light.kind == DIRECTIONAL and isinstance(light, LightList):
+            return self._distant_irradiance(gbuffer, light, traced, visible)
+        arrived = arriving_irradiance(gbuffer, light, traced, visible, None, threads)
         if light.domain != "list":
             return arrived, arrived
-        return arrived, arriving_irradiance(gbuffer, light, query, np.zeros_like(bits), visible, None, threads)
+        return arrived, arriving_irradiance(gbuffer, light, _unshadowed(traced), visible, None, threads)
 
     def _distant_irradiance(
         self,
         gbuffer: GBuffer,
         light: LightList,
-        query: ShadowQuery,
-        bits: np.ndarray,
+        traced: TracedQuery,
         visible: PictureSurfaces | None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """`_irradiance` for a list of distant lights. Without shadows, all blocks of 4 x 4 pixels are equal.
@@ -167,11 +166,10 @@ class ShadowCatcher:
         block = GBuffer(
             np.zeros_like(normal), normal, one.astype(np.int32), one.astype(np.float32), one, gbuffer.origin
         )
-        irradiance = arriving_irradiance(
-            block, light, query, np.zeros((4, 4, bits.shape[-1]), np.uint64), None, None, threads
-        )
+        no_bits = np.zeros((4, 4, traced.bits.shape[-1]), np.uint64)
+        irradiance = arriving_irradiance(block, light, TracedQuery(traced.query, no_bits), None, None, threads)
         unshadowed = np.tile(irradiance, (-(-h // 4), -(-w // 4), 1))[:h, :w]
-        arrived = arriving_irradiance(gbuffer, light, query, bits, None, None, threads)
+        arrived = arriving_irradiance(gbuffer, light, traced, None, None, threads)
         if visible is None or not light.interleave:
             return arrived, unshadowed
         mean = irradiance.mean((0, 1))
@@ -192,7 +190,12 @@ class ShadowCatcher:
         if light.domain in ("list", "hemisphere") or lowest > (0.0 if relative else self._plane.height):
             return np.ones(query.sides.shape, np.float32)
         below = below_horizon(query, self._state.threads)
-        return irradiance_shares(pixel_normals(gbuffer, None), query, below, self._state.threads)
+        return irradiance_shares(pixel_normals(gbuffer, None), TracedQuery(query, below), self._state.threads)
+
+
+def _unshadowed(traced: TracedQuery) -> TracedQuery:
+    """The query, with all light."""
+    return TracedQuery(traced.query, np.zeros_like(traced.bits))
 
 
 def _ratio(lit: np.ndarray, unshadowed: np.ndarray) -> np.ndarray:

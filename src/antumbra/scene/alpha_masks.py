@@ -1,53 +1,83 @@
-"""Alpha masks of cut-out faces, through whose transparent texels light passes.
+"""Faces that let light pass: cut-outs with holes, panes, and leaves.
 
-A mask marks each texel as solid or clear. A cut-out face blocks a ray if the texel at the hit point is solid
-(docs/design/cutouts.md). Most faces of a textured leaf or fence are classified as entirely solid or entirely clear.
-Only the remaining faces are cut-outs and need texel lookups.
+A mask tells how much light passes through each texel. Most faces of a textured leaf or fence are either solid or clear
+as a whole; only the others need texel lookups when a ray meets them (docs/design/cutouts.md).
+
+Transmittances multiply along a ray. They are stored as *depths*, rounded logarithms, whose integer sums do not depend
+on the order of the faces: every plan gets the same product.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from functools import lru_cache
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
 from .appearance import Appearance
-from .materials import BLEND, CLAMP, MASK, MIRROR, Material, Texture
+from .materials import BLEND, CLAMP, MASK, MIRROR, Material, Texture, srgb_to_linear
 
 SOLID, CUT, CLEAR = range(3)
 """Classes of faces."""
 
-_HALF = 0.5  # least alpha of a solid BLEND texel
+HALVING = 1 << 24
+"""The depth of a face that lets half of the light pass."""
+
+DARK = 8 * HALVING
+"""The depth of 1/256, the least product of transmittances; beyond, all light is blocked."""
+
+_HALF = 0.5  # closest hits and cameras see surfaces through which at most this share of the light passes
 _ROUNDING = 1e-6  # 128 / 255 is solid at the cutoff 0.50196
 _FAR = 1e6  # texture coordinates are clamped to this magnitude, so that texel indices fit integers
 _MARGIN = 1  # texels by which a face's range is widened, against rounding of texture coordinates
+_LEVELS = 256  # rows of a mask's table, and different alphas of the faces of a material
+
+_Key: TypeAlias = tuple[Material, bool, float]
+"""A material, whether its texture counts, and the alpha of faces."""
 
 
 class AlphaMask(NamedTuple):
-    """The solid texels of a texture."""
+    """The light that passes through each texel."""
 
-    solid: NDArray[np.bool_]  # (h, w) bool, first row at v = 0
+    texels: NDArray[np.uint8]  # (h, w) uint8, first row at v = 0: rows of `transmittance`
+    transmittance: NDArray[np.float64]  # (m, 3) float64 in [0, 1]: shares of red, green and blue
     wrap: tuple[int, int]  # REPEAT, CLAMP or MIRROR along u and v
 
 
 class Cutouts(NamedTuple):
-    """The cut-out and the solid faces of a scene. All other faces are clear, and no ray hits them."""
+    """The solid faces of a scene, and those that let some light pass. All others are clear, and no ray hits them."""
 
-    solid: NDArray[np.int32]  # (k,) int32, ascending: faces without holes
-    faces: NDArray[np.int32]  # (m,) int32, ascending: cut-outs
+    solid: NDArray[np.int32]  # (k,) int32, ascending: faces that block all light
+    faces: NDArray[np.int32]  # (m,) int32, ascending: faces that let some light pass, here called cut-outs
     uv: NDArray[np.float32]  # (m, 3, 2) float32: texture coordinates of their corners
     mask: NDArray[np.int32]  # (m,) int32: their masks
     shapes: NDArray[np.int32]  # (p, 4) int32, of each mask: width, height, wrap modes along u and v
     first: NDArray[np.int64]  # (p,) int64, of each mask: its offset in `texels`
-    texels: NDArray[np.uint8]  # (b,) uint8: one bit per texel, 1: solid; rows start at whole bytes, lowest bit first
+    texels: NDArray[np.uint8]  # (b,) uint8: rows of the mask's part of `depths`
+    rows: NDArray[np.int64]  # (p,) int64, of each mask: the first row of its part of `depths`
+    depths: NDArray[np.int32]  # (r, 4) int32: depths of red, green and blue; 1: closest hits meet the texel, else 0
+
+    @property
+    def channels(self) -> int:
+        """Number of values that tell the transmittances: 0 if faces only have holes, 1 if they are grey, else 3."""
+        depth = self.depths[:, :3]
+        partial = ((depth > 0) & (depth <= DARK)).any()
+        return 0 if not partial else 1 if (depth == depth[:, :1]).all() else 3
+
+
+def holes(solid: NDArray[np.bool_], wrap: tuple[int, int]) -> AlphaMask:
+    """The mask of a texture with holes: (h, w) bool, True: solid."""
+    return AlphaMask(solid.astype(np.uint8), np.array([[1.0] * 3, [0.0] * 3]), wrap)
 
 
 def find_cutouts(appearance: Appearance) -> Cutouts | None:
-    """The cut-outs of a scene with alpha; None if no face has holes.
+    """The faces of a scene that let light pass; None if there are none.
 
-    A texel is solid if its alpha is at least the cutoff of a MASK material, or at least one half with BLEND. It is
-    multiplied by the material's alpha and by the mean alpha of the face's corners.
+    Through a texel passes the share of light that it does not cover, 1 - alpha, where alpha is the texel's times the
+    material's times the mean of the face's corners. With the alpha mode MASK, alpha is 1 from the cutoff on and 0
+    below it; with OPAQUE it is 1. What a texel covers still lets pass the `transmittance` of its material, or the share
+    `transmission` of its colour.
 
     Raises
     ------
@@ -55,19 +85,18 @@ def find_cutouts(appearance: Appearance) -> Cutouts | None:
         If a texture cannot be decoded.
     """
     mask = np.full(len(appearance.material_of_face), -1, np.int32)
-    masks, numbers = list[AlphaMask](), dict[tuple[Texture | None, int], int]()
+    masks, numbers = list[AlphaMask](), dict[_Key, int]()
     for index, material in enumerate(appearance.materials):
-        if material.alpha_mode not in (MASK, BLEND):
+        if not material.lets_light_pass:
             continue
         faces = np.flatnonzero(appearance.material_of_face == index)
-        thresholds = _least_byte(appearance, material, faces)
-        textured = appearance.textured[faces]
-        for byte in np.unique(thresholds):
+        alphas, textured = _alphas(appearance, material, faces), appearance.textured[faces]
+        for alpha in np.unique(alphas):
             for has_texture in (True, False):
-                rows = faces[(thresholds == byte) & (textured == has_texture)]
+                rows = faces[(alphas == alpha) & (textured == has_texture)]
                 if not len(rows):
                     continue
-                key = (material.texture if has_texture else None), int(byte)
+                key = material, has_texture, float(alpha)
                 if key not in numbers:
                     numbers[key] = len(masks)
                     masks.append(_mask_of(*key))
@@ -76,48 +105,97 @@ def find_cutouts(appearance: Appearance) -> Cutouts | None:
     return cutouts_of(uv, mask, masks)
 
 
-def _least_byte(appearance: Appearance, material: Material, faces: np.ndarray) -> NDArray[np.int_]:
-    """(f,) int: the alpha threshold of each face, 0 to 255; 256: no texel is solid."""
+def _alphas(appearance: Appearance, material: Material, faces: np.ndarray) -> NDArray[np.float64]:
+    """(f,) float64: the material's alpha times that of each face's corners."""
     alpha = np.full(len(faces), float(material.factor[3]))
     if appearance.colours is not None:
         alpha *= appearance.colours[faces, :, 3].mean(1, dtype=np.float64)
-    cutoff = material.cutoff if material.alpha_mode == MASK else _HALF
-    with np.errstate(divide="ignore", invalid="ignore"):
-        least = np.ceil(255.0 * cutoff / alpha - _ROUNDING)
-    out: NDArray[np.int_] = np.clip(np.nan_to_num(least, nan=0.0, posinf=256.0), 0, 256).astype(int)
-    return out
+    many = len(np.unique(alpha)) > _LEVELS
+    return np.round(alpha * (_LEVELS - 1)) / (_LEVELS - 1) if many else alpha
 
 
-def _mask_of(texture: Texture | None, least: int) -> AlphaMask:
-    if texture is None:
-        return AlphaMask(np.full((1, 1), least <= 255), (CLAMP, CLAMP))
+def _mask_of(material: Material, has_texture: bool, alpha: float) -> AlphaMask:
+    """The mask of the faces of a material whose alpha, without that of the texture, is given."""
+    texture = material.texture if has_texture else None
+    coloured = material.transmittance is None and material.transmission > 0.0
     try:
-        alpha = texture.pixels[..., 3]
+        texels, palette = _texels_of(texture, coloured)
     except ValueError as error:
-        raise InputError(
-            f"{texture.name}: its alpha cannot be read ({error}); load the scene with cutouts=False"
-        ) from None
-    return AlphaMask(alpha >= least, (texture.wrap_s, texture.wrap_t))
+        name = texture.name if texture is not None else material.name
+        raise InputError(f"{name}: its alpha cannot be read ({error}); load the scene with cutouts=False") from None
+    covered = _covered(material, palette[:, 3], alpha)[:, None]
+    colour = srgb_to_linear(palette[:, :3] / 255.0) * np.asarray(material.factor[:3])
+    beyond = colour * material.transmission if material.transmittance is None else np.array(material.transmittance)
+    wrap = (CLAMP, CLAMP) if texture is None else (texture.wrap_s, texture.wrap_t)
+    return AlphaMask(texels, np.clip(1.0 - covered + covered * beyond, 0.0, 1.0), wrap)
+
+
+def _covered(material: Material, alpha: np.ndarray, factor: float) -> np.ndarray:
+    """(m,) float64: the share that texels cover of what is behind them; `alpha`: (m,) uint8."""
+    if material.alpha_mode == BLEND:
+        return alpha / 255.0 * factor
+    if material.alpha_mode != MASK:
+        return np.ones(len(alpha))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        least = np.ceil(255.0 * material.cutoff / np.float64(factor) - _ROUNDING)
+    covered: NDArray[np.float64] = (alpha >= np.clip(np.nan_to_num(least, nan=0.0, posinf=256.0), 0, 256)).astype(float)
+    return covered
+
+
+@lru_cache(maxsize=64)  # the faces of a material may have many alphas, and their masks share the texels
+def _texels_of(texture: Texture | None, coloured: bool) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """(h, w) uint8 texels, and the RGBA of each of their values, (m, 4) uint8. White if colours do not count."""
+    palette = np.full((_LEVELS, 4), 255, np.uint8)
+    if texture is None:
+        return np.zeros((1, 1), np.uint8), palette[:1]
+    if not coloured:
+        palette[:, 3] = np.arange(_LEVELS)
+        return np.ascontiguousarray(texture.pixels[..., 3]), palette
+    pixels = np.ascontiguousarray(texture.pixels)
+    values, index = np.unique(pixels.view(np.uint32), return_inverse=True)
+    if len(values) <= _LEVELS:
+        return index.reshape(pixels.shape[:2]).astype(np.uint8), values.view(np.uint8).reshape(-1, 4)
+    from PIL import Image
+
+    reduced = Image.fromarray(pixels).quantize(_LEVELS, method=Image.Quantize.FASTOCTREE)
+    colours = np.frombuffer(bytes(reduced.palette.tobytes()), np.uint8).reshape(-1, 4) if reduced.palette else palette
+    return np.asarray(reduced), colours
+
+
+def depths_of(transmittance: NDArray[np.float64]) -> NDArray[np.int32]:
+    """The depths of transmittances: -log2 in units of 1 / HALVING, rounded; DARK + 1 below 1/256."""
+    depth = -np.log2(np.maximum(transmittance, 1e-9)) * HALVING
+    return np.where(transmittance < 2.0**-8, DARK + 1, np.round(depth)).astype(np.int32)
 
 
 def cutouts_of(uv: NDArray[np.float32], mask: NDArray[np.int32], masks: Sequence[AlphaMask]) -> Cutouts | None:
-    """The `Cutouts` of faces with given masks; None if no face has holes.
+    """The `Cutouts` of faces with given masks; None if all faces are solid.
 
     uv : (n, 3, 2) float32, texture coordinates of the corners of all faces
     mask : (n,) int32, index in `masks` for each face; -1: the face is solid
     """
-    kinds = np.full(len(mask), SOLID, np.int8)
-    for k, each in enumerate(masks):
+    kinds, tables = np.full(len(mask), SOLID, np.int8), [depths_of(each.transmittance) for each in masks]
+    for k, (each, table) in enumerate(zip(masks, tables)):
         faces = np.flatnonzero(mask == k)
-        kinds[faces] = _kinds(finite_uv(uv[faces]), each)
+        kinds[faces] = _kinds(finite_uv(uv[faces]), each, table)
     if not kinds.any():
         return None
     cut = np.flatnonzero(kinds == CUT).astype(np.int32)
-    rows = [np.packbits(each.solid, axis=1, bitorder="little").ravel() for each in masks]
-    first = np.cumsum([0, *(len(row) for row in rows)])[:-1]
-    shapes = np.array([(*each.solid.shape[::-1], *each.wrap) for each in masks], np.int32)
-    solid = np.flatnonzero(kinds == SOLID).astype(np.int32)
-    return Cutouts(solid, cut, finite_uv(uv[cut]), mask[cut].astype(np.int32), shapes, first, np.concatenate(rows))
+    parts = {id(each.texels): each.texels for each in masks}
+    offsets = dict(zip(parts, np.cumsum([0, *(part.size for part in parts.values())])))
+    shapes = np.array([(*each.texels.shape[::-1], *each.wrap) for each in masks], np.int32)
+    meets = [each.transmittance.mean(1) <= _HALF + _ROUNDING for each in masks]
+    return Cutouts(
+        np.flatnonzero(kinds == SOLID).astype(np.int32),
+        cut,
+        finite_uv(uv[cut]),
+        mask[cut].astype(np.int32),
+        shapes,
+        np.array([offsets[id(each.texels)] for each in masks], np.int64),
+        np.concatenate([part.ravel() for part in parts.values()]),
+        np.cumsum([0, *(len(table) for table in tables)])[:-1],
+        np.concatenate([np.column_stack([table, meet]) for table, meet in zip(tables, meets)]).astype(np.int32),
+    )
 
 
 def finite_uv(uv: np.ndarray) -> NDArray[np.float32]:
@@ -126,19 +204,26 @@ def finite_uv(uv: np.ndarray) -> NDArray[np.float32]:
     return out
 
 
-def _kinds(uv: np.ndarray, mask: AlphaMask) -> np.ndarray:
-    """(f,) int8: SOLID, CLEAR or CUT, depending on the texels in each face's bounding rectangle (summed-area table)."""
-    h, w = mask.solid.shape
+def _kinds(uv: np.ndarray, mask: AlphaMask, depths: np.ndarray) -> np.ndarray:
+    """(f,) int8: SOLID, CLEAR or CUT, depending on the texels in each face's bounding rectangle."""
+    solid, total = _count_texels(uv, mask, np.all(depths > DARK, axis=1))
+    clear, _ = _count_texels(uv, mask, np.all(depths == 0, axis=1))
+    return np.where(clear == total, CLEAR, np.where(solid == total, SOLID, CUT)).astype(np.int8)
+
+
+def _count_texels(uv: np.ndarray, mask: AlphaMask, counts: NDArray[np.bool_]) -> tuple[np.ndarray, np.ndarray]:
+    """(f,) int64 each: how many texels of each face's rectangle have values that count, and how many it has."""
+    h, w = mask.texels.shape
     sums = np.zeros((h + 1, w + 1), np.int64)  # summed-area table: over all texels above and to the left
-    np.cumsum(np.cumsum(mask.solid, axis=0, dtype=np.int64), axis=1, out=sums[1:, 1:])
+    np.cumsum(np.cumsum(counts[mask.texels], axis=0, dtype=np.int64), axis=1, out=sums[1:, 1:])
     (column_spans, n_columns), (row_spans, n_rows) = (
         _texel_spans(uv[..., k], size, mask.wrap[k]) for k, size in enumerate((w, h))
     )
-    solid = np.zeros(len(uv), np.int64)
+    number = np.zeros(len(uv), np.int64)
     for x0, x1 in column_spans:
         for y0, y1 in row_spans:
-            solid += sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0]
-    return np.where(solid == 0, CLEAR, np.where(solid == n_columns * n_rows, SOLID, CUT)).astype(np.int8)
+            number += sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0]
+    return number, n_columns * n_rows
 
 
 def _texel_spans(u: np.ndarray, size: int, wrap: int) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:

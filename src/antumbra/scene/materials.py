@@ -237,6 +237,13 @@ class Material(NamedTuple):
     alpha_mode: str = OPAQUE
     cutoff: float = 0.5  # for MASK
     double_sided: bool = True
+    transmission: float = 0.0  # share of the base colour that light keeps when it passes straight through
+    transmittance: tuple[float, float, float] | None = None  # overrides it: shares of red, green and blue that pass
+
+    @property
+    def lets_light_pass(self) -> bool:
+        """Whether some light may pass through surfaces of this material."""
+        return self.alpha_mode != OPAQUE or self.transmission > 0.0 or any(self.transmittance or ())
 
 
 PLAIN = Material()

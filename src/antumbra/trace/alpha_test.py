@@ -1,10 +1,13 @@
-"""Alpha testing: rays that no solid triangle blocks are tested against alpha-masked faces, the *cut-outs*.
+"""Alpha testing: rays that no solid triangle blocks are tested against faces that let light pass, the *cut-outs*.
 
-A ray passes through a cut-out if the texel that it hits is transparent. The solid triangles of a scene are in the
-plan's own tree, whose tracer reads no textures. Cut-outs are in a separate tree, the same for every plan, which is
-traced after the solid triangles. `add_shadows` adds the segments that cut-outs block to a tracer's bits, and
-`add_nearest` replaces hits on solid triangles by nearer hits on cut-outs. A shadow ray reads texels only if shafts have
-determined that it may meet a cut-out, and nothing solid blocks it.
+The solid triangles of a scene are in the plan's own tree, whose tracer reads no textures. Cut-outs are in a separate
+tree, the same for every plan, which is traced after the solid triangles. `add_shadows` adds the segments that cut-outs
+darken to a tracer's bits, and `add_nearest` replaces hits on solid triangles by nearer hits on cut-outs. A shadow ray
+reads texels only if shafts have determined that it may meet a cut-out, and nothing solid blocks it.
+
+A segment is dark if the product of the transmittances of the cut-outs that it meets is below 1/256
+(`scene.alpha_masks.DARK`). A ray that crosses the common edge or vertex of several cut-outs counts each surface once
+(`kernels.exact.surface_crossing`). `trace.transmission` has the products.
 """
 
 from typing import NamedTuple
@@ -17,13 +20,15 @@ from ..bvh.block_tree import BlockTree, block_tree
 from ..bvh.nodes import LEFT_FIRST, Bvh, tree_of
 from ..kernels.exact.filters import BEYOND, is_nearer, single_weights, weights
 from ..kernels.exact.predicate import ray_along, segment
+from ..kernels.exact.surface_crossing import crosses_surface
 from ..kernels.jit import F32Ptr, I32Ptr, I64Ptr, U8Ptr, inlined, kernel, overload
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..kernels.simd import get, lowest_bit, ptr
+from ..kernels.simd import get, lowest_bit, ptr, put, stack_i32
 from ..kernels.vec3 import get3
 from ..query.ray_list import HitArrays, RayArrays
 from ..query.ray_passes import RayPass
 from ..query.shadow_query import ShadowQuery, new_bits, patch_of, query_pointers, sample_of, set_bit
+from ..scene.alpha_masks import DARK
 from ..scene.materials import CLAMP, MIRROR
 from ..scene.triangle_setup import rows_with_area
 from ..scene.triangles import Triangles
@@ -42,6 +47,8 @@ class AlphaTexels(NamedTuple):
     shapes: np.ndarray  # (p, 4) int32
     first: np.ndarray  # (p,) int64
     texels: np.ndarray  # (b,) uint8
+    rows: np.ndarray  # (p,) int64
+    depths: np.ndarray  # (r, 4) int32
 
 
 class TexelPointers(NamedTuple):
@@ -52,12 +59,17 @@ class TexelPointers(NamedTuple):
     shapes: I32Ptr  # int32 *
     first: I64Ptr  # int64 *
     texels: U8Ptr  # uint8 *
+    rows: I64Ptr  # int64 *
+    depths: I32Ptr  # int32 *
 
 
 @inlined
 def texel_pointers(texels):
     """`TexelPointers` of `AlphaTexels`."""
-    return TexelPointers(ptr(texels.uv), ptr(texels.mask), ptr(texels.shapes), ptr(texels.first), ptr(texels.texels))
+    return TexelPointers(
+        ptr(texels.uv), ptr(texels.mask), ptr(texels.shapes), ptr(texels.first), ptr(texels.texels),
+        ptr(texels.rows), ptr(texels.depths),
+    )  # fmt: skip
 
 
 @inlined
@@ -84,8 +96,8 @@ def _texture_coordinate(uv, slot, axis, b, c):
 
 
 @kernel
-def is_hole(texels, ray, corners, slot):
-    """True if the texel is transparent where the ray meets the cut-out in `slot`. One float64 expression defines it."""
+def _depths_at(texels, ray, corners, slot):
+    """Where the ray meets the cut-out in `slot`: the place of its texel's depths. One float64 expression defines it."""
     b, c = weights(ray, corners, slot)
     b, c = _inside(b), _inside(c)
     k = get(texels.mask, slot)
@@ -93,14 +105,43 @@ def is_hole(texels, ray, corners, slot):
     u = np.int64(np.floor(_texture_coordinate(texels.uv, slot, 0, b, c) * w))
     v = np.int64(np.floor(_texture_coordinate(texels.uv, slot, 1, b, c) * h))
     x, y = _wrapped(u, w, get(texels.shapes, 4 * k + 2)), _wrapped(v, h, get(texels.shapes, 4 * k + 3))
-    byte = get(texels.texels, get(texels.first, k) + y * ((w + 7) >> 3) + (x >> 3))
-    return np.int64(byte) >> (x & 7) & 1 == 0
+    return 4 * (get(texels.rows, k) + np.int64(get(texels.texels, get(texels.first, k) + y * w + x)))
+
+
+@inlined
+def is_hole(texels, ray, corners, slot):
+    """True if closest hits ignore the cut-out in `slot` where the ray meets it."""
+    return get(texels.depths, _depths_at(texels, ray, corners, slot) + 3) == 0
+
+
+class DepthSum(NamedTuple):
+    """A hit filter that adds up the depths of cut-outs, and ignores hits until all light is blocked."""
+
+    texels: TexelPointers
+    sums: I32Ptr  # int32 *: red, green and blue; `DARK` + 1 is the most
+
+
+@kernel
+def _stays_lit(depth, ray, corners, slot):
+    """Add the depths of a cut-out that the ray meets. Returns whether some light still passes."""
+    at, lit = _depths_at(depth.texels, ray, corners, slot), False
+    opaque = get(depth.texels.depths, at) > DARK and get(depth.texels.depths, at + 1) > DARK
+    opaque = opaque and get(depth.texels.depths, at + 2) > DARK
+    if not opaque and not crosses_surface(ray, corners, slot):
+        return True
+    for c in range(3):
+        total = min(get(depth.sums, c) + get(depth.texels.depths, at + c), np.int32(DARK + 1))
+        put(depth.sums, c, total)
+        lit = lit or total <= DARK
+    return lit
 
 
 @overload(ignores_hit)
 def _ignores_hit(hit_filter, ray, corners, slot, prim):
     if getattr(hit_filter, "instance_class", None) is TexelPointers:
         return lambda hit_filter, ray, corners, slot, prim: is_hole(hit_filter, ray, corners, slot)
+    if getattr(hit_filter, "instance_class", None) is DepthSum:
+        return lambda hit_filter, ray, corners, slot, prim: _stays_lit(hit_filter, ray, corners, slot)
     return None
 
 
@@ -113,6 +154,15 @@ class CutoutTree(NamedTuple):
     bvh: Bvh
     blocks: BlockTree
     texels: AlphaTexels
+    channels: int  # number of values that tell how much light passes: 0, 1 or 3, see `Cutouts.channels`
+
+    def as_holes(self) -> "CutoutTree":
+        """The tree with texels that let all light pass or none, as for closest hits."""
+        if not self.channels:
+            return self
+        depths = self.texels.depths.copy()
+        depths[:, :3] = depths[:, 3:] * (DARK + 1)
+        return self._replace(texels=self.texels._replace(depths=depths), channels=0)
 
 
 def cutout_tree(triangles: Triangles, threads: int | None = None) -> CutoutTree | None:
@@ -125,34 +175,44 @@ def cutout_tree(triangles: Triangles, threads: int | None = None) -> CutoutTree 
     bvh = binned_sah.build(vertices if areas is None else vertices[areas], threads)
     at = bvh.prim_ids if areas is None else areas[bvh.prim_ids]
     bvh = bvh._replace(prim_ids=cutouts.faces[at])
-    texels = AlphaTexels(cutouts.uv[at].reshape(-1, 6), cutouts.mask[at], cutouts.shapes, cutouts.first, cutouts.texels)
-    return CutoutTree(bvh, block_tree(bvh, threads), texels)
+    uv, mask = cutouts.uv[at].reshape(-1, 6), cutouts.mask[at]
+    texels = AlphaTexels(uv, mask, cutouts.shapes, cutouts.first, cutouts.texels, cutouts.rows, cutouts.depths)
+    return CutoutTree(bvh, block_tree(bvh, threads), texels, cutouts.channels)
 
 
 @inlined
-def _ray_to(query, patch, i, s):
+def ray_to_sample(query, patch, i, s):
+    """The segment from receiver i to its sample s."""
     o, (lx, ly, lz) = get3(query.origins, 3 * i, 1), sample_of(query, patch, i, s)
     return segment(o.x, o.y, o.z, lx, ly, lz)
 
 
 @inlined
-def _blocking_cutout(tree, holes, ray, skip, cull_faces, last):
-    """The slot of a cut-out that blocks the ray, or -1; `last`, which blocked the previous ray, is tested first."""
-    if last >= 0 and get(tree.prim_ids, last) != skip:
-        o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
-        d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
-        if triangle_hit(tree.corners, last, ray, o, d, cull_faces, None) and not is_hole(
-            holes, ray, tree.corners, last
-        ):
-            return last
-    return walk(tree, ray, skip, cull_faces, np.int64(LEFT_FIRST), holes, None)[0]
+def _blocks_alone(tree, texels, ray, skip, cull_faces, slot):
+    """Whether the cut-out in `slot` blocks the ray by an opaque texel; slot -1: no cut-out."""
+    if slot < 0 or get(tree.prim_ids, slot) == skip:
+        return False
+    o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
+    d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
+    if not triangle_hit(tree.corners, slot, ray, o, d, cull_faces, None):
+        return False
+    at = _depths_at(texels, ray, tree.corners, slot)
+    return get(texels.depths, at) > DARK and get(texels.depths, at + 1) > DARK and get(texels.depths, at + 2) > DARK
+
+
+@inlined
+def sum_depths(tree, depth, ray, skip, cull_faces):
+    """Add up the depths along a ray. Returns the slot of the cut-out after which all light is blocked, or -1."""
+    for c in range(3):
+        put(depth.sums, c, 0)
+    return walk(tree, ray, skip, cull_faces, np.int64(LEFT_FIRST), depth, None)[0]
 
 
 @kernel
 def _shadows(ticket, bvh, texels, query, met, bits):
-    """Worker: set the bits of segments in `met` that an opaque texel blocks, unless they are already set."""
-    tree, holes, pointers = tree_of(bvh), texel_pointers(texels), query_pointers(query)
-    candidates, out, last = ptr(met), ptr(bits), -1
+    """Worker: set the bits of segments in `met` that cut-outs darken, unless they are already set."""
+    tree, depth, pointers = tree_of(bvh), DepthSum(texel_pointers(texels), stack_i32(3)), query_pointers(query)
+    candidates, out, last = ptr(met), ptr(bits), -1  # `last` blocked the previous ray and is tested first
     for i in items(ticket):
         skip = get(pointers.ids, i)
         for k in range(pointers.words):
@@ -163,14 +223,17 @@ def _shadows(ticket, bvh, texels, query, met, bits):
             while words != 0:
                 s = 64 * k + lowest_bit(words)
                 words &= words - np.uint64(1)
-                slot = _blocking_cutout(tree, holes, _ray_to(pointers, patch, i, s), skip, pointers.facing, last)
+                ray = ray_to_sample(pointers, patch, i, s)
+                slot = last
+                if not _blocks_alone(tree, depth.texels, ray, skip, pointers.facing, last):
+                    slot = sum_depths(tree, depth, ray, skip, pointers.facing)
                 if slot >= 0:
                     last = slot
                     set_bit(pointers, out, i, s)
 
 
 def add_shadows(tree: CutoutTree, query: ShadowQuery, bits: NDArray[np.uint64], threads: int | None = None) -> None:
-    """Set bit s of ``bits[y, x]`` where a cut-out occludes sample s.
+    """Set bit s of ``bits[y, x]`` where cut-outs block the light of sample s.
 
     bits : (h, w, ceil(spp / 64)) uint64, the answer of a tracer over the solid triangles
     """

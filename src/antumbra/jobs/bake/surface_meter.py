@@ -19,8 +19,9 @@ from ...query.gbuffer import GBuffer
 from ...query.light_samples import light_samples
 from ...query.query_bounds import morton_codes
 from ...query.receivers import NOTHING, Receivers
-from ...query.shadow_query import ShadowQuery, fraction_lit
+from ...query.shadow_query import ShadowQuery
 from ...scene.lights import Light
+from ...trace.transmission import TracedQuery, lit_fraction, occluded_count
 from ..scene_records import light_record, scene_digest
 from ..work_parts import Parts, about_parts, inexact_plan
 
@@ -74,8 +75,8 @@ def curve_order(blocks: NDArray[np.int64], positions: NDArray[np.float64]) -> ND
     return np.asarray(blocks[np.argsort(morton_codes(positions[first] - positions.mean(0)), kind="stable")])
 
 
-Shadows: TypeAlias = list[tuple[ShadowQuery, np.ndarray]]
-"""The query and the occlusion bits of each light."""
+Shadows: TypeAlias = list[TracedQuery]
+"""The query and the answer of each light."""
 
 
 class Meter:
@@ -118,28 +119,31 @@ class Meter:
         if what in ("ao", "shadow"):
             return np.asarray(self._shares(shadows).mean(-1, keepdims=True, dtype=np.float32))
         if what == "bent-normal":
-            ((query, bits),) = shadows
-            return _directions(unoccluded_directions(query, bits, threads), query.normals)
-        total = np.zeros((*shadows[0][0].sides.shape, self.settings.channels), np.float32)
-        for light, (query, bits) in zip(self.settings.lights, shadows):
+            (traced,) = shadows
+            return _directions(unoccluded_directions(traced, threads), traced.query.normals)
+        total = np.zeros((*shadows[0].query.sides.shape, self.settings.channels), np.float32)
+        for light, traced in zip(self.settings.lights, shadows):
             tint = 1.0 if what == "sun" else np.float32(light.intensity) * np.asarray(light.colour, np.float32)
-            total += self._irradiance(light, query, bits, tint)
+            total += self._irradiance(light, traced, tint)
         return total
 
-    def _irradiance(
-        self, light: Light, query: ShadowQuery, bits: np.ndarray, tint: float | NDArray[np.float32]
-    ) -> NDArray[np.float32]:
+    def _irradiance(self, light: Light, traced: TracedQuery, tint: float | NDArray[np.float32]) -> NDArray[np.float32]:
         """(h, w, 1 or 3) float32: the irradiance from a light with its shadows; ambient light is a uniform sky."""
-        threads, surfaces = self.settings.threads, _surfaces(query, self.scene.origin)
+        threads, surfaces = self.settings.threads, _surfaces(traced.query, self.scene.origin)
         if light.domain == "list":  # the list has its own intensities and colours
-            return arriving_irradiance(surfaces, light, query, bits, threads=threads)
-        share = irradiance_shares(pixel_normals(surfaces, None), query, bits, threads)
+            return arriving_irradiance(surfaces, light, traced, threads=threads)
+        share = irradiance_shares(pixel_normals(surfaces, None), traced, threads)
+        share = share[..., None] if share.ndim == 2 else share
         if light.domain != "hemisphere":
-            share = share * arriving_irradiance(surfaces, light, query, bits, threads=threads)
-        return np.asarray(share[..., None] * tint)
+            share = share * arriving_irradiance(surfaces, light, traced, threads=threads)[..., None]
+        return self._in_channels(share * tint)
 
     def _shares(self, shadows: Shadows) -> NDArray[np.float32]:
-        return np.stack([fraction_lit(b, q.samples.shape[1], self.settings.threads) for q, b in shadows], -1)
+        return np.stack([lit_fraction(traced, self.settings.threads) for traced in shadows], -1)
+
+    def _in_channels(self, light: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Light of 1 or 3 channels, with the channels of the quantity."""
+        return light.mean(-1, keepdims=True) if light.shape[-1] > self.settings.channels else np.asarray(light)
 
 
 class Measurement:
@@ -185,7 +189,7 @@ class Measurement:
 
 def _counts(shadows: Shadows) -> NDArray[np.int32]:
     """(h, w, lights) int32: the number of occluded samples of each light."""
-    return np.stack([np.bitwise_count(bits).sum(-1, dtype=np.int32) for _, bits in shadows], -1)
+    return np.stack([occluded_count(traced) for traced in shadows], -1)
 
 
 def _grid(blocks: NDArray[np.int64]) -> NDArray[np.int64]:

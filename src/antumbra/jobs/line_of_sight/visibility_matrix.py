@@ -69,8 +69,8 @@ class TileTracer:
         """(n, words of m) uint64: bit j of row i is set where points i and j see each other."""
         blocked = np.empty((rows.n, words_of(columns.n)), np.uint64)
         for first, light in self._lists(columns):
-            ((_, bits),) = self._engine.shadows(
-                rows, [light], [_samples(light)], time=self._time, later=self._sightlines
+            ((_, bits, _),) = self._engine.shadows(
+                rows, [light], [_samples(light)], time=self._time, later=self._sightlines, whole=True
             )
             blocked[:, first : first + bits.shape[2]] = bits[0]
         if columns.normals.size:

@@ -173,7 +173,7 @@ def segment(ox, oy, oz, lx, ly, lz):
     return Ray(f(ox), f(oy), f(oz), dx, dy, dz, rx, ry, rz, 0.0, 1.0, 1.0)
 
 
-class _ExpansionMemory(NamedTuple):
+class ExpansionMemory(NamedTuple):
     """Scratch memory for exact arithmetic."""
 
     sum_: F64Ptr  # an expansion of up to CAPACITY components
@@ -192,7 +192,7 @@ _SURE = np.float64(1.0 - 2.0**-40)
 
 
 @kernel
-def _set_direction(rows, ray):
+def set_direction(rows, ray):
     """Set row 0 to the ray's direction."""
     put(rows, 0, ray.dx)
     put(rows, 1, ray.rx)
@@ -203,7 +203,7 @@ def _set_direction(rows, ray):
 
 
 @kernel
-def _set_difference(rows, row, p, corners, at):
+def set_difference(rows, row, p, corners, at):
     """Set a row to corner - p, exactly."""
     for axis in range(3):
         hi, lo = two_diff(np.float64(get(corners, at + axis)), p[axis])
@@ -223,19 +223,25 @@ def _add(work, n, ray, corners, i, what, scale):
         p = f(get(corners, k)), f(get(corners, k + 1)), f(get(corners, k + 2))
     for row in range(3):
         if row == 0 and what != _VOLUME:
-            _set_direction(work.rows, ray)
+            set_direction(work.rows, ray)
         else:
-            _set_difference(work.rows, row, p, corners, k + 3 * ((what + row) % 3))
+            set_difference(work.rows, row, p, corners, k + 3 * ((what + row) % 3))
     return add_determinant(work.sum_, n, work.rows, work.product, scale)
+
+
+@kernel
+def edge_sign(work, ray, corners, i, edge):
+    """The sign of e_k for k = `edge`."""
+    return sign_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _EDGE + edge, 1.0))
 
 
 @kernel
 def exact_line_side(ray, corners, i):
     """Sign of d . n if the line meets triangle i, else 0."""
-    work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    work = ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     side = 0
     for edge in range(3):
-        s = sign_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _EDGE + edge, 1.0))
+        s = edge_sign(work, ray, corners, i, edge)
         if s * side < 0:
             return 0
         if s != 0:
@@ -299,7 +305,7 @@ def exact_meets(ray, corners, i):
     if ray.real == 0.0:
         t = exact_t(ray, corners, i)
         return side if ray.tmin < t and t < ray.tmax else 0
-    work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    work = ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     for end in range(2):
         t, sign = (ray.tmin, 1) if end == 0 else (ray.tmax, -1)
         if sign * sign_of(work.sum_, _set_t_difference(work, ray, corners, i, t, 0.0)) * side <= 0:
@@ -310,7 +316,7 @@ def exact_meets(ray, corners, i):
 @kernel
 def exact_t(ray, corners, i):
     """t where the line meets the plane of triangle i, rounded to the nearest float64, with ties to even."""
-    work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    work = ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     normal = value_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _NORMAL, 1.0))
     t, remainder = np.float64(0.0), np.float64(0.0)
     for _ in range(2):  # the first remainder is the quotient, the second its error
@@ -332,7 +338,7 @@ def exact_t(ray, corners, i):
 @kernel
 def exact_weights(ray, corners, i):
     """Weights of the second and third corner where the line meets triangle i, accurate to float64's last digits."""
-    work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    work = ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     second = third = total = np.float64(0.0)
     for edge in range(3):
         value = value_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _EDGE + edge, 1.0))
@@ -343,7 +349,7 @@ def exact_weights(ray, corners, i):
 @kernel
 def exact_has_area(corners, i):
     """Whether triangle i has an area: whether a component of its normal is nonzero."""
-    work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    work = ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     for axis in range(3):
         x, y, z = np.float64(axis == 0), np.float64(axis == 1), np.float64(axis == 2)
         ray = ray_along(0.0, 0.0, 0.0, x, y, z, 0.0, 0.0)
@@ -358,6 +364,6 @@ def exact_plane_side(x, y, z, corners, i):
 
     A triangle without area has no plane: the side is 0 everywhere.
     """
-    work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    work = ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     ray = ray_along(x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0)
     return -sign_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _VOLUME, 1.0))
