@@ -40,7 +40,7 @@ _SIZE = re.compile(r"(\d+)(?:[xX](\d+))?")
 _FRAMES = re.compile(r"(\d{1,9}):(\d{1,9})(?::(\d{1,9}))?")
 _INDEX = re.compile(r"\s*-?\d{1,9}\s*")
 _LOD = re.compile(r"(.+\.jsonl?)\?lod=(.*)", re.IGNORECASE)
-_CUTOUTS = re.compile(r"(.+\.(?:glb|gltf|obj|ply))\?cutouts=(.*)", re.IGNORECASE)
+_MESH_OPTIONS = re.compile(r"(.+\.(?:glb|gltf|obj|ply))\?(.*)", re.IGNORECASE)
 _WHOLE = re.compile(r"[0-9]{1,9}")
 _MAX_SIZE = 32768
 
@@ -69,6 +69,7 @@ class SceneSpec(NamedTuple):
     seed: int = 0
     lod: str | None = None  # level of detail of a CityJSON file
     cutouts: bool = True  # False: alpha cuts no holes
+    transmittance: tuple[tuple[str, tuple[float, ...]], ...] = ()  # shares of light that materials or objects let pass
 
     @property
     def stem(self) -> str:
@@ -101,14 +102,16 @@ class FrameSequence(NamedTuple):
 
 
 def parse_scene(text: str) -> SceneSpec:
-    """Parse a path, ``city.json?lod=2.2``, ``tree.glb?cutouts=off``, or ``procedural:NAME?triangles=100k&seed=3``."""
+    """Parse a path, which may have options, or a procedural scene.
+
+    ``city.json?lod=2.2``, ``tree.glb?cutouts=off``, ``tree.glb?transmittance=leaf:0.3&transmittance=glass:0.9,1,0.9``,
+    ``procedural:NAME?triangles=100k&seed=3``.
+    """
     if not text:
         raise InputError(f"SCENE is empty; name a file, a folder or {DEFAULT_SCENE}")
     if not text.startswith(PROCEDURAL):
-        if match := _CUTOUTS.fullmatch(text):
-            if match[2] not in ("on", "off"):
-                raise InputError(f"{text}: cutouts is {match[2]!r}; it must be on or off")
-            return SceneSpec(Path(match[1]), cutouts=match[2] == "on")
+        if match := _MESH_OPTIONS.fullmatch(text):
+            return _with_options(SceneSpec(Path(match[1])), match[2], text)
         match = _LOD.fullmatch(text)
         return SceneSpec(Path(match[1]), lod=match[2]) if match else SceneSpec(Path(text))
     name, _, query = text[len(PROCEDURAL) :].partition("?")
@@ -118,6 +121,24 @@ def parse_scene(text: str) -> SceneSpec:
             raise InputError(f"{text}: {key!r} is unknown or repeated; use triangles=... and seed=...")
         options[key] = parse_count(value, f"{text}: {key}")
     return SceneSpec(None, name, options.get("triangles"), options.get("seed", 0))
+
+
+def _with_options(spec: SceneSpec, query: str, text: str) -> SceneSpec:
+    """The scene of a file with the options of a query, ``cutouts=off&transmittance=NAME:SHARE``."""
+    for key, value in parse_qsl(query, keep_blank_values=True) or [(query, "")]:
+        if key == "cutouts":
+            if value not in ("on", "off"):
+                raise InputError(f"{text}: cutouts is {value!r}; it must be on or off")
+            spec = spec._replace(cutouts=value == "on")
+        elif key == "transmittance":
+            name, colon, shares = value.rpartition(":")
+            numbers = [_number(each, f"{text}: transmittance") for each in shares.split(",")] if colon else []
+            if len(numbers) not in (1, 3) or not name:
+                raise InputError(f"{text}: transmittance is {value!r}; write NAME:SHARE or NAME:RED,GREEN,BLUE")
+            spec = spec._replace(transmittance=(*spec.transmittance, (name, tuple(numbers))))
+        else:
+            raise InputError(f"{text}: {key!r} is unknown; use cutouts=off or transmittance=NAME:SHARE")
+    return spec
 
 
 def parse_count(text: str, what: str) -> int:
@@ -418,7 +439,8 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, crs:
     if up is not None and spec.path.suffix.lower() == STORE_SUFFIX:
         raise InputError(f"{spec.path.name}: a store has its own up axis; leave --up out")
     with quietly():  # the notes are printed below
-        scene = load(spec.path, up=up, lod=spec.lod, cutouts=spec.cutouts, crs=crs)
+        shares = dict(spec.transmittance)
+        scene = load(spec.path, up=up, lod=spec.lod, cutouts=spec.cutouts, transmittance=shares, crs=crs)
     if not quiet:
         notes = group_notes(scene.notes, "antumbra info shows all")
         for note in notes[:_MOST_NOTES]:

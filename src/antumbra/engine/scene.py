@@ -5,6 +5,7 @@ for stores.
 """
 
 import threading
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, overload
 
@@ -132,6 +133,26 @@ class AnyScene:
     def ignore_alpha(self) -> None:
         """Make all faces solid. Call it before the first query."""
         self.data.ignore_alpha()
+
+    def set_transmittance(self, shares: Mapping[str, float | Sequence[float]]) -> None:
+        """Let a share of the light pass through materials or objects, such as panes or the crowns of trees.
+
+        It counts in pictures, `visibility`, `sun_hours` and `bake`. Along a ray, the shares of all surfaces multiply;
+        below 1/256 the light is blocked. Closest hits, cameras and `occluded` see a surface if it blocks at least half
+        of the light. Call it before the first query.
+
+        Parameters
+        ----------
+        shares : dict of str to float or three floats
+            Names of materials or objects, in which * and ? stand for any characters, and the share of the light that
+            passes, from 0 to 1, also of red, green and blue. Holes of masks stay holes.
+
+        Raises
+        ------
+        InputError
+            If a name matches nothing, or a share is out of range.
+        """
+        self.data.set_transmittance(shares)
 
     def clamped(self, time: float) -> float:
         """`time`, clamped to 0 .. `duration`. Raises InputError unless it is a number."""

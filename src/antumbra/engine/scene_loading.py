@@ -2,6 +2,7 @@
 
 import os
 import warnings
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from ..checks import flag
@@ -23,6 +24,7 @@ def load(
     up: str | None = None,
     lod: str | None = None,
     cutouts: bool = True,
+    transmittance: Mapping[str, float | Sequence[float]] | None = None,
     crs: str | None = None,
 ) -> "Scene | PagedScene":
     """Read a scene from a file, or convert a mesh of another library.
@@ -46,8 +48,11 @@ def load(
         Level of detail of CityJSON, such as "2.2". None: the highest of each object. Objects whose parts have a higher
         one, such as a Building with BuildingParts, are represented by these parts.
     cutouts : bool
-        True: rays pass through the transparent texels of faces whose material has alpha mode MASK, or BLEND (which
-        blocks light from alpha 0.5 on). False: all faces are solid, as in stores.
+        True: rays pass through the holes of faces whose material has alpha mode MASK, and some of the light through
+        those with BLEND or KHR_materials_transmission; see `Scene.set_transmittance` for what it counts in. False: all
+        faces are solid, as in stores.
+    transmittance : dict of str to float or three floats, optional
+        Shares of the light that materials or objects let pass, as for `Scene.set_transmittance`.
     crs : str, optional
         Coordinate reference system of the coordinates, such as "EPSG:28992", or anything that pyproj accepts. It is
         recorded as `Scene.crs`; tables and rasters carry it. None: that of the file, for CityJSON and stores.
@@ -73,6 +78,8 @@ def load(
     scene = _scene_of_data(read_scene_data(path, up, lod))
     if not flag(cutouts, "cutouts") and isinstance(scene, Scene):
         scene.ignore_alpha()
+    if transmittance:
+        scene.data.set_transmittance(transmittance)
     scene.crs = given_crs or scene.crs
     for note in group_notes(scene.notes):
         warnings.warn(note, UserWarning, stacklevel=2)

@@ -4,13 +4,14 @@ Shading normals are stored relative to their triangles (`normals_in_frames`), so
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .materials import Material, MeshAppearance, Texture
+from .materials import PLAIN, Material, MeshAppearance, Texture
 from .mesh import Source
 from .scene_bounds import faces_of
 
@@ -37,6 +38,20 @@ class Appearance:
         """The textures of all materials, each once."""
         return list(dict.fromkeys(m.texture for m in self.materials if m.texture is not None))
 
+    def has_material(self, pattern: str) -> NDArray[np.bool_]:
+        """(n,) bool: the faces whose material has a name that matches, as file names do."""
+        chosen = [k for k, material in enumerate(self.materials) if fnmatchcase(material.name, pattern)]
+        return np.isin(self.material_of_face, chosen)
+
+    def with_transmittance(self, faces: NDArray[np.bool_], transmittance: tuple[float, float, float]) -> "Appearance":
+        """The appearance with copies of the materials of some faces, which let light pass."""
+        materials, material_of_face = list(self.materials), self.material_of_face.copy()
+        for k in np.unique(self.material_of_face[faces]):
+            material = self.materials[k] if k >= 0 else PLAIN
+            material_of_face[faces & (self.material_of_face == k)] = len(materials)
+            materials.append(material._replace(transmittance=transmittance))
+        return replace(self, materials=materials, material_of_face=material_of_face)
+
 
 class _MeshFaces(NamedTuple):
     """The faces of all copies of a mesh."""
@@ -52,9 +67,17 @@ class _MeshFaces(NamedTuple):
         return slice(self.first, self.first + self.copies * len(self.faces))
 
 
-def appearance_of(source: Source, n: int) -> Appearance | None:
-    """The appearance of the n faces of a source; None if every face has a plain colour."""
-    parts = list(_parts(source))
+def plain_appearance(n: int) -> Appearance:
+    """The appearance of n faces with plain colours."""
+    return Appearance([], np.full(n, -1, np.int32), None, None, None, None, np.zeros(n, np.bool_))
+
+
+def appearance_of(source: Source, n: int, plain: bool = False) -> Appearance | None:
+    """The appearance of the n faces of a source; None if every face has a plain colour.
+
+    plain : whether to include the materials of meshes with one colour per face
+    """
+    parts = list(_parts(source, plain))
     if not parts:
         return None
     looks = {id(part.look): part.look for part in parts}
@@ -72,11 +95,11 @@ def appearance_of(source: Source, n: int) -> Appearance | None:
     return Appearance(materials, material_of_face, uv, colours, *_normals(parts, n), textured)
 
 
-def _parts(source: Source) -> Iterator[_MeshFaces]:
+def _parts(source: Source, plain: bool) -> Iterator[_MeshFaces]:
     first = 0
     for piece in source.pieces(0.0):
         count, copies = faces_of(piece), len(piece.vertices)
-        if piece.look is not None and count:
+        if piece.look is not None and count and (plain or not piece.look.is_plain):
             faces = np.arange(3 * count).reshape(-1, 3) if piece.faces is None else piece.faces
             yield _MeshFaces(piece.look, faces, first, copies, piece.linear)
         first += count * copies

@@ -260,6 +260,12 @@ class MeshAppearance(NamedTuple):
     material_of_face: NDArray[np.int32] | None = None  # (f,) int32: index in `materials`, or -1; None: the only one
     textured: NDArray[np.bool_] | None = None  # (f,) bool: textured faces; None: all if there is `uv`
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether one colour per face suffices, so that only the names of materials matter."""
+        varied = self.uv is not None or self.colours is not None or self.normals is not None
+        return not varied and not any(material.lets_light_pass for material in self.materials)
+
 
 def look_of(
     material: Material,
@@ -268,13 +274,12 @@ def look_of(
     normals: ArrayLike | None = None,
     rest_positions: NDArray[Any] | None = None,
 ) -> MeshAppearance | None:
-    """The look of a mesh; None if one colour per face suffices."""
+    """The look of a mesh; None if one colour per face suffices and the material has no name."""
     uv = None if uv is None or material.texture is None else np.nan_to_num(np.asarray(uv, np.float32))
-    if uv is None and colours is None and normals is None and material.alpha_mode == OPAQUE:
-        return None
     colours = None if colours is None else rgba_rows(colours)
     normals = None if normals is None else np.nan_to_num(np.asarray(normals, np.float32))
-    return MeshAppearance((material,), uv, colours, normals, None if normals is None else rest_positions)
+    look = MeshAppearance((material,), uv, colours, normals, None if normals is None else rest_positions)
+    return None if look.is_plain and not material.name else look
 
 
 def rgba_rows(colours: NDArray[Any]) -> NDArray[np.float32]:

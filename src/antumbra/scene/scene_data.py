@@ -5,21 +5,21 @@
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array, checked_instance, choice, items, number, quoted, text, whole_number
+from ..checks import as_array, checked_instance, choice, items, number, parts_of, quoted, text, whole_number
 from ..errors import InputError, one_line
 from .alpha_masks import Cutouts, find_cutouts
-from .appearance import Appearance, appearance_of
+from .appearance import Appearance, appearance_of, plain_appearance
 from .camera import Camera
 from .lights import Light
-from .materials import OPAQUE
 from .mesh import MeshInfo, ObjectInfo, Source
 from .scene_bounds import Survey, faces_of, frame_origin, objects_of
 from .triangles import Triangles
@@ -111,6 +111,10 @@ class SceneData(ABC):
         """Make all faces solid. Call it before the first query."""
         assert self.cutouts is None, "only scenes in memory have cut-outs"
 
+    def set_transmittance(self, shares: Mapping[str, float | Sequence[float]]) -> None:
+        """Let a share of the light pass through materials or objects. InputError for stores, which have neither."""
+        raise InputError(f"{self.name}: all faces of a store are solid; leave transmittance out")
+
     @property
     @abstractmethod
     def object_of_face(self) -> NDArray[np.int32]:
@@ -180,6 +184,7 @@ class SceneData(ABC):
 # --- Scenes in memory -------------------------------------------------------------------------------------------------
 
 
+_MOST_NAMES = 12  # in errors
 _MOMENTS = 25  # times of an animation at which the lowest point is sampled
 
 
@@ -275,6 +280,19 @@ class MemoryData(SceneData):
         """Make all faces solid. Call it before the first query."""
         self.cutouts = None
 
+    def set_transmittance(self, shares: Mapping[str, float | Sequence[float]]) -> None:
+        """Let a share of the light pass through materials or objects; see `antumbra.Scene.set_transmittance`."""
+        appearance = appearance_of(self.source, self.n_triangles, plain=True) or plain_appearance(self.n_triangles)
+        objects = [each.name for each in self.objects]
+        for pattern, share in _checked_shares(shares):
+            chosen = [k for k, name in enumerate(objects) if fnmatchcase(name, pattern)]
+            faces = np.isin(self.object_of_face, chosen) | appearance.has_material(pattern)
+            if not faces.any():
+                names = ", ".join(sorted({*objects, *(m.name for m in appearance.materials)} - {""})[:_MOST_NAMES])
+                raise InputError(f"{self.name}: no material or object is called {pattern!r}; there are: {names}")
+            appearance = appearance.with_transmittance(faces, share)
+        self.cutouts = find_cutouts(appearance)
+
     def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
         """The triangles at `time` (seconds, clamped to 0 .. `duration`), recentred, always in the same order.
 
@@ -312,13 +330,28 @@ def check_up_axis(up: str) -> str:
     return axis
 
 
+def _checked_shares(shares: Mapping[str, float | Sequence[float]]) -> list[tuple[str, tuple[float, float, float]]]:
+    """Patterns of names, and shares of red, green and blue."""
+    checked = []
+    if not isinstance(shares, Mapping):
+        raise InputError(f"transmittance is {quoted(shares)}; give a dict of names and shares")
+    for pattern, share in shares.items():
+        what = f"transmittance of {quoted(pattern)}"
+        values = parts_of(share) or [share] * 3
+        if len(values) != 3:
+            raise InputError(f"{what} is {quoted(share)}; it must be a number, or red, green and blue")
+        red, green, blue = (number(value, what, 0.0, 1.0, "[]") for value in values)
+        checked.append((text(pattern, "a name in transmittance"), (red, green, blue)))
+    return checked
+
+
 def _survey(source: Source) -> tuple[np.ndarray, np.ndarray, bool, bool]:
     """Bounds ((2, 3) float64) and colours ((n, 3) float32) at time 0; whether any mesh has a look, and alpha."""
     survey, colours, looks, alpha = Survey(source.file), [np.empty((0, 3), np.float32)], False, False
     for piece in source.pieces(0.0):
         survey.add(piece)
-        looks = looks or piece.look is not None
-        alpha = alpha or (piece.look is not None and any(m.alpha_mode != OPAQUE for m in piece.look.materials))
+        looks = looks or (piece.look is not None and not piece.look.is_plain)
+        alpha = alpha or (piece.look is not None and any(m.lets_light_pass for m in piece.look.materials))
         shape = piece.vertices.shape[0], faces_of(piece), 3
         colours.append(np.broadcast_to(piece.colour, shape).reshape(-1, 3))
     return survey.bounds(), np.concatenate(colours), looks, alpha

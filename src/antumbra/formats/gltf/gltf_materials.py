@@ -20,6 +20,7 @@ MAX_IMAGE_BYTES = 1 << 28
 _WRAPS = {10497: REPEAT, 33071: CLAMP, 33648: MIRROR}
 _NEAREST = 9728
 _TRANSFORM = "KHR_texture_transform"
+_TRANSMISSION = "KHR_materials_transmission"
 _SPECULAR = "KHR_materials_pbrSpecularGlossiness"  # the older material model, archived but common
 
 
@@ -70,6 +71,7 @@ class Materials:
             alpha_mode=mode,
             cutoff=fields.number("alphaCutoff", 0.5),
             double_sided=fields.flag("doubleSided"),
+            transmission=_transmission(fields),
         )
         if model is None:
             return MappedMaterial(material)
@@ -135,6 +137,12 @@ class Materials:
         return bytes(buffer[start : start + size])
 
 
+def _transmission(material: Fields) -> float:
+    """The share of its base colour that light keeps when it passes a surface, from KHR_materials_transmission."""
+    extension = material.extension(_TRANSMISSION)
+    return 0.0 if extension is None else float(np.clip(extension.number("transmissionFactor", 0.0), 0.0, 1.0))
+
+
 def _matrix(transform: Fields) -> NDArray[np.float64]:
     """(2, 3) float64: offset times rotation times scale of KHR_texture_transform."""
     angle = transform.number("rotation", 0.0)
@@ -148,7 +156,7 @@ def _matrix(transform: Fields) -> NDArray[np.float64]:
 
 
 _EXTENSIONS = {
-    "transmission": ("KHR_materials_transmission", "KHR_materials_volume", "KHR_materials_diffuse_transmission"),
+    "refraction and volumes": ("KHR_materials_volume", "KHR_materials_diffuse_transmission"),
     "clearcoat": ("KHR_materials_clearcoat",),
     "sheen": ("KHR_materials_sheen",),
     "iridescence": ("KHR_materials_iridescence",),
@@ -175,6 +183,9 @@ def _ignored_properties(material: Fields) -> Iterator[str]:
         yield "occlusion maps"
     if "emissiveTexture" in material or np.any(material.numbers("emissiveFactor", 3, np.zeros(3))):
         yield "emission"
+    transmission = material.extension(_TRANSMISSION)
+    if transmission is not None and "transmissionTexture" in transmission:
+        yield "transmission maps"
     for name, extensions in _EXTENSIONS.items():
         if any(material.extension(extension) is not None for extension in extensions):
             yield name

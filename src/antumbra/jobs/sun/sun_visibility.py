@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 
 from ...engine.plan import Plan
 from ...engine.precompilation import Job, fixed_job, precompile
-from ...engine.scene import AnyScene
+from ...engine.scene import AnyScene, Scene
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
+from ...query.light_samples import light_samples
 from ...query.query_bounds import morton_codes
 from ...query.receivers import Receivers
 from ...scene.light_lists import DirectionalLights
 from ...scene.lights import MAX_SPP, tangents
+from ...trace.transmission import TracedQuery
 from ..bit_matrices import RowFile, hidden_sun_rows
 from ..executors import LocalExecutor
 from ..scene_records import scene_digest
@@ -88,13 +90,16 @@ class Tally(NamedTuple):
 
 
 @inlined
-def _visible_share(row, places, k):
-    """The share of the samples of sun k that a sensor sees."""
-    samples, visible = places.shape[1], np.int64(0)
+def _visible_share(row, passing, places, k):
+    """The share of the light of sun k that a sensor gets; `passing`: that of each direction, empty if all is 0 or 1."""
+    samples, light = places.shape[1], 0.0
     for s in range(samples):
         at = places[k, s]
-        visible += 1 - np.int64(row[at >> 6] >> np.uint64(at & 63) & np.uint64(1))
-    return np.float64(visible) / samples
+        if len(passing) > 0:
+            light += np.float64(passing[at])
+        else:
+            light += np.float64(1 - np.int64(row[at >> 6] >> np.uint64(at & 63) & np.uint64(1)))
+    return light / samples
 
 
 @inlined
@@ -107,13 +112,14 @@ def _cosine(normals, i, directions, k):
 
 
 @kernel
-def _tally_rows(ticket, bits, normals, calendar, tally):
+def _tally_rows(ticket, bits, passing, normals, calendar, tally):
     n_suns, n_bins = calendar.bins.shape
+    partial = passing.shape[1] > 0
     for i in items(ticket):
         total = energy = run_hours = longest = 0.0
         first = last = -1
         for k in range(n_suns):
-            share = _visible_share(bits[i], calendar.places, k)
+            share = _visible_share(bits[i], passing[i if partial else 0], calendar.places, k)
             if calendar.starts[k] or share < 0.5:
                 run_hours = 0.0
             if share == 0.0:
@@ -131,21 +137,26 @@ def _tally_rows(ticket, bits, normals, calendar, tally):
         tally.first[i], tally.last[i] = first, last
 
 
+class SunLight(NamedTuple):
+    """The light of all directions at n sensors, in bundle order."""
+
+    bits: NDArray[np.uint64]  # (n, w) uint64: a set bit marks an occluded direction
+    passing: NDArray[np.float32]  # (n, 64 w) float32: share of the light that arrives; (1, 0): all of it or none
+
+
 def tally_of(
-    bits: NDArray[np.uint64], normals: NDArray[np.float64] | None, calendar: Calendar, columns: int,
-    threads: int | None = None,
-) -> Tally:  # fmt: skip
+    light: SunLight, normals: NDArray[np.float64] | None, calendar: Calendar, columns: int, threads: int | None = None
+) -> Tally:
     """The sums of n sensors.
 
-    bits : (n, w) uint64: a set bit marks an occluded sample
     normals : (n, 3) float64 unit vectors, or None: light arrives perpendicularly
     columns : number of bins
     """
-    n = len(bits)
+    n = len(light.bits)
     hours, binned, energy, longest = np.zeros(n), np.zeros((n, columns)), np.zeros(n), np.zeros(n)
     tally = Tally(hours, binned, energy, longest, np.zeros(n, np.int32), np.zeros(n, np.int32))
     normals = np.empty((0, 3)) if normals is None else np.ascontiguousarray(normals, np.float64)
-    run(_tally_rows, thread_count(threads), new_ticket(n, 64), bits, normals, calendar, tally)
+    run(_tally_rows, thread_count(threads), new_ticket(n, 64), *light, normals, calendar, tally)
     return tally
 
 
@@ -243,15 +254,23 @@ class SunSums:
 
     def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
         query, indices = self._query, self._order[first:last]
-        bits = _bits_of(query, indices)
+        at_once = max(1, _PASSING_BYTES // (4 * len(query.towards) + 1)) if _transmits(query.scene) else len(indices)
+        parts = [self._sums(indices[k : k + at_once]) for k in range(0, len(indices), at_once)]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+    def _sums(self, indices: np.ndarray) -> dict[str, np.ndarray]:
+        """The sums of some sensors."""
+        query = self._query
+        light = _light_of(query, indices)
         normals = None if query.sensors.normals is None else query.sensors.normals[indices]
-        sums = tally_of(bits, normals, query.calendar, query.columns, query.threads)._asdict()
-        return {**sums, "matrix": hidden_sun_rows(bits, query.calendar.places)} if self._matrix else sums
+        sums = tally_of(light, normals, query.calendar, query.columns, query.threads)._asdict()
+        return {**sums, "matrix": hidden_sun_rows(light.bits, query.calendar.places)} if self._matrix else sums
 
     def tally(self) -> Tally:
         """The sums of each sensor, in the original order, once all parts are done."""
         if not len(self._order):
-            return tally_of(np.empty((0, 1), np.uint64), None, self._query.calendar, self._query.columns)
+            nothing = SunLight(np.empty((0, 1), np.uint64), _WHOLE)
+            return tally_of(nothing, None, self._query.calendar, self._query.columns)
         done = self.parts.joined(Tally._fields)
         return Tally(**{name: values[np.argsort(self._order)] for name, values in done.items()})
 
@@ -280,12 +299,23 @@ def sum_suns(query: SunQuery, folder: Path | None = None, what: str = "suns") ->
     return tally
 
 
-def _bits_of(query: SunQuery, which: np.ndarray) -> np.ndarray:
-    """(n, w) uint64: the occlusion bits of some sensors, in bundle order. Suns behind all of them are not traced."""
+_WHOLE = np.empty((1, 0), np.float32)  # `SunLight.passing` if the light of a direction arrives whole or not at all
+_PASSING_BYTES = 1 << 26  # of `SunLight.passing` at a time
+
+
+def _transmits(scene: AnyScene) -> bool:
+    """Whether some surfaces let a part of the light pass."""
+    cutouts = scene.cutouts if isinstance(scene, Scene) else None
+    return cutouts is not None and cutouts.channels > 0
+
+
+def _light_of(query: SunQuery, which: np.ndarray) -> SunLight:
+    """The light of all directions at some sensors. Suns behind all of them are not traced."""
     sensors, m = query.sensors, len(query.towards)
     receivers, engine = query.receivers.take(which), query.scene.engine.with_options(query.plan, query.threads, None)
     normals = None if sensors.normals is None else sensors.normals[which]
     bits = np.full((len(which), -(-m // 64)), ~np.uint64(0))
+    passing = np.zeros((len(which), 64 * bits.shape[1]), np.float32) if _transmits(query.scene) else _WHOLE
     bundles = _in_front(query.towards, normals)
     for batch in np.split(bundles, range(MAX_SPP // BUNDLE, len(bundles), MAX_SPP // BUNDLE)):
         places = (batch[:, None] * BUNDLE + np.arange(BUNDLE)).ravel()
@@ -293,9 +323,23 @@ def _bits_of(query: SunQuery, which: np.ndarray) -> np.ndarray:
         if not len(places):
             continue
         lights = DirectionalLights(-query.towards[places])
-        occluded = engine.visibility(receivers, [lights]).bits[:, 0]
+        (traced,) = engine.shadows(receivers, [lights], [light_samples(lights, 1)])
+        occluded = traced.bits[0]
         bits.view(np.uint16)[:, batch] = occluded.view(np.uint16)[:, : len(batch)]  # a bundle is a word of 16 bits
-    return bits
+        if passing is not _WHOLE:
+            passing[:, places] = _arriving_shares(traced)
+    return SunLight(bits, passing)
+
+
+def _arriving_shares(traced: TracedQuery) -> NDArray[np.float32]:
+    """(n, samples) float32: the share of the light of each sample that arrives, a mean over its channels."""
+    bits = np.ascontiguousarray(traced.bits[0]).view(np.uint8)
+    shares = np.unpackbits(bits, axis=1, count=traced.spp, bitorder="little") == 0
+    out: NDArray[np.float32] = shares.astype(np.float32)
+    if traced.light is not None:
+        there = traced.light.rows[0] >= 0
+        out[there] = traced.light.values[traced.light.rows[0, there]].mean(-1)
+    return out
 
 
 def _in_front(towards: np.ndarray, normals: np.ndarray | None) -> np.ndarray:
@@ -320,6 +364,6 @@ def tally_job() -> Job:
         calendar = Calendar(
             np.zeros((1, 1), np.int32), ones, np.zeros((1, 1), np.int32), np.ones(1, bool), ones, np.zeros((1, 3))
         )
-        tally_of(bits, None, calendar, 1, 1)
+        tally_of(SunLight(bits, _WHOLE), None, calendar, 1, 1)
 
     return fixed_job("sun hours", work)
