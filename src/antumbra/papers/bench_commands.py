@@ -208,7 +208,7 @@ class CullingOptions(NamedTuple):
             show_default=False,
         ),
     ] = None
-    plot: Annotated[Path | None, plot_option("break-even")] = None
+    plot: Annotated[Path | None, plot_option("the paper's results beside ours, and break-even")] = None
     tracer: Annotated[
         list[str] | None,
         typer.Option(
@@ -220,17 +220,23 @@ class CullingOptions(NamedTuple):
     size: ImageSize = "1366x768"
     cellar: Annotated[str, typer.Option(help="Triangles in the cellar.", metavar="N")] = "1M"
     video: Annotated[str, typer.Option(help="Triangles in the animated city (Table 4).", metavar="N")] = "1M"
-    frames: Annotated[int, typer.Option(help="Animation frames to measure.", min=1, max=1000)] = 4
+    frames: Annotated[
+        int, typer.Option(help="Evenly spaced frames of the animation to measure, each once.", min=1, max=1000)
+    ] = 24
+    cameras: Annotated[int, typer.Option(help="Random cameras in each part of Sponza.", min=2, max=1000)] = 30
     rounds: Rounds = 3
     threads: Threads = None
 
 
-@benchmark(size="320x180", cellar="250k", video="100k", frames=3, rounds=1)
+@benchmark(size="320x180", cellar="250k", video="100k", frames=2, cameras=4, rounds=1)
 def pre_bvh_culling(run: BenchRun, options: CullingOptions) -> BenchResult:
-    """Time to image with and without pre-BVH culling [Selgrad et al. 2015, Tables 1 to 4, Figures 2 and 7].
+    """Time to image with and without pre-BVH culling [Selgrad et al. 2015, Tables 1 to 4, Figures 2 to 7].
 
-    Tables 1 to 3 cover the paper's four views; Table 4 covers an animated city. Figure 2 compares the grid with a
-    convex region around receivers and lights, which antumbra culling --culler grid32:convex draws.
+    Tables 1 to 3 cover the paper's four views, with cells marked as published (grid32:paper) and by hulls (grid32).
+    Table 4 covers an animated city. Figure 2 compares both with a convex region around receivers and lights, which
+    antumbra culling --culler grid32:convex draws, also for random cameras in Sponza.
+
+    With --output, the views with 15 samples (Figures 3 to 6) and their marked cells (Figure 2d) are drawn.
 
     \b
     Examples
@@ -250,20 +256,32 @@ def pre_bvh_culling(run: BenchRun, options: CullingOptions) -> BenchResult:
 
     from .benchmark_views import agree
     from .pre_bvh_culling import culling_measurements as bench
-    from .pre_bvh_culling.culling_tables import print_tables, write_plot
+    from .pre_bvh_culling import culling_views
+    from .pre_bvh_culling.culling_charts import write_charts, write_pictures
+    from .pre_bvh_culling.culling_tables import CullingRows, print_tables
 
-    effort = thread_count(options.threads), options.rounds, run.say
+    threads, rounds = thread_count(options.threads), options.rounds
     run.say("making the scenes")
-    views = bench.culling_views(options.sponza, size, cellar)
-    times = [t for view in views for name in tracers for t in bench.times_to_image(view, name, *effort)]
-    grids = [row for view in views for row in bench.grid_rows(view, bench.USUAL, (), *effort)]
-    frames = bench.video_views(video, options.frames, size)
-    filmed = [row for view in frames for row in bench.grid_rows(view, bench.VIDEO, tracers, *effort)]
-    answer = {"tracers": tracers, "size": size, "rounds": options.rounds, "frames": options.frames}
-    answer |= {"threads": effort[0], "time_to_image": records(times)}
-    answer |= {"grids": records(grids), "video": records(filmed)}
-    same = agree((t.figure, t.bits) for t in times)
-    return BenchResult(answer, partial(print_tables, times, grids, filmed, tracers), partial(write_plot, times), same)
+    sponza = culling_views.sponza_scene(options.sponza)
+    views = culling_views.culling_views(sponza, size, cellar)
+    cameras = culling_views.random_views(sponza, options.cameras, size) if sponza else []
+    frames = culling_views.video_views(video, options.frames, size)
+    rows = CullingRows(
+        times=[
+            t for view in views for name in tracers for t in bench.times_to_image(view, name, threads, rounds, run.say)
+        ],
+        grids=[row for view in views for row in bench.grid_rows(view, bench.USUAL, (), threads, rounds, run.say)],
+        shares=bench.random_shares(cameras, threads, run.say),
+        video=bench.video_rows(frames, tracers, threads, run.say),
+    )
+    folder = run.pictures()
+    if folder is not None:
+        write_pictures(views, folder, threads, run.say)
+    answer = {"tracers": tracers, "size": size, "rounds": rounds, "frames": options.frames, "threads": threads}
+    answer |= {"time_to_image": records(rows.times), "grids": records(rows.grids)}
+    answer |= {"random": records(rows.shares, "quartiles"), "video": records(rows.video)}
+    same = agree((t.figure, t.bits) for t in rows.times)
+    return BenchResult(answer, partial(print_tables, rows, tracers), partial(write_charts, rows), same)
 
 
 def _check_tracer(name: str) -> None:
