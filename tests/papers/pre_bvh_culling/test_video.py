@@ -9,12 +9,15 @@ from antumbra.papers.pre_bvh_culling.culling_measurements import (
     PUBLISHED,
     REGION,
     USUAL,
+    Effort,
     GridRow,
     grid_rows,
     mean_rows,
 )
 from antumbra.papers.pre_bvh_culling.culling_views import video_views
 from antumbra.picture.renderer import Renderer
+
+EFFORT = Effort(threads=2, rounds=1, limit=1.0, say=lambda text: None)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +47,7 @@ def test_no_plan_changes_a_bit(views, plan):
 
 
 def test_a_convex_region_leaves_the_most(views):
-    rows = grid_rows(views[-1], USUAL, (), 2, 1, lambda text: None)
+    rows = grid_rows(views[-1], USUAL, (), EFFORT)
     left = {row.marked: row.remaining for row in rows}
     assert set(left) == {OURS, PUBLISHED, REGION} and 0 < left[OURS] <= left[REGION] <= 1
     assert all(row.build == row.trace == {} for row in rows)

@@ -11,16 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...picture.renderer import Renderer
+from ...picture.frame import Frame
 from ...techniques.culling.culling_grid import tiles_of
 from ...techniques.culling.pre_bvh_culling import mark_segments
-from ..bench_runner import Say, plot_sheet
+from ..bench_runner import plot_sheet
 from .cell_marking import LINES, source_cells
 from .culling_measurements import (
-    METHODS,
     OURS,
     PUBLISHED,
-    SAMPLES,
     TimeToImage,
     break_even,
     queries_of,
@@ -48,7 +46,8 @@ def write_charts(rows: CullingRows, path: Path) -> None:
             for panel, figure in zip(row, figures):
                 _draw_curves(panel, {t.method: t for t in rows.times if (t.figure, t.tracer) == (figure, tracer)})
             row[0].set_ylabel("time to image / BSAH's")
-        below.axes[0].legend(fontsize=7)
+        handles, names = below.axes[0].get_legend_handles_labels()
+        below.legend(handles, names, loc="outside upper center", ncols=len(names), title="dashed: the paper's (GPU)")
 
 
 # --- The paper's results beside ours ----------------------------------------------------------------------------------
@@ -72,22 +71,23 @@ def _draw_remaining(panel: Any, rows: CullingRows) -> None:
     views = list(dict.fromkeys(view for view, _ in shares))
     theirs = [100 * REMAINING[view] if view in REMAINING else None for view in views]
     ours = {colour: [shares[v, marked] for v in views] for colour, marked in ((_LINES, PUBLISHED), (_HULLS, OURS))}
-    _bars(panel, [_short(view) for view in views], {_PAPER: theirs, **ours})
+    names = [f"{view},\nrandom" if (view, OURS) in spread else _short(view) for view in views]
+    _bars(panel, names, {_PAPER: theirs, **ours})
     for (view, marked), (low, middle, high) in spread.items():
         if marked in (PUBLISHED, OURS):
             x = views.index(view) + 0.27 * (marked == OURS)
             panel.errorbar(x, middle, [[middle - low], [high - middle]], color="black", capsize=3, linewidth=1)
-    panel.set(title="Triangles left, %", ylim=(0, 100))
+    panel.set(title="Triangles left, % (random cameras: median and quartiles)", ylim=(0, 100))
     panel.legend(fontsize=8)
 
 
-def _short(view: str) -> str:
-    return view.replace("Figure", "Fig.") if view.startswith("Figure") else f"{view},\nrandom"
+def _short(figure: str) -> str:
+    return figure.replace("Figure", "Fig.")
 
 
 def _draw_ratios(panel: Any, times: list[TimeToImage], figures: Sequence[str]) -> None:
     """Draw the times to image with one sample in per cent of LBVH's: LBVH and TL-LBVH culled, in each view."""
-    totals = {(t.figure, t.method): t.total(1) for t in times}
+    totals = {(t.figure, t.method): t.cull + t.build + t.trace[1] for t in times}
     groups = [(figure, builder) for figure in figures for builder in ("LBVH", "TL-LBVH")]
     ours = {
         colour: [100 * totals[figure, f"{builder}{suffix}"] / totals[figure, "LBVH"] for figure, builder in groups]
@@ -110,9 +110,9 @@ def _published_ratio(figure: str, method: str) -> float | None:
 
 def _sums(t: TimeToImage, spp: NDArray[np.float64]) -> NDArray[np.float64]:
     """Time to image in seconds for any number of samples, by linear interpolation and extrapolation."""
-    traced = np.array([t.trace[s] for s in SAMPLES])
-    beyond = np.maximum(spp - SAMPLES[-1], 0) * seconds_a_sample(t)
-    sums: NDArray[np.float64] = t.cull + t.build + np.interp(spp, SAMPLES, traced) + beyond
+    samples, traced = list(t.trace), list(t.trace.values())
+    beyond = np.maximum(spp - samples[-1], 0) * seconds_a_sample(t)
+    sums: NDArray[np.float64] = t.cull + t.build + np.interp(spp, samples, traced) + beyond
     return sums
 
 
@@ -137,15 +137,10 @@ def _draw_curves(panel: Any, methods: dict[str, TimeToImage]) -> None:
 # --- Pictures ---------------------------------------------------------------------------------------------------------
 
 
-def write_pictures(views: Sequence[CullingView], folder: Path, threads: int, say: Say) -> None:
-    """Write Figures 3 to 6 with 15 samples, and Figure 2d for the same views."""
-    for view in views:
-        say(f"picture of {view.figure}")
-        frame = Renderer(view.scene, f"{METHODS['LBVH culled']}+multifrusta", threads).render(
-            view.camera, view.lights, spp=15
-        )
+def write_pictures(views: Sequence[CullingView], frames: Sequence[Frame], folder: Path, threads: int) -> None:
+    """Write the frames of Figures 3 to 6, and Figure 2d for the same views."""
+    for view, frame in zip(views, frames):
         frame.save(folder / f"pre-bvh-culling-{view.figure.lower().replace(' ', '')}.png")
-    say("pictures of the cells")
     with plot_sheet(folder / "pre-bvh-culling-cells.png", 4.0 * len(views), 6.4) as sheet:
         panels = sheet.subplots(2, len(views), squeeze=False)
         for column, view in zip(panels.T, views):

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...engine.accelerator import Accelerator
 from ...errors import InputError
+from ...picture.frame import Frame
 from ...picture.renderer import Renderer
 from ...query.light_samples import light_samples
 from ...query.shadow_query import ShadowQuery, shadow_queries
@@ -37,8 +38,14 @@ METHODS = {
 }
 """Method -> culler and builder of a plan. Names without grid32 are the paper's, and "culled" is its own marking."""
 
-SAMPLES = (1, 10, 15, 100)
-"""Samples per pixel and light: those of Table 3, and the 15 of Fig. 3 to 6."""
+SAMPLES = (1, 10, 100)
+"""Samples per pixel and light in Table 3."""
+
+FIGURE_SAMPLES = 15
+"""Samples per pixel and light in Fig. 3 to 6."""
+
+FIGURE_METHODS = ("LBVH", "LBVH culled", "LBVH, grid32")
+"""Methods that are timed with these samples."""
 
 PUBLISHED, OURS, REGION = "as published", "hulls", "convex region"
 MARKINGS = {PUBLISHED: LINES, OURS: HULLS, REGION: CONVEX}
@@ -48,10 +55,10 @@ USUAL = {PUBLISHED: (32,), OURS: (32,), REGION: (32,)}
 """Marking -> grids of Tables 1 and 2, and of Fig. 2."""
 
 VIDEO = {PUBLISHED: (16, 32, 64), OURS: (16, 32, 64, 128, 256)}
-"""Marking -> grids of Table 4."""
+"""Marking -> grids of Table 4 in every frame."""
 
-VIDEO_ONCE = {**VIDEO, PUBLISHED: (16, 32, 64, 128, 256)}
-"""Marking -> grids of Table 4 in the first frame. Walking lines in the finest grids takes too long for every frame."""
+FINEST = (128, 256)
+"""Further grids that are marked as published, in the first frame only: walking their lines takes seconds."""
 
 BUILDERS = ("lbvh", "tl-lbvh")
 
@@ -66,12 +73,13 @@ class TimeToImage(NamedTuple):
     shade: float
     cull: float
     build: float
-    trace: dict[int, float]  # samples -> seconds
+    trace: dict[int, float]  # samples -> seconds, without sample counts that take too long
     remaining: float  # share of the triangles in the BVH
     bits: bytes  # digest of the answer
 
-    def total(self, spp: int) -> float:
-        return self.cull + self.build + self.trace[spp]
+    def total(self, spp: int) -> float | None:
+        """Seconds of culling, building and tracing; None if not measured."""
+        return self.cull + self.build + self.trace[spp] if spp in self.trace else None
 
 
 class GridRow(NamedTuple):
@@ -87,36 +95,112 @@ class GridRow(NamedTuple):
     views: int = 1  # number of views; over one: means
 
 
-def times_to_image(view: CullingView, tracer: str, threads: int, rounds: int, say: Say) -> list[TimeToImage]:
+class Effort(NamedTuple):
+    """How much to measure."""
+
+    threads: int
+    rounds: int
+    limit: float  # in seconds; sample counts predicted to take longer per picture are skipped
+    say: Say
+
+
+class _MethodLap(NamedTuple):
+    """One round of one method."""
+
+    timings: dict[int, dict[str, float]]  # samples -> phase -> seconds
+    bits: bytes  # digest of the answers with all sample counts
+
+
+def times_to_image(view: CullingView, tracer: str, effort: Effort) -> list[TimeToImage]:
     """Measure Tables 1 to 3 for one view and tracer; InputError if its camera sees nothing."""
-    renderers = {m: Renderer(view.scene, f"{part}+{tracer}", threads) for m, part in METHODS.items()}
-    bits: dict[str, bytes] = {}
+    pictures = {m: _Pictures(view, f"{part}+{tracer}", effort) for m, part in METHODS.items()}
+    samples = pictures["LBVH"].affordable_samples()
 
-    def render(method: str, turn: int) -> dict[int, dict[str, float]]:
-        timings = {}
-        for spp in SAMPLES if turn >= 0 else SAMPLES[:1]:
-            say(f"{view.figure}, {method}, {tracer}, {spp} samples, {round_text(turn, rounds)}")
-            frame = renderers[method].render(view.camera, view.lights, spp=spp, time=view.time)
-            if not frame.rays:
-                raise InputError(f"{view.figure}: the camera sees nothing; give Crytek's Sponza, in centimetres")
-            timings[spp], bits[method] = frame.timings, digest(frame.bits)
-        return timings
+    def measure(method: str, turn: int) -> _MethodLap:
+        frames = {}
+        for spp in samples if turn >= 0 else samples[:1]:
+            effort.say(f"{view.figure}, {method}, {tracer}, {spp} samples, {round_text(turn, effort.rounds)}")
+            frames[spp] = pictures[method].render(spp)
+        bits = digest(bits for frame in frames.values() for bits in frame.bits)
+        return _MethodLap({spp: frame.timings for spp, frame in frames.items()}, bits)
 
-    laps = interleave(METHODS, rounds, render, warm_up=1)
-    remaining = remaining_shares(view, threads)
+    laps = interleave(METHODS, effort.rounds, measure, warm_up=1)
+    remaining = remaining_shares(view, effort.threads)
+    return [_time_to_image(view.figure, tracer, method, each, remaining) for method, each in laps.items()]
+
+
+def _time_to_image(
+    figure: str, tracer: str, method: str, laps: Sequence[_MethodLap], remaining: Mapping[str, float]
+) -> TimeToImage:
+    """The medians of a method's rounds; `remaining`: marking -> share of the triangles."""
+    times = [lap.timings for lap in laps]
+    gbuffer, shade, culling, build = (
+        median(phases[phase] for lap in times for phases in lap.values())
+        for phase in ("gbuffer", "shade", "cull", "build")
+    )
+    trace = {spp: median(lap[spp]["trace"] for lap in times) for spp in times[0]}
+    marked = PUBLISHED if "culled" in method else OURS
+    share = remaining[marked] if METHODS[method].startswith("grid") else 1.0
+    return TimeToImage(figure, tracer, method, gbuffer, shade, culling, build, trace, share, laps[0].bits)
+
+
+class _Pictures:
+    """Pictures of a view by one plan."""
+
+    def __init__(self, view: CullingView, plan: str, effort: Effort):
+        self._view, self._limit = view, effort.limit
+        self._renderer = Renderer(view.scene, plan, effort.threads)
+
+    def render(self, spp: int) -> Frame:
+        """A picture; InputError if the camera sees nothing."""
+        view = self._view
+        frame = self._renderer.render(view.camera, view.lights, spp=spp, time=view.time)
+        if not frame.rays:
+            raise InputError(f"{view.figure}: the camera sees nothing; give Crytek's Sponza, in centimetres")
+        return frame
+
+    def affordable_samples(self) -> list[int]:
+        """The first of SAMPLES, and those whose tracing is predicted to stay below the limit, from the one before."""
+        samples = [SAMPLES[0]]
+        self.render(samples[0])  # warms up
+        for spp in SAMPLES[1:]:
+            if self.render(samples[-1]).timings["trace"] * spp / samples[-1] > self._limit:
+                break
+            samples.append(spp)
+        return samples
+
+
+class FigureTime(NamedTuple):
+    """Seconds of one method in one of Fig. 3 to 6, with 15 samples."""
+
+    figure: str
+    tracer: str
+    method: str  # one of FIGURE_METHODS
+    cull: float
+    build: float
+    trace: float
+
+    @property
+    def total(self) -> float:
+        return self.cull + self.build + self.trace
+
+
+def figure_times(view: CullingView, tracer: str, effort: Effort) -> tuple[list[FigureTime], Frame]:
+    """Measure one of Fig. 3 to 6; also returns its picture, which is the same with all methods."""
+    pictures = {method: _Pictures(view, f"{METHODS[method]}+{tracer}", effort) for method in FIGURE_METHODS}
+    latest: list[Frame] = []
+
+    def measure(method: str, turn: int) -> dict[str, float]:
+        effort.say(f"{view.figure}, {method}, {tracer}, {FIGURE_SAMPLES} samples, {round_text(turn, effort.rounds)}")
+        latest[:] = [pictures[method].render(FIGURE_SAMPLES)]
+        return latest[0].timings
+
+    laps = interleave(FIGURE_METHODS, effort.rounds, measure)
     rows = []
     for method, times in laps.items():
-        gbuffer, shade, culling, build = (
-            median(lap[spp][phase] for lap in times for spp in SAMPLES)
-            for phase in ("gbuffer", "shade", "cull", "build")
-        )
-        trace = {spp: median(lap[spp]["trace"] for lap in times) for spp in SAMPLES}
-        marked = PUBLISHED if "culled" in method else OURS
-        share = remaining[marked] if METHODS[method].startswith("grid") else 1.0
-        rows.append(
-            TimeToImage(view.figure, tracer, method, gbuffer, shade, culling, build, trace, share, bits[method])
-        )
-    return rows
+        phases = medians(times)
+        rows.append(FigureTime(view.figure, tracer, method, phases["cull"], phases["build"], phases["trace"]))
+    return rows, latest[0]
 
 
 def queries_of(view: CullingView, threads: int, spp: int = 1) -> tuple[Triangles, list[ShadowQuery]]:
@@ -136,13 +220,14 @@ def remaining_shares(view: CullingView, threads: int) -> dict[str, float]:
 
 
 def grid_rows(
-    view: CullingView, grids: Mapping[str, Sequence[int]], tracers: Sequence[str], threads: int, rounds: int, say: Say
+    view: CullingView, grids: Mapping[str, Sequence[int]], tracers: Sequence[str], effort: Effort
 ) -> list[GridRow]:
     """Measure culling in one view with `grids`, such as USUAL or VIDEO.
 
     With `tracers`, build and trace times are measured too: first for all triangles, then for those that remain with
     each grid.
     """
+    threads, rounds = effort.threads, effort.rounds
     plans = [f"{builder}+{tracer}" for builder in BUILDERS for tracer in tracers]
     accelerators = {plan: Renderer(view.scene, plan, threads).accelerator for plan in plans}
     triangles, queries = queries_of(view, threads)
@@ -150,7 +235,7 @@ def grid_rows(
     for marked, sizes in grids.items():
         _culled(triangles, queries, threads, min(sizes), MARKINGS[marked])  # warms up
         for n in sizes:
-            say(f"{view.figure}, {view.time:.2f} s, grid of {n}, {marked}")
+            effort.say(f"{view.figure}, {view.time:.2f} s, grid of {n}, {marked}")
             laps = [_culled(triangles, queries, threads, n, MARKINGS[marked]) for _ in range(rounds)]
             culled = laps[0][0]
             times = _all_traced(accelerators, triangles, culled, queries, rounds)
@@ -159,10 +244,16 @@ def grid_rows(
     return rows if tracers else rows[1:]
 
 
-def video_rows(views: Sequence[CullingView], tracers: Sequence[str], threads: int, say: Say) -> list[GridRow]:
+def published_grids(finest: int) -> dict[str, tuple[int, ...]]:
+    """Marking -> grids of Table 4 in the first frame, those marked as published up to `finest` cells per axis."""
+    return {**VIDEO, PUBLISHED: tuple(n for n in (*VIDEO[PUBLISHED], *FINEST) if n <= finest)}
+
+
+def video_rows(views: Sequence[CullingView], tracers: Sequence[str], finest: int, effort: Effort) -> list[GridRow]:
     """Measure Table 4: each frame once, as the table has means over all frames."""
-    grids = [VIDEO_ONCE, *[VIDEO] * (len(views) - 1)]
-    return [row for view, each in zip(views, grids) for row in grid_rows(view, each, tracers, threads, 1, say)]
+    grids = [published_grids(finest), *[VIDEO] * (len(views) - 1)]
+    once = effort._replace(rounds=1)
+    return [row for view, each in zip(views, grids) for row in grid_rows(view, each, tracers, once)]
 
 
 def _culled(
@@ -205,13 +296,14 @@ def _traced(
 
 def seconds_a_sample(t: TimeToImage) -> float:
     """Seconds per additional sample."""
-    return (t.trace[SAMPLES[-1]] - t.trace[SAMPLES[0]]) / (SAMPLES[-1] - SAMPLES[0])
+    first, last = min(t.trace), max(t.trace)
+    return (t.trace[last] - t.trace[first]) / (last - first) if last > first else t.trace[first] / first
 
 
 def break_even(slow: TimeToImage, fast: TimeToImage) -> float:
     """The number of samples from which `slow`, with its longer build, is as fast as `fast`; inf if never (Fig. 7)."""
     first = SAMPLES[0]
-    behind = slow.total(first) - fast.total(first)
+    behind = slow.cull + slow.build + slow.trace[first] - fast.cull - fast.build - fast.trace[first]
     gain = seconds_a_sample(fast) - seconds_a_sample(slow)
     if gain > 0.0:
         return max(first, first + behind / gain)
@@ -252,11 +344,11 @@ class RandomShares(NamedTuple):
         return [float(q) for q in np.quantile(self.shares, (0.25, 0.5, 0.75))]
 
 
-def random_shares(views: Sequence[CullingView], threads: int, say: Say) -> list[RandomShares]:
+def random_shares(views: Sequence[CullingView], effort: Effort) -> list[RandomShares]:
     """Measure what each marking leaves in `random_views`, for each of their parts."""
     found: dict[tuple[str, str], list[float]] = {}
     for k, view in enumerate(views):
-        say(f"{view.figure}, random camera {k + 1} of {len(views)}")
-        for marked, share in remaining_shares(view, threads).items():
+        effort.say(f"{view.figure}, random camera {k + 1} of {len(views)}")
+        for marked, share in remaining_shares(view, effort.threads).items():
             found.setdefault((view.figure, marked), []).append(share)
     return [RandomShares(*key, shares) for key, shares in found.items()]

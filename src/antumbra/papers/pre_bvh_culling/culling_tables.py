@@ -7,10 +7,13 @@ from ...techniques.culling.pre_bvh_culling import STEPS
 from ..bench_runner import TableColumn, beside, columns_of, label, ms, percent, print_notes, print_table
 from .culling_measurements import (
     BUILDERS,
+    FIGURE_SAMPLES,
     METHODS,
     OURS,
     PUBLISHED,
     REGION,
+    SAMPLES,
+    FigureTime,
     GridRow,
     RandomShares,
     TimeToImage,
@@ -28,9 +31,6 @@ from .culling_published import (
     published_total,
 )
 
-_TABLE_3 = (1, 10, 100)  # samples per pixel and light
-_FIGURES = 15  # samples of Fig. 3 to 6
-
 _STEPS = {
     "sources": "G-buffer to grid",
     "mark": "mark cells",
@@ -44,6 +44,7 @@ class CullingRows(NamedTuple):
     """All rows of the benchmark."""
 
     times: list[TimeToImage]
+    figures: list[FigureTime]
     grids: list[GridRow]
     shares: list[RandomShares]
     video: list[GridRow]
@@ -54,7 +55,7 @@ def print_tables(rows: CullingRows, tracers: Sequence[str]) -> None:
     _print_remaining(rows)
     _print_details(rows.times, rows.grids)
     _print_times(rows.times)
-    _print_figures(rows.times)
+    _print_figures(rows.figures)
     _print_grids(mean_rows(rows.video), tracers)
     print("Where the paper contradicts itself")
     print_notes(CONTRADICTIONS)
@@ -124,58 +125,64 @@ def _details(figure: str, tracer: str, times: list[TimeToImage], grids: list[Gri
 # --- Table 3, Fig. 3 to 7 ---------------------------------------------------------------------------------------------
 
 
-def _of_lbvh(times: list[TimeToImage], t: TimeToImage, spp: int) -> str:
-    """The time to image in per cent of LBVH's, with the paper's in brackets."""
-    lbvh = next(o for o in times if (o.figure, o.tracer, o.method) == (t.figure, t.tracer, "LBVH"))
-    published = None
-    if t.method in TIME_TO_IMAGE.get(t.figure, {}):
-        published = 100 * published_total(t.figure, t.method, spp) / published_total(t.figure, "LBVH", spp)
-    return beside(percent(t.total(spp) / lbvh.total(spp)), published, 0)
-
-
-def _even(times: list[TimeToImage], t: TimeToImage) -> str:
-    """The number of samples from which BSAH without culling is as fast, with the paper's in brackets."""
-    if t.method == "BSAH":
+def _of_lbvh(figure: str, method: str, spp: int, total: float | None, lbvh: float | None) -> str:
+    """A time to image in per cent of LBVH's, with the paper's in brackets."""
+    if total is None or lbvh is None:
         return ""
-    last = next(o for o in times if (o.figure, o.tracer, o.method) == (t.figure, t.tracer, "BSAH"))
+    published = None
+    if method in TIME_TO_IMAGE.get(figure, {}):
+        published = 100 * published_total(figure, method, spp) / published_total(figure, "LBVH", spp)
+    return beside(percent(total / lbvh), published, 0)
+
+
+def _even(last: TimeToImage, t: TimeToImage) -> str:
+    """The number of samples from which BSAH without culling is as fast, with the paper's in brackets."""
+    if t is last:
+        return ""
     known = t.method in TIME_TO_IMAGE.get(t.figure, {})
     return beside(f"{break_even(last, t):.0f}", published_break_even(t.figure, t.method) if known else None, 0)
 
 
-def _columns(times: list[TimeToImage]) -> list[TableColumn]:
-    """The columns that name a row."""
-    return [
-        label("view", "figure"),
-        label("tracer", "tracer"),
-        label("method", "method"),
-        label("culler and builder", lambda t: METHODS[t.method]),
-    ]
+_NAMES = (
+    label("view", "figure"),
+    label("tracer", "tracer"),
+    label("method", "method"),
+    label("culler and builder", lambda t: METHODS[t.method]),
+)
 
 
 def _print_times(times: list[TimeToImage]) -> None:
     """Print Table 3, with the paper's ratios to LBVH in brackets, and the break-even points of Figure 7."""
+    by = {(t.figure, t.tracer, t.method): t for t in times}
+
+    def ratio(t: TimeToImage, spp: int) -> str:
+        return _of_lbvh(t.figure, t.method, spp, t.total(spp), by[t.figure, t.tracer, "LBVH"].total(spp))
+
     columns = (
-        *_columns(times),
+        *_NAMES,
         TableColumn("cull", lambda t: ms(t.cull)),
         TableColumn("build", lambda t: ms(t.build)),
-        TableColumn("trace 1 spp", lambda t: ms(t.trace[1])),
-        *columns_of({spp: f"total {spp} spp" for spp in _TABLE_3}, lambda t, spp: ms(t.total(spp))),
-        *columns_of({spp: f"% of LBVH {spp} spp" for spp in _TABLE_3}, lambda t, spp: _of_lbvh(times, t, spp)),
-        TableColumn("BSAH breaks even, spp", lambda t: _even(times, t)),
+        TableColumn("trace 1 spp", lambda t: ms(t.trace[SAMPLES[0]])),
+        *columns_of({spp: f"total {spp} spp" for spp in SAMPLES}, lambda t, spp: ms(t.total(spp))),
+        *columns_of({spp: f"% of LBVH {spp} spp" for spp in SAMPLES}, ratio),
+        TableColumn("BSAH breaks even, spp", lambda t: _even(by[t.figure, t.tracer, "BSAH"], t)),
     )
     print_table("Time to image, ms (Table 3 and Figure 7; the paper's results in brackets)", columns, times)
 
 
-def _print_figures(times: list[TimeToImage]) -> None:
-    """Print the times of Figures 3 to 6 with their 15 samples, for which the paper has the images only."""
+def _print_figures(times: list[FigureTime]) -> None:
+    """Print the times of Figures 3 to 6 with their 15 samples, of which the paper shows only the images."""
+    by = {(t.figure, t.method): t.total for t in times}
     columns = (
-        *_columns(times),
-        TableColumn("trace", lambda t: ms(t.trace[_FIGURES])),
-        TableColumn("time to image", lambda t: ms(t.total(_FIGURES))),
-        TableColumn("% of LBVH", lambda t: _of_lbvh(times, t, _FIGURES)),
+        *_NAMES,
+        TableColumn("cull", lambda t: ms(t.cull)),
+        TableColumn("build", lambda t: ms(t.build)),
+        TableColumn("trace", lambda t: ms(t.trace)),
+        TableColumn("total", lambda t: ms(t.total)),
+        TableColumn("% of LBVH", lambda t: _of_lbvh(t.figure, t.method, FIGURE_SAMPLES, t.total, by[t.figure, "LBVH"])),
     )
     title = "Figures 3 to 6 with 15 samples, ms (in brackets the paper's, computed from its times as in Table 3)"
-    print_table(title, columns, [t for t in times if "culled" in t.method or t.method == "LBVH"])
+    print_table(title, columns, times)
 
 
 # --- Table 4 ----------------------------------------------------------------------------------------------------------
