@@ -77,7 +77,7 @@ def _draw_remaining(panel: Any, rows: CullingRows) -> None:
         if marked in (PUBLISHED, OURS):
             x = views.index(view) + 0.27 * (marked == OURS)
             panel.errorbar(x, middle, [[middle - low], [high - middle]], color="black", capsize=3, linewidth=1)
-    panel.set(title="Triangles left, % (random cameras: median and quartiles)", ylim=(0, 100))
+    panel.set(title="Triangles left, % (random: median, quartiles)", ylim=(0, 100))
     panel.legend(fontsize=8)
 
 
