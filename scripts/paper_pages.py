@@ -80,8 +80,8 @@ def _alt(name: str, picture: str) -> str:
 
 def pictures_of(name: str, folder: Path) -> list[Path]:
     """The plot of a benchmark and its other pictures."""
-    further = sorted(folder.glob("*-figure-*.png")) if name == "chc-rt" else []
-    return [path for path in (folder / f"{name}.png", *further) if path.is_file()]
+    further = folder.glob("*-figure-*.png" if name == "chc-rt" else f"{name}-*.png")
+    return [path for path in (folder / f"{name}.png", *sorted(further)) if path.is_file()]
 
 
 def main(folder: Path) -> None:

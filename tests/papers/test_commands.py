@@ -13,7 +13,7 @@ TINY = ("--size", "40x24", "--cellar", "5k", "--video", "5k", "--frames", "2", "
 @pytest.fixture
 def culling(cli, monkeypatch):
     """Runs the benchmark of pre-BVH culling with small scenes."""
-    from antumbra.papers.pre_bvh_culling import culling_measurements as culling_views
+    from antumbra.papers.pre_bvh_culling import culling_views
 
     monkeypatch.delenv("ANTUMBRA_SCENES", raising=False)
     whole = culling_views.procedural
@@ -28,25 +28,35 @@ def test_tables_of_pre_bvh_culling(culling):
     assert told["same_bits"] and told["tracers"] == ["single"]
     assert {(t["figure"], t["method"]) for t in told["time_to_image"]} >= {
         ("Figure 6", "TL-LBVH culled"),
+        ("Figure 6", "BSAH, grid32"),
         ("atrium", "BSAH"),
+    }
+    assert all(list(t["trace"]) == ["1", "10", "100"] for t in told["time_to_image"])
+    assert {(t["figure"], t["method"]) for t in told["figures"]} == {
+        (f, m) for f in ("Figure 6", "atrium") for m in ("LBVH", "LBVH culled", "LBVH, grid32")
     }
     assert {(g["figure"], g["marked"]) for g in told["grids"]} == {
         (f, m) for f in ("Figure 6", "atrium") for m in ("hulls", "as published", "convex region")
     }
-    assert len(told["video"]) == 2 * (1 + 5 + 3)
-    assert {g["grid"] for g in told["video"]} == {0, 16, 32, 64, 128, 256}
+    assert len(told["video"]) == 2 * (1 + 5 + 3) + 2 and told["random"] == []
+    for marked in ("hulls", "as published"):
+        assert {g["grid"] for g in told["video"] if g["marked"] == marked} == {16, 32, 64, 128, 256}
     for g in told["grids"] + told["video"]:
         assert 0 < g["remaining"] <= 1 and (g["grid"] == 0) == (g["steps"] == {})
-        assert set(g["trace"]) == ({"lbvh+single", "tl-lbvh+single"} if g["build"] else set())
+        assert set(g["trace"]) == set(g["build"])
+    assert all(set(g["trace"]) == {"lbvh+single", "tl-lbvh+single"} for g in told["video"])
 
 
 def test_for_people_and_the_plot(culling, tmp_path):
     pytest.importorskip("matplotlib")
-    done = culling("--plot", "even.png")
+    done = culling("--plot", "even.png", "--output", "found")
     assert done.code == 0 and "the same by all methods" in done.out and "as published" in done.out
-    parts = "Tables 1 and 2", "scan and pack", "Table 3", "Figure 2b", "Table 4", "single, 1 spp", "multifrusta, 1 spp"
-    assert all(part in done.out for part in parts)
+    parts = "Tables 1 and 2", "scan and pack", "Table 3", "Fig. 2b", "Table 4", "single, 1 spp", "multifrusta, 1 spp"
+    found = (tmp_path / "found" / "pre-bvh-culling.md").read_text()
+    assert all(part in found for part in (*parts, "with 15 samples", "contradicts itself", "1.405"))
     assert (tmp_path / "even.png").stat().st_size > 10_000
+    pictures = {path.name for path in (tmp_path / "found").glob("pre-bvh-culling-*.png")}
+    assert pictures == {f"pre-bvh-culling-{name}.png" for name in ("atrium", "figure6", "cells")}
 
 
 SMALL = ("procedural:cellar?triangles=2k", "--size", "24", "--timed-size", "16", "--rounds", "1")

@@ -208,7 +208,7 @@ class CullingOptions(NamedTuple):
             show_default=False,
         ),
     ] = None
-    plot: Annotated[Path | None, plot_option("break-even")] = None
+    plot: Annotated[Path | None, plot_option("the paper's results beside ours, and break-even")] = None
     tracer: Annotated[
         list[str] | None,
         typer.Option(
@@ -217,25 +217,42 @@ class CullingOptions(NamedTuple):
             show_default=False,
         ),
     ] = None
-    size: ImageSize = "1366x768"
+    size: ImageSize = "512x288"
     cellar: Annotated[str, typer.Option(help="Triangles in the cellar.", metavar="N")] = "1M"
     video: Annotated[str, typer.Option(help="Triangles in the animated city (Table 4).", metavar="N")] = "1M"
-    frames: Annotated[int, typer.Option(help="Animation frames to measure.", min=1, max=1000)] = 4
+    frames: Annotated[
+        int, typer.Option(help="Evenly spaced frames of the animation to measure, each once.", min=1, max=1000)
+    ] = 24
+    cameras: Annotated[int, typer.Option(help="Random cameras in each part of Sponza.", min=2, max=1000)] = 30
+    finest: Annotated[
+        int,
+        typer.Option(
+            help="Finest grid to mark as published, in cells per axis (Table 4).", metavar="N", min=64, max=256
+        ),
+    ] = 256
+    limit: Annotated[
+        float,
+        typer.Option(help="Skip sample counts predicted to take longer per picture.", metavar="SECONDS", min=0.0),
+    ] = 5.0
     rounds: Rounds = 3
     threads: Threads = None
 
 
-@benchmark(size="320x180", cellar="250k", video="100k", frames=3, rounds=1)
+@benchmark(size="192x108", cellar="250k", video="100k", frames=2, cameras=4, finest=64, limit=0.5, rounds=1)
 def pre_bvh_culling(run: BenchRun, options: CullingOptions) -> BenchResult:
-    """Time to image with and without pre-BVH culling [Selgrad et al. 2015, Tables 1 to 4, Figures 2 and 7].
+    """Time to image with and without pre-BVH culling [Selgrad et al. 2015, Tables 1 to 4, Figures 2 to 7].
 
-    Tables 1 to 3 cover the paper's four views; Table 4 covers an animated city. Figure 2 compares the grid with a
-    convex region around receivers and lights, which antumbra culling --culler grid32:convex draws.
+    Tables 1 to 3 cover the paper's four views, with cells marked as published (grid32:paper) and by hulls (grid32).
+    Table 4 covers an animated city. Figure 2 compares both with a convex region around receivers and lights, which
+    antumbra culling --culler grid32:convex draws, also for random cameras in Sponza.
+
+    With --output, the views with 15 samples (Figures 3 to 6) and their marked cells (Figure 2d) are drawn.
 
     \b
     Examples
       antumbra bench pre-bvh-culling
-      antumbra bench pre-bvh-culling --sponza sponza.glb --rounds 5 --plot break_even.png
+      antumbra bench pre-bvh-culling --sponza sponza.glb --rounds 5 --plot results.png
+      antumbra bench pre-bvh-culling --size 1366x768 --limit 60 --tracer multifrusta
       antumbra bench pre-bvh-culling --tracer single --size 683x384 --cellar 250k --video 250k
     """
     size = arguments.parse_size(options.size)
@@ -250,20 +267,34 @@ def pre_bvh_culling(run: BenchRun, options: CullingOptions) -> BenchResult:
 
     from .benchmark_views import agree
     from .pre_bvh_culling import culling_measurements as bench
-    from .pre_bvh_culling.culling_tables import print_tables, write_plot
+    from .pre_bvh_culling import culling_views
+    from .pre_bvh_culling.culling_charts import write_charts, write_pictures
+    from .pre_bvh_culling.culling_tables import CullingRows, print_tables
 
-    effort = thread_count(options.threads), options.rounds, run.say
+    effort = bench.Effort(thread_count(options.threads), options.rounds, options.limit, run.say)
     run.say("making the scenes")
-    views = bench.culling_views(options.sponza, size, cellar)
-    times = [t for view in views for name in tracers for t in bench.times_to_image(view, name, *effort)]
-    grids = [row for view in views for row in bench.grid_rows(view, bench.USUAL, (), *effort)]
-    frames = bench.video_views(video, options.frames, size)
-    filmed = [row for view in frames for row in bench.grid_rows(view, bench.VIDEO, tracers, *effort)]
-    answer = {"tracers": tracers, "size": size, "rounds": options.rounds, "frames": options.frames}
-    answer |= {"threads": effort[0], "time_to_image": records(times)}
-    answer |= {"grids": records(grids), "video": records(filmed)}
-    same = agree((t.figure, t.bits) for t in times)
-    return BenchResult(answer, partial(print_tables, times, grids, filmed, tracers), partial(write_plot, times), same)
+    sponza = culling_views.sponza_scene(options.sponza)
+    views = culling_views.culling_views(sponza, size, cellar)
+    cameras = culling_views.random_views(sponza, options.cameras, size) if sponza else []
+    frames = culling_views.video_views(video, options.frames, size)
+    figures = [bench.figure_times(view, tracers[-1], effort) for view in views]
+    rows = CullingRows(
+        times=[t for view in views for name in tracers for t in bench.times_to_image(view, name, effort)],
+        figures=[t for times, _ in figures for t in times],
+        grids=[row for view in views for row in bench.grid_rows(view, bench.USUAL, (), effort)],
+        shares=bench.random_shares(cameras, effort),
+        video=bench.video_rows(frames, tracers, options.finest, effort),
+    )
+    folder = run.pictures()
+    if folder is not None:
+        run.say("drawing the figures")
+        write_pictures(views, [frame for _, frame in figures], folder, effort.threads)
+    answer = {"tracers": tracers, "size": size, "rounds": effort.rounds, "frames": options.frames}
+    answer |= {"threads": effort.threads, "limit": effort.limit, "time_to_image": records(rows.times)}
+    answer |= {"figures": records(rows.figures, "total"), "grids": records(rows.grids)}
+    answer |= {"random": records(rows.shares, "quartiles"), "video": records(rows.video)}
+    same = agree((f"{t.figure}, {list(t.trace)}", t.bits) for t in rows.times)
+    return BenchResult(answer, partial(print_tables, rows, tracers), partial(write_charts, rows), same)
 
 
 def _check_tracer(name: str) -> None:

@@ -34,7 +34,8 @@ from ..trace.rays.ray_traversal import NEAREST, RANDOM, SRDH, Ordered
 from ..trace.rays.single_rays import trace_shadow
 from .multi_frusta import packet_baselines as packet256
 from .multi_frusta import published_frusta as frusta
-from .pre_bvh_culling.cell_marking import mark_convex, mark_lines
+from .pre_bvh_culling.cell_marking import LINES
+from .pre_bvh_culling.convex_region import CONVEX
 from .ray_hierarchy.cone_hierarchy import CONES, find_combination
 
 # --- Aggressive mode ``chcrt:N``: skips subtrees that few rays of a tile may hit [Mattausch et al. 2015, Sec. 7] ------
@@ -132,13 +133,16 @@ NEEDS = Path(__file__).with_name("needs.json")
 """The kernels that each method calls; see `kernels.toolchain.kernel_manifest`."""
 
 CULLERS = {
-    "grid32:paper": Culler(
-        partial(cull, n=32, mark=mark_lines, whole=True),
-        "as grid32, but marks lines between cells, in a grid over the whole scene",
-        SELGRAD,
-    ),
+    **{
+        f"grid{n}:paper": Culler(
+            partial(cull, n=n, method=LINES),
+            f"as grid{n}, but marks lines between cells, in a grid over the whole scene",
+            SELGRAD,
+        )
+        for n in (32, 16, 64)
+    },
     "grid32:convex": Culler(
-        partial(cull, n=32, mark=mark_convex),
+        partial(cull, n=32, method=CONVEX),
         "as grid32, but marks a convex region around receivers and lights",
         f"{SELGRAD}, Fig. 2b",
     ),

@@ -5,16 +5,19 @@ import pytest
 
 import antumbra as at
 from antumbra.papers.pre_bvh_culling.culling_measurements import (
-    CONVEX,
-    HULLS,
-    LINES,
+    OURS,
+    PUBLISHED,
+    REGION,
     USUAL,
+    Effort,
     GridRow,
     grid_rows,
     mean_rows,
-    video_views,
 )
+from antumbra.papers.pre_bvh_culling.culling_views import video_views
 from antumbra.picture.renderer import Renderer
+
+EFFORT = Effort(threads=2, rounds=1, limit=1.0, say=lambda text: None)
 
 
 @pytest.fixture(scope="module")
@@ -44,17 +47,17 @@ def test_no_plan_changes_a_bit(views, plan):
 
 
 def test_a_convex_region_leaves_the_most(views):
-    rows = grid_rows(views[-1], USUAL, (), 2, 1, lambda text: None)
+    rows = grid_rows(views[-1], USUAL, (), EFFORT)
     left = {row.marked: row.remaining for row in rows}
-    assert set(left) == {HULLS, LINES, CONVEX} and 0 < left[HULLS] <= left[CONVEX] <= 1
+    assert set(left) == {OURS, PUBLISHED, REGION} and 0 < left[OURS] <= left[REGION] <= 1
     assert all(row.build == row.trace == {} for row in rows)
 
 
 def test_means():
-    row = lambda grid, left, ms: GridRow("video", grid, HULLS, left, {"mark": ms}, {"lbvh+single": 2 * ms}, {})
+    row = lambda grid, left, ms: GridRow("video", grid, OURS, left, {"mark": ms}, {"lbvh+single": 2 * ms}, {})
     mean, other = mean_rows([row(16, 0.5, 1.0), row(32, 0.25, 4.0), row(16, 0.25, 3.0)])
-    assert mean == ("mean", 16, HULLS, 0.375, {"mark": 2.0}, {"lbvh+single": 4.0}, {})
-    assert other.grid == 32 and other.steps == {"mark": 4.0}
+    assert mean == ("mean", 16, OURS, 0.375, {"mark": 2.0}, {"lbvh+single": 4.0}, {}, 2)
+    assert other.grid == 32 and other.steps == {"mark": 4.0} and other.views == 1
 
 
 def test_the_still_scene_stays(views):

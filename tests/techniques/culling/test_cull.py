@@ -11,14 +11,15 @@ from hypothesis import strategies as st
 import antumbra as at
 import oracle
 from antumbra.engine.method_registry import CULLERS
-from antumbra.papers.pre_bvh_culling.cell_marking import mark_convex, mark_lines
+from antumbra.papers.pre_bvh_culling.cell_marking import LINES
+from antumbra.papers.pre_bvh_culling.convex_region import CONVEX
 from antumbra.query.light_samples import light_samples
 from antumbra.query.query_bounds import reach
 from antumbra.query.receivers import FREE, NOTHING
 from antumbra.query.shadow_query import ShadowQuery, segments
 from antumbra.scene.triangles import Triangles
+from antumbra.techniques.culling.pre_bvh_culling import HULLS, marked_cells_of
 from antumbra.techniques.culling.pre_bvh_culling import cull as culling
-from antumbra.techniques.culling.pre_bvh_culling import marked_cells_of
 from asking import query_of
 from strategies import point_arrays, soups
 
@@ -98,16 +99,16 @@ def test_no_segment_meets_a_triangle_that_was_dropped(cull, vertices, light, dat
     _check(cull, triangles, [_query(triangles, points, light)])
 
 
-MARKINGS = {"hulls": {}, "lines": {"mark": mark_lines, "whole": True}, "convex": {"mark": mark_convex}}
+METHODS = {"hulls": HULLS, "lines": LINES, "convex": CONVEX}
 
 
-@pytest.mark.parametrize("options", MARKINGS.values(), ids=MARKINGS)
+@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
 @settings(max_examples=30, deadline=None)
 @given(n=st.sampled_from([3, 8, 16, 32]), seed=st.integers(0, 10**6), axis=st.integers(0, 2))
 @example(n=16, seed=0, axis=0)
-def test_triangles_that_only_touch_the_face_of_a_cell(options, n, seed, axis):
+def test_triangles_that_only_touch_the_face_of_a_cell(method, n, seed, axis):
     """Integer coordinates in a grid of cells of size 1: up to rounding, everything is on walls between cells."""
-    cull = partial(culling, **options, n=n)
+    cull = partial(culling, method=method, n=n)
     rng = np.random.default_rng(seed)
     flat = rng.integers(0, n + 1, (300, 1, 3)) + rng.integers(0, 2, (300, 3, 3))
     flat[:, :, axis] = flat[:, :1, axis]
@@ -204,6 +205,6 @@ def test_a_convex_region_has_more_than_the_grid():
     triangles = _triangles(rng.uniform((-10, 0, -10), (10, 4, 10), (4000, 1, 3)) + rng.uniform(-0.1, 0.1, (4000, 3, 3)))
     points = np.concatenate([rng.uniform((x, 0, -1), (x + 1, 0.1, 1), (30, 3)) for x in (-9, 8)])
     queries = [_query(triangles, points, at.SphereLight((0, 9, 0), 0.5))]
-    dropped, kept = _check(partial(culling, mark=mark_convex), triangles, queries)
+    dropped, kept = _check(partial(culling, method=CONVEX), triangles, queries)
     of_grid = _check(culling, triangles, queries)[1]
     assert dropped > 100 and 1.5 * of_grid < kept

@@ -1,15 +1,10 @@
-"""Measures the pre-BVH culling paper [Selgrad et al. 2015, Tables 1 to 4, Fig. 2, 7].
-
-The four views are reconstructed from the paper's pictures. In Table 4, a swaying procedural city with a flying camera
-replaces the paper's video: every triangle above the ground moves in every frame, so nothing from an earlier frame can
-be reused unchanged.
+"""Measures the pre-BVH culling paper [Selgrad et al. 2015, Tables 1 to 4, Fig. 2 to 7].
 
 As in the paper, time to image covers culling, building and tracing, but not the G-buffer and shading. All methods use
 the same tracer and alternate within each round; the median of the rounds counts.
 """
 
-from collections.abc import Generator, Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterable, Mapping, Sequence
 from statistics import median
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -17,148 +12,53 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...engine.accelerator import Accelerator
-from ...engine.scene import AnyScene, Scene, procedural
-from ...engine.scene_loading import load
 from ...errors import InputError
+from ...picture.frame import Frame
 from ...picture.renderer import Renderer
 from ...query.light_samples import light_samples
 from ...query.shadow_query import ShadowQuery, shadow_queries
-from ...scene.camera import Camera
-from ...scene.lights import Light, QuadLight
-from ...scene.mesh import Piece
 from ...scene.triangles import Triangles
-from ...techniques.culling.pre_bvh_culling import STEPS, cull
+from ...techniques.culling.pre_bvh_culling import HULLS, STEPS, CullResult, MarkingMethod, cull
 from ..bench_runner import Say, interleave, medians, round_text
-from ..benchmark_views import digest, real_path
-from .cell_marking import mark_convex, mark_lines
-
-# --- Views ------------------------------------------------------------------------------------------------------------
-
-
-_SPONZA = {
-    "Figure 3": ((-1150.0, 120.0, -180.0), (200.0, 420.0, 60.0)),
-    "Figure 4": ((1180.0, 230.0, -40.0), (-1100.0, 150.0, 20.0)),
-    "Figure 5": ((-1020.0, 640.0, 420.0), (700.0, 520.0, 330.0)),
-}
-"""Figure -> position and target of the camera: along the court, over the whole court, and in the upper gallery."""
-
-
-class CullingView(NamedTuple):
-    """A view of the paper."""
-
-    figure: str
-    scene: AnyScene
-    camera: Camera
-    lights: list[Light]
-    time: float = 0.0  # seconds into the animation
-
-
-def culling_views(sponza: Path | None, size: tuple[int, int], cellar_triangles: int) -> list[CullingView]:
-    """The views of Figures 3 to 5, in Crytek's Sponza, and of Figure 6, in a procedural cellar.
-
-    Sponza is a file in centimetres, or $ANTUMBRA_SCENES/sponza_crytek/scene.glb. Without it, a view of the procedural
-    atrium with as many triangles replaces the first three.
-    """
-    cellar = procedural("cellar", triangles=cellar_triangles)
-    last = CullingView("Figure 6", cellar, cellar.cameras[0].resized(*size), list(cellar.lights))
-    path = real_path("sponza_crytek") if sponza is None else sponza
-    if path is None:
-        atrium = procedural("atrium", triangles=262_267)
-        return [CullingView("atrium", atrium, atrium.cameras[0].resized(*size), list(atrium.lights)), last]
-    if not path.exists():
-        raise InputError(f"{path}: no such file; give Crytek's Sponza, or omit --sponza")
-    scene = load(path)
-    return [_in_sponza(figure, scene, size) for figure in _SPONZA] + [last]
-
-
-def _in_sponza(figure: str, scene: AnyScene, size: tuple[int, int]) -> CullingView:
-    """A view in Sponza with two area lights, a large one above the open roof and a smaller one behind the camera."""
-    position, target = (np.array(p) for p in _SPONZA[figure])
-    above = QuadLight((-900.0, 1400.0, -250.0), (1800.0, 0.0, 0.0), (0.0, 0.0, 450.0), intensity=2e6)
-    ahead = (target - position) / np.linalg.norm(target - position)
-    u = np.cross(ahead, (0.0, 1.0, 0.0))
-    u, v = 120.0 * u / np.linalg.norm(u), 120.0 * np.cross(u / np.linalg.norm(u), ahead)
-    behind = QuadLight(position - 60.0 * ahead + (0.0, 120.0, 0.0) - (u + v) / 2, u, v, intensity=3e5)
-    return CullingView(
-        figure, scene, Camera(position, target, vfov=60.0, width=size[0], height=size[1]), [above, behind]
-    )
-
-
-# --- Animation --------------------------------------------------------------------------------------------------------
-
-
-FIGURE = "video"
-SECONDS = 4.0  # length of the animation
-_SWAY = 0.02  # largest displacement, as a share of the height above the ground
-_FLIGHT = 0.6  # length of the flight, as a share of the distance from the first camera to its target
-
-
-class Swaying:
-    """The geometry of a static scene, displaced sideways in proportion to height (see `scene.mesh.Source`)."""
-
-    duration = SECONDS
-
-    def __init__(self, still: Scene):
-        self.file, self.meshes = f"swaying {still.name}", still.meshes
-        self.objects = still.objects
-        self._pieces, self._cameras, self._lights = list(still.source.pieces(0.0)), still.cameras, still.lights
-
-    def pieces(self, time: float) -> Generator[Piece, None, None]:
-        share = np.sin(2.0 * np.pi * time / SECONDS)
-        for piece in self._pieces:
-            x, y, z = np.moveaxis(np.asarray(piece.vertices, np.float64), -1, 0)
-            by = _SWAY * share * y
-            moved = np.stack([x + by * np.sin(0.05 * z), y, z + by * np.cos(0.05 * x)], -1)
-            yield piece._replace(vertices=moved.astype(piece.vertices.dtype))
-
-    def cameras(self, time: float) -> list[Camera]:
-        return self._cameras
-
-    def lights(self, time: float) -> list[Light]:
-        return self._lights
-
-
-def video_views(triangles: int, frames: int, size: tuple[int, int]) -> list[CullingView]:
-    """The frames of the animation, as views of one scene with about `triangles` triangles."""
-    still = procedural("city", triangles=triangles)
-    scene = Scene(Swaying(still), name="swaying city")
-    return [_frame(scene, still, time, size) for time in np.linspace(0.0, SECONDS, frames, endpoint=False).tolist()]
-
-
-def _frame(scene: Scene, still: Scene, time: float, size: tuple[int, int]) -> CullingView:
-    start = still.cameras[0]
-    position, target = np.asarray(start.position, float), np.asarray(start.target, float)
-    at = position + _FLIGHT * time / SECONDS * (target - position)
-    camera = Camera(at, target, start.up, start.vfov, *size)
-    return CullingView(FIGURE, scene, camera, list(still.lights), time)
-
-
-# --- Measurements -----------------------------------------------------------------------------------------------------
-
+from ..benchmark_views import digest
+from .cell_marking import LINES
+from .convex_region import CONVEX
+from .culling_views import CullingView
 
 METHODS = {
     "LBVH": "lbvh",
-    "LBVH culled": "grid32+lbvh",
+    "LBVH culled": "grid32:paper+lbvh",
+    "LBVH, grid32": "grid32+lbvh",
     "TL-LBVH": "tl-lbvh",
-    "TL-LBVH culled": "grid32+tl-lbvh",
+    "TL-LBVH culled": "grid32:paper+tl-lbvh",
+    "TL-LBVH, grid32": "grid32+tl-lbvh",
     "BSAH": "bsah",
+    "BSAH culled": "grid32:paper+bsah",
+    "BSAH, grid32": "grid32+bsah",
 }
-"""The paper's name of a method -> culler and builder of a plan."""
+"""Method -> culler and builder of a plan. Names without grid32 are the paper's, and "culled" is its own marking."""
 
-SAMPLES = (1, 10, 100)  # samples per pixel and light
-HULLS, LINES, CONVEX = "hulls", "as published", "convex region"
-MARKINGS: dict[str, dict[str, Any]] = {
-    HULLS: {},
-    LINES: {"mark": mark_lines, "whole": True},
-    CONVEX: {"mark": mark_convex},
-}
-"""Marking method -> extra arguments of `cull`. The convex region is that of Fig. 2b."""
+SAMPLES = (1, 10, 100)
+"""Samples per pixel and light in Table 3."""
 
-USUAL = {HULLS: (32,), LINES: (32,), CONVEX: (32,)}
-"""Marking method -> grids of Tables 1 and 2, and of Fig. 2."""
+FIGURE_SAMPLES = 15
+"""Samples per pixel and light in Fig. 3 to 6."""
 
-VIDEO = {HULLS: (16, 32, 64, 128, 256), LINES: (16, 32, 64)}
-"""Marking method -> grids of Table 4. Marking by lines takes too long in finer grids."""
+FIGURE_METHODS = ("LBVH", "LBVH culled", "LBVH, grid32")
+"""Methods that are timed with these samples."""
+
+PUBLISHED, OURS, REGION = "as published", "hulls", "convex region"
+MARKINGS = {PUBLISHED: LINES, OURS: HULLS, REGION: CONVEX}
+"""Name -> marking method. The convex region is that of Fig. 2b."""
+
+USUAL = {PUBLISHED: (32,), OURS: (32,), REGION: (32,)}
+"""Marking -> grids of Tables 1 and 2, and of Fig. 2."""
+
+VIDEO = {PUBLISHED: (16, 32, 64), OURS: (16, 32, 64, 128, 256)}
+"""Marking -> grids of Table 4 in every frame."""
+
+FINEST = (128, 256)
+"""Further grids that are marked as published, in the first frame only: walking their lines takes seconds."""
 
 BUILDERS = ("lbvh", "tl-lbvh")
 
@@ -173,12 +73,13 @@ class TimeToImage(NamedTuple):
     shade: float
     cull: float
     build: float
-    trace: dict[int, float]  # samples -> seconds
+    trace: dict[int, float]  # samples -> seconds, without sample counts that take too long
     remaining: float  # share of the triangles in the BVH
     bits: bytes  # digest of the answer
 
-    def total(self, spp: int) -> float:
-        return self.cull + self.build + self.trace[spp]
+    def total(self, spp: int) -> float | None:
+        """Seconds of culling, building and tracing; None if not measured."""
+        return self.cull + self.build + self.trace[spp] if spp in self.trace else None
 
 
 class GridRow(NamedTuple):
@@ -191,82 +92,174 @@ class GridRow(NamedTuple):
     steps: dict[str, float]  # step of STEPS -> seconds
     build: dict[str, float]  # builder+tracer -> seconds; empty if not measured
     trace: dict[str, float]  # builder+tracer -> seconds with one sample
+    views: int = 1  # number of views; over one: means
 
 
-def times_to_image(view: CullingView, tracer: str, threads: int, rounds: int, say: Say) -> list[TimeToImage]:
+class Effort(NamedTuple):
+    """How much to measure."""
+
+    threads: int
+    rounds: int
+    limit: float  # in seconds; sample counts predicted to take longer per picture are skipped
+    say: Say
+
+
+class _MethodLap(NamedTuple):
+    """One round of one method."""
+
+    timings: dict[int, dict[str, float]]  # samples -> phase -> seconds
+    bits: bytes  # digest of the answers with all sample counts
+
+
+def times_to_image(view: CullingView, tracer: str, effort: Effort) -> list[TimeToImage]:
     """Measure Tables 1 to 3 for one view and tracer; InputError if its camera sees nothing."""
-    renderers = {m: Renderer(view.scene, f"{part}+{tracer}", threads) for m, part in METHODS.items()}
-    bits: dict[str, bytes] = {}
+    pictures = {m: _Pictures(view, f"{part}+{tracer}", effort) for m, part in METHODS.items()}
+    samples = pictures["LBVH"].affordable_samples()
 
-    def render(method: str, turn: int) -> dict[int, dict[str, float]]:
-        timings = {}
-        for spp in SAMPLES if turn >= 0 else SAMPLES[:1]:
-            say(f"{view.figure}, {method}, {tracer}, {spp} samples, {round_text(turn, rounds)}")
-            frame = renderers[method].render(view.camera, view.lights, spp=spp, time=view.time)
-            if not frame.rays:
-                raise InputError(f"{view.figure}: the camera sees nothing; give Crytek's Sponza, in centimetres")
-            timings[spp], bits[method] = frame.timings, digest(frame.bits)
-        return timings
+    def measure(method: str, turn: int) -> _MethodLap:
+        frames = {}
+        for spp in samples if turn >= 0 else samples[:1]:
+            effort.say(f"{view.figure}, {method}, {tracer}, {spp} samples, {round_text(turn, effort.rounds)}")
+            frames[spp] = pictures[method].render(spp)
+        bits = digest(bits for frame in frames.values() for bits in frame.bits)
+        return _MethodLap({spp: frame.timings for spp, frame in frames.items()}, bits)
 
-    laps = interleave(METHODS, rounds, render, warm_up=1)
-    remaining = _remaining(view, renderers["LBVH culled"])
+    laps = interleave(METHODS, effort.rounds, measure, warm_up=1)
+    remaining = remaining_shares(view, effort.threads)
+    return [_time_to_image(view.figure, tracer, method, each, remaining) for method, each in laps.items()]
+
+
+def _time_to_image(
+    figure: str, tracer: str, method: str, laps: Sequence[_MethodLap], remaining: Mapping[str, float]
+) -> TimeToImage:
+    """The medians of a method's rounds; `remaining`: marking -> share of the triangles."""
+    times = [lap.timings for lap in laps]
+    gbuffer, shade, culling, build = (
+        median(phases[phase] for lap in times for phases in lap.values())
+        for phase in ("gbuffer", "shade", "cull", "build")
+    )
+    trace = {spp: median(lap[spp]["trace"] for lap in times) for spp in times[0]}
+    marked = PUBLISHED if "culled" in method else OURS
+    share = remaining[marked] if METHODS[method].startswith("grid") else 1.0
+    return TimeToImage(figure, tracer, method, gbuffer, shade, culling, build, trace, share, laps[0].bits)
+
+
+class _Pictures:
+    """Pictures of a view by one plan."""
+
+    def __init__(self, view: CullingView, plan: str, effort: Effort):
+        self._view, self._limit = view, effort.limit
+        self._renderer = Renderer(view.scene, plan, effort.threads)
+
+    def render(self, spp: int) -> Frame:
+        """A picture; InputError if the camera sees nothing."""
+        view = self._view
+        frame = self._renderer.render(view.camera, view.lights, spp=spp, time=view.time)
+        if not frame.rays:
+            raise InputError(f"{view.figure}: the camera sees nothing; give Crytek's Sponza, in centimetres")
+        return frame
+
+    def affordable_samples(self) -> list[int]:
+        """The first of SAMPLES, and those whose tracing is predicted to stay below the limit, from the one before."""
+        samples = [SAMPLES[0]]
+        self.render(samples[0])  # warms up
+        for spp in SAMPLES[1:]:
+            if self.render(samples[-1]).timings["trace"] * spp / samples[-1] > self._limit:
+                break
+            samples.append(spp)
+        return samples
+
+
+class FigureTime(NamedTuple):
+    """Seconds of one method in one of Fig. 3 to 6, with 15 samples."""
+
+    figure: str
+    tracer: str
+    method: str  # one of FIGURE_METHODS
+    cull: float
+    build: float
+    trace: float
+
+    @property
+    def total(self) -> float:
+        return self.cull + self.build + self.trace
+
+
+def figure_times(view: CullingView, tracer: str, effort: Effort) -> tuple[list[FigureTime], Frame]:
+    """Measure one of Fig. 3 to 6; also returns its picture, which is the same with all methods."""
+    pictures = {method: _Pictures(view, f"{METHODS[method]}+{tracer}", effort) for method in FIGURE_METHODS}
+    latest: list[Frame] = []
+
+    def measure(method: str, turn: int) -> dict[str, float]:
+        effort.say(f"{view.figure}, {method}, {tracer}, {FIGURE_SAMPLES} samples, {round_text(turn, effort.rounds)}")
+        latest[:] = [pictures[method].render(FIGURE_SAMPLES)]
+        return latest[0].timings
+
+    laps = interleave(FIGURE_METHODS, effort.rounds, measure)
     rows = []
     for method, times in laps.items():
-        gbuffer, shade, culling, build = (
-            median(lap[spp][phase] for lap in times for spp in SAMPLES)
-            for phase in ("gbuffer", "shade", "cull", "build")
-        )
-        trace = {spp: median(lap[spp]["trace"] for lap in times) for spp in SAMPLES}
-        share = remaining if METHODS[method].startswith("grid") else 1.0
-        rows.append(
-            TimeToImage(view.figure, tracer, method, gbuffer, shade, culling, build, trace, share, bits[method])
-        )
-    return rows
+        phases = medians(times)
+        rows.append(FigureTime(view.figure, tracer, method, phases["cull"], phases["build"], phases["trace"]))
+    return rows, latest[0]
 
 
-def _queries(view: CullingView, renderer: Renderer, spp: int) -> tuple[Triangles, list[ShadowQuery]]:
-    triangles = view.scene.triangles(view.time, renderer.threads)
-    gbuffer = renderer.see(triangles, view.camera, None)
+def queries_of(view: CullingView, threads: int, spp: int = 1) -> tuple[Triangles, list[ShadowQuery]]:
+    """The triangles of a view, and a query per light."""
+    renderer = Renderer(view.scene, "bsah+single", threads)
+    triangles = view.scene.triangles(view.time, threads)
+    gbuffer = renderer.see(triangles, view.camera)
     samples = [light_samples(light, spp) for light in view.lights]
-    return triangles, shadow_queries(triangles, gbuffer, view.lights, samples, threads=renderer.threads)
+    return triangles, shadow_queries(triangles, gbuffer, view.lights, samples, threads=threads)
 
 
-def _remaining(view: CullingView, renderer: Renderer) -> float:
-    triangles, queries = _queries(view, renderer, 1)
-    culled = renderer.accelerator.cull(triangles, queries)
-    assert culled is not None
-    return len(culled.kept) / len(triangles.vertices)
+def remaining_shares(view: CullingView, threads: int) -> dict[str, float]:
+    """Marking -> share of the triangles that it leaves in a view, with 32 cells per axis."""
+    triangles, queries = queries_of(view, threads)
+    kept = {marked: cull(triangles, queries, threads, method=method).kept for marked, method in MARKINGS.items()}
+    return {marked: len(ids) / len(triangles.vertices) for marked, ids in kept.items()}
 
 
 def grid_rows(
-    view: CullingView, grids: Mapping[str, Sequence[int]], tracers: Sequence[str], threads: int, rounds: int, say: Say
+    view: CullingView, grids: Mapping[str, Sequence[int]], tracers: Sequence[str], effort: Effort
 ) -> list[GridRow]:
     """Measure culling in one view with `grids`, such as USUAL or VIDEO.
 
     With `tracers`, build and trace times are measured too: first for all triangles, then for those that remain with
-    each grid marked by `HULLS`.
+    each grid.
     """
-    renderers = {f"{b}+{t}": Renderer(view.scene, f"{b}+{t}", threads) for b in BUILDERS for t in tracers or ["single"]}
-    triangles, queries = _queries(view, next(iter(renderers.values())), 1)
-    accelerators = {plan: r.accelerator for plan, r in renderers.items()} if tracers else {}
+    threads, rounds = effort.threads, effort.rounds
+    plans = [f"{builder}+{tracer}" for builder in BUILDERS for tracer in tracers]
+    accelerators = {plan: Renderer(view.scene, plan, threads).accelerator for plan in plans}
+    triangles, queries = queries_of(view, threads)
     rows = [GridRow(view.figure, 0, "", 1.0, {}, *_all_traced(accelerators, triangles, None, queries, rounds))]
     for marked, sizes in grids.items():
+        _culled(triangles, queries, threads, min(sizes), MARKINGS[marked])  # warms up
         for n in sizes:
-            say(f"{view.figure}, grid of {n}, {marked}")
-            options = MARKINGS[marked]
-            laps = [_steps(triangles, queries, threads, n, options) for _ in range(rounds + 1)][1:]
-            culled = cull(triangles, queries, threads, n=n, **options)
-            timed = accelerators if marked == HULLS else {}
-            times = _all_traced(timed, triangles, culled, queries, rounds)
+            effort.say(f"{view.figure}, {view.time:.2f} s, grid of {n}, {marked}")
+            laps = [_culled(triangles, queries, threads, n, MARKINGS[marked]) for _ in range(rounds)]
+            culled = laps[0][0]
+            times = _all_traced(accelerators, triangles, culled, queries, rounds)
             remaining = len(culled.kept) / len(triangles.vertices)
-            rows.append(GridRow(view.figure, n, marked, remaining, medians(laps), *times))
+            rows.append(GridRow(view.figure, n, marked, remaining, medians([steps for _, steps in laps]), *times))
     return rows if tracers else rows[1:]
 
 
-def _steps(
-    triangles: Triangles, queries: Sequence[ShadowQuery], threads: int, n: int, options: dict[str, Any]
-) -> dict[str, float]:
-    """The seconds of each step of culling."""
+def published_grids(finest: int) -> dict[str, tuple[int, ...]]:
+    """Marking -> grids of Table 4 in the first frame, those marked as published up to `finest` cells per axis."""
+    return {**VIDEO, PUBLISHED: tuple(n for n in (*VIDEO[PUBLISHED], *FINEST) if n <= finest)}
+
+
+def video_rows(views: Sequence[CullingView], tracers: Sequence[str], finest: int, effort: Effort) -> list[GridRow]:
+    """Measure Table 4: each frame once, as the table has means over all frames."""
+    grids = [published_grids(finest), *[VIDEO] * (len(views) - 1)]
+    once = effort._replace(rounds=1)
+    return [row for view, each in zip(views, grids) for row in grid_rows(view, each, tracers, once)]
+
+
+def _culled(
+    triangles: Triangles, queries: Sequence[ShadowQuery], threads: int, n: int, method: MarkingMethod
+) -> tuple[CullResult, dict[str, float]]:
+    """The result of culling, and the seconds of each step."""
     last, seconds = perf_counter(), dict.fromkeys(STEPS, 0.0)
 
     def lap(step: str) -> None:
@@ -275,8 +268,7 @@ def _steps(
         seconds[step] += now - last
         last = now
 
-    cull(triangles, queries, threads, n=n, lap=lap, **options)
-    return seconds
+    return cull(triangles, queries, threads, n=n, method=method, lap=lap), seconds
 
 
 def _all_traced(
@@ -304,13 +296,14 @@ def _traced(
 
 def seconds_a_sample(t: TimeToImage) -> float:
     """Seconds per additional sample."""
-    return (t.trace[SAMPLES[-1]] - t.trace[SAMPLES[0]]) / (SAMPLES[-1] - SAMPLES[0])
+    first, last = min(t.trace), max(t.trace)
+    return (t.trace[last] - t.trace[first]) / (last - first) if last > first else t.trace[first] / first
 
 
 def break_even(slow: TimeToImage, fast: TimeToImage) -> float:
     """The number of samples from which `slow`, with its longer build, is as fast as `fast`; inf if never (Fig. 7)."""
     first = SAMPLES[0]
-    behind = slow.total(first) - fast.total(first)
+    behind = slow.cull + slow.build + slow.trace[first] - fast.cull - fast.build - fast.trace[first]
     gain = seconds_a_sample(fast) - seconds_a_sample(slow)
     if gain > 0.0:
         return max(first, first + behind / gain)
@@ -327,8 +320,35 @@ def mean_rows(rows: Iterable[GridRow]) -> list[GridRow]:
 
 def _mean(rows: list[GridRow]) -> GridRow:
     mean = lambda values: float(np.mean(list(values)))
-    parts = (
+    steps, build, trace = (
         {key: mean(getattr(r, name)[key] for r in rows) for key in getattr(rows[0], name)}
         for name in ("steps", "build", "trace")
     )
-    return GridRow("mean", rows[0].grid, rows[0].marked, mean(r.remaining for r in rows), *parts)
+    remaining = mean(r.remaining for r in rows)
+    return GridRow("mean", rows[0].grid, rows[0].marked, remaining, steps, build, trace, len(rows))
+
+
+# --- Random views -----------------------------------------------------------------------------------------------------
+
+
+class RandomShares(NamedTuple):
+    """The shares of the triangles that one marking leaves in random views of one part of a scene."""
+
+    part: str
+    marked: str  # a key of MARKINGS
+    shares: list[float]  # one per view
+
+    @property
+    def quartiles(self) -> list[float]:
+        """Lower quartile, median and upper quartile."""
+        return [float(q) for q in np.quantile(self.shares, (0.25, 0.5, 0.75))]
+
+
+def random_shares(views: Sequence[CullingView], effort: Effort) -> list[RandomShares]:
+    """Measure what each marking leaves in `random_views`, for each of their parts."""
+    found: dict[tuple[str, str], list[float]] = {}
+    for k, view in enumerate(views):
+        effort.say(f"{view.figure}, random camera {k + 1} of {len(views)}")
+        for marked, share in remaining_shares(view, effort.threads).items():
+            found.setdefault((view.figure, marked), []).append(share)
+    return [RandomShares(*key, shares) for key, shares in found.items()]

@@ -1,91 +1,35 @@
-"""Prints the tables of the pre-BVH culling paper, and draws its Figure 7 [Selgrad et al. 2015].
-
-Tables show the paper's results, measured on a GPU, in brackets. Figure 7 shows time to image over samples, relative to
-BSAH, with a row per tracer.
-"""
+"""Prints the tables of the pre-BVH culling paper, with its results in brackets [Selgrad et al. 2015]."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import NamedTuple
 
 from ...techniques.culling.pre_bvh_culling import STEPS
-from ..bench_runner import TableColumn, beside, columns_of, label, ms, percent, plot_sheet, print_table
+from ..bench_runner import TableColumn, beside, columns_of, label, ms, percent, print_notes, print_table
 from .culling_measurements import (
     BUILDERS,
-    CONVEX,
-    HULLS,
-    LINES,
+    FIGURE_SAMPLES,
+    METHODS,
+    OURS,
+    PUBLISHED,
+    REGION,
     SAMPLES,
+    FigureTime,
     GridRow,
+    RandomShares,
     TimeToImage,
     break_even,
     mean_rows,
-    seconds_a_sample,
 )
-
-# --- Published results, in milliseconds on a GPU ----------------------------------------------------------------------
-
-
-TIME_TO_IMAGE = {
-    "Figure 3": {
-        "LBVH": (0.0, 3.520, 26.836, 30.356, 271.880, 2687.120),
-        "LBVH culled": (1.399, 2.095, 20.955, 24.449, 213.044, 2098.994),
-        "TL-LBVH": (0.0, 23.316, 20.776, 44.092, 231.076, 2100.916),
-        "TL-LBVH culled": (1.399, 12.065, 17.653, 31.117, 189.994, 1778.764),
-        "BSAH": (0.0, 278.500, 14.279, 292.779, 421.290, 1706.400),
-    },
-    "Figure 4": {
-        "LBVH": (0.0, 3.539, 15.872, 19.411, 162.259, 1590.739),
-        "LBVH culled": (1.405, 2.428, 12.636, 16.469, 130.193, 1267.433),
-        "TL-LBVH": (0.0, 23.408, 11.862, 35.270, 142.028, 1209.608),
-        "TL-LBVH culled": (1.405, 15.185, 9.834, 26.424, 114.930, 999.990),
-        "BSAH": (0.0, 278.500, 8.428, 286.928, 362.780, 1121.300),
-    },
-    "Figure 5": {
-        "LBVH": (0.0, 3.525, 12.684, 16.209, 130.365, 1271.925),
-        "LBVH culled": (1.228, 2.687, 11.004, 14.919, 113.955, 1104.315),
-        "TL-LBVH": (0.0, 23.293, 10.349, 33.642, 126.783, 1058.193),
-        "TL-LBVH culled": (1.228, 16.678, 9.741, 27.647, 115.316, 992.006),
-        "BSAH": (0.0, 278.500, 8.372, 286.872, 362.220, 1115.700),
-    },
-    "Figure 6": {
-        "LBVH": (0.0, 9.902, 18.408, 28.310, 193.982, 1850.702),
-        "LBVH culled": (2.374, 1.121, 14.160, 17.655, 145.095, 1419.495),
-        "TL-LBVH": (0.0, 68.993, 10.540, 79.533, 174.393, 1122.993),
-        "TL-LBVH culled": (2.374, 4.775, 9.329, 16.478, 100.439, 940.049),
-        "BSAH": (0.0, 879.400, 9.041, 888.441, 969.810, 1783.500),
-    },
-}
-"""Table 3: view -> method -> times of culling, building and tracing 1 sample, and totals with 1, 10 and 100 samples."""
-
-DETAILS = {
-    "Figure 3": (2.158, 0.734, 0.387, 0.122, 0.638, 0.231),
-    "Figure 4": (2.897, 0.710, 0.710, 0.128, 0.600, 0.232),
-    "Figure 5": (3.035, 1.539, 0.344, 0.133, 0.562, 0.220),
-    "Figure 6": (4.554, 1.623, 0.403, 0.126, 1.570, 0.251),
-}
-"""Tables 1 and 2: view -> times of the G-buffer, the final blit, and the culling steps."""
-
-REMAINING = {"Figure 3": 0.45, "Figure 4": 0.60, "Figure 5": 0.60, "Figure 6": 0.04}
-"""Captions of Figures 3 to 6: share of remaining triangles."""
-
-GRIDS = {
-    16: (0.34, 0.319, 0.074, 4.323, 4.716, 15.464, 15.430, 95.601, 11.496),
-    32: (0.24, 0.463, 0.133, 4.810, 5.406, 11.450, 13.915, 67.056, 10.660),
-    64: (0.19, 0.658, 0.704, 5.884, 7.246, 9.809, 13.307, 56.057, 10.354),
-    128: (0.17, 0.904, 11.880, 8.515, 21.299, 8.989, 12.889, 49.942, 10.095),
-    256: (0.16, 2.995, 534.021, 16.388, 553.404, 8.458, 12.538, 46.145, 9.874),
-}
-"""Table 4: grid -> (share of remaining triangles, times of sources, marking, triangles and all culling, of building and
-tracing with LBVH, and of building and tracing with TL-LBVH)."""
-
-UNCULLED = (42.161, 17.020, 261.186, 12.167)
-"""Table 4, without culling: times of building and tracing with LBVH, and with TL-LBVH."""
-
-# --- Tables -----------------------------------------------------------------------------------------------------------
-
+from .culling_published import (
+    CONTRADICTIONS,
+    DETAILS,
+    GRIDS,
+    REMAINING,
+    TIME_TO_IMAGE,
+    UNCULLED,
+    published_break_even,
+    published_total,
+)
 
 _STEPS = {
     "sources": "G-buffer to grid",
@@ -96,16 +40,58 @@ _STEPS = {
 """Culling step -> its name in Tables 1 and 2."""
 
 
-def print_tables(times: list[TimeToImage], grids: list[GridRow], video: list[GridRow], tracers: Sequence[str]) -> None:
+class CullingRows(NamedTuple):
+    """All rows of the benchmark."""
+
+    times: list[TimeToImage]
+    figures: list[FigureTime]
+    grids: list[GridRow]
+    shares: list[RandomShares]
+    video: list[GridRow]
+
+
+def print_tables(rows: CullingRows, tracers: Sequence[str]) -> None:
     """Print all tables."""
-    _print_details(times, grids)
-    _print_times(times)
-    _print_regions(grids)
-    _print_grids(mean_rows(video), tracers)
+    _print_remaining(rows)
+    _print_details(rows.times, rows.grids)
+    _print_times(rows.times)
+    _print_figures(rows.figures)
+    _print_grids(mean_rows(rows.video), tracers)
+    print("Where the paper contradicts itself")
+    print_notes(CONTRADICTIONS)
+
+
+# --- Fig. 2, captions of Fig. 3 to 6 ----------------------------------------------------------------------------------
+
+
+def _print_remaining(rows: CullingRows) -> None:
+    """Print the remaining triangles with each marking, in the paper's views and in random ones."""
+    share = {(r.figure, r.marked): percent(r.remaining) for r in rows.grids}
+    share |= {(r.part, r.marked): _quartiles(r) for r in rows.shares}
+    count = {r.part: len(r.shares) for r in rows.shares}
+    theirs = {figure: 100 * remaining for figure, remaining in REMAINING.items()}
+    columns = (
+        label("view", lambda view: f"{view}, {count[view]} random cameras" if view in count else view),
+        TableColumn("as published (grid32:paper, Fig. 2d)", lambda v: beside(share[v, PUBLISHED], theirs.get(v), 0)),
+        TableColumn("hulls (grid32)", lambda view: share[view, OURS]),
+        TableColumn("convex region (Fig. 2b)", lambda view: share[view, REGION]),
+    )
+    title = (
+        "Remaining triangles, %, with 32 cells per axis (the paper's in brackets; random cameras: median, quartiles)"
+    )
+    print_table(title, columns, dict.fromkeys(view for view, _ in share))
+
+
+def _quartiles(row: RandomShares) -> str:
+    low, middle, high = map(percent, row.quartiles)
+    return f"{middle} ({low} to {high})"
+
+
+# --- Tables 1 and 2 ---------------------------------------------------------------------------------------------------
 
 
 def _print_details(times: list[TimeToImage], grids: list[GridRow]) -> None:
-    """Print Tables 1 and 2: all steps for each view and tracer."""
+    """Print all steps for each view and tracer."""
     views = list(dict.fromkeys((t.figure, t.tracer) for t in times))
     parts = {view: _details(*view, times, grids) for view in views}
     columns = columns_of({view: ", ".join(view) for view in views}, lambda name, view: parts[view][name])
@@ -116,23 +102,53 @@ def _print_details(times: list[TimeToImage], grids: list[GridRow]) -> None:
 def _details(figure: str, tracer: str, times: list[TimeToImage], grids: list[GridRow]) -> dict[str, str]:
     """The column of one view and tracer: row name -> times."""
     methods = {t.method: t for t in times if (t.figure, t.tracer) == (figure, tracer)}
-    grid = next(r for r in grids if r.figure == figure and r.marked == HULLS)
-    theirs: Sequence[float | None] = DETAILS.get(figure) or (None,) * 6
+    theirs: Sequence[float | None] = DETAILS.get(figure) or (None,) * 7
     totals: Mapping[str, Sequence[float | None]] = TIME_TO_IMAGE.get(figure, {})
     first = methods["LBVH"]
     rows = {
         "render G-buffer": beside(ms(first.gbuffer), theirs[0]),
         "shading (final blit)": beside(ms(first.shade), theirs[1]),
     }
-    for (step, name), published in zip(_STEPS.items(), theirs[2:]):
-        rows[name] = beside(ms(grid.steps[step]), published)
+    for marked in PUBLISHED, OURS:
+        grid = next(r for r in grids if (r.figure, r.marked) == (figure, marked))
+        for (step, name), published in zip(_STEPS.items(), theirs[2:]):
+            rows[f"{name}, {marked}"] = beside(ms(grid.steps[step]), published if marked == PUBLISHED else None)
     for method, t in methods.items():
-        total = totals.get(method, (None,) * 3)
+        published_times = totals.get(method, (None,) * 3)
         if t.cull:
-            rows[f"{method}: all culling"] = beside(ms(t.cull), total[0])
-        rows[f"{method}: build"] = beside(ms(t.build), total[1])
-        rows[f"{method}: trace"] = beside(ms(t.trace[SAMPLES[0]]), total[2])
+            rows[f"{method}: all culling"] = beside(ms(t.cull), theirs[6] if method in totals else None)
+        rows[f"{method}: build"] = beside(ms(t.build), published_times[1])
+        rows[f"{method}: trace"] = beside(ms(t.trace[1]), published_times[2])
     return rows
+
+
+# --- Table 3, Fig. 3 to 7 ---------------------------------------------------------------------------------------------
+
+
+def _of_lbvh(figure: str, method: str, spp: int, total: float | None, lbvh: float | None) -> str:
+    """A time to image in per cent of LBVH's, with the paper's in brackets."""
+    if total is None or lbvh is None:
+        return ""
+    published = None
+    if method in TIME_TO_IMAGE.get(figure, {}):
+        published = 100 * published_total(figure, method, spp) / published_total(figure, "LBVH", spp)
+    return beside(percent(total / lbvh), published, 0)
+
+
+def _even(last: TimeToImage, t: TimeToImage) -> str:
+    """The number of samples from which BSAH without culling is as fast, with the paper's in brackets."""
+    if t is last:
+        return ""
+    known = t.method in TIME_TO_IMAGE.get(t.figure, {})
+    return beside(f"{break_even(last, t):.0f}", published_break_even(t.figure, t.method) if known else None, 0)
+
+
+_NAMES = (
+    label("view", "figure"),
+    label("tracer", "tracer"),
+    label("method", "method"),
+    label("culler and builder", lambda t: METHODS[t.method]),
+)
 
 
 def _print_times(times: list[TimeToImage]) -> None:
@@ -140,104 +156,69 @@ def _print_times(times: list[TimeToImage]) -> None:
     by = {(t.figure, t.tracer, t.method): t for t in times}
 
     def ratio(t: TimeToImage, spp: int) -> str:
-        theirs, k = TIME_TO_IMAGE.get(t.figure), SAMPLES.index(spp)
-        published = 100 * theirs[t.method][3 + k] / theirs["LBVH"][3 + k] if theirs else None
-        return beside(percent(t.total(spp) / by[t.figure, t.tracer, "LBVH"].total(spp)), published, 0)
-
-    def even(t: TimeToImage) -> str:
-        last = by[t.figure, t.tracer, "BSAH"]
-        return "" if t is last else f"{break_even(last, t):.0f}"
+        return _of_lbvh(t.figure, t.method, spp, t.total(spp), by[t.figure, t.tracer, "LBVH"].total(spp))
 
     columns = (
-        label("view", "figure"),
-        label("tracer", "tracer"),
-        label("method", "method"),
+        *_NAMES,
         TableColumn("cull", lambda t: ms(t.cull)),
         TableColumn("build", lambda t: ms(t.build)),
         TableColumn("trace 1 spp", lambda t: ms(t.trace[SAMPLES[0]])),
         *columns_of({spp: f"total {spp} spp" for spp in SAMPLES}, lambda t, spp: ms(t.total(spp))),
         *columns_of({spp: f"% of LBVH {spp} spp" for spp in SAMPLES}, ratio),
-        TableColumn("BSAH breaks even, spp", even),
+        TableColumn("BSAH breaks even, spp", lambda t: _even(by[t.figure, t.tracer, "BSAH"], t)),
     )
     print_table("Time to image, ms (Table 3 and Figure 7; the paper's results in brackets)", columns, times)
 
 
-def _print_regions(grids: list[GridRow]) -> None:
-    """Print the remaining triangles with a convex region and with grids (Figure 2, captions of Figures 3 to 6)."""
-    share = {(r.figure, r.marked): 100 * r.remaining for r in grids}
-    theirs = {figure: 100 * remaining for figure, remaining in REMAINING.items()}
+def _print_figures(times: list[FigureTime]) -> None:
+    """Print the times of Figures 3 to 6 with their 15 samples, of which the paper shows only the images."""
+    by = {(t.figure, t.method): t.total for t in times}
     columns = (
-        label("view", str),
-        TableColumn("convex region (Figure 2b)", lambda figure: f"{share[figure, CONVEX]:.1f}"),
-        TableColumn("as published (Figure 2d)", lambda view: beside(f"{share[view, LINES]:.1f}", theirs.get(view), 0)),
-        TableColumn("hulls (grid32)", lambda figure: f"{share[figure, HULLS]:.1f}"),
+        *_NAMES,
+        TableColumn("cull", lambda t: ms(t.cull)),
+        TableColumn("build", lambda t: ms(t.build)),
+        TableColumn("trace", lambda t: ms(t.trace)),
+        TableColumn("total", lambda t: ms(t.total)),
+        TableColumn("% of LBVH", lambda t: _of_lbvh(t.figure, t.method, FIGURE_SAMPLES, t.total, by[t.figure, "LBVH"])),
     )
-    title = "Remaining triangles, %, with 32 cells per axis (the paper's results in brackets)"
-    print_table(title, columns, dict.fromkeys(r.figure for r in grids))
+    title = "Figures 3 to 6 with 15 samples, ms (in brackets the paper's, computed from its times as in Table 3)"
+    print_table(title, columns, times)
 
+
+# --- Table 4 ----------------------------------------------------------------------------------------------------------
 
 _STEPS_OF = {"sources": ("sources",), "mark": ("mark",), "triangles": ("triangles", "pack"), "all culling": STEPS}
-"""TableColumn of Table 4 -> its steps of STEPS."""
+"""Column of Table 4 -> its steps of STEPS."""
 
 
 def _print_grids(rows: list[GridRow], tracers: Sequence[str]) -> None:
     """Print Table 4, with the paper's results in brackets."""
 
+    def published(r: GridRow, k: int) -> float | None:
+        return GRIDS[r.grid][k] if r.marked == PUBLISHED else None
+
     def culling(r: GridRow, column: str) -> str:
         steps, k = _STEPS_OF[column], 1 + list(_STEPS_OF).index(column)
-        return beside(ms(sum(r.steps[step] for step in steps)), GRIDS[r.grid][k]) if r.grid else ""
+        return beside(ms(sum(r.steps[step] for step in steps)), published(r, k)) if r.grid else ""
 
     def seconds(r: GridRow, column: tuple[str, str]) -> str:
-        """Seconds to build a tree (without a tracer) or to trace it."""
+        """Time to build a tree (without a tracer) or to trace it."""
         builder, tracer = column
         k = 2 * BUILDERS.index(builder) + bool(tracer)
-        times, theirs = r.trace if tracer else r.build, GRIDS[r.grid][5 + k] if r.grid else UNCULLED[k]
-        return beside(ms(times[f"{builder}+{tracer or tracers[0]}"]), theirs) if times else ""
+        times = r.trace if tracer else r.build
+        return beside(ms(times[f"{builder}+{tracer or tracers[0]}"]), published(r, 5 + k) if r.grid else UNCULLED[k])
+
+    def left(r: GridRow) -> str:
+        share = published(r, 0)
+        return beside(percent(r.remaining), None if share is None else 100 * share, 0)
 
     columns = (
         TableColumn("grid", lambda r: str(r.grid or "none")),
         label("marking", "marked"),
-        TableColumn(
-            "% remaining", lambda r: beside(percent(r.remaining), 100 * GRIDS[r.grid][0] if r.grid else None, 0)
-        ),
+        TableColumn("frames", lambda r: str(r.views)),
+        TableColumn("% remaining", left),
         *columns_of({column: column for column in _STEPS_OF}, culling),
         *columns_of({(b, t): f"{t}, 1 spp" if t else f"build {b}" for b in BUILDERS for t in ("", *tracers)}, seconds),
     )
     title = "Grids, ms, means over the frames of an animated city"
     print_table(f"{title} (Table 4; in brackets the paper's, for another scene)", columns, rows)
-
-
-# --- Plot -------------------------------------------------------------------------------------------------------------
-
-
-def _sums(t: TimeToImage, spp: np.ndarray) -> np.ndarray:
-    """Time to image in seconds for any number of samples, by linear interpolation and extrapolation."""
-    traced = np.array([t.trace[s] for s in SAMPLES])
-    beyond = np.maximum(spp - SAMPLES[-1], 0) * seconds_a_sample(t)
-    sums: np.ndarray = t.cull + t.build + np.interp(spp, SAMPLES, traced) + beyond
-    return sums
-
-
-def write_plot(times: list[TimeToImage], path: Path) -> None:
-    """Write Figure 7 with a panel per view and tracer. A dot marks where BSAH breaks even with a method."""
-    figures, tracers = (list(dict.fromkeys(getattr(t, name) for t in times)) for name in ("figure", "tracer"))
-    with plot_sheet(path, 4.2 * len(figures), 3.8 * len(tracers)) as sheet:
-        panels = sheet.subplots(len(tracers), len(figures), squeeze=False)
-        for row, tracer in zip(panels, tracers):
-            for panel, figure in zip(row, figures):
-                _draw(panel, {t.method: t for t in times if (t.figure, t.tracer) == (figure, tracer)})
-            row[0].set_ylabel("time to image / BSAH's")
-        sheet.axes[0].legend(fontsize=8)
-
-
-def _draw(panel: Any, methods: dict[str, TimeToImage]) -> None:
-    """Draw the curves of one view and one tracer."""
-    spp, last = np.geomspace(1, 1000, 200), methods["BSAH"]
-    for method, t in methods.items():
-        (line,) = panel.plot(spp, _sums(t, spp) / _sums(last, spp), label=method)
-        even = break_even(last, t)
-        if t is not last and even <= spp[-1]:
-            panel.plot(even, 1.0, "o", color=line.get_color())
-    title = f"{last.figure}, {last.tracer}"
-    panel.set(xscale="log", title=title, xlabel="samples per pixel and light", ylim=(0, None))
-    panel.grid(alpha=0.3)

@@ -73,9 +73,19 @@ def grid_over(lower: NDArray[np.float64], upper: NDArray[np.float64], n: int) ->
     bounds = np.zeros((2, 4), np.float32)
     bounds[0, :3] = np.nextafter(np.asarray(lower, np.float32), np.float32(-np.inf))
     bounds[1, :3] = np.nextafter(np.asarray(upper, np.float32), np.float32(np.inf))
+    return _divided(bounds, n)
+
+
+def _divided(bounds: NDArray[np.float32], n: int) -> CellGrid:
     extent = bounds[1].astype(np.float64) - bounds[0]
     scale = np.divide(n, extent, out=np.zeros(4), where=extent > n * np.finfo(np.float32).tiny)
     return CellGrid(bounds, scale.astype(np.float32), n)
+
+
+def cell_size(grid: CellGrid) -> NDArray[np.float64]:
+    """(3,) float64: the extent of a cell."""
+    size: NDArray[np.float64] = (grid.bounds[1, :3].astype(np.float64) - grid.bounds[0, :3]) / grid.n
+    return size
 
 
 @inlined
@@ -119,7 +129,7 @@ class ReceiverTiles(NamedTuple):
 
 
 @inlined
-def _receiver(tiles, y, x):
+def receiver_at(tiles, y, x):
     """Receiver (y, x) as an f32x4; the fourth lane repeats z."""
     i = (y * tiles.sides.shape[1] + x) * 3
     a, b, c = broadcast4(tiles.origins, i), broadcast4(tiles.origins, i + 1), broadcast4(tiles.origins, i + 2)
@@ -127,7 +137,7 @@ def _receiver(tiles, y, x):
 
 
 @inlined
-def _corner(tiles, tile):
+def tile_range(tiles, tile):
     """(y, x) of the first receiver of a tile, and (y, x) one past its last one."""
     h, w = tiles.sides.shape
     across = (w + tiles.columns - 1) // tiles.columns
@@ -139,12 +149,12 @@ def _corner(tiles, tile):
 def _bound_tiles(ticket, tiles):
     """Worker: find the box of each tile."""
     for i in items(ticket):
-        y0, x0, y1, x1 = _corner(tiles, i)
+        y0, x0, y1, x1 = tile_range(tiles, i)
         low, high = splat4(_INF), splat4(-_INF)
         for y in range(y0, y1):
             for x in range(x0, x1):
                 if tiles.sides[y, x] != NOTHING:
-                    point = _receiver(tiles, y, x)
+                    point = receiver_at(tiles, y, x)
                     low, high = minimum(low, point), maximum(high, point)
         store(tiles.boxes, i * 8, low)
         store(tiles.boxes, i * 8 + 4, high)
@@ -173,11 +183,11 @@ def _bound_cells(ticket, tiles, grid, cells):
             if first == cell_number(grid, cells_at(grid, high)):
                 _grow(boxes, first, low, high)
                 continue
-            y0, x0, y1, x1 = _corner(tiles, i)
+            y0, x0, y1, x1 = tile_range(tiles, i)
             for y in range(y0, y1):
                 for x in range(x0, x1):
                     if tiles.sides[y, x] != NOTHING:
-                        point = _receiver(tiles, y, x)
+                        point = receiver_at(tiles, y, x)
                         _grow(boxes, cell_number(grid, cells_at(grid, point)), point, point)
 
 
@@ -200,7 +210,8 @@ def bounds_of(tiles: ReceiverTiles) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 
 def sources_of(tiles: ReceiverTiles, grid: CellGrid, threads: int) -> NDArray[np.float64]:
-    """(m, 2, 3) float64: for each cell of a grid that has receivers, the box around them."""
+    """(m, 2, 3) float64: the box around the receivers of each cell, in a grid of at most FINEST cells per axis."""
+    grid = _divided(grid.bounds, min(grid.n, FINEST))
     parts = min(threads, _PARTS)
     cells = np.empty((parts, grid.n**3, 8), np.float32)
     run(_bound_cells, threads, new_ticket(parts, 1), tiles, grid, cells)
@@ -416,15 +427,16 @@ def _mark_sums(table, axis, layer, marked):
 
 
 def mark_hulls(
-    sources: NDArray[np.float64], targets: Targets, grid: CellGrid, marked: NDArray[np.uint8], threads: int
-) -> None:
-    """Set to 1 the cells of ``marked``, (n, n, n) uint8, that a segment from a source to a target can meet.
+    sources: NDArray[np.float64], query: ShadowQuery, grid: CellGrid, marked: NDArray[np.uint8], threads: int
+) -> int:
+    """Set to 1 the cells of ``marked``, (n, n, n) uint8, that a segment from a source to the query's light can meet.
 
-    Each layer is marked by one thread. Threads can only share a cell of layers along different axes, and all of them
-    write 1, so their order does not matter, as in the paper.
+    Returns the number of target boxes. Each layer is marked by one thread. Threads can only share a cell of layers
+    along different axes, and all of them write 1, so their order does not matter, as in the paper.
     """
-    pad = np.float64(PAD * np.abs(grid.bounds).max())
+    targets, pad = targets_of(query, cell_size(grid)), np.float64(PAD * np.abs(grid.bounds).max())
     new_table = lambda: (np.empty((grid.n + 1, grid.n + 1), np.int32),)
     for first in range(0, len(sources), _SOURCES):
         hulls = hulls_between(sources[first : first + _SOURCES], targets, grid)
         run(_mark_layers, threads, new_ticket(3 * grid.n, 1), hulls, grid, pad, marked, own=new_table)
+    return len(targets.boxes)

@@ -13,7 +13,7 @@ cut-outs, clear faces and triangles of zero area.
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +28,9 @@ from ...query.shadow_query import ShadowQuery
 from ...scene.triangle_setup import solid_vertices
 from ...scene.triangles import Triangles
 from .culling_grid import (
-    FINEST,
     CellGrid,
     GridPointers,
     ReceiverTiles,
-    Targets,
     bounds_of,
     cell_number,
     cells_at,
@@ -182,11 +180,46 @@ def pack_relevant(
 
 # --- Culling ----------------------------------------------------------------------------------------------------------
 
-Mark: TypeAlias = Callable[[NDArray[np.float64], Targets, CellGrid, NDArray[np.uint8], int], None]
-"""Function of (sources, targets, grid, marked, threads) that marks the cells between sources and targets."""
-
 STEPS = ("sources", "mark", "triangles", "pack")
 """The steps of culling: sort receivers into cells, mark cells, find the relevant triangles, pack them."""
+
+
+QueryGroup: TypeAlias = tuple[ReceiverTiles, list[ShadowQuery]]
+"""Receivers, and the queries that share them."""
+
+Box: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Lower and upper corner, (3,) float64."""
+
+
+def segment_box(groups: Sequence[QueryGroup], corners: NDArray[np.float32], threads: int) -> Box | None:
+    """The intersection of the box of all segments and the box of all triangles; None if it is empty."""
+    everywhere = np.full(3, np.inf)
+    low, high = everywhere, -everywhere
+    for tiles, queries in groups:
+        receivers = np.array(bounds_of(tiles))
+        for query in queries:
+            targets = targets_of(query, everywhere)
+            ends = targets.boxes[0] + (receivers if targets.relative else 0.0)
+            low = np.minimum(low, np.minimum(receivers[0], ends[0]))
+            high = np.maximum(high, np.maximum(receivers[1], ends[1]))
+    lower, upper = bounds(corners.reshape(-1, 3), threads)
+    low, high = np.maximum(low, lower), np.minimum(high, upper)
+    return (low, high) if (low <= high).all() else None
+
+
+class MarkingMethod(NamedTuple):
+    """A way to mark the cells between receivers and lights, in three functions."""
+
+    box: Callable[[Sequence[QueryGroup], NDArray[np.float32], int], Box | None]
+    """The grid's box, from groups with receivers, triangles, (n, 9) float32, and threads; None: nothing to keep."""
+    sources: Callable[[ReceiverTiles, CellGrid, int], NDArray[Any]]
+    """The places of receivers in the grid, one per row, as `mark` takes them."""
+    mark: Callable[[NDArray[Any], ShadowQuery, CellGrid, NDArray[np.uint8], int], int]
+    """Marks the cells between sources and the light of a query, as `mark_hulls`; returns the number of targets."""
+
+
+HULLS = MarkingMethod(segment_box, sources_of, mark_hulls)
+"""Hulls of boxes of receivers and of light samples, in a grid over the segments."""
 
 
 class CullResult(NamedTuple):
@@ -196,8 +229,8 @@ class CullResult(NamedTuple):
     vertices: np.ndarray  # (m, 3, 3) float32: their vertices
     grid: CellGrid | None  # None: there is no segment, or no segment can meet a triangle
     marked: np.ndarray | None  # (n, n, n) uint8: 1: segments may enter the cell
-    sources: int  # number of source boxes
-    targets: int  # number of target boxes
+    sources: int  # number of source boxes or cells
+    targets: int  # number of target boxes or cells
 
 
 class Marking(NamedTuple):
@@ -205,8 +238,8 @@ class Marking(NamedTuple):
 
     grid: CellGrid
     cells: MarkedCells
-    sources: int  # number of source boxes
-    targets: int  # number of target boxes
+    sources: int  # number of source boxes or cells
+    targets: int  # number of target boxes or cells
 
 
 def mark_segments(
@@ -215,8 +248,7 @@ def mark_segments(
     threads: int | None = None,
     *,
     n: int = 32,
-    mark: Mark = mark_hulls,
-    whole: bool = False,
+    method: MarkingMethod = HULLS,
     lap: Callable[[str], None] = lambda step: None,
 ) -> Marking | None:
     """Mark the cells that segments of the queries may enter; None: no segment can meet a triangle.
@@ -225,18 +257,14 @@ def mark_segments(
     """
     threads, corners = thread_count(threads), triangles.vertices.reshape(-1, 9)
     groups = _groups(queries, threads)
-    box = _box_of(groups, corners, whole, threads)
+    box = method.box(groups, corners, threads) if groups and len(corners) else None
     if box is None:
         return None
-    grid, coarse = grid_over(*box, n), grid_over(*box, min(n, FINEST))
-    marked, counts = np.zeros((n, n, n), np.uint8), np.zeros(2, np.int64)
+    grid, marked, counts = grid_over(*box, n), np.zeros((n, n, n), np.uint8), np.zeros(2, np.int64)
     for tiles, group_queries in groups:
-        sources = sources_of(tiles, coarse, threads)
+        sources = method.sources(tiles, grid, threads)
         lap("sources")
-        ends = [targets_of(query, (box[1] - box[0]) / n) for query in group_queries]
-        for targets in ends:
-            mark(sources, targets, grid, marked, threads)
-        counts += len(sources), sum(len(targets.boxes) for targets in ends)
+        counts += len(sources), sum(method.mark(sources, query, grid, marked, threads) for query in group_queries)
         lap("mark")
     return Marking(grid, marked_cells_of(marked, threads), *counts.tolist())
 
@@ -273,8 +301,7 @@ def cull(
     threads: int | None = None,
     *,
     n: int = 32,
-    mark: Mark = mark_hulls,
-    whole: bool = False,
+    method: MarkingMethod = HULLS,
     lap: Callable[[str], None] = lambda step: None,
 ) -> CullResult:
     """Find a superset of the triangles that the segments of the queries meet.
@@ -291,59 +318,27 @@ def cull(
         None: all cores.
     n : int
         Cells of the grid per axis.
-    mark : function of (sources, targets, grid, marked, threads)
-        Marks the cells between sources and targets.
-    whole : bool
-        Whether the grid covers the whole scene and all lights.
+    method : MarkingMethod
+        Marks the cells between receivers and lights.
     lap : function of str
         Called after each step, with its name from STEPS.
     """
-    marking = mark_segments(triangles, queries, threads, n=n, mark=mark, whole=whole, lap=lap)
+    marking = mark_segments(triangles, queries, threads, n=n, method=method, lap=lap)
     return select_relevant(triangles, marking, threads, lap)
 
 
-def _groups(queries: Sequence[ShadowQuery], threads: int) -> list[tuple[ReceiverTiles, list[ShadowQuery]]]:
+def _groups(queries: Sequence[ShadowQuery], threads: int) -> list[QueryGroup]:
     """Group the queries that share their receivers, and skip queries without receivers.
 
     The receivers of a group are divided into tiles only once.
     """
-    groups: dict[tuple[int, int], tuple[ReceiverTiles, list[ShadowQuery]]] = {}
+    groups: dict[tuple[int, int], QueryGroup] = {}
     for query in queries:
         key = id(query.origins), id(query.sides)
         if key not in groups:
             groups[key] = tiles_of(query, threads), []
         groups[key][1].append(query)
     return [group for group in groups.values() if bounds_of(group[0]) is not None]
-
-
-def _box_of(
-    groups: list[tuple[ReceiverTiles, list[ShadowQuery]]], corners: NDArray[np.float32], whole_scene: bool, threads: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Lower and upper corner, (3,) float64, of the grid's box; None if it is empty.
-
-    It is the intersection of the box of all segments and the box of all triangles. With `whole_scene`, it is the box
-    around all triangles, receivers and lights.
-    """
-    if not groups or not len(corners):
-        return None
-    everywhere = np.full(3, np.inf)
-    low, high = everywhere, -everywhere
-    for tiles, queries in groups:
-        receivers = bounds_of(tiles)
-        assert receivers is not None  # `_groups` skips them
-        tiles_lower, tiles_upper = receivers
-        for query in queries:
-            targets = targets_of(query, everywhere)
-            if whole_scene and targets.relative:
-                continue
-            ends = targets.boxes[0] + ([tiles_lower, tiles_upper] if targets.relative else 0.0)
-            low = np.minimum(low, np.minimum(tiles_lower, ends[0]))
-            high = np.maximum(high, np.maximum(tiles_upper, ends[1]))
-    lower, upper = bounds(corners.reshape(-1, 3), threads)
-    if whole_scene:
-        return np.minimum(low, lower), np.maximum(high, upper)
-    low, high = np.maximum(low, lower), np.minimum(high, upper)
-    return (low, high) if (low <= high).all() else None
 
 
 # --- Solid triangles: the triangles of a plan's tree ------------------------------------------------------------------
