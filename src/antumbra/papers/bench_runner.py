@@ -9,6 +9,7 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 import typer
 
 from ..cli import console
+from ..cli.bench_conditions import record_laps
 from ..cli.options import writes
 from ..files import atomic_output
 
@@ -45,6 +46,8 @@ def interleave(
 ) -> dict[Case, list[Lap]]:
     """Measure all cases in each round, so that they take turns; return the results of each case.
 
+    The results of the benchmark record the spread of its timings (`bench_conditions.record_laps`).
+
     measure : called with a case and a round
     warm_up : number of rounds before round 0, with negative numbers, whose results are dropped, as None always is
     """
@@ -54,6 +57,8 @@ def interleave(
             lap = measure(case, turn)
             if turn >= 0 and lap is not None:
                 results.append(lap)
+    for results in laps.values():
+        record_laps(results)
     return laps
 
 
