@@ -33,8 +33,7 @@ def test_ranges():
 
 
 def test_bars_stand_in_pairs(place):
-    from matplotlib.colors import to_hex
-
+    to_hex = pytest.importorskip("matplotlib.colors").to_hex
     draw_comparison(place, PANEL)
     bars = [(to_hex(b.get_facecolor()), b.get_x(), b.get_width()) for b in place.patches]
     theirs = [(low, width) for colour, low, width in bars if colour == PAPER_COLOUR]

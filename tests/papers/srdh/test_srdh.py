@@ -13,7 +13,7 @@ from antumbra.errors import InputError
 from antumbra.papers import benchmark_views as views
 from antumbra.papers.benchmark_views import BenchmarkView, scene_view
 from antumbra.papers.srdh import srdh_measurements as srdh
-from antumbra.papers.srdh import srdh_tables as published_srdh
+from antumbra.papers.srdh import srdh_published as published_srdh
 from antumbra.papers.srdh.srdh_measurements import (
     CONSTANT,
     METHODS,
