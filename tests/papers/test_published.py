@@ -52,6 +52,10 @@ def test_srdh_sentences():
     assert list(constant("srdh", "BEDROOM").items()) == [
         (order, int(share) / 100) for order, share in zip(("random", "back-to-front", "rtsah"), bedroom.groups())
     ]
+    assert f"at shallow depth (depth {constant('srdh', 'BLINDS_DEPTHS')['SRDH'][0]})" in text
+    deep = re.search(r"subtrees\s+rooted at depths (\d+) and (\d+)", text)
+    assert constant("srdh", "BLINDS_DEPTHS")["SAH"] == tuple(map(int, deep.groups()))
+    assert "acceleration-structure size is at most a factor of two" in text and constant("srdh", "GROWTH") == 2
     unoccluded = re.search(r"unoccluded ray cost by (\d+)% and (\d+)% in the SPONZA and ARCADE", text)
     shares = constant("srdh", "PUBLISHED_UNOCCLUDED")
     assert shares == {"SPONZA": int(unoccluded[1]) / 100, "ARCADE": int(unoccluded[2]) / 100}

@@ -1,7 +1,25 @@
-"""The published results for the five scenes of the SRDH paper [Feltman et al. 2012, Sec. 4, Table 1]."""
+"""The lightings of the SRDH paper's benchmark, and the published results [Feltman et al. 2012, Sec. 4, Table 1].
 
+This module imports nothing from the package, which keeps the command's help fast.
+"""
+
+from enum import StrEnum
 from statistics import fmean
 from typing import NamedTuple
+
+
+class Lighting(StrEnum):
+    """The lights of a scene, one of which the option --lighting names."""
+
+    own = "own"
+    opposed = "opposed"
+    lamps = "lamps"
+    ambient = "ambient"
+    sky = "sky"
+
+
+# --- Published results for the paper's five scenes --------------------------------------------------------------------
+
 
 REDUCTION = (0.22, 0.56)
 """Sec. 1, 5: minimum and maximum share of box tests that SRDH saves relative to random order, with all rays as
@@ -15,6 +33,13 @@ PUBLISHED_UNOCCLUDED = {"SPONZA": 0.19, "ARCADE": 0.24}
 
 BEDROOM = {"random": 0.56, "back-to-front": 0.41, "rtsah": 0.44}
 """Sec. 4.1: share of box tests that SRDH saves relative to orders of the SAH tree, for light through blinds."""
+
+
+BLINDS_DEPTHS = {"SAH": (7, 8), "SRDH": (3,)}
+"""Sec. 4.1, Fig. 3: depths of the subtrees that hold the blinds of BEDROOM."""
+
+GROWTH = 2.0
+"""Sec. 5: largest size of both trees, relative to the SAH tree alone."""
 
 
 class PublishedBuild(NamedTuple):

@@ -1,13 +1,14 @@
-"""Prints the tables of the SRDH paper with the published results, and draws its Figures 2 and 4."""
+"""Prints the tables of the SRDH paper with the published results, compares the two, and draws Figures 2 and 4."""
 
 from pathlib import Path
 from statistics import fmean
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ...trace.rays.single_rays import FALSE, PATH, UNOCCLUDED
 from ..bench_runner import TableColumn, columns_of, label, ms, percent, plot_sheet, print_notes, print_table
+from ..comparison_chart import ComparedValue, ComparisonPanel, range_of
 from . import srdh_measurements as bench
 from .srdh_measurements import (
     BUILD_PIXELS,
@@ -21,28 +22,32 @@ from .srdh_measurements import (
     BuildTimes,
     RenderTimes,
     RtsahCheck,
+    SrdhRows,
     of,
     relative,
     scenes_of,
 )
-from .srdh_published import BEDROOM, PUBLISHED_BUILDS, PUBLISHED_UNOCCLUDED, REDUCTION, WITHIN, both_over_sah
+from .srdh_published import (
+    BEDROOM,
+    BLINDS_DEPTHS,
+    GROWTH,
+    PUBLISHED_BUILDS,
+    PUBLISHED_UNOCCLUDED,
+    REDUCTION,
+    WITHIN,
+    both_over_sah,
+)
+from .srdh_trees import OccluderDepths, TreeMemory
 
 # --- Tables -----------------------------------------------------------------------------------------------------------
-
-
-class SrdhRows(NamedTuple):
-    """All measured rows."""
-
-    counts: list[BoxTests]
-    rtsah: list[RtsahCheck]
-    builds: list[BuildTimes]
-    renders: list[RenderTimes]
 
 
 def print_tables(rows: SrdhRows) -> None:
     """Print all tables."""
     _print_orders(rows.counts)
     _print_saved(rows.counts)
+    _print_depths(rows.depths)
+    _print_memory(rows.memory)
     _print_rtsah(rows.rtsah)
     _print_pixels(rows.counts)
     _print_kernels(rows.counts)
@@ -96,6 +101,37 @@ def _print_saved(rows: list[BoxTests]) -> None:
     print_table(title, columns, [of(rows, name, PUBLISHED) for name in scenes_of(rows)], published)
 
 
+def _print_depths(rows: list[OccluderDepths]) -> None:
+    """Print Figure 3 as a table."""
+    columns = (
+        label("scene", "scene", lambda _: "(paper: BEDROOM)"),
+        label("tree", "method", lambda p: p[0]),
+        TableColumn("frequent occluders", lambda r: f"{r.frequent:,}"),
+        TableColumn("their subtrees", lambda r: f"{r.roots:,}"),
+        TableColumn("depth of a tenth", lambda r: str(r.first)),
+        TableColumn("of half", lambda r: str(r.half), lambda p: p[1]),
+        TableColumn("of nine tenths", lambda r: str(r.most)),
+    )
+    published = [(tree, " and ".join(map(str, depths))) for tree, depths in BLINDS_DEPTHS.items()]
+    title = "Depths of the subtrees of frequent occluders, which half of all intersections are with (Figure 3)"
+    print_table(title, columns, rows, published)
+
+
+def _print_memory(rows: list[TreeMemory]) -> None:
+    """Print the memory of both trees."""
+    size = lambda count: f"{count / 2**20:.1f}"
+    columns = (
+        label("scene", "scene", lambda _: "(paper: all scenes)"),
+        TableColumn("triangles", lambda r: f"{r.triangles:,}"),
+        TableColumn("SAH", lambda r: size(r.sah)),
+        TableColumn("SRDH", lambda r: size(r.srdh)),
+        TableColumn("both / SAH", lambda r: f"{r.growth:.2f}", lambda most: f"at most {most:g}"),
+        TableColumn("with shared triangles", lambda r: f"{r.growth_shared:.2f}", lambda _: "less"),
+        TableColumn("rays while building", lambda r: size(r.rays)),
+    )
+    print_table("Memory of trees with one triangle per leaf, MiB (Section 5)", columns, rows, [GROWTH])
+
+
 def _print_rtsah(rows: list[RtsahCheck]) -> None:
     """Print RTSAH with the lines that it assumes and with shadow rays."""
     columns = (
@@ -110,14 +146,17 @@ def _print_rtsah(rows: list[RtsahCheck]) -> None:
 
 def _print_pixels(rows: list[BoxTests]) -> None:
     """Print Figure 4 as a table. Its rows are those of the trees for all rays."""
+    counted = {(r.scene, r.method, r.pixels): r for r in rows}
     sixteen = lambda r: bench.beyond_all(rows, of(rows, r.scene, r.method, 16))
+
+    def share(row: BoxTests, pixels: int | None) -> str:
+        sparse = counted.get((row.scene, row.method, pixels))
+        return f"{100 * relative(rows, sparse):.1f}" if sparse else ""
+
     columns = (
         label("scene", "scene"),
         label("method", "method"),
-        *columns_of(
-            {k: f"{k} x {k}" if k else "all" for k in (*PIXELS, None)},
-            lambda r, k: f"{100 * relative(rows, of(rows, r.scene, r.method, k)):.1f}",
-        ),
+        *columns_of({k: f"{k} x {k}" if k else "all" for k in (*PIXELS, None)}, share),
         TableColumn("16 x 16 vs. all", lambda r: f"{100 * sixteen(r):+.1f} %"),
     )
     table = [of(rows, name, method) for name in scenes_of(rows) for method in (PUBLISHED, OURS)]
@@ -131,8 +170,14 @@ def _print_kernels(rows: list[BoxTests]) -> None:
     """Print Figure 5 as a table."""
     heads = {bench.CONSTANT: bench.CONSTANT, bench.DISTANCE: bench.DISTANCE, PUBLISHED: "all kernels"}
     share = lambda scene, method: f"{100 * relative(rows, of(rows, scene, method)):.1f}"
+    gain = TableColumn("all vs. constant", lambda scene: f"{100 * kernel_gain(rows, scene):+.1f} %")
     title = "Box tests, % of random order, by available kernels, with all rays as representative rays (Figure 5)"
-    print_table(title, [label("scene", str), *columns_of(heads, share)], scenes_of(rows))
+    print_table(title, [label("scene", str), *columns_of(heads, share), gain], scenes_of(rows))
+
+
+def kernel_gain(rows: list[BoxTests], scene: str) -> float:
+    """The box tests with all kernels relative to constant kernels alone, minus 1."""
+    return of(rows, scene, PUBLISHED).total / of(rows, scene, bench.CONSTANT).total - 1.0
 
 
 def _print_builds(times: list[BuildTimes]) -> None:
@@ -164,22 +209,61 @@ def _print_builds(times: list[BuildTimes]) -> None:
 
 
 def _print_renders(times: list[RenderTimes]) -> None:
-    """Print the gain of each tracer. Rows are pairs of results with bsah and srdh."""
+    """Print the gain of each tracer."""
     by = {(t.scene, t.tracer, t.build): t for t in times}
-    pairs = [tuple(by[scene, tracer, build] for build in BUILDS) for scene, tracer, build in by if build == BUILDS[0]]
-    rounded = lambda seconds: f"{1e3 * seconds:.0f}"
+    time = lambda build, part: lambda gain: f"{1e3 * getattr(by[gain.scene, gain.tracer, build], part):.0f}"
+    speed = lambda gain: by[gain.scene, gain.tracer, BUILDS[1]]
     columns = (
-        label("scene", lambda pair: pair[0].scene),
-        label("tracer", lambda pair: pair[0].tracer),
-        TableColumn("build bsah", lambda pair: rounded(pair[0].built)),
-        TableColumn("srdh", lambda pair: rounded(pair[1].built)),
-        TableColumn("trace bsah", lambda pair: rounded(pair[0].traced)),
-        TableColumn("srdh", lambda pair: rounded(pair[1].traced)),
-        TableColumn("trace ratio", lambda pair: f"{pair[1].traced / pair[0].traced:.2f}"),
-        TableColumn("total ratio", lambda pair: f"{pair[1].total / pair[0].total:.2f}"),
-        TableColumn("M rays/s", lambda pair: f"{pair[1].rays / pair[1].traced / 1e6:.1f}"),
+        label("scene", "scene"),
+        label("tracer", "tracer"),
+        TableColumn("build bsah", time(BUILDS[0], "built")),
+        TableColumn("srdh", time(BUILDS[1], "built")),
+        TableColumn("trace bsah", time(BUILDS[0], "traced")),
+        TableColumn("srdh", time(BUILDS[1], "traced")),
+        TableColumn("trace ratio", lambda gain: f"{gain.trace:.2f}"),
+        TableColumn("total ratio", lambda gain: f"{gain.total:.2f}"),
+        TableColumn("M rays/s", lambda gain: f"{speed(gain).rays / speed(gain).traced / 1e6:.1f}"),
     )
-    print_table(f"Direct light on visible surfaces, {SPP} samples, ms: srdh and bsah", columns, pairs)
+    title = f"Direct light on visible surfaces, {SPP} samples, ms: srdh and bsah"
+    print_table(title, columns, bench.gains(times))
+
+
+# --- Our values beside the paper's ------------------------------------------------------------------------------------
+
+
+def comparison(rows: SrdhRows) -> list[ComparisonPanel]:
+    """The values of the chart on the paper's page, as published with all rays unless it says otherwise."""
+    found = [row for row in bench.savings(rows.counts) if row["method"] == PUBLISHED]
+    blinds = [row for row in found if row["scene"].startswith("blinds")][:1]
+    share = lambda values: range_of(100 * value for value in values)
+    ours = lambda column, among: share(row[column] for row in among)
+    saved = [
+        ComparedValue("all scenes, vs. random", (100 * REDUCTION[0], 100 * REDUCTION[1]), ours(bench.BASE, found)),
+        *(ComparedValue(f"blinds, vs. {order}", 100 * part, ours(order, blinds)) for order, part in BEDROOM.items()),
+        ComparedValue("unoccluded rays", share(PUBLISHED_UNOCCLUDED.values()), ours("unoccluded", found)),
+    ]
+    sparse = [ComparedValue("trees for 16 x 16 pixels", (0.0, 100 * WITHIN), ours("beyond_all", found))]
+    kernels = share(kernel_gain(rows.counts, row["scene"]) for row in found)
+    sparse.append(ComparedValue("all kernels vs. constant", None, kernels))
+    built = [
+        ComparedValue(
+            f"{k} x {k} pixels",
+            range_of(row.both for row in PUBLISHED_BUILDS if row.pixels == k),
+            range_of(row.both for row in rows.builds if row.pixels == k),
+        )
+        for k in BUILD_PIXELS
+    ]
+    half = {method: [row.half for row in rows.depths if row.method == method] for method in ("SAH", PUBLISHED)}
+    depths = [
+        ComparedValue(f"{tree} tree", range_of(BLINDS_DEPTHS[tree]), range_of(half[method]))
+        for tree, method in (("SAH", "SAH"), ("SRDH", PUBLISHED))
+    ]
+    return [
+        ComparisonPanel("Box tests saved by SRDH (Section 4.1)", "%", saved),
+        ComparisonPanel("More box tests with less information (Figures 4 and 5)", "%", sparse),
+        ComparisonPanel("Time to build both trees (Table 1)", "relative to the SAH tree alone", built),
+        ComparisonPanel("Depth of frequent occluders (Figure 3)", "depth of the subtrees with half of them", depths),
+    ]
 
 
 # --- Plot -------------------------------------------------------------------------------------------------------------
@@ -198,10 +282,11 @@ _CLASSES = (
 def write_plot(rows: list[BoxTests], path: Path) -> None:
     """Write a plot: Figure 2 as bars grouped by scene at the top, Figure 4 as curves coloured by scene below."""
     scenes = scenes_of(rows)
-    with plot_sheet(path, max(7.0, 2.2 * len(scenes)), 8.0) as sheet:
+    with_curves = [scene for scene in scenes if any((r.scene, r.pixels) == (scene, PIXELS[-1]) for r in rows)]
+    with plot_sheet(path, max(7.0, 1.5 * len(scenes)), 8.0) as sheet:
         above, below = sheet.subplots(2, 1)
         _draw_bars(above, rows, scenes)
-        _draw_curves(below, rows, scenes)
+        _draw_curves(below, rows, with_curves)
 
 
 def _draw_bars(panel: Any, rows: list[BoxTests], scenes: list[str]) -> None:
@@ -219,7 +304,7 @@ def _draw_bars(panel: Any, rows: list[BoxTests], scenes: list[str]) -> None:
     methods = [Patch(color=colour, label=method) for method, colour in zip(_BARS, _COLOURS)]
     classes = [Patch(facecolor="black", alpha=opaque, label=label) for _, label, opaque in reversed(_CLASSES)]
     panel.legend(handles=methods + classes, fontsize=8, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    panel.set_xticks(range(len(scenes)), scenes)
+    panel.set_xticks(range(len(scenes)), [scene.replace(", ", "\n") for scene in scenes], fontsize=8)
     panel.set_ylabel("box tests relative to random order")
     panel.grid(axis="y", alpha=0.3)
     panel.set_axisbelow(True)
