@@ -44,7 +44,7 @@ class Source(NamedTuple):
     expression: str
 
 
-def rows(table: list[dict[str, Any]], **fields: Any) -> list[dict[str, Any]]:
+def where(table: list[dict[str, Any]], **fields: Any) -> list[dict[str, Any]]:
     """The rows of a table with these values of fields.
 
     Raises
@@ -60,11 +60,11 @@ def rows(table: list[dict[str, Any]], **fields: Any) -> list[dict[str, Any]]:
 
 def values(table: list[dict[str, Any]], field: str, **fields: Any) -> list[Any]:
     """A field of the rows of a table with these values of other fields."""
-    return [row[field] for row in rows(table, **fields)]
+    return [row[field] for row in where(table, **fields)]
 
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
-    each.__name__: each for each in (rows, values, geometric_mean, median, len, max, min, sum)
+    each.__name__: each for each in (where, values, geometric_mean, median, len, max, min, sum)
 }
 
 

@@ -39,7 +39,7 @@ def test_numbers_are_compared_as_written(folder):
     share = 'share = 100 * max(values(saved, "share", method="srdh"))'.partition("= ")[2]
     folder(f"42 %<!-- x: {share} -->, 42.4 %<!-- x: {share} --> and -1,234.5<!-- x: results['two words'] -->.")
     assert numbers.check() == []
-    folder(f"from 1 to 43 %<!-- x: {share} -->\n\n2 <!-- x: len(rows(saved, method='srdh')) --> scenes")
+    folder(f"from 1 to 43 %<!-- x: {share} -->\n\n2 <!-- x: len(where(saved, method='srdh')) --> scenes")
     (found,) = numbers.check()
     assert found == "docs/page.md:1: 43 is 42 in x.json; run scripts/document_numbers.py"
 
