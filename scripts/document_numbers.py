@@ -29,7 +29,7 @@ DOCS = ROOT / "docs"
 FOLDERS = DOCS / "papers" / "results", DOCS / "results"
 """The folders with results."""
 
-_SOURCED = re.compile(
+SOURCED = re.compile(
     r"(?P<number>[-+\u2212]?\d[\d,]*(?:\.\d+)?)(?P<unit>[^\d<|\n]{0,20})<!-- (?P<file>[\w-]+): (?P<expression>.+?) -->"
 )
 
@@ -86,7 +86,7 @@ def prose_lines(text: str) -> Iterator[tuple[str, bool]]:
 def sources(document: Path) -> Iterator[Source]:
     """The numbers with sources in the prose of a document."""
     for number, (line, is_prose) in enumerate(prose_lines(document.read_text(encoding="utf-8")), 1):
-        for match in _SOURCED.finditer(line) if is_prose else ():
+        for match in SOURCED.finditer(line) if is_prose else ():
             yield Source(document, number, match["number"], match["file"], match["expression"])
 
 
@@ -134,7 +134,7 @@ def update() -> list[str]:
     """Write the present values into the documents; return the problems that remain."""
     for document in documents():
         text = document.read_text(encoding="utf-8")
-        new = "".join(_SOURCED.sub(_replaced, line) if is_prose else line for line, is_prose in prose_lines(text))
+        new = "".join(SOURCED.sub(_replaced, line) if is_prose else line for line, is_prose in prose_lines(text))
         if new != text:
             document.write_text(new, encoding="utf-8")
     return check()

@@ -155,14 +155,34 @@ def records(rows: Iterable[Any], *properties: str) -> list[dict[str, Any]]:
 # --- Plots ------------------------------------------------------------------------------------------------------------
 
 
+PLOT_STYLE = {
+    "font.size": 9.0,
+    "axes.titlesize": 10.0,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+}
+"""Matplotlib's settings for the plots of all papers."""
+
+
 @contextmanager
 def plot_sheet(path: Path, width: float, height: float) -> Iterator[Any]:
-    """A Matplotlib figure of this size in inches, which is written to a .png file at the end of the block."""
+    """A Matplotlib figure of this size in inches, which is written to a .png file at the end of the block.
+
+    In the block, `PLOT_STYLE` applies.
+    """
+    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    sheet = Figure(figsize=(width, height), layout="constrained")
-    yield sheet
-    save_sheet(sheet, path)
+    with rc_context(PLOT_STYLE):
+        sheet = Figure(figsize=(width, height), layout="constrained")
+        yield sheet
+        save_sheet(sheet, path)
 
 
 def save_sheet(sheet: Any, path: Path) -> None:

@@ -60,7 +60,7 @@ def write_comparison(panels: Sequence[ComparisonPanel], path: Path) -> None:
             draw_comparison(place, panel)
         for place in list(places.flat)[len(panels) :]:
             place.set_axis_off()
-        places.flat[0].legend(handles=_legend(), fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+        places.flat[0].legend(handles=_legend(), loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
 
 
 def draw_comparison(place: Any, panel: ComparisonPanel) -> None:
@@ -71,14 +71,11 @@ def draw_comparison(place: Any, panel: ComparisonPanel) -> None:
     for k, value in enumerate(panel.values):
         _draw_bar(place, k - 0.2, value.paper, PAPER_COLOUR, panel.log)
         _draw_bar(place, k + 0.2, value.ours, OUR_COLOUR, panel.log)
-    place.set_yticks(range(len(panel.values)), [value.name for value in panel.values], fontsize=9)
+    place.set_yticks(range(len(panel.values)), [value.name for value in panel.values])
     place.set_ylim(len(panel.values) - 0.5, -0.5)
-    place.set_title(panel.title, fontsize=10, loc="left")
-    place.set_xlabel(panel.unit, fontsize=9)
+    place.set(title=panel.title, xlabel=panel.unit)
     place.margins(x=0.15)
-    place.grid(axis="x", alpha=0.3)
-    place.set_axisbelow(True)
-    place.spines[["top", "right"]].set_visible(False)
+    place.grid(visible=False, axis="y")
     if panel.log:
         place.set_xscale("log")
         place.xaxis.set_major_formatter("{x:g}")

@@ -303,11 +303,10 @@ def _draw_bars(panel: Any, rows: list[BoxTests], scenes: list[str]) -> None:
             bottom += part
     methods = [Patch(color=colour, label=method) for method, colour in zip(_BARS, _COLOURS)]
     classes = [Patch(facecolor="black", alpha=opaque, label=label) for _, label, opaque in reversed(_CLASSES)]
-    panel.legend(handles=methods + classes, fontsize=8, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    panel.legend(handles=methods + classes, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     panel.set_xticks(range(len(scenes)), [scene.replace(", ", "\n") for scene in scenes], fontsize=8)
     panel.set_ylabel("box tests relative to random order")
-    panel.grid(axis="y", alpha=0.3)
-    panel.set_axisbelow(True)
+    panel.grid(visible=False, axis="x")
 
 
 def _draw_curves(panel: Any, rows: list[BoxTests], scenes: list[str]) -> None:
@@ -322,5 +321,4 @@ def _draw_curves(panel: Any, rows: list[BoxTests], scenes: list[str]) -> None:
     panel.set_xscale("log", base=2)
     panel.set_xticks([*PIXELS, last], [*(f"{k} x {k}" for k in PIXELS), "all"])
     panel.set(ylim=(0, None), xlabel="pixels of the pre-render", ylabel="box tests relative to random order")
-    panel.grid(alpha=0.3)
-    panel.legend(fontsize=8, ncols=2, loc="lower left")
+    panel.legend(ncols=2, loc="lower left")

@@ -162,7 +162,7 @@ def write_trees(drawn: list[DrawnTree], frequent: NDArray[np.bool_], path: Path)
     with plot_sheet(path, 13.0, 4.2 * len(drawn)) as sheet:
         panels = sheet.subplots(len(drawn), 1, squeeze=False)
         for panel, tree in zip(panels[:, 0], drawn):
-            panel.set_title(tree.title, fontsize=10, loc="left")
+            panel.set_title(tree.title)
             panel.set_axis_off()
             _draw_tree(panel, tree.bvh, frequent)
 

@@ -111,7 +111,9 @@ _LIGHTS: dict[Lighting, Callable[[BenchmarkView], list[Light]]] = {
 
 
 def _up(view: BenchmarkView) -> np.ndarray:
-    return np.eye(3)[2 if view.scene.up == "z" else 1]
+    axes: np.ndarray = np.eye(3)
+    up: np.ndarray = axes[2 if view.scene.up == "z" else 1]
+    return up
 
 
 def _free_distances(view: BenchmarkView, origin: np.ndarray, ways: Sequence[np.ndarray]) -> np.ndarray:
