@@ -150,7 +150,7 @@ class SrdhBenchOptions(NamedTuple):
         list[Lighting] | None,
         typer.Option(
             help="Lights: the scene's own, two opposed ones, four lamps, ambient occlusion or a sky; may be repeated.  "
-            "[default: own; for Sponza and the atrium all]",
+            "[default: own; in Sponza and the atrium all; in godot_room also lamps]",
             show_default=False,
         ),
     ] = None

@@ -155,7 +155,7 @@ def records(rows: Iterable[Any], *properties: str) -> list[dict[str, Any]]:
 # --- Plots ------------------------------------------------------------------------------------------------------------
 
 
-PLOT_STYLE = {
+PLOT_STYLE: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 10.0,
     "axes.titlelocation": "left",

@@ -77,9 +77,9 @@ def draw_comparison(place: Any, panel: ComparisonPanel) -> None:
     place.margins(x=0.15)
     place.grid(visible=False, axis="y")
     if panel.log:
-        place.set_xscale("log")
+        place.set_xscale("log", subs=())
+        place.xaxis.get_major_locator().set_params(subs=(1.0, 2.0, 3.0, 5.0))
         place.xaxis.set_major_formatter("{x:g}")
-        place.xaxis.set_minor_formatter(lambda x, _: "")
     else:
         place.axvline(0.0, color="black", linewidth=0.8)
 

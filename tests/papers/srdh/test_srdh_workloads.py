@@ -79,7 +79,8 @@ def test_further_lightings_have_counts_and_trace_times_only(rows):
     assert list(dict.fromkeys(row.scene for row in rows.renders)) == names
     pixels = {name: {row.pixels for row in rows.counts if row.scene == name} for name in names}
     assert pixels["atrium"] == {None, *srdh.PIXELS} and pixels[names[1]] == pixels[names[2]] == {None, 16}
-    assert srdh.of(rows.counts, names[1], srdh.BASE).rays > srdh.of(rows.counts, "atrium", srdh.BASE).rays
+    rays = [srdh.of(rows.counts, name, srdh.BASE).rays for name in names]
+    assert rays[1] > rays[2] and rays[0] > 2 * rays[2]  # two lights and one, with a quarter of the pixels
     assert len({(gain.scene, gain.tracer) for gain in srdh.gains(rows.renders)}) == 3 * len(srdh.TRACERS)
 
 

@@ -31,6 +31,7 @@ from ...query.light_samples import light_samples
 from ...query.query_bounds import reach
 from ...query.receivers import FREE
 from ...query.shadow_query import ShadowQuery, shadow_queries
+from ...scene.camera import Camera
 from ...scene.light_lists import PointLights
 from ...scene.lights import MAX_SPP
 from ...scene.triangles import Triangles
@@ -440,13 +441,17 @@ class SrdhRows(NamedTuple):
 
 
 def measure(views: Sequence[BenchmarkView], effort: SrdhEffort, say: Say, pictures: Path | None) -> SrdhRows:
-    """Measure all views. Views of the same scene under further lightings have fewer pre-renders and no build times.
+    """Measure all views.
+
+    Further lightings of a scene have pictures of half the width and height, one pre-render and no build times.
 
     pictures : folder for the drawings of the first view's trees (Figure 3); None: no drawings
     """
     rows, seen = SrdhRows([], [], [], [], [], []), set[int]()
     for view in views:
-        work, relit = Workload(view, effort.spp, effort.threads), id(view.scene) in seen
+        if relit := id(view.scene) in seen:
+            view = view._replace(camera=_halved(view.camera))
+        work = Workload(view, effort.spp, effort.threads)
         counts, trees = count_view(work, say, BUILD_PIXELS[:1] if relit else PIXELS)
         rows.counts.extend(counts)
         rows.depths.extend(trees.depths(view.name))
@@ -458,10 +463,16 @@ def measure(views: Sequence[BenchmarkView], effort: SrdhEffort, say: Say, pictur
         del trees
         say(f"{view.name}, uniformly distributed lines")
         rows.rtsah.append(check_rtsah(work))
-        smaller = view._replace(camera=view.camera.resized(*effort.timed_size))
-        rows.renders.extend(render_times(smaller, effort.threads, effort.rounds, say))
+        camera = view.camera.resized(*effort.timed_size)
+        timed = view._replace(camera=_halved(camera) if relit else camera)
+        rows.renders.extend(render_times(timed, effort.threads, effort.rounds, say))
         seen.add(id(view.scene))
     return rows
+
+
+def _halved(camera: Camera) -> Camera:
+    """The camera with half as many pixels in each direction."""
+    return camera.resized(-(-camera.width // 2), -(-camera.height // 2))
 
 
 def _figure_3(views: Sequence[BenchmarkView]) -> str:

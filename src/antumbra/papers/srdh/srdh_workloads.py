@@ -36,7 +36,7 @@ NAMES = {
 
 RELIT = {
     "sponza_crytek": tuple(Lighting),
-    "godot_room": (Lighting.own, Lighting.opposed, Lighting.lamps),
+    "godot_room": (Lighting.own, Lighting.lamps),
     "atrium": tuple(Lighting),
 }
 """Scene -> its lightings, unless the user chooses some. Other scenes keep their own lights. ARCADE has the triangles of
@@ -44,7 +44,7 @@ SPONZA; the atrium stands for both where no real scenes are."""
 
 _AMBIENT_RADIUS = 1 / 10  # of the scene's diagonal
 _FARTHEST = 1 / 3  # of the diagonal: distance of a light where nothing is in the way
-_SKY_LIGHTS = 64  # distant lights; a receiver sees a sixteenth of them
+_SKY_LIGHTS = 64  # distant lights; each receiver tests a sixteenth of them
 
 
 def workloads(views: Iterable[BenchmarkView], lightings: Sequence[Lighting] | None) -> list[BenchmarkView]:
