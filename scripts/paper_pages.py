@@ -11,6 +11,7 @@ docs/papers/results/, from which `document_numbers.py` then updates the numbers 
 """
 
 import json
+import re
 import shutil
 import sys
 from collections.abc import Callable
@@ -169,6 +170,15 @@ def make_page(name: str, folder: Path) -> str | None:
     return None
 
 
+def remove_unused_pictures() -> None:
+    """Remove the pictures that no page shows any more."""
+    texts = [page.read_text(encoding="utf-8") for page in PAGES.glob("*.md")]
+    shown = {name for text in texts for name in re.findall(r"\{image\} (.+)", text)}
+    for picture in PAGES.glob("*.png"):
+        if picture.name not in shown:
+            picture.unlink()
+
+
 def check() -> list[str]:
     """The objections to the results of the present pages."""
     found = []
@@ -183,6 +193,7 @@ def main(folder: Path) -> int:
     kept = [reason for reason in (make_page(name, folder) for name in PAPERS) if reason is not None]
     for reason in kept:
         print(f"{reason} (page unchanged)", file=sys.stderr)
+    remove_unused_pictures()
     for trouble in document_numbers.update():
         print(trouble, file=sys.stderr)
     return len(kept) == len(PAPERS)

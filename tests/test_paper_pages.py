@@ -76,6 +76,9 @@ def test_a_page_is_written_from_results(present, tmp_path, monkeypatch):
         assert f"\n{line}\n" in text, line
     assert re.findall(r"\{image\} (.+)", text) == ["srdh-comparison.png", "srdh.png", "srdh-trees.png"]
     assert json.loads((place / "results" / "srdh.json").read_text()) == results
+    (place / "srdh-old.png").write_bytes(b"")
+    pages.remove_unused_pictures()
+    assert {path.name for path in place.glob("*.png")} == {"srdh-comparison.png", "srdh.png", "srdh-trees.png"}
     assert pages.make_page("chc-rt", tmp_path) == f"chc-rt: no results in {tmp_path}"
 
 
