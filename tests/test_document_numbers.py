@@ -9,6 +9,8 @@ from repository import ROOT, tool
 
 numbers = tool(ROOT / "scripts" / "document_numbers.py")
 
+HOW = "pages by scripts/paper_pages.py, or run benchmarks with --json docs/results/NAME.json"
+
 RESULTS = {
     "saved": [
         {"scene": "a", "method": "srdh", "share": 0.424},
@@ -107,7 +109,12 @@ def test_figures_on_performance_have_sources():
         assert name in UNKEPT or not re.search(r"\d", bare), f"{name}: {bare}"
 
 
-@pytest.mark.parametrize("file", sorted((ROOT / "docs" / "results").glob("*.json")), ids=lambda path: path.stem)
-def test_results_of_benchmarks_state_their_conditions(file):
-    machine = json.loads(file.read_text())["machine"]
-    assert machine["command"].startswith("python benchmarks/") and machine["commit"] and machine["processor"]
+def test_results_of_benchmarks_state_their_conditions():
+    files = sorted((ROOT / "docs" / "results").glob("*.json"))
+    if not files:
+        pytest.skip(
+            "NOT checked: docs/results/ is empty; run a script of benchmarks/ with --json docs/results/NAME.json"
+        )
+    for file in files:
+        machine = json.loads(file.read_text())["machine"]
+        assert machine["command"].startswith("python benchmarks/") and machine["commit"] and machine["processor"], file
