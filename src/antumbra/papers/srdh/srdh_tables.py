@@ -64,7 +64,8 @@ def _print_orders(rows: list[BoxTests]) -> None:
         TableColumn("rays", lambda r: f"{r.rays:,}"),
         TableColumn("% blocked", lambda r: percent(r.blocked / r.rays)),
     )
-    print_table("Counted shadow rays", sizes, [of(rows, name, bench.BASE) for name in scenes_of(rows)])
+    title = "Counted shadow rays; further lightings of a scene have a quarter of the pixels"
+    print_table(title, sizes, [of(rows, name, bench.BASE) for name in scenes_of(rows)])
     columns = (
         label("scene", "scene"),
         label("method", "method"),
