@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from antumbra.bvh import binned_sah
-from antumbra.cli.bench_conditions import loaded_kernels
+from antumbra.cli.bench_conditions import kernel_digests
+from antumbra.kernels.jit import recorded_calls
 from repository import ROOT, tool
 
 sys.path.append(str(ROOT / "scripts"))  # paper_pages imports document_numbers
@@ -26,8 +27,9 @@ def results_of(quick=False, rounds=3, kernels=None, python=PYTHON, **more):
 @pytest.fixture
 def present():
     """The digests of the kernels of a builder, as they are now."""
-    binned_sah.build(np.random.default_rng(0).normal(size=(40, 3, 3)).astype(np.float32), 1)
-    return loaded_kernels()
+    with recorded_calls() as calls:
+        binned_sah.build(np.random.default_rng(0).normal(size=(40, 3, 3)).astype(np.float32), 1)
+    return kernel_digests(calls)
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,15 @@ import pytest
 
 from antumbra.bvh import binned_sah
 from antumbra.cli import bench_conditions
-from antumbra.cli.bench_conditions import changed_kernels, collected_spreads, loaded_kernels, record_laps, summary_of
+from antumbra.cli.bench_conditions import changed_kernels, collected_spreads, kernel_digests, record_laps, summary_of
+from antumbra.kernels.jit import recorded_calls
 from antumbra.papers.bench_runner import interleave
 
 
 def test_kernels_that_changed_are_named():
-    binned_sah.build(np.random.default_rng(0).normal(size=(100, 3, 3)).astype(np.float32), 1)
-    loaded = loaded_kernels()
+    with recorded_calls() as calls:
+        binned_sah.build(np.random.default_rng(0).normal(size=(100, 3, 3)).astype(np.float32), 1)
+    loaded = kernel_digests(calls)
     builders = [name for name in loaded if name.startswith("antumbra.bvh.")]
     assert builders and changed_kernels(loaded) == []
     name = builders[0]

@@ -82,9 +82,10 @@ class BenchRun:
         """
         if plot is not None:
             check_plot(plot)
-        from .bench_conditions import collected_spreads, conditions, loaded_kernels, summary_of
+        from ..kernels.jit import recorded_calls
+        from .bench_conditions import collected_spreads, conditions, kernel_digests, summary_of
 
-        with self._display, collected_spreads() as spreads:
+        with self._display, collected_spreads() as spreads, recorded_calls() as calls:
             result = measure()
             self._draw(result, plot)
         about = conditions(self._command, self._quick)
@@ -96,7 +97,7 @@ class BenchRun:
                 answer["same_bits"] = same
                 verdict = "the same by all methods" if same else "DIFFER: please report this"
                 console.print_fields([("bits", verdict)])
-        answer["kernels"] = loaded_kernels()
+        answer["kernels"] = kernel_digests(calls)
         if self._folder is not None:
             self._write(self._folder, record, answer)
         if self._json:

@@ -4,7 +4,7 @@ Pages made from results (`scripts/paper_pages.py`) show the conditions, and refu
 """
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from datetime import UTC, datetime
@@ -28,12 +28,10 @@ def conditions(command: str, quick: bool) -> dict[str, Any]:
 # --- Kernels ----------------------------------------------------------------------------------------------------------
 
 
-def loaded_kernels() -> KernelDigests:
-    """The digests of all kernels that this process has loaded."""
-    from ..kernels.toolchain.kernel_cache import events
-
+def kernel_digests(calls: Iterable[tuple[str, str]]) -> KernelDigests:
+    """The digests of kernels: (name, kinds of arguments), as `jit.recorded_calls` yields them."""
     found: KernelDigests = {}
-    for name, key in sorted({(event.kernel, event.key) for event in events}):
+    for name, key in sorted(calls):
         found.setdefault(name, {})[key] = _digest_now(name, key)
     return found
 
