@@ -64,7 +64,7 @@ def test_tables_of_srdh(cli):
     assert all(b["both"] > 1 and b["instead"] > 0 and b["rays"] > 0 for b in told["builds"])
     assert len({(r["build"], r["tracer"]) for r in told["renders"]}) == len(told["renders"]) == 8
     assert all(r["traced"] > 0 for r in told["renders"]) and len(told["gains"]) == 4
-    assert {d["method"] for d in told["depths"]} == {"SAH", "srdh, published"}
+    assert {d["method"] for d in told["trees"]} == {"SAH", "srdh, published"}
     assert told["memory"][0]["growth"] == pytest.approx(2.0) and len(told["saved"]) == 2
 
 

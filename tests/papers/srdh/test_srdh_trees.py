@@ -9,10 +9,10 @@ from antumbra.papers.srdh.srdh_trees import (
     DrawnTree,
     bytes_of,
     frequent_occluders,
-    occluder_depths,
     subtrees,
     sums_below,
     tree_memory,
+    tree_shape,
     write_trees,
 )
 from antumbra.trace.rays.ray_hits import Intersections
@@ -60,13 +60,21 @@ def test_depths_of_frequent_occluders(bvh):
         below[trees.children[k]] |= below[k]
     frequent = np.zeros(N, bool)
     frequent[bvh.prim_ids[below[m:]]] = True
-    found = occluder_depths("room", "SAH", bvh, frequent)
-    assert found[:4] == ("room", "SAH", size[root], 1) and found[4:] == (4, 4, 4)
+    found = tree_shape("room", "SAH", bvh, frequent)
+    assert found[:4] == ("room", "SAH", size[root], 1) and found[4:7] == (4, 4, 4)
     lone = int(np.flatnonzero(~frequent[bvh.prim_ids] & minor[m:] & (trees.depth[m:] > 6))[0])
     frequent[bvh.prim_ids[lone]] = True
-    again = occluder_depths("room", "SAH", bvh, frequent)
+    again = tree_shape("room", "SAH", bvh, frequent)
     assert again.roots == 2 and again.first == again.half == 4 and again.frequent == size[root] + 1
-    assert occluder_depths("room", "SAH", bvh, np.ones(N, bool))[3:] == (1, 0, 0, 0)
+    assert tree_shape("room", "SAH", bvh, np.ones(N, bool))[3:7] == (1, 0, 0, 0)
+
+
+def test_kernels_of_a_tree(bvh):
+    links = bvh.links.copy()
+    links[:, ORDER] = 0
+    links[:7, ORDER] = 1, 1, 2, 3, 1, 2, 0
+    shape = tree_shape("room", "srdh", bvh._replace(links=links), np.ones(N, bool))
+    assert (shape.ordered, shape.distance) == (6, 3)
 
 
 def test_memory_of_both_trees(bvh):

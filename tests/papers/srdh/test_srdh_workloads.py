@@ -31,15 +31,14 @@ def test_every_lighting_lights_a_part_of_what_is_seen(view, lighting):
         assert 0.02 < share < 0.98
 
 
-def test_opposed_lights_face_each_other_along_the_view(view):
-    first, second = lit_view(view, Lighting.opposed).lights
-    between = middle(second) - middle(first)
-    ahead = view.camera.axes[2] * (1, 0, 1)
-    assert abs(between @ ahead) > 0.999 * np.linalg.norm(between) * np.linalg.norm(ahead)
-    assert np.allclose(np.cross(first.u, first.v), np.cross(second.u, second.v)) and abs(first.u @ between) < 1e-6
-    assert not view.scene.occluded(middle(first), between, tmax=0.95) or not view.scene.occluded(
-        middle(second), -between, tmax=0.95
-    )
+def test_opposed_lights_are_distant_and_on_both_sides(view):
+    centre, right = view.scene.bounds.mean(0), view.camera.axes[0]
+    diagonal = np.linalg.norm(np.ptp(view.scene.bounds, axis=0))
+    ways = [(middle(light) - centre) / diagonal for light in lit_view(view, Lighting.opposed).lights]
+    assert [np.round(way @ right, 6) for way in ways] == [-round(0.5**0.5, 6), round(0.5**0.5, 6)]
+    for way, light in zip(ways, lit_view(view, Lighting.opposed).lights):
+        assert np.linalg.norm(way) == pytest.approx(1.0) and way[1] == pytest.approx(0.5**0.5)
+        assert abs(light.u @ way) < 1e-6 * diagonal and light.area() == pytest.approx((diagonal / 10) ** 2)
 
 
 def test_four_lamps_are_as_large_as_the_usual_one(view):

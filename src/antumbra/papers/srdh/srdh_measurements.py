@@ -48,7 +48,7 @@ from ...trace.rays.single_rays import UNOCCLUDED, count_steps
 from ..bench_runner import Say, interleave, medians, round_text
 from ..benchmark_views import BenchmarkView, digest
 from ..published_methods import BUILDERS, ORDERS
-from .srdh_trees import OccluderDepths, TreeMemory, frequent_occluders, occluder_depths, tree_memory
+from .srdh_trees import TreeMemory, TreeShape, frequent_occluders, tree_memory, tree_shape
 
 # --- Box tests (Figures 2, 4 and 5) -----------------------------------------------------------------------------------
 
@@ -140,10 +140,10 @@ class ShadowTrees(NamedTuple):
     rays: Intersections  # all rays
     sparse: Intersections | None  # the rays of 16 x 16 pixels, if they were counted
 
-    def depths(self, scene: str) -> list[OccluderDepths]:
-        """Where the frequent occluders of all rays lie in both trees (Figure 3)."""
+    def shapes(self, scene: str) -> list[TreeShape]:
+        """The shapes of both trees, with the frequent occluders of all rays (Figure 3)."""
         trees, frequent = {"SAH": self.sah, PUBLISHED: self.published}, self.frequent()
-        return [occluder_depths(scene, name, bvh, frequent) for name, bvh in trees.items()]
+        return [tree_shape(scene, name, bvh, frequent) for name, bvh in trees.items()]
 
     def frequent(self) -> NDArray[np.bool_]:
         return frequent_occluders(self.rays, len(self.sah.prim_ids))
@@ -433,7 +433,7 @@ class SrdhRows(NamedTuple):
     """All measured rows."""
 
     counts: list[BoxTests]
-    depths: list[OccluderDepths]
+    trees: list[TreeShape]
     memory: list[TreeMemory]
     rtsah: list[RtsahCheck]
     builds: list[BuildTimes]
@@ -454,7 +454,7 @@ def measure(views: Sequence[BenchmarkView], effort: SrdhEffort, say: Say, pictur
         work = Workload(view, effort.spp, effort.threads)
         counts, trees = count_view(work, say, BUILD_PIXELS[:1] if relit else PIXELS)
         rows.counts.extend(counts)
-        rows.depths.extend(trees.depths(view.name))
+        rows.trees.extend(trees.shapes(view.name))
         if pictures is not None and view.name == _figure_3(views):
             _draw_trees(trees, view.name, pictures)
         if not relit:

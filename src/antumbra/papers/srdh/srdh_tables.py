@@ -35,9 +35,11 @@ from .srdh_published import (
     PUBLISHED_UNOCCLUDED,
     REDUCTION,
     WITHIN,
+    Lighting,
     both_over_sah,
 )
-from .srdh_trees import OccluderDepths, TreeMemory
+from .srdh_trees import TreeMemory, TreeShape
+from .srdh_workloads import NAMES
 
 # --- Tables -----------------------------------------------------------------------------------------------------------
 
@@ -46,11 +48,11 @@ def print_tables(rows: SrdhRows) -> None:
     """Print all tables."""
     _print_orders(rows.counts)
     _print_saved(rows.counts)
-    _print_depths(rows.depths)
+    _print_depths(rows.trees)
     _print_memory(rows.memory)
     _print_rtsah(rows.rtsah)
     _print_pixels(rows.counts)
-    _print_kernels(rows.counts)
+    _print_kernels(rows.counts, rows.trees)
     _print_builds(rows.builds)
     _print_renders(rows.renders)
 
@@ -102,7 +104,7 @@ def _print_saved(rows: list[BoxTests]) -> None:
     print_table(title, columns, [of(rows, name, PUBLISHED) for name in scenes_of(rows)], published)
 
 
-def _print_depths(rows: list[OccluderDepths]) -> None:
+def _print_depths(rows: list[TreeShape]) -> None:
     """Print Figure 3 as a table."""
     columns = (
         label("scene", "scene", lambda _: "(paper: BEDROOM)"),
@@ -167,18 +169,24 @@ def _print_pixels(rows: list[BoxTests]) -> None:
     print_notes([*notes, ("the paper's", f"at most {percent(WITHIN)} %")])
 
 
-def _print_kernels(rows: list[BoxTests]) -> None:
+def _print_kernels(rows: list[BoxTests], trees: list[TreeShape]) -> None:
     """Print Figure 5 as a table."""
     heads = {bench.CONSTANT: bench.CONSTANT, bench.DISTANCE: bench.DISTANCE, PUBLISHED: "all kernels"}
     share = lambda scene, method: f"{100 * relative(rows, of(rows, scene, method)):.1f}"
-    gain = TableColumn("all vs. constant", lambda scene: f"{100 * kernel_gain(rows, scene):+.1f} %")
+    shapes = {tree.scene: tree for tree in trees if tree.method == PUBLISHED}
+    chosen = lambda scene: shapes[scene].distance / max(1, shapes[scene].ordered)
+    more = (
+        TableColumn("distance vs. constant", lambda scene: f"{100 * kernel_gain(rows, scene, bench.DISTANCE):+.1f} %"),
+        TableColumn("all vs. constant", lambda scene: f"{100 * kernel_gain(rows, scene):+.1f} %"),
+        TableColumn("% of nodes that choose distance", lambda scene: f"{100 * chosen(scene):.1f}"),
+    )
     title = "Box tests, % of random order, by available kernels, with all rays as representative rays (Figure 5)"
-    print_table(title, [label("scene", str), *columns_of(heads, share), gain], scenes_of(rows))
+    print_table(title, [label("scene", str), *columns_of(heads, share), *more], scenes_of(rows))
 
 
-def kernel_gain(rows: list[BoxTests], scene: str) -> float:
-    """The box tests with all kernels relative to constant kernels alone, minus 1."""
-    return of(rows, scene, PUBLISHED).total / of(rows, scene, bench.CONSTANT).total - 1.0
+def kernel_gain(rows: list[BoxTests], scene: str, kernels: str = PUBLISHED) -> float:
+    """The box tests with all kernels, or with distance kernels, relative to constant kernels alone, minus 1."""
+    return of(rows, scene, kernels).total / of(rows, scene, bench.CONSTANT).total - 1.0
 
 
 def _print_builds(times: list[BuildTimes]) -> None:
@@ -245,7 +253,10 @@ def comparison(rows: SrdhRows) -> list[ComparisonPanel]:
     ]
     sparse = [ComparedValue("trees for 16 x 16 pixels", (0.0, 100 * WITHIN), ours("beyond_all", found))]
     kernels = share(kernel_gain(rows.counts, row["scene"]) for row in found)
+    opposed = [name for name in scenes_of(rows.counts) if NAMES[Lighting.opposed] in name]
+    distance = share(kernel_gain(rows.counts, name, bench.DISTANCE) for name in opposed)
     sparse.append(ComparedValue("all kernels vs. constant", None, kernels))
+    sparse.append(ComparedValue("distance kernels, opposed lights", None, distance))
     built = [
         ComparedValue(
             f"{k} x {k} pixels",
@@ -254,7 +265,7 @@ def comparison(rows: SrdhRows) -> list[ComparisonPanel]:
         )
         for k in BUILD_PIXELS
     ]
-    half = {method: [row.half for row in rows.depths if row.method == method] for method in ("SAH", PUBLISHED)}
+    half = {method: [row.half for row in rows.trees if row.method == method] for method in ("SAH", PUBLISHED)}
     depths = [
         ComparedValue(f"{tree} tree", range_of(BLINDS_DEPTHS[tree]), range_of(half[method]))
         for tree, method in (("SAH", "SAH"), ("SRDH", PUBLISHED))

@@ -1,4 +1,4 @@
-"""What SRDH changes about a tree [Feltman et al. 2012, Fig. 3, Sec. 5]: where frequent occluders lie, and its memory.
+"""What SRDH changes about a tree [Feltman et al. 2012, Fig. 3, Sec. 5]: its shape, its kernels, and its memory.
 
 The *frequent occluders* of a set of rays are the triangles that it meets most often: as few as make up half of all
 intersections. In Figure 3 they are the middle blinds. A subtree *of frequent occluders* is a largest subtree at least
@@ -64,8 +64,8 @@ def frequent_occluders(hits: Intersections, n: int) -> NDArray[np.bool_]:
     return frequent
 
 
-class OccluderDepths(NamedTuple):
-    """Where the frequent occluders lie in a tree: the depths of the roots of their subtrees (Fig. 3)."""
+class TreeShape(NamedTuple):
+    """A tree's kernels, and where its frequent occluders lie: the depths of the roots of their subtrees (Fig. 3)."""
 
     scene: str
     method: str
@@ -74,10 +74,12 @@ class OccluderDepths(NamedTuple):
     first: int  # depth of the root at or above which a tenth of them lie
     half: int  # the same for half of them
     most: int  # the same for nine tenths
+    ordered: int  # nodes with a traversal-order kernel other than 1/2
+    distance: int  # of these, nodes that compare distances: front to back, or back to front
 
 
-def occluder_depths(scene: str, method: str, bvh: Bvh, frequent: NDArray[np.bool_]) -> OccluderDepths:
-    """The depths of the subtrees of frequent occluders in a tree; frequent: as `frequent_occluders` returns."""
+def tree_shape(scene: str, method: str, bvh: Bvh, frequent: NDArray[np.bool_]) -> TreeShape:
+    """The shape of a tree with one triangle per leaf; frequent: as `frequent_occluders` returns."""
     trees = subtrees(bvh)
     inside = sums_below(trees, frequent[bvh.prim_ids].astype(np.int64))
     size = sums_below(trees, np.ones(len(bvh.prim_ids), np.int64))
@@ -87,7 +89,8 @@ def occluder_depths(scene: str, method: str, bvh: Bvh, frequent: NDArray[np.bool
     by_depth = roots[np.argsort(trees.depth[roots], kind="stable")]
     reached = np.cumsum(inside[by_depth]) / max(1, inside[by_depth].sum())
     tenth, half, most = (int(trees.depth[by_depth[np.searchsorted(reached, share)]]) for share in (0.1, 0.5, 0.9))
-    return OccluderDepths(scene, method, int(frequent.sum()), len(roots), tenth, half, most)
+    orders = int((trees.order != UNORDERED).sum()), int((trees.order > LEFT_FIRST).sum())
+    return TreeShape(scene, method, int(frequent.sum()), len(roots), tenth, half, most, *orders)
 
 
 def _has_ancestor(trees: Subtrees, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:

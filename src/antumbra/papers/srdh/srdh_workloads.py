@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from ...errors import InputError
-from ...scene.lights import AmbientOcclusion, Light, QuadLight, check_lights
+from ...scene.lights import AmbientOcclusion, Light, QuadLight, check_lights, tangents
 from ...scene.sky import Sky
 from ..benchmark_views import BenchmarkScenes, BenchmarkView, diagonal_of, square
 from .srdh_published import Lighting
@@ -43,7 +43,7 @@ RELIT = {
 SPONZA; the atrium stands for both where no real scenes are."""
 
 _AMBIENT_RADIUS = 1 / 10  # of the scene's diagonal
-_FARTHEST = 1 / 3  # of the diagonal: distance of a light where nothing is in the way
+_FARTHEST = 1 / 3  # of the diagonal: distance of a lamp where nothing is in the way
 _SKY_LIGHTS = 64  # distant lights; each receiver tests a sixteenth of them
 
 
@@ -69,14 +69,11 @@ def lit_view(view: BenchmarkView, lighting: Lighting) -> BenchmarkView:
 
 
 def _opposed(view: BenchmarkView) -> list[Light]:
-    """Two upright squares that face each other along the camera's view: one far ahead of it, one behind it."""
-    camera, up = view.camera, _up(view)
-    right, _, ahead = camera.axes
-    middle = camera.position + _free_distances(view, camera.position, [ahead])[0] / 2 * ahead
-    along = ahead - (ahead @ up) * up
-    along /= np.linalg.norm(along)
-    ends = zip((-along, along), _free_distances(view, middle, [-along, along]))
-    return [_square_lamp(view, middle + 0.9 * distance * way, right, up, 1 / 10) for way, distance in ends]
+    """Two distant squares, to the left and to the right of the camera's view and half-way up the sky."""
+    right, up = view.camera.axes[0], _up(view)
+    middle, reach = view.scene.bounds.mean(0), diagonal_of(view.name, view.scene.bounds)
+    ways = [(side * right + up) / np.sqrt(2.0) for side in (-1, 1)]
+    return [_square_lamp(view, middle + reach * way, *tangents(way), 1 / 10) for way in ways]
 
 
 def _lamps(view: BenchmarkView) -> list[Light]:
