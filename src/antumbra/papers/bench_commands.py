@@ -194,6 +194,7 @@ def srdh(run: BenchRun, options: SrdhBenchOptions) -> BenchResult:
     relative = ({"relative": bench.relative(rows.counts, row)} for row in rows.counts)
     answer |= {"counts": [record | more for record, more in zip(records(rows.counts), relative)]}
     answer |= {"saved": bench.savings(rows.counts), "trees": records(rows.trees)}
+    answer |= {"kernel_gains": records(bench.kernel_gains(rows.counts, rows.trees))}
     answer |= {"memory": records(rows.memory, "growth", "growth_shared"), "rtsah": records(rows.rtsah)}
     answer |= {"builds": records(rows.builds, "both", "instead"), "renders": records(rows.renders)}
     answer |= {"gains": records(bench.gains(rows.renders))}

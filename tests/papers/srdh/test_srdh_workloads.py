@@ -83,6 +83,15 @@ def test_further_lightings_have_counts_and_trace_times_only(rows):
     assert len({(gain.scene, gain.tracer) for gain in srdh.gains(rows.renders)}) == 3 * len(srdh.TRACERS)
 
 
+def test_kernel_gains(rows):
+    gains = srdh.kernel_gains(rows.counts, rows.trees)
+    assert [gain.scene for gain in gains] == srdh.scenes_of(rows.counts)
+    first, total = gains[0], lambda method: srdh.of(rows.counts, "atrium", method).total
+    assert first.distance == total(srdh.DISTANCE) / total(srdh.CONSTANT) - 1 != 0
+    assert first.both == total(srdh.PUBLISHED) / total(srdh.CONSTANT) - 1
+    assert all(0 < gain.chosen < 1 for gain in gains)
+
+
 def test_savings(rows):
     saved = srdh.savings(rows.counts)
     assert len(saved) == 3 * 2 and all(-1 < row["beyond_all"] < 1 and row["random"] < 1 for row in saved)

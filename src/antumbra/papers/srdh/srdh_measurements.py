@@ -236,6 +236,26 @@ def savings(rows: Sequence[BoxTests]) -> list[dict[str, Any]]:
     ]
 
 
+class KernelGain(NamedTuple):
+    """What kernels that compare distances change in a scene (Figure 5). Box tests are relative to constant kernels."""
+
+    scene: str
+    distance: float  # box tests with distance kernels alone, minus 1
+    both: float  # box tests with all kernels, minus 1
+    chosen: float  # share of the nodes with a kernel, in the tree with all kernels, that compare distances
+
+
+def kernel_gains(rows: Sequence[BoxTests], trees: Iterable[TreeShape]) -> list[KernelGain]:
+    """The gains in each scene."""
+    shapes = {tree.scene: tree for tree in trees if tree.method == PUBLISHED}
+    gain = lambda scene, method: of(rows, scene, method).total / of(rows, scene, CONSTANT).total - 1.0
+    share = lambda tree: tree.distance / max(1, tree.ordered)
+    return [
+        KernelGain(scene, gain(scene, DISTANCE), gain(scene, PUBLISHED), share(shapes[scene]))
+        for scene in scenes_of(rows)
+    ]
+
+
 # --- RTSAH with the lines that it assumes [Ize and Hansen 2011] -------------------------------------------------------
 
 

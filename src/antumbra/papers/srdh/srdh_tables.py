@@ -20,6 +20,7 @@ from .srdh_measurements import (
     SPP,
     BoxTests,
     BuildTimes,
+    KernelGain,
     RenderTimes,
     RtsahCheck,
     SrdhRows,
@@ -52,7 +53,7 @@ def print_tables(rows: SrdhRows) -> None:
     _print_memory(rows.memory)
     _print_rtsah(rows.rtsah)
     _print_pixels(rows.counts)
-    _print_kernels(rows.counts, rows.trees)
+    _print_kernels(rows.counts, bench.kernel_gains(rows.counts, rows.trees))
     _print_builds(rows.builds)
     _print_renders(rows.renders)
 
@@ -169,24 +170,18 @@ def _print_pixels(rows: list[BoxTests]) -> None:
     print_notes([*notes, ("the paper's", f"at most {percent(WITHIN)} %")])
 
 
-def _print_kernels(rows: list[BoxTests], trees: list[TreeShape]) -> None:
+def _print_kernels(rows: list[BoxTests], gains: list[KernelGain]) -> None:
     """Print Figure 5 as a table."""
     heads = {bench.CONSTANT: bench.CONSTANT, bench.DISTANCE: bench.DISTANCE, PUBLISHED: "all kernels"}
-    share = lambda scene, method: f"{100 * relative(rows, of(rows, scene, method)):.1f}"
-    shapes = {tree.scene: tree for tree in trees if tree.method == PUBLISHED}
-    chosen = lambda scene: shapes[scene].distance / max(1, shapes[scene].ordered)
-    more = (
-        TableColumn("distance vs. constant", lambda scene: f"{100 * kernel_gain(rows, scene, bench.DISTANCE):+.1f} %"),
-        TableColumn("all vs. constant", lambda scene: f"{100 * kernel_gain(rows, scene):+.1f} %"),
-        TableColumn("% of nodes that choose distance", lambda scene: f"{100 * chosen(scene):.1f}"),
+    columns = (
+        label("scene", "scene"),
+        *columns_of(heads, lambda gain, method: f"{100 * relative(rows, of(rows, gain.scene, method)):.1f}"),
+        TableColumn("distance vs. constant", lambda gain: f"{100 * gain.distance:+.1f} %"),
+        TableColumn("all vs. constant", lambda gain: f"{100 * gain.both:+.1f} %"),
+        TableColumn("nodes that choose distance", lambda gain: f"{100 * gain.chosen:.1f} %"),
     )
     title = "Box tests, % of random order, by available kernels, with all rays as representative rays (Figure 5)"
-    print_table(title, [label("scene", str), *columns_of(heads, share), *more], scenes_of(rows))
-
-
-def kernel_gain(rows: list[BoxTests], scene: str, kernels: str = PUBLISHED) -> float:
-    """The box tests with all kernels, or with distance kernels, relative to constant kernels alone, minus 1."""
-    return of(rows, scene, kernels).total / of(rows, scene, bench.CONSTANT).total - 1.0
+    print_table(title, columns, gains)
 
 
 def _print_builds(times: list[BuildTimes]) -> None:
@@ -252,11 +247,10 @@ def comparison(rows: SrdhRows) -> list[ComparisonPanel]:
         ComparedValue("unoccluded rays", share(PUBLISHED_UNOCCLUDED.values()), ours("unoccluded", found)),
     ]
     sparse = [ComparedValue("trees for 16 x 16 pixels", (0.0, 100 * WITHIN), ours("beyond_all", found))]
-    kernels = share(kernel_gain(rows.counts, row["scene"]) for row in found)
-    opposed = [name for name in scenes_of(rows.counts) if NAMES[Lighting.opposed] in name]
-    distance = share(kernel_gain(rows.counts, name, bench.DISTANCE) for name in opposed)
-    sparse.append(ComparedValue("all kernels vs. constant", None, kernels))
-    sparse.append(ComparedValue("distance kernels, opposed lights", None, distance))
+    kernels = bench.kernel_gains(rows.counts, rows.trees)
+    opposed = [gain.distance for gain in kernels if NAMES[Lighting.opposed] in gain.scene]
+    sparse.append(ComparedValue("all kernels vs. constant", None, share(gain.both for gain in kernels)))
+    sparse.append(ComparedValue("distance kernels, opposed lights", None, share(opposed)))
     built = [
         ComparedValue(
             f"{k} x {k} pixels",
