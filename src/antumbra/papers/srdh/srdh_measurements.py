@@ -463,7 +463,7 @@ class SrdhRows(NamedTuple):
 def measure(views: Sequence[BenchmarkView], effort: SrdhEffort, say: Say, pictures: Path | None) -> SrdhRows:
     """Measure all views.
 
-    Further lightings of a scene have pictures of half the width and height, one pre-render and no build times.
+    Further lightings of a scene have pictures of half the width and height, and one pre-render for box tests.
 
     pictures : folder for the drawings of the first view's trees (Figure 3); None: no drawings
     """
@@ -479,8 +479,8 @@ def measure(views: Sequence[BenchmarkView], effort: SrdhEffort, say: Say, pictur
             _draw_trees(trees, view.name, pictures)
         if not relit:
             rows.memory.append(trees.memory(view.name))
-            rows.builds.extend(build_times(work, effort.spp, effort.rounds, say))
         del trees
+        rows.builds.extend(build_times(work, effort.spp, effort.rounds, say))
         say(f"{view.name}, uniformly distributed lines")
         rows.rtsah.append(check_rtsah(work))
         camera = view.camera.resized(*effort.timed_size)

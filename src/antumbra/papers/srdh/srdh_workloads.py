@@ -48,7 +48,7 @@ _SKY_LIGHTS = 64  # distant lights; each receiver tests a sixteenth of them
 
 
 def workloads(views: Iterable[BenchmarkView], lightings: Sequence[Lighting] | None) -> list[BenchmarkView]:
-    """The views under these lightings, or under the default ones of each scene. Their names tell the lighting.
+    """The views under these lightings, or under the default ones of each scene. Their names include the lighting.
 
     Raises
     ------
