@@ -171,7 +171,8 @@ def recorded_calls() -> Iterator[set[tuple[str, str]]]:
     try:
         yield found
     finally:
-        _recordings[:] = [calls for calls in _recordings if calls is not found]
+        with _lock:
+            _recordings[:] = [calls for calls in _recordings if calls is not found]
 
 
 class _Choices(NamedTuple):
