@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import shlex
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -16,8 +17,15 @@ SCENES = Path(os.environ.get("ANTUMBRA_SCENES", Path(__file__).resolve().parents
 
 
 def machine(threads: int) -> dict:
-    """Versions and hardware for the JSON file."""
-    return {**about(), "threads": threads}
+    """The command, versions and hardware for the JSON file."""
+    return {"command": command_line(), **about(), "threads": threads}
+
+
+def command_line() -> str:
+    """The command of this process, without the folders of its script and of its files of results."""
+    words = [f"benchmarks/{Path(sys.argv[0]).name}", *sys.argv[1:]]
+    kept = [word for before, word in zip(["", *words], words) if "--json" not in (before, word)]
+    return shlex.join(["python", *kept])
 
 
 @cache  # print the message once

@@ -69,8 +69,7 @@ def start(main: Callable[[], None]) -> None:
 
 def compare(options: argparse.Namespace, measure: Callable, views_of: Callable = views) -> None:
     """Call ``measure(view, options)`` for each view of ``views_of``; print and write the returned rows."""
-    command = " ".join(["python", f"benchmarks/{Path(sys.argv[0]).name}", *sys.argv[1:]])
-    about = {"command": command, **machine(max(options.threads)), "isa": options.isa or "native"}
+    about = {**machine(max(options.threads)), "isa": options.isa or "native"}
     about["embree"] = describe_embree(options.isa)
     print(", ".join(f"{k} {v}" for k, v in about.items()), flush=True)
     rows = []

@@ -37,7 +37,7 @@ def caption(about: dict) -> str:
             names.append(f"{name} ({package} {version(package)})")
         except PackageNotFoundError:
             continue
-    command = about.get("command", "python benchmarks/soft_shadows.py").split(" --json")[0]
+    command = about.get("command", "python benchmarks/soft_shadows.py")
     return f"{command}\n{about['processor']}; {', '.join(names)}; best mode of each, medians"
 
 

@@ -23,7 +23,6 @@ PAGES = [*ROOT.glob("*.md"), *(p for p in (ROOT / "docs").rglob("*.md") if "_bui
 
 
 fields = tool(ROOT / "docs" / "_ext" / "fields.py")
-paper_pages = tool(ROOT / "scripts" / "paper_pages.py")
 snippets = tool(ROOT / "scripts" / "snippets.py")
 
 
@@ -163,26 +162,6 @@ def test_every_page_is_in_a_table_of_contents():
         for tree in re.findall(r"^```\{toctree\}\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL):
             listed |= {(page.parent / f"{name}.md").resolve() for name in re.findall(r"^[\w/-]+$", tree, re.MULTILINE)}
     assert pages - listed == {docs / "index.md"} and len(pages) > 30
-
-
-@pytest.mark.parametrize("name", paper_pages.PAPERS)
-def test_pages_of_papers_have_the_form_of_the_script(name):
-    text = (paper_pages.PAGES / f"{name}.md").read_text(encoding="utf-8")
-    assert text.startswith(f"{paper_pages.front(name)}## How it was measured\n\n- **command**: antumbra bench {name}")
-    header, _, results = text.partition("\n\n## Results\n\n")
-    assert all(f"\n- **{field}**: " in header for field in ("date", "antumbra", "numpy", "numba", "processor"))
-    pictures = re.findall(r"^```\{image\} (.+)$", results, re.MULTILINE)
-    assert all((paper_pages.PAGES / picture).is_file() for picture in pictures)
-    tables = re.findall(r"(?:^\|.*\|\n)+", results, re.MULTILINE)
-    assert tables
-    for lines in map(str.splitlines, tables):
-        assert set(lines[1]) <= set("|-: ") and len({len(re.findall(r"(?<!\\)\|", line)) for line in lines}) == 1
-
-
-def test_a_page_is_written_from_results():
-    text = paper_pages.page("srdh", "# antumbra bench srdh\n\n- **command**: c\n\n**T**\n\n| a |\n", ["srdh.png"])
-    assert text.startswith(paper_pages.front("srdh")) and text.endswith("```\n\n**T**\n\n| a |\n")
-    assert "- **command**: c\n\n## Results\n\n```{image} srdh.png\n" in text
 
 
 def test_every_command_has_its_section():

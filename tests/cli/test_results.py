@@ -73,6 +73,7 @@ def test_files_of_results(cli, benches, tmp_path):
     header = written["about"]
     assert written["rounds"] == 5 and header["command"] == "antumbra bench good --scene 'a b' --scene c"
     assert {"date", "antumbra", "python", "numpy", "numba", "system", "processor", "cores"} <= set(header)
+    assert header["quick"] is False and written["spread"] == {} and isinstance(written["kernels"], dict)
     text = (tmp_path / "found" / "good.md").read_text()
     assert text.startswith("# antumbra bench good\n\n- **command**: antumbra bench good --scene 'a b' --scene c\n")
     table = "| what | n |\n| --- | ---: |\n| rounds \\| \\*all\\* | 5 |"
@@ -82,14 +83,16 @@ def test_files_of_results(cli, benches, tmp_path):
 
 def test_files_are_the_same_whatever_is_printed(cli, benches, tmp_path):
     told = cli("bench", "good", "--output", "a", "--json").json()
-    assert told == {"rounds": 5} and (tmp_path / "a" / "good.md").exists()
+    assert set(told) == {"about", "spread", "rounds", "kernels"} and (tmp_path / "a" / "good.md").exists()
+    assert told == json.loads((tmp_path / "a" / "good.json").read_text())
     assert cli("bench", "good", "--output", "a", "--quiet").out == ""
     assert "| rounds" in (tmp_path / "a" / "good.md").read_text()
 
 
 def test_quick_values_give_way_to_those_of_the_user(cli, benches):
-    assert cli("bench", "good", "--quick", "--json").json() == {"rounds": 1}
-    assert cli("bench", "good", "--quick", "--rounds", "5", "--json").json() == {"rounds": 5}
+    for more, rounds in ((), 1), (("--rounds", "5"), 5):
+        told = cli("bench", "good", "--quick", *more, "--json").json()
+        assert told["rounds"] == rounds and told["about"]["quick"] is True
     assert "--rounds 1" in cli("bench", "good", "--help").out
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from antumbra.kernels.jit import formula, inlined, kernel
+from antumbra.kernels.jit import formula, inlined, kernel, recorded_calls
 from antumbra.kernels.toolchain import compiling
 
 
@@ -23,6 +23,17 @@ def test_kernels_call_what_is_inlined_and_python_does_not():
     with pytest.raises(TypeError, match=r"^_half is inlined; only kernels can call it$"):
         _half(8.0)
     assert _half.py_func(8.0) == 4.0 and _half.__doc__ == "Half of it."
+
+
+def test_calls_are_recorded_even_of_kernels_called_before():
+    _quarter(8.0)
+    with recorded_calls() as first:
+        assert _quarter(4.0) == 1.0 and _quarter(np.float32(4.0)) == 1.0
+    _quarter(2)
+    assert {name for name, _ in first} == {_quarter.name} and len(first) == 2
+    with recorded_calls() as second:
+        pass
+    assert second == set()
 
 
 # --- formulas and errors -------------------------------------------------------------------------------------------

@@ -73,7 +73,9 @@ def test_tables_of_srdh(cli):
     assert [b["pixels"] for b in told["builds"]] == [16, 32]
     assert all(b["both"] > 1 and b["instead"] > 0 and b["rays"] > 0 for b in told["builds"])
     assert len({(r["build"], r["tracer"]) for r in told["renders"]}) == len(told["renders"]) == 8
-    assert all(r["traced"] > 0 for r in told["renders"])
+    assert all(r["traced"] > 0 for r in told["renders"]) and len(told["gains"]) == 4
+    assert {d["method"] for d in told["trees"]} == {"SAH", "srdh, published"}
+    assert told["memory"][0]["growth"] == pytest.approx(2.0) and len(told["saved"]) == 2
 
 
 def test_srdh_for_people_and_the_plot(cli, tmp_path):
@@ -82,7 +84,9 @@ def test_srdh_for_people_and_the_plot(cli, tmp_path):
     assert done.code == 0 and "the same by all methods" in done.out
     for part in (
         "Figure 2",
+        "Figure 3",
         "Section 4.1",
+        "Section 5",
         "Figure 4",
         "Figure 5",
         "Table 1",
@@ -206,7 +210,7 @@ def test_all_of_them_write_their_results(culling, cli, tmp_path, monkeypatch):
         assert told["about"]["command"] == f"antumbra bench {name} --quick"
         assert f"# antumbra bench {name}\n" in (tmp_path / "found" / f"{name}.md").read_text()
     plots = {path.name for path in (tmp_path / "found").glob("*.png")}
-    assert {f"{name}.png" for name in QUICK} - {"multi-frusta.png"} <= plots
+    assert {f"{name}.png" for name in QUICK} - {"multi-frusta.png"} | {"srdh-comparison.png", "srdh-trees.png"} <= plots
     assert len([name for name in plots if "-figure-" in name]) == 4
 
 

@@ -12,7 +12,6 @@ import shlex
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
-from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
 from time import monotonic
@@ -51,15 +50,18 @@ class BenchResult(NamedTuple):
     print_tables: Callable[[], None]  # prints the tables by `console`
     write_plot: Callable[[Path], None] | None = None  # writes the plot to a .png file
     same_bits: bool | None = None  # whether all methods return the same bits; None: not compared
+    write_comparison: Callable[[Path], None] | None = None  # draws the paper's values beside ours to a .png file
 
 
 class BenchRun:
     """A run of a benchmark: shows its progress, and prints and writes its result."""
 
-    def __init__(self, name: str, command: str, folder: Path | None, as_json: bool, quiet: bool):
-        self.name, self.command, self.silent = name, command, as_json or quiet
-        self._folder, self._json = folder, as_json
-        self._draws = folder is not None and find_spec("matplotlib") is not None
+    def __init__(self, name: str, context: typer.Context):
+        options = context.params
+        self.name, self._command, self._quick = name, _command_line(context), options["quick"]
+        self._folder, self._json, quiet = options["output"], options["json"], options["quiet"]
+        self.silent = self._json or quiet
+        self._draws = self._folder is not None and find_spec("matplotlib") is not None
         self._display = ProgressDisplay(quiet)
 
     def say(self, text: str) -> None:
@@ -80,32 +82,42 @@ class BenchRun:
         """
         if plot is not None:
             check_plot(plot)
-        extra = self._folder / f"{self.name}.png" if self._folder and self._draws else None
-        with self._display:
+        from ..kernels.jit import recorded_calls
+        from .bench_conditions import collected_spreads, conditions, kernel_digests, summary_of
+
+        with self._display, collected_spreads() as spreads, recorded_calls() as calls:
             result = measure()
-            for path in (plot, extra):
-                if path is not None and result.write_plot is not None:
-                    result.write_plot(path)
-        answer, same = result.answer, result.same_bits
-        record = Record(None if self.silent else sys.stdout)
+            self._draw(result, plot)
+        about = conditions(self._command, self._quick)
+        answer: dict[str, Any] = {"about": about, "spread": summary_of(spreads), **result.answer}
+        record, same = Record(None if self.silent else sys.stdout), result.same_bits
         with redirect_stdout(record):
             result.print_tables()
             if same is not None:
-                answer = {**answer, "same_bits": same}
+                answer["same_bits"] = same
                 verdict = "the same by all methods" if same else "DIFFER: please report this"
                 console.print_fields([("bits", verdict)])
+        answer["kernels"] = kernel_digests(calls)
         if self._folder is not None:
             self._write(self._folder, record, answer)
         if self._json:
             console.print_json(answer)
 
-    def _write(self, folder: Path, record: Record, answer: dict[str, Any]) -> None:
-        from .installation_commands import about
+    def _draw(self, result: BenchResult, plot: Path | None) -> None:
+        """Draw the plots to the folder, and to the file `plot`."""
+        folder = self._folder if self._draws else None
+        pictures = [(plot, result.write_plot)]
+        if folder is not None:
+            pictures.append((folder / f"{self.name}.png", result.write_plot))
+            pictures.append((folder / f"{self.name}-comparison.png", result.write_comparison))
+        for path, write in pictures:
+            if path is not None and write is not None:
+                write(path)
 
-        header = {"command": self.command, "date": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC", **about()}
-        text = json.dumps(console.plain({"about": header, **answer}), allow_nan=False, indent=1) + "\n"
+    def _write(self, folder: Path, record: Record, answer: dict[str, Any]) -> None:
+        text = json.dumps(console.plain(answer), allow_nan=False, indent=1) + "\n"
         top = Record(None)
-        top.keep_fields((name, str(value)) for name, value in header.items())
+        top.keep_fields((name, str(value)) for name, value in answer["about"].items())
         tables = f"# antumbra bench {self.name}\n\n{top.markdown()}\n{record.markdown()}"
         for suffix, content in ((".json", text), (".md", tables)):
             with atomic_output(folder / f"{self.name}{suffix}") as temporary:
@@ -132,7 +144,7 @@ def benchmark(**quick: Any) -> Callable[[Callable[..., BenchResult]], Callable[.
             if quick:
                 given |= {name: value for name, value in wrapper.quick.items() if not _is_given(context, name)}
             with results_folder(output):
-                bench = BenchRun(context.command.name or "", _command_line(context), output, json, quiet)
+                bench = BenchRun(context.command.name or "", context)
                 bench.finish(lambda: command(bench, options(**given)), given.get("plot"))
 
         wrapper: Any = run

@@ -18,7 +18,8 @@ import functools
 import importlib
 import threading
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from .marshalling import Key, flatten, struct_of, text_of
@@ -145,11 +146,33 @@ class kernel(inlined):
     def _find(self, key: Key) -> Callable[[bytes], Any]:
         with _lock:
             text = text_of(key)
+            _called.add(self)
+            for calls in _recordings:
+                calls.add((self.name, text))
             code = self._codes.get(text)
             if code is None:
                 code = self._codes[text] = hooks.find(self, text)
             self._functions[key] = code
         return code
+
+
+_called: set[kernel] = set()  # kernels that Python has called
+_recordings: list[set[tuple[str, str]]] = []  # of the blocks of `recorded_calls`
+
+
+@contextmanager
+def recorded_calls() -> Iterator[set[tuple[str, str]]]:
+    """Record the kernels that Python calls in this block: (name, kinds of arguments)."""
+    found = set[tuple[str, str]]()
+    with _lock:
+        for each in _called:
+            each._functions.clear()  # so that the next call with each key passes `_find`
+        _recordings.append(found)
+    try:
+        yield found
+    finally:
+        with _lock:
+            _recordings[:] = [calls for calls in _recordings if calls is not found]
 
 
 class _Choices(NamedTuple):

@@ -16,6 +16,7 @@ from ..errors import InputError
 from ..picture.render_options import CullFaces
 from .bench_runner import ImageSize, Rounds, plot_option, records, scene_option
 from .chc_rt.chcrt_published import IN_CORE, PAGED, WALKED, ChcrtTable
+from .srdh.srdh_published import Lighting
 
 # --- antumbra bench multi-frusta --------------------------------------------------------------------------------------
 
@@ -145,6 +146,14 @@ class SrdhBenchOptions(NamedTuple):
     scene: Annotated[
         list[str] | None, scene_option("five folders and blinds; without the folders: blinds, cellar and atrium")
     ] = None
+    lighting: Annotated[
+        list[Lighting] | None,
+        typer.Option(
+            help="Lights: the scene's own, two opposed ones, four lamps, ambient occlusion or a sky; may be repeated.  "
+            "[default: own; in Sponza and the atrium all; in godot_room also lamps]",
+            show_default=False,
+        ),
+    ] = None
     plot: Annotated[Path | None, plot_option("bars and curves")] = None
     size: Annotated[str, typer.Option(help="Image size for counting box tests.", metavar="WxH")] = "1024x1024"
     spp: Annotated[int, typer.Option(help="Shadow rays counted per light and point.", min=1, max=1024)] = 1
@@ -158,40 +167,41 @@ def srdh(run: BenchRun, options: SrdhBenchOptions) -> BenchResult:
     """Trees and traversal orders for shadow rays: box tests, build and trace times [Feltman et al. 2012].
 
     Box tests are counted for shadow rays from the visible surfaces, and from where one diffuse ray per visible point
-    hits (Figures 2, 4, 5). RTSAH is checked with uniformly distributed lines, which it assumes. Build times are as in
-    Table 1; trace times are for direct light at the visible surfaces.
+    hits (Figures 2, 4, 5). For Figure 3, the depths of frequent occluders are listed, and --output draws both trees.
+    Memory is as in Section 5. RTSAH is checked with uniformly distributed lines, which it assumes. Build times are as
+    in Table 1; trace times are for direct light at the visible surfaces.
 
     \b
     Examples
       antumbra bench srdh
       antumbra bench srdh --scene blinds --scene room.glb --plot srdh.png
+      antumbra bench srdh --scene sponza_crytek --lighting opposed --lighting sky
       antumbra bench srdh --scene "procedural:cellar?triangles=50k" --size 256 --rounds 5
     """
     size, timed = arguments.parse_size(options.size), arguments.parse_size(options.timed_size, "--timed-size")
 
     from ..kernels.parallel import thread_count
     from .benchmark_views import agree
+    from .comparison_chart import comparison_writer
     from .srdh import srdh_measurements as bench
     from .srdh import srdh_tables
+    from .srdh.srdh_workloads import SCENES, workloads
 
-    spp, rounds, threads = options.spp, options.rounds, thread_count(options.threads)
-    rows = srdh_tables.SrdhRows([], [], [], [])
-    for view in bench.SCENES.open(options.scene, size, run.say):
-        work = bench.Workload(view, spp, threads)
-        rows.counts.extend(bench.count_view(work, run.say))
-        run.say(f"{view.name}, uniformly distributed lines")
-        rows.rtsah.append(bench.check_rtsah(work))
-        rows.builds.extend(bench.build_times(work, spp, rounds, run.say))
-        smaller = view._replace(camera=view.camera.resized(*timed))
-        rows.renders.extend(bench.render_times(smaller, threads, rounds, run.say))
-    answer: dict[str, Any] = {"size": size, "spp": spp, "timed_size": timed, "rounds": rounds, "threads": threads}
+    effort = bench.SrdhEffort(options.spp, timed, options.rounds, thread_count(options.threads))
+    views = workloads(SCENES.open(options.scene, size, run.say), options.lighting)
+    rows = bench.measure(views, effort, run.say, run.pictures())
+    answer: dict[str, Any] = {"size": size, **effort._asdict()}
     relative = ({"relative": bench.relative(rows.counts, row)} for row in rows.counts)
     answer |= {"counts": [record | more for record, more in zip(records(rows.counts), relative)]}
-    answer |= {"rtsah": records(rows.rtsah), "builds": records(rows.builds, "both", "instead")}
-    answer |= {"renders": records(rows.renders)}
+    answer |= {"saved": bench.savings(rows.counts), "trees": records(rows.trees)}
+    answer |= {"kernel_gains": records(bench.kernel_gains(rows.counts, rows.trees))}
+    answer |= {"memory": records(rows.memory, "growth", "growth_shared"), "rtsah": records(rows.rtsah)}
+    answer |= {"builds": records(rows.builds, "both", "instead"), "renders": records(rows.renders)}
+    answer |= {"gains": records(bench.gains(rows.renders))}
     same = agree((row.scene, row.bits) for row in rows.renders)
-    plot = partial(srdh_tables.write_plot, rows.counts)
-    return BenchResult(answer, partial(srdh_tables.print_tables, rows), plot, same)
+    plot, compared = partial(srdh_tables.write_plot, rows.counts), srdh_tables.comparison(rows)
+    tables = partial(srdh_tables.print_tables, rows)
+    return BenchResult(answer, tables, plot, same, comparison_writer(compared))
 
 
 # --- antumbra bench pre-bvh-culling -----------------------------------------------------------------------------------

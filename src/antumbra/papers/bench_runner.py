@@ -9,6 +9,7 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 import typer
 
 from ..cli import console
+from ..cli.bench_conditions import record_laps
 from ..cli.options import writes
 from ..files import atomic_output
 
@@ -45,6 +46,8 @@ def interleave(
 ) -> dict[Case, list[Lap]]:
     """Measure all cases in each round, so that they take turns; return the results of each case.
 
+    The results of the benchmark record the spread of its timings (`bench_conditions.record_laps`).
+
     measure : called with a case and a round
     warm_up : number of rounds before round 0, with negative numbers, whose results are dropped, as None always is
     """
@@ -54,6 +57,8 @@ def interleave(
             lap = measure(case, turn)
             if turn >= 0 and lap is not None:
                 results.append(lap)
+    for results in laps.values():
+        record_laps(results)
     return laps
 
 
@@ -150,14 +155,34 @@ def records(rows: Iterable[Any], *properties: str) -> list[dict[str, Any]]:
 # --- Plots ------------------------------------------------------------------------------------------------------------
 
 
+PLOT_STYLE: dict[Any, Any] = {
+    "font.size": 9.0,
+    "axes.titlesize": 10.0,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+}
+"""Matplotlib's settings for the plots of all papers."""
+
+
 @contextmanager
 def plot_sheet(path: Path, width: float, height: float) -> Iterator[Any]:
-    """A Matplotlib figure of this size in inches, which is written to a .png file at the end of the block."""
+    """A Matplotlib figure of this size in inches, which is written to a .png file at the end of the block.
+
+    In the block, `PLOT_STYLE` applies.
+    """
+    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    sheet = Figure(figsize=(width, height), layout="constrained")
-    yield sheet
-    save_sheet(sheet, path)
+    with rc_context(PLOT_STYLE):
+        sheet = Figure(figsize=(width, height), layout="constrained")
+        yield sheet
+        save_sheet(sheet, path)
 
 
 def save_sheet(sheet: Any, path: Path) -> None:

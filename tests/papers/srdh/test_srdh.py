@@ -13,7 +13,7 @@ from antumbra.errors import InputError
 from antumbra.papers import benchmark_views as views
 from antumbra.papers.benchmark_views import BenchmarkView, scene_view
 from antumbra.papers.srdh import srdh_measurements as srdh
-from antumbra.papers.srdh import srdh_tables as published_srdh
+from antumbra.papers.srdh import srdh_published as published_srdh
 from antumbra.papers.srdh.srdh_measurements import (
     CONSTANT,
     METHODS,
@@ -21,7 +21,6 @@ from antumbra.papers.srdh.srdh_measurements import (
     PRERENDER_SPP,
     PUBLISHED,
     SAH_ORDERS,
-    SCENES,
     BoxTests,
     BuildTimes,
     Workload,
@@ -30,6 +29,7 @@ from antumbra.papers.srdh.srdh_measurements import (
     of,
     opposite,
 )
+from antumbra.papers.srdh.srdh_workloads import SCENES
 from antumbra.query.shadow_query import segments
 from antumbra.scene.camera import Camera
 from antumbra.techniques.srdh.representative_rays import segments_of
@@ -119,7 +119,7 @@ def view() -> BenchmarkView:
 
 @pytest.fixture(scope="module")
 def rows(view):
-    return srdh.count_view(Workload(view, PRERENDER_SPP, None), lambda text: None, (8, SIZE))
+    return srdh.count_view(Workload(view, PRERENDER_SPP, None), lambda text: None, (8, SIZE))[0]
 
 
 def test_all_methods_find_the_same_rays_blocked(rows):

@@ -1,4 +1,4 @@
-"""Measures the SRDH paper: box tests (Figures 2, 4, 5), RTSAH, build times and trace times [Feltman et al. 2012].
+"""Measures the SRDH paper: box tests (Figures 2, 4, 5), trees, RTSAH, build and trace times [Feltman et al. 2012].
 
 Shadow rays start at the visible surfaces, and at the hits of one diffuse ray from each of these points. For counts, all
 trees have one triangle per leaf, and rays are traced one by one. A pre-render of k x k pixels takes k x k evenly spaced
@@ -12,11 +12,13 @@ for both, with the order and with its opposite. An order that suits its lines sa
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from pathlib import Path
 from statistics import median
 from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh import binned_sah
 from ...bvh.child_order import order_children
@@ -29,6 +31,7 @@ from ...query.light_samples import light_samples
 from ...query.query_bounds import reach
 from ...query.receivers import FREE
 from ...query.shadow_query import ShadowQuery, shadow_queries
+from ...scene.camera import Camera
 from ...scene.light_lists import PointLights
 from ...scene.lights import MAX_SPP
 from ...scene.triangles import Triangles
@@ -39,20 +42,13 @@ from ...techniques.srdh.representative_rays import (
     SrdhRays,
     sparse_gbuffer,
 )
-from ...trace.rays.ray_hits import bounce_surfaces
+from ...trace.rays.ray_hits import Intersections, bounce_surfaces
 from ...trace.rays.ray_traversal import BUILT, RANDOM, SRDH, Ordered
 from ...trace.rays.single_rays import UNOCCLUDED, count_steps
 from ..bench_runner import Say, interleave, medians, round_text
-from ..benchmark_views import BenchmarkScenes, BenchmarkView, digest, square
+from ..benchmark_views import BenchmarkView, digest
 from ..published_methods import BUILDERS, ORDERS
-
-SCENES = BenchmarkScenes(
-    ("sponza_crytek", "zdm2", "godot_room", "bart_robots", "sanmiguel_lite"),
-    ("blinds",),
-    ("blinds", "cellar", "atrium"),
-    square(10),
-)
-"""Real scenes with area lights, and procedural ones with much occlusion."""
+from .srdh_trees import TreeMemory, TreeShape, frequent_occluders, tree_memory, tree_shape
 
 # --- Box tests (Figures 2, 4 and 5) -----------------------------------------------------------------------------------
 
@@ -62,6 +58,9 @@ SAH_ORDERS = (BASE, "front-to-back", "back-to-front", "rtsah")
 PUBLISHED, CONSTANT, DISTANCE, OURS = "srdh, published", "constant kernels", "distance kernels", "srdh"
 PIXELS = (8, 16, 32, 64, 128, 256)
 """Widths of the pre-renders of Fig. 4; the figure ends with all pixels."""
+
+BUILD_PIXELS = (16, 32)
+"""Widths of the pre-renders of Table 1."""
 
 PRERENDER_SPP = 4
 """Minimum samples per light in pre-renders. With one, 16 x 16 pixels give 300 rays; the paper has up to 5,505."""
@@ -133,8 +132,29 @@ class Workload:
         return self._queries(bounce_surfaces(sparse, self.triangles, bvh, threads=self.threads), samples)
 
 
-def count_view(work: Workload, say: Say, pixels: Iterable[int] = PIXELS) -> list[BoxTests]:
-    """All counts of one view; InputError if its lights reach no visible surface."""
+class ShadowTrees(NamedTuple):
+    """The trees of a view with one triangle per leaf, and the rays that `srdh:paper` was built for."""
+
+    sah: Bvh
+    published: Bvh  # for all rays
+    rays: Intersections  # all rays
+    sparse: Intersections | None  # the rays of 16 x 16 pixels, if they were counted
+
+    def shapes(self, scene: str) -> list[TreeShape]:
+        """The shapes of both trees, with the frequent occluders of all rays (Figure 3)."""
+        trees, frequent = {"SAH": self.sah, PUBLISHED: self.published}, self.frequent()
+        return [tree_shape(scene, name, bvh, frequent) for name, bvh in trees.items()]
+
+    def frequent(self) -> NDArray[np.bool_]:
+        return frequent_occluders(self.rays, len(self.sah.prim_ids))
+
+    def memory(self, scene: str) -> TreeMemory:
+        """The memory of both trees (Section 5)."""
+        return tree_memory(scene, self.sah, self.published, self.sparse or self.rays)
+
+
+def count_view(work: Workload, say: Say, pixels: Iterable[int] = PIXELS) -> tuple[list[BoxTests], ShadowTrees]:
+    """All counts of one view, and its trees; InputError if its lights reach no visible surface."""
     view = work.view
     say(f"{view.name}, generating shadow rays")
     vertices, queries = work.triangles.vertices, work.queries()
@@ -154,14 +174,17 @@ def count_view(work: Workload, say: Say, pixels: Iterable[int] = PIXELS) -> list
         count(name, None, Ordered(ORDERS[name].prepare(sah), ORDERS[name].value))
     if rows[0].total == 0:
         raise InputError(f"{view.name}: no light is above any visible surface; choose a scene with lit surfaces")
+    built, sparse = {}, None
     for width in (*pixels, None):
         say(f"{view.name}, hits of the rays of {f'{width} x {width}' if width else 'all'} pixels")
         met = work.representative_rays(width, work.sah).among(vertices, None, work.threads)
         for method, (build, order) in METHODS.items():
             if width is None or method in (PUBLISHED, OURS):
                 say(f"{view.name}, building {method}")
-                count(method, width, Ordered(build(vertices, work.threads, rays=met), order))
-    return rows
+                built[method] = build(vertices, work.threads, rays=met)
+                count(method, width, Ordered(built[method], order))
+        sparse = met if width == BUILD_PIXELS[0] else sparse
+    return rows, ShadowTrees(sah, built[PUBLISHED], met, sparse)
 
 
 def of(rows: Iterable[BoxTests], scene: str, method: str, pixels: int | None = None) -> BoxTests:
@@ -196,6 +219,41 @@ def saved_unoccluded(rows: Iterable[BoxTests], row: BoxTests) -> float:
 def beyond_all(rows: Iterable[BoxTests], row: BoxTests) -> float:
     """The extra box tests of a tree for a pre-render's rays, relative to the tree for all rays."""
     return row.total / of(rows, row.scene, row.method).total - 1.0
+
+
+def savings(rows: Sequence[BoxTests]) -> list[dict[str, Any]]:
+    """The savings of trees for all rays, relative to each order of the SAH tree, and the excess of trees for fewer."""
+    return [
+        {
+            "scene": row.scene,
+            "method": row.method,
+            **{order: saved(rows, row, order) for order in SAH_ORDERS},
+            "unoccluded": saved_unoccluded(rows, row),
+            "beyond_all": beyond_all(rows, of(rows, row.scene, row.method, BUILD_PIXELS[0])),
+        }
+        for row in rows
+        if row.pixels is None and row.method in (PUBLISHED, OURS)
+    ]
+
+
+class KernelGain(NamedTuple):
+    """What kernels that compare distances change in a scene (Figure 5). Box tests are relative to constant kernels."""
+
+    scene: str
+    distance: float  # box tests with distance kernels alone, minus 1
+    both: float  # box tests with all kernels, minus 1
+    chosen: float  # share of the nodes with a kernel, in the tree with all kernels, that compare distances
+
+
+def kernel_gains(rows: Sequence[BoxTests], trees: Iterable[TreeShape]) -> list[KernelGain]:
+    """The gains in each scene."""
+    shapes = {tree.scene: tree for tree in trees if tree.method == PUBLISHED}
+    gain = lambda scene, method: of(rows, scene, method).total / of(rows, scene, CONSTANT).total - 1.0
+    share = lambda tree: tree.distance / max(1, tree.ordered)
+    return [
+        KernelGain(scene, gain(scene, DISTANCE), gain(scene, PUBLISHED), share(shapes[scene]))
+        for scene in scenes_of(rows)
+    ]
 
 
 # --- RTSAH with the lines that it assumes [Ize and Hansen 2011] -------------------------------------------------------
@@ -256,7 +314,6 @@ def check_rtsah(work: Workload) -> RtsahCheck:
 # --- Build times (Table 1) and trace times ----------------------------------------------------------------------------
 
 
-BUILD_PIXELS = (16, 32)  # widths of the pre-renders of Table 1
 TRACERS = ("single", "multifrusta", "packet16", "wide")
 BUILDS = ("bsah", "srdh")
 SPP = 16  # samples per pixel of the timed pictures
@@ -362,3 +419,90 @@ def render_times(view: BenchmarkView, threads: int | None, rounds: int, say: Say
         (rays, bits), (built, traced) = answers[plan], (median(seconds) for seconds in zip(*laps))
         rows.append(RenderTimes(view.name, *plan, rays, built, traced, bits))
     return rows
+
+
+class TracerGain(NamedTuple):
+    """Seconds with `srdh`, relative to those with `bsah`, for one tracer."""
+
+    scene: str
+    tracer: str
+    trace: float
+    total: float  # with the build
+
+
+def gains(times: Sequence[RenderTimes]) -> list[TracerGain]:
+    """The gains of each tracer in each scene."""
+    by = {(t.scene, t.tracer, t.build): t for t in times}
+    pairs = [tuple(by[scene, tracer, build] for build in BUILDS) for scene, tracer, build in by if build == BUILDS[0]]
+    return [TracerGain(b.scene, b.tracer, s.traced / b.traced, s.total / b.total) for b, s in pairs]
+
+
+# --- All measurements -------------------------------------------------------------------------------------------------
+
+
+class SrdhEffort(NamedTuple):
+    """How much to measure."""
+
+    spp: int  # shadow rays counted per light and point
+    timed_size: tuple[int, int]  # image size for timing
+    rounds: int
+    threads: int
+
+
+class SrdhRows(NamedTuple):
+    """All measured rows."""
+
+    counts: list[BoxTests]
+    trees: list[TreeShape]
+    memory: list[TreeMemory]
+    rtsah: list[RtsahCheck]
+    builds: list[BuildTimes]
+    renders: list[RenderTimes]
+
+
+def measure(views: Sequence[BenchmarkView], effort: SrdhEffort, say: Say, pictures: Path | None) -> SrdhRows:
+    """Measure all views.
+
+    Further lightings of a scene have pictures of half the width and height, and one pre-render for box tests.
+
+    pictures : folder for the drawings of the first view's trees (Figure 3); None: no drawings
+    """
+    rows, seen = SrdhRows([], [], [], [], [], []), set[int]()
+    for view in views:
+        if relit := id(view.scene) in seen:
+            view = view._replace(camera=_halved(view.camera))
+        work = Workload(view, effort.spp, effort.threads)
+        counts, trees = count_view(work, say, BUILD_PIXELS[:1] if relit else PIXELS)
+        rows.counts.extend(counts)
+        rows.trees.extend(trees.shapes(view.name))
+        if pictures is not None and view.name == _figure_3(views):
+            _draw_trees(trees, view.name, pictures)
+        if not relit:
+            rows.memory.append(trees.memory(view.name))
+        del trees
+        rows.builds.extend(build_times(work, effort.spp, effort.rounds, say))
+        say(f"{view.name}, uniformly distributed lines")
+        rows.rtsah.append(check_rtsah(work))
+        camera = view.camera.resized(*effort.timed_size)
+        timed = view._replace(camera=_halved(camera) if relit else camera)
+        rows.renders.extend(render_times(timed, effort.threads, effort.rounds, say))
+        seen.add(id(view.scene))
+    return rows
+
+
+def _halved(camera: Camera) -> Camera:
+    """The camera with half as many pixels in each direction."""
+    return camera.resized(-(-camera.width // 2), -(-camera.height // 2))
+
+
+def _figure_3(views: Sequence[BenchmarkView]) -> str:
+    """The name of the view whose trees are drawn: the bedroom with blinds, as in the paper, or else the first one."""
+    names = [view.name for view in views]
+    return next((name for name in names if name.startswith("blinds")), names[0])
+
+
+def _draw_trees(trees: ShadowTrees, scene: str, folder: Path) -> None:
+    from .srdh_trees import DrawnTree, write_trees
+
+    drawn = [DrawnTree(f"{scene}: SAH", trees.sah), DrawnTree(f"{scene}: {PUBLISHED}", trees.published)]
+    write_trees(drawn, trees.frequent(), folder / "srdh-trees.png")

@@ -1,13 +1,14 @@
-"""Prints the tables of the SRDH paper with the published results, and draws its Figures 2 and 4."""
+"""Prints the tables of the SRDH paper with the published results, compares the two, and draws Figures 2 and 4."""
 
 from pathlib import Path
 from statistics import fmean
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ...trace.rays.single_rays import FALSE, PATH, UNOCCLUDED
 from ..bench_runner import TableColumn, columns_of, label, ms, percent, plot_sheet, print_notes, print_table
+from ..comparison_chart import ComparedValue, ComparisonPanel, range_of
 from . import srdh_measurements as bench
 from .srdh_measurements import (
     BUILD_PIXELS,
@@ -19,84 +20,40 @@ from .srdh_measurements import (
     SPP,
     BoxTests,
     BuildTimes,
+    KernelGain,
     RenderTimes,
     RtsahCheck,
+    SrdhRows,
     of,
     relative,
     scenes_of,
 )
-
-# --- Published results for the paper's five scenes [Feltman et al. 2012, Sec. 4, Table 1] -----------------------------
-
-
-REDUCTION = (0.22, 0.56)
-"""Sec. 1, 5: minimum and maximum share of box tests that SRDH saves relative to random order, with all rays as
-representative rays."""
-
-WITHIN = 0.06
-"""Sec. 4.2: largest extra cost of trees for the rays of 16 x 16 pixels, relative to trees for all rays."""
-
-PUBLISHED_UNOCCLUDED = {"SPONZA": 0.19, "ARCADE": 0.24}
-"""Sec. 4.1: share of box tests of unoccluded rays that SRDH saves."""
-
-BEDROOM = {"random": 0.56, "back-to-front": 0.41, "rtsah": 0.44}
-"""Sec. 4.1: share of box tests that SRDH saves relative to orders of the SAH tree, for light through blinds."""
-
-
-class PublishedBuild(NamedTuple):
-    """A row of Table 1, in seconds on one thread."""
-
-    scene: str
-    triangles: int
-    sah: float
-    pixels: int  # width of the pre-render
-    rays: int
-    srdh: float
-
-    @property
-    def both(self) -> float:
-        """Time to build both trees, relative to the SAH tree alone."""
-        return (self.sah + self.srdh) / self.sah
-
-
-PUBLISHED_BUILDS = (
-    PublishedBuild("MADSCI", 80_149, 1.7, 16, 5_505, 3.0),
-    PublishedBuild("MADSCI", 80_149, 1.7, 32, 22_477, 6.2),
-    PublishedBuild("BEDROOM", 361_754, 7.7, 16, 4_864, 10.1),
-    PublishedBuild("BEDROOM", 361_754, 7.7, 32, 19_198, 12.2),
-    PublishedBuild("FAIRY", 174_117, 3.6, 16, 366, 4.6),
-    PublishedBuild("FAIRY", 174_117, 3.6, 32, 1_451, 4.7),
-    PublishedBuild("SPONZA", 66_444, 1.2, 16, 416, 1.6),
-    PublishedBuild("SPONZA", 66_444, 1.2, 32, 1_648, 1.8),
-    PublishedBuild("ARCADE", 66_444, 1.2, 16, 774, 1.7),
-    PublishedBuild("ARCADE", 66_444, 1.2, 32, 3_110, 2.1),
+from .srdh_published import (
+    BEDROOM,
+    BLINDS_DEPTHS,
+    GROWTH,
+    PUBLISHED_BUILDS,
+    PUBLISHED_UNOCCLUDED,
+    REDUCTION,
+    WITHIN,
+    Lighting,
+    both_over_sah,
 )
-
-
-def both_over_sah(pixels: int) -> float:
-    """The time to build both trees relative to SAH alone, as mean over the paper's scenes."""
-    return fmean(row.both for row in PUBLISHED_BUILDS if row.pixels == pixels)
-
+from .srdh_trees import TreeMemory, TreeShape
+from .srdh_workloads import NAMES
 
 # --- Tables -----------------------------------------------------------------------------------------------------------
-
-
-class SrdhRows(NamedTuple):
-    """All measured rows."""
-
-    counts: list[BoxTests]
-    rtsah: list[RtsahCheck]
-    builds: list[BuildTimes]
-    renders: list[RenderTimes]
 
 
 def print_tables(rows: SrdhRows) -> None:
     """Print all tables."""
     _print_orders(rows.counts)
     _print_saved(rows.counts)
+    _print_depths(rows.trees)
+    _print_memory(rows.memory)
     _print_rtsah(rows.rtsah)
     _print_pixels(rows.counts)
-    _print_kernels(rows.counts)
+    _print_kernels(rows.counts, bench.kernel_gains(rows.counts, rows.trees))
     _print_builds(rows.builds)
     _print_renders(rows.renders)
 
@@ -110,7 +67,8 @@ def _print_orders(rows: list[BoxTests]) -> None:
         TableColumn("rays", lambda r: f"{r.rays:,}"),
         TableColumn("% blocked", lambda r: percent(r.blocked / r.rays)),
     )
-    print_table("Counted shadow rays", sizes, [of(rows, name, bench.BASE) for name in scenes_of(rows)])
+    title = "Counted shadow rays; further lightings of a scene have a quarter of the pixels"
+    print_table(title, sizes, [of(rows, name, bench.BASE) for name in scenes_of(rows)])
     columns = (
         label("scene", "scene"),
         label("method", "method"),
@@ -147,6 +105,37 @@ def _print_saved(rows: list[BoxTests]) -> None:
     print_table(title, columns, [of(rows, name, PUBLISHED) for name in scenes_of(rows)], published)
 
 
+def _print_depths(rows: list[TreeShape]) -> None:
+    """Print Figure 3 as a table."""
+    columns = (
+        label("scene", "scene", lambda _: "(paper: BEDROOM)"),
+        label("tree", "method", lambda p: p[0]),
+        TableColumn("frequent occluders", lambda r: f"{r.frequent:,}"),
+        TableColumn("their subtrees", lambda r: f"{r.roots:,}"),
+        TableColumn("depth of a tenth", lambda r: str(r.first)),
+        TableColumn("of half", lambda r: str(r.half), lambda p: p[1]),
+        TableColumn("of nine tenths", lambda r: str(r.most)),
+    )
+    published = [(tree, " and ".join(map(str, depths))) for tree, depths in BLINDS_DEPTHS.items()]
+    title = "Depths of the subtrees of frequent occluders, which half of all intersections are with (Figure 3)"
+    print_table(title, columns, rows, published)
+
+
+def _print_memory(rows: list[TreeMemory]) -> None:
+    """Print the memory of both trees."""
+    size = lambda count: f"{count / 2**20:.1f}"
+    columns = (
+        label("scene", "scene", lambda _: "(paper: all scenes)"),
+        TableColumn("triangles", lambda r: f"{r.triangles:,}"),
+        TableColumn("SAH", lambda r: size(r.sah)),
+        TableColumn("SRDH", lambda r: size(r.srdh)),
+        TableColumn("both / SAH", lambda r: f"{r.growth:.2f}", lambda most: f"at most {most:g}"),
+        TableColumn("with shared triangles", lambda r: f"{r.growth_shared:.2f}", lambda _: "less"),
+        TableColumn("rays while building", lambda r: size(r.rays)),
+    )
+    print_table("Memory of trees with one triangle per leaf, MiB (Section 5)", columns, rows, [GROWTH])
+
+
 def _print_rtsah(rows: list[RtsahCheck]) -> None:
     """Print RTSAH with the lines that it assumes and with shadow rays."""
     columns = (
@@ -161,14 +150,17 @@ def _print_rtsah(rows: list[RtsahCheck]) -> None:
 
 def _print_pixels(rows: list[BoxTests]) -> None:
     """Print Figure 4 as a table. Its rows are those of the trees for all rays."""
+    counted = {(r.scene, r.method, r.pixels): r for r in rows}
     sixteen = lambda r: bench.beyond_all(rows, of(rows, r.scene, r.method, 16))
+
+    def share(row: BoxTests, pixels: int | None) -> str:
+        sparse = counted.get((row.scene, row.method, pixels))
+        return f"{100 * relative(rows, sparse):.1f}" if sparse else ""
+
     columns = (
         label("scene", "scene"),
         label("method", "method"),
-        *columns_of(
-            {k: f"{k} x {k}" if k else "all" for k in (*PIXELS, None)},
-            lambda r, k: f"{100 * relative(rows, of(rows, r.scene, r.method, k)):.1f}",
-        ),
+        *columns_of({k: f"{k} x {k}" if k else "all" for k in (*PIXELS, None)}, share),
         TableColumn("16 x 16 vs. all", lambda r: f"{100 * sixteen(r):+.1f} %"),
     )
     table = [of(rows, name, method) for name in scenes_of(rows) for method in (PUBLISHED, OURS)]
@@ -178,12 +170,18 @@ def _print_pixels(rows: list[BoxTests]) -> None:
     print_notes([*notes, ("the paper's", f"at most {percent(WITHIN)} %")])
 
 
-def _print_kernels(rows: list[BoxTests]) -> None:
+def _print_kernels(rows: list[BoxTests], gains: list[KernelGain]) -> None:
     """Print Figure 5 as a table."""
     heads = {bench.CONSTANT: bench.CONSTANT, bench.DISTANCE: bench.DISTANCE, PUBLISHED: "all kernels"}
-    share = lambda scene, method: f"{100 * relative(rows, of(rows, scene, method)):.1f}"
+    columns = (
+        label("scene", "scene"),
+        *columns_of(heads, lambda gain, method: f"{100 * relative(rows, of(rows, gain.scene, method)):.1f}"),
+        TableColumn("distance vs. constant", lambda gain: f"{100 * gain.distance:+.1f} %"),
+        TableColumn("all vs. constant", lambda gain: f"{100 * gain.both:+.1f} %"),
+        TableColumn("nodes that choose distance", lambda gain: f"{100 * gain.chosen:.1f} %"),
+    )
     title = "Box tests, % of random order, by available kernels, with all rays as representative rays (Figure 5)"
-    print_table(title, [label("scene", str), *columns_of(heads, share)], scenes_of(rows))
+    print_table(title, columns, gains)
 
 
 def _print_builds(times: list[BuildTimes]) -> None:
@@ -215,22 +213,63 @@ def _print_builds(times: list[BuildTimes]) -> None:
 
 
 def _print_renders(times: list[RenderTimes]) -> None:
-    """Print the gain of each tracer. Rows are pairs of results with bsah and srdh."""
+    """Print the gain of each tracer."""
     by = {(t.scene, t.tracer, t.build): t for t in times}
-    pairs = [tuple(by[scene, tracer, build] for build in BUILDS) for scene, tracer, build in by if build == BUILDS[0]]
-    rounded = lambda seconds: f"{1e3 * seconds:.0f}"
+    time = lambda build, part: lambda gain: f"{1e3 * getattr(by[gain.scene, gain.tracer, build], part):.0f}"
+    speed = lambda gain: by[gain.scene, gain.tracer, BUILDS[1]]
     columns = (
-        label("scene", lambda pair: pair[0].scene),
-        label("tracer", lambda pair: pair[0].tracer),
-        TableColumn("build bsah", lambda pair: rounded(pair[0].built)),
-        TableColumn("srdh", lambda pair: rounded(pair[1].built)),
-        TableColumn("trace bsah", lambda pair: rounded(pair[0].traced)),
-        TableColumn("srdh", lambda pair: rounded(pair[1].traced)),
-        TableColumn("trace ratio", lambda pair: f"{pair[1].traced / pair[0].traced:.2f}"),
-        TableColumn("total ratio", lambda pair: f"{pair[1].total / pair[0].total:.2f}"),
-        TableColumn("M rays/s", lambda pair: f"{pair[1].rays / pair[1].traced / 1e6:.1f}"),
+        label("scene", "scene"),
+        label("tracer", "tracer"),
+        TableColumn("build bsah", time(BUILDS[0], "built")),
+        TableColumn("srdh", time(BUILDS[1], "built")),
+        TableColumn("trace bsah", time(BUILDS[0], "traced")),
+        TableColumn("srdh", time(BUILDS[1], "traced")),
+        TableColumn("trace ratio", lambda gain: f"{gain.trace:.2f}"),
+        TableColumn("total ratio", lambda gain: f"{gain.total:.2f}"),
+        TableColumn("M rays/s", lambda gain: f"{speed(gain).rays / speed(gain).traced / 1e6:.1f}"),
     )
-    print_table(f"Direct light on visible surfaces, {SPP} samples, ms: srdh and bsah", columns, pairs)
+    title = f"Direct light on visible surfaces, {SPP} samples, ms: srdh and bsah"
+    print_table(title, columns, bench.gains(times))
+
+
+# --- Our values beside the paper's ------------------------------------------------------------------------------------
+
+
+def comparison(rows: SrdhRows) -> list[ComparisonPanel]:
+    """The values of the chart on the paper's page, as published with all rays unless it says otherwise."""
+    found = [row for row in bench.savings(rows.counts) if row["method"] == PUBLISHED]
+    blinds = [row for row in found if row["scene"].startswith("blinds")][:1]
+    share = lambda values: range_of(100 * value for value in values)
+    ours = lambda column, among: share(row[column] for row in among)
+    saved = [
+        ComparedValue("all scenes, vs. random", (100 * REDUCTION[0], 100 * REDUCTION[1]), ours(bench.BASE, found)),
+        *(ComparedValue(f"blinds, vs. {order}", 100 * part, ours(order, blinds)) for order, part in BEDROOM.items()),
+        ComparedValue("unoccluded rays", share(PUBLISHED_UNOCCLUDED.values()), ours("unoccluded", found)),
+    ]
+    sparse = [ComparedValue("trees for 16 x 16 pixels", (0.0, 100 * WITHIN), ours("beyond_all", found))]
+    kernels = bench.kernel_gains(rows.counts, rows.trees)
+    opposed = [gain.distance for gain in kernels if NAMES[Lighting.opposed] in gain.scene]
+    sparse.append(ComparedValue("all kernels vs. constant", None, share(gain.both for gain in kernels)))
+    sparse.append(ComparedValue("distance kernels, opposed lights", None, share(opposed)))
+    built = [
+        ComparedValue(
+            f"{k} x {k} pixels",
+            range_of(row.both for row in PUBLISHED_BUILDS if row.pixels == k),
+            range_of(row.both for row in rows.builds if row.pixels == k),
+        )
+        for k in BUILD_PIXELS
+    ]
+    half = {method: [row.half for row in rows.trees if row.method == method] for method in ("SAH", PUBLISHED)}
+    depths = [
+        ComparedValue(f"{tree} tree", range_of(BLINDS_DEPTHS[tree]), range_of(half[method]))
+        for tree, method in (("SAH", "SAH"), ("SRDH", PUBLISHED))
+    ]
+    return [
+        ComparisonPanel("Box tests saved by SRDH (Section 4.1)", "%", saved),
+        ComparisonPanel("More box tests with less information (Figures 4 and 5)", "%", sparse),
+        ComparisonPanel("Time to build both trees (Table 1)", "relative to the SAH tree alone", built),
+        ComparisonPanel("Depth of frequent occluders (Figure 3)", "depth of the subtrees with half of them", depths),
+    ]
 
 
 # --- Plot -------------------------------------------------------------------------------------------------------------
@@ -249,10 +288,11 @@ _CLASSES = (
 def write_plot(rows: list[BoxTests], path: Path) -> None:
     """Write a plot: Figure 2 as bars grouped by scene at the top, Figure 4 as curves coloured by scene below."""
     scenes = scenes_of(rows)
-    with plot_sheet(path, max(7.0, 2.2 * len(scenes)), 8.0) as sheet:
+    with_curves = [scene for scene in scenes if any((r.scene, r.pixels) == (scene, PIXELS[-1]) for r in rows)]
+    with plot_sheet(path, max(7.0, 1.5 * len(scenes)), 8.0) as sheet:
         above, below = sheet.subplots(2, 1)
         _draw_bars(above, rows, scenes)
-        _draw_curves(below, rows, scenes)
+        _draw_curves(below, rows, with_curves)
 
 
 def _draw_bars(panel: Any, rows: list[BoxTests], scenes: list[str]) -> None:
@@ -269,11 +309,10 @@ def _draw_bars(panel: Any, rows: list[BoxTests], scenes: list[str]) -> None:
             bottom += part
     methods = [Patch(color=colour, label=method) for method, colour in zip(_BARS, _COLOURS)]
     classes = [Patch(facecolor="black", alpha=opaque, label=label) for _, label, opaque in reversed(_CLASSES)]
-    panel.legend(handles=methods + classes, fontsize=8, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    panel.set_xticks(range(len(scenes)), scenes)
+    panel.legend(handles=methods + classes, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    panel.set_xticks(range(len(scenes)), [scene.replace(", ", "\n") for scene in scenes], fontsize=8)
     panel.set_ylabel("box tests relative to random order")
-    panel.grid(axis="y", alpha=0.3)
-    panel.set_axisbelow(True)
+    panel.grid(visible=False, axis="x")
 
 
 def _draw_curves(panel: Any, rows: list[BoxTests], scenes: list[str]) -> None:
@@ -288,5 +327,4 @@ def _draw_curves(panel: Any, rows: list[BoxTests], scenes: list[str]) -> None:
     panel.set_xscale("log", base=2)
     panel.set_xticks([*PIXELS, last], [*(f"{k} x {k}" for k in PIXELS), "all"])
     panel.set(ylim=(0, None), xlabel="pixels of the pre-render", ylabel="box tests relative to random order")
-    panel.grid(alpha=0.3)
-    panel.legend(fontsize=8, ncols=2, loc="lower left")
+    panel.legend(ncols=2, loc="lower left")

@@ -1,0 +1,109 @@
+"""The pages of the papers: which results make a page, its form, and its results beside it."""
+
+import json
+import re
+import sys
+
+import numpy as np
+import pytest
+
+from antumbra.bvh import binned_sah
+from antumbra.cli.bench_conditions import kernel_digests
+from antumbra.kernels.jit import recorded_calls
+from repository import ROOT, tool
+
+sys.path.append(str(ROOT / "scripts"))  # paper_pages imports document_numbers
+pages = tool(ROOT / "scripts" / "paper_pages.py")
+
+KERNELS = {"antumbra.bvh.nodes:no_such_kernel": {"i": "0" * 32}}
+PYTHON = f"{sys.version_info[0]}.{sys.version_info[1]}.0"
+
+
+def results_of(quick=False, rounds=3, kernels=None, python=PYTHON, **more):
+    about = {"command": "antumbra bench srdh", "quick": quick, "python": python, "commit": "0123", "processor": "a Zen"}
+    return {"about": about, "rounds": rounds, "kernels": kernels or {}, **more}
+
+
+@pytest.fixture
+def present():
+    """The digests of the kernels of a builder, as they are now."""
+    with recorded_calls() as calls:
+        binned_sah.build(np.random.default_rng(0).normal(size=(40, 3, 3)).astype(np.float32), 1)
+    return kernel_digests(calls)
+
+
+@pytest.mark.parametrize(
+    "results, words",
+    [
+        (results_of(quick=True), "measured with --quick"),
+        ({"about": {"command": "antumbra bench srdh --quick"}}, "measured with --quick"),  # before results recorded it
+        (results_of(rounds=2), "only 2 rounds"),
+        (results_of(rounds=None, frames=1), "only 1 frames"),
+        (results_of(), "do not record the kernels"),
+        (results_of(python="3.8.1", kernels=KERNELS), "Python 3.8"),
+        (results_of(kernels=KERNELS), "older than 1 of its kernels, such as antumbra.bvh.nodes:no_such_kernel"),
+    ],
+)
+def test_results_that_make_no_page(results, words):
+    reason = pages.objection("srdh", results)
+    assert words in reason and reason.startswith("srdh: ") and "\n" not in reason
+
+
+def test_whole_results_of_present_kernels_make_a_page(present):
+    assert pages.objection("srdh", results_of(kernels=present)) is None
+    assert pages.objection("chc-rt", results_of(rounds=None, frames=60, kernels=present)) is None
+
+
+def test_a_page_is_written_from_results(present, tmp_path, monkeypatch):
+    spread = {"timings": 1234, "median": 0.031, "ninth_decile": 0.12}
+    results = results_of(kernels=present, size=[1024, 768], spread=spread)
+    (tmp_path / "srdh.json").write_text(json.dumps(results))
+    (tmp_path / "srdh.md").write_text("# antumbra bench srdh\n\n- **command**: c\n\n**T**\n\n| a |\n")
+    for name in ("srdh", "srdh-comparison", "srdh-trees"):
+        (tmp_path / f"{name}.png").write_bytes(b"")
+    place = tmp_path / "papers"
+    monkeypatch.setattr(pages, "PAGES", place)
+    monkeypatch.setattr(pages, "RESULTS", place / "results")
+    assert pages.make_page("srdh", tmp_path) is None
+    text = (place / "srdh.md").read_text()
+    assert text.startswith(pages.front("srdh")) and text.endswith("```\n\n**T**\n\n| a |\n")
+    for line in (
+        "- **command**: antumbra bench srdh",
+        "- **size**: 1024 x 768",
+        "- **rounds**: 3",
+        "- **spread**: the rounds differ by 3 % (median of 1,234 timings), and by less than 12 % for nine out of ten",
+        "- **commit**: 0123",
+        "- **processor**: a Zen",
+    ):
+        assert f"\n{line}\n" in text, line
+    assert re.findall(r"\{image\} (.+)", text) == ["srdh-comparison.png", "srdh.png", "srdh-trees.png"]
+    assert json.loads((place / "results" / "srdh.json").read_text()) == results
+    (place / "srdh-old.png").write_bytes(b"")
+    pages.remove_unused_pictures()
+    assert {path.name for path in place.glob("*.png")} == {"srdh-comparison.png", "srdh.png", "srdh-trees.png"}
+    assert pages.make_page("chc-rt", tmp_path) == f"chc-rt: no results in {tmp_path}"
+
+
+@pytest.mark.parametrize("name", pages.PAPERS)
+def test_pages_have_the_form_of_the_script(name):
+    text = (pages.PAGES / f"{name}.md").read_text(encoding="utf-8")
+    assert text.startswith(f"{pages.front(name)}## How it was measured\n\n- **command**: antumbra bench {name}")
+    header, _, results = text.partition("\n\n## Results\n\n")
+    assert all(f"\n- **{field}**: " in header for field in ("date", "antumbra", "numpy", "numba", "processor"))
+    pictures = re.findall(r"^```\{image\} (.+)$", results, re.MULTILINE)
+    assert all((pages.PAGES / picture).is_file() for picture in pictures)
+    tables = re.findall(r"(?:^\|.*\|\n)+", results, re.MULTILINE)
+    assert tables
+    for lines in map(str.splitlines, tables):
+        assert set(lines[1]) <= set("|-: ") and len({len(re.findall(r"(?<!\\)\|", line)) for line in lines}) == 1
+
+
+@pytest.mark.parametrize("name", pages.PAPERS)
+def test_pages_show_the_conditions_of_their_results(name):
+    file = pages.RESULTS / f"{name}.json"
+    if not file.is_file():
+        pytest.skip(f"the page {name} is NOT checked: {file.relative_to(ROOT)} is missing; run scripts/paper_pages.py")
+    results, text = json.loads(file.read_text()), (pages.PAGES / f"{name}.md").read_text(encoding="utf-8")
+    assert not results["about"]["quick"] and (results.get("rounds") or results["frames"]) >= pages.ROUNDS
+    for field, value in pages.conditions(results).items():
+        assert f"\n- **{field}**: {pages.escaped(value)}\n" in text
