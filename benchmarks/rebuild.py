@@ -29,7 +29,7 @@ from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
 from antumbra.files import atomic_output
 from antumbra.papers.benchmark_views import BenchmarkView, scene_view
-from antumbra.papers.ray_hierarchy.ray_hierarchy_measurements import SCENES, times_of, with_point
+from antumbra.papers.ray_hierarchy.ray_hierarchy_views import SCENES, times_of, with_point
 from antumbra.picture.renderer import Renderer
 from antumbra.query.gbuffer import GBuffer
 from antumbra.query.light_samples import light_samples
