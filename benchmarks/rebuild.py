@@ -1,12 +1,13 @@
-"""Ray hierarchies versus building: shadows in scenes with new triangles in each frame, compared with Embree.
+"""Ray hierarchies versus building: shadows in scenes with new triangles in each frame, by our plans and by Embree.
 
     python benchmarks/rebuild.py [scene ...] [--sizes N,...] [--size W H] [--frames N] [--plot FILE] [--json FILE]
 
 A scene is a folder of the real scenes, a file, or a procedural scene. Procedural scenes are also generated in several
-sizes. There is one point light, and one shadow ray per pixel. `differs` counts pixels whose answer differs from our
-last plan's.
+sizes. There is one point light, and one shadow ray per pixel. `differs` counts pixels whose answer differs from that of
+`lbvh+multifrusta`.
 
-All methods get the same triangles, G-buffer and receivers, and alternate within each round. Shadow times include
+All methods get the same triangles, G-buffer and receivers, and alternate within each round. None keeps anything from
+earlier frames, so `auto` chooses as in the first frame of a scene, and its choice is under `how`. Shadow times include
 culling, building and tracing. Time to image adds the shared steps (evaluating, rasterising, receivers and shading),
 measured once per frame and round. Copying vertices into Embree's buffer is not timed.
 """
@@ -16,6 +17,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -25,11 +27,14 @@ import numpy as np
 
 from antumbra.cli import console as report
 from antumbra.cli.arguments import parse_count
+from antumbra.engine.auto_accelerator import accelerator_of
+from antumbra.engine.plan import parse_plan
 from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
 from antumbra.files import atomic_output
 from antumbra.papers.benchmark_views import BenchmarkView, scene_view
-from antumbra.papers.ray_hierarchy.ray_hierarchy_measurements import SCENES, times_of, with_point
+from antumbra.papers.ray_hierarchy.ray_hierarchy_views import SCENES, times_of, with_point
+from antumbra.picture.render_kernels import precompile_plan
 from antumbra.picture.renderer import Renderer
 from antumbra.query.gbuffer import GBuffer
 from antumbra.query.light_samples import light_samples
@@ -39,8 +44,9 @@ from common import arguments, machine
 from peers import embree
 from peers.embree_frames import Hits, Shadow, light_points, shadows
 
-PLANS = ("cones", "lbvh+single", "lbvh+multifrusta")
-"""Our plans. The bits of all methods are compared with those of the last plan."""
+PLANS = ("cones", "lbvh+single", "lbvh+packet16", "lbvh+multifrusta", "auto")
+REFERENCE = "lbvh+multifrusta"
+"""Our plans, and the plan whose bits are compared with those of all methods."""
 
 PROCEDURAL = ("atrium", "city")
 """Procedural scenes that are generated in several sizes."""
@@ -49,7 +55,7 @@ BUILDS = [(quality, flags) for quality in ("low", "medium") for flags in (0, emb
 """Embree's builds to try. The fastest for each packet width enters the rounds."""
 
 _WIDTH, _STYLES, _MARKERS = 170, ("-", "--", ":", "-."), "osD^vP*X"
-_SMALL = 110_000  # triangles of small scenes, where we claim to be faster than Embree, with 10 % slack
+_SMALL = 110_000  # triangles of small scenes, which are summed up apart, with 10 % slack
 _COMMON = "evaluate", "gbuffer", "filter", "shade"
 
 
@@ -68,13 +74,13 @@ class Rebuilt(NamedTuple):
     triangles: int
     family: str  # name of a procedural scene generated in several sizes; "" for other scenes
     method: str
-    how: str  # the plan, or how Embree builds and traces
+    how: str  # the plan that ran in the last frame, or how Embree builds and traces
     cull: float
     build: float
     trace: float
     shadows: float  # cull + build + trace
     image: float  # shadows and the shared steps
-    differs: int  # pixels, over all times, whose answer differs from the last plan's
+    differs: int  # pixels, over all times, whose answer differs from that of REFERENCE
 
 
 class _Method(Protocol):
@@ -89,18 +95,23 @@ class _Method(Protocol):
 class Ours:
     """One of our plans."""
 
-    def __init__(self, plan: str, view: BenchmarkView, threads: int):
+    def __init__(self, plan: str, threads: int):
         self.name = self.how = plan
-        self.accelerator = Renderer(view.scene, plan, threads).accelerator
+        self._new_accelerator = partial(accelerator_of, parse_plan(plan), threads)
 
     def shadows(self, frame_input):
+        accelerator, query = self._new_accelerator(), frame_input.query
+        accelerator.begin(query.sides.size)
         start = perf_counter()
-        culled = self.accelerator.cull(frame_input.triangles, [frame_input.query])
+        culled = accelerator.cull(frame_input.triangles, [query])
         cut = perf_counter()
-        ready = self.accelerator.build(frame_input.triangles, culled)
+        ready = accelerator.build(frame_input.triangles, culled)
+        ready.begin()
         built = perf_counter()
-        bits = self.accelerator.answer(ready, frame_input.query)
-        return {"cull": cut - start, "build": built - cut, "trace": perf_counter() - built}, bits
+        bits = accelerator.answer(ready, query)
+        end = perf_counter()
+        self.how = str(accelerator.executed_plan(ready))
+        return {"cull": cut - start, "build": built - cut, "trace": end - built}, bits
 
 
 class _Embree:
@@ -141,10 +152,10 @@ def rebuild(
 
     family : name of the scene if it is generated in several sizes
     """
-    common, times = Renderer(view.scene, PLANS[-1], threads), times_of(view.scene, frames)
+    common, times = Renderer(view.scene, REFERENCE, threads), times_of(view.scene, frames)
     first, _ = input_of(common, view, times[len(times) // 2])
     with ExitStack() as stack:
-        methods: list[_Method] = [Ours(plan, view, threads) for plan in PLANS]
+        methods: list[_Method] = [Ours(plan, threads) for plan in PLANS]
         if embree_version():
             device = stack.enter_context(embree.Device(threads))
             say(f"{view.name}, trying Embree")
@@ -164,7 +175,7 @@ def rebuild(
                         laps[m.name].append({**seconds, "shadows": total, "image": total + common_seconds})
                 if turn < 0:
                     for m in methods:
-                        differs[m.name] += int(np.count_nonzero(bits[m.name] != bits[PLANS[-1]]))
+                        differs[m.name] += int(np.count_nonzero(bits[m.name] != bits[REFERENCE]))
         middle = {name: {p: median(lap[p] for lap in some) for p in some[0]} for name, some in laps.items()}
         case = view.name, view.scene.n_triangles, family
         return [Rebuilt(*case, m.name, m.how, **middle[m.name], differs=differs[m.name]) for m in methods]
@@ -254,52 +265,57 @@ def _ms(seconds: float) -> str:
     return f"{1e3 * seconds:,.1f}"
 
 
+def overview(rows: list[Rebuilt]) -> tuple[list[str], list[list[str]]]:
+    """(heads, cells) of a table of shadow milliseconds: a row per scene, a column per method; the fastest has a *."""
+    methods = list(dict.fromkeys(r.method for r in rows))
+    table = []
+    for scene in dict.fromkeys(r.scene for r in rows):
+        of_scene = {r.method: r for r in rows if r.scene == scene}
+        best = min(of_scene.values(), key=lambda r: r.shadows)
+        cells = [_ms(r.shadows) + "*" * (r is best) for r in (of_scene[method] for method in methods)]
+        table.append([scene, f"{best.triangles:,}", *cells])
+    return ["scene", "triangles", *methods], table
+
+
 def _print_rebuilt(rows: list[Rebuilt], version: str) -> None:
     """Print the times, and where a ray hierarchy is faster than building."""
     table = []
     for r in rows:
         faster = ratio(rows, r)
+        times = map(_ms, (r.cull, r.build, r.trace, r.shadows, r.image))
         shares = f"{faster:.2f}" if faster else "", f"{r.differs:,}"
-        table.append(
-            (
-                r.scene,
-                f"{r.triangles:,}",
-                r.method,
-                r.how,
-                *map(_ms, (r.cull, r.build, r.trace, r.shadows, r.image)),
-                *shares,
-            )
-        )
-    head = (
-        "scene",
-        "triangles",
-        "method",
-        "how",
-        "cull",
-        "build",
-        "trace",
-        "shadows",
-        "time to image",
-        "Embree / it",
-        "differs",
-    )
+        table.append((r.scene, f"{r.triangles:,}", r.method, r.how, *times, *shares))
+    head = ["scene", "triangles", "method", "how", "cull", "build", "trace", "shadows", "time to image"]
+    head += ["Embree / it", "differs"]
     print(f"Shadows with new triangles in each frame, ms (Embree {version or 'is not installed'})")
     report.print_table(head, table, right=(1, *range(4, len(head))), width=_WIDTH)
+    print("The same, culling, building and tracing together; *: the fastest method")
+    head, cells = overview(rows)
+    report.print_table(head, cells, right=range(1, len(head)), width=_WIDTH)
+    report.print_fields(_comparisons(rows))
+    print()
+
+
+def _comparisons(rows: list[Rebuilt]) -> list[tuple[str, str]]:
+    """(what, text): where our ray hierarchy is faster than each other method, and how often each is the fastest."""
     fields = []
     ours, *others = dict.fromkeys(r.method for r in rows)
     for name in PROCEDURAL:
         for method in others:
             sizes, theirs = curve(rows, name, method)
-            seconds = curve(rows, name, ours)[1]
-            fields.append((f"{ours} / {method}, {name}", _winner(sizes, seconds, theirs)))
-    ratios = [ratio(rows, r) for r in rows if r.method == ours and r.triangles <= _SMALL]
-    if some := [faster for faster in ratios if faster]:
-        summary = (
-            f"{min(some):.2f} to {max(some):.2f} times as fast; faster in {sum(f > 1 for f in some)} of {len(some)}"
-        )
-        fields.append((f"{ours} / Embree's best, to {_SMALL:,} triangles", summary))
-    report.print_fields(fields)
-    print()
+            if sizes:
+                fields.append((f"{ours} / {method}, {name}", _winner(sizes, curve(rows, name, ours)[1], theirs)))
+    for method in others:
+        pairs = [(a, b) for a in rows for b in rows if (a.method, b.method, a.scene) == (ours, method, b.scene)]
+        ratios = [b.shadows / a.shadows for a, b in pairs if a.triangles <= _SMALL]
+        if ratios:
+            wins = sum(r > 1 for r in ratios)
+            text = f"{min(ratios):.2f} to {max(ratios):.2f} times as fast; faster in {wins} of {len(ratios)}"
+            fields.append((f"{ours} / {method}, to {_SMALL:,} triangles", text))
+    scenes = dict.fromkeys(r.scene for r in rows)
+    best = [min((r for r in rows if r.scene == scene), key=lambda r: r.shadows).method for scene in scenes]
+    fields.append(("fastest", ", ".join(f"{method} {best.count(method)}" for method in dict.fromkeys(best))))
+    return fields
 
 
 def _winner(sizes: list[int], ours: list[float], theirs: list[float]) -> str:
@@ -354,6 +370,8 @@ def main() -> None:
     parser.add_argument("--plot", type=Path, help="write curves to a .png file")
     options = parser.parse_args()
     threads, size = options.threads or os.cpu_count() or 1, tuple(options.size)
+    for plan in (*PLANS, "srdh+single"):  # `auto` chooses among methods whose kernels are on disk
+        precompile_plan(parse_plan(plan), "raster")
     say = lambda text: print(f"\r{text:80s}", end="", file=sys.stderr, flush=True)
     rows: list[Rebuilt] = []
     for name in [str(path) for path in options.scene] or SCENES.default_names():

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import rebuild as bench
+from antumbra.engine.plan import parse_plan
 from antumbra.errors import InputError
-from rebuild import PLANS, Rebuilt, crossings, curve, ratio
+from rebuild import PLANS, REFERENCE, Rebuilt, crossings, curve, overview, ratio
 
 SIZE = 24
 
@@ -33,6 +34,9 @@ def test_ours_without_embree(view, monkeypatch):
     assert all(r.differs == 0 and r.triangles == view.scene.n_triangles and r.family == "atrium" for r in rows)
     assert all(r.image > r.shadows == pytest.approx(r.cull + r.build + r.trace) for r in rows)
     assert ratio(rows, rows[0]) is None
+    assert {r.method: r.how for r in rows if r.method != "auto"} == {plan: plan for plan in PLANS if plan != "auto"}
+    (chosen,) = (r.how for r in rows if r.method == "auto")
+    assert chosen != "auto" and str(parse_plan(chosen)) == chosen
 
 
 def test_embree_answers_nearly_the_same(view):
@@ -47,8 +51,8 @@ def test_embree_answers_nearly_the_same(view):
 
 def test_answers_of_embree_are_not_all_alike(view):
     """Otherwise the comparison above could not fail."""
-    frame_input, seconds = bench.input_of(bench.Renderer(view.scene, PLANS[-1], 2), view, 0.0)
-    _, bits = bench.Ours(PLANS[-1], view, 2).shadows(frame_input)
+    frame_input, seconds = bench.input_of(bench.Renderer(view.scene, REFERENCE, 2), view, 0.0)
+    _, bits = bench.Ours(REFERENCE, 2).shadows(frame_input)
     assert 0 < np.count_nonzero(bits) < bits.size and seconds > 0
 
 
@@ -72,3 +76,10 @@ def test_the_best_of_embree_is_what_counts():
     rows += [row("b", "cones", 5.0, 10), row("c", "cones", 7.0, 50, "")]
     assert [ratio(rows, r) for r in rows] == [2.0, 0.5, 1.0, None, None]
     assert curve(rows, "atrium", "cones") == ([10, 100], [5.0, 1.0])
+
+
+def test_the_overview_shows_each_scene_and_marks_the_fastest_method():
+    rows = [row("a", "cones", 1.0), row("a", "auto", 0.5), row("b", "cones", 0.25), row("b", "auto", 4.0)]
+    head, table = overview(rows)
+    assert head == ["scene", "triangles", "cones", "auto"]
+    assert table == [["a", "100", "1,000.0", "500.0*"], ["b", "100", "250.0*", "4,000.0"]]

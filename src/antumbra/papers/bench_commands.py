@@ -81,12 +81,19 @@ class RayHierarchyBenchOptions(NamedTuple):
         list[str] | None,
         scene_option("four folders of $ANTUMBRA_SCENES, else atrium and forest", "a file, a folder of vertex frames"),
     ] = None
-    plot: Annotated[Path | None, plot_option("curves")] = None
+    plot: Annotated[Path | None, plot_option("the comparison with the report and curves")] = None
     size: ImageSize = "1024x1024"
-    frames: Annotated[int, typer.Option(help="Evenly spaced frames of each animated scene.", min=1, max=10_000)] = 10
+    frames: Annotated[
+        int, typer.Option(help="Evenly spaced small frames of each animation, for curves.", min=0, max=10_000)
+    ] = 200
+    frame_size: Annotated[str, typer.Option(help="Size of these frames in pixels.", metavar="WxH")] = "128x128"
     limit: Annotated[
         float,
-        typer.Option(help="Skip variants predicted to take longer per picture.", metavar="SECONDS", min=0.0),
+        typer.Option(
+            help="Do not run variants predicted to take longer per picture, except in small frames.",
+            metavar="SECONDS",
+            min=0.0,
+        ),
     ] = 60.0
     cull_faces: Annotated[
         CullFaces,
@@ -99,12 +106,13 @@ class RayHierarchyBenchOptions(NamedTuple):
     threads: Threads = None
 
 
-@benchmark(size="192x192", frames=3, limit=0.5, rounds=1)
+@benchmark(size="192x192", frames=3, frame_size="96x96", limit=0.5, rounds=1)
 def ray_hierarchy(run: BenchRun, options: RayHierarchyBenchOptions) -> BenchResult:
     """Ray hierarchies: nodes, times and their variation [Olsson and Assarsson 2011].
 
-    Traces one shadow ray per pixel to a point light with the variants of the report's Table 1 and ours. The scenes are
-    frames of BART's robots, views of its museum (Figures 6 and 7, Table 2), and static scenes.
+    Traces one shadow ray per pixel to a point light with the variants of the report's Table 1 and ours. The pictures
+    are two frames of BART's robots and four of its museum, seen by BART's cameras (Table 2), and static scenes. Small
+    frames of the robots' animation give the curves of Figures 6 and 7.
 
     \b
     Examples
@@ -112,29 +120,30 @@ def ray_hierarchy(run: BenchRun, options: RayHierarchyBenchOptions) -> BenchResu
       antumbra bench ray-hierarchy --scene bart_robots --frames 40 --plot robots.png
       antumbra bench ray-hierarchy --scene procedural:forest --size 512 --limit 10
     """
-    size = arguments.parse_size(options.size)
+    size, frame_size = arguments.parse_size(options.size), arguments.parse_size(options.frame_size)
 
     from ..kernels.parallel import thread_count
     from .benchmark_views import agree
     from .ray_hierarchy import ray_hierarchy_measurements as bench
-    from .ray_hierarchy.ray_hierarchy_tables import print_tables, write_plot
+    from .ray_hierarchy.ray_hierarchy_plot import write_plot
+    from .ray_hierarchy.ray_hierarchy_published import FIGURE7
+    from .ray_hierarchy.ray_hierarchy_tables import print_tables
+    from .ray_hierarchy.ray_hierarchy_views import film, open_views, pictures
 
     effort = bench.Effort(thread_count(options.threads), options.rounds, options.limit, options.cull_faces.side)
-    pictures: list[bench.PictureRays] = []
-    costs: list[bench.Cost] = []
-    for view in bench.SCENES.open(options.scene, size, run.say):
-        for picture in bench.pictures(bench.with_point(view), options.frames):
-            rays, picture_costs = bench.measure(picture, effort, run.say)
-            pictures.append(rays)
-            costs += picture_costs
-    relative = bench.relative_costs(pictures, costs, bench.FIGURE7)
-    spreads = bench.spreads(pictures, costs)
-    answer = {"size": size, "frames": options.frames, **effort._asdict()}
-    answer |= {"pictures": records(pictures), "costs": records(costs)}
+    views = open_views(options.scene, size, run.say)
+    large = bench.measure_all([p for view in views for p in pictures(view)], effort, run.say)
+    frames = [p for view in views for p in film(view, options.frames, frame_size)]
+    small = bench.measure_all(frames, effort._replace(limit=None, rounds=1), run.say)
+    claims, spreads = bench.claims(large), bench.spreads(small)
+    relative = bench.relative_costs(small if small.pictures else large, FIGURE7)
+    answer = {"size": size, "frames": options.frames, "frame_size": frame_size, **effort._asdict()}
+    answer |= {"pictures": records(large.pictures), "costs": records(large.costs), "claims": records(claims)}
+    answer |= {"film": {"pictures": records(small.pictures), "costs": records(small.costs)}}
     answer |= {"figure 7": records(relative), "spreads": records(spreads)}
-    same = agree(bench.answers(pictures, costs))
-    tables = partial(print_tables, pictures, costs, relative, spreads)
-    return BenchResult(answer, tables, partial(write_plot, pictures, costs), same)
+    tables = partial(print_tables, large, small, claims, relative, spreads)
+    plot = partial(write_plot, large, small, claims)
+    return BenchResult(answer, tables, plot, agree([*large.answers(), *small.answers()]))
 
 
 # --- antumbra bench srdh ----------------------------------------------------------------------------------------------

@@ -169,12 +169,18 @@ def _across(row, at, w, z):
 
 @inlined
 def possible_cones(group, row, ways, alive, spheres):
-    """Bits of the `alive` cones of a group with rays that the triangle may block."""
-    if spheres:
-        return bits(_meets_sphere(group, ways, row)) & alive
-    possible = _may_reach(group, ways, row, OUTER) & _may_reach(group, ways, row, OUTER + 4)
-    possible = bits(possible & _may_reach(group, ways, row, OUTER + 8) & _may_reach(group, ways, row, OUTER + 12))
-    possible &= alive
+    """Bits of the `alive` cones of a group with rays that the triangle may block.
+
+    Both tests reject cones that miss the bounding sphere, or whose longest ray ends before it. So the precise test
+    accepts a subset of the cones that the sphere test accepts: without the sphere, it accepts triangles beyond all
+    receivers whose plane the cone intersects in front of them, such as walls in line with the light.
+    """
+    possible = bits(_meets_sphere(group, ways, row)) & alive
+    if spheres or possible == 0:
+        return possible
+    reached = _may_reach(group, ways, row, OUTER) & _may_reach(group, ways, row, OUTER + 4)
+    reached = reached & _may_reach(group, ways, row, OUTER + 8) & _may_reach(group, ways, row, OUTER + 12)
+    possible &= bits(reached)
     if possible != 0 and integer(row, EXACT) != 0:
         possible &= ~bits(_in_shadow(group, ways, row))
     return possible

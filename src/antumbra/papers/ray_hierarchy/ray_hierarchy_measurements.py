@@ -1,146 +1,28 @@
 """Measures Figures 6 and 7 and Table 2 of the report on ray hierarchies [Olsson and Assarsson 2011].
 
-The views are frames of BART's robots, its museum from four viewpoints, and static scenes, each with one point light.
-The report follows BART's own camera through the robots' city; here the camera is static, because the scene folder has
-no camera path.
-
 Each variant builds cones from the shadow rays of a picture, one per pixel, and traces the triangles through them. Times
 are of the phase `trace` of a frame, which includes building the cones. Variants alternate within each round, and the
-median of the rounds counts. Smaller pictures predict the time of a variant, which is skipped if it would take too long.
-
-The published results were measured on a GPU (Sec. 5, Tables 1 and 2).
+median of the rounds counts; slow variants run once. Smaller pictures predict the time of a variant, which is not run if
+it would take too long; predictions decide nothing else, and no table or claim contains them.
 """
 
-from collections.abc import Iterable, Mapping
-from statistics import fmean, median, pstdev
+from collections.abc import Iterable, Sequence
+from statistics import fmean, geometric_mean, median, pstdev
 from typing import NamedTuple
 
 import numpy as np
 
-from ...engine.scene import AnyScene
 from ...errors import InputError
 from ...picture.frame import Frame
 from ...picture.renderer import Renderer
-from ...scene.camera import Camera
-from ...scene.lights import Light, PointLight
 from ..bench_runner import Say, interleave
-from ..benchmark_views import BenchmarkScenes, BenchmarkView, digest, point
+from ..benchmark_views import digest
+from . import ray_hierarchy_published as published
 from .cone_hierarchy import with_culling
+from .ray_hierarchy_published import VARIANTS
+from .ray_hierarchy_views import MUSEUM, WALL_PICTURE, PictureCase
 
-# --- Published results ------------------------------------------------------------------------------------------------
-
-
-VARIANTS = ("Spheres", "SpheresSorted", "Precise", "PreciseSorted", "PreciseSEA", "PreciseEATP", "PreciseSEATP")
-"""Table 1: sphere tests or precise tests; rays in image order or sorted (S); early accept (EA); two passes (TP)."""
-
-MEASURED = VARIANTS[:4]
-"""The variants of Figure 6 and Table 2. Figure 7 compares the others with PreciseSorted."""
-
-FIGURE7 = VARIANTS[3:]
-"""The variants of Figure 7: fewer nodes, but more time."""
-
-NODES = {
-    "Spheres": (19.89e6, 317.91e6, 5.77e6, 2199.22e6),
-    "SpheresSorted": (2.66e6, 6.79e6, 5.40e6, 6.60e6),
-    "Precise": (17.58e6, 292.84e6, 2.25e6, 2163.30e6),
-    "PreciseSorted": (0.82e6, 2.24e6, 2.20e6, 1.97e6),
-}
-"""Table 2: visited cones in four views of the museum. The third has the most screen coherence, the last the least."""
-
-MILLISECONDS = {
-    "Spheres": (29.40, 446.10, 10.53, 3771.55),
-    "SpheresSorted": (11.90, 16.75, 15.05, 16.69),
-    "Precise": (38.50, 557.91, 8.26, 4172.61),
-    "PreciseSorted": (10.65, 13.40, 12.63, 12.60),
-}
-"""Table 2: shadow times in the same views, in milliseconds."""
-
-
-def published_cut(unsorted: str, sorted_: str, table: Mapping[str, tuple[float, ...]] = NODES) -> float:
-    """The ratio of a table's values without and with sorting, in the view where sorting helps most.
-
-    The report's text says "up to three orders of magnitude fewer nodes" and "over two orders of magnitude faster".
-    """
-    return max(a / b for a, b in zip(table[unsorted], table[sorted_]))
-
-
-# --- Views ------------------------------------------------------------------------------------------------------------
-
-
-ROBOTS, MUSEUM = "bart_robots", "bart_museum8_subdivided"
-SCENES = BenchmarkScenes(
-    real=(ROBOTS, MUSEUM, "sponza_crytek", "synthetic_garden_foxes"),
-    beside_real=(),
-    without_real=("atrium", "forest"),
-    make_light=point,
-    moving=(ROBOTS, MUSEUM),
-)
-
-MUSEUM_NAME = "subdivided museum"
-"""The report uses BART's museum at its finest tessellation; this is a coarse one with subdivided triangles."""
-
-STILL_CAMERA = "The robots have a static camera, because their folder has no camera path"
-
-_MUSEUM = {
-    "hall": (1.0, None),
-    "before the cloud": (2.0, ((-0.9, 2.6, 1.0), (0.5, 2.4, -0.6), 70.0)),
-    "wall": (1.0, ((1.8, 1.8, 1.2), (5.0, 1.6, -0.8), 60.0)),
-    "in the cloud": (1.75, ((-0.6, 2.7, 0.6), (0.5, 2.4, -0.6), 75.0)),
-}
-"""Viewpoint -> (seconds, (position, target, vfov) of the camera, or None: from info.json), in the order of Table 2. The
-first and third show large surfaces; the others show the far wall behind hundreds of small floating triangles."""
-
-
-class PictureCase(NamedTuple):
-    """A scene at one time."""
-
-    name: str
-    of: str  # name of the scene
-    frame: int | None  # frame number in an animation; None: static scene, or a different camera in each picture
-    scene: AnyScene
-    camera: Camera
-    light: Light
-    time: float  # seconds
-
-
-def with_point(view: BenchmarkView) -> BenchmarkView:
-    """The view with a single point light, at the centre of its first light."""
-    light, bounds = view.lights[0], view.scene.bounds
-    patch = light.patch(view.scene.origin, float(np.linalg.norm(bounds[1] - bounds[0])))
-    middle = patch.base + (patch.u + patch.v) / 2 if light.domain == "square" else patch.base
-    return view._replace(lights=[PointLight(view.scene.origin + middle)])
-
-
-def times_of(scene: AnyScene, frames: int) -> list[float]:
-    """`frames` times, evenly spaced over the animation; 0 alone for a static scene."""
-    return np.linspace(0.0, scene.duration, frames).tolist() if scene.animated else [0.0]
-
-
-def pictures(view: BenchmarkView, frames: int) -> list[PictureCase]:
-    """The pictures of a view: the museum from four viewpoints, `frames` frames of another animation, or one picture."""
-    name, scene, camera, (light, *_) = view
-    if name == MUSEUM:
-        return [
-            PictureCase(f"{MUSEUM_NAME}, {place}", name, None, scene, _placed(camera, where), light, time)
-            for place, (time, where) in _MUSEUM.items()
-        ]
-    if not scene.animated:
-        return [PictureCase(name, name, None, scene, camera, light, 0.0)]
-    times = times_of(scene, frames)
-    return [PictureCase(f"{name}, {t:.2f} s", name, k, scene, camera, light, t) for k, t in enumerate(times)]
-
-
-_Viewpoint = tuple[tuple[float, float, float], tuple[float, float, float], float]
-
-
-def _placed(camera: Camera, where: _Viewpoint | None) -> Camera:
-    if where is None:
-        return camera
-    position, target, vfov = where
-    return Camera(position, target, camera.up, vfov, camera.width, camera.height)
-
-
-# --- Measurements -----------------------------------------------------------------------------------------------------
+# --- Pictures ---------------------------------------------------------------------------------------------------------
 
 
 OURS, BEST = "cones", "PreciseSorted"
@@ -155,7 +37,11 @@ REFERENCE = "lbvh+single"
 
 SHRINK = (8, 4)
 """Divisors of the width and height for the smaller pictures, which are traced first. The prediction assumes that each
-doubling multiplies nodes and seconds by the same factor as between these two, but by no more than the rays."""
+doubling multiplies seconds by the same factor as between these two, but by no more than the rays."""
+
+
+SLOW = 3.0
+"""Seconds in one picture above which a variant is not repeated in further rounds."""
 
 
 class PictureRays(NamedTuple):
@@ -171,17 +57,116 @@ class PictureRays(NamedTuple):
 
 
 class Cost(NamedTuple):
-    """The cost of one variant in one picture; None if it was skipped because it would have taken too long."""
+    """The cost of one variant in one picture; None if it was not run because it would have taken too long."""
 
     picture: str
     variant: str  # a key of PLANS
-    predicted: float  # seconds, predicted from smaller pictures
-    predicted_nodes: float
     nodes: int | None = None  # tested pairs of a triangle and a cone
+    passed: int | None = None  # tested pairs with a possible intersection
     tests: int | None = None  # ray tests of up to 16 rays
     seconds: float | None = None  # time of the phase `trace`
     bits: bytes | None = None  # digest of the answer
-    passed: int | None = None  # tested pairs with a possible intersection
+
+
+class Effort(NamedTuple):
+    """How much to measure."""
+
+    threads: int
+    rounds: int
+    limit: float | None  # maximum seconds per variant and picture; None: all variants are run
+    cull_faces: str | None = None  # triangle side, as seen from the receiver, that does not block; published: "back"
+
+
+def measure(picture: PictureCase, effort: Effort, say: Say) -> tuple[PictureRays, list[Cost]]:
+    """Measure all variants in one picture; InputError if its camera sees nothing."""
+    plans = PLANS if effort.cull_faces is None else CULLING_PLANS
+    renderers = {name: Renderer(picture.scene, plan, effort.threads) for name, plan in plans.items()}
+    limit = effort.limit
+
+    def trace(name: str, renderer: Renderer, shrink: int = 1) -> Frame:
+        camera = picture.camera.resized(*(max(n // shrink, 1) for n in (picture.camera.width, picture.camera.height)))
+        say(f"{picture.name}, {name}, {camera.width} x {camera.height}")
+        return renderer.render(
+            camera, [picture.light], spp=1, time=picture.time, counters=True, cull_faces=effort.cull_faces
+        )
+
+    frame = trace(REFERENCE, Renderer(picture.scene, REFERENCE, effort.threads))
+    if not frame.rays:
+        raise InputError(f"{picture.name}: the camera sees nothing; choose a scene whose camera sees something")
+    if limit is not None:
+        predicted = {name: _predicted(*(trace(name, r, part) for part in SHRINK)) for name, r in renderers.items()}
+        renderers = {name: r for name, r in renderers.items() if predicted[name] <= limit}
+
+    first: dict[str, Cost] = {}
+
+    def seconds(name: str, turn: int) -> float | None:
+        if turn and (first[name].seconds or 0.0) > SLOW:
+            return None
+        shown = trace(name, renderers[name])
+        first.setdefault(name, _cost(picture.name, name, shown))
+        return shown.timings["trace"]
+
+    laps = interleave(renderers, effort.rounds, seconds)
+    costs = [
+        first[name]._replace(seconds=median(laps[name])) if name in first else Cost(picture.name, name)
+        for name in plans
+    ]
+    return _picture_rays(picture, frame), costs
+
+
+def _cost(picture: str, variant: str, frame: Frame) -> Cost:
+    assert frame.counters is not None
+    nodes, passed, tests = (frame.counters[name] for name in ("nodes", "candidates", "triangle_tests"))
+    return Cost(picture, variant, nodes, passed, tests, frame.timings["trace"], digest(frame.bits))
+
+
+def _predicted(smallest: Frame, small: Frame) -> float:
+    """Predict the seconds of the full picture from two smaller ones."""
+    assert smallest.counters is not None and small.counters is not None
+    doublings = np.log2(SHRINK[1]) / np.log2(SHRINK[0] / SHRINK[1])
+    growth = (small.counters["nodes"] / max(smallest.counters["nodes"], 1)) ** doublings
+    return float(min(growth, SHRINK[1] ** 2) * small.timings["trace"])
+
+
+def _picture_rays(picture: PictureCase, frame: Frame) -> PictureRays:
+    blocked = int(np.bitwise_count(frame.bits[0]).sum())
+    fields = picture.name, picture.of, picture.frame, picture.scene.n_triangles
+    return PictureRays(*fields, frame.rays, blocked, digest(frame.bits))
+
+
+class Measured(NamedTuple):
+    """The shadow rays of several pictures, and the costs of all variants in each."""
+
+    pictures: list[PictureRays]
+    costs: list[Cost]
+
+    def of(self, picture: str, variant: str) -> Cost:
+        """The cost of a variant in a picture."""
+        return next(c for c in self.costs if (c.picture, c.variant) == (picture, variant))
+
+    def pairs(self, one: str, other: str, among: Iterable[str] | None = None) -> list[tuple[Cost, Cost]]:
+        """The costs of two variants in each picture where both were run; `among`: these pictures only."""
+        names = [s.picture for s in self.pictures] if among is None else among
+        both = ((self.of(name, one), self.of(name, other)) for name in names)
+        return [(a, b) for a, b in both if a.nodes is not None and b.nodes is not None]
+
+    def answers(self) -> list[tuple[str, bytes]]:
+        """(picture, digest) of all answers, for `papers.benchmark_views.agree`."""
+        theirs = [(c.picture, c.bits) for c in self.costs if c.bits is not None]
+        return [(s.picture, s.bits) for s in self.pictures] + theirs
+
+
+def measure_all(pictures: Sequence[PictureCase], effort: Effort, say: Say) -> Measured:
+    """`measure` several pictures."""
+    measured = Measured([], [])
+    for picture in pictures:
+        rays, costs = measure(picture, effort, say)
+        measured.pictures.append(rays)
+        measured.costs.extend(costs)
+    return measured
+
+
+# --- Comparisons ------------------------------------------------------------------------------------------------------
 
 
 class RelativeCost(NamedTuple):
@@ -196,147 +181,108 @@ class RelativeCost(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """The variation of the times of one variant over the frames of an animation."""
+    """A variant over the frames of an animation."""
 
     of: str
     variant: str
-    frames: int  # measured frames
-    missing: int  # skipped frames
-    median: float
+    frames: int
+    nodes: float  # tested, median
+    most_nodes: int  # tested
+    passed: float  # median
+    median: float  # seconds
     ratio: float  # longest / shortest
-    quartiles: float  # third quartile - first quartile
+    quartiles: float  # third quartile - first quartile, seconds
     deviation: float  # standard deviation / mean
 
 
-class Effort(NamedTuple):
-    """How much to measure."""
+class Claim(NamedTuple):
+    """A ratio that the report states, and ours."""
 
-    threads: int
-    rounds: int
-    limit: float  # maximum seconds per variant and picture
-    cull_faces: str | None = None  # triangle side, as seen from the receiver, that does not block; published: "back"
-
-
-def measure(picture: PictureCase, effort: Effort, say: Say) -> tuple[PictureRays, list[Cost]]:
-    """Measure all variants in one picture; InputError if its camera sees nothing."""
-    plans = PLANS if effort.cull_faces is None else CULLING_PLANS
-    renderers = {name: Renderer(picture.scene, plan, effort.threads) for name, plan in plans.items()}
-
-    def trace(name: str, renderer: Renderer, shrink: int = 1, counters: bool = False) -> Frame:
-        camera = picture.camera.resized(*(max(n // shrink, 1) for n in (picture.camera.width, picture.camera.height)))
-        say(f"{picture.name}, {name}, {camera.width} x {camera.height}")
-        return renderer.render(
-            camera, [picture.light], spp=1, time=picture.time, counters=counters, cull_faces=effort.cull_faces
-        )
-
-    frame = trace(REFERENCE, Renderer(picture.scene, REFERENCE, effort.threads))
-    if not frame.rays:
-        raise InputError(f"{picture.name}: the camera sees nothing; choose a scene whose camera sees something")
-    predicted = {n: _predicted(*(trace(n, r, part, True) for part in SHRINK)) for n, r in renderers.items()}
-    counted = {n: trace(n, r, counters=True) for n, r in renderers.items() if predicted[n][0] <= effort.limit}
-
-    def seconds(name: str, turn: int) -> float | None:
-        if turn and (turn + 1) * counted[name].timings["trace"] > effort.limit:  # slow variants run once
-            return None
-        return trace(name, renderers[name]).timings["trace"]
-
-    laps = interleave(counted, effort.rounds, seconds)
-    costs = []
-    for name in PLANS:
-        cost = Cost(picture.name, name, *predicted[name])
-        if name in counted:
-            nodes, passed, tests = _counts(counted[name])
-            cost = cost._replace(nodes=nodes, passed=passed, tests=tests)
-            cost = cost._replace(seconds=median(laps[name]), bits=digest(counted[name].bits))
-        costs.append(cost)
-    return _picture_rays(picture, frame), costs
+    text: str
+    published: float
+    ours: float
+    picture: str  # where our ratio was measured
 
 
-def _counts(frame: Frame) -> tuple[int, int, int]:
-    """(nodes, passed, tests) from a frame's counters."""
-    assert frame.counters is not None
-    return frame.counters["nodes"], frame.counters["candidates"], frame.counters["triangle_tests"]
+def fewest(measured: Measured, picture: str, among: Iterable[str]) -> str:
+    """The first variant that tests the fewest nodes; "" if none was run."""
+    ran = [c for c in (measured.of(picture, variant) for variant in among) if c.nodes is not None]
+    return min(ran, key=lambda c: c.nodes or 0).variant if ran else ""
 
 
-def _predicted(smallest: Frame, small: Frame) -> tuple[float, float]:
-    """Predict (seconds, nodes) of the full picture from two smaller ones."""
-    nodes = _counts(small)[0]
-    doublings = np.log2(SHRINK[1]) / np.log2(SHRINK[0] / SHRINK[1])
-    growth = min((nodes / max(_counts(smallest)[0], 1)) ** doublings, SHRINK[1] ** 2)
-    return float(growth * small.timings["trace"]), float(growth * nodes)
-
-
-def _picture_rays(picture: PictureCase, frame: Frame) -> PictureRays:
-    blocked = int(np.bitwise_count(frame.bits[0]).sum())
-    fields = picture.name, picture.of, picture.frame, picture.scene.n_triangles
-    return PictureRays(*fields, frame.rays, blocked, digest(frame.bits))
-
-
-def answers(pictures: Iterable[PictureRays], costs: Iterable[Cost]) -> list[tuple[str, bytes]]:
-    """(picture, digest) of all answers, for `papers.benchmark_views.agree`."""
-    return [(s.picture, s.bits) for s in pictures] + [(c.picture, c.bits) for c in costs if c.bits is not None]
-
-
-def of(costs: Iterable[Cost], picture: str, variant: str) -> Cost:
-    """The cost of a variant in a picture."""
-    return next(c for c in costs if (c.picture, c.variant) == (picture, variant))
-
-
-def fewest(costs: Iterable[Cost], picture: str, among: Iterable[str]) -> str:
-    """The first variant that visits the fewest nodes; "" if all were skipped."""
-    costs = list(costs)
-    measured = [c for c in (of(costs, picture, variant) for variant in among) if c.nodes is not None]
-    return min(measured, key=lambda c: c.nodes or 0).variant if measured else ""
-
-
-def cut(
-    costs: Iterable[Cost], unsorted: str, sorted_: str, fields: tuple[str, str] = ("nodes", "predicted_nodes")
-) -> tuple[float, str, bool]:
-    """The largest reduction of nodes, or of another field, by sorting, as (ratio, picture, measured).
-
-    `measured` is False if the unsorted variant was skipped and its value is predicted. The result is (nan, "", False)
-    if the sorted variant visited no nodes.
-
-    fields : names of the measured and the predicted field
-    """
-    costs, cuts, (field, predicted) = list(costs), [], fields
-    for a in (c for c in costs if c.variant == unsorted):
-        b = getattr(of(costs, a.picture, sorted_), field)
-        if b:
-            value = getattr(a, predicted if a.nodes is None else field)
-            cuts.append((value / b, a.picture, a.nodes is not None))
-    return max(cuts, default=(np.nan, "", False))
-
-
-def relative_costs(
-    pictures: Iterable[PictureRays], costs: Iterable[Cost], variants: Iterable[str]
-) -> list[RelativeCost]:
-    """The variants of Figure 7 relative to BEST, for each scene, over the pictures where both were measured."""
-    pictures, costs, rows = list(pictures), list(costs), []
-    for name in dict.fromkeys(s.of for s in pictures):
-        names = [s.picture for s in pictures if s.of == name]
+def relative_costs(measured: Measured, variants: Iterable[str]) -> list[RelativeCost]:
+    """The variants of Figure 7 relative to BEST, for each scene, over the pictures where both were run."""
+    rows = []
+    for name in dict.fromkeys(s.of for s in measured.pictures):
+        names = [s.picture for s in measured.pictures if s.of == name]
         for variant in variants:
-            pairs = [(of(costs, p, variant), of(costs, p, BEST)) for p in names]
-            both = [(a, b) for a, b in pairs if a.nodes and b.nodes]
-            if both:
-                ratios = [
-                    median(getattr(a, f) / max(getattr(b, f), 1e-9) for a, b in both)
-                    for f in ("nodes", "passed", "seconds")
-                ]
+            if both := measured.pairs(variant, BEST, names):
+                ratios = (median(_ratio(a, b, field) for a, b in both) for field in ("nodes", "passed", "seconds"))
                 rows.append(RelativeCost(name, variant, len(both), *ratios))
     return rows
 
 
-def spreads(pictures: Iterable[PictureRays], costs: Iterable[Cost]) -> list[Spread]:
-    """The spread of each variant in each animation, if it was measured in at least two frames."""
-    pictures, costs, rows = list(pictures), list(costs), []
-    for name in dict.fromkeys(s.of for s in pictures if s.frame is not None):
-        frames = [s.picture for s in pictures if s.of == name]
-        for variant in PLANS:
-            every = [of(costs, picture, variant).seconds for picture in frames]
-            some = [s for s in every if s is not None]
-            if len(some) > 1:
-                quarter, most = np.percentile(some, (25, 75)).tolist()
-                shares = median(some), max(some) / min(some), most - quarter, pstdev(some) / fmean(some)
-                rows.append(Spread(name, variant, len(some), len(every) - len(some), *shares))
+def _ratio(one: Cost, other: Cost, field: str) -> float:
+    return float(getattr(one, field) / (getattr(other, field) or 1))
+
+
+def spreads(film: Measured) -> list[Spread]:
+    """The spread of each variant in each animation with at least two frames; `film`: small frames, all run."""
+    rows = []
+    for name in dict.fromkeys(s.of for s in film.pictures):
+        frames = [s.picture for s in film.pictures if s.of == name]
+        for variant in PLANS if len(frames) > 1 else ():
+            costs = [film.of(picture, variant) for picture in frames]
+            nodes, passed, seconds = ([getattr(c, f) for c in costs] for f in ("nodes", "passed", "seconds"))
+            quarter, most = np.percentile(seconds, (25, 75)).tolist()
+            shares = median(seconds), max(seconds) / min(seconds), most - quarter, pstdev(seconds) / fmean(seconds)
+            rows.append(Spread(name, variant, len(frames), median(nodes), max(nodes), median(passed), *shares))
     return rows
+
+
+def never_more(film: Measured, one: str, other: str) -> tuple[int, int]:
+    """(frames where `one` tests no more nodes than `other`, frames)."""
+    both = film.pairs(one, other)
+    return sum((a.nodes or 0) <= (b.nodes or 0) for a, b in both), len(both)
+
+
+def claims(measured: Measured) -> list[Claim]:
+    """The report's ratios beside ours: of its Table 2 beside the museum, and of its text beside the robots' wall.
+
+    Ratios of nodes are of those passed, as in the report (see `ray_hierarchy_published.WALL_NODES`). A ratio is left
+    out unless all variants that it needs were run in all pictures that it needs.
+    """
+    rows = [claim for kind in ("Spheres", "Precise") for claim in _sorting_claims(measured, kind)]
+    for suffix, rays in (("", "in image order"), ("Sorted", "sorted")):
+        slow, fast = f"Spheres{suffix}", f"Precise{suffix}"
+        theirs = geometric_mean(published.ratios(slow, fast))
+        if both := _museum(measured, slow, fast):
+            ours = geometric_mean([_ratio(a, b, "passed") for a, b in both])
+            rows.append(Claim(f"precise test: fewer nodes, rays {rays}", theirs, ours, "museum, mean of four views"))
+    walls = [s.picture for s in measured.pictures if s.picture == WALL_PICTURE]
+    for a, b in measured.pairs("Spheres", "Precise", walls):
+        theirs = published.WALL_NODES["Spheres"] / published.WALL_NODES["Precise"]
+        rows.append(Claim("precise test: fewer nodes at a wall", theirs, _ratio(a, b, "passed"), a.picture))
+    return rows
+
+
+def _sorting_claims(measured: Measured, kind: str) -> list[Claim]:
+    """The largest reductions of nodes and of time by sorting, in the views of the museum."""
+    rows, both = [], _museum(measured, kind, f"{kind}Sorted")
+    for what, field, table in (
+        ("fewer nodes", "passed", published.NODES),
+        ("less time", "seconds", published.MILLISECONDS),
+    ):
+        if both:
+            ours, picture = max((_ratio(a, b, field), a.picture) for a, b in both)
+            rows.append(
+                Claim(f"sorting, {kind}: {what}", max(published.ratios(kind, f"{kind}Sorted", table)), ours, picture)
+            )
+    return rows
+
+
+def _museum(measured: Measured, one: str, other: str) -> list[tuple[Cost, Cost]]:
+    """The costs of two variants in all views of the museum; empty unless both were run in all of them."""
+    names = [s.picture for s in measured.pictures if s.of == MUSEUM]
+    both = measured.pairs(one, other, names)
+    return both if len(both) == len(names) else []
