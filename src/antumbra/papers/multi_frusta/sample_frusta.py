@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...bvh.block_tree import BlockTree, block_pointers
-from ...bvh.nodes import block_leaf, rows_at, slot_at
-from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
+from ...bvh.nodes import block_leaf, bounds_at, rows_at, slot_at
+from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items
 from ...kernels.simd import (
     bits,
@@ -40,18 +40,25 @@ from ...kernels.simd import (
 )
 from ...kernels.vec3 import Vec3, abs_dot, crosses, dot, get3, largest, middles_and_halves, rows, store3, subtract3
 from ...query.shadow_query import ShadowQuery
-from ...trace.counters import CANDIDATES, COVERED, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, add_counters, cleared, count
+from ...trace.counters import (
+    BOX_TESTS,
+    CANDIDATES,
+    COVERED,
+    N_COUNTERS,
+    TRIANGLE_TESTS,
+    TRIANGLES,
+    add_counters,
+    cleared,
+    count,
+)
 from ...trace.descent import Shafts, after_leaf, load_saved, next_leaf, root, save, slabs_of
 from ...trace.frusta.shaft_culling import MORE, verdict
-from ...trace.horizon import PLANES, apply_horizon
+from ...trace.horizon import PLANES
 from ...trace.packets.ray_tile import STACK, TileRun, query_chunk_in, trace_tiles
+from ...trace.shafts import box_at, segments_in_box, store_inverses
 from ...trace.tile import (
     TILE_FLOATS,
-    bound_receivers,
-    load_receivers,
-    move_light,
     tile_at,
-    transpose_bits,
     write_bits,
 )
 from ...trace.triangle_tests import (
@@ -70,143 +77,35 @@ from ...trace.triangle_tests import (
     stored_lane,
     triangle_along,
 )
+from .frusta_areas import (
+    PART_INTS,
+    TILES,
+    FrustaArea,
+    SampleFrusta,
+    SampleScratch,
+    divide_area,
+    first_pixel_of,
+    gather_points,
+    gather_receivers,
+    read_open,
+    start_area,
+    write_blocked,
+)
 
-# --- An area of 16 tiles ----------------------------------------------------------------------------------------------
-#
-# Tiles are 4 x 4 pixels, so that lane k of each has sample set k. An area is 4 x 4 tiles, or 16 tiles of a row. Frustum
-# k has lane k of each tile, or, if all sets have the same samples, all lanes of tile k.
+# --- Bounds of the frusta ---------------------------------------------------------------------------------------------
 
 
 _F = np.float32
-_TILES = 16
 _STARTS, _ENDS, _DIRECTIONS = 0, 96, 192  # rows of lower x, y, z and upper x, y, z; lanes are frusta
 _MIDDLES, _SPAN, _TWIST = 288, 480, 496  # rows of middles and half extents of starts and of directions
-_BOUNDS = 512
+_INVERSES, _REACH = 512, 512 + 768  # reciprocals of the rays' directions, rows x, y, z per frustum, see `trace.shafts`
+_BOUNDS = _REACH + 16
 _FLOATS = 2 * 768 + _BOUNDS + LANES
-_STACK_AT = 368
+_PARTS_AT = 368
+_STACK_AT = _PARTS_AT + PART_INTS
 _INTS = _STACK_AT + STACK
-_TILE_MEMORY = _TILES * TILE_FLOATS
+_TILE_MEMORY = TILES * TILE_FLOATS
 _DEFERRED_INTS = deferred_ints(1)
-
-
-class FrustaArea(NamedTuple):
-    """Pointers to the 16 tiles of an area, and how its rays form frusta."""
-
-    tiles: F32Ptr  # float32, see `tile.tile_at`
-    pixels: I32Ptr  # int32, see `tile.first_pixel`
-    valid: I32Ptr  # int32: bits of each tile's receivers
-    by_tile: bool  # whether a frustum has the receivers of a tile
-    shared: bool  # whether the rays of a frustum have a common light sample, from which they then start
-
-
-class SampleFrusta(NamedTuple):
-    """Pointers to 16 frusta of 16 rays; row k is frustum k."""
-
-    starts: F32Ptr  # float32: rows x, y, z of the rays
-    ends: F32Ptr  # float32: the same
-    faces: I32Ptr  # int32: the receivers' own triangles
-    open: I32Ptr  # int32, one per frustum: bits of its unblocked rays
-    bounds: F32Ptr  # float32, see above
-    work: F32Ptr  # float32: LANES of a triangle
-    shared: bool  # whether the starts of a row are the same
-
-
-class SampleScratch(NamedTuple):
-    """Pointers to the rest of a thread's memory."""
-
-    stack: I32Ptr  # int32
-    at: I32Ptr  # int32, see `descent.save`
-    words: I32Ptr  # int32, 32: for transpositions
-    deferred: I32Ptr  # int32, see `triangle_tests.deferred_ints`
-    planes: F32Ptr  # float32, for `horizon`
-
-
-@inlined
-def _first_pixel_of(chunk, y0, x0, g):
-    """(y, x) of the first receiver of tile g."""
-    if chunk.shape.height == 1:
-        return y0, x0 + 16 * g
-    return y0 + 4 * (g >> 2), x0 + 4 * (g & 3)
-
-
-@kernel
-def _start_area(chunk, y0, x0, area, scratch, counters):
-    """Fill the tiles of an area. Return bits of those with receivers."""
-    there = np.int64(0)
-    for g in range(_TILES):
-        y, x = _first_pixel_of(chunk, y0, x0, g)
-        put(area.pixels, 2 * g, y)
-        put(area.pixels, 2 * g + 1, x)
-        tile = tile_at(area.tiles, g, chunk)
-        valid = load_receivers(chunk, y, x, tile) if y < chunk.query.h and x < chunk.query.w else 0
-        put(area.valid, g, valid)
-        if valid != 0:
-            there |= np.int64(1) << g
-            bound_receivers(tile, valid)
-            if not chunk.fixed:
-                move_light(chunk, y, x, valid, tile)
-            apply_horizon(chunk, y, x, valid, tile, scratch.planes, scratch.deferred, counters)
-    return there
-
-
-@inlined
-def _gather_rows(area, frusta, chunk, there):
-    """Fill the receivers of all frusta, once per area. Missing tiles repeat another one."""
-    origins = frusta.ends if area.shared else frusta.starts
-    for g in range(_TILES):
-        tile = tile_at(area.tiles, g if there >> g & 1 else lowest_bit(there), chunk)
-        for lane in range(16):
-            row, at = (g, lane) if area.by_tile else (lane, g)
-            for k in range(3):
-                put(origins, 48 * row + 16 * k + at, get(tile.origins, 16 * k + lane))
-            put(frusta.faces, 16 * row + at, get(tile.faces, lane))
-
-
-@inlined
-def _gather_points(area, frusta, chunk, there, s):
-    """Fill the light samples of stratum s."""
-    points = frusta.starts if area.shared else frusta.ends
-    if area.shared:
-        for row in range(16):
-            for k in range(3):
-                store(points, 48 * row + 16 * k, broadcast16(chunk.points, 48 * s + 16 * k + row))
-        return
-    for g in range(_TILES):
-        tile = tile_at(area.tiles, g if there >> g & 1 else lowest_bit(there), chunk)
-        for lane in range(16):
-            row, at = (g, lane) if area.by_tile else (lane, g)
-            for k in range(3):
-                put(points, 48 * row + 16 * k + at, get(tile.points, 48 * s + 16 * k + lane))
-
-
-@kernel
-def _read_open(area, frusta, chunk, s, scratch):
-    """Set the frusta's unblocked rays from the tiles. Return bits of the frusta with such rays."""
-    for g in range(_TILES):
-        valid = get(area.valid, g)
-        blocked = get(tile_at(area.tiles, g, chunk).dead, s) if valid != 0 else np.int32(0)
-        put(scratch.words, g, valid & ~blocked)
-    if area.by_tile:
-        store(frusta.open, 0, load16(scratch.words, 0))
-    else:
-        transpose_bits(scratch.words, frusta.open)
-    return bits(load16(frusta.open, 0) != np.int32(0))
-
-
-@kernel
-def _write_blocked(area, frusta, chunk, s, scratch):
-    """Set the tiles' blocked rays from the frusta."""
-    if area.by_tile:
-        store(scratch.words, 0, load16(frusta.open, 0))
-    else:
-        transpose_bits(frusta.open, scratch.words)
-    for g in range(_TILES):
-        valid = get(area.valid, g)
-        if valid != 0:
-            put(tile_at(area.tiles, g, chunk).dead, s, 0xFFFF & ~get(scratch.words, g))
-
-
-# --- Bounds of the frusta ---------------------------------------------------------------------------------------------
 
 
 @inlined
@@ -220,21 +119,22 @@ def _bound_row(bounds, at, lane, v, there):
 
 @inlined
 def _bound_frustum(frusta, k):
-    """Write the bounds of frustum k over its unblocked rays, or of all if it has none."""
-    unblocked = get(frusta.open, k)
-    there = mask_from_bits16(unblocked if unblocked != 0 else 0xFFFF)
+    """Write the bounds of frustum k over its unblocked rays, and the reciprocals of its rays."""
+    there, b = mask_from_bits16(get(frusta.open, k)), frusta.bounds
     starts, ends = rows(frusta.starts, 48 * k, 16), rows(frusta.ends, 48 * k, 16)
-    _bound_row(frusta.bounds, _ENDS, k, ends, there)
-    _bound_row(frusta.bounds, _STARTS, k, starts, there)
-    _bound_row(frusta.bounds, _DIRECTIONS, k, subtract3(ends, starts), there)
+    put(b, _REACH + k, store_inverses(b, _INVERSES + 48 * k, starts, ends))
+    _bound_row(b, _ENDS, k, ends, there)
+    _bound_row(b, _STARTS, k, starts, there)
+    _bound_row(b, _DIRECTIONS, k, subtract3(ends, starts), there)
 
 
 @kernel
-def _bound_frusta(frusta):
-    """Write all bounds. The middle of a common start is the start itself."""
-    for k in range(16):
-        _bound_frustum(frusta, k)
+def _bound_frusta(frusta, alive):
+    """Write the bounds of the frusta in `alive` (bits). The middle of a common start is the start itself."""
     b = frusta.bounds
+    while alive != 0:
+        _bound_frustum(frusta, lowest_bit(alive))
+        alive &= alive - 1
     c, x = middles_and_halves(rows(b, _STARTS, 16), rows(b, _STARTS + 48, 16))
     d, w = middles_and_halves(rows(b, _DIRECTIONS, 16), rows(b, _DIRECTIONS + 48, 16))
     if frusta.shared:
@@ -359,10 +259,30 @@ def _trace_triangle(frusta, mask, t, facing, deferred, counters):
     return done
 
 
+@inlined
+def _reach_box(frusta, box, mask, counters):
+    """Bits of the frusta in `mask` with an unblocked ray that may meet a `Box`."""
+    reached = np.int64(0)
+    while mask != 0:
+        k = lowest_bit(mask)
+        mask &= mask - 1
+        count(counters, BOX_TESTS, 1)
+        starts, inverses = rows(frusta.starts, 48 * k, 16), rows(frusta.bounds, _INVERSES + 48 * k, 16)
+        met = segments_in_box(starts, inverses, broadcast16(frusta.bounds, _REACH + k), box)
+        if met & get(frusta.open, k) != 0:
+            reached |= np.int64(1) << k
+    return reached
+
+
 @kernel
 def _trace_leaf(tree, link, mask, frusta, places, facing, deferred, counters):
     """Test a block against the frusta in `mask`. Return bits of the frusta without unblocked rays."""
     leaf, done = block_leaf(link), np.int64(0)
+    if leaf.count == 0:
+        return done
+    mask = _reach_box(frusta, box_at(ptr_at(tree.bounds, bounds_at(leaf.block))), mask, counters)
+    if mask == 0:
+        return done
     block = ptr_at(tree.blocks, rows_at(leaf.block))
     for i in range(leaf.count):
         slot = get(tree.slots, slot_at(leaf.block, i))
@@ -391,20 +311,20 @@ def _walk(tree, alive, frusta, places, facing, scratch, counters):
 
 
 @kernel
-def _trace_stratum(tree, chunk, s, area, frusta, scratch, counters):
-    """Trace the rays of an area to stratum s; the frusta's light samples are filled."""
+def _trace_part(tree, chunk, s, area, frusta, part, scratch, counters):
+    """Trace the rays of a part to stratum s; the frusta's light samples are filled."""
     facing = -chunk.query.facing if area.shared else chunk.query.facing
     places = (s << 4, 256, 1) if area.by_tile else (s << 4, 1, 256)
-    alive = _read_open(area, frusta, chunk, s, scratch)
+    alive = read_open(area, frusta, chunk, s, part, scratch.words)
     if alive == 0:
         return
-    _bound_frusta(frusta)
+    _bound_frusta(frusta, alive)
     save(scratch.at, root(alive))
     while _walk(tree, alive, frusta, places, facing, scratch, counters):
-        _write_blocked(area, frusta, chunk, s, scratch)
+        write_blocked(area, frusta, chunk, s, part, scratch.words)
         resolve_deferred(tree.corners, chunk, area.tiles, area.pixels, scratch.deferred, counters)
-        alive = _read_open(area, frusta, chunk, s, scratch)
-    _write_blocked(area, frusta, chunk, s, scratch)
+        alive = read_open(area, frusta, chunk, s, part, scratch.words)
+    write_blocked(area, frusta, chunk, s, part, scratch.words)
 
 
 @inlined
@@ -424,23 +344,27 @@ def _trace_areas(ticket, arrays, query, samples, job, out, counters, by_tile):
     area = FrustaArea(tiles, ints, ptr_at(ints, 32), by_tile, chunk.fixed)
     bounds, work = ptr_at(numbers, 2 * 768), ptr_at(numbers, 2 * 768 + _BOUNDS)
     frusta = SampleFrusta(numbers, ptr_at(numbers, 768), ptr_at(ints, 64), ptr_at(ints, 48), bounds, work, chunk.fixed)
-    scratch = SampleScratch(ptr_at(ints, _STACK_AT), ptr_at(ints, 352), ptr_at(ints, 320), deferred, planes)
+    scratch = SampleScratch(
+        ptr_at(ints, _STACK_AT), ptr_at(ints, 352), ptr_at(ints, 320), ptr_at(ints, _PARTS_AT), deferred, planes
+    )
     for n in items(ticket):
         if not _is_first(n, job.shape):
             continue
         y0, x0 = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
         put(deferred, 0, 0)
-        there = _start_area(chunk, y0, x0, area, scratch, totals)
+        there = start_area(chunk, y0, x0, area, scratch, totals)
         if there == 0:
             continue
-        _gather_rows(area, frusta, chunk, there)
+        gather_receivers(area, frusta, chunk, there)
+        parts = divide_area(area, frusta, scratch)
         for s in range(chunk.n_samples):
-            _gather_points(area, frusta, chunk, there, s)
-            _trace_stratum(tree, chunk, s, area, frusta, scratch, totals)
+            gather_points(area, frusta, chunk, there, s)
+            for k in range(parts):
+                _trace_part(tree, chunk, s, area, frusta, ptr_at(scratch.parts, 16 * k), scratch, totals)
         resolve_deferred(tree.corners, chunk, tiles, area.pixels, deferred, totals)
-        for g in range(_TILES):
+        for g in range(TILES):
             if there >> g & 1:
-                y, x = _first_pixel_of(chunk, y0, x0, g)
+                y, x = first_pixel_of(chunk, y0, x0, g)
                 write_bits(chunk, y, x, get(area.valid, g), tile_at(tiles, g, chunk), places)
     add_counters(counters, totals)
 
