@@ -190,7 +190,7 @@ def test_chc_rt_out_of_core(cli, tmp_path):
 
 QUICK = {
     "chc-rt": {"scene": [SMALL[0]], "size": "24", "frames": 2},
-    "multi-frusta": {"scene": ["procedural:atrium?triangles=2k"], "size": "24"},
+    "multi-frusta": {"scene": ["procedural:atrium?triangles=2k"], "size": "24", "primary_size": "24"},
     "pre-bvh-culling": {"size": "40x24", "cellar": "5k"},
     "ray-hierarchy": {"scene": [SMALL[0]], "size": "24"},
     "srdh": {"scene": [SMALL[0]], "size": "24", "timed_size": "16"},
@@ -237,26 +237,37 @@ def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+SMALL_FRUSTA = "--size", "24", "--primary-size", "40", "--rounds", "1"
+
+
 def test_tables_of_multi_frusta(cli):
-    done = cli("bench", "multi-frusta", "--scene", "atrium", "--size", "24", "--rounds", "1", "--json").json()
+    done = cli("bench", "multi-frusta", "--scene", "procedural:atrium?triangles=2k", *SMALL_FRUSTA, "--json").json()
     (tables,) = done["rows"].values()
-    assert list(done["rows"]) == ["atrium"] and done["cull_faces"] == "back"
-    assert list(tables) == ["table 1 primary", "table 1", "table 2", "figure 6", "figure 5", "figure 7"]
-    primary, one, two, six, five, seven = tables.values()
-    assert list(primary) == ["packet16", "multifrusta"] and 0 < seven["edges"] < 1
-    assert all(row["rays"] == 24 * 24 and row["box_tests"] > 0 for row in primary.values())
-    assert all(0 < row["candidates"] <= row["triangle_tests"] for row in primary.values())
+    assert done["cull_faces"] == "back" and done["same_bits"]
+    assert list(tables)[1::3] == ["hard shadows", "figure 6", "figure 5"]
+    primary, hard, one, two, six, costs, lights, five, seven = tables.values()
+    assert list(primary) == ["packet16:paper", "primary:paper", "primary:entries", "multifrusta"]
+    assert all(row["rays"] == 40 * 40 and row["box_tests"] > 0 for row in primary.values())
+    assert all(row["candidates"] > 0 and row["seconds"] < row["shaded"] for row in primary.values())
+    assert all(0 < row["rays"] <= 24 * 24 for row in hard.values()) and 0 < seven["edges"] < 1
     assert five["256 samples"]["rms"] == 0 < five["16 samples"]["rms"]
-    assert list(one) == ["packet16", "packet16:samples", "packet256", "multifrusta:paper", "multifrusta"]
-    assert len(two) == 4 and len(six) == 6
-    rows = [*one.values(), *two.values(), *(row for edge in six.values() for row in edge.values())]
+    assert list(one)[:4] == ["packet16:paper", "packet16", "packet16:samples", "packet256"]
+    assert list(one)[4:] == ["multifrusta:paper", "multifrusta"]
+    assert len(two) == 4 and len(six) == 6 and len(costs) == 4 and len(lights) == 3
+    rows = [
+        *one.values(),
+        *two.values(),
+        *(row for many in (six, lights) for each in many.values() for row in each.values()),
+    ]
     assert all(row["rays"] > 0 and row["triangle_tests"] > 0 for row in rows)
+    assert all(len(fitted["errors"]) == 4 and min(fitted["costs"].values()) >= 0 for fitted in done["costs"].values())
 
 
 def test_multi_frusta_for_people_and_the_plot(cli, tmp_path):
     pytest.importorskip("matplotlib")
-    asked = "--scene", "procedural:atrium?triangles=2k", "--size", "24", "--rounds", "1", "--plot", "frusta.png"
+    asked = "--scene", "procedural:atrium?triangles=2k", *SMALL_FRUSTA, "--plot", "frusta.png"
     done = cli("bench", "multi-frusta", *asked)
     assert done.code == 0 and "the same by all methods" in done.out and "Sec. 5.2" in done.out
     assert all(f"{text}, atrium" in done.out for text in ("Table 1", "Table 2", "Figure 5", "Figure 6", "Figure 7"))
+    assert "edge^" in done.out and "What explains the speedup" in done.out and "Fairy Forest, S-Frusta" in done.out
     assert (tmp_path / "frusta.png").stat().st_size > 10_000

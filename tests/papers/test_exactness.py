@@ -10,7 +10,10 @@ from asking import answer
 from truths import LIGHTS, asked_of, case_of
 
 PLANS = [plan for plan in covering_plans(papers=True) if plan not in covering_plans()]
-TRACERS = "multifrusta:paper", "multifrusta:full", "packet256", "cones:SpheresSorted", "cones:PreciseSEATP"
+TRACERS = (
+    *("multifrusta:paper", "multifrusta:full", "multifrusta:by-sample", "packet16:paper", "packet256"),
+    *("cones:SpheresSorted", "cones:PreciseSEATP"),
+)
 TRACING = [Plan(trace=name) for name in TRACERS]  # tracers: each handles lights and samples in its own way
 LIT = [*TRACING, Plan(cull="grid32:paper", trace="single")]
 

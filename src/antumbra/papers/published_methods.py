@@ -32,7 +32,7 @@ from ..techniques.srdh import srdh_builder as srdh
 from ..techniques.tracer_options import ChcRtOptions
 from ..trace.rays.ray_traversal import NEAREST, RANDOM, SRDH, Ordered
 from ..trace.rays.single_rays import trace_shadow
-from .multi_frusta import packet_baselines as packet256
+from .multi_frusta import large_packets, moeller_trumbore, sample_frusta
 from .multi_frusta import published_frusta as frusta
 from .pre_bvh_culling.cell_marking import LINES
 from .pre_bvh_culling.convex_region import CONVEX
@@ -178,9 +178,21 @@ TRACERS = {
         "as multifrusta:paper, with corner rays and bounds that shrink to the active rays",
         f"{_BENTHIN}, Sec. 5.3, FS",
     ),
+    "multifrusta:by-sample": Tracer(
+        _shallow,
+        sample_frusta.trace_shadow,
+        "16 frusta of 16 rays at once, one light sample each; for lists of lights, skies and ambient occlusion",
+        f"{_BENTHIN}, Sec. 6.1",
+    ),
+    "packet16:paper": Tracer(
+        unchanged,
+        moeller_trumbore.trace_shadow,
+        "as packet16:samples, with the triangle test of Moeller and Trumbore",
+        f"{_BENTHIN}, Sec. 5",
+    ),
     "packet256": Tracer(
         _shallow,
-        packet256.trace_shadow,
+        large_packets.trace_shadow,
         "16 packets of 16 rays together; every node tests all rays",
         f"{_BENTHIN}, Sec. 5.2",
     ),

@@ -1,4 +1,4 @@
-"""Packets of 16 primary rays see what multi-frusta see, bit for bit, and both count their work."""
+"""Packets and frusta of primary rays have the hits of the ordinary primary tracer, bit for bit."""
 
 import numpy as np
 import pytest
@@ -8,20 +8,28 @@ from hypothesis import strategies as st
 from antumbra.bvh import binned_sah
 from antumbra.bvh.block_tree import block_tree
 from antumbra.engine.scene import procedural
-from antumbra.papers.multi_frusta.packet_baselines import deep_tree, trace_packets
+from antumbra.papers.multi_frusta.moeller_trumbore import deep_tree, trace_packets
+from antumbra.papers.multi_frusta.primary_frusta import trace_frusta
+from antumbra.papers.multi_frusta.published_frusta import BLOCK
 from antumbra.trace.counters import as_dict, new_counters
 from antumbra.trace.primary.primary_rays import trace_primary
 from raster_scenes import FAMILIES, SHAPES, view
 
 
-def seen_by_both(triangles, rays):
-    """The hits of packets, after a comparison with those of multi-frusta, and the counters of both."""
+def hits_of_all(triangles, rays):
+    """The hits of the ordinary tracer, after a comparison with all others, and the counters of each by name."""
     bvh = binned_sah.build(np.ascontiguousarray(triangles, np.float32).reshape(-1, 3, 3), 1)
-    packets, frusta = new_counters(), new_counters()
-    hits = trace_packets(deep_tree(bvh, 1), rays, 1, packets)
-    for ours, truth in zip(hits, trace_primary(block_tree(bvh, 1), rays, 1, frusta)):
-        np.testing.assert_array_equal(ours, truth)
-    return hits, as_dict(packets), as_dict(frusta)
+    deep, shallow = deep_tree(bvh, 1), block_tree(bvh, 1, BLOCK)
+    counters = {name: new_counters() for name in ("packets", "frusta", "entries")}
+    truth = trace_primary(block_tree(bvh, 1), rays, 1)
+    for hits in (
+        trace_packets(deep, rays, 1, counters["packets"]),
+        trace_frusta(shallow, rays, 1, counters["frusta"]),
+        trace_frusta(shallow, rays, 1, counters["entries"], entries=True),
+    ):
+        for ours, theirs in zip(hits, truth):
+            np.testing.assert_array_equal(ours, theirs)
+    return truth, {name: as_dict(values) for name, values in counters.items()}
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -36,22 +44,31 @@ def seen_by_both(triangles, rays):
 def test_hard_scenes(family, seed, n, scale, shape, vfov):
     rays = view(target=(0.3, -0.2, -1), vfov=vfov, width=shape[0], height=shape[1])
     triangles = family(np.random.default_rng(seed), n, rays)
-    seen_by_both(scale * np.asarray(triangles, float).reshape(-1, 3, 3), rays)
+    hits_of_all(scale * np.asarray(triangles, float).reshape(-1, 3, 3), rays)
 
 
-def test_a_scene_and_its_counts():
+@pytest.fixture(scope="module")
+def cellar():
     scene = procedural("cellar", triangles=3000)
-    triangles, camera = scene.triangles(), scene.cameras[0].resized(45, 38)
-    (face, t), packets, frusta = seen_by_both(triangles.vertices, camera.rays(triangles.origin))
+    triangles = scene.triangles()
+    return triangles, scene.cameras[0].resized(150, 70).rays(triangles.origin)
+
+
+def test_a_scene_and_its_counts(cellar):
+    triangles, rays = cellar
+    (face, t), counts = hits_of_all(triangles.vertices, rays)
+    packets, frusta, entries = counts.values()
     assert (face >= 0).any() and np.isfinite(t[face >= 0]).all()
-    assert packets["rays"] == 45 * 38 and packets["triangles"] == packets["triangle_tests"] > 0
+    assert all(each["rays"] == 150 * 70 for each in counts.values())
+    assert packets["triangles"] == packets["triangle_tests"] > 0
     assert frusta["box_tests"] == 2 * frusta["nodes"] < packets["box_tests"]
-    assert 0 < frusta["candidates"] < frusta["triangles"]
+    assert 0 < frusta["candidates"] < frusta["triangles"] < packets["triangles"]
+    assert 0 < entries["box_tests"] < frusta["box_tests"]
 
 
-def test_threads_do_not_matter():
-    scene = procedural("cellar", triangles=3000)
-    triangles, camera = scene.triangles(), scene.cameras[0].resized(45, 38)
-    tree, rays = deep_tree(binned_sah.build(triangles.vertices)), camera.rays(triangles.origin)
-    for ours, theirs in zip(trace_packets(tree, rays, 3), trace_packets(tree, rays, 1)):
-        np.testing.assert_array_equal(ours, theirs)
+def test_threads_do_not_matter(cellar):
+    triangles, rays = cellar
+    bvh = binned_sah.build(triangles.vertices)
+    for trace, tree in (trace_packets, deep_tree(bvh)), (trace_frusta, block_tree(bvh)):
+        for ours, theirs in zip(trace(tree, rays, 3), trace(tree, rays, 1)):
+            np.testing.assert_array_equal(ours, theirs)

@@ -1,13 +1,15 @@
-"""Measures, prints and draws "Efficient ray traced soft shadows using multi-frusta tracing" [Benthin and Wald 2009].
+"""Measures "Efficient ray traced soft shadows using multi-frusta tracing" [Benthin and Wald 2009]; see `frusta_tables`.
 
-- Table 1: accesses, tests and time of multi-frusta tracing and of packets of 16 rays. Shadow rays and primary rays have
-  separate tables; the paper's S rows include the primary rays.
+- Table 1, P rows: primary rays, with and without shading, at their own size; and hard shadow rays from a point light.
+- Table 1, S rows: accesses, tests and time of shadow rays. The paper's rows include the primary rays.
+- Costs per operation, fitted to several sizes of the light (`frusta_costs`).
 - Sec. 5.2: packets of 256 rays, listed in Table 1.
 - Table 2: three kinds of frustum shrinking.
 - Figure 5: visibility with 16 interleaved samples, smoothed by the discontinuity filter, and with 256 samples.
 - Figure 6: lights with 1/4 to 8 times the edge length.
 - Figure 7: silhouettes. The paper finds them by adjacency during traversal; here they are discontinuities of the
   G-buffer. Marked pixels are retraced with 16 sub-pixels.
+- Sec. 6.1: 256 virtual point lights, 256 directions of a sky, and ambient occlusion.
 
 The light is a horizontal square with an edge of 1/40 of the scene's diagonal, sampled by 16 rays per pixel. Back faces
 are culled, as published, unless the case says otherwise. Times are CPU times of one thread and cover tracing only, not
@@ -15,9 +17,8 @@ building. Tracers alternate in each round.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
@@ -29,58 +30,52 @@ from ...engine.method_registry import TRACERS, add_plugins
 from ...errors import InputError
 from ...picture.frame import Frame
 from ...picture.image_files import automatic_exposure, to_srgb8
+from ...picture.irradiance import irradiance
 from ...picture.renderer import Renderer
-from ...query.gbuffer import GBuffer, picture_surfaces
-from ...query.light_samples import light_samples
+from ...picture.virtual_point_lights import virtual_point_lights
+from ...query.gbuffer import GBuffer, from_hits, picture_surfaces
+from ...query.light_samples import hammersley, light_samples, to_domain
 from ...query.pixel_refinement import edges
 from ...query.ray_list import cull_value
 from ...query.shadow_query import ShadowQuery, shadow_queries
 from ...scene.camera import CameraRays
-from ...scene.lights import QuadLight
+from ...scene.light_lists import DirectionalLights
+from ...scene.lights import AmbientOcclusion, Light, PointLight, QuadLight, tangents
 from ...scene.triangles import Triangles
 from ...trace.counters import as_dict, new_counters
 from ...trace.primary.primary_rays import trace_primary
-from ..bench_runner import Say, TableColumn, columns_of, interleave, item, label, plot_sheet, print_notes, print_table
+from ..bench_runner import Say, interleave
 from ..benchmark_views import BenchmarkScenes, BenchmarkView, diagonal_of, square
-from .packet_baselines import deep_tree, trace_packets
+from . import frusta_published as paper
+from .frusta_costs import FittedCosts, fit, operations_of
+from .moeller_trumbore import deep_tree, trace_packets
+from .primary_frusta import trace_frusta
+from .published_frusta import BLOCK
 
-# --- Published results ------------------------------------------------------------------------------------------------
+# --- Cases ------------------------------------------------------------------------------------------------------------
 
 
-COLUMNS = ("triangles", "candidates", "box_tests", "triangle_tests")
-"""Names of our counters for the paper's #tris, +culling, #AABB and #isec."""
-
-PUBLISHED_TABLE1 = ("1.9-3.7", "5.0-10.1", "14.1-23.8", "1.0-1.4", "3.3-6.1")
-"""The S rows: ranges over the paper's scenes of packets of 16 rays divided by multi-frusta, for COLUMNS and seconds."""
-
-PUBLISHED_PRIMARY = ("1.5-2.3", "3.0-9.5", "11.8-21", "1.7-3.1", "3.4-7.8")
-"""The same for the P rows: primary rays without shading."""
-
-PACKET256 = "-3 to -4 %", "at most 0.5"
-"""Sec. 5.2: packets of 256 rays relative to multi-frusta: change in box tests, and speedup."""
-
-EDGES = 0.115
-"""Figure 7: share of pixels at silhouettes, in the scene Saloon."""
-
-PUBLISHED_TABLE2 = {
-    "multifrusta:paper": "0 0 0 0",
-    "multifrusta:leaf-boxes": "-15 -19 +155 -26",
-    "multifrusta:corners": "0 -14 0 -21",
-    "multifrusta:full": "-8 -18 -2 -23",
+SPP = paper.SPP
+BASELINES = ("packet16:paper", "packet16", "packet16:samples")
+TABLE1 = (*BASELINES, "packet256", "multifrusta:paper", "multifrusta")
+PRIMARY: dict[str, Callable[..., tuple[np.ndarray, np.ndarray]]] = {
+    "packet16:paper": trace_packets,
+    "primary:paper": trace_frusta,
+    "primary:entries": partial(trace_frusta, entries=True),
+    "multifrusta": trace_primary,
 }
-"""Changes of COLUMNS in per cent, in the scene T-Rex."""
-
-# --- Tables 1 and 2, Figure 6 -----------------------------------------------------------------------------------------
-
-
-SPP = 16
-TABLE1 = ("packet16", "packet16:samples", "packet256", "multifrusta:paper", "multifrusta")
-BASELINES = TABLE1[:2]
-PRIMARY = {"packet16": trace_packets, "multifrusta": trace_primary}
-TABLE2 = ("multifrusta:paper", "multifrusta:leaf-boxes", "multifrusta:corners", "multifrusta:full")
+HARD = ("packet16", "multifrusta:by-sample", "multifrusta")
+TABLE2 = tuple(paper.TABLE2)
 FIGURE6 = ("multifrusta:paper", "multifrusta")
+COSTED = ("packet16:paper", "multifrusta:paper", "multifrusta")
 SIZES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 """Edge lengths of the light in Figure 6, relative to the default."""
+
+COST_SIZES = SIZES[:4]
+"""Edge lengths of the light at which costs are fitted."""
+
+N_LIGHTS = 256
+"""Virtual point lights, and directions of the sky, in Sec. 6.1."""
 
 EDGE = 40  # the default edge of the light is 1 / EDGE of the scene's diagonal
 SCENES = BenchmarkScenes(("sponza_crytek", "bart_robots"), ("forest",), ("forest",), square(EDGE))
@@ -103,11 +98,12 @@ class Case(NamedTuple):
     rays: CameraRays
     prepared: Mapping[str, Any]  # tracer -> its acceleration structure
     primary: Mapping[str, Any]  # the same for primary rays
+    primary_rays: CameraRays  # primary rays may have their own size
     light: QuadLight  # the default light
 
 
-def case_of(view: BenchmarkView, cull_faces: str | None = "back") -> Case:
-    """Prepare a view for every tracer of the tables.
+def case_of(view: BenchmarkView, cull_faces: str | None = "back", primary_size: tuple[int, int] | None = None) -> Case:
+    """Prepare a view for every tracer of the tables; primary_size: None for the size of the view.
 
     Raises
     ------
@@ -125,21 +121,31 @@ def case_of(view: BenchmarkView, cull_faces: str | None = "back") -> Case:
     triangles = scene.triangles(0.0)
     gbuffer = Renderer(scene).see(triangles, view.camera, None)
     bvh = binned_sah.build(triangles.vertices)
-    tracers = {name: TRACERS[name] for name in dict.fromkeys((*TABLE1, *TABLE2, *FIGURE6))}
+    tracers = {name: TRACERS[name] for name in dict.fromkeys((*TABLE1, *TABLE2, *HARD))}
     shared = {prepare: prepare(bvh) for prepare in {t.prepare for t in tracers.values()}}
     prepared = {name: shared[t.prepare] for name, t in tracers.items()}
-    primary = {"packet16": deep_tree(bvh), "multifrusta": block_tree(bvh)}
+    shallow = block_tree(bvh, block=BLOCK)
+    primary = {"packet16:paper": deep_tree(bvh), "multifrusta": block_tree(bvh)}
+    primary |= {"primary:paper": shallow, "primary:entries": shallow}
     rays = view.camera.rays(triangles.origin)
+    primary_rays = view.camera.resized(*(primary_size or (rays.width, rays.height))).rays(triangles.origin)
     view = view._replace(lights=[light])
-    return Case(view.name, view, cull_faces, triangles, gbuffer, rays, prepared, primary, light)
+    return Case(view.name, view, cull_faces, triangles, gbuffer, rays, prepared, primary, primary_rays, light)
+
+
+# --- Tables 1 and 2, Figure 6 -----------------------------------------------------------------------------------------
+
+
+def query_to(case: Case, light: Light, spp: int = SPP) -> ShadowQuery:
+    """The query of a light."""
+    facing = cull_value(case.cull_faces)
+    return shadow_queries(case.triangles, case.gbuffer, [light], [light_samples(light, spp)], facing)[0]
 
 
 def query_of(case: Case, size: float = 1.0) -> ShadowQuery:
-    """The query of a light with `size` times the default edge."""
+    """The query of the light with `size` times the default edge."""
     corner, u, v = (np.asarray(x, float) for x in (case.light.corner, case.light.u, case.light.v))
-    light = QuadLight(corner - (size - 1.0) / 2 * (u + v), size * u, size * v)
-    facing = cull_value(case.cull_faces)
-    return shadow_queries(case.triangles, case.gbuffer, [light], [light_samples(light, SPP)], facing)[0]
+    return query_to(case, QuadLight(corner - (size - 1.0) / 2 * (u + v), size * u, size * v))
 
 
 def answer(case: Case, tracer: str, query: ShadowQuery, counters: np.ndarray | None = None) -> np.ndarray:
@@ -151,7 +157,7 @@ def answer(case: Case, tracer: str, query: ShadowQuery, counters: np.ndarray | N
 
 def see(case: Case, tracer: str, counters: np.ndarray | None = None) -> np.ndarray:
     """(2, h, w) float64: the face and t of each pixel's nearest hit, on one thread."""
-    return np.stack(PRIMARY[tracer](case.primary[tracer], case.rays, 1, counters))
+    return np.stack(PRIMARY[tracer](case.primary[tracer], case.primary_rays, 1, counters))
 
 
 def measure(case: Case, tracers: tuple[str, ...], query: ShadowQuery, rounds: int) -> Rows:
@@ -166,9 +172,55 @@ def measure(case: Case, tracers: tuple[str, ...], query: ShadowQuery, rounds: in
 
 
 def measure_primary(case: Case, rounds: int) -> Rows:
-    """As `measure`, for primary rays."""
+    """As `measure`, for primary rays; "shaded" is the time with shading, which is the same for all tracers."""
     rows = _in_turns(case.name, {tracer: partial(see, case, tracer) for tracer in PRIMARY}, rounds)
-    return {tracer: {**row, "rays": case.gbuffer.face.size} for tracer, row in rows.items()}
+    shading = _shading_time(case, max(rounds, 1))
+    pixels = case.primary_rays.width * case.primary_rays.height
+    return {tracer: {**row, "rays": pixels, "shaded": row["seconds"] + shading} for tracer, row in rows.items()}
+
+
+def _shading_time(case: Case, rounds: int) -> float:
+    """Seconds to make the G-buffer of the hits and its irradiance from the light, without shadows."""
+    (face, t), laps = PRIMARY["multifrusta"](case.primary["multifrusta"], case.primary_rays, 1), []
+    patch = query_of(case).light
+    for _ in range(rounds + 1):
+        start = time.thread_time()
+        irradiance(from_hits(face, t, case.triangles, case.primary_rays, 1), patch, case.light.domain, threads=1)
+        laps.append(time.thread_time() - start)
+    return median(laps[1:])  # the first round may compile
+
+
+def measure_hard(case: Case, rounds: int) -> Rows:
+    """As `measure`, for one shadow ray per pixel to a point light at the light's centre."""
+    corner, u, v = (np.asarray(x, float) for x in (case.light.corner, case.light.u, case.light.v))
+    return measure(case, HARD, query_to(case, PointLight(corner + (u + v) / 2), 1), rounds)
+
+
+# --- Sec. 6.1: lists of lights, a sky, and ambient occlusion ----------------------------------------------------------
+
+
+def coherent_lights(case: Case) -> dict[str, Light]:
+    """The lights of Sec. 6.1: interleaved lists, and ambient occlusion with 16 rays per pixel."""
+    axis = np.eye(3)["xyz".index(case.view.scene.up)]
+    a, b, c = to_domain(hammersley(N_LIGHTS), "hemisphere").T[:, :, None]
+    u, v = tangents(axis)
+    return {
+        f"{N_LIGHTS} virtual point lights": virtual_point_lights(case.view.scene, case.light, N_LIGHTS, threads=1),
+        f"{N_LIGHTS} directions of a sky": DirectionalLights(-(a * u + b * v + c * axis), interleave=True),
+        "ambient occlusion": AmbientOcclusion(),
+    }
+
+
+def measure_lights(case: Case, rounds: int, say: Say) -> dict[str, Rows]:
+    """As `measure`, for each of `coherent_lights`."""
+    rows = {}
+    for name, light in coherent_lights(case).items():
+        say(f"{case.name}, Sec. 6.1, {name}")
+        rows[name] = measure(case, HARD, query_to(case, light), rounds)
+    return rows
+
+
+# --- Runs -------------------------------------------------------------------------------------------------------------
 
 
 def _in_turns(name: str, calls: dict[str, TraceCall], rounds: int) -> Rows:
@@ -197,19 +249,47 @@ def _in_turns(name: str, calls: dict[str, TraceCall], rounds: int) -> Rows:
 def tables(case: Case, rounds: int, say: Say) -> dict[str, Any]:
     """Measure all tables of a case.
 
-    "table 1 primary", "table 1" and "table 2" are Rows; "figure 6" maps relative edge lengths of the light to Rows.
+    All values are Rows, except "figure 6" and "costs", which map relative edge lengths of the light to Rows, and
+    "section 6.1", which maps lights to Rows.
     """
     say(f"{case.name}, Table 1, primary rays")
-    primary = measure_primary(case, rounds)
+    measured: dict[str, Any] = {"table 1 primary": measure_primary(case, rounds)}
+    measured["hard shadows"] = measure_hard(case, rounds)
     say(f"{case.name}, Table 1")
-    one = measure(case, TABLE1, query_of(case), rounds)
+    measured["table 1"] = measure(case, TABLE1, query_of(case), rounds)
     say(f"{case.name}, Table 2")
-    two = measure(case, TABLE2, query_of(case), rounds)
-    six = {}
+    measured["table 2"] = measure(case, TABLE2, query_of(case), rounds)
+    six, costs = {}, {}
     for size in SIZES:
         say(f"{case.name}, Figure 6, light edge x {size:g}")
-        six[str(size)] = measure(case, FIGURE6, query_of(case, size), 0)
-    return {"table 1 primary": primary, "table 1": one, "table 2": two, "figure 6": six}
+        if size in COST_SIZES:
+            costs[str(size)] = measure(case, COSTED, query_of(case, size), rounds)
+            six[str(size)] = {tracer: costs[str(size)][tracer] for tracer in FIGURE6}
+        else:
+            six[str(size)] = measure(case, FIGURE6, query_of(case, size), 0)
+    measured |= {"figure 6": six, "costs": costs, "section 6.1": measure_lights(case, rounds, say)}
+    return measured
+
+
+def exponents(sizes: Mapping[str, Rows], tracer: str, counter: str) -> tuple[float, float]:
+    """Exponents of the power laws in the light's edge and in its area that fit a counter of Figure 6 best.
+
+    The area grows with the square of the edge, so the second exponent is half of the first.
+    """
+    edges = np.log([float(size) for size in sizes])
+    counts = np.log([max(rows[tracer][counter], 1.0) for rows in sizes.values()])
+    slope = float(np.polyfit(edges, counts, 1)[0])
+    return slope, slope / 2.0
+
+
+def fitted_costs(cases: Iterable[Mapping[str, Rows]]) -> dict[str, FittedCosts]:
+    """The `FittedCosts` of each tracer of COSTED, over all sizes of the light in all cases; cases: their "costs"."""
+    rows = [sizes for case in cases for sizes in case.values()]
+    by_tracer = {tracer: [row[tracer] for row in rows] for tracer in COSTED}
+    return {
+        tracer: fit([operations_of(row) for row in each], [row["seconds"] for row in each])
+        for tracer, each in by_tracer.items()
+    }
 
 
 # --- Figures 5 and 7: filtered samples, and retraced edges ------------------------------------------------------------
@@ -274,134 +354,3 @@ def _most_varied_crop(visibility: np.ndarray, visible: np.ndarray) -> tuple[slic
     h, w = (max(n // _PARTS, 1) for n in visible.shape)
     parts = [(slice(y * h, y * h + h), slice(x * w, x * w + w)) for y in range(_PARTS) for x in range(_PARTS)]
     return max(parts, key=lambda part: float((visibility[part] * visible[part]).var()))
-
-
-# --- Tables -----------------------------------------------------------------------------------------------------------
-
-
-_NAMES = dict(zip(COLUMNS, ("#tris", "+culling", "#AABB", "#isec")))
-"""Counter -> its name in the paper."""
-
-
-def print_case(case: Case, tables: dict[str, Any], quality: SoftShadowQuality) -> None:
-    """Print all tables of a case; `tables` is the result of `tables`."""
-    primary, one, two, six = tables.values()
-    _print_counts(f"Table 1, {case.name}, primary rays", case, primary)
-    _print_reduction(primary, "packet16", ("multifrusta",), PUBLISHED_PRIMARY)
-    _print_counts(f"Table 1, {case.name}, shadow rays", case, one)
-    for base in BASELINES:
-        _print_reduction(one, base, TABLE1[2:], PUBLISHED_TABLE1)
-    _print_packet256(one)
-    _print_table2(case, two)
-    title = f"Figure 5, {case.name}: visibility error x 1000 against 256 samples per pixel (the paper: pictures)"
-    print_table(title, _FIGURE5, quality.rows.items())
-    _print_figure6(case, six)
-    ours, theirs = f"{100 * quality.edges:.1f} %", f"{100 * EDGES:.1f} % in Saloon"
-    print(f"Figure 7, {case.name}: {ours} of the pixels are at edges (the paper: {theirs})\n")
-
-
-_FIGURE5 = (
-    label("frame", item(0)),
-    TableColumn("M rays", item(1, lambda row: f"{row['rays'] / 1e6:.2f}")),
-    TableColumn("seconds", item(1, lambda row: f"{row['seconds']:.3f}")),
-    TableColumn("rms", item(1, lambda row: f"{1e3 * row['rms']:.1f}")),
-    TableColumn("mean", item(1, lambda row: f"{1e3 * row['mean']:.1f}")),
-)
-
-
-def _per_counter(cell: Callable[[dict[str, float], str], str], published: bool = False) -> list[TableColumn]:
-    """A column per counter of COLUMNS. Rows are (tracer, counters); the published row has its figures in order."""
-    theirs = (lambda row, counter: row[1 + COLUMNS.index(counter)]) if published else None
-    return columns_of(_NAMES, lambda row, counter: cell(row[1], counter), theirs)
-
-
-def _print_counts(title: str, case: Case, rows: Rows) -> None:
-    rays = next(iter(rows.values()))["rays"]
-    columns = (
-        label("tracer", item(0)),
-        *_per_counter(lambda row, counter: f"{row[counter] / 1e3:,.0f}K"),
-        TableColumn("seconds", item(1, lambda row: f"{row['seconds']:.3f}")),
-        TableColumn("M rays/s", item(1, lambda row: f"{rays / row['seconds'] / 1e6:.2f}")),
-    )
-    size = f"{len(case.triangles.vertices):,} triangles, {rays / 1e6:.2f} M rays"
-    print_table(f"{title}: {size}", columns, rows.items())
-
-
-def _print_reduction(rows: Rows, base: str, tracers: Sequence[str], published: Sequence[str]) -> None:
-    """Print by what factor the tracers reduce the counts and time of `base`, and the paper's range."""
-    columns = (
-        label("tracer", item(0), item(0)),
-        *_per_counter(lambda row, counter: f"{rows[base][counter] / max(row[counter], 1):.2f}", published=True),
-        TableColumn("seconds", item(1, lambda row: f"{rows[base]['seconds'] / row['seconds']:.2f}"), item(5)),
-    )
-    reductions = [(tracer, rows[tracer]) for tracer in tracers]
-    title = f"Reduction factor over {base} (Table 1; the paper's range)"
-    print_table(title, columns, reductions, [("the paper", *published)])
-
-
-def _print_packet256(rows: Rows) -> None:
-    """Print the comparison of Sec. 5.2. The paper counts a box once for all 256 rays, as this counts nodes."""
-    many, frusta, packets = (rows[t] for t in ("packet256", "multifrusta:paper", "packet16"))
-    change = f"{100 * (many['nodes'] / max(frusta['nodes'], 1) - 1):+.0f} % (the paper: {PACKET256[0]})"
-    speed = f"{frusta['seconds'] / many['seconds']:.2f} (the paper: {PACKET256[1]})"
-    over_packet16 = f"{packets['seconds'] / many['seconds']:.2f} (the paper: in some cases less than 1)"
-    print("Packets of 256 rays compared with multifrusta:paper (Sec. 5.2)")
-    print_notes([("nodes", change), ("speedup", speed), ("speedup over packet16", over_packet16)])
-
-
-def _print_table2(case: Case, rows: Rows) -> None:
-    none = rows[TABLE2[0]]
-    columns = (
-        label("tracer", item(0)),
-        *_per_counter(lambda row, counter: f"{100 * (row[counter] / max(none[counter], 1) - 1):+.1f}"),
-        label("the paper", item(0, PUBLISHED_TABLE2.__getitem__)),
-        TableColumn("shrinks", item(1, lambda row: f"{row['shrinks'] / 1e3:,.0f}K")),
-        TableColumn("speedup", item(1, lambda row: f"{none['seconds'] / row['seconds']:.2f}")),
-    )
-    print_table(f"Table 2, {case.name}: change in %, with the paper's for T-Rex", columns, rows.items())
-
-
-def _print_figure6(case: Case, sizes: dict[str, Rows]) -> None:
-    thousands = lambda row: f"{row['triangles'] / 1e3:,.0f} {row['triangle_tests'] / 1e3:,.0f}"
-    columns = columns_of({size: size for size in sizes}, lambda tracer, size: thousands(sizes[size][tracer]))
-    title = f"Figure 6, {case.name}: #tris and #isec in thousands, by edge length of the light"
-    print_table(title, [label("tracer", str), *columns], FIGURE6)
-
-
-# --- Draws Figures 5 to 7 ---------------------------------------------------------------------------------------------
-
-
-_STYLES = dict(zip(FIGURE6, ("-", "--")))
-_PANELS = (("triangles", "triangles accessed"), ("triangle_tests", "tests of a triangle with 16 rays"))
-
-
-def write_plot(scenes: dict[str, tuple[dict[str, Any], SoftShadowQuality]], path: Path) -> None:
-    """Write a plot: Figure 6 at the top, and below it a row per scene with Figures 5 and 7.
-
-    scenes : name of the scene -> (its tables, its quality)
-    """
-    with plot_sheet(path, 14.0, 4.5 + 3.7 * len(scenes)) as sheet:
-        (above,), (below,) = sheet.subfigures(2, 1, squeeze=False, height_ratios=[4.5, 3.7 * len(scenes)])
-        for panel, (counter, axis) in zip(above.subplots(1, 2), _PANELS):
-            _draw_sizes(panel, {name: tables["figure 6"] for name, (tables, _) in scenes.items()}, counter, axis)
-        panels = below.subplots(len(scenes), 4, squeeze=False)
-        for row, (name, (_, quality)) in zip(panels, scenes.items()):
-            for panel, (title, picture) in zip(row, quality.pictures.items()):
-                panel.imshow(picture, interpolation="nearest")
-                panel.set_title(f"{name}: {title}", fontsize=9)
-                panel.set_axis_off()
-
-
-def _draw_sizes(panel: Any, scenes: dict[str, dict[str, Rows]], counter: str, axis: str) -> None:
-    """Draw a counter over the light's size: a colour per scene, a line style per tracer."""
-    for k, (name, sizes) in enumerate(scenes.items()):
-        edges = [float(size) for size in sizes]
-        for tracer, style in _STYLES.items():
-            millions = [rows[tracer][counter] / 1e6 for rows in sizes.values()]
-            panel.plot(edges, millions, style, marker=".", color=f"C{k}", label=f"{name}, {tracer}")
-    panel.set_xscale("log", base=2)
-    panel.set_yscale("log")
-    panel.set_xticks(edges, [f"{edge:g}" for edge in edges])
-    panel.set(xlabel="edge length of the light, relative (Fig. 6)", ylabel=f"{axis}, millions")
-    panel.grid(alpha=0.3)
-    panel.legend(fontsize=8)

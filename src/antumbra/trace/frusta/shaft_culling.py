@@ -103,7 +103,7 @@ from ..triangle_tests import (
 
 _F = np.float32
 _U = _F(UNITS * 2.0**-24)
-_MORE = _F(1.0 + 2.0**-18)  # rounding of sums of slack
+MORE = _F(1.0 + 2.0**-18)  # rounding of sums of slack
 _TINY = _F(1e-37)
 _ZERO = _F(0.0)
 _CP, _CQ, _N, _T, _K, _KT, _KF, _E, _TE, _WIDE, _SIZE = (16 * i for i in (0, 3, 6, 9, 10, 13, 14, 15, 16, 17, 18))
@@ -133,8 +133,8 @@ def _outside(shafts, group, a, p, q, wide):
 def _slack(n, g_cross_d, receivers, lights, twist, e):
     """Slack of one edge function: (without the contribution of the lights, with it)."""
     # Eq. (6) of docs/design/multifrusta.md
-    common = fma(abs_dot(add3(n, g_cross_d), receivers), splat16(_MORE), twist + e)
-    return common, fma(abs_dot(n, lights), splat16(_MORE), common)
+    common = fma(abs_dot(add3(n, g_cross_d), receivers), splat16(MORE), twist + e)
+    return common, fma(abs_dot(n, lights), splat16(MORE), common)
 
 
 @inlined
@@ -164,8 +164,8 @@ def cull_block(tile, numbers, group, facing, work):
     d, half = splats(axis.d), splats(axis.half)
     dn, t = dot(n, d), dot(a, n)
     f = t - dn
-    kt = fma(abs_dot(n, receivers), splat16(_MORE), te)
-    gf = fma(abs_dot(n, half), splat16(_MORE), te)
+    kt = fma(abs_dot(n, receivers), splat16(MORE), te)
+    gf = fma(abs_dot(n, half), splat16(MORE), te)
     same_side = (minimum(t - kt, f - gf) > _ZERO) | (maximum(t + kt, f + gf) < _ZERO)
     away = dn * _F(facing) > kt + gf
     culled = same_side | away | _outside(shafts, group, a, p, q, wide)
@@ -226,7 +226,7 @@ class Verdict(NamedTuple):
 
 
 @inlined
-def _verdict(e0, e1, e2, k0, k1, k2, t, kt, f, kf, facing):
+def verdict(e0, e1, e2, k0, k1, k2, t, kt, f, kf, facing):
     """`Verdict` from edge functions e0, e1, e2, distances t, f of both ends from the plane, and the slack of each.
 
     k0, k1, k2, kt, kf : slack of the edge functions, of t, and of f
@@ -254,26 +254,26 @@ def cull_strata(tile, numbers, work, i, facing):
     # Eq. (5) of docs/design/multifrusta.md
     dn, e2, e1 = dot(d, n), dot(d, cp), -dot(d, cq)
     e0 = dn - e1 - e2
-    more = splat16(_MORE)
+    more = splat16(MORE)
     k0 = fma(abs_dot(c0, half), more, broadcast16(work, _K + i))
     k1 = fma(abs_dot(cq, half), more, broadcast16(work, _K + 16 + i))
     k2 = fma(abs_dot(cp, half), more, broadcast16(work, _K + 32 + i))
     kf = fma(abs_dot(n, half), more, broadcast16(work, _KF + i))
     t, kt = broadcast16(work, _T + i), broadcast16(work, _KT + i)
-    v = _verdict(e0, e1, e2, k0, k1, k2, t, kt, t - dn, kf, facing)
+    v = verdict(e0, e1, e2, k0, k1, k2, t, kt, t - dn, kf, facing)
     return Verdict(v.miss | bits(_strata_outside(tile, numbers, work, i)), v.cover, v.above, v.below)
 
 
 @inlined
 def cull_beams(d, half, lanes, facing):
     """`Verdict` on beams along d with half extents `half` at the end: 16 beams and a triangle, or the reverse."""
-    cp, qc, n, more = lanes.cp, lanes.qc, lanes.n, splat16(_MORE)
+    cp, qc, n, more = lanes.cp, lanes.qc, lanes.n, splat16(MORE)
     # Eq. (5) of docs/design/multifrusta.md
     dn, e2, e1 = dot(d, n), dot(d, cp), dot(d, qc)
     k0 = fma(abs_dot(subtract3(n, add3(qc, cp)), half), more, lanes.e)
     k1, k2 = fma(abs_dot(qc, half), more, lanes.e), fma(abs_dot(cp, half), more, lanes.e)
     kf = fma(abs_dot(n, half), more, lanes.te)
-    return _verdict(dn - e1 - e2, e1, e2, k0, k1, k2, lanes.t, lanes.te, lanes.t - dn, kf, facing)
+    return verdict(dn - e1 - e2, e1, e2, k0, k1, k2, lanes.t, lanes.te, lanes.t - dn, kf, facing)
 
 
 @inlined
@@ -290,8 +290,8 @@ def cull_tiles(boxes, targets, numbers, work, i, facing):
     twist = (twist + half.z * (receivers.x + receivers.y)) * (_F(2.0) * get(work, _SIZE + i))
     dn, t = dot(n, d), dot(a, n)
     on, _, g = _edges(cross(a, p), cross(a, q), n, p, q, dn, d, half, receivers, twist, e)
-    kt, kf = fma(abs_dot(n, receivers), splat16(_MORE), te), fma(abs_dot(n, half), splat16(_MORE), te)
-    return _verdict(on.x, on.y, on.z, g.x, g.y, g.z, t, kt, t - dn, kf, facing)
+    kt, kf = fma(abs_dot(n, receivers), splat16(MORE), te), fma(abs_dot(n, half), splat16(MORE), te)
+    return verdict(on.x, on.y, on.z, g.x, g.y, g.z, t, kt, t - dn, kf, facing)
 
 
 @inlined
