@@ -503,7 +503,7 @@ def _reached_chunks(paged: Paged, queries: Sequence[ShadowQuery]) -> np.ndarray:
             for s in range(rays.sets):
                 screen = np.full(k, len(rays.tiles.spans) - 1, np.int32)  # the tile that covers the whole screen
                 pairs = Pairs(screen, np.full(k, s, np.int32), np.arange(k, dtype=np.int32))
-                reached |= answer_queries(rays.rays, scheduled.parts.heads, pairs, 0, True, paged.threads).counts > 0
+                reached |= answer_queries(rays.rays, scheduled.parts.heads, pairs, 0, paged.threads).counts > 0
     return np.flatnonzero(reached)
 
 
