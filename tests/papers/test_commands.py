@@ -220,7 +220,8 @@ def test_what_is_wrong_is_said_before_anything_is_measured(cli, tmp_path):
     cli("bench", "chc-rt", "--triangles", "10").refused("10", "1000")
     cli("bench", "chc-rt", "--max-memory", "1G").refused("--max-memory", "--store")
     cli("bench", "chc-rt", "--store", "a.antumbra", "--scene", "city").refused("--store", "--scene")
-    cli("bench", "chc-rt", "--table", "store").refused("--table store", "--store")
+    cli("bench", "chc-rt", "--scene", SMALL[0], "--table", "store").refused("--table store", "--store")
+    cli("bench", "chc-rt", "--store", "a.antumbra", "--stored", "1M").refused("--store", "--stored")
     cli("bench", "chc-rt", "--store", "a.antumbra", "--table", "randomisation").refused("randomisation", "--store")
     cli("bench", "chc-rt", "--table", "aggressive", "--plot", "a.png").refused("--plot", "times")
     assert list(tmp_path.iterdir()) == []

@@ -413,7 +413,8 @@ def chc_rt(run: BenchRun, options: ChcrtOptions) -> BenchResult:
     def write_plot(path: Path) -> None:
         from .chc_rt.chcrt_plots import write_plot
 
-        write_plot([*rows.get(ChcrtTable.times, []), *rows.get(ChcrtTable.store, [])], path)
+        turns = [*rows.get(ChcrtTable.times, []), *rows.get(ChcrtTable.store, [])]
+        write_plot(turns, {size.scene: size.total for size in rows.get(ChcrtTable.scenes, [])}, path)
 
     return BenchResult(answer, print_tables, write_plot if walks else None)
 

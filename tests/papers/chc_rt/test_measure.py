@@ -132,7 +132,7 @@ def test_speedups_are_of_the_same_kind():
     assert chcrt.speedups([t for t in turns if t.method == CHCRT]) == {PRIMARY: [], SOFT: []}
     assert [len(published_chcrt.speedups(k)) for k in range(3)] == [6, 6, 6]
     assert max(published_chcrt.speedups(0)) == pytest.approx(5.5) and min(published_chcrt.speedups(2)) < 0.9
-    assert published_chcrt.moved(2) == [383, 1.73, 0.55, 2310, 1442, 1073]
+    assert published_chcrt.moved(2)[:3] == [383 / 7890, 1.73 / 7890, 0.55 / 11400]
 
 
 @pytest.mark.parametrize("size, tile", [((640, 360), 128), ((320, 200), 64), ((192, 108), 32)])

@@ -7,14 +7,14 @@ from antumbra.engine.scene_loading import load
 from antumbra.engine.store_building import build_store
 from antumbra.errors import InputError
 from antumbra.papers.benchmark_views import scene_view
+from antumbra.papers.chc_rt import chcrt_measurements, mapped_tree
 from antumbra.papers.chc_rt import chcrt_published as published
-from antumbra.papers.chc_rt import chcrt_measurements, chcrt_tables, mapped_tree
 from antumbra.papers.chc_rt import store_walkthroughs as paging
 from antumbra.papers.chc_rt import walkthrough_timing as measure
 from antumbra.papers.chc_rt.chcrt_plots import moved_points, shares, speedup_points
 from antumbra.papers.chc_rt.chcrt_published import ChcrtTable
 from antumbra.papers.chc_rt.store_walkthroughs import StoreCase
-from antumbra.papers.chc_rt.walkthrough_timing import CHCRT, InCore, Pace
+from antumbra.papers.chc_rt.walkthrough_timing import InCore, Pace
 from antumbra.papers.chc_rt.walkthroughs import AO, DIFFUSE, KINDS, PRIMARY, SOFT, place_of
 from antumbra.techniques.tracer_options import WHOLE_SCREEN, ChcRtOptions
 
@@ -209,9 +209,9 @@ def test_the_overview_has_our_points_and_the_papers(core, place):
     stored = [t for turns, _ in paging.out_of_core(StoreCase(place, 2), PACE, ["lru"], quiet) for t in turns]
     points = speedup_points([*turns, *stored])
     assert [(len(ours), len(theirs)) for ours, theirs in points.values()] == [(2, 6)] * 3 + [(2, 0)]
-    moved = moved_points([*turns, *stored])
+    moved = moved_points([*turns, *stored], {place.name: 10_000_000})
     assert [(len(ours), len(theirs)) for ours, theirs in moved.values()] == [(2, 6)] * 3
-    assert moved_points(turns)[PRIMARY][0] == [] and max(moved[DIFFUSE][1]) == 2310
+    assert moved_points(turns, {})[PRIMARY][0] == [] and max(moved[DIFFUSE][1]) == 2310 / 11400
 
 
 def test_walkthroughs_are_shown_when_they_have_ended(core, capsys):

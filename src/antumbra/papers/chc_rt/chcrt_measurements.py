@@ -23,7 +23,7 @@ from ..bench_runner import Say
 from ..benchmark_views import agree, scene_view
 from . import store_walkthroughs as paging
 from . import walkthrough_timing as bench
-from .chcrt_published import WALKED, ChcrtTable
+from .chcrt_published import IN_CORE, PAGED, WALKED, ChcrtTable
 from .mapped_tree import whole_tree, write_tree
 from .store_walkthroughs import Digests, StoreCase
 from .walkthrough_timing import InCore, Pace, Turn
@@ -156,7 +156,7 @@ def measure_in_memory(places: Iterable[WalkPlace], run: ChcrtRun) -> tuple[Table
             ChcrtTable.ablation: ablate_in_memory(core, pace, say),
         }
         for name, each in walks.items():
-            if name in tables or (name == ChcrtTable.times and WALKED.intersection(tables)):
+            if name in tables or (name == ChcrtTable.times and WALKED.intersection(tables, IN_CORE)):
                 rows.setdefault(name, []).extend(_gathered(each, run))
     return rows, differing(rows) == 0 if rows.keys() - {ChcrtTable.scenes} else None
 
@@ -229,8 +229,10 @@ def measure_scenes(
 
     The store comes first, while the process takes little memory.
     """
-    rows, same = measure_temporary_store(stored, size, run) if stored else (TableRows(), None)
-    in_memory, same_in_memory = measure_in_memory(places, run)
+    nothing: tuple[TableRows, bool | None] = {}, None
+    paged, wanted = stored and {*PAGED}.intersection(run.tables), {*IN_CORE}.intersection(run.tables)
+    rows, same = measure_temporary_store(stored, size, run) if paged else nothing
+    in_memory, same_in_memory = measure_in_memory(places, run) if wanted else nothing
     verdicts = [verdict for verdict in (same, same_in_memory) if verdict is not None]
     merged = {name: [*in_memory.get(name, []), *rows.get(name, [])] for name in (*in_memory, *rows)}
     return merged, all(verdicts) if verdicts else None

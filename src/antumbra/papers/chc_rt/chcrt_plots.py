@@ -3,12 +3,14 @@
 [Mattausch et al. 2015, Tables 2 and 3, Figures 7 and 8].
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
 
+from ...store.chunk_residency import POLICIES
 from ..bench_runner import plot_sheet
 from . import chcrt_published as published
 from .walkthrough_timing import PHASES, Turn, later, of, rows_of, speedup, speedups, typical, value_of
@@ -27,27 +29,35 @@ def speedup_points(turns: list[Turn]) -> dict[str, tuple[list[float], list[float
     return {kind: (ours.get(kind, []), theirs.get(kind, [])) for kind in (ours or theirs)}
 
 
-def moved_points(turns: list[Turn]) -> dict[str, tuple[list[float], list[float]]]:
-    """Kind -> MB read per frame out of core: (ours, the paper's), one per scene and view."""
-    paged = [t for t in turns if "bytes" in t.statistics]
-    walks = rows_of(paged, "scene", "view", "method")[:2]
-    points = {}
+def moved_points(turns: list[Turn], sizes: Mapping[str, int]) -> dict[str, tuple[list[float], list[float]]]:
+    """Kind -> share of the store read per frame: (ours, the paper's), one per scene and view.
+
+    sizes : scene -> bytes of its store
+    """
+    paged = [t for t in turns if "bytes" in t.statistics and t.method == POLICIES[0] and t.scene in sizes]
+    walks, points = rows_of(paged, "scene", "view"), {}
     for k, kind in enumerate(published.KINDS):
-        mine = [some for walk in walks if (some := of(paged, kind=kind, **walk))]
-        points[kind] = [typical(some, "bytes") / 1e6 for some in mine], published.moved(k)
+        mine = [typical(of(paged, kind=kind, **walk), "bytes") / sizes[walk["scene"]] for walk in walks]
+        points[kind] = mine, published.moved(k)
     return points
 
 
-def _draw_overview(sheet: Any, turns: list[Turn]) -> None:
+def _draw_overview(sheet: Any, turns: list[Turn], sizes: Mapping[str, int]) -> None:
     """Draw the paper's results and ours side by side: a dot per scene and view, and a line at the median."""
+    sheet.suptitle("CHC+RT at a glance: the paper's results and ours (a dot per scene and view; lines: medians)")
     panels = sheet.subplots(1, 2)
     _draw_points(panels[0], speedup_points(turns))
-    panels[0].set(yscale="log", ylabel="times as fast as tracing from the root")
+    panels[0].set_title("in memory: times as fast as tracing from the root", fontsize=10)
+    panels[0].set(yscale="log", yticks=(ticks := (0.25, 0.5, 1, 2, 4, 8)), yticklabels=[f"{x:g}" for x in ticks])
     panels[0].axhline(1.0, color="0.6", lw=0.8)
-    _draw_points(panels[1], moved_points(turns))
-    panels[1].set_yscale("symlog", linthresh=0.01)
-    panels[1].set_ylabel("MB read per frame, out of core")
-    panels[0].legend(loc="best", fontsize=8)
+    panels[0].minorticks_off()
+    _draw_points(panels[1], moved_points(turns, sizes))
+    panels[1].set_title("out of core: % of the store read per frame", fontsize=10)
+    panels[1].set_yscale("symlog", linthresh=1e-5)
+    panels[1].set(ylim=(-2e-6, None), yticks=(ticks := (0, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1)))
+    panels[1].set_yticklabels([f"{100 * x:g}" for x in ticks])
+    panels[1].minorticks_off()
+    panels[0].legend(*panels[1].get_legend_handles_labels(), loc="upper right", fontsize=8)
 
 
 def _draw_points(panel: Any, points: dict[str, tuple[list[float], list[float]]]) -> None:
@@ -68,15 +78,18 @@ _TIME_PARTS = ("before", *PHASES)
 _COLOURS = ("0.7", "tab:blue", "tab:orange", "tab:red")
 
 
-def write_plot(turns: list[Turn], path: Path) -> None:
-    """Write a plot: the overview, then a row per scene and view with bars, and a panel of curves per ray kind."""
+def write_plot(turns: list[Turn], sizes: Mapping[str, int], path: Path) -> None:
+    """Write a plot: the overview, then a row per scene and view with bars, and a panel of curves per ray kind.
+
+    sizes : scene -> bytes of its store
+    """
     walks, kinds = rows_of(turns, "scene", "view"), rows_of(turns, "kind")
     colours = {row["method"]: f"C{i}" for i, row in enumerate(rows_of(turns, "method"))}
     columns, widths = 1 + len(kinds), [1.5] + [1.0] * len(kinds)
     overview, height = 3.6, 3.0 * len(walks) + 0.4
     with plot_sheet(path, 3.6 * sum(widths), overview + height) as whole:
         top, sheet = whole.subfigures(2, 1, height_ratios=[overview, height])
-        _draw_overview(top, turns)
+        _draw_overview(top, turns, sizes)
         panels = sheet.subplots(len(walks), columns, squeeze=False, width_ratios=widths)
         for row, walk in zip(panels, walks):
             mine = of(turns, **walk)

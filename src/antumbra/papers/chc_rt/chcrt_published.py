@@ -119,8 +119,8 @@ def speedups(kind: int) -> list[float]:
 
 
 def moved(kind: int) -> list[float]:
-    """Table 3: MB moved per frame for one of KINDS, of each scene near and far."""
-    return [view[kind] for _, _, megabytes in STATISTICS.values() for view in megabytes]
+    """Tables 1 and 3: the share of the scene moved per frame for one of KINDS, of each scene near and far."""
+    return [view[kind] / MODELS[name][1] for name, (_, _, moved) in STATISTICS.items() for view in moved]
 
 
 SCREEN_HIERARCHY = 3
