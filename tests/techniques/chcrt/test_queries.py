@@ -49,14 +49,15 @@ def _counts(boxes, origins, directions, live, grow):
 
 
 def _check(rays, parts, origins, directions, live, per_tile):
-    """Compare the counts of all pairs of a smallest tile and a row with rays tested one by one."""
-    n, rows = rays.tiles.smallest, len(parts.lines)
-    tile, row = (a.ravel().astype(np.int32) for a in np.meshgrid(np.arange(n), np.arange(rows), indexing="ij"))
+    """Compare the counts of pairs of a smallest tile and every fourth row with rays tested one by one."""
+    n, some = rays.tiles.smallest, np.arange(0, len(parts.lines), 4)
+    tile, row = (a.ravel().astype(np.int32) for a in np.meshgrid(np.arange(n), some, indexing="ij"))
+    lines = parts.lines[some]
     answers = rays.answer(Pairs(tile, np.zeros_like(tile), row), EVERYTHING)
-    left = np.stack([parts.lines[:, 0:12:4], parts.lines[:, 2:12:4]], 1).astype(np.float64)
-    right = np.stack([parts.lines[:, 1:12:4], parts.lines[:, 3:12:4]], 1).astype(np.float64)
+    left = np.stack([lines[:, 0:12:4], lines[:, 2:12:4]], 1).astype(np.float64)
+    right = np.stack([lines[:, 1:12:4], lines[:, 3:12:4]], 1).astype(np.float64)
     size = np.ptp(boxes_of(parts.lines[:1])[0], axis=0).max()
-    got = answers.counts.reshape(n, rows)
+    got = answers.counts.reshape(n, -1)
     for t in range(n):
         mine = per_tile == t
         exact, grown = (

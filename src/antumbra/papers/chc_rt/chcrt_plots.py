@@ -20,6 +20,10 @@ from .walkthroughs import SINGLE
 
 
 _OURS, _THEIRS = "tab:blue", "tab:orange"
+_TIMES, _SHARES = (
+    (0.25, 0.5, 1.0, 2.0, 4.0, 8.0),
+    (0.0, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0),
+)  # where the axes are labelled
 
 
 def speedup_points(turns: list[Turn]) -> dict[str, tuple[list[float], list[float]]]:
@@ -48,14 +52,13 @@ def _draw_overview(sheet: Any, turns: list[Turn], sizes: Mapping[str, int]) -> N
     panels = sheet.subplots(1, 2)
     _draw_points(panels[0], speedup_points(turns))
     panels[0].set_title("in memory: times as fast as tracing from the root", fontsize=10)
-    panels[0].set(yscale="log", yticks=(ticks := (0.25, 0.5, 1, 2, 4, 8)), yticklabels=[f"{x:g}" for x in ticks])
+    panels[0].set(yscale="log", yticks=_TIMES, yticklabels=[f"{x:g}" for x in _TIMES])
     panels[0].axhline(1.0, color="0.6", lw=0.8)
     panels[0].minorticks_off()
     _draw_points(panels[1], moved_points(turns, sizes))
     panels[1].set_title("out of core: % of the store read per frame", fontsize=10)
     panels[1].set_yscale("symlog", linthresh=1e-5)
-    panels[1].set(ylim=(-2e-6, None), yticks=(ticks := (0, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1)))
-    panels[1].set_yticklabels([f"{100 * x:g}" for x in ticks])
+    panels[1].set(ylim=(-2e-6, None), yticks=_SHARES, yticklabels=[f"{100 * x:g}" for x in _SHARES])
     panels[1].minorticks_off()
     panels[0].legend(*panels[1].get_legend_handles_labels(), loc="upper right", fontsize=8)
 
