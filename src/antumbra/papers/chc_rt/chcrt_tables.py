@@ -380,7 +380,8 @@ def print_tables(tables: Iterable[ChcrtTable], rows: TableRows) -> None:
         if table in OTHERS:
             printers.append((OTHERS[table], rows.get(table, [])))
         if table == ChcrtTable.mapped:
-            printers.append((_print_mapped, bench.of(paged, method=POLICIES[0]) + rows.get(table, [])))
+            ours = [turn._replace(method=bench.CHCRT) for turn in bench.of(paged, method=POLICIES[0])]
+            printers.append((_print_mapped, ours + rows.get(table, [])))
         for printer, turns in printers:
             if turns:
                 printer(turns)
