@@ -11,6 +11,8 @@ from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.plan import parse_plan
 from antumbra.query.ray_passes import RayPass
 from antumbra.techniques.chcrt.chc_rt import ChcRtState, ray_hits, trace_shadow
+from antumbra.techniques.chcrt.occlusion_queries import Pairs
+from antumbra.techniques.chcrt.picture_ray_sets import SegmentRaySets, segments_of
 from antumbra.techniques.chcrt.tree_parts import matching_rows, parts_of
 from antumbra.techniques.tracer_options import ChcRtOptions
 from asking import answer, query_of, unpack
@@ -72,6 +74,28 @@ def test_a_walk_has_the_pairs_of_fresh_frames(city, triangles, light):
     late = slice(FRAMES // 2, None)
     assert visible[1].min() > 50 and visible[0, late].sum() <= 1.02 * visible[1, late].sum()
     assert queries[0, late].sum() < 0.7 * queries[1, late].sum()
+
+
+@pytest.mark.parametrize("light", LIGHTS)
+def test_the_marked_pairs_block_all_rays(city, triangles, light):
+    parts, (_, query) = _state(_tree(triangles)).parts, query_of(city, STILL, LIGHTS[light], SPP)
+    (step,) = segments_of(parts, query)
+
+    def trace(chosen):
+        bits = np.zeros((*query.sides.shape, 1), np.uint64)
+        rays = SegmentRaySets(parts, OPTIONS, step, bits, 2)
+        grid = np.indices((rays.tiles.smallest, rays.sets, len(parts.trees)), np.int32).reshape(3, -1)[:, chosen]
+        pairs = Pairs(grid[0], grid[1], grid[2] + np.int32(parts.inner))
+        return bits, rays.trace(pairs, np.zeros(len(pairs.tile), np.float32))
+
+    bits, marked = trace(slice(None))
+    np.testing.assert_array_equal(bits, _bits(_state(_tree(triangles)), query))
+    assert 0.001 < marked.mean() < 0.5
+    again, still_marked = trace(marked)
+    np.testing.assert_array_equal(again, bits)
+    assert still_marked.all()
+    without, _ = trace(~marked)
+    assert not (without & ~bits).any() and np.bitwise_count(without).sum() < np.bitwise_count(bits).sum()
 
 
 class _Waves:
