@@ -80,6 +80,7 @@ class Accelerator:
         self.one_tree = plan.tracer.builds and self.ray_selector is None
         self.updater = UPDATERS[plan.update].keep(self._new_tree) if plan.update else None
         self._updated: tuple[Triangles, Bvh] | None = None  # the triangles of the last update, and their BVH
+        self._state: ChcRtState | None = None  # the state over the last updated tree
         self._cutouts: tuple[Triangles, CutoutTree | None] | None = None  # the latest ones
         self._rays: Callable[[Any, Bvh | None], Any] | None = None  # (vertices, their BVH) -> Intersections, in a build
 
@@ -223,6 +224,10 @@ class Accelerator:
         """
         geometry = soup_of(triangles, culled, self.threads) if bvh is None else bvh
         prepared = self.plan.tracer.prepare(geometry, self.threads)
+        if self.updater is not None and isinstance(prepared, ChcRtState):
+            if self._state is not None:
+                prepared.continue_from(self._state)
+            self._state = prepared
         return Accelerated(triangles, bvh, prepared, self.cutouts_of(triangles), bool(self.plan.cull))
 
     def answer(

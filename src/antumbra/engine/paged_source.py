@@ -31,7 +31,7 @@ from ..query.shadow_query import ShadowQuery, Surfaces, new_bits
 from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.triangles import Triangles, concatenate
 from ..store.chunk_residency import Paging, Residency, TriangleCopies, hit_slots, slot_starts
-from ..store.store_file import StoreData
+from ..store.store_file import Store, StoreData
 from ..store.store_format import Chunk
 from ..store.system_resources import release_freed, resident_memory
 from ..techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, prepare, ray_hits
@@ -195,7 +195,7 @@ MAX_MEMORY = 4 << 30
 _CHUNKS_AT_ONCE = 256  # chunks whose triangles are numbered together
 _NO_SLOTS = np.empty(0, np.int64)
 BAND_FACTOR = 4  # bands pay off if a frame reads more than this multiple of the budget: neighbours share some chunks
-_RESERVED = 48 << 20  # bytes reserved for small allocations
+RESERVED = 48 << 20  # bytes reserved for small allocations
 
 
 def paged_job() -> Job:
@@ -303,7 +303,7 @@ class Paged:
         InputError
             If they do not suffice for two chunks and a minimum of such rays.
         """
-        free = self.max_memory - memory.fixed - _RESERVED - (resident_memory() - self.residency.held)
+        free = self.max_memory - memory.fixed - RESERVED - (resident_memory() - self.residency.held)
         required = self.residency.min_budget() * 2
         if free < required:
             need = -(-(self.max_memory - free + required) >> 20)
@@ -484,12 +484,17 @@ def explained_tree(paged: Paged, queries: Sequence[ShadowQuery]) -> tuple[Bvh, n
             f"{paged.scene.name}: the trees that these rays may enter take {need >> 20}M of memory; give at least as "
             "much, or a smaller view"
         )
-    chunks = [store.chunk(int(k)) for k in reached]
-    ids = np.unique(np.concatenate([chunk.bvh.prim_ids for chunk in chunks])) if chunks else np.empty(0, np.int32)
-    bvh = _join_trees(store.top.nodes, len(store), reached, chunks, ids)
+    bvh, ids = joined_tree(store, reached)
     if leaf_depths(bvh).max(initial=0) > MAX_DEPTH:
         raise InputError(f"{paged.scene.name}: its tree has more than {MAX_DEPTH} levels; steps cannot be counted")
     return bvh, ids
+
+
+def joined_tree(store: Store, numbers: np.ndarray) -> tuple[Bvh, np.ndarray]:
+    """The tree over some chunks of a store: (Bvh, index in the whole scene of each of its triangles)."""
+    chunks = [store.chunk(int(k)) for k in numbers]
+    ids = np.unique(np.concatenate([chunk.bvh.prim_ids for chunk in chunks])) if chunks else np.empty(0, np.int32)
+    return _join_trees(store.top.nodes, len(store), numbers, chunks, ids), ids
 
 
 def _reached_chunks(paged: Paged, queries: Sequence[ShadowQuery]) -> np.ndarray:
@@ -503,7 +508,7 @@ def _reached_chunks(paged: Paged, queries: Sequence[ShadowQuery]) -> np.ndarray:
             for s in range(rays.sets):
                 screen = np.full(k, len(rays.tiles.spans) - 1, np.int32)  # the tile that covers the whole screen
                 pairs = Pairs(screen, np.full(k, s, np.int32), np.arange(k, dtype=np.int32))
-                reached |= answer_queries(rays.rays, scheduled.parts.heads, pairs, 0, True, paged.threads).counts > 0
+                reached |= answer_queries(rays.rays, scheduled.parts.heads, pairs, 0, paged.threads).counts > 0
     return np.flatnonzero(reached)
 
 

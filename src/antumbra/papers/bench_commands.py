@@ -349,12 +349,21 @@ class ChcrtOptions(NamedTuple):
             show_default=False,
         ),
     ] = None
+    stored: Annotated[
+        str | None,
+        typer.Option(
+            help="Also trace a city of N triangles from a store, built in a temporary folder; 0: none.  [default: "
+            "2.5M; with --scene or --store: 0]",
+            metavar="N",
+            show_default=False,
+        ),
+    ] = None
     max_memory: MaxMemoryOption = None
     table: Annotated[
         list[ChcrtTable] | None,
         typer.Option(help="Measure only this table; may be repeated.  [default: all]", show_default=False),
     ] = None
-    plot: Annotated[Path | None, plot_option("bars and curves")] = None
+    plot: Annotated[Path | None, plot_option("the paper's results and ours, bars and curves")] = None
     pictures: Annotated[
         Path | None,
         typer.Option(
@@ -364,18 +373,22 @@ class ChcrtOptions(NamedTuple):
             callback=writes_folder(),
         ),
     ] = None
-    triangles: Annotated[str, typer.Option(help="Triangles in the city.", metavar="N")] = "10M"
+    triangles: Annotated[str, typer.Option(help="Triangles in the city.", metavar="N")] = "5M"
     size: ImageSize = "640x360"
     frames: Annotated[int, typer.Option(help="Frames per walkthrough.", min=1, max=10_000)] = 60
     compared: Annotated[int, typer.Option(help="Frames to time the other plans on.", min=1, max=10_000)] = 3
     limit: Annotated[
         float,
-        typer.Option(help="Time limit per walkthrough; at least two frames run.", metavar="SECONDS", min=0.0),
-    ] = 120.0
+        typer.Option(
+            help="Time limit per walkthrough of Table 2; others get a third. At least two frames run.",
+            metavar="SECONDS",
+            min=0.0,
+        ),
+    ] = 10.0
     threads: Threads = None
 
 
-@benchmark(triangles="300k", size="192x108", frames=4, compared=1, limit=0.5)
+@benchmark(triangles="300k", stored="100k", size="192x108", frames=4, compared=1, limit=0.5)
 def chc_rt(run: BenchRun, options: ChcrtOptions) -> BenchResult:
     """CHC+RT compared with tracing from the root: times, phases, queries, paging [Mattausch et al. 2015].
 
@@ -384,12 +397,14 @@ def chc_rt(run: BenchRun, options: ChcrtOptions) -> BenchResult:
 
     Times are medians over the frames after the first. The tables cover sizes (Table 1), times (Table 2), phases
     (Figure 8), queries and bytes read (Table 3), randomised directions (Table 5), aggressive mode (Table 4), and an
-    ablation. A store has a table of hit rates with two eviction policies instead of randomised directions.
+    ablation. A store has tables of two eviction policies, of paths of several bounces, and, if the benchmark has built
+    it, of the same tree in a memory-mapped file instead of randomised directions.
 
     The medians of each walkthrough are printed to standard error as soon as it ends.
 
     --pictures draws two frames of the near walkthrough: queries and triangles per tile (Figure 4), subtrees (Figure
-    5), the matrix of rays and triangles (Figure 6), and the error of aggressive mode (Figure 9).
+    5), the matrix of rays and triangles (Figure 6), the error of aggressive mode (Figure 9), and rotated directions
+    (Figure 10).
 
     \b
     Examples
@@ -402,15 +417,17 @@ def chc_rt(run: BenchRun, options: ChcrtOptions) -> BenchResult:
     store, pictures = options.store, options.pictures
     names = _checked_tables(options)
     memory = None if options.max_memory is None else arguments.parse_bytes(options.max_memory, "--max-memory")
-    triangles = arguments.parse_count(options.triangles, "--triangles")
+    triangles, stored = arguments.parse_count(options.triangles, "--triangles"), _stored(options)
 
     from ..generate.palette import check_request
     from ..kernels.parallel import thread_count
     from ..store.system_resources import peak_resident_memory
-    from .chc_rt import chcrt_tables, walkthroughs
+    from .chc_rt import chcrt_measurements, chcrt_tables, walkthroughs
+    from .chc_rt.store_walkthroughs import StoreCase
     from .chc_rt.walkthrough_timing import Pace
 
-    check_request("city", triangles, 0)
+    for n in {triangles, stored} - {0}:
+        check_request("city", n, 0)
     walks = WALKED.intersection(names)
     if options.plot is not None and not walks:
         raise InputError("--plot needs --table times, phases, queries or store")
@@ -421,22 +438,21 @@ def chc_rt(run: BenchRun, options: ChcrtOptions) -> BenchResult:
     elif store is None:
         pictures = run.pictures()
     pace = Pace(options.frames, options.compared, options.limit)
-    show = (lambda turns: None) if run.silent else chcrt_tables.show_medians
-    plan = chcrt_tables.ChcrtRun(names, thread_count(options.threads), pace, run.say, show, pictures, memory)
+    show = (lambda turns: None) if run.silent else chcrt_measurements.show_medians
+    plan = chcrt_measurements.ChcrtRun(names, thread_count(options.threads), pace, run.say, show, pictures)
     views = walkthroughs.scenes(triangles).open([str(store)] if store else options.scene, size, run.say)
-    if store is None:
+    if store is not None:
+        case = StoreCase(walkthroughs.place_of(views[0]), plan.threads, memory)
+        rows, same = chcrt_measurements.measure_out_of_core(case, plan)
+    else:
         for view in views:
             walkthroughs.check_in_memory(view)
-    places = [walkthroughs.place_of(view) for view in views]
-    if store is None:
-        rows, same = chcrt_tables.measure_in_memory(places, plan)
-    else:
-        rows, same = chcrt_tables.measure_out_of_core(places[0], plan)
+        rows, same = chcrt_measurements.measure_scenes(map(walkthroughs.place_of, views), stored, size, plan)
     answer = {"size": size, "frames": pace.frames, "compared": pace.compared, "limit": pace.limit}
-    answer |= {"threads": plan.threads, **{name.value: records(table) for name, table in rows.items()}}
+    answer |= {"threads": plan.threads, "stored": stored}
+    answer |= {name.value: records(table) for name, table in rows.items()}
     peak = peak_resident_memory()
-    answer |= {"differs": chcrt_tables.differing(rows), "same_answers": same, "peak_resident": peak}
-    walked = rows.get(ChcrtTable.store) or rows.get(ChcrtTable.times) or []
+    answer |= {"differs": chcrt_measurements.differing(rows), "same_answers": same, "peak_resident": peak}
     verdict = {
         True: "the same by all methods",
         False: f"DIFFER for {answer['differs']:,} rays: please report this",
@@ -444,17 +460,29 @@ def chc_rt(run: BenchRun, options: ChcrtOptions) -> BenchResult:
     }
 
     def print_tables() -> None:
-        for name in names:
-            chcrt_tables.PRINT[name](rows.get(name, walked))
+        chcrt_tables.print_tables(names, rows)
         memory_text = console.size_in_memory(peak) if peak else "unknown"
         console.print_fields([("answers", verdict[same]), ("peak memory", memory_text)])
 
     def write_plot(path: Path) -> None:
-        from .chc_rt.chcrt_figures import write_plot
+        from .chc_rt.chcrt_plots import write_plot
 
-        write_plot(walked, path)
+        turns = [*rows.get(ChcrtTable.times, []), *rows.get(ChcrtTable.store, [])]
+        write_plot(turns, {size.scene: size.total for size in rows.get(ChcrtTable.scenes, [])}, path)
 
     return BenchResult(answer, print_tables, write_plot if walks else None)
+
+
+_STORED = "2.5M"
+
+
+def _stored(options: ChcrtOptions) -> int:
+    """The number of triangles in the temporary store; 0: none."""
+    if options.stored is None:
+        return 0 if options.scene or options.store else arguments.parse_count(_STORED, "--stored")
+    if options.store is not None:
+        raise InputError("--store and --stored cannot be combined")
+    return 0 if options.stored == "0" else arguments.parse_count(options.stored, "--stored")
 
 
 def _checked_tables(options: ChcrtOptions) -> tuple[ChcrtTable, ...]:
@@ -464,9 +492,11 @@ def _checked_tables(options: ChcrtOptions) -> tuple[ChcrtTable, ...]:
         raise InputError("--max-memory needs --store")
     if store is not None and options.scene:
         raise InputError("--store and --scene cannot be combined")
-    possible = IN_CORE if store is None else PAGED
+    in_memory = IN_CORE if store is None else ()
+    paged = PAGED if store is not None or _stored(options) else ()
+    possible = tuple(name for name in ChcrtTable if name in in_memory or name in paged)
     wrong = [name.value for name in tables or () if name not in possible]
     if wrong:
-        cure = "needs a --store" if store is None else "needs scenes in memory; omit --store"
+        cure = "needs a --store or --stored" if store is None else "needs scenes in memory; omit --store"
         raise InputError(f"--table {wrong[0]} {cure}")
     return tuple(name for name in possible if not tables or name in tables)

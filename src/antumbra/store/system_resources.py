@@ -5,6 +5,7 @@ Reading into a reused buffer is faster: the system would take longer to clear ne
 
 import ctypes
 import mmap
+import os
 import shutil
 import sys
 from contextlib import suppress
@@ -66,6 +67,31 @@ def release_freed() -> None:
     """Return freed memory that the C library still holds to the system, where that is possible (glibc)."""
     with suppress(AttributeError, OSError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)
+
+
+def storage_bytes() -> int | None:
+    """Bytes that this process has caused to be read from storage, also by page faults; None: not counted.
+
+    Where the system does not count bytes (Linux does), the pages of major page faults, without those read ahead.
+    """
+    with suppress(OSError, StopIteration), open("/proc/self/io") as stream:
+        return next(int(line.split()[1]) for line in stream if line.startswith("read_bytes:"))
+    try:
+        import resource  # not on Windows
+    except ImportError:
+        return None
+    return resource.getrusage(resource.RUSAGE_SELF).ru_majflt * mmap.PAGESIZE
+
+
+def drop_cached_pages(path: Path) -> None:
+    """Drop a file's pages from the cache of the operating system, if it can, so that they are read from storage again.
+
+    Pages that a process has mapped into memory stay.
+    """
+    if hasattr(os, "posix_fadvise"):
+        with path.open("rb") as stream:
+            os.fsync(stream.fileno())  # pages that have not been written cannot be dropped
+            os.posix_fadvise(stream.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
 
 
 # --- Reused buffers ---------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..bvh.block_tree import BlockPointers, BlockTree
-from ..kernels.jit import F32Ptr, I32Ptr, I64Ptr, inlined
+from ..kernels.jit import F32Ptr, I32Ptr, I64Ptr, U8Ptr, inlined
 from ..kernels.simd import f32_at, get, i32_at, ptr, put
 from .descent import NOT_STARTED, Traversal, children, load_saved, save
 
@@ -32,6 +32,7 @@ class TreeList(NamedTuple):
     starts: np.ndarray  # (lists + 1,) int32: where in `items` each list begins
     items: np.ndarray  # (m,) int32: numbers of trees
     fresh: bool  # True: no segment has been tested yet; False: the bits mark the segments known to be blocked
+    blockers: np.ndarray  # (m,) uint8: set to 1 for the items whose trees block a segment, or are left to exact tests
 
 
 class TreeListPointers(NamedTuple):
@@ -45,6 +46,7 @@ class TreeListPointers(NamedTuple):
     starts: I32Ptr  # int32 *
     items: I32Ptr  # int32 *
     fresh: bool
+    blockers: U8Ptr  # uint8 *
 
 
 class Hits(NamedTuple):
@@ -74,6 +76,7 @@ def tree_list_pointers(tree_list):
         ptr(tree_list.starts),
         ptr(tree_list.items),
         tree_list.fresh,
+        ptr(tree_list.blockers),
     )
 
 
@@ -141,8 +144,8 @@ def are_separate(tree_list, j, k):
 def walk_tree(tree, slabs, at, alive, job, scratch, counters):
     """In kernels: trace the lanes in `alive` through a tree; the type of `job` selects the tracer.
 
-    Return (the `Traversal`, bits of the lanes left). The place is NOT_STARTED once the traversal is complete. It stops
-    early when the memory for deferred tests runs low.
+    Return (the `Traversal`, bits of the lanes left, whether a segment was blocked or its test deferred). The place is
+    NOT_STARTED once the traversal is complete. It stops early when the memory for deferred tests runs low.
     """
 
 
@@ -161,7 +164,9 @@ def walk_tree_list(tree_list, i, end, slabs, alive, job, scratch, counters):
         put(scratch.at, TREE, k)
         if at.place == NOT_STARTED:
             at = start_in(tree_list, k, slabs, alive)
-        at, alive = walk_tree(tree_in(tree_list, k), slabs, at, alive, job, scratch, counters)
+        at, alive, blocks = walk_tree(tree_in(tree_list, k), slabs, at, alive, job, scratch, counters)
+        if blocks:
+            put(tree_list.blockers, i, 1)
         if at.place != NOT_STARTED:
             break
         i += 1
@@ -196,4 +201,5 @@ def single_tree(tree: BlockTree) -> TreeList:
         np.array([0, 1], np.int32),
         np.zeros(1, np.int32),
         True,
+        np.zeros(1, np.uint8),
     )

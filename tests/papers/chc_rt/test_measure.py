@@ -9,8 +9,9 @@ from antumbra.engine.store_building import build_store
 from antumbra.errors import InputError
 from antumbra.papers.benchmark_views import scene_view
 from antumbra.papers.chc_rt import chcrt_published as published_chcrt
+from antumbra.papers.chc_rt import store_walkthroughs
 from antumbra.papers.chc_rt import walkthrough_timing as chcrt
-from antumbra.papers.chc_rt import walkthrough_timing as chcrt_store
+from antumbra.papers.chc_rt.store_walkthroughs import StoreCase
 from antumbra.papers.chc_rt.walkthrough_timing import CHCRT, InCore, Pace, Turn
 from antumbra.papers.chc_rt.walkthroughs import DIFFUSE, PRIMARY, SOFT, differing, place_of
 from antumbra.scene.camera import Camera
@@ -53,7 +54,7 @@ def test_methods_have_their_turns_and_agree(core):
     methods = [core.culling(), *core.plain()]
     turns = chcrt.walk_through(core, near, methods, (PRIMARY, SOFT), "halton:36", Pace(4, 1, 60.0), lambda text: None)
     assert [t.frame for t in chcrt.of(turns, method=CHCRT, kind=SOFT)] == [0, 1, 2, 3]
-    for kind, plans in ((PRIMARY, ["bsah+single", "bsah+multifrusta"]), (SOFT, [m.name for m in methods[1:]])):
+    for kind, plans in ((PRIMARY, ["single", "multifrusta"]), (SOFT, [m.name for m in methods[1:]])):
         others = [t for t in chcrt.of(turns, kind=kind) if t.method != CHCRT]
         assert [(t.method, t.frame) for t in others] == [(plan, 1) for plan in plans]
     assert all(t.differs == 0 and t.rays > 0 for t in turns)
@@ -87,9 +88,10 @@ def test_pictures_of_neglected_rays_are_compared(core):
 def test_pictures_of_neglected_rays_of_a_store_are_compared(core, tmp_path):
     path = tmp_path / "city.antumbra"
     build_store([core.place.scene], path, chunk=1 << 9)
-    place, pace = core.place._replace(scene=load(path)), Pace(2, 1, 60.0)
-    turns = [t for turns in chcrt_store.aggressive_out_of_core(place, None, 2, pace, lambda text: None) for t in turns]
-    for walk in place.walks:
+    case, pace = StoreCase(core.place._replace(scene=load(path)), 2), Pace(2, 1, 60.0)
+    walks = store_walkthroughs.aggressive_out_of_core(case, pace, lambda text: None)
+    turns = [t for turns in walks for t in turns]
+    for walk in case.place.walks:
         exact, *others = ([t for t in turns if (t.view, t.method) == (walk.name, name)] for name in AGGRESSIVE)
         assert [t.frame for t in exact] == [0, 1] and all(t.error is None and t.statistics["wanted"] > 0 for t in exact)
         assert all([t.frame for t in other] == [0, 1] and t.error is not None for other in others for t in other)
@@ -111,13 +113,34 @@ def made(method, frame, seconds, told=None):
 def test_medians_leave_out_the_first_frame():
     phases = dict.fromkeys(chcrt.PHASES, 0.25)
     ours = [made(CHCRT, k, s, {**phases, "queries": 10 * k}) for k, s in enumerate((9.0, 1.0, 2.0, 4.0))]
-    theirs = [made("bsah+single", k, s) for k, s in ((1, 4.0), (3, 6.0))]
+    theirs = [made("single", k, s) for k, s in ((1, 4.0), (3, 6.0))]
     assert chcrt.first(ours) == 9.0 and chcrt.first(theirs) is None
     assert chcrt.typical(ours) == 2.0 and chcrt.typical(ours, "queries") == 20 and chcrt.typical(ours, "bytes") == 0
     assert chcrt.typical(ours, "before") == 1.25
     assert chcrt.speedup(ours, theirs) == 2.0  # in frames 1 and 3
     assert chcrt.typical(ours[:1]) == 9.0
-    assert chcrt.rows_of([*ours, *theirs], "method") == [{"method": CHCRT}, {"method": "bsah+single"}]
+    assert chcrt.rows_of([*ours, *theirs], "method") == [{"method": CHCRT}, {"method": "single"}]
+
+
+def test_speedups_are_of_the_same_kind():
+    turns = [made(m, k, s)._replace(kind=kind) for kind, m, k, s in (
+        (PRIMARY, CHCRT, 0, 9.0), (PRIMARY, CHCRT, 1, 2.0), (PRIMARY, "single", 1, 3.0),
+        (SOFT, CHCRT, 1, 1.0), (SOFT, "single", 1, 4.0), (SOFT, "packet16", 1, 9.0),
+    )]  # fmt: skip
+    turns += [t._replace(view="far", seconds=2 * t.seconds if t.method == CHCRT else t.seconds) for t in turns]
+    assert chcrt.speedups(turns) == {PRIMARY: [1.5, 0.75], SOFT: [4.0, 2.0]}
+    assert chcrt.speedups([t for t in turns if t.method == CHCRT]) == {PRIMARY: [], SOFT: []}
+    assert [len(published_chcrt.speedups(k)) for k in range(3)] == [6, 6, 6]
+    assert max(published_chcrt.speedups(0)) == pytest.approx(5.5) and min(published_chcrt.speedups(2)) < 0.9
+    assert published_chcrt.moved(2)[:3] == [383 / 7890, 1.73 / 7890, 0.55 / 11400]
+
+
+@pytest.mark.parametrize("size, tile", [((640, 360), 128), ((320, 200), 64), ((192, 108), 32)])
+def test_there_are_pairs_to_query(size, tile):
+    place = place_of(scene_view("city", procedural("city", triangles=1000), size))
+    options = chcrt.options_of(place)
+    assert options.tile == tile and -(-size[0] // tile) * -(-size[1] // tile) >= 8
+    assert place.scene.n_triangles // options.triangles >= 16 and options.weight == ChcRtOptions().weight
 
 
 def test_the_papers_best_is_in_its_table():

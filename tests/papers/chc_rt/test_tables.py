@@ -7,11 +7,13 @@ from antumbra.engine.scene_loading import load
 from antumbra.engine.store_building import build_store
 from antumbra.errors import InputError
 from antumbra.papers.benchmark_views import scene_view
+from antumbra.papers.chc_rt import chcrt_measurements, mapped_tree
 from antumbra.papers.chc_rt import chcrt_published as published
-from antumbra.papers.chc_rt import chcrt_tables
+from antumbra.papers.chc_rt import store_walkthroughs as paging
 from antumbra.papers.chc_rt import walkthrough_timing as measure
-from antumbra.papers.chc_rt.chcrt_figures import shares
+from antumbra.papers.chc_rt.chcrt_plots import moved_points, shares, speedup_points
 from antumbra.papers.chc_rt.chcrt_published import ChcrtTable
+from antumbra.papers.chc_rt.store_walkthroughs import StoreCase
 from antumbra.papers.chc_rt.walkthrough_timing import InCore, Pace
 from antumbra.papers.chc_rt.walkthroughs import AO, DIFFUSE, KINDS, PRIMARY, SOFT, place_of
 from antumbra.techniques.tracer_options import WHOLE_SCREEN, ChcRtOptions
@@ -19,7 +21,9 @@ from antumbra.techniques.tracer_options import WHOLE_SCREEN, ChcRtOptions
 SIZE = 24
 PACE = Pace(3, 1, 60.0)
 WALK = "--size", "24", "--frames", "2", "--compared", "1"
-WITHOUT_PARTS = [name for name, changed in chcrt_tables.VARIANTS.items() if "triangles" not in changed]
+WITHOUT_PARTS = [
+    name for name, changed in chcrt_measurements.VARIANTS.items() if not {"triangles", "build"} & changed.keys()
+]
 
 
 def quiet(text):
@@ -47,31 +51,34 @@ def one_walk(walks):
 
 
 def test_sizes_in_memory_are_of_what_is_traced(core):
-    size = chcrt_tables.size_in_memory(core)
+    size = chcrt_measurements.size_in_memory(core)
     assert (size.scene, size.triangles, size.share) == ("city", core.place.scene.n_triangles, 1.0)
     assert size.total == size.bvh + size.geometry and size.geometry >= 52 * size.triangles
     assert 0 < size.bvh < size.geometry
 
 
 def test_sizes_of_a_store_are_of_its_file(place, core):
-    size = chcrt_tables.size_of_store(place, None)
+    size = chcrt_measurements.size_of_store(StoreCase(place, 2))
     store = place.scene.store
     assert size.triangles == core.place.scene.n_triangles and size.share == 1.0
     assert size.bvh == 64 * (int(store.chunks.nodes.sum()) + len(store.top.nodes))
     assert 41 * size.triangles <= size.geometry < 53 * size.triangles
     assert size.bvh + size.geometry < size.total == store.path.stat().st_size
-    assert chcrt_tables.size_of_store(place, size.total // 4).share == pytest.approx(0.25, abs=1e-6)
+    assert chcrt_measurements.size_of_store(StoreCase(place, 2, size.total // 4)).share == pytest.approx(0.25, abs=1e-6)
     with pytest.raises(InputError, match="--scene instead"):
-        chcrt_tables.size_of_store(core.place, None)
+        chcrt_measurements.size_of_store(StoreCase(core.place, 2))
 
 
 def test_variants_change_what_they_say(core):
-    whole = core.culling_by("whole", chcrt_tables.VARIANTS["no screen hierarchy"]).scheduled
+    whole = core.culling_by("whole", chcrt_measurements.VARIANTS["no screen hierarchy"]).scheduled
     assert whole.options == ChcRtOptions(triangles=1 << 12)._replace(tile=WHOLE_SCREEN)
     assert whole.parts is core.culling().scheduled.parts
-    larger = core.culling_by("larger", chcrt_tables.VARIANTS["parts of 4 M triangles"]).scheduled
+    larger = core.culling_by("larger", chcrt_measurements.VARIANTS["parts of 4 M triangles"]).scheduled
     assert 0 < len(larger.parts.trees) < len(whole.parts.trees)
-    assert chcrt_tables.VARIANTS[chcrt_tables.BASELINE] == {} and len(WITHOUT_PARTS) == len(chcrt_tables.VARIANTS) - 2
+    assert (
+        chcrt_measurements.VARIANTS[chcrt_measurements.BASELINE] == {}
+        and len(WITHOUT_PARTS) == len(chcrt_measurements.VARIANTS) - 3
+    )
 
 
 def told(core, walk, changed, name, frames):
@@ -98,22 +105,25 @@ def test_without_pull_up_pairs_are_never_forgotten(core):
 
 
 def test_ablation_in_memory(core):
-    turns = one_walk(chcrt_tables.ablate_in_memory(core, PACE, quiet))
+    turns = one_walk(chcrt_measurements.ablate_in_memory(core, PACE, quiet))
     assert {(t.kind, t.method, t.frame) for t in turns} == {
-        (kind, name, frame) for kind in (AO, DIFFUSE, SOFT) for name in chcrt_tables.VARIANTS for frame in range(3)
+        (kind, name, frame)
+        for kind in (AO, DIFFUSE, SOFT)
+        for name in chcrt_measurements.VARIANTS
+        for frame in range(3)
     }
     assert all(t.differs == 0 and t.view == "near" for t in turns)
 
     def of(name, value):
         return sum(measure.typical(measure.of(turns, method=name, kind=kind), value) for kind in (AO, DIFFUSE, SOFT))
 
-    assert of("no temporal coherence", "queries") > of(chcrt_tables.BASELINE, "queries") > 0
-    assert of("no pull-up", "pairs") >= of(chcrt_tables.BASELINE, "pairs") > 0
-    assert of("parts of 4 M triangles", "visible") < of(chcrt_tables.BASELINE, "visible")
+    assert of("no temporal coherence", "queries") > of(chcrt_measurements.BASELINE, "queries") > 0
+    assert of("no pull-up", "pairs") >= of(chcrt_measurements.BASELINE, "pairs") > 0
+    assert of("parts of 4 M triangles", "visible") < of(chcrt_measurements.BASELINE, "visible")
 
 
 def test_ablation_of_a_store(place):
-    walks = list(chcrt_tables.ablate_out_of_core(place, None, 2, PACE._replace(frames=2), quiet))
+    walks = list(chcrt_measurements.ablate_out_of_core(StoreCase(place, 2), PACE._replace(frames=2), quiet))
     assert [turns[0].method for turns, _ in walks] == WITHOUT_PARTS
     assert all({t.kind for t in turns} == {*KINDS} and {t.frame for t in turns} == {0, 1} for turns, _ in walks)
     assert len({tuple(digests) for _, digests in walks}) == 1
@@ -121,15 +131,15 @@ def test_ablation_of_a_store(place):
 
 
 def test_variants_of_a_store_have_as_many_frames_as_the_first(place, monkeypatch):
-    some = {name: chcrt_tables.VARIANTS[name] for name in WITHOUT_PARTS[:2]}
-    monkeypatch.setattr(chcrt_tables, "VARIANTS", some)
-    walks = list(chcrt_tables.ablate_out_of_core(place, None, 2, PACE._replace(limit=0.0), quiet))
+    some = {name: chcrt_measurements.VARIANTS[name] for name in WITHOUT_PARTS[:2]}
+    monkeypatch.setattr(chcrt_measurements, "VARIANTS", some)
+    walks = list(chcrt_measurements.ablate_out_of_core(StoreCase(place, 2), PACE._replace(limit=0.0), quiet))
     assert all({t.frame for t in turns} == {0, 1} for turns, _ in walks)
 
 
 def test_bytes_read_are_of_nodes_and_of_geometry(place):
-    run = chcrt_tables.ChcrtRun([ChcrtTable.times, ChcrtTable.queries], 2, PACE, quiet, quiet)
-    found, same = chcrt_tables.measure_out_of_core(place, run)
+    run = chcrt_measurements.ChcrtRun([ChcrtTable.times, ChcrtTable.queries], 2, PACE, quiet, quiet)
+    found, same = chcrt_measurements.measure_out_of_core(StoreCase(place, 2), run)
     turns = found[ChcrtTable.store]
     assert {t.method for t in turns} == {"lru"} and same is None
     begun = measure.of(turns, kind="primary", frame=0)
@@ -139,19 +149,84 @@ def test_bytes_read_are_of_nodes_and_of_geometry(place):
     assert sum(shares(begun).values()) == pytest.approx(1.0)
 
 
+def test_the_mapped_tree_is_the_stores_tree(place, tmp_path):
+    """The rival gives the answers of CHC+RT, and in later frames, it reads nothing that it has read before."""
+    case, pace = StoreCase(place, 2), PACE._replace(frames=2)
+    mapped_tree.write_tree(mapped_tree.whole_tree(case.store), tmp_path, 2)
+    ours = list(paging.out_of_core(case, pace, ["lru"], quiet))
+    theirs = list(paging.map_through(case, tmp_path, pace, quiet))
+    for (turns, digests), (others, hits) in zip(ours, theirs, strict=True):
+        assert [(t.view, t.kind, t.frame, t.rays) for t in turns] == [(t.view, t.kind, t.frame, t.rays) for t in others]
+        assert {t.method for t in others} == {mapped_tree.NAME} and len(hits) == 2 * len(KINDS)
+        assert set(hits) <= set(digests) and len(set(dict(hits).values())) > 2
+    size = sum(path.stat().st_size for path in mapped_tree.files_of(tmp_path))
+    assert size > 100 * place.scene.n_triangles
+    assert all(0 <= t.statistics.get("bytes", 0) <= 2 * size for others, _ in theirs for t in others)
+
+
+def test_paths_of_several_bounces_have_the_hits_of_the_tree_in_memory(place):
+    case = StoreCase(place, 2, share=0.1)
+    bvh = mapped_tree.whole_tree(case.store)
+    for turns in paging.bounce_through(case, bvh, PACE._replace(most=2), quiet):
+        kinds = [paging.bounce_kind(bounce) for bounce in range(paging.BOUNCES + 1)]
+        assert [(t.frame, t.kind) for t in turns] == [(frame, kind) for frame in range(2) for kind in kinds]
+        assert all(t.differs == 0 and t.rays > 0 for t in turns)
+        assert all(t.statistics["bytes"] > 0 for t in turns[: len(kinds)])
+        rays = [t.rays for t in turns[1 : len(kinds)]]
+        assert rays == sorted(rays, reverse=True) and rays[0] > rays[-1]
+    other = bvh._replace(corners=bvh.corners + 0.5)
+    (turns, *_) = paging.bounce_through(case, other, PACE._replace(most=1), quiet)
+    assert sum(t.differs for t in turns) > 0
+
+
+def test_a_share_limits_the_chunks_in_memory(place):
+    few, whole = (
+        [t for turns, _ in paging.out_of_core(StoreCase(place, 2, share=share), PACE, ["lru"], quiet) for t in turns]
+        for share in (0.1, 1.0)
+    )
+    later = [sum(t.statistics["bytes"] for t in measure.later(turns)) for turns in (few, whole)]
+    assert later[0] > later[1] and paging.hit_rate(few) < paging.hit_rate(whole)
+
+
+def test_a_temporary_store_is_measured_and_removed(tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    tables = [ChcrtTable.scenes, ChcrtTable.queries, ChcrtTable.bounces]
+    run = chcrt_measurements.ChcrtRun(tables, 2, PACE._replace(frames=2), quiet, quiet)
+    rows, same = chcrt_measurements.measure_scenes([], 20_000, (SIZE, SIZE), run)
+    assert same and {*rows} == {ChcrtTable.scenes, ChcrtTable.store, ChcrtTable.bounces}
+    (size,) = rows[ChcrtTable.scenes]
+    assert size.share == published.MODELS["City-200"][-1] / 100 and 15_000 < size.triangles < 25_000
+    assert sum(t.statistics["bytes"] for t in rows[ChcrtTable.store]) > size.total / 4
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_overview_has_our_points_and_the_papers(core, place):
+    turns = []
+    for walk in core.place.walks:
+        methods = [core.culling(), *core.plain()]
+        turns += measure.walk_through(core, walk, methods, KINDS, "halton:36", PACE._replace(frames=2), quiet)
+    stored = [t for turns, _ in paging.out_of_core(StoreCase(place, 2), PACE, ["lru"], quiet) for t in turns]
+    points = speedup_points([*turns, *stored])
+    assert [(len(ours), len(theirs)) for ours, theirs in points.values()] == [(2, 6)] * 3 + [(2, 0)]
+    moved = moved_points([*turns, *stored], {place.name: 10_000_000})
+    assert [(len(ours), len(theirs)) for ours, theirs in moved.values()] == [(2, 6)] * 3
+    assert moved_points(turns, {})[PRIMARY][0] == [] and max(moved[DIFFUSE][1]) == 2310 / 11400
+
+
 def test_walkthroughs_are_shown_when_they_have_ended(core, capsys):
     shown = []
     tables = [ChcrtTable.scenes, ChcrtTable.phases, ChcrtTable.randomisation]
-    run = chcrt_tables.ChcrtRun(tables, 2, PACE._replace(frames=2), quiet, shown.append)
-    found, same = chcrt_tables.measure_in_memory([core.place], run)
+    run = chcrt_measurements.ChcrtRun(tables, 2, PACE._replace(frames=2), quiet, shown.append)
+    found, same = chcrt_measurements.measure_in_memory([core.place], run)
     assert same and [t for turns in shown for t in turns] == found[ChcrtTable.times] + found[ChcrtTable.randomisation]
     assert len(shown) == 2 + len(measure.SAMPLERS) and found[ChcrtTable.scenes][0].triangles > 0
-    chcrt_tables.show_medians(shown[0])
+    chcrt_measurements.show_medians(shown[0])
     told = capsys.readouterr()
     assert told.out == "" and [line.split(":")[0] for line in told.err.splitlines()] == [
         f"city, near, {kind}, chcrt" for kind in KINDS
     ]
-    assert chcrt_tables.measure_in_memory([core.place], run._replace(tables=[ChcrtTable.scenes]))[1] is None
+    assert chcrt_measurements.measure_in_memory([core.place], run._replace(tables=[ChcrtTable.scenes]))[1] is None
 
 
 def test_published_bytes_add_up_or_are_noted():

@@ -28,15 +28,16 @@ def _tiles(w=200, h=120, pixels=32):
 class _Guessing:
     """Rays that answer at random."""
 
-    def __init__(self, seed):
-        self.rng, self.traced = np.random.default_rng(seed), []
+    def __init__(self, seed, any_hit=False):
+        self.rng, self.any_hit, self.traced = np.random.default_rng(seed), any_hit, []
 
-    def answer(self, pairs, threshold, again):
+    def answer(self, pairs, threshold):
         counts = (self.rng.random(len(pairs.tile)) < 0.8).astype(np.int32)
         return Answers(counts, self.rng.random(len(pairs.tile)).astype(np.float32), 1)
 
     def trace(self, pairs, keys):
         self.traced.append((pairs, keys))
+        return self.rng.random(len(keys)) < 0.5
 
 
 def _lists(fronts, pairs, keys, front_to_back=True):
@@ -64,11 +65,11 @@ def _covered(fronts):
 
 
 @settings(max_examples=15, deadline=None)
-@given(seed=st.integers(0, 1000), sets=st.sampled_from([1, 3]), frames=st.integers(1, 5))
-def test_leaves_cover_everything_once(seed, sets, frames):
+@given(seed=st.integers(0, 1000), sets=st.sampled_from([1, 3]), frames=st.integers(1, 5), any_hit=st.booleans())
+def test_leaves_cover_everything_once(seed, sets, frames, any_hit):
     fronts = Fronts(_tiles(), _parts()[0], sets, ChcRtOptions(every=2))
     assert fronts.parts.inner > 5 and fronts.tiles.smallest > 5
-    rays = _Guessing(seed)
+    rays = _Guessing(seed, any_hit)
     for _ in range(frames):
         trace_frame(fronts, rays)
         assert (_covered(fronts) == 1).all()
@@ -110,32 +111,48 @@ def test_parts_come_in_the_order_of_the_tree():
     np.testing.assert_array_equal(part_order(np.array([[1, 4], [3, 2], [-1, -1], [-1, -1], [-1, -1]]), 2), [1, 0, 2])
 
 
-def test_visible_pairs_are_asked_every_few_frames_and_invisible_ones_always():
-    class Counting(_Guessing):
-        def answer(self, pairs, threshold, again):
-            self.asked = [*getattr(self, "asked", []), (again, len(pairs.tile))]
-            return Answers(np.full(len(pairs.tile), 1, np.int32), np.zeros(len(pairs.tile), np.float32), 1)
+class _Counting(_Guessing):
+    """Rays that meet everything, and record how many pairs each query has."""
 
+    def answer(self, pairs, threshold):
+        self.asked = [*getattr(self, "asked", []), len(pairs.tile)]
+        return Answers(np.ones(len(pairs.tile), np.int32), np.zeros(len(pairs.tile), np.float32), 1)
+
+
+def test_visible_pairs_of_nearest_hits_are_queried_every_few_frames():
     fronts = Fronts(_tiles(), _parts()[0], 1, ChcRtOptions(every=3))
-    trace_frame(fronts, Counting(0))
+    trace_frame(fronts, _Counting(0))
     n, asked = len(fronts.of(VISIBLE)), 0
     assert n > 100 and not len(fronts.of(INVISIBLE))
     for _ in range(3):
-        rays = Counting(0)
+        rays = _Counting(0)
         trace_frame(fronts, rays)
-        again = sum(k for due, k in rays.asked if due)
-        assert 0 < again < n
-        asked += again
+        assert 0 < sum(rays.asked) < n
+        asked += sum(rays.asked)
     assert asked == n
+
+
+def test_visible_pairs_of_any_hit_rays_are_queried_unless_they_block():
+    class Blocking(_Counting):
+        def trace(self, pairs, keys):
+            self.idle = ~super().trace(pairs, keys)
+            return ~self.idle
+
+    fronts = Fronts(_tiles(), _parts()[0], 1, ChcRtOptions(every=3))
+    trace_frame(fronts, _Counting(0, any_hit=True))
+    for seed in range(3):
+        rays = Blocking(seed, any_hit=True)
+        trace_frame(fronts, rays)
+        assert 0 < sum(rays.asked) == rays.idle.sum() < len(fronts.of(VISIBLE))
 
 
 def test_invisibility_is_pulled_up_one_level_a_frame():
     class Blind(_Guessing):
-        def answer(self, pairs, threshold, again):
+        def answer(self, pairs, threshold):
             return Answers(np.zeros(len(pairs.tile), np.int32), np.zeros(len(pairs.tile), np.float32), 1)
 
     class Seeing(_Guessing):
-        def answer(self, pairs, threshold, again):
+        def answer(self, pairs, threshold):
             return Answers(np.ones(len(pairs.tile), np.int32), np.zeros(len(pairs.tile), np.float32), 1)
 
     fronts = Fronts(_tiles(), _parts()[0], 1, ChcRtOptions(every=1))

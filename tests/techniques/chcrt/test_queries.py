@@ -49,14 +49,15 @@ def _counts(boxes, origins, directions, live, grow):
 
 
 def _check(rays, parts, origins, directions, live, per_tile):
-    """Compare the counts of all pairs of a smallest tile and a row with rays tested one by one."""
-    n, rows = rays.tiles.smallest, len(parts.lines)
-    tile, row = (a.ravel().astype(np.int32) for a in np.meshgrid(np.arange(n), np.arange(rows), indexing="ij"))
-    answers = rays.answer(Pairs(tile, np.zeros_like(tile), row), EVERYTHING, False)
-    left = np.stack([parts.lines[:, 0:12:4], parts.lines[:, 2:12:4]], 1).astype(np.float64)
-    right = np.stack([parts.lines[:, 1:12:4], parts.lines[:, 3:12:4]], 1).astype(np.float64)
+    """Compare the counts of pairs of a smallest tile and every fourth row with rays tested one by one."""
+    n, some = rays.tiles.smallest, np.arange(0, len(parts.lines), 4)
+    tile, row = (a.ravel().astype(np.int32) for a in np.meshgrid(np.arange(n), some, indexing="ij"))
+    lines = parts.lines[some]
+    answers = rays.answer(Pairs(tile, np.zeros_like(tile), row), EVERYTHING)
+    left = np.stack([lines[:, 0:12:4], lines[:, 2:12:4]], 1).astype(np.float64)
+    right = np.stack([lines[:, 1:12:4], lines[:, 3:12:4]], 1).astype(np.float64)
     size = np.ptp(boxes_of(parts.lines[:1])[0], axis=0).max()
-    got = answers.counts.reshape(n, rows)
+    got = answers.counts.reshape(n, -1)
     for t in range(n):
         mine = per_tile == t
         exact, grown = (
@@ -107,15 +108,19 @@ def test_passes(atrium, alike):
     _check(rays, parts, flat.origins.astype(np.float64), ends, there, _tile_of(h, w, rays))
 
 
-def test_segments(atrium):
-    _, query, parts = atrium
-    (h, w), spp = query.sides.shape, query.samples.shape[1]
-    bits = np.random.default_rng(1).integers(0, 1 << spp, (h, w, 1)).astype(np.uint64)
+@pytest.mark.parametrize("spp, size", [(6, (70, 40)), (70, (40, 6))])
+def test_segments(atrium, spp, size):
+    _, _, parts = atrium
+    scene = at.procedural("atrium", triangles=4000)
+    _, query = query_of(scene, scene.cameras[0].resized(*size), at.QuadLight((-2, 9, -2), (4, 0, 0), (0, 0, 4)), spp)
+    h, w = query.sides.shape
+    bits = np.random.default_rng(1).integers(0, 1 << min(spp, 63), (h, w, -(-spp // 64))).astype(np.uint64)
     (step,) = segments_of(parts, query)
     rays = SegmentRaySets(parts, OPTIONS, step, bits, 2)
     ends, _ = segments(query)
     origins = np.broadcast_to(query.origins[:, :, None], ends.shape).reshape(-1, 3).astype(np.float64)
-    blocked = (bits >> np.arange(spp, dtype=np.uint64) & np.uint64(1)).astype(bool).ravel()
+    sample = np.arange(spp)
+    blocked = (bits[..., sample // 64] >> (sample % 64).astype(np.uint64) & np.uint64(1)).astype(bool).ravel()
     live = ~blocked & np.repeat(query.sides.ravel() != 0, spp)
     directions = (ends.reshape(-1, 3) - query.origins[:, :, None].repeat(spp, 2).reshape(-1, 3)).astype(np.float64)
     _check(rays, parts, origins, directions, live, np.repeat(_tile_of(h, w, rays), spp))
@@ -140,9 +145,9 @@ def test_several_ray_sets_answer_as_each_by_itself(atrium):
         rng.integers(0, 3, n),
         rng.integers(0, len(parts.lines), n),
     )
-    answers = both.answer(Pairs(*(a.astype(np.int32) for a in (tile, set_, row))), 5, False)
+    answers = both.answer(Pairs(*(a.astype(np.int32) for a in (tile, set_, row))), 5)
     for k, member in enumerate(members):
         mine = set_ == k
         own = Pairs(*(a[mine].astype(np.int32) for a in (tile, np.zeros(n), row)))
-        np.testing.assert_array_equal(member.answer(own, 5, False).counts, answers.counts[mine])
+        np.testing.assert_array_equal(member.answer(own, 5).counts, answers.counts[mine])
     assert len(np.unique(answers.counts > 5)) == 2

@@ -1,7 +1,8 @@
 """Draws the figures of the CHC+RT paper [Mattausch et al. 2015].
 
-Figures 4, 5, 6 and 9 show a scene in memory after two frames of its near walk: tiles, tree parts, the pairs of rays and
-triangles that queries cover, and colour bleeding. Figures 7 and 8 are curves over the frames and bars of the phases.
+They show a scene in memory after two frames of its near walk: tiles, tree parts, the pairs of rays and triangles that
+queries cover, and colour bleeding, in aggressive mode and by rotations of the directions. `chcrt_plots` has Figures 7
+and 8.
 """
 
 import re
@@ -24,21 +25,10 @@ from ...techniques.chcrt.tree_parts import TreeParts, parts_of
 from ...techniques.chcrt.visibility_fronts import INNER, VISIBLE, Fronts
 from ...techniques.tracer_options import ChcRtOptions
 from ...trace.tree_list import ROOT, Hits
-from ..bench_runner import Say, plot_sheet, save_sheet
+from ..bench_runner import Say, save_sheet
 from ..published_methods import tracer_name
 from . import chcrt_published as published
-from .walkthrough_timing import (
-    PHASES,
-    InCore,
-    Turn,
-    colour_bleeding,
-    error_of,
-    later,
-    of,
-    rows_of,
-    speedup,
-    value_of,
-)
+from .walkthrough_timing import SAMPLERS, InCore, colour_bleeding, error_of
 from .walkthroughs import DIFFUSE, SAMPLER, Culling, FrameRays, timed
 
 # --- The tiles, parts and triangles that query pairs cover [Mattausch et al. 2015, Fig. 4 to 6] -----------------------
@@ -195,6 +185,7 @@ class CullingState(NamedTuple):
     long: PassState  # the same pass, across the whole scene
     exact: np.ndarray  # (h, w, 3) uint8: diffuse colour bleeding
     neglecting: np.ndarray  # (h, w, 3) uint8: the same in aggressive mode with threshold ERROR
+    rotated: dict[str, np.ndarray]  # sampler -> (h, w, 3) uint8: the same with other rotations between pixels
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -232,16 +223,19 @@ def culling_state(core: InCore) -> CullingState:
         frame_rays = core.frame_rays(walk.camera(frame, _WALK), SAMPLER)
         if not (frame_rays.surfaces.ids >= 0).any():
             raise InputError(f"{core.place.name}: the {walk.name} camera sees nothing; choose another scene")
-        rays = next(q for q in frame_rays.queries(DIFFUSE) if isinstance(q, RayPass))
+        bounce = next(q for q in frame_rays.queries(DIFFUSE) if isinstance(q, RayPass))
         camera_state = _camera_state(camera, frame_rays, core.threads)
         short_state, long_state = (
-            _diffuse_state(s, rays, frame_rays.shape, n, core.threads)
+            _diffuse_state(s, bounce, frame_rays.shape, n, core.threads)
             for s, n in ((short, SHORT * length), (long, length))
         )
         exact, neglecting = (_bleeding(method, frame_rays) for method in methods)
-    surfaces = frame_rays.surfaces
+    surfaces, rotated = frame_rays.surfaces, dict[str, np.ndarray]()
+    for sampler in SAMPLERS[1:]:
+        rays = core.frame_rays(walk.camera(_FRAMES - 1, _WALK), sampler)
+        rotated[sampler] = _bleeding(Culling(sampler, ChcRtState(parts, options), core.threads), rays)
     return CullingState(
-        core.place.name, parts, surfaces, length, camera_state, short_state, long_state, exact, neglecting
+        core.place.name, parts, surfaces, length, camera_state, short_state, long_state, exact, neglecting, rotated
     )
 
 
@@ -277,10 +271,10 @@ def _bleeding(method: Culling, frame_rays: FrameRays) -> np.ndarray:
     return colour_bleeding(frame_rays.surfaces, [(colour, face) for face, _ in timed(method, frame_rays, DIFFUSE)[1]])
 
 
-# --- Draws Figures 4, 5, 6 and 9 --------------------------------------------------------------------------------------
+# --- Draws Figures 4, 5, 6, 9 and 10 ----------------------------------------------------------------------------------
 
 
-FIGURES = 4, 5, 6, 9
+FIGURES = 4, 5, 6, 9, 10
 _PANEL = 5.2  # width of a panel, in inches
 _RED, _GREEN, _BLUE = "#e0301e", "#2ca02c", "#1030ff"
 _OVER = 0.05, 0.65, 0.1  # colour of tiles whose rays may hit many triangles
@@ -301,7 +295,9 @@ def write_pictures(core: InCore, folder: Path, say: Say) -> None:
     """Write a PNG file for each of FIGURES."""
     say(f"{core.place.name}, figures")
     state = culling_state(core)
-    for figure, draw in zip(FIGURES, (_draw_tiles, _draw_parts, _draw_matrix, _draw_bleeding), strict=True):
+    for figure, draw in zip(
+        FIGURES, (_draw_tiles, _draw_parts, _draw_matrix, _draw_bleeding, _draw_rotations), strict=True
+    ):
         save_sheet(draw(state), folder / name_of(state.name, figure))
 
 
@@ -456,67 +452,10 @@ def _draw_bleeding(state: CullingState) -> Any:
     return sheet
 
 
-# --- Draws Figures 7 and 8: curves over the frames, and bars of the phases --------------------------------------------
-
-
-_TIME_PARTS = ("before", *PHASES)
-_COLOURS = ("0.7", "tab:blue", "tab:orange", "tab:red")
-_ROOT = "bsah+single"  # stands for GLSL in Fig. 8
-
-
-def write_plot(turns: list[Turn], path: Path) -> None:
-    """Write a plot with a row per scene and view: bars on the left, then a panel of curves per ray kind."""
-    walks, kinds = rows_of(turns, "scene", "view"), rows_of(turns, "kind")
-    colours = {row["method"]: f"C{i}" for i, row in enumerate(rows_of(turns, "method"))}
-    columns, widths = 1 + len(kinds), [1.5] + [1.0] * len(kinds)
-    with plot_sheet(path, 3.6 * sum(widths), 3.0 * len(walks) + 0.4) as sheet:
-        panels = sheet.subplots(len(walks), columns, squeeze=False, width_ratios=widths)
-        for row, walk in zip(panels, walks):
-            mine = of(turns, **walk)
-            _draw_bars(row[0], mine)
-            row[0].set_title(", ".join(walk.values()), fontsize=9)
-            for panel, kind in zip(row[1:], kinds):
-                _draw_curves(panel, of(mine, **kind), colours)
-                panel.set_title(kind["kind"], fontsize=9)
-        bars = panels[0, 0].get_legend_handles_labels()
-        sheet.legend(*bars, loc="outside lower left", ncols=len(bars[0]), fontsize=8)
-        lines = {line.get_label(): line for panel in panels[:, 1:].flat for line in panel.get_lines()}
-        sheet.legend(lines.values(), lines, loc="outside lower right", ncols=len(lines), fontsize=8)
-
-
-def shares(turns: list[Turn]) -> dict[str, float]:
-    """Each phase's share of the time of the frames after the first; the shares add up to 1."""
-    after = later(turns)
-    return {part: sum(value_of(t, part) for t in after) / sum(t.seconds for t in after) for part in _TIME_PARTS}
-
-
-def _draw_bars(panel: Any, turns: list[Turn]) -> None:
-    """Draw a bar per ray kind and method with phases, next to plain tracing from the root."""
-    rows = rows_of([t for t in turns if t.statistics], "kind", "method")
-    at, bottom, bars = np.arange(len(rows)), np.zeros(len(rows)), [of(turns, **row) for row in rows]
-    root = [of(turns, kind=row["kind"], method=_ROOT) for row in rows]
-    width = 0.4 if any(root) else 0.8
-    for name, colour in zip(_TIME_PARTS, _COLOURS):
-        part = np.array([shares(bar)[name] for bar in bars])
-        panel.bar(at, part, width, bottom, color=colour, label=name)
-        bottom += part
-    if any(root):
-        ratios = [speedup(ours, theirs) if theirs else 0.0 for ours, theirs in zip(bars, root)]
-        panel.bar(at + width, ratios, width, color="white", edgecolor="black", hatch="//", label=_ROOT)
-    several = len({row["method"] for row in rows}) > 1
-    names = [", ".join(row.values()) if several else row["kind"] for row in rows]
-    middle = at + width / 2 if any(root) else at
-    panel.set_xticks(middle, names, fontsize=7, rotation=25, ha="right", rotation_mode="anchor")
-    panel.set_ylabel("share of CHC+RT's time", fontsize=8)
-
-
-def _draw_curves(panel: Any, turns: list[Turn], colours: dict[str, str]) -> None:
-    highest = 0.0
-    for row in rows_of(turns, "method"):
-        some = of(turns, **row)
-        name, ms = row["method"], [1e3 * t.seconds for t in some]
-        panel.plot([t.frame for t in some], ms, marker=".", color=colours[name], label=name)
-        highest = max(highest, *ms)
-    panel.set(ylim=(0, 1.08 * highest), xlabel="frame", ylabel="ms")
-    panel.xaxis.get_major_locator().set_params(integer=True)
-    panel.grid(alpha=0.3)
+def _draw_rotations(state: CullingState) -> Any:
+    """Figure 10."""
+    sheet, panels = _sheet(len(state.rotated), state, "diffuse colour bleeding by rotation of directions (Figure 10)")
+    for panel, (sampler, picture) in zip(panels, state.rotated.items()):
+        degrees = sampler.partition(":")[2]
+        _show(panel, picture, f"{degrees} degrees" if degrees.isdigit() else f"{degrees} randomisation")
+    return sheet

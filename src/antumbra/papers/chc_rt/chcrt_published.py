@@ -20,12 +20,14 @@ class ChcrtTable(StrEnum):
     aggressive = "aggressive"
     ablation = "ablation"
     store = "store"
+    mapped = "mapped"
+    bounces = "bounces"
 
 
 WALKED = frozenset({ChcrtTable.times, ChcrtTable.phases, ChcrtTable.queries, ChcrtTable.store})
 """Tables that share walkthroughs."""
 
-IN_CORE = tuple(table for table in ChcrtTable if table != ChcrtTable.store)
+IN_CORE = tuple(table for table in ChcrtTable if table.value not in ("store", "mapped", "bounces"))
 PAGED = tuple(table for table in ChcrtTable if table != ChcrtTable.randomisation)
 """Tables for scenes in memory, and for a store."""
 
@@ -108,7 +110,18 @@ RANDOMISATION = {
 """Table 5, near: (scene, kind) -> times for rotations by 0, 18 and 36 degrees, and for full rotations."""
 
 BEST = 5.94
-"""Abstract: the largest speedup of CHC+RT over GLSL."""
+"""Abstract: the largest speedup of CHC+RT over GLSL, of diffuse rays in Powerplant."""
+
+
+def speedups(kind: int) -> list[float]:
+    """Table 2: the speedups of CHC+RT over GLSL for one of KINDS, of each scene near and far."""
+    return [glsl[kind] / ours[kind] for each in TIMES.values() for glsl, ours in zip(each["GLSL"], each["CHC+RT"])]
+
+
+def moved(kind: int) -> list[float]:
+    """Tables 1 and 3: the share of the scene moved per frame for one of KINDS, of each scene near and far."""
+    return [view[kind] / MODELS[name][1] for name, (_, _, moved) in STATISTICS.items() for view in moved]
+
 
 SCREEN_HIERARCHY = 3
 """Sec. 6: the speedup from the screen hierarchy, Powerplant at 1920x1080."""

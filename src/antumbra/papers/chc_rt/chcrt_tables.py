@@ -1,209 +1,22 @@
-"""Measures and prints the tables of ``antumbra bench chc-rt``, with the paper's results.
+"""Prints the tables of ``antumbra bench chc-rt``, with the paper's results [Mattausch et al. 2015]."""
 
-They include the sizes of scenes [Mattausch et al. 2015, Table 1] and an ablation: CHC+RT with single features disabled
-or other parameters (Sec. 4.4, 4.5, 5.1, 5.2, 6). The medians of each walkthrough are shown as soon as it ends.
-"""
-
-import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable
 from functools import partial
-from math import inf
-from pathlib import Path
-from statistics import fmean
-from typing import Any, NamedTuple
+from statistics import fmean, median
+from typing import Any
 
-from ...engine.paged_scene import PagedScene
-from ...engine.paged_source import MAX_MEMORY
-from ...errors import InputError
 from ...store.chunk_residency import POLICIES
-from ...store.store_format import chunk_places
-from ...techniques.tracer_options import WHOLE_SCREEN
-from ..bench_runner import Say, TableColumn, columns_of, item, label, ms, print_notes, print_table
-from ..benchmark_views import agree
+from ..bench_runner import TableColumn, columns_of, item, label, ms, print_notes, print_table
 from . import chcrt_published as paper
+from . import mapped_tree
 from . import walkthrough_timing as bench
-from .chcrt_published import WALKED, ChcrtTable
-from .walkthrough_timing import Digests, InCore, Pace, Turn, hit_rate
-from .walkthroughs import AO, DIFFUSE, PLANS, SAMPLER, SOFT, WalkPlace
+from .chcrt_measurements import BASELINE, SceneSize, TableRows
+from .chcrt_published import ChcrtTable
+from .store_walkthroughs import hit_rate
+from .walkthrough_timing import Turn
+from .walkthroughs import BUILD, SINGLE, TRACERS
 
-# --- Scene sizes ------------------------------------------------------------------------------------------------------
-
-
-class SceneSize(NamedTuple):
-    """The size in bytes of what CHC+RT traces: a scene in memory, or a store's file."""
-
-    scene: str
-    triangles: int
-    total: int  # with a store's directory and page padding
-    bvh: int  # nodes
-    geometry: int  # triangles and their colours
-    share: float  # memory limit as a share of `total`, at most 1
-
-
-def size_in_memory(core: InCore) -> SceneSize:
-    """The size of a scene in memory."""
-    bvh, geometry = core.bytes()
-    return SceneSize(core.place.name, core.place.scene.n_triangles, bvh + geometry, bvh, geometry, 1.0)
-
-
-def size_of_store(place: WalkPlace, max_memory: int | None) -> SceneSize:
-    """The size of a store. All of `max_memory` counts towards its share, though rays and images use some of it."""
-    scene = place.scene
-    if not isinstance(scene, PagedScene):
-        raise InputError(f"{place.name}: not a store; use --scene instead of --store")
-    chunks, top = scene.store.chunks, scene.store.top
-    bvh, geometry = top.nodes.nbytes, 0
-    for triangles, nodes, colours in zip(*(a.tolist() for a in (chunks.triangles, chunks.nodes, chunks.colours))):
-        at = chunk_places(triangles, nodes, colours)
-        bvh, geometry = bvh + at.corners - at.nodes, geometry + at.end - at.corners
-    total, most = scene.store.path.stat().st_size, max_memory or scene.max_memory or MAX_MEMORY
-    return SceneSize(place.name, scene.n_triangles, total, bvh, geometry, min(most / total, 1.0))
-
-
-# --- Ablation ---------------------------------------------------------------------------------------------------------
-
-
-BASELINE = "default"
-VARIANTS: dict[str, dict[str, float]] = {
-    BASELINE: {},
-    "no screen hierarchy": {"tile": WHOLE_SCREEN},
-    "no temporal coherence": {"keep": False},
-    "no pull-up": {"pull_up": False},
-    "t_q 0.125": {"weight": 0.125},
-    "t_q 2": {"weight": 2.0},
-    "tiles of 64 pixels": {"tile": 64},
-    "tiles of 256 pixels": {"tile": 256},
-    "parts of 65,536 triangles": {"triangles": 1 << 16},
-    "parts of 4 M triangles": {"triangles": 1 << 22},
-}
-"""Variant -> the options that it changes."""
-
-_MOST = 12  # first frames of a walkthrough that each variant traces, so camera steps are as small as in the others
-_SHARE = 4  # a store's walkthrough gets 1 / _SHARE of the time limit
-
-
-def ablate_in_memory(core: InCore, pace: Pace, say: Say) -> Iterator[list[Turn]]:
-    """Measure all variants in the near walkthrough, alternating within each frame."""
-    methods = [core.culling_by(name, changed) for name, changed in VARIANTS.items()]
-    pace = pace._replace(most=_MOST)
-    yield bench.walk_through(core, core.place.walks[0], methods, (AO, DIFFUSE, SOFT), SAMPLER, pace, say)
-
-
-def ablate_out_of_core(
-    place: WalkPlace, max_memory: int | None, threads: int, pace: Pace, say: Say
-) -> Iterator[tuple[list[Turn], Digests]]:
-    """Measure each variant in the near walkthrough, starting with no chunk in memory.
-
-    A store's parts are its chunks, so variants with other parts are skipped. The rest trace as many frames as the first
-    variant reaches within the time limit.
-    """
-    pace = pace._replace(most=_MOST, limit=pace.limit / _SHARE)
-    for name, changed in VARIANTS.items():
-        if "triangles" in changed:
-            continue
-        with bench.opened(place, max_memory, threads) as paged:
-            scheduled = paged.accelerated.prepared
-            scheduled.options = scheduled.options._replace(**changed)
-            turns, digests = bench.walk_through_store(place, place.walks[0], paged, name, pace, say)
-        pace = pace._replace(most=1 + turns[-1].frame, limit=inf)
-        yield turns, digests
-
-
-# --- Measures the requested tables ------------------------------------------------------------------------------------
-
-
-TableRows = dict[ChcrtTable, list[Any]]
-"""`Turn`s of each measured table; `SceneSize`s for `scenes`. `times` or `store` has the turns of all WALKED tables."""
-
-
-def show_medians(turns: list[Turn]) -> None:
-    """Print a line per method and ray kind to standard error, above the progress line."""
-    for row in bench.rows_of(turns, "scene", "view", "sampler", "kind", "method"):
-        mine = bench.of(turns, **row)
-        names = [value for value in row.values() if value != SAMPLER]
-        text = f"{', '.join(names)}: {1e3 * bench.typical(mine):,.1f} ms per frame ({len(mine)} frames)"
-        print(text, file=sys.stderr, flush=True)
-
-
-class ChcrtRun(NamedTuple):
-    """What to measure, and how to show it."""
-
-    tables: Sequence[ChcrtTable]
-    threads: int
-    pace: Pace
-    say: Say
-    show: Callable[[list[Turn]], None]  # called with the turns of each walkthrough as soon as it ends
-    pictures: Path | None = None  # folder for the figures of scenes in memory
-    memory: int | None = None  # memory limit for a store, in bytes
-
-
-def measure_in_memory(places: Iterable[WalkPlace], run: ChcrtRun) -> tuple[TableRows, bool | None]:
-    """Measure scenes in memory: (rows, whether all answers agree, or None without answers)."""
-    tables, pace, say = run.tables, run.pace, run.say
-    rows: TableRows = {}
-    for place in places:
-        say(f"{place.name}, building")
-        core = InCore(place, run.threads)
-        if run.pictures is not None:
-            from .chcrt_figures import write_pictures
-
-            write_pictures(core, run.pictures, say)
-        if ChcrtTable.scenes in tables:
-            rows.setdefault(ChcrtTable.scenes, []).append(size_in_memory(core))
-        walks: dict[ChcrtTable, Iterable[list[Turn]]] = {
-            ChcrtTable.times: bench.times(core, pace, ChcrtTable.times in tables, say),
-            ChcrtTable.randomisation: bench.randomisation(core, pace, say),
-            ChcrtTable.aggressive: bench.aggressive(core, pace, say),
-            ChcrtTable.ablation: ablate_in_memory(core, pace, say),
-        }
-        for name, each in walks.items():
-            if name in tables or (name == ChcrtTable.times and WALKED.intersection(tables)):
-                rows.setdefault(name, []).extend(_gathered(each, run))
-    return rows, differing(rows) == 0 if rows.keys() - {ChcrtTable.scenes} else None
-
-
-def measure_out_of_core(place: WalkPlace, run: ChcrtRun) -> tuple[TableRows, bool | None]:
-    """Measure a store: (rows, whether all answers agree, or None if none are compared)."""
-    tables, store = run.tables, (place, run.memory, run.threads)
-    rows: TableRows = {}
-    digests: Digests = []
-    if ChcrtTable.scenes in tables:
-        rows[ChcrtTable.scenes] = [size_of_store(place, run.memory)]
-    if WALKED.intersection(tables):
-        policies = POLICIES if ChcrtTable.store in tables else POLICIES[:1]
-        walks = bench.out_of_core(*store, run.pace, policies, run.say)
-        rows[ChcrtTable.store] = _gathered(_without(digests, walks), run)
-    if ChcrtTable.aggressive in tables:
-        rows[ChcrtTable.aggressive] = _gathered(bench.aggressive_out_of_core(*store, run.pace, run.say), run)
-    if ChcrtTable.ablation in tables:
-        walks = ablate_out_of_core(*store, run.pace, run.say)
-        rows[ChcrtTable.ablation] = _gathered(_without(digests, walks), run)
-    return rows, agree(digests) if {ChcrtTable.store, ChcrtTable.ablation}.intersection(tables) else None
-
-
-def differing(measured: TableRows) -> int:
-    """The number of rays with different answers by exact methods."""
-    turns = (t for name, rows in measured.items() if name != ChcrtTable.scenes for t in rows)
-    return sum(t.differs for t in turns if t.error is None)
-
-
-def _gathered(walks: Iterable[list[Turn]], run: ChcrtRun) -> list[Turn]:
-    """All turns of the walkthroughs, each shown as soon as it ends."""
-    turns: list[Turn] = []
-    for walk in walks:
-        run.show(walk)
-        turns += walk
-    return turns
-
-
-def _without(digests: Digests, walks: Iterable[tuple[list[Turn], Digests]]) -> Iterable[list[Turn]]:
-    """Yield the turns of each walkthrough, and append its digests to `digests`."""
-    for turns, new in walks:
-        digests += new
-        yield turns
-
-
-# --- Prints the tables ------------------------------------------------------------------------------------------------
+# --- Columns ----------------------------------------------------------------------------------------------------------
 
 
 _ROW = ("scene", "view", "kind")
@@ -278,12 +91,8 @@ def _print_scenes(sizes: list[SceneSize]) -> None:
     print_table(title, columns, sizes, paper.MODELS.items())
 
 
-def _print_times(turns: list[Turn]) -> None:
-    """Print Table 2."""
-    (_print_paged_times if _is_paged(turns) else _print_times_in_core)(turns)
-
-
 def _print_paged_times(turns: list[Turn]) -> None:
+    """Print Table 2 out of core."""
     columns = (
         *_PUBLISHED_ROW,
         _named("eviction", name="method"),
@@ -297,24 +106,22 @@ def _print_paged_times(turns: list[Turn]) -> None:
     print_table(title, columns, _with_statistics(turns), _published(published))
 
 
-def _print_times_in_core(turns: list[Turn]) -> None:
+def _print_times(turns: list[Turn]) -> None:
+    """Print Table 2 in memory."""
     by = {
-        (plan, *row.values()): mine
-        for plan in (bench.CHCRT, *PLANS)
-        for row, mine in _groups(bench.of(turns, method=plan), *_ROW)
+        (name, *row.values()): mine
+        for name in (bench.CHCRT, *TRACERS)
+        for row, mine in _groups(bench.of(turns, method=name), *_ROW)
     }
     ours = lambda group: by[bench.CHCRT, *group[0].values()]
-    theirs = lambda group, plan: by.get((plan, *group[0].values()))
+    theirs = lambda group, name: by.get((name, *group[0].values()))
 
-    def speedup(group: Group, plan: str) -> float:
-        other = theirs(group, plan)
-        return bench.speedup(ours(group), other) if other else 0.0
-
-    def plan_columns(k: int, plan: str) -> tuple[TableColumn, TableColumn]:
+    def tracer_columns(k: int, name: str) -> tuple[TableColumn, TableColumn]:
         time, ratio = (item(4 + 2 * k), item(5 + 2 * k)) if k < 2 else (None, None)
+        speedup = lambda group, other: f"{bench.speedup(ours(group), other):.2f}"
         return (
-            TableColumn(plan, lambda group: ms(bench.typical(other)) if (other := theirs(group, plan)) else "", time),
-            TableColumn("ratio", lambda group: f"{speedup(group, plan):.2f}" if theirs(group, plan) else "", ratio),
+            TableColumn(name, lambda group: ms(bench.typical(other)) if (other := theirs(group, name)) else "", time),
+            TableColumn("ratio", lambda group: speedup(group, other) if (other := theirs(group, name)) else "", ratio),
         )
 
     columns = (
@@ -322,7 +129,7 @@ def _print_times_in_core(turns: list[Turn]) -> None:
         TableColumn("rays", lambda group: f"{ours(group)[-1].rays:,}"),
         TableColumn("first frame", lambda group: ms(bench.first(ours(group)))),
         TableColumn("chcrt", lambda group: ms(bench.typical(ours(group))), item(3)),
-        *(column for k, plan in enumerate(PLANS) for column in plan_columns(k, plan)),
+        *(column for k, name in enumerate(TRACERS) for column in tracer_columns(k, name)),
         TableColumn("frames", lambda group: f"{len(ours(group))}"),
         _by_turns("differ", lambda mine: f"{sum(t.differs for t in mine)}"),
     )
@@ -331,35 +138,68 @@ def _print_times_in_core(turns: list[Turn]) -> None:
         glsl, chc, cuda = (methods[m][v][k] for m in ("GLSL", "CHC+RT", "CUDA"))
         return f"{chc:,}", f"{glsl:,}", f"{glsl / chc:.2f}", f"{cuda:,}", f"{cuda / chc:.2f}"
 
-    groups = _groups(turns, *_ROW)
     published = _published((name, partial(figures, methods)) for name, methods in paper.TIMES.items())
-    title = "Milliseconds per frame, and ratio of the other plans to chcrt in the same frames (Table 2)"
-    print_table(title, columns, groups, published)
-    print("(paper: the first of the other plans is GLSL, from the root; the second is CUDA)")
-    best = max((speedup(group, plan) for group in groups for plan in PLANS), default=0.0)
-    print_notes([("largest speedup", f"{best:.2f} over plain tracing (the paper's {paper.BEST})")])
+    title = f"Milliseconds per frame in one tree ({BUILD}), and their ratio to chcrt in the same frames (Table 2)"
+    print_table(title, columns, _groups(turns, *_ROW), published)
+    print("(paper: the first of the other tracers is GLSL, from the root; the second is CUDA)")
+    print()
+
+
+def _print_speedups(turns: list[Turn]) -> None:
+    """Print the speedup over plain tracing from the root, kind by kind, beside the paper's for the same kind."""
+    spread = lambda ratios: f"{min(ratios):.2f} to {max(ratios):.2f}" if ratios else ""
+    middle = lambda ratios: f"{median(ratios):.2f}" if ratios else ""
+    columns = (
+        label("kind", item(0)),
+        TableColumn("speedup", lambda row: middle(row[1])),
+        TableColumn("scenes and views", lambda row: spread(row[1])),
+        TableColumn("the paper's", lambda row: middle(row[2])),
+        TableColumn("scenes and views", lambda row: spread(row[2])),
+    )
+    rows = [(kind, ours, published_speedups(kind)) for kind, ours in bench.speedups(turns).items()]
+    print_table(f"Speedup of chcrt over {SINGLE}, from the root: medians over scenes and views, by kind", columns, rows)
+    print_notes([("the abstract's", f"{paper.BEST} is the paper's largest, of diffuse rays in one view")])
+
+
+def published_speedups(kind: str) -> list[float]:
+    """The paper's speedups for a ray kind; it has none for soft shadows."""
+    return paper.speedups(paper.KINDS.index(kind)) if kind in paper.KINDS else []
 
 
 def _print_phases(turns: list[Turn]) -> None:
     """Print Fig. 8 as a table."""
     columns = [_named(name) for name in (*_ROW, "method")]
     columns += [_typical(phase, phase) for phase in (*bench.PHASES, "before")]
-    title = "Milliseconds per frame by phase: previously visible, occlusion queries, newly visible (Figure 8)"
+    where = "out of core" if _is_paged(turns) else "in memory"
+    title = f"Milliseconds per frame by phase, {where}: previously visible, queries, newly visible (Figure 8)"
     print_table(title, [*columns, _typical("all")], _with_statistics(turns))
 
 
+_COUNTS = {"queries": "queries", "multi_queries": "multi-queries"} | {
+    name: name for name in ("traced pairs", "visible", "invisible")
+}
+
+
+def _rate(published: Callable[[Any], str] | None = None) -> TableColumn:
+    """A column of millions of rays per second."""
+    return _by_turns("M rays/s", lambda mine: f"{mine[-1].rays / bench.typical(mine) / 1e6:.2f}", published)
+
+
 def _print_queries(turns: list[Turn]) -> None:
+    """Print the counts of queries in memory."""
+    columns = (*map(_named, _ROW), _rate(), *columns_of(_COUNTS, _count))
+    print_table("Rays, queries and pairs per frame, in memory", columns, _with_statistics(turns))
+
+
+def _print_paged_queries(turns: list[Turn]) -> None:
     """Print Table 3."""
-    counts = {"queries": "queries", "multi_queries": "multi-queries"}
-    counts |= {name: name for name in ("traced pairs", "visible", "invisible")}
     bytes_read = {"bytes": "MB moved", "bvh_bytes": "BVH", "geometry_bytes": "geometry"}
-    megabytes = lambda group, name: f"{bench.typical(group[1], name) / 1e6:,.2f}"
     columns = (
         *_PUBLISHED_ROW,
         _named("method"),
-        _by_turns("M rays/s", lambda mine: f"{mine[-1].rays / bench.typical(mine) / 1e6:.2f}", item(3)),
-        *columns_of(counts, _count, lambda row, name: row[4] if name == "queries" else ""),
-        *columns_of(bytes_read, megabytes, lambda row, name: row[5 + list(bytes_read).index(name)]),
+        _rate(item(3)),
+        *columns_of(_COUNTS, _count, lambda row, name: row[4] if name == "queries" else ""),
+        *columns_of(bytes_read, _megabytes, lambda row, name: row[5 + list(bytes_read).index(name)]),
     )
 
     def figures(name: str, v: int, k: int) -> tuple[str, ...]:
@@ -370,6 +210,11 @@ def _print_queries(turns: list[Turn]) -> None:
     published = _published((name, partial(figures, name)) for name in paper.STATISTICS)
     title = "Rays, queries, pairs, and bytes read from a store, per frame (Table 3)"
     print_table(title, columns, _with_statistics(turns), published)
+
+
+def _megabytes(group: Group, name: str) -> str:
+    """The median of a number of bytes, in MB."""
+    return f"{bench.typical(group[1], name) / 1e6:,.2f}"
 
 
 def _print_randomisation(turns: list[Turn]) -> None:
@@ -427,7 +272,7 @@ def _print_ablation(turns: list[Turn]) -> None:
         return f"{bench.typical(group[1]) / bench.typical(base):.2f}"
 
     counts = {"queries": "queries", "traced pairs": "traced pairs", "visible": "visible pairs"}
-    read = _by_turns("total MB read", lambda mine: f"{sum(t.statistics['bytes'] for t in mine) / 1e6:,.1f}")
+    total = lambda mine: f"{sum(t.statistics['bytes'] for t in mine) / 1e6:,.1f}" if _is_paged(mine) else ""
     columns = (
         *map(_named, _ROW),
         _named("CHC+RT", name="method"),
@@ -435,7 +280,7 @@ def _print_ablation(turns: list[Turn]) -> None:
         _typical("ms"),
         TableColumn("ratio", ratio),
         *columns_of(counts, _count),
-        *([read] if _is_paged(turns) else []),
+        *([_by_turns("total MB read", total)] if _is_paged(turns) else []),
         _FRAMES,
     )
     title = "Ablation: CHC+RT without single features or with other parameters, per frame; ratio of times to default"
@@ -463,13 +308,80 @@ def _print_store(turns: list[Turn]) -> None:
     print_table(title, columns, _with_statistics(turns))
 
 
-PRINT: dict[ChcrtTable, Callable[[list[Any]], None]] = {
+def _print_mapped(turns: list[Turn]) -> None:
+    """Print CHC+RT beside the memory-mapped tree, cold and warm."""
+    first = lambda mine: bench.of(mine, frame=0)
+    read = lambda mine, value: f"{value / 1e6:,.1f}" if _is_paged(mine) else ""
+    columns = (
+        *map(_named, _ROW),
+        _named("method"),
+        _by_turns("MB read first", lambda mine: read(mine, sum(t.statistics.get("bytes", 0) for t in first(mine)))),
+        _FIRST._replace(head="ms first"),
+        _by_turns("MB read", lambda mine: read(mine, bench.typical(mine, "bytes"))),
+        _typical("ms"),
+        _FRAMES,
+    )
+    title = "A naive rival: the same tree in memory-mapped files, traced from the root"
+    print_table(title, columns, _groups(turns, *_ROW, "method"))
+    print_notes([
+        ("chcrt", "MB requested from the store's file, within its memory limit"),
+        (mapped_tree.NAME, "MB read from storage by page faults, with pages read ahead; no memory limit applies"),
+        ("first frame", "with no page of the file in the cache of the operating system; kinds follow each other"),
+        ("without rival", "stores whose whole tree exceeds the memory limit"),
+    ])  # fmt: skip
+
+
+def _print_bounces(turns: list[Turn]) -> None:
+    """Print the bytes read per bounce."""
+    columns = (
+        *map(_named, _ROW),
+        _by_turns("rays", lambda mine: f"{mine[0].rays:,}"),
+        _by_turns("MB read first", lambda mine: f"{mine[0].statistics['bytes'] / 1e6:,.1f}"),
+        _FIRST._replace(head="ms first"),
+        TableColumn("MB read", lambda group: _megabytes(group, "bytes")),
+        _typical("ms"),
+        TableColumn("queries", lambda group: _count(group, "queries")),
+        _by_turns("differ", lambda mine: f"{sum(t.differs for t in mine):,}"),
+    )
+    title = "Diffuse paths of several bounces out of core; differ: hits other than in memory"
+    print_table(title, columns, _groups(turns, *_ROW))
+
+
+Printer = Callable[[list[Any]], None]
+
+IN_MEMORY: dict[ChcrtTable, tuple[Printer, ...]] = {
+    ChcrtTable.times: (_print_times, _print_speedups),
+    ChcrtTable.phases: (_print_phases,),
+    ChcrtTable.queries: (_print_queries,),
+}
+OUT_OF_CORE: dict[ChcrtTable, tuple[Printer, ...]] = {
+    ChcrtTable.times: (_print_paged_times,),
+    ChcrtTable.phases: (_print_phases,),
+    ChcrtTable.queries: (_print_paged_queries,),
+    ChcrtTable.store: (_print_store,),
+}
+"""The printers of WALKED tables, for turns in memory and out of core."""
+
+OTHERS: dict[ChcrtTable, Printer] = {
     ChcrtTable.scenes: _print_scenes,
-    ChcrtTable.times: _print_times,
-    ChcrtTable.phases: _print_phases,
-    ChcrtTable.queries: _print_queries,
     ChcrtTable.randomisation: _print_randomisation,
     ChcrtTable.aggressive: _print_aggressive,
     ChcrtTable.ablation: _print_ablation,
-    ChcrtTable.store: _print_store,
+    ChcrtTable.bounces: _print_bounces,
 }
+
+
+def print_tables(tables: Iterable[ChcrtTable], rows: TableRows) -> None:
+    """Print the requested tables that were measured."""
+    in_memory, paged = rows.get(ChcrtTable.times, []), rows.get(ChcrtTable.store, [])
+    for table in tables:
+        printers = [(printer, in_memory) for printer in IN_MEMORY.get(table, ())]
+        printers += [(printer, paged) for printer in OUT_OF_CORE.get(table, ())]
+        if table in OTHERS:
+            printers.append((OTHERS[table], rows.get(table, [])))
+        if table == ChcrtTable.mapped:
+            ours = [turn._replace(method=bench.CHCRT) for turn in bench.of(paged, method=POLICIES[0])]
+            printers.append((_print_mapped, ours + rows.get(table, [])))
+        for printer, turns in printers:
+            if turns:
+                printer(turns)

@@ -140,12 +140,20 @@ PRIMARY, AO, DIFFUSE, SOFT = KINDS = ("primary", "AO", "diffuse", "soft shadows"
 PASSES, SPP = 20, 16  # rays per pixel: of AO and of diffuse light each; of soft shadows
 SAMPLER = "halton:36"  # sampler of AO and diffuse rays
 
-PLANS = {
-    "bsah+single": KINDS,
-    "bsah+packet16": (AO, SOFT),
-    "bsah+multifrusta": (PRIMARY, AO, SOFT),
-}
-"""Plan -> the ray kinds that it has a method for."""
+BUILD = "bsah+reinsert"
+"""All methods trace this tree: an SAH tree after insertion-based optimisation, as in the paper."""
+
+SINGLE = "single"
+"""The tracer that stands in for GLSL: one ray at a time, from the root."""
+
+TRACERS = {SINGLE: KINDS, "packet16": (AO, SOFT), "multifrusta": (PRIMARY, AO, SOFT)}
+"""Stateless tracer -> the ray kinds that it has a method for."""
+
+
+def plan_of(tracer: str) -> str:
+    """The plan of a tracer in the benchmark."""
+    return f"{BUILD}+{tracer}"
+
 
 Query = CameraRays | RayPass | ShadowQuery
 Answer = tuple[np.ndarray, ...]
@@ -235,12 +243,12 @@ class Culling:
 
 
 class Plain:
-    """A stateless plan that traces from the root."""
+    """A stateless tracer, which starts at the root."""
 
-    def __init__(self, plan: str, bvh: Bvh, tree: BlockTree, threads: int):
-        self.name, self.kinds, self.bvh, self.tree, self.threads = plan, PLANS[plan], bvh, tree, threads
-        self.tracer = parse_plan(plan).tracer
-        self.blocks = plan.endswith("multifrusta")
+    def __init__(self, name: str, bvh: Bvh, tree: BlockTree, threads: int):
+        self.name, self.kinds, self.bvh, self.tree, self.threads = name, TRACERS[name], bvh, tree, threads
+        self.tracer = parse_plan(plan_of(name)).tracer
+        self.blocks = name == "multifrusta"
         self.prepared = tree if self.blocks else self.tracer.prepare(bvh, threads)
 
     together = 1

@@ -20,7 +20,7 @@ from ...trace.tree_list import Hits, no_hits
 from ..tracer_options import ChcRtOptions
 from .picture_ray_sets import CameraRaySet, CombinedRaySets, PassRaySet, RaySets, SegmentRaySets, segments_of
 from .ray_bundles import NO_TARGETS, PassRays, pass_rays
-from .tree_parts import TreeParts, parts_of
+from .tree_parts import TreeParts, matching_rows, parts_of
 from .visibility_fronts import Fronts, trace_frame
 
 # --- State between frames, shadow queries and ray passes --------------------------------------------------------------
@@ -46,9 +46,7 @@ class ChcRtState:
 
     def __init__(self, parts: TreeParts, options: ChcRtOptions):
         self.parts, self.options, self.room = parts, options, 0
-        self._fronts: dict[
-            tuple[int, tuple[int, ...], int], tuple[int, Fronts]
-        ] = {}  # with the last frame that used them
+        self._fronts: dict[tuple[int, tuple[int, ...], int], tuple[int, Fronts]] = {}  # with the last frame of each
         self._frame, self._lock = 0, Lock()
         self.begin()
 
@@ -71,6 +69,15 @@ class ChcRtState:
             fronts = fronts or Fronts(rays.tiles, self.parts, rays.sets, self.options)
             self._fronts[key] = self._frame, fronts
             self.statistics.append(trace_frame(fronts, rays, progress).as_dict(fronts))
+
+    def continue_from(self, previous: "ChcRtState") -> None:
+        """Begin a frame with the fronts of the previous tree, if this tree has the same nodes, as after a refit."""
+        rows = matching_rows(previous.parts, self.parts)
+        if rows is not None:
+            for _, fronts in previous._fronts.values():
+                fronts.move_to(self.parts, rows)
+            self._frame, self._fronts = previous._frame, previous._fronts
+            self.begin()
 
     def states(self) -> Iterator[tuple[int, Fronts]]:
         """Yield (call number, fronts) for the calls of this frame, in order."""

@@ -81,24 +81,23 @@ def slabs_in(bundle, live):
 
 @overloaded("ray_bundles")
 def bundles_in(source):
-    """In kernels: the number of bundles per cell; 0: the cell's shaft alone decides."""
+    """In kernels: the number of bundles per cell."""
 
 
 @overloaded("ray_bundles")
-def load_bundle(source, picture, corner, s, k, with_blocked, bundle):
+def load_bundle(source, picture, corner, s, k, bundle):
     """In kernels: fill bundle k of a cell, in ray set s. Return bits of the active rays.
 
     corner : (y, x) of the first receiver of the cell
-    with_blocked : also load blocked rays, as active ones
     """
 
 
 # --- Cells of 16 receivers, and regions of 16 cells -------------------------------------------------------------------
 
 _F = np.float32
-FAR, COUNT, ALL = 12, 13, 14  # rows after the shafts: limits, numbers of active rays, numbers of rays
-ROWS = 15
-NONE, BLOCKED = _F(-1.0), _F(-0.5)  # values of row FAR: a cell without rays, a cell whose rays are all blocked
+FAR = 12  # the row after the shafts: limits
+ROWS = 13
+NONE = _F(-1.0)  # the limit of a cell without active rays
 WORDS = ROWS * 16  # float32 numbers per region
 CELL = 4  # side of an image's cell in pixels
 
@@ -164,12 +163,12 @@ def region_in(span, j, columns):
 
 
 @inlined
-def put_cell(cells, g, o_low, o_high, d_low, d_high, far, n):
+def put_cell(cells, g, o_low, o_high, d_low, d_high, far):
     """Write cell g.
 
     o_low, o_high : box of the rays' origins
     d_low, d_high : vectors from its lower and upper corner to the corners of the box of the rays' ends
-    far, n : limit and number of the rays, all active
+    far : limit of the rays
     """
     for k in range(3):
         put(cells, 16 * k + g, o_low[k])
@@ -177,15 +176,13 @@ def put_cell(cells, g, o_low, o_high, d_low, d_high, far, n):
         put(cells, 96 + 16 * k + g, d_low[k])
         put(cells, 144 + 16 * k + g, d_high[k])
     put(cells, FAR * 16 + g, far)
-    put(cells, COUNT * 16 + g, n)
-    put(cells, ALL * 16 + g, n)
 
 
 @inlined
 def no_cell(cells, g):
     """Write cell g as a cell without rays."""
     zero, one = (_F(0.0), _F(0.0), _F(0.0)), (_F(1.0), _F(1.0), _F(1.0))
-    put_cell(cells, g, zero, zero, one, one, NONE, _F(0.0))
+    put_cell(cells, g, zero, zero, one, one, NONE)
 
 
 @inlined
@@ -310,11 +307,9 @@ def _is_open(pairs, i):
 
 
 @kernel
-def _test_shafts(cells, lines, pairs, with_blocked):
+def _test_shafts(cells, lines, pairs):
     """Test the shafts of a region's cells, and write `pairs.met` and keys. Return bits of the cells that meet a box."""
     far, any_ = load16(cells, FAR * 16), 0
-    if with_blocked:
-        far = select(far >= BLOCKED, splat16(_F(1.0)), far)
     live = bits(far >= _F(0.0))
     if live == 0:
         return any_
@@ -345,26 +340,16 @@ def _count_bundle(bundle, live, lines, pairs, g):
 
 
 @kernel
-def _count_cell(pairs, g, n):
-    """Count all n rays of cell g for the pairs that meet its shaft."""
-    for i in range(pairs.first, pairs.end):
-        if get(pairs.met, i) >> g & 1 != 0 and _is_open(pairs, i):
-            put(pairs.counts, i, get(pairs.counts, i) + n)
-
-
-@kernel
-def _count_region(source, picture, region, set_, cells, lines, pairs, with_blocked, bundle):
+def _count_region(source, picture, region, set_, cells, lines, pairs, bundle):
     """Add the rays of a region to the counts of the pairs. Return whether all counts exceed the threshold."""
-    # In: source, picture, region, set_, cells, lines, with_blocked. Out: pairs. Scratch: bundle.
-    met, n = _test_shafts(cells, lines, pairs, with_blocked), bundles_in(source)
+    # In: source, picture, region, set_, cells, lines. Out: pairs. Scratch: bundle.
+    met, n = _test_shafts(cells, lines, pairs), bundles_in(source)
     while met != 0:
         g = lowest_bit(met)
         met &= met - 1
-        if n == 0:
-            _count_cell(pairs, g, np.int64(get(cells, (ALL if with_blocked else COUNT) * 16 + g)))
         corner = first_receiver(picture, region, g)
         for k in range(n):
-            live = load_bundle(source, picture, corner, set_, k, with_blocked, bundle)
+            live = load_bundle(source, picture, corner, set_, k, bundle)
             if live != 0 and _count_bundle(bundle, live, lines, pairs, g) == 0:
                 break
     for i in range(pairs.first, pairs.end):
@@ -374,9 +359,7 @@ def _count_region(source, picture, region, set_, cells, lines, pairs, with_block
 
 
 @kernel
-def _ask(
-    ticket, groups, tiles, sets, spans, source, picture, cells, lines, rows, threshold, with_blocked, counts, keys, met
-):
+def _ask(ticket, groups, tiles, sets, spans, source, picture, cells, lines, rows, threshold, counts, keys, met):
     """Worker: answer groups of pairs of the same set and tile."""
     # In: the arguments before `counts`. Out: counts, keys, met.
     bundle, columns, regions = bundle_in(stack_f32(BUNDLE_FLOATS)), picture.layout.columns, cells.shape[1]
@@ -387,17 +370,14 @@ def _ask(
         for j in range(regions_in(span)):
             region = region_in(span, j, columns)
             place = ptr_at(ptr(cells), (set_ * regions + region) * WORDS)
-            if _count_region(source, picture, region, set_, place, ptr(lines), pairs, with_blocked, bundle):
+            if _count_region(source, picture, region, set_, place, ptr(lines), pairs, bundle):
                 break
 
 
-def answer_queries(
-    rays: ScreenRays, lines: NDArray[np.float32], pairs: Pairs, threshold: int, with_blocked: bool, threads: int
-) -> Answers:
+def answer_queries(rays: ScreenRays, lines: NDArray[np.float32], pairs: Pairs, threshold: int, threads: int) -> Answers:
     """Answer the queries of n pairs of a tile and a row of `lines`.
 
     threshold : counting stops beyond it
-    with_blocked : also count blocked rays
     """
     n = len(pairs.tile)
     counts, keys = np.zeros(n, np.int32), np.ones(n, np.float32)
@@ -410,6 +390,6 @@ def answer_queries(
     group_counts, group_keys, met = np.zeros(n, np.int32), np.ones(n, np.float32), np.zeros(n, np.int32)
     tile, set_, row = (np.ascontiguousarray(a[order], np.int32) for a in pairs)
     arrays = starts, tile, set_, rays.tiles.spans, rays.source, rays.picture, rays.cells, lines, row
-    run(_ask, threads, new_ticket(len(starts) - 1, 1), *arrays, threshold, with_blocked, group_counts, group_keys, met)
+    run(_ask, threads, new_ticket(len(starts) - 1, 1), *arrays, threshold, group_counts, group_keys, met)
     counts[order], keys[order] = group_counts, group_keys
     return Answers(counts, keys, len(starts) - 1)

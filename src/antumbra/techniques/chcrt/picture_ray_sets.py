@@ -60,10 +60,13 @@ class RaySets:
     parts : TreeParts
     rays : ScreenRays
     sets : int
+    any_hit : bool
+        See `visibility_fronts.FrameRaySet`.
     front_to_back : bool
         True: rays traverse their lists of parts front to back; False: in tree order.
     """
 
+    any_hit = False
     front_to_back = True
 
     def __init__(self, parts: TreeParts, rays: ScreenRays, threads: int):
@@ -73,10 +76,10 @@ class RaySets:
     def tiles(self) -> Tiles:
         return self.rays.tiles
 
-    def answer(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
-        return answer_queries(self.rays, self.parts.lines, pairs, threshold, again, self.threads)
+    def answer(self, pairs: Pairs, threshold: int) -> Answers:
+        return answer_queries(self.rays, self.parts.lines, pairs, threshold, self.threads)
 
-    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> None:
+    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> NDArray[np.bool_]:
         raise NotImplementedError
 
     def marker(self) -> Mark | None:
@@ -87,7 +90,8 @@ class RaySets:
 
     def forest(self, lists: Lists, sets: int = 1, fresh: bool = False) -> TreeList:
         p, t = self.parts, self.tiles
-        return TreeList(p.trees, p.heads, t.pixels, t.across, sets, lists.starts, lists.items, fresh)
+        blockers = np.zeros(len(lists.items), np.uint8)
+        return TreeList(p.trees, p.heads, t.pixels, t.across, sets, lists.starts, lists.items, fresh, blockers)
 
 
 class SegmentStep(NamedTuple):
@@ -102,6 +106,7 @@ class SegmentStep(NamedTuple):
 class SegmentRaySets(RaySets):
     """The ray sets of a step; `bits` are those of its query."""
 
+    any_hit = True
     front_to_back = False
 
     def __init__(
@@ -126,15 +131,17 @@ class SegmentRaySets(RaySets):
         super().__init__(parts, ScreenRays(self.segments, picture, tiles_of(shape, options.tile), cells), threads)
         self.fresh = True
 
-    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> None:
-        lists = self.lists(pairs, keys)
+    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> NDArray[np.bool_]:
+        lists, blocking = self.lists(pairs, keys), np.zeros(len(pairs.tile), np.bool_)
         if not (self.fresh or len(lists.tiles)):
-            return
+            return blocking
         forest = self.forest(_padded(lists, self.sets), STRATA if self.sets > 1 else 1, self.fresh)
         self.trace_lists(forest, self.query, self.bits, **self.arguments)
         tiles = np.arange(self.tiles.smallest, dtype=np.int32) if self.fresh else lists.tiles
         shorten(self.rays.cells, self.tiles.spans, tiles, self.segments, self.rays.picture, self.threads)
         self.fresh = False
+        blocking[lists.order] = forest.blockers
+        return blocking
 
 
 def _padded(lists: Lists, sets: int) -> Lists:
@@ -165,9 +172,6 @@ class HitRays(RaySets):
 
     hits: Hits
 
-    def answer(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
-        return super().answer(pairs, threshold, False)  # a ray enters the box of its nearest hit before that hit
-
     def marker(self) -> Mark | None:
         return partial(mark_hits, self.hits, threads=self.threads)
 
@@ -183,15 +187,24 @@ class PassRaySet(HitRays):
             picture = cells_of_pixels(h, w, is_spread(rays))
         cells, tiles = bound_rays(picture, rays, threads), tiles_of(picture.shape, options.tile)
         super().__init__(parts, ScreenRays(rays, picture, tiles, cells), threads)
-        self.pass_, self.hits = rays, rays.hits
+        self.pass_, self.hits, self.any_hit = rays, rays.hits, rays.any_hit
 
     def marker(self) -> Mark | None:
-        return None if self.pass_.any_hit else super().marker()
+        return None if self.any_hit else super().marker()
 
-    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> None:
+    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> NDArray[np.bool_]:
         lists, rays = self.lists(pairs, keys), self.rays
         if len(lists.tiles):
             trace_nearest(self.forest(lists), rays.picture, self.pass_, rays.cells[0], self.threads)
+        return self._blocking(pairs) if self.any_hit else np.zeros(len(pairs.tile), np.bool_)
+
+    def _blocking(self, pairs: Pairs) -> NDArray[np.bool_]:
+        """(k,) bool: the final pairs whose part has the hit of a ray."""
+        tiles, (y, x) = self.tiles, np.nonzero(self.hits.part >= 0)
+        is_hit = np.zeros((tiles.smallest, len(self.parts.trees)), np.bool_)
+        is_hit[y // tiles.pixels * tiles.across + x // tiles.pixels, self.hits.part[y, x]] = True
+        blocking: NDArray[np.bool_] = is_hit[pairs.tile, pairs.row - self.parts.inner]
+        return blocking
 
 
 class CameraRaySet(HitRays):
@@ -211,22 +224,23 @@ class CameraRaySet(HitRays):
         super().__init__(parts, ScreenRays(source, picture, tiles, cells), threads)
         self.picture = primary_picture(camera, parts.boxes[0], self.hits)
 
-    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> None:
+    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> NDArray[np.bool_]:
         lists, rays = self.lists(pairs, keys), self.rays
         if len(lists.tiles):
             trace_hits(self.forest(lists), self.picture, self.threads)
             shorten_camera(
                 rays.cells[0], self.tiles.spans, lists.tiles, rays.picture, self.hits, self.length, self.threads
             )
+        return np.zeros(len(pairs.tile), np.bool_)
 
 
 class CombinedRaySets:
-    """Ray sets of several kinds over one image, traced in one call. A part is read once for all of them."""
+    """Any-hit or nearest-hit ray sets over one image, traced in one call. A part is read once for all of them."""
 
     def __init__(self, members: Sequence[RaySets]):
         self.members = members
         self.ends = np.cumsum([member.sets for member in members])
-        self.sets, self.tiles = int(self.ends[-1]), members[0].tiles
+        self.sets, self.tiles, self.any_hit = int(self.ends[-1]), members[0].tiles, members[0].any_hit
 
     def _of_members(self, pairs: Pairs) -> Iterator[tuple[RaySets, Pairs, NDArray[np.int64]]]:
         """Yield (member, its pairs with the member's set numbers, their indices in `pairs`) for all members."""
@@ -236,17 +250,19 @@ class CombinedRaySets:
             first = int(self.ends[i]) - member.sets
             yield member, Pairs(pairs.tile[indices], pairs.set[indices] - np.int32(first), pairs.row[indices]), indices
 
-    def answer(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
+    def answer(self, pairs: Pairs, threshold: int) -> Answers:
         counts, keys, groups = np.zeros(len(pairs.tile), np.int32), np.ones(len(pairs.tile), np.float32), 0
         for member, member_pairs, indices in self._of_members(pairs):
             if len(indices):
-                answers = member.answer(member_pairs, threshold, again)
+                answers = member.answer(member_pairs, threshold)
                 counts[indices], keys[indices], groups = answers.counts, answers.keys, groups + answers.groups
         return Answers(counts, keys, groups)
 
-    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> None:
+    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> NDArray[np.bool_]:
+        blocking = np.zeros(len(pairs.tile), np.bool_)
         for member, member_pairs, indices in self._of_members(pairs):
-            member.trace(member_pairs, keys[indices])
+            blocking[indices] = member.trace(member_pairs, keys[indices])
+        return blocking
 
     def marker(self) -> Mark | None:
         markers = [marker for member in self.members if (marker := member.marker()) is not None]

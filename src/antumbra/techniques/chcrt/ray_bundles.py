@@ -25,7 +25,6 @@ from ...kernels.simd import (
     mask_from_bits16,
     maximum,
     minimum,
-    popcount,
     ptr,
     ptr_at,
     put,
@@ -46,10 +45,8 @@ from ...scene.camera import CameraRays
 from ...scene.lights import AMBIENT, DIRECTIONAL, SPHERE
 from ...trace.tree_list import Hits, no_hits
 from .occlusion_queries import (
-    BLOCKED,
     BUNDLE_FLOATS,
     CELL,
-    COUNT,
     FAR,
     NONE,
     WORDS,
@@ -76,7 +73,6 @@ from .occlusion_queries import (
 _F = np.float32
 _BOXES = 96
 _PADDING = np.float32(2.0**-20)  # relative to the largest coordinate; exceeds rounding errors of light samples
-_MOST_BUNDLES = 64  # per cell; with more samples, the cell's shaft alone decides
 
 
 class Ends(NamedTuple):
@@ -113,15 +109,15 @@ def ends_of(query: ShadowQuery, first: int, count: int) -> Ends:
 
 @kernel
 def _bound_receivers(query, picture, corner):
-    """The box of a cell's receivers, and their number."""
-    (low, high), n = nothing_yet(), 0
+    """The box of a cell's receivers, and whether there are any."""
+    (low, high), any_ = nothing_yet(), False
     for lane in range(16):
         y, x, inside = receiver_in(picture, corner, lane)
         if inside and query.sides[y, x] != NOTHING:
             o = query.origins[y, x]
             low, high = wider(low, high, (o[0], o[1], o[2]))
-            n += 1
-    return low, high, n
+            any_ = True
+    return low, high, any_
 
 
 @kernel
@@ -155,19 +151,19 @@ def _end(abc, base, u, v, w):
 
 
 @kernel
-def _bound_segments(ticket, query, picture, ends, pad, samples, spp, cells):
+def _bound_segments(ticket, query, picture, ends, pad, samples, cells):
     """Worker: write the cells of regions, for each set of `cells`."""
-    # In: query, picture, ends, pad, samples, spp. Out: cells.
+    # In: query, picture, ends, pad, samples. Out: cells.
     sets, regions, boxes = cells.shape[0], cells.shape[1], stack_f32(_BOXES)
     for region in items(ticket):
         for g in range(16):
             corner = first_receiver(picture, region, g)
-            o_low, o_high, n = _bound_receivers(query, picture, corner)
-            if sets > 1 and n > 0:
+            o_low, o_high, any_ = _bound_receivers(query, picture, corner)
+            if sets > 1 and any_:
                 _bound_ends(query, picture, corner, ptr(samples), boxes)
             for s in range(sets):
                 out = ptr_at(ptr(cells), (s * regions + region) * WORDS)
-                if n == 0:
+                if not any_:
                     no_cell(out, g)
                     continue
                 low, high = (ends.low[0], ends.low[1], ends.low[2]), (ends.high[0], ends.high[1], ends.high[2])
@@ -177,7 +173,7 @@ def _bound_segments(ticket, query, picture, ends, pad, samples, spp, cells):
                 if not ends.moves or sets > 1:
                     low = low[0] - o_low[0], low[1] - o_low[1], low[2] - o_low[2]
                     high = high[0] - o_high[0], high[1] - o_high[1], high[2] - o_high[2]
-                put_cell(out, g, o_low, o_high, low, high, _F(1.0), _F(n if sets > 1 else n * spp))
+                put_cell(out, g, o_low, o_high, low, high, _F(1.0))
 
 
 def bound_cells(
@@ -194,7 +190,7 @@ def bound_cells(
     samples = np.zeros((16, 3, 16), _F)
     if sets > 1:
         samples[..., :count] = query.samples[:, first : first + count].swapaxes(1, 2)
-    run(_bound_segments, threads, new_ticket(cells.shape[1], 1), query, picture, ends, _F(pad), samples, count, cells)
+    run(_bound_segments, threads, new_ticket(cells.shape[1], 1), query, picture, ends, _F(pad), samples, cells)
     return cells
 
 
@@ -206,26 +202,26 @@ def _is_blocked(bits, at, words, sample):
 @overload(bundles_in)
 def _segment_bundles_in(source):
     if source.instance_class is SegmentBundles:
-        return lambda source: 1 if source.sets > 1 else (source.n_samples if source.n_samples <= _MOST_BUNDLES else 0)
+        return lambda source: 1 if source.sets > 1 else source.n_samples
 
 
 @overload(load_bundle)
-def _load_segment_bundle(source, picture, corner, s, k, with_blocked, bundle):
+def _load_segment_bundle(source, picture, corner, s, k, bundle):
     if source.instance_class is SegmentBundles:
-        return lambda source, picture, corner, s, k, with_blocked, bundle: _load_segments(
-            source, picture, corner, source.first + (s if source.sets > 1 else k), with_blocked, bundle
+        return lambda source, picture, corner, s, k, bundle: _load_segments(
+            source, picture, corner, source.first + (s if source.sets > 1 else k), bundle
         )
 
 
 @kernel
-def _load_segments(source, picture, corner, sample, with_blocked, bundle):
+def _load_segments(source, picture, corner, sample, bundle):
     """`load_bundle` of segments: the vector from each receiver to a sample, rounded once, as in the tracers."""
     query, live = query_pointers(source.query), 0
     for lane in range(16):
         y, x, active = receiver_in(picture, corner, lane)
         i = y * query.w + x
         active = active and source.query.sides[y, x] != NOTHING
-        active = active and (with_blocked or not _is_blocked(ptr(source.bits), i, query.words, sample))
+        active = active and not _is_blocked(ptr(source.bits), i, query.words, sample)
         o, end = (_F(0.0), _F(0.0), _F(0.0)), (_F(1.0), _F(1.0), _F(1.0))
         if active:
             o = get(query.origins, 3 * i), get(query.origins, 3 * i + 1), get(query.origins, 3 * i + 2)
@@ -239,47 +235,37 @@ def _load_segments(source, picture, corner, sample, with_blocked, bundle):
 
 
 @kernel
-def _count_unblocked(query, picture, corner, bits, words, first, counts):
-    """Write the number of a cell's unblocked receivers for each of 16 samples; `first` is a multiple of 16."""
-    sums = splat16(_F(0.0))
+def _find_open(query, picture, corner, bits, words, first):
+    """Bits of the 16 samples from `first`, a multiple of 16, to which a cell has an unblocked segment."""
+    open_ = 0
     for lane in range(16):
         y, x, inside = receiver_in(picture, corner, lane)
         if inside and query.sides[y, x] != NOTHING:
-            word = get(bits, (y * picture.w + x) * words + (first >> 6)) >> np.uint64(first & 63)
-            blocked = mask_from_bits16(np.int64(word & np.uint64(0xFFFF)))
-            sums += select(blocked, splat16(_F(0.0)), splat16(_F(1.0)))
-    store(counts, 0, sums)
-
-
-@inlined
-def _put_active_count(out, g, n):
-    """Write n as the number of active rays of cell g."""
-    if get(out, FAR * 16 + g) >= _F(0.0):
-        put(out, COUNT * 16 + g, n)
-        if n == _F(0.0):
-            put(out, FAR * 16 + g, BLOCKED)
+            open_ |= ~np.int64(get(bits, (y * picture.w + x) * words + (first >> 6)) >> np.uint64(first & 63))
+    return open_ & 0xFFFF
 
 
 @kernel
 def _shorten_segments(ticket, spans, tiles, columns, segments, picture, cells):
-    """Worker: update the numbers of unblocked rays of all cells of some tiles."""
+    """Worker: close the cells of some tiles whose segments are all blocked."""
     # In: spans, tiles, columns, segments, picture. Out: cells.
     query, bits, words, regions = segments.query, ptr(segments.bits), segments.bits.shape[2], cells.shape[1]
-    unblocked = stack_f32(16)
+    end = segments.first + segments.n_samples
     for t in items(ticket):
         span = spans[tiles[t]]
         for k in range(regions_in(span)):
             region = region_in(span, k, columns)
             for g in range(16):
-                corner, n = first_receiver(picture, region, g), _F(0.0)
-                for first in range(segments.first, segments.first + segments.n_samples, 16):
-                    _count_unblocked(query, picture, corner, bits, words, first, unblocked)
-                    for s in range(min(16, segments.first + segments.n_samples - first)):
-                        if segments.sets > 1:
-                            _put_active_count(ptr_at(ptr(cells), (s * regions + region) * WORDS), g, get(unblocked, s))
-                        n += get(unblocked, s)
-                if segments.sets == 1:
-                    _put_active_count(ptr_at(ptr(cells), region * WORDS), g, n)
+                corner, any_ = first_receiver(picture, region, g), 0
+                for first in range(segments.first, end, 16):
+                    n = min(16, end - first)
+                    open_ = _find_open(query, picture, corner, bits, words, first) & ((1 << n) - 1)
+                    any_ |= open_
+                    for s in range(n if segments.sets > 1 else 0):
+                        if open_ >> s & 1 == 0:
+                            put(ptr(cells), (s * regions + region) * WORDS + FAR * 16 + g, NONE)
+                if segments.sets == 1 and any_ == 0:
+                    put(ptr(cells), region * WORDS + FAR * 16 + g, NONE)
 
 
 def shorten(
@@ -290,7 +276,7 @@ def shorten(
     picture: PictureCells,
     threads: int,
 ) -> None:
-    """Update the cells of some tiles. Blocked segments are no longer active."""
+    """Update the cells of some tiles, of which those without unblocked segments are no longer active."""
     ticket = new_ticket(len(tiles), 1)
     run(_shorten_segments, threads, ticket, spans, tiles, picture.layout.columns, segments, picture, cells)
 
@@ -392,9 +378,9 @@ def _pass_bundles_in(source):
 
 
 @overload(load_bundle)
-def _load_pass_bundle(source, picture, corner, s, k, with_blocked, bundle):
+def _load_pass_bundle(source, picture, corner, s, k, bundle):
     if source.instance_class is PassRays:
-        return lambda source, picture, corner, s, k, with_blocked, bundle: load_rays(source, picture, corner, bundle)
+        return lambda source, picture, corner, s, k, bundle: load_rays(source, picture, corner, bundle)
 
 
 @inlined
@@ -423,7 +409,7 @@ def _bound_pass(ticket, picture, rays, cells):
                 no_cell(out, g)
             else:
                 (low, high), (d_low, d_high) = _box(bundle.rays, live), _box(ptr_at(bundle.rays, 48), live)
-                put_cell(out, g, low, high, d_low, d_high, _F(1.0), _F(popcount(live)))
+                put_cell(out, g, low, high, d_low, d_high, _F(1.0))
 
 
 def bound_rays(picture: PictureCells, rays: PassRays, threads: int) -> NDArray[np.float32]:
@@ -453,11 +439,9 @@ def _camera_bundles_in(source):
 
 
 @overload(load_bundle)
-def _load_camera_bundle(source, picture, corner, s, k, with_blocked, bundle):
+def _load_camera_bundle(source, picture, corner, s, k, bundle):
     if source.instance_class is CameraBundles:
-        return lambda source, picture, corner, s, k, with_blocked, bundle: _load_camera_rays(
-            source, picture, corner, bundle
-        )
+        return lambda source, picture, corner, s, k, bundle: _load_camera_rays(source, picture, corner, bundle)
 
 
 @kernel
@@ -502,14 +486,13 @@ def _bound_camera(ticket, picture, rays, error, length, cells):
         out = ptr_at(ptr(cells), region * WORDS)
         for g in range(16):
             y, x = first_receiver(picture, region, g)
-            n = max(min(CELL, picture.h - y), 0) * max(min(CELL, picture.w - x), 0)
-            if n == 0:
+            if y >= picture.h or x >= picture.w:
                 no_cell(out, g)
                 continue
             lx, hx = _ends(rays, error, length, x, y, 0)
             ly, hy = _ends(rays, error, length, x, y, 1)
             lz, hz = _ends(rays, error, length, x, y, 2)
-            put_cell(out, g, eye, eye, (lx, ly, lz), (hx, hy, hz), _F(1.0), _F(n))
+            put_cell(out, g, eye, eye, (lx, ly, lz), (hx, hy, hz), _F(1.0))
 
 
 def bound_camera(

@@ -56,6 +56,7 @@ class TreeParts(NamedTuple):
         np.ndarray
     )  # (r, 16) float32: nodes; of a part, its root node, so that queries test the boxes of its children
     children: np.ndarray  # (r, 2) int32: rows; -1: no child, or the row is a part
+    links: np.ndarray  # (r,) int64: the link to each row's node in the tree; of parts of a store: their chunks
     share: np.ndarray  # (r,) float64: surface area relative to the root's
     inner: int  # m
     order: np.ndarray  # (k,) int32: the rank of each part in a depth-first, left-first traversal
@@ -165,8 +166,8 @@ def parts_of(tree: BlockTree, options: ChcRtOptions) -> TreeParts:
     boxes = boxes_of(lines)
     trees = np.array([addresses(tree, int(root)) for root in roots], np.int64).reshape(k, -1)
     return TreeParts(
-        lines, children, shares(lines), m, part_order(children, m), trees, head(*boxes[m:].swapaxes(0, 1)),
-        boxes[0, 1] - boxes[0, 0], None, tree,
+        lines, children, np.concatenate([top, roots]), shares(lines), m, part_order(children, m), trees,
+        head(*boxes[m:].swapaxes(0, 1)), boxes[0, 1] - boxes[0, 0], None, tree,
     )  # fmt: skip
 
 
@@ -191,7 +192,24 @@ def parts_of_chunks(
     boxes = boxes_of(lines)
     heads = head(*boxes[m:].swapaxes(0, 1))
     order = part_order(children, m)
-    return TreeParts(lines, children, shares(lines), m, order, trees, heads, boxes[0, 1] - boxes[0, 0], memory, keeps)
+    return TreeParts(
+        lines, children, np.arange(-m, len(roots)), shares(lines), m, order, trees, heads, boxes[0, 1] - boxes[0, 0],
+        memory, keeps,
+    )  # fmt: skip
+
+
+def matching_rows(old: TreeParts, new: TreeParts) -> NDArray[np.int32] | None:
+    """(r,) int32: the row of `new` with the same node as each row of `old`; None unless both have the same nodes.
+
+    A refitted tree has the same nodes in other boxes. Their children may be swapped.
+    """
+    by_old, by_new = np.argsort(old.links), np.argsort(new.links)
+    if not np.array_equal(old.links[by_old], new.links[by_new]):
+        return None
+    rows = np.empty(len(by_old), np.int32)
+    rows[by_old] = by_new
+    children = np.append(rows, np.int32(-1))[old.children]
+    return rows if np.array_equal(np.sort(children), np.sort(new.children[rows])) else None
 
 
 # --- Lists of the parts that the rays of a smallest tile and ray set traverse -----------------------------------------
@@ -203,6 +221,7 @@ class Lists(NamedTuple):
     starts: np.ndarray  # (tiles * sets + 1,) int32: the first item of list tile * sets + set, and the end
     items: np.ndarray  # (n,) int32: parts
     tiles: np.ndarray  # (k,) int32: the tiles whose lists are not empty
+    order: np.ndarray  # (n,) int64: the pair of each item
 
 
 def in_lists(
@@ -227,4 +246,4 @@ def lists_of(
     counts = np.bincount(number, minlength=smallest * sets)
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
     items = (pairs.row[order] - parts.inner).astype(np.int32)
-    return Lists(starts, items, np.unique(pairs.tile).astype(np.int32))
+    return Lists(starts, items, np.unique(pairs.tile).astype(np.int32), order)

@@ -11,7 +11,7 @@ together.
 
 from contextlib import closing
 from time import perf_counter
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ class Fronts:
     state : (n,) int8
         INNER, INVISIBLE or VISIBLE.
     due : (n,) int64
-        The frame in which a visible pair is queried again.
+        The frame in which a visible pair of nearest-hit rays is queried again.
     key : (n,) float32
         The parameter at which rays enter its box, by the last query.
     """
@@ -61,6 +61,10 @@ class Fronts:
 
     def __len__(self) -> int:
         return len(self.tile)
+
+    def move_to(self, parts: TreeParts, rows: NDArray[np.int32]) -> None:
+        """Continue over the parts of a refitted tree; `rows`: see `tree_parts.matching_rows`."""
+        self.parts, self.row = parts, rows[self.row]
 
     def begin_frame(self) -> None:
         """Discard the pairs of the previous frame unless `ChcRtOptions.keep` is set (Sec. 4.5)."""
@@ -140,18 +144,24 @@ _FIRST_BATCH = 4  # newly visible parts of a tile in the first batch; batches do
 
 
 class FrameRaySet(Protocol):
-    """One or several ray sets of an image, as input of `trace_frame`."""
+    """One or several ray sets of an image, as input of `trace_frame`.
 
-    def answer(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
-        """Answer occlusion queries for pairs; `again`: the pairs have just been traced.
+    any_hit : bool
+        True: rays seek any blocker, and queries no longer count a blocked ray. False: rays seek their nearest hits, and
+        queries count each ray up to its hit so far.
+    """
 
-        Queries of traced pairs also count blocked rays, because a part that blocks a ray must stay visible in the next
-        frame.
-        """
+    any_hit: bool
+
+    def answer(self, pairs: Pairs, threshold: int) -> Answers:
+        """Answer occlusion queries for pairs."""
         ...
 
-    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> None:
-        """Trace the rays of final pairs, and update the limits that queries use; `keys`: see `Answers`."""
+    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Trace the rays of final pairs, and update the limits that queries use; `keys`: see `Answers`.
+
+        Return (k,) bool: the pairs that blocked an any-hit ray.
+        """
         ...
 
     def marker(self) -> Mark | None:
@@ -188,15 +198,19 @@ class Statistics:
 
 
 def trace_frame(fronts: Fronts, rays: FrameRaySet, progress: ProgressCallback | None = None) -> Statistics:
-    """Trace the rays of a call, and update `fronts` for the next frame."""
+    """Trace the rays of a call, and update `fronts` for the next frame.
+
+    Visible pairs of nearest-hit rays are queried every few frames (Sec. 5.1). Pairs of any-hit rays stay visible while
+    they block a ray; the others are queried in every frame.
+    """
     fronts.begin_frame()
     statistics = Statistics(progress)
     visible, hidden = fronts.of(VISIBLE), fronts.of(INVISIBLE)
-    _trace(fronts, rays, visible, statistics)
+    blocking = _trace(fronts, rays, visible, statistics).blocking
     statistics.lap("phase 1")
-    due = visible[fronts.due[visible] <= fronts.frame]
-    is_visible, is_still_visible = _query(fronts, rays, hidden, statistics), _query(fronts, rays, due, statistics, True)
-    fronts.due[due] += fronts.options.every
+    due = visible[~blocking if rays.any_hit else fronts.due[visible] <= fronts.frame]
+    is_visible, is_still_visible = _query(fronts, rays, hidden, statistics), _query(fronts, rays, due, statistics)
+    fronts.due[due] = fronts.frame + fronts.options.every
     fronts.state[due[~is_still_visible]] = INVISIBLE
     statistics.lap("phase 2")
     _traverse(fronts, rays, hidden[is_visible], statistics)
@@ -205,19 +219,24 @@ def trace_frame(fronts: Fronts, rays: FrameRaySet, progress: ProgressCallback | 
     return statistics
 
 
-def _query(
-    fronts: Fronts, rays: FrameRaySet, pairs: NDArray[np.int64], statistics: Statistics, again: bool = False
-) -> NDArray[np.bool_]:
+def _query(fronts: Fronts, rays: FrameRaySet, pairs: NDArray[np.int64], statistics: Statistics) -> NDArray[np.bool_]:
     """Query pairs. Return (k,) bool: whether each has more rays than the threshold."""
-    answers = rays.answer(fronts.pairs(pairs), fronts.options.threshold, again)
+    answers = rays.answer(fronts.pairs(pairs), fronts.options.threshold)
     fronts.key[pairs] = answers.keys
     statistics.queries += len(pairs)
     statistics.multi_queries += answers.groups
     return answers.counts > fronts.options.threshold
 
 
-def _trace(fronts: Fronts, rays: FrameRaySet, pairs: NDArray[np.int64], statistics: Statistics) -> NDArray[np.int64]:
-    """Trace the rays of final pairs, parts in memory first (Sec. 5.4). Return the pairs that were traced.
+class TracedPairs(NamedTuple):
+    """What tracing k pairs has found."""
+
+    traced: NDArray[np.bool_]  # (k,): False where no ray needed the pair any more
+    blocking: NDArray[np.bool_]  # (k,): see `FrameRaySet.trace`
+
+
+def _trace(fronts: Fronts, rays: FrameRaySet, pairs: NDArray[np.int64], statistics: Statistics) -> TracedPairs:
+    """Trace the rays of final pairs, parts in memory first (Sec. 5.4).
 
     The other parts follow front to back, each once for all its pairs. A pair is skipped if all its rays have hits
     before its part is read.
@@ -225,27 +244,28 @@ def _trace(fronts: Fronts, rays: FrameRaySet, pairs: NDArray[np.int64], statisti
     memory = fronts.parts.memory
     if memory is None or not len(pairs):
         statistics.traced += len(pairs)
-        rays.trace(fronts.pairs(pairs), fronts.key[pairs])
-        return pairs
+        return TracedPairs(np.ones(len(pairs), np.bool_), rays.trace(fronts.pairs(pairs), fronts.key[pairs]))
     parts = fronts.row[pairs] - fronts.parts.inner
 
     def still(candidates: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether active rays still enter each of these parts. Called before the parts are read."""
         queried = pairs[np.isin(parts, candidates)]
         threshold = fronts.options.threshold
-        entered = queried[rays.answer(fronts.pairs(queried), threshold, False).counts > threshold]
+        entered = queried[rays.answer(fronts.pairs(queried), threshold).counts > threshold]
         return np.isin(candidates, fronts.row[entered] - fronts.parts.inner)
 
-    ordered, done, traced = _nearest_first(parts, fronts.key[pairs]), 0, [pairs[:0]]
+    ordered, done = _nearest_first(parts, fronts.key[pairs]), 0
+    traced, blocking = np.zeros(len(pairs), np.bool_), np.zeros(len(pairs), np.bool_)
     with closing(memory.groups(ordered, still, rays.marker())) as groups:
         for group in groups:
-            traced.append(pairs[np.isin(parts, group)])
-            statistics.traced += len(traced[-1])
-            rays.trace(fronts.pairs(traced[-1]), fronts.key[traced[-1]])
+            now = np.flatnonzero(np.isin(parts, group))
+            statistics.traced += len(now)
+            traced[now] = True
+            blocking[now] = rays.trace(fronts.pairs(pairs[now]), fronts.key[pairs[now]])
             done += len(group)
             if statistics.progress is not None:
                 statistics.progress(done, len(ordered))
-    return np.concatenate(traced)
+    return TracedPairs(traced, blocking)
 
 
 def _nearest_first(parts: NDArray[np.int32], keys: NDArray[np.float32]) -> NDArray[np.int32]:
@@ -269,7 +289,7 @@ def _traverse(fronts: Fronts, rays: FrameRaySet, visible: NDArray[np.int64], sta
         visible = children[_query(fronts, rays, children, statistics)]
     pairs, batch = np.concatenate(waiting), min(_FIRST_BATCH, fronts.options.batch)
     if fronts.parts.memory is not None:
-        fronts.show(_trace(fronts, rays, pairs, statistics))
+        fronts.show(pairs[_trace(fronts, rays, pairs, statistics).traced])
         return
     while len(pairs):
         nearest = _rank(fronts, pairs) < batch

@@ -153,55 +153,59 @@ def shafts_of(p):
 
 @inlined
 def _trace_tile(tree, link, tile, valid, strata, chunk, scratch, counters):
-    """Test a block against the segments of a tile to `strata` (bits)."""
+    """Test a block against the segments of a tile to `strata` (bits). Return whether it blocks any."""
     strata &= ~finished_strata(tile, valid)
-    if strata != 0:
-        (block, triangles), facing = block_leaf(link), chunk.query.facing
-        trace_block(tile, tree, block, triangles, strata, valid, facing, scratch.work, scratch.deferred, counters)
+    if strata == 0:
+        return False
+    before, (block, triangles), facing = load16(tile.dead, 0), block_leaf(link), chunk.query.facing
+    trace_block(tile, tree, block, triangles, strata, valid, facing, scratch.work, scratch.deferred, counters)
+    return bits(load16(tile.dead, 0) != before) != 0
 
 
 @inlined
 def _tile_group_leaf(tree, link, strata, chunk, scratch, counters):
     """Test a block against `strata` (bits) of a tile group.
 
-    Return bits of the strata to which all segments of the group are blocked.
+    Return (bits of the strata to which all segments of the group are blocked, whether it blocks any segment).
     """
     tile_group, (block, triangles) = tile_group_of(scratch, chunk), block_leaf(link)
     ensure_filled(tile_group, chunk)
     live = tiles_by_beams(tile_group, ptr_at(tree.bounds, bounds_at(block)), strata, chunk)
+    blocks, changed = False, 0
     if live < 0:
-        trace_tile_group(tile_group, tree, block, triangles, strata, chunk, scratch.work, scratch.deferred, counters)
+        work, deferred = scratch.work, scratch.deferred
+        blocks = trace_tile_group(tile_group, tree, block, triangles, strata, chunk, work, deferred, counters)
         live = 0
-    changed = 0
     while live != 0:
         g = lowest_bit(live)
         live &= live - 1
         tile, valid = tile_in(tile_group, g, chunk), get(scratch.valid, g)
         copy_to_tile(tile_group, g, tile.dead)
-        before = load16(tile.dead, 0)
-        _trace_tile(tree, link, tile, valid, strata, chunk, scratch, counters)
-        if bits(load16(tile.dead, 0) != before) != 0:
+        if _trace_tile(tree, link, tile, valid, strata, chunk, scratch, counters):
             changed |= 1 << g
     if changed != 0:
         copy_from_tiles(tile_group, changed, chunk)
-    return finished(tile_group)
+    return finished(tile_group), blocks or changed != 0
 
 
 @inlined
 def _leaf(tree, link, mask, chunk, bundle, scratch, counters):
-    """Test a block against the lanes in `mask`. Return bits of the lanes whose segments are all blocked."""
+    """Test a block against the lanes in `mask`.
+
+    Return (bits of the lanes whose segments are all blocked, whether it blocks any segment).
+    """
     if bundle.is_tile_group:
         return _tile_group_leaf(tree, link, mask, chunk, scratch, counters)
-    done, all_groups = 0, (1 << bundle.groups) - 1
+    done, blocks, all_groups = 0, False, (1 << bundle.groups) - 1
     for slot in range(bundle.tiles):
         groups = mask >> (slot * bundle.groups) & all_groups
         if groups != 0:
             g = get(scratch.slots, slot)
             tile, valid = tile_at(scratch.tiles, g, chunk), get(scratch.valid, g)
             ensure_shafts(tile)
-            _trace_tile(tree, link, tile, valid, lane_strata(groups, bundle), chunk, scratch, counters)
+            blocks |= _trace_tile(tree, link, tile, valid, lane_strata(groups, bundle), chunk, scratch, counters)
             done |= (groups & finished_groups(tile, valid, bundle)) << (slot * bundle.groups)
-    return done
+    return done, blocks
 
 
 class RegionJob(NamedTuple):
@@ -245,8 +249,8 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
 
     Blocks that blocked all segments of a lane of earlier bundles are tested first.
     """
-    link, mask = get(scratch.at, WAITING), get(scratch.at, WAITING + 1)
-    known = np.int64(N_BLOCKERS)
+    link, mask, blocks = get(scratch.at, WAITING), get(scratch.at, WAITING + 1), False
+    known, n_deferred = np.int64(N_BLOCKERS), get(scratch.deferred, 0)
     if at.place == -1:
         known = 0
         if get(scratch.at, BLOCKERS) != get(scratch.at, TREE):
@@ -261,14 +265,15 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
             if get(scratch.deferred, 0) > DEFERRED:
                 put(scratch.at, WAITING, link)
                 put(scratch.at, WAITING + 1, mask)
-                return at, alive
-            done = _leaf(tree, link, mask & alive, job.chunk, job.bundle, scratch, counters)
+                return at, alive, True
+            done, any_ = _leaf(tree, link, mask & alive, job.chunk, job.bundle, scratch, counters)
+            blocks |= any_
             if done != 0:
                 _record_blocker(scratch, link)
                 alive &= ~done
         if alive == 0 or (known >= N_BLOCKERS and at.mask == 0):
             put(scratch.at, WAITING + 1, 0)
-            return not_started(), alive
+            return not_started(), alive, blocks or get(scratch.deferred, 0) != n_deferred
         if known < N_BLOCKERS:
             link = get(scratch.at, BLOCKERS + 1 + known)
             mask = alive if is_leaf(link) else 0

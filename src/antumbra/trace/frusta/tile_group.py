@@ -158,11 +158,12 @@ def _update_open(tile_group, s):
 
 @inlined
 def _record_blocked(tile_group, s, before):
-    """Update `open` and the stale tiles if the row of stratum s has changed since `before`."""
+    """Update `open` and the stale tiles if the row of stratum s has changed since `before`. Return whether it has."""
     tiles = bits(load16(_dead_row(tile_group, s), 0) != before)
     if tiles != 0:
         put(tile_group.state, _STALE, get(tile_group.state, _STALE) | tiles)
         _update_open(tile_group, s)
+    return tiles != 0
 
 
 @inlined
@@ -309,6 +310,8 @@ def _lanes_in_box(tile_group, s, by_fans, chunk, box):
 def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, deferred, counters):
     """Test the segments of a tile group to `strata` (bits) against a block, and mark blocked segments in `dead`.
 
+    Return whether any segment was marked.
+
     number, triangles : number of the block, and how many triangles it has
     """
     # In: tile_group, tree, number, triangles, strata, chunk. Out: work, deferred, counters, and the tiles' `dead`.
@@ -318,7 +321,7 @@ def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, d
     count(counters, TRIANGLES, triangles)
     one = tile_at(tile_group.tiles, tile_group.first, chunk)
     by_fans = chunk.fixed and reverse_frusta_are_narrower(tile_group.union, one, lowest_bit(strata), bounds)
-    lanes, remaining = stack_i32(STRATA), 0
+    lanes, remaining, blocks = stack_i32(STRATA), 0, False
     count(counters, GROUP_STRATA, popcount(strata))
     while strata != 0:
         s = lowest_bit(strata)
@@ -336,4 +339,5 @@ def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, d
             trace_reverse_frusta(tile_group.fans, tile_group.union, b, points, s, live, dead, box, counters)
         else:
             trace_tiles(tile_group, b, s, live, dead, chunk, box, counters)
-        _record_blocked(tile_group, s, before)
+        blocks |= _record_blocked(tile_group, s, before)
+    return blocks

@@ -187,18 +187,21 @@ def _trace_triangles(tree, row, link, mask, deferred, counters):
 @inlined
 def _walk_tree(tree, slabs, at, alive, row, scratch, counters):
     """`walk_tree` of a row."""
+    before, n_deferred = alive, get(scratch.deferred, 0)
     at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
     while at.mask != 0 and get(scratch.deferred, 0) <= DEFERRED:
         alive &= ~trace_leaf(tree, row, at.link, at.mask, scratch.deferred, counters)
         at = next_leaf(tree, slabs, after_leaf(at), scratch.stack, alive, counters)
-    return at if at.mask != 0 else not_started(), alive
+    blocks = alive != before or get(scratch.deferred, 0) != n_deferred
+    return at if at.mask != 0 else not_started(), alive, blocks
 
 
 @inlined
 def _walk_one(tree, alive, row, scratch, counters):
     """`walk_trees` for a single tree."""
     at, slabs = load_saved(scratch.at, alive), _slabs(row, alive)
-    at, alive = _walk_tree(tree, slabs, at if at.place != NOT_STARTED else root(alive), alive, row, scratch, counters)
+    at = at if at.place != NOT_STARTED else root(alive)
+    at, alive, _ = _walk_tree(tree, slabs, at, alive, row, scratch, counters)
     save(scratch.at, at)
     return 0 if at.place != NOT_STARTED else 1, alive
 
