@@ -98,7 +98,7 @@ class RayHierarchyBenchOptions(NamedTuple):
             metavar="SECONDS",
             min=0.0,
         ),
-    ] = 60.0
+    ] = 120.0
     cull_faces: Annotated[
         CullFaces,
         typer.Option(

@@ -37,7 +37,7 @@ CORRIDOR, ROBOT, WALL = 100, 160, 500
 """Frames of the robots: the corridor of Section 5, frame 160, and the camera straight at a wall.
 
 Section 5 has the camera straight at a wall "around frame 160". At BART's rate of 16 frames per second, a robot stands
-before the wall then, and a wall fills the picture from frame 496 to 510, so the report must count its frames otherwise.
+before the wall then, and a wall fills the picture from frame 496 to 508, so the report must count its frames otherwise.
 """
 
 WALL_NODES = {"Spheres": 50e6, "Precise": 200.0}
