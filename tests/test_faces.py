@@ -87,6 +87,7 @@ def ex(call, works=True, **arguments) -> Example:
 
 
 def _of_faces(scene, stored: bool) -> dict[str, Example]:
+    opaque = scene if stored else at.Scene.from_arrays(np.eye(3)[None])
     return {
         "camera": ex(scene.camera, works=False),
         "light": ex(scene.light, works=False),
@@ -95,6 +96,7 @@ def _of_faces(scene, stored: bool) -> dict[str, Example]:
         "default_light": ex(scene.default_light),
         "default_lights": ex(scene.default_lights),
         "ground_height": ex(scene.ground_height),
+        "set_transmittance": ex(opaque.set_transmittance, not stored, shares={"*": 0.5}),
         "triangles": ex(scene.triangles, works=not stored),
     }
 

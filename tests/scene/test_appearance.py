@@ -136,7 +136,8 @@ def test_one_line_says_what_was_left_out(tmp_path):
         loaded(made, tmp_path)
     (said,) = (str(each.message) for each in caught)
     assert said == (
-        "made.glb: left out: emission, metalness and roughness, normal maps, transmission; surfaces are diffuse"
+        "made.glb: left out: emission, metalness and roughness, normal maps, refraction and volumes; surfaces are "
+        "diffuse"
     )
 
 

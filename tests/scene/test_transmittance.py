@@ -84,7 +84,7 @@ def test_wrong_transmittance_is_refused(tmp_path, shares, message):
 def test_the_command_line_reads_shares():
     spec = parse_scene("a/room.glb?transmittance=pane:0.25&transmittance=roof glass:1,0.5,0&cutouts=on")
     assert spec.transmittance == (("pane", (0.25,)), ("roof glass", (1.0, 0.5, 0.0))) and spec.cutouts
-    for wrong in ("transmittance=0.5", "transmittance=pane:a", "transmittance=pane:1,2", "glass=1"):
+    for wrong in ("transmittance=0.5", "transmittance=pane:a", "transmittance=pane:1,2", "cutouts=on&glass=1"):
         with pytest.raises(at.InputError, match=r"room\.glb"):
             parse_scene("room.glb?" + wrong)
 

@@ -40,7 +40,7 @@ _SIZE = re.compile(r"(\d+)(?:[xX](\d+))?")
 _FRAMES = re.compile(r"(\d{1,9}):(\d{1,9})(?::(\d{1,9}))?")
 _INDEX = re.compile(r"\s*-?\d{1,9}\s*")
 _LOD = re.compile(r"(.+\.jsonl?)\?lod=(.*)", re.IGNORECASE)
-_MESH_OPTIONS = re.compile(r"(.+\.(?:glb|gltf|obj|ply))\?(.*)", re.IGNORECASE)
+_MESH_OPTIONS = re.compile(r"(.+\.(?:glb|gltf|obj|ply))\?((?:cutouts|transmittance)=.*)", re.IGNORECASE)
 _WHOLE = re.compile(r"[0-9]{1,9}")
 _MAX_SIZE = 32768
 
@@ -439,7 +439,7 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, crs:
     if up is not None and spec.path.suffix.lower() == STORE_SUFFIX:
         raise InputError(f"{spec.path.name}: a store has its own up axis; leave --up out")
     with quietly():  # the notes are printed below
-        shares = dict(spec.transmittance)
+        shares = dict(spec.transmittance) or None
         scene = load(spec.path, up=up, lod=spec.lod, cutouts=spec.cutouts, transmittance=shares, crs=crs)
     if not quiet:
         notes = group_notes(scene.notes, "antumbra info shows all")

@@ -78,7 +78,7 @@ def load(
     scene = _scene_of_data(read_scene_data(path, up, lod))
     if not flag(cutouts, "cutouts") and isinstance(scene, Scene):
         scene.ignore_alpha()
-    if transmittance:
+    if transmittance is not None:
         scene.data.set_transmittance(transmittance)
     scene.crs = given_crs or scene.crs
     for note in group_notes(scene.notes):

@@ -75,10 +75,10 @@ def plain_appearance(n: int) -> Appearance:
 def appearance_of(source: Source, n: int, plain: bool = False) -> Appearance | None:
     """The appearance of the n faces of a source; None if every face has a plain colour.
 
-    plain : whether to include the materials of meshes with one colour per face
+    plain : whether names of materials are wanted even then
     """
-    parts = list(_parts(source, plain))
-    if not parts:
+    parts = list(_parts(source))
+    if not parts or (not plain and all(part.look.is_plain for part in parts)):
         return None
     looks = {id(part.look): part.look for part in parts}
     materials = list(dict.fromkeys(material for look in looks.values() for material in look.materials))
@@ -95,11 +95,11 @@ def appearance_of(source: Source, n: int, plain: bool = False) -> Appearance | N
     return Appearance(materials, material_of_face, uv, colours, *_normals(parts, n), textured)
 
 
-def _parts(source: Source, plain: bool) -> Iterator[_MeshFaces]:
+def _parts(source: Source) -> Iterator[_MeshFaces]:
     first = 0
     for piece in source.pieces(0.0):
         count, copies = faces_of(piece), len(piece.vertices)
-        if piece.look is not None and count and (plain or not piece.look.is_plain):
+        if piece.look is not None and count:
             faces = np.arange(3 * count).reshape(-1, 3) if piece.faces is None else piece.faces
             yield _MeshFaces(piece.look, faces, first, copies, piece.linear)
         first += count * copies

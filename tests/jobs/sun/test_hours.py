@@ -199,7 +199,7 @@ def test_an_interrupted_job_goes_on(tmp_path, monkeypatch):
     make = lambda: sun_query(scene, sensors, suns, np.empty((len(suns.hours), 0)), 1)
     whole, calls = sum_suns(make()), []
 
-    real = at.Engine.visibility
+    real = at.Engine.shadows
 
     def stops(*args, **kwargs):
         calls.append(args)
@@ -207,13 +207,13 @@ def test_an_interrupted_job_goes_on(tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return real(*args, **kwargs)
 
-    monkeypatch.setattr(at.Engine, "visibility", stops)
+    monkeypatch.setattr(at.Engine, "shadows", stops)
     with pytest.raises(KeyboardInterrupt):
         sum_suns(make(), tmp_path / "kept")
     kept = sorted((tmp_path / "kept").glob("*/*.npz"))
     assert 0 < len(kept) < len(calls) + 1
     before, calls[:] = len(calls), []
-    monkeypatch.setattr(at.Engine, "visibility", lambda *a, **k: calls.append(a) or real(*a, **k))
+    monkeypatch.setattr(at.Engine, "shadows", lambda *a, **k: calls.append(a) or real(*a, **k))
     again = sum_suns(make(), tmp_path / "kept")
     assert all(np.array_equal(a, b) for a, b in zip(whole, again))
     assert 0 < len(calls) < before + len(sensors) / 256 and not (tmp_path / "kept").exists()

@@ -8,13 +8,13 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import inf
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from ...engine.paged_source import MAX_MEMORY
 from ...engine.scene import procedural
 from ...engine.scene_loading import load
 from ...engine.store_building import build_store
+from ...files import temporary_folder
 from ...store.chunk_residency import POLICIES
 from ...store.store_build import CHUNK
 from ...store.store_format import chunk_places
@@ -179,11 +179,11 @@ def measure_out_of_core(case: StoreCase, run: ChcrtRun) -> tuple[TableRows, bool
         policies = POLICIES if ChcrtTable.store in tables else POLICIES[:1]
         rows[ChcrtTable.store] = _gathered(_without(digests, paging.out_of_core(case, pace, policies, say)), run)
     if ChcrtTable.mapped in tables and whole:
-        with TemporaryDirectory(prefix="antumbra-") as folder:
+        with temporary_folder() as folder:
             say(f"{case.place.name}, writing the tree to be mapped")
-            write_tree(whole_tree(case.store), Path(folder), case.threads)
+            write_tree(whole_tree(case.store), folder, case.threads)
             frames = pace._replace(most=1 + max(t.frame for t in rows[ChcrtTable.store]))
-            walks = paging.map_through(case, Path(folder), frames, say)
+            walks = paging.map_through(case, folder, frames, say)
             rows[ChcrtTable.mapped] = _gathered(_without(digests, walks), run)
     if ChcrtTable.bounces in tables:
         bvh = whole_tree(case.store) if whole else None
@@ -209,8 +209,8 @@ def measure_temporary_store(triangles: int, size: tuple[int, int], run: ChcrtRun
     triangles : about the number of triangles
     size : (width, height) of the images
     """
-    with TemporaryDirectory(prefix="antumbra-") as folder:
-        path = Path(folder) / "city.antumbra"
+    with temporary_folder() as folder:
+        path = folder / "city.antumbra"
         run.say("building a store")
         build_store([procedural("city", triangles=triangles)], path, chunk=min(CHUNK, max(triangles // _CHUNKS, 1)))
         scene = load(path)
