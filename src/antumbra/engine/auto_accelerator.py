@@ -60,7 +60,7 @@ from .auto.cost_model import (
     select_seconds,
     tree_seconds,
 )
-from .auto.query_features import features_of, size_of
+from .auto.query_features import features_of, is_scattered, size_of
 from .auto.strategies import AutoTracer, ConeTracer, SceneExtent, StrategyMemory, TreeUpgrade, suitable_strategies
 from .method_registry import BUILDERS, OPTIMISERS, TRACERS, UPDATERS
 from .plan import Plan, parse_plan
@@ -209,6 +209,8 @@ class AutoAccelerator(Accelerator):
         n, size = self._extent.triangles, size_of(self._extent.box)
         if self._patience or any(query.light.kind == AMBIENT and query.light.radius >= size for query in queries):
             return None  # segments reach everything
+        if all(is_scattered(query, self._extent.box) for query in queries):
+            return None  # so do those of points everywhere
         direct = tree_seconds(n, forecast.lost, forecast.strategy, self._guided)
         if self.updater is not None:
             direct = min(direct, refit_seconds(n, forecast.strategy))

@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.auto.cost_model import predicted_rate, terms, weights
-from antumbra.engine.auto.query_features import features_of, if_sorted, sample_of, size_of, tile_size
+from antumbra.engine.auto.query_features import features_of, if_sorted, is_scattered, sample_of, size_of, tile_size
 from antumbra.engine.auto.strategies import STRATEGIES
 from antumbra.query.query_bounds import bounds
 from asking import query_of
@@ -64,3 +64,15 @@ def test_samples_are_windows_of_their_query(scene, size, windows):
     every = {tuple(o) for o in query.origins.reshape(-1, 3).tolist()}
     assert all(tuple(o) in every for o in sample.origins.reshape(-1, 3).tolist())
     assert (sample.sides.shape[0] == 1) == (query.sides.shape[0] == 1)
+
+
+def test_points_all_over_the_scene_are_scattered(scene):
+    rng = np.random.default_rng(2)
+    query, _ = _facts(scene, LIGHTS[0])
+    box = np.stack(bounds(scene.triangles().vertices))
+    everywhere = rng.uniform(*box, (1, 500, 3)).astype(np.float32)
+    corner = (box[0] + 0.1 * (everywhere - box[0])).astype(np.float32)
+    assert is_scattered(query._replace(origins=everywhere), box)
+    assert not is_scattered(query._replace(origins=corner), box)
+    assert not is_scattered(query._replace(origins=everywhere.reshape(2, 250, 3)), box)  # a picture
+    assert not is_scattered(query._replace(origins=everywhere[:, :0]), box)

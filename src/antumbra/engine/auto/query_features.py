@@ -22,6 +22,7 @@ from ...trace.tile import tile_shape
 _MEASURED_TILES = 96
 _TILE_SIDE = 4  # receivers along each side of an image tile
 _DISTANT = 4.0  # distance of the samples of distant lights, relative to that of other lights
+_SCATTERED = 0.7  # least share of the scene's extent along each axis
 _MIN_SIZE, _MAX_SIZE = 1e-6, 1e3  # relative to the scene's extents; sizes are clamped to this range
 
 
@@ -101,6 +102,18 @@ def if_sorted(query: ShadowQuery, features: QueryFeatures, size: float) -> Query
 #
 # Receiver i of a row uses sample set i mod 4. The receivers of each set are therefore sorted separately along a Morton
 # curve and then interleaved again. Each receiver keeps its sample set, and so its bits.
+
+
+def is_scattered(query: ShadowQuery, box: NDArray[np.float32]) -> bool:
+    """Whether the receivers are points all over the scene, so that their segments pass through most of it.
+
+    box : (2, 3) float32, bounds of the scene
+    """
+    if len(query.origins) != 1 or not query.origins.size:
+        return False
+    low, high = np.maximum(query.origins.min((0, 1)), box[0]), np.minimum(query.origins.max((0, 1)), box[1])
+    return bool((high - low >= _SCATTERED * (box[1] - box[0])).all())
+
 
 _SETS = 4  # sample sets of a row of receivers
 
