@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from antumbra.scene.alpha_masks import cutouts_of, finite_uv, holes
+from antumbra.scene.alpha_masks import cutouts_of, finite_uv
 from antumbra.scene.materials import CLAMP, MIRROR, REPEAT
+from cutout_scenes import holes
 
 WRAPS = [(a, b) for a in (REPEAT, CLAMP, MIRROR) for b in (REPEAT, CLAMP, MIRROR)]
 

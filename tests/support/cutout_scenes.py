@@ -8,8 +8,14 @@ import numpy as np
 import oracle
 from antumbra import Scene
 from antumbra.query.shadow_query import segments
-from antumbra.scene.alpha_masks import Cutouts, cutouts_of, holes
+from antumbra.scene.alpha_masks import AlphaMask, Cutouts, cutouts_of
 from antumbra.scene.materials import CLAMP, MIRROR, REPEAT
+
+
+def holes(solid, wrap) -> AlphaMask:
+    """The mask of a texture with holes: (h, w) bool, True: solid."""
+    return AlphaMask(solid.astype(np.uint8), np.array([[1.0] * 3, [0.0] * 3]), wrap)
+
 
 MASKS = [
     holes(np.indices((5, 7)).sum(0) % 2 == 0, (REPEAT, REPEAT)),

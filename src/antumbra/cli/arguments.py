@@ -125,7 +125,7 @@ def parse_scene(text: str) -> SceneSpec:
 
 def _with_options(spec: SceneSpec, query: str, text: str) -> SceneSpec:
     """The scene of a file with the options of a query, ``cutouts=off&transmittance=NAME:SHARE``."""
-    for key, value in parse_qsl(query, keep_blank_values=True) or [(query, "")]:
+    for key, value in parse_qsl(query, keep_blank_values=True):
         if key == "cutouts":
             if value not in ("on", "off"):
                 raise InputError(f"{text}: cutouts is {value!r}; it must be on or off")

@@ -294,7 +294,7 @@ def pre_bvh_culling(run: BenchRun, options: CullingOptions) -> BenchResult:
     from .pre_bvh_culling.culling_charts import write_charts, write_pictures
     from .pre_bvh_culling.culling_tables import CullingRows, print_tables
 
-    effort = bench.Effort(thread_count(options.threads), options.rounds, options.limit, run.say)
+    effort = bench.CullingEffort(thread_count(options.threads), options.rounds, options.limit, run.say)
     run.say("making the scenes")
     sponza = culling_views.sponza_scene(options.sponza)
     views = culling_views.culling_views(sponza, size, cellar)

@@ -66,11 +66,6 @@ class Cutouts(NamedTuple):
         return 0 if not partial else 1 if (depth == depth[:, :1]).all() else 3
 
 
-def holes(solid: NDArray[np.bool_], wrap: tuple[int, int]) -> AlphaMask:
-    """The mask of a texture with holes: (h, w) bool, True: solid."""
-    return AlphaMask(solid.astype(np.uint8), np.array([[1.0] * 3, [0.0] * 3]), wrap)
-
-
 def find_cutouts(appearance: Appearance) -> Cutouts | None:
     """The faces of a scene that let light pass; None if there are none.
 

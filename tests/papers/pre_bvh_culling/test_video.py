@@ -9,7 +9,7 @@ from antumbra.papers.pre_bvh_culling.culling_measurements import (
     PUBLISHED,
     REGION,
     USUAL,
-    Effort,
+    CullingEffort,
     GridRow,
     grid_rows,
     mean_rows,
@@ -17,7 +17,7 @@ from antumbra.papers.pre_bvh_culling.culling_measurements import (
 from antumbra.papers.pre_bvh_culling.culling_views import video_views
 from antumbra.picture.renderer import Renderer
 
-EFFORT = Effort(threads=2, rounds=1, limit=1.0, say=lambda text: None)
+EFFORT = CullingEffort(threads=2, rounds=1, limit=1.0, say=lambda text: None)
 
 
 @pytest.fixture(scope="module")

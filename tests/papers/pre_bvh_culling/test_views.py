@@ -8,7 +8,7 @@ from antumbra.papers.pre_bvh_culling.culling_measurements import (
     OURS,
     PUBLISHED,
     REGION,
-    Effort,
+    CullingEffort,
     RandomShares,
     random_shares,
     remaining_shares,
@@ -60,7 +60,7 @@ def test_the_views_of_sponza_share_their_lights(box):
 
 
 def test_shares_of_random_views(box):
-    rows = random_shares(random_views(box, 3, SIZE), Effort(2, 1, 1.0, lambda text: None))
+    rows = random_shares(random_views(box, 3, SIZE), CullingEffort(2, 1, 1.0, lambda text: None))
     assert {(r.part, r.marked) for r in rows} == {
         (p, m) for p in ("court", "gallery") for m in (PUBLISHED, OURS, REGION)
     }

@@ -95,7 +95,7 @@ def published_costs(frusta: bool) -> FittedCosts:
     return fit([published_counts(row) for row in rows], [1e6 * row.cycles for row in rows], PUBLISHED_OPERATIONS)
 
 
-class Explanation(NamedTuple):
+class SpeedupExplanation(NamedTuple):
     """The speedup of frusta over packets by the models, per choice of counts and costs."""
 
     measured: float
@@ -104,11 +104,13 @@ class Explanation(NamedTuple):
     their_counts: float  # the paper's mean counts per 16 rays at our costs
 
 
-def explain(packets: Counts, frusta: Counts, costs: tuple[FittedCosts, FittedCosts], measured: float) -> Explanation:
+def explain(
+    packets: Counts, frusta: Counts, costs: tuple[FittedCosts, FittedCosts], measured: float
+) -> SpeedupExplanation:
     """Split a case's speedup. packets, frusta: counts of `operations_of`; costs: ours, of packets and of frusta."""
     ours, theirs = costs, (published_costs(False), published_costs(True))
     mean = [_mean_counts(frusta=False), _mean_counts(frusta=True)]
-    return Explanation(
+    return SpeedupExplanation(
         measured,
         ours[0].predict(packets) / ours[1].predict(frusta),
         theirs[0].predict(packets) / theirs[1].predict(frusta),

@@ -7,8 +7,8 @@ from ..bench_runner import TableColumn, columns_of, item, label, ms, print_notes
 from . import frusta_published as paper
 from .frusta_costs import (
     OPERATIONS,
-    Explanation,
     FittedCosts,
+    SpeedupExplanation,
     explain,
     operations_of,
     published_costs,
@@ -203,7 +203,7 @@ def _print_costs(scenes: Sequence[MeasuredScene], costs: Mapping[str, FittedCost
     ]
     heads = {"measured": "measured", "predicted": "from fitted costs", "their_costs": "our counts at the paper's costs"}
     heads["their_counts"] = "the paper's counts at our costs"
-    cell: Callable[[tuple[str, Explanation], str], str] = lambda row, name: f"{getattr(row[1], name):.2f}"
+    cell: Callable[[tuple[str, SpeedupExplanation], str], str] = lambda row, name: f"{getattr(row[1], name):.2f}"
     title = f"What explains the speedup of {frusta} over {packets} (the paper: {_published_speedups()})"
     print_table(title, [label("scene", item(0)), *columns_of(heads, cell)], rows)
 

@@ -95,7 +95,7 @@ class GridRow(NamedTuple):
     views: int = 1  # number of views; over one: means
 
 
-class Effort(NamedTuple):
+class CullingEffort(NamedTuple):
     """How much to measure."""
 
     threads: int
@@ -111,7 +111,7 @@ class _MethodLap(NamedTuple):
     bits: bytes  # digest of the answers with all sample counts
 
 
-def times_to_image(view: CullingView, tracer: str, effort: Effort) -> list[TimeToImage]:
+def times_to_image(view: CullingView, tracer: str, effort: CullingEffort) -> list[TimeToImage]:
     """Measure Tables 1 to 3 for one view and tracer; InputError if its camera sees nothing."""
     pictures = {m: _Pictures(view, f"{part}+{tracer}", effort) for m, part in METHODS.items()}
     samples = pictures["LBVH"].affordable_samples()
@@ -147,7 +147,7 @@ def _time_to_image(
 class _Pictures:
     """Pictures of a view by one plan."""
 
-    def __init__(self, view: CullingView, plan: str, effort: Effort):
+    def __init__(self, view: CullingView, plan: str, effort: CullingEffort):
         self._view, self._limit = view, effort.limit
         self._renderer = Renderer(view.scene, plan, effort.threads)
 
@@ -185,7 +185,7 @@ class FigureTime(NamedTuple):
         return self.cull + self.build + self.trace
 
 
-def figure_times(view: CullingView, tracer: str, effort: Effort) -> tuple[list[FigureTime], Frame]:
+def figure_times(view: CullingView, tracer: str, effort: CullingEffort) -> tuple[list[FigureTime], Frame]:
     """Measure one of Fig. 3 to 6; also returns its picture, which is the same with all methods."""
     pictures = {method: _Pictures(view, f"{METHODS[method]}+{tracer}", effort) for method in FIGURE_METHODS}
     latest: list[Frame] = []
@@ -220,7 +220,7 @@ def remaining_shares(view: CullingView, threads: int) -> dict[str, float]:
 
 
 def grid_rows(
-    view: CullingView, grids: Mapping[str, Sequence[int]], tracers: Sequence[str], effort: Effort
+    view: CullingView, grids: Mapping[str, Sequence[int]], tracers: Sequence[str], effort: CullingEffort
 ) -> list[GridRow]:
     """Measure culling in one view with `grids`, such as USUAL or VIDEO.
 
@@ -249,7 +249,9 @@ def published_grids(finest: int) -> dict[str, tuple[int, ...]]:
     return {**VIDEO, PUBLISHED: tuple(n for n in (*VIDEO[PUBLISHED], *FINEST) if n <= finest)}
 
 
-def video_rows(views: Sequence[CullingView], tracers: Sequence[str], finest: int, effort: Effort) -> list[GridRow]:
+def video_rows(
+    views: Sequence[CullingView], tracers: Sequence[str], finest: int, effort: CullingEffort
+) -> list[GridRow]:
     """Measure Table 4: each frame once, as the table has means over all frames."""
     grids = [published_grids(finest), *[VIDEO] * (len(views) - 1)]
     once = effort._replace(rounds=1)
@@ -344,7 +346,7 @@ class RandomShares(NamedTuple):
         return [float(q) for q in np.quantile(self.shares, (0.25, 0.5, 0.75))]
 
 
-def random_shares(views: Sequence[CullingView], effort: Effort) -> list[RandomShares]:
+def random_shares(views: Sequence[CullingView], effort: CullingEffort) -> list[RandomShares]:
     """Measure what each marking leaves in `random_views`, for each of their parts."""
     found: dict[tuple[str, str], list[float]] = {}
     for k, view in enumerate(views):

@@ -18,7 +18,7 @@ from ..bench_runner import plot_sheet
 # --- The shape of a tree ----------------------------------------------------------------------------------------------
 
 
-class Subtrees(NamedTuple):
+class SubtreeTable(NamedTuple):
     """All subtrees of a `Bvh` with one triangle per leaf: its m inner nodes, then its n triangles, in slots."""
 
     children: NDArray[np.int64]  # (m, 2): indices of both subtrees
@@ -27,7 +27,7 @@ class Subtrees(NamedTuple):
     order: NDArray[np.int32]  # (m,): child order of each node
 
 
-def subtrees(bvh: Bvh) -> Subtrees:
+def subtrees(bvh: Bvh) -> SubtreeTable:
     """The subtrees of a tree with one triangle per leaf, and at least two triangles."""
     m, n = len(bvh.nodes), len(bvh.prim_ids)
     links = bvh.links[:, CHILDREN].astype(np.int64)
@@ -41,10 +41,10 @@ def subtrees(bvh: Bvh) -> Subtrees:
         below = children[level].ravel()
         depth[below] = np.repeat(depth[level], 2) + 1
         level = below[below < m]
-    return Subtrees(children, parent, depth, bvh.links[:, ORDER])
+    return SubtreeTable(children, parent, depth, bvh.links[:, ORDER])
 
 
-def sums_below(trees: Subtrees, of_slots: NDArray[np.int64]) -> NDArray[np.int64]:
+def sums_below(trees: SubtreeTable, of_slots: NDArray[np.int64]) -> NDArray[np.int64]:
     """(m + n,) the sum of a value of the triangles in each subtree; of_slots: (n,) the value of each slot."""
     m = len(trees.children)
     sums = np.concatenate([np.zeros(m, np.int64), of_slots])
@@ -93,7 +93,7 @@ def tree_shape(scene: str, method: str, bvh: Bvh, frequent: NDArray[np.bool_]) -
     return TreeShape(scene, method, int(frequent.sum()), len(roots), tenth, half, most, *orders)
 
 
-def _has_ancestor(trees: Subtrees, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _has_ancestor(trees: SubtreeTable, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(m + n,) whether an ancestor of each subtree is among the chosen ones."""
     below = np.zeros(len(trees.parent), bool)
     for level in range(1, int(trees.depth.max()) + 1):
@@ -188,7 +188,7 @@ def _draw_tree(panel: Any, bvh: Bvh, frequent: NDArray[np.bool_]) -> None:
     panel.set(xlim=(0, 1), ylim=(-DRAWN - 0.9, 0.5))
 
 
-def _draw_children(panel: Any, trees: Subtrees, at: int, x: float, depth: int) -> list[tuple[int, float]]:
+def _draw_children(panel: Any, trees: SubtreeTable, at: int, x: float, depth: int) -> list[tuple[int, float]]:
     """Draw the lines from a node to its children; return these with their places. Leaves have none."""
     if at >= len(trees.children):
         return []
