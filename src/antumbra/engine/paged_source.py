@@ -29,7 +29,7 @@ from ..query.ray_list import HitArrays, RayArguments, RayArrays, changed_error, 
 from ..query.ray_passes import RayPass, camera_pass
 from ..query.shadow_query import ShadowQuery, Surfaces, new_bits
 from ..scene.camera import Camera, CameraRays, ExplicitRays
-from ..scene.triangles import Triangles, concatenate
+from ..scene.triangles import AllHits, Triangles, concatenate
 from ..store.chunk_residency import Paging, Residency, TriangleCopies, hit_slots, slot_starts
 from ..store.store_file import Store, StoreData
 from ..store.store_format import Chunk
@@ -46,6 +46,7 @@ from ..trace.tree_list import Hits
 from .accelerator import Accelerated, Accelerator
 from .frame_tracer import FrameMemory
 from .method_registry import BUILDERS
+from .paged_hits import MIN_BATCH, RAY_BYTES, all_hits, count_hits, paged_hits_job
 from .plan import Plan
 from .precompilation import Job, fixed_job, precompile, small_scene, small_view
 
@@ -106,12 +107,6 @@ def _regions(rows: float) -> int:
 
 # --- Ray lists: batches of coherent rays ------------------------------------------------------------------------------
 
-
-RAY_BYTES = 160
-"""Memory of a ray while it is traced."""
-
-MIN_BATCH = 1 << 16
-"""Minimum size of a batch, except the last: in smaller ones, each chunk would be read for few rays."""
 
 _MIN_EXPONENT = 0  # shorter directions are scaled up
 
@@ -400,6 +395,18 @@ class Paged:
                 out.face[at], out.t[at] = hits.face[0], hits.t[0]
                 out.u[at], out.v[at] = weights(batch, self.threads)
         return out
+
+    def all_hits(
+        self, rays: RayArguments, max_hits: int | None, rule: int, time: float, threads: int | None = None
+    ) -> AllHits:
+        """All hits of rays. `threads` is not used; the engine's number of threads applies."""
+        precompile(paged_hits_job)
+        return all_hits(self, rays, max_hits, rule)
+
+    def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
+        """The number of hits of each ray. `threads` is not used; the engine's number of threads applies."""
+        precompile(paged_hits_job)
+        return count_hits(self, rays, rule)
 
     def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
         """Trace the same rays again to find the triangles, since a store has none in memory."""
