@@ -20,7 +20,7 @@ from ..progress import ProgressCallback, show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
-from ..query.ray_list import HitArrays, HitFilter, RayArguments, cull_value, rays_of
+from ..query.ray_list import HitArrays, HitFilter, RayArguments, cull_value, rays_of, segments_between
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery, fraction_lit, shadow_queries
 from ..scene.camera import Camera
@@ -427,6 +427,24 @@ class Engine:
         with self._ready_source(threads) as source:
             return source.count_hits(rays, rule, self._moment(time), threads).reshape(rays.shape)
 
+    def segment_hits(
+        self,
+        begin: NDArray[np.float32],
+        end: NDArray[np.float32],
+        skip_face: NDArray[np.int64],
+        time: float = 0.0,
+        threads: int | None = None,
+    ) -> AllHits:
+        """All hits of n segments, with t from 0 to 1.
+
+        begin, end : (n, 3) float32, in the frame of the scene's triangles
+        skip_face : (n,) int, a face to ignore, or -1
+        """
+        with self._ready_source(threads) as source:
+            return source.all_hits(
+                segments_between(begin, end, skip_face), None, TRIANGLES, self._moment(time), threads
+            )
+
     def contains(self, points: "ArrayLike", time: float = 0.0, *, threads: int | None = None) -> NDArray[np.bool_]:
         """(...) bool: whether points are inside; `antumbra.Scene.contains` documents the parameters."""
         array, up = as_array(points, "points"), np.eye(3)["xyz".index(self.data.up)]
@@ -438,7 +456,8 @@ class Engine:
         rays = rays_of(array, up, HitFilter(0.0, np.inf), self._frame, self._n_faces)
         with self._ready_source(threads) as source:
             counts = source.count_hits(rays, INSIDE, self._moment(time), threads)
-        return ((counts >= ON_SURFACE) | (counts % 2 == 1)).reshape(rays.shape)
+        inside: NDArray[np.bool_] = (counts >= ON_SURFACE) | (counts % 2 == 1)
+        return inside.reshape(rays.shape)
 
     @contextmanager
     def _ready_source(self, threads: int | None) -> Iterator[RenderSource]:

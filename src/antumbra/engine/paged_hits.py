@@ -4,8 +4,8 @@ A ray that looks for all of its hits is never done early, so nothing is gained b
 chunks between queries: only one is in memory at a time.
 """
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,23 +19,13 @@ from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import get, ptr, put, splat4, stack_i32
 from ..query.ray_list import RayArguments, changed_error
 from ..scene.triangles import AllHits
-from ..trace.alpha_test import CutoutRays, rays_of_arguments
+from ..store.store_file import Store
+from ..trace.alpha_test import CutoutRays
 from ..trace.rays.all_hits import TRIANGLES, RayHits, count_all, find_all, join_rays, merge_triangles
 from ..trace.rays.ray_batches import RayTracer
 from ..trace.rays.ray_traversal import box_ray, enter_boxes
-from .frame_tracer import FrameMemory
 from .method_registry import BUILDERS
 from .precompilation import Job, fixed_job, small_scene
-
-if TYPE_CHECKING:
-    from .paged_source import Paged
-
-RAY_BYTES = 160
-"""Memory of a ray while it is traced."""
-
-MIN_BATCH = 1 << 16
-"""Minimum number of rays traced together, except for the last ones: each chunk is read once for all of them."""
-
 
 _STACK = 2 * MAX_DEPTH
 
@@ -97,13 +87,13 @@ class _ChunkRays(NamedTuple):
     rays: RayArguments
 
 
-def all_hits(paged: "Paged", rays: RayArguments, max_hits: int | None, rule: int) -> AllHits:
-    """All hits of rays, or the first `max_hits` of each; `rule`: TRIANGLES or SURFACES."""
+def all_hits(store: Store, batches: Iterable[CutoutRays], max_hits: int | None, rule: int, threads: int) -> AllHits:
+    """All hits of batches of rays, or the first `max_hits` of each ray; `rule`: TRIANGLES or SURFACES."""
     parts = list[AllHits]()
-    for batch in _batches(paged, rays):
+    for batch in batches:
         lists = list[RayHits]()
-        for chunk in _chunks(paged, batch):
-            hits = find_all(chunk.tracer, chunk.rays, max_hits, rule, paged.threads)
+        for chunk in _chunks(store, batch, threads):
+            hits = find_all(chunk.tracer, chunk.rays, max_hits, rule, threads)
             if hits is None:
                 raise changed_error()
             lists.append(RayHits(chunk.places, hits))
@@ -111,45 +101,35 @@ def all_hits(paged: "Paged", rays: RayArguments, max_hits: int | None, rule: int
     return join_rays(parts)
 
 
-def count_hits(paged: "Paged", rays: RayArguments, rule: int) -> NDArray[np.int64]:
-    """(n,) int64: the number of hits of each ray, by a rule of `trace.rays.all_hits`."""
-    counts, first = np.zeros(rays.n, np.int64), 0
-    for batch in _batches(paged, rays):
-        for chunk in _chunks(paged, batch):
-            more = count_all(chunk.tracer, chunk.rays, rule, paged.threads)
+def count_hits(store: Store, batches: Iterable[CutoutRays], rule: int, threads: int) -> NDArray[np.int64]:
+    """(n,) int64: the number of hits of each ray of all batches, by a rule of `trace.rays.all_hits`."""
+    parts = [np.empty(0, np.int64)]
+    for batch in batches:
+        counts = np.zeros(len(batch.origins), np.int64)
+        for chunk in _chunks(store, batch, threads):
+            more = count_all(chunk.tracer, chunk.rays, rule, threads)
             if more is None:
                 raise changed_error()
-            counts[first + chunk.places] += more
-        first += len(batch.origins)
-    return counts
+            counts[chunk.places] += more
+        parts.append(counts)
+    return np.concatenate(parts)
 
 
-def _batches(paged: "Paged", rays: RayArguments) -> Iterator[CutoutRays]:
-    """Yield the rays in batches for which memory suffices."""
-    arrays = rays.arrays()
-    arrays.check()
-    paged.begin(FrameMemory(0, 0, 2 * rays.n * RAY_BYTES))
-    size = max(paged.together(RAY_BYTES), MIN_BATCH)
-    paged.release()
-    for first in range(0, rays.n, size):
-        yield rays_of_arguments(arrays.part(slice(first, first + size)), rays.cull_faces)
-
-
-def _chunks(paged: "Paged", rays: CutoutRays) -> Iterator[_ChunkRays]:
+def _chunks(store: Store, rays: CutoutRays, threads: int) -> Iterator[_ChunkRays]:
     """Yield each chunk whose box a ray enters, with these rays."""
-    store, n = paged.store, len(rays.origins)
+    n = len(rays.origins)
     offsets, none = np.zeros(n + 1, np.int64), np.empty(0, np.int32)
-    run(_enter_chunks, paged.threads, new_ticket(n, 1024), *store.top, rays, offsets, none)
+    run(_enter_chunks, threads, new_ticket(n, 1024), *store.top, rays, offsets, none)
     offsets = np.cumsum(offsets)
     chunks = np.empty(int(offsets[-1]), np.int32)
     if len(chunks):
-        run(_enter_chunks, paged.threads, new_ticket(n, 1024), *store.top, rays, offsets, chunks)
+        run(_enter_chunks, threads, new_ticket(n, 1024), *store.top, rays, offsets, chunks)
     order, memory = np.argsort(chunks, kind="stable"), store.memory()
     ends = np.cumsum(np.bincount(chunks, minlength=len(store)))
     ray_of_pair = np.repeat(np.arange(n), np.diff(offsets))[order]
     for k in np.flatnonzero(np.diff(ends, prepend=0)).tolist():
         places = ray_of_pair[(ends[k - 1] if k else 0) : ends[k]]
-        tracer = RayTracer(widen(store.chunk(k, memory).bvh, paged.threads))
+        tracer = RayTracer(widen(store.chunk(k, memory).bvh, threads))
         yield _ChunkRays(tracer, places, _arguments(rays, places))
 
 

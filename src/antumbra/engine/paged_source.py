@@ -40,13 +40,14 @@ from ..techniques.chcrt.occlusion_queries import Pairs, answer_queries
 from ..techniques.chcrt.picture_ray_sets import SegmentRaySets, segments_of
 from ..techniques.chcrt.tree_parts import parts_of_chunks
 from ..techniques.tracer_options import ChcRtOptions
+from ..trace.alpha_test import CutoutRays, rays_of_arguments
 from ..trace.rays.ray_hits import Nearest, hit_surfaces
 from ..trace.rays.single_rays import leaf_depths
 from ..trace.tree_list import Hits
 from .accelerator import Accelerated, Accelerator
 from .frame_tracer import FrameMemory
 from .method_registry import BUILDERS
-from .paged_hits import MIN_BATCH, RAY_BYTES, all_hits, count_hits, paged_hits_job
+from .paged_hits import all_hits, count_hits, paged_hits_job
 from .plan import Plan
 from .precompilation import Job, fixed_job, precompile, small_scene, small_view
 
@@ -109,6 +110,13 @@ def _regions(rows: float) -> int:
 
 
 _MIN_EXPONENT = 0  # shorter directions are scaled up
+
+
+RAY_BYTES = 160
+"""Memory of a ray while it is traced."""
+
+MIN_BATCH = 1 << 16
+"""Minimum size of a batch, except the last: in smaller ones, each chunk would be read for few rays."""
 
 
 class HitBatch(NamedTuple):
@@ -401,12 +409,22 @@ class Paged:
     ) -> AllHits:
         """All hits of rays. `threads` is not used; the engine's number of threads applies."""
         precompile(paged_hits_job)
-        return all_hits(self, rays, max_hits, rule)
+        return all_hits(self.store, self._unordered_batches(rays), max_hits, rule, self.threads)
 
     def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
         """The number of hits of each ray. `threads` is not used; the engine's number of threads applies."""
         precompile(paged_hits_job)
-        return count_hits(self, rays, rule)
+        return count_hits(self.store, self._unordered_batches(rays), rule, self.threads)
+
+    def _unordered_batches(self, rays: RayArguments) -> Iterator[CutoutRays]:
+        """Yield the rays in batches for which memory suffices. No chunk stays in memory."""
+        arrays = rays.arrays()
+        arrays.check()
+        self.begin(FrameMemory(0, 0, 2 * rays.n * RAY_BYTES))
+        size = max(self.together(RAY_BYTES), MIN_BATCH)
+        self.release()
+        for first in range(0, rays.n, size):
+            yield rays_of_arguments(arrays.part(slice(first, first + size)), rays.cull_faces)
 
     def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
         """Trace the same rays again to find the triangles, since a store has none in memory."""

@@ -345,4 +345,5 @@ def without_holes(tree: CutoutTree, rays: CutoutRays, hits: AllHits, threads: in
     ticket = new_ticket(n, 1024)
     run(_find_holes, thread_count(threads), ticket, tree.bvh, tree.texels, rays, hit_rays, slots, passes)
     counts = np.bincount(hit_rays[~passes], minlength=len(rays.origins))
-    return AllHits(np.concatenate([[0], np.cumsum(counts)]), *(array[~passes] for array in hits[1:]))
+    offsets, some = np.concatenate([[0], np.cumsum(counts)]), ~passes
+    return AllHits(offsets, hits.t[some], hits.face[some], hits.u[some], hits.v[some])
