@@ -50,7 +50,7 @@ if typing.TYPE_CHECKING:
     from .scene.mesh import MeshInfo, ObjectInfo
     from .scene.scene_data import CityModel
     from .scene.sky import Sky
-    from .scene.triangles import Hit, Triangles
+    from .scene.triangles import AllHits, Hit, Triangles
     from .store.store_build import BuildReport
     from .techniques.srdh.representative_rays import SrdhRays
     from .viewer.viewer_page import Viewer, view
@@ -58,6 +58,7 @@ if typing.TYPE_CHECKING:
 __version__ = _VERSION
 
 __all__ = [
+    "AllHits",
     "AmbientOcclusion",
     "Baked",
     "BuildReport",
@@ -130,6 +131,7 @@ __all__ = [
 
 # Names are imported on first use, since `antumbra --help` must start faster than Numba can be imported.
 _HOME = {
+    "AllHits": "scene.triangles",
     "AmbientOcclusion": "scene.lights",
     "Baked": "jobs.bake.bake_job",
     "BuildReport": "store.store_build",

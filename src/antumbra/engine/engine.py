@@ -4,13 +4,14 @@ The kernels of a plan are compiled before its first query. `Visibility` holds th
 """
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import byte_count, checked_instance, choice
+from ..checks import as_array, byte_count, checked_instance, choice, whole_number
 from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..kernels.toolchain import kernel_manifest as needs
@@ -19,15 +20,16 @@ from ..progress import ProgressCallback, show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
-from ..query.ray_list import HitArrays, HitFilter, RayArguments, cull_value, rays_of
+from ..query.ray_list import HitArrays, HitFilter, RayArguments, cull_value, rays_of, segments_between
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery, fraction_lit, shadow_queries
 from ..scene.camera import Camera
 from ..scene.light_lists import without_interleave
 from ..scene.lights import Light, QuadLight, check_lights
 from ..scene.scene_data import MemoryData, SceneData
-from ..scene.triangles import Hit, HitFaces, Triangles
+from ..scene.triangles import AllHits, Hit, HitFaces, Triangles
 from ..trace.counters import new_counters
+from ..trace.rays.all_hits import INSIDE, ON_SURFACE, SURFACES, TRIANGLES
 from ..trace.transmission import TracedQuery, lit_fraction
 from .accelerator import Accelerated, Accelerator, SceneTrees
 from .auto.cost_model import GOOD, QUICK
@@ -222,6 +224,15 @@ def trace_all_strategies(counters: bool) -> None:
 
 _MAX_OTHER_ENGINES = 8  # engines of other plans that an engine caches
 
+MAX_HITS = (1 << 31) - 1
+"""Largest value of `max_hits`, and more than a scene has faces."""
+
+MAX_COORDINATE = 1e38
+"""Points for `contains` must be closer to 0, so that float32 can represent them."""
+
+MERGES = {"none": TRIANGLES, "surface": SURFACES}
+"""Rules by which hits are counted."""
+
 _Options: TypeAlias = tuple[Plan, int, int | None]
 """Plan, threads and memory limit."""
 
@@ -373,6 +384,92 @@ class Engine:
         data = self.data
         return Hit.of_scene(faces, self._finder(rays, faces.face, self._moment(time)), lambda: data.object_of_face)
 
+    def all_hits(
+        self,
+        origins: "ArrayLike",
+        directions: "ArrayLike | None" = None,
+        tmin: "ArrayLike" = 0.0,
+        tmax: "ArrayLike" = np.inf,
+        skip_face: "ArrayLike | None" = None,
+        time: float = 0.0,
+        *,
+        targets: "ArrayLike | None" = None,
+        max_hits: int | None = None,
+        cull_faces: str | None = None,
+        threads: int | None = None,
+    ) -> AllHits:
+        """All hits of rays; `antumbra.Scene.all_hits` documents the parameters."""
+        if max_hits is not None:
+            max_hits = whole_number(max_hits, "max_hits", 1, MAX_HITS)
+        hits = HitFilter(tmin, tmax, skip_face, cull_faces)
+        rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets)
+        with self._ready_source(threads) as source:
+            return source.all_hits(rays, max_hits, TRIANGLES, self._moment(time), threads)
+
+    def count_hits(
+        self,
+        origins: "ArrayLike",
+        directions: "ArrayLike | None" = None,
+        tmin: "ArrayLike" = 0.0,
+        tmax: "ArrayLike" = np.inf,
+        skip_face: "ArrayLike | None" = None,
+        time: float = 0.0,
+        *,
+        targets: "ArrayLike | None" = None,
+        merge: str = "none",
+        cull_faces: str | None = None,
+        threads: int | None = None,
+    ) -> NDArray[np.int64]:
+        """(...) int64: the number of hits of each ray; `antumbra.Scene.count_hits` documents the parameters."""
+        rule = MERGES[choice(merge, "merge", MERGES)]
+        hits = HitFilter(tmin, tmax, skip_face, cull_faces)
+        rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets)
+        with self._ready_source(threads) as source:
+            return source.count_hits(rays, rule, self._moment(time), threads).reshape(rays.shape)
+
+    def segment_hits(
+        self,
+        begin: NDArray[np.float32],
+        end: NDArray[np.float32],
+        skip_face: NDArray[np.int64],
+        time: float = 0.0,
+        threads: int | None = None,
+    ) -> AllHits:
+        """All hits of n segments, with t from 0 to 1.
+
+        begin, end : (n, 3) float32, in the frame of the scene's triangles
+        skip_face : (n,) int, a face to ignore, or -1
+        """
+        with self._ready_source(threads) as source:
+            return source.all_hits(
+                segments_between(begin, end, skip_face), None, TRIANGLES, self._moment(time), threads
+            )
+
+    def contains(self, points: "ArrayLike", time: float = 0.0, *, threads: int | None = None) -> NDArray[np.bool_]:
+        """(...) bool: whether points are inside; `antumbra.Scene.contains` documents the parameters."""
+        array, up = as_array(points, "points"), np.eye(3)["xyz".index(self.data.up)]
+        if array.ndim < 1 or array.shape[-1] != 3:
+            raise InputError(f"points must have shape (..., 3), not {array.shape}")
+        if not np.abs(array).max(initial=0.0) < MAX_COORDINATE:
+            first = int(np.argmin((np.abs(array) < MAX_COORDINATE).reshape(-1, 3).all(1)))
+            raise InputError(f"points are NaN, infinite or beyond float32 (point {first})")
+        rays = rays_of(array, up, HitFilter(0.0, np.inf), self._frame, self._n_faces)
+        with self._ready_source(threads) as source:
+            counts = source.count_hits(rays, INSIDE, self._moment(time), threads)
+        inside: NDArray[np.bool_] = (counts >= ON_SURFACE) | (counts % 2 == 1)
+        return inside.reshape(rays.shape)
+
+    @contextmanager
+    def _ready_source(self, threads: int | None) -> Iterator[RenderSource]:
+        """The source, ready for a query of rays by some threads; a store is locked meanwhile."""
+        if not self.source.in_store:
+            yield self.source
+            return
+        engine = self.with_options(None, threads, None)
+        with engine.lock:
+            engine.source.warm_up()
+            yield engine.source
+
     def _finder(
         self, rays: RayArguments, face: np.ndarray, moment: float
     ) -> Callable[[], tuple[Triangles, np.ndarray]]:
@@ -391,12 +488,8 @@ class Engine:
     def _hits(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None) -> HitArrays:
         moment = self._moment(time)
         threads = self.threads if threads is None else thread_count(threads)
-        if not self.source.in_store:
-            return self.source.trace_rays(rays, any_hit, moment, threads)
-        engine = self.with_options(None, threads, None)
-        with engine.lock:
-            engine.source.warm_up()
-            return engine.source.trace_rays(rays, any_hit, moment)
+        with self._ready_source(threads) as source:
+            return source.trace_rays(rays, any_hit, moment, threads)
 
     def _moment(self, time: float) -> float:
         return 0.0 if type(time) is float and time == 0.0 else self.data.clamped(time)
