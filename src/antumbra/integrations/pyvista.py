@@ -28,8 +28,6 @@ from ..jobs.sun.sun_hours import sky_view, sun_hours
 from ..scene.light_lists import DirectionalLights, PointLights
 from ..scene.lights import AmbientOcclusion, Light
 
-_CELL_IDS, _POINT_IDS = "vtkOriginalCellIds", "vtkOriginalPointIds"  # arrays that PyVista's `extract_surface` adds
-
 
 class _Surface(NamedTuple):
     """The triangles of a data set's surface, their origin in it, and sensors on them."""
@@ -68,22 +66,43 @@ def _surface_of(dataset: Any, on: str) -> _Surface:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # PyVista warns about its own defaults
         if isinstance(dataset, pyvista.PolyData):
-            surface = dataset.copy(deep=False)
-            surface.clear_data()
-            surface.cell_data[_CELL_IDS] = np.arange(dataset.n_cells)
-            surface.point_data[_POINT_IDS] = np.arange(dataset.n_points)
+            faces, cells = _triangles_of(dataset)
+            points, corners = dataset.points, faces
         else:
             surface = dataset.extract_surface(pass_cellid=True, pass_pointid=True)
-        surface = surface.triangulate()
-    faces = np.asarray(surface.faces).reshape(-1, 4)[:, 1:]
+            faces, polygons = _triangles_of(surface)
+            cells = np.asarray(surface.cell_data["vtkOriginalCellIds"])[polygons]
+            points, corners = surface.points, np.asarray(surface.point_data["vtkOriginalPointIds"])[faces]
     if not len(faces):
         raise InputError(f"the {type(dataset).__name__} has no surface; give one with polygons or cells")
-    scene = Scene.from_arrays(np.asarray(surface.points), faces, name=type(dataset).__name__, up="z")
-    cells = np.asarray(surface.cell_data[_CELL_IDS])[-len(faces) :]  # vertices and lines come first
-    points = np.asarray(surface.point_data[_POINT_IDS])[faces]
+    scene = Scene.from_arrays(np.asarray(points), faces, name=type(dataset).__name__, up="z")
     if on == "cells":
-        return _Surface(scene, face_sensors(scene), cells, points, dataset.n_cells)
-    return _Surface(scene, vertex_sensors(scene), cells, points, dataset.n_points)
+        return _Surface(scene, face_sensors(scene), cells, corners, dataset.n_cells)
+    return _Surface(scene, vertex_sensors(scene), cells, corners, dataset.n_points)
+
+
+def _triangles_of(mesh: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(points of each triangle, (f, 3); its cell, (f,)) of a PolyData.
+
+    Its cells are vertices, lines, polygons and strips, in this order. VTK mixes up their arrays when it triangulates
+    several kinds at once, so it gets polygons only.
+    """
+    polygons = pyvista.PolyData()
+    polygons.points, polygons.faces = mesh.points, mesh.faces
+    polygons.cell_data["id"] = np.arange(polygons.n_cells)
+    triangles, first = polygons.triangulate(), mesh.n_verts + mesh.n_lines
+    faces = [np.asarray(triangles.faces).reshape(-1, 4)[:, 1:]]
+    cells = [first + np.asarray(triangles.cell_data["id"])]
+    first += polygons.n_cells
+    strips = np.asarray(mesh.strips)
+    while len(strips):
+        strip, strips = strips[1 : strips[0] + 1], strips[strips[0] + 1 :]
+        windows = np.lib.stride_tricks.sliding_window_view(strip, 3).copy()
+        windows[1::2, :2] = windows[1::2, 1::-1]  # every second triangle has the opposite order
+        faces.append(windows)
+        cells.append(np.full(len(windows), first))
+        first += 1
+    return np.concatenate(faces).astype(np.int64), np.concatenate(cells).astype(np.int64)
 
 
 class DatasetAccessor:

@@ -1,8 +1,8 @@
 """trimesh: `trimesh_ray`, a ray intersector for ``mesh.ray`` with the calls and results of trimesh's own ones.
 
 trimesh has two intersectors, `ray_triangle` and `ray_pyembree`. Where their conventions differ, this one follows
-`ray_pyembree`, which trimesh prefers: int64 indices, locations (h, 3) even without hits, and all first hits before all
-second hits. As in `ray_triangle`, only locations are unique: an edge is two hits, at one location.
+`ray_pyembree`, which trimesh prefers: the dtypes of indices, locations (h, 3) even without hits, and all first hits
+before all second hits. As in `ray_triangle`, only locations are unique: an edge is two hits, at one location.
 """
 
 from typing import Any, NamedTuple, cast
@@ -95,11 +95,10 @@ class RayMeshIntersector:
         rays = _checked(ray_origins, ray_directions)
         return self.scene.occluded(rays.origins, rays.directions, tmax=rays.tmax)
 
-    def intersects_first(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.int64]:
-        """(n,) int64: the first face that each ray hits, the lowest at the same distance; -1: none."""
+    def intersects_first(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.int32]:
+        """(n,) int32: the first face that each ray hits, the lowest at the same distance; -1: none."""
         rays = _checked(ray_origins, ray_directions)
-        hit = self.scene.closest_hit(rays.origins, rays.directions, tmax=rays.tmax)
-        return hit.face.astype(np.int64)
+        return self.scene.closest_hit(rays.origins, rays.directions, tmax=rays.tmax).face
 
     def intersects_id(
         self,
@@ -158,7 +157,8 @@ class RayMeshIntersector:
         return _Hits(ray, hit.face[ray].astype(np.int64), hit.t[ray])
 
     def _all_hits(self, rays: _Rays, limit: int | None, unique: bool) -> _Hits:
-        found = self.scene.all_hits(rays.origins, rays.directions, tmax=rays.tmax)
+        most = None if unique else limit
+        found = self.scene.all_hits(rays.origins, rays.directions, tmax=rays.tmax, max_hits=most)
         hits = _Hits(found.ray, found.face.astype(np.int64), found.t)
         if unique:  # hits of adjacent faces at a shared edge have the same t, and are neighbours in the list
             again = (hits.ray[1:] == hits.ray[:-1]) & (hits.t[1:] == hits.t[:-1])
