@@ -85,19 +85,19 @@ def open3d_calls(scene, tensor: Callable) -> Contender:
 
 def _embreex():
     try:
-        from trimesh.ray import ray_pyembree
+        from trimesh.ray.ray_pyembree import RayMeshIntersector
     except ImportError as error:
         raise at.InputError(f"trimesh with Embree ({error}): pip install embreex") from None
-    return ray_pyembree.RayMeshIntersector
+    return RayMeshIntersector
 
 
 def _rtree():
     try:
         import rtree  # noqa: F401
-        from trimesh.ray import ray_triangle
+        from trimesh.ray.ray_triangle import RayMeshIntersector
     except ImportError as error:
         raise at.InputError(f"trimesh without Embree ({error}): pip install rtree") from None
-    return ray_triangle.RayMeshIntersector
+    return RayMeshIntersector
 
 
 def pairs(mesh: trimesh.Trimesh) -> Iterator[tuple[str, Contender, Contender | None]]:

@@ -1,16 +1,13 @@
 """Open3D: `RaycastingScene`, with the calls and results of ``open3d.t.geometry.RaycastingScene``, as NumPy arrays.
 
-    from antumbra.integrations.open3d import RaycastingScene
-
-    scene = RaycastingScene()
+    scene = antumbra.integrations.open3d.RaycastingScene()
     scene.add_triangles(mesh)
     t_hit = scene.cast_rays(rays)["t_hit"]
 
-Keys, shapes, dtypes and miss values are Open3D's, but results are arrays, so leave out ``.numpy()``. Rays and points may
-be arrays, or tensors in host memory, of any precision.
+Keys, shapes, dtypes and miss values are Open3D's. Results are arrays; arguments may be tensors in host memory too.
 """
 
-from typing import Any, ClassVar, NoReturn
+from typing import Any, ClassVar, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,14 +20,21 @@ from ..scene.mesh import Mesh, StaticMeshes, make_mesh, n_faces
 from ..scene.scene_data import MemoryData
 
 
+class _Faces(NamedTuple):
+    """What queries return for the face that was hit; the last elements, at index -1, are those of a miss."""
+
+    geometry: NDArray[np.uint32]  # (f + 1,)
+    primitive: NDArray[np.uint32]  # (f + 1,)
+    normals: NDArray[np.float32]  # (f + 1, 3) unit, 0 for faces without area
+
+
 class RaycastingScene:
     """A scene of triangle meshes for ray queries, which are exact.
 
     A hit lies strictly between the ends of its ray, so a face through the origin is none. In all methods, `nthreads` 0
-    means all cores. Queries of distances are refused, since rays do not answer them.
+    means all cores. Wrong values raise an `InputError`, as do queries of distances, which rays do not answer.
 
-    nthreads, device : ignored
-        The first query builds the tree on all cores of the CPU.
+    nthreads, device : ignored, since the first query builds the tree on all cores of the CPU
     """
 
     INVALID_ID: ClassVar[int] = 0xFFFFFFFF
@@ -39,7 +43,7 @@ class RaycastingScene:
     def __init__(self, nthreads: int = 0, device: object = None):
         _threads(nthreads)
         self._meshes: list[Mesh] = []
-        self._first = np.zeros(1, np.int64)  # number of the first triangle of each geometry, then of all triangles
+        self._counts: list[int] = []  # triangles of each geometry
         self._scene: Scene | None = None
 
     def add_triangles(self, vertex_positions: Any = None, triangle_indices: Any = None, *, mesh: Any = None) -> int:
@@ -50,11 +54,6 @@ class RaycastingScene:
         vertex_positions, triangle_indices : (n, 3) float, and (m, 3) int
         mesh : a mesh of Open3D, of either kind, or of trimesh, PyVista or meshio
             Instead of the others, also as the only argument without a name.
-
-        Raises
-        ------
-        InputError
-            If a shape or dtype is wrong, an index is out of range, or the object is no mesh.
         """
         mesh = vertex_positions if mesh is None and triangle_indices is None else mesh
         if mesh is None:
@@ -65,25 +64,24 @@ class RaycastingScene:
         else:
             raise InputError(f"add_triangles got a {type(mesh).__name__}; give {KNOWN}, or vertices and triangles")
         self._meshes += parts
-        self._first = np.append(self._first, self._first[-1] + sum(n_faces(p.positions, p.faces) for p in parts))
+        self._counts.append(sum(n_faces(part.positions, part.faces) for part in parts))
         self._scene = None
-        return len(self._first) - 2
+        return len(self._counts) - 1
 
     def cast_rays(self, rays: ArrayLike, nthreads: int = 0) -> dict[str, NDArray[Any]]:
         """The first hit of each of the rays, (..., 6) float: origins, and directions of any length.
 
         The result has t_hit (...) float32, in lengths of the direction, inf on a miss; geometry_ids and primitive_ids
-        (...) uint32, `INVALID_ID` on a miss; primitive_uvs (..., 2) float32, weights of the second and the third corner;
+        (...) uint32, `INVALID_ID` on a miss; primitive_uvs (..., 2) float32, weights of the second and third corner;
         primitive_normals (..., 3) float32, unit vectors by the winding order. The last two are 0 on a miss.
         """
         hit = self._committed().closest_hit(rows_of(rays, "rays", 6), threads=_threads(nthreads))
-        geometry, primitive = self._ids(hit.face)
         return {
             "t_hit": hit.t.astype(np.float32),
-            "geometry_ids": geometry,
-            "primitive_ids": primitive,
+            "geometry_ids": self._faces.geometry[hit.face],
+            "primitive_ids": self._faces.primitive[hit.face],
             "primitive_uvs": np.stack([hit.u, hit.v], axis=-1),
-            "primitive_normals": np.nan_to_num(hit.normal).astype(np.float32),
+            "primitive_normals": self._faces.normals[hit.face],
         }
 
     def test_occlusions(
@@ -110,7 +108,7 @@ class RaycastingScene:
         """
         flat = rows_of(rays, "rays", 6).reshape(-1, 6)
         hits = self._committed().all_hits(flat, threads=_threads(nthreads))
-        ray, (geometry, primitive) = hits.ray, self._ids(hits.face)
+        ray, geometry, primitive = hits.ray, self._faces.geometry[hits.face], self._faces.primitive[hits.face]
         new = np.ones(len(ray), bool)  # hits at one point have the same t, and are sorted by face, so by geometry
         new[1:] = (ray[1:] != ray[:-1]) | (hits.t[1:] != hits.t[:-1]) | (geometry[1:] != geometry[:-1])
         return {
@@ -129,8 +127,8 @@ class RaycastingScene:
         """
         if whole_number(nsamples, "nsamples", 1, 1 << 31) % 2 == 0:
             raise InputError(f"nsamples is {nsamples}; it must be odd")
-        points = rows_of(query_points, "query_points", 3)
-        return self._committed().contains(points, threads=_threads(nthreads)).astype(np.float32)
+        inside = self._committed().contains(rows_of(query_points, "query_points", 3), threads=_threads(nthreads))
+        return inside.astype(np.float32)
 
     def compute_distance(self, *arguments: object, **named: object) -> NoReturn:
         """Refused, as are `compute_signed_distance` and `compute_closest_points`: rays do not measure distances."""
@@ -154,28 +152,32 @@ class RaycastingScene:
         if self._scene is None:
             meshes = self._meshes or [make_mesh("none", np.zeros((3, 3)), np.arange(3)[None], None, "none")]
             self._scene = Scene.of_data(MemoryData(StaticMeshes(meshes, "RaycastingScene"), name="RaycastingScene"))
+            self._faces = _faces_of(self._scene, self._counts)
         return self._scene
 
-    def _ids(self, face: NDArray[np.int32]) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-        """Geometries and primitives of faces; `INVALID_ID` for -1."""
-        geometry = np.searchsorted(self._first, face, side="right") - 1
-        missed, primitive = face < 0, face - self._first[geometry]
-        geometry[missed] = primitive[missed] = self.INVALID_ID
-        return geometry.astype(np.uint32), primitive.astype(np.uint32)
+
+def _faces_of(scene: Scene, counts: list[int]) -> _Faces:
+    a, b, c = scene.triangles().vertices.astype(np.float64).swapaxes(0, 1)
+    normals = np.append(np.cross(b - a, c - a), np.zeros((1, 3)), axis=0)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    unit = normals / np.where(lengths > 0.0, lengths, 1.0)
+    counts = counts or [scene.n_triangles]
+    numbers = [np.repeat(np.arange(len(counts)), counts), np.concatenate([np.arange(n) for n in counts])]
+    geometry, primitive = (np.append(each, RaycastingScene.INVALID_ID).astype(np.uint32) for each in numbers)
+    return _Faces(geometry, primitive, unit.astype(np.float32))
 
 
 def _rays_of_view(
     fov_deg: float, center: ArrayLike, eye: ArrayLike, up: ArrayLike, width_px: int, height_px: int
 ) -> NDArray[np.float32]:
-    middle = width_px / 2.0, height_px / 2.0
-    focal_length = middle[0] / np.tan(np.radians(number(fov_deg, "fov_deg", 0.0, 180.0)) / 2.0)
+    focal_length = width_px / 2.0 / np.tan(np.radians(number(fov_deg, "fov_deg", 0.0, 180.0)) / 2.0)
     position = vector(eye, "eye")
     ahead = unit_vectors(vector(center, "center") - position, "the view from eye to center")
     right = unit_vectors(np.cross(vector(up, "up"), ahead), "up, seen from eye,")
     extrinsic = np.eye(4)
     extrinsic[:3, :3] = right, np.cross(ahead, right), ahead
     extrinsic[:3, 3] = -extrinsic[:3, :3] @ position
-    intrinsic = np.array([[focal_length, 0.0, middle[0]], [0.0, focal_length, middle[1]], [0.0, 0.0, 1.0]])
+    intrinsic = np.array([[focal_length, 0, width_px / 2], [0, focal_length, height_px / 2], [0, 0, 1]])
     return _rays_of_matrices(intrinsic, extrinsic, width_px, height_px)
 
 

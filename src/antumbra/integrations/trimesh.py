@@ -55,6 +55,9 @@ class _Hits(NamedTuple):
     face: NDArray[np.int64]  # (h,)
     t: NDArray[np.float64]  # (h,) in lengths of the direction
 
+    def take(self, index: NDArray[np.int64]) -> "_Hits":
+        return _Hits(self.ray[index], self.face[index], self.t[index])
+
 
 class RayMeshIntersector:
     """Ray queries about a trimesh mesh; `trimesh_ray` makes one.
@@ -162,14 +165,14 @@ class RayMeshIntersector:
         hits = _Hits(found.ray, found.face.astype(np.int64), found.t)
         if unique:  # hits of adjacent faces at a shared edge have the same t, and are neighbours in the list
             again = (hits.ray[1:] == hits.ray[:-1]) & (hits.t[1:] == hits.t[:-1])
-            hits = _Hits(*(array[np.flatnonzero(np.append(True, ~again)[: len(array)])] for array in hits))
+            hits = hits.take(np.flatnonzero(np.append(True, ~again)[: len(hits.t)]))
         counts = np.bincount(hits.ray, minlength=len(rays.origins))
         depth = np.arange(len(hits.ray)) - (np.cumsum(counts) - counts)[hits.ray]
         deepest = int(counts.max(initial=0))
         order = np.argsort(depth.astype(np.uint16 if deepest < 1 << 16 else np.int64), kind="stable")  # radix sort
         if limit is not None and limit < deepest:
             order = order[depth[order] < limit]
-        return _Hits(*(array[order] for array in hits))
+        return hits.take(order)
 
     def _locations(self, rays: _Rays, hits: _Hits) -> NDArray[np.float64]:
         """(h, 3) float64: where rays meet the planes of the mesh's own faces, as trimesh computes it.
@@ -191,7 +194,7 @@ def _checked(ray_origins: ArrayLike, ray_directions: ArrayLike) -> _Rays:
     directions = rows_of(ray_directions, "ray_directions", 3, 2)
     if origins.shape != directions.shape:
         raise InputError(f"{len(origins)} ray_origins and {len(directions)} ray_directions; give one of each per ray")
-    zero = ~directions.any(axis=1)
+    zero = (directions == 0.0).all(axis=1)
     if not zero.any():
         return _Rays(origins, directions, np.inf)
     return _Rays(origins, np.where(zero[:, None], 1.0, directions), np.where(zero, 0.0, np.inf))
