@@ -1,6 +1,9 @@
 """``mesh.antumbra``: results of triangles come back to the cells and points of every kind of data set."""
 
 import importlib
+import os
+import subprocess
+import sys
 import tomllib
 import types
 from inspect import signature
@@ -38,6 +41,20 @@ def test_the_accessor_is_announced():
     if hasattr(pv, "registered_accessors"):
         (found,) = [each for each in pv.registered_accessors() if each.name == "antumbra"]
         assert found.accessor is accessor.DatasetAccessor and found.target is pv.DataSet
+
+
+def test_the_accessor_is_found_without_an_import_of_antumbra(tmp_path):
+    """As a fresh installation announces it."""
+    if not hasattr(pv, "register_dataset_accessor"):
+        pytest.skip(f"PyVista {pv.__version__} has no accessors, so their discovery is NOT checked")
+    folder = tmp_path / "announced-1.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: announced\nVersion: 1\n")
+    (folder / "entry_points.txt").write_text(f"[pyvista.accessors]\nantumbra = {accessor.__name__}\n")
+    code = "import sys, pyvista; print('antumbra' in sys.modules, type(pyvista.Sphere().antumbra).__name__)"
+    settings = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=settings)
+    assert done.stdout.split() == ["False", "DatasetAccessor"], done.stderr
 
 
 def test_versions_without_accessors_are_told(monkeypatch):

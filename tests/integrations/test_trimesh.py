@@ -137,12 +137,11 @@ def test_rays_through_vertices_and_edges_are_exact():
     assert ours.intersects_any(origins, directions).all()
     assert ours.intersects_first(origins, directions).tolist() == [hits[0][1] for hits in wanted]
     face, ray = ours.intersects_id(origins, directions)
-    assert [sorted(face[ray == i].tolist()) for i in range(len(origins))] == [
-        sorted(f for _, f in hits) for hits in wanted
-    ]
-    _, ray, _ = ours.intersects_location(origins, directions)
-    counts = [len({t for t, _ in hits}) for hits in wanted]
-    assert np.bincount(ray).tolist() == counts and len(face) > 2 * sum(counts) > 2 * len(origins)
+    lowest = [{t: face for t, face in reversed(hits)} for hits in wanted]  # at each location
+    for i, of_ray in enumerate(lowest):
+        assert face[ray == i].tolist() == [of_ray[t] for t in sorted(of_ray)]
+    assert (ours.intersects_location(origins, directions)[1] == ray).all()
+    assert sum(map(len, wanted)) > 2 * len(face) > 2 * len(origins)
 
 
 def test_locations_lie_in_float64_planes():

@@ -1,8 +1,8 @@
 """trimesh: `trimesh_ray`, a ray intersector for ``mesh.ray`` with the calls and results of trimesh's own ones.
 
 trimesh has two intersectors, `ray_triangle` and `ray_pyembree`. Where their conventions differ, this one follows
-`ray_pyembree`, which trimesh prefers: the dtypes of indices, locations (h, 3) even without hits, and all first hits
-before all second hits. As in `ray_triangle`, only locations are unique: an edge is two hits, at one location.
+`ray_pyembree`, which trimesh prefers: the dtypes of indices, locations (h, 3) even without hits, all first hits before
+all second hits, and one face for each location, also where a ray meets an edge or a vertex.
 """
 
 from typing import Any, NamedTuple, cast
@@ -111,7 +111,7 @@ class RayMeshIntersector:
         max_hits: int | None = None,
         return_locations: bool = False,
     ) -> Any:
-        """The faces that rays hit.
+        """The faces that rays hit: the lowest of those at each location.
 
         Parameters
         ----------
@@ -121,7 +121,7 @@ class RayMeshIntersector:
         max_hits : int, optional
             At most this many hits of each ray, the nearest. None: all.
         return_locations : bool
-            Also return locations, each only once per ray.
+            Also return locations.
 
         Returns
         -------
@@ -133,9 +133,8 @@ class RayMeshIntersector:
         rays = _checked(ray_origins, ray_directions)
         limit = None if max_hits is None else whole_number(max_hits, "max_hits", 1, 1 << 31)
         several = flag(multiple_hits, "multiple_hits")
-        unique = flag(return_locations, "return_locations")
-        hits = self._all_hits(rays, limit, unique) if several else self._first_hits(rays)
-        if not unique:
+        hits = self._all_hits(rays, limit) if several else self._first_hits(rays)
+        if not flag(return_locations, "return_locations"):
             return hits.face, hits.ray
         return hits.face, hits.ray, self._locations(rays, hits)
 
@@ -159,13 +158,13 @@ class RayMeshIntersector:
         ray = np.flatnonzero(hit.mask)
         return _Hits(ray, hit.face[ray].astype(np.int64), hit.t[ray])
 
-    def _all_hits(self, rays: _Rays, limit: int | None, unique: bool) -> _Hits:
-        most = None if unique else limit
-        found = self.scene.all_hits(rays.origins, rays.directions, tmax=rays.tmax, max_hits=most)
+    def _all_hits(self, rays: _Rays, limit: int | None) -> _Hits:
+        found = self.scene.all_hits(rays.origins, rays.directions, tmax=rays.tmax)
         hits = _Hits(found.ray, found.face.astype(np.int64), found.t)
-        if unique:  # hits of adjacent faces at a shared edge have the same t, and are neighbours in the list
-            again = (hits.ray[1:] == hits.ray[:-1]) & (hits.t[1:] == hits.t[:-1])
-            hits = hits.take(np.flatnonzero(np.append(True, ~again)[: len(hits.t)]))
+        new = np.ones(len(hits.t), bool)  # hits at one location have the same t, and are sorted by face
+        new[1:] = (hits.ray[1:] != hits.ray[:-1]) | (hits.t[1:] != hits.t[:-1])
+        if not new.all():
+            hits = hits.take(np.flatnonzero(new))
         counts = np.bincount(hits.ray, minlength=len(rays.origins))
         depth = np.arange(len(hits.ray)) - (np.cumsum(counts) - counts)[hits.ray]
         deepest = int(counts.max(initial=0))
