@@ -1,8 +1,10 @@
-"""Exact answers for float32 rays and triangles in integer arithmetic: the reference of `wrong_elsewhere`.
+"""Exact answers for float32 rays and triangles in integer arithmetic: the reference of `wrong_elsewhere` and `drop_in`.
 
 Every float32 is a multiple of 2^-149, so all sums and products are exact in Python integers, and signs of determinants
 decide. This file shares no code with the package.
 """
+
+from fractions import Fraction
 
 import numpy as np
 
@@ -38,12 +40,18 @@ def blocked(vertices: np.ndarray, origins: np.ndarray, directions: np.ndarray) -
 
 
 def _some(corners, starts, vectors) -> np.ndarray:
+    return _hits(corners, starts, vectors)[0].any(1)
+
+
+def _hits(corners, starts, vectors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(hit, height, total), each (n, m): whether ray and triangle meet at t > 0; t is height / total."""
     a, b, c = (_columns(corners[None, :, k] - starts[:, None]) for k in range(3))
     d = _columns(vectors[:, None])
     edges = np.stack([_det(d, b, c), _det(d, c, a), _det(d, a, b)])
     low, high, total = edges.min(0), edges.max(0), edges.sum(0)
-    ahead = _det(a, b, c) * total > 0  # the sign of t; total is 0 where the line is edge-on
-    return (((low >= 0) | (high <= 0)) & ahead).astype(bool).any(1)
+    height = _det(a, b, c)
+    ahead = height * total > 0  # the sign of t; total is 0 where the line is edge-on
+    return (((low >= 0) | (high <= 0)) & ahead).astype(bool), height, total
 
 
 def above(triangles: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -51,3 +59,29 @@ def above(triangles: np.ndarray, directions: np.ndarray) -> np.ndarray:
     corners, d = _integers(triangles), _columns(_integers(directions))
     edges = (_columns(corners[:, k] - corners[:, 0]) for k in (1, 2))
     return (_det(d, *edges) > 0).astype(bool)
+
+
+def crossings(vertices: np.ndarray, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """(n,) int64: at how many points with t > 0 each ray meets the closed triangles, however many meet in a point.
+
+    vertices : (m, 3, 3) float32
+    origins, directions : (n, 3) float32
+    """
+    corners, starts, vectors = _integers(vertices), _integers(origins), _integers(directions)
+    step = max(1, _PAIRS // len(corners))
+    counts = []
+    for i in range(0, len(starts), step):
+        hit, height, total = _hits(corners, starts[i : i + step], vectors[i : i + step])
+        counts += [len(set(map(Fraction, height[j, each], total[j, each]))) for j, each in enumerate(hit)]
+    return np.array(counts, np.int64)
+
+
+def in_a_plane(vertices: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(n,) bool: whether each of the points, (n, 3) float32, lies in the plane of a triangle ((m, 3, 3) float32)."""
+    corners, at = _integers(vertices), _integers(points)
+    step = max(1, _PAIRS // len(corners))
+    heights = [
+        _det(*(_columns(corners[None, :, k] - at[i : i + step, None]) for k in range(3)))
+        for i in range(0, len(at), step)
+    ]
+    return (np.concatenate(heights) == 0).any(1)

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+import trimesh
 
 import antumbra as at
 from antumbra.jobs.sun.sun_positions import Times
@@ -204,6 +205,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "sun_hours": ex(at.sun_hours, scene=own, sensors=sensors, days=days, place=PLACE, step=360),
         "sun_hours.in_areas": ex(at.sun_hours, **garden, days=days, place=PLACE, step=360),
         "sky_view": ex(at.sky_view, scene=own, sensors=sensors, directions=16),
+        "trimesh_ray": ex(at.trimesh_ray, mesh=trimesh.creation.box()),
         "suns_of": ex(at.suns_of, place=PLACE, times=times, up="y"),
         "times_of": ex(at.times_of, days=days, zone=zone),
         "view": ex(at.view, scene=own, lights=LIGHT, camera=CAMERA, browser=False),

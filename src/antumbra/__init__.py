@@ -25,6 +25,7 @@ if typing.TYPE_CHECKING:
     from .engine.visibility import Visibility
     from .errors import InputError
     from .formats.cityjson.attribute_writer import write_attributes
+    from .integrations.trimesh import trimesh_ray
     from .jobs.bake.bake_job import Baked, bake
     from .jobs.dataset.dataset_job import Dataset, dataset
     from .jobs.ground_areas import area_sensors
@@ -119,6 +120,7 @@ __all__ = [
     "sun_hours",
     "suns_of",
     "times_of",
+    "trimesh_ray",
     "vertex_sensors",
     "view",
     "viewshed",
@@ -190,6 +192,7 @@ _HOME = {
     "sun_hours": "jobs.sun.sun_hours",
     "suns_of": "jobs.sun.sun_positions",
     "times_of": "jobs.sun.sun_positions",
+    "trimesh_ray": "integrations.trimesh",
     "vertex_sensors": "jobs.sensors",
     "view": "viewer.viewer_page",
     "viewshed": "jobs.line_of_sight.viewshed",

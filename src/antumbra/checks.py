@@ -197,6 +197,15 @@ def _of_library(value: Any, what: str) -> Any:
         raise InputError(f"{what} cannot be read through DLPack ({error}); copy it to host memory first") from None
 
 
+def rows_of(value: Any, what: str, length: int, ndim: int | None = None) -> NDArray[Any]:
+    """`value` as numbers (..., `length`), with `ndim` axes if given; otherwise an InputError that names `what`."""
+    array = as_array(value, what)
+    if array.shape[-1:] != (length,) or ndim not in (None, array.ndim):
+        shape = f"({'...' if ndim is None else 'n'}, {length})"
+        raise InputError(f"{what} must be numbers {shape}, not {array.dtype} {array.shape}")
+    return array
+
+
 def vector(value: Any, what: str) -> NDArray[np.float64]:
     """Convert `value` to (3,) float64; InputError naming `what` unless it is three finite numbers."""
     try:

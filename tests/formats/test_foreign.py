@@ -9,6 +9,7 @@ from PIL import Image
 
 import antumbra as at
 from antumbra import InputError
+from antumbra.integrations.open3d import RaycastingScene
 from antumbra.scene.materials import srgb_to_linear
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at
 
@@ -174,10 +175,55 @@ def test_bad_colours_are_refused(colours, words):
         at.Scene.from_arrays(TETRAHEDRON, TETRAHEDRON_FACES, **colours)
 
 
-def test_meshes_of_installed_libraries():
-    pyvista = pytest.importorskip("pyvista", reason="no pyvista: only objects that look like its data are checked")
+def installed(name: str):
+    reason = f"no {name}: only objects that look like its meshes are checked"
+    return pytest.importorskip(name, reason=reason, exc_type=ImportError)
+
+
+def test_data_sets_of_pyvista():
+    pyvista = installed("pyvista")
     sphere = pyvista.Sphere()
     corners = sphere.points[sphere.regular_faces]
     assert_at(at.load(sphere), corners)
     grid = pyvista.ImageData(dimensions=(3, 3, 3))
     assert at.load(grid).n_triangles == 2 * 6 * 4
+
+
+def test_meshes_of_meshio():
+    meshio = installed("meshio")
+    assert_at(at.load(meshio.Mesh(TETRAHEDRON, [("triangle", TETRAHEDRON_FACES)])), CORNERS)
+
+
+@pytest.mark.parametrize("kind", ["legacy", "tensors"])
+def test_meshes_of_open3d(kind):
+    open3d = installed("open3d")
+    mesh = open3d.geometry.TriangleMesh()
+    mesh.vertices, mesh.triangles = (
+        open3d.utility.Vector3dVector(TETRAHEDRON),
+        open3d.utility.Vector3iVector(TETRAHEDRON_FACES),
+    )
+    mesh.vertex_colors = open3d.utility.Vector3dVector(BYTES[:, :3] / 255.0)
+    if kind == "tensors":
+        mesh = open3d.t.geometry.TriangleMesh.from_legacy(mesh)
+    scene = at.load(mesh)
+    assert_at(scene, CORNERS)
+    np.testing.assert_allclose(scene.colours, MEAN_OF_CORNERS, atol=1e-6)
+
+
+SCENE_ARGUMENTS = {
+    "load": lambda mesh: at.load(mesh).closest_hit(*RAY).t,
+    "Engine": lambda mesh: at.Engine(mesh).closest_hit(*RAY).t,
+    "visibility": lambda mesh: at.visibility(mesh, RAY[0], at.PointLight((0, 0, -9)), spp=1).bits,
+    "render": lambda mesh: at.render(mesh, CAMERA, at.PointLight((1, 2, 5)), spp=1).image,
+    "sky_view": lambda mesh: at.sky_view(mesh, directions=16)["sky_view"],
+    "trimesh_ray or RaycastingScene": lambda mesh: RaycastingScene().add_triangles(mesh),
+}
+RAY = (0.2, 0.2, 5.0), (0.0, 0.0, -1.0)
+CAMERA = at.Camera((1, 2, 5), (0.3, 0.3, 0.3), width=16, height=16)
+
+
+@pytest.mark.parametrize("call", SCENE_ARGUMENTS.values(), ids=SCENE_ARGUMENTS)
+def test_all_libraries_are_accepted_wherever_a_scene_is(call):
+    wanted = call(trimesh.Scene(tetrahedron()))
+    for mesh in OF_VERTICES.values():
+        assert np.array_equal(np.isfinite(call(mesh)), np.isfinite(wanted)) and np.shape(call(mesh)) == np.shape(wanted)

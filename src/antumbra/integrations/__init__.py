@@ -1,0 +1,8 @@
+"""Drop-in faces for other libraries: their calls and conventions, answered exactly. None of them is required.
+
+- `trimesh`: `trimesh_ray`, an intersector for ``mesh.ray``
+- `open3d`: `RaycastingScene`, with the calls and results of Open3D's
+- `pyvista`: ``mesh.antumbra``, an accessor whose results become arrays of cells or points
+
+Each module serves one library, and only `pyvista` imports the library that it serves.
+"""
