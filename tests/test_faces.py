@@ -34,13 +34,15 @@ PLUMBING = {
     "from_rows", "rows", "see",  # of a Renderer, for commands and workers: they take what its other methods made
     "of_scene", "surfaces",  # of a Hit
     "of_data",  # of a scene
-    "shadows", "queries", "accelerated", "frame_tracer",  # of an Engine, for jobs and pictures
+    "shadows", "queries", "accelerated", "frame_tracer", "segment_hits",  # of an Engine, for jobs and pictures
     "of", "moved_off", "seeing_all_around", "take",  # of Receivers, for jobs
     "reshaped",  # of a Visibility
     "middles", "places",  # of a Raster, for sensors
     "ignore_alpha", "refusal", "wait", "close",  # without parameters
 }  # fmt: skip
 """Methods without a face for users."""
+
+RAY_METHODS = "occluded", "closest_hit", "all_hits", "count_hits", "contains"
 
 
 @cache
@@ -111,6 +113,10 @@ def scene_methods(scene, stored: bool) -> dict[str, Example]:
         "occluded": ex(scene.occluded, **rays, **more),
         "occluded of segments": ex(scene.occluded, **segments),
         "closest_hit": ex(scene.closest_hit, **rays, **more),
+        "all_hits": ex(scene.all_hits, **rays, **more, max_hits=2),
+        "all_hits of segments": ex(scene.all_hits, **segments),
+        "count_hits": ex(scene.count_hits, **rays, **more, merge="surface"),
+        "contains": ex(scene.contains, points=[[1.0, 0.5, -1.0]], threads=1),
     }
 
 
@@ -156,8 +162,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "Renderer": ex(at.Renderer, scene=own),
         "Engine": ex(at.Engine, scene=own),
         "Engine.with_options": ex(own.engine.with_options, plan=None, threads=1, max_memory=None),
-        "Engine.occluded": scene_methods(own.engine, False)["occluded"],
-        "Engine.closest_hit": scene_methods(own.engine, False)["closest_hit"],
+        **{f"Engine.{name}": scene_methods(own.engine, False)[name] for name in RAY_METHODS},
         "Engine.surfaces": ex(own.engine.surfaces, camera=CAMERA),
         "Engine.visibility": ex(own.engine.visibility, receivers=RECEIVERS, lights=LIGHT, spp=1),
         "Receivers.in_space": ex(at.Receivers.in_space, points=[[1.0, 3.0, -1.0]], frame=own.origin),
