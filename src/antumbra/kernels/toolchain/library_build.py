@@ -103,10 +103,10 @@ def _source_files(requests: tuple[KernelRequest, ...]) -> list[str]:
     return sorted(path.relative_to(PACKAGE).as_posix() for path in files if path.exists())
 
 
-def _inputs(system: str, level: str, codes: list[KernelCode], folder: Path) -> list[Path]:
-    """Write the object files of a library's kernels, and its C files."""
+def _inputs(system: str, level: str, codes: dict[str, KernelCode], folder: Path) -> list[Path]:
+    """Write what a library is linked from: the objects of kernels, by their digests, C files, and names to export."""
     paths = []
-    for k, code in enumerate(codes):
+    for k, code in enumerate(codes.values()):
         paths.append(folder / f"{k}.o")
         paths[-1].write_bytes(code.machine)
     sources = [LEVEL_SOURCE] if level.startswith("x86") else []
@@ -114,6 +114,10 @@ def _inputs(system: str, level: str, codes: list[KernelCode], folder: Path) -> l
     for k, source in enumerate(sources):
         paths.append(folder / f"{k}.c")
         paths[-1].write_text(source)
+    if system.startswith("windows"):  # weak symbols, as Numba makes them, are only exported by name
+        paths.append(folder / "exports.def")
+        names = [symbol_of(digest) for digest in codes] + ["antumbra_x86_level"] * level.startswith("x86")
+        paths[-1].write_text("\n  ".join(["EXPORTS", *names]) + "\n")
     return paths
 
 
@@ -160,7 +164,7 @@ def build_libraries(system: str, out: Path, levels: Sequence[str] | None = None)
             for digest, code in codes.items():
                 contents.kernels[name_of(code.kernel, code.key)] = LibraryKernel(symbol_of(digest), code.result)
             libraries.append(library_path(work, level, linker.suffix))
-            linker.link(_inputs(system, level, list(codes.values()), work), libraries[-1])
+            linker.link(_inputs(system, level, codes, work), libraries[-1])
         contents.write(work)
         out.mkdir(parents=True, exist_ok=True)
         for path in (*libraries, work / LIST):
