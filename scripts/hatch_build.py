@@ -1,57 +1,58 @@
-"""Build hook for platform wheels: compiles the kernels for common processors and adds them to the wheel.
+"""Build hook for platform wheels: compiles all kernels and adds them as shared libraries.
 
     HATCH_BUILD_HOOK_ENABLE_CUSTOM=1 pip wheel --no-deps -w dist .
 
-Without the variable, the wheel is pure Python, and kernels are compiled on first use. ``ANTUMBRA_PACK_LEVELS`` selects
-processor levels, separated by commas; the default is all levels of this architecture.
+Without the variable, the wheel is pure Python, and needs the extra `jit` to compile kernels on first use. A platform
+wheel is for every Python from 3.11 on. ``ANTUMBRA_SYSTEM`` selects another system, such as linux-aarch64 or
+windows-x86_64: every machine can build the wheels of all systems. ``ANTUMBRA_LEVELS`` selects processor levels, separated
+by commas; the default is all levels of the system.
 """
 
 import os
 import platform
 import subprocess
 import sys
-import sysconfig
 import tempfile
 from pathlib import Path
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-_X86 = "x86-64-v2", "x86-64-v3", "x86-64-v4"
-_LEVELS = {"x86_64": _X86, "amd64": _X86, "aarch64": ["aarch64"], "arm64": ["aarch64"]}
+_TAGS = {
+    "linux-x86_64": "manylinux_2_17_x86_64",
+    "linux-aarch64": "manylinux_2_17_aarch64",
+    "macos-x86_64": "macosx_11_0_x86_64",
+    "macos-arm64": "macosx_11_0_arm64",
+    "windows-x86_64": "win_amd64",
+    "windows-arm64": "win_arm64",
+}
+"""Systems, and the platform tags of their wheels."""
 
 
-class PackHook(BuildHookInterface):
-    """Adds the packs of `antumbra.kernels.toolchain.kernel_manifest`, and tags the wheel for this system and Python."""
+class LibraryHook(BuildHookInterface):
+    """Adds the libraries of `antumbra.kernels.toolchain.library_build`, and tags the wheel for their system."""
 
     def initialize(self, version, build_data):
         if version == "editable":
             return
+        system = os.environ.get("ANTUMBRA_SYSTEM") or _this_system()
+        if system not in _TAGS:
+            raise RuntimeError(f"there are no kernel libraries for {system}; choose {', '.join(_TAGS)}")
         self._folder = tempfile.TemporaryDirectory()
-        levels = os.environ.get("ANTUMBRA_PACK_LEVELS", "").replace(",", " ").split()
-        levels = levels or _LEVELS.get(platform.machine().lower(), [])
-        if not levels:
-            raise RuntimeError(f"kernel packs are not supported on {platform.machine()}: build a pure wheel")
-        chosen = [word for level in levels for word in ("--level", level)]
-        environment = dict(os.environ, PYTHONPATH=str(Path(self.root) / "src"))
-        command = [
-            sys.executable,
-            "-m",
-            "antumbra.kernels.toolchain.kernel_manifest",
-            "--out",
-            self._folder.name,
-            *chosen,
-        ]
-        subprocess.run(command, env=environment, check=True)
-        build_data["force_include"][self._folder.name] = "antumbra/kernels/packs"
+        levels = os.environ.get("ANTUMBRA_LEVELS", "").replace(",", " ").split()
+        command = [sys.executable, "-m", "antumbra.kernels.toolchain.library_build", "--system", system]
+        command += ["--out", self._folder.name, *(word for level in levels for word in ("--level", level))]
+        subprocess.run(command, env=dict(os.environ, PYTHONPATH=str(Path(self.root) / "src")), check=True)
+        build_data["force_include"][self._folder.name] = "antumbra/kernels/libraries"
         build_data["pure_python"] = False
-        build_data["tag"] = f"cp{sys.version_info[0]}{sys.version_info[1]}-none-{_system()}"
+        build_data["tag"] = f"py3-none-{_TAGS[system]}"
 
     def finalize(self, version, build_data, artifact_path):
         if hasattr(self, "_folder"):
             self._folder.cleanup()
 
 
-def _system() -> str:
-    """This system's platform tag. Kernels call only mathematical functions and memcpy from the C library."""
-    name = sysconfig.get_platform().replace("-", "_").replace(".", "_")
-    return name.replace("linux_", "manylinux_2_17_")
+def _this_system() -> str:
+    name = {"darwin": "macos", "win32": "windows"}.get(sys.platform, sys.platform)
+    machine = platform.machine().lower()
+    arm = "aarch64" if name == "linux" else "arm64"
+    return f"{name}-{ {'amd64': 'x86_64', 'aarch64': arm, 'arm64': arm}.get(machine, machine)}"

@@ -21,7 +21,7 @@ from antumbra.papers.published_methods import NEEDS as PAPERS
 
 JOB = """
 import json, sys
-from antumbra.kernels.toolchain.kernel_cache import events
+from antumbra.kernels.toolchain.kernel_loading import events
 from antumbra.jobs.job_kernels import all_jobs
 
 all_jobs(papers=True)[int(sys.argv[1])].work()
@@ -32,7 +32,8 @@ import json, sys
 from antumbra.kernels.toolchain.compile_pool import import_numba
 import_numba()
 from time import process_time
-from antumbra.kernels.machine_code import emit_object, level, optimise
+from antumbra.kernels.machine_code import emit_object, optimise
+from antumbra.kernels.processor import level
 from antumbra.kernels.marshalling import import_object
 from antumbra.kernels.toolchain import compiling
 

@@ -13,7 +13,7 @@ import typer
 from PIL import Image
 
 import antumbra as at
-from antumbra.cli.app import app
+from antumbra.cli.app import program
 from antumbra.jobs.bake.bake_options import QUANTITIES
 from antumbra.scene.default_picture import KINDS
 from baked_files import Glb
@@ -269,7 +269,7 @@ NUMBERS = {
 
 
 def test_each_command_with_an_up_axis_is_compared():
-    commands = typer.main.get_command(app).commands
+    commands = typer.main.get_command(program()).commands
     turning = {name for name, command in commands.items() if any("--up" in p.opts for p in command.params)}
     assert turning - {"view"} == COMMANDS.keys()
 

@@ -6,11 +6,11 @@ import shlex
 import pytest
 import typer
 
-from antumbra.cli.app import app
+from antumbra.cli.app import program
 from repository import ROOT
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs").glob("[jt]*/*.md"))]
-COMMANDS = typer.main.get_command(app).commands
+COMMANDS = typer.main.get_command(program()).commands
 OTHER = {"--install-completion", "--help", "--version", "--debug"}  # of the program, and of no command
 
 

@@ -7,10 +7,10 @@ import pytest
 import typer
 
 import antumbra as at
-from antumbra.cli.app import app
+from antumbra.cli.app import program
 
 COMMANDS = {
-    name: each for name, each in typer.main.get_command(app).commands.items() if name not in ("bench", "doctor")
+    name: each for name, each in typer.main.get_command(program()).commands.items() if name not in ("bench", "doctor")
 }
 
 TWINS = {

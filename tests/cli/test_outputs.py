@@ -13,7 +13,7 @@ import antumbra as at
 import city_files
 from antumbra.cli import bench_command as bench
 from antumbra.cli import options as outputs
-from antumbra.cli.app import app
+from antumbra.cli.app import program
 from antumbra.extras import plugins_of
 from antumbra.jobs import result_table as formats
 from small_disk import fill, small_disk
@@ -40,7 +40,7 @@ class Written(NamedTuple):
 
 def commands():
     """(words, function) of all commands."""
-    for command in app.registered_commands:
+    for command in program().registered_commands:
         yield (command.name,), command.callback
     for command in bench.app.registered_commands:
         yield ("bench", command.name), command.callback

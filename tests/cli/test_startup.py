@@ -5,6 +5,8 @@ import sys
 
 import pytest
 
+from antumbra.cli.app import COMMANDS
+
 NEVER = {"scipy.stats", "scipy.linalg", "trimesh", "pygltflib", "hypothesis", "matplotlib", "OpenEXR"}
 
 
@@ -17,6 +19,16 @@ def imported(*arguments: str, cwd) -> set[str]:
     done = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, cwd=cwd)
     assert done.returncode == 0, done.stderr
     return set((cwd / "modules").read_text().split())
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_lists_the_first_line_of_each_command(name):
+    assert COMMANDS[name].help == COMMANDS[name].function(name).__doc__.strip().split("\n\n")[0]
+
+
+def test_a_command_imports_no_other(tmp_path):
+    names = {name for name in imported("render", "--help", cwd=tmp_path) if name.endswith(("_command", "_commands"))}
+    assert names == {"antumbra.cli.render_command"}
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["render", "--help"]])

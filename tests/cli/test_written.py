@@ -8,7 +8,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from antumbra.cli.app import Grouped, app
+from antumbra.cli.app import Grouped, program
 from antumbra.cli.compare_command import CompareArguments
 from antumbra.cli.options import arguments_of, derived_options, literal, takes
 from antumbra.cli.picture_spec import RenderArguments
@@ -21,7 +21,7 @@ from antumbra.picture.option_fields import (
 )
 from antumbra.picture.render_options import EngineOptions, RenderKeywords, RenderOptions
 
-COMMANDS: Any = typer.main.get_command(app)
+COMMANDS: Any = typer.main.get_command(program())
 NAMES = {field.name for field in fields(RenderKeywords)}
 APART = {
     "render": {"layers"},

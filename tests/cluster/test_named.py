@@ -12,7 +12,7 @@ import rasterio
 
 import antumbra as at
 from antumbra.cli import shards as sharing
-from antumbra.cli.app import app
+from antumbra.cli.app import program
 from antumbra.cli.sight_commands import MatrixArguments
 from antumbra.cli.sun_command import SunArguments
 from antumbra.cluster import node_files as inputs
@@ -123,7 +123,7 @@ def test_a_raster_of_other_files_is_not_fetched(tmp_path):
 def test_all_arguments_that_name_files_are_inputs():
     """Of all commands that run on a cluster."""
     told = set()
-    for command in app.registered_commands:
+    for command in program().registered_commands:
         kind = getattr(command.callback, "command", None)
         given = next((type_ for type_ in get_type_hints(kind).values() if is_dataclass(type_)), None) if kind else None
         hints = get_type_hints(given, include_extras=True) if given else {}

@@ -13,7 +13,7 @@ import rasterio
 from rasterio.transform import from_origin
 
 import antumbra as at
-from antumbra.cli.app import app
+from antumbra.cli.app import program
 from antumbra.jobs.line_of_sight.sightlines import PairList, sight_model, sight_table
 from city_files import CUBE, building, city, put, solid
 
@@ -309,7 +309,7 @@ def test_points_of_another_crs_are_refused(cli, tmp_path, reader):
 
 def test_all_options_that_read_points_are_tested():
     found = set()
-    for command in app.registered_commands:
+    for command in program().registered_commands:
         for name, kind in get_type_hints(command.callback, include_extras=True).items():
             for info in getattr(kind, "__metadata__", ()):
                 if FILE_OF_POINTS.search(f"{info.help} {info.metavar}"):

@@ -6,7 +6,7 @@ from dataclasses import fields
 import pytest
 
 import antumbra as at
-from antumbra.cli.app import app
+from antumbra.cli.app import program
 from antumbra.cli.options import derived_options
 from antumbra.field_docs import field_texts
 from antumbra.jobs.bake.bake_options import BakeOptions
@@ -21,7 +21,7 @@ JOBS = {
     "sun": (at.sun_hours, SunOptions),
     "viewshed": (at.viewshed, ViewshedOptions),
 }
-COMMANDS = {command.name or command.callback.__name__: command.callback for command in app.registered_commands}
+COMMANDS = {command.name or command.callback.__name__: command.callback for command in program().registered_commands}
 
 
 @pytest.mark.parametrize("name", JOBS)

@@ -15,7 +15,7 @@ from antumbra.picture.render_kernels import rendering_job
 NAMES = [job.name for job in warm.all_jobs(papers=True)]
 CALLED = """
 import json, sys
-from antumbra.kernels.toolchain.kernel_cache import events
+from antumbra.kernels.toolchain.kernel_loading import events
 from antumbra.jobs.job_kernels import all_jobs
 
 told = {}
@@ -43,7 +43,7 @@ PARTS = [OWN[i::3] for i in range(3)]
 PARTS += [pytest.param([name for name in NAMES if name not in OWN], marks=pytest.mark.papers)]
 
 
-def test_packs_hold_the_kernels_of_all_methods_once():
+def test_libraries_have_the_kernels_of_all_methods_once():
     packed = [(each.kernel, each.key) for each in needs.package_manifest().kernels]
     assert set(packed) == {(each.kernel, each.key) for each in needs.recorded_kernels().kernels}
     assert len(set(packed)) == len(packed) > len(needs.read_manifests(needs.MANIFEST).kernels)

@@ -1,4 +1,4 @@
-"""Machine code on disk: damage is found, processes share the work, old files are removed, packs need no compiler."""
+"""Machine code on disk: damage is found, processes share the work, old files are removed."""
 
 import json
 import os
@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import sample_package as sample
-from antumbra.kernels.machine_code import KernelCode, from_record
 from antumbra.kernels.toolchain import kernel_cache as cache
+from antumbra.kernels.toolchain.kernel_cache import KernelCode, from_record
 
 CODE = KernelCode("module:kernel", "i A[f4,1,C]", ["module:Pair", ["i", "n"]], b"machine code " * 50)
 CREW = """
@@ -175,41 +175,3 @@ def test_ctrl_c_leaves_a_usable_cache_and_no_process(package, tmp_path):
             time.sleep(0.1)
     assert kernels_in(folder) and not list(folder.rglob("*.lock"))[len(GOOD) :]
     assert sample.run(package, folder)[0]["alone"] == 101
-
-
-# --- packs -------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def pack(filled, tmp_path):
-    """A folder with a pack of all kernels in the filled cache."""
-    codes = {file.stem: from_record(file.read_bytes()) for file in kernels_in(filled[0])}
-    (level,) = {file.parent.name for file in kernels_in(filled[0])}
-    return cache.write_pack(tmp_path / "packs", level, codes)
-
-
-def run_with(package, folder, pack, monkeypatch):
-    monkeypatch.setenv("ANTUMBRA_PACKS", str(pack.parent))
-    return sample.run(package, folder)
-
-
-def test_a_pack_serves_without_cache_and_numba(package, pack, tmp_path, monkeypatch):
-    results, sources, numba = run_with(package, tmp_path / "cache", pack, monkeypatch)
-    assert results["alone"] == 101 and set(sources.values()) == {"pack"} and not numba
-    assert not (tmp_path / "cache").exists()
-
-
-def test_an_edited_kernel_is_not_taken_from_a_pack(package, pack, tmp_path, monkeypatch):
-    shutil.copytree(package, tmp_path / "antumbra")
-    sample.edit(tmp_path / "antumbra", "sample/top.py", "return x + 100", "return x + 200")
-    results, sources, _ = run_with(tmp_path / "antumbra", tmp_path / "cache", pack, monkeypatch)
-    assert results["alone"] == 201
-    assert {name for name, source in sources.items() if source == "compiled"} == {"alone"}
-
-
-@pytest.mark.parametrize("what", ["pack", "json"])
-def test_a_damaged_pack_is_left_alone(package, pack, tmp_path, monkeypatch, what):
-    file = pack.with_suffix(f".{what}")
-    file.write_bytes(b"x" + file.read_bytes()[1:])
-    results, sources, _ = run_with(package, tmp_path / "cache", pack, monkeypatch)
-    assert results["alone"] == 101 and "compiled" in sources.values()

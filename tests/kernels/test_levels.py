@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from antumbra.kernels.machine_code import X86, level, usable
+from antumbra.kernels.processor import X86, level, usable
 
 HERE = usable(level())
 RENDER = """

@@ -10,8 +10,8 @@ import pytest
 
 import sample_package as sample
 from antumbra import files
-from antumbra.kernels.machine_code import KernelCode
 from antumbra.kernels.toolchain import kernel_cache as cache
+from antumbra.kernels.toolchain.kernel_cache import KernelCode
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="this system has no owners of files: Windows")
 CODE = KernelCode("module:kernel", "i", ["module:Pair", ["i"]], b"machine code " * 50)
@@ -151,11 +151,11 @@ def test_compiling_processes_use_the_same_private_folder(package, own):
     own.chmod(0o777)
     program = """
 from antumbra.kernels.toolchain.compile_pool import KernelRequest, compile_kernels
-from antumbra.kernels.toolchain.kernel_cache import is_cached
+from antumbra.kernels.toolchain.kernel_loading import is_on_disk
 from antumbra.kernels.marshalling import import_object
 
 wrong = compile_kernels([KernelRequest("antumbra.sample.top:alone", "i")])
-print(wrong, is_cached(import_object("antumbra.sample.top:alone"), "i"))
+print(wrong, is_on_disk(import_object("antumbra.sample.top:alone"), "i"))
 """
     env = sample.environment(package, own)
     done = subprocess.run([sys.executable, "-c", program], env=env, capture_output=True, text=True, timeout=300)

@@ -83,7 +83,7 @@ TOP = '''"""Kernels that Python calls."""
 import numpy as np
 
 from antumbra.kernels.jit import kernel
-from antumbra.kernels.toolchain.kernel_cache import events
+from antumbra.kernels.toolchain.kernel_loading import events
 from antumbra.kernels.parallel import items, new_ticket
 from antumbra.kernels.simd import bits, load4, popcount, reduce_max, to_f32, as_i32
 
@@ -181,7 +181,7 @@ def write(folder: Path) -> Path:
     """Copy the package into a folder, with the kernels above as `antumbra.sample`; return the folder of `antumbra`."""
     package = folder / "antumbra"
     source = Path(antumbra.__file__).parent
-    shutil.copytree(source, package, ignore=shutil.ignore_patterns("__pycache__", "packs"))
+    shutil.copytree(source, package, ignore=shutil.ignore_patterns("__pycache__", "libraries"))
     (package / "sample").mkdir()
     for name, text in {"__init__": "", "parts": PARTS, "choices": CHOICES, "guest": GUEST, "top": TOP}.items():
         (package / "sample" / f"{name}.py").write_text(text)

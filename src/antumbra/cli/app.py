@@ -1,32 +1,20 @@
 """The program ``antumbra``: its commands, and the option groups in their help.
 
-Heavy packages (Numba, trimesh, Rich) are imported only when a command needs them, so ``--help`` appears at once.
+A command's module is imported only when the command runs or explains itself, and heavy packages (Numba, trimesh, Rich)
+only when it needs them. So ``--help`` appears at once.
 """
 
 import re
 from collections.abc import Callable
 from functools import cache
-from typing import Annotated, Any
+from importlib import import_module
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from typer.core import TyperCommand
 
 from ..errors import InputError
-from . import (
-    bake_command,
-    bench_command,
-    compare_command,
-    dataset_command,
-    explain_commands,
-    installation_commands,
-    render_command,
-    scene_commands,
-    shards,
-    sight_commands,
-    sun_command,
-    view_command,
-)
-from .shards import command_line
+from .console import command_line
 
 # --- Option groups of the help, which is plain text without Rich ------------------------------------------------------
 
@@ -73,41 +61,95 @@ def _title(param: Any) -> str:
 # --- The program and its commands -------------------------------------------------------------------------------------
 
 
-COMMANDS: dict[str, Callable[..., Any]] = {
-    "render": render_command.render,
-    "sun": sun_command.sun,
-    "view": view_command.view,
-    "bake": bake_command.bake,
-    "los": sight_commands.los,
-    "viewshed": sight_commands.viewshed,
-    "matrix": sight_commands.matrix,
-    "dataset": dataset_command.dataset,
-    "merge": shards.merge,
-    "build": scene_commands.build,
-    "info": scene_commands.info,
-    "scenes": scene_commands.scenes,
-    "formats": scene_commands.formats,
-    "plans": installation_commands.plans,
-    "warmup": installation_commands.warmup,
-    "culling": explain_commands.culling,
-    "explain": explain_commands.explain,
-    "compare": compare_command.compare,
-    "doctor": installation_commands.doctor,
+class CommandEntry(NamedTuple):
+    """A command: where it is defined, and its line in the help, which is the first line of its docstring."""
+
+    module: str
+    help: str
+    grouped: bool = True  # whether its help groups its options if there are many
+
+    def function(self, name: str) -> Callable[..., Any]:
+        """The command's function, whose module is imported."""
+        function: Callable[..., Any] = getattr(import_module(f"{__package__}.{self.module}"), name)
+        return function
+
+
+COMMANDS = {
+    "render": CommandEntry("render_command", "Render SCENE with exact shadows."),
+    "sun": CommandEntry("sun_command", "Find the hours of direct sun on the surfaces of SCENE."),
+    "view": CommandEntry("view_command", "Show SCENE in the browser, until Ctrl-C."),
+    "bake": CommandEntry(
+        "bake_command", "Bake occlusion, shadows or light of SCENE into a copy of its glTF file.", grouped=False
+    ),
+    "los": CommandEntry(
+        "sight_commands", "Find which points see each other in SCENE, and what blocks the others.", grouped=False
+    ),
+    "viewshed": CommandEntry("sight_commands", "Count the observers that see each sensor of SCENE.", grouped=False),
+    "matrix": CommandEntry(
+        "sight_commands", "Find which sensors of SCENE see which targets, as one bit per pair.", grouped=False
+    ),
+    "dataset": CommandEntry(
+        "dataset_command",
+        "Render a data set of SCENE: per camera, a multi-layer EXR and a shadow mask of each light.",
+    ),
+    "merge": CommandEntry(
+        "shards",
+        "Join the shards of a command into the files it writes without --shard, byte for byte.",
+        grouped=False,
+    ),
+    "build": CommandEntry("scene_commands", "Combine SCENEs in one store, which may exceed memory."),
+    "info": CommandEntry("scene_commands", "Show the contents of SCENE."),
+    "scenes": CommandEntry("scene_commands", "List the procedural scenes, or export one."),
+    "formats": CommandEntry("scene_commands", "List the file formats of scenes, and what is lost in them."),
+    "plans": CommandEntry("installation_commands", "List the methods, and the plans they form."),
+    "warmup": CommandEntry(
+        "installation_commands", "Compile all kernels ahead of time, store them on disk, and calibrate the plan auto."
+    ),
+    "culling": CommandEntry("explain_commands", "Show which triangles of SCENE survive pre-BVH culling."),
+    "explain": CommandEntry("explain_commands", "Show where plans spend the traversal steps of SCENE's shadow rays."),
+    "compare": CommandEntry("compare_command", "Measure plans on the same picture of SCENE, side by side."),
+    "doctor": CommandEntry(
+        "installation_commands",
+        "Check this installation: versions, processor, kernels on disk, optional packages, and a small query.",
+    ),
 }
-"""Name -> function, in the order of the help."""
+"""Name -> command, in the order of the help. The function has the same name."""
 
-_UNGROUPED = "bake", "los", "viewshed", "matrix", "merge"  # commands whose help lists all options under one title
+_BENCH = "bench", "Measure what the papers measured."
 
-app = typer.Typer(
-    name="antumbra",
-    help="Which points see which lights: exact ray-traced shadows.",
-    epilog="Each command explains itself: antumbra render --help",
-    rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-for _name, _command in COMMANDS.items():
-    app.command(_name, cls=TyperCommand if _name in _UNGROUPED else Grouped)(_command)
-app.add_typer(bench_command.app, name="bench")
+
+@cache
+def program(names: frozenset[str] | None = None) -> typer.Typer:
+    """The program.
+
+    names : commands that may run or explain themselves; the others are only listed. None: all
+    """
+    app = typer.Typer(
+        name="antumbra",
+        help="Which points see which lights: exact ray-traced shadows.",
+        epilog="Each command explains itself: antumbra render --help",
+        rich_markup_mode=None,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    for name, entry in COMMANDS.items():
+        function = entry.function(name) if names is None or name in names else _listed
+        app.command(name, cls=Grouped if entry.grouped else TyperCommand, help=_help_of(function, entry))(function)
+    if names is None or _BENCH[0] in names:
+        from . import bench_command
+
+        app.add_typer(bench_command.app, name=_BENCH[0])
+    else:
+        app.command(_BENCH[0], help=_BENCH[1])(_listed)
+    app.callback(invoke_without_command=True)(_top)
+    return app
+
+
+def _listed() -> None:
+    """A command that is only listed."""
+
+
+def _help_of(function: Callable[..., Any], entry: CommandEntry) -> str | None:
+    return entry.help if function is _listed else None
 
 
 def _version(is_set: bool) -> None:
@@ -118,7 +160,6 @@ def _version(is_set: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(invoke_without_command=True)
 def _top(
     context: typer.Context,
     version: Annotated[
@@ -130,16 +171,13 @@ def _top(
         print(context.get_help())
 
 
-@cache
-def _commands() -> Any:
-    """The Click command that Typer builds from the program."""
-    return typer.main.get_command(app)
-
-
 def run(arguments: list[str]) -> object:
     """Run the command named by the arguments; return its exit code or its return value."""
     command_line.set(tuple(arguments))
-    command = _commands()
+    names = (
+        None if "merge" in arguments else frozenset({*COMMANDS, _BENCH[0]}.intersection(arguments))
+    )  # it runs others
+    command: Any = typer.main.get_command(program(names))
     try:
         return command.main(arguments, prog_name="antumbra", standalone_mode=False)
     except InputError as error:

@@ -14,6 +14,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
     from ..scene.camera import Camera
     from ..techniques.srdh.representative_rays import SrdhRays
 
+
+command_line: ContextVar[tuple[str, ...]] = ContextVar("words", default=())
+"""The words of the command line."""
 
 # --- Output as Markdown -----------------------------------------------------------------------------------------------
 

@@ -28,20 +28,21 @@ from .options import Json, Quiet
 
 def about() -> dict[str, str | int]:
     """Name -> version, commit, or hardware. `commit` is present only in a git checkout."""
+    from ..kernels.toolchain.kernel_loading import has_compiler
+
     facts: dict[str, str | int] = {"antumbra": VERSION}
     if commit := _commit():
         facts["commit"] = commit
-    facts |= {"python": platform.python_version(), "numpy": version("numpy"), "numba": version("numba")}
+    facts |= {"python": platform.python_version(), "numpy": version("numpy")}
+    facts |= {"numba": version("numba")} if has_compiler() else {}
     return facts | {"system": f"{platform.system()} {platform.release()}", **_machine()}
 
 
 def _machine() -> dict[str, str | int]:
-    import llvmlite.binding as llvm
-
-    from ..kernels.machine_code import level
     from ..kernels.parallel import thread_count
+    from ..kernels.processor import level
 
-    processor = f"{_model() or platform.machine()} ({llvm.get_host_cpu_name()}, kernels for {level()})"
+    processor = f"{_model() or platform.machine()} (kernels for {level()})"
     return {"processor": processor, "cores": thread_count(None), **_machine_memory()}
 
 

@@ -40,9 +40,6 @@ RayOption = Annotated[
 ]
 MergeOption = Annotated[list[Path] | None, typer.Option("--merge", hidden=True)]  # from ``antumbra merge``
 
-command_line: ContextVar[tuple[str, ...]] = ContextVar("words", default=())
-"""The words of the command line."""
-
 _SHARD = re.compile(r"(\d{1,9})/(\d{1,9})")
 _NUMBER = re.compile(r"[^0-9A-Za-z]*#+$")  # frame number at the end of a name
 node_executor: ContextVar["UnitCollector | None"] = ContextVar("node_executor", default=None)
@@ -75,7 +72,7 @@ def shards_folder(output: Path) -> Path:
 
 def command_words() -> list[str]:
     """The words of the command line that determine the results."""
-    words, remaining = [], iter(command_line.get())
+    words, remaining = [], iter(console.command_line.get())
     for word in remaining:
         name = word.partition("=")[0]
         if name in _VALUED:

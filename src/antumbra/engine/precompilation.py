@@ -17,7 +17,8 @@ from ..formats.library_meshes import data_of_arrays
 from ..kernels.marshalling import import_object
 from ..kernels.toolchain import kernel_manifest as needs
 from ..kernels.toolchain.compile_pool import KernelRequest, compile_kernels
-from ..kernels.toolchain.kernel_cache import events, is_cached, user_cache
+from ..kernels.toolchain.kernel_cache import user_cache
+from ..kernels.toolchain.kernel_loading import events, has_compiler, is_on_disk
 from ..progress import report_progress
 from ..scene.camera import Camera
 from ..scene.light_lists import PointLights
@@ -66,7 +67,7 @@ def precompile_all(jobs: Iterable[Job]) -> int:
 
 def missing_of(kernels: Iterable[KernelRequest]) -> set[KernelRequest]:
     """The kernels that are not on disk."""
-    return {each for each in kernels if not is_cached(import_object(each.kernel), each.key)}
+    return {each for each in kernels if not is_on_disk(import_object(each.kernel), each.key)}
 
 
 def are_on_disk(kernels: Iterable[KernelRequest] | None) -> bool:
@@ -76,7 +77,7 @@ def are_on_disk(kernels: Iterable[KernelRequest] | None) -> bool:
 
 def compile_missing(missing: set[KernelRequest]) -> None:
     """Compile kernels on all cores with a progress message. No-op if the cache is read-only; `loading` warns then."""
-    if not user_cache().is_writable():
+    if not has_compiler() or not user_cache().is_writable():
         return
     with report_progress(f"compiling {len(missing)} kernels for this machine, once") as progress:
         compile_kernels(missing, progress)

@@ -2,7 +2,8 @@
 
 - `jit`: the decorators `kernel`, `inlined`, `formula`, `overload`; types of the fields of kernel arguments
 - `marshalling`: arguments and results as 8-byte words
-- `machine_code`: processor levels, LLVM's optimisation and emission for a level, the record of a kernel's code
+- `processor`: processor levels
+- `machine_code`: LLVM's optimisation and emission for a level
 - `simd/`: vectors as values inside kernels
 - `vec3`: vectors of three coordinates, scalar or in lanes
 - `exact/`: the exact ray-triangle test
@@ -24,7 +25,7 @@ def _late(module: str, name: str) -> Callable[..., Any]:
 
 
 jit.hooks = jit.ToolchainHooks(
-    _late("toolchain.kernel_cache", "find"),
+    _late("toolchain.kernel_loading", "find"),
     _late("toolchain.compiling", "type_of_function"),
     _late("toolchain.compiling", "type_of_global"),
 )

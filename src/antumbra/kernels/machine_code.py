@@ -1,11 +1,4 @@
-"""Machine code for a processor level: optimisation and emission by LLVM, and the record that holds a kernel's code.
-
-Processor levels. A level names the instructions that machine code may use, so one pack serves all machines of a level.
-`x86-64-v2`, `-v3` (AVX2, FMA) and `-v4` (AVX-512) are the levels of the x86-64 psABI. `aarch64` has NEON. The default
-is the best level of this processor; ``ANTUMBRA_LEVEL`` selects another.
-
-Records. A record is ``magic, checksum, length of the description, description (JSON), object file (zlib)``. The
-checksum detects truncated, modified and foreign records, which count as missing.
+"""Machine code for a processor level: optimisation and emission by LLVM.
 
 Operations by level. `source_of` has LLVM IR for operations that LLVM lowers badly at some levels; `optimise` links it.
 LLVM can compress lanes to the front only with AVX-512, and otherwise stores them one by one. AVX2 can permute eight
@@ -15,99 +8,10 @@ The rounding error of a product takes one fused instruction. Without that instru
 split [1971] is used instead. Both are exact.
 """
 
-import json
-import os
-import platform
-import zlib
 from functools import cache
-from hashlib import blake2b
 from typing import NamedTuple
 
 import llvmlite.binding as llvm
-
-from ..errors import InputError
-from .marshalling import Spec
-
-# --- Processor levels -------------------------------------------------------------------------------------------------
-
-
-_V2 = ["cx16", "sahf", "popcnt", "sse3", "ssse3", "sse4.1", "sse4.2"]
-_V3 = [*_V2, *["avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"]]
-_V4 = [*_V3, *["avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"]]
-X86 = {"x86-64-v2": _V2, "x86-64-v3": _V3, "x86-64-v4": _V4}
-"""Features of each level, by LLVM's names. The name of a level is also LLVM's name of a processor."""
-
-LEVELS = (*X86, "aarch64")
-OTHER = "generic"
-"""The level of all other machines: LLVM's generic processor."""
-
-
-@cache
-def level() -> str:
-    """The level that kernels are compiled for on this machine."""
-    name = os.environ.get("ANTUMBRA_LEVEL")
-    best = _best()
-    if not name:
-        return best
-    if name not in usable(best):
-        raise InputError(f"ANTUMBRA_LEVEL is {name}: this machine runs {', '.join(usable(best))}")
-    return name
-
-
-def usable(best: str) -> list[str]:
-    """The levels that a machine of level `best` can run."""
-    return list(X86)[: list(X86).index(best) + 1] if best in X86 else [best]
-
-
-def _best() -> str:
-    machine = platform.machine().lower()
-    if machine in ("arm64", "aarch64"):
-        return "aarch64"
-    if machine not in ("x86_64", "amd64"):
-        return OTHER
-    import llvmlite.binding as llvm
-
-    has = llvm.get_host_cpu_features()
-    return next((name for name, needs in reversed(X86.items()) if all(has.get(f) for f in needs)), OTHER)
-
-
-# --- Records ----------------------------------------------------------------------------------------------------------
-
-
-_MAGIC = b"antumbra kernel 1\n"
-_SUM = 16
-_HEAD = len(_MAGIC) + _SUM
-
-
-class KernelCode(NamedTuple):
-    """Everything that a call from Python needs."""
-
-    kernel: str  # module:qualname
-    key: str  # kinds of the arguments, separated by spaces
-    result: Spec  # kind of the result
-    machine: bytes  # object file; the function's name contains the digest (`symbol_of`)
-
-    def record(self) -> bytes:
-        """The bytes of the record."""
-        about = json.dumps([self.kernel, self.key, self.result]).encode()
-        body = len(about).to_bytes(4, "little") + about + zlib.compress(self.machine, 6)
-        return _MAGIC + blake2b(body, digest_size=_SUM).digest() + body
-
-
-def symbol_of(digest: str) -> str:
-    """The name of the function in the object file of a digest."""
-    return f"antumbra_{digest}"
-
-
-def from_record(data: bytes) -> KernelCode | None:
-    """The code in a record, or None if the record is damaged."""
-    body = data[_HEAD:]
-    if not data.startswith(_MAGIC) or blake2b(body, digest_size=_SUM).digest() != data[len(_MAGIC) : _HEAD]:
-        return None
-    end = 4 + int.from_bytes(body[:4], "little")
-    kernel, key, result = json.loads(body[4:end])
-    return KernelCode(kernel, key, result, zlib.decompress(body[end:]))
-
 
 # --- Operations by level ----------------------------------------------------------------------------------------------
 
@@ -244,36 +148,68 @@ def is_level_operation(name: str) -> bool:
 # --- Optimisation and emission by LLVM --------------------------------------------------------------------------------
 
 
-_TRIPLES = {"x86_64": ("x86-64", "x86_64-unknown-linux-gnu"), "aarch64": ("aarch64", "aarch64-unknown-linux-gnu")}
-"""(prefix of its levels' names, LLVM's target triple) of each architecture, for cross-compilation."""
+class System(NamedTuple):
+    """An operating system and processor family for which kernel libraries are made."""
+
+    triple: str  # LLVM's
+    levels: tuple[str, ...]
+
+
+_X86_LEVELS = "x86-64-v2", "x86-64-v3", "x86-64-v4"
+SYSTEMS = {
+    "linux-x86_64": System("x86_64-unknown-linux-gnu", _X86_LEVELS),
+    "linux-aarch64": System("aarch64-unknown-linux-gnu", ("aarch64",)),
+    "macos-x86_64": System("x86_64-apple-macosx11.0", _X86_LEVELS),
+    "macos-arm64": System("arm64-apple-macosx11.0", ("aarch64",)),
+    "windows-x86_64": System("x86_64-pc-windows-gnu", _X86_LEVELS),
+    "windows-arm64": System("aarch64-pc-windows-gnu", ("aarch64",)),
+}
+
+
+class Destination(NamedTuple):
+    """Where machine code is to run: in this process, or in a library of a system."""
+
+    level: str
+    system: str | None = None  # a key of SYSTEMS; None: this process
+
+    @classmethod
+    def named(cls, name: str) -> "Destination":
+        """The destination that `name` describes: a level, or ``system+level``."""
+        system, _, level = name.rpartition("+")
+        return cls(level, system or None)
+
+
+def library_destination(system: str, level: str) -> str:
+    """The name of a destination in a library; the name of one in this process is its level."""
+    return f"{system}+{level}"
 
 
 @cache
-def _target_machine(level: str) -> llvm.TargetMachine:
-    here = llvm.get_process_triple()
-    begins = {machine: name for machine, (name, _) in _TRIPLES.items()}
-    foreign = [m for m, name in begins.items() if level.startswith(name) and not here.startswith((m, name))]
-    if foreign:
-        llvm.initialize_all_targets()
-        llvm.initialize_all_asmprinters()
-    else:
+def _target_machine(name: str) -> llvm.TargetMachine:
+    to = Destination.named(name)
+    processor = to.level if to.level.startswith("x86") else "generic"
+    if to.system is None:
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()
-    triple = _TRIPLES[foreign[0]][1] if foreign else here
-    processor = level if level.startswith("x86") else "generic"
-    model = {"reloc": "static", "codemodel": "jitdefault"}
-    return llvm.Target.from_triple(triple).create_target_machine(cpu=processor, opt=3, jit=not foreign, **model)
+        target = llvm.Target.from_triple(llvm.get_process_triple())
+        return target.create_target_machine(cpu=processor, opt=3, jit=True, reloc="static", codemodel="jitdefault")
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    target = llvm.Target.from_triple(SYSTEMS[to.system].triple)
+    return target.create_target_machine(cpu=processor, opt=3, reloc="pic", codemodel="small")
 
 
-def optimise(module: llvm.ModuleRef, level: str) -> llvm.ModuleRef:
+def optimise(module: llvm.ModuleRef, destination: str) -> llvm.ModuleRef:
     """The module, inlined and optimised.
+
+    destination : as for `Destination.named`
 
     A cheap run of passes first normalises loops, and a full run follows. Floating-point operations are never contracted
     or reordered.
     """
-    machine = _target_machine(level)
+    machine = _target_machine(destination)
     if any(function.is_declaration and is_level_operation(function.name) for function in module.functions):
-        module.link_in(llvm.parse_assembly(source_of(level)))
+        module.link_in(llvm.parse_assembly(source_of(Destination.named(destination).level)))
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     for cheap in True, False:
         options = llvm.create_pipeline_tuning_options()
@@ -289,11 +225,11 @@ def optimise(module: llvm.ModuleRef, level: str) -> llvm.ModuleRef:
     return module
 
 
-def emit_object(module: llvm.ModuleRef, level: str) -> bytes:
+def emit_object(module: llvm.ModuleRef, destination: str) -> bytes:
     """The object file of a module."""
-    return bytes(_target_machine(level).emit_object(module))
+    return bytes(_target_machine(destination).emit_object(module))
 
 
-def emit_assembly(module: llvm.ModuleRef, level: str) -> str:
+def emit_assembly(module: llvm.ModuleRef, destination: str) -> str:
     """The assembly code of a module."""
-    return str(_target_machine(level).emit_assembly(module))
+    return str(_target_machine(destination).emit_assembly(module))

@@ -41,7 +41,7 @@ def _example():
 
 CHECK = """
 assert inside == ((points.astype(np.float64) ** 2).sum(0) <= 1).sum() and 100 < inside < 800
-from antumbra.kernels.toolchain.kernel_cache import events
+from antumbra.kernels.toolchain.kernel_loading import events
 print(*(event.source for event in events))
 """
 
@@ -63,7 +63,7 @@ def compute(a):
 a = np.arange(8, dtype=np.float32)
 compute(a)
 assert a.tolist() == [0, 1, 2, 2, 2, 2, 2, 2]
-from antumbra.kernels.toolchain.kernel_cache import events
+from antumbra.kernels.toolchain.kernel_loading import events
 print(*(event.source for event in events))
 """
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import vector_operations as ops
-from antumbra.kernels.machine_code import X86, level, usable
+from antumbra.kernels.processor import X86, level, usable
 
 pytestmark = pytest.mark.skipif(level() not in X86, reason=f"compares x86 processors, and this is {platform.machine()}")
 LOWEST, AVX2 = "x86-64-v2", "x86-64-v3"

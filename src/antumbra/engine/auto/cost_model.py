@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...files import atomic_output, make_folder, read_trusted
-from ...kernels.toolchain.kernel_cache import user_cache
+from ...kernels.processor import level
+from ...kernels.toolchain.kernel_cache import cache_folder
 from ...scene.lights import AMBIENT, DIRECTIONAL, LIST
 from .query_features import QueryFeatures
 
@@ -87,8 +88,8 @@ SHIPPED = MachineRates(
 
 
 def machine_rates_file() -> Path:
-    """The file with the measured `MachineRates`, beside the kernels."""
-    return user_cache().path / "rates.json"
+    """The file with the measured `MachineRates`, in the user's cache."""
+    return cache_folder() / f"rates-{level()}.json"
 
 
 @cache

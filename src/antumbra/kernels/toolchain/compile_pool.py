@@ -20,9 +20,9 @@ from queue import Empty, SimpleQueue
 from typing import NamedTuple, TypeAlias
 
 from ...progress import ProgressCallback
-from ..machine_code import level
 from ..marshalling import import_object
 from ..parallel import thread_count
+from ..processor import level
 from .kernel_cache import KernelFolder, cache_folder
 
 # --- Faster import of Numba -------------------------------------------------------------------------------------------
@@ -51,8 +51,9 @@ def serve() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # other output must not be mistaken for an answer
     import_numba()
-    from .kernel_cache import KernelFolder, cache_folder, load_or_compile
+    from .kernel_cache import KernelFolder, cache_folder
     from .kernel_digest import kernel_digest
+    from .kernel_loading import load_or_compile
 
     for line in sys.stdin:
         name, key, levels = json.loads(line)
@@ -145,7 +146,8 @@ def compile_kernels(
     processes : int, optional
         None means one per core available to this process.
     levels : sequence of str, optional
-        Processor levels; None means that of this processor. Numba's part of the work is done once for all levels.
+        Processor levels, or destinations in libraries (`machine_code.Destination`). None: this processor's level.
+        Numba's part of the work is done once for all of them.
 
     Returns
     -------

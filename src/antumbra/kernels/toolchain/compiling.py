@@ -19,8 +19,8 @@ from numba.np import arrayobj
 
 from .. import machine_code as machine
 from ..jit import guest_overloads, inlined, kernel, overloads
-from ..machine_code import KernelCode, symbol_of
 from ..marshalling import END, NONE, Spec, array_parts, class_of, is_array
+from .kernel_cache import KernelCode, symbol_of
 from .numba_frontend import Library, Lowered, generic_part, ir_libraries, numba_patches, part_of
 
 # --- The entry function: ``int64 f(words*, words*)`` ------------------------------------------------------------------

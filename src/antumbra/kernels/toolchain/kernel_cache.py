@@ -1,11 +1,10 @@
-"""The kernel cache: machine code from packs and from the user's folder, loaded into this process or compiled.
+"""The kernel cache: the user's folder of compiled kernels, indexed by kernel digest (`kernel_digest`).
 
-Packs come with the package. Packs and folder are indexed by kernel digest (`kernel_digest`). The user's folder is
-divided by compiler version and processor level. A pack's name contains its level; packs are tested where they are
-built. llvmlite links loaded code, and Numba is imported only to compile.
+It is divided by compiler version and processor level. A record is ``magic, checksum, length of the description,
+description (JSON), object file (zlib)``. The checksum detects truncated, modified and foreign records, which count as
+missing.
 """
 
-import ctypes
 import json
 import os
 import re
@@ -14,34 +13,67 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+import zlib
 from contextlib import AbstractContextManager, suppress
 from functools import cache
 from hashlib import blake2b
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import llvmlite.binding as llvm
+from typing import NamedTuple
 
 from ... import files as locks
 from ...files import Untrusted, check_trusted, make_folder, private_folder, read_trusted
 from ...progress import LOG
-from ..jit import kernel
-from ..machine_code import KernelCode, from_record, level, symbol_of
-from ..marshalling import NONE, ResultReader
+from ..marshalling import Spec
+from ..processor import level
 from . import kernel_digest as definitions
-from .kernel_digest import kernel_digest
 
-# --- Packs and the user's folder --------------------------------------------------------------------------------------
+# --- Records ----------------------------------------------------------------------------------------------------------
+
+
+_MAGIC = b"antumbra kernel 1\n"
+_SUM = 16
+_HEAD = len(_MAGIC) + _SUM
+
+
+class KernelCode(NamedTuple):
+    """Everything that a call from Python needs."""
+
+    kernel: str  # module:qualname
+    key: str  # kinds of the arguments, separated by spaces
+    result: Spec  # kind of the result
+    machine: bytes  # object file; the function's name contains the digest (`symbol_of`)
+
+    def record(self) -> bytes:
+        """The bytes of the record."""
+        about = json.dumps([self.kernel, self.key, self.result]).encode()
+        body = len(about).to_bytes(4, "little") + about + zlib.compress(self.machine, 6)
+        return _MAGIC + blake2b(body, digest_size=_SUM).digest() + body
+
+
+def symbol_of(digest: str) -> str:
+    """The name of the function in the object file of a digest."""
+    return f"antumbra_{digest}"
+
+
+def from_record(data: bytes) -> KernelCode | None:
+    """The code in a record, or None if the record is damaged."""
+    body = data[_HEAD:]
+    if not data.startswith(_MAGIC) or blake2b(body, digest_size=_SUM).digest() != data[len(_MAGIC) : _HEAD]:
+        return None
+    end = 4 + int.from_bytes(body[:4], "little")
+    kernel, key, result = json.loads(body[4:end])
+    return KernelCode(kernel, key, result, zlib.decompress(body[end:]))
+
+
+# --- The user's folder ------------------------------------------------------------------------------------------------
 
 
 _DAY = 86400.0
 UNUSED_DAYS = 60
 """Code that has not been loaded for this many days is evicted."""
 
-_COMPILER = "machine_code", "toolchain.compiling", "toolchain.numba_frontend"
-PACKS = Path(__file__).parents[1] / "packs"
+_COMPILER = "machine_code", "processor", "toolchain.compiling", "toolchain.numba_frontend"
 
 
 def _user_cache() -> Path:
@@ -80,7 +112,14 @@ def toolchain() -> str:
     """The compiler's name: the versions of Numba and llvmlite, and a digest of the modules that compile."""
     sources = "".join(definitions.module_digest(f"antumbra.kernels.{name}") for name in _COMPILER)
     digest = blake2b(sources.encode(), digest_size=4).hexdigest()
-    return f"numba-{version('numba')}-llvmlite-{version('llvmlite')}-{digest}"
+    return f"numba-{_version('numba')}-llvmlite-{_version('llvmlite')}-{digest}"
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "none"
 
 
 class KernelFolder:
@@ -159,165 +198,7 @@ class KernelFolder:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
-class KernelPack:
-    """Records of many kernels in one file, with an index beside it: {digest: [offset, size]}."""
-
-    def __init__(self, path: Path) -> None:
-        self._path, self._index = path, json.loads(path.with_suffix(".json").read_text())
-
-    def get(self, digest: str) -> KernelCode | None:
-        if digest not in self._index:
-            return None
-        offset, size = self._index[digest]
-        with open(self._path, "rb") as file:
-            file.seek(offset)
-            return from_record(file.read(size))
-
-    def has(self, digest: str) -> bool:
-        return digest in self._index
-
-
-def write_pack(folder: Path, level: str, codes: dict[str, KernelCode]) -> Path:
-    """Write a pack for a level from {digest: code}, and return its path."""
-    folder.mkdir(parents=True, exist_ok=True)
-    path, index, offset = _pack_path(folder, level), {}, 0
-    with open(path, "wb") as file:
-        for digest, code in sorted(codes.items()):
-            record = code.record()
-            index[digest] = [offset, len(record)]
-            offset += file.write(record)
-    path.with_suffix(".json").write_text(json.dumps(index, separators=(",", ":")))
-    return path
-
-
-def _pack_path(folder: Path, level: str) -> Path:
-    return folder / f"{sys.platform}-{level}.pack"  # object file formats depend on the system
-
-
-@cache
-def packs(level: str) -> list[KernelPack]:
-    """The packs for a level, from the folder ``ANTUMBRA_PACKS``, or else from the package."""
-    try:
-        return [KernelPack(_pack_path(Path(os.environ.get("ANTUMBRA_PACKS") or PACKS), level))]
-    except (OSError, ValueError):
-        return []
-
-
-# --- Loading ----------------------------------------------------------------------------------------------------------
-
-
-_UNUSED = ctypes.create_string_buffer(8)  # for kernels without results
-_ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_char_p, ctypes.c_char_p)
-
-
-class LoadEvent(NamedTuple):
-    """Where the machine code of a kernel came from."""
-
-    kernel: str
-    key: str
-    source: str  # "pack", "cache" or "compiled"
-
-
-events: list[LoadEvent] = []
-"""All kernels loaded by this process, in order."""
-
-
 @cache
 def user_cache() -> KernelFolder:
     """The folder of this user's kernels for this processor."""
     return KernelFolder(cache_folder(), level())
-
-
-def find(function: kernel, key: str) -> Callable[[bytes], Any]:
-    """A function of packed arguments that runs a kernel, loaded from a file, or compiled and cached."""
-    digest = kernel_digest(function, key)
-    code, source = _cached(digest) or compiled(function, key, digest)
-    events.append(LoadEvent(function.name, key, source))
-    return _linked(code, symbol_of(digest))
-
-
-def _stores() -> list[tuple[KernelPack | KernelFolder, str]]:
-    return [*((pack, "pack") for pack in packs(level())), (user_cache(), "cache")]
-
-
-def _cached(digest: str) -> tuple[KernelCode, str] | None:
-    return next(((code, source) for store, source in _stores() if (code := store.get(digest))), None)
-
-
-def is_cached(function: kernel, key: str) -> bool:
-    """Whether a kernel's machine code for the argument kinds of `key` is on disk."""
-    digest = kernel_digest(function, key)
-    return any(store.has(digest) for store, _ in _stores())
-
-
-def compiled(function: kernel, key: str, digest: str) -> tuple[KernelCode, str]:
-    """(code, its source). The code is compiled and cached here, unless another process is already compiling it."""
-    folder = user_cache()
-    try:
-        return load_or_compile(function, key, digest, [folder])[0]
-    except OSError as error:
-        _warn_once(f"{folder.path} cannot be written ({error.strerror}): kernels are compiled each time")
-        from . import compiling
-
-        return compiling.compile_kernel(function, key, digest, [folder.level])[0], "compiled"
-
-
-def load_or_compile(
-    function: kernel, key: str, digest: str, folders: Sequence[KernelFolder]
-) -> list[tuple[KernelCode, str]]:
-    """(code, its source) for each folder. If another process is compiling the kernel, wait for its code.
-
-    Raises
-    ------
-    OSError
-        If a folder is not writable.
-    """
-    with folders[0].lock(digest):
-        codes = {folder: code for folder in folders if (code := folder.get(digest)) is not None}
-        missing = [folder for folder in folders if folder not in codes]
-        if missing:
-            from . import compiling  # imports Numba
-
-            compiled_codes = compiling.compile_kernel(function, key, digest, [folder.level for folder in missing])
-            for folder, code in zip(missing, compiled_codes):
-                folder.put(digest, code)
-                codes[folder] = code
-    return [(codes[folder], "compiled" if folder in missing else "cache") for folder in folders]
-
-
-@cache
-def _warn_once(line: str) -> None:
-    LOG.warning(line)
-
-
-@cache
-def _engine() -> llvm.ExecutionEngine:
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    machine = llvm.Target.from_default_triple().create_target_machine(opt=2, jit=True)
-    return llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
-
-
-def _linked(code: KernelCode, symbol: str) -> Callable[[bytes], Any]:
-    """A function that runs machine code. Call `_linked` under the lock of `jit`."""
-    engine, result, name = _engine(), ResultReader(code.result), code.kernel
-    engine.add_object_file(llvm.ObjectFileRef.from_data(code.machine))
-    engine.finalize_object()
-    address = engine.get_function_address(symbol)
-    if not address:
-        raise RuntimeError(f"{name}: its machine code has no function {symbol}")
-    run = _ENTRY(address)
-
-    def call_without_result(words: bytes) -> None:
-        status = run(words, _UNUSED)
-        if status:
-            raise RuntimeError(f"{name}: error {status} in compiled code")
-
-    def call(words: bytes) -> object:
-        memory = ctypes.create_string_buffer(result.size)
-        status = run(words, memory)
-        if status:
-            raise RuntimeError(f"{name}: error {status} in compiled code")
-        return result(memory)
-
-    return call_without_result if code.result == NONE else call

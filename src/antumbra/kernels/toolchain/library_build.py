@@ -1,0 +1,214 @@
+"""Build kernel libraries: all recorded kernels, linked into one shared library for each processor level of a system.
+
+``python -m antumbra.kernels.toolchain.library_build --system linux-x86_64 --out FOLDER`` runs on any system: LLVM
+compiles for all of them, and the linker of the package ``ziglang`` links for all of them. Numba's part of the work is
+done once for all levels. The libraries need nothing but the C library.
+"""
+
+import argparse
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from ...errors import InputError
+from ...extras import import_extra
+from ...files import temporary_folder
+from ...progress import report_progress
+from ..machine_code import SYSTEMS, library_destination
+from ..marshalling import import_object
+from ..processor import LIBRARIES, library_path
+from .compile_pool import KernelRequest, compile_kernels
+from .kernel_cache import KernelCode, KernelFolder, cache_folder, symbol_of
+from .kernel_digest import homes_of, kernel_digest, reachable_functions
+from .kernel_library import LIST, PACKAGE, LibraryKernel, LibraryList, digest_of, name_of
+from .kernel_manifest import package_manifest
+
+# --- Linking ----------------------------------------------------------------------------------------------------------
+
+
+LEVEL_SOURCE = """
+#include <cpuid.h>
+
+static int all(unsigned word, unsigned needs) { return (word & needs) == needs; }
+
+static unsigned saved_state(void) {
+    unsigned low, high;
+    __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
+    return low;
+}
+
+/* 1 to 3 for x86-64-v2 to -v4, and 0 below: features of the processor, and of registers that the system saves */
+long long antumbra_x86_level(void) {
+    unsigned a, b = 0, base = 0, d, extended = 0, unused;
+    __get_cpuid(1, &a, &b, &base, &d);
+    __get_cpuid(0x80000001, &a, &b, &extended, &d);
+    unsigned base2 = bit_CMPXCHG16B | bit_POPCNT | bit_SSE3 | bit_SSSE3 | bit_SSE41 | bit_SSE42;
+    unsigned base3 = bit_AVX | bit_F16C | bit_FMA | bit_MOVBE | bit_OSXSAVE, more3 = bit_AVX2 | bit_BMI | bit_BMI2;
+    unsigned more4 = bit_AVX512F | bit_AVX512BW | bit_AVX512CD | bit_AVX512DQ | bit_AVX512VL;
+    if (!all(base, base2) || !all(extended, bit_LAHF_LM)) return 0;
+    if (!all(base, base3) || !all(extended, bit_LZCNT)) return 1;
+    if (!__get_cpuid_count(7, 0, &a, &b, &unused, &d) || !all(b, more3) || !all(saved_state(), 6)) return 1;
+    return all(b, more4) && all(saved_state(), 0xe6) ? 3 : 2;
+}
+"""
+"""C for `processor.read_level`."""
+
+_WINDOWS_SOURCE = "int _fltused = 0;"
+"""LLVM marks objects with floating-point code by this symbol, which Microsoft's C library defines."""
+
+
+class Linker(NamedTuple):
+    """How the libraries of a system are linked."""
+
+    target: str  # zig's name of the system, with the oldest C library
+    suffix: str
+    tag: str  # of wheels
+
+    def link(self, inputs: list[Path], out: Path) -> None:
+        """Link objects and C files into a shared library. Raises RuntimeError with the linker's message."""
+        command = [sys.executable, "-m", "ziglang", "cc", "-target", self.target, "-O2", "-fPIC", "-shared", "-s"]
+        listed = out.with_suffix(".objects")  # a command line would be too long
+        listed.write_text("\n".join(f'"{path.as_posix()}"' for path in inputs))
+        done = subprocess.run([*command, "-o", str(out), f"@{listed}", "-lm"], capture_output=True, text=True)
+        listed.unlink()
+        if done.returncode:
+            raise RuntimeError(f"{out.name} was not linked: {done.stderr.strip()}")
+
+
+LINKERS = {
+    "linux-x86_64": Linker("x86_64-linux-gnu.2.17", ".so", "manylinux_2_17_x86_64"),
+    "linux-aarch64": Linker("aarch64-linux-gnu.2.17", ".so", "manylinux_2_17_aarch64"),
+    "macos-x86_64": Linker("x86_64-macos.11.0", ".dylib", "macosx_11_0_x86_64"),
+    "macos-arm64": Linker("aarch64-macos.11.0", ".dylib", "macosx_11_0_arm64"),
+    "windows-x86_64": Linker("x86_64-windows-gnu", ".dll", "win_amd64"),
+    "windows-arm64": Linker("aarch64-windows-gnu", ".dll", "win_arm64"),
+}
+
+
+@cache
+def _source_files(requests: tuple[KernelRequest, ...]) -> list[str]:
+    """The files of the package in which kernels are defined, and those that say how kernels are called."""
+    modules = {"antumbra.kernels.marshalling", "antumbra.kernels.jit"}
+    for request in requests:
+        function = import_object(request.kernel).py_func
+        modules |= {each.__module__ for each in reachable_functions(function, homes_of(request.key))}
+    modules = {name for name in modules if name.partition(".")[0] == "antumbra"}
+    modules |= {f"antumbra.kernels.simd.{path.stem}" for path in (PACKAGE / "kernels" / "simd").glob("*.py")}
+    paths = {PACKAGE.joinpath(*name.split(".")[1:]) for name in modules}
+    files = {path.with_suffix(".py") if path.with_suffix(".py").exists() else path / "__init__.py" for path in paths}
+    return sorted(path.relative_to(PACKAGE).as_posix() for path in files if path.exists())
+
+
+def _inputs(system: str, level: str, codes: dict[str, KernelCode], folder: Path) -> list[Path]:
+    """Write what a library is linked from: the objects of kernels, by their digests, C files, and names to export."""
+    paths = []
+    for k, code in enumerate(codes.values()):
+        paths.append(folder / f"{k}.o")
+        paths[-1].write_bytes(code.machine)
+    sources = [LEVEL_SOURCE] if level.startswith("x86") else []
+    sources += [_WINDOWS_SOURCE] if system.startswith("windows") else []
+    for k, source in enumerate(sources):
+        paths.append(folder / f"{k}.c")
+        paths[-1].write_text(source)
+    if system.startswith("windows"):  # weak symbols, as Numba makes them, are only exported by name
+        paths.append(folder / "exports.def")
+        names = [symbol_of(digest) for digest in codes] + ["antumbra_x86_level"] * level.startswith("x86")
+        paths[-1].write_text("\n  ".join(["EXPORTS", *names]) + "\n")
+    return paths
+
+
+def compile_for(systems: Sequence[str], levels: Sequence[str] | None = None) -> None:
+    """Compile all recorded kernels for some systems, as far as they are not cached.
+
+    levels : None: all levels of each system
+
+    Raises
+    ------
+    RuntimeError
+        If a kernel cannot be compiled.
+    """
+    requests = package_manifest().kernels
+    destinations = [
+        library_destination(system, each) for system in systems for each in levels or SYSTEMS[system].levels
+    ]
+    with report_progress(f"compiling {len(requests)} kernels for {', '.join(systems)}") as progress:
+        errors = compile_kernels(requests, progress, levels=destinations)
+    if errors:
+        raise RuntimeError("; ".join(errors))
+
+
+def build_libraries(system: str, out: Path, levels: Sequence[str] | None = None) -> list[Path]:
+    """Build the libraries of a system and their list into a folder, and return the paths of the libraries.
+
+    levels : None: all levels of the system
+
+    Raises
+    ------
+    InputError
+        If the linker is not installed.
+    RuntimeError
+        If a kernel cannot be compiled or a library cannot be linked. The folder is unchanged then.
+    """
+    import_extra("ziglang", "linking kernel libraries", "build")
+    compile_for([system], levels)
+    requests, levels = package_manifest().kernels, levels or SYSTEMS[system].levels
+    files, linker = _source_files(tuple(requests)), LINKERS[system]
+    with temporary_folder() as work:
+        contents, libraries = LibraryList(files, digest_of(PACKAGE, files), {}), list[Path]()
+        for level in levels:
+            codes = _cached(requests, library_destination(system, level))
+            for digest, code in codes.items():
+                contents.kernels[name_of(code.kernel, code.key)] = LibraryKernel(symbol_of(digest), code.result)
+            libraries.append(library_path(work, level, linker.suffix))
+            linker.link(_inputs(system, level, codes, work), libraries[-1])
+        contents.write(work)
+        out.mkdir(parents=True, exist_ok=True)
+        for path in (*libraries, work / LIST):
+            shutil.copy(path, out / path.name)
+    return [out / path.name for path in libraries]
+
+
+def _cached(requests: list[KernelRequest], destination: str) -> dict[str, KernelCode]:
+    """Digest -> the compiled code of kernels for a destination."""
+    folder, codes = KernelFolder(cache_folder(), destination), dict[str, KernelCode]()
+    for each in requests:
+        digest = kernel_digest(import_object(each.kernel), each.key)
+        code = folder.get(digest)
+        if code is None:
+            raise RuntimeError(f"{each.kernel} has disappeared from {folder.path}; run the command again")
+        codes[digest] = code
+    return codes
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Build libraries of all recorded kernels."""
+    parser = argparse.ArgumentParser(
+        prog="python -m antumbra.kernels.toolchain.library_build",
+        description="Build shared libraries of all recorded kernels.",
+    )
+    parser.add_argument("--system", action="append", choices=list(SYSTEMS), required=True, help="may be repeated")
+    parser.add_argument("--level", action="append", help="may be repeated; default: all of the system")
+    parser.add_argument("--out", type=Path, default=LIBRARIES, help="folder; of several systems, each gets one in it")
+    options = parser.parse_args(arguments)
+    systems: list[str] = options.system
+    for system in systems:
+        wrong = [level for level in options.level or () if level not in SYSTEMS[system].levels]
+        if wrong:
+            parser.error(f"{system} has the levels {', '.join(SYSTEMS[system].levels)}, not {wrong[0]}")
+    try:
+        compile_for(systems, options.level)
+        for system in systems:
+            out = options.out / system if len(systems) > 1 else options.out
+            for path in build_libraries(system, out, options.level):
+                print(f"{path}  {path.stat().st_size / 1e6:.1f} MB")
+    except InputError as error:
+        parser.error(str(error))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
