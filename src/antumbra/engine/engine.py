@@ -28,7 +28,7 @@ from ..scene.lights import Light, QuadLight, check_lights
 from ..scene.scene_data import MemoryData, SceneData
 from ..scene.triangles import Hit, HitFaces, Triangles
 from ..trace.counters import new_counters
-from ..trace.transmission import TracedQuery, lit_fraction
+from ..trace.transmission import TracedQuery, lit_fraction, transmission
 from .accelerator import Accelerated, Accelerator, SceneTrees
 from .auto.cost_model import GOOD, QUICK
 from .auto.strategies import STRATEGIES, TreeForms, answer_query
@@ -457,6 +457,7 @@ class Engine:
         receivers : Receivers
         lights : sequence of lights
         samples : sequence of (16, n, 3) float64
+        month: int | None = None,
             The sample sets of each light, from `query.light_samples.light_samples`.
         facing : int
             A value of CULL_FACES.
@@ -475,6 +476,8 @@ class Engine:
         """
         with self.lock:
             accelerator, source = self.accelerator, self.source
+        month : int, optional
+            0 to 11, January to December: the month whose transmittances count. None: their mean over the year.
             self._warm_up()
             if source.in_store:
                 needs = [points_memory(receivers.n, *each) for each in zip(lights, samples)]
@@ -488,12 +491,13 @@ class Engine:
                 )
                 source.keep_for_points(accelerated)
             accelerated.begin()
-            if whole and accelerated.cutouts is not None:
-                accelerated = accelerated._replace(cutouts=accelerated.cutouts.as_holes())
+            if accelerated.cutouts is not None:
+                cutouts = accelerated.cutouts.in_month(month)
+                accelerated = accelerated._replace(cutouts=cutouts.as_holes() if whole else cutouts)
             bits = accelerator.answer_all(accelerated, queries, None, split_progress(progress, len(queries)))
-            if whole:
-                return [TracedQuery(*each) for each in zip(queries, bits)]
-            return [TracedQuery(q, b, accelerator.transmission(triangles, q, b)) for q, b in zip(queries, bits)]
+            return [
+                TracedQuery(q, b, transmission(accelerated.cutouts, q, b, self.threads)) for q, b in zip(queries, bits)
+            ]
 
     def queries(
         self,

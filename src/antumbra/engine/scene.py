@@ -5,7 +5,7 @@ for stores.
 """
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from html import escape
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, overload
 
@@ -22,6 +22,7 @@ from ..scene.camera import MAX_SIZE, Camera
 from ..scene.default_picture import KINDS, DefaultView, missing_skies
 from ..scene.lights import Light, QuadLight
 from ..scene.mesh import MeshInfo, ObjectInfo, Source
+from ..scene.materials import Transmittance
 from ..scene.scene_data import CityModel, MemoryData, SceneData
 from ..scene.triangles import Hit, Triangles
 
@@ -134,7 +135,7 @@ class AnyScene:
         """Make all faces solid. Call it before the first query."""
         self.data.ignore_alpha()
 
-    def set_transmittance(self, shares: Mapping[str, float | Sequence[float]]) -> None:
+    def set_transmittance(self, shares: Mapping[str, Transmittance]) -> None:
         """Let a share of the light pass through materials or objects, such as panes or the crowns of trees.
 
         It counts in pictures, `visibility`, `sun_hours` and `bake`. Along a ray, the shares of all surfaces multiply;
@@ -143,14 +144,17 @@ class AnyScene:
 
         Parameters
         ----------
-        shares : dict of str to float or three floats
+        shares : dict of str to float, three floats, or twelve of these
             Names of materials or objects, in which * and ? stand for any characters, and the share of the light that
-            passes, from 0 to 1, also of red, green and blue. Holes of masks stay holes.
+            passes, from 0 to 1, also of red, green and blue; or one of these per month. Holes of masks stay holes.
+        Trees are bare in winter: twelve shares are those of the months from January to December. `sun_hours` uses the
+        month of each sun on the wall clock. Queries without a date, which are all others, use the mean of the months.
+
 
         Raises
         ------
         InputError
-            If a name matches nothing, or a share is out of range.
+            If a name matches nothing, a share is out of range, or there are neither one, three nor twelve.
         """
         self.data.set_transmittance(shares)
 
