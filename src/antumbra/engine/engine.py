@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import byte_count, checked_instance, choice
 from ..errors import InputError
+from ..forks import is_stuck, renew_after_fork
 from ..kernels.parallel import thread_count
 from ..kernels.toolchain import kernel_manifest as needs
 from ..kernels.toolchain.compile_pool import KernelRequest
@@ -295,6 +296,14 @@ class Engine:
         self._frame, self._n_faces = tuple(data.origin.tolist()), data.n_triangles
         self._others: dict[_Options, Engine] = {}  # least recently used first
         self._warm = False  # whether its kernels are compiled
+        renew_after_fork(self)
+
+    def _after_fork(self) -> None:
+        """Start again without the trees that a query in another thread was using or changing."""
+        if is_stuck(self.lock):
+            if self._trees is not None:
+                self._trees.clear()
+            self._start(self.data, self._trees, self.plan, self.threads, self.max_memory, self.source.gbuffer)
 
     def _new_source(self, gbuffer: str) -> RenderSource:
         if self._trees is None:
@@ -448,6 +457,7 @@ class Engine:
         *,
         later: int = 0,
         whole: bool = False,
+        month: int | None = None,
         progress: ProgressCallback | None = None,
     ) -> list[TracedQuery]:
         """The shadow query of each light, with its answer.
@@ -457,7 +467,6 @@ class Engine:
         receivers : Receivers
         lights : sequence of lights
         samples : sequence of (16, n, 3) float64
-        month: int | None = None,
             The sample sets of each light, from `query.light_samples.light_samples`.
         facing : int
             A value of CULL_FACES.
@@ -467,6 +476,8 @@ class Engine:
             Estimated number of rays in further queries. The plan `auto` builds better trees for more rays.
         whole : bool
             Surfaces that let at least half of the light pass block none, and others block all, as for `occluded`.
+        month : int, optional
+            0 to 11, January to December: the month whose transmittances count. None: their mean over the year.
         progress : function of (done, total), optional
 
         Raises
@@ -476,8 +487,6 @@ class Engine:
         """
         with self.lock:
             accelerator, source = self.accelerator, self.source
-        month : int, optional
-            0 to 11, January to December: the month whose transmittances count. None: their mean over the year.
             self._warm_up()
             if source.in_store:
                 needs = [points_memory(receivers.n, *each) for each in zip(lights, samples)]
@@ -525,7 +534,8 @@ class Engine:
         """
         if self._trees is None:
             raise cast("StoreData", self.data).refusal()
-        return self._trees.of(self.accelerator, self._moment(time))
+        with self.lock:
+            return self._trees.of(self.accelerator, self._moment(time))
 
     def _queries(
         self,

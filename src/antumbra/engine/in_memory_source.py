@@ -13,6 +13,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from ..forks import is_stuck, renew_after_fork
 from ..progress import ProgressCallback
 from ..query.pixel_refinement import subpixel_rays
 from ..query.query_bounds import bounds
@@ -69,6 +70,11 @@ class RayLists:
         self._ready: _RayTree | None = None
         self._lock = threading.RLock()
         self.spent = 0.0
+        renew_after_fork(self)
+
+    def _after_fork(self) -> None:
+        if is_stuck(self._lock):  # the tree that was being built is not in `_ready` yet
+            self._lock = threading.RLock()
 
     def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
         """The hits of rays at a time within 0 .. `duration`.

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import choice, whole_number
+from ..forks import free_lock, renew_after_fork
 from ..formats.library_meshes import data_of_arrays, data_of_mesh
 from ..generate.generated_scene import procedural_data
 from ..scene import camera as framing
@@ -21,8 +22,8 @@ from ..scene.appearance import Appearance
 from ..scene.camera import MAX_SIZE, Camera
 from ..scene.default_picture import KINDS, DefaultView, missing_skies
 from ..scene.lights import Light, QuadLight
-from ..scene.mesh import MeshInfo, ObjectInfo, Source
 from ..scene.materials import Transmittance
+from ..scene.mesh import MeshInfo, ObjectInfo, Source
 from ..scene.scene_data import CityModel, MemoryData, SceneData
 from ..scene.triangles import Hit, Triangles
 
@@ -82,6 +83,7 @@ class AnyScene:
         self._engine: Engine | None = None
         self._view: DefaultView | None = None
         self._lock = threading.Lock()
+        renew_after_fork(self)
 
     @classmethod
     def of_data(cls, data: SceneData) -> Self:
@@ -95,6 +97,9 @@ class AnyScene:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         AnyScene.__init__(self, state["data"])
+
+    def _after_fork(self) -> None:
+        self._lock = free_lock(self._lock)
 
     @property
     def engine(self) -> "Engine":
@@ -142,14 +147,14 @@ class AnyScene:
         below 1/256 the light is blocked. Closest hits, cameras and `occluded` see a surface if it blocks at least half
         of the light. Call it before the first query.
 
+        Trees are bare in winter: twelve shares are those of the months from January to December. `sun_hours` uses the
+        month of each sun on the wall clock. Queries without a date, which are all others, use the mean of the months.
+
         Parameters
         ----------
         shares : dict of str to float, three floats, or twelve of these
             Names of materials or objects, in which * and ? stand for any characters, and the share of the light that
             passes, from 0 to 1, also of red, green and blue; or one of these per month. Holes of masks stay holes.
-        Trees are bare in winter: twelve shares are those of the months from January to December. `sun_hours` uses the
-        month of each sun on the wall clock. Queries without a date, which are all others, use the mean of the months.
-
 
         Raises
         ------

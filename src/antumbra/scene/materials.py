@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..forks import hold_during_fork
+
 if TYPE_CHECKING:
     from PIL import Image
 
@@ -46,6 +48,7 @@ LINEAR = BYTE_TO_LINEAR.astype(np.float32)
 """(256,) float32: the linear light of sRGB bytes."""
 
 _OPENING = threading.Lock()  # warning filters are shared by all threads, and a race would leave ours in place
+hold_during_fork(_OPENING)
 
 _STEPS = 1 << 16  # entries of the table from linear light to sRGB bytes: twenty for the darkest byte
 
@@ -229,9 +232,6 @@ def _with_opaque_alpha(pixels: np.ndarray, opacity: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.dstack([np.asarray(colour), np.asarray(alpha)]))
 
 
-class Material(NamedTuple):
-    """The base colour of surfaces: factor times texture times vertex colour."""
-
 LightShare: TypeAlias = tuple[float, float, float]
 """The shares of red, green and blue light that pass through a surface, each from 0 to 1."""
 
@@ -241,6 +241,9 @@ Transmittance: TypeAlias = float | Sequence[float | Sequence[float]]
 MONTHS = "jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"
 """The months of a transmittance that changes over the year."""
 
+
+class Material(NamedTuple):
+    """The base colour of surfaces: factor times texture times vertex colour."""
 
     name: str = ""
     factor: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)  # linear red, green, blue, and alpha
