@@ -27,6 +27,8 @@ from typing import Any
 import numpy as np
 
 import antumbra as at
+from antumbra.engine.auto.cost_model import best_pays
+from antumbra.engine.in_memory_source import RAY_PLANS
 from antumbra.kernels.parallel import thread_count
 from common import arguments, has_embree, installed, machine
 from peers import open3d_rays
@@ -79,8 +81,8 @@ def libraries_of(scene) -> dict[str, Call]:
     if installed(open3d_rays.library):
         libraries["open3d"] = _open3d(scene)
     rays = segments(scene, 10_000)
-    while not scene.engine.source.ray_lists.spent > 0.0:
-        scene.occluded(*rays, tmax=1.0)
+    while best_pays(np.inf, scene.n_triangles) and str(scene.engine.source.ray_lists.plan) != RAY_PLANS[1]:
+        scene.occluded(*rays, tmax=1.0)  # until the scene has optimised its tree
     answers = {name: call(*rays) for name, call in libraries.items()}
     for name, answer in answers.items():
         if (answer != answers["antumbra"]).mean() > 0.001:

@@ -1,6 +1,5 @@
 """Light through panes: products of transmittances, and surfaces that count once at common edges and vertices."""
 
-from fractions import Fraction
 from functools import cache
 
 import numpy as np
@@ -18,22 +17,10 @@ from antumbra.scene.materials import CLAMP
 from antumbra.trace.alpha_test import cutout_tree
 from antumbra.trace.transmission import transmission
 from asking import answer, query_of
+from ray_cases import displaced_meets
 from surface_crossings import crossings
 
 # --- Crossings --------------------------------------------------------------------------------------------------------
-
-
-EPSILON = Fraction(1, 1 << 500)
-
-
-def displaced_meets(origin, direction, triangle):
-    """Whether a really displaced line meets a triangle, in rational arithmetic."""
-    o, d = oracle.rational(origin), oracle.rational(direction)
-    d = [x + EPSILON ** (k + 1) for k, x in enumerate(d)]
-    o = [x + EPSILON ** (k + 4) for k, x in enumerate(o)]
-    a, b, c = (oracle.minus(oracle.rational(v), o) for v in triangle)
-    edges = [oracle.dot(d, oracle.cross(p, q)) for p, q in ((b, c), (c, a), (a, b))]
-    return all(e > 0 for e in edges) or all(e < 0 for e in edges)
 
 
 small = st.integers(-2, 2)

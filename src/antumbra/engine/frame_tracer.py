@@ -17,7 +17,7 @@ from ..query.shadow_query import ShadowQuery, Surfaces
 from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.lights import Light
 from ..scene.scene_data import SceneData
-from ..scene.triangles import Triangles
+from ..scene.triangles import AllHits, Triangles
 from ..techniques.srdh.representative_rays import RepresentativeRays, bounced_queries
 from ..trace.rays.ray_hits import Nearest
 from ..trace.transmission import TracedQuery
@@ -151,6 +151,16 @@ class RenderSource(Protocol):
         InputError
             If a ray has an invalid component.
         """
+        ...
+
+    def all_hits(
+        self, rays: RayArguments, max_hits: int | None, rule: int, time: float, threads: int | None = None
+    ) -> AllHits:
+        """All hits of rays, or the first `max_hits` of each; `rule`: TRIANGLES or SURFACES of `trace.rays.all_hits`."""
+        ...
+
+    def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
+        """(n,) int64: the number of hits of each ray, by a rule of `trace.rays.all_hits`."""
         ...
 
     def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:

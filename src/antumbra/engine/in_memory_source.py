@@ -9,10 +9,12 @@ import sys
 import threading
 from collections.abc import Iterator
 from time import perf_counter
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..bvh.wide_bvh import widen
 from ..forks import is_stuck, renew_after_fork
 from ..progress import ProgressCallback
 from ..query.pixel_refinement import subpixel_rays
@@ -21,8 +23,9 @@ from ..query.ray_list import HitArrays, HitFilter, RayArguments, changed_error, 
 from ..query.shadow_query import Surfaces, surfaces_of
 from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.scene_data import MemoryData
-from ..scene.triangles import Triangles
-from ..trace.alpha_test import add_hits
+from ..scene.triangles import AllHits, Triangles
+from ..trace.alpha_test import CutoutTree, add_hits, cutout_tree, rays_of_arguments, without_holes
+from ..trace.rays.all_hits import INSIDE, TRIANGLES, RayHits, count_all, find_all, merge_triangles
 from ..trace.rays.ray_batches import RayTracer
 from ..trace.rays.ray_hits import Nearest
 from .accelerator import Accelerated, Accelerator, SceneTrees
@@ -30,7 +33,7 @@ from .auto.cost_model import BEST, GOOD, seconds_before_best
 from .auto_accelerator import best_tree_job
 from .frame_tracer import FrameMemory
 from .plan import DEFAULT_PLAN, Plan, parse_plan
-from .precompilation import Job, fixed_job, precompile, small_scene
+from .precompilation import Job, fixed_job, precompile, small_scene, small_scene_with_cutouts
 from .primary_visibility import (
     AUTO,
     RAYS,
@@ -68,6 +71,7 @@ class RayLists:
     def __init__(self, data: MemoryData, trees: SceneTrees, threads: int):
         self._data, self._trees, self._threads = data, trees, threads
         self._ready: _RayTree | None = None
+        self._cutouts: tuple[CutoutTree, RayTracer] | None = None  # the latest cut-outs and their tracer
         self._lock = threading.RLock()
         self.spent = 0.0
         renew_after_fork(self)
@@ -88,12 +92,48 @@ class RayLists:
         out, start = hit_arrays(rays.n, any_hit), perf_counter()
         valid = ready.tracer.trace(rays, any_hit, out, threads)
         self.spent += (perf_counter() - start) * (threads or self._threads)
-        if not valid:  # the output is incomplete
-            rays.arrays().check()
-            raise changed_error()
+        _of_valid(rays, valid or None)
         if ready.accelerated.cutouts is not None:
             add_hits(ready.accelerated.cutouts, rays.arrays(), rays.cull_faces, any_hit, out, threads)
         return out
+
+    def all_hits(
+        self, rays: RayArguments, max_hits: int | None, rule: int, time: float, threads: int | None = None
+    ) -> AllHits:
+        """All hits of rays, or the first `max_hits` of each; `rule`: TRIANGLES or SURFACES."""
+        precompile(all_hits_job)
+        ready, start = self._ready_at(time), perf_counter()
+        hits = _of_valid(rays, find_all(ready.tracer, rays, max_hits, rule, threads))
+        self.spent += (perf_counter() - start) * (threads or self._threads)
+        cutouts = ready.accelerated.cutouts
+        if cutouts is None:
+            return hits
+        on_cutouts = _of_valid(rays, find_all(self._tracer_of(cutouts), rays, None, rule, threads))
+        on_cutouts = without_holes(cutouts, rays_of_arguments(rays.arrays(), rays.cull_faces), on_cutouts, threads)
+        every_ray = np.arange(rays.n)
+        return merge_triangles([RayHits(every_ray, hits), RayHits(every_ray, on_cutouts)], rays.n, max_hits)
+
+    def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
+        """(n,) int64: the number of hits of each ray, by a rule of `trace.rays.all_hits`. INSIDE sees no holes."""
+        precompile(all_hits_job)
+        ready, start = self._ready_at(time), perf_counter()
+        counts = _of_valid(rays, count_all(ready.tracer, rays, rule, threads))
+        self.spent += (perf_counter() - start) * (threads or self._threads)
+        cutouts = ready.accelerated.cutouts
+        if cutouts is None:
+            return counts
+        if rule == INSIDE:
+            return counts + _of_valid(rays, count_all(self._tracer_of(cutouts), rays, rule, threads))
+        on_cutouts = _of_valid(rays, find_all(self._tracer_of(cutouts), rays, None, rule, threads))
+        arguments = rays_of_arguments(rays.arrays(), rays.cull_faces)
+        return counts + without_holes(cutouts, arguments, on_cutouts, threads).counts
+
+    def _tracer_of(self, cutouts: CutoutTree) -> RayTracer:
+        """A tracer of the cut-outs, which is cached. Its hits include holes."""
+        cached = self._cutouts
+        if cached is None or cached[0] is not cutouts:
+            cached = self._cutouts = cutouts, RayTracer(widen(cutouts.bvh, self._threads))
+        return cached[1]
 
     def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
         """The triangles hit by these rays, and the index of each ray's triangle among them, or -1."""
@@ -106,9 +146,18 @@ class RayLists:
 
     def _ready_at(self, time: float) -> _RayTree:
         ready = self._ready
-        return (
-            self._make_ready(time) if ready is None or ready.time != time or self.spent > ready.upgrade_after else ready
-        )
+        if ready is None or ready.time != time:
+            return self._make_ready(time)
+        return ready if self.spent <= ready.upgrade_after else self._upgraded(ready)
+
+    def _upgraded(self, ready: _RayTree) -> _RayTree:
+        """The better tree; or this one while another thread builds the better one, so that only one call waits."""
+        if not self._lock.acquire(blocking=False):
+            return ready
+        try:
+            return self._make_ready(ready.time)
+        finally:
+            self._lock.release()
 
     def _make_ready(self, time: float) -> _RayTree:
         with self._lock:
@@ -126,6 +175,34 @@ class RayLists:
             upgrade_after = seconds_before_best(self._data.n_triangles) if str(plan) == RAY_PLANS[0] else np.inf
             self._ready = _RayTree(time, plan, upgrade_after, accelerated, RayTracer(accelerated.prepared))
             return self._ready
+
+
+_T = TypeVar("_T")
+
+
+def _of_valid(rays: RayArguments, result: _T | None) -> _T:
+    """The result of tracing rays. Raises the InputError of the first invalid ray if it is None."""
+    if result is None:
+        rays.arrays().check()
+        raise changed_error()
+    return result
+
+
+def all_hits_job() -> Job:
+    """The job of all hits and their numbers."""
+
+    def work() -> None:
+        triangles = small_scene().triangles(0.0, 1)
+        tracer = RayTracer(Accelerator(parse_plan(RAY_PLANS[0]), 1).build(triangles).prepared)
+        rays = rays_of(np.zeros((128, 3)), np.ones(3), HitFilter(0.0, 1.0), (0.0, 0.0, 0.0), 1)
+        count_all(tracer, rays, TRIANGLES, 1)
+        find_all(tracer, rays, 1, TRIANGLES, 1)
+        cutouts = cutout_tree(small_scene_with_cutouts().triangles(0.0, 1), 1)
+        assert cutouts is not None
+        hits = _of_valid(rays, find_all(RayTracer(widen(cutouts.bvh, 1)), rays, None, TRIANGLES, 1))
+        without_holes(cutouts, rays_of_arguments(rays.arrays(), 0), hits, 1)
+
+    return fixed_job("all hits", work)
 
 
 def rays_job() -> Job:
@@ -242,6 +319,14 @@ class InMemory:
 
     def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
         return self.ray_lists.triangles_hit(rays, face, time)
+
+    def all_hits(
+        self, rays: RayArguments, max_hits: int | None, rule: int, time: float, threads: int | None = None
+    ) -> AllHits:
+        return self.ray_lists.all_hits(rays, max_hits, rule, time, threads)
+
+    def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
+        return self.ray_lists.count_hits(rays, rule, time, threads)
 
     def subpixels(
         self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, tree: Accelerated | None

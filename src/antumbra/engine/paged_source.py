@@ -29,7 +29,7 @@ from ..query.ray_list import HitArrays, RayArguments, RayArrays, changed_error, 
 from ..query.ray_passes import RayPass, camera_pass
 from ..query.shadow_query import ShadowQuery, Surfaces, new_bits
 from ..scene.camera import Camera, CameraRays, ExplicitRays
-from ..scene.triangles import Triangles, concatenate
+from ..scene.triangles import AllHits, Triangles, concatenate
 from ..store.chunk_residency import Paging, Residency, TriangleCopies, hit_slots, slot_starts
 from ..store.store_file import Store, StoreData
 from ..store.store_format import Chunk
@@ -40,12 +40,14 @@ from ..techniques.chcrt.occlusion_queries import Pairs, answer_queries
 from ..techniques.chcrt.picture_ray_sets import SegmentRaySets, segments_of
 from ..techniques.chcrt.tree_parts import parts_of_chunks
 from ..techniques.tracer_options import ChcRtOptions
+from ..trace.alpha_test import CutoutRays, rays_of_arguments
 from ..trace.rays.ray_hits import Nearest, hit_surfaces
 from ..trace.rays.single_rays import leaf_depths
 from ..trace.tree_list import Hits
 from .accelerator import Accelerated, Accelerator
 from .frame_tracer import FrameMemory
 from .method_registry import BUILDERS
+from .paged_hits import all_hits, count_hits, paged_hits_job
 from .plan import Plan
 from .precompilation import Job, fixed_job, precompile, small_scene, small_view
 
@@ -107,13 +109,14 @@ def _regions(rows: float) -> int:
 # --- Ray lists: batches of coherent rays ------------------------------------------------------------------------------
 
 
+_MIN_EXPONENT = 0  # shorter directions are scaled up
+
+
 RAY_BYTES = 160
 """Memory of a ray while it is traced."""
 
 MIN_BATCH = 1 << 16
 """Minimum size of a batch, except the last: in smaller ones, each chunk would be read for few rays."""
-
-_MIN_EXPONENT = 0  # shorter directions are scaled up
 
 
 class HitBatch(NamedTuple):
@@ -400,6 +403,28 @@ class Paged:
                 out.face[at], out.t[at] = hits.face[0], hits.t[0]
                 out.u[at], out.v[at] = weights(batch, self.threads)
         return out
+
+    def all_hits(
+        self, rays: RayArguments, max_hits: int | None, rule: int, time: float, threads: int | None = None
+    ) -> AllHits:
+        """All hits of rays. `threads` is not used; the engine's number of threads applies."""
+        precompile(paged_hits_job)
+        return all_hits(self.store, self._unordered_batches(rays), max_hits, rule, self.threads)
+
+    def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
+        """The number of hits of each ray. `threads` is not used; the engine's number of threads applies."""
+        precompile(paged_hits_job)
+        return count_hits(self.store, self._unordered_batches(rays), rule, self.threads)
+
+    def _unordered_batches(self, rays: RayArguments) -> Iterator[CutoutRays]:
+        """Yield the rays in batches for which memory suffices. No chunk stays in memory."""
+        arrays = rays.arrays()
+        arrays.check()
+        self.begin(FrameMemory(0, 0, 2 * rays.n * RAY_BYTES))
+        size = max(self.together(RAY_BYTES), MIN_BATCH)
+        self.release()
+        for first in range(0, rays.n, size):
+            yield rays_of_arguments(arrays.part(slice(first, first + size)), rays.cull_faces)
 
     def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
         """Trace the same rays again to find the triangles, since a store has none in memory."""

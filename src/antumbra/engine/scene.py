@@ -25,7 +25,7 @@ from ..scene.lights import Light, QuadLight
 from ..scene.materials import Transmittance
 from ..scene.mesh import MeshInfo, ObjectInfo, Source
 from ..scene.scene_data import CityModel, MemoryData, SceneData
-from ..scene.triangles import Hit, Triangles
+from ..scene.triangles import AllHits, Hit, Triangles
 
 # --- The interface of scenes ------------------------------------------------------------------------------------------
 
@@ -305,6 +305,105 @@ class AnyScene:
         return self.engine.closest_hit(
             origins, directions, tmin, tmax, skip_face, time, cull_faces=cull_faces, threads=threads
         )
+
+    def all_hits(
+        self,
+        origins: "ArrayLike",
+        directions: "ArrayLike | None" = None,
+        tmin: "ArrayLike" = 0.0,
+        tmax: "ArrayLike" = np.inf,
+        skip_face: "ArrayLike | None" = None,
+        time: float = 0.0,
+        *,
+        targets: "ArrayLike | None" = None,
+        max_hits: int | None = None,
+        cull_faces: str | None = None,
+        threads: int | None = None,
+    ) -> AllHits:
+        """All hits of each ray strictly between tmin and tmax, sorted by t; arguments and errors as for `occluded`.
+
+        Parameters
+        ----------
+        max_hits : int, optional
+            Only the first `max_hits` hits of each ray; None: all.
+
+        Returns
+        -------
+        AllHits
+            The hits of ray i, in C order of the rays' shape, are elements ``ray_offsets[i]`` to
+            ``ray_offsets[i + 1] - 1`` of `t`, `face`, `u` and `v`, which are as for `closest_hit`. Faces with the same
+            t are sorted by index. A ray through an edge or a vertex hits every face there.
+
+        Notes
+        -----
+        Besides the result, memory is needed for the hits of a million rays at a time.
+        """
+        return self.engine.all_hits(
+            origins, directions, tmin, tmax, skip_face, time,
+            targets=targets, max_hits=max_hits, cull_faces=cull_faces, threads=threads,
+        )  # fmt: skip
+
+    def count_hits(
+        self,
+        origins: "ArrayLike",
+        directions: "ArrayLike | None" = None,
+        tmin: "ArrayLike" = 0.0,
+        tmax: "ArrayLike" = np.inf,
+        skip_face: "ArrayLike | None" = None,
+        time: float = 0.0,
+        *,
+        targets: "ArrayLike | None" = None,
+        merge: str = "none",
+        cull_faces: str | None = None,
+        threads: int | None = None,
+    ) -> NDArray[np.int64]:
+        """The number of hits of each ray strictly between tmin and tmax; arguments and errors as for `occluded`.
+
+        Parameters
+        ----------
+        merge : "none" or "surface"
+            "none": every face counts, so a ray through a common edge counts both. "surface": a ray that crosses a
+            surface on an edge or at a vertex counts it once, and one that only touches a rim from outside counts it
+            twice or not at all. This is decided by an infinitesimal displacement of the ray, in exact arithmetic, not
+            by a distance. So for a closed surface, the number from a point is odd inside and even outside.
+
+        Returns
+        -------
+        (...) int64
+        """
+        return self.engine.count_hits(
+            origins, directions, tmin, tmax, skip_face, time,
+            targets=targets, merge=merge, cull_faces=cull_faces, threads=threads,
+        )  # fmt: skip
+
+    def contains(self, points: "ArrayLike", time: float = 0.0, *, threads: int | None = None) -> NDArray[np.bool_]:
+        """Whether points are inside the scene's closed surfaces, or on one.
+
+        A point is inside if a ray from it, straight up, crosses surfaces an odd number of times
+        (``count_hits(merge="surface")``), or if it is on a face. The result is exact for the rounded points, and never
+        depends on edges or vertices that the ray meets. Where closed surfaces overlap, every second layer is outside.
+        If a surface has holes, points below and above them may be on the wrong side.
+
+        Parameters
+        ----------
+        points : (..., 3) float, world
+            Float64 points are recentred before they are rounded to float32.
+        time : float
+            Seconds.
+        threads : int, optional
+            None: all cores.
+
+        Returns
+        -------
+        (...) bool
+            Faces with alpha masks count as a whole, unless they are clear everywhere.
+
+        Raises
+        ------
+        InputError
+            If the shape is not (..., 3), or a point is NaN, infinite or beyond float32.
+        """
+        return self.engine.contains(points, time, threads=threads)
 
     def _repr_html_(self) -> str:
         """A summary table for notebooks."""

@@ -185,6 +185,11 @@ def rays_of(
     return RayArguments(origins, directions, tmin, tmax, skip, shape, facing, targets is not None, frame)
 
 
+def segments_between(begin: np.ndarray, end: np.ndarray, skip: np.ndarray) -> RayArguments:
+    """Segments between points in the scene's frame, (n, 3) float32 each; skip : (n,) int."""
+    return RayArguments(begin, end, 0.0, 1.0, skip, (len(begin),), 0, True, (0.0, 0.0, 0.0))
+
+
 def _number_or_array(value: ArrayLike, what: str) -> np.ndarray | float:
     return value if type(value) is float else as_array(value, what)
 

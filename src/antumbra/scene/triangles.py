@@ -1,4 +1,4 @@
-"""`Triangles`, the geometry of a scene at one moment, and `Hit`, the result of a closest-hit query.
+"""`Triangles`, the geometry of a scene at one moment; `Hit`, nearest hits of rays; and `AllHits`, all of them.
 
 A `Hit` holds distances, faces and barycentric coordinates. Positions, normals and corners are computed on demand from
 the triangles that were hit.
@@ -138,3 +138,32 @@ class Hit(HitFaces):
 
 def _refusal() -> InputError:
     return InputError("this Hit has no scene, since it was pickled or built by hand; call scene.closest_hit again")
+
+
+# --- All hits ---------------------------------------------------------------------------------------------------------
+
+
+class AllHits(NamedTuple):
+    """All hits of n rays: those of ray i are elements ``ray_offsets[i]`` to ``ray_offsets[i + 1] - 1``, sorted by t.
+
+    Hits with the same t are sorted by face.
+    """
+
+    ray_offsets: NDArray[np.int64]  # (n + 1,) int64
+    t: NDArray[np.float64]  # (k,) float64, in lengths of the direction, rounded to nearest
+    face: NDArray[np.int32]  # (k,) int32, index of the face in the scene
+    u: NDArray[np.float32]  # (k,) float32, barycentric weight of the face's second corner, 0 to 1
+    v: NDArray[np.float32]  # (k,) float32, barycentric weight of its third corner, 0 to 1
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """(n,) int64: the number of hits of each ray."""
+        return np.diff(self.ray_offsets)
+
+    @property
+    def ray(self) -> NDArray[np.int64]:
+        """(k,) int64: the index of each hit's ray."""
+        return np.repeat(np.arange(len(self.ray_offsets) - 1), self.counts)
+
+    def __repr__(self) -> str:
+        return f"AllHits({len(self.t)} hits of {len(self.ray_offsets) - 1} rays; {', '.join(self._fields)})"

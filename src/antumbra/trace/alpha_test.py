@@ -31,9 +31,8 @@ from ..query.shadow_query import ShadowQuery, new_bits, patch_of, query_pointers
 from ..scene.alpha_masks import DARK, channels_of
 from ..scene.materials import CLAMP, MIRROR
 from ..scene.triangle_setup import rows_with_area
-from ..scene.triangles import Triangles
+from ..scene.triangles import AllHits, Triangles
 from .frusta.multi_frusta import trace_shadow
-from .rays.ray_hits import intersections
 from .rays.ray_traversal import CLOSEST, ignores_hit, triangle_hit, walk
 
 # --- Texels of cut-outs -----------------------------------------------------------------------------------------------
@@ -121,13 +120,18 @@ class DepthSum(NamedTuple):
     sums: I32Ptr  # int32 *: red, green and blue; `DARK` + 1 is the most
 
 
+@inlined
+def _is_opaque(texels, at):
+    """Whether the texel with depths at `at` blocks all light."""
+    depths = texels.depths
+    return get(depths, at) > DARK and get(depths, at + 1) > DARK and get(depths, at + 2) > DARK
+
+
 @kernel
 def _stays_lit(depth, ray, corners, slot):
     """Add the depths of a cut-out that the ray meets. Returns whether some light still passes."""
     at, lit = _depths_at(depth.texels, ray, corners, slot), False
-    opaque = get(depth.texels.depths, at) > DARK and get(depth.texels.depths, at + 1) > DARK
-    opaque = opaque and get(depth.texels.depths, at + 2) > DARK
-    if not opaque and not crosses_surface(ray, corners, slot):
+    if not _is_opaque(depth.texels, at) and not crosses_surface(ray, corners, slot):
         return True
     for c in range(3):
         total = min(get(depth.sums, c) + get(depth.texels.depths, at + c), np.int32(DARK + 1))
@@ -205,8 +209,7 @@ def _blocks_alone(tree, texels, ray, skip, cull_faces, slot):
     d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
     if not triangle_hit(tree.corners, slot, ray, o, d, cull_faces, None):
         return False
-    at = _depths_at(texels, ray, tree.corners, slot)
-    return get(texels.depths, at) > DARK and get(texels.depths, at + 1) > DARK and get(texels.depths, at + 2) > DARK
+    return _is_opaque(texels, _depths_at(texels, ray, tree.corners, slot))
 
 
 @inlined
@@ -336,26 +339,24 @@ def add_hits(
 
 
 @kernel
-def _find_blocking(ticket, bvh, texels, origins, ends, rays, slots, stops):
-    """Worker: whether segments that meet cut-outs hit opaque texels."""
+def _find_holes(ticket, bvh, texels, rays, hit_rays, slots, passes):
+    """Worker: whether rays pass through the cut-outs that they meet."""
     tree, holes = tree_of(bvh), texel_pointers(texels)
     for k in items(ticket):
-        o, e = origins[rays[k]], ends[rays[k]]
-        stops[k] = not is_hole(holes, segment(o[0], o[1], o[2], e[0], e[1], e[2]), tree.corners, np.int64(slots[k]))
+        o, d = rays.origins[hit_rays[k]], rays.directions[hit_rays[k]]
+        if rays.segments:
+            ray = segment(o[0], o[1], o[2], d[0], d[1], d[2])
+        else:
+            ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], 0.0, np.inf)
+        passes[k] = is_hole(holes, ray, tree.corners, np.int64(slots[k]))
 
 
-def all_cutout_hits(
-    tree: CutoutTree,
-    origins: NDArray[np.float32],
-    ends: NDArray[np.float32],
-    skip: NDArray[np.int32],
-    threads: int | None = None,
-) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """All pairs of a segment and a cut-out that blocks it: (segment, triangle), (k,) each; see `intersections`."""
-    met = intersections(tree.bvh, origins, ends, skip, threads)
-    rays = np.repeat(np.arange(len(origins)), np.diff(met.first))
-    order = np.argsort(tree.bvh.prim_ids)
-    slots, stops = order[np.searchsorted(tree.bvh.prim_ids[order], met.prims)], np.empty(len(rays), np.bool_)
-    ticket = new_ticket(len(rays), 1024)
-    run(_find_blocking, thread_count(threads), ticket, tree.bvh, tree.texels, origins, ends, rays, slots, stops)
-    return rays[stops], met.prims[stops]
+def without_holes(tree: CutoutTree, rays: CutoutRays, hits: AllHits, threads: int | None = None) -> AllHits:
+    """All hits of rays on cut-outs, without those on texels that closest hits ignore."""
+    order, n, hit_rays = np.argsort(tree.bvh.prim_ids), len(hits.face), hits.ray
+    slots, passes = order[np.searchsorted(tree.bvh.prim_ids[order], hits.face)], np.empty(n, np.bool_)
+    ticket = new_ticket(n, 1024)
+    run(_find_holes, thread_count(threads), ticket, tree.bvh, tree.texels, rays, hit_rays, slots, passes)
+    counts = np.bincount(hit_rays[~passes], minlength=len(rays.origins))
+    offsets, some = np.concatenate([[0], np.cumsum(counts)]), ~passes
+    return AllHits(offsets, hits.t[some], hits.face[some], hits.u[some], hits.v[some])

@@ -16,50 +16,7 @@ from antumbra.scene.triangles import HitFaces
 from antumbra.trace.rays.ray_traversal import CLOSEST, walk
 from cutout_scenes import meets as stops
 from cutout_scenes import scene_with_cutouts
-
-N = 48  # rays
-
-
-def _stack(rng):
-    """Sheets across the rays: at random depths, twice at the same depth, apart by single bits, and nearly edge-on."""
-    depth = rng.uniform(0.5, 3.0, 12)
-    depth[6:8] = depth[5]
-    depth[8] = np.nextafter(np.float32(depth[5]), np.float32(9))
-    sheet = np.array([[-2.0, -2, 0], [6, -2, 0], [-2, 6, 0]])
-    soup = sheet + rng.normal(0, 0.1, (12, 3, 3)) * (1, 1, 0) + depth[:, None, None] * (0, 0, 1)
-    soup[9:] += rng.normal(0, 0.3, (3, 3, 3))
-    steep = np.array([[-1.0, 0.1, 0], [1, 0.1, 0.3], [0, 0.12, 4]]) + rng.normal(0, 1e-3, (4, 1, 3))
-    return (
-        np.concatenate([soup, steep]),
-        rng.normal(0, 0.1, (N, 3)) - (0, 0, 1),
-        rng.normal(0, 0.02, (N, 3)) + (0, 0, 1),
-    )
-
-
-def _grid(rng):
-    """Small whole numbers: rays through corners and along edges, t that float64 holds, triangles twice."""
-    soup = rng.integers(-2, 3, (30, 3, 3)).astype(float)
-    origins, ends = rng.integers(-3, 4, (N, 3)), rng.integers(-3, 4, (N, 3))
-    directions = ends - origins
-    directions[~directions.any(1)] = 1
-    return np.concatenate([soup, soup[:6]]), origins, directions
-
-
-def _slivers(rng):
-    """Long triangles of hardly any width, each aimed at from afar and along its plane; and sheets behind them."""
-    along = rng.normal(size=(40, 1, 3)) * 10 ** rng.uniform(-2, 1, (40, 1, 1))
-    width = rng.normal(size=(40, 3, 3)) * 10 ** rng.uniform(-5, -2, (40, 1, 1))
-    soup = rng.normal(0, 3, (40, 1, 3)) + along * rng.uniform(-1, 1, (40, 3, 1)) + width
-    weights, pick = rng.dirichlet((1, 1, 1), N), rng.integers(0, 40, N)
-    aims = np.einsum("nk,nkc->nc", weights, soup[pick])
-    origins = rng.normal(size=(N, 3)) * 10 ** rng.uniform(0, 1.5, (N, 1))
-    beside = np.einsum("nk,nkc->nc", rng.dirichlet((1, 1, 1), N), soup[pick])
-    origins[::2] = (aims + (beside - aims) * 9 + rng.normal(0, 1e-3, (N, 3)))[::2]
-    sheets = 30 * np.array([[0.5, 0, 0], [0, 0.5, 0], [0, 0, 0.5]]) * np.array([-1.0, -1.1, 1, 1.1])[:, None, None]
-    return np.concatenate([soup, sheets]), origins, aims - np.float32(origins)
-
-
-KINDS = {"stack": _stack, "grid": _grid, "slivers": _slivers}
+from ray_cases import KINDS, N, rays_of_kind
 
 
 @kernel
@@ -131,15 +88,6 @@ class _Truth:
         return np.array([t for t, _ in rows]), np.array([face for _, face in rows])
 
 
-def _rays(kind, coherent):
-    """(scene, world origins, directions); not coherent: no tracer can make packets of neighbours."""
-    soup, origins, directions = KINDS[kind](np.random.default_rng(7))
-    scene = at.Scene.from_arrays(np.asarray(soup, np.float32))
-    world = np.asarray(origins, np.float32).astype(np.float64)
-    order = np.arange(N) if coherent else np.random.default_rng(8).permutation(N)
-    return scene, world[order], np.ascontiguousarray(np.asarray(directions, np.float32)[order])
-
-
 def _check_walk(engine, truth, world, directions):
     """Follow all rays from hit to hit."""
     tmin, longest = np.zeros(N), max(map(len, truth.hits))
@@ -197,7 +145,7 @@ def _check_weights(engine, truth, world, directions):
 def test_rays_find_all_hits_in_turn(tracer, kind, coherent, tmp_path):
     if tracer != "memory" and not coherent:
         pytest.skip("only memory has packets")
-    scene, world, directions = _rays(kind, coherent)
+    scene, world, directions = rays_of_kind(kind, coherent)
     engine, truth = TRACERS[tracer](scene, tmp_path), _Truth(scene, world, directions)
     for check in _check_walk, _check_ends, _check_weights:
         check(engine, truth, world, directions)

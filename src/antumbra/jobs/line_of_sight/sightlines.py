@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...checks import as_array
-from ...engine.accelerator import Accelerated
+from ...engine.engine import Engine
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
@@ -15,8 +15,6 @@ from ...formats.gltf.gltf_writer import LINES
 from ...kernels.parallel import thread_count
 from ...progress import Progress, with_progress
 from ...query.receivers import Receivers
-from ...trace.alpha_test import all_cutout_hits
-from ...trace.rays.ray_hits import intersections
 from ..executors import LocalExecutor
 from ..false_colours import ColouredMesh, coloured_glb
 from ..result_table import Column, Table
@@ -27,7 +25,6 @@ from ..work_parts import Parts
 # --- Sightlines -------------------------------------------------------------------------------------------------------
 
 
-_PLAN = "bsah+wide"  # ray queries use the same tree
 _PART = 1 << 16  # pairs traced at a time
 
 
@@ -101,22 +98,21 @@ def line_of_sight(
     Raises
     ------
     InputError
-        If shapes do not broadcast, a number is NaN or infinite, a normal is zero, or the scene is in a store.
+        If shapes do not broadcast, a number is NaN or infinite, or a normal is zero.
 
     Notes
     -----
-    Among faces at the same distance in float64, the lowest index blocks. For a pair that only a horizon blocks, the
+    Among faces with the same t in float64, the lowest index blocks. For a pair that only a horizon blocks, the
     result has the face from `faces` or `target_faces`, and the end on it as the blocking point.
     """
     scene, threads = scene_of(scene), thread_count(threads)
     begin, end = _Ends(observers, normals, faces), _Ends(targets, target_normals, target_faces)
     pairs, shape = _checked(scene, begin, end)
-    ready = scene.engine.with_options(_PLAN, threads, None).accelerated(time)
     n = len(pairs.begin)
-    work = lambda first, last: _blocks(pairs.part(first, last), ready, threads)
+    work = lambda first, last: _blocks(pairs.part(first, last), scene.engine, time, threads)
     parts = Parts(f"{n} lines of sight", n, _PART, work)
     LocalExecutor().finish([parts])
-    blocks = parts.joined(("t", "face")) if n else _blocks(pairs, ready, threads)
+    blocks = parts.joined(("t", "face")) if n else _blocks(pairs, scene.engine, time, threads)
     away = pairs.end.astype(np.float64) - pairs.begin
     length, t, face = np.linalg.norm(away, axis=1), blocks["t"], blocks["face"]
     point = pairs.begin + t[:, None] * away + scene.origin
@@ -168,17 +164,15 @@ def _as_faces(faces: np.ndarray, count: int) -> np.ndarray:
     return faces.astype(np.int64)
 
 
-def _blocks(pairs: _Pairs, ready: Accelerated, threads: int | None) -> dict[str, np.ndarray]:
+def _blocks(pairs: _Pairs, engine: Engine, time: float, threads: int) -> dict[str, np.ndarray]:
     """The block of each pair: t (n,) float64 from 0 to 1, NaN if visible; face (n,) int32."""
     n = len(pairs.begin)
-    ray, prim = _first_hits(pairs, ready, threads)
-    other = prim != pairs.end_face[ray]
-    ray, prim = ray[other], prim[other]
-    t = _parameters(pairs, ray, ready.triangles.vertices[prim])
-    order = np.lexsort((prim, t, ray))
-    blocked, nearest = np.unique(ray[order], return_index=True)
+    hits = engine.segment_hits(pairs.begin, pairs.end, pairs.begin_face, time, threads)
+    ray = hits.ray
+    other = hits.face != pairs.end_face[ray]
+    blocked, nearest = np.unique(ray[other], return_index=True)  # hits are sorted
     first_t, face = np.full(n, np.nan), np.full(n, -1, np.int32)
-    first_t[blocked], face[blocked] = t[order][nearest], prim[order][nearest]
+    first_t[blocked], face[blocked] = hits.t[other][nearest], hits.face[other][nearest]
     for unit, surface_face, place, sign in (
         (pairs.end_unit, pairs.end_face, 1.0, -1.0),
         (pairs.begin_unit, pairs.begin_face, 0.0, 1.0),
@@ -190,28 +184,6 @@ def _blocks(pairs: _Pairs, ready: Accelerated, threads: int | None) -> dict[str,
         hidden &= np.isnan(first_t) if place else True
         first_t[hidden], face[hidden] = place, surface_face[hidden]
     return {"t": first_t, "face": face}
-
-
-def _first_hits(pairs: _Pairs, ready: Accelerated, threads: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs of a segment and a triangle that stops it, except the face on which the segment begins."""
-    assert ready.bvh is not None
-    segments = pairs.begin, pairs.end, pairs.begin_face.astype(np.int32), threads
-    hits = intersections(ready.bvh, *segments)
-    ray, prim = np.repeat(np.arange(len(pairs.begin)), np.diff(hits.first)), hits.prims
-    if ready.cutouts is None:
-        return ray, prim
-    cutout_hits = all_cutout_hits(ready.cutouts, *segments)
-    return np.concatenate([ray, cutout_hits[0]]), np.concatenate([prim, cutout_hits[1]])
-
-
-def _parameters(pairs: _Pairs, ray: np.ndarray, corners: np.ndarray) -> NDArray[np.float64]:
-    """(n,) float64 from 0 to 1: where segments meet the planes of triangles."""
-    begin, v = pairs.begin[ray].astype(np.float64), corners.astype(np.float64)
-    normal = np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0])
-    height = ((v[:, 0] - begin) * normal).sum(1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        t = height / ((pairs.end[ray] - begin) * normal).sum(1)
-    return np.asarray(np.clip(np.nan_to_num(t), 0.0, 1.0))
 
 
 # --- Pairs from files -------------------------------------------------------------------------------------------------

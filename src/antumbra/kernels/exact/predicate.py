@@ -367,3 +367,15 @@ def exact_plane_side(x, y, z, corners, i):
     work = ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     ray = ray_along(x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0)
     return -sign_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _VOLUME, 1.0))
+
+
+@kernel
+def exact_touches(x, y, z, corners, i):
+    """Whether a float32 point is on the closed triangle i. A triangle without area holds no point."""
+    if exact_plane_side(x, y, z, corners, i) != 0:
+        return False
+    for axis in range(3):  # the line along at least one axis is not in the triangle's plane
+        dx, dy, dz = np.float64(axis == 0), np.float64(axis == 1), np.float64(axis == 2)
+        if exact_line_side(ray_along(x, y, z, dx, dy, dz, 0.0, 0.0), corners, i) != 0:
+            return True
+    return False

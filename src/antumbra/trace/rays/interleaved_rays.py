@@ -17,7 +17,7 @@ import numpy as np
 
 from ...bvh.nodes import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH, wide_leaf
 from ...kernels.exact.filters import filter_hits_branchless
-from ...kernels.jit import F32Ptr, I32Ptr, inlined
+from ...kernels.jit import F32Ptr, I32Ptr, inlined, overload
 from ...kernels.simd import (
     as_i32,
     bits,
@@ -46,6 +46,7 @@ from .wide_traversal import (
     NO_KEY,
     STACK,
     Query,
+    WideHit,
     block_of,
     enter,
     facing,
@@ -139,12 +140,30 @@ def _start(rays, alive):
         put(rays.columns, i, i // LANES * BLOCK_WORDS + i % LANES)
 
 
+def keep_hits(hits, tree, blocks, i, rays, query, counters):
+    """In kernels: store the hits of ray i in its leaf. Return whether this ends the ray's query.
+
+    The type of `hits` selects the implementation. A `WideHit` keeps one hit of each ray, any or the nearest.
+    """
+
+
 @inlined
-def _keep(tree, blocks, i, any_hit, rays, hits):
-    """Store the hits of ray i in its leaf. Return whether this ends the ray's any-hit query."""
-    j, group = i // LANES, wide_leaf(np.int64(get(rays.next, i))).group
-    lanes, bounds = np.int64(get(rays.lanes, i)), ptr_at(rays.bounds, i * _BOUNDS)
-    return keep_lanes(tree, block_of(blocks, j), i % LANES, group * WIDTH, lanes, bounds, any_hit, hits_of(hits, j))
+def leaf_of(rays, i):
+    """(first lane of ray i's leaf, bits of its hits and, from bit 8 on, of its undecided tests)."""
+    return wide_leaf(np.int64(get(rays.next, i))).group * WIDTH, np.int64(get(rays.lanes, i))
+
+
+@inlined
+def _keep_one(hits, tree, blocks, i, rays, query):
+    j, (first, lanes), bounds = i // LANES, leaf_of(rays, i), ptr_at(rays.bounds, i * _BOUNDS)
+    return keep_lanes(tree, block_of(blocks, j), i % LANES, first, lanes, bounds, query.any_hit, hits_of(hits, j))
+
+
+@overload(keep_hits)
+def _keep_hits(hits, tree, blocks, i, rays, query, counters):
+    if getattr(hits, "instance_class", None) is WideHit:
+        return lambda hits, tree, blocks, i, rays, query, counters: _keep_one(hits, tree, blocks, i, rays, query)
+    return None
 
 
 @inlined
@@ -166,7 +185,7 @@ def _walk(tree, blocks, alive, query, rays, hits, counters):
         while possible:
             i = lowest_bit(possible)
             possible &= possible - 1
-            if _keep(tree, blocks, i, query.any_hit, rays, hits):
+            if keep_hits(hits, tree, blocks, i, rays, query, counters):
                 alive &= ~(1 << i)
         turn, alive = alive, np.int64(0)
         while turn:
@@ -181,7 +200,7 @@ def _walk(tree, blocks, alive, query, rays, hits, counters):
 
 @inlined
 def walk_interleaved(tree, blocks, alive, query, hits, counters):
-    """Trace the rays in `alive` (bits) of several prepared blocks and write their hits, any or nearest, to `hits`."""
+    """Trace the rays in `alive` (bits) of several prepared blocks and write their hits to `hits`, see `keep_hits`."""
     rays = _Rays(
         stack_i32(_STACKS), stack_i32(_STACKS), stack_i32(_RAYS), stack_i32(_RAYS), stack_i32(_RAYS),
         stack_f32(_ALL_BOUNDS), stack_i32(_RAYS),

@@ -1,26 +1,15 @@
 """Ray batches: read, check, trace and write 64 rays of a ray list at a time, in four blocks.
 
-Coherent rays are traced as packets (`ray_packet`), others interleaved (`single_rays`). The t and weights of 16 nearest
-hits are computed together, vectorised by LLVM.
+Coherent rays are traced as packets (`ray_packet`), others interleaved (`single_rays`). `hit_reports` computes the t and
+weights of nearest hits. `all_hits` finds all hits of such batches.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...bvh.nodes import WIDTH, WideBvh, wide_tree_of
-from ...kernels.exact.filters import (
-    UNKNOWN,
-    are_differences,
-    clamp_weight,
-    quick_t,
-    quick_weights,
-    rounded_t,
-    single_weights,
-)
+from ...bvh.nodes import WideBvh, wide_tree_of
 from ...kernels.exact.predicate import two_diff
-from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined, kernel
+from ...kernels.jit import inlined, kernel
 from ...kernels.marshalling import packed
 from ...kernels.parallel import STOP, items, new_ticket, run, thread_count
 from ...kernels.simd import (
@@ -33,30 +22,26 @@ from ...kernels.simd import (
     f64_at,
     get,
     i32_at,
-    load8,
     load16,
     load16x3,
-    mask_from_bits8,
     maximum,
-    prefetch,
     ptr,
     ptr_at,
     put,
     select,
-    shuffle,
     splat16,
     stack_f32,
     stack_f64,
     stack_i32,
     stack_i64,
     store,
-    swap_halves,
     to_f32,
     to_f64,
 )
 from ...query.ray_list import HitArrays, RayArguments
 from ...scene.scene_bounds import NEAREST
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
+from .hit_reports import CORNER_WORDS, REPORT_WORDS, Report, write_nearest
 from .interleaved_rays import walk_interleaved
 from .ray_packet import is_coherent_with, walk_packet
 from .wide_traversal import (
@@ -79,166 +64,10 @@ from .wide_traversal import (
     first_block,
     hits_of,
     prepare,
-    ray_of,
     rays_of_block,
     settle_block,
-    slot_of,
     start,
 )
-
-# --- Reports: t and weights of nearest hits ---------------------------------------------------------------------------
-
-
-CORNER_WORDS = 9 * LANES
-REPORT_WORDS = 3 * LANES
-_T, _U, _V = 0, LANES, 2 * LANES
-
-
-class Report(NamedTuple):
-    """Pointers to scratch memory for the numbers of 16 nearest hits."""
-
-    corners: F32Ptr  # float32 *, CORNER_WORDS: rows of 16, corners of the triangle that each ray hits
-    rows: F32Ptr  # float32 *, BLOCK_WORDS: origins and directions, in rows of a block
-    numbers: F64Ptr  # float64 *, REPORT_WORDS: rows of 16: t, u, v; t or u may be UNKNOWN
-    rays: I32Ptr  # int32 *: the rays that hit
-    slots: I64Ptr  # int64 *: the slots of their triangles
-
-
-@inlined
-def _vector(rows, at):
-    f = np.float64
-    return f(get(rows, at)), f(get(rows, at + LANES)), f(get(rows, at + 2 * LANES))
-
-
-@inlined
-def _minus(a, b):
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@inlined
-def _fill_report(rows, report):
-    """Compute the numbers of all sixteen rays. LLVM vectorises the loop."""
-    corners, out = report.corners, report.numbers
-    for i in range(LANES):
-        o, d = _vector(rows, OX + i), _vector(rows, DX + i)
-        v0, v1, v2 = _vector(corners, i), _vector(corners, 3 * LANES + i), _vector(corners, 6 * LANES + i)
-        a, p, q = _minus(v0, o), _minus(v1, v0), _minus(v2, v0)
-        t, (u, v) = quick_t(d, a, p, q), quick_weights(d, a, p, q)
-        put(out, _T + i, t if are_differences(o, v0, v1, v2, a, p, q) else UNKNOWN)
-        put(out, _U + i, u)
-        put(out, _V + i, v)
-
-
-@inlined
-def _write(tree, rays, k, report, out, first):
-    """Write hit k, whose numbers are in column k mod 16 of the report; out: arrays whose element `first` is ray 0's."""
-    i, slot, column = np.int64(get(report.rays, k)), get(report.slots, k), k % LANES
-    numbers, at = report.numbers, first + i
-    t, u, v = get(numbers, _T + column), get(numbers, _U + column), get(numbers, _V + column)
-    out.face[at], out.t[at] = get(tree.prim_ids, slot), t
-    out.u[at], out.v[at] = clamp_weight(u), clamp_weight(v)
-    if t == UNKNOWN:
-        out.t[at] = rounded_t(ray_of(block_of(rays, i // LANES), i % LANES), tree.corners, slot)
-    if u == UNKNOWN:
-        ray = ray_of(block_of(rays, i // LANES), i % LANES)
-        out.u[at], out.v[at] = single_weights(ray, tree.corners, slot)
-
-
-@inlined
-def _write_misses(tree, hits, n, report, out, first):
-    """Write the misses among n rays, and list the rays that hit and their slots. Return their number."""
-    n_hits = np.int64(0)
-    for i in range(n):
-        slot = slot_of(tree, hits_of(hits, i // LANES), i % LANES)
-        put(report.rays, n_hits, i)
-        put(report.slots, n_hits, slot)
-        n_hits += slot >= 0
-        corners = ptr_at(tree.corners, 9 * slot)
-        prefetch(corners, 0)
-        prefetch(corners, 8)
-        if slot < 0:
-            at = first + i
-            out.face[at], out.t[at], out.u[at], out.v[at] = -1, np.inf, 0.0, 0.0
-    return n_hits
-
-
-@inlined
-def _exchange(a, b, other_a, other_b, lower):
-    """A step of a transposition: exchange lanes of two vectors; lower (bits): the lanes that the first one retains."""
-    mask = mask_from_bits8(np.int64(lower))
-    return select(mask, a, other_b), select(mask, other_a, b)
-
-
-@inlined
-def _by_1(a, b):
-    return _exchange(a, b, shuffle(a, 1, 0, 3, 2, 5, 4, 7, 6), shuffle(b, 1, 0, 3, 2, 5, 4, 7, 6), 0b01010101)
-
-
-@inlined
-def _by_2(a, b):
-    return _exchange(a, b, shuffle(a, 2, 3, 0, 1, 6, 7, 4, 5), shuffle(b, 2, 3, 0, 1, 6, 7, 4, 5), 0b00110011)
-
-
-@inlined
-def _by_4(a, b):
-    return _exchange(a, b, swap_halves(a), swap_halves(b), 0b00001111)
-
-
-@inlined
-def _transposed8(a, b, c, d, e, f, g, h):
-    """The columns of a matrix of eight rows."""
-    (a, b), (c, d), (e, f), (g, h) = _by_1(a, b), _by_1(c, d), _by_1(e, f), _by_1(g, h)
-    (a, c), (b, d), (e, g), (f, h) = _by_2(a, c), _by_2(b, d), _by_2(e, g), _by_2(f, h)
-    (a, e), (b, f), (c, g), (d, h) = _by_4(a, e), _by_4(b, f), _by_4(c, g), _by_4(d, h)
-    return a, b, c, d, e, f, g, h
-
-
-@inlined
-def _load_corners(tree, slots, corners):
-    """Write the corners of the triangles in sixteen slots to rows of 16."""
-    for i in range(LANES):
-        put(corners, 8 * LANES + i, get(tree.corners, 9 * get(slots, i) + 8))
-    for half in range(0, LANES, WIDTH):
-        c, p = tree.corners, ptr_at(slots, half)
-        columns = _transposed8(
-            load8(c, 9 * get(p, 0)), load8(c, 9 * get(p, 1)), load8(c, 9 * get(p, 2)), load8(c, 9 * get(p, 3)),
-            load8(c, 9 * get(p, 4)), load8(c, 9 * get(p, 5)), load8(c, 9 * get(p, 6)), load8(c, 9 * get(p, 7)),
-        )  # fmt: skip
-        for k in range(8):
-            store(corners, LANES * k + half, columns[k])
-
-
-@inlined
-def _rows_of(rows, report, first, n_hits, n):
-    """Rows of origins and directions of the sixteen hits from the `first` on; rows: of all rays' blocks."""
-    if n_hits == n:
-        return ptr_at(rows, first // LANES * BLOCK_WORDS)
-    for k in range(LANES):
-        i = np.int64(get(report.rays, first + k))
-        column = i // LANES * BLOCK_WORDS + i % LANES
-        for row in range(6):
-            put(report.rows, OX + LANES * row + k, get(rows, OX + LANES * row + column))
-    return report.rows
-
-
-@inlined
-def write_nearest(tree, rays, hits, n, report, out, first):
-    """Write the nearest hits of n rays of several blocks from element `first` of the arrays on."""
-    n_hits = _write_misses(tree, hits, n, report, out, first)
-    if n_hits == 0:
-        return
-    for k in range(LANES):  # repeat the last hit in unused columns
-        put(report.rays, n_hits + k, get(report.rays, n_hits - 1))
-        put(report.slots, n_hits + k, get(report.slots, n_hits - 1))
-    for begin in range(0, n_hits, LANES):
-        _load_corners(tree, ptr_at(report.slots, begin), report.corners)
-        _fill_report(_rows_of(rays.rows, report, begin, n_hits, n), report)
-        for k in range(begin, min(begin + LANES, n_hits)):
-            _write(tree, rays, k, report, out, first)
-
-
-# --- Reading, tracing and writing batches -----------------------------------------------------------------------------
-
 
 _RAYS, _ROWS, _ENDS, _TESTS = (BLOCKS * n for n in (LANES, BLOCK_WORDS, PRECISE_WORDS, DEFERRED_WORDS))  # of all blocks
 _LISTED = _RAYS + LANES
@@ -351,6 +180,24 @@ def _load(args, first, last, block):
 
 
 @inlined
+def read_batch(tree, rays, first, batch):
+    """Read up to 64 rays of a list, from `first` on, and prepare their blocks.
+
+    Return (number of rays, bits of the rays with a non-zero direction, whether all are valid).
+    """
+    n = min(_RAYS, rays.n - first)
+    alive = -1 if n == _RAYS else (1 << n) - 1
+    for j in range((n + LANES - 1) // LANES):
+        block = block_of(batch, j)
+        good, moving = _load(rays, first + j * LANES, rays.n - 1, block)
+        if not good:
+            return n, np.int64(0), False
+        alive &= moving << (j * LANES) | ~rays_of_block(j)
+        prepare(block.rows, tree.reach)
+    return n, np.int64(alive), True
+
+
+@inlined
 def _packet_rays(rows, first, candidates, tree_reach, any_hit):
     """Rays (bits) of the blocks in `candidates` that are coherent with block `first`; 0 if its own rays are not."""
     members = 0
@@ -404,21 +251,14 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
     mine, tree = cleared(stack_i64(N_COUNTERS)), wide_tree_of(wide)
     for b in items(ticket):
         first = b * _RAYS
-        n = min(_RAYS, rays.n - first)
+        n, alive, good = read_batch(tree, rays, first, batch)
+        if not good:
+            faults[0], ticket[STOP] = True, 1
+            break
         count(mine, RAYS, n)
         n_blocks = (n + LANES - 1) // LANES
-        alive = -1 if n == _RAYS else (1 << n) - 1
         for j in range(n_blocks):
-            block = block_of(batch, j)
-            good, moving = _load(rays, first + j * LANES, rays.n - 1, block)
-            if not good:
-                faults[0], ticket[STOP] = True, 1
-                break
-            alive &= moving << (j * LANES) | ~rays_of_block(j)
-            prepare(block.rows, tree.reach)
             start(hits_of(hits, j))
-        if faults[0]:
-            break
         blocked = _trace(tree, batch, alive, query, hits, mine)
         for j in range(n_blocks):
             block_hits = hits_of(hits, j)
@@ -445,10 +285,14 @@ class _BatchScratch:
 
 
 class RayTracer:
-    """Traces ray lists through a `WideBvh`, which is packed once. Safe to share between Python threads."""
+    """Traces ray lists through a `WideBvh`, which is packed once. Safe to share between Python threads.
+
+    tree : Packed
+        The `WideBvh` as an argument of kernels.
+    """
 
     def __init__(self, wide: WideBvh) -> None:
-        self.wide, self._tree = wide, packed(wide)
+        self.wide, self.tree = wide, packed(wide)
         self._spare: list[_BatchScratch] = []  # pop and append are atomic, so no two calls share an item
 
     def trace(
@@ -469,7 +313,7 @@ class RayTracer:
         scratch.begin(blocks)
         ticket, (faults, thread_counters) = scratch.packed
         arguments = (
-            self._tree,
+            self.tree,
             rays.packed(),
             any_hit,
             out.packed(),

@@ -231,7 +231,7 @@ def triangle_hit(corners, slot, ray, o, d, cull_faces, counters):
 
 
 @inlined
-def _enter(nodes, node, box, limit):
+def enter_boxes(nodes, node, box, limit):
     """Test both children of a node: (bits of the boxes that the ray enters before `limit`, vector of entry t)."""
     b = line_at(node)
     tx, ty, tz = (
@@ -305,7 +305,7 @@ def walk(tree, ray, skip, cull_faces, order, hit_filter, counters):
         if link >= 0:
             count(counters, NODES, 1)
             count(counters, BOX_TESTS, 1 if one_by_one else 2)
-            mask, t_near = _enter(nodes, link, box, splat4(limit))
+            mask, t_near = enter_boxes(nodes, link, box, splat4(limit))
             if mask or one_by_one:
                 left_link, right_link = get(links, link_at(link, 0)), get(links, link_at(link, 1))
                 if one_by_one:

@@ -274,7 +274,7 @@ def facing(hits, positive, cull_faces):
 
 
 @inlined
-def _without_skipped(tree, first, lanes, skip):
+def without_skipped(tree, first, lanes, skip):
     """The `lanes` (bits) of a group, without that of the triangle `skip`; first: the group's first lane."""
     remaining = lanes
     while remaining:
@@ -295,7 +295,7 @@ def keep_lanes(tree, rays, i, first, lanes, bounds, any_hit, hits):
     rows, skip = rays.rows, np.int64(get(rays.skip, i))
     unsure, lanes = lanes >> WIDTH, lanes & ((1 << WIDTH) - 1)
     if lanes and skip >= 0:
-        lanes = _without_skipped(tree, first, lanes, skip)
+        lanes = without_skipped(tree, first, lanes, skip)
     if any_hit and lanes:
         put(hits.lane, i, first + lowest_bit(lanes))
         return True

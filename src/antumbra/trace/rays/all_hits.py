@@ -1,0 +1,394 @@
+"""All hits of rays: every triangle that a ray meets in its interval, sorted by t; or only their number.
+
+Batches of 64 rays are read as in `ray_batches` and walk the wide BVH interleaved (`interleaved_rays`), none of them to
+an early end. A test that float32 leaves undecided is settled at once, so no hit is found twice or missed.
+
+Memory. How many hits there are is known only afterwards. A thread lists the hits of a batch in its scratch memory,
+reserves room for them in the output arrays, and writes them there, sorted. A batch for which either memory is too small
+only counts its hits; it is traced again with memory for this number. Batches end in any order, so the hits are finally
+copied to the order of the rays.
+
+Rules. TRIANGLES counts every triangle that a ray meets, so a ray through a common edge counts two. SURFACES displaces
+rays infinitesimally (`kernels.exact.surface_crossing`), so it counts one. A hit that float32 decides lies inside its
+triangle, so only undecided tests need the second rule. INSIDE is SURFACES for a ray from a point, and also marks points
+that are on a triangle.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...bvh.nodes import WIDTH, wide_tree_of
+from ...kernels.exact.filters import is_nearer
+from ...kernels.exact.predicate import exact_touches
+from ...kernels.exact.surface_crossing import crosses_surface
+from ...kernels.jit import I32Ptr, I64Ptr, inlined, kernel, overload
+from ...kernels.parallel import STOP, items, new_ticket, run, thread_count
+from ...kernels.simd import (
+    atomic_add,
+    get,
+    lowest_bit,
+    popcount,
+    ptr,
+    put,
+    splat16,
+    stack_f32,
+    stack_f64,
+    stack_i32,
+    store,
+)
+from ...query.ray_list import HitArrays, RayArguments, hit_arrays
+from ...scene.triangles import AllHits
+from .hit_reports import CORNER_WORDS, REPORT_WORDS, Report, compute_numbers, pad, write_hit
+from .interleaved_rays import keep_hits, leaf_of, walk_interleaved
+from .ray_batches import RayTracer, read_batch
+from .ray_traversal import settle
+from .wide_traversal import (
+    BLOCK_WORDS,
+    BLOCKS,
+    LANES,
+    PRECISE_WORDS,
+    Query,
+    RayBlock,
+    block_of,
+    ray_of,
+    without_skipped,
+)
+
+TRIANGLES, SURFACES, INSIDE = range(3)
+"""Rules of counting, see above."""
+
+ON_SURFACE = 1 << 30
+"""Added to a count by INSIDE for each triangle that the ray's origin is on."""
+
+_RAYS = BLOCKS * LANES
+_ROWS, _PRECISE = BLOCKS * BLOCK_WORDS, BLOCKS * PRECISE_WORDS
+
+# --- Hits of a batch --------------------------------------------------------------------------------------------------
+
+
+class HitSink(NamedTuple):
+    """Receives all hits of the rays of a batch: pointers."""
+
+    counts: I32Ptr  # int32 *, 64: number of hits of each ray
+    total: I32Ptr  # int32 *: number of hits of all rays
+    rays: I32Ptr  # int32 *: the ray of each hit that is listed
+    slots: I64Ptr  # int64 *: the slot of its triangle
+    room: int  # most hits that are listed
+    rule: int
+
+
+@inlined
+def _add(sink, i, slot):
+    """Add a hit of ray i."""
+    total = get(sink.total, 0)
+    put(sink.counts, i, get(sink.counts, i) + 1)
+    put(sink.total, 0, total + 1)
+    if total < sink.room:
+        put(sink.rays, total, i)
+        put(sink.slots, total, slot)
+
+
+@kernel
+def _add_undecided(sink, tree, block, i, slot, query):
+    """Decide the test of ray i of the batch, in `block`, against the triangle in a slot. Not inlined: it is rare."""
+    if np.int64(get(tree.prim_ids, slot)) == get(block.skip, i % LANES):
+        return
+    ray = ray_of(block, i % LANES)
+    side = settle(ray, tree.corners, slot, None)
+    if side != 0 and side != query.cull_faces:
+        if sink.rule == TRIANGLES or crosses_surface(ray, tree.corners, slot):
+            _add(sink, i, slot)
+    elif sink.rule == INSIDE and exact_touches(ray.ox, ray.oy, ray.oz, tree.corners, slot):
+        put(sink.counts, i, get(sink.counts, i) | ON_SURFACE)
+
+
+@inlined
+def _keep_all(sink, tree, blocks, i, rays, query):
+    """Add the hits of ray i in its leaf."""
+    (first, lanes), block = leaf_of(rays, i), block_of(blocks, i // LANES)
+    decided, undecided, skip = lanes & ((1 << WIDTH) - 1), lanes >> WIDTH, np.int64(get(block.skip, i % LANES))
+    if decided and skip >= 0:
+        decided = without_skipped(tree, first, decided, skip)
+    if sink.room == 0:
+        put(sink.counts, i, get(sink.counts, i) + np.int32(popcount(decided)))
+        decided = np.int64(0)
+    while decided:
+        k = lowest_bit(decided)
+        decided &= decided - 1
+        _add(sink, i, np.int64(get(tree.slots, first + k)))
+    while undecided:
+        k = lowest_bit(undecided)
+        undecided &= undecided - 1
+        _add_undecided(sink, tree, block, i, np.int64(get(tree.slots, first + k)), query)
+    return False
+
+
+@overload(keep_hits)
+def _keep_hits(hits, tree, blocks, i, rays, query, counters):
+    if getattr(hits, "instance_class", None) is HitSink:
+        return lambda hits, tree, blocks, i, rays, query, counters: _keep_all(hits, tree, blocks, i, rays, query)
+    return None
+
+
+@inlined
+def _walk_batch(tree, batch, alive, cull_faces, sink):
+    """Add all hits of the rays in `alive` (bits) of a batch to an empty sink."""
+    for k in range(0, _RAYS, LANES):
+        store(sink.counts, k, splat16(np.int32(0)))
+    put(sink.total, 0, 0)
+    walk_interleaved(tree, batch, alive, Query(cull_faces, True), sink, None)
+
+
+# --- Numbers of hits --------------------------------------------------------------------------------------------------
+
+
+@kernel
+def _count(ticket, wide, rays, rule, out, faults):
+    """Worker: write the number of hits of each ray."""
+    batch = RayBlock(stack_f32(_ROWS), stack_f64(_PRECISE), stack_i32(_RAYS), rays.segments)
+    nothing, tree = stack_i32(1), wide_tree_of(wide)
+    sink = HitSink(stack_i32(_RAYS), stack_i32(1), nothing, nothing, np.int64(0), rule)
+    for b in items(ticket):
+        n, alive, good = read_batch(tree, rays, b * _RAYS, batch)
+        if not good:
+            faults[0], ticket[STOP] = True, 1
+            break
+        _walk_batch(tree, batch, alive, rays.cull_faces, sink)
+        for i in range(n):
+            out[b * _RAYS + i] = get(sink.counts, i)
+
+
+def count_all(
+    tracer: RayTracer, rays: RayArguments, rule: int = TRIANGLES, threads: int | None = None
+) -> NDArray[np.int64] | None:
+    """(n,) int64: the number of hits of each ray, by a rule; None if a ray is invalid."""
+    counts, faults = np.zeros(rays.n, np.int64), np.zeros(1, np.bool_)
+    ticket = new_ticket(-(-rays.n // _RAYS), _CHUNK)
+    run(_count, thread_count(threads), ticket, tracer.tree, rays.packed(), rule, counts, faults)
+    return None if faults[0] else counts
+
+
+# --- Lists of hits ----------------------------------------------------------------------------------------------------
+
+
+class _Batches(NamedTuple):
+    """Batches of a ray list, and what becomes of them."""
+
+    numbers: np.ndarray  # (m,) int64: batch b holds the rays from 64 b on
+    begin: int  # number of the batch to which element 0 of `counts` belongs
+    counts: np.ndarray  # (n,) int64: number of hits of each ray
+    places: np.ndarray  # (m,) int64: element of the arrays at which a batch's hits begin; -1: memory is too small
+    totals: np.ndarray  # (m,) int64: number of its hits
+    next_free: np.ndarray  # (1,) int64: first free element of the arrays
+    faults: np.ndarray  # (1,) bool: whether a ray is invalid
+
+
+class _Scratch(NamedTuple):
+    """A thread's list of hits. Its arrays hold LANES more than their room."""
+
+    rays: np.ndarray  # (room + LANES,) int32
+    slots: np.ndarray  # (room + LANES,) int64
+
+
+@inlined
+def _set(out, to, source, at):
+    """Set an element of the arrays to element `at` of others."""
+    out.face[to], out.t[to], out.u[to], out.v[to] = source.face[at], source.t[at], source.u[at], source.v[at]
+
+
+@kernel
+def _sort(out, first, n):
+    """Sort n hits by t, then by face: Shell's sort, which is an insertion sort for a few of them."""
+    gap = 1
+    while gap < n // 9:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for i in range(first + gap, first + n):
+            face, t, u, v, at = out.face[i], out.t[i], out.u[i], out.v[i], i
+            while at - gap >= first and is_nearer(t, face, out.t[at - gap], out.face[at - gap]):
+                _set(out, at, out, at - gap)
+                at -= gap
+            out.face[at], out.t[at], out.u[at], out.v[at] = face, t, u, v
+        gap //= 3
+
+
+@inlined
+def _write_hits(tree, batch, sink, report, out, place):
+    """Write the listed hits of a batch from element `place` on, ray by ray, and each ray's in order."""
+    total, ends, end = np.int64(get(sink.total, 0)), stack_i32(_RAYS), 0
+    for i in range(_RAYS):
+        put(ends, i, end)
+        end += get(sink.counts, i)
+    pad(report, total)
+    for begin in range(0, total, LANES):
+        compute_numbers(tree, batch, report, begin, total, -1)
+        for k in range(begin, min(begin + LANES, total)):
+            i = np.int64(get(sink.rays, k))
+            write_hit(tree, batch, k, report, out, place + get(ends, i))
+            put(ends, i, get(ends, i) + 1)
+    for i in range(_RAYS):
+        n = np.int64(get(sink.counts, i))
+        if n > 1:
+            _sort(out, place + get(ends, i) - n, n)
+
+
+@kernel
+def _collect(ticket, wide, rays, rule, batches, out, scratch):
+    """Worker: write the hits of batches, or only count those for which memory is too small."""
+    batch = RayBlock(stack_f32(_ROWS), stack_f64(_PRECISE), stack_i32(_RAYS), rays.segments)
+    room, tree = np.int64(len(scratch.rays) - LANES), wide_tree_of(wide)
+    sink = HitSink(stack_i32(_RAYS), stack_i32(1), ptr(scratch.rays), ptr(scratch.slots), room, rule)
+    report = Report(stack_f32(CORNER_WORDS), stack_f32(BLOCK_WORDS), stack_f64(REPORT_WORDS), sink.rays, sink.slots)
+    for k in items(ticket):
+        first = batches.numbers[k] * _RAYS
+        n, alive, good = read_batch(tree, rays, first, batch)
+        if not good:
+            batches.faults[0], ticket[STOP] = True, 1
+            break
+        _walk_batch(tree, batch, alive, rays.cull_faces, sink)
+        total, place = np.int64(get(sink.total, 0)), np.int64(-1)
+        if total <= room:
+            place = atomic_add(batches.next_free, 0, total)
+        if place + total > len(out.t):
+            place = np.int64(-1)
+        if place >= 0 and total > 0:
+            _write_hits(tree, batch, sink, report, out, place)
+        batches.places[k], batches.totals[k] = place, total
+        for i in range(n):
+            batches.counts[first - batches.begin * _RAYS + i] = get(sink.counts, i)
+
+
+@kernel
+def _copy(ticket, batches, offsets, source, out):
+    """Worker: copy the hits of each ray, as many as there is room for between its offsets."""
+    for k in items(ticket):
+        at, first = batches.places[k], (batches.numbers[k] - batches.begin) * _RAYS
+        for i in range(first, min(first + _RAYS, len(batches.counts))):
+            for hit in range(offsets[i + 1] - offsets[i]):
+                to, of = offsets[i] + hit, at + hit
+                out.face[to], out.t[to], out.u[to], out.v[to] = (
+                    source.face[of],
+                    source.t[of],
+                    source.u[of],
+                    source.v[of],
+                )
+            at += batches.counts[i]
+
+
+_CHUNK = 16  # batches that a thread takes at a time
+_TOGETHER = 1 << 14  # batches whose hits are in memory twice at a time
+_ROOM = 1 << 12  # hits of a batch for which memory is first allocated
+_HITS_PER_RAY = 3  # likewise, of all rays
+
+
+def find_all(
+    tracer: RayTracer,
+    rays: RayArguments,
+    max_hits: int | None = None,
+    rule: int = TRIANGLES,
+    threads: int | None = None,
+) -> AllHits | None:
+    """All hits of rays, or the first `max_hits` of each; None if a ray is invalid.
+
+    rule : TRIANGLES or SURFACES
+    """
+    n_threads, listed, n_batches = thread_count(threads), rays.packed(), -(-rays.n // _RAYS)
+
+    def trace(batches: _Batches, out: HitArrays, room: int) -> None:
+        def scratch() -> tuple[_Scratch]:
+            return (_Scratch(np.empty(room + LANES, np.int32), np.empty(room + LANES, np.int64)),)
+
+        ticket = new_ticket(len(batches.numbers), _CHUNK)
+        run(_collect, n_threads, ticket, tracer.tree, listed, rule, batches, out, own=scratch)
+
+    parts = list[AllHits]()
+    for begin in range(0, n_batches, _TOGETHER):
+        numbers = np.arange(begin, min(begin + _TOGETHER, n_batches))
+        rounds = _rounds(numbers, np.zeros(min(rays.n - begin * _RAYS, len(numbers) * _RAYS), np.int64), trace)
+        if rounds is None:
+            return None
+        parts.append(_in_order(rounds, max_hits, n_threads))
+    return join_rays(parts)
+
+
+_Round: TypeAlias = tuple[_Batches, HitArrays]
+"""Batches, and the arrays that hold the hits of those whose place is not negative."""
+
+
+def _rounds(
+    numbers: np.ndarray, counts: np.ndarray, trace: Callable[[_Batches, HitArrays, int], None]
+) -> list[_Round] | None:
+    """Trace batches, then once more those for which memory was too small. None if a ray is invalid."""
+    rounds, begin, room, size = list[_Round](), int(numbers[0]), _ROOM, _HITS_PER_RAY * _RAYS * len(numbers)
+    while len(numbers):
+        places, totals = np.full(len(numbers), -1), np.zeros(len(numbers), np.int64)
+        batches = _Batches(numbers, begin, counts, places, totals, np.zeros(1, np.int64), np.zeros(1, np.bool_))
+        out = hit_arrays(size, False)
+        trace(batches, out, room)
+        if batches.faults[0]:
+            return None
+        rounds.append((batches, out))
+        missing = places < 0
+        numbers, room, size = numbers[missing], int(totals[missing].max(initial=0)), int(totals[missing].sum())
+    return rounds
+
+
+def _in_order(rounds: list[_Round], max_hits: int | None, threads: int) -> AllHits:
+    """The hits of all batches of some rounds, in the order of rays."""
+    (batches, out), counts = rounds[0], rounds[0][0].counts
+    offsets = _offsets(counts if max_hits is None else np.minimum(counts, max_hits))
+    if max_hits is None and len(rounds) == 1 and bool(np.all(np.diff(batches.places) >= 0)):
+        hits = HitArrays(out.blocked, *(array[: offsets[-1]] for array in out[1:]))
+    else:
+        hits = hit_arrays(int(offsets[-1]), False)
+        for batches, out in rounds:
+            stored = batches.places >= 0
+            some = batches._replace(numbers=batches.numbers[stored], places=batches.places[stored])
+            run(_copy, threads, new_ticket(len(some.numbers), _CHUNK), some, offsets, out, hits)
+    return AllHits(offsets, hits.t, hits.face, hits.u, hits.v)
+
+
+def _offsets(counts: np.ndarray) -> NDArray[np.int64]:
+    return np.concatenate([[0], np.cumsum(counts)])
+
+
+# --- Several lists ----------------------------------------------------------------------------------------------------
+
+
+def join_rays(parts: Sequence[AllHits]) -> AllHits:
+    """The hits of consecutive parts of a ray list as those of the whole list."""
+    if len(parts) == 1:
+        return parts[0]
+    counts = [np.diff(part.ray_offsets) for part in parts]
+    arrays = [np.concatenate([part[k] for part in parts]) for k in range(1, 5)] if parts else _nothing()
+    return AllHits(_offsets(np.concatenate(counts) if parts else np.empty(0, np.int64)), *arrays)
+
+
+def _nothing() -> list[np.ndarray]:
+    return list(hit_arrays(0, False)._asdict()[name] for name in AllHits._fields[1:])
+
+
+class RayHits(NamedTuple):
+    """The hits of some rays of a list."""
+
+    rays: NDArray[np.int64]  # (m,): index of each ray in the list
+    hits: AllHits  # of m rays
+
+
+def merge_triangles(lists: Sequence[RayHits], n: int, max_hits: int | None = None) -> AllHits:
+    """The hits of n rays from those on several sets of triangles, or the first `max_hits` of each ray."""
+    if len(lists) == 1 and len(lists[0].rays) == n and max_hits is None:
+        return lists[0].hits
+    rays = np.concatenate([np.empty(0, np.int64), *(each.rays[each.hits.ray] for each in lists)])
+    t, face, u, v = (
+        np.concatenate([empty, *(each.hits[k] for each in lists)]) for k, empty in enumerate(_nothing(), start=1)
+    )
+    order = np.lexsort((face, t, rays))
+    offsets = _offsets(np.bincount(rays, minlength=n))
+    if max_hits is not None:
+        order = order[np.arange(len(order)) - np.repeat(offsets[:-1], np.diff(offsets)) < max_hits]
+        offsets = _offsets(np.minimum(np.diff(offsets), max_hits))
+    return AllHits(offsets, t[order], face[order], u[order], v[order])

@@ -1,0 +1,198 @@
+"""Reports: t and the corners' weights of hits, computed for 16 hits together.
+
+A list of hits names the ray and the triangle of each. LLVM vectorises the double-double arithmetic over 16 of them; the
+few whose numbers it cannot round surely are computed again, in exact arithmetic.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.nodes import WIDTH
+from ...kernels.exact.filters import (
+    UNKNOWN,
+    are_differences,
+    clamp_weight,
+    quick_t,
+    quick_weights,
+    rounded_t,
+    single_weights,
+)
+from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined
+from ...kernels.simd import (
+    get,
+    load8,
+    mask_from_bits8,
+    prefetch,
+    ptr_at,
+    put,
+    select,
+    shuffle,
+    store,
+    swap_halves,
+)
+from .wide_traversal import BLOCK_WORDS, DX, LANES, OX, block_of, hits_of, ray_of, slot_of
+
+CORNER_WORDS = 9 * LANES
+REPORT_WORDS = 3 * LANES
+_T, _U, _V = 0, LANES, 2 * LANES
+
+
+class Report(NamedTuple):
+    """A list of hits, and scratch memory for the numbers of 16 of them: pointers."""
+
+    corners: F32Ptr  # float32 *, CORNER_WORDS: rows of 16, corners of the triangle that each ray hits
+    rows: F32Ptr  # float32 *, BLOCK_WORDS: origins and directions, in rows of a block
+    numbers: F64Ptr  # float64 *, REPORT_WORDS: rows of 16: t, u, v; t or u may be UNKNOWN
+    rays: I32Ptr  # int32 *: the ray of each hit, and room for LANES more
+    slots: I64Ptr  # int64 *: the slot of its triangle, likewise
+
+
+@inlined
+def _vector(rows, at):
+    f = np.float64
+    return f(get(rows, at)), f(get(rows, at + LANES)), f(get(rows, at + 2 * LANES))
+
+
+@inlined
+def _minus(a, b):
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@inlined
+def _fill_report(rows, report):
+    """Compute the numbers of all sixteen rays. LLVM vectorises the loop."""
+    corners, out = report.corners, report.numbers
+    for i in range(LANES):
+        o, d = _vector(rows, OX + i), _vector(rows, DX + i)
+        v0, v1, v2 = _vector(corners, i), _vector(corners, 3 * LANES + i), _vector(corners, 6 * LANES + i)
+        a, p, q = _minus(v0, o), _minus(v1, v0), _minus(v2, v0)
+        t, (u, v) = quick_t(d, a, p, q), quick_weights(d, a, p, q)
+        put(out, _T + i, t if are_differences(o, v0, v1, v2, a, p, q) else UNKNOWN)
+        put(out, _U + i, u)
+        put(out, _V + i, v)
+
+
+@inlined
+def write_hit(tree, rays, k, report, out, at):
+    """Write hit k, whose numbers are in column k mod 16 of the report, to element `at` of the arrays."""
+    i, slot, column = np.int64(get(report.rays, k)), get(report.slots, k), k % LANES
+    numbers = report.numbers
+    t, u, v = get(numbers, _T + column), get(numbers, _U + column), get(numbers, _V + column)
+    if rays.segments:  # their directions are not float32
+        t, u = UNKNOWN, UNKNOWN
+    out.face[at], out.t[at] = get(tree.prim_ids, slot), t
+    out.u[at], out.v[at] = clamp_weight(u), clamp_weight(v)
+    if t == UNKNOWN:
+        out.t[at] = rounded_t(ray_of(block_of(rays, i // LANES), i % LANES), tree.corners, slot)
+    if u == UNKNOWN:
+        ray = ray_of(block_of(rays, i // LANES), i % LANES)
+        out.u[at], out.v[at] = single_weights(ray, tree.corners, slot)
+
+
+@inlined
+def _write_misses(tree, hits, n, report, out, first):
+    """Write the misses among n rays, and list the rays that hit and their slots. Return their number."""
+    n_hits = np.int64(0)
+    for i in range(n):
+        slot = slot_of(tree, hits_of(hits, i // LANES), i % LANES)
+        put(report.rays, n_hits, i)
+        put(report.slots, n_hits, slot)
+        n_hits += slot >= 0
+        corners = ptr_at(tree.corners, 9 * slot)
+        prefetch(corners, 0)
+        prefetch(corners, 8)
+        if slot < 0:
+            at = first + i
+            out.face[at], out.t[at], out.u[at], out.v[at] = -1, np.inf, 0.0, 0.0
+    return n_hits
+
+
+@inlined
+def _exchange(a, b, other_a, other_b, lower):
+    """A step of a transposition: exchange lanes of two vectors; lower (bits): the lanes that the first one retains."""
+    mask = mask_from_bits8(np.int64(lower))
+    return select(mask, a, other_b), select(mask, other_a, b)
+
+
+@inlined
+def _by_1(a, b):
+    return _exchange(a, b, shuffle(a, 1, 0, 3, 2, 5, 4, 7, 6), shuffle(b, 1, 0, 3, 2, 5, 4, 7, 6), 0b01010101)
+
+
+@inlined
+def _by_2(a, b):
+    return _exchange(a, b, shuffle(a, 2, 3, 0, 1, 6, 7, 4, 5), shuffle(b, 2, 3, 0, 1, 6, 7, 4, 5), 0b00110011)
+
+
+@inlined
+def _by_4(a, b):
+    return _exchange(a, b, swap_halves(a), swap_halves(b), 0b00001111)
+
+
+@inlined
+def _transposed8(a, b, c, d, e, f, g, h):
+    """The columns of a matrix of eight rows."""
+    (a, b), (c, d), (e, f), (g, h) = _by_1(a, b), _by_1(c, d), _by_1(e, f), _by_1(g, h)
+    (a, c), (b, d), (e, g), (f, h) = _by_2(a, c), _by_2(b, d), _by_2(e, g), _by_2(f, h)
+    (a, e), (b, f), (c, g), (d, h) = _by_4(a, e), _by_4(b, f), _by_4(c, g), _by_4(d, h)
+    return a, b, c, d, e, f, g, h
+
+
+@inlined
+def _load_corners(tree, slots, corners):
+    """Write the corners of the triangles in sixteen slots to rows of 16."""
+    for i in range(LANES):
+        put(corners, 8 * LANES + i, get(tree.corners, 9 * get(slots, i) + 8))
+    for half in range(0, LANES, WIDTH):
+        c, p = tree.corners, ptr_at(slots, half)
+        columns = _transposed8(
+            load8(c, 9 * get(p, 0)), load8(c, 9 * get(p, 1)), load8(c, 9 * get(p, 2)), load8(c, 9 * get(p, 3)),
+            load8(c, 9 * get(p, 4)), load8(c, 9 * get(p, 5)), load8(c, 9 * get(p, 6)), load8(c, 9 * get(p, 7)),
+        )  # fmt: skip
+        for k in range(8):
+            store(corners, LANES * k + half, columns[k])
+
+
+@inlined
+def _rows_of(rows, report, first, n_hits, n):
+    """Rows of origins and directions of the sixteen hits from the `first` on; rows: of all rays' blocks."""
+    if n_hits == n:
+        return ptr_at(rows, first // LANES * BLOCK_WORDS)
+    for k in range(LANES):
+        i = np.int64(get(report.rays, first + k))
+        column = i // LANES * BLOCK_WORDS + i % LANES
+        for row in range(6):
+            put(report.rows, OX + LANES * row + k, get(rows, OX + LANES * row + column))
+    return report.rows
+
+
+@inlined
+def pad(report, n_hits):
+    """Repeat the last of the hits, so that sixteen can be computed together from any of them on."""
+    for k in range(LANES):
+        put(report.rays, n_hits + k, get(report.rays, n_hits - 1))
+        put(report.slots, n_hits + k, get(report.slots, n_hits - 1))
+
+
+@inlined
+def compute_numbers(tree, rays, report, first, n_hits, n):
+    """Compute the numbers of the sixteen hits from the `first` on.
+
+    n : number of rays, if each hits at most once and hits are in the order of rays; otherwise, any other number
+    """
+    _load_corners(tree, ptr_at(report.slots, first), report.corners)
+    _fill_report(_rows_of(rays.rows, report, first, n_hits, n), report)
+
+
+@inlined
+def write_nearest(tree, rays, hits, n, report, out, first):
+    """Write the nearest hits of n rays of several blocks from element `first` of the arrays on."""
+    n_hits = _write_misses(tree, hits, n, report, out, first)
+    if n_hits == 0:
+        return
+    pad(report, n_hits)
+    for begin in range(0, n_hits, LANES):
+        compute_numbers(tree, rays, report, begin, n_hits, n)
+        for k in range(begin, min(begin + LANES, n_hits)):
+            write_hit(tree, rays, k, report, out, first + np.int64(get(report.rays, k)))
