@@ -37,7 +37,7 @@ SIZES = 1, 100, 10_000
 """Rays per call."""
 
 _SECONDS = 0.2  # time per library, size and round
-_WARM_UP = 2000  # calls before memory is measured
+_WARM_UP = 10_000  # calls before memory is measured, within which the scene builds its best trees
 
 Call = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """A function of (n, 3) float32 origins and directions that returns (n,) bool: which segments are occluded."""
