@@ -9,6 +9,7 @@ from PIL import Image
 
 import antumbra as at
 import city_files
+from gltf_files import Gltf
 
 SCENE = "procedural:city?triangles=3000"
 HERE = "--latitude", 52, "--longitude", 4.36, "--timezone", "Europe/Amsterdam"
@@ -81,24 +82,27 @@ def test_bad_input_is_named(cli, tmp_path, given, words):
 YEAR = "0.7/0.7/0.6/0.4/0.3/0.2/0.2/0.2/0.3/0.5/0.6/0.7"
 
 
-def put_sail(folder):
+def put_park(folder):
     """A triangular sail over a larger floor, each an object."""
-    floor = "o floor\nv -9 0 -9\nv -9 0 9\nv 9 0 9\nf 1 2 3\n"
-    (folder / "sail.obj").write_text(floor + "o sail\nv -4 1 -4\nv -4 1 4\nv 4 1 4\nf 4 5 6\n")
+    file = Gltf()
+    floor = np.array([[-9, 0, -9], [-9, 0, 9], [9, 0, 9]], np.float32)
+    file.node(name="floor", mesh=file.mesh(file.primitive(floor)))
+    file.node(name="sail", mesh=file.mesh(file.primitive(floor * np.float32(4 / 9) + np.float32([0, 1, 0]))))
+    (folder / "park.glb").write_bytes(file.glb())
 
 
 def test_leaves_of_each_month(cli, tmp_path):
-    put_sail(tmp_path)
+    put_park(tmp_path)
     days = "--days", "2026-01-15,2026-07-15", "--latitude", 0, "--longitude", 0, "--step", 1440, "--by", "month"
     means = {}
     for share in ("1", "0.7/1,0.5,0/0/0/0/0/0.2/0/0/0/0/0"):
-        told = cli("sun", f"sail.obj?transmittance=sail:{share}", "--up", "y", *days, "-o", "a.csv", "--json").json()
+        told = cli("sun", f"park.glb?transmittance=sail:{share}", "--up", "y", *days, "-o", "a.csv", "--json").json()
         assert told["suns"] == 2
         with open(tmp_path / "a.csv", newline="") as file:
             first = next(csv.DictReader(file))
         means[share] = [float(first[name]) for name in ("hours_jan", "hours_jul")]
     full, leaves = means.values()
-    assert full == [24, 24] and np.allclose(leaves, [24 * 0.7, 24 * 0.2], rtol=1e-6)
+    assert full == [24, 24] and told["sensors"] == 2 and np.allclose(leaves, [24 * 0.7, 24 * 0.2], rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -114,11 +118,11 @@ def test_leaves_of_each_month(cli, tmp_path):
         (f"sail:{YEAR[:-3]}0,0,-1", ("in dec is -1",)),
         (f"sail:{YEAR[:-3]}x", ("transmittance is 'x'", "a finite number")),
         (f"sail:{YEAR[:-3]}nan", ("transmittance is 'nan'",)),
-        (f"sail:{YEAR.replace('/', ';')}", ("sail.obj",)),
+        (f"sail:{YEAR.replace('/', ';')}", ("park.glb",)),
         (f"sail:{YEAR}&months=12", ("'months' is unknown",)),
     ],
 )
 def test_bad_transmittances_are_named(cli, tmp_path, query, words):
-    put_sail(tmp_path)
-    cli("sun", f"sail.obj?transmittance={query}", "--up", "y", *HERE, *DAY, "-o", "a.csv").refused(*words)
-    assert {p.name for p in tmp_path.iterdir()} == {"sail.obj"}
+    put_park(tmp_path)
+    cli("sun", f"park.glb?transmittance={query}", "--up", "y", *HERE, *DAY, "-o", "a.csv").refused(*words)
+    assert {p.name for p in tmp_path.iterdir()} == {"park.glb"}
