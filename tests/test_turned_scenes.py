@@ -198,6 +198,29 @@ def test_jobs_and_pictures(find, tmp_path):
         same(first, other)
 
 
+LEAVES = [0.75, 0.625, 0.5, 0.375, 0.25, 0.25, 0.25, 0.25, 0.375, 0.5, (0.5, 0.75, 1.0), 0.75]
+
+
+@pytest.mark.parametrize("share", [0.5, (0.75, 0.5, 0.25), LEAVES], ids=["grey", "coloured", "months"])
+def test_hours_through_leaves(share):
+    """The place of the scene turns along, and so do its suns."""
+    found = {}
+    for name, frame in {"first": FIRST, **TURNS}.items():
+        scene, sensors = scene_in(frame), sensors_in(frame)
+        opaque = at.sun_hours(scene, sensors, "2026-03-21", place=at.Place(52.0, 4.5, north=frame.north))
+        scene = scene_in(frame)
+        scene.set_transmittance({"blocks": share})
+        place = at.Place(52.0, 4.5, north=frame.north)
+        table = at.sun_hours(scene, sensors, "2026-03-21,2026-11-21", place=place, energy=True, by=["month"])
+        assert (table["hours_mar"] > opaque["sun_hours"]).sum() > 5
+        rows = {name: column.values for name, column in table.columns.items()}
+        close = {name: rows.pop(name) for name in ("direct_kwh_m2", "sun_share")}
+        found[name] = Found(rows, close)
+    first = found.pop("first")
+    for other in found.values():
+        same(first, other)
+
+
 @pytest.mark.parametrize("frame", TURNS.values(), ids=TURNS)
 @pytest.mark.parametrize("kind", SOFT)
 def test_soft_lights_differ_by_their_noise_alone(kind, frame, tmp_path):

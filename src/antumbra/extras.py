@@ -11,6 +11,7 @@ from threading import RLock
 from types import ModuleType
 
 from .errors import InputError
+from .forks import hold_during_fork
 
 # --- Optional packages ------------------------------------------------------------------------------------------------
 
@@ -43,6 +44,7 @@ def import_extra(package: str, what: str, extra: str) -> ModuleType:
 
 
 _lock = RLock()
+hold_during_fork(_lock)
 _added: set[str] = set()
 
 

@@ -9,6 +9,7 @@ from PIL import Image
 
 import antumbra as at
 import city_files
+from gltf_files import Gltf
 
 SCENE = "procedural:city?triangles=3000"
 HERE = "--latitude", 52, "--longitude", 4.36, "--timezone", "Europe/Amsterdam"
@@ -76,3 +77,52 @@ def test_a_rule_and_its_share(cli):
 def test_bad_input_is_named(cli, tmp_path, given, words):
     cli("sun", *given).refused(*words)
     assert not [p for p in tmp_path.iterdir() if p.suffix != ".parts"]
+
+
+YEAR = "0.7/0.7/0.6/0.4/0.3/0.2/0.2/0.2/0.3/0.5/0.6/0.7"
+
+
+def put_park(folder):
+    """A triangular sail over a larger floor, each an object."""
+    file = Gltf()
+    floor = np.array([[-9, 0, -9], [-9, 0, 9], [9, 0, 9]], np.float32)
+    file.node(name="floor", mesh=file.mesh(file.primitive(floor)))
+    file.node(name="sail", mesh=file.mesh(file.primitive(floor * np.float32(4 / 9) + np.float32([0, 1, 0]))))
+    (folder / "park.glb").write_bytes(file.glb())
+
+
+def test_leaves_of_each_month(cli, tmp_path):
+    put_park(tmp_path)
+    days = "--days", "2026-01-15,2026-07-15", "--latitude", 0, "--longitude", 0, "--step", 1440, "--by", "month"
+    means = {}
+    for share in ("1", "0.7/1,0.5,0/0/0/0/0/0.2/0/0/0/0/0"):
+        told = cli("sun", f"park.glb?transmittance=sail:{share}", "--up", "y", *days, "-o", "a.csv", "--json").json()
+        assert told["suns"] == 2
+        with open(tmp_path / "a.csv", newline="") as file:
+            first = next(csv.DictReader(file))
+        means[share] = [float(first[name]) for name in ("hours_jan", "hours_jul")]
+    full, leaves = means.values()
+    assert full == [24, 24] and told["sensors"] == 2 and np.allclose(leaves, [24 * 0.7, 24 * 0.2], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "query, words",
+    [
+        (f"sai:{YEAR}", ("no material or object is called 'sai'", "sail")),
+        (YEAR, ("write NAME:SHARE", "NAME:JAN/FEB/.../DEC")),
+        (f"sail:{YEAR}/0.7", ("sail:0.7/0.7", "twelve")),
+        ("sail:0.7/0.7", ("twelve",)),
+        (f"sail:{YEAR[:-3]}", ("transmittance is ''",)),
+        (f"sail:{YEAR[:-3]}1,2", ("twelve",)),
+        (f"sail:{YEAR[:-3]}1.5", ("transmittance of 'sail' in dec is 1.5", "from 0 to 1")),
+        (f"sail:{YEAR[:-3]}0,0,-1", ("in dec is -1",)),
+        (f"sail:{YEAR[:-3]}x", ("transmittance is 'x'", "a finite number")),
+        (f"sail:{YEAR[:-3]}nan", ("transmittance is 'nan'",)),
+        (f"sail:{YEAR.replace('/', ';')}", ("park.glb",)),
+        (f"sail:{YEAR}&months=12", ("'months' is unknown",)),
+    ],
+)
+def test_bad_transmittances_are_named(cli, tmp_path, query, words):
+    put_park(tmp_path)
+    cli("sun", f"park.glb?transmittance={query}", "--up", "y", *HERE, *DAY, "-o", "a.csv").refused(*words)
+    assert {p.name for p in tmp_path.iterdir()} == {"park.glb"}

@@ -1,5 +1,7 @@
 """Ray lists: the tree of a moment is optimised once its rays have lost the price, and answers stay."""
 
+import threading
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ import antumbra as at
 from antumbra.engine.auto import cost_model as rates
 from antumbra.engine.in_memory_source import RAY_PLANS
 from antumbra.engine.plan import parse_plan
+from forked import held_elsewhere
 
 FIRST, BETTER = map(parse_plan, RAY_PLANS)
 
@@ -71,3 +74,18 @@ def test_illegal_rays_are_refused_after_the_tree_was_optimised(scene, monkeypatc
     directions[7] = np.nan
     with pytest.raises(at.InputError, match="direction"):
         scene.occluded(origins, directions)
+
+
+def test_only_one_call_waits_for_a_better_tree(scene):
+    """The other threads go on with the present tree."""
+    rays, found = _rays(), []
+    expected, lists = scene.occluded(*rays), scene.engine.source.ray_lists
+    assert lists.plan == FIRST
+    lists.spent = 1e9
+    with held_elsewhere(lists._lock):  # as by a thread that builds
+        thread = threading.Thread(target=lambda: found.append(scene.occluded(*rays)), daemon=True)
+        thread.start()
+        thread.join(60)
+        assert found and lists.plan == FIRST
+    found.append(scene.occluded(*rays))
+    assert lists.plan == BETTER and all(np.array_equal(each, expected) for each in found)

@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.cli.arguments import parse_scene
-from antumbra.scene.alpha_masks import find_cutouts
+from antumbra.scene.alpha_masks import channels_of, find_cutouts
 from antumbra.scene.appearance import Appearance
 from antumbra.scene.materials import Material, Texture, srgb_to_linear
 from baked_files import Glb
@@ -77,17 +77,32 @@ def test_a_scene_of_arrays_lets_light_pass():
 @pytest.mark.parametrize(
     "shares, message",
     [({"door": 0.5}, "no material or object is called 'door'.*pane"), ({"pane": 1.5}, "transmittance of 'pane'"),
-     ({"pane": [1, 2]}, "red, green and blue"), ("pane", "dict")],
+     ({"pane": [1, 2]}, "red, green and blue, or one of these per month"), ("pane", "dict"),
+     ({"pane": [0.5] * 11}, "per month"), ({"pane": {"jan": 0.5}}, "per month"), ({"pane": []}, "per month"),
+     ({"pane": [0.5] * 11 + [-1]}, "'pane' in dec is -1; it must be a number from 0 to 1"), ({3: 0.5}, "a name"),
+     ({"pane": [[1, 2]] + [0.5] * 11}, "'pane' in jan is .*red, green and blue"), ({"pane": "0.5"}, "'pane' is '0.5'")],
 )  # fmt: skip
 def test_wrong_transmittance_is_refused(tmp_path, shares, message):
     with pytest.raises(at.InputError, match=message):
         load(tmp_path, shares)
 
 
+def test_a_pane_may_stop_some_colours_and_let_the_others_pass():
+    corners = np.array([[[-2, 1, -2], [2, 1, -2], [0, 1, 4]]], float)
+    scene = at.Scene.from_arrays(corners, name="red glass")
+    scene.set_transmittance({"red glass": (1, 0, 0)})
+    seen = at.visibility(scene, [[0, 0, 0]], [SUN])
+    assert np.array_equal(seen.colour, [[[1, 0, 0]]]) and np.allclose(seen.fraction, 1 / 3)
+
+
 def test_the_command_line_reads_shares():
     spec = parse_scene("a/room.glb?transmittance=pane:0.25&transmittance=roof glass:1,0.5,0&cutouts=on")
-    assert spec.transmittance == (("pane", (0.25,)), ("roof glass", (1.0, 0.5, 0.0))) and spec.cutouts
-    for wrong in ("transmittance=0.5", "transmittance=pane:a", "transmittance=pane:1,2", "cutouts=on&glass=1"):
+    assert spec.transmittance == (("pane", 0.25), ("roof glass", (1.0, 0.5, 0.0))) and spec.cutouts
+    year = "0.7/0.7/0.6/1,0.5,0/0.3/0.2/0.2/0.2/0.3/0.5/0.6/0.7"
+    ((name, months),) = parse_scene("room.glb?transmittance=oak:2:" + year).transmittance
+    assert name == "oak:2" and months[:4] == (0.7, 0.7, 0.6, (1.0, 0.5, 0.0)) and len(months) == 12
+    wrongs = ["0.5", "pane:a", "pane:1,2", "pane:", ":1", "pane:" + year[4:], "pane:" + year + "/1", "pane:1/2"]
+    for wrong in *("transmittance=" + wrong for wrong in wrongs), "cutouts=on&glass=1":
         with pytest.raises(at.InputError, match=r"room\.glb"):
             parse_scene("room.glb?" + wrong)
 
@@ -157,6 +172,6 @@ def test_textures_of_many_colours_are_reduced():
     square = np.array([[[0, 0], [1, 0], [1, 1]]], np.float32)
     look = Appearance([material], np.zeros(1, np.int32), square, None, None, None, np.ones(1, bool))
     found = find_cutouts(look)
-    assert found.channels == 3 and len(found.depths) == 256
+    assert channels_of(found.depths) == 3 and len(found.depths) == 256
     passing = np.exp2(-found.depths[found.texels, :3] / 2.0**24)
     assert np.allclose(passing.mean(0), srgb_to_linear(pixels[..., :3] / 255).mean((0, 1)), atol=0.02)

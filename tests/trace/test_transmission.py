@@ -11,10 +11,6 @@ import antumbra as at
 import oracle
 from antumbra.engine.accelerator import Accelerator
 from antumbra.engine.plan import covering_plans, parse_plan
-from antumbra.kernels.exact.predicate import ray_along
-from antumbra.kernels.exact.surface_crossing import crosses_surface
-from antumbra.kernels.jit import kernel
-from antumbra.kernels.simd import ptr
 from antumbra.query.shadow_query import segments
 from antumbra.scene.alpha_masks import AlphaMask, cutouts_of
 from antumbra.scene.materials import CLAMP
@@ -22,26 +18,9 @@ from antumbra.trace.alpha_test import cutout_tree
 from antumbra.trace.transmission import transmission
 from asking import answer, query_of
 from ray_cases import displaced_meets
+from surface_crossings import crossings
 
 # --- Crossings --------------------------------------------------------------------------------------------------------
-
-
-@kernel
-def _crossings(origins, directions, corners, out):
-    values = ptr(corners)
-    for r in range(len(origins)):
-        o, d = origins[r], directions[r]
-        ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], 0.0, np.inf)
-        for i in range(len(corners)):
-            out[r, i] = crosses_surface(ray, values, i)
-
-
-def crossings(triangles, origins, directions):
-    """(rays, triangles) bool: `crosses_surface`."""
-    out = np.zeros((len(origins), len(triangles)), bool)
-    corners = np.ascontiguousarray(triangles, np.float32).reshape(-1, 9)
-    _crossings(np.asarray(origins, np.float32), np.asarray(directions, np.float32), corners, out)
-    return out
 
 
 small = st.integers(-2, 2)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..extras import import_extra
-from ..scene.materials import srgb_to_linear
+from ..scene.materials import MONTHS, Transmittance, srgb_to_linear
 from ..scene.scene_data import group_notes
 from .console import say
 
@@ -69,7 +69,7 @@ class SceneSpec(NamedTuple):
     seed: int = 0
     lod: str | None = None  # level of detail of a CityJSON file
     cutouts: bool = True  # False: alpha cuts no holes
-    transmittance: tuple[tuple[str, tuple[float, ...]], ...] = ()  # shares of light that materials or objects let pass
+    transmittance: tuple[tuple[str, Transmittance], ...] = ()  # the light that materials or objects let pass
 
     @property
     def stem(self) -> str:
@@ -105,6 +105,7 @@ def parse_scene(text: str) -> SceneSpec:
     """Parse a path, which may have options, or a procedural scene.
 
     ``city.json?lod=2.2``, ``tree.glb?cutouts=off``, ``tree.glb?transmittance=leaf:0.3&transmittance=glass:0.9,1,0.9``,
+    ``tree.glb?transmittance=leaf:0.7/0.7/0.6/0.4/0.3/0.2/0.2/0.2/0.3/0.5/0.6/0.7``,
     ``procedural:NAME?triangles=100k&seed=3``.
     """
     if not text:
@@ -124,21 +125,33 @@ def parse_scene(text: str) -> SceneSpec:
 
 
 def _with_options(spec: SceneSpec, query: str, text: str) -> SceneSpec:
-    """The scene of a file with the options of a query, ``cutouts=off&transmittance=NAME:SHARE``."""
+    """The scene of a file with the options of a query, such as ``cutouts=off&transmittance=NAME:SHARE``."""
     for key, value in parse_qsl(query, keep_blank_values=True):
         if key == "cutouts":
             if value not in ("on", "off"):
                 raise InputError(f"{text}: cutouts is {value!r}; it must be on or off")
             spec = spec._replace(cutouts=value == "on")
         elif key == "transmittance":
-            name, colon, shares = value.rpartition(":")
-            numbers = [_number(each, f"{text}: transmittance") for each in shares.split(",")] if colon else []
-            if len(numbers) not in (1, 3) or not name:
-                raise InputError(f"{text}: transmittance is {value!r}; write NAME:SHARE or NAME:RED,GREEN,BLUE")
-            spec = spec._replace(transmittance=(*spec.transmittance, (name, tuple(numbers))))
+            spec = spec._replace(transmittance=(*spec.transmittance, _parse_transmittance(value, text)))
         else:
             raise InputError(f"{text}: {key!r} is unknown; use cutouts=off or transmittance=NAME:SHARE")
     return spec
+
+
+def _parse_transmittance(value: str, text: str) -> tuple[str, Transmittance]:
+    """Parse ``NAME:SHARE`` or ``NAME:RED,GREEN,BLUE``, or such shares of the twelve months, separated by slashes."""
+    name, colon, shares = value.rpartition(":")
+    months = [
+        tuple(_number(each, f"{text}: transmittance") for each in month.split(","))
+        for month in (shares.split("/") if colon else ())
+    ]
+    if not name or len(months) not in (1, len(MONTHS)) or any(len(month) not in (1, 3) for month in months):
+        raise InputError(
+            f"{text}: transmittance is {value!r}; write NAME:SHARE, NAME:RED,GREEN,BLUE, or twelve such shares for the "
+            "months, NAME:JAN/FEB/.../DEC"
+        )
+    values = [month if len(month) == 3 else month[0] for month in months]
+    return name, values[0] if len(values) == 1 else tuple(values)
 
 
 def parse_count(text: str, what: str) -> int:

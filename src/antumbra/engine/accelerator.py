@@ -15,6 +15,7 @@ from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
 from ..bvh.refit import filter_tree
 from ..errors import InputError
+from ..forks import is_stuck, renew_after_fork
 from ..progress import ProgressCallback
 from ..query.shadow_query import ShadowQuery, new_bits
 from ..scene.scene_data import MemoryData
@@ -272,16 +273,27 @@ class SceneTrees:
 
     def __init__(self, data: MemoryData):
         self._data, self._lock = data, threading.RLock()
+        self.clear()
+        renew_after_fork(self)
+
+    def clear(self) -> None:
+        """Drop the triangles and all trees. Other threads must not use them meanwhile."""
         self._time: float | None = None
         self._triangles: Triangles | None = None
         self._accelerated: dict[Plan, Accelerated] = {}
+
+    def _after_fork(self) -> None:
+        if is_stuck(self._lock):
+            self._lock = threading.RLock()
+            self.clear()
 
     def triangles(self, time: float, threads: int) -> Triangles:
         """The triangles at a time within 0 .. `duration`. Those of the latest time are cached."""
         with self._lock:
             if self._triangles is None or self._time != time:
-                self._time, self._accelerated = time, {}
+                self.clear()  # first: there may be no memory for both, and a time that fails has no triangles
                 self._triangles = self._data.triangles(time, threads)
+                self._time = time
             return self._triangles
 
     def of(self, accelerator: Accelerator, time: float) -> Accelerated:

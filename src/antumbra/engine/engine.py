@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array, byte_count, checked_instance, choice, whole_number
 from ..errors import InputError
+from ..forks import is_stuck, renew_after_fork
 from ..kernels.parallel import thread_count
 from ..progress import ProgressCallback, show_progress, split_progress
 from ..query.gbuffer import GBuffer
@@ -27,7 +28,7 @@ from ..scene.lights import Light, check_lights
 from ..scene.scene_data import MemoryData, SceneData
 from ..scene.triangles import AllHits, Hit, HitFaces, Triangles
 from ..trace.rays.all_hits import INSIDE, ON_SURFACE, SURFACES, TRIANGLES
-from ..trace.transmission import TracedQuery
+from ..trace.transmission import TracedQuery, transmission
 from .accelerator import Accelerated, Accelerator, SceneTrees
 from .auto_accelerator import accelerator_of
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
@@ -127,6 +128,14 @@ class Engine:
         self._frame, self._n_faces = tuple(data.origin.tolist()), data.n_triangles
         self._others: dict[_Options, Engine] = {}  # least recently used first
         self._warm = False  # whether its kernels are compiled
+        renew_after_fork(self)
+
+    def _after_fork(self) -> None:
+        """Start again without the trees that a query in another thread was using or changing."""
+        if is_stuck(self.lock):
+            if self._trees is not None:
+                self._trees.clear()
+            self._start(self.data, self._trees, self.plan, self.threads, self.max_memory, self.source.gbuffer)
 
     def _new_source(self, gbuffer: str) -> RenderSource:
         if self._trees is None:
@@ -362,6 +371,7 @@ class Engine:
         *,
         later: int = 0,
         whole: bool = False,
+        month: int | None = None,
         progress: ProgressCallback | None = None,
     ) -> list[TracedQuery]:
         """The shadow query of each light, with its answer.
@@ -380,6 +390,8 @@ class Engine:
             Estimated number of rays in further queries. The plan `auto` builds better trees for more rays.
         whole : bool
             Surfaces that let at least half of the light pass block none, and others block all, as for `occluded`.
+        month : int, optional
+            0 to 11, January to December: the month whose transmittances count. None: their mean over the year.
         progress : function of (done, total), optional
 
         Raises
@@ -402,12 +414,13 @@ class Engine:
                 )
                 source.keep_for_points(accelerated)
             accelerated.begin()
-            if whole and accelerated.cutouts is not None:
-                accelerated = accelerated._replace(cutouts=accelerated.cutouts.as_holes())
+            if accelerated.cutouts is not None:
+                cutouts = accelerated.cutouts.in_month(month)
+                accelerated = accelerated._replace(cutouts=cutouts.as_holes() if whole else cutouts)
             bits = accelerator.answer_all(accelerated, queries, None, split_progress(progress, len(queries)))
-            if whole:
-                return [TracedQuery(*each) for each in zip(queries, bits)]
-            return [TracedQuery(q, b, accelerator.transmission(triangles, q, b)) for q, b in zip(queries, bits)]
+            return [
+                TracedQuery(q, b, transmission(accelerated.cutouts, q, b, self.threads)) for q, b in zip(queries, bits)
+            ]
 
     def queries(
         self,
@@ -435,7 +448,8 @@ class Engine:
         """
         if self._trees is None:
             raise cast("StoreData", self.data).refusal()
-        return self._trees.of(self.accelerator, self._moment(time))
+        with self.lock:
+            return self._trees.of(self.accelerator, self._moment(time))
 
     def _queries(
         self,

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.wide_bvh import widen
+from ..forks import is_stuck, renew_after_fork
 from ..progress import ProgressCallback
 from ..query.pixel_refinement import subpixel_rays
 from ..query.query_bounds import bounds
@@ -73,6 +74,11 @@ class RayLists:
         self._cutouts: tuple[CutoutTree, RayTracer] | None = None  # the latest cut-outs and their tracer
         self._lock = threading.RLock()
         self.spent = 0.0
+        renew_after_fork(self)
+
+    def _after_fork(self) -> None:
+        if is_stuck(self._lock):  # the tree that was being built is not in `_ready` yet
+            self._lock = threading.RLock()
 
     def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
         """The hits of rays at a time within 0 .. `duration`.
@@ -140,9 +146,18 @@ class RayLists:
 
     def _ready_at(self, time: float) -> _RayTree:
         ready = self._ready
-        return (
-            self._make_ready(time) if ready is None or ready.time != time or self.spent > ready.upgrade_after else ready
-        )
+        if ready is None or ready.time != time:
+            return self._make_ready(time)
+        return ready if self.spent <= ready.upgrade_after else self._upgraded(ready)
+
+    def _upgraded(self, ready: _RayTree) -> _RayTree:
+        """The better tree; or this one while another thread builds the better one, so that only one call waits."""
+        if not self._lock.acquire(blocking=False):
+            return ready
+        try:
+            return self._make_ready(ready.time)
+        finally:
+            self._lock.release()
 
     def _make_ready(self, time: float) -> _RayTree:
         with self._lock:

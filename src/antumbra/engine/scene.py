@@ -5,7 +5,7 @@ for stores.
 """
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from html import escape
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, overload
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import choice, whole_number
+from ..forks import free_lock, renew_after_fork
 from ..formats.library_meshes import data_of_arrays, data_of_mesh
 from ..generate.generated_scene import procedural_data
 from ..scene import camera as framing
@@ -21,6 +22,7 @@ from ..scene.appearance import Appearance
 from ..scene.camera import MAX_SIZE, Camera
 from ..scene.default_picture import KINDS, DefaultView, missing_skies
 from ..scene.lights import Light, QuadLight
+from ..scene.materials import Transmittance
 from ..scene.mesh import MeshInfo, ObjectInfo, Source
 from ..scene.scene_data import CityModel, MemoryData, SceneData
 from ..scene.triangles import AllHits, Hit, Triangles
@@ -81,6 +83,7 @@ class AnyScene:
         self._engine: Engine | None = None
         self._view: DefaultView | None = None
         self._lock = threading.Lock()
+        renew_after_fork(self)
 
     @classmethod
     def of_data(cls, data: SceneData) -> Self:
@@ -94,6 +97,9 @@ class AnyScene:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         AnyScene.__init__(self, state["data"])
+
+    def _after_fork(self) -> None:
+        self._lock = free_lock(self._lock)
 
     @property
     def engine(self) -> "Engine":
@@ -134,23 +140,26 @@ class AnyScene:
         """Make all faces solid. Call it before the first query."""
         self.data.ignore_alpha()
 
-    def set_transmittance(self, shares: Mapping[str, float | Sequence[float]]) -> None:
+    def set_transmittance(self, shares: Mapping[str, Transmittance]) -> None:
         """Let a share of the light pass through materials or objects, such as panes or the crowns of trees.
 
         It counts in pictures, `visibility`, `sun_hours` and `bake`. Along a ray, the shares of all surfaces multiply;
         below 1/256 the light is blocked. Closest hits, cameras and `occluded` see a surface if it blocks at least half
         of the light. Call it before the first query.
 
+        Trees are bare in winter: twelve shares are those of the months from January to December. `sun_hours` uses the
+        month of each sun on the wall clock. Queries without a date, which are all others, use the mean of the months.
+
         Parameters
         ----------
-        shares : dict of str to float or three floats
+        shares : dict of str to float, three floats, or twelve of these
             Names of materials or objects, in which * and ? stand for any characters, and the share of the light that
-            passes, from 0 to 1, also of red, green and blue. Holes of masks stay holes.
+            passes, from 0 to 1, also of red, green and blue; or one of these per month. Holes of masks stay holes.
 
         Raises
         ------
         InputError
-            If a name matches nothing, or a share is out of range.
+            If a name matches nothing, a share is out of range, or there are neither one, three nor twelve.
         """
         self.data.set_transmittance(shares)
 

@@ -2,11 +2,12 @@
 
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from ..checks import flag
 from ..scene.crs import checked_crs
+from ..scene.materials import Transmittance
 from ..scene.scene_data import MemoryData, SceneData, group_notes
 from .scene import AnyScene, Scene
 from .scene_reading import read_scene_data
@@ -24,7 +25,7 @@ def load(
     up: str | None = None,
     lod: str | None = None,
     cutouts: bool = True,
-    transmittance: Mapping[str, float | Sequence[float]] | None = None,
+    transmittance: Mapping[str, Transmittance] | None = None,
     crs: str | None = None,
 ) -> "Scene | PagedScene":
     """Read a scene from a file, or convert a mesh of another library.
@@ -51,8 +52,9 @@ def load(
         True: rays pass through the holes of faces whose material has alpha mode MASK, and some of the light through
         those with BLEND or KHR_materials_transmission; see `Scene.set_transmittance` for what it counts in. False: all
         faces are solid, as in stores.
-    transmittance : dict of str to float or three floats, optional
-        Shares of the light that materials or objects let pass, as for `Scene.set_transmittance`.
+    transmittance : dict of str to float, three floats, or twelve of these, optional
+        Shares of the light that materials or objects let pass, or those of each month, as for
+        `Scene.set_transmittance`.
     crs : str, optional
         Coordinate reference system of the coordinates, such as "EPSG:28992", or anything that pyproj accepts. It is
         recorded as `Scene.crs`; tables and rasters carry it. None: that of the file, for CityJSON and stores.

@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
+from ..forks import hold_during_fork
 from .marshalling import Key, flatten, struct_of, text_of
 
 # --- Types of the fields of kernel arguments --------------------------------------------------------------------------
@@ -47,6 +48,7 @@ F32OrLanes: TypeAlias = Any  # np.float32 or F32x16: the same functions take bot
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 _lock = threading.RLock()
+hold_during_fork(_lock)  # LLVM cannot go on with code that was being linked
 
 
 class ToolchainHooks(NamedTuple):

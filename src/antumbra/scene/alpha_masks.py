@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from .appearance import Appearance
-from .materials import BLEND, CLAMP, MASK, MIRROR, Material, Texture, srgb_to_linear
+from .materials import BLEND, CLAMP, MASK, MIRROR, MONTHS, Material, Texture, srgb_to_linear
 
 SOLID, CUT, CLEAR = range(3)
 """Classes of faces."""
@@ -43,6 +43,7 @@ class AlphaMask(NamedTuple):
     texels: NDArray[np.uint8]  # (h, w) uint8, first row at v = 0: rows of `transmittance`
     transmittance: NDArray[np.float64]  # (m, 3) float64 in [0, 1]: shares of red, green and blue
     wrap: tuple[int, int]  # REPEAT, CLAMP or MIRROR along u and v
+    months: NDArray[np.float64] | None = None  # (12, m, 3): `transmittance` is their mean; None: it never changes
 
 
 class Cutouts(NamedTuple):
@@ -57,13 +58,24 @@ class Cutouts(NamedTuple):
     texels: NDArray[np.uint8]  # (b,) uint8: rows of the mask's part of `depths`
     rows: NDArray[np.int64]  # (p,) int64, of each mask: the first row of its part of `depths`
     depths: NDArray[np.int32]  # (r, 4) int32: depths of red, green and blue; 1: closest hits meet the texel, else 0
+    months: NDArray[np.int32]  # (12, r, 4) int32: `depths` in each month; (0, r, 4): they never change
 
     @property
-    def channels(self) -> int:
-        """Number of values that tell the transmittances: 0 if faces only have holes, 1 if they are grey, else 3."""
-        depth = self.depths[:, :3]
-        partial = ((depth > 0) & (depth <= DARK)).any()
-        return 0 if not partial else 1 if (depth == depth[:, :1]).all() else 3
+    def seasons(self) -> NDArray[np.int64]:
+        """(12,) int64: for each month, the first month in which the same light passes; 0 is January."""
+        if not len(self.months):
+            return np.zeros(len(MONTHS), np.int64)
+        rows = self.months.reshape(len(MONTHS), -1)
+        _, first, season = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        return first[season.reshape(-1)]
+
+
+def channels_of(depths: NDArray[np.int32]) -> int:
+    """Number of values that tell the transmittances: 0 if faces only have holes, 1 if they are grey, else 3."""
+    depth = depths[:, :3]
+    if (depth != depth[:, :1]).any():
+        return 3
+    return int(((depth > 0) & (depth <= DARK)).any())
 
 
 def find_cutouts(appearance: Appearance) -> Cutouts | None:
@@ -72,7 +84,7 @@ def find_cutouts(appearance: Appearance) -> Cutouts | None:
     Through a texel passes the share of light that it does not cover, 1 - alpha, where alpha is the texel's times the
     material's times the mean of the face's corners. With the alpha mode MASK, alpha is 1 from the cutoff on and 0
     below it; with OPAQUE it is 1. What a texel covers still lets pass the `transmittance` of its material, or the share
-    `transmission` of its colour.
+    `transmission` of its colour. Without a date, a transmittance that changes over the year counts as its mean.
 
     Raises
     ------
@@ -120,9 +132,11 @@ def _mask_of(material: Material, has_texture: bool, alpha: float) -> AlphaMask:
         raise InputError(f"{name}: its alpha cannot be read ({error}); load the scene with cutouts=False") from None
     covered = _covered(material, palette[:, 3], alpha)[:, None]
     colour = srgb_to_linear(palette[:, :3] / 255.0) * np.asarray(material.factor[:3])
-    beyond = colour * material.transmission if material.transmittance is None else np.array(material.transmittance)
+    given = None if material.transmittance is None else np.array(material.transmittance)[:, None]  # (1 or 12, 1, 3)
+    beyond = (colour * material.transmission)[None] if given is None else given
+    passing = np.clip(1.0 - covered + covered * beyond, 0.0, 1.0)
     wrap = (CLAMP, CLAMP) if texture is None else (texture.wrap_s, texture.wrap_t)
-    return AlphaMask(texels, np.clip(1.0 - covered + covered * beyond, 0.0, 1.0), wrap)
+    return AlphaMask(texels, passing.mean(0), wrap, passing if len(passing) > 1 else None)
 
 
 def _covered(material: Material, alpha: np.ndarray, factor: float) -> np.ndarray:
@@ -169,7 +183,7 @@ def cutouts_of(uv: NDArray[np.float32], mask: NDArray[np.int32], masks: Sequence
     uv : (n, 3, 2) float32, texture coordinates of the corners of all faces
     mask : (n,) int32, index in `masks` for each face; -1: the face is solid
     """
-    kinds, tables = np.full(len(mask), SOLID, np.int8), [depths_of(each.transmittance) for each in masks]
+    kinds, tables = np.full(len(mask), SOLID, np.int8), [_tables_of(each) for each in masks]
     for k, (each, table) in enumerate(zip(masks, tables)):
         faces = np.flatnonzero(mask == k)
         kinds[faces] = _kinds(finite_uv(uv[faces]), each, table)
@@ -179,7 +193,8 @@ def cutouts_of(uv: NDArray[np.float32], mask: NDArray[np.int32], masks: Sequence
     parts = {id(each.texels): each.texels for each in masks}
     offsets = dict(zip(parts, np.cumsum([0, *(part.size for part in parts.values())])))
     shapes = np.array([(*each.texels.shape[::-1], *each.wrap) for each in masks], np.int32)
-    meets = [each.transmittance.mean(1) <= _HALF + _ROUNDING for each in masks]
+    n_months = len(MONTHS) if any(len(table) > 1 for table in tables) else 0
+    months = [np.broadcast_to(table[-len(MONTHS) :], (len(MONTHS), *table.shape[1:]))[:n_months] for table in tables]
     return Cutouts(
         np.flatnonzero(kinds == SOLID).astype(np.int32),
         cut,
@@ -188,9 +203,19 @@ def cutouts_of(uv: NDArray[np.float32], mask: NDArray[np.int32], masks: Sequence
         shapes,
         np.array([offsets[id(each.texels)] for each in masks], np.int64),
         np.concatenate([part.ravel() for part in parts.values()]),
-        np.cumsum([0, *(len(table) for table in tables)])[:-1],
-        np.concatenate([np.column_stack([table, meet]) for table, meet in zip(tables, meets)]).astype(np.int32),
+        np.cumsum([0, *(table.shape[1] for table in tables)])[:-1],
+        np.concatenate([table[0] for table in tables]),
+        np.concatenate(months, axis=1),
     )
+
+
+def _tables_of(mask: AlphaMask) -> NDArray[np.int32]:
+    """The part of a mask in `Cutouts.depths`, (1, m, 4) int32; or in `depths` and `months`, (13, m, 4)."""
+    shares = mask.transmittance[None]
+    if mask.months is not None:
+        shares = np.concatenate([shares, mask.months])
+    meets = shares.mean(2, keepdims=True) <= _HALF + _ROUNDING
+    return np.concatenate([depths_of(shares), meets], axis=2).astype(np.int32)
 
 
 def finite_uv(uv: np.ndarray) -> NDArray[np.float32]:
@@ -199,10 +224,11 @@ def finite_uv(uv: np.ndarray) -> NDArray[np.float32]:
     return out
 
 
-def _kinds(uv: np.ndarray, mask: AlphaMask, depths: np.ndarray) -> np.ndarray:
-    """(f,) int8: SOLID, CLEAR or CUT, depending on the texels in each face's bounding rectangle."""
-    solid, total = _count_texels(uv, mask, np.all(depths > DARK, axis=1))
-    clear, _ = _count_texels(uv, mask, np.all(depths == 0, axis=1))
+def _kinds(uv: np.ndarray, mask: AlphaMask, tables: np.ndarray) -> np.ndarray:
+    """(f,) int8: SOLID, CLEAR or CUT, depending on the texels in each face's bounding rectangle, in all months."""
+    depths = tables[..., :3]
+    solid, total = _count_texels(uv, mask, np.all(depths > DARK, axis=(0, 2)))
+    clear, _ = _count_texels(uv, mask, np.all(depths == 0, axis=(0, 2)))
     return np.where(clear == total, CLEAR, np.where(solid == total, SOLID, CUT)).astype(np.int8)
 
 

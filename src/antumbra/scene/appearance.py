@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .materials import PLAIN, Material, MeshAppearance, Texture
+from .materials import PLAIN, LightShare, Material, MeshAppearance, Texture
 from .mesh import Source
 from .scene_bounds import faces_of
 
@@ -43,8 +43,8 @@ class Appearance:
         chosen = [k for k, material in enumerate(self.materials) if fnmatchcase(material.name, pattern)]
         return np.isin(self.material_of_face, chosen)
 
-    def with_transmittance(self, faces: NDArray[np.bool_], transmittance: tuple[float, float, float]) -> "Appearance":
-        """The appearance with copies of the materials of some faces, which let light pass."""
+    def with_transmittance(self, faces: NDArray[np.bool_], transmittance: tuple[LightShare, ...]) -> "Appearance":
+        """The appearance with copies of the materials of some faces, which let light pass: one share, or twelve."""
         materials, material_of_face = list(self.materials), self.material_of_face.copy()
         for k in np.unique(self.material_of_face[faces]):
             material = self.materials[k] if k >= 0 else PLAIN

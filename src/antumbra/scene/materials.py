@@ -6,12 +6,15 @@ Also the conversions between sRGB and linear light.
 import io
 import threading
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from ..forks import hold_during_fork
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -45,6 +48,7 @@ LINEAR = BYTE_TO_LINEAR.astype(np.float32)
 """(256,) float32: the linear light of sRGB bytes."""
 
 _OPENING = threading.Lock()  # warning filters are shared by all threads, and a race would leave ours in place
+hold_during_fork(_OPENING)
 
 _STEPS = 1 << 16  # entries of the table from linear light to sRGB bytes: twenty for the darkest byte
 
@@ -228,6 +232,16 @@ def _with_opaque_alpha(pixels: np.ndarray, opacity: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.dstack([np.asarray(colour), np.asarray(alpha)]))
 
 
+LightShare: TypeAlias = tuple[float, float, float]
+"""The shares of red, green and blue light that pass through a surface, each from 0 to 1."""
+
+Transmittance: TypeAlias = float | Sequence[float | Sequence[float]]
+"""A share of all light; shares of red, green and blue; or twelve of these, for the months from January to December."""
+
+MONTHS = "jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"
+"""The months of a transmittance that changes over the year."""
+
+
 class Material(NamedTuple):
     """The base colour of surfaces: factor times texture times vertex colour."""
 
@@ -238,12 +252,12 @@ class Material(NamedTuple):
     cutoff: float = 0.5  # for MASK
     double_sided: bool = True
     transmission: float = 0.0  # share of the base colour that light keeps when it passes straight through
-    transmittance: tuple[float, float, float] | None = None  # overrides it: shares of red, green and blue that pass
+    transmittance: tuple[LightShare, ...] | None = None  # overrides it: one share, or one for each month
 
     @property
     def lets_light_pass(self) -> bool:
         """Whether some light may pass through surfaces of this material."""
-        return self.alpha_mode != OPAQUE or self.transmission > 0.0 or any(self.transmittance or ())
+        return self.alpha_mode != OPAQUE or self.transmission > 0.0 or any(map(any, self.transmittance or ()))
 
 
 PLAIN = Material()

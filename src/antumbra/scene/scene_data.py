@@ -5,11 +5,11 @@
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from fnmatch import fnmatchcase
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ from .alpha_masks import Cutouts, find_cutouts
 from .appearance import Appearance, appearance_of, plain_appearance
 from .camera import Camera
 from .lights import Light
+from .materials import MONTHS, LightShare, Transmittance
 from .mesh import MeshInfo, ObjectInfo, Source
 from .scene_bounds import Survey, faces_of, frame_origin, objects_of
 from .triangles import Triangles
@@ -111,7 +112,7 @@ class SceneData(ABC):
         """Make all faces solid. Call it before the first query."""
         assert self.cutouts is None, "only scenes in memory have cut-outs"
 
-    def set_transmittance(self, shares: Mapping[str, float | Sequence[float]]) -> None:
+    def set_transmittance(self, shares: Mapping[str, Transmittance]) -> None:
         """Let a share of the light pass through materials or objects. InputError for stores, which have neither."""
         raise InputError(f"{self.name}: all faces of a store are solid; leave transmittance out")
 
@@ -280,7 +281,7 @@ class MemoryData(SceneData):
         """Make all faces solid. Call it before the first query."""
         self.cutouts = None
 
-    def set_transmittance(self, shares: Mapping[str, float | Sequence[float]]) -> None:
+    def set_transmittance(self, shares: Mapping[str, Transmittance]) -> None:
         """Let a share of the light pass through materials or objects; see `antumbra.Scene.set_transmittance`."""
         appearance = appearance_of(self.source, self.n_triangles, plain=True) or plain_appearance(self.n_triangles)
         objects = [each.name for each in self.objects]
@@ -330,19 +331,30 @@ def check_up_axis(up: str) -> str:
     return axis
 
 
-def _checked_shares(shares: Mapping[str, float | Sequence[float]]) -> list[tuple[str, tuple[float, float, float]]]:
-    """Patterns of names, and shares of red, green and blue."""
+def _checked_shares(shares: Mapping[str, Transmittance]) -> list[tuple[str, tuple[LightShare, ...]]]:
+    """Patterns of names, and one share, or one for each month if the months differ."""
     checked = []
     if not isinstance(shares, Mapping):
         raise InputError(f"transmittance is {quoted(shares)}; give a dict of names and shares")
-    for pattern, share in shares.items():
-        what = f"transmittance of {quoted(pattern)}"
-        values = parts_of(share) or [share] * 3
-        if len(values) != 3:
-            raise InputError(f"{what} is {quoted(share)}; it must be a number, or red, green and blue")
-        red, green, blue = (number(value, what, 0.0, 1.0, "[]") for value in values)
-        checked.append((text(pattern, "a name in transmittance"), (red, green, blue)))
+    for pattern, given in shares.items():
+        what = f"transmittance of {quoted(text(pattern, 'a name in transmittance'))}"
+        values = [] if isinstance(given, Mapping) else parts_of(given)
+        if values is None or len(values) != len(MONTHS):
+            months = [_checked_share(values or given, what, "a number, red, green and blue, or one of these per month")]
+        else:
+            of_month = zip(MONTHS, values)
+            months = [_checked_share(v, f"{what} in {m}", "a number, or red, green and blue") for m, v in of_month]
+        checked.append((pattern, tuple(months) if len(set(months)) > 1 else (months[0],)))
     return checked
+
+
+def _checked_share(share: Any, what: str, forms: str) -> LightShare:
+    """Shares of red, green and blue, from a number or three; `forms`: what to give instead."""
+    values = [share] * 3 if (parts := parts_of(share)) is None else parts
+    if len(values) != 3:
+        raise InputError(f"{what} is {quoted(share)}; it must be {forms}")
+    red, green, blue = (number(value, what, 0.0, 1.0, "[]") for value in values)
+    return red, green, blue
 
 
 def _survey(source: Source) -> tuple[np.ndarray, np.ndarray, bool, bool]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..bvh.block_tree import BlockTree, block_tree
 from ..bvh.nodes import ROWS
 from ..errors import InputError
+from ..forks import renew_after_fork
 from ..trace.tree_list import ADDRESSES, addresses
 from .store_file import Store
 from .store_format import NODE_BYTES, Chunk
@@ -96,7 +97,13 @@ class Residency:
         self._copies: dict[int, TriangleCopies] = {}  # from evicted chunks in which the current query has hits
         self._pool = BufferPool()
         self._thread_data = threading.local()  # a read buffer per reading thread
+        self._start_readers()
+        renew_after_fork(self)
+
+    def _start_readers(self) -> None:
         self._reader = ThreadPoolExecutor(_READERS, "antumbra-paging")
+
+    _after_fork = _start_readers  # threads do not survive a fork
 
     def __contains__(self, k: int) -> bool:
         return k in self._chunks

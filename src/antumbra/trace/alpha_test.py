@@ -28,7 +28,7 @@ from ..kernels.vec3 import get3
 from ..query.ray_list import HitArrays, RayArrays
 from ..query.ray_passes import RayPass
 from ..query.shadow_query import ShadowQuery, new_bits, patch_of, query_pointers, sample_of, set_bit
-from ..scene.alpha_masks import DARK
+from ..scene.alpha_masks import DARK, channels_of
 from ..scene.materials import CLAMP, MIRROR
 from ..scene.triangle_setup import rows_with_area
 from ..scene.triangles import AllHits, Triangles
@@ -158,7 +158,15 @@ class CutoutTree(NamedTuple):
     bvh: Bvh
     blocks: BlockTree
     texels: AlphaTexels
-    channels: int  # number of values that tell how much light passes: 0, 1 or 3, see `Cutouts.channels`
+    channels: int  # number of values that tell how much light passes: 0, 1 or 3, see `channels_of`
+    months: np.ndarray  # (12 or 0, r, 4) int32, see `Cutouts.months`
+
+    def in_month(self, month: int | None) -> "CutoutTree":
+        """The tree with the depths of a month, 0 to 11; None: those without a date."""
+        if month is None or not len(self.months):
+            return self
+        depths = self.months[month]
+        return self._replace(texels=self.texels._replace(depths=depths), channels=channels_of(depths))
 
     def as_holes(self) -> "CutoutTree":
         """The tree with texels that let all light pass or none, as for closest hits."""
@@ -181,7 +189,8 @@ def cutout_tree(triangles: Triangles, threads: int | None = None) -> CutoutTree 
     bvh = bvh._replace(prim_ids=cutouts.faces[at])
     uv, mask = cutouts.uv[at].reshape(-1, 6), cutouts.mask[at]
     texels = AlphaTexels(uv, mask, cutouts.shapes, cutouts.first, cutouts.texels, cutouts.rows, cutouts.depths)
-    return CutoutTree(bvh, block_tree(bvh, threads), texels, cutouts.channels)
+    channels = channels_of(cutouts.depths)
+    return CutoutTree(bvh, block_tree(bvh, threads), texels, channels, cutouts.months)
 
 
 @inlined

@@ -17,6 +17,7 @@ from ...files import atomic_output, check_disk_space, checked_output
 from ...kernels.parallel import thread_count
 from ...picture.option_fields import with_keywords
 from ...progress import Progress, with_progress
+from ...scene.materials import MONTHS
 from ..bit_matrices import row_file_size
 from ..executors import Keep, checked_keep, executor_of
 from ..ground_areas import SPACING, AreaLike
@@ -25,10 +26,10 @@ from ..sensor_files import sensors_of
 from ..sensors import Sensors, sensors_from
 from .daylight_rules import Rule, meets_rule, rule_named, weights_of
 from .location import Place, place_of
-from .solar_radiation import TYPICAL_YEAR, clear_sky, on_days, read_epw
+from .solar_radiation import TYPICAL_YEAR, Weather, clear_sky, on_days, read_epw
 from .sun_options import MOST_DIRECTIONS, SunKeywords, SunOptions
-from .sun_positions import Suns, checked_step, suns_of, times_of, zone_of
-from .sun_visibility import SunQuery, SunSums, Tally, sum_suns, sun_query
+from .sun_positions import Suns, checked_step, months_of, suns_of, times_of, zone_of
+from .sun_visibility import NO_DATE, SunQuery, SunSums, Tally, seasons_of, sum_suns, sun_query
 
 _P = ParamSpec("_P")
 
@@ -101,13 +102,17 @@ def sky_view(
     return Table(sensors, columns, {"job": "sky view", "directions": count}, scene)
 
 
-def sky_query(scene: AnyScene, sensors: Sensors, count: int, plan: str | Plan | None, threads: int | None) -> SunQuery:
-    """A query with sky directions as suns, whose energy is that of a uniform sky."""
+def sky_query(
+    scene: AnyScene, sensors: Sensors, count: int, plan: str | Plan | None, threads: int | None, month: int = NO_DATE
+) -> SunQuery:
+    """A query with sky directions as suns, whose energy is that of a uniform sky; `month`: of transmittances."""
     towards = sky_directions(count, scene.up)
     zeros, times = np.zeros(count), np.zeros(count, "datetime64[s]")
     suns = Suns(times, times, np.ones(count), towards, zeros, zeros)
     energy = np.full(count, 1.0 if sensors.normals is None else 2.0) / count
-    return sun_query(scene, sensors, suns, np.empty((count, 0), np.int64), 1, energy=energy, plan=plan, threads=threads)
+    return sun_query(
+        scene, sensors, suns, np.empty((count, 0), np.int64), 1, months=month, energy=energy, plan=plan, threads=threads
+    )
 
 
 def share_of_sky(tally: Tally) -> NDArray[np.float64]:
@@ -118,16 +123,13 @@ def share_of_sky(tally: Tally) -> NDArray[np.float64]:
 # --- Sun hours --------------------------------------------------------------------------------------------------------
 
 
-MONTHS = "jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"
-
-
 class Study(NamedTuple):
     """What a study needs of its options, besides the sensors: suns, rule, and groupings of hours."""
 
     place: Place
     suns: Suns
     rule: Rule | None
-    diffuse: np.ndarray | None  # (i,) float64, Wh/m2 of diffuse light on a horizontal plane in each interval
+    diffuse: np.ndarray | None  # (12,) float64, Wh/m2 of diffuse light on a horizontal plane in each month
     by: tuple[str, ...]
     step: float  # minutes
 
@@ -210,16 +212,19 @@ def sun_hours(
     suns, bins = study.suns, _Bins(study)
     direct = None if suns.dni is None else suns.dni * suns.hours
     query = sun_query(
-        scene, sensors, suns, bins.of_suns, bins.count, samples=samples, energy=direct, plan=plan, threads=threads
-    )
+        scene, sensors, suns, bins.of_suns, bins.count, months=months_of(suns.local), samples=samples, energy=direct,
+        plan=plan, threads=threads,
+    )  # fmt: skip
     if keep is None and target is not None:
         keep = target.with_name(target.name + ".parts")  # the bits of all sensors may exceed memory
     executor = executor_of(keep)
     sums = [SunSums(query, "suns", executor.folder, matrix=target is not None)]
     if target is not None:
         check_disk_space(target, row_file_size(sums[0].matrix_shape))
-    if options.sky:
-        sums.append(SunSums(sky_query(scene, sensors, options.sky, plan, threads), "sky", executor.folder))
+    skies = _diffuse_of_seasons(scene, study) if options.sky else {}
+    for month in skies:
+        sky = sky_query(scene, sensors, options.sky, plan, threads, month)
+        sums.append(SunSums(sky, "sky" if month == NO_DATE else f"sky in {MONTHS[month]}", executor.folder))
     job = [each.parts for each in sums]
     if not executor.finish(job):
         return None  # type: ignore[return-value]  # a shard, of a command
@@ -227,8 +232,12 @@ def sun_hours(
     table = Table(sensors, _columns(study, bins, tally), _about(study, samples), scene)
     if sensors.zone is not None:
         table.about["areas"] = area_records(sensors, tally.hours, study.rule, table)
-    if sky_tallies:
-        _add_sky(table, study, share_of_sky(*sky_tallies))
+    if skies:
+        views = dict(zip(skies, map(share_of_sky, sky_tallies)))
+        table.columns["sky_view"] = Column(views[NO_DATE], "", SKY_VIEW_ABOUT)
+        if study.diffuse is not None:
+            energy = np.sum([views[month] * (diffuse / 1000.0) for month, diffuse in skies.items()], axis=0)
+            table.columns["diffuse_kwh_m2"] = Column(energy, "kWh/m2", "energy of diffuse light, uniform sky")
     if target is not None:
         with atomic_output(target) as temporary:
             sums[0].write_matrix(temporary)
@@ -246,7 +255,7 @@ def study_of(options: SunOptions, scene: AnyScene, areas: bool) -> Study:
     options.check_rule(areas)
     step = options.step or (60.0 if rule is None else checked_step(rule.step))
     place = options.place or place_of(scene)
-    weather = None
+    weather, diffuse = None, None
     if options.epw is not None:
         weather, place = read_epw(options.epw, place)
     if place is None:
@@ -256,17 +265,26 @@ def study_of(options: SunOptions, scene: AnyScene, areas: bool) -> Study:
     if weather is not None:
         weather = weather if days is None else on_days(weather, days)
         suns = suns_of(place, weather.times, scene.up, weather.dni)
-        diffuse = weather.dhi * weather.times.hours
+        diffuse = _sum_months(weather)
     else:
         if days is None:
             raise InputError("the days are unknown; give days such as 2026-06-21 or year:2026, a rule, or an EPW file")
         times = times_of(days, zone_of(place), step)
         clear = clear_sky(place, times) if options.energy else None
         suns = suns_of(place, times, scene.up, None if clear is None else clear.dni)
-        diffuse = None if clear is None else clear.dhi * times.hours
+        if clear is not None:
+            diffuse = _sum_months(clear)
     if not len(suns.hours):
         raise InputError("no sun is above the horizon on these days; check the days and the place")
     return Study(place, suns, rule, diffuse, tuple(options.by), step)
+
+
+def _sum_months(weather: Weather) -> NDArray[np.float64]:
+    """`Study.diffuse`."""
+    energy: NDArray[np.float64] = np.bincount(
+        months_of(weather.times.local), weather.dhi * weather.times.hours, len(MONTHS)
+    ).astype(np.float64)
+    return energy
 
 
 class _Bins:
@@ -275,7 +293,7 @@ class _Bins:
     def __init__(self, study: Study):
         suns, self.names, columns = study.suns, list[str](), list[np.ndarray]()
         if "month" in study.by:
-            columns.append(self._add([f"hours_{name}" for name in MONTHS]) + _month(suns))
+            columns.append(self._add([f"hours_{name}" for name in MONTHS]) + months_of(suns.local))
         if "hour" in study.by:
             columns.append(self._add([f"hours_{hour:02d}" for hour in range(24)]) + _hour(suns))
         self.criteria: list[tuple[str, float]] = []  # name of the bin, and score per hour in it
@@ -298,10 +316,6 @@ class _Bins:
         """Name -> hours of each sensor, for the months and hours of day with a sun and for all criteria."""
         criteria = [name for name, _ in self.criteria]
         return {name: tally.binned[:, k] for k, name in enumerate(self.names) if k in self.used or name in criteria}
-
-
-def _month(suns: Suns) -> NDArray[np.int64]:
-    return np.asarray(suns.local.astype("datetime64[M]").astype(np.int64) % 12)
 
 
 def _hour(suns: Suns) -> NDArray[np.int64]:
@@ -339,11 +353,17 @@ def _time_of(suns: Suns, which: NDArray[np.int32]) -> NDArray[np.datetime64]:
     return np.where(which >= 0, suns.local[np.maximum(which, 0)], np.datetime64("NaT"))
 
 
-def _add_sky(table: Table, study: Study, view: np.ndarray) -> None:
-    table.columns["sky_view"] = Column(view, "", SKY_VIEW_ABOUT)
-    if study.diffuse is not None:
-        values = view * (study.diffuse.sum() / 1000.0)
-        table.columns["diffuse_kwh_m2"] = Column(values, "kWh/m2", "energy of diffuse light, uniform sky")
+def _diffuse_of_seasons(scene: AnyScene, study: Study) -> dict[int, float]:
+    """Month -> diffuse light, Wh/m2, that arrives while surfaces transmit as in this month, besides `NO_DATE`.
+
+    The sky view needs no date, so `NO_DATE` is always there; it has all the light if the scene does not change.
+    """
+    diffuse = np.zeros(len(MONTHS)) if study.diffuse is None else study.diffuse
+    seasons = seasons_of(scene, np.arange(len(MONTHS)))
+    if not seasons.any():
+        return {NO_DATE: float(diffuse.sum())}
+    lit = {int(season): float(diffuse[seasons == season].sum()) for season in np.unique(seasons)}
+    return {NO_DATE: 0.0} | {season: energy for season, energy in lit.items() if energy > 0.0}
 
 
 def area_records(sensors: Sensors, hours: np.ndarray, rule: Rule | None, table: Table) -> list[dict[str, Any]]:

@@ -129,11 +129,16 @@ def zone_of(place: Place) -> tzinfo:
     return parse_zone(place.timezone)
 
 
+def months_of(local: NDArray[np.datetime64]) -> NDArray[np.int64]:
+    """(n,) int64: the months of (n,) datetime64, 0 to 11."""
+    return np.asarray(local.astype("datetime64[M]").astype(np.int64) % 12)
+
+
 def month_days(local: NDArray[np.datetime64]) -> NDArray[np.int64]:
     """(n,) int64: 100 * month + day of (n,) datetime64."""
     months = local.astype("datetime64[M]")
     days = (local.astype("datetime64[D]") - months.astype("datetime64[D]")).astype(np.int64) + 1
-    return np.asarray(100 * (months.astype(np.int64) % 12 + 1) + days)
+    return np.asarray(100 * (months_of(local) + 1) + days)
 
 
 def _midnight(day: date, zone: tzinfo) -> int:

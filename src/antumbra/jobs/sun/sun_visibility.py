@@ -4,11 +4,12 @@ Sensors and suns are ordered so that a tile of 16 sensors and 16 suns is a thin 
 frusta tracers share work.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...engine.plan import Plan
 from ...engine.precompilation import Job, fixed_job, precompile
@@ -18,8 +19,10 @@ from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...query.light_samples import light_samples
 from ...query.query_bounds import morton_codes
 from ...query.receivers import Receivers
+from ...scene.alpha_masks import channels_of
 from ...scene.light_lists import DirectionalLights
 from ...scene.lights import MAX_SPP, tangents
+from ...scene.materials import MONTHS
 from ...trace.transmission import TracedQuery
 from ..bit_matrices import RowFile, hidden_sun_rows
 from ..executors import LocalExecutor
@@ -53,6 +56,17 @@ def direction_order(directions: NDArray[np.float64]) -> NDArray[np.int64]:
         half = -(-len(group) // BUNDLE) // 2 * BUNDLE
         stack += [group[half:], group[:half]]
     return np.concatenate(groups) if groups else np.empty(0, np.int64)
+
+
+def bundle_order(directions: NDArray[np.float64], seasons: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(m,) int64: `direction_order` within each season; all but the last are padded to whole bundles.
+
+    seasons : (k,) int64, of each direction. A bundle is traced through the leaves of one season.
+    """
+    groups = [np.flatnonzero(seasons == season) for season in np.unique(seasons)]
+    groups = [group[direction_order(directions[group])] for group in groups]
+    padded = [np.pad(group, (0, -len(group) % BUNDLE), mode="edge") for group in groups[:-1]]
+    return np.concatenate([*padded, *groups[-1:], np.empty(0, np.int64)])
 
 
 def sensor_order(points: NDArray[np.float64], normals: NDArray[np.float64] | None) -> NDArray[np.int64]:
@@ -167,6 +181,9 @@ DISK = 0.533
 """Mean angular diameter of the sun, degrees."""
 
 SENSORS_PER_PART = 1 << 14
+NO_DATE = -1
+"""Month of directions that belong to the whole year."""
+
 _BEHIND = 1e-3  # cosine below which a sun is certainly behind a surface, despite rounding
 
 
@@ -178,8 +195,8 @@ class SunQuery(NamedTuple):
     receivers: Receivers  # the sensors, moved off their surfaces
     calendar: Calendar
     columns: int  # bins of the calendar
-    order: np.ndarray  # (m,) int64: order of the calendar's k * samples directions in bundles
     towards: np.ndarray  # (m, 3) float64: directions to all samples of the suns, in bundle order
+    seasons: np.ndarray  # (ceil(m / 16),) int64: the month of each bundle's transmittances; NO_DATE: their mean
     plan: str | Plan | None
     threads: int | None
 
@@ -198,19 +215,21 @@ def disk_directions(directions: NDArray[np.float64], samples: int) -> NDArray[np
 
 
 def sun_query(
-    scene: AnyScene, sensors: Sensors, suns: Suns, bins: np.ndarray, columns: int, *, samples: int = 1,
-    energy: np.ndarray | None = None, plan: str | Plan | None = None, threads: int | None = None,
+    scene: AnyScene, sensors: Sensors, suns: Suns, bins: np.ndarray, columns: int, *, months: ArrayLike = NO_DATE,
+    samples: int = 1, energy: np.ndarray | None = None, plan: str | Plan | None = None, threads: int | None = None,
 ) -> SunQuery:  # fmt: skip
     """Order the suns in bundles for a query.
 
     bins : (k, b) int: columns to which the hours of each sun are added
+    months : () or (k,) int: the month of each sun, 0 to 11, for transmittances; or `NO_DATE`
     samples : points on the sun's disk
     energy : (k,) float, Wh/m2 perpendicular to the rays; None: zeros
     """
     towards = disk_directions(suns.directions, samples).reshape(-1, 3)
-    order = direction_order(towards)
-    places = np.empty(len(order), np.int32)
-    places[order] = np.arange(len(order), dtype=np.int32)
+    seasons = np.repeat(seasons_of(scene, np.broadcast_to(months, len(suns.hours))), samples)
+    order = bundle_order(towards, seasons)
+    places = np.empty(len(towards), np.int32)
+    places[order] = np.arange(len(order), dtype=np.int32)  # a direction that pads a bundle has any of its places
     calendar = Calendar(
         places.reshape(-1, samples),
         np.ascontiguousarray(suns.hours, np.float64),
@@ -220,7 +239,16 @@ def sun_query(
         np.ascontiguousarray(suns.directions, np.float64),
     )
     receivers = Receivers.of(sensors.points, sensors.normals, scene.origin)
-    return SunQuery(scene, sensors, receivers, calendar, columns, order, towards[order], plan, threads)
+    seasons = seasons[order[::BUNDLE]]
+    return SunQuery(scene, sensors, receivers, calendar, columns, towards[order], seasons, plan, threads)
+
+
+def seasons_of(scene: AnyScene, months: np.ndarray) -> NDArray[np.int64]:
+    """(k,) int64: for each month, the first one in which the scene lets the same light pass; `NO_DATE` stays."""
+    cutouts = scene.cutouts if isinstance(scene, Scene) else None
+    seasons = np.zeros(len(MONTHS), np.int64) if cutouts is None else cutouts.seasons
+    out: NDArray[np.int64] = np.append(seasons, NO_DATE)[months]
+    return out
 
 
 def _starts(suns: Suns) -> np.ndarray:
@@ -246,7 +274,7 @@ class SunSums:
         self._order = sensor_order(sensors.points, sensors.normals) if n else np.empty(0, np.int64)
         about = None
         if folder is not None:
-            arrays = [a for a in (sensors.points, sensors.normals, *query.calendar) if a is not None]
+            arrays = [a for a in (sensors.points, sensors.normals, query.seasons, *query.calendar) if a is not None]
             of = scene_digest(query.scene, 0.0, query.threads)
             about = about_parts(what, of, inexact_plan(query.plan), query.columns, matrix, *arrays)
         title = f"{what}: {n:,} sensors x {len(query.calendar.hours):,} directions"
@@ -306,7 +334,7 @@ _PASSING_BYTES = 1 << 26  # of `SunLight.passing` at a time
 def _transmits(scene: AnyScene) -> bool:
     """Whether some surfaces let a part of the light pass."""
     cutouts = scene.cutouts if isinstance(scene, Scene) else None
-    return cutouts is not None and cutouts.channels > 0
+    return cutouts is not None and (channels_of(cutouts.depths) > 0 or len(cutouts.months) > 0)
 
 
 def _light_of(query: SunQuery, which: np.ndarray) -> SunLight:
@@ -316,19 +344,24 @@ def _light_of(query: SunQuery, which: np.ndarray) -> SunLight:
     normals = None if sensors.normals is None else sensors.normals[which]
     bits = np.full((len(which), -(-m // 64)), ~np.uint64(0))
     passing = np.zeros((len(which), 64 * bits.shape[1]), np.float32) if _transmits(query.scene) else _WHOLE
-    bundles = _in_front(query.towards, normals)
-    for batch in np.split(bundles, range(MAX_SPP // BUNDLE, len(bundles), MAX_SPP // BUNDLE)):
+    for month, batch in _batches(query.seasons, _in_front(query.towards, normals)):
         places = (batch[:, None] * BUNDLE + np.arange(BUNDLE)).ravel()
         places = places[places < m]
-        if not len(places):
-            continue
         lights = DirectionalLights(-query.towards[places])
-        (traced,) = engine.shadows(receivers, [lights], [light_samples(lights, 1)])
+        (traced,) = engine.shadows(receivers, [lights], [light_samples(lights, 1)], month=month)
         occluded = traced.bits[0]
         bits.view(np.uint16)[:, batch] = occluded.view(np.uint16)[:, : len(batch)]  # a bundle is a word of 16 bits
         if passing is not _WHOLE:
             passing[:, places] = _arriving_shares(traced)
     return SunLight(bits, passing)
+
+
+def _batches(seasons: np.ndarray, bundles: np.ndarray) -> Iterator[tuple[int | None, np.ndarray]]:
+    """Months of transmittances, and bundles of their seasons, with at most `MAX_SPP` suns at a time."""
+    for season in np.unique(seasons[bundles]):
+        group, step = bundles[seasons[bundles] == season], MAX_SPP // BUNDLE
+        for batch in np.split(group, range(step, len(group), step)):
+            yield (None if season == NO_DATE else int(season)), batch
 
 
 def _arriving_shares(traced: TracedQuery) -> NDArray[np.float32]:

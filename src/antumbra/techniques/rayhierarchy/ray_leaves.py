@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...forks import hold_during_fork
 from ...kernels.exact.predicate import segment
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
@@ -53,6 +54,7 @@ spare_buffers: list[NDArray[np.uint8]] = []
 """Buffers retained for later calls, most recently used first."""
 
 _lock = threading.Lock()
+hold_during_fork(_lock)
 
 Empty = Callable[[int, Any], np.ndarray]
 """Function of a number of elements and their dtype, such as ``numpy.empty``."""
