@@ -4,8 +4,8 @@
 
 Without the variable, the wheel is pure Python, and needs the extra `jit` to compile kernels on first use. A platform
 wheel is for every Python from 3.11 on. ``ANTUMBRA_SYSTEM`` selects another system, such as linux-aarch64 or
-windows-x86_64: every machine can build the wheels of all systems. ``ANTUMBRA_LEVELS`` selects processor levels, separated
-by commas; the default is all levels of the system.
+windows-x86_64: every machine can build the wheels of all systems. ``ANTUMBRA_LEVELS`` selects processor levels,
+separated by commas; the default is all levels of the system.
 """
 
 import os
@@ -55,4 +55,4 @@ def _this_system() -> str:
     name = {"darwin": "macos", "win32": "windows"}.get(sys.platform, sys.platform)
     machine = platform.machine().lower()
     arm = "aarch64" if name == "linux" else "arm64"
-    return f"{name}-{ {'amd64': 'x86_64', 'aarch64': arm, 'arm64': arm}.get(machine, machine)}"
+    return f"{name}-{ {'amd64': 'x86_64', 'aarch64': arm, 'arm64': arm}.get(machine, machine) }"
