@@ -1,16 +1,22 @@
-"""Collapse a binary BVH to a wide one by choosing which boxes to keep.
+"""Collapse a binary BVH to a wide one by choosing which boxes to keep, and refit the wide one with the binary one.
 
 Dynamic programming finds the choice of minimum SAH cost [Ylitie et al. 2017, Sec. 3], where testing eight boxes or
 eight triangles costs one.
+
+Each child of a wide node has the box of a child of a binary node, and the wide node stores which. After `refit` of the
+binary BVH, the wide one needs no new choice and no bottom-up pass: threads copy boxes and triangles independently.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..kernels.array_pool import ArrayPool
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..kernels.simd import get, ptr, ptr_at, stack_array
+from ..kernels.simd import get, load16, ptr, ptr_at, put, stack_array, store
 from .child_order import order_wide_children, triangle_area
 from .nodes import (
+    BINARY,
     EMPTY,
     GROUP_WORDS,
     LINK,
@@ -95,19 +101,19 @@ def _children(bvh, costs, node, children):
     return n
 
 
-@kernel
-def _fill_node(bvh, child, lane, words, at):
+@inlined
+def _fill_node(source, child, lane, words, at):
     """Copy the box of a child of the binary BVH to a lane of the wide node that starts at word `at`."""
-    source = ptr(bvh.nodes)
     b = box_at(child >> 1, child & 1)
     for axis in range(3):
-        words[at + 16 * axis + lane] = get(source, b + 4 * axis)
-        words[at + 16 * axis + 8 + lane] = get(source, b + 4 * axis + 2)
+        put(words, at + 16 * axis + lane, get(source, b + 4 * axis))
+        put(words, at + 16 * axis + 8 + lane, get(source, b + 4 * axis + 2))
 
 
 @kernel
-def _collapse(bvh, costs, counts, words, links, slots):
+def _collapse(bvh, costs, counts, nodes, links, slots):
     """Write the nodes, and the slots of each group's lanes; return (number of nodes, number of groups)."""
+    source, words = ptr(bvh.nodes), ptr(nodes)
     stack = stack_array(np.int64, _NODES, 2)  # binary node, wide node
     children = stack_array(np.int64, WIDTH)
     stack[0] = 0
@@ -117,13 +123,15 @@ def _collapse(bvh, costs, counts, words, links, slots):
         node, at = stack[height, 0], stack[height, 1] * NODE_WORDS
         n = _children(bvh, costs, node, children)
         for lane in range(WIDTH):
-            links[at + LINKS + lane], links[at + LINKS + WIDTH + lane] = NO_CHILD, 0
+            links[at + LINKS + lane], links[at + BINARY + lane] = NO_CHILD, 0
             for axis in range(3):
-                words[at + 16 * axis + lane], words[at + 16 * axis + 8 + lane] = _NOWHERE, -_NOWHERE
+                put(words, at + 16 * axis + lane, _NOWHERE)
+                put(words, at + 16 * axis + 8 + lane, -_NOWHERE)
         for lane in range(n):
             child = children[lane]
             link = np.int64(bvh.links[child >> 1, LINK + (child & 1)])
-            _fill_node(bvh, child, lane, words, at)
+            _fill_node(source, child, lane, words, at)
+            links[at + BINARY + lane] = child
             if counts[child] <= WIDTH:
                 count = slots_below(link, ptr(bvh.links), ptr_at(ptr(slots), n_groups * WIDTH))
                 for k in range(count, WIDTH):
@@ -138,23 +146,50 @@ def _collapse(bvh, costs, counts, words, links, slots):
     return n_nodes, n_groups
 
 
+@inlined
+def _fill_lane(corners, slot, words, at):
+    """Write the triangle in a slot to a lane of a group; at: the lane's first word."""
+    largest = np.float32(0.0)
+    for axis in range(3):
+        v0 = get(corners, 9 * slot + axis)
+        e1, e2 = get(corners, 9 * slot + 3 + axis) - v0, get(corners, 9 * slot + 6 + axis) - v0
+        put(words, at + axis * WIDTH, v0)
+        put(words, at + (3 + axis) * WIDTH, e1)
+        put(words, at + (6 + axis) * WIDTH, e2)
+        largest = max(largest, max(abs(e1), abs(e2)))
+    put(words, at + 9 * WIDTH, largest)
+
+
 @kernel
 def _fill_groups(ticket, corners, slots, groups, areas):
-    """Worker: write each group's triangles, lane by lane, and their total area."""
-    values = ptr(corners)
+    """Worker: write each group's triangles, lane by lane, and add their area to `areas` unless it is None."""
+    values, lanes, words = ptr(corners), ptr(slots), ptr(groups)
     for group in items(ticket):
         for lane in range(WIDTH):
-            slot, largest = slots[group, lane], np.float32(0.0)
-            for k in range(9):
-                x = np.float32(0.0)
-                if slot >= 0:
-                    x = corners[slot, k] if k < 3 else corners[slot, k] - corners[slot, k % 3]
-                groups[group, k * WIDTH + lane] = x
-                if k >= 3 and abs(x) > largest:
-                    largest = abs(x)
-            groups[group, 9 * WIDTH + lane] = largest
-            if slot >= 0:
-                areas[group] += triangle_area(values, np.int64(slot))
+            slot = np.int64(get(lanes, group * WIDTH + lane))
+            if slot < 0:
+                for row in range(10):
+                    put(words, group * GROUP_WORDS + row * WIDTH + lane, np.float32(0.0))
+                continue
+            _fill_lane(values, slot, words, group * GROUP_WORDS + lane)
+            if areas is not None:
+                areas[group] += triangle_area(values, slot)
+
+
+@kernel
+def _refit_nodes(ticket, binary, wide, new):
+    """Worker: copy each wide node, with the boxes of the refitted binary BVH."""
+    # In: binary, its nodes; wide, nodes before. Out: new, nodes
+    source, old, words = ptr(binary), ptr(wide), ptr(new)
+    links = ptr(wide.view(np.int32))
+    for node in items(ticket):
+        at = node * NODE_WORDS
+        for word in range(0, NODE_WORDS, 16):
+            store(words, at + word, load16(old, at + word))
+        lane = 0
+        while lane < WIDTH and get(links, at + LINKS + lane) != NO_CHILD:
+            _fill_node(source, np.int64(get(links, at + BINARY + lane)), lane, words, at)
+            lane += 1
 
 
 def widen(bvh: Bvh, threads: int | None = None) -> WideBvh:
@@ -177,7 +212,23 @@ def widen(bvh: Bvh, threads: int | None = None) -> WideBvh:
         _fill_groups, thread_count(threads), new_ticket(len(group_slots), 1024), bvh.corners, group_slots, groups, areas
     )
     order_wide_children(nodes, areas)
+    return WideBvh(nodes, nodes.view(np.int32), groups, group_slots, _reach(nodes), bvh)
+
+
+def _reach(nodes: NDArray[np.float32]) -> np.float32:
+    """`WideBvh.reach`."""
     planes = nodes[0, :LINKS].reshape(3, 2, WIDTH)
     is_child = planes[0, 0] <= planes[0, 1]
-    reach = np.abs(planes[:, :, is_child]).max(initial=np.float32(0.0))
-    return WideBvh(nodes, nodes.view(np.int32), groups, group_slots, reach, bvh)
+    reach: np.float32 = np.abs(planes[:, :, is_child]).max(initial=np.float32(0.0))
+    return reach
+
+
+def refit_wide(wide: WideBvh, bvh: Bvh, threads: int, pool: ArrayPool) -> WideBvh:
+    """The same wide BVH with the boxes and triangles of `bvh`, its refitted binary BVH. Children keep their order.
+
+    The result is identical for any number of threads. Its arrays are in recycled memory.
+    """
+    nodes, groups = pool.empty(wide.nodes.shape, np.float32), pool.empty(wide.groups.shape, np.float32)
+    run(_refit_nodes, threads, new_ticket(len(nodes), 256), bvh.nodes, wide.nodes, nodes)
+    run(_fill_groups, threads, new_ticket(len(groups), 1024), bvh.corners, wide.slots, groups, None)
+    return WideBvh(nodes, nodes.view(np.int32), groups, wide.slots, _reach(nodes), bvh)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..engine.auto_accelerator import best_tree_job
 from ..engine.engine import wide_lights_job
-from ..engine.in_memory_source import rays_job
+from ..engine.in_memory_source import rays_job, update_job
 from ..engine.paged_source import paged_job
 from ..engine.plan import Plan, covering_plans
 from ..engine.precompilation import Job, fixed_job, small_scene
@@ -43,6 +43,7 @@ def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) ->
     jobs = [
         rays_job(),
         best_tree_job(),
+        update_job(),
         camera_rays_job(),
         quality_job(),
         antialias_job(),

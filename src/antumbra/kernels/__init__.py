@@ -6,6 +6,7 @@
 - `simd/`: vectors as values inside kernels
 - `vec3`: vectors of three coordinates, scalar or in lanes
 - `exact/`: the exact ray-triangle test
+- `array_pool`: recycled memory for large arrays
 - `parallel`: threads that share the work of one kernel
 - `ticket_loops`: loops over the items of a ticket, imported only by the compiler
 - `toolchain/`: digests, compilation, the cache of machine code, compilation ahead of time

@@ -4,14 +4,30 @@ Kernels take addresses instead of arrays, so the same compiled kernels serve rea
 float64 arrays, and no compilation happens while a frame is timed.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..kernels.exact.filters import has_area
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import items, new_ticket, run, shares, thread_count
-from ..kernels.simd import f32_at, f64_at, get, i32_at, load8, ptr, put, store
+from ..kernels.parallel import CHUNK, items, new_ticket, run, shares, thread_count
+from ..kernels.simd import (
+    f32_at,
+    f64_at,
+    get,
+    i32_at,
+    load8,
+    load16,
+    maximum,
+    minimum,
+    ptr,
+    put,
+    splat16,
+    stack_f32,
+    store,
+)
 from .mesh import Piece
 from .scene_bounds import MAX_EXTENT, NEAREST
 from .triangles import Triangles
@@ -23,7 +39,9 @@ from .triangles import Triangles
 
 
 _AT_A_TIME = 8192  # vertices, or faces
-_LIMIT, _NEAREST, _ZERO = np.float32(MAX_EXTENT), np.float32(NEAREST), np.float32(0.0)
+_SURVEYED = 512  # faces whose corners stay in the L1 cache
+_PERIOD = 48  # three rows of 16 numbers: coordinates of 16 corners
+_LIMIT, _NEAREST, _ZERO, _INF = np.float32(MAX_EXTENT), np.float32(NEAREST), np.float32(0.0), np.float32(np.inf)
 
 
 @inlined
@@ -110,6 +128,38 @@ def _recentre_piece(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: 
         )
 
 
+# --- Transforms -------------------------------------------------------------------------------------------------------
+
+
+@inlined
+def _transform_rows(first, last, a, matrix, out):
+    """Write matrix * (a, 1) in float64, added from left to right."""
+    for i in range(3 * first, 3 * last, 3):
+        x, y, z = np.float64(get(a, i)), np.float64(get(a, i + 1)), np.float64(get(a, i + 2))
+        for k in range(3):
+            put(out, i + k, matrix[k, 0] * x + matrix[k, 1] * y + matrix[k, 2] * z + matrix[k, 3])
+
+
+@kernel
+def _transform(ticket, single, a, matrix, out):
+    """Worker: transform points; a, address of (n, 3) float32 if `single`, else float64; out, of (n, 3) float64."""
+    for first, last in shares(ticket):
+        if single:
+            _transform_rows(first, last, f32_at(a), matrix, f64_at(out))
+        else:
+            _transform_rows(first, last, f64_at(a), matrix, f64_at(out))
+
+
+def transformed(points: np.ndarray, matrix: NDArray[np.float64], threads: int) -> NDArray[np.float64]:
+    """(n, 3) float64: points, (n, 3), transformed by an affine (4, 4) float64 matrix."""
+    dtype = np.dtype(np.float32 if points.dtype == np.float32 else np.float64)
+    a, out = np.ascontiguousarray(points, dtype), np.empty(points.shape)
+    matrix = np.ascontiguousarray(matrix)
+    ticket = new_ticket(len(a), _AT_A_TIME)
+    run(_transform, threads, ticket, dtype == np.float32, a.ctypes.data, matrix, out.ctypes.data)
+    return out
+
+
 # --- Degenerate triangles: no ray hits them, so trees omit them (docs/design/exactness.md) ----------------------------
 
 
@@ -138,6 +188,60 @@ def rows_with_area(vertices: NDArray[np.float32], threads: int) -> NDArray[np.in
     return np.flatnonzero(has_areas).astype(np.int32) if faults[0] else None
 
 
+@inlined
+def _bound_rows(v, first, last, low, high):
+    """Write the least and largest of the numbers at first + k, first + k + 48, ... before `last` to low[k], high[k]."""
+    for row in range(0, _PERIOD, 16):
+        least, most, at = splat16(_INF), splat16(-_INF), first + row
+        while at + 16 <= last:
+            numbers = load16(v, at)
+            least, most = minimum(least, numbers), maximum(most, numbers)
+            at += _PERIOD
+        store(low, row, least)
+        store(high, row, most)
+        for k in range(max(last - at, 0)):
+            x = get(v, at + k)
+            put(low, row + k, min(get(low, row + k), x))
+            put(high, row + k, max(get(high, row + k), x))
+
+
+@kernel
+def _measure(ticket, corners, has_areas, limits, faults):
+    """Worker: `_find_areas`; also write the lower and upper corner of each share to `limits`."""
+    # Out: limits, (shares, 2, 3) float32
+    v, flat, low, high = ptr(corners), ptr(limits), stack_f32(_PERIOD), stack_f32(_PERIOD)
+    for first, last in shares(ticket):
+        _bound_rows(v, 9 * first, 9 * last, low, high)
+        at, all_have = first // ticket[CHUNK] * 6, True
+        for k in range(_PERIOD):
+            axis = at + k % 3
+            put(flat, axis, get(low, k) if k < 3 else min(get(flat, axis), get(low, k)))
+            put(flat, axis + 3, get(high, k) if k < 3 else max(get(flat, axis + 3), get(high, k)))
+        for i in range(first, last):
+            has = has_area(v, i)
+            has_areas[i] = has
+            all_have &= has
+        if not all_have:
+            faults[0] = True
+
+
+class TriangleSurvey(NamedTuple):
+    """What is known of triangles after one pass."""
+
+    with_area: NDArray[np.int32] | None  # (k,) int32, ascending: see `rows_with_area`
+    bounds: NDArray[np.float32]  # (2, 3) float32: lower and upper corner
+
+
+def survey(vertices: NDArray[np.float32], threads: int) -> TriangleSurvey:
+    """The bounds and the triangles with area of (n, 3, 3) float32, n >= 1."""
+    n = len(vertices)
+    has_areas, faults = np.empty(n, np.bool_), np.zeros(1, np.bool_)
+    limits = np.empty((-(-n // _SURVEYED), 2, 3), np.float32)
+    run(_measure, threads, new_ticket(n, _SURVEYED), vertices.reshape(-1, 9), has_areas, limits, faults)
+    with_area = np.flatnonzero(has_areas).astype(np.int32) if faults[0] else None
+    return TriangleSurvey(with_area, np.stack([limits[:, 0].min(0), limits[:, 1].max(0)]))
+
+
 @kernel
 def _copy_rows(ticket, corners, rows, out):
     """Worker: copy the corners of the triangles `rows` to the front of `out`."""
@@ -158,12 +262,11 @@ def solid_vertices(triangles: Triangles, threads: int | None) -> NDArray[np.floa
     return out.reshape(-1, 3, 3)
 
 
-def solid_faces(vertices: np.ndarray, uncut: NDArray[np.int32] | None, threads: int) -> NDArray[np.int32] | None:
+def solid_faces(with_area: NDArray[np.int32] | None, uncut: NDArray[np.int32] | None) -> NDArray[np.int32] | None:
     """(k,) int32, ascending: the faces with nonzero area and without holes; None: all faces.
 
-    uncut : (m,) int32, ascending: the faces without holes; None: all faces
+    with_area, uncut : (m,) int32, ascending: the faces with area, and those without holes; None: all faces
     """
-    with_area = rows_with_area(vertices, threads)
     if with_area is None or uncut is None:
         return uncut if with_area is None else with_area
     return np.intersect1d(with_area, uncut, assume_unique=True)
