@@ -12,8 +12,22 @@ from numpy.typing import NDArray
 
 from ..kernels.array_pool import ArrayPool
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..kernels.simd import get, load16, ptr, ptr_at, put, stack_array, store
+from ..kernels.parallel import CHUNK, items, new_ticket, run, shares, thread_count
+from ..kernels.simd import (
+    absolute,
+    get,
+    load8,
+    load16,
+    maximum,
+    ptr,
+    ptr_at,
+    put,
+    select,
+    stack_array,
+    stack_f32,
+    store,
+)
+from ..kernels.transposition import transposed8
 from .child_order import order_wide_children, triangle_area
 from .nodes import (
     BINARY,
@@ -37,6 +51,7 @@ from .nodes import (
 )
 
 _PARTS, _NODES = WIDTH + 1, MAX_DEPTH * WIDTH  # stack sizes
+_SUMMED = 1024  # nodes whose areas a thread sums at a time
 _NOWHERE = np.float32(3e38)  # lower planes of a missing child's box; its upper planes are the negative
 
 
@@ -147,33 +162,46 @@ def _collapse(bvh, costs, counts, nodes, links, slots):
 
 
 @inlined
-def _fill_lane(corners, slot, words, at):
-    """Write the triangle in a slot to a lane of a group; at: the lane's first word."""
-    largest = np.float32(0.0)
-    for axis in range(3):
-        v0 = get(corners, 9 * slot + axis)
-        e1, e2 = get(corners, 9 * slot + 3 + axis) - v0, get(corners, 9 * slot + 6 + axis) - v0
-        put(words, at + axis * WIDTH, v0)
-        put(words, at + (3 + axis) * WIDTH, e1)
-        put(words, at + (6 + axis) * WIDTH, e2)
-        largest = max(largest, max(abs(e1), abs(e2)))
-    put(words, at + 9 * WIDTH, largest)
+def _corners_of(corners, slots, lane):
+    """The first eight numbers of the triangle in a lane; those of any triangle if the lane is unused."""
+    return load8(corners, 9 * max(np.int64(get(slots, lane)), 0))
+
+
+@inlined
+def _fill_group(corners, slots, last, words):
+    """Write the triangles in eight slots to a group's rows; unused lanes are zero, and `last` is scratch memory."""
+    for lane in range(WIDTH):
+        put(last, lane, get(corners, 9 * max(np.int64(get(slots, lane)), 0) + 8))
+    x, y, z, x1, y1, z1, x2, y2 = transposed8(
+        _corners_of(corners, slots, 0), _corners_of(corners, slots, 1),
+        _corners_of(corners, slots, 2), _corners_of(corners, slots, 3),
+        _corners_of(corners, slots, 4), _corners_of(corners, slots, 5),
+        _corners_of(corners, slots, 6), _corners_of(corners, slots, 7),
+    )  # fmt: skip
+    x1, y1, z1, x2, y2, z2 = x1 - x, y1 - y, z1 - z, x2 - x, y2 - y, load8(last, 0) - z
+    a, b = maximum(maximum(absolute(x1), absolute(y1)), absolute(z1)), maximum(absolute(x2), absolute(y2))
+    largest, used, zero = maximum(maximum(a, b), absolute(z2)), load8(slots, 0) >= np.int32(0), np.float32(0.0)
+    rows = x, y, z, x1, y1, z1, x2, y2, z2, largest
+    for k in range(10):
+        store(words, WIDTH * k, select(used, rows[k], zero))
 
 
 @kernel
 def _fill_groups(ticket, corners, slots, groups, areas):
     """Worker: write each group's triangles, lane by lane, and add their area to `areas` unless it is None."""
-    values, lanes, words = ptr(corners), ptr(slots), ptr(groups)
+    values, lanes, words, last = ptr(corners), ptr(slots), ptr(groups), stack_f32(WIDTH)
     for group in items(ticket):
-        for lane in range(WIDTH):
-            slot = np.int64(get(lanes, group * WIDTH + lane))
-            if slot < 0:
-                for row in range(10):
-                    put(words, group * GROUP_WORDS + row * WIDTH + lane, np.float32(0.0))
-                continue
-            _fill_lane(values, slot, words, group * GROUP_WORDS + lane)
-            if areas is not None:
-                areas[group] += triangle_area(values, slot)
+        of_group = ptr_at(lanes, group * WIDTH)
+        if get(of_group, 0) < 0:  # only the group of a tree without triangles
+            for k in range(GROUP_WORDS):
+                groups[group, k] = np.float32(0.0)
+            continue
+        _fill_group(values, of_group, last, ptr_at(words, group * GROUP_WORDS))
+        if areas is not None:
+            lane = 0
+            while lane < WIDTH and get(of_group, lane) >= 0:
+                areas[group] += triangle_area(values, np.int64(get(of_group, lane)))
+                lane += 1
 
 
 @kernel
@@ -213,6 +241,40 @@ def widen(bvh: Bvh, threads: int | None = None) -> WideBvh:
     )
     order_wide_children(nodes, areas)
     return WideBvh(nodes, nodes.view(np.int32), groups, group_slots, _reach(nodes), bvh)
+
+
+@kernel
+def _sum_areas(ticket, nodes, sums):
+    """Worker: sum half the areas of the boxes of children, per share of the nodes."""
+    links, planes = nodes.view(np.int32), ptr(nodes)
+    for first, last in shares(ticket):
+        total = 0.0
+        for node in range(first, last):
+            lane = 0
+            while lane < WIDTH and links[node, LINKS + lane] != NO_CHILD:
+                at = node * NODE_WORDS + lane
+                x = np.float64(get(planes, at + WIDTH)) - get(planes, at)
+                y = np.float64(get(planes, at + 3 * WIDTH)) - get(planes, at + 2 * WIDTH)
+                z = np.float64(get(planes, at + 5 * WIDTH)) - get(planes, at + 4 * WIDTH)
+                total += x * y + y * z + z * x
+                lane += 1
+        sums[first // ticket[CHUNK]] = total
+
+
+def wide_cost(wide: WideBvh, threads: int) -> float:
+    """The SAH cost: the expected number of nodes and groups that a ray enters if it hits the root's box.
+
+    The result is bitwise identical for any number of threads. It is 1 if the box has no area.
+    """
+    sums = np.zeros(-(-len(wide.nodes) // _SUMMED))
+    run(_sum_areas, threads, new_ticket(len(wide.nodes), _SUMMED), wide.nodes, sums)
+    planes = wide.nodes[0, :LINKS].reshape(3, 2, WIDTH).astype(np.float64)
+    planes = planes[:, :, planes[0, 0] <= planes[0, 1]]
+    if planes.size == 0:
+        return 1.0
+    x, y, z = planes[:, 1].max(1) - planes[:, 0].min(1)
+    area = x * y + y * z + z * x
+    return 1.0 + float(sums.sum() / area) if area > 0.0 else 1.0
 
 
 def _reach(nodes: NDArray[np.float32]) -> np.float32:

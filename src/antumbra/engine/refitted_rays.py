@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.nodes import WideBvh
-from ..bvh.refit import refit_faces
-from ..bvh.tree_quality import sah_cost
-from ..bvh.wide_bvh import refit_wide
+from ..bvh.refit import LIMIT, refit_faces
+from ..bvh.wide_bvh import refit_wide, wide_cost
 from ..kernels.array_pool import ArrayPool
 from ..scene.triangles import Triangles
 from .accelerator import Accelerated, Accelerator
@@ -25,7 +24,7 @@ class _BuiltTree(NamedTuple):
     """A tree as it was built."""
 
     solid: NDArray[np.int32] | None  # (k,) int32, ascending: the faces in it; None: all
-    cost: float  # SAH cost
+    cost: float  # `wide_cost`
 
 
 class RayTreeRefit:
@@ -46,7 +45,7 @@ class RayTreeRefit:
 
     def add(self, seconds: float) -> None:
         """Count the computing time of rays in the latest tree."""
-        self._lost += seconds * (1.0 - 1.0 / self._growth)
+        self._lost += seconds * _lost_share(self._growth)
 
     def refit(
         self, accelerator: Accelerator, latest: Accelerated, triangles: Triangles, rays: int
@@ -59,17 +58,23 @@ class RayTreeRefit:
         wide, bvh = latest.prepared, latest.bvh
         assert isinstance(wide, WideBvh) and bvh is not None
         if self._built is None:
-            self._built = _BuiltTree(latest.triangles.solid, sah_cost(bvh, threads=self._threads))
+            self._built = _BuiltTree(latest.triangles.solid, wide_cost(wide, self._threads))
         n, built = len(bvh.prim_ids), self._built
         if n < 2 or not _are_equal(built.solid, triangles.solid):
             return None
         moved = refit_faces(bvh, triangles.vertices, self._threads, self._pool)
-        growth = max(sah_cost(moved, threads=self._threads) / built.cost, 1.0) if built.cost > 0.0 else 1.0
-        if rebuild_pays(self._lost + rays * RAY_SECONDS * (growth - 1.0), GOOD, n):
+        prepared = refit_wide(wide, moved, self._threads, self._pool)
+        growth = max(wide_cost(prepared, self._threads) / built.cost, 1.0)
+        expected = rays * RAY_SECONDS * growth * _lost_share(growth)
+        if rebuild_pays(self._lost + expected, GOOD, n):
             return None
         self._growth = growth
-        prepared = refit_wide(wide, moved, self._threads, self._pool)
         return Accelerated(triangles, moved, prepared, accelerator.cutouts_of(triangles))
+
+
+def _lost_share(growth: float) -> float:
+    """The share of the time of rays that a rebuild would save. Costs within LIMIT say nothing about times."""
+    return 1.0 - 1.0 / growth if growth > LIMIT else 0.0
 
 
 def _are_equal(faces: NDArray[np.int32] | None, others: NDArray[np.int32] | None) -> bool:

@@ -5,6 +5,7 @@
 - `machine_code`: processor levels, LLVM's optimisation and emission for a level, the record of a kernel's code
 - `simd/`: vectors as values inside kernels
 - `vec3`: vectors of three coordinates, scalar or in lanes
+- `transposition`: eight vectors of eight float32
 - `exact/`: the exact ray-triangle test
 - `array_pool`: recycled memory for large arrays
 - `parallel`: threads that share the work of one kernel

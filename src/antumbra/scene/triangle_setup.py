@@ -14,20 +14,24 @@ from ..kernels.exact.filters import has_area
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, items, new_ticket, run, shares, thread_count
 from ..kernels.simd import (
+    absolute,
+    bits,
     f32_at,
     f64_at,
     get,
     i32_at,
     load8,
-    load16,
     maximum,
     minimum,
     ptr,
     put,
-    splat16,
+    reduce_max,
+    reduce_min,
+    splat8,
     stack_f32,
     store,
 )
+from ..kernels.transposition import transposed8
 from .mesh import Piece
 from .scene_bounds import MAX_EXTENT, NEAREST
 from .triangles import Triangles
@@ -39,8 +43,7 @@ from .triangles import Triangles
 
 
 _AT_A_TIME = 8192  # vertices, or faces
-_SURVEYED = 512  # faces whose corners stay in the L1 cache
-_PERIOD = 48  # three rows of 16 numbers: coordinates of 16 corners
+_SURE, _TINY = np.float32(2.0**-20), np.float32(1e-37)  # bounds of an error: relative, and from underflow
 _LIMIT, _NEAREST, _ZERO, _INF = np.float32(MAX_EXTENT), np.float32(NEAREST), np.float32(0.0), np.float32(np.inf)
 
 
@@ -163,18 +166,84 @@ def transformed(points: np.ndarray, matrix: NDArray[np.float64], threads: int) -
 # --- Degenerate triangles: no ray hits them, so trees omit them (docs/design/exactness.md) ----------------------------
 
 
+@inlined
+def _corners_at(v, i, last):
+    """The first eight numbers of triangle i, or of the `last` one if i is beyond it."""
+    return load8(v, 9 * min(i, last))
+
+
+@inlined
+def _load_eight(v, i, last, ninth):
+    """The corners (x, y, z, x1, ..., z2) of triangles i .. i + 7, one per lane; `ninth` is scratch memory."""
+    for lane in range(8):
+        put(ninth, lane, get(v, 9 * min(i + lane, last) + 8))
+    x, y, z, x1, y1, z1, x2, y2 = transposed8(
+        _corners_at(v, i, last), _corners_at(v, i + 1, last), _corners_at(v, i + 2, last), _corners_at(v, i + 3, last),
+        _corners_at(v, i + 4, last), _corners_at(v, i + 5, last), _corners_at(v, i + 6, last),
+        _corners_at(v, i + 7, last),
+    )  # fmt: skip
+    return (x, y, z), (x1, y1, z1), (x2, y2, load8(ninth, 0))
+
+
+@inlined
+def _largest(a):
+    """The largest magnitude of three components, per lane."""
+    return maximum(maximum(absolute(a[0]), absolute(a[1])), absolute(a[2]))
+
+
+@inlined
+def _surely_have_area(v0, v1, v2):
+    """The lanes whose triangles surely have an area.
+
+    With u = 2^-24 and L the largest component of an edge, rounding the edges, their products and the differences of
+    these changes a component of the normal by less than 9 u L^2, and underflow by less than _TINY.
+    """
+    a, b = (v1[0] - v0[0], v1[1] - v0[1], v1[2] - v0[2]), (v2[0] - v0[0], v2[1] - v0[1], v2[2] - v0[2])
+    n = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    length = maximum(_largest(a), _largest(b))
+    return _largest(n) > length * length * _SURE + _TINY
+
+
+@inlined
+def _least(a, b, c, d):
+    return minimum(minimum(a, b), minimum(c, d))
+
+
+@inlined
+def _most(a, b, c, d):
+    return maximum(maximum(a, b), maximum(c, d))
+
+
+@inlined
+def _scan(v, first, last, ninth, has_areas, limits, at):
+    """Write whether triangles have an area, and from `at` on their lower and upper corner; return whether all have."""
+    x0, y0, z0, all_have = splat8(_INF), splat8(_INF), splat8(_INF), True
+    x1, y1, z1 = splat8(-_INF), splat8(-_INF), splat8(-_INF)
+    for i in range(first, last, 8):
+        a, b, c = _load_eight(v, i, last - 1, ninth)
+        x0, y0, z0 = _least(x0, a[0], b[0], c[0]), _least(y0, a[1], b[1], c[1]), _least(z0, a[2], b[2], c[2])
+        x1, y1, z1 = _most(x1, a[0], b[0], c[0]), _most(y1, a[1], b[1], c[1]), _most(z1, a[2], b[2], c[2])
+        sure = bits(_surely_have_area(a, b, c))
+        for lane in range(min(8, last - i)):
+            has = (sure >> lane) & 1 != 0 or has_area(v, i + lane)
+            has_areas[i + lane] = has
+            all_have &= has
+    put(limits, at, reduce_min(x0))
+    put(limits, at + 1, reduce_min(y0))
+    put(limits, at + 2, reduce_min(z0))
+    put(limits, at + 3, reduce_max(x1))
+    put(limits, at + 4, reduce_max(y1))
+    put(limits, at + 5, reduce_max(z1))
+    return all_have
+
+
 @kernel
 def _find_areas(ticket, corners, has_areas, faults):
     """Worker: whether each triangle has nonzero area."""
     # Out: has_areas, (n,) bool; faults, (1,) bool, set if a triangle has none
-    v = ptr(corners)
+    v, ninth, limits = ptr(corners), stack_f32(8), stack_f32(6)
     for first, last in shares(ticket):
-        all_have = True
-        for i in range(first, last):
-            has = has_area(v, i)
-            has_areas[i] = has
-            all_have &= has
-        if not all_have:
+        if not _scan(v, first, last, ninth, has_areas, limits, 0):
             faults[0] = True
 
 
@@ -188,56 +257,28 @@ def rows_with_area(vertices: NDArray[np.float32], threads: int) -> NDArray[np.in
     return np.flatnonzero(has_areas).astype(np.int32) if faults[0] else None
 
 
-@inlined
-def _bound_rows(v, first, last, low, high):
-    """Write the least and largest of the numbers at first + k, first + k + 48, ... before `last` to low[k], high[k]."""
-    for row in range(0, _PERIOD, 16):
-        least, most, at = splat16(_INF), splat16(-_INF), first + row
-        while at + 16 <= last:
-            numbers = load16(v, at)
-            least, most = minimum(least, numbers), maximum(most, numbers)
-            at += _PERIOD
-        store(low, row, least)
-        store(high, row, most)
-        for k in range(max(last - at, 0)):
-            x = get(v, at + k)
-            put(low, row + k, min(get(low, row + k), x))
-            put(high, row + k, max(get(high, row + k), x))
-
-
 @kernel
-def _measure(ticket, corners, has_areas, limits, faults):
-    """Worker: `_find_areas`; also write the lower and upper corner of each share to `limits`."""
-    # Out: limits, (shares, 2, 3) float32
-    v, flat, low, high = ptr(corners), ptr(limits), stack_f32(_PERIOD), stack_f32(_PERIOD)
+def _survey(ticket, corners, has_areas, faults, limits):
+    """Worker: `_find_areas`, and the lower and upper corner of each share: `limits`, (shares, 2, 3) float32."""
+    v, ninth, flat = ptr(corners), stack_f32(8), ptr(limits)
     for first, last in shares(ticket):
-        _bound_rows(v, 9 * first, 9 * last, low, high)
-        at, all_have = first // ticket[CHUNK] * 6, True
-        for k in range(_PERIOD):
-            axis = at + k % 3
-            put(flat, axis, get(low, k) if k < 3 else min(get(flat, axis), get(low, k)))
-            put(flat, axis + 3, get(high, k) if k < 3 else max(get(flat, axis + 3), get(high, k)))
-        for i in range(first, last):
-            has = has_area(v, i)
-            has_areas[i] = has
-            all_have &= has
-        if not all_have:
+        if not _scan(v, first, last, ninth, has_areas, flat, first // ticket[CHUNK] * 6):
             faults[0] = True
 
 
 class TriangleSurvey(NamedTuple):
-    """What is known of triangles after one pass."""
+    """What one pass over triangles finds."""
 
-    with_area: NDArray[np.int32] | None  # (k,) int32, ascending: see `rows_with_area`
+    with_area: NDArray[np.int32] | None  # see `rows_with_area`
     bounds: NDArray[np.float32]  # (2, 3) float32: lower and upper corner
 
 
 def survey(vertices: NDArray[np.float32], threads: int) -> TriangleSurvey:
-    """The bounds and the triangles with area of (n, 3, 3) float32, n >= 1."""
+    """The triangles with area, and the bounds, of (n, 3, 3) float32, n >= 1."""
     n = len(vertices)
     has_areas, faults = np.empty(n, np.bool_), np.zeros(1, np.bool_)
-    limits = np.empty((-(-n // _SURVEYED), 2, 3), np.float32)
-    run(_measure, threads, new_ticket(n, _SURVEYED), vertices.reshape(-1, 9), has_areas, limits, faults)
+    limits = np.empty((-(-n // _AT_A_TIME), 2, 3), np.float32)
+    run(_survey, threads, new_ticket(n, _AT_A_TIME), vertices.reshape(-1, 9), has_areas, faults, limits)
     with_area = np.flatnonzero(has_areas).astype(np.int32) if faults[0] else None
     return TriangleSurvey(with_area, np.stack([limits[:, 0].min(0), limits[:, 1].max(0)]))
 
