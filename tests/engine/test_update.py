@@ -72,6 +72,9 @@ def assert_like_new(scene, new, rays):
     np.testing.assert_array_equal(hit.face, oracle.closest_hit(moved.vertices, local, rays[1])[1])
     for name in ("position", "normal", "corners", "object"):
         np.testing.assert_array_equal(getattr(hit, name), getattr(other, name))
+    assert all(a.tobytes() == b.tobytes() for a, b in zip(scene.all_hits(*rays), new.all_hits(*rays)))
+    for query in (lambda each: each.count_hits(*rays, merge="surface"), lambda each: each.contains(rays[0])):
+        np.testing.assert_array_equal(query(scene), query(new))
     return blocked.mean()
 
 
