@@ -133,6 +133,32 @@ def test_rays_pay_for_a_rebuild():
     assert 0 < few.mean() < 1
 
 
+@pytest.mark.parametrize("threads", [1, 2])
+def test_trees_of_many_parts(monkeypatch, threads):
+    """A tree whose parts are refitted by several threads, and a mesh whose vertices are shared."""
+    monkeypatch.setattr(cost_model, "build_seconds", lambda builder, n: 1e9)
+    x, z = np.meshgrid(np.linspace(-1, 1, 181), np.linspace(-1, 1, 181))
+    corner = (np.arange(180)[:, None] * 181 + np.arange(180)).ravel()
+    faces = np.concatenate([corner + [[0], [181], [1]], corner + [[1], [181], [182]]], axis=1).T
+    wave = lambda t: np.stack([x, 0.2 * np.sin(7 * x + t) * np.cos(5 * z), z + 0.05 * np.sin(9 * x + t)], -1)
+    scene = at.Scene.from_arrays(wave(0.0).reshape(-1, 3), faces)
+    rays = rays_in(scene, 20_000)
+    scene.occluded(*rays, threads=threads)
+    first = scene.engine.with_options(RAY_PLANS[0], None, None).accelerated().bvh
+    assert len(first.nodes) > 16384
+    for t in (0.1, 0.2, 0.3):
+        scene.update(wave(t).reshape(-1, 3), threads=threads)
+        new = new_scene(wave(t).reshape(-1, 3), scene, faces=faces)
+        blocked = scene.occluded(*rays, threads=threads)
+        np.testing.assert_array_equal(blocked, new.occluded(*rays))
+        hit, other = scene.closest_hit(*rays), new.closest_hit(*rays)
+        assert all(a.tobytes() == b.tobytes() for a, b in zip(hit, other))
+        bvh = scene.engine.with_options(RAY_PLANS[0], None, None).accelerated().bvh
+        assert bvh.prim_ids is first.prim_ids and bvh is not first
+        validate(bvh, scene.triangles().vertices)
+        assert 0.1 < blocked.mean() < 0.9
+
+
 def test_a_face_that_regains_its_area_is_hit():
     """Trees omit triangles without area, so refitting alone would lose this one."""
     vertices, flat = soup(3, 50), soup(3, 50)
@@ -164,7 +190,10 @@ def stages():
     return soups_, points, bits, frames
 
 
-@pytest.mark.parametrize("plan", covering_plans(), ids=str)
+REFITTING = [at.Plan(trace=name, update="refit") for name in ("chcrt", "multifrusta", "wide")]
+
+
+@pytest.mark.parametrize("plan", [*covering_plans(), *REFITTING], ids=str)
 def test_every_plan(stages, plan):
     """Engines and renderers that have answered before see each new geometry, and the first one when it returns."""
     vertices, points, bits, frames = stages
