@@ -15,13 +15,14 @@ from .version import VERSION as _VERSION
 
 if typing.TYPE_CHECKING:
     from . import cluster
-    from .engine.engine import Engine, Visibility
+    from .engine.engine import Engine
     from .engine.paged_scene import PagedScene
     from .engine.plan import Plan
     from .engine.point_visibility import visibility
     from .engine.scene import Scene, procedural
     from .engine.scene_loading import load
     from .engine.store_building import build_store
+    from .engine.visibility import Visibility
     from .errors import InputError
     from .formats.cityjson.attribute_writer import write_attributes
     from .jobs.bake.bake_job import Baked, bake
@@ -169,7 +170,7 @@ _HOME = {
     "Triangles": "scene.triangles",
     "Viewer": "viewer.viewer_page",
     "Viewshed": "jobs.line_of_sight.viewshed",
-    "Visibility": "engine.engine",
+    "Visibility": "engine.visibility",
     "VisibilityMatrix": "jobs.line_of_sight.visibility_matrix",
     "area_sensors": "jobs.ground_areas",
     "bake": "jobs.bake.bake_job",

@@ -1,6 +1,8 @@
 """The one door to all questions about a scene, and what is cached between them.
 
-- `engine`: `Engine`, `Visibility`, the kernels of a plan
+- `engine`: `Engine`
+- `visibility`: `Visibility`, which points see which samples of lights
+- `plan_kernels`: the kernels of a plan
 - `scene`: `AnyScene`, `Scene`, `procedural`
 - `paged_scene`: `PagedScene`
 - `scene_loading`: `load`
@@ -12,6 +14,7 @@
 - `in_memory_source`: scenes in memory, and their ray lists
 - `refitted_rays`: the tree of ray lists while users move the geometry
 - `paged_source`: scenes in stores: bands, ray lists, trees
+- `paged_hits`: all hits of ray lists in stores
 - `primary_visibility`: the surfaces that a camera sees
 - `default_view`: what default pictures show
 - `precompilation`: compile jobs, run before anything is timed

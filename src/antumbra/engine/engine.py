@@ -1,12 +1,12 @@
 """The engine: answers all queries about a scene by one plan, and caches what later queries can reuse.
 
-The kernels of a plan are compiled before its first query. `Visibility` holds the result for points and lights.
+The kernels of a plan are compiled before its first query.
 """
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,213 +14,35 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import as_array, byte_count, checked_instance, choice, whole_number
 from ..errors import InputError
 from ..kernels.parallel import thread_count
-from ..kernels.toolchain import kernel_manifest as needs
-from ..kernels.toolchain.compile_pool import KernelRequest
 from ..progress import ProgressCallback, show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
 from ..query.ray_list import HitFilter, RayArguments, TracedRays, cull_value, rays_of, segments_between
 from ..query.receivers import Receivers
-from ..query.shadow_query import ShadowQuery, fraction_lit, shadow_queries
+from ..query.shadow_query import ShadowQuery
 from ..scene.camera import Camera
 from ..scene.light_lists import without_interleave
-from ..scene.lights import Light, QuadLight, check_lights
+from ..scene.lights import Light, check_lights
 from ..scene.scene_data import MemoryData, SceneData
 from ..scene.triangles import AllHits, Hit, HitFaces, Triangles
-from ..trace.counters import new_counters
 from ..trace.rays.all_hits import INSIDE, ON_SURFACE, SURFACES, TRIANGLES
-from ..trace.transmission import TracedQuery, lit_fraction
+from ..trace.transmission import TracedQuery
 from .accelerator import Accelerated, Accelerator, SceneTrees
-from .auto.cost_model import GOOD, QUICK
-from .auto.strategies import STRATEGIES, TreeForms, answer_query
-from .auto_accelerator import CULLER, accelerator_of
+from .auto_accelerator import accelerator_of
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
 from .in_memory_source import InMemory, update_job
-from .method_registry import BUILDERS, CULLERS, UPDATERS
 from .plan import Plan, parse_plan
-from .precompilation import Job, fixed_job, precompile, small_scene, small_view
-from .primary_visibility import AUTO, METHODS, precompiled_method, primary_visibility
+from .plan_kernels import warm_up
+from .precompilation import precompile
+from .primary_visibility import AUTO, METHODS, precompiled_method
 from .scene_reading import data_of
+from .visibility import Visibility, visibility_of
 
 if TYPE_CHECKING:
     from ..scene.moved_geometry import ObjectChoice
     from ..store.store_file import StoreData
     from .paged_source import Paged
-
-# --- Visibility -------------------------------------------------------------------------------------------------------
-
-
-class Visibility(NamedTuple):
-    """Visibility of light samples from points.
-
-    The leading shape (...) is that of the points for a single light, and (..., lights) for a list of lights.
-    """
-
-    bits: NDArray[np.uint64]  # (..., ceil(n / 64)) uint64: bit s = sample s occluded; 0 beyond the samples of a light
-    fraction: NDArray[np.float32]  # (...) float32 in [0, 1]: mean over the samples of the light that arrives
-    samples: NDArray[np.int64]  # int64, () or (lights,): number of samples of each light
-    colour: NDArray[np.float32] | None = None  # (..., 3) float32: `fraction` of red, green and blue; None: all equal
-
-    @property
-    def seen(self) -> NDArray[np.bool_]:
-        """(...) bool: whether any sample is visible. For a light with one sample, whether the light is visible."""
-        return self.fraction > 0.0
-
-    @property
-    def seen_samples(self) -> NDArray[np.bool_]:
-        """(..., n) bool: whether sample s is visible; False beyond the samples of a light. n is the largest count."""
-        words = np.ascontiguousarray(self.bits).astype("<u8", copy=False)
-        n = int(self.samples.max(initial=0))
-        occluded = np.unpackbits(words.view(np.uint8), axis=-1, count=n, bitorder="little")
-        visible: NDArray[np.bool_] = (occluded == 0) & (np.arange(n) < self.samples[..., None])
-        return visible
-
-    def reshaped(self, shape: tuple[int, ...], single: bool) -> "Visibility":
-        """The same values with another leading shape; `single`: drop the axis of lights, which has length 1."""
-        words = self.bits.shape[-1]
-        lights = () if single else (len(self.samples),)
-        samples = self.samples.reshape(()) if single else self.samples
-        fraction = self.fraction.reshape((*shape, *lights))
-        colour = None if self.colour is None else self.colour.reshape((*shape, *lights, 3))
-        return Visibility(self.bits.reshape((*shape, *lights, words)), fraction, samples, colour)
-
-    def __repr__(self) -> str:
-        samples = "/".join(map(str, np.unique(self.samples)))
-        mean = f", {self.fraction.mean():.3g} of the light arrives" if self.fraction.size else ""
-        return f"Visibility({self.fraction.shape}, {samples} samples{mean}; bits, fraction, samples, seen)"
-
-
-def visibility_of(answers: Sequence[TracedQuery]) -> Visibility:
-    """The `Visibility` of n points, (n, lights), from the answer for each light, whose receivers are a single row."""
-    words = max(each.bits.shape[-1] for each in answers)
-    fraction = _stack_last([lit_fraction(each)[0] for each in answers])
-    counts = np.array([each.spp for each in answers], np.int64)
-    colour = None
-    if any(each.light is not None and each.light.values.shape[2] > 1 for each in answers):
-        colour = np.stack([_colour_of(each)[0] for each in answers], axis=-2)
-    return Visibility(_stack_bits([each.bits for each in answers], words)[0], fraction, counts, colour)
-
-
-def _colour_of(traced: TracedQuery) -> NDArray[np.float32]:
-    fraction = fraction_lit(traced.bits, traced.spp)
-    return np.repeat(fraction[..., None], 3, -1) if traced.light is None else traced.light.colour_of(fraction)
-
-
-def _stack_last(arrays: Sequence[np.ndarray]) -> np.ndarray:
-    return arrays[0][..., None] if len(arrays) == 1 else np.stack(arrays, axis=-1)
-
-
-def _stack_bits(bits_per_light: Sequence[np.ndarray], words: int) -> np.ndarray:
-    """(1, m, lights, words): the bits of all lights, padded to the same number of words."""
-    if len(bits_per_light) == 1:
-        return bits_per_light[0][:, :, None]
-    bits = np.zeros((*bits_per_light[0].shape[:2], len(bits_per_light), words), np.uint64)
-    for k, light_bits in enumerate(bits_per_light):
-        bits[:, :, k, : light_bits.shape[-1]] = light_bits
-    return bits
-
-
-# --- Precompilation of a plan's kernels -------------------------------------------------------------------------------
-
-
-def warm_up(plan: Plan, gbuffer: str) -> None:
-    """Compile the kernels that find surfaces and trace shadows by a plan."""
-    precompile(tracing_job, plan, gbuffer)
-    if plan.trace == "cones":
-        precompile(wide_lights_job)
-
-
-def tracing_job(plan: Plan, gbuffer: str = "raster") -> Job:
-    """The job of tracing shadows by a plan. It shares the kernel record of rendering by this plan."""
-
-    def work() -> None:
-        if plan.tracer.chooses:
-            trace_all_strategies(False)
-        trace_small(plan, small_view())
-
-    return Job(record_name(plan, gbuffer, False), work, recorded(plan, gbuffer, False))
-
-
-def wide_lights_job() -> Job:
-    """The job of `cones` with lights too wide for a single apex."""
-
-    def work() -> None:
-        light = QuadLight(np.array([-1, 0.5, -1]), np.array([2, 0, 0]), np.array([0, 0, 2]))
-        trace_small(Plan(trace="cones"), (Camera((0, 2, 3), (0, 0, 0), width=96, height=96), [light]), 16)
-
-    return fixed_job("cones, wide lights", work)
-
-
-def record_name(plan: Plan, gbuffer: str, counters: bool) -> str:
-    """The name under which the kernels of rendering by a plan are recorded."""
-    return f"{plan} ({gbuffer}{', counted' if counters else ''})"
-
-
-def recorded(plan: Plan, gbuffer: str, counters: bool) -> Callable[[], set[KernelRequest] | None]:
-    """A function that returns the recorded kernels of rendering by a plan, or None if there is no record.
-
-    For a plan without a record, they are combined from the records of plans that use its methods.
-    """
-
-    def without_counters(p: Plan) -> set[KernelRequest]:
-        return needs.kernels_of_job(record_name(p, gbuffer, False)) or set()
-
-    def kernels() -> set[KernelRequest] | None:
-        record = needs.kernels_of_job(record_name(plan, gbuffer, counters))
-        if record is not None:
-            return record
-        tracing = needs.kernels_of_job(record_name(Plan(trace=plan.trace), gbuffer, counters))
-        if tracing is None:
-            return None
-        base = without_counters(Plan(trace="single"))
-        for methods in _added_methods(plan):
-            extended = without_counters(Plan(trace="single", **methods))
-            tracing = (tracing - (base - extended)) | (extended - base)
-        return tracing
-
-    return kernels
-
-
-def _added_methods(plan: Plan) -> list[dict[str, Any]]:
-    """The methods that a plan adds to the default one, as plan fields, grouped as their kernels are recorded."""
-    fields = "cull", "build", "optimise", "update"
-    added = {f: method for f in fields if (method := getattr(plan, f)) not in (None, getattr(Plan(), f))}
-    parts: list[dict[str, Any]] = [{field: method} for field, method in added.items()]
-    if plan.cull and plan.update:
-        parts.append({"cull": "grid32", "update": plan.update})
-    return parts
-
-
-def trace_small(plan: Plan, view: tuple[Camera, list[Light]], spp: int = 1) -> None:
-    """Trace the shadows of a view of the small scene by a plan."""
-    accelerator, triangles, (camera, lights) = accelerator_of(plan, 2), small_scene().triangles(0.0, 2), view
-    samples = [light_samples(light, spp) for light in lights]
-    queries = shadow_queries(triangles, primary_visibility(triangles, camera, None, 2), lights, samples, 0, 2)
-    if accelerator.ray_selector is None:  # all triangles: culling leaves too few to reach every kernel of a builder
-        accelerator.build(triangles)
-    accelerator.answer_all(
-        accelerator.build(triangles, accelerator.cull(triangles, queries), accelerator.sample_rays(triangles, queries)),
-        queries,
-    )
-
-
-def trace_all_strategies(counters: bool) -> None:
-    """Cull for the lights of the small scene, and trace them by every strategy of `auto` in each kind of its trees."""
-    triangles, (camera, lights) = small_scene().triangles(0.0, 2), small_view()
-    queries = shadow_queries(
-        triangles, primary_visibility(triangles, camera, None, 2), lights, [light_samples(s, 1) for s in lights]
-    )
-    CULLERS[CULLER].cull(triangles, queries, 2)
-    for build in (BUILDERS[QUICK].build, UPDATERS["refit"].keep(BUILDERS[GOOD].build).update):
-        forms = TreeForms(build(triangles.vertices, 2), 2)
-        for name, strategy in STRATEGIES.items():
-            for query in queries:
-                if strategy.suits(query, forms.extent.box):
-                    answer_query(name, forms, query, 2, new_counters() if counters else None)
-
-
-# --- The engine -------------------------------------------------------------------------------------------------------
 
 
 _MAX_OTHER_ENGINES = 8  # engines of other plans that an engine caches

@@ -24,7 +24,7 @@ from ..query.shadow_query import Surfaces, surfaces_of
 from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.scene_data import MemoryData
 from ..scene.triangles import AllHits, Triangles
-from ..trace.alpha_test import CutoutTree, add_hits, rays_of_arguments, without_holes
+from ..trace.alpha_test import CutoutTree, add_hits, cutout_tree, rays_of_arguments, without_holes
 from ..trace.rays.all_hits import INSIDE, TRIANGLES, RayHits, count_all, find_all, merge_triangles
 from ..trace.rays.ray_batches import RayTracer
 from ..trace.rays.ray_hits import Nearest
@@ -33,7 +33,7 @@ from .auto.cost_model import BEST, GOOD, seconds_before_best
 from .auto_accelerator import best_tree_job
 from .frame_tracer import FrameMemory
 from .plan import DEFAULT_PLAN, Plan, parse_plan
-from .precompilation import Job, fixed_job, precompile, small_scene
+from .precompilation import Job, fixed_job, precompile, small_scene, small_scene_with_cutouts
 from .primary_visibility import (
     AUTO,
     RAYS,
@@ -211,6 +211,10 @@ def all_hits_job() -> Job:
         rays = rays_of(np.zeros((128, 3)), np.ones(3), HitFilter(0.0, 1.0), (0.0, 0.0, 0.0), 1)
         count_all(tracer, rays, TRIANGLES, 1)
         find_all(tracer, rays, 1, TRIANGLES, 1)
+        cutouts = cutout_tree(small_scene_with_cutouts().triangles(0.0, 1), 1)
+        assert cutouts is not None
+        hits = _of_valid(rays, find_all(RayTracer(widen(cutouts.bvh, 1)), rays, None, TRIANGLES, 1))
+        without_holes(cutouts, rays_of_arguments(rays.arrays(), 0), hits, 1)
 
     return fixed_job("all hits", work)
 

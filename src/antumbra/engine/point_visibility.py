@@ -8,9 +8,9 @@ from ..checks import as_array
 from ..progress import ProgressCallback, with_quiet_progress
 from ..query.receivers import Receivers
 from ..scene.lights import Light
-from .engine import Visibility
 from .plan import Plan
 from .scene_loading import SceneLike, scene_of
+from .visibility import Visibility
 
 
 @with_quiet_progress

@@ -5,10 +5,11 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..engine.auto_accelerator import best_tree_job
-from ..engine.engine import wide_lights_job
-from ..engine.in_memory_source import rays_job, update_job
+from ..engine.in_memory_source import all_hits_job, rays_job, update_job
+from ..engine.paged_hits import paged_hits_job
 from ..engine.paged_source import paged_job
 from ..engine.plan import Plan, covering_plans
+from ..engine.plan_kernels import wide_lights_job
 from ..engine.precompilation import Job, fixed_job, small_scene
 from ..engine.primary_visibility import camera_rays_job, cutouts_job
 from ..engine.scene import Scene
@@ -42,6 +43,7 @@ def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) ->
     plans = list(dict.fromkeys(covering_plans(papers) if plans is None else plans))
     jobs = [
         rays_job(),
+        all_hits_job(),
         best_tree_job(),
         update_job(),
         camera_rays_job(),
@@ -53,7 +55,7 @@ def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) ->
         indirect_job("raster"),
         indirect_job("rays"),
     ]
-    jobs += [steps_job(), store_job(), paged_job(), cutouts_job()]
+    jobs += [steps_job(), store_job(), paged_job(), paged_hits_job(), cutouts_job()]
     jobs += [wide_lights_job()] if any(plan.trace == "cones" for plan in plans) else []
     jobs += [bounce_job()] if any(plan.wants_rays for plan in plans) else []
     for plan in plans:

@@ -5,8 +5,9 @@ The `*_job` functions describe the jobs, and the `precompile_*` functions run th
 
 from dataclasses import replace
 
-from ..engine.engine import Engine, record_name, recorded, trace_all_strategies, wide_lights_job
+from ..engine.engine import Engine
 from ..engine.plan import Plan
+from ..engine.plan_kernels import record_name, recorded, trace_all_strategies, wide_lights_job
 from ..engine.precompilation import Job, fixed_job, precompile, small_scene, small_view
 from ..scene.camera import Camera
 from ..scene.lights import Light

@@ -120,13 +120,18 @@ class DepthSum(NamedTuple):
     sums: I32Ptr  # int32 *: red, green and blue; `DARK` + 1 is the most
 
 
+@inlined
+def _is_opaque(texels, at):
+    """Whether the texel with depths at `at` blocks all light."""
+    depths = texels.depths
+    return get(depths, at) > DARK and get(depths, at + 1) > DARK and get(depths, at + 2) > DARK
+
+
 @kernel
 def _stays_lit(depth, ray, corners, slot):
     """Add the depths of a cut-out that the ray meets. Returns whether some light still passes."""
     at, lit = _depths_at(depth.texels, ray, corners, slot), False
-    opaque = get(depth.texels.depths, at) > DARK and get(depth.texels.depths, at + 1) > DARK
-    opaque = opaque and get(depth.texels.depths, at + 2) > DARK
-    if not opaque and not crosses_surface(ray, corners, slot):
+    if not _is_opaque(depth.texels, at) and not crosses_surface(ray, corners, slot):
         return True
     for c in range(3):
         total = min(get(depth.sums, c) + get(depth.texels.depths, at + c), np.int32(DARK + 1))
@@ -195,8 +200,7 @@ def _blocks_alone(tree, texels, ray, skip, cull_faces, slot):
     d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
     if not triangle_hit(tree.corners, slot, ray, o, d, cull_faces, None):
         return False
-    at = _depths_at(texels, ray, tree.corners, slot)
-    return get(texels.depths, at) > DARK and get(texels.depths, at + 1) > DARK and get(texels.depths, at + 2) > DARK
+    return _is_opaque(texels, _depths_at(texels, ray, tree.corners, slot))
 
 
 @inlined

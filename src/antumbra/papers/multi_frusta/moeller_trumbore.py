@@ -79,7 +79,7 @@ from ...trace.packets.ray_tile import (
     trace_tiles,
 )
 from ...trace.triangle_tests import DEFERRED, decide_signs, defer, error_bounds, length1
-from .nearest_hits import LineTest, PixelRow, direction_bound, keep_hits, start_row, write_hits
+from .hit_intervals import LineTest, PixelRow, direction_bound, keep_hits, start_row, write_hits
 
 # --- Moeller and Trumbore's test --------------------------------------------------------------------------------------
 #

@@ -65,7 +65,7 @@ from ...trace.descent import (
     next_block,
 )
 from ...trace.triangle_tests import lanes_from, triangle_in
-from .nearest_hits import LineTest, PixelRow, direction_bound, keep_hits, start_row, write_hits
+from .hit_intervals import LineTest, PixelRow, direction_bound, keep_hits, start_row, write_hits
 from .published_frusta import prefers_right
 
 # --- Frusta of a tile (Sec. 4.4) --------------------------------------------------------------------------------------

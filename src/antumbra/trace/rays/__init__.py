@@ -6,5 +6,7 @@
 - `interleaved_rays`: incoherent rays through the wide BVH
 - `single_rays`: the tracers `single` and `wide`, step counts
 - `ray_batches`: ray arrays, for `Scene.occluded` and `Scene.closest_hit`
+- `hit_reports`: t and weights of hits, sixteen at a time
+- `all_hits`: all hits of ray arrays, or their number
 - `ray_hits`: nearest surfaces of diffuse rays, all intersections of segments
 """
