@@ -42,7 +42,7 @@ from views import MOVING, Moving, moving_views
 FPS = 24
 EMBREE = "Embree"
 BUILDS = [(quality, flags, False) for quality in ("low", "medium", "high") for flags in (0, embree.DYNAMIC)]
-BUILDS += [("medium", embree.DYNAMIC, True)]  # (quality, flags, whether to refit)
+BUILDS += [(quality, embree.DYNAMIC, True) for quality in ("low", "medium")]  # (quality, flags, whether to refit)
 
 
 class FrameMode(NamedTuple):

@@ -24,6 +24,8 @@ def use() -> None:
     frame.save("picture.png")
     assert_type(scene.occluded([0, 1, 0], [[0, 1, 0]], tmax=3.0), NDArray[np.bool_])
     assert_type(scene.closest_hit(np.zeros((5, 3)), np.ones((5, 3))), at.Hit)
+    scene.update(np.zeros((4, 3, 3)))
+    scene.update(objects=["wheel*", 2], transform=np.eye(4))
     assert_type(scene.lights, list[at.Light])
     assert_type(scene.cameras, list[at.Camera])
     assert_type(at.visibility(scene, np.zeros((4, 3)), lights[0], spp=4), at.Visibility)

@@ -163,3 +163,17 @@ def test_peer_chart(run, tmp_path):
     (tmp_path / "in.json").write_text(json.dumps({"machine": {"processor": "some"}, "rows": rows}))
     run("peer_chart", tmp_path / "in.json", "-o", tmp_path / "chart.svg", rows=False)
     assert (tmp_path / "chart.svg").read_text().count("<path") > 10
+
+
+def test_update(run, hidden):
+    done = run("update", "forest", "--triangles", 3000, "--rays", 2000, "--rounds", 2, without=hidden)
+    assert [row["kind"] for row in done.rows] == sorted(row["kind"] for row in done.rows)
+    ours = [row for row in done.rows if row["method"] == "update + occluded"]
+    assert [(row["kind"], row["wrong"], row["we_are_faster"]) for row in ours] == [
+        ("coherent", 0, 1.0),
+        ("incoherent", 0, 1.0),
+    ]
+    assert all(0.0 < row["blocked"] < 1.0 and row["update_ms"] > 0.0 < row["trace_ms"] for row in done.rows)
+    others = [row for row in done.rows if row["method"] != "update + occluded"]
+    assert len(others) == (0 if without_embree(hidden) else 12)
+    assert all(row["differs"] < 20 for row in others)

@@ -6,17 +6,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from antumbra.bvh.nodes import GROUP_WORDS, LINKS, NO_CHILD, WIDTH
-from antumbra.bvh.wide_bvh import widen
+from antumbra.bvh.refit import refit_faces
+from antumbra.bvh.tree_quality import validate
+from antumbra.bvh.wide_bvh import refit_wide, widen
 from antumbra.engine.method_registry import BUILDERS
+from antumbra.kernels.array_pool import ArrayPool
 from bvh_scenes import HAZARDS
 from strategies import point_arrays, soups
 
 
 def _check(vertices, max_leaf=4, threads=2):
-    """Walk the tree from the root and check it; return the number of wide nodes."""
+    """Build a tree and check it; return the number of wide nodes."""
     vertices = np.ascontiguousarray(vertices, np.float32)
     bvh = BUILDERS["bsah"].build(vertices, threads, max_leaf)
-    wide = widen(bvh, threads)
+    return _check_tree(widen(bvh, threads), bvh, vertices)
+
+
+def _check_tree(wide, bvh, vertices):
+    """Walk the tree from the root and check it; return the number of wide nodes."""
+    assert wide.bvh is bvh
     assert wide.nodes.ctypes.data % 64 == 0 and wide.groups.ctypes.data % 64 == 0
     assert wide.groups.shape == (len(wide.slots), GROUP_WORDS)
     seen, waiting, nodes = np.zeros(len(vertices), int), [(0, None)], 0
@@ -61,6 +69,31 @@ def test_hazards(name):
 @settings(max_examples=40, deadline=None)
 def test_any_soup_and_leaf_size(vertices, max_leaf):
     _check(vertices, max_leaf)
+
+
+@given(vertices=soups(200), seed=st.integers(0, 99), threads=st.integers(1, 3))
+@settings(max_examples=40, deadline=None)
+def test_refitted_to_any_soup(vertices, seed, threads):
+    """Moved triangles, some of them without area, in the same nodes and groups."""
+    bvh = BUILDERS["bsah"].build(vertices, 2)
+    if len(vertices) < 2:
+        return
+    wide, rng, pool = widen(bvh, 2), np.random.default_rng(seed), ArrayPool()
+    for _ in range(3):
+        moved = vertices[rng.permutation(len(vertices))] * np.float32(rng.uniform(-2, 2))
+        moved[rng.random(len(moved)) < 0.1] = moved[0, 0]
+        bvh = refit_faces(bvh, moved, threads, pool)
+        validate(bvh, moved)
+        wide = refit_wide(wide, bvh, threads, pool)
+        _check_tree(wide, bvh, moved)
+
+
+def test_refitting_to_the_same_triangles_changes_nothing():
+    vertices = np.ascontiguousarray(HAZARDS["large, scattered"], np.float32)
+    bvh = BUILDERS["bsah"].build(vertices)
+    wide = widen(bvh)
+    again = refit_wide(wide, refit_faces(bvh, vertices, 2, ArrayPool()), 2, ArrayPool())
+    assert all(a.tobytes() == b.tobytes() for a, b in zip(wide[:4], again[:4])) and wide.reach == again.reach
 
 
 def test_large_and_shallow():

@@ -7,7 +7,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.plan import covering_plans
-from antumbra.scene.triangle_setup import rows_with_area, solid_vertices
+from antumbra.scene.triangle_setup import rows_with_area, solid_vertices, survey
 from antumbra.scene.triangles import Triangles
 
 RNG = np.random.default_rng(36)
@@ -55,6 +55,21 @@ def test_what_has_an_area(name):
         np.testing.assert_array_equal(found, truth)
         assert found.dtype == np.int32
     assert 0 < len(truth) < len(soup) or name in ("ordinary", "on lines", "two corners", "points")
+
+
+@pytest.mark.parametrize("n", [1, 7, 8, 9, 8191, 8193, 20_000])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_survey_finds_areas_and_bounds(n, threads):
+    soup = np.concatenate(list(SOUPS.values())).astype(np.float32)
+    soup = np.resize(soup[RNG.permutation(len(soup))], (n, 3, 3))
+    with_area, bounds = survey(soup, threads)
+    found = rows_with_area(soup, 1)
+    np.testing.assert_array_equal(bounds, [soup.min((0, 1)), soup.max((0, 1))])
+    assert (with_area is None) == (found is None)
+    np.testing.assert_array_equal(
+        np.arange(n) if with_area is None else with_area, np.arange(n) if found is None else found
+    )
+    assert n < 8000 or 0 < len(with_area) < n
 
 
 def junk_among(soup):

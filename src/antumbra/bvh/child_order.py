@@ -208,7 +208,7 @@ def _surface_of_lanes(words, at, first, last):
 @inlined
 def _arrange(words, at, lanes, n, copy):
     """Reorder the n children of the wide node at word `at` by `lanes`."""
-    for row in range(0, LINKS + 1, WIDTH):
+    for row in range(0, NODE_WORDS, WIDTH):
         for k in range(n):
             copy[k] = get(words, at + row + lanes[k])
         for k in range(n):

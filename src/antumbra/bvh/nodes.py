@@ -304,6 +304,7 @@ def aligned_empty(shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
 WIDTH = 8  # children per node
 NODE_WORDS = 8 * WIDTH
 LINKS = 6 * WIDTH  # word of a node's first link
+BINARY = LINKS + WIDTH  # word of its first child in the binary BVH
 GROUP_WORDS = 10 * WIDTH
 NO_CHILD = np.int32(-1)  # link of a missing child: a leaf without triangles
 
@@ -317,7 +318,7 @@ class WideBvh(NamedTuple):
         16..23  lower y      24..31  upper y
         32..39  lower z      40..47  upper z
         48..55  links (int32 bits)
-        56..63  unused (zero)
+        56..63  children of the binary BVH with these boxes, for refits: 2 * node + side (int32 bits)
 
     Children occupy the lanes from 0 on. Any-hit queries visit them from the last to the first, the order of least
     expected cost to block a ray (`child_order.order_wide_children`).

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..kernels.array_pool import ArrayPool
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, load8, load16, minimum, prefetch, ptr, put, splat8, stack_f32, store
@@ -143,6 +144,16 @@ def refit(bvh: Bvh, vertices: NDArray[np.float32], threads: int | None = None) -
     return _refit_triangles(bvh, flat, np.empty((n, 9), np.float32), None, threads)
 
 
+def refit_faces(bvh: Bvh, vertices: NDArray[np.float32], threads: int, pool: ArrayPool) -> Bvh:
+    """`refit` for a tree of two faces or more of a scene, in recycled memory.
+
+    vertices : (n, 3, 3) float32
+        All triangles of the scene, finite and at most 1e18 in magnitude. The `prim_ids` of `bvh` index them.
+    """
+    flat, corners = vertices.reshape(-1, 9), pool.empty(bvh.corners.shape, np.float32)
+    return _refit_triangles(bvh, flat, corners, None, threads, pool)
+
+
 def boxes_of_subset(bvh: Bvh, flags: NDArray[np.bool_], threads: int) -> Bvh:
     """The same tree, of two triangles or more, with boxes that bound only the flagged triangles.
 
@@ -154,11 +165,16 @@ def boxes_of_subset(bvh: Bvh, flags: NDArray[np.bool_], threads: int) -> Bvh:
 
 
 def _refit_triangles(
-    bvh: Bvh, flat: NDArray[np.float32], corners: NDArray[np.float32], flags: NDArray[np.bool_] | None, threads: int
+    bvh: Bvh,
+    flat: NDArray[np.float32],
+    corners: NDArray[np.float32],
+    flags: NDArray[np.bool_] | None,
+    threads: int,
+    pool: ArrayPool | None = None,
 ) -> Bvh:
     """`refit`, or `boxes_of_subset` if `flags` is not None. The new tree takes over `corners`."""
     pieces = cut_tree(bvh)
-    nodes = aligned_empty(bvh.nodes.shape, "f4")
+    nodes = aligned_empty(bvh.nodes.shape, "f4") if pool is None else pool.empty(bvh.nodes.shape, np.float32)
     new = Bvh(nodes, nodes.view(np.int32), bvh.prim_ids, corners)
     part_boxes = np.empty((len(pieces.parts), 8), np.float32)
     run(_refit_parts, threads, new_ticket(len(part_boxes), 1), flat, bvh, pieces.parts, new, flags, part_boxes)

@@ -266,7 +266,9 @@ class Accelerator:
 
 
 class SceneTrees:
-    """Triangles at the latest time sample and a tree per plan, shared by the engines of a scene. It is thread-safe.
+    """The latest triangles of a scene and a tree per plan, shared by the engines of the scene. It is thread-safe.
+
+    Triangles change with the time of an animation, or when `MemoryData.update` moves them.
 
     data : MemoryData
     """
@@ -290,11 +292,16 @@ class SceneTrees:
     def triangles(self, time: float, threads: int) -> Triangles:
         """The triangles at a time within 0 .. `duration`. Those of the latest time are cached."""
         with self._lock:
-            if self._triangles is None or self._time != time:
+            if self._triangles is None or not self._is_current(time):
                 self.clear()  # first: there may be no memory for both, and a time that fails has no triangles
                 self._triangles = self._data.triangles(time, threads)
                 self._time = time
             return self._triangles
+
+    def _is_current(self, time: float) -> bool:
+        """Whether the cached triangles are those of this time, and no update has moved them."""
+        moved = self._data.moved
+        return time == self._time and (moved is None or moved is self._triangles)
 
     def of(self, accelerator: Accelerator, time: float) -> Accelerated:
         """The tree of a plan at a time within 0 .. `duration`. Plans that differ only in their tracer share a BVH."""
@@ -316,11 +323,11 @@ class SceneTrees:
     def cached(self, accelerator: Accelerator, time: float) -> Accelerated | None:
         """The tree of a plan at a time, as from `of`; None if it is not there or must be rebuilt."""
         with self._lock:
-            accelerated = self._accelerated.get(accelerator.plan) if time == self._time else None
+            accelerated = self._accelerated.get(accelerator.plan) if self._is_current(time) else None
             return None if accelerated is None or accelerator.needs_rebuild(accelerated) else accelerated
 
     def add(self, plan: Plan, accelerated: Accelerated) -> None:
-        """Cache the tree of a plan, unless the time has changed since it was built."""
+        """Cache the tree of a plan, unless the triangles have changed since it was built."""
         with self._lock:
             if accelerated.triangles is self._triangles:
                 self._accelerated[plan] = accelerated

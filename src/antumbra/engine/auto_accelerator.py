@@ -51,6 +51,7 @@ from .auto.cost_model import (
     GOOD,
     GUIDED,
     QUICK,
+    RAY_SECONDS,
     best_pays,
     choose_builder,
     lost_share,
@@ -69,7 +70,6 @@ from .precompilation import Job, are_on_disk, fixed_job, precompile, small_scene
 CULLER = "grid32"
 """The culler of `auto`."""
 
-_RAY = 1e-7  # default estimate of the time of a ray on one thread, in seconds
 _FIRST_SHARE = 0.3  # of the triangles: expected to remain after culling, before anything is known
 _PATIENCE = 16  # frames without a new try after culling was abandoned
 _CONE_SHARE = 0.03  # triangles per ray up to which cones are the faster ones
@@ -227,7 +227,7 @@ class AutoAccelerator(Accelerator):
 
     def _loss(self, rays: int) -> float:
         """Seconds that unknown rays would lose in a QUICK tree."""
-        return rays * _RAY * lost_share("")
+        return rays * RAY_SECONDS * lost_share("")
 
     def needs_rebuild(self, accelerated: Accelerated) -> bool:
         chosen = accelerated.chosen

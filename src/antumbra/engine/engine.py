@@ -19,7 +19,7 @@ from ..progress import ProgressCallback, show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
-from ..query.ray_list import HitArrays, HitFilter, RayArguments, cull_value, rays_of, segments_between
+from ..query.ray_list import HitFilter, RayArguments, TracedRays, cull_value, rays_of, segments_between
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery
 from ..scene.camera import Camera
@@ -32,14 +32,16 @@ from ..trace.transmission import TracedQuery, transmission
 from .accelerator import Accelerated, Accelerator, SceneTrees
 from .auto_accelerator import accelerator_of
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
-from .in_memory_source import InMemory
+from .in_memory_source import InMemory, update_job
 from .plan import Plan, parse_plan
 from .plan_kernels import warm_up
+from .precompilation import precompile
 from .primary_visibility import AUTO, METHODS, precompiled_method
 from .scene_reading import data_of
 from .visibility import Visibility, visibility_of
 
 if TYPE_CHECKING:
+    from ..scene.moved_geometry import ObjectChoice
     from ..store.store_file import StoreData
     from .paged_source import Paged
 
@@ -123,6 +125,7 @@ class Engine:
         self.data, self.threads = data, thread_count(threads)
         self.plan = parse_plan(default_plan_of(data) if plan is None else plan)
         self.max_memory, self._trees, self.lock = max_memory, trees, threading.RLock()
+        self._updates = threading.Lock()  # held while the geometry is moved; queries do not wait for it
         self.accelerator: Accelerator = accelerator_of(self.plan, self.threads)
         self.source: RenderSource = self._new_source(gbuffer)
         self._frame, self._n_faces = tuple(data.origin.tolist()), data.n_triangles
@@ -192,7 +195,7 @@ class Engine:
         """(...) bool: whether a triangle blocks each ray; `antumbra.Scene.occluded` documents the parameters."""
         hits = HitFilter(tmin, tmax, skip_face, cull_faces)
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets)
-        return self._hits(rays, True, time, threads).blocked.reshape(rays.shape)
+        return self._traced(rays, True, time, threads).hits.blocked.reshape(rays.shape)
 
     def closest_hit(
         self,
@@ -209,10 +212,10 @@ class Engine:
         """The nearest hits of rays; `antumbra.Scene.closest_hit` documents the parameters."""
         hit_filter = HitFilter(tmin, tmax, skip_face, cull_faces)
         rays = rays_of(origins, directions, hit_filter, self._frame, self._n_faces)
-        hits = self._hits(rays, False, time, threads)
+        hits, triangles = self._traced(rays, False, time, threads)
         faces = HitFaces(*(array.reshape(rays.shape) for array in (hits.t, hits.face, hits.u, hits.v)))
         data = self.data
-        return Hit.of_scene(faces, self._finder(rays, faces.face, self._moment(time)), lambda: data.object_of_face)
+        return Hit.of_scene(faces, self._finder(rays, faces.face, triangles, time), lambda: data.object_of_face)
 
     def all_hits(
         self,
@@ -301,21 +304,21 @@ class Engine:
             yield engine.source
 
     def _finder(
-        self, rays: RayArguments, face: np.ndarray, moment: float
+        self, rays: RayArguments, face: np.ndarray, triangles: Triangles | None, time: float
     ) -> Callable[[], tuple[Triangles, np.ndarray]]:
         """A function that returns the triangles of hits: those in memory, or those found in a store by a new query."""
-        if not self.source.in_store:
-            hit = self.source.triangles_hit(rays, face, moment)
+        if triangles is not None:
+            hit = triangles, face
             return lambda: hit
-        copy = rays.copied()
+        copy, moment, source = rays.copied(), self._moment(time), cast("Paged", self.source)
 
         def find() -> tuple[Triangles, np.ndarray]:
             with self.lock:
-                return self.source.triangles_hit(copy, face, moment)
+                return source.triangles_hit(copy, face, moment)
 
         return find
 
-    def _hits(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None) -> HitArrays:
+    def _traced(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None) -> TracedRays:
         moment = self._moment(time)
         threads = self.threads if threads is None else thread_count(threads)
         with self._ready_source(threads) as source:
@@ -323,6 +326,19 @@ class Engine:
 
     def _moment(self, time: float) -> float:
         return 0.0 if type(time) is float and time == 0.0 else self.data.clamped(time)
+
+    def update(
+        self,
+        vertices: "ArrayLike | None" = None,
+        objects: "ObjectChoice" = None,
+        transform: "ArrayLike | None" = None,
+        threads: int | None = None,
+    ) -> None:
+        """Move the geometry of the scene; `antumbra.Scene.update` documents the parameters."""
+        if not self.source.in_store:
+            precompile(update_job)
+        with self._updates:
+            self.data.update(vertices, objects, transform, self.threads if threads is None else threads)
 
     def surfaces(self, camera: Camera, time: float = 0.0) -> GBuffer:
         """The G-buffer of a camera at a time in seconds: the visible surface at each pixel."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..progress import ProgressCallback
 from ..query.gbuffer import GBuffer
-from ..query.ray_list import HitArrays, RayArguments
+from ..query.ray_list import RayArguments, TracedRays
 from ..query.shadow_query import ShadowQuery, Surfaces
 from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.lights import Light
@@ -143,7 +143,7 @@ class RenderSource(Protocol):
         """The surfaces of the sub-pixels of selected pixels, see `query.pixel_refinement`; `tree`: as in `look`."""
         ...
 
-    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
+    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> TracedRays:
         """Trace a list of rays at a time within 0 .. `duration`.
 
         Raises
@@ -161,10 +161,6 @@ class RenderSource(Protocol):
 
     def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
         """(n,) int64: the number of hits of each ray, by a rule of `trace.rays.all_hits`."""
-        ...
-
-    def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
-        """The triangles hit by these rays, and the index of each ray's triangle among them, or -1."""
         ...
 
     def box(self, triangles: Triangles) -> np.ndarray:

@@ -2,7 +2,8 @@
 
 Ray lists begin with a GOOD tree at each time sample. It is replaced by a BEST one once the rays have lost as much time
 as that rebuild costs (the ski-rental rule), so the total loss is at most twice the minimum, however many rays follow.
-`AutoAccelerator` applies the same rule to images.
+`AutoAccelerator` applies the same rule to images. When users move the geometry, the tree is refitted, and
+`refitted_rays` decides by the same rule when to start again with a GOOD one.
 """
 
 import sys
@@ -19,7 +20,7 @@ from ..forks import is_stuck, renew_after_fork
 from ..progress import ProgressCallback
 from ..query.pixel_refinement import subpixel_rays
 from ..query.query_bounds import bounds
-from ..query.ray_list import HitArrays, HitFilter, RayArguments, changed_error, hit_arrays, rays_of
+from ..query.ray_list import HitFilter, RayArguments, TracedRays, changed_error, hit_arrays, rays_of
 from ..query.shadow_query import Surfaces, surfaces_of
 from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.scene_data import MemoryData
@@ -43,6 +44,7 @@ from .primary_visibility import (
     primary_visibility,
     subpixel_visibility,
 )
+from .refitted_rays import RayTreeRefit
 
 # --- Ray lists --------------------------------------------------------------------------------------------------------
 
@@ -65,13 +67,14 @@ class RayLists:
     """Traces the ray lists of a scene in memory. It is thread-safe.
 
     spent : float
-        Seconds of all threads, spent on the rays of the latest time sample.
+        Seconds of all threads, spent on rays since the latest GOOD tree was built.
     """
 
     def __init__(self, data: MemoryData, trees: SceneTrees, threads: int):
         self._data, self._trees, self._threads = data, trees, threads
         self._ready: _RayTree | None = None
         self._cutouts: tuple[CutoutTree, RayTracer] | None = None  # the latest cut-outs and their tracer
+        self._refit = RayTreeRefit(threads)
         self._lock = threading.RLock()
         self.spent = 0.0
         renew_after_fork(self)
@@ -80,7 +83,7 @@ class RayLists:
         if is_stuck(self._lock):  # the tree that was being built is not in `_ready` yet
             self._lock = threading.RLock()
 
-    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
+    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> TracedRays:
         """The hits of rays at a time within 0 .. `duration`.
 
         Raises
@@ -88,23 +91,29 @@ class RayLists:
         InputError
             If a ray is invalid: NaN, infinity, a zero direction, ...
         """
-        ready = self._ready_at(time)
+        ready = self._ready_at(time, rays.n)
         out, start = hit_arrays(rays.n, any_hit), perf_counter()
         valid = ready.tracer.trace(rays, any_hit, out, threads)
-        self.spent += (perf_counter() - start) * (threads or self._threads)
+        self._count(start, threads)
         _of_valid(rays, valid or None)
         if ready.accelerated.cutouts is not None:
             add_hits(ready.accelerated.cutouts, rays.arrays(), rays.cull_faces, any_hit, out, threads)
-        return out
+        return TracedRays(out, ready.accelerated.triangles)
+
+    def _count(self, start: float, threads: int | None) -> None:
+        """Count the computing time of rays, traced since `start`."""
+        seconds = (perf_counter() - start) * (threads or self._threads)
+        self.spent += seconds
+        self._refit.add(seconds)
 
     def all_hits(
         self, rays: RayArguments, max_hits: int | None, rule: int, time: float, threads: int | None = None
     ) -> AllHits:
         """All hits of rays, or the first `max_hits` of each; `rule`: TRIANGLES or SURFACES."""
         precompile(all_hits_job)
-        ready, start = self._ready_at(time), perf_counter()
+        ready, start = self._ready_at(time, rays.n), perf_counter()
         hits = _of_valid(rays, find_all(ready.tracer, rays, max_hits, rule, threads))
-        self.spent += (perf_counter() - start) * (threads or self._threads)
+        self._count(start, threads)
         cutouts = ready.accelerated.cutouts
         if cutouts is None:
             return hits
@@ -116,9 +125,9 @@ class RayLists:
     def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
         """(n,) int64: the number of hits of each ray, by a rule of `trace.rays.all_hits`. INSIDE sees no holes."""
         precompile(all_hits_job)
-        ready, start = self._ready_at(time), perf_counter()
+        ready, start = self._ready_at(time, rays.n), perf_counter()
         counts = _of_valid(rays, count_all(ready.tracer, rays, rule, threads))
-        self.spent += (perf_counter() - start) * (threads or self._threads)
+        self._count(start, threads)
         cutouts = ready.accelerated.cutouts
         if cutouts is None:
             return counts
@@ -135,34 +144,43 @@ class RayLists:
             cached = self._cutouts = cutouts, RayTracer(widen(cutouts.bvh, self._threads))
         return cached[1]
 
-    def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
-        """The triangles hit by these rays, and the index of each ray's triangle among them, or -1."""
-        return self._ready_at(time).accelerated.triangles, face
-
     @property
     def plan(self) -> Plan | None:
         """The plan of the latest rays."""
         return None if self._ready is None else self._ready.plan
 
-    def _ready_at(self, time: float) -> _RayTree:
+    def _ready_at(self, time: float, rays: int) -> _RayTree:
+        """The tree for a number of rays at a time."""
         ready = self._ready
-        if ready is None or ready.time != time:
-            return self._make_ready(time)
-        return ready if self.spent <= ready.upgrade_after else self._upgraded(ready)
+        if ready is None or not self._is_current(ready, time):
+            return self._make_ready(time, rays)
+        return ready if self.spent <= ready.upgrade_after else self._upgraded(ready, rays)
 
-    def _upgraded(self, ready: _RayTree) -> _RayTree:
+    def _upgraded(self, ready: _RayTree, rays: int) -> _RayTree:
         """The better tree; or this one while another thread builds the better one, so that only one call waits."""
         if not self._lock.acquire(blocking=False):
             return ready
         try:
-            return self._make_ready(ready.time)
+            return self._make_ready(ready.time, rays)
         finally:
             self._lock.release()
 
-    def _make_ready(self, time: float) -> _RayTree:
+    def _is_current(self, ready: _RayTree, time: float) -> bool:
+        """Whether a tree is of this time, and no update has moved its triangles."""
+        moved = self._data.moved
+        return ready.time == time and (moved is None or moved is ready.accelerated.triangles)
+
+    def _make_ready(self, time: float, rays: int) -> _RayTree:
         with self._lock:
             ready = self._ready
-            if ready is None or ready.time != time:
+            begins = ready is None or ready.time != time
+            if ready is not None and not (begins or self._is_current(ready, time) or self.spent > ready.upgrade_after):
+                refitted = self._refitted(ready, rays)
+                if refitted is not None:
+                    self._ready = refitted
+                    return refitted
+                begins = True
+            if ready is None or begins:
                 precompile(rays_job)
                 self.spent, plan = 0.0, parse_plan(RAY_PLANS[0])
             elif self.spent > ready.upgrade_after:
@@ -174,7 +192,18 @@ class RayLists:
             accelerated = self._trees.of(Accelerator(plan, self._threads), time)
             upgrade_after = seconds_before_best(self._data.n_triangles) if str(plan) == RAY_PLANS[0] else np.inf
             self._ready = _RayTree(time, plan, upgrade_after, accelerated, RayTracer(accelerated.prepared))
+            self._refit.begin()
             return self._ready
+
+    def _refitted(self, ready: _RayTree, rays: int) -> _RayTree | None:
+        """The tree with the triangles of the latest update; None if another one must be built."""
+        accelerator = Accelerator(ready.plan, self._threads)
+        triangles = self._trees.triangles(ready.time, self._threads)
+        accelerated = self._refit.refit(accelerator, ready.accelerated, triangles, rays)
+        if accelerated is None:
+            return None
+        self._trees.add(ready.plan, accelerated)
+        return ready._replace(accelerated=accelerated, tracer=RayTracer(accelerated.prepared))
 
 
 _T = TypeVar("_T")
@@ -216,6 +245,19 @@ def rays_job() -> Job:
             tracer.trace(rays, any_hit, hit_arrays(1, any_hit), 1)
 
     return fixed_job("ray queries", work)
+
+
+def update_job() -> Job:
+    """The job of moving the geometry of a scene, and refitting the tree of ray queries."""
+
+    def work() -> None:
+        data, accelerator = small_scene(), Accelerator(parse_plan(RAY_PLANS[0]), 2)
+        built = accelerator.build(data.triangles(0.0, 2))
+        data.update(built.triangles.vertices + data.origin, threads=2)
+        data.update(transform=np.eye(4), threads=2)
+        RayTreeRefit(2).refit(accelerator, built, data.triangles(0.0, 2), 0)
+
+    return fixed_job("update", work)
 
 
 # --- Scenes in memory -------------------------------------------------------------------------------------------------
@@ -263,10 +305,11 @@ class InMemory:
         return sys.maxsize
 
     def moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
-        if self._last is None or self._accelerator.needs_rebuild(self._last):
+        triangles, last = self._trees.triangles(time, self.threads), self._last
+        if last is None or last.triangles is not triangles or self._accelerator.needs_rebuild(last):
             self._last = None
-            return self._trees.triangles(time, self.threads), None
-        return self._last.triangles, self._last
+            return triangles, None
+        return triangles, last
 
     def for_points(self, time: float) -> tuple[Triangles, Accelerated | None]:
         plan = self._accelerator.plan
@@ -314,11 +357,8 @@ class InMemory:
     def nearest_in(self, tree: Accelerated) -> Nearest:
         return nearest_in(tree, self.threads)
 
-    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
+    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> TracedRays:
         return self.ray_lists.trace_rays(rays, any_hit, time, threads)
-
-    def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
-        return self.ray_lists.triangles_hit(rays, face, time)
 
     def all_hits(
         self, rays: RayArguments, max_hits: int | None, rule: int, time: float, threads: int | None = None

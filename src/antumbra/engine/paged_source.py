@@ -25,7 +25,7 @@ from ..progress import ProgressCallback
 from ..query.gbuffer import from_hits
 from ..query.pixel_refinement import subpixel_rays
 from ..query.query_bounds import morton_codes
-from ..query.ray_list import HitArrays, RayArguments, RayArrays, changed_error, hit_arrays
+from ..query.ray_list import RayArguments, RayArrays, TracedRays, changed_error, hit_arrays
 from ..query.ray_passes import RayPass, camera_pass
 from ..query.shadow_query import ShadowQuery, Surfaces, new_bits
 from ..scene.camera import Camera, CameraRays, ExplicitRays
@@ -392,7 +392,7 @@ class Paged:
             gbuffer = hit_surfaces(rays, face.reshape(-1), hit.t.reshape(-1), shape, triangles, self.threads)
             yield Surfaces(gbuffer, triangles, hit.face, self.store.meta.box)
 
-    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
+    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> TracedRays:
         """The hits of rays. `threads` is not used; the engine's number of threads applies."""
         arrays, out = rays.arrays(), hit_arrays(rays.n, any_hit)
         for batch in self._batches(arrays, any_hit, rays.cull_faces):
@@ -402,7 +402,7 @@ class Paged:
             else:
                 out.face[at], out.t[at] = hits.face[0], hits.t[0]
                 out.u[at], out.v[at] = weights(batch, self.threads)
-        return out
+        return TracedRays(out, None)
 
     def all_hits(
         self, rays: RayArguments, max_hits: int | None, rule: int, time: float, threads: int | None = None
@@ -427,7 +427,10 @@ class Paged:
             yield rays_of_arguments(arrays.part(slice(first, first + size)), rays.cull_faces)
 
     def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
-        """Trace the same rays again to find the triangles, since a store has none in memory."""
+        """The triangles hit by rays, and the index of each ray's triangle among them, or -1.
+
+        The rays are traced again, since a store has no triangles in memory.
+        """
         faces, parts, n = np.full(rays.n, -1), [], 0
         for batch in self._batches(rays.arrays(), False, rays.cull_faces):
             faces[batch.places] = np.where(batch.faces >= 0, batch.faces + n, -1)

@@ -31,6 +31,7 @@ from ..scene.triangles import AllHits, Hit, Triangles
 
 
 if TYPE_CHECKING:
+    from ..scene.moved_geometry import ObjectChoice
     from .engine import Engine
 
 _T = TypeVar("_T")
@@ -81,7 +82,7 @@ class AnyScene:
     def __init__(self, data: SceneData):
         self.data = data
         self._engine: Engine | None = None
-        self._view: DefaultView | None = None
+        self._view: tuple[DefaultView, Triangles | None] | None = None  # with `data.moved` at that time
         self._lock = threading.Lock()
         renew_after_fork(self)
 
@@ -163,6 +164,53 @@ class AnyScene:
         """
         self.data.set_transmittance(shares)
 
+    def update(
+        self,
+        vertices: "ArrayLike | None" = None,
+        *,
+        objects: "ObjectChoice" = None,
+        transform: "ArrayLike | None" = None,
+        threads: int | None = None,
+    ) -> None:
+        """Move the geometry. Everything that reads the scene afterwards finds it at its new place.
+
+        Faces, colours, textures, cut-outs and lights stay, and shading normals turn with their faces. The next query
+        refits its tree, or rebuilds it once rays have lost as much time as that takes. Results have the bits of a new
+        scene with the same triangles.
+
+        Parameters
+        ----------
+        vertices : (n, 3, 3) or (v, 3) float, world
+            New corners of all triangles; or new vertices, in the order of the arrays or the mesh from which the scene
+            was made.
+        objects : str, int, ObjectInfo, or a list of them
+            The objects that a transform moves: names, in which * and ? stand for any characters, or indices or entries
+            of `Scene.objects`. None: all.
+        transform : (4, 4) float, or (k, 4, 4) for k objects
+            Moves objects in world space: ``position = transform @ (x, y, z, 1)`` in float64, where (x, y, z) is the
+            place at which the vertex was loaded, or at which `vertices` last put it. So transforms do not add up, and
+            those of other objects stay in force. The last row is 0, 0, 0, 1.
+        threads : int, optional
+            None: all cores.
+
+        Raises
+        ------
+        InputError
+            If the scene is animated or in a store; a shape is wrong; a number is NaN, infinite, or more than 1e18 from
+            `origin`; or no object has the name. The geometry is then unchanged.
+
+        Notes
+        -----
+        `origin` does not change, so receivers and hits from before stay valid. As always, vertices are recentred in
+        float64 and rounded to float32 once. If the whole scene moves away by thousands of its own widths, make a new
+        scene, in whose frame float32 is finer.
+
+        Python threads may query the scene meanwhile. Each query, and each frame, sees the geometry before or after the
+        update, never a mix of both. A job, which makes many queries, should not run at the same time. Arrays that were
+        returned before do not change.
+        """
+        self.engine.update(vertices, objects, transform, threads)
+
     def clamped(self, time: float) -> float:
         """`time`, clamped to 0 .. `duration`. Raises InputError unless it is a number."""
         return self.data.clamped(time)
@@ -202,11 +250,12 @@ class AnyScene:
     @property
     def view(self) -> DefaultView:
         """The geometry that a default view shows, computed on first use."""
-        if self._view is None:
+        view, moved = self._view, self.data.moved
+        if view is None or view[1] is not moved:
             from .default_view import view_of
 
-            self._view = view_of(self.data)
-        return self._view
+            self._view = view = view_of(self.data), moved
+        return view[0]
 
     def default_lights(self, time: float = 0.0) -> list[Light]:
         """The lights of the file at a time, or daylight: a sun to the viewer's left, and a `Sky`.

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..engine.auto_accelerator import best_tree_job
-from ..engine.in_memory_source import all_hits_job, rays_job
+from ..engine.in_memory_source import all_hits_job, rays_job, update_job
 from ..engine.paged_hits import paged_hits_job
 from ..engine.paged_source import paged_job
 from ..engine.plan import Plan, covering_plans
@@ -45,6 +45,7 @@ def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) ->
         rays_job(),
         all_hits_job(),
         best_tree_job(),
+        update_job(),
         camera_rays_job(),
         quality_job(),
         antialias_job(),

@@ -6,7 +6,9 @@
 - `machine_code`: LLVM's optimisation and emission for a level
 - `simd/`: vectors as values inside kernels
 - `vec3`: vectors of three coordinates, scalar or in lanes
+- `transposition`: eight vectors of eight float32
 - `exact/`: the exact ray-triangle test
+- `array_pool`: recycled memory for large arrays
 - `parallel`: threads that share the work of one kernel
 - `ticket_loops`: loops over the items of a ticket, imported only by the compiler
 - `toolchain/`: digests, compilation, the cache of machine code, compilation ahead of time

@@ -14,6 +14,7 @@ from ..checks import as_array, choice
 from ..errors import InputError
 from ..kernels.marshalling import ArgumentForm, Packed, address_of
 from ..scene.scene_bounds import flush_to_zero
+from ..scene.triangles import Triangles
 from .ray_passes import RayPass
 from .shadow_query import CULL_FACES
 
@@ -67,6 +68,13 @@ class HitArrays(NamedTuple):
         m = len(face)
         pointers = (address_of(face), m, 4, address_of(t), m, 8, address_of(u), m, 4, address_of(v), m, 4)
         return _HITS.pack(0, 0, 1, *pointers)
+
+
+class TracedRays(NamedTuple):
+    """Hits of rays, with the triangles in which they were traced."""
+
+    hits: HitArrays
+    triangles: Triangles | None  # of the whole scene, by face; None: the scene is in a store
 
 
 _NONE = HitArrays(*(np.empty(0, dtype) for dtype in (np.bool_, np.int32, np.float64, np.float32, np.float32)))

@@ -28,6 +28,7 @@ class Mesh(NamedTuple):
     faces: NDArray[np.int32] | None  # (f, 3) int32; None: every three positions are a face
     colour: NDArray[np.float32]  # (3,) or (f, 3) float32, linear, in [0, 1]: mean colours
     look: MeshAppearance | None = None  # textures, vertex colours, normals; None: the mean colours suffice
+    used: NDArray[np.bool_] | None = None  # (v0,) bool: which vertices of the array are `positions`; None: all
 
 
 class MeshInfo(NamedTuple):
@@ -50,13 +51,14 @@ class ObjectInfo(NamedTuple):
 
 def make_mesh(name: str, positions: NDArray[Any], faces: NDArray[Any] | None, colour: object, where: str) -> Mesh:
     """A checked `Mesh`; `where` names it in errors. Unused positions are dropped."""
+    used = None
     if faces is None:
         positions = np.array(positions)
     else:
         faces, used = used_faces(faces, len(positions), where)
         positions = np.array(positions if used is None else positions[used])
     check_finite(positions, where)
-    return Mesh(name, positions, faces, face_colours(colour, n_faces(positions, faces), where))
+    return Mesh(name, positions, faces, face_colours(colour, n_faces(positions, faces), where), used=used)
 
 
 def n_faces(positions: np.ndarray, faces: np.ndarray | None) -> int:
@@ -147,6 +149,7 @@ class Piece(NamedTuple):
     owners: NDArray[np.int32] | None = None  # (f,) int32: the object of each face if the piece has several; then k = 1
     look: MeshAppearance | None = None  # of the mesh
     linear: NDArray[np.float64] | None = None  # (k, 3, 3) float64: object-to-world, for the look's normals; None: 1
+    used: NDArray[np.bool_] | None = None  # (v0,) bool: as in `Mesh`
 
 
 class Source(Protocol):
@@ -180,7 +183,7 @@ class StaticMeshes:
     def pieces(self, time: float) -> Generator[Piece, None, None]:
         for i, mesh in enumerate(self._meshes):
             where = f'{self.file}: mesh "{mesh.name}"'
-            yield Piece(mesh.positions[None], mesh.faces, mesh.colour, where, first=i, look=mesh.look)
+            yield Piece(mesh.positions[None], mesh.faces, mesh.colour, where, first=i, look=mesh.look, used=mesh.used)
 
     def cameras(self, time: float) -> list[Any]:
         return []

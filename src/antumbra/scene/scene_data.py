@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from fnmatch import fnmatchcase
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +24,9 @@ from .materials import MONTHS, LightShare, Transmittance
 from .mesh import MeshInfo, ObjectInfo, Source
 from .scene_bounds import Survey, faces_of, frame_origin, objects_of
 from .triangles import Triangles
+
+if TYPE_CHECKING:
+    from .moved_geometry import MovableMeshes, ObjectChoice
 
 # --- City objects and semantic surfaces (CityJSON) --------------------------------------------------------------------
 
@@ -91,6 +94,9 @@ class SceneData(ABC):
     origin: NDArray[np.float64]  # (3,) float64, world
     city: CityModel | None = None  # of a CityJSON file
     crs: str | None = None  # coordinate reference system of the world coordinates, such as "EPSG:7415"
+    moved: Triangles | None = (
+        None  # the triangles of the latest `update`, as `triangles` returns them; None: none so far
+    )
     _cameras: list[Camera]  # at time 0
     _lights: list[Light]
 
@@ -115,6 +121,16 @@ class SceneData(ABC):
     def set_transmittance(self, shares: Mapping[str, Transmittance]) -> None:
         """Let a share of the light pass through materials or objects. InputError for stores, which have neither."""
         raise InputError(f"{self.name}: all faces of a store are solid; leave transmittance out")
+
+    def update(
+        self,
+        vertices: "ArrayLike | None" = None,
+        objects: "ObjectChoice" = None,
+        transform: "ArrayLike | None" = None,
+        threads: int | None = None,
+    ) -> None:
+        """Move the geometry. InputError for stores, whose triangles stay where they are."""
+        raise InputError(f"{self.name} is in a store, and update works only for scenes in memory; load its source file")
 
     @property
     @abstractmethod
@@ -209,6 +225,7 @@ class MemoryData(SceneData):
         self.notes = tuple(one_line(note) for note in items(notes, str, "notes"))
         self.crs = None if crs is None else text(crs, "crs")
         self.source, self.meshes, self.duration = source, source.meshes, float(source.duration)
+        self._loaded = source
         self.objects = source.objects
         self._object_of_face: np.ndarray | None = None
         self.bounds, self.colours, self._looks, alpha = _survey(source)
@@ -217,6 +234,7 @@ class MemoryData(SceneData):
         self._find_cutouts = alpha
         self.origin = frame_origin(*self.bounds)
         self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
+        self._movable: MovableMeshes | None = None
 
     @property
     def n_triangles(self) -> int:
@@ -245,7 +263,7 @@ class MemoryData(SceneData):
         The first use evaluates the geometry once more, piece by piece.
         """
         if self._object_of_face is None:
-            self._object_of_face = objects_of(self.source.pieces(0.0))
+            self._object_of_face = objects_of(self._loaded.pieces(0.0))
         return self._object_of_face
 
     @property
@@ -255,7 +273,7 @@ class MemoryData(SceneData):
         The first use evaluates the geometry once more, piece by piece. Textures are decoded on first use.
         """
         if self._looks and self._appearance is None:
-            self._appearance = appearance_of(self.source, self.n_triangles)
+            self._appearance = appearance_of(self._loaded, self.n_triangles)
         return self._appearance
 
     @property
@@ -276,6 +294,8 @@ class MemoryData(SceneData):
     def cutouts(self, cutouts: Cutouts | None) -> None:
         """Replace them, before the first query."""
         self._cutouts, self._find_cutouts = cutouts, False
+        if self.moved is not None:
+            self.moved = self._moved_triangles(self.moved.vertices, None)[0]
 
     def ignore_alpha(self) -> None:
         """Make all faces solid. Call it before the first query."""
@@ -283,7 +303,7 @@ class MemoryData(SceneData):
 
     def set_transmittance(self, shares: Mapping[str, Transmittance]) -> None:
         """Let a share of the light pass through materials or objects; see `antumbra.Scene.set_transmittance`."""
-        appearance = appearance_of(self.source, self.n_triangles, plain=True) or plain_appearance(self.n_triangles)
+        appearance = appearance_of(self._loaded, self.n_triangles, plain=True) or plain_appearance(self.n_triangles)
         objects = [each.name for each in self.objects]
         for pattern, share in _checked_shares(shares):
             chosen = [k for k, name in enumerate(objects) if fnmatchcase(name, pattern)]
@@ -306,17 +326,66 @@ class MemoryData(SceneData):
             If the time is not a number, or the animation moves vertices to infinity.
         """
         from ..kernels.parallel import thread_count  # imports Numba, which file inspection does not need
-        from .triangle_setup import gather, solid_faces
+        from .triangle_setup import gather, rows_with_area, solid_faces
 
         time, threads = self.clamped(time), thread_count(threads)
+        if (moved := self.moved) is not None:
+            return moved
         vertices = np.empty((self.n_triangles, 3, 3), np.float32)
         start = 0
         with np.errstate(all="ignore"):
             for piece in self.source.pieces(time):
                 start += gather(piece, self.origin, vertices[start:], threads)
         face_id, cutouts = np.arange(self.n_triangles, dtype=np.int32), self.cutouts
-        solid = solid_faces(vertices, None if cutouts is None else cutouts.solid, threads)
+        solid = solid_faces(rows_with_area(vertices, threads), None if cutouts is None else cutouts.solid)
         return Triangles(vertices, self.origin.copy(), face_id, self.colours, cutouts, solid)
+
+    def update(
+        self,
+        vertices: "ArrayLike | None" = None,
+        objects: "ObjectChoice" = None,
+        transform: "ArrayLike | None" = None,
+        threads: int | None = None,
+    ) -> None:
+        """Move the geometry; `antumbra.Scene.update` documents the parameters.
+
+        `moved` becomes a new object, by which caches recognise that their triangles are out of date. Nothing that was
+        returned before is changed. Callers take turns.
+        """
+        from ..kernels.parallel import thread_count
+        from .moved_geometry import MovableMeshes, placement_of
+
+        if self.animated:
+            raise InputError(f"{self.name}: its animation moves the geometry, and update is for static scenes")
+        if (vertices is None) == (transform is None) or (vertices is not None and objects is not None):
+            raise InputError(f"{self.name}: give update either vertices, or a transform with the objects to move")
+        threads = thread_count(threads)
+        if self._movable is None:
+            self._movable = MovableMeshes(self._loaded, self.origin, self.n_triangles, self.name)
+        if transform is None:
+            assert vertices is not None
+            corners = self._movable.replaced(vertices, threads)
+        else:
+            placement = placement_of(self.objects, objects, transform, self.name)
+            corners = self._movable.placed(self.triangles(0.0, threads).vertices, placement, threads)
+        moved, bounds = self._moved_triangles(corners, threads)
+        if transform is None:
+            self._movable.rest_on(corners)
+        self.bounds, self.source = bounds, self._movable.source_of(corners)
+        self.moved = moved  # last: caches compare it
+
+    def _moved_triangles(
+        self, vertices: NDArray[np.float32], threads: int | None
+    ) -> tuple[Triangles, NDArray[np.float64]]:
+        """Triangles with these vertices, (n, 3, 3) in the frame, and their bounds, (2, 3) world."""
+        from ..kernels.parallel import thread_count
+        from .triangle_setup import solid_faces, survey
+
+        with_area, bounds = survey(vertices, thread_count(threads))
+        face_id = np.arange(len(vertices), dtype=np.int32) if self.moved is None else self.moved.face_id
+        cutouts = self.cutouts
+        solid = solid_faces(with_area, None if cutouts is None else cutouts.solid)
+        return Triangles(vertices, self.origin.copy(), face_id, self.colours, cutouts, solid), bounds + self.origin
 
     def _cameras_at(self, time: float) -> list[Camera]:
         return self.source.cameras(time)

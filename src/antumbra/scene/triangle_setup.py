@@ -4,14 +4,34 @@ Kernels take addresses instead of arrays, so the same compiled kernels serve rea
 float64 arrays, and no compilation happens while a frame is timed.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..kernels.exact.filters import has_area
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import items, new_ticket, run, shares, thread_count
-from ..kernels.simd import f32_at, f64_at, get, i32_at, load8, ptr, put, store
+from ..kernels.parallel import CHUNK, items, new_ticket, run, shares, thread_count
+from ..kernels.simd import (
+    absolute,
+    bits,
+    f32_at,
+    f64_at,
+    get,
+    i32_at,
+    load8,
+    maximum,
+    minimum,
+    ptr,
+    put,
+    reduce_max,
+    reduce_min,
+    splat8,
+    stack_f32,
+    store,
+)
+from ..kernels.transposition import transposed8
 from .mesh import Piece
 from .scene_bounds import MAX_EXTENT, NEAREST
 from .triangles import Triangles
@@ -23,7 +43,8 @@ from .triangles import Triangles
 
 
 _AT_A_TIME = 8192  # vertices, or faces
-_LIMIT, _NEAREST, _ZERO = np.float32(MAX_EXTENT), np.float32(NEAREST), np.float32(0.0)
+_SURE, _TINY = np.float32(2.0**-20), np.float32(1e-37)  # bounds of an error: relative, and from underflow
+_LIMIT, _NEAREST, _ZERO, _INF = np.float32(MAX_EXTENT), np.float32(NEAREST), np.float32(0.0), np.float32(np.inf)
 
 
 @inlined
@@ -110,21 +131,119 @@ def _recentre_piece(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: 
         )
 
 
+# --- Transforms -------------------------------------------------------------------------------------------------------
+
+
+@inlined
+def _transform_rows(first, last, a, matrix, out):
+    """Write matrix * (a, 1) in float64, added from left to right."""
+    for i in range(3 * first, 3 * last, 3):
+        x, y, z = np.float64(get(a, i)), np.float64(get(a, i + 1)), np.float64(get(a, i + 2))
+        for k in range(3):
+            put(out, i + k, matrix[k, 0] * x + matrix[k, 1] * y + matrix[k, 2] * z + matrix[k, 3])
+
+
+@kernel
+def _transform(ticket, single, a, matrix, out):
+    """Worker: transform points; a, address of (n, 3) float32 if `single`, else float64; out, of (n, 3) float64."""
+    for first, last in shares(ticket):
+        if single:
+            _transform_rows(first, last, f32_at(a), matrix, f64_at(out))
+        else:
+            _transform_rows(first, last, f64_at(a), matrix, f64_at(out))
+
+
+def transformed(points: np.ndarray, matrix: NDArray[np.float64], threads: int) -> NDArray[np.float64]:
+    """(n, 3) float64: points, (n, 3), transformed by an affine (4, 4) float64 matrix."""
+    dtype = np.dtype(np.float32 if points.dtype == np.float32 else np.float64)
+    a, out = np.ascontiguousarray(points, dtype), np.empty(points.shape)
+    matrix = np.ascontiguousarray(matrix)
+    ticket = new_ticket(len(a), _AT_A_TIME)
+    run(_transform, threads, ticket, dtype == np.float32, a.ctypes.data, matrix, out.ctypes.data)
+    return out
+
+
 # --- Degenerate triangles: no ray hits them, so trees omit them (docs/design/exactness.md) ----------------------------
+
+
+@inlined
+def _corners_at(v, i, last):
+    """The first eight numbers of triangle i, or of the `last` one if i is beyond it."""
+    return load8(v, 9 * min(i, last))
+
+
+@inlined
+def _load_eight(v, i, last, ninth):
+    """The corners (x, y, z, x1, ..., z2) of triangles i .. i + 7, one per lane; `ninth` is scratch memory."""
+    for lane in range(8):
+        put(ninth, lane, get(v, 9 * min(i + lane, last) + 8))
+    x, y, z, x1, y1, z1, x2, y2 = transposed8(
+        _corners_at(v, i, last), _corners_at(v, i + 1, last), _corners_at(v, i + 2, last), _corners_at(v, i + 3, last),
+        _corners_at(v, i + 4, last), _corners_at(v, i + 5, last), _corners_at(v, i + 6, last),
+        _corners_at(v, i + 7, last),
+    )  # fmt: skip
+    return (x, y, z), (x1, y1, z1), (x2, y2, load8(ninth, 0))
+
+
+@inlined
+def _largest(a):
+    """The largest magnitude of three components, per lane."""
+    return maximum(maximum(absolute(a[0]), absolute(a[1])), absolute(a[2]))
+
+
+@inlined
+def _surely_have_area(v0, v1, v2):
+    """The lanes whose triangles surely have an area.
+
+    With u = 2^-24 and L the largest component of an edge, rounding the edges, their products and the differences of
+    these changes a component of the normal by less than 9 u L^2, and underflow by less than _TINY.
+    """
+    a, b = (v1[0] - v0[0], v1[1] - v0[1], v1[2] - v0[2]), (v2[0] - v0[0], v2[1] - v0[1], v2[2] - v0[2])
+    n = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    length = maximum(_largest(a), _largest(b))
+    return _largest(n) > length * length * _SURE + _TINY
+
+
+@inlined
+def _least(a, b, c, d):
+    return minimum(minimum(a, b), minimum(c, d))
+
+
+@inlined
+def _most(a, b, c, d):
+    return maximum(maximum(a, b), maximum(c, d))
+
+
+@inlined
+def _scan(v, first, last, ninth, has_areas, limits, at):
+    """Write whether triangles have an area, and from `at` on their lower and upper corner; return whether all have."""
+    x0, y0, z0, all_have = splat8(_INF), splat8(_INF), splat8(_INF), True
+    x1, y1, z1 = splat8(-_INF), splat8(-_INF), splat8(-_INF)
+    for i in range(first, last, 8):
+        a, b, c = _load_eight(v, i, last - 1, ninth)
+        x0, y0, z0 = _least(x0, a[0], b[0], c[0]), _least(y0, a[1], b[1], c[1]), _least(z0, a[2], b[2], c[2])
+        x1, y1, z1 = _most(x1, a[0], b[0], c[0]), _most(y1, a[1], b[1], c[1]), _most(z1, a[2], b[2], c[2])
+        sure = bits(_surely_have_area(a, b, c))
+        for lane in range(min(8, last - i)):
+            has = (sure >> lane) & 1 != 0 or has_area(v, i + lane)
+            has_areas[i + lane] = has
+            all_have &= has
+    put(limits, at, reduce_min(x0))
+    put(limits, at + 1, reduce_min(y0))
+    put(limits, at + 2, reduce_min(z0))
+    put(limits, at + 3, reduce_max(x1))
+    put(limits, at + 4, reduce_max(y1))
+    put(limits, at + 5, reduce_max(z1))
+    return all_have
 
 
 @kernel
 def _find_areas(ticket, corners, has_areas, faults):
     """Worker: whether each triangle has nonzero area."""
     # Out: has_areas, (n,) bool; faults, (1,) bool, set if a triangle has none
-    v = ptr(corners)
+    v, ninth, limits = ptr(corners), stack_f32(8), stack_f32(6)
     for first, last in shares(ticket):
-        all_have = True
-        for i in range(first, last):
-            has = has_area(v, i)
-            has_areas[i] = has
-            all_have &= has
-        if not all_have:
+        if not _scan(v, first, last, ninth, has_areas, limits, 0):
             faults[0] = True
 
 
@@ -136,6 +255,32 @@ def rows_with_area(vertices: NDArray[np.float32], threads: int) -> NDArray[np.in
     has_areas, faults = np.empty(len(vertices), np.bool_), np.zeros(1, np.bool_)
     run(_find_areas, threads, new_ticket(len(vertices), _AT_A_TIME), vertices.reshape(-1, 9), has_areas, faults)
     return np.flatnonzero(has_areas).astype(np.int32) if faults[0] else None
+
+
+@kernel
+def _survey(ticket, corners, has_areas, faults, limits):
+    """Worker: `_find_areas`, and the lower and upper corner of each share: `limits`, (shares, 2, 3) float32."""
+    v, ninth, flat = ptr(corners), stack_f32(8), ptr(limits)
+    for first, last in shares(ticket):
+        if not _scan(v, first, last, ninth, has_areas, flat, first // ticket[CHUNK] * 6):
+            faults[0] = True
+
+
+class TriangleSurvey(NamedTuple):
+    """What one pass over triangles finds."""
+
+    with_area: NDArray[np.int32] | None  # see `rows_with_area`
+    bounds: NDArray[np.float32]  # (2, 3) float32: lower and upper corner
+
+
+def survey(vertices: NDArray[np.float32], threads: int) -> TriangleSurvey:
+    """The triangles with area, and the bounds, of (n, 3, 3) float32, n >= 1."""
+    n = len(vertices)
+    has_areas, faults = np.empty(n, np.bool_), np.zeros(1, np.bool_)
+    limits = np.empty((-(-n // _AT_A_TIME), 2, 3), np.float32)
+    run(_survey, threads, new_ticket(n, _AT_A_TIME), vertices.reshape(-1, 9), has_areas, faults, limits)
+    with_area = np.flatnonzero(has_areas).astype(np.int32) if faults[0] else None
+    return TriangleSurvey(with_area, np.stack([limits[:, 0].min(0), limits[:, 1].max(0)]))
 
 
 @kernel
@@ -158,12 +303,11 @@ def solid_vertices(triangles: Triangles, threads: int | None) -> NDArray[np.floa
     return out.reshape(-1, 3, 3)
 
 
-def solid_faces(vertices: np.ndarray, uncut: NDArray[np.int32] | None, threads: int) -> NDArray[np.int32] | None:
+def solid_faces(with_area: NDArray[np.int32] | None, uncut: NDArray[np.int32] | None) -> NDArray[np.int32] | None:
     """(k,) int32, ascending: the faces with nonzero area and without holes; None: all faces.
 
-    uncut : (m,) int32, ascending: the faces without holes; None: all faces
+    with_area, uncut : (m,) int32, ascending: the faces with area, and those without holes; None: all faces
     """
-    with_area = rows_with_area(vertices, threads)
     if with_area is None or uncut is None:
         return uncut if with_area is None else with_area
     return np.intersect1d(with_area, uncut, assume_unique=True)

@@ -26,6 +26,7 @@ from ..picture.render_kernels import precompile_quality
 from ..picture.render_options import EngineOptions
 from ..scene.camera import Camera
 from ..scene.lights import Light
+from ..scene.triangles import Triangles
 from .control_panel import Controls
 from .gizmos import Gizmos, probe
 from .progressive_pictures import CLICK, MESH, Check, ClientView, Step, TaskQueue, TracedPicture, trace_picture
@@ -61,7 +62,7 @@ class Page:
         self.model, self.host = model, host
         self.guard, port = Guard(host, allow_host), checked_port(host, port)
         self._views: dict[int, ClientView] = {}
-        self._mesh: tuple[float, ProxyMesh] | None = None  # the proxy mesh at a time
+        self._mesh: tuple[ProxyMesh, float, Triangles | None] | None = None  # with its time and `SceneData.moved`
         self._proxy: bytes | None = None
         with redirect_stdout(io.StringIO()), guarding(self.guard):  # the command prints the address itself
             self.server = viser.ViserServer(host, port, label=model.scene.name, verbose=False)
@@ -158,9 +159,10 @@ class Page:
         model, scene, time = self.model, self.model.scene, self.model.time
         if model.exposure is None:
             return
-        if self._mesh is None or self._mesh[0] != time:
-            self._mesh = time, proxy_mesh(scene.triangles(time, model.threads))
-        pieces = self._mesh[1]
+        moved = scene.data.moved
+        if self._mesh is None or self._mesh[1] != time or self._mesh[2] is not moved:
+            self._mesh = proxy_mesh(scene.triangles(time, model.threads)), time, moved
+        pieces = self._mesh[0]
         colours = proxy_colours(proxy_light(model, pieces, check), pieces.normals, scene.colours[pieces.faces], model)
         self._proxy = glb_of(model.page_frame.to_page(pieces.corners + scene.origin), colours)
         for client_view in list(self._views.values()):

@@ -27,6 +27,9 @@ QUICK, GOOD, GUIDED, BEST = "lbvh", "bsah", "srdh", "bsah+reinsert"
 """Builders: the fastest build, a good trade-off of build and ray time, the fastest rays of known queries [Feltman et
 al. 2012], and the fastest rays of any queries."""
 
+RAY_SECONDS = 1e-7
+"""Default estimate of the time of a ray on one thread."""
+
 _STRATA = 16
 _QUICK_OVERHEAD = {"multifrusta": 0.12, "cones": 0.0}  # strategy -> see `lost_share`
 _OTHER_QUICK_OVERHEAD = 0.22  # of all other strategies
@@ -186,6 +189,11 @@ def best_pays(seconds: float, triangles: int) -> bool:
     False in scenes of more than `_MAX_BEST_TRIANGLES` triangles, where memory may run short.
     """
     return seconds > seconds_before_best(triangles)
+
+
+def rebuild_pays(seconds: float, builder: str, triangles: int) -> bool:
+    """Whether rays have lost as much time in a refitted tree as building it again costs."""
+    return seconds > build_seconds(builder, triangles)
 
 
 def _crowding(triangles: int) -> float:

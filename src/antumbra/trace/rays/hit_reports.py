@@ -22,15 +22,12 @@ from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined
 from ...kernels.simd import (
     get,
     load8,
-    mask_from_bits8,
     prefetch,
     ptr_at,
     put,
-    select,
-    shuffle,
     store,
-    swap_halves,
 )
+from ...kernels.transposition import transposed8
 from .wide_traversal import BLOCK_WORDS, DX, LANES, OX, block_of, hits_of, ray_of, slot_of
 
 CORNER_WORDS = 9 * LANES
@@ -109,44 +106,13 @@ def _write_misses(tree, hits, n, report, out, first):
 
 
 @inlined
-def _exchange(a, b, other_a, other_b, lower):
-    """A step of a transposition: exchange lanes of two vectors; lower (bits): the lanes that the first one retains."""
-    mask = mask_from_bits8(np.int64(lower))
-    return select(mask, a, other_b), select(mask, other_a, b)
-
-
-@inlined
-def _by_1(a, b):
-    return _exchange(a, b, shuffle(a, 1, 0, 3, 2, 5, 4, 7, 6), shuffle(b, 1, 0, 3, 2, 5, 4, 7, 6), 0b01010101)
-
-
-@inlined
-def _by_2(a, b):
-    return _exchange(a, b, shuffle(a, 2, 3, 0, 1, 6, 7, 4, 5), shuffle(b, 2, 3, 0, 1, 6, 7, 4, 5), 0b00110011)
-
-
-@inlined
-def _by_4(a, b):
-    return _exchange(a, b, swap_halves(a), swap_halves(b), 0b00001111)
-
-
-@inlined
-def _transposed8(a, b, c, d, e, f, g, h):
-    """The columns of a matrix of eight rows."""
-    (a, b), (c, d), (e, f), (g, h) = _by_1(a, b), _by_1(c, d), _by_1(e, f), _by_1(g, h)
-    (a, c), (b, d), (e, g), (f, h) = _by_2(a, c), _by_2(b, d), _by_2(e, g), _by_2(f, h)
-    (a, e), (b, f), (c, g), (d, h) = _by_4(a, e), _by_4(b, f), _by_4(c, g), _by_4(d, h)
-    return a, b, c, d, e, f, g, h
-
-
-@inlined
 def _load_corners(tree, slots, corners):
     """Write the corners of the triangles in sixteen slots to rows of 16."""
     for i in range(LANES):
         put(corners, 8 * LANES + i, get(tree.corners, 9 * get(slots, i) + 8))
     for half in range(0, LANES, WIDTH):
         c, p = tree.corners, ptr_at(slots, half)
-        columns = _transposed8(
+        columns = transposed8(
             load8(c, 9 * get(p, 0)), load8(c, 9 * get(p, 1)), load8(c, 9 * get(p, 2)), load8(c, 9 * get(p, 3)),
             load8(c, 9 * get(p, 4)), load8(c, 9 * get(p, 5)), load8(c, 9 * get(p, 6)), load8(c, 9 * get(p, 7)),
         )  # fmt: skip

@@ -1,0 +1,84 @@
+"""The wide tree of ray lists, kept while users move the geometry: refitted, or rebuilt once that pays.
+
+Refitting takes a tenth of the time of a build, but boxes come to overlap, and rays lose time. The loss is predicted
+from the SAH cost: a tree whose cost has grown by a factor g takes g times as long. The tree is rebuilt once rays have
+lost as much time as the build takes (the ski-rental rule), counting those about to be traced. The total loss is then at
+most about twice the minimum.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bvh.nodes import WideBvh
+from ..bvh.refit import LIMIT, refit_faces
+from ..bvh.wide_bvh import refit_wide, wide_cost
+from ..kernels.array_pool import ArrayPool
+from ..scene.triangles import Triangles
+from .accelerator import Accelerated, Accelerator
+from .auto.cost_model import GOOD, RAY_SECONDS, rebuild_pays
+
+
+class _BuiltTree(NamedTuple):
+    """A tree as it was built."""
+
+    solid: NDArray[np.int32] | None  # (k,) int32, ascending: the faces in it; None: all
+    cost: float  # `wide_cost`
+
+
+class RayTreeRefit:
+    """Refits the wide tree of ray lists, and counts the seconds that rays lose because it was not rebuilt.
+
+    threads : int
+    """
+
+    def __init__(self, threads: int) -> None:
+        self._threads, self._pool = threads, ArrayPool()
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin with another tree, which has just been built."""
+        self._built: _BuiltTree | None = None  # None: until it is first refitted
+        self._growth = 1.0  # SAH cost of the latest tree, relative to that of the built one
+        self._lost = 0.0  # seconds of all threads
+
+    def add(self, seconds: float) -> None:
+        """Count the computing time of rays in the latest tree."""
+        self._lost += seconds * _lost_share(self._growth)
+
+    def refit(
+        self, accelerator: Accelerator, latest: Accelerated, triangles: Triangles, rays: int
+    ) -> Accelerated | None:
+        """The latest tree with moved triangles; None if a new one must be built.
+
+        accelerator : of the tree's plan
+        rays : number of rays that are about to be traced
+        """
+        wide, bvh = latest.prepared, latest.bvh
+        assert isinstance(wide, WideBvh) and bvh is not None
+        if self._built is None:
+            self._built = _BuiltTree(latest.triangles.solid, wide_cost(wide, self._threads))
+        n, built = len(bvh.prim_ids), self._built
+        if n < 2 or not _are_equal(built.solid, triangles.solid):
+            return None
+        moved = refit_faces(bvh, triangles.vertices, self._threads, self._pool)
+        prepared = refit_wide(wide, moved, self._threads, self._pool)
+        growth = max(wide_cost(prepared, self._threads) / built.cost, 1.0)
+        expected = rays * RAY_SECONDS * growth * _lost_share(growth)
+        if rebuild_pays(self._lost + expected, GOOD, n):
+            return None
+        self._growth = growth
+        return Accelerated(triangles, moved, prepared, accelerator.cutouts_of(triangles))
+
+
+def _lost_share(growth: float) -> float:
+    """The share of the time of rays that a rebuild would save. Costs within LIMIT say nothing about times."""
+    return 1.0 - 1.0 / growth if growth > LIMIT else 0.0
+
+
+def _are_equal(faces: NDArray[np.int32] | None, others: NDArray[np.int32] | None) -> bool:
+    """Whether two sets of faces, in ascending order, are equal; None: all faces of the scene."""
+    if faces is None or others is None:
+        return faces is others
+    return np.array_equal(faces, others)

@@ -1,0 +1,247 @@
+"""Geometry that users move between queries: new vertices, and transforms of objects.
+
+The faces of the scene stay, and so do its frame, colours, textures and cut-outs. `MovableMeshes` computes the moved
+triangles, and `MovedMeshes` is the source of the scene that they form.
+"""
+
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from fnmatch import fnmatchcase
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..checks import as_array, quoted, whole_number
+from ..errors import InputError
+from ..kernels.array_pool import ArrayPool
+from .materials import MeshAppearance
+from .mesh import WHITE, ObjectInfo, Piece, Source, check_finite
+from .scene_bounds import faces_of
+from .triangle_setup import gather, transformed
+
+_MOST_NAMES = 12  # in errors
+
+ObjectChoice: TypeAlias = "str | int | ObjectInfo | Iterable[str | int | ObjectInfo] | None"
+"""Objects of a scene: patterns of names, indices in `Scene.objects`, or entries of it; None: all objects."""
+
+
+# --- The source of a scene whose geometry has moved -------------------------------------------------------------------
+
+
+class MovedMeshes:
+    """The meshes of a static source at new places: each copy of a mesh has three vertices of its own per face.
+
+    Parameters
+    ----------
+    loaded : Source
+        As the scene was loaded.
+    vertices : (n, 3, 3) float32
+        The moved triangles, in the scene's frame.
+    origin : (3,) float64, world
+        Origin of the frame.
+    """
+
+    duration = 0.0
+
+    def __init__(self, loaded: Source, vertices: NDArray[np.float32], origin: NDArray[np.float64]):
+        self._loaded, self._vertices, self._origin = loaded, vertices, origin
+        self.file, self.meshes, self.objects = loaded.file, loaded.meshes, loaded.objects
+
+    def pieces(self, time: float) -> Generator[Piece, None, None]:
+        for piece, rows in _rows_of(self._loaded.pieces(0.0)):
+            copies, n = len(piece.vertices), faces_of(piece)
+            corners = self._vertices[rows].reshape(copies, 3 * n, 3) + self._origin
+            yield piece._replace(vertices=corners, faces=None, look=_look_of_corners(piece), towards=None, share=0.0)
+
+    def cameras(self, time: float) -> list[Any]:
+        return self._loaded.cameras(time)
+
+    def lights(self, time: float) -> list[Any]:
+        return self._loaded.lights(time)
+
+
+def _rows_of(pieces: Iterable[Piece]) -> Iterator[tuple[Piece, slice]]:
+    """Each piece with the rows of its triangles in the scene."""
+    first = 0
+    for piece in pieces:
+        last = first + len(piece.vertices) * faces_of(piece)
+        yield piece, slice(first, last)
+        first = last
+
+
+def _look_of_corners(piece: Piece) -> MeshAppearance | None:
+    """The look of a piece with a row for each corner of its faces."""
+    look, faces = piece.look, piece.faces
+    if look is None or faces is None:
+        return look
+    names = "uv", "colours", "normals", "rest_positions"
+    changes: dict[str, Any] = {
+        name: values[faces.reshape(-1)] for name in names if (values := getattr(look, name)) is not None
+    }
+    return look._replace(**changes)
+
+
+# --- New vertices and transforms --------------------------------------------------------------------------------------
+
+
+class Placement(NamedTuple):
+    """Objects with the transforms that place them."""
+
+    objects: list[int]  # k distinct indices in `Scene.objects`
+    transforms: NDArray[np.float64]  # (k, 4, 4) float64, world to world
+
+
+class MovableMeshes:
+    """Moves the geometry of a static source within a fixed frame.
+
+    Transforms apply to the *rest geometry*: the meshes as they were loaded, or the latest vertices that replaced them.
+
+    loaded : Source
+    origin : (3,) float64, world
+    n_triangles : int
+    name : str, of the scene in errors
+    """
+
+    def __init__(self, loaded: Source, origin: NDArray[np.float64], n_triangles: int, name: str):
+        self.loaded, self.name = loaded, name
+        self._origin, self._n_triangles = origin, n_triangles
+        self._rest: list[Piece] | None = None  # pieces of the rest geometry; None: not needed so far
+        self._rest_source: Source = loaded
+        self._pool = ArrayPool()
+
+    def source_of(self, vertices: NDArray[np.float32]) -> MovedMeshes:
+        """The source of moved triangles."""
+        return MovedMeshes(self.loaded, vertices, self._origin)
+
+    def rest_on(self, vertices: NDArray[np.float32]) -> None:
+        """Make these triangles the rest geometry."""
+        self._rest_source, self._rest = self.source_of(vertices), None
+
+    def replaced(self, vertices: "ArrayLike", threads: int) -> NDArray[np.float32]:
+        """(n, 3, 3) float32, in the frame: the triangles with new vertices.
+
+        vertices : (n, 3, 3), or (v, 3) for the vertices from which the scene was made; world
+
+        Raises
+        ------
+        InputError
+            If the shape is wrong, or a vertex is NaN, infinite, or too far from the frame.
+        """
+        given = as_array(vertices, f"{self.name}: vertices")
+        out = self._pool.empty((self._n_triangles, 3, 3), np.float32)
+        if given.shape == out.shape:
+            self._gather([Piece(given.reshape(1, -1, 3), None, WHITE, self.name)], out, threads)
+            return out
+        pieces = list(self.loaded.pieces(0.0))
+        counts = [_n_given(piece) for piece in pieces]
+        if given.shape != (sum(counts), 3):
+            raise InputError(
+                f"{self.name}: vertices have shape {given.shape}; give ({self._n_triangles}, 3, 3), the corners of the "
+                f"triangles, or ({sum(counts)}, 3), the vertices in the order of the arrays or the mesh of the scene"
+            )
+        parts = np.split(given, np.cumsum(counts)[:-1])
+        self._gather([_with_vertices(piece, part) for piece, part in zip(pieces, parts)], out, threads)
+        return out
+
+    def placed(self, vertices: NDArray[np.float32], placement: Placement, threads: int) -> NDArray[np.float32]:
+        """(n, 3, 3) float32, in the frame: triangles in which some objects have moved to new places.
+
+        vertices : (n, 3, 3) float32, in the frame: the triangles before
+        """
+        if self._rest is None:
+            self._rest = list(self._rest_source.pieces(0.0))
+        out = self._pool.empty(vertices.shape, np.float32)
+        np.copyto(out, vertices)
+        transform_of = dict(zip(placement.objects, placement.transforms))
+        for piece, rows in _rows_of(self._rest):
+            if piece.owners is not None:
+                self._place_owned(piece, transform_of, out[rows], threads)
+                continue
+            n = faces_of(piece)
+            for copy, positions in enumerate(piece.vertices):
+                matrix = transform_of.get(piece.first + copy)
+                if matrix is not None:
+                    moved = piece._replace(vertices=transformed(positions, matrix, threads)[None])
+                    self._gather([moved], out[rows][copy * n : (copy + 1) * n], threads)
+        return out
+
+    def _place_owned(
+        self, piece: Piece, transform_of: dict[int, NDArray[np.float64]], out: NDArray[np.float32], threads: int
+    ) -> None:
+        """Place the objects of a piece that has several; `out`: its triangles."""
+        assert piece.owners is not None
+        for number in np.intersect1d(piece.owners, list(transform_of)).tolist():
+            chosen = np.flatnonzero(piece.owners == number)
+            corners = chosen[:, None] * 3 + np.arange(3) if piece.faces is None else piece.faces[chosen]
+            positions = transformed(piece.vertices[0, corners.reshape(-1)], transform_of[number], threads)
+            moved = np.empty((len(chosen), 3, 3), np.float32)
+            self._gather([Piece(positions[None], None, WHITE, piece.where)], moved, threads)
+            out[chosen] = moved
+
+    def _gather(self, pieces: Sequence[Piece], out: NDArray[np.float32], threads: int) -> None:
+        start = 0
+        for piece in pieces:
+            try:
+                with np.errstate(all="ignore"):
+                    start += gather(piece, self._origin, out[start:], threads)
+            except InputError:
+                check_finite(piece.vertices.reshape(-1, 3), piece.where)
+                raise
+
+
+def _n_given(piece: Piece) -> int:
+    """The number of vertices in the file or array, of all copies of a piece."""
+    copies, n = piece.vertices.shape[:2]
+    count: int = copies * (n if piece.used is None else len(piece.used))
+    return count
+
+
+def _with_vertices(piece: Piece, vertices: np.ndarray) -> Piece:
+    """A piece with new vertices, in the order of the file or array."""
+    positions = vertices.reshape(len(piece.vertices), -1, 3)
+    return piece._replace(vertices=positions if piece.used is None else positions[:, piece.used])
+
+
+# --- Choices of objects -----------------------------------------------------------------------------------------------
+
+
+def placement_of(objects: Sequence[ObjectInfo], choice: ObjectChoice, transform: "ArrayLike", name: str) -> Placement:
+    """The checked objects and transforms of an update; `name`: of the scene in errors."""
+    chosen = _chosen(objects, choice, name)
+    matrices = as_array(transform, f"{name}: transform").astype(np.float64)
+    if matrices.shape not in ((4, 4), (len(chosen), 4, 4)):
+        raise InputError(
+            f"{name}: transform has shape {matrices.shape}; give (4, 4), or ({len(chosen)}, 4, 4), one for each object"
+        )
+    if not np.isfinite(matrices).all() or (matrices[..., 3, :] != (0.0, 0.0, 0.0, 1.0)).any():
+        raise InputError(f"{name}: transform must be finite, with the last row 0, 0, 0, 1")
+    return Placement(chosen, np.broadcast_to(matrices, (len(chosen), 4, 4)))
+
+
+def _chosen(objects: Sequence[ObjectInfo], choice: ObjectChoice, name: str) -> list[int]:
+    """The indices of the objects that are chosen, in order, each once."""
+    if choice is None:
+        return list(range(len(objects)))
+    choices = [choice] if isinstance(choice, (str, int, np.integer, ObjectInfo)) else _listed(choice, name)
+    return list(dict.fromkeys(index for each in choices for index in _matching(objects, each, name)))
+
+
+def _listed(choice: Any, name: str) -> list[Any]:
+    try:
+        return list(choice)
+    except TypeError:
+        raise InputError(f"{name}: objects is {quoted(choice)}; give names, indices, or entries of objects") from None
+
+
+def _matching(objects: Sequence[ObjectInfo], choice: Any, name: str) -> list[int]:
+    """The indices of the objects that one pattern, index or entry selects."""
+    if isinstance(choice, ObjectInfo):
+        found = [k for k, each in enumerate(objects) if each == choice]
+    elif isinstance(choice, str):
+        found = [k for k, each in enumerate(objects) if fnmatchcase(each.name, choice)]
+    else:
+        return [whole_number(choice, f"{name}: object", 0, len(objects) - 1)]
+    if not found:
+        names = ", ".join(sorted({each.name for each in objects} - {""})[:_MOST_NAMES])
+        raise InputError(f"{name}: no object is called {quoted(choice)}; there are: {names}")
+    return found
