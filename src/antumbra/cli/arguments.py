@@ -40,7 +40,7 @@ _SIZE = re.compile(r"(\d+)(?:[xX](\d+))?")
 _FRAMES = re.compile(r"(\d{1,9}):(\d{1,9})(?::(\d{1,9}))?")
 _INDEX = re.compile(r"\s*-?\d{1,9}\s*")
 _LOD = re.compile(r"(.+\.jsonl?)\?lod=(.*)", re.IGNORECASE)
-_MESH_OPTIONS = re.compile(r"(.+\.(?:glb|gltf|obj|ply))\?((?:cutouts|transmittance)=.*)", re.IGNORECASE)
+_MESH_OPTIONS = re.compile(r"(.+\.(?:glb|gltf|obj|ply))\?((?:cutouts|transmittance|instances)=.*)", re.IGNORECASE)
 _WHOLE = re.compile(r"[0-9]{1,9}")
 _MAX_SIZE = 32768
 
@@ -70,6 +70,7 @@ class SceneSpec(NamedTuple):
     lod: str | None = None  # level of detail of a CityJSON file
     cutouts: bool = True  # False: alpha cuts no holes
     transmittance: tuple[tuple[str, tuple[float, ...]], ...] = ()  # shares of light that materials or objects let pass
+    instances: bool | None = None  # whether copies of meshes stay instances; None: if that saves much memory
 
     @property
     def stem(self) -> str:
@@ -105,7 +106,7 @@ def parse_scene(text: str) -> SceneSpec:
     """Parse a path, which may have options, or a procedural scene.
 
     ``city.json?lod=2.2``, ``tree.glb?cutouts=off``, ``tree.glb?transmittance=leaf:0.3&transmittance=glass:0.9,1,0.9``,
-    ``procedural:NAME?triangles=100k&seed=3``.
+    ``forest.glb?instances=on``, ``procedural:NAME?triangles=100k&seed=3``.
     """
     if not text:
         raise InputError(f"SCENE is empty; name a file, a folder or {DEFAULT_SCENE}")
@@ -126,10 +127,11 @@ def parse_scene(text: str) -> SceneSpec:
 def _with_options(spec: SceneSpec, query: str, text: str) -> SceneSpec:
     """The scene of a file with the options of a query, ``cutouts=off&transmittance=NAME:SHARE``."""
     for key, value in parse_qsl(query, keep_blank_values=True):
-        if key == "cutouts":
+        if key in ("cutouts", "instances"):
             if value not in ("on", "off"):
-                raise InputError(f"{text}: cutouts is {value!r}; it must be on or off")
-            spec = spec._replace(cutouts=value == "on")
+                raise InputError(f"{text}: {key} is {value!r}; it must be on or off")
+            switch: dict[str, Any] = {key: value == "on"}
+            spec = spec._replace(**switch)
         elif key == "transmittance":
             name, colon, shares = value.rpartition(":")
             numbers = [_number(each, f"{text}: transmittance") for each in shares.split(",")] if colon else []
@@ -137,7 +139,7 @@ def _with_options(spec: SceneSpec, query: str, text: str) -> SceneSpec:
                 raise InputError(f"{text}: transmittance is {value!r}; write NAME:SHARE or NAME:RED,GREEN,BLUE")
             spec = spec._replace(transmittance=(*spec.transmittance, (name, tuple(numbers))))
         else:
-            raise InputError(f"{text}: {key!r} is unknown; use cutouts=off or transmittance=NAME:SHARE")
+            raise InputError(f"{text}: {key!r} is unknown; use cutouts=off, instances=on or transmittance=NAME:SHARE")
     return spec
 
 
@@ -440,7 +442,15 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, crs:
         raise InputError(f"{spec.path.name}: a store has its own up axis; leave --up out")
     with quietly():  # the notes are printed below
         shares = dict(spec.transmittance) or None
-        scene = load(spec.path, up=up, lod=spec.lod, cutouts=spec.cutouts, transmittance=shares, crs=crs)
+        scene = load(
+            spec.path,
+            up=up,
+            lod=spec.lod,
+            cutouts=spec.cutouts,
+            transmittance=shares,
+            crs=crs,
+            instances=spec.instances,
+        )
     if not quiet:
         notes = group_notes(scene.notes, "antumbra info shows all")
         for note in notes[:_MOST_NOTES]:

@@ -10,6 +10,7 @@
 - `accelerator`: trees by plan, the builder choice of `auto`, cached trees
 - `frame_tracer`: `RenderSource`, `FrameTracer`, memory estimates
 - `in_memory_source`: scenes in memory, and their ray lists
+- `instanced_source`: scenes of instances
 - `paged_source`: scenes in stores: bands, ray lists, trees
 - `primary_visibility`: the surfaces that a camera sees
 - `default_view`: what default pictures show

@@ -6,6 +6,7 @@ The kernels of a plan are compiled before its first query. `Visibility` holds th
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
@@ -24,6 +25,7 @@ from ..query.ray_list import HitArrays, HitFilter, RayArguments, cull_value, ray
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery, fraction_lit, shadow_queries
 from ..scene.camera import Camera
+from ..scene.instance_data import InstanceData
 from ..scene.light_lists import without_interleave
 from ..scene.lights import Light, QuadLight, check_lights
 from ..scene.scene_data import MemoryData, SceneData
@@ -37,6 +39,7 @@ from .auto.strategies import STRATEGIES, TreeForms, answer_query
 from .auto_accelerator import CULLER, accelerator_of
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
 from .in_memory_source import InMemory
+from .instanced_source import Instanced, SharedInstances, traces_instances
 from .method_registry import BUILDERS, CULLERS, UPDATERS
 from .plan import Plan, parse_plan
 from .precompilation import Job, fixed_job, precompile, small_scene, small_view
@@ -251,8 +254,9 @@ class Engine:
     scene : Scene, PagedScene, or anything that `antumbra.load` takes
         A scene in memory or in a store, a path, or a mesh of another library.
     plan : str, Plan or None
-        The methods, such as ``"bsah+single"``. None: ``"auto"``, or ``"bsah+chcrt"`` for a scene in a store. Ray lists
-        in memory always use a separate tree.
+        The methods, such as ``"bsah+single"``. None: ``"auto"``, or ``"bsah+chcrt"`` for a scene in a store, or
+        ``"bsah+wide"`` for a scene of instances, which other plans flatten. Ray lists in memory always use a separate
+        tree.
     threads : int or None
         None: all cores.
     max_memory : int or None
@@ -292,7 +296,7 @@ class Engine:
     def _start(
         self,
         data: SceneData,
-        trees: SceneTrees | None,
+        trees: SceneTrees | SharedInstances | None,
         plan: str | Plan | None,
         threads: int | None,
         max_memory: int | None,
@@ -312,8 +316,12 @@ class Engine:
             return _paged()(cast("StoreData", self.data), self.accelerator, self.max_memory)
         if self.max_memory is not None:
             raise InputError(f"max_memory is for scenes in a store, and {self.data.name} is in memory; leave it out")
-        assert isinstance(self.data, MemoryData)
-        return InMemory(self.data, self.accelerator, self._trees, gbuffer)
+        if isinstance(self._trees, SceneTrees):
+            return InMemory(cast(MemoryData, self.data), self.accelerator, self._trees, gbuffer)
+        data = cast(InstanceData, self.data)
+        if traces_instances(self.plan):
+            return Instanced(data, self.accelerator, self._trees)
+        return InMemory(data.flattened(), self.accelerator, self._trees.flat(), gbuffer)
 
     def with_options(self, plan: str | Plan | None, threads: int | None, max_memory: int | None) -> "Engine":
         """An engine with another plan, thread count or memory limit, which shares this one's triangles and trees.
@@ -474,6 +482,8 @@ class Engine:
         self, rays: RayArguments, face: np.ndarray, moment: float
     ) -> Callable[[], tuple[Triangles, np.ndarray]]:
         """A function that returns the triangles of hits: those in memory, or those found in a store by a new query."""
+        if isinstance(self.source, Instanced):
+            return partial(self.source.triangles_hit, rays, face.copy(), moment)
         if not self.source.in_store:
             hit = self.source.triangles_hit(rays, face, moment)
             return lambda: hit
@@ -614,7 +624,8 @@ class Engine:
         """
         if self._trees is None:
             raise cast("StoreData", self.data).refusal()
-        return self._trees.of(self.accelerator, self._moment(time))
+        trees = self._trees.flat() if isinstance(self._trees, SharedInstances) else self._trees
+        return trees.of(self.accelerator, self._moment(time))
 
     def _queries(
         self,
@@ -644,10 +655,14 @@ class Engine:
 
 def default_plan_of(data: SceneData) -> str:
     """The plan of an engine if none is given."""
+    if isinstance(data, InstanceData):
+        return Instanced.default_plan
     return InMemory.default_plan if isinstance(data, MemoryData) else _paged().default_plan
 
 
-def _trees_of(data: SceneData) -> SceneTrees | None:
+def _trees_of(data: SceneData) -> SceneTrees | SharedInstances | None:
+    if isinstance(data, InstanceData):
+        return SharedInstances(data)
     return SceneTrees(data) if isinstance(data, MemoryData) else None
 
 

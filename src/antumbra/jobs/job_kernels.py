@@ -7,6 +7,7 @@ import numpy as np
 from ..engine.auto_accelerator import best_tree_job
 from ..engine.engine import wide_lights_job
 from ..engine.in_memory_source import rays_job
+from ..engine.instanced_source import instances_job
 from ..engine.paged_source import paged_job
 from ..engine.plan import Plan, covering_plans
 from ..engine.precompilation import Job, fixed_job, small_scene
@@ -52,7 +53,7 @@ def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) ->
         indirect_job("raster"),
         indirect_job("rays"),
     ]
-    jobs += [steps_job(), store_job(), paged_job(), cutouts_job()]
+    jobs += [steps_job(), store_job(), paged_job(), cutouts_job(), instances_job()]
     jobs += [wide_lights_job()] if any(plan.trace == "cones" for plan in plans) else []
     jobs += [bounce_job()] if any(plan.wants_rays for plan in plans) else []
     for plan in plans:

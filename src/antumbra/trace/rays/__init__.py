@@ -6,5 +6,7 @@
 - `interleaved_rays`: incoherent rays through the wide BVH
 - `single_rays`: the tracers `single` and `wide`, step counts
 - `ray_batches`: ray arrays, for `Scene.occluded` and `Scene.closest_hit`
+- `instance_traversal`: one ray through instances
+- `instance_rays`: ray lists, passes and shadow queries through instances
 - `ray_hits`: nearest surfaces of diffuse rays, all intersections of segments
 """
