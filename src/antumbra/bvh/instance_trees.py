@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined
 from ..kernels.simd import f32_at, f64_at, get, i32_at, ptr
-from ..scene.instance_bounds import columns_of
 from ..scene.instance_data import InstanceData
 from ..scene.instances import InstancedMesh
 from ..scene.scene_bounds import flush_to_zero
@@ -40,9 +39,12 @@ class MeshTree(NamedTuple):
     centre: NDArray[np.float64]  # (3,)
     reach: float  # largest distance of a vertex from the centre along an axis
     furthest: float  # largest magnitude of a coordinate in object space
-    columns: NDArray[np.float64]  # (3, v): coordinates in object space, see `columns_of`
-    faces: NDArray[np.int32]  # (f, 3)
-    part: NDArray[np.int32]  # (f,): part of each face
+    corners: NDArray[np.float64]  # (n, 9): lane of the tree's groups -> the corners of the face in object space
+    ids: NDArray[np.int32]  # (n,): lane -> face of the mesh; of unused lanes, any
+    part: NDArray[np.int32]  # (n,): lane -> part of the face
+
+
+_NO_CORNERS = np.empty((0, 9), np.float32)
 
 
 def mesh_tree(mesh: InstancedMesh, build: Build, threads: int) -> MeshTree:
@@ -51,9 +53,12 @@ def mesh_tree(mesh: InstancedMesh, build: Build, threads: int) -> MeshTree:
     centre = (positions.min(0) + positions.max(0)) / 2.0
     relative = positions - centre
     wide = widen(build(np.ascontiguousarray(relative.astype(np.float32)[mesh.faces]), threads), threads)
-    part = np.repeat(np.arange(len(mesh.parts) - 1, dtype=np.int32), np.diff(mesh.parts))
+    ids = wide.bvh.prim_ids[np.maximum(wide.slots.reshape(-1), 0)]
+    corners = positions[mesh.faces[ids]].reshape(-1, 9)
+    part = np.repeat(np.arange(len(mesh.parts) - 1, dtype=np.int32), np.diff(mesh.parts))[ids]
     reach, furthest = float(np.abs(relative).max()), float(np.abs(positions).max())
-    return MeshTree(wide, centre, reach, furthest, columns_of(positions), mesh.faces.copy(), part)
+    wide = wide._replace(bvh=wide.bvh._replace(corners=_NO_CORNERS))  # not used
+    return MeshTree(wide, centre, reach, furthest, corners, ids, part)
 
 
 # --- Error bounds of copies, see docs/design/instances.md -------------------------------------------------------------
@@ -134,8 +139,8 @@ def top_tree(boxes: NDArray[np.float32], threads: int) -> NDArray[np.float32]:
 # --- All trees of a scene ---------------------------------------------------------------------------------------------
 
 
-MESH_WORDS = 9
-NODES, GROUPS, SLOTS, IDS, COLUMNS, VERTICES, FACES, PART, REACH = range(MESH_WORDS)  # words of a mesh
+MESH_WORDS = 8
+NODES, GROUPS, CORNERS, IDS, PART, REACH = range(6)  # words of a mesh
 
 
 class InstanceArrays(NamedTuple):
@@ -183,12 +188,9 @@ class MeshPointers(NamedTuple):
     nodes: F32Ptr  # float32 *, 64 per node
     links: I32Ptr  # int32 *, the same memory
     groups: F32Ptr  # float32 *, 80 per group
-    slots: I32Ptr  # int32 *, 8 per group
-    ids: I32Ptr  # int32 *, slot -> face of the mesh
-    columns: F64Ptr  # float64 *: x, y, z of all vertices
-    vertices: int
-    faces: I32Ptr  # int32 *, 3 per face
-    part: I32Ptr  # int32 *: part of each face
+    corners: F64Ptr  # float64 *, 9 per lane, in object space
+    ids: I32Ptr  # int32 *, lane -> face of the mesh
+    part: I32Ptr  # int32 *: lane -> part of the face
 
 
 @inlined
@@ -197,9 +199,8 @@ def mesh_pointers(scene, mesh):
     at, words = np.int64(mesh) * MESH_WORDS, scene.meshes
     nodes = get(words, at + NODES)
     return MeshPointers(
-        f32_at(nodes), i32_at(nodes), f32_at(get(words, at + GROUPS)), i32_at(get(words, at + SLOTS)),
-        i32_at(get(words, at + IDS)), f64_at(get(words, at + COLUMNS)), get(words, at + VERTICES),
-        i32_at(get(words, at + FACES)), i32_at(get(words, at + PART)),
+        f32_at(nodes), i32_at(nodes), f32_at(get(words, at + GROUPS)), f64_at(get(words, at + CORNERS)),
+        i32_at(get(words, at + IDS)), i32_at(get(words, at + PART)),
     )  # fmt: skip
 
 
@@ -259,11 +260,5 @@ class InstanceTrees:
             return [0] * MESH_WORDS
         tree = self._trees[k]
         wide = tree.wide
-        arrays = wide.nodes, wide.groups, wide.slots, wide.bvh.prim_ids, tree.columns
-        return [
-            *(each.ctypes.data for each in arrays),
-            tree.columns.shape[1],
-            tree.faces.ctypes.data,
-            tree.part.ctypes.data,
-            self._reaches[k].ctypes.data,
-        ]
+        arrays = wide.nodes, wide.groups, tree.corners, tree.ids, tree.part, self._reaches[k]
+        return [*(each.ctypes.data for each in arrays), 0, 0]

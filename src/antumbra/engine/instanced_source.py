@@ -17,7 +17,16 @@ from ..progress import ProgressCallback
 from ..query.gbuffer import from_hits
 from ..query.light_samples import light_samples
 from ..query.pixel_refinement import subpixel_rays
-from ..query.ray_list import HitArrays, HitFilter, RayArguments, RayArrays, hit_arrays, rays_of
+from ..query.ray_list import (
+    HitArrays,
+    HitFilter,
+    RayArguments,
+    RayArrays,
+    changed_error,
+    hit_arrays,
+    rays_in_frame,
+    rays_of,
+)
 from ..query.ray_passes import RayPass, camera_pass, rays_through
 from ..query.shadow_query import Surfaces, surface_queries
 from ..scene.camera import Camera, CameraRays, ExplicitRays
@@ -27,7 +36,8 @@ from ..scene.mesh import make_mesh
 from ..scene.scene_bounds import flush_to_zero
 from ..scene.triangles import AllHits, Triangles
 from ..trace.rays.all_hits import TRIANGLES
-from ..trace.rays.instance_rays import InstanceForest, count_all, find_all, nearest_hits, trace_list
+from ..trace.rays.instance_batches import trace_list
+from ..trace.rays.instance_rays import InstanceForest, count_all, find_all
 from ..trace.rays.ray_hits import Nearest, hit_surfaces
 from .accelerator import Accelerated, Accelerator, SceneTrees
 from .frame_tracer import FrameMemory
@@ -157,9 +167,16 @@ class Instanced:
         return Surfaces(gbuffer, visible, hits.face.reshape(shape), self.box(visible))
 
     def _hits(self, rays: RayPass) -> HitArrays:
-        out = hit_arrays(len(rays.skip), False)
-        nearest_hits(self.trees, rays, out, self.threads)
-        return out
+        """The nearest hits of a pass. Rays of length 0, which stand for pixels without a ray, miss."""
+        moving = rays.directions.any(1)
+        arguments = rays_in_frame(rays if moving.all() else RayPass(*(array[moving] for array in rays)))
+        out = hit_arrays(arguments.n, False)
+        trace_list(self.trees, arguments, False, out, self.threads)
+        if moving.all():
+            return out
+        face, t = np.full(len(moving), -1, np.int32), np.full(len(moving), np.inf)
+        face[moving], t[moving] = out.face, out.t
+        return out._replace(face=face, t=t)
 
     def _visible(self, faces: NDArray[np.int32]) -> tuple[Triangles, NDArray[np.int32]]:
         """The triangles of faces, (...) int32, each once; and the index of each face's triangle, or -1."""
@@ -182,8 +199,11 @@ class Instanced:
             yield Surfaces(gbuffer, visible, hits.face.reshape(shape), self.box(visible))
 
     def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
-        arrays, out = self._checked(rays), hit_arrays(rays.n, any_hit)
-        trace_list(self.trees, arrays, rays.cull_faces, any_hit, out, threads or self.threads)
+        self.warm_up()
+        out = hit_arrays(rays.n, any_hit)
+        if not trace_list(self.trees, rays, any_hit, out, threads or self.threads):
+            rays.arrays().check()
+            raise changed_error()
         return out
 
     def all_hits(
@@ -234,10 +254,10 @@ def instances_job() -> Job:
     def work() -> None:
         data, accelerator = small_instances(), Accelerator(parse_plan(Instanced.default_plan), 2)
         source, (camera, lights) = Instanced(data, accelerator, SharedInstances(data)), small_view()
-        rays = rays_of(np.ones((2, 3)), -np.ones((2, 3)), HitFilter(0.0, 9.0), (0.0, 0.0, 0.0), 1).arrays()
+        rays = rays_of(np.ones((2, 3)), -np.ones((2, 3)), HitFilter(0.0, 9.0), (0.0, 0.0, 0.0), 1)
         for any_hit in True, False:
-            trace_list(source.trees, rays, 0, any_hit, hit_arrays(2, any_hit), 2)
-        find_all(source.trees, rays, 0, TRIANGLES, threads=2)
+            trace_list(source.trees, rays, any_hit, hit_arrays(2, any_hit), 2)
+        find_all(source.trees, rays.arrays(), 0, TRIANGLES, threads=2)
         queries = surface_queries(source.look(camera), lights, [light_samples(light, 1) for light in lights], 0, 2)
         accelerator.answer_all(source.moment(0.0)[1], queries)
 

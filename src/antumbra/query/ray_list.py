@@ -185,6 +185,12 @@ def rays_of(
     return RayArguments(origins, directions, tmin, tmax, skip, shape, facing, targets is not None, frame)
 
 
+def rays_in_frame(rays: RayPass) -> RayArguments:
+    """The rays of a pass, whose origins are in the scene's frame."""
+    shape = (len(rays.origins),)
+    return RayArguments(rays.origins, rays.directions, 0.0, np.inf, rays.skip, shape, 0, False, (0.0, 0.0, 0.0))
+
+
 def segments_between(begin: np.ndarray, end: np.ndarray, skip: np.ndarray) -> RayArguments:
     """Segments between points in the scene's frame, (n, 3) float32 each; skip : (n,) int."""
     return RayArguments(begin, end, 0.0, 1.0, skip, (len(begin),), 0, True, (0.0, 0.0, 0.0))

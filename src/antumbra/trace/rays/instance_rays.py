@@ -1,4 +1,4 @@
-"""Rays through scenes of instances: ray lists, passes of nearest hits, all hits, and shadow queries."""
+"""Single rays through scenes of instances: all hits of ray lists, and shadow queries."""
 
 from typing import NamedTuple
 
@@ -18,8 +18,7 @@ from ...kernels.exact.surface_crossing import crosses_surface
 from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined, kernel, overload
 from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import get, ptr, put, stack_f32, stack_f64, stack_i64
-from ...query.ray_list import HitArrays, RayArrays, hit_arrays
-from ...query.ray_passes import RayPass
+from ...query.ray_list import RayArrays, hit_arrays
 from ...scene.triangles import AllHits
 from ..counters import REPEAT_HITS, count
 from .all_hits import INSIDE, ON_SURFACE, TRIANGLES
@@ -39,7 +38,7 @@ from .instance_traversal import (
 from .ray_traversal import triangle_hit
 from .single_rays import blocker, pointers
 
-# --- Ray lists and passes ---------------------------------------------------------------------------------------------
+# --- Rays -------------------------------------------------------------------------------------------------------------
 
 
 _CHUNK = 64
@@ -72,40 +71,6 @@ def _ray(rays, i):
     return ray_along(o[0], o[1], o[2], v[0], v[1], v[2], rays.spans[k, 0], rays.spans[k, 1])
 
 
-@kernel
-def _trace(ticket, arrays, rays, any_hit, out):
-    """Worker: write the hit of each ray; a ray of length 0 hits nothing."""
-    scene = instance_pointers(arrays)
-    hit = InstanceHit(stack_f32(HIT_FLOATS), stack_f64(1), stack_i64(HIT_IDS))
-    for i in items(ticket):
-        ray, face = _ray(rays, i), np.int64(-1)
-        query = InstanceQuery(np.int64(rays.skip[i]), rays.cull_faces, any_hit)
-        if ray.dx != 0.0 or ray.dy != 0.0 or ray.dz != 0.0:
-            walk_instances(scene, ray, query, hit, None)
-            face = get(hit.ids, 0)
-        if any_hit:
-            out.blocked[i] = face >= 0
-            continue
-        out.face[i], out.t[i], out.u[i], out.v[i] = face, np.inf, 0.0, 0.0
-        if face >= 0:
-            out.t[i] = rounded_t(ray, hit.corners, BEST)
-            out.u[i], out.v[i] = single_weights(ray, hit.corners, BEST)
-
-
-def trace_list(
-    trees: InstanceTrees, rays: RayArrays, cull_faces: int, any_hit: bool, out: HitArrays, threads: int | None = None
-) -> None:
-    """Trace the rays of a list, which must be valid, and fill `out`."""
-    local = local_rays(rays, cull_faces)
-    run(_trace, thread_count(threads), new_ticket(len(local.skip), _CHUNK), trees.arrays, local, any_hit, out)
-
-
-def nearest_hits(trees: InstanceTrees, rays: RayPass, out: HitArrays, threads: int | None = None) -> None:
-    """Find the nearest hit of each ray of a pass, and fill `out`."""
-    local = LocalRays(*rays[:2], np.array([[0.0, np.inf]]), rays.skip, False, 0)
-    run(_trace, thread_count(threads), new_ticket(len(rays.skip), _CHUNK), trees.arrays, local, False, out)
-
-
 # --- All hits ---------------------------------------------------------------------------------------------------------
 
 
@@ -132,11 +97,11 @@ def _touches(ray, o, corners):
 
 
 @kernel
-def _record_triangle(scene, i, triangle, ray, query, hits, counters):
+def _record_triangle(scene, i, source, ray, query, hits, counters):
     """`test_triangle` for all hits. Return False, since no hit ends the query."""
     mesh, corners = mesh_pointers(scene, get(scene.mesh, i)), hits.corners
-    place_triangle(scene, i, mesh, triangle, corners, TESTED)
-    face, n = face_of(scene, i, mesh, triangle), get(hits.count, 0)
+    place_triangle(scene, i, mesh, source, corners, TESTED)
+    face, n = face_of(scene, i, mesh, source), get(hits.count, 0)
     if face == query.skip:
         return False
     o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
@@ -157,10 +122,10 @@ def _record_triangle(scene, i, triangle, ray, query, hits, counters):
 
 
 @overload(test_triangle)
-def _test_triangle(scene, i, triangle, ray, query, hit, counters):
+def _test_triangle(scene, i, source, ray, query, hit, counters):
     if hit.instance_class is InstanceHitList:
-        return lambda scene, i, triangle, ray, query, hit, counters: _record_triangle(
-            scene, i, triangle, ray, query, hit, counters
+        return lambda scene, i, source, ray, query, hit, counters: _record_triangle(
+            scene, i, source, ray, query, hit, counters
         )
     return None
 
@@ -243,8 +208,8 @@ def _pointers(prepared):
 
 @kernel
 def _blocked(scene, ray, skip, cull_faces, last, counters):
-    """A triangle that blocks the ray, as 2^32 times its copy, plus its index in the mesh; -1: none."""
-    hit = InstanceHit(stack_f32(HIT_FLOATS), stack_f64(1), stack_i64(HIT_IDS))
+    """A triangle that blocks the ray, as 2^32 times its copy, plus its lane in the mesh's tree; -1: none."""
+    hit = InstanceHit(stack_f32(HIT_FLOATS), TESTED, BEST, stack_f64(1), stack_i64(HIT_IDS))
     query = InstanceQuery(np.int64(skip), np.int64(cull_faces), True)
     if last >= 0 and meets_triangle(scene, last >> 32, last & 0xFFFFFFFF, ray, query, hit, counters):
         count(counters, REPEAT_HITS, 1)

@@ -51,14 +51,14 @@ _SMALL, _LARGE = np.float32(2.0**-40), np.float32(2.0**40)
 _ALONG = np.float32(2.0**-40)  # a direction's components are raised to at least this fraction of the largest one
 _PAD = np.float32(2.0**-20)  # planes are moved outwards by this fraction of the largest coordinate involved
 _INF, _ZERO, _ONE, _TWO = (np.float32(x) for x in (np.inf, 0.0, 1.0, 2.0))
-_EARLIER = np.float64(1.0 - 2.0**-19)  # more than the lane in a key, and the rounding of a box's entry, add to its t
-_LATER = np.float64(1.0 + 2.0**-20)
+EARLIER = np.float64(1.0 - 2.0**-19)  # more than the lane in a key, and the rounding of a box's entry, add to its t
+LATER = np.float64(1.0 + 2.0**-20)
 _NARROW, _COMPUTED = np.float64(2.0**-21), np.float64(2.0**-47)  # errors of a ray in a copy's frame
 _NEAREST = np.float32(NEAREST)
 
 
 @inlined
-def _axis(o, d, along, pad, tame):
+def slab(o, d, along, pad, tame):
     """(inverse, near offset, far offset) of one axis, see `wide_traversal.prepare`."""
     steep = d if abs(d) > along else along
     inverse = _ONE / steep
@@ -69,10 +69,17 @@ def _axis(o, d, along, pad, tame):
 
 
 @inlined
-def _is_tame(d, reach, shift):
+def is_tame(d, reach, shift):
     """Whether float32 holds the products of a direction and coordinates up to `reach`. False for NaN."""
     largest = max_magnitude(d)
     return largest > _SMALL and largest < _LARGE and reach > _SMALL and reach < _LARGE and shift < _LARGE
+
+
+@inlined
+def slab_margins(o, d, reach, shift):
+    """(whether float32 suffices, smallest component of the direction, distance by which planes are moved outwards)."""
+    reach = max(max_magnitude(o), reach)
+    return is_tame(d, reach, shift), max_magnitude(d) * _ALONG, reach * _PAD + shift
 
 
 @inlined
@@ -81,11 +88,10 @@ def _slabs(o, d, tmin, reach, shift):
 
     reach : largest magnitude of the coordinates of boxes
     """
-    reach = max(max_magnitude(o), reach)
-    tame, along, pad = _is_tame(d, reach, shift), max_magnitude(d) * _ALONG, reach * _PAD + shift
-    ix, near_x, far_x = _axis(o[0], d[0], along, pad, tame)
-    iy, near_y, far_y = _axis(o[1], d[1], along, pad, tame)
-    iz, near_z, far_z = _axis(o[2], d[2], along, pad, tame)
+    tame, along, pad = slab_margins(o, d, reach, shift)
+    ix, near_x, far_x = slab(o[0], d[0], along, pad, tame)
+    iy, near_y, far_y = slab(o[1], d[1], along, pad, tame)
+    iz, near_z, far_z = slab(o[2], d[2], along, pad, tame)
     upper = np.int64(WIDTH)
     return WideSlabs(
         splat8(ix), splat8(iy), splat8(iz), splat8(near_x), splat8(near_y), splat8(near_z), splat8(far_x),
@@ -94,17 +100,6 @@ def _slabs(o, d, tmin, reach, shift):
         2 * upper + (upper if iy < _ZERO else 0),
         4 * upper + (upper if iz < _ZERO else 0),
     )  # fmt: skip
-
-
-class CopyRay(NamedTuple):
-    """A ray in the frame of a copy's mesh."""
-
-    slabs: WideSlabs
-    filter: FilterRays  # in eight lanes; its tmin and tmax are not used
-    slack: F32x8  # see `lines_may_pass`
-    start: np.float64  # t of the ray where this one begins
-    scale: np.float64  # t of this ray, per t of the ray
-    tame: bool  # whether the two numbers above are valid
 
 
 @inlined
@@ -117,9 +112,21 @@ def _mapped(maps, at, x, y, z):
     )
 
 
+class MappedRay(NamedTuple):
+    """A ray in the frame of a copy's mesh: scalars."""
+
+    o: tuple[np.float32, np.float32, np.float32]
+    d: tuple[np.float32, np.float32, np.float32]  # its largest component is 1
+    shift: np.float32  # at least the distance between this ray and the exact one, and between triangles
+    reach: np.float32  # largest magnitude of a coordinate of the mesh
+    start: np.float64  # t of the ray where this one begins
+    scale: np.float64  # t of this ray, per t of the ray
+    tame: bool  # whether float32 and the numbers above suffice
+
+
 @inlined
-def copy_ray(scene, i, ray, start):
-    """The `CopyRay` of a `Ray` from t = `start` on."""
+def map_ray(scene, i, ray, start):
+    """The `MappedRay` of a `Ray` in copy i, from t = `start` on."""
     f, at, maps = np.float32, 15 * i, scene.maps
     x, y, z = _mapped(
         maps, at,
@@ -137,41 +144,68 @@ def copy_ray(scene, i, ray, start):
     size = max_magnitude((ray.ox, ray.oy, ray.oz)) + start * speed + get(maps, at + 12)
     travel = np.float64(max_magnitude(o)) + np.float64(reach)
     error = get(maps, at + 14) + norm * size * _COMPUTED + travel * (_NARROW + norm * speed * inverse * _COMPUTED)
-    shift = f(error * _LATER)
-    tame = _is_tame(d, max(max_magnitude(o), reach), shift)
-    span = abs(d[0]) + abs(d[1]) + abs(d[2])
-    ox, oy, oz, ux, uy, uz = splat8(o[0]), splat8(o[1]), splat8(o[2]), splat8(d[0]), splat8(d[1]), splat8(d[2])
-    unit, floor = error_unit(mask_from_bits8(np.int64(255 if tame else 0)), ux, uy, uz, splat8(reach))
-    return CopyRay(
-        _slabs(o, d, _ZERO, reach, shift),
-        FilterRays(ox, oy, oz, ux, uy, uz, floor, floor, unit, floor),
-        splat8(_TWO * span * shift),
-        start,
-        scale,
-        tame,
-    )
+    shift = f(error * LATER)
+    return MappedRay(o, d, shift, reach, start, scale, is_tame(d, max(max_magnitude(o), reach), shift))
+
+
+@inlined
+def slack_of(r):
+    """The `slack` of `lines_may_pass` for a `MappedRay`."""
+    return _TWO * (abs(r.d[0]) + abs(r.d[1]) + abs(r.d[2])) * r.shift
+
+
+@inlined
+def unit_of(r):
+    """(unit, floor) of `FilterRays` for a `MappedRay`, in eight lanes."""
+    tame = mask_from_bits8(np.int64(255 if r.tame else 0))
+    return error_unit(tame, splat8(r.d[0]), splat8(r.d[1]), splat8(r.d[2]), splat8(r.reach))
+
+
+@inlined
+def copy_limit(r, t):
+    """The t in a copy's frame beyond which hits do not matter, if t is that of the nearest one so far; float32."""
+    if not r.tame:
+        return _INF
+    return np.float32((t * BEYOND - r.start) * r.scale * LATER)
+
+
+class CopyRay(NamedTuple):
+    """A `MappedRay` in eight lanes."""
+
+    slabs: WideSlabs
+    filter: FilterRays  # its tmin and tmax are not used
+    slack: F32x8  # see `lines_may_pass`
+
+
+@inlined
+def _copy_ray(r):
+    unit, floor = unit_of(r)
+    ox, oy, oz = splat8(r.o[0]), splat8(r.o[1]), splat8(r.o[2])
+    dx, dy, dz = splat8(r.d[0]), splat8(r.d[1]), splat8(r.d[2])
+    slabs = _slabs(r.o, r.d, _ZERO, r.reach, r.shift)
+    return CopyRay(slabs, FilterRays(ox, oy, oz, dx, dy, dz, floor, floor, unit, floor), splat8(slack_of(r)))
 
 
 # --- Triangles of copies ----------------------------------------------------------------------------------------------
 
 
 @inlined
-def place_triangle(scene, i, mesh, triangle, corners, at):
-    """Write the nine coordinates of a triangle of copy i, as flattening computes them, from `corners[at]` on."""
+def place_triangle(scene, i, mesh, source, corners, slot):
+    """Write the corners of copy i's triangle in lane `source`, as flattening computes them, to a slot of `corners`."""
     for corner in range(3):
-        v = np.int64(get(mesh.faces, 3 * triangle + corner))
-        x, y, z = get(mesh.columns, v), get(mesh.columns, mesh.vertices + v), get(mesh.columns, 2 * mesh.vertices + v)
+        v = 9 * source + 3 * corner
+        x, y, z = get(mesh.corners, v), get(mesh.corners, v + 1), get(mesh.corners, v + 2)
         for axis in range(3):
             m, row = scene.matrices, 12 * i + 4 * axis
             world = get(m, row) * x + get(m, row + 1) * y + get(m, row + 2) * z + get(m, row + 3)
             local = np.float32(world - get(scene.origin, axis))
-            put(corners, at + 3 * corner + axis, _ZERO if abs(local) < _NEAREST else local)
+            put(corners, 9 * slot + 3 * corner + axis, _ZERO if abs(local) < _NEAREST else local)
 
 
 @inlined
-def face_of(scene, i, mesh, triangle):
-    """The scene index of a triangle of copy i."""
-    return get(scene.starts, get(scene.rows, i) + np.int64(get(mesh.part, triangle))) + triangle
+def face_of(scene, i, mesh, source):
+    """The scene index of the face of copy i in lane `source`."""
+    return get(scene.starts, get(scene.rows, i) + np.int64(get(mesh.part, source))) + np.int64(get(mesh.ids, source))
 
 
 class InstanceQuery(NamedTuple):
@@ -185,60 +219,62 @@ class InstanceQuery(NamedTuple):
 class InstanceHit(NamedTuple):
     """The hit of a ray so far: pointers to scratch memory."""
 
-    corners: F32Ptr  # float32 *, 18: the triangle that is tested, then the one that is hit
+    corners: F32Ptr  # float32 *, 9 per slot
+    tested: int  # slot of the triangle that is tested
+    best: int  # slot of the one that is hit
     t: F64Ptr  # float64 *, 1: of the hit, by `hit_t`; the ray's tmax if there is none
-    ids: I64Ptr  # int64 *, 3: scene index of the face, or -1; its copy; its index in the mesh
+    ids: I64Ptr  # int64 *, 3: scene index of the face, or -1; its copy; its lane in the mesh's tree
 
 
+TESTED, BEST = np.int64(0), np.int64(1)  # slots for a single ray
 HIT_FLOATS, HIT_IDS = 18, 3  # sizes of its memory
-TESTED, BEST = np.int64(0), np.int64(1)  # slots of `InstanceHit.corners`
 
 
 @inlined
-def _keep(i, triangle, face, t, hit):
+def _keep(i, source, face, t, hit):
     """Record a hit on the triangle that is tested."""
     put(hit.t, 0, t)
     put(hit.ids, 0, face)
     put(hit.ids, 1, i)
-    put(hit.ids, 2, triangle)
+    put(hit.ids, 2, source)
     for k in range(9):
-        put(hit.corners, 9 + k, get(hit.corners, k))
+        put(hit.corners, 9 * hit.best + k, get(hit.corners, 9 * hit.tested + k))
 
 
-def test_triangle(scene, i, triangle, ray, query, hit, counters):
-    """In kernels: test a ray against a triangle of copy i, and record a hit. Return whether the hit is a new one.
+def test_triangle(scene, i, source, ray, query, hit, counters):
+    """In kernels: test a ray against copy i's triangle in lane `source`, and record a hit. Return whether it is new.
 
     The type of `hit` selects the implementation. Other modules add theirs.
     """
 
 
 @overload(test_triangle)
-def _test_triangle(scene, i, triangle, ray, query, hit, counters):
+def _test_triangle(scene, i, source, ray, query, hit, counters):
     if hit.instance_class is InstanceHit:
-        return lambda scene, i, triangle, ray, query, hit, counters: meets_triangle(
-            scene, i, triangle, ray, query, hit, counters
+        return lambda scene, i, source, ray, query, hit, counters: meets_triangle(
+            scene, i, source, ray, query, hit, counters
         )
     return None
 
 
 @kernel
-def meets_triangle(scene, i, triangle, ray, query, hit, counters):
+def meets_triangle(scene, i, source, ray, query, hit, counters):
     """`test_triangle` for any hit or the nearest one."""
     mesh = mesh_pointers(scene, get(scene.mesh, i))
-    place_triangle(scene, i, mesh, triangle, hit.corners, TESTED)
-    face = face_of(scene, i, mesh, triangle)
-    if face == query.skip:
-        return False
+    place_triangle(scene, i, mesh, source, hit.corners, hit.tested)
     o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
     d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
-    if not triangle_hit(hit.corners, TESTED, ray, o, d, query.cull_faces, counters):
+    if not triangle_hit(hit.corners, hit.tested, ray, o, d, query.cull_faces, counters):
+        return False
+    face = face_of(scene, i, mesh, source)
+    if face == query.skip:
         return False
     if query.any_hit:
-        _keep(i, triangle, face, get(hit.t, 0), hit)
+        _keep(i, source, face, get(hit.t, 0), hit)
         return True
-    t, best = hit_t(ray, hit.corners, TESTED), get(hit.ids, 0)
-    if best < 0 or comes_first(ray, hit.corners, TESTED, face, t, BEST, best, get(hit.t, 0)):
-        _keep(i, triangle, face, t, hit)
+    t, best = hit_t(ray, hit.corners, hit.tested), get(hit.ids, 0)
+    if best < 0 or comes_first(ray, hit.corners, hit.tested, face, t, hit.best, best, get(hit.t, 0)):
+        _keep(i, source, face, t, hit)
         return True
     return False
 
@@ -279,22 +315,14 @@ def _push_unsorted(nodes, links, node, slabs, limit, stack, top):
 @inlined
 def _pop_before(stack, top, limit):
     """The top of a sorted stack without the entries beyond `limit`."""
-    while top > 0 and np.float64(get(as_f32(stack.keys), top - 1)) * _EARLIER > limit:
+    while top > 0 and np.float64(get(as_f32(stack.keys), top - 1)) * EARLIER > limit:
         top -= 1
     return top
 
 
 @inlined
-def _copy_limit(r, hit):
-    """The t in a copy's frame beyond which hits do not matter, float32."""
-    if not r.tame:
-        return _INF
-    return np.float32((get(hit.t, 0) * BEYOND - r.start) * r.scale * _LATER)
-
-
-@inlined
 def _may_meet(mesh, link, r):
-    """Bits of the triangles of a leaf that a ray may meet."""
+    """Bits of the triangles of a leaf that a `CopyRay` may meet."""
     group, n = wide_leaf(link)
     return bits(lines_may_pass(r.filter, group_of(mesh.groups, group * GROUP_WORDS), r.slack)) & ((1 << n) - 1)
 
@@ -303,8 +331,8 @@ def _may_meet(mesh, link, r):
 def walk_copy(scene, i, ray, start, query, hit, counters):
     """Trace a ray through copy i from t = `start` on, and record hits. Return whether this ends an any-hit query."""
     stack, top, link = WideStack(stack_i32(_ROOM), stack_i32(_ROOM)), np.int64(0), np.int64(0)
-    mesh, r = mesh_pointers(scene, get(scene.mesh, i)), copy_ray(scene, i, ray, start)
-    limit = _copy_limit(r, hit)
+    mesh, mapped = mesh_pointers(scene, get(scene.mesh, i)), map_ray(scene, i, ray, start)
+    r, limit = _copy_ray(mapped), copy_limit(mapped, get(hit.t, 0))
     while True:
         if link >= 0:
             count(counters, NODES, 1)
@@ -316,12 +344,12 @@ def walk_copy(scene, i, ray, start, query, hit, counters):
         else:
             lanes, first = _may_meet(mesh, link, r), wide_leaf(link).group * WIDTH
             while lanes:
-                slot = get(mesh.slots, first + lowest_bit(lanes))
+                lane = lowest_bit(lanes)
                 lanes &= lanes - 1
-                if test_triangle(scene, i, np.int64(get(mesh.ids, slot)), ray, query, hit, counters):
+                if test_triangle(scene, i, first + lane, ray, query, hit, counters):
                     if query.any_hit:
                         return True
-                    limit = _copy_limit(r, hit)
+                    limit = copy_limit(mapped, get(hit.t, 0))
         if not query.any_hit:
             top = _pop_before(stack, top, np.float64(limit))
         if top == 0:
@@ -352,4 +380,4 @@ def walk_instances(scene, ray, query, hit, counters):
             return
         top -= 1
         link = np.int64(get(stack.links, top))
-        start = max(ray.tmin, np.float64(get(as_f32(stack.keys), top)) * _EARLIER)
+        start = max(ray.tmin, np.float64(get(as_f32(stack.keys), top)) * EARLIER)
