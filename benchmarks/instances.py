@@ -91,7 +91,8 @@ def forest(trees: int, triangles: int, instances: bool | None = None) -> at.Scen
 def camera(scene: at.Scene, width: int, height: int) -> at.Camera:
     """A view from above the crowns to the horizon."""
     half = float(np.ptp(scene.bounds[:, 0])) / 2.0
-    return at.Camera((0, 22, 0.9 * half), (0, 2, 0.9 * half - 60.0), vfov=55.0, width=width, height=height)
+    ahead = max(0.9 * half - 60.0, 0.0)
+    return at.Camera((0, 22, 0.9 * half + 10.0), (0, 2, ahead), vfov=55.0, width=width, height=height)
 
 
 def picture(trees: int, triangles: int, size: tuple[int, int], threads: int | None) -> Picture:
