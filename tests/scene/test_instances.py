@@ -189,3 +189,20 @@ def test_the_command_line_chooses_instances(tmp_path):
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     with pytest.raises(at.InputError, match="has no instances"):
         at.load(path, instances=True)
+
+
+def test_a_store_of_instances_holds_all_copies(tmp_path):
+    from antumbra.engine.store_building import build_store
+
+    inside, flat = random_scenes(6)
+    paths = [tmp_path / f"{name}.antumbra" for name in ("inside", "flat")]
+    for scene, path in zip((inside, flat), paths):
+        build_store([scene], path)
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+def test_results_of_instances_are_recognised(tmp_path):
+    from antumbra.jobs.scene_records import scene_digest
+
+    digests = [scene_digest(scene, 0.0) for scene in (random_scenes(7)[0], random_scenes(7)[0], random_scenes(8)[0])]
+    assert digests[0] == digests[1] != digests[2]
