@@ -163,7 +163,7 @@ def main() -> None:
     parser.add_argument("--trees", type=int, default=100_000, help="trees of the large forest; 0: leave it out")
     parser.add_argument("--triangles", type=int, default=20_000, help="triangles of a tree")
     parser.add_argument("--size", type=int, nargs=2, default=(1920, 1080), metavar=("W", "H"))
-    parser.add_argument("--fits", type=int, default=200, help="trees of the forest that is also flattened")
+    parser.add_argument("--fits", type=int, default=500, help="trees of the forest that is also flattened")
     parser.add_argument("--rays", type=int, default=400_000)
     args = parser.parse_args()
     large = _apart(args.trees, args.triangles, tuple(args.size), args.threads) if args.trees else None

@@ -121,10 +121,44 @@ def test_any_transforms_at_any_scale(seed, scale, offset):
     )
 
 
+def _bundles(scene, flat, n, seed):
+    """(origins, directions): 64 rays at a time that run close together, many of them to corners and edges."""
+    origins, directions = rays_to_corners(scene, flat, n, seed)
+    rng, size = np.random.default_rng(seed), np.abs(directions).max(1, keepdims=True)
+    lead = np.arange(n) // 64 * 64
+    near = origins[lead] + 0.003 * np.ptp(scene.bounds, axis=0).max() * rng.normal(size=(n, 3))
+    along = directions[lead] + 0.02 * size[lead] * rng.normal(size=(n, 3))
+    near[::5] = origins[lead][::5]
+    along[::5] = directions[lead][::5]
+    local = (near - scene.origin).astype(np.float32)
+    return local.astype(np.float64) + scene.origin, along.astype(np.float32)
+
+
+@pytest.mark.parametrize("facing", [None, "front"])
+def test_coherent_rays_meet_what_they_meet_flattened(scenes, facing):
+    inside, flat = scenes
+    origins, directions = _bundles(inside, flat, 64 * 60 + 7, 21)
+    rng, n = np.random.default_rng(3), len(origins)
+    rays = origins, directions, rng.choice([0.0, 0.3], n), rng.choice([1.0, np.inf], n), rng.integers(-1, 12, n)
+    hit, other = (scene.closest_hit(*rays, cull_faces=facing) for scene in (inside, flat))
+    _same(hit, other)
+    truth = flat.occluded(*rays, cull_faces=facing)
+    np.testing.assert_array_equal(inside.occluded(*rays, cull_faces=facing), truth)
+    assert 0.02 < truth.mean() < 0.98
+    towards = np.repeat(origins[::64], 64, 0)[:n]
+    blocked = [scene.occluded(origins + directions, targets=towards, cull_faces=facing) for scene in (inside, flat)]
+    np.testing.assert_array_equal(*blocked)
+    assert 0.02 < blocked[0].mean() < 0.98
+
+
 def test_lengths_of_directions_do_not_matter():
     inside, flat = random_scenes(11)
     origins, directions = rays_to_corners(inside, flat, 500, 8)
     for length in 1e-30, 1e-12, 1e12, 1e30:
+        rays = origins, (directions * length).astype(np.float32)
+        _same(inside.closest_hit(*rays), flat.closest_hit(*rays))
+    for length in 1e-11, 1e11:  # close to the limits of float32 tests
+        origins, directions = _bundles(inside, flat, 640, 22)
         rays = origins, (directions * length).astype(np.float32)
         _same(inside.closest_hit(*rays), flat.closest_hit(*rays))
 

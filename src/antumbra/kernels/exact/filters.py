@@ -340,6 +340,13 @@ def error_unit(tame, dx, dy, dz, reach):
 
 
 @inlined
+def single_error_unit(tame, span, reach):
+    """`error_unit` of one ray; scalars. span : the sum of the magnitudes of its direction's components."""
+    unit = _COARSE if tame else np.float32(np.inf)
+    return unit, (span + (reach + reach)) * _TINY + _TINY
+
+
+@inlined
 def _sum3(ax, bx, ay, by, az, bz):
     return fma(ax, bx, fma(ay, by, az * bz))
 

@@ -7,7 +7,8 @@
 - `single_rays`: the tracers `single` and `wide`, step counts
 - `ray_batches`: ray arrays, for `Scene.occluded` and `Scene.closest_hit`
 - `instance_traversal`: one ray through instances
-- `instance_batches`: ray lists through instances
+- `instance_columns`: 64 rays in the frames of copies
+- `instance_batches`: ray lists through instances, interleaved
 - `instance_rays`: all hits and shadow queries of instances
 - `ray_hits`: nearest surfaces of diffuse rays, all intersections of segments
 """

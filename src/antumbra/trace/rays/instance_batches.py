@@ -12,15 +12,14 @@ import numpy as np
 
 from ...bvh.instance_trees import CORNERS, GROUPS, MESH_WORDS, NODES, InstanceTrees, instance_pointers
 from ...bvh.nodes import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH, wide_leaf
-from ...kernels.exact.filters import BEYOND, lines_may_pass
-from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined, kernel
+from ...kernels.exact.filters import lines_may_pass
+from ...kernels.jit import I32Ptr, I64Ptr, inlined, kernel
 from ...kernels.parallel import STOP, items, new_ticket, run, thread_count
 from ...kernels.simd import (
     as_f32,
     as_i32,
     bits,
     broadcast8,
-    extract,
     f32_at,
     f64_at,
     get,
@@ -41,40 +40,33 @@ from ...kernels.simd import (
     store_compressed,
 )
 from ...query.ray_list import HitArrays, RayArguments
-from .hit_reports import CORNER_WORDS, REPORT_WORDS, Report, write_nearest
-from .instance_traversal import (
-    EARLIER,
-    LATER,
-    InstanceHit,
-    InstanceQuery,
-    copy_limit,
-    map_ray,
-    slab,
-    slab_margins,
-    slack_of,
-    test_triangle,
-    unit_of,
+from .hit_reports import CORNER_WORDS as REPORT_CORNERS
+from .hit_reports import REPORT_WORDS, Report, write_nearest
+from .instance_columns import (
+    COLUMN_WORDS,
+    CORNER_WORDS,
+    ID_WORDS,
+    RAYS,
+    SLACK,
+    WORLD,
+    BatchHits,
+    CopyFrames,
+    column_of,
+    fill_column,
+    settle_lanes,
 )
+from .instance_traversal import EARLIER
 from .ray_batches import read_batch, write_blocked
 from .wide_traversal import (
     BLOCK_WORDS,
     BLOCKS,
-    DX,
-    FAR,
-    FLOOR,
-    INVERSE,
     LANE,
     LANES,
     LIMIT,
-    LOWER,
-    NEAR,
     NO_KEY,
     NONE,
-    OX,
     PRECISE_WORDS,
     STACK,
-    TMIN,
-    UNIT,
     Query,
     RayBlock,
     WideHit,
@@ -90,13 +82,10 @@ from .wide_traversal import (
 # --- The state of 64 rays ---------------------------------------------------------------------------------------------
 
 
-_RAYS = BLOCKS * LANES
 _LEVEL = STACK + 2 * WIDTH  # entries of one tree; the lowest eight mark their end
 _ROOM = 2 * _LEVEL
-_STACKS = _RAYS * _ROOM
-_WORLD = BLOCKS * BLOCK_WORDS  # words of all rays in the scene's frame; those in copies follow
-_ROWS, _PRECISE, _CORNERS, _IDS = 2 * _WORLD, BLOCKS * PRECISE_WORDS, 9 * (_RAYS + 1), 3 * _RAYS
-_SLACK = LOWER  # row of a ray in a copy, see `lines_may_pass`
+_STACKS = RAYS * _ROOM
+_PRECISE = BLOCKS * PRECISE_WORDS
 _LINE = 16  # float32 of a cache line
 
 
@@ -114,26 +103,10 @@ class _Rays(NamedTuple):
     groups: I64Ptr  # int64 *: address of the groups of its mesh
     corners: I64Ptr  # int64 *: address of the corners of its mesh
     lanes: I32Ptr  # int32 *: bits of the triangles that it may meet
-    starts: F64Ptr  # float64 *: t of each ray where it enters its copy
-    scales: F64Ptr  # float64 *: t in the copy's frame, per t; 0: hits do not limit the search
-
-
-class _Hits(NamedTuple):
-    """The hits of 64 rays, as a tree for `hit_reports`: the triangle of ray i is in slot i."""
-
-    prim_ids: I32Ptr  # int32 *: scene index of each ray's face
-    slots: I32Ptr  # not used
-    corners: F32Ptr  # float32 *, 9 per ray, then 9 of the triangle that is tested
-    t: F64Ptr  # float64 *: see `InstanceHit`
-    ids: I64Ptr  # int64 *, 3 per ray: see `InstanceHit`
+    frames: CopyFrames
 
 
 # --- Steps of a ray ---------------------------------------------------------------------------------------------------
-
-
-@inlined
-def _world_column(i):
-    return i // LANES * BLOCK_WORDS + i % LANES
 
 
 @inlined
@@ -156,7 +129,7 @@ def _test_leaf(rows, i, rays):
     """Test ray i against its leaf. Return whether it may meet a triangle."""
     group, n = wide_leaf(np.int64(get(rays.next, i)))
     column, groups = ptr_at(rows, get(rays.columns, i)), f32_at(get(rays.groups, i))
-    possible = lines_may_pass(filter_ray8(column, 0), group_of(groups, group * GROUP_WORDS), broadcast8(column, _SLACK))
+    possible = lines_may_pass(filter_ray8(column, 0), group_of(groups, group * GROUP_WORDS), broadcast8(column, SLACK))
     lanes = bits(possible) & ((1 << n) - 1)
     put(rays.lanes, i, lanes)
     prefetch(ptr_at(f64_at(get(rays.corners, i)), 9 * (group * WIDTH + lowest_bit(lanes))), 0)
@@ -197,42 +170,24 @@ def _fetch(nodes, groups, link):
 def _begin_tree(rays, i, bottom):
     """Set ray i to the root of a tree, whose entries begin above eight marks of the end at `bottom`."""
     store(rays.keys, bottom, splat8(NO_KEY))
+    put(rays.links, bottom + WIDTH - 1, 0)  # it is prefetched at the end
     put(rays.tops, i, bottom + WIDTH)
     put(rays.bottoms, i, bottom + WIDTH)
     put(rays.next, i, 0)
 
 
-@kernel
+@inlined
 def _enter_copy(scene, blocks, i, hits, rays):
     """Move ray i to the root of the tree of its next copy."""
-    copy, block = ~np.int64(get(rays.next, i)), block_of(blocks, i // LANES)
-    ray, column = ray_of(block, i % LANES), _WORLD + _world_column(i)
-    key = np.float64(get(as_f32(rays.keys), get(rays.tops, i)))
-    r = map_ray(scene, copy, ray, max(ray.tmin, key * EARLIER))
-    tame, along, pad = slab_margins(r.o, r.d, r.reach, r.shift)
-    rows = ptr_at(blocks.rows, column)
-    for k in range(3):
-        inverse, near, far = slab(r.o[k], r.d[k], along, pad, tame)
-        put(rows, INVERSE + LANES * k, inverse)
-        put(rows, NEAR + LANES * k, near)
-        put(rows, FAR + LANES * k, far)
-        put(rows, OX + LANES * k, r.o[k])
-        put(rows, DX + LANES * k, r.d[k])
-    unit, floor = unit_of(r)
-    put(rows, UNIT, extract(unit, 0))
-    put(rows, FLOOR, extract(floor, 0))
-    put(rows, TMIN, np.float32(0.0))
-    put(rows, LIMIT, copy_limit(r, get(hits.t, i)))
-    put(rows, _SLACK, slack_of(r))
-    mesh = np.int64(get(scene.mesh, copy))
-    put(rays.columns, i, column)
+    copy, top = ~np.int64(get(rays.next, i)), np.int64(get(rays.tops, i))
+    fill_column(scene, blocks, i, copy, np.float64(get(as_f32(rays.keys), top)) * EARLIER, hits, rays.frames)
+    mesh = np.int64(get(scene.mesh, copy)) * MESH_WORDS
+    put(rays.columns, i, WORLD + column_of(i))
     put(rays.copies, i, copy)
-    put(rays.starts, i, r.start)
-    put(rays.scales, i, r.scale if r.tame else np.float64(0.0))
-    put(rays.nodes, i, get(scene.meshes, mesh * MESH_WORDS + NODES))
-    put(rays.groups, i, get(scene.meshes, mesh * MESH_WORDS + GROUPS))
-    put(rays.corners, i, get(scene.meshes, mesh * MESH_WORDS + CORNERS))
-    _begin_tree(rays, i, np.int64(get(rays.tops, i)))
+    put(rays.nodes, i, get(scene.meshes, mesh + NODES))
+    put(rays.groups, i, get(scene.meshes, mesh + GROUPS))
+    put(rays.corners, i, get(scene.meshes, mesh + CORNERS))
+    _begin_tree(rays, i, top)
 
 
 @inlined
@@ -240,35 +195,14 @@ def _leave_copy(rays, i):
     """Return ray i to the tree over the copies."""
     put(rays.tops, i, get(rays.bottoms, i) - WIDTH)
     put(rays.bottoms, i, i * _ROOM + WIDTH)
-    put(rays.columns, i, _world_column(i))
-
-
-@kernel
-def _settle_leaf(scene, blocks, i, query, hits, rays):
-    """Settle the triangles that ray i may meet in its leaf. Return whether this ends the ray's any-hit query."""
-    lanes, copy, block = np.int64(get(rays.lanes, i)), get(rays.copies, i), block_of(blocks, i // LANES)
-    first = wide_leaf(np.int64(get(rays.next, i))).group * WIDTH
-    hit = InstanceHit(hits.corners, np.int64(_RAYS), np.int64(i), ptr_at(hits.t, i), ptr_at(hits.ids, 3 * i))
-    question = InstanceQuery(np.int64(get(block.skip, i % LANES)), query.cull_faces, query.any_hit)
-    ray = ray_of(block, i % LANES)
-    while lanes:
-        lane = lowest_bit(lanes)
-        lanes &= lanes - 1
-        if test_triangle(scene, copy, first + lane, ray, question, hit, None):
-            if query.any_hit:
-                return True
-            _shorten(blocks.rows, i, get(hits.t, i), rays)
-    return False
+    put(rays.columns, i, column_of(i))
 
 
 @inlined
-def _shorten(rows, i, t, rays):
-    """Limit the search of ray i to triangles that may be nearer than t."""
-    put(rows, _world_column(i) + LIMIT, np.float32(t * BEYOND))
-    scale = get(rays.scales, i)
-    if scale != 0.0:
-        local = (t * BEYOND - get(rays.starts, i)) * scale
-        put(rows, _WORLD + _world_column(i) + LIMIT, np.float32(local * LATER))
+def _settle_leaf(scene, blocks, i, query, hits, rays):
+    """Settle the triangles that ray i may meet in its leaf. Return whether this ends the ray's any-hit query."""
+    lanes, first = np.int64(get(rays.lanes, i)), wide_leaf(np.int64(get(rays.next, i))).group * WIDTH
+    return settle_lanes(scene, blocks, i, get(rays.copies, i), first, lanes, query, hits, rays.frames)
 
 
 # --- Rounds -----------------------------------------------------------------------------------------------------------
@@ -335,16 +269,16 @@ def _walk(scene, blocks, alive, query, hits, rays):
 @inlined
 def _trace(scene, blocks, alive, query, hits, rays):
     """Trace the rays in `alive` (bits) of a batch. Return bits of the rays that hit."""
-    for i in range(_RAYS):
+    for i in range(RAYS):
         put(hits.ids, 3 * i, np.int64(-1))
         put(hits.t, i, ray_of(block_of(blocks, i // LANES), i % LANES).tmax)
-        put(rays.columns, i, _world_column(i))
+        put(rays.columns, i, column_of(i))
         _begin_tree(rays, i, i * _ROOM)
     if query.any_hit:
         return _walk(scene, blocks, alive, Query(query.cull_faces, True), hits, rays)
     _walk(scene, blocks, alive, Query(query.cull_faces, False), hits, rays)
     found = np.int64(0)
-    for i in range(_RAYS):
+    for i in range(RAYS):
         face = get(hits.ids, 3 * i)
         put(hits.prim_ids, i, np.int32(face))
         found |= np.int64(face >= 0) << i
@@ -355,43 +289,47 @@ def _trace(scene, blocks, alive, query, hits, rays):
 
 
 _CHUNK = 8  # batches that a thread takes at a time
-_LISTED = _RAYS + LANES
+_LISTED = RAYS + LANES
 
 
 @kernel
 def _batches(ticket, arrays, rays, any_hit, out, faults):
     """Worker: trace batches of 64 rays."""
     scene = instance_pointers(arrays)
-    rows, precise, skip = stack_f32(_ROWS), stack_f64(_PRECISE), stack_i32(_RAYS)
+    rows, precise, skip = stack_f32(COLUMN_WORDS), stack_f64(_PRECISE), stack_i32(RAYS)
     batch, query = RayBlock(rows, precise, skip, rays.segments), Query(rays.cull_faces, any_hit)
-    hits = _Hits(stack_i32(_RAYS), stack_i32(1), stack_f32(_CORNERS), stack_f64(_RAYS), stack_i64(_IDS))
+    hits = BatchHits(stack_i32(RAYS), stack_i32(1), stack_f32(CORNER_WORDS), stack_f64(RAYS), stack_i64(ID_WORDS))
     state = _Rays(
-        stack_i32(_STACKS), stack_i32(_STACKS), stack_i32(_RAYS), stack_i32(_RAYS), stack_i32(_RAYS), stack_i32(_RAYS),
-        stack_i64(_RAYS), stack_i64(_RAYS), stack_i64(_RAYS), stack_i64(_RAYS), stack_i32(_RAYS), stack_f64(_RAYS),
-        stack_f64(_RAYS),
+        stack_i32(_STACKS), stack_i32(_STACKS), stack_i32(RAYS), stack_i32(RAYS), stack_i32(RAYS), stack_i32(RAYS),
+        stack_i64(RAYS), stack_i64(RAYS), stack_i64(RAYS), stack_i64(RAYS), stack_i32(RAYS),
+        CopyFrames(stack_f64(RAYS), stack_f64(RAYS)),
     )  # fmt: skip
     report = Report(
-        stack_f32(CORNER_WORDS), stack_f32(BLOCK_WORDS), stack_f64(REPORT_WORDS), stack_i32(_LISTED), stack_i64(_LISTED)
+        stack_f32(REPORT_CORNERS),
+        stack_f32(BLOCK_WORDS),
+        stack_f64(REPORT_WORDS),
+        stack_i32(_LISTED),
+        stack_i64(_LISTED),
     )
-    found = WideHit(stack_i32(_RAYS), stack_i32(1))
+    found = WideHit(stack_i32(RAYS), stack_i32(1))
     for b in items(ticket):
-        n, alive, good = read_batch(scene, rays, b * _RAYS, batch)
+        n, alive, good = read_batch(scene, rays, b * RAYS, batch)
         if not good:
             faults[0], ticket[STOP] = True, 1
             break
         hit = _trace(scene, batch, alive, query, hits, state)
         if any_hit:
-            write_blocked(hit, n, out.blocked, b * _RAYS)
+            write_blocked(hit, n, out.blocked, b * RAYS)
         else:
-            for i in range(_RAYS):
+            for i in range(RAYS):
                 put(found.lane, i, np.int32(-2 - i if hit >> i & 1 else NONE))
-            write_nearest(hits, batch, found, n, report, out, b * _RAYS)
+            write_nearest(hits, batch, found, n, report, out, b * RAYS)
 
 
 def trace_list(
     trees: InstanceTrees, rays: RayArguments, any_hit: bool, out: HitArrays, threads: int | None = None
 ) -> bool:
     """Trace rays and fill `out`. Return False, with `out` incomplete, if a ray is invalid."""
-    faults, ticket = np.zeros(1, np.bool_), new_ticket(-(-rays.n // _RAYS), _CHUNK)
+    faults, ticket = np.zeros(1, np.bool_), new_ticket(-(-rays.n // RAYS), _CHUNK)
     run(_batches, thread_count(threads), ticket, trees.arrays, rays.packed(), any_hit, out.packed(), faults)
     return not faults[0]

@@ -18,10 +18,10 @@ from ...kernels.exact.filters import (
     BEYOND,
     FilterRays,
     comes_first,
-    error_unit,
     hit_t,
     lines_may_pass,
     max_magnitude,
+    single_error_unit,
 )
 from ...kernels.jit import F32Ptr, F32x8, F64Ptr, I32Ptr, I64Ptr, inlined, kernel, overload
 from ...kernels.simd import (
@@ -30,7 +30,6 @@ from ...kernels.simd import (
     get,
     load8,
     lowest_bit,
-    mask_from_bits8,
     permute,
     popcount,
     put,
@@ -149,16 +148,11 @@ def map_ray(scene, i, ray, start):
 
 
 @inlined
-def slack_of(r):
-    """The `slack` of `lines_may_pass` for a `MappedRay`."""
-    return _TWO * (abs(r.d[0]) + abs(r.d[1]) + abs(r.d[2])) * r.shift
-
-
-@inlined
-def unit_of(r):
-    """(unit, floor) of `FilterRays` for a `MappedRay`, in eight lanes."""
-    tame = mask_from_bits8(np.int64(255 if r.tame else 0))
-    return error_unit(tame, splat8(r.d[0]), splat8(r.d[1]), splat8(r.d[2]), splat8(r.reach))
+def filter_bounds(r):
+    """(unit and floor of `FilterRays`, `slack` of `lines_may_pass`) of a `MappedRay`."""
+    span = abs(r.d[0]) + abs(r.d[1]) + abs(r.d[2])
+    unit, floor = single_error_unit(r.tame, span, r.reach)
+    return unit, floor, _TWO * span * r.shift
 
 
 @inlined
@@ -179,11 +173,12 @@ class CopyRay(NamedTuple):
 
 @inlined
 def _copy_ray(r):
-    unit, floor = unit_of(r)
+    unit, floor, slack = filter_bounds(r)
+    unit, floor = splat8(unit), splat8(floor)
     ox, oy, oz = splat8(r.o[0]), splat8(r.o[1]), splat8(r.o[2])
     dx, dy, dz = splat8(r.d[0]), splat8(r.d[1]), splat8(r.d[2])
     slabs = _slabs(r.o, r.d, _ZERO, r.reach, r.shift)
-    return CopyRay(slabs, FilterRays(ox, oy, oz, dx, dy, dz, floor, floor, unit, floor), splat8(slack_of(r)))
+    return CopyRay(slabs, FilterRays(ox, oy, oz, dx, dy, dz, floor, floor, unit, floor), splat8(slack))
 
 
 # --- Triangles of copies ----------------------------------------------------------------------------------------------
