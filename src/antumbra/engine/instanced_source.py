@@ -168,10 +168,11 @@ class Instanced:
 
     def _hits(self, rays: RayPass) -> HitArrays:
         """The nearest hits of a pass. Rays of length 0, which stand for pixels without a ray, miss."""
-        moving = rays.directions.any(1)
+        moving = np.asarray(rays.directions.any(1))
         arguments = rays_in_frame(rays if moving.all() else RayPass(*(array[moving] for array in rays)))
         out = hit_arrays(arguments.n, False)
-        trace_list(self.trees, arguments, False, out, self.threads)
+        valid = trace_list(self.trees, arguments, False, out, self.threads)
+        assert valid, "rays of pictures are finite"
         if moving.all():
             return out
         face, t = np.full(len(moving), -1, np.int32), np.full(len(moving), np.inf)

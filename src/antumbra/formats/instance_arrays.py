@@ -2,18 +2,18 @@
 
 from collections.abc import Sequence
 from itertools import repeat
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import as_array, text
+from ..checks import as_array, flag, text
 from ..errors import InputError
 from ..scene.crs import checked_crs
 from ..scene.instance_data import InstanceData, wants_instances
 from ..scene.instances import InstancedMeshes
 from ..scene.mesh import Mesh, make_mesh
-from ..scene.scene_data import MemoryData
+from ..scene.scene_data import MemoryData, check_up_axis
 from .library_meshes import positions_of
 
 
@@ -28,7 +28,9 @@ def data_of_instances(
     instances: bool | None = None,
 ) -> InstanceData | MemoryData:
     """Scene data of instances; `Scene.from_instances` documents the arguments."""
-    name = text(name, "name")
+    name, up = text(name, "name"), check_up_axis(up)
+    if instances is not None:
+        flag(instances, "instances")
     parts, placed = _listed(meshes, name, "meshes"), _listed(transforms, name, "transforms")
     of_meshes = list(repeat(None, len(parts))) if colours is None else _listed(colours, name, "colours")
     if not len(parts) == len(placed) == len(of_meshes):
@@ -47,9 +49,10 @@ def data_of_instances(
 
 
 def _listed(values: object, name: str, what: str) -> list[Any]:
-    if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str):
+    is_array = isinstance(values, np.ndarray) and values.ndim > 0
+    if not is_array and not (isinstance(values, Sequence) and not isinstance(values, str | bytes)):
         raise InputError(f"{name}: {what} is a {type(values).__name__}; give a list with one entry per mesh")
-    return list(values)
+    return list(cast("Sequence[Any]", values))
 
 
 def _mesh(part: Any, colour: object, name: str, where: str) -> Mesh:
