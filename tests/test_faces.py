@@ -174,6 +174,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "Renderer.accelerate": ex(renderer.accelerate),
         "Scene": ex(at.Scene, source=own.source),
         "Scene.from_arrays": ex(at.Scene.from_arrays, vertices=CORNERS),
+        "Scene.from_instances": ex(at.Scene.from_instances, meshes=[CORNERS], transforms=[np.eye(4)[None]]),
         "Scene.from_mesh": ex(at.Scene.from_mesh, mesh=Mesh()),
         "PagedScene": ex(at.PagedScene, store=store.store),
         "Sensors": ex(at.Sensors, points=points, normals=up, areas=[1.0, 2.0], faces=[0, 1], kind="points"),

@@ -6,7 +6,7 @@ import pytest
 from antumbra.engine.scene import Scene, procedural
 from antumbra.engine.scene_loading import load
 from antumbra.engine.store_building import build_store
-from antumbra.formats.gltf import gltf_source as read
+from antumbra.scene import instances
 from antumbra.scene.mesh import ObjectInfo
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf
 from scenes import scene_path
@@ -43,7 +43,7 @@ def test_each_node_is_an_object_with_all_its_primitives(tmp_path):
 
 @pytest.mark.parametrize("batch", [1, 1 << 18])
 def test_each_copy_of_an_instanced_node_is_an_object(tmp_path, monkeypatch, batch):
-    monkeypatch.setattr(read, "VERTEX_BATCH", batch)
+    monkeypatch.setattr(instances, "VERTEX_BATCH", batch)
     made = Gltf()
     at = made.accessor(np.array([[10, 0, 0], [20, 0, 0], [30, 0, 0]], np.float32))
     mesh = made.mesh(made.primitive(TETRAHEDRON, TETRAHEDRON_FACES), made.primitive(), name="tree")

@@ -16,5 +16,6 @@
 - `child_order`: child orders for any-hit rays
 - `block_tree`: a shallower tree over blocks of 16 triangles, for ray bundles
 - `wide_bvh`: an eight-wide BVH collapsed from a binary one and refitted with it
+- `instance_trees`: a tree per mesh, and one over its copies
 - `tree_quality`: validation, SAH cost and statistics
 """

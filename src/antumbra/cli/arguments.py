@@ -40,7 +40,7 @@ _SIZE = re.compile(r"(\d+)(?:[xX](\d+))?")
 _FRAMES = re.compile(r"(\d{1,9}):(\d{1,9})(?::(\d{1,9}))?")
 _INDEX = re.compile(r"\s*-?\d{1,9}\s*")
 _LOD = re.compile(r"(.+\.jsonl?)\?lod=(.*)", re.IGNORECASE)
-_MESH_OPTIONS = re.compile(r"(.+\.(?:glb|gltf|obj|ply))\?((?:cutouts|transmittance)=.*)", re.IGNORECASE)
+_MESH_OPTIONS = re.compile(r"(.+\.(?:glb|gltf|obj|ply))\?((?:cutouts|transmittance|instances)=.*)", re.IGNORECASE)
 _WHOLE = re.compile(r"[0-9]{1,9}")
 _MAX_SIZE = 32768
 
@@ -70,6 +70,7 @@ class SceneSpec(NamedTuple):
     lod: str | None = None  # level of detail of a CityJSON file
     cutouts: bool = True  # False: alpha cuts no holes
     transmittance: tuple[tuple[str, Transmittance], ...] = ()  # the light that materials or objects let pass
+    instances: bool | None = None  # whether copies of meshes stay instances; None: if that saves much memory
 
     @property
     def stem(self) -> str:
@@ -106,7 +107,7 @@ def parse_scene(text: str) -> SceneSpec:
 
     ``city.json?lod=2.2``, ``tree.glb?cutouts=off``, ``tree.glb?transmittance=leaf:0.3&transmittance=glass:0.9,1,0.9``,
     ``tree.glb?transmittance=leaf:0.7/0.7/0.6/0.4/0.3/0.2/0.2/0.2/0.3/0.5/0.6/0.7``,
-    ``procedural:NAME?triangles=100k&seed=3``.
+    ``forest.glb?instances=on``, ``procedural:NAME?triangles=100k&seed=3``.
     """
     if not text:
         raise InputError(f"SCENE is empty; name a file, a folder or {DEFAULT_SCENE}")
@@ -127,14 +128,15 @@ def parse_scene(text: str) -> SceneSpec:
 def _with_options(spec: SceneSpec, query: str, text: str) -> SceneSpec:
     """The scene of a file with the options of a query, such as ``cutouts=off&transmittance=NAME:SHARE``."""
     for key, value in parse_qsl(query, keep_blank_values=True):
-        if key == "cutouts":
+        if key in ("cutouts", "instances"):
             if value not in ("on", "off"):
-                raise InputError(f"{text}: cutouts is {value!r}; it must be on or off")
-            spec = spec._replace(cutouts=value == "on")
+                raise InputError(f"{text}: {key} is {value!r}; it must be on or off")
+            switch: dict[str, Any] = {key: value == "on"}
+            spec = spec._replace(**switch)
         elif key == "transmittance":
             spec = spec._replace(transmittance=(*spec.transmittance, _parse_transmittance(value, text)))
         else:
-            raise InputError(f"{text}: {key!r} is unknown; use cutouts=off or transmittance=NAME:SHARE")
+            raise InputError(f"{text}: {key!r} is unknown; use cutouts=off, instances=on or transmittance=NAME:SHARE")
     return spec
 
 
@@ -453,7 +455,15 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, crs:
         raise InputError(f"{spec.path.name}: a store has its own up axis; leave --up out")
     with quietly():  # the notes are printed below
         shares = dict(spec.transmittance) or None
-        scene = load(spec.path, up=up, lod=spec.lod, cutouts=spec.cutouts, transmittance=shares, crs=crs)
+        scene = load(
+            spec.path,
+            up=up,
+            lod=spec.lod,
+            cutouts=spec.cutouts,
+            transmittance=shares,
+            crs=crs,
+            instances=spec.instances,
+        )
     if not quiet:
         notes = group_notes(scene.notes, "antumbra info shows all")
         for note in notes[:_MOST_NOTES]:

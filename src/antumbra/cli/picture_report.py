@@ -262,12 +262,13 @@ _WIDTH = 110  # characters of a line
 _REASONS = {"prediction": "predicted", "earlier query": "as in an earlier query"}
 
 
-def print_choices(shot: "Shot", triangles: int) -> None:
-    """Print a row for the tree and one per query; for a plan that chooses nothing, its name."""
+def print_choices(shot: "Shot", scene: "AnyScene") -> None:
+    """Print a row for the tree and one per query; for a plan that chooses nothing, its name. Instances come first."""
     from ..engine.auto.cost_model import build_seconds, machine_rates
     from ..engine.plan import parse_plan
 
-    frame = shot.frame
+    frame, triangles = shot.frame, scene.n_triangles
+    _print_instances(scene, frame.plan)
     if frame.choices is None:
         print(f"The plan {frame.plan} specifies its methods; nothing was chosen.")
         return
@@ -285,6 +286,21 @@ def print_choices(shot: "Shot", triangles: int) -> None:
         )
     head = ("query", "rays", "method", "why", "predicted", "measured")
     console.print_table(head, rows, right=(1, 4, 5), width=_WIDTH)
+
+
+def _print_instances(scene: "AnyScene", plan: str) -> None:
+    """Print whether the plan traced a scene's instances or their flattened copies."""
+    from ..engine.instanced_source import Instanced, traces_instances
+    from ..engine.plan import parse_plan
+    from ..scene.instance_data import InstanceData
+
+    if not isinstance(scene.data, InstanceData):
+        return
+    copies = f"{len(scene.data.instances.mesh):,} copies of {len(scene.data.instances.meshes):,} meshes"
+    if traces_instances(parse_plan(plan)):
+        print(f"The plan {plan} traced {copies} as instances.")
+    else:
+        print(f"The plan {plan} cannot trace instances, so {copies} were flattened; {Instanced.default_plan} can.")
 
 
 def _reason(choice: "StrategyChoice") -> str:

@@ -452,5 +452,5 @@ def render(args: RenderArguments) -> int:
     elif not spec.quiet:
         console.print_fields(picture_report.picture_fields(spec, opened, load, shot, saved))
         if args.explain_plan:
-            print_choices(shot, opened.n_triangles)
+            print_choices(shot, opened)
     return 0

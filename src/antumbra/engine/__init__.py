@@ -13,6 +13,7 @@
 - `frame_tracer`: `RenderSource`, `FrameTracer`, memory estimates
 - `in_memory_source`: scenes in memory, and their ray lists
 - `refitted_rays`: the tree of ray lists while users move the geometry
+- `instanced_source`: scenes of instances
 - `paged_source`: scenes in stores: bands, ray lists, trees
 - `paged_hits`: all hits of ray lists in stores
 - `primary_visibility`: the surfaces that a camera sees

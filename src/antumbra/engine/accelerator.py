@@ -79,7 +79,7 @@ class Accelerator:
         self.plan, self.threads = plan, threads
         self.ray_selector = RepresentativeRaySelector(plan.sample or SrdhRays(), threads) if plan.wants_rays else None
         self.one_tree = plan.tracer.builds and self.ray_selector is None
-        self.updater = UPDATERS[plan.update].keep(self._new_tree) if plan.update else None
+        self.updater = UPDATERS[plan.update].keep(self.new_tree) if plan.update else None
         self._updated: tuple[Triangles, Bvh] | None = None  # the triangles of the last update, and their BVH
         self._state: ChcRtState | None = None  # the state over the last updated tree
         self._cutouts: tuple[Triangles, CutoutTree | None] | None = None  # the latest ones
@@ -173,8 +173,8 @@ class Accelerator:
     def _tree(self, triangles: Triangles, culled: CullResult | None) -> Bvh:
         """A new BVH of all triangles, or of those left by culling."""
         if culled is None:
-            return self._new_tree(triangles.vertices, self.threads)
-        bvh = self._new_tree(culled.vertices, self.threads)
+            return self.new_tree(triangles.vertices, self.threads)
+        bvh = self.new_tree(culled.vertices, self.threads)
         return bvh._replace(prim_ids=culled.kept[bvh.prim_ids])
 
     def _updated_tree(self, triangles: Triangles, culled: CullResult | None) -> Bvh:
@@ -186,7 +186,8 @@ class Accelerator:
         solid = solid_of(triangles, culled, self.threads) if culled is not None else None
         return bvh if solid is None else filter_tree(bvh, solid.kept, self.threads)
 
-    def _new_tree(self, vertices: np.ndarray, threads: int) -> Bvh:
+    def new_tree(self, vertices: np.ndarray, threads: int) -> Bvh:
+        """A new BVH of triangles, (n, 3, 3) float32, by the builder and the optimiser."""
         builder, name = BUILDERS[self.builder], self.optimiser
         bvh: Bvh = builder.build(vertices, threads, **self._ray_arguments(builder, vertices))
         if name is not None:

@@ -306,10 +306,10 @@ class AutoAccelerator(Accelerator):
 
     def _start_refitting(self) -> None:
         """Build a new tree at the next time sample, and refit it at later ones."""
-        self.updater, self._updated = UPDATERS["refit"].keep(self._new_tree), None
+        self.updater, self._updated = UPDATERS["refit"].keep(self.new_tree), None
 
-    def _new_tree(self, vertices: NDArray[np.float32], threads: int) -> Bvh:
-        tree = super()._new_tree(vertices, threads)
+    def new_tree(self, vertices: NDArray[np.float32], threads: int) -> Bvh:
+        tree = super().new_tree(vertices, threads)
         self._built_name = self._next_name
         if self._tree_name == BEST == self._next_name:
             self._tree_name = self._next_name = GOOD

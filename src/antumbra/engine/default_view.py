@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..scene.camera import VFOV, Camera, axes, bounding_sphere, fitted_camera
 from ..scene.default_picture import DefaultView, Room, exit_distance, view_of_bounds
+from ..scene.instance_data import InstanceData
 from ..scene.lights import tangents
 from ..scene.scene_bounds import MAX_SAMPLED_FACES, corners_within, detail_box, moving_faces, sampled_faces
 from ..scene.scene_data import MemoryData, SceneData
@@ -338,7 +339,13 @@ def _free_distance(panorama: _Panorama, direction: np.ndarray) -> float:
 
 
 def view_of(data: SceneData) -> DefaultView:
-    """The geometry that a default view of a scene shows; for a scene in a store, only its bounds are known."""
+    """The geometry that a default view of a scene shows.
+
+    A scene in a store is shown by its bounds. Instances are shown from outside.
+    """
+    if isinstance(data, InstanceData):
+        faces = data.sampled_faces()
+        return DefaultView(corners_within(faces, detail_box(faces)), data.up, None)
     if not isinstance(data, MemoryData):
         return view_of_bounds(data.bounds, data.up)
     faces = moving_faces(data.source, data.n_triangles)

@@ -6,6 +6,7 @@ The kernels of a plan are compiled before its first query.
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
@@ -23,6 +24,7 @@ from ..query.ray_list import HitFilter, RayArguments, TracedRays, cull_value, ra
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery
 from ..scene.camera import Camera
+from ..scene.instance_data import InstanceData
 from ..scene.light_lists import without_interleave
 from ..scene.lights import Light, check_lights
 from ..scene.scene_data import MemoryData, SceneData
@@ -33,6 +35,7 @@ from .accelerator import Accelerated, Accelerator, SceneTrees
 from .auto_accelerator import accelerator_of
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
 from .in_memory_source import InMemory, update_job
+from .instanced_source import Instanced, SharedInstances, traces_instances
 from .plan import Plan, parse_plan
 from .plan_kernels import warm_up
 from .precompilation import precompile
@@ -75,8 +78,9 @@ class Engine:
     scene : Scene, PagedScene, or anything that `antumbra.load` takes
         A scene in memory or in a store, a path, or a mesh of another library.
     plan : str, Plan or None
-        The methods, such as ``"bsah+single"``. None: ``"auto"``, or ``"bsah+chcrt"`` for a scene in a store. Ray lists
-        in memory always use a separate tree.
+        The methods, such as ``"bsah+single"``. None: ``"auto"``, or ``"bsah+chcrt"`` for a scene in a store, or
+        ``"bsah+wide"`` for a scene of instances, which other plans flatten. Ray lists in memory always use a separate
+        tree.
     threads : int or None
         None: all cores.
     max_memory : int or None
@@ -116,7 +120,7 @@ class Engine:
     def _start(
         self,
         data: SceneData,
-        trees: SceneTrees | None,
+        trees: SceneTrees | SharedInstances | None,
         plan: str | Plan | None,
         threads: int | None,
         max_memory: int | None,
@@ -145,8 +149,12 @@ class Engine:
             return _paged()(cast("StoreData", self.data), self.accelerator, self.max_memory)
         if self.max_memory is not None:
             raise InputError(f"max_memory is for scenes in a store, and {self.data.name} is in memory; leave it out")
-        assert isinstance(self.data, MemoryData)
-        return InMemory(self.data, self.accelerator, self._trees, gbuffer)
+        if isinstance(self._trees, SceneTrees):
+            return InMemory(cast(MemoryData, self.data), self.accelerator, self._trees, gbuffer)
+        data = cast(InstanceData, self.data)
+        if traces_instances(self.plan):
+            return Instanced(data, self.accelerator, self._trees)
+        return InMemory(data.flattened(), self.accelerator, self._trees.flat(), gbuffer)
 
     def with_options(self, plan: str | Plan | None, threads: int | None, max_memory: int | None) -> "Engine":
         """An engine with another plan, thread count or memory limit, which shares this one's triangles and trees.
@@ -307,6 +315,8 @@ class Engine:
         self, rays: RayArguments, face: np.ndarray, triangles: Triangles | None, time: float
     ) -> Callable[[], tuple[Triangles, np.ndarray]]:
         """A function that returns the triangles of hits: those in memory, or those found in a store by a new query."""
+        if isinstance(self.source, Instanced):
+            return partial(self.source.triangles_hit, rays, face.copy(), self._moment(time))
         if triangles is not None:
             hit = triangles, face
             return lambda: hit
@@ -464,8 +474,9 @@ class Engine:
         """
         if self._trees is None:
             raise cast("StoreData", self.data).refusal()
+        trees = self._trees.flat() if isinstance(self._trees, SharedInstances) else self._trees
         with self.lock:
-            return self._trees.of(self.accelerator, self._moment(time))
+            return trees.of(self.accelerator, self._moment(time))
 
     def _queries(
         self,
@@ -495,10 +506,14 @@ class Engine:
 
 def default_plan_of(data: SceneData) -> str:
     """The plan of an engine if none is given."""
+    if isinstance(data, InstanceData):
+        return Instanced.default_plan
     return InMemory.default_plan if isinstance(data, MemoryData) else _paged().default_plan
 
 
-def _trees_of(data: SceneData) -> SceneTrees | None:
+def _trees_of(data: SceneData) -> SceneTrees | SharedInstances | None:
+    if isinstance(data, InstanceData):
+        return SharedInstances(data)
     return SceneTrees(data) if isinstance(data, MemoryData) else None
 
 

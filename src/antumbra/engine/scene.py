@@ -5,7 +5,7 @@ for stores.
 """
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, overload
 
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import choice, whole_number
 from ..forks import free_lock, renew_after_fork
+from ..formats.instance_arrays import data_of_instances
 from ..formats.library_meshes import data_of_arrays, data_of_mesh
 from ..generate.generated_scene import procedural_data
 from ..scene import camera as framing
@@ -21,6 +22,7 @@ from ..scene.alpha_masks import Cutouts
 from ..scene.appearance import Appearance
 from ..scene.camera import MAX_SIZE, Camera
 from ..scene.default_picture import KINDS, DefaultView, missing_skies
+from ..scene.instance_data import InstanceData
 from ..scene.lights import Light, QuadLight
 from ..scene.materials import Transmittance
 from ..scene.mesh import MeshInfo, ObjectInfo, Source
@@ -476,8 +478,9 @@ class AnyScene:
 class Scene(AnyScene):
     """Triangles, cameras and lights in world space, at any time between 0 and `duration`.
 
-    Created by `antumbra.load`, `antumbra.procedural`, `Scene.from_arrays` or `Scene.from_mesh`. Coordinates are
-    evaluated in float64, recentred, and only then rounded to float32: world position = vertex + `origin`.
+    Created by `antumbra.load`, `antumbra.procedural`, `Scene.from_arrays`, `Scene.from_instances` or
+    `Scene.from_mesh`. Coordinates are evaluated in float64, recentred, and only then rounded to float32: world position
+    = vertex + `origin`.
 
     The origin is a property of the scene, the same at all times, and lies near the middle of the scene. On each axis it
     is ``lower + round(((upper - lower) / 2) / g) * g`` in float64, with the bounds at time 0 and
@@ -516,7 +519,7 @@ class Scene(AnyScene):
         For a CityJSON file: the object and the semantic surface of each face, and `CityModel.surface_types`.
     """
 
-    data: MemoryData
+    data: MemoryData | InstanceData
     source = DataAttribute[Source]()
 
     def __init__(
@@ -626,6 +629,48 @@ class Scene(AnyScene):
             If the object has another type, no triangles, or vertices that are NaN or infinite.
         """
         return cls.of_data(data_of_mesh(mesh, name=name, up=up, crs=crs))
+
+    @classmethod
+    def from_instances(
+        cls,
+        meshes: "Sequence[Any]",
+        transforms: "Sequence[ArrayLike]",
+        colours: "Sequence[ArrayLike | None] | None" = None,
+        *,
+        name: str = "instances",
+        up: str = "y",
+        crs: str | None = None,
+        instances: bool | None = None,
+    ) -> "Scene":
+        """A static scene of meshes with copies, such as a forest.
+
+        Its triangles are those of the flattened scene: vertices are transformed in float64, recentred and rounded to
+        float32. All answers are those of the flattened scene too, bit by bit, but instances only take memory for the
+        meshes. Faces are ordered by mesh, then by copy, then as in the mesh; each copy is an object.
+
+        Parameters
+        ----------
+        meshes : list of (vertices, faces) or (n, 3, 3) arrays
+            Vertices (v, 3) of any float or integer dtype, in object space, and faces (f, 3) int; or a triangle soup.
+        transforms : list of (k, 4, 4) or (k, 3, 4) float
+            For each mesh, the object-to-world matrices of its copies, which act on column vectors. They may mirror,
+            scale and shear.
+        colours : list of None, (3,) or (f, 3), optional
+            For each mesh, its base colour or those of its faces, as in `from_arrays`.
+        name, up, crs
+            As in `from_arrays`.
+        instances : bool, optional
+            False: flatten the scene, so that every plan can trace it. None: flatten it if copies take less than 1 GiB.
+
+        Raises
+        ------
+        InputError
+            If shapes or dtypes are wrong, numbers are NaN or infinite, a transform has no inverse, or there are no
+            triangles, or more than 2^31 - 1 with all copies.
+        """
+        return cls.of_data(
+            data_of_instances(meshes, transforms, colours, name=name, up=up, crs=crs, instances=instances)
+        )
 
     def __repr__(self) -> str:
         duration = f", duration={self.duration:g}" if self.animated else ""

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from ..checks import flag
+from ..formats.format_registry import ReadOptions
 from ..scene.crs import checked_crs
+from ..scene.instance_data import InstanceData
 from ..scene.materials import Transmittance
 from ..scene.scene_data import MemoryData, SceneData, group_notes
 from .scene import AnyScene, Scene
@@ -27,6 +29,7 @@ def load(
     cutouts: bool = True,
     transmittance: Mapping[str, Transmittance] | None = None,
     crs: str | None = None,
+    instances: bool | None = None,
 ) -> "Scene | PagedScene":
     """Read a scene from a file, or convert a mesh of another library.
 
@@ -58,6 +61,11 @@ def load(
     crs : str, optional
         Coordinate reference system of the coordinates, such as "EPSG:28992", or anything that pyproj accepts. It is
         recorded as `Scene.crs`; tables and rasters carry it. None: that of the file, for CityJSON and stores.
+    instances : bool, optional
+        For glTF, whether nodes that share a mesh, and the copies of EXT_mesh_gpu_instancing, stay instances: the scene
+        takes memory for its meshes, not for their copies, and all answers are the same, bit by bit. Only the plan
+        ``wide`` traces instances; others flatten the scene. Instances have one colour per face. None: if the copies
+        would take more than 1 GiB, the scene is static and no material lets light pass.
 
     Returns
     -------
@@ -77,8 +85,10 @@ def load(
         Once for each kind of `Scene.notes` and with their number, such as missing textures or partly supported lights.
     """
     given_crs = None if crs is None else checked_crs(crs)
-    scene = _scene_of_data(read_scene_data(path, up, lod))
-    if not flag(cutouts, "cutouts") and isinstance(scene, Scene):
+    if transmittance is not None and instances is None:
+        instances = False
+    scene = _scene_of_data(read_scene_data(path, ReadOptions(up, lod, instances, flag(cutouts, "cutouts"))))
+    if not cutouts and isinstance(scene, Scene):
         scene.ignore_alpha()
     if transmittance is not None:
         scene.data.set_transmittance(transmittance)
@@ -111,7 +121,7 @@ def scene_of(value: SceneLike) -> "Scene | PagedScene":
 
 def _scene_of_data(data: SceneData) -> "Scene | PagedScene":
     """The scene with this data."""
-    if isinstance(data, MemoryData):
+    if isinstance(data, MemoryData | InstanceData):
         return Scene.of_data(data)
     from .paged_scene import PagedScene  # imported late: scenes in memory start sooner without it
 

@@ -6,16 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import path_of, text
+from ..checks import flag, path_of, text
 from ..errors import InputError
 from ..files import checked_file
-from ..formats.format_registry import CITYJSON, FORMATS, FRAMES, Format, format_of
+from ..formats.format_registry import CITYJSON, FORMATS, FRAMES, GLB, GLTF, Format, ReadOptions, format_of
 from ..formats.library_meshes import KNOWN, data_of_mesh, is_mesh
 from ..scene.scene_data import SceneData, check_up_axis
 from ..store.store_format import STORE_SUFFIX
 
+_DEFAULT = ReadOptions()
 
-def _open_store(path: Path, up: str | None, lod: str | None) -> SceneData:
+
+def _open_store(path: Path, options: ReadOptions) -> SceneData:
     from ..store.store_file import load_store
 
     return load_store(path)
@@ -35,25 +37,27 @@ def data_of(value: Any) -> SceneData:
     return data if isinstance(data, SceneData) else read_scene_data(value)
 
 
-def read_scene_data(value: Any, up: str | None = None, lod: str | None = None) -> SceneData:
+def read_scene_data(value: Any, options: ReadOptions = _DEFAULT) -> SceneData:
     """Read the data of a scene from a path or a mesh of another library."""
-    if up is not None:
-        check_up_axis(up)
-    if lod is not None:
-        text(lod, "lod")
+    if options.up is not None:
+        check_up_axis(options.up)
+    if options.lod is not None:
+        text(options.lod, "lod")
+    if options.instances is not None:
+        flag(options.instances, "instances")
     if is_mesh(value):
-        return data_of_mesh(value, up=up or "y")
+        return data_of_mesh(value, up=options.up or "y")
     if isinstance(value, (str, os.PathLike)):
-        return _scene_in(path_of(value, "scene"), up, lod)
+        return _scene_in(path_of(value, "scene"), options)
     kind = type(value).__name__
     raise InputError(f"scene is a {kind}; give the path of a file, a scene, or {KNOWN}; arrays go to Scene.from_arrays")
 
 
-def _scene_in(path: Path, up: str | None, lod: str | None) -> SceneData:
+def _scene_in(path: Path, options: ReadOptions) -> SceneData:
     """Read a file or folder. Errors of libraries become an `InputError`."""
     try:
         with np.errstate(all="ignore"):
-            return _read(path, up, lod)
+            return _read(path, options)
     except InputError:
         raise
     except MemoryError as error:
@@ -63,13 +67,15 @@ def _scene_in(path: Path, up: str | None, lod: str | None) -> SceneData:
         raise InputError(f"{path.name}: cannot be read ({reason}); is the file damaged?") from error
 
 
-def _read(path: Path, up: str | None, lod: str | None) -> SceneData:
+def _read(path: Path, options: ReadOptions) -> SceneData:
     name, file_format = path.name or str(path), format_of(path, SCENE_FORMATS)
-    if lod is not None and file_format is not CITYJSON:
+    if options.lod is not None and file_format is not CITYJSON:
         raise InputError(f"{name}: lod is for CityJSON files; leave it out")
     if file_format not in (FRAMES, STORE):
         checked_file(path, name)
     if file_format is None:
         description = f"format {path.suffix.lower()!r}" if path.suffix else "format, no suffix"
         raise InputError(f"{name}: unknown {description}; use one of {', '.join(SCENE_SUFFIXES)}, or a folder")
-    return file_format.read(path, up, lod)
+    if options.instances and file_format not in (GLB, GLTF):
+        raise InputError(f"{name}: has no instances, unlike glTF files; leave instances out")
+    return file_format.read(path, options)

@@ -6,5 +6,6 @@
 - `mesh_files`: OBJ, PLY and STL
 - `array_files`: .npy and .npz files, and folders of vertex frames
 - `library_meshes`: arrays, and the meshes of trimesh, PyVista, meshio and Open3D
+- `instance_arrays`: scenes of instances from arrays
 - `json_fields`: checked access to JSON objects
 """

@@ -5,19 +5,32 @@ writers are imported when called: importing trimesh alone takes longer than load
 """
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, cast
 
 from ..files import checked_output
+from ..scene.instance_data import InstanceData, wants_instances
+from ..scene.instances import InstancedSource
 from ..scene.mesh import Source
 from ..scene.palette_scene import PaletteScene
 from ..scene.scene_bounds import guess_z_up, sampled_faces
 from ..scene.scene_data import MemoryData, SceneData
 from .cityjson.cityjson_file import SUFFIXES as CITYJSON_SUFFIXES
 
-Reader: TypeAlias = Callable[[Path, str | None, str | None], SceneData]
-"""(path, up axis or None, level of detail or None) -> the data of a scene."""
+
+class ReadOptions(NamedTuple):
+    """Options of reading a scene; `antumbra.load` documents them."""
+
+    up: str | None = None  # the axis that points up; None: that of the format, or a guess
+    lod: str | None = None  # level of detail
+    instances: bool | None = None  # whether copies of meshes stay instances; None: if that saves much memory
+    cutouts: bool = True  # False: all faces are solid
+
+
+Reader: TypeAlias = Callable[[Path, ReadOptions], SceneData]
+"""(path, options) -> the data of a scene."""
 
 Writer: TypeAlias = Callable[[PaletteScene, str, Path], list[Path]]
 """(scene, name of its mesh, path) -> the files written."""
@@ -37,18 +50,25 @@ class Format(NamedTuple):
 # --- Readers and writers ----------------------------------------------------------------------------------------------
 
 
-def _in_memory(source: Source, notes: list[str], name: str, up: str | None) -> MemoryData:
+def _data_of(source: Source, notes: list[str], name: str, options: ReadOptions) -> SceneData:
     """A scene whose up axis, unless given, is guessed from its faces."""
-    scene = MemoryData(source, name=name, up=up or "y", notes=tuple(notes))
-    if up is None and guess_z_up(sampled_faces(source, scene.n_triangles)):
+    scene: MemoryData | InstanceData
+    up = options.up or "y"
+    if wants_instances(source, options.instances, options.cutouts):
+        scene = InstanceData(cast(InstancedSource, source), name=name, up=up, notes=tuple(notes))
+        sample = scene.sampled_faces
+    else:
+        scene = MemoryData(source, name=name, up=up, notes=tuple(notes))
+        sample = partial(sampled_faces, source, scene.n_triangles)
+    if options.up is None and guess_z_up(sample()):
         scene.up, scene.notes = "z", (*scene.notes, f'{source.file}: seems to have z up; pass up="y" to override')
     return scene
 
 
-def _read_gltf(path: Path, up: str | None, lod: str | None) -> MemoryData:
+def _read_gltf(path: Path, options: ReadOptions) -> SceneData:
     from .gltf.gltf_source import read_gltf
 
-    return _in_memory(*read_gltf(path), path.stem, up)
+    return _data_of(*read_gltf(path), path.stem, options)
 
 
 def _write_glb(scene: PaletteScene, name: str, path: Path) -> list[Path]:
@@ -57,10 +77,10 @@ def _write_glb(scene: PaletteScene, name: str, path: Path) -> list[Path]:
     return write_glb(scene, name, path)
 
 
-def _read_mesh_file(path: Path, up: str | None, lod: str | None) -> MemoryData:
+def _read_mesh_file(path: Path, options: ReadOptions) -> SceneData:
     from .mesh_files import read_mesh_file
 
-    return _in_memory(*read_mesh_file(path), path.stem, up)
+    return _data_of(*read_mesh_file(path), path.stem, options)
 
 
 def _write_obj(scene: PaletteScene, name: str, path: Path) -> list[Path]:
@@ -75,18 +95,18 @@ def _write_ply(scene: PaletteScene, name: str, path: Path) -> list[Path]:
     return write_ply(scene, path)
 
 
-def _read_cityjson(path: Path, up: str | None, lod: str | None) -> MemoryData:
+def _read_cityjson(path: Path, options: ReadOptions) -> SceneData:
     from .cityjson.cityjson_source import read_cityjson
 
-    source, notes, city = read_cityjson(path, lod)
+    source, notes, city = read_cityjson(path, options.lod)
     name = path.stem.removesuffix(".city")
-    return MemoryData(source, name=name, up=up or "z", notes=tuple(notes), city=city, crs=city.crs)
+    return MemoryData(source, name=name, up=options.up or "z", notes=tuple(notes), city=city, crs=city.crs)
 
 
-def _read_frames(path: Path, up: str | None, lod: str | None) -> MemoryData:
+def _read_frames(path: Path, options: ReadOptions) -> SceneData:
     from .array_files import read_frames
 
-    return _in_memory(*read_frames(path), path.resolve().name, up)
+    return _data_of(*read_frames(path), path.resolve().name, options)
 
 
 # --- The registry -----------------------------------------------------------------------------------------------------

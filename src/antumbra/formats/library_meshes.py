@@ -253,7 +253,7 @@ def data_of_arrays(
     crs: object = None,
 ) -> MemoryData:
     """Scene data from arrays; `Scene.from_arrays` documents the arguments."""
-    positions, indices = _as_positions(vertices, text(name, "name")), None
+    positions, indices = positions_of(vertices, text(name, "name")), None
     if faces is not None:
         if positions.ndim == 3:
             raise InputError(f"{name}: vertices are a triangle soup (n, 3, 3); leave faces out")
@@ -281,7 +281,7 @@ def data_of_mesh(mesh: object, *, name: str | None = None, up: str = "y", crs: o
     return MemoryData(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes), crs=crs)
 
 
-def _as_positions(vertices: object, name: str) -> np.ndarray:
+def positions_of(vertices: object, name: str) -> np.ndarray:
     """`vertices` as (v, 3) or (n, 3, 3) floating point: float32 if lossless for their dtype, else float64."""
     positions = as_array(vertices, f"{name}: vertices")
     if positions.shape[-1:] != (3,) or positions.ndim not in (2, 3):

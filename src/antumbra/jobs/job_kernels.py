@@ -6,6 +6,7 @@ import numpy as np
 
 from ..engine.auto_accelerator import best_tree_job
 from ..engine.in_memory_source import all_hits_job, rays_job, update_job
+from ..engine.instanced_source import instances_job
 from ..engine.paged_hits import paged_hits_job
 from ..engine.paged_source import paged_job
 from ..engine.plan import Plan, covering_plans
@@ -55,7 +56,7 @@ def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) ->
         indirect_job("raster"),
         indirect_job("rays"),
     ]
-    jobs += [steps_job(), store_job(), paged_job(), paged_hits_job(), cutouts_job()]
+    jobs += [steps_job(), store_job(), paged_job(), paged_hits_job(), cutouts_job(), instances_job()]
     jobs += [wide_lights_job()] if any(plan.trace == "cones" for plan in plans) else []
     jobs += [bounce_job()] if any(plan.wants_rays for plan in plans) else []
     for plan in plans:

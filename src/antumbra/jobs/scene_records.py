@@ -14,6 +14,7 @@ import numpy as np
 from ..engine.paged_scene import PagedScene
 from ..engine.scene import AnyScene
 from ..scene.camera import Camera
+from ..scene.instance_data import InstanceData
 from ..scene.lights import Light
 from ..scene.mesh import ObjectInfo
 
@@ -24,11 +25,22 @@ _STORE_HEADER = 4096  # bytes of a store's first page, which contains the checks
 
 
 def scene_digest(scene: AnyScene, time: float, threads: int | None = None) -> str:
-    """SHA-256 of the scene's triangles at a time, with colours, alpha masks and objects; of a store, its first page."""
+    """SHA-256 of the scene's triangles at a time, with colours, alpha masks and objects.
+
+    Of a store, it is that of the first page; of instances, that of the meshes and transforms.
+    """
     digest = hashlib.sha256()
     if isinstance(scene, PagedScene):
         with scene.store.path.open("rb") as stream:
             digest.update(stream.read(_STORE_HEADER))
+        return digest.hexdigest()
+    if isinstance(scene.data, InstanceData):
+        copies = scene.data.instances
+        for mesh in copies.meshes:
+            for array in mesh.positions, mesh.faces, mesh.colour:
+                digest.update(np.ascontiguousarray(array).data)
+        for array in copies.mesh, copies.matrices, copies.starts:
+            digest.update(array.data)
         return digest.hexdigest()
     triangles = scene.triangles(time, threads)
     arrays = triangles.vertices, triangles.origin, triangles.colour, scene.object_of_face

@@ -74,7 +74,7 @@ class TracedRays(NamedTuple):
     """Hits of rays, with the triangles in which they were traced."""
 
     hits: HitArrays
-    triangles: Triangles | None  # of the whole scene, by face; None: the scene is in a store
+    triangles: Triangles | None  # of the whole scene, by face; None: not all are in memory
 
 
 _NONE = HitArrays(*(np.empty(0, dtype) for dtype in (np.bool_, np.int32, np.float64, np.float32, np.float32)))
@@ -191,6 +191,12 @@ def rays_of(
         raise InputError(f"shapes do not broadcast: origins {origins.shape}, {target_name} {directions.shape}, {sizes}")
     facing = 0 if cull_faces is None else cull_value(cull_faces)
     return RayArguments(origins, directions, tmin, tmax, skip, shape, facing, targets is not None, frame)
+
+
+def rays_in_frame(rays: RayPass) -> RayArguments:
+    """The rays of a pass, whose origins are in the scene's frame."""
+    shape = (len(rays.origins),)
+    return RayArguments(rays.origins, rays.directions, 0.0, np.inf, rays.skip, shape, 0, False, (0.0, 0.0, 0.0))
 
 
 def segments_between(begin: np.ndarray, end: np.ndarray, skip: np.ndarray) -> RayArguments:

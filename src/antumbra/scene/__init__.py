@@ -2,6 +2,9 @@
 
 - `scene_data`: `SceneData` and `MemoryData`, city objects, and grouped loader notes
 - `mesh`: indexed triangles, and `Source`, the geometry interface of a scene
+- `instances`: copies of meshes, and a scene of them
+- `instance_bounds`: the exact bounds of copies
+- `instance_data`: `InstanceData`, and when copies stay instances
 - `palette_scene`: a scene with palette colours, as generators return and format writers take it
 - `triangles`: the triangles at one moment, and `Hit`
 - `triangle_setup`: interpolation, recentring and rounding to float32 triangles

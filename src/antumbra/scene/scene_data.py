@@ -301,6 +301,10 @@ class MemoryData(SceneData):
         """Make all faces solid. Call it before the first query."""
         self.cutouts = None
 
+    def ignore_looks(self) -> None:
+        """Give each face its mean colour only, and make all faces solid. Call it before the first query."""
+        self.cutouts, self._looks, self._appearance = None, False, None
+
     def set_transmittance(self, shares: Mapping[str, Transmittance]) -> None:
         """Let a share of the light pass through materials or objects; see `antumbra.Scene.set_transmittance`."""
         appearance = appearance_of(self._loaded, self.n_triangles, plain=True) or plain_appearance(self.n_triangles)

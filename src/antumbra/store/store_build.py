@@ -13,6 +13,7 @@ from ..files import atomic_output
 from ..generate.generated_scene import StreamedCity
 from ..progress import ProgressListener
 from ..scene.camera import Camera
+from ..scene.instance_data import InstanceData
 from ..scene.lights import Light
 from ..scene.mesh import Source
 from ..scene.scene_bounds import frame_origin
@@ -98,7 +99,7 @@ class _Build:
         for scene in scenes:
             if isinstance(scene, StoreData):
                 raise scene.refusal()
-            if not isinstance(scene, MemoryData | StreamedCity):
+            if not isinstance(scene, MemoryData | InstanceData | StreamedCity):
                 raise InputError(f"a scene is {type(scene).__name__}; it must be a Scene, as returned by antumbra.load")
             check_disk_space(
                 self.folder, staging.survey.file, staging.survey.n_triangles + scene.n_triangles, staging.size

@@ -8,15 +8,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
 from ...scene.camera import Camera
+from ...scene.instances import singular
 from ...scene.lights import DirectionalLight, Light, PointLight
 from ..json_fields import Fields
 from .accessors import Accessors
 
 # --- Nodes: local transforms and world matrices -----------------------------------------------------------------------
-
-
-SINGULAR = 1e-12
-"""A matrix with unit columns and a smaller determinant counts as singular."""
 
 
 class Nodes(NamedTuple):
@@ -83,34 +80,12 @@ def world_matrices(nodes: Nodes, local: np.ndarray) -> NDArray[np.float64]:
     return world
 
 
-def transform_points(points: np.ndarray, matrices: np.ndarray) -> np.ndarray:
-    """`points` ((v, 3)) under each of `matrices` ((k, 4, 4) float64): (k, v, 3) float64.
-
-    The order of operations is fixed. The rounding of a matrix product would depend on the machine's BLAS.
-    """
-    x, y, z = (points[:, i].astype(np.float64) for i in range(3))
-    out = np.empty((len(matrices), len(points), 3))
-    for i in range(3):
-        a, b, c, d = (matrices[:, i, j, None] for j in range(4))
-        out[..., i] = a * x + b * y + c * z + d
-    return out
-
-
 def with_ancestors(nodes: Nodes, selection: np.ndarray) -> NDArray[np.bool_]:
     """(n,) bool: the nodes in `selection` ((n,) bool) and all their ancestors."""
     ancestors = selection.copy()
     for level in reversed(nodes.levels[1:]):
         np.logical_or.at(ancestors, nodes.parent[level], ancestors[level])
     return ancestors
-
-
-def singular(matrices: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n,) bool: which of (n, 4, 4) transforms have no inverse, independent of their scale."""
-    linear = matrices[:, :3, :3]
-    lengths = np.linalg.norm(linear, axis=1)
-    with np.errstate(all="ignore"):
-        out: NDArray[np.bool_] = ~(np.abs(np.linalg.det(linear / lengths[:, None, :])) > SINGULAR)
-        return out
 
 
 def check_invertible(nodes: Nodes, needed: np.ndarray) -> None:

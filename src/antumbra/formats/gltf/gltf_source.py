@@ -13,8 +13,17 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...scene.camera import Camera
+from ...scene.instances import (
+    MAX_TRIANGLES,
+    InstancedMesh,
+    InstanceSet,
+    copies_in_batches,
+    instance_set,
+    instanced_mesh,
+    singular,
+)
 from ...scene.lights import Light
-from ...scene.mesh import MeshInfo, ObjectInfo, Piece
+from ...scene.mesh import Mesh, MeshInfo, ObjectInfo, Piece
 from ..json_fields import Fields
 from .accessors import Accessors
 from .gltf_file import GltfDocument, open_gltf
@@ -39,14 +48,9 @@ from .gltf_nodes import (
     read_nodes,
     read_tracks,
     sample_track,
-    singular,
-    transform_points,
     with_ancestors,
     world_matrices,
 )
-
-MAX_TRIANGLES = 2**31 - 1
-VERTEX_BATCH = 1 << 18  # vertices of a mesh's copies that are evaluated at once
 
 
 class MeshNode(NamedTuple):
@@ -117,6 +121,30 @@ class GltfSource:
                 for vertices, linear in _world_batches(positions, primitive, draw, world):
                     yield PlacedPrimitive(draw.node, primitive, world[draw.node], skinned, vertices, at, linear)
                     at += len(vertices)
+
+    def instances(self) -> InstanceSet:
+        world, weights = self._pose(0.0)
+        meshes, mesh, matrices, starts = list[InstancedMesh](), list[int](), list[np.ndarray](), list[np.ndarray]()
+        known, first = dict[int, int](), 0  # the list of primitives is the same at all nodes of a mesh
+        for draw in self._draws:
+            counts, n = np.array([p.triangles for p in draw.primitives], np.int64), draw.n_copies
+            placed, deformed = _matrices(draw, world), _deformed(draw, weights, world)
+            if draw.skin is not None and n > 1:
+                raise InputError(f"{self.file}: has instances of a skinned mesh; load it with instances=False")
+            if deformed is not None or id(draw.primitives) not in known:
+                where = draw.primitives[0].where if draw.primitives else self.file
+                parts = [p.mesh for p in draw.primitives] if deformed is None else deformed
+                meshes.append(instanced_mesh(parts, where))
+            if deformed is None:
+                number = known.setdefault(id(draw.primitives), len(meshes) - 1)
+            else:
+                number, placed = len(meshes) - 1, placed if draw.skin is None else np.eye(4)[None]
+            before = np.cumsum([0, *counts])[:-1]  # faces are ordered by primitive, then by copy
+            starts += list(first + n * before + np.arange(n)[:, None] * counts)
+            mesh += [number] * n
+            matrices.append(placed)
+            first += n * int(counts.sum())
+        return instance_set(meshes, mesh, matrices, starts)
 
     def cameras(self, time: float) -> list[Camera]:
         return self._views.cameras(self._pose(time)[0])
@@ -255,11 +283,27 @@ def _world_batches(
     if draw.skin is not None and primitive.joints is not None:
         yield skinned(positions, primitive, draw.skin, world), None
         return
-    matrices = world[draw.node][None] if draw.copies is None else world[draw.node] @ draw.copies
-    batch = max(1, VERTEX_BATCH // len(positions))
-    for a in range(0, len(matrices), batch):
-        chunk = matrices[a : a + batch]
-        yield transform_points(positions, chunk), chunk[:, :3, :3]
+    for vertices, matrices in copies_in_batches(positions, _matrices(draw, world)):
+        yield vertices, matrices[:, :3, :3]
+
+
+def _deformed(draw: MeshNode, weights: dict[int, np.ndarray], world: np.ndarray) -> list[Mesh] | None:
+    """The deformed primitives of a draw: morphed in object space, or skinned in world space; None: they are rigid."""
+    if draw.skin is None and all(primitive.targets is None for primitive in draw.primitives):
+        return None
+    out = []
+    for primitive in draw.primitives:
+        positions = morphed(primitive, weights.get(draw.node, draw.weights))
+        if draw.skin is not None:
+            positions = next(_world_batches(positions, primitive, draw, world))[0][0]
+        out.append(primitive.mesh._replace(positions=positions))
+    return out
+
+
+def _matrices(draw: MeshNode, world: np.ndarray) -> NDArray[np.float64]:
+    """(k, 4, 4) float64: the transforms of a draw's copies to world space."""
+    out: NDArray[np.float64] = world[draw.node][None] if draw.copies is None else world[draw.node] @ draw.copies
+    return out
 
 
 def _info(

@@ -83,7 +83,7 @@ def bake_source(scene: SceneLike, up: str | None = None) -> BakeSource:
     """A scene, or the scene of a path or mesh. Raises InputError if it cannot be read."""
     if isinstance(scene, AnyScene):
         return BakeSource(scene, None)
-    loaded = load(scene, up=up)
+    loaded = load(scene, up=up, instances=False)  # a bake writes every copy
     return BakeSource(loaded, Path(scene) if isinstance(scene, (str, os.PathLike)) and is_gltf(Path(scene)) else None)
 
 
@@ -121,7 +121,7 @@ def _scene_of_asset(asset: Asset, name: str) -> Scene:
     with temporary_folder() as folder:
         path = folder / f"{name}.glb".replace("/", "-")
         path.write_bytes(asset.glb())
-        return cast(Scene, load(path, up="y"))  # a glTF file is not a store
+        return cast(Scene, load(path, up="y", instances=False))  # a glTF file is not a store
 
 
 def _in_scene_frame(part: NodePrimitive, frame: np.ndarray) -> NodePrimitive:

@@ -340,6 +340,13 @@ def error_unit(tame, dx, dy, dz, reach):
 
 
 @inlined
+def single_error_unit(tame, span, reach):
+    """`error_unit` of one ray; scalars. span : the sum of the magnitudes of its direction's components."""
+    unit = _COARSE if tame else np.float32(np.inf)
+    return unit, (span + (reach + reach)) * _TINY + _TINY
+
+
+@inlined
 def _sum3(ax, bx, ay, by, az, bz):
     return fma(ax, bx, fma(ay, by, az * bz))
 
@@ -362,6 +369,24 @@ def _lines_may_meet(r, t):
     wide = maximum(maximum(maximum(absolute(a[0]), absolute(a[1])), absolute(a[2])), t.s)
     span = absolute(r.dx) + absolute(r.dy) + absolute(r.dz)
     bound = fma(wide * t.s, span * r.unit, r.floor)
+    third = e0 * _THIRD
+    low, high = minimum(third, minimum(e1, e2)), maximum(third, maximum(e1, e2))
+    return ~((low < -bound) & (high > bound))
+
+
+@inlined
+def lines_may_pass(r, t, slack):
+    """Mask of the lanes whose line may pass within a distance of the triangle, measured along each axis.
+
+    slack : 2 |d|_1 times this distance, a vector
+
+    A shift of the line by at most w along each axis changes e1 and e2 by at most 2 |d|_1 s w. It changes e0, whose edge
+    is up to twice as long, by at most 4 |d|_1 s w, and e0 / 3 by less than e1. The coarse bound grows by as much.
+    """
+    a, _, (e0, e1, e2), _ = _lines(r, t)
+    wide = maximum(maximum(maximum(absolute(a[0]), absolute(a[1])), absolute(a[2])), t.s)
+    span = absolute(r.dx) + absolute(r.dy) + absolute(r.dz)
+    bound = fma(t.s, fma(wide, span * r.unit, slack), r.floor)
     third = e0 * _THIRD
     low, high = minimum(third, minimum(e1, e2)), maximum(third, maximum(e1, e2))
     return ~((low < -bound) & (high > bound))

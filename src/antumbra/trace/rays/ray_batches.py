@@ -211,7 +211,7 @@ def _packet_rays(rows, first, candidates, tree_reach, any_hit):
 
 
 @inlined
-def _write_blocked(blocked, n, out, first):
+def write_blocked(blocked, n, out, first):
     """Write n answers (bits) from element `first` on, which is a multiple of 4."""
     if n == _RAYS:
         words = as_i32(ptr(out))
@@ -267,7 +267,7 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
             if any_hit:
                 blocked |= bits(load16(block_hits.lane, 0) != NONE) << (j * LANES)
         if any_hit:
-            _write_blocked(blocked, n, out.blocked, first)
+            write_blocked(blocked, n, out.blocked, first)
         else:
             write_nearest(tree, batch, hits, n, report, out, first)
     add_counters(counters, mine)

@@ -24,6 +24,7 @@ from ...bvh.nodes import (
     Bvh,
     Tree,
     WideBvh,
+    WideTree,
     bvh_leaf,
     parents_first,
     tree_of,
@@ -137,7 +138,7 @@ class OrderedTree(NamedTuple):
 
 
 def pointers(prepared):
-    """In kernels: the `OrderedTree` of an `Ordered`, or the `WideTree` of a `WideBvh`."""
+    """In kernels: the `OrderedTree` of an `Ordered`, or the `WideTree` of a `WideBvh`; other modules add theirs."""
 
 
 def any_hit(tree, ray, skip, cull_faces, counters):
@@ -154,7 +155,9 @@ def _ordered_tree(prepared):
 def _pointers(prepared):
     if prepared.instance_class is Ordered:
         return lambda prepared: _ordered_tree(prepared)
-    return lambda prepared: wide_tree_of(prepared)
+    if prepared.instance_class is WideBvh:
+        return lambda prepared: wide_tree_of(prepared)
+    return None
 
 
 @overload(any_hit)
@@ -163,7 +166,20 @@ def _any_hit(tree, ray, skip, cull_faces, counters):
         return lambda tree, ray, skip, cull_faces, counters: walk(
             tree.tree, ray, skip, cull_faces, tree.order, None, counters
         )[0]
-    return lambda tree, ray, skip, cull_faces, counters: any_hit_wide(tree, ray, skip, cull_faces, counters)
+    if tree.instance_class is WideTree:
+        return lambda tree, ray, skip, cull_faces, counters: any_hit_wide(tree, ray, skip, cull_faces, counters)
+    return None
+
+
+def blocker(tree, ray, skip, cull_faces, last, counters):
+    """In kernels: a triangle that blocks the ray, as a number, or -1; `last`, that of the previous ray, comes first."""
+
+
+@overload(blocker)
+def _blocker(tree, ray, skip, cull_faces, last, counters):
+    if tree.instance_class in (OrderedTree, WideTree):
+        return lambda tree, ray, skip, cull_faces, last, counters: _blocked(tree, ray, skip, cull_faces, last, counters)
+    return None
 
 
 @inlined
@@ -180,7 +196,7 @@ def _blocked(tree, ray, skip, cull_faces, last, counters):
 
 @inlined
 def _shadow_pixel(tree, query, i, bits, last, counters):
-    """Trace all samples of receiver i. Return the slot of the last blocker."""
+    """Trace all samples of receiver i. Return the last blocker."""
     o, skip = get3(query.origins, 3 * i, 1), get(query.ids, i)
     patch, horizon = patch_of(query, i), horizon_of(query, i)
     count(counters, RAYS, query.spp)
@@ -192,7 +208,7 @@ def _shadow_pixel(tree, query, i, bits, last, counters):
             ray = segment(o.x, o.y, o.z, lx, ly, lz)
             if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # an empty segment is not blocked
                 continue
-            slot = _blocked(tree, ray, skip, query.facing, last, counters)
+            slot = blocker(tree, ray, skip, query.facing, last, counters)
             if slot < 0:
                 continue
             last = slot

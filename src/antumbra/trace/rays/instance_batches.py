@@ -1,0 +1,335 @@
+"""Ray lists through instances: 64 rays at a time advance in rounds, as in `interleaved_rays`.
+
+A ray is either in the tree over the copies, or in the tree of a copy's mesh. Its stack holds the entries of the first
+tree, and above them those of the second. Each ray has two columns of numbers, one per frame; the second is written when
+it enters a copy. A round pushes the children of nodes in both trees, tests leaves, settles the triangles that rays may
+meet one by one (`instance_traversal`), moves rays into copies, and pops the next entry of each.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.instance_trees import CORNERS, GROUPS, MESH_WORDS, NODES, InstanceTrees, instance_pointers
+from ...bvh.nodes import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH, wide_leaf
+from ...kernels.exact.filters import lines_may_pass
+from ...kernels.jit import I32Ptr, I64Ptr, inlined, kernel
+from ...kernels.parallel import STOP, items, new_ticket, run, thread_count
+from ...kernels.simd import (
+    as_f32,
+    as_i32,
+    bits,
+    broadcast8,
+    f32_at,
+    f64_at,
+    get,
+    highest_bit,
+    load8,
+    lowest_bit,
+    permute,
+    popcount,
+    prefetch,
+    ptr_at,
+    put,
+    splat8,
+    stack_f32,
+    stack_f64,
+    stack_i32,
+    stack_i64,
+    store,
+    store_compressed,
+)
+from ...query.ray_list import HitArrays, RayArguments
+from .hit_reports import CORNER_WORDS as REPORT_CORNERS
+from .hit_reports import REPORT_WORDS, Report, write_nearest
+from .instance_columns import (
+    COLUMN_WORDS,
+    CORNER_WORDS,
+    ID_WORDS,
+    RAYS,
+    SLACK,
+    WORLD,
+    BatchHits,
+    CopyFrames,
+    column_of,
+    fill_column,
+    settle_lanes,
+)
+from .instance_traversal import EARLIER
+from .ray_batches import read_batch, write_blocked
+from .wide_traversal import (
+    BLOCK_WORDS,
+    BLOCKS,
+    LANE,
+    LANES,
+    LIMIT,
+    NO_KEY,
+    NONE,
+    PRECISE_WORDS,
+    STACK,
+    Query,
+    RayBlock,
+    WideHit,
+    block_of,
+    enter,
+    filter_ray8,
+    group_of,
+    ray_of,
+    slabs_of,
+    sorted_keys,
+)
+
+# --- The state of 64 rays ---------------------------------------------------------------------------------------------
+
+
+_LEVEL = STACK + 2 * WIDTH  # entries of one tree; the lowest eight mark their end
+_ROOM = 2 * _LEVEL
+_STACKS = RAYS * _ROOM
+_PRECISE = BLOCKS * PRECISE_WORDS
+_LINE = 16  # float32 of a cache line
+
+
+class _Rays(NamedTuple):
+    """The state of up to 64 rays: pointers to scratch memory."""
+
+    keys: I32Ptr  # int32 *, stacks: keys of `sorted_keys`
+    links: I32Ptr  # int32 *, stacks: nodes and leaves; in the tree over the copies, ~copy
+    tops: I32Ptr  # int32 *: index of the next entry of each ray's stack
+    bottoms: I32Ptr  # int32 *: index of the first entry of the tree that it is in
+    next: I32Ptr  # int32 *: link of each ray's next node or leaf
+    columns: I32Ptr  # int32 *: word of each ray in the rows of its frame
+    copies: I64Ptr  # int64 *: the copy that each ray is in
+    nodes: I64Ptr  # int64 *: address of the nodes of the tree that it is in
+    groups: I64Ptr  # int64 *: address of the groups of its mesh
+    corners: I64Ptr  # int64 *: address of the corners of its mesh
+    lanes: I32Ptr  # int32 *: bits of the triangles that it may meet
+    frames: CopyFrames
+
+
+# --- Steps of a ray ---------------------------------------------------------------------------------------------------
+
+
+@inlined
+def _push(nodes, rows, i, is_sorted, rays):
+    """Push the children that ray i enters."""
+    at, top = np.int64(get(rays.next, i)) * NODE_WORDS, np.int64(get(rays.tops, i))
+    column, links = ptr_at(rows, get(rays.columns, i)), load8(as_i32(nodes), at + LINKS)
+    entered, t_near = enter(nodes, at, slabs_of(column, 0), broadcast8(column, LIMIT))
+    if is_sorted:
+        keys = sorted_keys(entered, t_near)
+        store(rays.keys, top, keys)
+        store(rays.links, top, permute(links, keys & LANE))
+    else:
+        store_compressed(rays.links, top, entered, links)
+    put(rays.tops, i, top + popcount(bits(entered)))
+
+
+@inlined
+def _test_leaf(rows, i, rays):
+    """Test ray i against its leaf. Return whether it may meet a triangle."""
+    group, n = wide_leaf(np.int64(get(rays.next, i)))
+    column, groups = ptr_at(rows, get(rays.columns, i)), f32_at(get(rays.groups, i))
+    possible = lines_may_pass(filter_ray8(column, 0), group_of(groups, group * GROUP_WORDS), broadcast8(column, SLACK))
+    lanes = bits(possible) & ((1 << n) - 1)
+    put(rays.lanes, i, lanes)
+    prefetch(ptr_at(f64_at(get(rays.corners, i)), 9 * (group * WIDTH + lowest_bit(lanes))), 0)
+    return lanes != 0
+
+
+@inlined
+def _pop(rows, i, is_sorted, rays):
+    """Set the next node or leaf of ray i. Return (its link, whether there is one in this tree)."""
+    top = np.int64(get(rays.tops, i)) - 1
+    if is_sorted:
+        limit = broadcast8(as_i32(rows), get(rays.columns, i) + LIMIT)
+        top -= WIDTH - 1
+        within = bits((load8(rays.keys, top) & ~LANE) <= limit)
+        while within == 0:
+            top -= WIDTH
+            within = bits((load8(rays.keys, top) & ~LANE) <= limit)
+        top += highest_bit(within)
+    put(rays.tops, i, top)
+    link = np.int64(get(rays.links, top))
+    put(rays.next, i, link)
+    return link, top >= get(rays.bottoms, i)
+
+
+@inlined
+def _fetch(nodes, groups, link):
+    """Prefetch the memory of a node or a leaf; nodes, groups: addresses."""
+    node, group = ptr_at(f32_at(nodes), link * NODE_WORDS), ptr_at(f32_at(groups), wide_leaf(link).group * GROUP_WORDS)
+    p = node if link >= 0 else group
+    prefetch(p, 0)
+    prefetch(p, _LINE)
+    prefetch(p, 2 * _LINE)
+    prefetch(p, 3 * _LINE)
+    prefetch(p, 4 * _LINE)
+
+
+@inlined
+def _begin_tree(rays, i, bottom):
+    """Set ray i to the root of a tree, whose entries begin above eight marks of the end at `bottom`."""
+    store(rays.keys, bottom, splat8(NO_KEY))
+    put(rays.links, bottom + WIDTH - 1, 0)  # it is prefetched at the end
+    put(rays.tops, i, bottom + WIDTH)
+    put(rays.bottoms, i, bottom + WIDTH)
+    put(rays.next, i, 0)
+
+
+@inlined
+def _enter_copy(scene, blocks, i, hits, rays):
+    """Move ray i to the root of the tree of its next copy."""
+    copy, top = ~np.int64(get(rays.next, i)), np.int64(get(rays.tops, i))
+    fill_column(scene, blocks, i, copy, np.float64(get(as_f32(rays.keys), top)) * EARLIER, hits, rays.frames)
+    mesh = np.int64(get(scene.mesh, copy)) * MESH_WORDS
+    put(rays.columns, i, WORLD + column_of(i))
+    put(rays.copies, i, copy)
+    put(rays.nodes, i, get(scene.meshes, mesh + NODES))
+    put(rays.groups, i, get(scene.meshes, mesh + GROUPS))
+    put(rays.corners, i, get(scene.meshes, mesh + CORNERS))
+    _begin_tree(rays, i, top)
+
+
+@inlined
+def _leave_copy(rays, i):
+    """Return ray i to the tree over the copies."""
+    put(rays.tops, i, get(rays.bottoms, i) - WIDTH)
+    put(rays.bottoms, i, i * _ROOM + WIDTH)
+    put(rays.columns, i, column_of(i))
+
+
+@inlined
+def _settle_leaf(scene, blocks, i, query, hits, rays):
+    """Settle the triangles that ray i may meet in its leaf. Return whether this ends the ray's any-hit query."""
+    lanes, first = np.int64(get(rays.lanes, i)), wide_leaf(np.int64(get(rays.next, i))).group * WIDTH
+    return settle_lanes(scene, blocks, i, get(rays.copies, i), first, lanes, query, hits, rays.frames)
+
+
+# --- Rounds -----------------------------------------------------------------------------------------------------------
+
+
+@inlined
+def _walk(scene, blocks, alive, query, hits, rays):
+    """Trace the rays in `alive` (bits). Return bits of the rays whose any-hit query has ended with a hit."""
+    rows, blocked, is_sorted = blocks.rows, np.int64(0), not query.any_hit
+    outer, inner, leaves, copies, inside = alive, np.int64(0), np.int64(0), np.int64(0), np.int64(0)
+    while alive:
+        while outer:
+            i = lowest_bit(outer)
+            outer &= outer - 1
+            _push(scene.nodes, rows, i, True, rays)
+        while inner:
+            i = lowest_bit(inner)
+            inner &= inner - 1
+            _push(f32_at(get(rays.nodes, i)), rows, i, is_sorted, rays)
+        possible = np.int64(0)
+        while leaves:
+            i = lowest_bit(leaves)
+            leaves &= leaves - 1
+            possible |= np.int64(_test_leaf(rows, i, rays)) << i
+        while possible:
+            i = lowest_bit(possible)
+            possible &= possible - 1
+            if _settle_leaf(scene, blocks, i, query, hits, rays):
+                blocked |= np.int64(1) << i
+        alive &= ~blocked
+        inner = copies
+        while copies:
+            i = lowest_bit(copies)
+            copies &= copies - 1
+            _enter_copy(scene, blocks, i, hits, rays)
+        turn, left = alive & ~inner & inside, np.int64(0)
+        above = alive & ~inner & ~inside
+        inside |= inner
+        while turn:
+            i = lowest_bit(turn)
+            turn &= turn - 1
+            link, more = _pop(rows, i, is_sorted, rays)
+            _fetch(get(rays.nodes, i), get(rays.groups, i), link)
+            left |= np.int64(not more) << i
+            inner |= np.int64(more and link >= 0) << i
+            leaves |= np.int64(more and link < 0) << i
+        inside &= ~left
+        above |= left
+        while left:
+            i = lowest_bit(left)
+            left &= left - 1
+            _leave_copy(rays, i)
+        while above:
+            i = lowest_bit(above)
+            above &= above - 1
+            link, more = _pop(rows, i, True, rays)
+            prefetch(ptr_at(scene.nodes, link * NODE_WORDS if link >= 0 else 0), 0)
+            alive &= ~(np.int64(not more) << i)
+            outer |= np.int64(more and link >= 0) << i
+            copies |= np.int64(more and link < 0) << i
+    return blocked
+
+
+@inlined
+def _trace(scene, blocks, alive, query, hits, rays):
+    """Trace the rays in `alive` (bits) of a batch. Return bits of the rays that hit."""
+    for i in range(RAYS):
+        put(hits.ids, 3 * i, np.int64(-1))
+        put(hits.t, i, ray_of(block_of(blocks, i // LANES), i % LANES).tmax)
+        put(rays.columns, i, column_of(i))
+        _begin_tree(rays, i, i * _ROOM)
+    if query.any_hit:
+        return _walk(scene, blocks, alive, Query(query.cull_faces, True), hits, rays)
+    _walk(scene, blocks, alive, Query(query.cull_faces, False), hits, rays)
+    found = np.int64(0)
+    for i in range(RAYS):
+        face = get(hits.ids, 3 * i)
+        put(hits.prim_ids, i, np.int32(face))
+        found |= np.int64(face >= 0) << i
+    return found
+
+
+# --- Batches ----------------------------------------------------------------------------------------------------------
+
+
+_CHUNK = 8  # batches that a thread takes at a time
+_LISTED = RAYS + LANES
+
+
+@kernel
+def _batches(ticket, arrays, rays, any_hit, out, faults):
+    """Worker: trace batches of 64 rays."""
+    scene = instance_pointers(arrays)
+    rows, precise, skip = stack_f32(COLUMN_WORDS), stack_f64(_PRECISE), stack_i32(RAYS)
+    batch, query = RayBlock(rows, precise, skip, rays.segments), Query(rays.cull_faces, any_hit)
+    hits = BatchHits(stack_i32(RAYS), stack_i32(1), stack_f32(CORNER_WORDS), stack_f64(RAYS), stack_i64(ID_WORDS))
+    state = _Rays(
+        stack_i32(_STACKS), stack_i32(_STACKS), stack_i32(RAYS), stack_i32(RAYS), stack_i32(RAYS), stack_i32(RAYS),
+        stack_i64(RAYS), stack_i64(RAYS), stack_i64(RAYS), stack_i64(RAYS), stack_i32(RAYS),
+        CopyFrames(stack_f64(RAYS), stack_f64(RAYS)),
+    )  # fmt: skip
+    report = Report(
+        stack_f32(REPORT_CORNERS),
+        stack_f32(BLOCK_WORDS),
+        stack_f64(REPORT_WORDS),
+        stack_i32(_LISTED),
+        stack_i64(_LISTED),
+    )
+    found = WideHit(stack_i32(RAYS), stack_i32(1))
+    for b in items(ticket):
+        n, alive, good = read_batch(scene, rays, b * RAYS, batch)
+        if not good:
+            faults[0], ticket[STOP] = True, 1
+            break
+        hit = _trace(scene, batch, alive, query, hits, state)
+        if any_hit:
+            write_blocked(hit, n, out.blocked, b * RAYS)
+        else:
+            for i in range(RAYS):
+                put(found.lane, i, np.int32(-2 - i if hit >> i & 1 else NONE))
+            write_nearest(hits, batch, found, n, report, out, b * RAYS)
+
+
+def trace_list(
+    trees: InstanceTrees, rays: RayArguments, any_hit: bool, out: HitArrays, threads: int | None = None
+) -> bool:
+    """Trace rays and fill `out`. Return False, with `out` incomplete, if a ray is invalid."""
+    faults, ticket = np.zeros(1, np.bool_), new_ticket(-(-rays.n // RAYS), _CHUNK)
+    run(_batches, thread_count(threads), ticket, trees.arrays, rays.packed(), any_hit, out.packed(), faults)
+    return not faults[0]
