@@ -318,3 +318,52 @@ def test_points_are_inside_as_if_flattened():
     truth = flat.contains(points)
     np.testing.assert_array_equal(inside.contains(points), truth)
     assert 0.02 < truth.mean() < 0.98
+
+
+# --- Unusual scenes ---------------------------------------------------------------------------------------------------
+
+
+def test_meshes_without_copies_and_single_triangles():
+    triangle = np.array([[[0.0, 0, 0], [2, 0, 0], [0, 2, 0]]])
+    inside, flat = both([block(), triangle], [np.zeros((0, 4, 4)), np.eye(4)[None]])
+    assert inside.n_triangles == 1 and len(inside.objects) == 1
+    origins, directions = rays_to_corners(inside, flat, 100, 1)
+    hit, other = (scene.closest_hit(origins, directions) for scene in (inside, flat))
+    _same(hit, other)
+    assert hit.mask.any()
+
+
+def test_copies_that_coincide():
+    """The lowest face wins everywhere, and no stack overflows."""
+    inside, flat = both([block()], [np.repeat(random_transforms(1, 4), 700, 0)])
+    origins, directions = rays_to_corners(inside, flat, 300, 2)
+    hit, other = (scene.closest_hit(origins, directions) for scene in (inside, flat))
+    _same(hit, other)
+    assert hit.mask.any() and hit.face.max() < 12
+    np.testing.assert_array_equal(inside.occluded(origins, directions), flat.occluded(origins, directions))
+
+
+def test_meshes_that_lie_on_a_point_or_a_line():
+    """A copy of a triangle without area may have an area, since its corners are rounded."""
+    point, line = np.ones((3, 3, 3)), np.linspace(0, 1, 9).reshape(3, 3, 1) * np.ones(3)
+    transforms = [random_transforms(3, 5), random_transforms(3, 6), random_transforms(3, 7)]
+    inside, flat = both([point, line, block()], transforms)
+    origins, directions = rays_to_corners(inside, flat, 500, 3)
+    hit, other = (scene.closest_hit(origins, directions) for scene in (inside, flat))
+    _same(hit, other)
+    slivers = np.isin(hit.face, np.arange(9, 18)) & (np.arange(len(origins)) % 7 != 0)
+    assert (hit.face[hit.mask] >= 9).all() and slivers.any()
+
+
+def test_rays_that_are_refused():
+    inside, _ = random_scenes(40)
+    for origins, directions, error in (
+        (np.full((3, 3), np.nan), np.ones(3), "origins hold NaN or infinity"),
+        (np.zeros((3, 3)), np.zeros(3), "direction of ray 0 is zero"),
+    ):
+        with pytest.raises(at.InputError, match=error):
+            inside.occluded(origins, directions)
+        with pytest.raises(at.InputError, match=error):
+            inside.all_hits(origins, directions)
+    assert inside.occluded(np.zeros((0, 3)), np.zeros((0, 3))).shape == (0,)
+    assert not inside.occluded(np.zeros(3), targets=np.zeros(3))

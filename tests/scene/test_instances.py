@@ -206,3 +206,14 @@ def test_results_of_instances_are_recognised(tmp_path):
 
     digests = [scene_digest(scene, 0.0) for scene in (random_scenes(7)[0], random_scenes(7)[0], random_scenes(8)[0])]
     assert digests[0] == digests[1] != digests[2]
+
+
+def test_views_of_data_sets_are_those_of_the_flattened_scene(monkeypatch):
+    from antumbra.jobs.dataset import random_views
+
+    monkeypatch.setattr(random_views, "_MANY", 10)
+    monkeypatch.setattr(random_views, "_ENOUGH", 100)
+    inside, flat = random_scenes(9)
+    regions = [random_views.sampling_region(scene, 0.0, 2) for scene in (inside, flat)]
+    np.testing.assert_array_equal(regions[0].bounds, regions[1].bounds)
+    assert "_flat" not in vars(inside.data) and (regions[0].bounds != flat.bounds).any()

@@ -48,7 +48,12 @@ def test_all_triangles_are_not_to_be_had(both, ask):
 def test_it_stands_beside_scenes_in_memory(both):
     scene, paged = both
     assert isinstance(scene, AnyScene) and isinstance(paged, AnyScene) and not isinstance(paged, Scene)
-    assert {name for name in dir(scene) if name[0] != "_"} - {"from_arrays", "from_mesh", "source"} <= set(dir(paged))
+    assert {name for name in dir(scene) if name[0] != "_"} - {
+        "from_arrays",
+        "from_instances",
+        "from_mesh",
+        "source",
+    } <= set(dir(paged))
 
 
 def test_what_is_not_there(both):

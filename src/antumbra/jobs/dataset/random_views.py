@@ -15,6 +15,7 @@ from ...engine.scene import AnyScene
 from ...errors import InputError
 from ...scene.camera import AZIMUTH, Camera, axes, bounding_sphere, default_camera
 from ...scene.default_picture import Room
+from ...scene.instance_data import InstanceData
 from ...scene.lights import DirectionalLight, Light, SphereLight, check_lights
 from ...scene.triangles import Hit
 from ..scene_records import Record, camera_record
@@ -81,9 +82,12 @@ def sampling_region(scene: AnyScene, time: float, threads: int | None) -> Sampli
     """
     if scene.n_triangles < _MANY or isinstance(scene, PagedScene):
         return SamplingRegion(scene, time, threads, scene.bounds)
-    triangles = scene.triangles(time, threads)
-    sample = triangles.vertices[:: -(-len(triangles.vertices) // _ENOUGH)]
-    centres = sample.mean(axis=1, dtype=np.float64) + triangles.origin
+    step = -(-scene.n_triangles // _ENOUGH)
+    if isinstance(scene.data, InstanceData):
+        sample = scene.data.some_triangles(np.arange(0, scene.n_triangles, step, dtype=np.int32)).vertices
+    else:
+        sample = scene.triangles(time, threads).vertices[::step]
+    centres = sample.mean(axis=1, dtype=np.float64) + scene.origin
     lower, upper = np.percentile(centres, _MOST_FACES, axis=0, method="nearest")
     margin = _MORE * (upper - lower)
     return SamplingRegion(scene, time, threads, np.clip(np.stack([lower - margin, upper + margin]), *scene.bounds))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...kernels.exact.filters import BEYOND
-from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined, kernel
+from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined
 from ...kernels.simd import get, lowest_bit, ptr_at, put
 from .instance_traversal import (
     LATER,
@@ -69,7 +69,7 @@ def column_of(i):
     return i // LANES * BLOCK_WORDS + i % LANES
 
 
-@kernel
+@inlined
 def fill_column(scene, blocks, i, copy, start, hits, frames):
     """Write the column of ray i in a copy, from t = `start` on, or from its tmin."""
     ray = ray_of(block_of(blocks, i // LANES), i % LANES)
@@ -92,7 +92,7 @@ def fill_column(scene, blocks, i, copy, start, hits, frames):
     put(frames.scales, i, r.scale if r.tame else np.float64(0.0))
 
 
-@kernel
+@inlined
 def settle_lanes(scene, blocks, i, copy, first, lanes, query, hits, frames):
     """Test ray i against triangles of a copy, exactly. Return whether this ends the ray's any-hit query.
 

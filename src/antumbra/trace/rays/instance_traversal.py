@@ -53,6 +53,7 @@ _INF, _ZERO, _ONE, _TWO = (np.float32(x) for x in (np.inf, 0.0, 1.0, 2.0))
 EARLIER = np.float64(1.0 - 2.0**-19)  # more than the lane in a key, and the rounding of a box's entry, add to its t
 LATER = np.float64(1.0 + 2.0**-20)
 _NARROW, _COMPUTED = np.float64(2.0**-21), np.float64(2.0**-47)  # errors of a ray in a copy's frame
+_MOST_TURN = np.float64(0.25)  # more than an ill-conditioned transform may turn a ray
 _NEAREST = np.float32(NEAREST)
 
 
@@ -141,9 +142,10 @@ def map_ray(scene, i, ray, start):
     # Eq. (5) of docs/design/instances.md
     speed, norm = max_magnitude((ray.dx, ray.dy, ray.dz)), get(maps, at + 13)
     size = max_magnitude((ray.ox, ray.oy, ray.oz)) + start * speed + get(maps, at + 12)
-    travel = np.float64(max_magnitude(o)) + np.float64(reach)
-    error = get(maps, at + 14) + norm * size * _COMPUTED + travel * (_NARROW + norm * speed * inverse * _COMPUTED)
-    shift = f(error * LATER)
+    offset = get(maps, at + 14) + norm * size * _COMPUTED
+    travel = np.float64(max_magnitude(o)) + np.float64(reach) + offset
+    turn = _NARROW + norm * speed * inverse * _COMPUTED
+    shift = f((offset + travel * turn) * LATER) if turn < _MOST_TURN else _INF
     return MappedRay(o, d, shift, reach, start, scale, is_tame(d, max(max_magnitude(o), reach), shift))
 
 
