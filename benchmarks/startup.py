@@ -122,15 +122,15 @@ def clone(rounds: int) -> Iterator[tuple[str, float]]:
         with tempfile.TemporaryDirectory() as folder:
             place = Place(Path(folder))
             shutil.copytree(
-                ROOT, place.folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__")
+                ROOT, place.folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__", "libraries")
             )
             python, empty = shutil.which("python3") or sys.executable, {"PIP_CACHE_DIR": str(place.folder / "pip")}
             start = time.perf_counter()
             place.run(python, "-m", "venv", ".venv")
-            place.run(".venv/bin/pip", "install", ".", **empty)
+            place.run(".venv/bin/pip", "install", ".[jit]", **empty)
             installed = time.perf_counter() - start
             first = place.seconds(".venv/bin/antumbra", "render")
-            yield "clone, empty caches: venv and pip install .", installed
+            yield "clone, empty caches: venv and pip install .[jit]", installed
             yield "clone, empty caches: first render, compiling", first
             yield "clone, empty caches: together", installed + first
             yield "clone: second render", place.seconds(".venv/bin/antumbra", "render")
@@ -167,7 +167,7 @@ def edits(rounds: int) -> Iterator[tuple[str, float]]:
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
         shutil.copytree(
-            ROOT, place.folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__")
+            ROOT, place.folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__", "libraries")
         )
         paths = {"PYTHONPATH": str(place.folder / "src")}
         for file, (tests, line, more) in EDITS.items():

@@ -101,6 +101,7 @@ def _of_faces(scene, stored: bool) -> dict[str, Example]:
         "ground_height": ex(scene.ground_height),
         "set_transmittance": ex(opaque.set_transmittance, not stored, shares={"*": 0.5}),
         "triangles": ex(scene.triangles, works=not stored),
+        "update": ex(opaque.update, not stored, objects=[0], transform=np.eye(4), threads=1),
     }
 
 
@@ -164,6 +165,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "Engine.with_options": ex(own.engine.with_options, plan=None, threads=1, max_memory=None),
         **{f"Engine.{name}": scene_methods(own.engine, False)[name] for name in RAY_METHODS},
         "Engine.surfaces": ex(own.engine.surfaces, camera=CAMERA),
+        "Engine.update": ex(at.Engine(own).update, objects=[0], transform=np.eye(4)),
         "Engine.visibility": ex(own.engine.visibility, receivers=RECEIVERS, lights=LIGHT, spp=1),
         "Receivers.in_space": ex(at.Receivers.in_space, points=[[1.0, 3.0, -1.0]], frame=own.origin),
         "Receivers.on_surface": ex(

@@ -159,6 +159,8 @@ def test_a_moment_that_fails_leaves_no_triangles_of_another(atrium):
     first = trees.triangles(0.0, 1)
 
     class Fails:
+        moved = None
+
         def triangles(self, time, threads):
             calls.append(time)
             raise at.InputError("no such moment")

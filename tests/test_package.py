@@ -67,6 +67,7 @@ def test_version():
 NAMES_OF_IMPORTS = {"PIL": "pillow", "imageio_ffmpeg": "imageio-ffmpeg"}
 OPTIONAL = {"embreex", "matplotlib", "pvlib", "pandas", "pyproj", "pyarrow", "rasterio", "xatlas", "mitsuba", "open3d"}
 OPTIONAL |= {"viser", "websockets", "imageio-ffmpeg", "ray", "DracoPy", "drjit", "pyvista"}  # drjit comes with mitsuba
+OPTIONAL |= {"numba", "llvmlite", "ziglang"}
 OF_DEPENDENCIES = {"charset-normalizer"}  # trimesh imports it for OBJ files that are not UTF-8, but does not require it
 
 
@@ -109,11 +110,15 @@ def test_what_tests_import_is_installed_for_them():
     known = [*files, *(ROOT / "benchmarks").rglob("*.py")]
     ours = {part for path in known for part in path.relative_to(ROOT).with_suffix("").parts}
     found = {NAMES_OF_IMPORTS.get(name, name) for name in found - {"antumbra"} - ours}
-    extras = PROJECT["optional-dependencies"]
-    lines = PROJECT["dependencies"] + extras["test"]
-    for line in extras["test"]:  # antumbra[sun,gis]
-        lines += [more for extra in re.findall(r"\w+", line.partition("[")[2]) for more in extras[extra]]
+    lines = PROJECT["dependencies"] + _requirements("test")
     assert found <= {re.match(r"[\w.-]+", line)[0] for line in lines}
+
+
+def _requirements(extra):
+    """The requirements of an extra, and of the extras that it includes: antumbra[sun,gis]."""
+    lines = PROJECT["optional-dependencies"][extra]
+    included = [name for line in lines for name in re.findall(r"[\w-]+", line.partition("antumbra[")[2])]
+    return lines + [more for name in included for more in _requirements(name)]
 
 
 # Documents
@@ -123,7 +128,7 @@ def test_readme_commands_are_one_line_each():
     readme = ROOT / "README.md"
     commands = "".join(snippets.blocks(readme.read_text(), "sh")).splitlines()
     assert commands == [
-        "python3 -m venv .venv && .venv/bin/pip install . && .venv/bin/antumbra render",
+        "python3 -m venv .venv && .venv/bin/pip install '.[jit]' && .venv/bin/antumbra render",
         "python3 -m venv .venv && .venv/bin/pip install '.[test]' && .venv/bin/pytest",
     ]
     assert snippets.command(readme, "antumbra render") == commands[0]

@@ -31,6 +31,7 @@ CALLS = {
     "sun_hours": "at.sun_hours(scene, 'face', '2026-06-21', place=at.Place(52.0, 4.4), matrix='sun.npy')",
     "suns_of": "at.suns_of(at.Place(52.0, 4.4), times, scene.up)",
     "times_of": "times",
+    "trimesh_ray": "at.trimesh_ray(trimesh.creation.box()).intersects_any([(0, 1, 0)], [(0, -1, 0)])",
     "vertex_sensors": "at.vertex_sensors(scene)",
     "view": "at.view(scene, port=0, browser=False).close()",
     "viewshed": "at.viewshed(scene, at.raster_sensors(scene, 2.0), (0, 1, 0)).table.save('seen.csv')",
@@ -44,6 +45,7 @@ CALLS = {
 PRELUDE = """
 from datetime import UTC, date
 import numpy as np
+import trimesh
 import antumbra as at
 scene = at.procedural("atrium", triangles=1000)
 camera, light = scene.cameras[0].resized(16, 16), at.PointLight((0, 2, 0))

@@ -134,7 +134,7 @@ def test_a_moment_of_an_animation_and_nothing_seen(compare):
 
 def test_a_store(cli, compare):
     assert cli("build", "procedural:city?triangles=5k", "-o", "city.antumbra", "-q").code == 0
-    done = compare("--max-memory", "1G", scene="city.antumbra", plans=["bsah+chcrt", "bsah+chcrt:20"])
+    done = compare("--max-memory", "3G", scene="city.antumbra", plans=["bsah+chcrt", "bsah+chcrt:20"])
     assert done.code == 0 and "chunks: loaded" in done.out
     compare(scene="city.antumbra").refused("is in a store", "bsah+chcrt")
 
