@@ -40,7 +40,7 @@ def trimesh_ray(mesh: Any) -> "RayMeshIntersector":
     return RayMeshIntersector(mesh)
 
 
-class _Rays(NamedTuple):
+class _RayRows(NamedTuple):
     """Checked rays. trimesh's intersectors let rays without a direction miss; here, their interval is empty."""
 
     origins: np.ndarray  # (n, 3) float
@@ -153,12 +153,12 @@ class RayMeshIntersector:
         """(n,) bool: whether the mesh contains each of the points, (n, 3) float. Points on the surface are inside."""
         return self.scene.contains(rows_of(points, "points", 3, 2))
 
-    def _first_hits(self, rays: _Rays) -> _Hits:
+    def _first_hits(self, rays: _RayRows) -> _Hits:
         hit = self.scene.closest_hit(rays.origins, rays.directions, tmax=rays.tmax)
         ray = np.flatnonzero(hit.mask)
         return _Hits(ray, hit.face[ray].astype(np.int64), hit.t[ray])
 
-    def _all_hits(self, rays: _Rays, limit: int | None) -> _Hits:
+    def _all_hits(self, rays: _RayRows, limit: int | None) -> _Hits:
         found = self.scene.all_hits(rays.origins, rays.directions, tmax=rays.tmax)
         hits = _Hits(found.ray, found.face.astype(np.int64), found.t)
         new = np.ones(len(hits.t), bool)  # hits at one location have the same t, and are sorted by face
@@ -173,7 +173,7 @@ class RayMeshIntersector:
             order = order[depth[order] < limit]
         return hits.take(order)
 
-    def _locations(self, rays: _Rays, hits: _Hits) -> NDArray[np.float64]:
+    def _locations(self, rays: _RayRows, hits: _Hits) -> NDArray[np.float64]:
         """(h, 3) float64: where rays meet the planes of the mesh's own faces, as trimesh computes it.
 
         The scene has float32 vertices, so its t gives these only to float32 precision. It stands in for rays almost in
@@ -188,12 +188,12 @@ class RayMeshIntersector:
         return np.asarray(origins + t[:, None] * directions)
 
 
-def _checked(ray_origins: ArrayLike, ray_directions: ArrayLike) -> _Rays:
+def _checked(ray_origins: ArrayLike, ray_directions: ArrayLike) -> _RayRows:
     origins = rows_of(ray_origins, "ray_origins", 3, 2)
     directions = rows_of(ray_directions, "ray_directions", 3, 2)
     if origins.shape != directions.shape:
         raise InputError(f"{len(origins)} ray_origins and {len(directions)} ray_directions; give one of each per ray")
     zero = (directions == 0.0).all(axis=1)
     if not zero.any():
-        return _Rays(origins, directions, np.inf)
-    return _Rays(origins, np.where(zero[:, None], 1.0, directions), np.where(zero, 0.0, np.inf))
+        return _RayRows(origins, directions, np.inf)
+    return _RayRows(origins, np.where(zero[:, None], 1.0, directions), np.where(zero, 0.0, np.inf))

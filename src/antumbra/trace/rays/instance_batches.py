@@ -89,7 +89,7 @@ _PRECISE = BLOCKS * PRECISE_WORDS
 _LINE = 16  # float32 of a cache line
 
 
-class _Rays(NamedTuple):
+class _CopyRays(NamedTuple):
     """The state of up to 64 rays: pointers to scratch memory."""
 
     keys: I32Ptr  # int32 *, stacks: keys of `sorted_keys`
@@ -299,7 +299,7 @@ def _batches(ticket, arrays, rays, any_hit, out, faults):
     rows, precise, skip = stack_f32(COLUMN_WORDS), stack_f64(_PRECISE), stack_i32(RAYS)
     batch, query = RayBlock(rows, precise, skip, rays.segments), Query(rays.cull_faces, any_hit)
     hits = BatchHits(stack_i32(RAYS), stack_i32(1), stack_f32(CORNER_WORDS), stack_f64(RAYS), stack_i64(ID_WORDS))
-    state = _Rays(
+    state = _CopyRays(
         stack_i32(_STACKS), stack_i32(_STACKS), stack_i32(RAYS), stack_i32(RAYS), stack_i32(RAYS), stack_i32(RAYS),
         stack_i64(RAYS), stack_i64(RAYS), stack_i64(RAYS), stack_i64(RAYS), stack_i32(RAYS),
         CopyFrames(stack_f64(RAYS), stack_f64(RAYS)),
