@@ -22,6 +22,7 @@ from antumbra.kernels.parallel import thread_count
 from common import machine
 
 ROOT = Path(__file__).parents[1]
+_NOT_COPIED = shutil.ignore_patterns(".git", ".venv", "__pycache__", "libraries")
 OCCLUDED = """
 import time
 import numpy as np, antumbra as at
@@ -121,9 +122,7 @@ def clone(rounds: int) -> Iterator[tuple[str, float]]:
     for _ in range(rounds):
         with tempfile.TemporaryDirectory() as folder:
             place = Place(Path(folder))
-            shutil.copytree(
-                ROOT, place.folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__", "libraries")
-            )
+            shutil.copytree(ROOT, place.folder, dirs_exist_ok=True, ignore=_NOT_COPIED)
             python, empty = shutil.which("python3") or sys.executable, {"PIP_CACHE_DIR": str(place.folder / "pip")}
             start = time.perf_counter()
             place.run(python, "-m", "venv", ".venv")
@@ -166,9 +165,7 @@ def edits(rounds: int) -> Iterator[tuple[str, float]]:
     """Rerun the tests of a file after an edit."""
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
-        shutil.copytree(
-            ROOT, place.folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".git", ".venv", "__pycache__", "libraries")
-        )
+        shutil.copytree(ROOT, place.folder, dirs_exist_ok=True, ignore=_NOT_COPIED)
         paths = {"PYTHONPATH": str(place.folder / "src")}
         for file, (tests, line, more) in EDITS.items():
             command = sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", tests
