@@ -38,6 +38,12 @@ def test_answers_that_differ_are_an_error(both):
         bench.compared(both[0], bench.forest(4, 400, False), 100, 1)
 
 
+def test_the_whole_benchmark(run):
+    small = ("--trees", 4, "--triangles", 300, "--size", 16, 12, "--fits", 9, "--rays", 200, "--rounds", 1)
+    done = run("instances", *small)
+    assert len(done.rows) == len(bench.queries(bench.forest(4, 300, True), 10)) and "second" in done.out
+
+
 def test_the_picture_of_a_forest():
     row = bench.picture(4, 300, (16, 12), 1)
     assert row.trees == 4 and row.rays > 0 and (row.peak is None or row.peak > 0)

@@ -135,6 +135,23 @@ def test_destination_cells_of_a_disk(seed, axis):
     assert at_least <= cells <= at_most and at_least and len(at_most - at_least) <= 8
 
 
+@settings(max_examples=60, deadline=None)
+@given(seed=SEEDS, exponent=st.integers(0, 18), kind=st.sampled_from(["disk", "quad", "sphere", "point"]))
+def test_a_light_far_smaller_than_a_cell_is_in_its_cell(seed, exponent, kind):
+    rng, radius = np.random.default_rng(seed), 1e-3
+    place, normal = rng.normal(size=(2, 3))
+    light = {
+        "disk": lambda: at.DiskLight(place, normal, radius),
+        "quad": lambda: at.QuadLight(place, *(radius * rng.normal(size=(2, 3)))),
+        "sphere": lambda: at.SphereLight(place, radius),
+        "point": lambda: at.PointLight(place),
+    }[kind]()
+    grid = _grid(rng, 8, np.concatenate([place[None], 10.0**exponent * rng.normal(size=(20, 3))]))
+    low, scale = grid.bounds[0, :3].astype(np.float64), grid.scale[:3].astype(np.float64)
+    cell = np.clip(np.floor((place - low) * scale), 0, 7)
+    assert tuple(cell.astype(int)) in _set(light_cells(_query(light, np.zeros((1, 1, 3))), grid))
+
+
 def test_destination_cells_do_not_depend_on_the_samples():
     light, grid = at.QuadLight((-1, 2, -3), (3, 0, 0.5), (0, 0.1, 6)), grid_over(np.full(3, -4.0), np.full(3, 4.0), 16)
     one, many = (light_cells(_query(light, np.zeros((1, 1, 3)), spp=spp), grid) for spp in (1, 256))

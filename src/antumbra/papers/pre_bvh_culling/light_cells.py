@@ -12,6 +12,8 @@ from ...scene.lights import LIST, SPHERE, LightPatch
 from ...techniques.culling.culling_grid import PAD, CellGrid, sample_points
 from ...techniques.culling.pre_bvh_culling import Box
 
+_ROUNDING = 2.0**-48  # more than the roundings of x, in a box far larger than the disk, as a share of its ends
+
 
 def cell_bounds(grid: CellGrid) -> NDArray[np.float64]:
     """(3, n, 2) float64: the bounds of each cell along each axis, rounded outwards."""
@@ -112,6 +114,6 @@ def _meets_disk(low: NDArray[np.float64], high: NDArray[np.float64], light: Ligh
     )
     rise = right_height - left_height
     share = np.divide(-left_height, rise, out=np.zeros_like(rise), where=rise > 0.0)
-    p = nearest(a + share * (b - a))
-    meets: NDArray[np.bool_] = (heights[0] <= 0.0) & (heights[-1] >= 0.0) & ((p**2).sum(-1) <= light.u @ light.u)
+    p, reach = nearest(a + share * (b - a)), np.linalg.norm(light.u) + _ROUNDING * (np.abs(a) + np.abs(b))
+    meets: NDArray[np.bool_] = (heights[0] <= 0.0) & (heights[-1] >= 0.0) & (np.linalg.norm(p, axis=-1) <= reach)
     return meets
