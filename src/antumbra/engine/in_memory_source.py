@@ -91,11 +91,12 @@ class RayLists:
         InputError
             If a ray is invalid: NaN, infinity, a zero direction, ...
         """
-        ready = self._ready_at(time, rays.n)
+        ready = self._ready_at(time, rays)
         out, start = hit_arrays(rays.n, any_hit), perf_counter()
         valid = ready.tracer.trace(rays, any_hit, out, threads)
         self._count(start, threads)
-        _of_valid(rays, valid or None)
+        if not valid:
+            _of_valid(rays, None)
         if ready.accelerated.cutouts is not None:
             add_hits(ready.accelerated.cutouts, rays.arrays(), rays.cull_faces, any_hit, out, threads)
         return TracedRays(out, ready.accelerated.triangles)
@@ -111,7 +112,7 @@ class RayLists:
     ) -> AllHits:
         """All hits of rays, or the first `max_hits` of each; `rule`: TRIANGLES or SURFACES."""
         precompile(all_hits_job)
-        ready, start = self._ready_at(time, rays.n), perf_counter()
+        ready, start = self._ready_at(time, rays), perf_counter()
         hits = _of_valid(rays, find_all(ready.tracer, rays, max_hits, rule, threads))
         self._count(start, threads)
         cutouts = ready.accelerated.cutouts
@@ -125,7 +126,7 @@ class RayLists:
     def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
         """(n,) int64: the number of hits of each ray, by a rule of `trace.rays.all_hits`. INSIDE sees no holes."""
         precompile(all_hits_job)
-        ready, start = self._ready_at(time, rays.n), perf_counter()
+        ready, start = self._ready_at(time, rays), perf_counter()
         counts = _of_valid(rays, count_all(ready.tracer, rays, rule, threads))
         self._count(start, threads)
         cutouts = ready.accelerated.cutouts
@@ -149,14 +150,14 @@ class RayLists:
         """The plan of the latest rays."""
         return None if self._ready is None else self._ready.plan
 
-    def _ready_at(self, time: float, rays: int) -> _RayTree:
-        """The tree for a number of rays at a time."""
+    def _ready_at(self, time: float, rays: RayArguments) -> _RayTree:
+        """The tree for rays at a time."""
         ready = self._ready
         if ready is None or not self._is_current(ready, time):
             return self._make_ready(time, rays)
         return ready if self.spent <= ready.upgrade_after else self._upgraded(ready, rays)
 
-    def _upgraded(self, ready: _RayTree, rays: int) -> _RayTree:
+    def _upgraded(self, ready: _RayTree, rays: RayArguments) -> _RayTree:
         """The better tree; or this one while another thread builds the better one, so that only one call waits."""
         if not self._lock.acquire(blocking=False):
             return ready
@@ -170,12 +171,12 @@ class RayLists:
         moved = self._data.moved
         return ready.time == time and (moved is None or moved is ready.accelerated.triangles)
 
-    def _make_ready(self, time: float, rays: int) -> _RayTree:
+    def _make_ready(self, time: float, rays: RayArguments) -> _RayTree:
         with self._lock:
             ready = self._ready
             begins = ready is None or ready.time != time
             if ready is not None and not (begins or self._is_current(ready, time) or self.spent > ready.upgrade_after):
-                refitted = self._refitted(ready, rays)
+                refitted = self._refitted(ready, rays.n)
                 if refitted is not None:
                     self._ready = refitted
                     return refitted

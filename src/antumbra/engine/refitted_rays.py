@@ -45,7 +45,8 @@ class RayTreeRefit:
 
     def add(self, seconds: float) -> None:
         """Count the computing time of rays in the latest tree."""
-        self._lost += seconds * _lost_share(self._growth)
+        if self._growth > LIMIT:
+            self._lost += seconds * _lost_share(self._growth)
 
     def refit(
         self, accelerator: Accelerator, latest: Accelerated, triangles: Triangles, rays: int
