@@ -58,8 +58,9 @@ def _best() -> str:
         return "aarch64"
     if machine not in ("x86_64", "amd64"):
         return OTHER
-    with suppress(OSError, AttributeError):  # no library, or a damaged one
-        return (OTHER, *X86)[read_level(library_path(LIBRARIES, next(iter(X86))))]
+    for name in X86:  # any of the libraries can tell
+        with suppress(OSError, AttributeError):  # there is none, or it is damaged
+            return (OTHER, *X86)[read_level(library_path(LIBRARIES, name))]
     if find_spec("llvmlite") is None:
         return OTHER
     import llvmlite.binding as llvm
