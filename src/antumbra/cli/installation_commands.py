@@ -87,7 +87,7 @@ def _git(folder: Path, *words: str) -> str:
 
 _FOR_DEVELOPERS = ("docs", "test", "dev", "all-peers")
 _EXTRA = re.compile(r"^([\w.-]+)[^;]*;.*extra == [\"']([\w-]+)[\"']")
-_CORE = "numba", "llvmlite", "numpy", "scipy", "trimesh", "pillow", "OpenEXR", "typer", "rich"
+_CORE = "numpy", "scipy", "trimesh", "pillow", "OpenEXR", "typer", "rich"
 
 
 def doctor(
@@ -157,12 +157,15 @@ def _node_text(node: dict[str, Any]) -> str:
 
 
 def _kernels() -> dict[str, Any]:
-    """Where compiled kernels are cached, and how many of those that jobs need exist."""
+    """Where compiled kernels are, in the package or in the user's cache, and how many of those that jobs need exist."""
     from ..engine.precompilation import missing_of
     from ..kernels.toolchain import kernel_manifest as needs
+    from ..kernels.processor import LIBRARIES
     from ..kernels.toolchain.kernel_cache import user_cache
+    from ..kernels.toolchain.kernel_library import installed_library
 
-    kernels, folder = needs.read_manifests(needs.MANIFEST).kernels, user_cache().path
+    kernels = needs.read_manifests(needs.MANIFEST).kernels
+    folder = user_cache().path if installed_library() is None else LIBRARIES
     above = next(path for path in (folder, *folder.parents) if path.exists())
     missing = len(missing_of(kernels))
     return {
