@@ -107,13 +107,14 @@ def doctor(
       antumbra doctor --json
       antumbra doctor --ray auto
     """
+    check = _check()  # first: it compiles the kernels that it needs
     results: dict[str, Any] = {
         **about(),
         **_versions(),
         **_memory(),
         "kernels": _kernels(),
         "extras": _extras(),
-        "check": _check(),
+        "check": check,
     }
     if ray is not None:
         results["nodes"] = _nodes(ray)
@@ -159,8 +160,8 @@ def _node_text(node: dict[str, Any]) -> str:
 def _kernels() -> dict[str, Any]:
     """Where compiled kernels are, in the package or in the user's cache, and how many of those that jobs need exist."""
     from ..engine.precompilation import missing_of
-    from ..kernels.toolchain import kernel_manifest as needs
     from ..kernels.processor import LIBRARIES
+    from ..kernels.toolchain import kernel_manifest as needs
     from ..kernels.toolchain.kernel_cache import user_cache
     from ..kernels.toolchain.kernel_library import installed_library
 
