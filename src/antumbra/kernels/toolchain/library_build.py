@@ -66,7 +66,6 @@ class Linker(NamedTuple):
 
     target: str  # zig's name of the system, with the oldest C library
     suffix: str
-    tag: str  # of wheels
 
     def link(self, inputs: list[Path], out: Path) -> None:
         """Link objects and C files into a shared library. Raises RuntimeError with the linker's message."""
@@ -80,12 +79,12 @@ class Linker(NamedTuple):
 
 
 LINKERS = {
-    "linux-x86_64": Linker("x86_64-linux-gnu.2.17", ".so", "manylinux_2_17_x86_64"),
-    "linux-aarch64": Linker("aarch64-linux-gnu.2.17", ".so", "manylinux_2_17_aarch64"),
-    "macos-x86_64": Linker("x86_64-macos.11.0", ".dylib", "macosx_11_0_x86_64"),
-    "macos-arm64": Linker("aarch64-macos.11.0", ".dylib", "macosx_11_0_arm64"),
-    "windows-x86_64": Linker("x86_64-windows-gnu", ".dll", "win_amd64"),
-    "windows-arm64": Linker("aarch64-windows-gnu", ".dll", "win_arm64"),
+    "linux-x86_64": Linker("x86_64-linux-gnu.2.17", ".so"),
+    "linux-aarch64": Linker("aarch64-linux-gnu.2.17", ".so"),
+    "macos-x86_64": Linker("x86_64-macos.11.0", ".dylib"),
+    "macos-arm64": Linker("aarch64-macos.11.0", ".dylib"),
+    "windows-x86_64": Linker("x86_64-windows-gnu", ".dll"),
+    "windows-arm64": Linker("aarch64-windows-gnu", ".dll"),
 }
 
 
