@@ -383,11 +383,20 @@ def merge_triangles(lists: Sequence[RayHits], n: int, max_hits: int | None = Non
     if len(lists) == 1 and len(lists[0].rays) == n and max_hits is None:
         return lists[0].hits
     rays = np.concatenate([np.empty(0, np.int64), *(each.rays[each.hits.ray] for each in lists)])
-    t, face, u, v = (
+    columns = [
         np.concatenate([empty, *(each.hits[k] for each in lists)]) for k, empty in enumerate(_nothing(), start=1)
-    )
-    order = np.lexsort((face, t, rays))
-    offsets = _offsets(np.bincount(rays, minlength=n))
+    ]
+    return sorted_hits(rays, columns, n, max_hits)
+
+
+def sorted_hits(rays: NDArray[np.int64], columns: Sequence[np.ndarray], n: int, max_hits: int | None = None) -> AllHits:
+    """Hits in any order as those of n rays, or the first `max_hits` of each ray.
+
+    rays : (k,) int64, the ray of each hit
+    columns : (k,) each: t, face, u and v
+    """
+    t, face, u, v = columns
+    order, offsets = np.lexsort((face, t, rays)), _offsets(np.bincount(rays, minlength=n))
     if max_hits is not None:
         order = order[np.arange(len(order)) - np.repeat(offsets[:-1], np.diff(offsets)) < max_hits]
         offsets = _offsets(np.minimum(np.diff(offsets), max_hits))

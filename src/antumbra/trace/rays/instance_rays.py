@@ -21,7 +21,7 @@ from ...kernels.simd import get, ptr, put, stack_f32, stack_f64, stack_i64
 from ...query.ray_list import RayArrays, hit_arrays
 from ...scene.triangles import AllHits
 from ..counters import REPEAT_HITS, count
-from .all_hits import INSIDE, ON_SURFACE, TRIANGLES
+from .all_hits import INSIDE, ON_SURFACE, TRIANGLES, sorted_hits
 from .instance_traversal import (
     BEST,
     HIT_FLOATS,
@@ -171,12 +171,8 @@ def find_all(
     out, local = hit_arrays(max(int(offsets[-1]), 1), False), local_rays(rays, cull_faces)
     ticket = new_ticket(len(counts), _CHUNK)
     run(_list_hits, thread_count(threads), ticket, trees.arrays, local, rule, offsets[:-1].copy(), counts, out)
-    t, face, u, v = (array[: offsets[-1]] for array in (out.t, out.face, out.u, out.v))
-    order = np.lexsort((face, t, np.repeat(np.arange(len(counts)), counts)))
-    if max_hits is not None:
-        order = order[np.arange(len(order)) - np.repeat(offsets[:-1], counts) < max_hits]
-        offsets = np.concatenate([[0], np.cumsum(np.minimum(counts, max_hits))])
-    return AllHits(offsets, t[order], face[order], u[order], v[order])
+    columns = [array[: offsets[-1]] for array in (out.t, out.face, out.u, out.v)]
+    return sorted_hits(np.repeat(np.arange(len(counts)), counts), columns, len(counts), max_hits)
 
 
 # --- Shadow queries ---------------------------------------------------------------------------------------------------
