@@ -4,10 +4,9 @@ The kernels of a plan are compiled before its first query.
 """
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -59,6 +58,8 @@ MAX_COORDINATE = 1e38
 
 MERGES = {"none": TRIANGLES, "surface": SURFACES}
 """Rules by which hits are counted."""
+
+_T = TypeVar("_T")
 
 _Options: TypeAlias = tuple[Plan, int, int | None]
 """Plan, threads and memory limit."""
@@ -244,8 +245,8 @@ class Engine:
             max_hits = whole_number(max_hits, "max_hits", 1, MAX_HITS)
         hits = HitFilter(tmin, tmax, skip_face, cull_faces)
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets)
-        with self._ready_source(threads) as source:
-            return source.all_hits(rays, max_hits, TRIANGLES, self._moment(time), threads)
+        moment = self._moment(time)
+        return self._ask(threads, lambda source: source.all_hits(rays, max_hits, TRIANGLES, moment, threads))
 
     def count_hits(
         self,
@@ -265,8 +266,8 @@ class Engine:
         rule = MERGES[choice(merge, "merge", MERGES)]
         hits = HitFilter(tmin, tmax, skip_face, cull_faces)
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets)
-        with self._ready_source(threads) as source:
-            return source.count_hits(rays, rule, self._moment(time), threads).reshape(rays.shape)
+        moment = self._moment(time)
+        return self._ask(threads, lambda source: source.count_hits(rays, rule, moment, threads)).reshape(rays.shape)
 
     def segment_hits(
         self,
@@ -281,10 +282,8 @@ class Engine:
         begin, end : (n, 3) float32, in the frame of the scene's triangles
         skip_face : (n,) int, a face to ignore, or -1
         """
-        with self._ready_source(threads) as source:
-            return source.all_hits(
-                segments_between(begin, end, skip_face), None, TRIANGLES, self._moment(time), threads
-            )
+        segments, moment = segments_between(begin, end, skip_face), self._moment(time)
+        return self._ask(threads, lambda source: source.all_hits(segments, None, TRIANGLES, moment, threads))
 
     def contains(self, points: "ArrayLike", time: float = 0.0, *, threads: int | None = None) -> NDArray[np.bool_]:
         """(...) bool: whether points are inside; `antumbra.Scene.contains` documents the parameters."""
@@ -295,21 +294,19 @@ class Engine:
             first = int(np.argmin((np.abs(array) < MAX_COORDINATE).reshape(-1, 3).all(1)))
             raise InputError(f"points are NaN, infinite or beyond float32 (point {first})")
         rays = rays_of(array, up, HitFilter(0.0, np.inf), self._frame, self._n_faces)
-        with self._ready_source(threads) as source:
-            counts = source.count_hits(rays, INSIDE, self._moment(time), threads)
+        moment = self._moment(time)
+        counts = self._ask(threads, lambda source: source.count_hits(rays, INSIDE, moment, threads))
         inside: NDArray[np.bool_] = (counts >= ON_SURFACE) | (counts % 2 == 1)
         return inside.reshape(rays.shape)
 
-    @contextmanager
-    def _ready_source(self, threads: int | None) -> Iterator[RenderSource]:
-        """The source, ready for a query of rays by some threads; a store is locked meanwhile."""
+    def _ask(self, threads: int | None, query: Callable[[RenderSource], _T]) -> _T:
+        """The answer of the source to a query of rays by some threads. A store is locked meanwhile."""
         if not self.source.in_store:
-            yield self.source
-            return
+            return query(self.source)
         engine = self.with_options(None, threads, None)
         with engine.lock:
             engine.source.warm_up()
-            yield engine.source
+            return query(engine.source)
 
     def _finder(
         self, rays: RayArguments, face: np.ndarray, triangles: Triangles | None, time: float
@@ -331,10 +328,7 @@ class Engine:
     def _traced(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None) -> TracedRays:
         moment = self._moment(time)
         threads = self.threads if threads is None else thread_count(threads)
-        if not self.source.in_store:  # a context manager would take as long as a tenth of a query of one ray
-            return self.source.trace_rays(rays, any_hit, moment, threads)
-        with self._ready_source(threads) as source:
-            return source.trace_rays(rays, any_hit, moment, threads)
+        return self._ask(threads, lambda source: source.trace_rays(rays, any_hit, moment, threads))
 
     def _moment(self, time: float) -> float:
         return 0.0 if type(time) is float and time == 0.0 else self.data.clamped(time)
