@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from ..bvh.nodes import EMPTY, MAX_DEPTH, bvh_leaf, link_at
 from ..bvh.wide_bvh import widen
 from ..kernels.exact.filters import BEYOND
-from ..kernels.exact.predicate import ray_along, segment
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import get, ptr, put, splat4, stack_i32
 from ..query.ray_list import RayArguments, changed_error
 from ..scene.triangles import AllHits
 from ..store.store_file import Store
-from ..trace.alpha_test import CutoutRays
+from ..trace.alpha_test import CutoutRays, ray_in_row
 from ..trace.rays.all_hits import TRIANGLES, RayHits, count_all, find_all, join_rays, merge_triangles
 from ..trace.rays.ray_batches import RayTracer
 from ..trace.rays.ray_traversal import box_ray, enter_boxes
@@ -35,11 +34,7 @@ def _enter_chunks(ticket, nodes, links, rays, offsets, chunks):
     """Worker: list the chunks whose boxes each ray enters, from `offsets` on; or count them, if `chunks` is empty."""
     planes, ends, stack = ptr(nodes), ptr(links), stack_i32(_STACK)
     for i in items(ticket):
-        o, d = rays.origins[i], rays.directions[i]
-        if rays.segments:
-            ray = segment(o[0], o[1], o[2], d[0], d[1], d[2])
-        else:
-            ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], rays.tmin[i], rays.tmax[i])
+        ray = ray_in_row(rays, i)
         box, limit = box_ray(planes, ray), splat4(np.float32(ray.tmax * BEYOND))
         put(stack, 0, 0)
         height, n = 1, 0

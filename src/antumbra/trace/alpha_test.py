@@ -267,6 +267,15 @@ class CutoutRays(NamedTuple):
     segments: bool = False
 
 
+@inlined
+def ray_in_row(rays, i):
+    """Ray i of `CutoutRays`."""
+    o, d = rays.origins[i], rays.directions[i]
+    if rays.segments:
+        return segment(o[0], o[1], o[2], d[0], d[1], d[2])
+    return ray_along(o[0], o[1], o[2], d[0], d[1], d[2], rays.tmin[i], rays.tmax[i])
+
+
 def rays_of_pass(rays: RayPass) -> CutoutRays:
     """`CutoutRays` over (0, inf)."""
     m = len(rays.origins)
@@ -343,12 +352,7 @@ def _find_holes(ticket, bvh, texels, rays, hit_rays, slots, passes):
     """Worker: whether rays pass through the cut-outs that they meet."""
     tree, holes = tree_of(bvh), texel_pointers(texels)
     for k in items(ticket):
-        o, d = rays.origins[hit_rays[k]], rays.directions[hit_rays[k]]
-        if rays.segments:
-            ray = segment(o[0], o[1], o[2], d[0], d[1], d[2])
-        else:
-            ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], 0.0, np.inf)
-        passes[k] = is_hole(holes, ray, tree.corners, np.int64(slots[k]))
+        passes[k] = is_hole(holes, ray_in_row(rays, hit_rays[k]), tree.corners, np.int64(slots[k]))
 
 
 def without_holes(tree: CutoutTree, rays: CutoutRays, hits: AllHits, threads: int | None = None) -> AllHits:
