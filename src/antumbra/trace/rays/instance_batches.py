@@ -11,33 +11,25 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.instance_trees import CORNERS, GROUPS, MESH_WORDS, NODES, InstanceTrees, instance_pointers
-from ...bvh.nodes import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH, wide_leaf
+from ...bvh.nodes import GROUP_WORDS, NODE_WORDS, WIDTH, wide_leaf
 from ...kernels.exact.filters import lines_may_pass
 from ...kernels.jit import I32Ptr, I64Ptr, inlined, kernel
 from ...kernels.parallel import STOP, items, new_ticket, run, thread_count
 from ...kernels.simd import (
     as_f32,
-    as_i32,
     bits,
     broadcast8,
     f32_at,
     f64_at,
     get,
-    highest_bit,
-    load8,
     lowest_bit,
-    permute,
-    popcount,
     prefetch,
     ptr_at,
     put,
-    splat8,
     stack_f32,
     stack_f64,
     stack_i32,
     stack_i64,
-    store,
-    store_compressed,
 )
 from ...query.ray_list import HitArrays, RayArguments
 from .hit_reports import CORNER_WORDS as REPORT_CORNERS
@@ -56,14 +48,12 @@ from .instance_columns import (
     settle_lanes,
 )
 from .instance_traversal import EARLIER
+from .interleaved_rays import begin_tree, pop, push
 from .ray_batches import read_batch, write_blocked
 from .wide_traversal import (
     BLOCK_WORDS,
     BLOCKS,
-    LANE,
     LANES,
-    LIMIT,
-    NO_KEY,
     NONE,
     PRECISE_WORDS,
     STACK,
@@ -71,12 +61,10 @@ from .wide_traversal import (
     RayBlock,
     WideHit,
     block_of,
-    enter,
+    fetch_from,
     filter_ray8,
     group_of,
     ray_of,
-    slabs_of,
-    sorted_keys,
 )
 
 # --- The state of 64 rays ---------------------------------------------------------------------------------------------
@@ -110,21 +98,6 @@ class _CopyRays(NamedTuple):
 
 
 @inlined
-def _push(nodes, rows, i, is_sorted, rays):
-    """Push the children that ray i enters."""
-    at, top = np.int64(get(rays.next, i)) * NODE_WORDS, np.int64(get(rays.tops, i))
-    column, links = ptr_at(rows, get(rays.columns, i)), load8(as_i32(nodes), at + LINKS)
-    entered, t_near = enter(nodes, at, slabs_of(column, 0), broadcast8(column, LIMIT))
-    if is_sorted:
-        keys = sorted_keys(entered, t_near)
-        store(rays.keys, top, keys)
-        store(rays.links, top, permute(links, keys & LANE))
-    else:
-        store_compressed(rays.links, top, entered, links)
-    put(rays.tops, i, top + popcount(bits(entered)))
-
-
-@inlined
 def _test_leaf(rows, i, rays):
     """Test ray i against its leaf. Return whether it may meet a triangle."""
     group, n = wide_leaf(np.int64(get(rays.next, i)))
@@ -137,43 +110,10 @@ def _test_leaf(rows, i, rays):
 
 
 @inlined
-def _pop(rows, i, is_sorted, rays):
-    """Set the next node or leaf of ray i. Return (its link, whether there is one in this tree)."""
-    top = np.int64(get(rays.tops, i)) - 1
-    if is_sorted:
-        limit = broadcast8(as_i32(rows), get(rays.columns, i) + LIMIT)
-        top -= WIDTH - 1
-        within = bits((load8(rays.keys, top) & ~LANE) <= limit)
-        while within == 0:
-            top -= WIDTH
-            within = bits((load8(rays.keys, top) & ~LANE) <= limit)
-        top += highest_bit(within)
-    put(rays.tops, i, top)
-    link = np.int64(get(rays.links, top))
-    put(rays.next, i, link)
-    return link, top >= get(rays.bottoms, i)
-
-
-@inlined
-def _fetch(nodes, groups, link):
-    """Prefetch the memory of a node or a leaf; nodes, groups: addresses."""
-    node, group = ptr_at(f32_at(nodes), link * NODE_WORDS), ptr_at(f32_at(groups), wide_leaf(link).group * GROUP_WORDS)
-    p = node if link >= 0 else group
-    prefetch(p, 0)
-    prefetch(p, _LINE)
-    prefetch(p, 2 * _LINE)
-    prefetch(p, 3 * _LINE)
-    prefetch(p, 4 * _LINE)
-
-
-@inlined
-def _begin_tree(rays, i, bottom):
-    """Set ray i to the root of a tree, whose entries begin above eight marks of the end at `bottom`."""
-    store(rays.keys, bottom, splat8(NO_KEY))
-    put(rays.links, bottom + WIDTH - 1, 0)  # it is prefetched at the end
-    put(rays.tops, i, bottom + WIDTH)
+def _begin(rays, i, bottom):
+    """`begin_tree`, with the first entry of the tree that ray i is in."""
+    begin_tree(rays, i, bottom)
     put(rays.bottoms, i, bottom + WIDTH)
-    put(rays.next, i, 0)
 
 
 @inlined
@@ -187,7 +127,7 @@ def _enter_copy(scene, blocks, i, hits, rays):
     put(rays.nodes, i, get(scene.meshes, mesh + NODES))
     put(rays.groups, i, get(scene.meshes, mesh + GROUPS))
     put(rays.corners, i, get(scene.meshes, mesh + CORNERS))
-    _begin_tree(rays, i, top)
+    _begin(rays, i, top)
 
 
 @inlined
@@ -217,11 +157,11 @@ def _walk(scene, blocks, alive, query, hits, rays):
         while outer:
             i = lowest_bit(outer)
             outer &= outer - 1
-            _push(scene.nodes, rows, i, True, rays)
+            push(scene.nodes, rows, i, True, rays)
         while inner:
             i = lowest_bit(inner)
             inner &= inner - 1
-            _push(f32_at(get(rays.nodes, i)), rows, i, is_sorted, rays)
+            push(f32_at(get(rays.nodes, i)), rows, i, is_sorted, rays)
         possible = np.int64(0)
         while leaves:
             i = lowest_bit(leaves)
@@ -244,8 +184,9 @@ def _walk(scene, blocks, alive, query, hits, rays):
         while turn:
             i = lowest_bit(turn)
             turn &= turn - 1
-            link, more = _pop(rows, i, is_sorted, rays)
-            _fetch(get(rays.nodes, i), get(rays.groups, i), link)
+            link, top = pop(rows, i, is_sorted, rays)
+            more = top >= get(rays.bottoms, i)
+            fetch_from(f32_at(get(rays.nodes, i)), f32_at(get(rays.groups, i)), link)
             left |= np.int64(not more) << i
             inner |= np.int64(more and link >= 0) << i
             leaves |= np.int64(more and link < 0) << i
@@ -258,7 +199,8 @@ def _walk(scene, blocks, alive, query, hits, rays):
         while above:
             i = lowest_bit(above)
             above &= above - 1
-            link, more = _pop(rows, i, True, rays)
+            link, top = pop(rows, i, True, rays)
+            more = top >= get(rays.bottoms, i)
             prefetch(ptr_at(scene.nodes, link * NODE_WORDS if link >= 0 else 0), 0)
             alive &= ~(np.int64(not more) << i)
             outer |= np.int64(more and link >= 0) << i
@@ -273,7 +215,7 @@ def _trace(scene, blocks, alive, query, hits, rays):
         put(hits.ids, 3 * i, np.int64(-1))
         put(hits.t, i, ray_of(block_of(blocks, i // LANES), i % LANES).tmax)
         put(rays.columns, i, column_of(i))
-        _begin_tree(rays, i, i * _ROOM)
+        _begin(rays, i, i * _ROOM)
     if query.any_hit:
         return _walk(scene, blocks, alive, Query(query.cull_faces, True), hits, rays)
     _walk(scene, blocks, alive, Query(query.cull_faces, False), hits, rays)

@@ -79,17 +79,17 @@ class _Rays(NamedTuple):
 
 
 @inlined
-def _push(tree, rows, i, any_hit, rays):
-    """Push the children that ray i enters; for closest-hit, with the nearest one on top."""
+def push(nodes, rows, i, is_sorted, rays):
+    """Push the children that ray i enters; if they are sorted, with the nearest one on top."""
     at, top = np.int64(get(rays.next, i)) * NODE_WORDS, np.int64(get(rays.tops, i))
-    column, links = ptr_at(rows, get(rays.columns, i)), load8(tree.links, at + LINKS)
-    entered, t_near = enter(tree.nodes, at, slabs_of(column, 0), broadcast8(column, LIMIT))
-    if any_hit:
-        store_compressed(rays.links, top, entered, links)
-    else:
+    column, links = ptr_at(rows, get(rays.columns, i)), load8(as_i32(nodes), at + LINKS)
+    entered, t_near = enter(nodes, at, slabs_of(column, 0), broadcast8(column, LIMIT))
+    if is_sorted:
         keys = sorted_keys(entered, t_near)
         store(rays.keys, top, keys)
         store(rays.links, top, permute(links, keys & LANE))
+    else:
+        store_compressed(rays.links, top, entered, links)
     put(rays.tops, i, top + popcount(bits(entered)))
 
 
@@ -109,10 +109,10 @@ def _test_leaf(tree, rows, i, cull_faces, rays, counters):
 
 
 @inlined
-def _pop(rows, i, any_hit, rays):
-    """Set the next node or leaf of ray i. Return (its link, whether there is one)."""
+def pop(rows, i, is_sorted, rays):
+    """Set the next node or leaf of ray i. Return (its link, its index: below the tree's first if there is none)."""
     top = np.int64(get(rays.tops, i)) - 1
-    if not any_hit:
+    if is_sorted:
         limit = broadcast8(as_i32(rows), get(rays.columns, i) + LIMIT)
         top -= WIDTH - 1
         within = bits((load8(rays.keys, top) & ~LANE) <= limit)
@@ -123,7 +123,16 @@ def _pop(rows, i, any_hit, rays):
     put(rays.tops, i, top)
     link = np.int64(get(rays.links, top))
     put(rays.next, i, link)
-    return link, top >= i * _ROOM + WIDTH
+    return link, top
+
+
+@inlined
+def begin_tree(rays, i, bottom):
+    """Set ray i to the root of a tree, whose entries begin above eight marks of the end at `bottom`."""
+    store(rays.keys, bottom, splat8(NO_KEY))
+    put(rays.links, bottom + WIDTH - 1, 0)  # it is prefetched at the end
+    put(rays.tops, i, bottom + WIDTH)
+    put(rays.next, i, 0)
 
 
 @inlined
@@ -132,11 +141,7 @@ def _start(rays, alive):
     while alive:
         i = lowest_bit(alive)
         alive &= alive - 1
-        bottom = i * _ROOM
-        store(rays.keys, bottom, splat8(NO_KEY))
-        put(rays.links, bottom + WIDTH - 1, 0)
-        put(rays.tops, i, bottom + WIDTH)
-        put(rays.next, i, 0)
+        begin_tree(rays, i, i * _ROOM)
         put(rays.columns, i, i // LANES * BLOCK_WORDS + i % LANES)
 
 
@@ -176,7 +181,7 @@ def _walk(tree, blocks, alive, query, rays, hits, counters):
         while inner:
             i = lowest_bit(inner)
             inner &= inner - 1
-            _push(tree, rows, i, query.any_hit, rays)
+            push(tree.nodes, rows, i, not query.any_hit, rays)
         possible = np.int64(0)
         while leaves:
             i = lowest_bit(leaves)
@@ -191,7 +196,8 @@ def _walk(tree, blocks, alive, query, rays, hits, counters):
         while turn:
             i = lowest_bit(turn)
             turn &= turn - 1
-            link, more = _pop(rows, i, query.any_hit, rays)
+            link, top = pop(rows, i, not query.any_hit, rays)
+            more = top >= i * _ROOM + WIDTH
             fetch(tree, link)
             alive |= np.int64(more) << i
             inner |= np.int64(more and link >= 0) << i

@@ -341,7 +341,13 @@ def defer(hits, rays, at):
 @inlined
 def fetch(tree, link):
     """Prefetch the memory of a node or a leaf."""
-    node, group = ptr_at(tree.nodes, link * NODE_WORDS), ptr_at(tree.groups, wide_leaf(link).group * GROUP_WORDS)
+    fetch_from(tree.nodes, tree.groups, link)
+
+
+@inlined
+def fetch_from(nodes, groups, link):
+    """`fetch` from the nodes and the groups of a tree."""
+    node, group = ptr_at(nodes, link * NODE_WORDS), ptr_at(groups, wide_leaf(link).group * GROUP_WORDS)
     p = node if link >= 0 else group
     prefetch(p, 0)
     prefetch(p, _LINE)
