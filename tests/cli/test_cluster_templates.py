@@ -62,25 +62,23 @@ def put(path, text):
     path.chmod(0o755)
 
 
-def whole(shell) -> bytes:
-    """The picture without shards, which is removed."""
-    shell("antumbra", *JOB, "--quiet")
-    found = (shell.folder / "a b.png").read_bytes()
-    (shell.folder / "a b.png").unlink()
-    return found
+@pytest.fixture(scope="module")
+def picture(tmp_path_factory) -> bytes:
+    """The picture without shards."""
+    path = tmp_path_factory.mktemp("whole") / "a b.png"
+    subprocess.run([sys.executable, "-m", "antumbra", *JOB[:-1], path, "--quiet"], check=True)
+    return path.read_bytes()
 
 
-def test_slurm(shell):
-    picture = whole(shell)
+def test_slurm(shell, picture):
     shell(TEMPLATES / "slurm.sh", "3", "a b.shards", *JOB)
     assert (shell.folder / "a b.png").read_bytes() == picture
     assert (shell.folder / "sbatch.log").read_text().splitlines() == ["0-2|", "|antumbra merge a\\ b.shards"]
     assert "usage" in shell(TEMPLATES / "slurm.sh", code=2).stderr
 
 
-def test_parallel(shell):
+def test_parallel(shell, picture):
     """By GNU parallel if it is here, else by xargs."""
-    picture = whole(shell)
     shell(TEMPLATES / "parallel.sh", "2", "a b.shards", *JOB)
     assert (shell.folder / "a b.png").read_bytes() == picture
     assert "usage" in shell(TEMPLATES / "parallel.sh", code=2).stderr
@@ -101,8 +99,7 @@ console.log(JSON.stringify({ type, tasks }));
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="Flamenco's job type needs node: apt install nodejs")
-def test_flamenco(shell):
-    picture = whole(shell)
+def test_flamenco(shell, picture):
     words = 'render "procedural:atrium?triangles=2000" --size 48x70 --spp 4 -o "a b.png"'
     asked = {"folder": str(shell.folder), "command": words, "shards": 2, "shards_folder": "a b.shards"}
     told = json.loads(shell("node", "-e", FLAMENCO, TEMPLATES / "antumbra.js", json.dumps(asked)).stdout)

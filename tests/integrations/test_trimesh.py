@@ -176,13 +176,13 @@ def test_the_number_of_hits_is_limited_on_request():
 def test_a_mesh_contains_points_by_exact_parity():
     """Also of points straight below vertices and edges, where other methods count wrongly."""
     mesh, rng = shells(), np.random.default_rng(3)
-    below = mesh.vertices[rng.integers(len(mesh.vertices), size=200)] * [1, 1, 0] + [0, 0, 1 / 32]
-    points = np.concatenate([below, rays(300)[0]])
+    below = mesh.vertices[rng.integers(len(mesh.vertices), size=60)] * [1, 1, 0] + [0, 0, 1 / 32]
+    points = np.concatenate([below, rays(120)[0]])
     a, b, c = corners_of(mesh).astype(np.float64).transpose(1, 0, 2)
     heights = ((points[:, None] - a) * np.cross(b - a, c - a)).sum(axis=-1)  # exact, in steps of 2^-36
     points = points[(heights != 0).all(axis=1)]
     inside = at.trimesh_ray(mesh).contains_points(points)
-    assert inside.dtype == bool and inside.shape == (len(points),) and 50 < inside.sum() < len(points) - 50
+    assert inside.dtype == bool and inside.shape == (len(points),) and 20 < inside.sum() < len(points) - 20
     away = rng.normal(size=points.shape).astype(np.float32)  # in general position
     odd = [len({t for t, _ in hits}) % 2 == 1 for hits in exact_hits(mesh, points, away)]
     assert inside.tolist() == odd

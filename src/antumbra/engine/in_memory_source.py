@@ -25,8 +25,9 @@ from ..query.shadow_query import Surfaces, surfaces_of
 from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.scene_data import MemoryData
 from ..scene.triangles import AllHits, Triangles
-from ..trace.alpha_test import CutoutTree, add_hits, cutout_tree, rays_of_arguments, without_holes
+from ..trace.alpha_test import CutoutTree, add_hits, cutout_tree, without_holes
 from ..trace.rays.all_hits import INSIDE, TRIANGLES, RayHits, count_all, find_all, merge_triangles
+from ..trace.rays.local_rays import local_rays
 from ..trace.rays.ray_batches import RayTracer
 from ..trace.rays.ray_hits import Nearest
 from .accelerator import Accelerated, Accelerator, SceneTrees
@@ -119,7 +120,7 @@ class RayLists:
         if cutouts is None:
             return hits
         on_cutouts = _of_valid(rays, find_all(self._tracer_of(cutouts), rays, None, rule, threads))
-        on_cutouts = without_holes(cutouts, rays_of_arguments(rays.arrays(), rays.cull_faces), on_cutouts, threads)
+        on_cutouts = without_holes(cutouts, local_rays(rays.arrays(), rays.cull_faces), on_cutouts, threads)
         every_ray = np.arange(rays.n)
         return merge_triangles([RayHits(every_ray, hits), RayHits(every_ray, on_cutouts)], rays.n, max_hits)
 
@@ -135,7 +136,7 @@ class RayLists:
         if rule == INSIDE:
             return counts + _of_valid(rays, count_all(self._tracer_of(cutouts), rays, rule, threads))
         on_cutouts = _of_valid(rays, find_all(self._tracer_of(cutouts), rays, None, rule, threads))
-        arguments = rays_of_arguments(rays.arrays(), rays.cull_faces)
+        arguments = local_rays(rays.arrays(), rays.cull_faces)
         return counts + without_holes(cutouts, arguments, on_cutouts, threads).counts
 
     def _tracer_of(self, cutouts: CutoutTree) -> RayTracer:
@@ -230,7 +231,7 @@ def all_hits_job() -> Job:
         cutouts = cutout_tree(small_scene_with_cutouts().triangles(0.0, 1), 1)
         assert cutouts is not None
         hits = _of_valid(rays, find_all(RayTracer(widen(cutouts.bvh, 1)), rays, None, TRIANGLES, 1))
-        without_holes(cutouts, rays_of_arguments(rays.arrays(), 0), hits, 1)
+        without_holes(cutouts, local_rays(rays.arrays(), 0), hits, 1)
 
     return fixed_job("all hits", work)
 

@@ -19,8 +19,8 @@ from ..kernels.simd import get, ptr, put, splat4, stack_i32
 from ..query.ray_list import RayArguments, changed_error
 from ..scene.triangles import AllHits
 from ..store.store_file import Store
-from ..trace.alpha_test import CutoutRays, ray_in_row
 from ..trace.rays.all_hits import TRIANGLES, RayHits, count_all, find_all, join_rays, merge_triangles
+from ..trace.rays.local_rays import LocalRays, local_ray
 from ..trace.rays.ray_batches import RayTracer
 from ..trace.rays.ray_traversal import box_ray, enter_boxes
 from .method_registry import BUILDERS
@@ -34,7 +34,7 @@ def _enter_chunks(ticket, nodes, links, rays, offsets, chunks):
     """Worker: list the chunks whose boxes each ray enters, from `offsets` on; or count them, if `chunks` is empty."""
     planes, ends, stack = ptr(nodes), ptr(links), stack_i32(_STACK)
     for i in items(ticket):
-        ray = ray_in_row(rays, i)
+        ray = local_ray(rays, i)
         box, limit = box_ray(planes, ray), splat4(np.float32(ray.tmax * BEYOND))
         put(stack, 0, 0)
         height, n = 1, 0
@@ -64,7 +64,7 @@ def paged_hits_job() -> Job:
         bvh = BUILDERS["bsah"].build(small_scene().triangles(0.0, 1).vertices, 1)
         n, one = 128, np.ones(128)
         points = np.ones((n, 3), np.float32)
-        rays = CutoutRays(points, points, np.full(n, -1, np.int32), 0.0 * one, one)
+        rays = LocalRays(points, points, np.full(n, -1, np.int32), 0.0 * one, one)
         none = np.empty(0, np.int32)
         run(_enter_chunks, 1, new_ticket(n, 1), bvh.nodes, bvh.links, rays, np.zeros(n + 1, np.int64), none)
         tracer, arguments = RayTracer(widen(bvh, 1)), _arguments(rays, np.arange(n))
@@ -82,7 +82,7 @@ class _ChunkRays(NamedTuple):
     rays: RayArguments
 
 
-def all_hits(store: Store, batches: Iterable[CutoutRays], max_hits: int | None, rule: int, threads: int) -> AllHits:
+def all_hits(store: Store, batches: Iterable[LocalRays], max_hits: int | None, rule: int, threads: int) -> AllHits:
     """All hits of batches of rays, or the first `max_hits` of each ray; `rule`: TRIANGLES or SURFACES."""
     parts = list[AllHits]()
     for batch in batches:
@@ -96,7 +96,7 @@ def all_hits(store: Store, batches: Iterable[CutoutRays], max_hits: int | None, 
     return join_rays(parts)
 
 
-def count_hits(store: Store, batches: Iterable[CutoutRays], rule: int, threads: int) -> NDArray[np.int64]:
+def count_hits(store: Store, batches: Iterable[LocalRays], rule: int, threads: int) -> NDArray[np.int64]:
     """(n,) int64: the number of hits of each ray of all batches, by a rule of `trace.rays.all_hits`."""
     parts = [np.empty(0, np.int64)]
     for batch in batches:
@@ -110,7 +110,7 @@ def count_hits(store: Store, batches: Iterable[CutoutRays], rule: int, threads: 
     return np.concatenate(parts)
 
 
-def _chunks(store: Store, rays: CutoutRays, threads: int) -> Iterator[_ChunkRays]:
+def _chunks(store: Store, rays: LocalRays, threads: int) -> Iterator[_ChunkRays]:
     """Yield each chunk whose box a ray enters, with these rays."""
     n = len(rays.origins)
     offsets, none = np.zeros(n + 1, np.int64), np.empty(0, np.int32)
@@ -128,7 +128,7 @@ def _chunks(store: Store, rays: CutoutRays, threads: int) -> Iterator[_ChunkRays
         yield _ChunkRays(tracer, places, _arguments(rays, places))
 
 
-def _arguments(rays: CutoutRays, places: np.ndarray) -> RayArguments:
+def _arguments(rays: LocalRays, places: np.ndarray) -> RayArguments:
     """Some of the rays, which are in the scene's frame, as arguments of a tracer."""
     origins, directions, skip, tmin, tmax = (array[places] for array in rays[:5])
     frame = (0.0, 0.0, 0.0)

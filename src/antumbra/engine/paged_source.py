@@ -40,7 +40,7 @@ from ..techniques.chcrt.occlusion_queries import Pairs, answer_queries
 from ..techniques.chcrt.picture_ray_sets import SegmentRaySets, segments_of
 from ..techniques.chcrt.tree_parts import parts_of_chunks
 from ..techniques.tracer_options import ChcRtOptions
-from ..trace.alpha_test import CutoutRays, rays_of_arguments
+from ..trace.rays.local_rays import LocalRays, local_rays
 from ..trace.rays.ray_hits import Nearest, hit_surfaces
 from ..trace.rays.single_rays import leaf_depths
 from ..trace.tree_list import Hits
@@ -416,7 +416,7 @@ class Paged:
         precompile(paged_hits_job)
         return count_hits(self.store, self._unordered_batches(rays), rule, self.threads)
 
-    def _unordered_batches(self, rays: RayArguments) -> Iterator[CutoutRays]:
+    def _unordered_batches(self, rays: RayArguments) -> Iterator[LocalRays]:
         """Yield the rays in batches for which memory suffices. No chunk stays in memory."""
         arrays = rays.arrays()
         arrays.check()
@@ -424,7 +424,7 @@ class Paged:
         size = max(self.together(RAY_BYTES), MIN_BATCH)
         self.release()
         for first in range(0, rays.n, size):
-            yield rays_of_arguments(arrays.part(slice(first, first + size)), rays.cull_faces)
+            yield local_rays(arrays.part(slice(first, first + size)), rays.cull_faces)
 
     def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
         """The triangles hit by rays, and the index of each ray's triangle among them, or -1.

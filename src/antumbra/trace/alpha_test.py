@@ -33,6 +33,7 @@ from ..scene.materials import CLAMP, MIRROR
 from ..scene.triangle_setup import rows_with_area
 from ..scene.triangles import AllHits, Triangles
 from .frusta.multi_frusta import trace_shadow
+from .rays.local_rays import LocalRays, local_pass, local_ray, local_rays
 from .rays.ray_traversal import CLOSEST, ignores_hit, triangle_hit, walk
 
 # --- Texels of cut-outs -----------------------------------------------------------------------------------------------
@@ -255,39 +256,6 @@ def add_shadows(tree: CutoutTree, query: ShadowQuery, bits: NDArray[np.uint64], 
     run(_shadows, thread_count(threads), ticket, tree.bvh, tree.texels, query, met, bits)
 
 
-class CutoutRays(NamedTuple):
-    """Rays in the recentred frame."""
-
-    origins: np.ndarray  # (m, 3) float32
-    directions: np.ndarray  # (m, 3) float32; zero: no ray; for segments, their targets
-    skip: np.ndarray  # (m,) int32, a triangle that is not tested; -1: none
-    tmin: np.ndarray  # (m,) float64
-    tmax: np.ndarray  # (m,) float64
-    cull_faces: int = 0  # a value of `query.shadow_query.CULL_FACES`
-    segments: bool = False
-
-
-@inlined
-def ray_in_row(rays, i):
-    """Ray i of `CutoutRays`."""
-    o, d = rays.origins[i], rays.directions[i]
-    if rays.segments:
-        return segment(o[0], o[1], o[2], d[0], d[1], d[2])
-    return ray_along(o[0], o[1], o[2], d[0], d[1], d[2], rays.tmin[i], rays.tmax[i])
-
-
-def rays_of_pass(rays: RayPass) -> CutoutRays:
-    """`CutoutRays` over (0, inf)."""
-    m = len(rays.origins)
-    return CutoutRays(*rays, np.zeros(m), np.full(m, np.inf))
-
-
-def rays_of_arguments(rays: RayArrays, cull_faces: int) -> CutoutRays:
-    """`CutoutRays` of a checked ray list."""
-    tmin, tmax = (np.ascontiguousarray(end[:, 0], np.float64) for end in (rays.tmin, rays.tmax))
-    return CutoutRays(*rays.local(), np.ascontiguousarray(rays.skip[:, 0]), tmin, tmax, cull_faces, rays.segments)
-
-
 @kernel
 def _nearest(ticket, bvh, texels, rays, out):
     tree, holes = tree_of(bvh), texel_pointers(texels)
@@ -309,7 +277,7 @@ def _nearest(ticket, bvh, texels, rays, out):
             out.face[i], out.t[i], out.u[i], out.v[i] = prim, t, u, v
 
 
-def add_nearest(tree: CutoutTree, rays: CutoutRays, out: HitArrays, threads: int | None = None) -> None:
+def add_nearest(tree: CutoutTree, rays: LocalRays, out: HitArrays, threads: int | None = None) -> None:
     """Replace hits by nearer hits on cut-outs.
 
     out : face, t, u and v of the nearest solid triangles; face -1 and t inf on a miss
@@ -327,7 +295,7 @@ def replace_by_cutouts(
 ) -> None:
     """Replace the hits of a pass, face (m,) int32 and t (m,) float64, by nearer hits on cut-outs."""
     if tree is not None:
-        add_nearest(tree, rays_of_pass(rays), _hits(face, t), threads)
+        add_nearest(tree, local_pass(rays), _hits(face, t), threads)
 
 
 def _hits(face: np.ndarray, t: np.ndarray) -> HitArrays:
@@ -339,11 +307,11 @@ def add_hits(
 ) -> None:
     """Add hits on cut-outs to the hits of a checked ray list on solid triangles."""
     if not any_hit:
-        add_nearest(tree, rays_of_arguments(rays, cull_faces), out, threads)
+        add_nearest(tree, local_rays(rays, cull_faces), out, threads)
         return
     free = np.flatnonzero(~out.blocked)
     hits = _hits(np.full(len(free), -1, np.int32), np.full(len(free), np.inf))
-    add_nearest(tree, rays_of_arguments(rays.part(free), cull_faces), hits, threads)
+    add_nearest(tree, local_rays(rays.part(free), cull_faces), hits, threads)
     out.blocked[free] = hits.face >= 0
 
 
@@ -352,10 +320,10 @@ def _find_holes(ticket, bvh, texels, rays, hit_rays, slots, passes):
     """Worker: whether rays pass through the cut-outs that they meet."""
     tree, holes = tree_of(bvh), texel_pointers(texels)
     for k in items(ticket):
-        passes[k] = is_hole(holes, ray_in_row(rays, hit_rays[k]), tree.corners, np.int64(slots[k]))
+        passes[k] = is_hole(holes, local_ray(rays, hit_rays[k]), tree.corners, np.int64(slots[k]))
 
 
-def without_holes(tree: CutoutTree, rays: CutoutRays, hits: AllHits, threads: int | None = None) -> AllHits:
+def without_holes(tree: CutoutTree, rays: LocalRays, hits: AllHits, threads: int | None = None) -> AllHits:
     """All hits of rays on cut-outs, without those on texels that closest hits ignore."""
     order, n, hit_rays = np.argsort(tree.bvh.prim_ids), len(hits.face), hits.ray
     slots, passes = order[np.searchsorted(tree.bvh.prim_ids[order], hits.face)], np.empty(n, np.bool_)

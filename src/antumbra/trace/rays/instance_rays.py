@@ -13,7 +13,7 @@ from ...bvh.instance_trees import (
     mesh_pointers,
 )
 from ...kernels.exact.filters import plane_side, rounded_t, single_weights
-from ...kernels.exact.predicate import exact_touches, ray_along, segment
+from ...kernels.exact.predicate import exact_touches
 from ...kernels.exact.surface_crossing import crosses_surface
 from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined, kernel, overload
 from ...kernels.parallel import items, new_ticket, run, thread_count
@@ -35,41 +35,11 @@ from .instance_traversal import (
     test_triangle,
     walk_instances,
 )
+from .local_rays import local_ray, local_rays
 from .ray_traversal import triangle_hit
 from .single_rays import blocker, pointers
 
-# --- Rays -------------------------------------------------------------------------------------------------------------
-
-
 _CHUNK = 64
-
-
-class LocalRays(NamedTuple):
-    """Rays in the scene's frame."""
-
-    origins: NDArray[np.float32]  # (m, 3)
-    vectors: NDArray[np.float32]  # (m, 3): directions; of segments, their other ends
-    spans: NDArray[np.float64]  # (m, 2): tmin and tmax; or (1, 2), for all rays
-    skip: NDArray[np.int32]  # (m,): scene index of a face to ignore, or -1
-    segments: bool
-    cull_faces: int  # a value of CULL_FACES
-
-
-def local_rays(rays: RayArrays, cull_faces: int) -> LocalRays:
-    """The rays of a list in the scene's frame."""
-    origins, vectors = (np.require(each, requirements="W") for each in rays.local())  # one kind of arrays, one kernel
-    spans = np.concatenate([rays.tmin, rays.tmax], 1, dtype=np.float64)
-    return LocalRays(origins, vectors, spans, rays.skip[:, 0].copy(), rays.segments, int(cull_faces))
-
-
-@inlined
-def _ray(rays, i):
-    """Ray i."""
-    o, v, k = rays.origins[i], rays.vectors[i], i if len(rays.spans) > 1 else 0
-    if rays.segments:
-        return segment(o[0], o[1], o[2], v[0], v[1], v[2])
-    return ray_along(o[0], o[1], o[2], v[0], v[1], v[2], rays.spans[k, 0], rays.spans[k, 1])
-
 
 # --- All hits ---------------------------------------------------------------------------------------------------------
 
@@ -136,7 +106,7 @@ def _list_hits(ticket, arrays, rays, rule, offsets, counts, out):
     scene, corners, t = instance_pointers(arrays), stack_f32(HIT_FLOATS), stack_f64(1)
     ids, n = stack_i64(HIT_IDS), stack_i64(1)
     for i in items(ticket):
-        ray, first = _ray(rays, i), offsets[i] if len(offsets) > 0 else np.int64(-1)
+        ray, first = local_ray(rays, i), offsets[i] if len(offsets) > 0 else np.int64(-1)
         hits = InstanceHitList(
             corners, t, ids, n, first, rule, ptr(out.t), ptr(out.face), ptr(out.u), ptr(out.v)
         )  # fmt: skip
