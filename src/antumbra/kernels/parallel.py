@@ -59,7 +59,8 @@ N = 2  # number of items
 CHUNK = 3  # items handed out at a time
 DONE = 4  # a counter for the worker; starts at 0, not used by this module
 
-_A, _B = TypeVar("_A"), TypeVar("_B")
+_Value = TypeVar("_Value")
+_Result = TypeVar("_Result")
 
 MAX_THREADS = 1024
 """Far more threads than processors do not help, and the system may refuse to start them."""
@@ -240,7 +241,9 @@ def run(
             raise outcome
 
 
-def map_in_threads(function: Callable[[_A], _B], values: Iterable[_A], threads: int | None = None) -> list[_B]:
+def map_in_threads(
+    function: Callable[[_Value], _Result], values: Iterable[_Value], threads: int | None = None
+) -> list[_Result]:
     """The function of each value, in order: for functions that release the GIL, such as NumPy's and decoders of images.
 
     threads : None: one per core available to this process

@@ -3,8 +3,9 @@
 import json
 import math
 import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,8 @@ from ..checks import choice, number, quoted, vector
 from ..errors import InputError
 from ..extras import import_extra
 from ..files import atomic_output, checked_output
-from ..kernels.parallel import map_in_threads
+from ..forks import hold_during_fork
+from ..kernels.parallel import map_in_threads, thread_count
 from ..scene.materials import LINEAR, linear_to_srgb, srgb_to_linear
 from .png_files import png_file
 
@@ -107,6 +109,8 @@ def _curve() -> NDArray[np.uint8]:
 IMAGE_SUFFIXES = (".png", ".exr")
 MAX_EXPOSURE = 1e30  # the limit of intensities
 _EXR_MAGIC = b"v/1\x01"
+_writing_exr = threading.Lock()  # OpenEXR has one number of threads for all files
+hold_during_fork(_writing_exr)
 _NOTE = "antumbra"  # keyword of the text chunk in a PNG, name of the attribute in an EXR
 
 
@@ -187,11 +191,7 @@ def screen_picture(frame: Any, exposure: float, background: str | ArrayLike | No
     if background is None and frame.backdrop is None:
         return to_srgb8(frame.image, exposure)
     share, lost = frame.coverage[..., None], None if frame.ground is None else frame.ground.lost
-    colour: np.ndarray = frame.backdrop
-    if background is not None and not isinstance(background, str):
-        colour = srgb_to_linear(vector(background, "background")).astype(np.float32)
-        colour = colour if frame.ground is None else colour * frame.ground.share
-    colour = None if isinstance(background, str) else np.broadcast_to(colour, frame.image.shape)
+    colour = None if isinstance(background, str) else _background(frame, background)
 
     def screen_rows(rows: slice) -> NDArray[np.uint8]:
         surfaces = _rows_to_srgb8(frame.image[rows], exposure)
@@ -207,6 +207,15 @@ def screen_picture(frame: Any, exposure: float, background: str | ArrayLike | No
         return surfaces
 
     return _by_rows(screen_rows, frame.image)
+
+
+def _background(frame: Any, background: ArrayLike | None) -> np.ndarray:
+    """(H, W, 3), linear: a background colour under the shadows of a frame, or its backdrop."""
+    colour: np.ndarray = frame.backdrop
+    if background is not None:
+        colour = srgb_to_linear(vector(background, "background")).astype(np.float32)
+        colour = colour if frame.ground is None else colour * frame.ground.share
+    return np.broadcast_to(colour, frame.image.shape)
 
 
 def _rows_at(image: np.ndarray, pixels: NDArray[np.int64]) -> np.ndarray:
@@ -335,10 +344,24 @@ def write_exr(
     if note is not None:
         header[_NOTE] = note
     try:
-        with OpenEXR.File(header, channels) as file:
+        with _exr_threads(), OpenEXR.File(header, channels) as file:
             file.write(str(path))
     except RuntimeError as error:  # the library turns system errors into RuntimeError
         raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error
+
+
+@contextmanager
+def _exr_threads() -> Iterator[None]:
+    """Let OpenEXR compress on all cores. Its threads end with the block, because a forked child could not use them."""
+    import OpenEXR
+
+    set_count = getattr(OpenEXR, "set_global_thread_count", lambda count: None)  # missing in versions before 3.4
+    with _writing_exr:
+        set_count(thread_count(None) if thread_count(None) > 1 else 0)
+        try:
+            yield
+        finally:
+            set_count(0)
 
 
 # --- Films: .mp4 and .webm by ffmpeg, .gif by Pillow ------------------------------------------------------------------

@@ -78,7 +78,7 @@ class _Coder(NamedTuple):
         filtered = self.filtered(first, last)
         encoder = zlib.compressobj(self.level, zlib.DEFLATED, -zlib.MAX_WBITS, zlib.DEF_MEM_LEVEL + 1)
         end = zlib.Z_FINISH if last == len(self.rows) else zlib.Z_SYNC_FLUSH
-        return _Strip(encoder.compress(filtered) + encoder.flush(end), zlib.adler32(filtered), filtered.size)
+        return _Strip(encoder.compress(filtered.data) + encoder.flush(end), zlib.adler32(filtered.data), filtered.size)
 
     def filtered(self, first: int, last: int) -> NDArray[np.uint8]:
         """(last - first, 1 + b) uint8: the rows, each under the filter with the smaller differences, and its number.
