@@ -2,12 +2,14 @@
 
 import logging
 import struct
+import sys
 
 import numpy as np
 import pytest
 
 from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
+from antumbra.formats import mesh_files
 from formats.test_gltf_colours import linear
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at, png
 
@@ -192,14 +194,65 @@ OBJ_NAMES = {
 
 
 @pytest.mark.parametrize("head", OBJ_NAMES, ids=repr)
-def test_meshes_without_materials_are_numbered_as_trimesh_does(tmp_path, head, monkeypatch):
-    """And trimesh is not left to look for free numbers, which takes the square of the number of meshes."""
-    import trimesh
-
-    tried, original = [], trimesh.util.unique_name
-    counting = lambda start, contains, counts=None: tried.append(start in contains) or original(start, contains, counts)
-    monkeypatch.setattr(trimesh.util, "unique_name", counting)
+def test_meshes_without_materials_are_numbered(tmp_path, head):
     faces = "".join(f"usemtl {m}\nf 1 2 {k}\n" for m, k in zip("abca", (3, 4, 3, 4)))
     scene = load(put(tmp_path, "a.obj", head + obj_text(faces=[]) + faces))
     assert [mesh.name for mesh in scene.meshes] == OBJ_NAMES[head]
-    assert len(tried) >= 3 and not any(tried)
+
+
+def ply_rows(vertices, faces, order="<", kind="f4", **more):
+    """A binary PLY file; `more`: further columns of vertices."""
+    names = {"f4": "float", "f8": "double", "u1": "uchar"}
+    columns = dict(zip("xyz", np.asarray(vertices).T)) | more
+    types = [(name, order + ("u1" if name in ("red", "green", "blue", "alpha") else kind)) for name in columns]
+    rows = np.empty(len(vertices), types)
+    for name, values in columns.items():
+        rows[name] = values
+    corners = b"".join(struct.pack(f"{order}B{len(face)}I", len(face), *map(int, face)) for face in faces)
+    head = ["ply", f"format binary_{'little' if order == '<' else 'big'}_endian 1.0", "comment made by hand"]
+    head += [f"element vertex {len(vertices)}", *(f"property {names[t[1:]]} {name}" for name, t in types)]
+    head += [f"element face {len(faces)}", "property list uchar uint vertex_index", "end_header", ""]
+    return "\n".join(head).encode() + rows.tobytes() + corners
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("kind", ["f4", "f8"])
+@pytest.mark.parametrize("has_colours", [False, True])
+@pytest.mark.parametrize("has_normals", [False, True])
+def test_binary_files_are_read_as_by_trimesh_without_it(tmp_path, monkeypatch, order, kind, has_colours, has_normals):
+    rng = np.random.default_rng(4)
+    vertices, faces = rng.normal(size=(50, 3)).astype(kind), rng.integers(0, 50, (70, 3))
+    more = {}
+    if has_normals:
+        more |= dict(zip(("nx", "ny", "nz"), rng.normal(size=(3, 50)).astype(kind)))
+    if has_colours:
+        more |= dict(zip(("red", "green", "blue"), rng.integers(0, 256, (3, 50), np.uint8)))
+    path = put(tmp_path, "a.ply", ply_rows(vertices, faces, order, kind, **more))
+    with monkeypatch.context() as patch:
+        patch.setattr(mesh_files, "_read_triangles", lambda *arguments: None)
+        wanted = load(path)
+    monkeypatch.setitem(sys.modules, "trimesh", None)  # importing it fails
+    scene = load(path)
+    for made in (scene, wanted):
+        np.testing.assert_array_equal(
+            made.triangles().vertices, (vertices[faces].astype(float) - made.origin).astype(np.float32)
+        )
+    np.testing.assert_array_equal(scene.colours, wanted.colours)
+    assert (scene.appearance is None) == (wanted.appearance is None) == (not has_colours and not has_normals)
+    if has_normals:
+        np.testing.assert_array_equal(scene.appearance.normals, wanted.appearance.normals)
+    if has_colours:
+        np.testing.assert_array_equal(scene.appearance.colours, wanted.appearance.colours)
+        assert len(np.unique(scene.colours)) > 50
+
+
+def test_binary_stl_needs_no_trimesh(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    assert_at(load(put(tmp_path, "a.stl", stl_binary())), SOLID)
+
+
+def test_unusual_binary_ply_is_left_to_trimesh(tmp_path):
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
+    assert load(put(tmp_path, "a.ply", ply_rows(square, [(0, 1, 2, 3)]))).n_triangles == 2
+    data = ply_rows(square, [(0, 1, 2), (0, 2, 3)], s=square[:, 0], t=square[:, 1])
+    assert load(put(tmp_path, "b.ply", data)).n_triangles == 2

@@ -25,7 +25,7 @@ from .mtl_file import SideFiles, decoded_text, read_materials
 
 _SPACE, _NEWLINE, _SLASH = b" \n/"
 _PREFIXES = {"v": b"v  ", "vt": b"vt ", "vn": b"vn ", "f": b"f  "}
-_IRREGULAR = re.compile(rb"[\t\v\f\r]|\n ")  # white space that `_lines_of` replaces
+_IRREGULAR = b"\t", b"\v", b"\f", b"\r", b"\n "  # white space that `_lines_of` replaces
 _CURE = "export the mesh again"
 
 _parsing = threading.Lock()  # warning filters are shared by all threads
@@ -88,7 +88,7 @@ class _Lines(NamedTuple):
 def _lines_of(data: bytes) -> _Lines:
     if b"\\" in data:
         data = re.sub(rb"\\\r?\n", b" ", data)
-    if _IRREGULAR.search(data):
+    if any(each in data for each in _IRREGULAR):
         data = re.sub(rb"[\t\v\f ]+", b" ", data.replace(b"\r\n", b"\n").replace(b"\r", b"\n"))
         data = re.sub(rb" ?\n ?", b"\n", data)
     data_bytes = np.frombuffer(data.lstrip(b" ") + b"\n\0\0\0", np.uint8)
