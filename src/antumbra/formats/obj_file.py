@@ -72,14 +72,14 @@ class _Lines(NamedTuple):
         """Lines without their first word, each with its newline."""
         if not len(rows):
             return b""
-        width = int(np.argmax(self.data[self.starts[rows[0]] :] == _SPACE))
-        blank = self.data.copy()
-        for k in range(width):
-            blank[self.starts[rows] + k] = _SPACE
-        breaks = np.flatnonzero(np.diff(rows) != 1)  # runs of consecutive lines
+        start = self.starts[rows[0]]
+        text = self.data[start : self.ends[rows[-1]] + 1].copy()
+        for k in range(int(np.argmax(text == _SPACE))):  # the letters of the word
+            text[self.starts[rows] - start + k] = _SPACE
+        breaks = np.flatnonzero(np.diff(rows) != 1)  # between runs of consecutive lines
         first, last = rows[np.append(0, breaks + 1)], rows[np.append(breaks, len(rows) - 1)]
-        memory = memoryview(blank)
-        return b"".join(memory[i:k] for i, k in zip(self.starts[first].tolist(), (self.ends[last] + 1).tolist()))
+        spans = zip((self.starts[first] - start).tolist(), (self.ends[last] + 1 - start).tolist())
+        return b"".join(text.data[i:k] for i, k in spans)
 
     def line(self, row: int) -> bytes:
         return self.data[self.starts[row] : self.ends[row]].tobytes()
