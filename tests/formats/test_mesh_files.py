@@ -251,8 +251,46 @@ def test_binary_stl_needs_no_trimesh(tmp_path, monkeypatch):
     assert_at(load(put(tmp_path, "a.stl", stl_binary())), SOLID)
 
 
-def test_unusual_binary_ply_is_left_to_trimesh(tmp_path):
+@pytest.mark.parametrize("kind", ["float", "double"])
+def test_text_files_are_read_as_by_trimesh_without_it(tmp_path, monkeypatch, kind):
+    vertices = np.random.default_rng(5).normal(size=(4, 3))
+    text = ply_text(vertices, kind=kind).replace(
+        f"property {kind} z\n",
+        f"property {kind} z\n" + "".join(f"property uchar {c}\n" for c in ("red", "green", "blue")),
+    )
+    lines = text.splitlines()
+    at = lines.index("end_header") + 1
+    lines[at : at + 4] = [f"{line} {50 * k} {90 - k} 255" for k, line in enumerate(lines[at : at + 4])]
+    ply, stl = put(tmp_path, "a.ply", "\n".join(lines) + "\n"), put(tmp_path, "a.stl", stl_text())
+    with monkeypatch.context() as patch:
+        patch.setattr(mesh_files, "_read_triangles", lambda *arguments: None)
+        patch.setattr(mesh_files, "_read_solids", lambda *arguments: None)
+        wanted = load(ply), load(stl)
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    for path, other in zip((ply, stl), wanted):
+        scene = load(path)
+        np.testing.assert_array_equal(scene.triangles().vertices, other.triangles().vertices)
+        np.testing.assert_array_equal(scene.colours, other.colours)
+        assert scene.meshes == other.meshes
+    assert len(np.unique(wanted[0].colours)) > 4
+
+
+def test_solids_of_an_stl_file_are_meshes(tmp_path):
+    text = stl_text().replace("solid a\n", "solid left part\n", 1) + stl_text().upper().replace("SOLID A", "SOLID b")
+    scene = load(put(tmp_path, "a.stl", text))
+    assert [(mesh.name, mesh.triangles) for mesh in scene.meshes] == [("left part", 4), ("b", 4)]
+
+
+@pytest.mark.parametrize("words", ["0 0 x", "0 0"])
+def test_damaged_text_of_stl_is_refused(tmp_path, words):
+    with pytest.raises(InputError, match=r"a\.stl"):
+        load(put(tmp_path, "a.stl", stl_text().replace("vertex 0.0 0.0 0.0", f"vertex {words}", 1)))
+
+
+def test_unusual_ply_is_left_to_trimesh(tmp_path):
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
     assert load(put(tmp_path, "a.ply", ply_rows(square, [(0, 1, 2, 3)]))).n_triangles == 2
+    text = ply_text(square, [(0, 1, 2)]).replace("3 0 1 2", "4 0 1 2 3")
+    assert load(put(tmp_path, "c.ply", text)).n_triangles == 2
     data = ply_rows(square, [(0, 1, 2), (0, 2, 3)], s=square[:, 0], t=square[:, 1])
     assert load(put(tmp_path, "b.ply", data)).n_triangles == 2

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from antumbra.engine.scene_loading import load
 from antumbra.formats import mtl_file, obj_file
+from antumbra.formats.text_numbers import parsed_numbers
 from antumbra.scene.materials import BLEND, MASK, OPAQUE
 from gltf_files import png
 
@@ -35,13 +36,13 @@ DECIMALS = st.builds(
 @given(st.lists(st.one_of(st.floats(allow_nan=False).map(repr), DECIMALS), min_size=1, max_size=20))
 @example(["9007199254740993", "2.2250738585072011e-308", "1e23", "0.1", "179769313486231580793e289", "-0.0"])
 def test_numbers_are_rounded_as_python_rounds_them(words):
-    values = obj_file._parsed(" ".join(words).encode(), np.dtype(np.float64))
+    values = parsed_numbers(" ".join(words).encode(), np.float64)
     assert values.tobytes() == np.array([float(word) for word in words]).tobytes()
 
 
 @pytest.mark.parametrize("text", ["1 2 x", "1 2 # three", "1,2", "one"])
 def test_other_words_are_noticed(text):
-    assert obj_file._parsed(text.encode(), np.dtype(np.float64)) is None
+    assert parsed_numbers(text.encode(), np.float64) is None
 
 
 # --- Faces ------------------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""PLY and STL files: binary files of triangles are read at once, all others by trimesh; PLY output with face colours.
+"""PLY and STL files: files of triangles are read at once, unusual ones by trimesh; PLY output with face colours.
 
 Headers, sizes and vertex indices that trimesh would misread are checked beforehand, the resulting arrays afterwards.
 Importing trimesh takes longer than reading a million triangles.
@@ -8,7 +8,7 @@ import io
 import logging
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from ..files import atomic_output
 from ..scene.materials import PLAIN, linear_to_srgb
 from ..scene.mesh import Mesh, StaticMeshes, VertexAttributes, flip_v, make_mesh, textured_mesh
 from ..scene.palette_scene import PaletteScene
+from .obj_file import MeshNames
+from .text_numbers import parsed_numbers
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # keeps its tracebacks off the screen
 
@@ -34,6 +36,8 @@ _PLY_TYPES = {
 }
 _PLY_INDICES = ("vertex_indices", "vertex_index")
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_SOLID = re.compile(rb"^[ \t]*solid\b([^\n]*)\n(.*?)^[ \t]*endsolid", re.MULTILINE | re.DOTALL | re.IGNORECASE)
+_VERTEX = re.compile(rb"\bvertex\s([^\r\n]*)", re.IGNORECASE)
 _STL_HEADER = 84  # bytes: a text, and the number of facets
 
 
@@ -47,41 +51,52 @@ def read_mesh_file(path: Path) -> tuple[StaticMeshes, list[str]]:
     if path.suffix.lower() == ".ply":
         _check_ply(data, file)
         mesh = _read_triangles(data, path.stem, where)
+        meshes = None if mesh is None else [mesh]
     else:
         _check_stl(data, file)
-        mesh = None if _is_text(data) else _read_facets(data, path.stem, where)
-    return StaticMeshes(_read_by_trimesh(data, path) if mesh is None else [mesh], file), []
+        meshes = _read_solids(data, path) if _is_text(data) else _read_facets(data, path.stem, where)
+    return StaticMeshes(_read_by_trimesh(data, path) if meshes is None else meshes, file), []
 
 
-def _read_facets(data: bytes, name: str, where: str) -> Mesh | None:
+def _read_facets(data: bytes, name: str, where: str) -> list[Mesh] | None:
     """The mesh of a binary STL file; None if its size is not that of its header."""
     count = int.from_bytes(data[80:_STL_HEADER], "little")
     if len(data) != _STL_HEADER + count * _FACET.itemsize:
         return None
     facets = np.frombuffer(data, _FACET, count, _STL_HEADER)
-    return make_mesh(name, facets["corners"].reshape(-1, 3), None, None, where)
+    return [make_mesh(name, facets["corners"].reshape(-1, 3), None, None, where)]
+
+
+def _read_solids(data: bytes, path: Path) -> list[Mesh] | None:
+    """The solids of an STL file of text; None if their vertices are not numbers."""
+    solids = [
+        (each[1].decode("utf-8", "replace").strip(), parsed_numbers(b" ".join(_VERTEX.findall(each[2])), np.float64))
+        for each in _SOLID.finditer(data)
+    ]
+    if not solids or any(numbers is None or len(numbers) % 9 for _, numbers in solids):
+        return None
+    meshes, names = list[Mesh](), MeshNames("geometry", True)
+    for given, numbers in solids:
+        if numbers is not None and len(numbers):
+            name = path.stem if len(solids) == 1 else names.of(given)
+            meshes.append(make_mesh(name, numbers.reshape(-1, 3), None, None, f'{path.name}: mesh "{name}"'))
+    return meshes
 
 
 def _read_triangles(data: bytes, name: str, where: str) -> Mesh | None:
-    """The mesh of a binary PLY file with only vertices and triangles, without texture coordinates; None for others."""
+    """The mesh of a PLY file with only vertices and triangles, without texture coordinates; None for others."""
     layout = _ply_layout(data)
-    if layout is None:
+    rows = None if layout is None else layout.text_rows(data) if layout.is_text else layout.rows(data)
+    if rows is None or not (rows[1]["n"] == 3).all():
         return None
-    start, n_vertices, vertex, n_faces, face = layout
-    end = start + n_vertices * vertex.itemsize
-    if len(data) - end != n_faces * face.itemsize:
-        return None
-    faces = np.frombuffer(data, face, n_faces, end)
-    if not (faces["n"] == 3).all():
-        return None
-    vertices = np.frombuffer(data, vertex, n_vertices, start)
-    names = set(vertex.names or ())
+    vertices, faces = rows
+    names = set(vertices.dtype.names or ())
     mesh = make_mesh(name, _columns(vertices, "x", "y", "z"), faces["corners"], None, where)
     normals = _columns(vertices, "nx", "ny", "nz") if names.issuperset(("nx", "ny", "nz")) else None
     rgba = [channel for channel in ("red", "green", "blue", "alpha") if channel in names]
     colours = _columns(vertices, *rgba) if len(rgba) >= 3 else None
     attributes = VertexAttributes(None, colours, normals)
-    return textured_mesh(mesh, faces["corners"], n_vertices, PLAIN, where, attributes)
+    return textured_mesh(mesh, faces["corners"], len(vertices), PLAIN, where, attributes)
 
 
 def _columns(rows: np.ndarray, *names: str) -> np.ndarray:
@@ -89,11 +104,46 @@ def _columns(rows: np.ndarray, *names: str) -> np.ndarray:
     return np.stack([rows[name].astype(rows.dtype[name].newbyteorder("=")) for name in names], 1)
 
 
-def _ply_layout(data: bytes) -> tuple[int, int, np.dtype, int, np.dtype] | None:
-    """(first byte, number of vertices, their type, number of faces, their type if all are triangles); None: unusual."""
+class _PlyLayout(NamedTuple):
+    """The layout of a PLY file whose faces are all triangles."""
+
+    start: int  # the first byte after the header
+    n_vertices: int
+    vertex: np.dtype
+    n_faces: int
+    face: np.dtype  # fields: n, the number of corners; corners, three indices
+    is_text: bool
+
+    def rows(self, data: bytes) -> tuple[np.ndarray, np.ndarray] | None:
+        """The vertices and faces of a binary file; None if its size is another one."""
+        end = self.start + self.n_vertices * self.vertex.itemsize
+        if len(data) - end != self.n_faces * self.face.itemsize:
+            return None
+        vertices = np.frombuffer(data, self.vertex, self.n_vertices, self.start)
+        return vertices, np.frombuffer(data, self.face, self.n_faces, end)
+
+    def text_rows(self, data: bytes) -> tuple[np.ndarray, np.ndarray] | None:
+        """The same of a file of text, with int64 indices; None if it has other numbers."""
+        names, numbers = self.vertex.names or (), parsed_numbers(data[self.start :], np.float64)
+        n = self.n_vertices * len(names)
+        if numbers is None or len(numbers) != n + 4 * self.n_faces:
+            return None
+        vertices, faces = (
+            np.empty(self.n_vertices, self.vertex),
+            np.empty(self.n_faces, [("n", int), ("corners", int, 3)]),
+        )
+        for name, column in zip(names, numbers[:n].reshape(-1, len(names)).T):
+            vertices[name] = column
+        faces["n"], faces["corners"] = numbers[n:].reshape(-1, 4)[:, 0], numbers[n:].reshape(-1, 4)[:, 1:]
+        is_whole = (faces["corners"] == numbers[n:].reshape(-1, 4)[:, 1:]).all()
+        return (vertices, faces) if is_whole else None
+
+
+def _ply_layout(data: bytes) -> _PlyLayout | None:
+    """The layout of a PLY file; None if it is unusual."""
     head, _, _ = data.partition(b"end_header")
     start = data.index(b"\n", len(head)) + 1
-    order = ">" if b"format binary_big_endian" in head else "<" if b"format binary_little_endian" in head else None
+    order = ">" if b"format binary_big_endian" in head else "<"
     elements = list[tuple[str, int, list[list[str]]]]()
     for kind, rest in _PLY_LINE.findall(head):
         words = rest.decode("ascii", "replace").split()
@@ -101,7 +151,7 @@ def _ply_layout(data: bytes) -> tuple[int, int, np.dtype, int, np.dtype] | None:
             elements.append((words[0], int(words[1]), []))
         elif elements:
             elements[-1][2].append(words)
-    if order is None or [name for name, _, _ in elements] != ["vertex", "face"]:
+    if [name for name, _, _ in elements] != ["vertex", "face"]:
         return None
     (_, n_vertices, fields), (_, n_faces, lists) = elements
     known = {"x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "alpha"}
@@ -115,7 +165,8 @@ def _ply_layout(data: bytes) -> tuple[int, int, np.dtype, int, np.dtype] | None:
     if "f" in of_count + of_index:
         return None
     face = np.dtype([("n", order + of_count), ("corners", order + of_index, 3)])
-    return start, n_vertices, np.dtype([(name, order + kind) for name, kind in types.items()]), n_faces, face
+    vertex = np.dtype([(name, order + kind) for name, kind in types.items()])
+    return _PlyLayout(start, n_vertices, vertex, n_faces, face, b"format ascii" in head)
 
 
 def _read_by_trimesh(data: bytes, path: Path) -> list[Mesh]:

@@ -5,8 +5,6 @@ array of corners. Faces of one material form a mesh; corners that agree in all t
 """
 
 import re
-import threading
-import warnings
 from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
@@ -17,19 +15,16 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files import atomic_output
-from ..forks import hold_during_fork
 from ..scene.materials import PLAIN, Material
 from ..scene.mesh import Mesh, StaticMeshes, VertexAttributes, flip_v, make_mesh, textured_mesh
 from ..scene.palette_scene import PaletteScene
 from .mtl_file import SideFiles, decoded_text, read_materials
+from .text_numbers import parsed_numbers
 
 _SPACE, _NEWLINE, _SLASH = b" \n/"
 _PREFIXES = {"v": b"v  ", "vt": b"vt ", "vn": b"vn ", "f": b"f  "}
 _IRREGULAR = b"\t", b"\v", b"\f", b"\r", b"\n "  # white space that `_lines_of` replaces
 _CURE = "export the mesh again"
-
-_parsing = threading.Lock()  # warning filters are shared by all threads
-hold_during_fork(_parsing)
 
 
 def read_obj(path: Path) -> tuple[StaticMeshes, list[str]]:
@@ -44,7 +39,7 @@ def read_obj(path: Path) -> tuple[StaticMeshes, list[str]]:
     if len(vertices) and len(triangles.line) and vertices.shape[1] < 3:
         raise InputError(f"{path.name}: has vertices of {vertices.shape[1]} numbers; a vertex is x y z")
     attributes = _Attributes(vertices[:, :3], vertices[:, 3:6], uv[:, :2], normals, path.name)
-    meshes, names = list[Mesh](), _MeshNames(heads.name, len(materials) > 1)
+    meshes, names = list[Mesh](), MeshNames(heads.name, len(materials) > 1)
     groups = list(heads.groups(rows["f"][triangles.line]))
     for material, chosen in groups:
         name = names.of(material) if len(groups) > 1 else path.stem
@@ -100,7 +95,7 @@ def _numbers(lines: _Lines, rows: NDArray[np.int64], file: str) -> NDArray[np.fl
     """(n, k) float64: the numbers on lines, k of the shortest one."""
     text = lines.text(rows)
     columns = len(text[: text.find(b"\n")].split())
-    values = _parsed(text, np.dtype(np.float64))
+    values = parsed_numbers(text, np.float64)
     if values is not None and len(values) == len(rows) * columns:
         return values.reshape(len(rows), columns)
     words = [line.partition(b"#")[0].split() for line in text.splitlines()]
@@ -109,18 +104,6 @@ def _numbers(lines: _Lines, rows: NDArray[np.int64], file: str) -> NDArray[np.fl
         return np.array([[float(word) for word in row[:columns]] for row in words], np.float64)
     except ValueError as error:
         raise InputError(f"{file}: cannot be read ({error}); {_CURE}") from None
-
-
-def _parsed(text: bytes, dtype: np.dtype) -> np.ndarray | None:
-    """The numbers in a text, correctly rounded; None if there is something else in it."""
-    if not text:
-        return np.empty(0, dtype)
-    with _parsing, warnings.catch_warnings():
-        warnings.simplefilter("error")
-        try:
-            return np.fromstring(text, dtype, sep=" ")
-        except (ValueError, DeprecationWarning):  # NumPy announces that the warning will be an error
-            return None
 
 
 # --- Objects, materials and groups of faces ---------------------------------------------------------------------------
@@ -161,7 +144,7 @@ class _Heads(NamedTuple):
         yield from ((listed[of_face[part[0]]], part) for part in by_first)
 
 
-class _MeshNames:
+class MeshNames:
     """Distinct names of meshes: those of their materials, if a file has several; else name, name_1, name_2 ..."""
 
     def __init__(self, name: str, by_material: bool) -> None:
@@ -223,7 +206,7 @@ def _corners(text: bytes, data: NDArray[np.uint8], tokens: NDArray[np.int64], fi
 
     tokens : (n,) int64: their first bytes in the text, whose bytes are `data`
     """
-    values = _parsed(text.replace(b"/", b" "), np.dtype(np.int64))
+    values = parsed_numbers(text.replace(b"/", b" "), np.int64)
     slashes = np.flatnonzero(data == _SLASH)
     owner = np.searchsorted(tokens, slashes, "right") - 1
     n_slashes = np.bincount(owner, minlength=len(tokens))
