@@ -275,6 +275,24 @@ def test_text_files_are_read_as_by_trimesh_without_it(tmp_path, monkeypatch, kin
     assert len(np.unique(wanted[0].colours)) > 4
 
 
+@pytest.mark.parametrize("is_text", [False, True])
+def test_colours_of_faces(tmp_path, monkeypatch, is_text):
+    colours = np.random.default_rng(6).integers(0, 256, (4, 3), np.uint8)
+    channels = "".join(f"property uchar {c}\n" for c in ("red", "green", "blue"))
+    if is_text:
+        lines = ply_text().replace("end_header\n", channels + "end_header\n").splitlines()
+        rows = [f"{line} {' '.join(map(str, rgb))}" for line, rgb in zip(lines[-4:], colours.tolist())]
+        path = put(tmp_path, "a.ply", "\n".join(lines[:-4] + rows) + "\n")
+    else:
+        head, body = ply_binary().split(b"end_header\n")
+        faces = [body[-13 * (4 - k) :][:13] + rgb.tobytes() for k, rgb in enumerate(colours)]
+        path = put(tmp_path, "a.ply", head + channels.encode() + b"end_header\n" + body[: -13 * 4] + b"".join(faces))
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    scene = load(path)
+    np.testing.assert_allclose(scene.colours, [[linear(c / 255) for c in rgb] for rgb in colours.tolist()], rtol=1e-6)
+    assert_at(scene, SOLID)
+
+
 def test_solids_of_an_stl_file_are_meshes(tmp_path):
     text = stl_text().replace("solid a\n", "solid left part\n", 1) + stl_text().upper().replace("SOLID A", "SOLID b")
     scene = load(put(tmp_path, "a.stl", text))

@@ -34,6 +34,8 @@ _PLY_TYPES = {
     **dict.fromkeys(("float", "float32"), "f4"),
     **dict.fromkeys(("double", "float64"), "f8"),
 }
+_RGBA, _NORMAL = ("red", "green", "blue", "alpha"), ("nx", "ny", "nz")
+_KNOWN = {*"xyz", *_NORMAL, *_RGBA}
 _PLY_INDICES = ("vertex_indices", "vertex_index")
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _SOLID = re.compile(rb"^[ \t]*solid\b([^\n]*)\n(.*?)^[ \t]*endsolid", re.MULTILINE | re.DOTALL | re.IGNORECASE)
@@ -90,13 +92,20 @@ def _read_triangles(data: bytes, name: str, where: str) -> Mesh | None:
     if rows is None or not (rows[1]["n"] == 3).all():
         return None
     vertices, faces = rows
-    names = set(vertices.dtype.names or ())
-    mesh = make_mesh(name, _columns(vertices, "x", "y", "z"), faces["corners"], None, where)
-    normals = _columns(vertices, "nx", "ny", "nz") if names.issuperset(("nx", "ny", "nz")) else None
-    rgba = [channel for channel in ("red", "green", "blue", "alpha") if channel in names]
-    colours = _columns(vertices, *rgba) if len(rgba) >= 3 else None
-    attributes = VertexAttributes(None, colours, normals)
-    return textured_mesh(mesh, faces["corners"], len(vertices), PLAIN, where, attributes)
+    of_faces, of_vertices = _colours(faces), _colours(vertices)
+    mesh = make_mesh(name, _columns(vertices, *"xyz"), faces["corners"], of_faces, where)
+    if of_faces is not None:
+        return mesh
+    normals = _columns(vertices, "nx", "ny", "nz") if "nx" in (vertices.dtype.names or ()) else None
+    return textured_mesh(
+        mesh, faces["corners"], len(vertices), PLAIN, where, VertexAttributes(None, of_vertices, normals)
+    )
+
+
+def _colours(rows: np.ndarray) -> np.ndarray | None:
+    """(n, 3 or 4) uint8: the colours of vertices or faces; None without any."""
+    names = [channel for channel in _RGBA if channel in (rows.dtype.names or ())]
+    return _columns(rows, *names) if names else None
 
 
 def _columns(rows: np.ndarray, *names: str) -> np.ndarray:
@@ -124,25 +133,24 @@ class _PlyLayout(NamedTuple):
 
     def text_rows(self, data: bytes) -> tuple[np.ndarray, np.ndarray] | None:
         """The same of a file of text, with int64 indices; None if it has other numbers."""
-        names, numbers = self.vertex.names or (), parsed_numbers(data[self.start :], np.float64)
-        n = self.n_vertices * len(names)
-        if numbers is None or len(numbers) != n + 4 * self.n_faces:
+        numbers = parsed_numbers(data[self.start :], np.float64)
+        names, channels = self.vertex.names or (), (self.face.names or ())[2:]
+        n, width = self.n_vertices * len(names), 4 + len(channels)
+        if numbers is None or len(numbers) != n + width * self.n_faces:
             return None
-        vertices, faces = (
-            np.empty(self.n_vertices, self.vertex),
-            np.empty(self.n_faces, [("n", int), ("corners", int, 3)]),
-        )
+        vertices, table = np.empty(self.n_vertices, self.vertex), numbers[n:].reshape(-1, width)
         for name, column in zip(names, numbers[:n].reshape(-1, len(names)).T):
             vertices[name] = column
-        faces["n"], faces["corners"] = numbers[n:].reshape(-1, 4)[:, 0], numbers[n:].reshape(-1, 4)[:, 1:]
-        is_whole = (faces["corners"] == numbers[n:].reshape(-1, 4)[:, 1:]).all()
-        return (vertices, faces) if is_whole else None
+        faces = np.empty(self.n_faces, [("n", int), ("corners", int, 3), *((channel, "u1") for channel in channels)])
+        faces["n"], faces["corners"] = table[:, 0], table[:, 1:4]
+        for k, channel in enumerate(channels):
+            faces[channel] = table[:, 4 + k]
+        return (vertices, faces) if (faces["corners"] == table[:, 1:4]).all() else None
 
 
 def _ply_layout(data: bytes) -> _PlyLayout | None:
     """The layout of a PLY file; None if it is unusual."""
     head, _, _ = data.partition(b"end_header")
-    start = data.index(b"\n", len(head)) + 1
     order = ">" if b"format binary_big_endian" in head else "<"
     elements = list[tuple[str, int, list[list[str]]]]()
     for kind, rest in _PLY_LINE.findall(head):
@@ -153,20 +161,46 @@ def _ply_layout(data: bytes) -> _PlyLayout | None:
             elements[-1][2].append(words)
     if [name for name, _, _ in elements] != ["vertex", "face"]:
         return None
-    (_, n_vertices, fields), (_, n_faces, lists) = elements
-    known = {"x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "alpha"}
-    types = {words[1]: _PLY_TYPES.get(words[0], "") for words in fields if len(words) == 2}
-    colours = {types[name] for name in ("red", "green", "blue", "alpha") if name in types}
-    if len(types) != len(fields) or not {"x", "y", "z"} <= types.keys() <= known or "" in types.values():
+    (_, n_vertices, of_vertex), (_, n_faces, of_face) = elements
+    vertex, face = _numpy_type(of_vertex, order), _face_type(of_face, order)
+    names = () if vertex is None else vertex.names or ()
+    if (
+        vertex is None
+        or face is None
+        or not set(names).issuperset("xyz")
+        or (_has_colour(vertex) and _has_colour(face))
+    ):
         return None
-    if colours - {"u1"} or len(lists) != 1 or lists[0][0] != "list" or lists[0][-1] not in _PLY_INDICES:
-        return None
-    of_count, of_index = (_PLY_TYPES.get(word, "f4") for word in lists[0][1:3])
-    if "f" in of_count + of_index:
-        return None
-    face = np.dtype([("n", order + of_count), ("corners", order + of_index, 3)])
-    vertex = np.dtype([(name, order + kind) for name, kind in types.items()])
+    start = data.find(b"\n", len(head)) + 1
     return _PlyLayout(start, n_vertices, vertex, n_faces, face, b"format ascii" in head)
+
+
+def _numpy_type(properties: list[list[str]], order: str) -> np.dtype | None:
+    """The type of rows of numbers; None unless they are known, in the usual order of channels, which are bytes."""
+    fields = [(words[-1], order + _PLY_TYPES.get(words[0], "")) for words in properties if len(words) == 2]
+    names = [name for name, _ in fields]
+    if len(fields) != len(properties) or len(set(names)) != len(names) or not set(names) <= _KNOWN:
+        return None
+    channels = [(name, kind[1:]) for name, kind in fields if name in _RGBA]
+    if channels not in ([], *([(name, "u1") for name in _RGBA[:n]] for n in (3, 4))) or order in dict(fields).values():
+        return None
+    return np.dtype(fields) if set(names).isdisjoint(_NORMAL) or set(names).issuperset(_NORMAL) else None
+
+
+def _face_type(properties: list[list[str]], order: str) -> np.dtype | None:
+    """The type of triangles with optional colours; None for other faces."""
+    if not properties or len(properties[0]) != 4 or properties[0][0] != "list" or properties[0][3] not in _PLY_INDICES:
+        return None
+    of_count, of_index = (_PLY_TYPES.get(word, "f4") for word in properties[0][1:3])
+    colours = _numpy_type(properties[1:], order)
+    names = () if colours is None else colours.names or ()
+    if "f" in of_count + of_index or colours is None or not set(names) <= set(_RGBA):
+        return None
+    return np.dtype([("n", order + of_count), ("corners", order + of_index, 3), *((name, "u1") for name in names)])
+
+
+def _has_colour(rows: np.dtype) -> bool:
+    return _RGBA[0] in (rows.names or ())
 
 
 def _read_by_trimesh(data: bytes, path: Path) -> list[Mesh]:
