@@ -39,7 +39,6 @@ _KNOWN = {*"xyz", *_NORMAL, *_RGBA}
 _PLY_INDICES = ("vertex_indices", "vertex_index")
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _SOLID = re.compile(rb"^[ \t]*solid\b([^\n]*)\n(.*?)^[ \t]*endsolid", re.MULTILINE | re.DOTALL | re.IGNORECASE)
-_VERTEX = re.compile(rb"\bvertex\s([^\r\n]*)", re.IGNORECASE)
 _STL_HEADER = 84  # bytes: a text, and the number of facets
 
 
@@ -72,7 +71,7 @@ def _read_facets(data: bytes, name: str, where: str) -> list[Mesh] | None:
 def _read_solids(data: bytes, path: Path) -> list[Mesh] | None:
     """The solids of an STL file of text; None if their vertices are not numbers."""
     solids = [
-        (each[1].decode("utf-8", "replace").strip(), parsed_numbers(b" ".join(_VERTEX.findall(each[2])), np.float64))
+        (each[1].decode("utf-8", "replace").strip(), parsed_numbers(_vertices_in(each[2]), np.float64))
         for each in _SOLID.finditer(data)
     ]
     if not solids or any(numbers is None or len(numbers) % 9 for _, numbers in solids):
@@ -83,6 +82,11 @@ def _read_solids(data: bytes, path: Path) -> list[Mesh] | None:
             name = path.stem if len(solids) == 1 else names.of(given)
             meshes.append(make_mesh(name, numbers.reshape(-1, 3), None, None, f'{path.name}: mesh "{name}"'))
     return meshes
+
+
+def _vertices_in(solid: bytes) -> bytes:
+    """The rest of each line after "vertex"."""
+    return b" ".join(rest.partition(b"\n")[0] for rest in solid.lower().split(b"vertex")[1:])
 
 
 def _read_triangles(data: bytes, name: str, where: str) -> Mesh | None:
