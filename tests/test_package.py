@@ -68,7 +68,6 @@ NAMES_OF_IMPORTS = {"PIL": "pillow", "imageio_ffmpeg": "imageio-ffmpeg"}
 OPTIONAL = {"embreex", "matplotlib", "pvlib", "pandas", "pyproj", "pyarrow", "rasterio", "xatlas", "mitsuba", "open3d"}
 OPTIONAL |= {"viser", "websockets", "imageio-ffmpeg", "ray", "DracoPy", "drjit", "pyvista"}  # drjit comes with mitsuba
 OPTIONAL |= {"numba", "llvmlite", "ziglang"}
-OF_DEPENDENCIES = {"charset-normalizer"}  # trimesh imports it for OBJ files that are not UTF-8, but does not require it
 
 
 def test_import_is_light():
@@ -101,7 +100,7 @@ def test_dependencies_are_those_that_are_imported():
     found = {name for path in SOURCES for name in _imports(path)} - set(sys.stdlib_module_names)
     found = {NAMES_OF_IMPORTS.get(name, name) for name in found - {"antumbra"}}
     declared = {re.match(r"[\w.-]+", line)[0] for line in PROJECT["dependencies"]}
-    assert (found - OPTIONAL) | OF_DEPENDENCIES == declared
+    assert found - OPTIONAL == declared
 
 
 def test_what_tests_import_is_installed_for_them():

@@ -2,12 +2,14 @@
 
 import logging
 import struct
+import sys
 
 import numpy as np
 import pytest
 
 from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
+from antumbra.formats import mesh_files
 from formats.test_gltf_colours import linear
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at, png
 
@@ -192,14 +194,121 @@ OBJ_NAMES = {
 
 
 @pytest.mark.parametrize("head", OBJ_NAMES, ids=repr)
-def test_meshes_without_materials_are_numbered_as_trimesh_does(tmp_path, head, monkeypatch):
-    """And trimesh is not left to look for free numbers, which takes the square of the number of meshes."""
-    import trimesh
-
-    tried, original = [], trimesh.util.unique_name
-    counting = lambda start, contains, counts=None: tried.append(start in contains) or original(start, contains, counts)
-    monkeypatch.setattr(trimesh.util, "unique_name", counting)
+def test_meshes_without_materials_are_numbered(tmp_path, head):
     faces = "".join(f"usemtl {m}\nf 1 2 {k}\n" for m, k in zip("abca", (3, 4, 3, 4)))
     scene = load(put(tmp_path, "a.obj", head + obj_text(faces=[]) + faces))
     assert [mesh.name for mesh in scene.meshes] == OBJ_NAMES[head]
-    assert len(tried) >= 3 and not any(tried)
+
+
+def ply_rows(vertices, faces, order="<", kind="f4", **more):
+    """A binary PLY file; `more`: further columns of vertices."""
+    names = {"f4": "float", "f8": "double", "u1": "uchar"}
+    columns = dict(zip("xyz", np.asarray(vertices).T)) | more
+    types = [(name, order + ("u1" if name in ("red", "green", "blue", "alpha") else kind)) for name in columns]
+    rows = np.empty(len(vertices), types)
+    for name, values in columns.items():
+        rows[name] = values
+    corners = b"".join(struct.pack(f"{order}B{len(face)}I", len(face), *map(int, face)) for face in faces)
+    head = ["ply", f"format binary_{'little' if order == '<' else 'big'}_endian 1.0", "comment made by hand"]
+    head += [f"element vertex {len(vertices)}", *(f"property {names[t[1:]]} {name}" for name, t in types)]
+    head += [f"element face {len(faces)}", "property list uchar uint vertex_index", "end_header", ""]
+    return "\n".join(head).encode() + rows.tobytes() + corners
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("kind", ["f4", "f8"])
+@pytest.mark.parametrize("has_colours", [False, True])
+@pytest.mark.parametrize("has_normals", [False, True])
+def test_binary_files_are_read_as_by_trimesh_without_it(tmp_path, monkeypatch, order, kind, has_colours, has_normals):
+    rng = np.random.default_rng(4)
+    vertices, faces = rng.normal(size=(50, 3)).astype(kind), rng.integers(0, 50, (70, 3))
+    more = {}
+    if has_normals:
+        more |= dict(zip(("nx", "ny", "nz"), rng.normal(size=(3, 50)).astype(kind)))
+    if has_colours:
+        more |= dict(zip(("red", "green", "blue"), rng.integers(0, 256, (3, 50), np.uint8)))
+    path = put(tmp_path, "a.ply", ply_rows(vertices, faces, order, kind, **more))
+    with monkeypatch.context() as patch:
+        patch.setattr(mesh_files, "_read_triangles", lambda *arguments: None)
+        wanted = load(path)
+    monkeypatch.setitem(sys.modules, "trimesh", None)  # importing it fails
+    scene = load(path)
+    for made in (scene, wanted):
+        np.testing.assert_array_equal(
+            made.triangles().vertices, (vertices[faces].astype(float) - made.origin).astype(np.float32)
+        )
+    np.testing.assert_array_equal(scene.colours, wanted.colours)
+    assert (scene.appearance is None) == (wanted.appearance is None) == (not has_colours and not has_normals)
+    if has_normals:
+        np.testing.assert_array_equal(scene.appearance.normals, wanted.appearance.normals)
+    if has_colours:
+        np.testing.assert_array_equal(scene.appearance.colours, wanted.appearance.colours)
+        assert len(np.unique(scene.colours)) > 50
+
+
+def test_binary_stl_needs_no_trimesh(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    assert_at(load(put(tmp_path, "a.stl", stl_binary())), SOLID)
+
+
+@pytest.mark.parametrize("kind", ["float", "double"])
+def test_text_files_are_read_as_by_trimesh_without_it(tmp_path, monkeypatch, kind):
+    vertices = np.random.default_rng(5).normal(size=(4, 3))
+    text = ply_text(vertices, kind=kind).replace(
+        f"property {kind} z\n",
+        f"property {kind} z\n" + "".join(f"property uchar {c}\n" for c in ("red", "green", "blue")),
+    )
+    lines = text.splitlines()
+    at = lines.index("end_header") + 1
+    lines[at : at + 4] = [f"{line} {50 * k} {90 - k} 255" for k, line in enumerate(lines[at : at + 4])]
+    ply, stl = put(tmp_path, "a.ply", "\n".join(lines) + "\n"), put(tmp_path, "a.stl", stl_text())
+    with monkeypatch.context() as patch:
+        patch.setattr(mesh_files, "_read_triangles", lambda *arguments: None)
+        patch.setattr(mesh_files, "_read_solids", lambda *arguments: None)
+        wanted = load(ply), load(stl)
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    for path, other in zip((ply, stl), wanted):
+        scene = load(path)
+        np.testing.assert_array_equal(scene.triangles().vertices, other.triangles().vertices)
+        np.testing.assert_array_equal(scene.colours, other.colours)
+        assert scene.meshes == other.meshes
+    assert len(np.unique(wanted[0].colours)) > 4
+
+
+@pytest.mark.parametrize("is_text", [False, True])
+def test_colours_of_faces(tmp_path, monkeypatch, is_text):
+    colours = np.random.default_rng(6).integers(0, 256, (4, 3), np.uint8)
+    channels = "".join(f"property uchar {c}\n" for c in ("red", "green", "blue"))
+    if is_text:
+        lines = ply_text().replace("end_header\n", channels + "end_header\n").splitlines()
+        rows = [f"{line} {' '.join(map(str, rgb))}" for line, rgb in zip(lines[-4:], colours.tolist())]
+        path = put(tmp_path, "a.ply", "\n".join(lines[:-4] + rows) + "\n")
+    else:
+        head, body = ply_binary().split(b"end_header\n")
+        faces = [body[-13 * (4 - k) :][:13] + rgb.tobytes() for k, rgb in enumerate(colours)]
+        path = put(tmp_path, "a.ply", head + channels.encode() + b"end_header\n" + body[: -13 * 4] + b"".join(faces))
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    scene = load(path)
+    np.testing.assert_allclose(scene.colours, [[linear(c / 255) for c in rgb] for rgb in colours.tolist()], rtol=1e-6)
+    assert_at(scene, SOLID)
+
+
+def test_solids_of_an_stl_file_are_meshes(tmp_path):
+    text = stl_text().replace("solid a\n", "solid left part\n", 1) + stl_text().upper().replace("SOLID A", "SOLID b")
+    scene = load(put(tmp_path, "a.stl", text))
+    assert [(mesh.name, mesh.triangles) for mesh in scene.meshes] == [("left part", 4), ("b", 4)]
+
+
+@pytest.mark.parametrize("words", ["0 0 x", "0 0"])
+def test_damaged_text_of_stl_is_refused(tmp_path, words):
+    with pytest.raises(InputError, match=r"a\.stl"):
+        load(put(tmp_path, "a.stl", stl_text().replace("vertex 0.0 0.0 0.0", f"vertex {words}", 1)))
+
+
+def test_unusual_ply_is_left_to_trimesh(tmp_path):
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
+    assert load(put(tmp_path, "a.ply", ply_rows(square, [(0, 1, 2, 3)]))).n_triangles == 2
+    text = ply_text(square, [(0, 1, 2)]).replace("3 0 1 2", "4 0 1 2 3")
+    assert load(put(tmp_path, "c.ply", text)).n_triangles == 2
+    data = ply_rows(square, [(0, 1, 2), (0, 2, 3)], s=square[:, 0], t=square[:, 1])
+    assert load(put(tmp_path, "b.ply", data)).n_triangles == 2

@@ -171,3 +171,18 @@ def test_an_exr_without_layers_is_smaller(tmp_path):
     scene = at.procedural("atrium", triangles=2000)
     frame = at.render(scene, scene.cameras[0].resized(40, 30), spp=4)
     assert frame.layers is None and not [name for name in save.exr_channels(frame) if name.startswith("light.")]
+
+
+def test_an_exr_is_compressed_in_threads_that_end_with_it(frame, tmp_path, monkeypatch):
+    """Threads of OpenEXR do not survive a fork, and a child that waited for them would hang."""
+    counts, set_count = [], OpenEXR.set_global_thread_count
+    monkeypatch.setattr(OpenEXR, "set_global_thread_count", lambda n: counts.append(n) or set_count(n))
+    monkeypatch.setattr(save, "thread_count", lambda threads: 3)
+    frame.save(tmp_path / "a.exr")
+    assert counts == [3, 0] and OpenEXR.global_thread_count() == 0
+    with pytest.raises(OSError, match=r"."):
+        save.write_exr(save.exr_channels(frame), tmp_path / "missing" / "a.exr", None)
+    assert counts == [3, 0, 3, 0]
+    monkeypatch.setattr(save, "thread_count", lambda threads: 1)
+    frame.save(tmp_path / "b.exr")
+    assert counts[4:] == [0, 0] and (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()

@@ -17,7 +17,14 @@ from ..scene.camera import VFOV, Camera, axes, bounding_sphere, fitted_camera
 from ..scene.default_picture import DefaultView, Room, exit_distance, view_of_bounds
 from ..scene.instance_data import InstanceData
 from ..scene.lights import tangents
-from ..scene.scene_bounds import MAX_SAMPLED_FACES, corners_within, detail_box, moving_faces, sampled_faces
+from ..scene.scene_bounds import (
+    MAX_SAMPLED_FACES,
+    bounds_of_points,
+    corners_within,
+    detail_box,
+    moving_faces,
+    sampled_faces,
+)
 from ..scene.scene_data import MemoryData, SceneData
 from ..scene.triangles import Triangles
 from .primary_visibility import primary_visibility
@@ -102,7 +109,7 @@ def _outermost_box(triangles: Triangles, threads: int | None) -> EnclosingBox | 
     planes = _hull_planes(triangles.vertices[np.unique(visible)].reshape(-1, 3))
     if planes is None:
         return None
-    size = float(np.ptp(triangles.vertices, axis=(0, 1)).max())
+    size = float(np.ptp(bounds_of_points(triangles.vertices), axis=0).max())
     corners = triangles.vertices.reshape(-1, 3).astype(np.float64)
     wrap = np.zeros(len(triangles.vertices), bool)
     for x, y, z, offset, area in planes:

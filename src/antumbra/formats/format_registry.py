@@ -83,8 +83,14 @@ def _read_mesh_file(path: Path, options: ReadOptions) -> SceneData:
     return _data_of(*read_mesh_file(path), path.stem, options)
 
 
+def _read_obj(path: Path, options: ReadOptions) -> SceneData:
+    from .obj_file import read_obj
+
+    return _data_of(*read_obj(path), path.stem, options)
+
+
 def _write_obj(scene: PaletteScene, name: str, path: Path) -> list[Path]:
-    from .mesh_files import write_obj
+    from .obj_file import write_obj
 
     return write_obj(scene, name, path)
 
@@ -120,7 +126,7 @@ GLTF = Format("glTF 2.0", (".gltf",), _read_gltf, None, "compressed", _GLTF_LOST
 OBJ = Format(
     "Wavefront OBJ",
     (".obj",),
-    _read_mesh_file,
+    _read_obj,
     _write_obj,
     None,
     "all of materials but Kd, d, Tr, map_Kd and map_d; lines and curves; when written: cameras and lights",

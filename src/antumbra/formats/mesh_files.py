@@ -1,126 +1,225 @@
-"""OBJ, PLY and STL files: parsed by trimesh, with checks before and after; OBJ and PLY output with face colours.
+"""PLY and STL files: files of triangles are read at once, unusual ones by trimesh; PLY output with face colours.
 
 Headers, sizes and vertex indices that trimesh would misread are checked beforehand, the resulting arrays afterwards.
+Importing trimesh takes longer than reading a million triangles.
 """
 
 import io
 import logging
 import re
-from collections.abc import Iterator, Mapping
-from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..errors import InputError
-from ..files import atomic_output, checked_file, sibling
-from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture, decode_image, linear_to_srgb
+from ..files import atomic_output
+from ..scene.materials import PLAIN, linear_to_srgb
 from ..scene.mesh import Mesh, StaticMeshes, VertexAttributes, flip_v, make_mesh, textured_mesh
 from ..scene.palette_scene import PaletteScene
+from .obj_file import MeshNames
+from .text_numbers import parsed_numbers
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # keeps its tracebacks off the screen
 
-MAX_SIDE_FILE = 1 << 28
 _PLY_ELEMENT = re.compile(rb"^element\s+(\S+)\s+(\d+)", re.MULTILINE)
-_OPTIONS = re.compile(r"^(?:-(?:[ost]\s+\S+\s+\S+\s+\S+|mm\s+\S+\s+\S+|\w+\s+\S+)\s+)+")  # before a texture's name
-_OBJ_HEAD = re.compile(rb"^(usemtl|o|f|g|s) ([^\n]*)", re.MULTILINE)
-_OBJ_OBJECT = re.compile(rb"^o [^\n]*", re.MULTILINE)
-_OBJ_ZERO = re.compile(rb"^\s*f\s(?:[^\n]*\s)?0+(?=[/\s]|$)", re.MULTILINE)
+_PLY_LINE = re.compile(rb"^(element|property)\s+(.+?)\s*$", re.MULTILINE)
+_PLY_TYPES = {
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
+}
+_RGBA, _NORMAL = ("red", "green", "blue", "alpha"), ("nx", "ny", "nz")
+_KNOWN = {*"xyz", *_NORMAL, *_RGBA}
+_PLY_INDICES = ("vertex_indices", "vertex_index")
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_SOLID = re.compile(rb"^[ \t]*solid\b([^\n]*)\n(.*?)^[ \t]*endsolid", re.MULTILINE | re.DOTALL | re.IGNORECASE)
+_STL_HEADER = 84  # bytes: a text, and the number of facets
 
 
 # --- Reading ----------------------------------------------------------------------------------------------------------
 
 
 def read_mesh_file(path: Path) -> tuple[StaticMeshes, list[str]]:
-    """(source, notes) for an .obj, .ply or .stl file. The notes list everything left out."""
-    import trimesh
-
-    data, file, kind = path.read_bytes(), path.name, path.suffix.lower()[1:]
-    if kind == "ply":
+    """(source, notes) for a .ply or .stl file. The notes list everything left out."""
+    data, file = path.read_bytes(), path.name
+    where = f'{file}: mesh "{path.stem}"'
+    if path.suffix.lower() == ".ply":
         _check_ply(data, file)
-    elif kind == "obj":
-        _check_obj(data, file)
+        mesh = _read_triangles(data, path.stem, where)
+        meshes = None if mesh is None else [mesh]
     else:
         _check_stl(data, file)
-    textures = FolderResolver(path.parent, file, _obj_name(data) if kind == "obj" else "geometry")
-    data = _OBJ_OBJECT.sub(b"", data) if kind == "obj" else data
+        meshes = _read_solids(data, path) if _is_text(data) else _read_facets(data, path.stem, where)
+    return StaticMeshes(_read_by_trimesh(data, path) if meshes is None else meshes, file), []
+
+
+def _read_facets(data: bytes, name: str, where: str) -> list[Mesh] | None:
+    """The mesh of a binary STL file; None if its size is not that of its header."""
+    count = int.from_bytes(data[80:_STL_HEADER], "little")
+    if len(data) != _STL_HEADER + count * _FACET.itemsize:
+        return None
+    facets = np.frombuffer(data, _FACET, count, _STL_HEADER)
+    return [make_mesh(name, facets["corners"].reshape(-1, 3), None, None, where)]
+
+
+def _read_solids(data: bytes, path: Path) -> list[Mesh] | None:
+    """The solids of an STL file of text; None if their vertices are not numbers."""
+    solids = [
+        (each[1].decode("utf-8", "replace").strip(), parsed_numbers(_vertices_in(each[2]), np.float64))
+        for each in _SOLID.finditer(data)
+    ]
+    if not solids or any(numbers is None or len(numbers) % 9 for _, numbers in solids):
+        return None
+    meshes, names = list[Mesh](), MeshNames("geometry", True)
+    for given, numbers in solids:
+        if numbers is not None and len(numbers):
+            name = path.stem if len(solids) == 1 else names.of(given)
+            meshes.append(make_mesh(name, numbers.reshape(-1, 3), None, None, f'{path.name}: mesh "{name}"'))
+    return meshes
+
+
+def _vertices_in(solid: bytes) -> bytes:
+    """The rest of each line after "vertex"."""
+    return b" ".join(rest.partition(b"\n")[0] for rest in solid.lower().split(b"vertex")[1:])
+
+
+def _read_triangles(data: bytes, name: str, where: str) -> Mesh | None:
+    """The mesh of a PLY file with only vertices and triangles, without texture coordinates; None for others."""
+    layout = _ply_layout(data)
+    rows = None if layout is None else layout.text_rows(data) if layout.is_text else layout.rows(data)
+    if rows is None or not (rows[1]["n"] == 3).all():
+        return None
+    vertices, faces = rows
+    of_faces, of_vertices = _colours(faces), _colours(vertices)
+    mesh = make_mesh(name, _columns(vertices, *"xyz"), faces["corners"], of_faces, where)
+    if of_faces is not None:
+        return mesh
+    normals = _columns(vertices, "nx", "ny", "nz") if "nx" in (vertices.dtype.names or ()) else None
+    return textured_mesh(
+        mesh, faces["corners"], len(vertices), PLAIN, where, VertexAttributes(None, of_vertices, normals)
+    )
+
+
+def _colours(rows: np.ndarray) -> np.ndarray | None:
+    """(n, 3 or 4) uint8: the colours of vertices or faces; None without any."""
+    names = [channel for channel in _RGBA if channel in (rows.dtype.names or ())]
+    return _columns(rows, *names) if names else None
+
+
+def _columns(rows: np.ndarray, *names: str) -> np.ndarray:
+    """(n, k): fields of structured rows, in native byte order."""
+    return np.stack([rows[name].astype(rows.dtype[name].newbyteorder("=")) for name in names], 1)
+
+
+class _PlyLayout(NamedTuple):
+    """The layout of a PLY file whose faces are all triangles."""
+
+    start: int  # the first byte after the header
+    n_vertices: int
+    vertex: np.dtype
+    n_faces: int
+    face: np.dtype  # fields: n, the number of corners; corners, three indices
+    is_text: bool
+
+    def rows(self, data: bytes) -> tuple[np.ndarray, np.ndarray] | None:
+        """The vertices and faces of a binary file; None if its size is another one."""
+        end = self.start + self.n_vertices * self.vertex.itemsize
+        if len(data) - end != self.n_faces * self.face.itemsize:
+            return None
+        vertices = np.frombuffer(data, self.vertex, self.n_vertices, self.start)
+        return vertices, np.frombuffer(data, self.face, self.n_faces, end)
+
+    def text_rows(self, data: bytes) -> tuple[np.ndarray, np.ndarray] | None:
+        """The same of a file of text, with int64 indices; None if it has other numbers."""
+        numbers = parsed_numbers(data[self.start :], np.float64)
+        names, channels = self.vertex.names or (), (self.face.names or ())[2:]
+        n, width = self.n_vertices * len(names), 4 + len(channels)
+        if numbers is None or len(numbers) != n + width * self.n_faces:
+            return None
+        vertices, table = np.empty(self.n_vertices, self.vertex), numbers[n:].reshape(-1, width)
+        for name, column in zip(names, numbers[:n].reshape(-1, len(names)).T):
+            vertices[name] = column
+        faces = np.empty(self.n_faces, [("n", int), ("corners", int, 3), *((channel, "u1") for channel in channels)])
+        faces["n"], faces["corners"] = table[:, 0], table[:, 1:4]
+        for k, channel in enumerate(channels):
+            faces[channel] = table[:, 4 + k]
+        return (vertices, faces) if (faces["corners"] == table[:, 1:4]).all() else None
+
+
+def _ply_layout(data: bytes) -> _PlyLayout | None:
+    """The layout of a PLY file; None if it is unusual."""
+    head, _, _ = data.partition(b"end_header")
+    order = ">" if b"format binary_big_endian" in head else "<"
+    elements = list[tuple[str, int, list[list[str]]]]()
+    for kind, rest in _PLY_LINE.findall(head):
+        words = rest.decode("ascii", "replace").split()
+        if kind == b"element":
+            elements.append((words[0], int(words[1]), []))
+        elif elements:
+            elements[-1][2].append(words)
+    if [name for name, _, _ in elements] != ["vertex", "face"]:
+        return None
+    (_, n_vertices, of_vertex), (_, n_faces, of_face) = elements
+    vertex, face = _numpy_type(of_vertex, order), _face_type(of_face, order)
+    names = () if vertex is None else vertex.names or ()
+    if (
+        vertex is None
+        or face is None
+        or not set(names).issuperset("xyz")
+        or (_has_colour(vertex) and _has_colour(face))
+    ):
+        return None
+    start = data.find(b"\n", len(head)) + 1
+    return _PlyLayout(start, n_vertices, vertex, n_faces, face, b"format ascii" in head)
+
+
+def _numpy_type(properties: list[list[str]], order: str) -> np.dtype | None:
+    """The type of rows of numbers; None unless they are known, in the usual order of channels, which are bytes."""
+    fields = [(words[-1], order + _PLY_TYPES.get(words[0], "")) for words in properties if len(words) == 2]
+    names = [name for name, _ in fields]
+    if len(fields) != len(properties) or len(set(names)) != len(names) or not set(names) <= _KNOWN:
+        return None
+    channels = [(name, kind[1:]) for name, kind in fields if name in _RGBA]
+    if channels not in ([], *([(name, "u1") for name in _RGBA[:n]] for n in (3, 4))) or order in dict(fields).values():
+        return None
+    return np.dtype(fields) if set(names).isdisjoint(_NORMAL) or set(names).issuperset(_NORMAL) else None
+
+
+def _face_type(properties: list[list[str]], order: str) -> np.dtype | None:
+    """The type of triangles with optional colours; None for other faces."""
+    if not properties or len(properties[0]) != 4 or properties[0][0] != "list" or properties[0][3] not in _PLY_INDICES:
+        return None
+    of_count, of_index = (_PLY_TYPES.get(word, "f4") for word in properties[0][1:3])
+    colours = _numpy_type(properties[1:], order)
+    names = () if colours is None else colours.names or ()
+    if "f" in of_count + of_index or colours is None or not set(names) <= set(_RGBA):
+        return None
+    return np.dtype([("n", order + of_count), ("corners", order + of_index, 3), *((name, "u1") for name in names)])
+
+
+def _has_colour(rows: np.dtype) -> bool:
+    return _RGBA[0] in (rows.names or ())
+
+
+def _read_by_trimesh(data: bytes, path: Path) -> list[Mesh]:
+    import trimesh
+
     try:
-        loaded = trimesh.load(io.BytesIO(data), file_type=kind, resolver=textures, process=False)
+        loaded = trimesh.load(io.BytesIO(data), file_type=path.suffix.lower()[1:], process=False)
     except IndexError as error:
-        raise InputError(f"{file}: a face uses a missing vertex ({error}); export the mesh again") from error
+        raise InputError(f"{path.name}: a face uses a missing vertex ({error}); export the mesh again") from error
     parts = loaded.geometry if isinstance(loaded, trimesh.Scene) else {path.stem: loaded}
-    meshes = [_mesh(name, part, textures) for name, part in parts.items() if len(getattr(part, "faces", ()))]
-    return StaticMeshes(meshes, file), textures.notes
+    return [_mesh(name, part, path.name) for name, part in parts.items() if len(getattr(part, "faces", ()))]
 
 
-class FolderResolver(Mapping[str, bytes]):
-    """A trimesh resolver for material and texture files in the scene's folder only; also supplies mesh names."""
-
-    def __init__(self, folder: Path, file: str, name: str = "geometry"):
-        self.notes: list[str] = []
-        self._folder, self.file = folder, file
-        self._names = _names(name)
-        self._textures: dict[tuple[str, str], Texture | None] = {}
-
-    def get(self, name: str, default: Any = None) -> bytes:
-        """The contents of the file `name`. An unreadable file adds a note and raises OSError."""
-        name = _OPTIONS.sub("", name.strip()).replace("\\", "/")
-        where = f"{self.file}: file {name[:80]!r}"
-        try:
-            path = checked_file(sibling(self._folder, name, f"{self.file}: file"), where)
-            if path.stat().st_size > MAX_SIDE_FILE:
-                raise InputError(f"{where} is too large")
-            return path.read_bytes()
-        except (InputError, OSError) as error:
-            self.notes.append(f"{error} (its colours are taken as white)")
-            raise OSError(str(error)) from error
-
-    @property
-    def file_name(self) -> str:
-        """The name of the next mesh of an OBJ file whose materials are missing.
-
-        trimesh gives all of them this name and then searches for a free number from 1 on: a million tries for 1,400.
-        """
-        return next(self._names)
-
-    def __getitem__(self, name: str) -> bytes:
-        return self.get(name)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(())  # files are not listed
-
-    def __len__(self) -> int:
-        return 0
-
-    def texture(self, colour: str, opacity: str) -> Texture | None:
-        """A texture from the file `colour`, with the brightness of the file `opacity` as alpha; "": no file.
-
-        None if neither file can be read.
-        """
-        if (colour, opacity) not in self._textures:
-            data = [self._decodable(name) for name in (colour, opacity)]
-            texture = Texture(f"{self.file}: {colour or opacity}", data[0], has_alpha=bool(data[1]), opacity=data[1])
-            self._textures[colour, opacity] = texture if data[0] or data[1] else None
-        return self._textures[colour, opacity]
-
-    def _decodable(self, name: str) -> bytes | None:
-        if not name:
-            return None
-        try:
-            data = self.get(name)
-            decode_image(data, 1)
-        except ValueError as error:
-            if not isinstance(error, InputError):
-                self.notes.append(f"{self.file}: texture {name[:80]!r} is unusable ({error}); taken as white")
-            return None
-        except OSError:  # `get` has added a note
-            return None
-        return data
-
-
-def _mesh(name: str, part: Any, textures: FolderResolver) -> Mesh:
-    where = f'{textures.file}: mesh "{name}"'
+def _mesh(name: str, part: Any, file: str) -> Mesh:
+    where = f'{file}: mesh "{name}"'
     positions, faces = np.asarray(part.vertices), np.asarray(part.faces)
     if positions.ndim != 2 or positions.shape[1] != 3:
         raise InputError(f"{where} has vertices of {positions.shape[-1]} numbers; a vertex is x y z")
@@ -131,31 +230,11 @@ def _mesh(name: str, part: Any, textures: FolderResolver) -> Mesh:
     of_vertices = np.asarray(part.visual.vertex_colors) if part.visual.kind == "vertex" else None
     uv = flip_v(getattr(part.visual, "uv", None), len(positions))
     normals = part.vertex_normals if "vertex_normals" in part._cache else None  # only if from the file
-    material = _material(getattr(part.visual, "material", None), textures)
-    return textured_mesh(mesh, faces, len(positions), material, where, VertexAttributes(uv, of_vertices, normals))
+    return textured_mesh(mesh, faces, len(positions), PLAIN, where, VertexAttributes(uv, of_vertices, normals))
 
 
-def _material(mtl: Any, textures: FolderResolver) -> Material:
-    """A material from an MTL file: Kd (linear) and d or Tr, with the textures map_Kd and map_d."""
-    if mtl is None:
-        return PLAIN
-    diffuse, options = getattr(mtl, "diffuse", None), getattr(mtl, "kwargs", {})
-    r, g, b = (np.ones(3) if diffuse is None else np.asarray(diffuse)[:3] / 255.0).tolist()
-    image = getattr(mtl, "image", None)
-    colour_file = "" if image is None else image.info.get("file_path", "")
-    opacity_file = " ".join(options.get("map_d", ()))
-    alpha = _number(options.get("d"), 1.0) if "d" in options else 1.0 - _number(options.get("tr"), 0.0)
-    texture = textures.texture(colour_file, opacity_file) if colour_file or opacity_file else None
-    mode = MASK if texture is not None and texture.has_alpha else BLEND if alpha < 1.0 else OPAQUE
-    return Material(getattr(mtl, "name", None) or "", (r, g, b, alpha), texture, mode)
-
-
-def _number(words: Any, default: float) -> float:
-    """The last number on a line of an MTL file, clamped to [0, 1]."""
-    try:
-        return float(np.clip(float(words[-1]), 0.0, 1.0))
-    except (TypeError, ValueError, IndexError):
-        return default
+def _is_text(stl: bytes) -> bool:
+    return stl.lstrip().startswith(b"solid") and b"facet" in stl
 
 
 def _check_ply(data: bytes, file: str) -> None:
@@ -174,35 +253,11 @@ def _check_ply(data: bytes, file: str) -> None:
 
 def _check_stl(data: bytes, file: str) -> None:
     """Raise InputError if a binary STL is shorter than its header declares. trimesh would read it as empty ASCII."""
-    if data.lstrip().startswith(b"solid") and b"facet" in data:
+    if _is_text(data):
         return
-    needed = 84 + 50 * int.from_bytes(data[80:84], "little")
+    needed = _STL_HEADER + _FACET.itemsize * int.from_bytes(data[80:_STL_HEADER], "little")
     if len(data) < needed:
         raise InputError(f"{file}: STL header needs {needed} bytes, there are {len(data)}; copy the file again")
-
-
-def _obj_name(data: bytes) -> str:
-    """The name that trimesh gives to meshes of an OBJ file without materials: the ``o`` line before all faces."""
-    first = _OBJ_HEAD.search(data)
-    return "geometry" if first is None or first[1] != b"o" else first[2].strip().decode("utf-8", "replace")
-
-
-def _names(name: str) -> Iterator[str]:
-    """Distinct names as trimesh generates them: name, name_1, name_2 ...; or part_7, part_8 ..."""
-    if name:
-        yield name
-    stem, mark, number = name.rpartition("_")
-    numbered = bool(mark) and number.isdecimal()
-    stem, last = (stem, int(number)) if numbered else (name or "geometry", 0)
-    yield from (f"{stem}_{i}" for i in count(last + 1))
-
-
-def _check_obj(data: bytes, file: str) -> None:
-    """Raise InputError on vertex index 0, which is invalid in OBJ. trimesh would read it as 1."""
-    match = _OBJ_ZERO.search(data)
-    if match:
-        line = data.count(b"\n", 0, match.end()) + 1
-        raise InputError(f"{file}: line {line} uses vertex 0; OBJ counts vertices from 1, export the mesh again")
 
 
 # --- Writing ----------------------------------------------------------------------------------------------------------
@@ -225,22 +280,3 @@ def write_ply(scene: PaletteScene, path: Path) -> list[Path]:
     with atomic_output(path) as temporary:
         temporary.write_bytes("\n".join(head).encode() + vertices.tobytes() + faces.tobytes())
     return [path]
-
-
-def write_obj(scene: PaletteScene, name: str, path: Path) -> list[Path]:
-    """Write a scene to an .obj file, and its colours to an .mtl file next to it; return both paths."""
-    library = path.with_suffix(".mtl")
-    lines = [f"mtllib {library.name}", f"o {name}"]
-    lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.asarray(scene.vertices).tolist()]
-    colour = np.asarray(scene.colour)
-    order = np.argsort(colour, kind="stable")
-    groups = np.split(np.asarray(scene.faces)[order] + 1, np.flatnonzero(np.diff(colour[order])) + 1)
-    names = np.unique(colour).tolist()
-    for k, faces in zip(names, groups):
-        lines.append(f"usemtl colour{k}")
-        lines += [f"f {a} {b} {c}" for a, b, c in faces.tolist()]
-    paints = ["newmtl colour{}\nKd {:.6g} {:.6g} {:.6g}\n".format(k, *np.asarray(scene.palette)[k]) for k in names]
-    with atomic_output(library) as paint_file, atomic_output(path) as file:
-        paint_file.write_text("\n".join(paints), encoding="utf-8")
-        file.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return [path, library]

@@ -20,6 +20,7 @@ from ..engine.scene_loading import scene_of
 from ..errors import InputError
 from ..extras import import_extra
 from ..files import atomic_output, checked_output
+from ..picture.image_files import save_png
 from ..scene.camera import Camera
 from ..scene.crs import checked_crs
 from .false_colours import coloured_model, false_colours
@@ -148,11 +149,7 @@ def _fill(file: Any, table: "Table", names: list[str]) -> None:
 
 
 def _png(table: "Table", path: Path, column: str) -> None:
-    from PIL import Image
-
-    image = Image.fromarray(false_colours(table, column))
-    with atomic_output(path) as temporary:
-        image.save(temporary, "PNG")
+    save_png(false_colours(table, column), path)
 
 
 def _glb(table: "Table", path: Path, column: str) -> None:

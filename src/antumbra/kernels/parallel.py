@@ -23,7 +23,7 @@ import queue
 import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,7 @@ __all__ = [
     "N",
     "Ticket",
     "items",
+    "map_in_threads",
     "new_ticket",
     "run",
     "shares",
@@ -57,6 +58,9 @@ STOP = 1  # if nonzero, no more items are handed out
 N = 2  # number of items
 CHUNK = 3  # items handed out at a time
 DONE = 4  # a counter for the worker; starts at 0, not used by this module
+
+_Value = TypeVar("_Value")
+_Result = TypeVar("_Result")
 
 MAX_THREADS = 1024
 """Far more threads than processors do not help, and the system may refuse to start them."""
@@ -235,3 +239,25 @@ def run(
     for outcome in job.outcomes:
         if outcome is not None:
             raise outcome
+
+
+def map_in_threads(
+    function: Callable[[_Value], _Result], values: Iterable[_Value], threads: int | None = None
+) -> list[_Result]:
+    """The function of each value, in order: for functions that release the GIL, such as NumPy's and decoders of images.
+
+    threads : None: one per core available to this process
+
+    Raises
+    ------
+    Exception
+        The first exception of the function, in the order of the values.
+    """
+    values = list(values)
+    n_threads = min(thread_count(threads), len(values))
+    if n_threads <= 1:
+        return list(map(function, values))
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(n_threads) as pool:
+        return list(pool.map(function, values))

@@ -3,10 +3,10 @@
 import json
 import math
 import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from functools import cache
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,10 @@ from ..checks import choice, number, quoted, vector
 from ..errors import InputError
 from ..extras import import_extra
 from ..files import atomic_output, checked_output
-from ..scene.materials import BYTE_TO_LINEAR, linear_to_srgb, srgb_to_linear
+from ..forks import hold_during_fork
+from ..kernels.parallel import map_in_threads, thread_count
+from ..scene.materials import LINEAR, linear_to_srgb, srgb_to_linear
+from .png_files import png_file
 
 # --- Tone mapping: exposure, highlight roll-off, sRGB -----------------------------------------------------------------
 
@@ -51,11 +54,12 @@ def automatic_exposure(image: NDArray[np.float32], mask: NDArray[np.bool_]) -> f
     mask : (H, W) bool
         Pixels that count.
     """
-    step = math.isqrt(mask.size // _EXPOSURE_PIXELS)
-    if step > 1 and mask[::step, ::step].any():
-        image, mask = image[::step, ::step], mask[::step, ::step]
+    step = max(1, math.isqrt(mask.size // _EXPOSURE_PIXELS))
+    sampled = np.zeros_like(mask)
+    sampled[::step, ::step] = mask[::step, ::step]
+    pixels = np.flatnonzero(sampled if sampled.any() else mask)
     with np.errstate(invalid="ignore"):  # non-finite pixels do not count
-        luminance = image[mask] @ LUMINANCE
+        luminance = _rows_at(image, pixels) @ LUMINANCE
     luminance = luminance[np.isfinite(luminance) & (luminance > 0.0)]
     if not len(luminance):
         return 1.0
@@ -76,15 +80,21 @@ def to_srgb8(image: NDArray[np.floating], exposure: float) -> NDArray[np.uint8]:
     NaN and negative light are black. The curve is a table of 65536 entries; at black, where it is steepest, an entry
     spans a fifth of an 8-bit step.
     """
-    out = np.empty(image.shape, np.uint8)
-    scale = np.float32(min(exposure * (_ENTRIES / _TOP), 3e38))
+    return _by_rows(lambda rows: _rows_to_srgb8(image[rows], exposure), image)
+
+
+def _rows_to_srgb8(image: NDArray[np.floating], exposure: float) -> NDArray[np.uint8]:
     with np.errstate(invalid="ignore", over="ignore"):
-        for y in range(0, len(image), _ROWS):
-            entry = image[y : y + _ROWS] * scale
-            np.fmax(entry, np.float32(0.0), out=entry)  # fmax and fmin drop NaN
-            np.fmin(entry, np.float32(_ENTRIES - 1), out=entry)
-            out[y : y + _ROWS] = _curve()[entry.astype(np.uint16)]
-    return out
+        entry = image * np.float32(min(exposure * (_ENTRIES / _TOP), 3e38))
+        np.fmax(entry, np.float32(0.0), out=entry)  # fmax and fmin drop NaN
+        np.fmin(entry, np.float32(_ENTRIES - 1), out=entry)
+    return np.take(_curve(), entry.astype(np.uint16), mode="clip")  # "clip" is the fastest, and no index needs it
+
+
+def _by_rows(function: Callable[[slice], NDArray[np.uint8]], image: np.ndarray) -> NDArray[np.uint8]:
+    """The results of a function of a few rows of an image at a time, in threads, below each other."""
+    strips = [slice(y, y + _ROWS) for y in range(0, max(len(image), 1), _ROWS)]
+    return np.concatenate(map_in_threads(function, strips))
 
 
 @cache
@@ -99,6 +109,8 @@ def _curve() -> NDArray[np.uint8]:
 IMAGE_SUFFIXES = (".png", ".exr")
 MAX_EXPOSURE = 1e30  # the limit of intensities
 _EXR_MAGIC = b"v/1\x01"
+_writing_exr = threading.Lock()  # OpenEXR has one number of threads for all files
+hold_during_fork(_writing_exr)
 _NOTE = "antumbra"  # keyword of the text chunk in a PNG, name of the attribute in an EXR
 
 
@@ -178,20 +190,37 @@ def screen_picture(frame: Any, exposure: float, background: str | ArrayLike | No
     """
     if background is None and frame.backdrop is None:
         return to_srgb8(frame.image, exposure)
-    share = frame.coverage[..., None]
-    surfaces = to_srgb8(frame.image / np.maximum(share, 1e-6), exposure)
-    if isinstance(background, str):
-        return _transparent(surfaces, share, None if frame.ground is None else frame.ground.lost)
-    colour = frame.backdrop
+    share, lost = frame.coverage[..., None], None if frame.ground is None else frame.ground.lost
+    colour = None if isinstance(background, str) else _background(frame, background)
+
+    def screen_rows(rows: slice) -> NDArray[np.uint8]:
+        surfaces = _rows_to_srgb8(frame.image[rows], exposure)
+        pixels = np.flatnonzero(share[rows] < 1.0)
+        some = _rows_at(share[rows], pixels)
+        uncovered = _rows_to_srgb8(_rows_at(frame.image[rows], pixels) / np.maximum(some, 1e-6), exposure)
+        if colour is not None:
+            mixed = some * LINEAR[uncovered] + (1.0 - some) * _rows_at(colour[rows], pixels)
+            uncovered = np.round(255.0 * linear_to_srgb(mixed)).astype(np.uint8)
+        surfaces.reshape(-1, 3)[pixels] = uncovered
+        if colour is None:
+            return _transparent(surfaces, share[rows], None if lost is None else lost[rows])
+        return surfaces
+
+    return _by_rows(screen_rows, frame.image)
+
+
+def _background(frame: Any, background: ArrayLike | None) -> np.ndarray:
+    """(H, W, 3), linear: a background colour under the shadows of a frame, or its backdrop."""
+    colour: np.ndarray = frame.backdrop
     if background is not None:
         colour = srgb_to_linear(vector(background, "background")).astype(np.float32)
         colour = colour if frame.ground is None else colour * frame.ground.share
-    assert colour is not None
-    uncovered = share[..., 0] < 1.0
-    share, colour = share[uncovered], np.broadcast_to(colour, surfaces.shape)[uncovered]
-    mixed = share * BYTE_TO_LINEAR.astype(np.float32)[surfaces[uncovered]] + (1.0 - share) * colour
-    surfaces[uncovered] = np.round(255.0 * linear_to_srgb(mixed)).astype(np.uint8)
-    return surfaces
+    return np.broadcast_to(colour, frame.image.shape)
+
+
+def _rows_at(image: np.ndarray, pixels: NDArray[np.int64]) -> np.ndarray:
+    """(k, c): pixels of an image, (h, w, c), by their flat indices. It is three times as fast as a boolean index."""
+    return np.take(image.reshape(-1, image.shape[-1]), pixels, axis=0)
 
 
 def _transparent(
@@ -232,9 +261,7 @@ def save_png(rgb: NDArray[np.uint8], path: Path, note: str | None = None) -> Non
 
 def png_bytes(rgb: NDArray[np.uint8]) -> bytes:
     """The contents of a PNG file of (H, W, 3) uint8 sRGB."""
-    with BytesIO() as stream:
-        write_png(rgb, stream, None)
-        return stream.getvalue()
+    return png_file(rgb, {})
 
 
 def exr_channels(frame: Any) -> dict[str, np.ndarray]:
@@ -302,17 +329,9 @@ def note_of(path: Path) -> str | None:
         return None
 
 
-def write_png(rgb: NDArray[np.uint8], file: Path | BytesIO, note: str | None) -> None:
-    """Write an sRGB picture, (h, w, 3 or 4) uint8, with an optional note in its metadata."""
-    from PIL import Image
-    from PIL.PngImagePlugin import PngInfo
-
-    chunks = PngInfo()
-    chunks.add(b"sRGB", b"\0")
-    if note is not None:
-        chunks.add_text(_NOTE, note)
-    # Level 1 takes a third of the default's time; files are 15 % larger.
-    Image.fromarray(rgb).save(file, format="PNG", compress_level=1, pnginfo=chunks)
+def write_png(rgb: NDArray[np.uint8], path: Path, note: str | None) -> None:
+    """Write an sRGB picture, (h, w, 3 or 4) or grey (h, w) uint8, with an optional note in its metadata."""
+    path.write_bytes(png_file(rgb, {} if note is None else {_NOTE: note}))
 
 
 def write_exr(
@@ -325,10 +344,24 @@ def write_exr(
     if note is not None:
         header[_NOTE] = note
     try:
-        with OpenEXR.File(header, channels) as file:
+        with _exr_threads(), OpenEXR.File(header, channels) as file:
             file.write(str(path))
     except RuntimeError as error:  # the library turns system errors into RuntimeError
         raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error
+
+
+@contextmanager
+def _exr_threads() -> Iterator[None]:
+    """Let OpenEXR compress on all cores. Its threads end with the block, because a forked child could not use them."""
+    import OpenEXR
+
+    set_count = getattr(OpenEXR, "set_global_thread_count", lambda count: None)  # missing in versions before 3.4
+    with _writing_exr:
+        set_count(thread_count(None) if thread_count(None) > 1 else 0)
+        try:
+            yield
+        finally:
+            set_count(0)
 
 
 # --- Films: .mp4 and .webm by ffmpeg, .gif by Pillow ------------------------------------------------------------------

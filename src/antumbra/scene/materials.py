@@ -87,8 +87,8 @@ def rgba_of(image: "Image.Image") -> NDArray[np.uint8]:
 
 def linear_of(pixels: np.ndarray) -> NDArray[np.float32]:
     """(h, w, 4) float32: sRGB bytes as linear light in [0, 1], and alpha."""
-    out = pixels.astype(np.float32) / np.float32(255.0)
-    out[..., :3] = LINEAR[pixels[..., :3]]
+    out = np.take(LINEAR, pixels)  # alpha too: one pass over memory is the fastest
+    np.divide(pixels[..., 3], np.float32(255.0), out=out[..., 3])
     return out
 
 
@@ -117,7 +117,8 @@ _LEAST = np.float32(1.0 / 255.0)  # added to every weight, so that a fully trans
 def _premultiplied(linear: np.ndarray) -> np.ndarray:
     out = linear.copy()
     out[..., 3] += _LEAST
-    out[..., :3] *= out[..., 3:]
+    for k in range(3):  # twice as fast as broadcasting over three channels
+        out[..., k] *= out[..., 3]
     return out
 
 
@@ -177,6 +178,7 @@ OPAQUE, MASK, BLEND = "OPAQUE", "MASK", "BLEND"
 """Alpha modes, as in glTF: alpha is ignored; a hole below the cutoff; the share of light that the surface blocks."""
 
 _PREVIEW = 256  # pixels of a side that suffice for mean colours
+_MOST_BYTES = 1 << 22  # of an image that stays decoded before anybody needs its pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,6 +211,8 @@ class Texture:
     def preview_levels(self) -> list[np.ndarray]:
         """Mip levels ((h, w, 4) float32, linear) for mean colours; those of a large image start at reduced size."""
         pixels = self._decode(_PREVIEW)
+        if pixels.nbytes <= _MOST_BYTES and not any(map(_is_jpeg, (self.picture, self.opacity))):
+            vars(self)["pixels"] = pixels  # the whole image: a picture needs it next
         smaller = mip_levels(pixels, self.has_alpha)
         if max(pixels.shape[:2]) <= _PREVIEW:
             return [linear_of(pixels), *smaller]
@@ -221,6 +225,11 @@ class Texture:
         else:
             pixels = decode_image(picture, side) if isinstance(picture, bytes) else picture
         return pixels if opacity is None else _with_opaque_alpha(pixels, opacity)
+
+
+def _is_jpeg(picture: "bytes | np.ndarray | None") -> bool:
+    """Whether `decode_image` may reduce a picture."""
+    return isinstance(picture, bytes) and picture.startswith(b"\xff\xd8")
 
 
 def _with_opaque_alpha(pixels: np.ndarray, opacity: np.ndarray) -> np.ndarray:

@@ -1,14 +1,16 @@
 """glTF materials: base colour, texture and alpha mode, and a note on ignored fields."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files import checked_file, sibling
+from ...kernels.parallel import map_in_threads
 from ...scene.materials import BLEND, CLAMP, MASK, MIRROR, OPAQUE, PLAIN, REPEAT, Material, Texture
 from ..json_fields import Fields
 from .gltf_file import CURE_TEXTURES, GltfDocument, data_uri_bytes, is_data_uri
@@ -36,6 +38,10 @@ class MappedMaterial(NamedTuple):
         return uv if self.transform is None else uv @ self.transform[:, :2].T + self.transform[:, 2]
 
 
+_TextureKey: TypeAlias = tuple[int, int, int, bool, bool]
+"""An image, its wrap modes, whether the nearest texel is shown, and whether alpha matters."""
+
+
 class Materials:
     """The materials of a document. Materials with the same texture share its image. Unreadable textures are white."""
 
@@ -47,7 +53,8 @@ class Materials:
         self._samplers = root.objects("samplers")
         self._mapped: dict[int, MappedMaterial] = {}
         self._bad: set[int] = set()
-        self._cache: dict[tuple[int, int, int, bool, bool], Texture] = {}
+        self._cache: dict[_TextureKey, Texture] = {}
+        self._ahead: dict[_TextureKey, Texture] = {}  # from `decode_ahead`
         self.notes: list[str] = []
 
     def of_primitive(self, primitive: Fields) -> MappedMaterial:
@@ -59,13 +66,26 @@ class Materials:
             self._mapped[index] = self._read(self._materials[index])
         return self._mapped[index]
 
+    def decode_ahead(self, primitives: Iterable[Fields]) -> None:
+        """Decode the textures of primitives on all cores. `of_primitive` reports what cannot be decoded."""
+        for primitive in primitives:
+            with suppress(InputError, OSError):
+                material = self._materials[primitive.whole("material", high=len(self._materials))]
+                texture_info = _base_colour(material)[1]
+                if texture_info is not None:
+                    texture = self._textures[texture_info.whole("index", high=len(self._textures))]
+                    key = self._key(texture, _alpha_mode(material) != OPAQUE)
+                    if key is not None and key not in self._ahead:
+                        self._ahead[key] = self._new_texture(key)
+
+        def decode(texture: Texture) -> None:
+            with suppress(ValueError):
+                texture.preview_levels  # noqa: B018
+
+        map_in_threads(decode, self._ahead.values())
+
     def _read(self, fields: Fields) -> MappedMaterial:
-        model, factor, picture = fields.object("pbrMetallicRoughness"), "baseColorFactor", "baseColorTexture"
-        if model is None:
-            model, factor, picture = fields.extension(_SPECULAR), "diffuseFactor", "diffuseTexture"
-        mode = fields.text("alphaMode", OPAQUE)
-        if mode not in (OPAQUE, MASK, BLEND):
-            raise fields.bad("alphaMode", f"{OPAQUE}, {MASK} or {BLEND}")
+        mode = _alpha_mode(fields)
         material = Material(
             name=fields.text("name", ""),
             alpha_mode=mode,
@@ -73,11 +93,9 @@ class Materials:
             double_sided=fields.flag("doubleSided"),
             transmission=_transmission(fields),
         )
-        if model is None:
-            return MappedMaterial(material)
-        r, g, b, a = np.clip(model.numbers(factor, 4, np.ones(4)), 0.0, 1.0).tolist()
+        factor, texture_info = _base_colour(fields)
+        r, g, b, a = np.clip(factor, 0.0, 1.0).tolist()
         material = material._replace(factor=(r, g, b, a))
-        texture_info = model.object(picture)
         if texture_info is None:
             return MappedMaterial(material)
         texture = self._textures[texture_info.whole("index", high=len(self._textures))]
@@ -90,28 +108,37 @@ class Materials:
 
     def _texture(self, texture: Fields, has_alpha: bool) -> Texture | None:
         """A texture that can be decoded, else None, with one note per image."""
+        key = self._key(texture, has_alpha)
+        if key is None:
+            ktx = texture.extension("KHR_texture_basisu") is not None
+            self._white(texture.where, f"it is KTX2; {CURE_TEXTURES}" if ktx else "its format is not supported")
+            return None
+        if key not in self._cache and key[0] not in self._bad:
+            try:
+                image_texture = self._ahead.get(key) or self._new_texture(key)
+                image_texture.preview_levels  # noqa: B018  # decodes now: mean colours need it, and errors must be caught here
+                self._cache[key] = image_texture
+            except (OSError, ValueError) as error:  # an InputError is a ValueError
+                self._bad.add(key[0])
+                self._white(self._images[key[0]].where, str(error))
+        return self._cache.get(key)
+
+    def _key(self, texture: Fields, has_alpha: bool) -> _TextureKey | None:
+        """The image of a texture, and how it is sampled; None if its format is not supported."""
         webp = texture.extension("EXT_texture_webp")
         source = texture if "source" in texture or webp is None else webp
         index = source.whole("source", None, high=len(self._images))
         if index is None:
-            ktx = texture.extension("KHR_texture_basisu") is not None
-            self._white(texture.where, f"it is KTX2; {CURE_TEXTURES}" if ktx else "its format is not supported")
             return None
         number = texture.whole("sampler", None, high=len(self._samplers))
         sampler = Fields({}, texture.where) if number is None else self._samplers[number]
         wrap_s, wrap_t = (_WRAPS.get(sampler.whole(key, 10497), REPEAT) for key in ("wrapS", "wrapT"))
-        nearest = sampler.whole("magFilter", 0) == _NEAREST
-        key = index, wrap_s, wrap_t, nearest, has_alpha
+        return index, wrap_s, wrap_t, sampler.whole("magFilter", 0) == _NEAREST, has_alpha
+
+    def _new_texture(self, key: _TextureKey) -> Texture:
+        index, wrap_s, wrap_t, nearest, has_alpha = key
         image = self._images[index]
-        if key not in self._cache and index not in self._bad:
-            try:
-                image_texture = Texture(image.where, self._bytes(image), wrap_s, wrap_t, nearest, has_alpha)
-                image_texture.preview_levels  # noqa: B018  # decodes now: mean colours need it, and errors must be caught here
-                self._cache[key] = image_texture
-            except (OSError, ValueError) as error:  # an InputError is a ValueError
-                self._bad.add(index)
-                self._white(image.where, str(error))
-        return self._cache.get(key)
+        return Texture(image.where, self._bytes(image), wrap_s, wrap_t, nearest, has_alpha)
 
     def _white(self, where: str, reason: str) -> None:
         reason = " ".join(reason.split())[:160].removeprefix(where + " ")
@@ -135,6 +162,23 @@ class Materials:
         if buffer is None or start + size > len(buffer):
             raise InputError(f"{view.where} reaches beyond its buffer")
         return bytes(buffer[start : start + size])
+
+
+def _base_colour(material: Fields) -> tuple[NDArray[np.float64], Fields | None]:
+    """The factor of a material, (4,), and the reference to its texture; white without either."""
+    model, factor, picture = material.object("pbrMetallicRoughness"), "baseColorFactor", "baseColorTexture"
+    if model is None:
+        model, factor, picture = material.extension(_SPECULAR), "diffuseFactor", "diffuseTexture"
+    if model is None:
+        return np.ones(4), None
+    return model.numbers(factor, 4, np.ones(4)), model.object(picture)
+
+
+def _alpha_mode(material: Fields) -> str:
+    mode: str = material.text("alphaMode", OPAQUE)
+    if mode not in (OPAQUE, MASK, BLEND):
+        raise material.bad("alphaMode", f"{OPAQUE}, {MASK} or {BLEND}")
+    return mode
 
 
 def _transmission(material: Fields) -> float:

@@ -1,5 +1,6 @@
 """The glTF node hierarchy: transforms, keyframe animation, and the cameras and lights at nodes."""
 
+import math
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -261,7 +262,7 @@ def _track(
     times = accessors.finite(sampler.whole("input", high=len(accessors)), "SCALAR")[:, 0]
     if len(times) == 0:
         return None
-    if (np.diff(times) < 0.0).any():
+    if (times[1:] < times[:-1]).any():
         raise InputError(f"{sampler.where}: times of the keys go backwards; export the animation again")
     width = n_weights[node] if path == "weights" else WIDTH[path]
     if width == 0:
@@ -269,9 +270,9 @@ def _track(
     kind = "SCALAR" if path == "weights" else f"VEC{width}"
     output = accessors.finite(sampler.whole("output", high=len(accessors)), kind)
     shape = (len(times), 3, width) if interpolation == CUBICSPLINE else (len(times), width)
-    if output.size != np.prod(shape):
+    if output.size != math.prod(shape):
         raise InputError(
-            f"{sampler.where} has {output.size} numbers for {len(times)} keys; {np.prod(shape)} are needed"
+            f"{sampler.where} has {output.size} numbers for {len(times)} keys; {math.prod(shape)} are needed"
         )
     values = output.reshape(shape)
     if path == "rotation":

@@ -227,6 +227,8 @@ def _mesh_nodes(
     mesh_of_node: list[int | None],
 ) -> list[MeshNode]:
     skins, draws = read_skins(document.root, accessors, len(nodes.fields)), list[MeshNode]()
+    visible = {index for node in np.flatnonzero(nodes.visible) if (index := mesh_of_node[node]) is not None}
+    materials.decode_ahead(primitive for index in sorted(visible) for primitive in meshes[index].parts)
     for node in np.flatnonzero(nodes.visible).tolist():
         mesh_index = mesh_of_node[node]
         if mesh_index is None:

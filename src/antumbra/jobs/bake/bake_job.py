@@ -5,8 +5,6 @@ report.
 """
 
 import io
-import struct
-import zlib
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
@@ -27,6 +25,7 @@ from ...formats.gltf.gltf_file import data_uri_bytes, is_data_uri
 from ...formats.gltf.gltf_writer import Json
 from ...picture.image_files import write_exr
 from ...picture.option_fields import with_keywords
+from ...picture.png_files import SMALL, png_file
 from ...progress import PhaseClock, Progress, with_progress
 from ...scene.materials import BYTE_TO_LINEAR, linear_to_srgb
 from ..executors import Executor, Keep, executor_of
@@ -71,9 +70,6 @@ class Baked(NamedTuple):
 # --- Image files ------------------------------------------------------------------------------------------------------
 
 
-_COLOUR_TYPES = {1: 0, 3: 2, 4: 6}  # of PNG: grey, RGB, RGBA
-
-
 def encode_pixels(image: NDArray[np.floating], bits: int, srgb: bool) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """An image (h, w, c) float in [0, 1] as uint8 or uint16; `srgb`: encode its first three channels as sRGB."""
     image = np.clip(image, 0.0, 1.0).astype(np.float64)
@@ -82,18 +78,6 @@ def encode_pixels(image: NDArray[np.floating], bits: int, srgb: bool) -> NDArray
     top = (1 << bits) - 1
     pixels = np.round(top * image)
     return pixels.astype(np.uint8) if bits == 8 else pixels.astype(np.uint16)
-
-
-def png_file(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
-    """The PNG file of an image (h, w, 1, 3 or 4) uint8 or uint16. Pillow cannot write 16-bit RGB."""
-    h, w, channels = image.shape
-    rows = image.astype(image.dtype.newbyteorder(">")).reshape(h, -1).view(np.uint8)
-    up = np.diff(rows, axis=0, prepend=np.zeros((1, rows.shape[1]), np.uint8))  # filter 2: minus the row above
-    data = np.concatenate([np.full((h, 1), 2, np.uint8), up], 1).tobytes()
-    head = struct.pack(">IIBBBBB", w, h, 8 * image.itemsize, _COLOUR_TYPES[channels], 0, 0, 0)
-    chunks = [(b"IHDR", head), (b"IDAT", zlib.compress(data, 6)), (b"IEND", b"")]
-    body = b"".join(struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d)) for k, d in chunks)
-    return b"\x89PNG\r\n\x1a\n" + body
 
 
 def save_float_exr(image: NDArray[np.float32], path: Path) -> None:
@@ -219,7 +203,8 @@ def bake_textures(
         texture_image = _material_image(
             asset, accessors, sheet, values * exposure, [originals[k] for k in sheet.members], options
         )
-        png = png_file(encode_pixels(texture_image, options.bits, options.is_light))
+        pixels = encode_pixels(texture_image, options.bits, options.is_light)
+        png = png_file(pixels, is_srgb=False, level=SMALL)  # glTF says which textures are sRGB
         texture = asset.texture(png, options.what)
         sheet_primitives = [primitives[k] for k in sheet.members]
         sets = [

@@ -1,0 +1,302 @@
+"""OBJ files: all lines of one kind are parsed at once, in NumPy.
+
+The lines of vertices, texture coordinates and normals become arrays of correctly rounded float64, and those of faces an
+array of corners. Faces of one material form a mesh; corners that agree in all three indices share a vertex.
+"""
+
+import re
+from collections.abc import Iterator
+from itertools import count
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..files import atomic_output
+from ..scene.materials import PLAIN, Material
+from ..scene.mesh import Mesh, StaticMeshes, VertexAttributes, flip_v, make_mesh, textured_mesh
+from ..scene.palette_scene import PaletteScene
+from .mtl_file import SideFiles, decoded_text, read_materials
+from .text_numbers import parsed_numbers
+
+_SPACE, _NEWLINE, _SLASH = b" \n/"
+_PREFIXES = {"v": b"v  ", "vt": b"vt ", "vn": b"vn ", "f": b"f  "}
+_IRREGULAR = b"\t", b"\v", b"\f", b"\r", b"\n "  # white space that `_lines_of` replaces
+_CURE = "export the mesh again"
+
+
+def read_obj(path: Path) -> tuple[StaticMeshes, list[str]]:
+    """(source, notes) for an .obj file. The notes list everything left out."""
+    lines = _lines_of(path.read_bytes())
+    files = SideFiles(path.parent, path.name)
+    heads = _Heads.of_lines(lines, path.name)
+    materials = read_materials(heads.libraries, files)
+    rows = {kind: lines.rows(prefix) for kind, prefix in _PREFIXES.items()}
+    vertices, uv, normals = (_numbers(lines, rows[kind], path.name) for kind in ("v", "vt", "vn"))
+    triangles = _triangles(lines, rows, path.name)
+    if len(vertices) and len(triangles.line) and vertices.shape[1] < 3:
+        raise InputError(f"{path.name}: has vertices of {vertices.shape[1]} numbers; a vertex is x y z")
+    attributes = _Attributes(vertices[:, :3], vertices[:, 3:6], uv[:, :2], normals, path.name)
+    meshes, names = list[Mesh](), MeshNames(heads.name, len(materials) > 1)
+    groups = list(heads.groups(rows["f"][triangles.line]))
+    for material, chosen in groups:
+        name = names.of(material) if len(groups) > 1 else path.stem
+        meshes.append(attributes.mesh(name, triangles.corners[chosen], materials.get(material)))
+    return StaticMeshes(meshes, path.name), files.notes
+
+
+# --- Lines and numbers ------------------------------------------------------------------------------------------------
+
+
+class _Lines(NamedTuple):
+    """The lines of a file."""
+
+    data: NDArray[np.uint8]  # bytes, with three more after the last newline
+    starts: NDArray[np.int64]  # (n,) int64: the first byte of each line
+    ends: NDArray[np.int64]  # (n,) int64: the position of its newline
+
+    def rows(self, prefix: bytes) -> NDArray[np.int64]:
+        """The lines that begin with a word; `prefix`: the word, followed by spaces up to three bytes."""
+        width = len(prefix.rstrip()) + 1
+        fits = [self.data[self.starts + k] == prefix[k] for k in range(width)]
+        return np.flatnonzero(np.logical_and.reduce(fits))
+
+    def text(self, rows: NDArray[np.int64]) -> bytes:
+        """Lines without their first word, each with its newline."""
+        if not len(rows):
+            return b""
+        start = self.starts[rows[0]]
+        text = self.data[start : self.ends[rows[-1]] + 1].copy()
+        for k in range(int(np.argmax(text == _SPACE))):  # the letters of the word
+            text[self.starts[rows] - start + k] = _SPACE
+        breaks = np.flatnonzero(np.diff(rows) != 1)  # between runs of consecutive lines
+        first, last = rows[np.append(0, breaks + 1)], rows[np.append(breaks, len(rows) - 1)]
+        spans = zip((self.starts[first] - start).tolist(), (self.ends[last] + 1 - start).tolist())
+        return b"".join(text.data[i:k] for i, k in spans)
+
+    def line(self, row: int) -> bytes:
+        return self.data[self.starts[row] : self.ends[row]].tobytes()
+
+
+def _lines_of(data: bytes) -> _Lines:
+    if b"\\" in data:
+        data = re.sub(rb"\\\r?\n", b" ", data)
+    if any(each in data for each in _IRREGULAR):
+        data = re.sub(rb"[\t\v\f ]+", b" ", data.replace(b"\r\n", b"\n").replace(b"\r", b"\n"))
+        data = re.sub(rb" ?\n ?", b"\n", data)
+    data_bytes = np.frombuffer(data.lstrip(b" ") + b"\n\0\0\0", np.uint8)
+    ends = np.flatnonzero(data_bytes == _NEWLINE)
+    return _Lines(data_bytes, np.append(0, ends[:-1] + 1), ends)
+
+
+def _numbers(lines: _Lines, rows: NDArray[np.int64], file: str) -> NDArray[np.float64]:
+    """(n, k) float64: the numbers on lines, k of the shortest one."""
+    text = lines.text(rows)
+    columns = len(text[: text.find(b"\n")].split())
+    values = parsed_numbers(text, np.float64)
+    if values is not None and len(values) == len(rows) * columns:
+        return values.reshape(len(rows), columns)
+    words = [line.partition(b"#")[0].split() for line in text.splitlines()]
+    columns = min(map(len, words))
+    try:
+        return np.array([[float(word) for word in row[:columns]] for row in words], np.float64)
+    except ValueError as error:
+        raise InputError(f"{file}: cannot be read ({error}); {_CURE}") from None
+
+
+# --- Objects, materials and groups of faces ---------------------------------------------------------------------------
+
+
+class _Heads(NamedTuple):
+    """The lines that name objects, materials and their files."""
+
+    name: str  # of meshes without materials
+    libraries: list[str]  # files of materials
+    rows: NDArray[np.int64]  # (k,) int64, ascending: the lines that begin a material
+    materials: list[str]  # their names
+
+    @classmethod
+    def of_lines(cls, lines: _Lines, file: str) -> "_Heads":
+        words: dict[bytes, list[tuple[int, str]]] = {b"usemtl": [], b"mtllib": [], b"o": []}
+        first = lines.data[lines.starts]
+        for row in np.flatnonzero((first == ord("u")) | (first == ord("m")) | (first == ord("o"))).tolist():
+            word, _, rest = lines.line(row).partition(b" ")
+            if word in words:
+                words[word].append((row, decoded_text(rest).strip()))
+        starts = np.concatenate([lines.rows(b"f  ")[:1], *([row] for row, _ in words[b"usemtl"][:1])])
+        names = [name for row, name in words[b"o"] if not len(starts) or row < starts.min()]
+        rows = np.array([row for row, _ in words[b"usemtl"]], np.int64)
+        materials = [name for _, name in words[b"usemtl"]]
+        return cls(names[0] if names else "geometry", [name for _, name in words[b"mtllib"]], rows, materials)
+
+    def groups(self, rows: NDArray[np.int64]) -> Iterator[tuple[str | None, NDArray[np.int64]]]:
+        """The faces on lines `rows`, by material (None: before the first one), the last material first."""
+        names = dict.fromkeys([None, *self.materials])
+        number = {name: k for k, name in enumerate(names)}
+        of_head = np.array([0, *(number[name] for name in self.materials)])
+        of_face = of_head[np.searchsorted(self.rows, rows)]
+        order = np.argsort(of_face, kind="stable")
+        parts = np.split(order, np.flatnonzero(np.diff(of_face[order])) + 1) if len(order) else []
+        by_first = sorted(parts, key=lambda part: int(part[0]), reverse=True)
+        listed = list(names)
+        yield from ((listed[of_face[part[0]]], part) for part in by_first)
+
+
+class MeshNames:
+    """Distinct names of meshes: those of their materials, if a file has several; else name, name_1, name_2 ..."""
+
+    def __init__(self, name: str, by_material: bool) -> None:
+        self._by_material, self._numbered, self._used = by_material, _numbered(name), set[str]()
+
+    def of(self, material: str | None) -> str:
+        """The name of the next mesh."""
+        wanted = iter([material]) if self._by_material and material else iter(())
+        name = next(name for names in (wanted, self._numbered) for name in names if name not in self._used)
+        self._used.add(name)
+        return name
+
+
+def _numbered(name: str) -> Iterator[str]:
+    """Names such as name, name_1, name_2; or part_7, part_8."""
+    if name:
+        yield name
+    stem, mark, number = name.rpartition("_")
+    is_numbered = bool(mark) and number.isdecimal()
+    stem, last = (stem, int(number)) if is_numbered else (name or "geometry", 0)
+    yield from (f"{stem}_{i}" for i in count(last + 1))
+
+
+# --- Faces ------------------------------------------------------------------------------------------------------------
+
+
+class _Triangles(NamedTuple):
+    """The triangles of all polygons, in the order of the file."""
+
+    corners: NDArray[np.int64]  # (n, 3, 3) int64: vertex, texture coordinates and normal of each corner; -1: none
+    line: NDArray[np.int64]  # (n,) int64: index of the line among those of faces
+
+
+def _triangles(lines: _Lines, rows: dict[str, NDArray[np.int64]], file: str) -> _Triangles:
+    text = lines.text(rows["f"])
+    text = re.sub(rb"#[^\n]*", b"", text) if b"#" in text else text
+    data = np.frombuffer(text, np.uint8)
+    inside = (data != _SPACE) & (data != _NEWLINE)
+    tokens = np.flatnonzero(inside & ~np.append(False, inside[:-1]))
+    sides = np.diff(np.searchsorted(tokens, np.flatnonzero(data == _NEWLINE)), prepend=0)
+    of_line = np.repeat(np.arange(len(sides)), sides)
+    corners = _corners(text, data, tokens, file)
+    if (corners[:, 0] == 0).any():
+        row = rows["f"][of_line[np.argmax(corners[:, 0] == 0)]] + 1
+        raise InputError(f"{file}: line {row} uses vertex 0; OBJ counts vertices from 1, {_CURE}")
+    if (corners < 0).any():  # counted back from the line
+        before = [np.searchsorted(rows[kind], rows["f"])[of_line] for kind in ("v", "vt", "vn")]
+        corners = np.where(corners < 0, corners + np.stack(before, 1) + 1, corners)
+    corners, first = corners - 1, np.cumsum(sides) - sides
+    n = np.maximum(sides - 2, 0)
+    line = np.repeat(np.arange(len(n)), n)
+    step = np.arange(len(line)) - (np.cumsum(n) - n)[line]
+    fan = first[line][:, None] + np.stack([0 * step, step + 1, step + 2], 1)
+    return _Triangles(corners[fan], line)
+
+
+def _corners(text: bytes, data: NDArray[np.uint8], tokens: NDArray[np.int64], file: str) -> NDArray[np.int64]:
+    """(n, 3) int64: the numbers of each token v, v/vt, v//vn or v/vt/vn, as in the file; 0: none.
+
+    tokens : (n,) int64: their first bytes in the text, whose bytes are `data`
+    """
+    values = parsed_numbers(text.replace(b"/", b" "), np.int64)
+    slashes = np.flatnonzero(data == _SLASH)
+    owner = np.searchsorted(tokens, slashes, "right") - 1
+    n_slashes = np.bincount(owner, minlength=len(tokens))
+    ends = np.take(data, slashes + 1)  # the byte after each slash
+    is_first = np.append(True, owner[1:] != owner[:-1])[: len(owner)]
+    has_uv, has_normal = np.zeros(len(tokens), bool), np.zeros(len(tokens), bool)
+    given = (ends != _SLASH) & (ends != _SPACE) & (ends != _NEWLINE)
+    has_uv[owner[is_first & given]] = True
+    has_normal[owner[~is_first & given]] = True
+    width = 1 + has_uv.astype(np.int64) + has_normal
+    if values is None or len(values) != width.sum() or (n_slashes > 2).any():
+        raise InputError(f"{file}: the faces cannot be read, they hold something other than numbers; {_CURE}")
+    if not len(slashes):
+        return np.stack([values, 0 * values, 0 * values], 1)
+    if (width == 3).all():
+        return values.reshape(-1, 3)
+    first = np.cumsum(width) - width
+    uv = np.where(has_uv, values[np.minimum(first + 1, len(values) - 1)], 0)
+    return np.stack([values[first], uv, np.where(has_normal, values[first + width - 1], 0)], 1)
+
+
+# --- Meshes -----------------------------------------------------------------------------------------------------------
+
+
+class _Attributes(NamedTuple):
+    """The vertex data of a file."""
+
+    positions: NDArray[np.float64]  # (v, 3) float64
+    colours: NDArray[np.float64]  # (v, 0 or 3) float64, sRGB in [0, 1]
+    uv: NDArray[np.float64]  # (t, k) float64, v up
+    normals: NDArray[np.float64]  # (n, k) float64
+    file: str
+
+    def mesh(self, name: str, corners: NDArray[np.int64], material: Material | None) -> Mesh:
+        """A mesh of triangles, (f, 3, 3) int64 as `_Triangles.corners`."""
+        where = f'{self.file}: mesh "{name}"'
+        if corners[..., 0].min() < 0 or corners[..., 0].max() >= len(self.positions):
+            raise InputError(f"{where}: a face uses a missing vertex; {_CURE}")
+        used = [0, *(k for k, rows in ((1, self.uv), (2, self.normals)) if _are_rows(corners[..., k], rows, k))]
+        chosen, faces = _distinct(corners.reshape(-1, 3)[:, used])
+        vertex, uv_row, normal_row = corners.reshape(-1, 3)[chosen].T
+        uv = flip_v(self.uv[uv_row], len(chosen)) if 1 in used else None
+        normals = self.normals[normal_row] if 2 in used else None
+        colours = None
+        if material is None and uv is None and self.colours.shape[1] == 3:
+            colours = np.round(np.clip(np.nan_to_num(self.colours[vertex], posinf=0.0), 0.0, 1.0) * 255.0)
+        mesh = make_mesh(name, self.positions[vertex], faces, None, where)
+        attributes = VertexAttributes(uv, None if colours is None else colours.astype(np.uint8), normals)
+        return textured_mesh(mesh, faces, len(chosen), material or PLAIN, where, attributes)
+
+
+def _are_rows(indices: NDArray[np.int64], rows: np.ndarray, kind: int) -> bool:
+    """Whether all corners have an attribute: texture coordinates (1), or normals (2)."""
+    return bool(indices.min() >= 0 and indices.max() < len(rows) and rows.shape[1] == kind + 1)
+
+
+def _distinct(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(a row of each distinct key, ascending; (n / 3, 3): the number of each row's key). keys : (n, 1, 2 or 3)."""
+    key = keys[:, 0]
+    if not (keys == key[:, None]).all():
+        if keys.shape[1] == 3:  # products of three numbers could overflow
+            key = np.unique(key * (int(keys[:, 1].max()) + 1) + keys[:, 1], return_inverse=True)[1]
+        key = key * (int(keys[:, -1].max()) + 1) + keys[:, -1]
+    upper = int(key.max()) + 1
+    if upper > 4 * len(key):
+        _, rows, inverse = np.unique(key, return_index=True, return_inverse=True)
+        return rows, inverse.reshape(-1, 3)
+    row_of = np.full(upper, -1, np.int64)
+    row_of[key[::-1]] = np.arange(len(key))[::-1]  # the first row of each key
+    number = np.cumsum(row_of >= 0) - 1
+    return row_of[row_of >= 0], number[key].reshape(-1, 3)
+
+
+# --- Writing ----------------------------------------------------------------------------------------------------------
+
+
+def write_obj(scene: PaletteScene, name: str, path: Path) -> list[Path]:
+    """Write a scene to an .obj file, and its colours to an .mtl file next to it; return both paths."""
+    library = path.with_suffix(".mtl")
+    lines = [f"mtllib {library.name}", f"o {name}"]
+    lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.asarray(scene.vertices).tolist()]
+    colour = np.asarray(scene.colour)
+    order = np.argsort(colour, kind="stable")
+    groups = np.split(np.asarray(scene.faces)[order] + 1, np.flatnonzero(np.diff(colour[order])) + 1)
+    names = np.unique(colour).tolist()
+    for k, faces in zip(names, groups):
+        lines.append(f"usemtl colour{k}")
+        lines += [f"f {a} {b} {c}" for a, b, c in faces.tolist()]
+    paints = ["newmtl colour{}\nKd {:.6g} {:.6g} {:.6g}\n".format(k, *np.asarray(scene.palette)[k]) for k in names]
+    with atomic_output(library) as paint_file, atomic_output(path) as file:
+        paint_file.write_text("\n".join(paints), encoding="utf-8")
+        file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return [path, library]
