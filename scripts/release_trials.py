@@ -108,7 +108,7 @@ def version_of(python: Path) -> str:
 
 
 def find_pythons(named: list[str]) -> list[Path]:
-    """Interpreters to try, one of each version: this one, and those that are named, or else all that are found.
+    """Interpreters to try: this one and those that are named, or else one of each minor version that is found.
 
     Searched are python3.11 to python3.14t on the PATH, and those that uv has installed. Raises ReleaseError if a named
     one is missing.
@@ -120,12 +120,11 @@ def find_pythons(named: list[str]) -> list[Path]:
     if not named and shutil.which("uv"):
         command = ["uv", "python", "list", "--only-installed", "--output-format", "json"]
         paths += [Path(each["path"]) for each in json.loads(run(command, "uv python list"))]
-    versions: dict[str, Path] = {}
+    pythons: dict[tuple[object, ...], Path] = {}
     for path in paths:
         with suppress(ReleaseError):  # a shim of a version that is not installed
-            versions.setdefault(version_of(path), path)
-    return [path for version, path in versions.items() if _numbers(version) >= (3, 11)]
-
-
-def _numbers(version: str) -> tuple[int, ...]:
-    return tuple(int(part) for part in version.rstrip("t").split("."))
+            version = version_of(path)
+            minor = tuple(int(part) for part in version.rstrip("t").split(".")[:2])
+            if minor >= (3, 11):
+                pythons.setdefault((version,) if named else (minor, version.endswith("t")), path)
+    return list(pythons.values())
