@@ -202,6 +202,9 @@ def test_a_data_set_of_another_format_is_refused_by_name(whole, tmp_path):
         with pytest.raises(at.InputError, match="format 2, and this antumbra writes format 1; name another folder"):
             at.dataset(SCENE, folder, **ASKED, overwrite=overwrite)
     assert contents(folder) == before
+    (folder / "manifest.json").write_text((whole / "manifest.json").read_text().replace(at.__version__, "0.9.0"))
+    with pytest.raises(at.InputError, match=r"other settings \(version.*0\.9\.0"):
+        at.dataset(SCENE, folder, **ASKED)
 
 
 def test_overwrite_replaces_a_data_set(whole, tmp_path):
