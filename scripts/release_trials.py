@@ -11,8 +11,14 @@ from typing import NamedTuple
 
 from release_build import ReleaseError, Source, run
 
-COMPILER = "numba", "llvmlite"
-"""Packages that an installed wheel does without."""
+_OF_EXTRAS = """
+import importlib.metadata as metadata, re
+name_of = lambda text: re.match(r"[\\w.-]+", text)[0].lower().replace("_", "-")
+lines = metadata.requires("antumbra")
+hard = {name_of(line) for line in lines if "extra ==" not in line}
+installed = {name_of(each.name) for each in metadata.distributions()}
+print(*sorted(({name_of(line) for line in lines} - hard - {"antumbra"}) & installed))
+"""
 
 
 class Environment(NamedTuple):
@@ -21,10 +27,9 @@ class Environment(NamedTuple):
     folder: Path
     python: Path
 
-    def packages(self) -> list[str]:
-        """The names of the installed packages, in lower case."""
-        program = "import importlib.metadata as m; print(*sorted(d.name.lower() for d in m.distributions()))"
-        return run([self.python, "-c", program], "listing packages", env=clean_environment()).split()
+    def packages_of_extras(self) -> list[str]:
+        """The installed packages that only extras require, such as the compiler."""
+        return run([self.python, "-c", _OF_EXTRAS], "listing packages", env=clean_environment()).split()
 
     def megabytes(self) -> float:
         """The size of the environment."""
@@ -78,13 +83,13 @@ def picture_of_sources(source: Source, folder: Path) -> bytes:
 def try_package(package: Path, extra: str, python: Path | str, work: Path, expected: bytes) -> Trial:
     """Install a package in a bare environment in `work`, and render the default picture; it must be the expected one.
 
-    extra : "" for a wheel with kernels: it must do without a compiler and without the user's cache
+    extra : "" for a wheel with kernels: it must do without the packages of extras and without the user's cache
     """
     work.mkdir()
     name = f"{package.name}[{extra}]" if extra else package.name
     environment = make_environment(work / "environment", python, f"{package}[{extra}]" if extra else str(package))
-    if not extra and (compiler := [each for each in COMPILER if each in environment.packages()]):
-        raise ReleaseError(f"{name}: installing it also installs {compiler[0]}")
+    if not extra and (more := environment.packages_of_extras()):
+        raise ReleaseError(f"{name}: installing it also installs {more[0]}, which only an extra should")
     cache = work / "cache"
     start = perf_counter()
     picture = default_picture(environment.python, work / "picture", **({} if extra else {"ANTUMBRA_CACHE": str(cache)}))
