@@ -229,6 +229,18 @@ def test_libraries_are_for_the_machines_of_the_tag(data, tag, words):
     assert fault is None if words is None else words in fault
 
 
+@pytest.mark.slow
+@needs_hatchling
+@pytest.mark.skipif(find_spec("ziglang") is None, reason="no ziglang: libraries are NOT linked")
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_linked_libraries_are_for_their_tag_only(tmp_path, system):
+    (tmp_path / "a.c").write_text("#include <math.h>\ndouble f(double x) { return hypot(x, 1); }\n")
+    library = tmp_path / f"a{LINKERS[system].suffix}"
+    LINKERS[system].link([tmp_path / "a.c"], library)
+    faults = {tag: libraries.header_fault(library.read_bytes(), tag) for tag in build.build_hook().TAGS.values()}
+    assert [tag for tag, fault in faults.items() if fault is None] == [build.build_hook().TAGS[system]]
+
+
 # Documents
 
 
