@@ -42,3 +42,4 @@ html_theme = "furo"
 html_title = f"Antumbra {release}"
 html_static_path = ["_static"]
 html_css_files = ["antumbra.css"]
+html_extra_path = ["llms.txt"]  # it links to sources of pages, which html_copy_source publishes

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-_TAGS = {
+TAGS = {
     "linux-x86_64": "manylinux_2_17_x86_64",
     "linux-aarch64": "manylinux_2_17_aarch64",
     "macos-x86_64": "macosx_11_0_x86_64",
@@ -34,9 +34,9 @@ class LibraryHook(BuildHookInterface):
     def initialize(self, version, build_data):
         if version == "editable":
             return
-        system = os.environ.get("ANTUMBRA_SYSTEM") or _this_system()
-        if system not in _TAGS:
-            raise RuntimeError(f"there are no kernel libraries for {system}; choose {', '.join(_TAGS)}")
+        system = os.environ.get("ANTUMBRA_SYSTEM") or this_system()
+        if system not in TAGS:
+            raise RuntimeError(f"there are no kernel libraries for {system}; choose {', '.join(TAGS)}")
         self._folder = tempfile.TemporaryDirectory()
         levels = os.environ.get("ANTUMBRA_LEVELS", "").replace(",", " ").split()
         command = [sys.executable, "-m", "antumbra.kernels.toolchain.library_build", "--system", system]
@@ -44,14 +44,15 @@ class LibraryHook(BuildHookInterface):
         subprocess.run(command, env=dict(os.environ, PYTHONPATH=str(Path(self.root) / "src")), check=True)
         build_data["force_include"][self._folder.name] = "antumbra/kernels/libraries"
         build_data["pure_python"] = False
-        build_data["tag"] = f"py3-none-{_TAGS[system]}"
+        build_data["tag"] = f"py3-none-{TAGS[system]}"
 
     def finalize(self, version, build_data, artifact_path):
         if hasattr(self, "_folder"):
             self._folder.cleanup()
 
 
-def _this_system() -> str:
+def this_system() -> str:
+    """The name of this machine's system; it may be one without libraries."""
     name = {"darwin": "macos", "win32": "windows"}.get(sys.platform, sys.platform)
     machine = platform.machine().lower()
     arm = "aarch64" if name == "linux" else "arm64"

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+import antumbra as at
+from antumbra.jobs.executors import JOB, read_job, write_job
 from antumbra.picture.image_files import note_of
 
 CITY = "procedural:city?triangles=3000"
@@ -143,6 +145,16 @@ def test_foreign_and_stale_shards_are_refused_by_name(run, tmp_path, small_parts
     part = next((tmp_path / "a" / "a.shards").rglob("000001.npz"))
     part.write_bytes((part.parent / "000000.npz").read_bytes())
     run("a", "merge", "a.shards", code=2).refused("shard 0/1", "000001.npz is damaged, or of another job")
+
+
+def test_shards_of_another_format_are_refused_by_name(tmp_path):
+    write_job(tmp_path, ["render", "a.glb"], 2)
+    assert read_job(tmp_path) == (["render", "a.glb"], 2)
+    record = json.loads((tmp_path / JOB).read_text())
+    (tmp_path / JOB).write_text(json.dumps(record | {"format": 2}))
+    for use in (lambda: read_job(tmp_path), lambda: write_job(tmp_path, ["render", "a.glb"], 2)):
+        with pytest.raises(at.InputError, match="format 2, and this antumbra reads format 1; use the version"):
+            use()
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Any damage is found, when a store is opened or a chunk is checked, and reported in one line."""
 
+import json
 import zlib
 
 import numpy as np
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 import antumbra as at
 from antumbra.store.store_file import open_store
-from antumbra.store.store_format import HEADER, HEADER_CRC, MAGIC, PAGE
+from antumbra.store.store_format import COUNTS, HEADER, HEADER_CRC, MAGIC, NODE_BYTES, PAGE, TABLE, pages
 from bvh_scenes import terrain
 from stores import CHUNK, built, soup_scene
 
@@ -88,10 +89,36 @@ def with_header(data, **changes) -> bytes:
     return header + zlib.crc32(header).to_bytes(4, "little") + data[PAGE:]
 
 
+def with_meta(data, **changes) -> bytes:
+    """The store with other metadata, and correct checksums: as another release might write it."""
+    *_, place, length, _ = HEADER.unpack_from(data)
+    directory = data[place : place + length]
+    k, m, size = COUNTS.unpack_from(directory)
+    start = COUNTS.size + k * TABLE.itemsize + m * NODE_BYTES
+    text = json.dumps(json.loads(directory[start : start + size]) | changes).encode()
+    changed = COUNTS.pack(k, m, len(text)) + directory[COUNTS.size : start] + text
+    changed = changed.ljust(pages(len(changed)), b"\0")
+    whole = data[:place] + changed
+    return with_header(whole, size=len(whole), length=len(changed), crc=zlib.crc32(changed))
+
+
+def test_metadata_that_are_written_again_are_read(whole):
+    path, data = whole
+    path.write_bytes(with_meta(data, name="again"))
+    assert found(path) == "" and at.load(path).name == "again"
+
+
 @pytest.mark.parametrize(
     "change, words",
     [
-        (lambda d: with_header(d, version=2), "version 2; only version 1 is supported"),
+        (lambda d: with_header(d, version=0), "store of version 0, and this antumbra reads version 1; build it again"),
+        (
+            lambda d: with_header(d, version=2),
+            "version 2, and this antumbra reads version 1; upgrade antumbra, or build",
+        ),
+        (lambda d: with_meta(d, seasons=4), "does not know; upgrade antumbra, or build it again"),
+        (lambda d: with_meta(d, lights=[{"type": "Lava", "colour": [1, 1, 1]}]), "does not know; upgrade antumbra"),
+        (lambda d: with_meta(d, lights=[{"colour": [1, 1, 1]}]), "does not know; upgrade antumbra"),
         (lambda d: with_header(d, complete=0), "not finished; build it again"),
         (lambda d: bytes(PAGE) + d[PAGE:], "not finished; build it again"),
         (lambda d: bytes(100), "not finished; build it again"),
@@ -99,7 +126,19 @@ def with_header(data, **changes) -> bytes:
         (lambda d: b"glTF" + d[4:], "is not a store; make one by antumbra build"),
         (lambda d: b"", "the file is empty"),
     ],
-    ids=["version", "incomplete", "no header", "zeros", "longer", "another kind", "empty"],
+    ids=[
+        "older",
+        "later",
+        "later field",
+        "later light",
+        "no type",
+        "incomplete",
+        "no header",
+        "zeros",
+        "longer",
+        "another kind",
+        "empty",
+    ],
 )
 def test_what_is_no_whole_store(whole, change, words):
     path, data = whole

@@ -85,7 +85,7 @@ def _git(folder: Path, *words: str) -> str:
 # --- ``antumbra doctor`` ----------------------------------------------------------------------------------------------
 
 
-_FOR_DEVELOPERS = ("docs", "test", "dev", "all-peers")
+_FOR_DEVELOPERS = ("docs", "test", "dev", "release", "all-peers")
 _EXTRA = re.compile(r"^([\w.-]+)[^;]*;.*extra == [\"']([\w-]+)[\"']")
 _CORE = "numpy", "scipy", "trimesh", "pillow", "OpenEXR", "typer", "rich"
 

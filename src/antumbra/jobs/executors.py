@@ -20,6 +20,9 @@ from ..progress import report_progress
 JOB = "job.json"
 """File in a folder of shards that records the command that made them."""
 
+JOB_FORMAT = 1
+"""Version of the schema of `JOB`."""
+
 
 class Units(Protocol):
     """Work divided into units, numbered from 0. Their files lie below `root`; the work is done once all exist."""
@@ -206,16 +209,20 @@ def write_job(folder: Path, command: Sequence[str], of: int) -> None:
         if record.of == of:
             return
     with atomic_output(folder / JOB) as temporary:
-        temporary.write_text(json.dumps({"format": 1, "command": list(command), "of": of}) + "\n")
+        temporary.write_text(json.dumps({"format": JOB_FORMAT, "command": list(command), "of": of}) + "\n")
 
 
 def read_job(folder: Path) -> ShardRecord:
-    """Read the record of `write_job`. Raises InputError if the folder has no shards."""
+    """Read the record of `write_job`. Raises InputError if the folder has no shards, or has those of another format."""
     try:
         data: dict[str, Any] = json.loads((folder / JOB).read_text())
-        return ShardRecord([str(word) for word in data["command"]], int(data["of"]))
+        number = int(data["format"])
+        if number == JOB_FORMAT:
+            return ShardRecord([str(word) for word in data["command"]], int(data["of"]))
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError(f"{folder}: holds no shards; name the folder NAME.shards that --shard made") from None
+    known = f"holds shards of format {number}, and this antumbra reads format {JOB_FORMAT}"
+    raise InputError(f"{folder}: {known}; use the version that wrote them, or remove the folder")
 
 
 def numbered(job: Sequence[Units]) -> Iterator[tuple[int, Units, int]]:

@@ -294,10 +294,19 @@ def open_store(path: str | os.PathLike[str]) -> Store:
         directory = stream.read(size)
         if zlib.crc32(directory) != crc:
             raise InputError(f"{path.name}: its chunk directory is damaged; {_REMEDY}")
-        return Store(path, stream, decode_directory(directory), hashlib.sha256(directory).hexdigest())
+        return Store(path, stream, _decode_directory_of(path.name, directory), hashlib.sha256(directory).hexdigest())
     except BaseException:
         stream.close()
         raise
+
+
+def _decode_directory_of(name: str, data: bytes) -> Directory:
+    """The directory from intact bytes; InputError if it describes the scene with fields that this release lacks."""
+    try:
+        return decode_directory(data)
+    except (AttributeError, KeyError, TypeError):  # of a later release, since the checksum is right
+        line = "describes its scene in a way that this antumbra does not know; upgrade antumbra, or build it again"
+        raise InputError(f"{name}: {line}") from None
 
 
 def _reopen(absolute: Path, path: Path, digest: str) -> Store:
@@ -322,9 +331,8 @@ def _read_header(header: bytes, actual: int, name: str) -> tuple[int, int, int]:
         raise InputError(f"{name}: the header is damaged; {_REMEDY}")
     _, version, complete, size, offset, length, crc = HEADER.unpack_from(header)
     if version != VERSION:
-        raise InputError(
-            f"{name}: is a store of version {version}; only version {VERSION} is supported; build it again"
-        )
+        cure = "build it again" if version < VERSION else "upgrade antumbra, or build it again"
+        raise InputError(f"{name}: is a store of version {version}, and this antumbra reads version {VERSION}; {cure}")
     if complete != COMPLETE:
         raise InputError(f"{name}: its build was not finished; build it again")
     if actual != size:

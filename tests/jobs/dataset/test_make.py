@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -190,6 +191,20 @@ def test_other_settings_are_an_error_that_names_them(whole, tmp_path):
     with pytest.raises(at.InputError, match="scene sha256"):
         at.dataset(at.procedural("atrium", triangles=2000, seed=1), tmp_path / "set", **ASKED)
     assert contents(tmp_path / "set") == before
+
+
+def test_a_data_set_of_another_format_is_refused_by_name(whole, tmp_path):
+    folder = tmp_path / "set"
+    shutil.copytree(whole, folder)
+    (folder / "manifest.json").write_text(json.dumps(manifest(folder) | {"format": 2}))
+    before = contents(folder)
+    for overwrite in (False, True):
+        with pytest.raises(at.InputError, match="format 2, and this antumbra writes format 1; name another folder"):
+            at.dataset(SCENE, folder, **ASKED, overwrite=overwrite)
+    assert contents(folder) == before
+    (folder / "manifest.json").write_text((whole / "manifest.json").read_text().replace(at.__version__, "0.9.0"))
+    with pytest.raises(at.InputError, match=r"other settings \(version.*0\.9\.0"):
+        at.dataset(SCENE, folder, **ASKED)
 
 
 def test_overwrite_replaces_a_data_set(whole, tmp_path):

@@ -179,7 +179,11 @@ class _FrameUnits:
     def open(self, path: Path, overwrite: bool) -> None:
         """Open the folder, and write a manifest with these settings if needed."""
         self.folder = folder = DatasetFolder(path, digest_of(self.settings), self.views.total, len(self.lights))
-        old_settings = (read_json(path / MANIFEST) or {}).get("settings")
+        manifest = read_json(path / MANIFEST) or {}
+        if (number := manifest.get("format", FORMAT)) != FORMAT:
+            known = f"holds a data set of format {number}, and this antumbra writes format {FORMAT}"
+            raise InputError(f"{path}: {known}; name another folder")
+        old_settings = manifest.get("settings")
         old_settings = old_settings if isinstance(old_settings, dict) else None
         if old_settings is None and path.exists() and not all(p.name.startswith(".") for p in path.iterdir()):
             raise InputError(f"{path}: has files, but no data set's {MANIFEST}; name a new folder")
