@@ -16,6 +16,23 @@ from .forks import hold_during_fork
 # --- Optional packages ------------------------------------------------------------------------------------------------
 
 
+EXTRAS = {
+    "jit": "compiling kernels: in a clone, of plugins, and on processors without a kernel library",
+    "sun": "positions of the sun, weather files and clear skies",
+    "gis": "CityJSON, Parquet, GeoTIFF, and coordinate reference systems",
+    "bake": "textures by antumbra bake",
+    "exr": "reading and writing .exr files, which data sets consist of",
+    "sparse": "visibility matrices as scipy.sparse arrays",
+    "compressed": "glTF files compressed with Draco",
+    "plot": "plots by antumbra compare and antumbra bench",
+    "video": ".mp4 and .webm files",
+    "view": "the interactive page of antumbra view",
+    "ray": "jobs on several machines",
+    "all": "all of these",
+}
+"""The extras for users, and what each is for. The others are for developers."""
+
+
 def import_extra(package: str, what: str, extra: str) -> ModuleType:
     """Import an optional package.
 

@@ -8,6 +8,7 @@ from contextlib import closing
 from functools import cache
 from io import BytesIO
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -104,7 +105,15 @@ _NOTE = "antumbra"  # keyword of the text chunk in a PNG, name of the attribute 
 
 def check_output(path: str | os.PathLike[str]) -> Path:
     """Check, before a long render, that a picture can be written to `path`; InputError with the remedy if not."""
-    return checked_output(path, IMAGE_SUFFIXES)
+    file = checked_output(path, IMAGE_SUFFIXES)
+    if file.suffix.lower() == ".exr":
+        openexr()
+    return file
+
+
+def openexr() -> ModuleType:
+    """The module OpenEXR; InputError if it is not installed."""
+    return import_extra("OpenEXR", "an .exr file", "exr")
 
 
 def checked_exposure(exposure: float) -> float:
@@ -285,12 +294,10 @@ def note_of(path: Path) -> str | None:
     """The note in an image file, read from its header alone; None without a note, or if it is not an image file."""
     try:
         if path.suffix.lower() == ".exr":
-            import OpenEXR
-
             with path.open("rb") as stream:
                 if stream.read(4) != _EXR_MAGIC:  # the library would report it on standard error
                     return None
-            with OpenEXR.File(str(path), header_only=True) as file:
+            with openexr().File(str(path), header_only=True) as file:
                 note: str | None = file.header().get(_NOTE)
                 return note
         from PIL import Image
@@ -319,13 +326,12 @@ def write_exr(
     channels: dict[str, np.ndarray], path: Path, note: str | None, attributes: dict[str, str] | None = None
 ) -> None:
     """Write channels, (H, W) or RGB (H, W, 3) float32, to an EXR file. Raises OSError."""
-    import OpenEXR
-
-    header = {**(attributes or {}), "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    module = openexr()
+    header = {**(attributes or {}), "compression": module.ZIP_COMPRESSION, "type": module.scanlineimage}
     if note is not None:
         header[_NOTE] = note
     try:
-        with OpenEXR.File(header, channels) as file:
+        with module.File(header, channels) as file:
             file.write(str(path))
     except RuntimeError as error:  # the library turns system errors into RuntimeError
         raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error
