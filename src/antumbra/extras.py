@@ -6,12 +6,15 @@ function that another package declares under an entry point, as in pyproject.tom
 
 import importlib
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from threading import RLock
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 from .errors import InputError
 from .forks import hold_during_fork
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 # --- Optional packages ------------------------------------------------------------------------------------------------
 
@@ -66,8 +69,10 @@ _added: set[str] = set()
 
 
 @cache
-def plugins_of(group: str) -> dict[str, EntryPoint]:
+def plugins_of(group: str) -> "dict[str, EntryPoint]":
     """The entry points of a group by name, sorted by name."""
+    from importlib.metadata import entry_points  # slow to import
+
     return {point.name: point for point in sorted(entry_points(group=group))}
 
 
