@@ -6,8 +6,8 @@ import pytest
 import antumbra as at
 from antumbra.picture.irradiance import irradiance
 from antumbra.picture.virtual_point_lights import emit_photons
-from antumbra.query.sobol_sequence import scrambled_sobol
 from antumbra.query.gbuffer import GBuffer
+from antumbra.query.sobol_sequence import scrambled_sobol
 
 LIGHTS = {
     "point": at.PointLight((0, 0, 0), intensity=3.0),

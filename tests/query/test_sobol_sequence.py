@@ -1,6 +1,5 @@
 """The scrambled Sobol sequence: the points of scipy, and nets."""
 
-import numpy as np
 import pytest
 from scipy.stats import qmc
 

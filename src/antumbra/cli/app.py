@@ -16,7 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 from ..errors import InputError
 from .console import command_line
 
-# --- Commands: late conversion, and option groups of the help, which is plain text without Rich ------------------------
+# --- Commands: late conversion, and option groups of the help, which is plain text without Rich -----------------------
 
 
 PANELS: dict[str, tuple[str, ...]] = {
@@ -48,7 +48,9 @@ class LateConversion:
 def _late_conversion(param: Any) -> Callable[[Any, Any], Any]:
     """The `process_value` of a parameter that takes its default, and text that is to remain text, as they are."""
     convert, default = param.process_value, param.default
-    is_choice = type(getattr(param, "type", None)).__name__ == "Choice"  # older Typers: an enumeration's default is text
+    is_choice = (
+        type(getattr(param, "type", None)).__name__ == "Choice"
+    )  # older Typers: an enumeration's default is text
     is_text = getattr(getattr(param, "type_descriptor", None), "annotation", None) is str
     is_list = param.multiple or param.nargs != 1
 

@@ -158,7 +158,7 @@ def _hull_planes(faces: NDArray[np.floating]) -> NDArray[np.float64] | None:
     """(m, 5) float64: the planes (n, d) that bound faces from outside, and areas; None if there are too many.
 
     These are the planes of faces behind which all faces lie. They bound a polytope, whose facets have these areas. If
-    faces cover all facets, it is the convex hull; if there is a hole in the hull, facets beside the hole reach beyond it.
+    faces cover all facets, it is the convex hull; if the hull has a hole, facets beside the hole reach beyond it.
     """
     faces = faces.astype(np.float64)
     normals = np.cross(*_edges(faces))
@@ -185,7 +185,7 @@ def _hull_planes(faces: NDArray[np.floating]) -> NDArray[np.float64] | None:
 
 
 def _facet_area(plane: NDArray[np.float64], planes: list[NDArray[np.float64]], points: NDArray[np.float64]) -> float:
-    """The area of a plane behind all other planes, within a square that is much larger than the extent of the points."""
+    """The area of a plane behind all other planes, within a square much larger than the extent of the points."""
     u, v = tangents(plane[:3])
     centre = points.mean(0)
     centre -= (centre @ plane[:3] + plane[3]) * plane[:3]

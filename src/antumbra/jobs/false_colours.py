@@ -150,10 +150,10 @@ def _values_at(
         of_face[sensors.faces] = values
         return np.asarray(of_face[faces])
     if sensors.normals is None:
-        return np.asarray(values[PointTree(sensors.points).nearest(at).index])
+        return np.asarray(values[PointTree(sensors.points).nearest(at).indices])
     away = float(np.ptp(sensors.points, axis=0).max()) / 20.0 or 1.0
     tree = PointTree(np.hstack([sensors.points, sensors.normals * away]))
-    return np.asarray(values[tree.nearest(np.hstack([at, normals * away])).index])
+    return np.asarray(values[tree.nearest(np.hstack([at, normals * away])).indices])
 
 
 # --- False-colour models ----------------------------------------------------------------------------------------------

@@ -72,7 +72,7 @@ def percentiles(values: NDArray[np.float32], percentages: Sequence[float]) -> ND
     high = np.minimum(low + 1, len(values) - 1)
     ordered = np.partition(values, np.concatenate([low, high]))
     step, share = ordered[high] - ordered[low], at - low
-    return np.where(share < 0.5, ordered[low] + step * share, ordered[high] - step * (1.0 - share))
+    return np.asarray(np.where(share < 0.5, ordered[low] + step * share, ordered[high] - step * (1.0 - share)))
 
 
 def roll_off(x: np.ndarray) -> np.ndarray:

@@ -224,5 +224,5 @@ def _typical_radius(positions: NDArray[np.float64]) -> float:
     """Radius of the disk that one light typically represents, from the median distance to the nearest other light."""
     if len(positions) < 2:
         return 0.0
-    nearest = PointTree(positions).nearest(positions, others=True).distance
+    nearest = PointTree(positions).nearest(positions, others=True).distances
     return float(2.0 / np.sqrt(np.pi) * np.median(nearest))  # random points of density p are 1 / (2 sqrt(p)) apart

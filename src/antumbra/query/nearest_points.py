@@ -1,6 +1,6 @@
 """Nearest points: which of many points is nearest to each of many places, in any dimension, exactly.
 
-The points are the leaves of a balanced tree of boxes, stored without links: a level of the tree is an array of boxes. All
+The points are in the leaves of a balanced tree of boxes without links: a level of the tree is an array of boxes. All
 places descend together, one level at a time, so NumPy does all of the work.
 """
 
@@ -17,8 +17,8 @@ _NONE = np.iinfo(np.int64).max
 class Nearest(NamedTuple):
     """The nearest points of places."""
 
-    index: NDArray[np.int64]  # (m,): of equally near points, the first
-    distance: NDArray[np.float64]  # (m,)
+    indices: NDArray[np.int64]  # (m,): of equally near points, the first
+    distances: NDArray[np.float64]  # (m,)
 
 
 class PointTree:
@@ -70,8 +70,8 @@ class PointTree:
             place, node = np.repeat(place, 2), (2 * node[:, None] + (0, 1)).reshape(-1)
             near = self._to_boxes(level, places[place], node) <= bound[place]
             place, node = place[near], node[near]
-        square, index = self._in_leaves(places, place, node, excluded)
-        return Nearest(index, np.sqrt(square))
+        squares, indices = self._in_leaves(places, place, node, excluded)
+        return Nearest(indices, np.sqrt(squares))
 
     def _to_boxes(self, level: int, places: NDArray[np.float64], node: NDArray[np.int64]) -> NDArray[np.float64]:
         """The squared distances of places to boxes; never more than those to points in the boxes."""
