@@ -139,7 +139,7 @@ def here(rounds: int) -> Iterator[tuple[str, float]]:
     """Start-up in this environment, with the user's kernel cache."""
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
-        place.environment = dict(os.environ)
+        place.environment = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
         render = sys.executable, "-m", "antumbra", "render"
         place.run(*render)
         place.run(sys.executable, "-c", OCCLUDED)

@@ -14,6 +14,7 @@ import zipfile
 import pytest
 
 import antumbra as at
+from antumbra.extras import EXTRAS
 from antumbra.generate.procedural_scenes import PROCEDURAL
 from repository import ROOT, tool
 
@@ -67,22 +68,11 @@ def test_version():
 NAMES_OF_IMPORTS = {"PIL": "pillow", "imageio_ffmpeg": "imageio-ffmpeg"}
 OPTIONAL = {"embreex", "matplotlib", "pvlib", "pandas", "pyproj", "pyarrow", "rasterio", "xatlas", "mitsuba", "open3d"}
 OPTIONAL |= {"viser", "websockets", "imageio-ffmpeg", "ray", "DracoPy", "drjit", "pyvista"}  # drjit comes with mitsuba
-OPTIONAL |= {"numba", "llvmlite", "ziglang"}
+OPTIONAL |= {"numba", "llvmlite", "ziglang", "scipy", "OpenEXR"}
 
 
 def test_import_is_light():
-    # Numba imports the bare scipy package, which is fast; its subpackages are slow.
-    heavy = (
-        "scipy.stats",
-        "scipy.linalg",
-        "trimesh",
-        "typer",
-        "rich",
-        "PIL",
-        "OpenEXR",
-        *sorted(OPTIONAL),
-        "imageio_ffmpeg",
-    )
+    heavy = {"numpy", "trimesh", "typer", "pydantic", "rich", "PIL", "json", "logging", "imageio_ffmpeg", *OPTIONAL}
     code = f"import sys, antumbra; print(*(m for m in {heavy} if m in sys.modules))"
     process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert process.stdout.split() == []
@@ -111,6 +101,16 @@ def test_what_tests_import_is_installed_for_them():
     found = {NAMES_OF_IMPORTS.get(name, name) for name in found - {"antumbra"} - ours}
     lines = PROJECT["dependencies"] + _requirements("test")
     assert found <= {re.match(r"[\w.-]+", line)[0] for line in lines}
+
+
+def test_extras_for_users_are_explained():
+    """In the package, for `antumbra doctor`, and in the documentation; ``all`` includes them all."""
+    for_developers = {"release", "build", "view-test", "peers", "all-peers", "docs", "test", "dev"}
+    extras = PROJECT["optional-dependencies"]
+    assert EXTRAS.keys() == extras.keys() - for_developers
+    assert re.fullmatch(r"antumbra\[(.*)\]", *extras["all"])[1].split(",") == [name for name in EXTRAS if name != "all"]
+    tables = [re.findall(r"^\| `(\w+)` \| (.*) \|$", page.read_text(), re.MULTILINE) for page in PAGES]
+    assert list(EXTRAS.items()) in tables
 
 
 def _requirements(extra):

@@ -6,14 +6,35 @@ function that another package declares under an entry point, as in pyproject.tom
 
 import importlib
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from threading import RLock
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 from .errors import InputError
 from .forks import hold_during_fork
 
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
 # --- Optional packages ------------------------------------------------------------------------------------------------
+
+
+EXTRAS = {
+    "jit": "compiling kernels: in a clone, of plugins, and on processors without a kernel library",
+    "sun": "positions of the sun, weather files and clear skies",
+    "gis": "CityJSON, Parquet, GeoTIFF, and coordinate reference systems",
+    "bake": "textures by antumbra bake",
+    "meshes": "unusual PLY and STL files, such as polygons with texture coordinates",
+    "exr": "reading and writing .exr files, which data sets consist of",
+    "sparse": "visibility matrices as scipy.sparse arrays",
+    "compressed": "glTF files compressed with Draco",
+    "plot": "plots by antumbra compare and antumbra bench",
+    "video": ".mp4 and .webm files",
+    "view": "the interactive page of antumbra view",
+    "ray": "jobs on several machines",
+    "all": "all of these",
+}
+"""The extras for users, and what each is for. The others are for developers."""
 
 
 def import_extra(package: str, what: str, extra: str) -> ModuleType:
@@ -49,8 +70,10 @@ _added: set[str] = set()
 
 
 @cache
-def plugins_of(group: str) -> dict[str, EntryPoint]:
+def plugins_of(group: str) -> "dict[str, EntryPoint]":
     """The entry points of a group by name, sorted by name."""
+    from importlib.metadata import entry_points  # slow to import
+
     return {point.name: point for point in sorted(entry_points(group=group))}
 
 

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 import antumbra as at
-from antumbra.engine.default_view import innermost_box
+from antumbra.engine.default_view import _hull_planes, innermost_box
 from antumbra.engine.primary_visibility import primary_visibility
 from antumbra.scene.default_picture import KINDS
 from scene.test_default_view import block, blocks
@@ -103,3 +104,28 @@ def test_a_moving_part_that_leaves_its_box_is_shown_from_outside(tmp_path):
     made.animate(moving, "translation", [0, 1], [[0, 0, 0], [0, 5, 0]])
     scene = at.load(made.write(tmp_path))
     assert scene.view.room is None and innermost_box(scene.triangles(0.0), None) is not None
+
+
+@pytest.mark.parametrize("n", [4, 6, 12, 17])
+def test_planes_of_closed_hulls_are_those_of_scipy(n):
+    random = np.random.default_rng(n)
+    points = random.normal(size=(n, 3))
+    hull = ConvexHull(points / np.linalg.norm(points, axis=1, keepdims=True))
+    faces = hull.points[hull.simplices].astype(np.float32)
+    faces[::2] = faces[::2, ::-1]  # half of them face inward
+    inside = 0.2 * faces + 0.8 * hull.points.mean(0)
+    planes = _hull_planes(np.concatenate([divided(faces, 2), inside]))
+    assert 4 <= len(planes) == len(hull.equations) <= 32
+    nearest = np.abs(hull.equations[:, None] - planes[:, :4]).max(2)
+    assert (nearest.min(1) < 1e-5).all()
+    areas = np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1) / 2
+    np.testing.assert_allclose(planes[nearest.argmin(1), 4], areas, rtol=1e-4)
+
+
+def test_facets_beside_a_hole_reach_beyond_it():
+    tube = np.array([face for face in block((-1, -1, -1), (1, 1, 1)) if np.ptp(face[:, 1]) > 0])
+    assert (_hull_planes(tube)[:, 4] > 8).all() and len(_hull_planes(tube)) == 4
+    ball = divided(divided(block((-1, -1, -1), (1, 1, 1)), 2), 1)
+    ball /= np.linalg.norm(ball, axis=2, keepdims=True)
+    assert _hull_planes(ball) is None  # too many planes
+    assert _hull_planes(tube * 0.0) is None

@@ -135,6 +135,18 @@ def test_folders_of_kernels_that_others_can_change(own, spoil):
         cache.check_cache(own)
 
 
+@pytest.mark.parametrize("spoil, trusted", [(open_to_all, False), (give_away, False), (open_inside, True)])
+def test_measured_rates_come_from_a_folder_that_others_cannot_change(own, spoil, trusted, monkeypatch):
+    """They need no kernels, whose folders are therefore not checked."""
+    monkeypatch.setenv("ANTUMBRA_CACHE", str(own))
+    cache.cache_root.cache_clear()
+    try:
+        spoil(own)
+        assert (cache.cache_root() == own) == trusted
+    finally:
+        cache.cache_root.cache_clear()
+
+
 def test_kernels_are_then_compiled_in_a_private_folder(package, own, tmp_path):
     own.chmod(0o777)
     temporary = tmp_path / "temporary"

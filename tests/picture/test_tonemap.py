@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from antumbra.picture import image_files as tonemap
-from antumbra.picture.image_files import automatic_exposure, roll_off, to_srgb8
+from antumbra.picture.image_files import automatic_exposure, percentiles, roll_off, to_srgb8
 from antumbra.scene.materials import linear_to_srgb
 
 
@@ -53,6 +53,12 @@ def test_black_is_black_and_much_light_is_white():
     image = np.array([[[0.0, 0.0, 0.0], [1e30, 1e30, 1e30], [np.inf, np.nan, -1.0]]], np.float32)
     assert to_srgb8(image, 1.0).tolist() == [[[0, 0, 0], [255, 255, 255], [255, 0, 0]]]
     assert to_srgb8(image, 1e38)[0, :2].tolist() == [[0, 0, 0], [255, 255, 255]]
+
+
+@given(st.integers(1, 300), st.integers(0, 2**32 - 1), st.lists(st.floats(0.0, 100.0), min_size=1, max_size=4))
+def test_percentiles_are_those_of_numpy(n, seed, percentages):
+    values = np.random.default_rng(seed).lognormal(size=n).astype(np.float32)
+    assert (percentiles(values, percentages) == np.percentile(values, percentages)).all()
 
 
 def test_automatic_exposure_shows_bright_parts_bright_but_not_clipped():

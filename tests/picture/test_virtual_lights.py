@@ -5,8 +5,9 @@ import pytest
 
 import antumbra as at
 from antumbra.picture.irradiance import irradiance
-from antumbra.picture.virtual_point_lights import emit_photons, sobol_points
+from antumbra.picture.virtual_point_lights import emit_photons
 from antumbra.query.gbuffer import GBuffer
+from antumbra.query.sobol_sequence import scrambled_sobol
 
 LIGHTS = {
     "point": at.PointLight((0, 0, 0), intensity=3.0),
@@ -24,7 +25,7 @@ def _shells(z):
 @pytest.mark.parametrize("name", LIGHTS)
 def test_photons_carry_the_power_that_shading_sees_and_spread_alike(name):
     light = LIGHTS[name]
-    origins, directions, power = emit_photons(light, sobol_points(4096, 1), np.zeros(3), RADIUS)
+    origins, directions, power = emit_photons(light, scrambled_sobol(4096, 4, 1), np.zeros(3), RADIUS)
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1)
     along = (origins * directions).sum(1)
     z = (origins + (np.sqrt(along**2 - (origins**2).sum(1) + RADIUS**2) - along)[:, None] * directions)[:, 2]
@@ -66,7 +67,7 @@ def test_sunlight_reflected_by_a_floor_reaches_a_ceiling():
 
 def test_photons_of_a_wide_sun_have_its_power_and_its_directions():
     sun = at.DirectionalLight((0, -1, 0), 100.0, intensity=7.0)
-    _, directions, power = emit_photons(sun, sobol_points(4096, 1), np.zeros(3), RADIUS)
+    _, directions, power = emit_photons(sun, scrambled_sobol(4096, 4, 1), np.zeros(3), RADIUS)
     lux = power / (np.pi * RADIUS**2)  # on a disk that each photon meets head-on
     for normal in ((0, 1, 0), (0.6, 0.8, 0)):  # sees all of it
         found = lux * np.maximum(-directions @ normal, 0.0).mean()

@@ -11,12 +11,12 @@ from importlib import import_module
 from typing import Annotated, Any, NamedTuple
 
 import typer
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
 
 from ..errors import InputError
 from .console import command_line
 
-# --- Option groups of the help, which is plain text without Rich ------------------------------------------------------
+# --- Commands: late conversion, and option groups of the help, which is plain text without Rich -----------------------
 
 
 PANELS: dict[str, tuple[str, ...]] = {
@@ -34,7 +34,45 @@ PANELS: dict[str, tuple[str, ...]] = {
 _LEAST = 12  # least number of options that are grouped
 
 
-class Grouped(TyperCommand):
+class LateConversion:
+    """A command that converts only values that need it, because Typer imports pydantic to convert, which is slow."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        params: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        for param in params:
+            if "process_value" not in vars(param):
+                param.process_value = _late_conversion(param)
+        return params
+
+
+def _late_conversion(param: Any) -> Callable[[Any, Any], Any]:
+    """The `process_value` of a parameter that takes its default, and text that is to remain text, as they are."""
+    convert, default = param.process_value, param.default
+    is_choice = (
+        type(getattr(param, "type", None)).__name__ == "Choice"
+    )  # older Typers: an enumeration's default is text
+    is_text = getattr(getattr(param, "type_descriptor", None), "annotation", None) is str
+    is_list = param.multiple or param.nargs != 1
+
+    def process_value(context: Any, value: Any) -> Any:
+        is_default = value is default and not is_choice and not (value is None and param.required)
+        if not is_default and not (is_text and isinstance(value, str)):
+            return convert(context, value)
+        value = () if is_list and value is None else value
+        return value if param.callback is None else param.callback(context, param, value)
+
+    return process_value
+
+
+class Program(LateConversion, TyperGroup):
+    """The program."""
+
+
+class Command(LateConversion, TyperCommand):
+    """A command."""
+
+
+class Grouped(Command):
     """A command whose help groups its options if there are many."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
@@ -126,6 +164,7 @@ def program(names: frozenset[str] | None = None) -> typer.Typer:
     """
     app = typer.Typer(
         name="antumbra",
+        cls=Program,
         help="Which points see which lights: exact ray-traced shadows.",
         epilog="Each command explains itself: antumbra render --help",
         rich_markup_mode=None,
@@ -133,7 +172,7 @@ def program(names: frozenset[str] | None = None) -> typer.Typer:
     )
     for name, entry in COMMANDS.items():
         function = entry.function(name) if names is None or name in names else _listed
-        app.command(name, cls=Grouped if entry.grouped else TyperCommand, help=_help_of(function, entry))(function)
+        app.command(name, cls=Grouped if entry.grouped else Command, help=_help_of(function, entry))(function)
     if names is None or _BENCH[0] in names:
         from . import bench_command
 

@@ -10,7 +10,9 @@ import logging
 import math
 import os
 import re
+import shutil
 import sys
+import textwrap
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -107,15 +109,32 @@ def print_json(answer: dict[str, Any]) -> None:
 
 def print_fields(rows: Iterable[tuple[str, str]]) -> None:
     """Print names and values, one pair per line."""
-    from rich.table import Table
-
     rows = list(rows)
     if isinstance(sys.stdout, Record):
         sys.stdout.keep_fields(rows)
+    if _print_plainly(rows):
+        return
+    from rich.table import Table
+
     grid = Table.grid(padding=(0, 2))
     grid.add_column(style="bold")
     grid.add_column(overflow="fold")
     _print_rows(grid, rows)
+
+
+def _print_plainly(rows: list[tuple[str, str]]) -> bool:
+    """Print fields without Rich, whose import takes long. False: the output is a terminal, or has wide characters."""
+    out = sys.stdout.stream if isinstance(sys.stdout, Record) else sys.stdout
+    if out is None or out.isatty() or not all(text.isascii() and text.isprintable() for row in rows for text in row):
+        return False
+    indent = max((len(name) for name, _ in rows), default=0) + 2
+    width = shutil.get_terminal_size().columns - indent
+    if width < 20:
+        return False
+    for name, value in rows:
+        for k, line in enumerate(textwrap.wrap(value, width, break_on_hyphens=False) or [""]):
+            out.write(f"{name if k == 0 else '':{indent}}{line}".rstrip() + "\n")
+    return True
 
 
 def print_table(

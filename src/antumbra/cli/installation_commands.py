@@ -18,6 +18,7 @@ from typing import Annotated, Any
 
 import typer
 
+from ..extras import EXTRAS
 from ..version import VERSION
 from . import console
 from .console import ProgressDisplay
@@ -85,9 +86,8 @@ def _git(folder: Path, *words: str) -> str:
 # --- ``antumbra doctor`` ----------------------------------------------------------------------------------------------
 
 
-_FOR_DEVELOPERS = ("docs", "test", "dev", "release", "all-peers")
 _EXTRA = re.compile(r"^([\w.-]+)[^;]*;.*extra == [\"']([\w-]+)[\"']")
-_CORE = "numpy", "scipy", "trimesh", "pillow", "OpenEXR", "typer", "rich"
+_CORE = "numpy", "pillow", "typer", "rich"
 
 
 def doctor(
@@ -182,7 +182,7 @@ def _extras() -> dict[str, dict[str, str | None]]:
     extras: dict[str, dict[str, str | None]] = {}
     for line in importlib.metadata.requires("antumbra") or []:
         match = _EXTRA.match(line)
-        if match is None or match[2] in _FOR_DEVELOPERS or match[1] == "antumbra":
+        if match is None or match[2] not in EXTRAS or match[1] == "antumbra":
             continue
         try:
             version = importlib.metadata.version(match[1])
@@ -222,7 +222,8 @@ def _lines(results: dict[str, Any]) -> Iterator[tuple[str, str]]:
     for extra, packages in results["extras"].items():
         missing = [name for name, version in packages.items() if version is None]
         there = ", ".join(f"{name} {version}" for name, version in packages.items() if version is not None)
-        yield f"[{extra}]", there if not missing else f"pip install 'antumbra[{extra}]' adds {', '.join(missing)}"
+        remedy = f"pip install 'antumbra[{extra}]' adds {', '.join(missing)}, for {EXTRAS[extra]}"
+        yield f"[{extra}]", remedy if missing else there
     for node in results.get("nodes", []):
         yield "node", _node_text(node)
     verdict = "right" if check["right"] else "WRONG: please report this"

@@ -34,6 +34,7 @@ from .primary_visibility import primary_visibility
 
 _HULL_SIZE, _HULL_VFOV = 128, 20.0  # pixels and field of view in degrees of images from outside
 _MAX_PLANES, _MAX_LAYERS = 32, 4  # planes of a hull; nested boxes to open
+_MOST_TRIED = 16 * _MAX_PLANES  # planes of visible faces, most of them inside
 _ON_PLANE = 1e-4  # distance from a plane, as a share of the scene's size, up to which a corner lies on it
 _MIN_COVER = 0.98  # minimum share of each plane that faces cover, and of the pixels that show these faces from outside
 _MAX_BACK = 0.9  # maximum distance of the camera, as a share of the distance to the box
@@ -106,7 +107,7 @@ def _outermost_box(triangles: Triangles, threads: int | None) -> EnclosingBox | 
     visible = _visible_from_outside(triangles, threads)
     if visible is None:
         return None
-    planes = _hull_planes(triangles.vertices[np.unique(visible)].reshape(-1, 3))
+    planes = _hull_planes(triangles.vertices[np.unique(visible)])
     if planes is None:
         return None
     size = float(np.ptp(bounds_of_points(triangles.vertices), axis=0).max())
@@ -160,23 +161,58 @@ def _many_planes(corners: np.ndarray, radius: float) -> bool:
     return len(np.unique(np.c_[normals, heights].round(2), axis=0)) > 2 * _MAX_PLANES
 
 
-def _hull_planes(points: np.ndarray) -> NDArray[np.float64] | None:
-    """(m, 5) float64: the planes (n, d) of the convex hull and their areas; None if it is flat or has too many."""
-    from scipy.spatial import ConvexHull, QhullError
+def _hull_planes(faces: NDArray[np.floating]) -> NDArray[np.float64] | None:
+    """(m, 5) float64: the planes (n, d) that bound faces from outside, and areas; None if there are too many.
 
-    points = points.astype(np.float64)
-    scale = max(float(np.abs(points).max()), 1e-300)
-    try:
-        hull = ConvexHull(points / scale)
-    except (QhullError, ValueError):  # all in one plane
+    These are the planes of faces behind which all faces lie. They bound a polytope, whose facets have these areas. If
+    faces cover all facets, it is the convex hull; if the hull has a hole, facets beside the hole reach beyond it.
+    """
+    faces = faces.astype(np.float64)
+    normals = np.cross(*_edges(faces))
+    twice_area = np.linalg.norm(normals, axis=1)
+    faces, normals = faces[twice_area > 0.0], normals[twice_area > 0.0]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points = np.unique(faces.reshape(-1, 3), axis=0)
+    slack = _ON_PLANE * float(np.ptp(points, axis=0).max(initial=0.0))
+    rest = np.argsort(-twice_area[twice_area > 0.0], kind="stable")  # the largest face of a plane is the most precise
+    planes: list[NDArray[np.float64]] = []
+    for _ in range(_MOST_TRIED):
+        if not len(rest) or len(planes) > _MAX_PLANES:
+            break
+        plane = np.append(normals[rest[0]], -normals[rest[0]] @ faces[rest[0], 0])
+        heights = points @ plane[:3] + plane[3]
+        if heights.max() <= slack:
+            planes.append(plane)
+        elif heights.min() >= -slack:
+            planes.append(-plane)
+        rest = rest[(np.abs(faces[rest] @ plane[:3] + plane[3]) > slack).any(1)]
+    if len(rest) or not 0 < len(planes) <= _MAX_PLANES:
         return None
-    planes, which = np.unique(hull.equations.round(5), axis=0, return_inverse=True)
-    if len(planes) > _MAX_PLANES:
-        return None
-    corners = points[hull.simplices]
-    areas = np.bincount(which.reshape(-1), np.linalg.norm(np.cross(*_edges(corners)), axis=1) / 2.0)
-    planes[:, 3] *= scale
-    return np.column_stack([planes, areas])
+    return np.array([np.append(plane, _facet_area(plane, planes, points)) for plane in planes])
+
+
+def _facet_area(plane: NDArray[np.float64], planes: list[NDArray[np.float64]], points: NDArray[np.float64]) -> float:
+    """The area of a plane behind all other planes, within a square much larger than the extent of the points."""
+    u, v = tangents(plane[:3])
+    centre = points.mean(0)
+    centre -= (centre @ plane[:3] + plane[3]) * plane[:3]
+    reach = 4.0 * float(np.ptp(points, axis=0).max())
+    polygon = centre + reach * np.array([-u - v, u - v, u + v, v - u])
+    for other in planes:
+        if other is not plane:
+            polygon = _clipped(polygon, other)
+    fan = polygon - polygon[:1]
+    return float(np.linalg.norm(np.cross(fan[:-1], fan[1:]).sum(0)) / 2.0)
+
+
+def _clipped(polygon: NDArray[np.float64], plane: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k, 3): the part of a convex polygon behind a plane."""
+    heights = polygon @ plane[:3] + plane[3]
+    following, behind = np.roll(heights, -1), heights <= 0.0
+    with np.errstate(invalid="ignore", divide="ignore"):
+        crossings = polygon + (heights / (heights - following))[:, None] * (np.roll(polygon, -1, axis=0) - polygon)
+    used = np.stack([behind, behind != np.roll(behind, -1)], 1)
+    return np.asarray(np.stack([polygon, crossings], 1)[used])
 
 
 def _edges(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -142,6 +142,9 @@ def with_sample(plans: Sequence[Plan], sample: SrdhRays | None) -> list[Plan]:
 
 def _method(part: str) -> tuple[str, str] | None:
     """(field of a plan, canonical name) of a method; None: unknown method."""
+    for field, (_, registry) in KINDS.items():
+        if part in registry:  # so that plugins are imported only for other names
+            return field, part
     return next(((field, method[0]) for field in KINDS if (method := find_method(field, part))), None)
 
 

@@ -136,10 +136,10 @@ PLY = Format(
     (".ply",),
     _read_mesh_file,
     _write_ply,
-    None,
+    "meshes",
     "points and lines; when written: cameras, lights, and colours beyond 8 bits",
 )
-STL = Format("STL", (".stl",), _read_mesh_file, None, None, "colours")
+STL = Format("STL", (".stl",), _read_mesh_file, None, "meshes", "colours")
 CITYJSON = Format(
     "CityJSON, CityJSONSeq",
     CITYJSON_SUFFIXES,

@@ -13,14 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError
+from ..extras import import_extra
 from ..files import atomic_output
 from ..scene.materials import PLAIN, linear_to_srgb
 from ..scene.mesh import Mesh, StaticMeshes, VertexAttributes, flip_v, make_mesh, textured_mesh
 from ..scene.palette_scene import PaletteScene
 from .obj_file import MeshNames
 from .text_numbers import parsed_numbers
-
-logging.getLogger("trimesh").addHandler(logging.NullHandler())  # keeps its tracebacks off the screen
 
 _PLY_ELEMENT = re.compile(rb"^element\s+(\S+)\s+(\d+)", re.MULTILINE)
 _PLY_LINE = re.compile(rb"^(element|property)\s+(.+?)\s*$", re.MULTILINE)
@@ -208,8 +207,7 @@ def _has_colour(rows: np.dtype) -> bool:
 
 
 def _read_by_trimesh(data: bytes, path: Path) -> list[Mesh]:
-    import trimesh
-
+    trimesh = import_extra("trimesh", f"{path.name}, which is not plain triangles,", "meshes")
     try:
         loaded = trimesh.load(io.BytesIO(data), file_type=path.suffix.lower()[1:], process=False)
     except IndexError as error:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from ..extras import import_extra
 from ..files import reserve
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
@@ -179,6 +180,7 @@ def _indices(
 
 def sparse_matrix(bits: NDArray[np.uint64], columns: int, counts: NDArray[np.int64]) -> "csr_array":
     """The set bits as a ``scipy.sparse.csr_array`` of bool."""
+    import_extra("scipy", "a sparse matrix", "sparse")
     from scipy.sparse import csr_array
 
     kind = _index_type(counts)

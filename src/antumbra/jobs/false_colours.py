@@ -9,6 +9,7 @@ from ..engine.scene import AnyScene
 from ..formats.gltf.gltf_writer import TRIANGLES, GltfWriter, Json, up_axis_transform
 from ..picture.heat_maps import Panel, Scale, linear_scale, linear_ticks, panel_sheet
 from ..picture.renderer import render
+from ..query.nearest_points import PointTree
 from ..scene.camera import Camera, ExplicitRays, axes, fitted_camera
 from ..scene.lights import AmbientOcclusion
 from ..scene.materials import srgb_to_linear
@@ -148,13 +149,11 @@ def _values_at(
         of_face = np.full(max(int(faces.max(initial=0)), int(sensors.faces.max(initial=0))) + 1, np.nan)
         of_face[sensors.faces] = values
         return np.asarray(of_face[faces])
-    from scipy.spatial import cKDTree
-
     if sensors.normals is None:
-        return np.asarray(values[cKDTree(sensors.points).query(at, workers=-1)[1]])
+        return np.asarray(values[PointTree(sensors.points).nearest(at).indices])
     away = float(np.ptp(sensors.points, axis=0).max()) / 20.0 or 1.0
-    tree = cKDTree(np.hstack([sensors.points, sensors.normals * away]))
-    return np.asarray(values[tree.query(np.hstack([at, normals * away]), workers=-1)[1]])
+    tree = PointTree(np.hstack([sensors.points, sensors.normals * away]))
+    return np.asarray(values[tree.nearest(np.hstack([at, normals * away])).indices])
 
 
 # --- False-colour models ----------------------------------------------------------------------------------------------

@@ -6,7 +6,9 @@ from numpy.typing import NDArray
 from ..checks import flag, whole_number
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
+from ..query.nearest_points import PointTree
 from ..query.receivers import surface_receivers
+from ..query.sobol_sequence import scrambled_sobol
 from ..scene.light_lists import PointLights
 from ..scene.lights import (
     DirectionalLight,
@@ -74,7 +76,7 @@ def virtual_point_lights(
     n = whole_number(n, "n", 1, 16384 if flag(interleave, "interleave") else 1024)
     seed = whole_number(seed, "seed", 0, 2**63 - 1)
     centre, radius = scene.bounds.mean(0), np.linalg.norm(np.ptp(scene.bounds, axis=0)) / 2.0
-    xi = sobol_points(n, seed)
+    xi = scrambled_sobol(n, 4, seed)
     origins, directions, power = emit_photons(light, xi, centre, radius)
     hit = scene.closest_hit(origins, directions, time=time, threads=threads)
     mask = hit.mask
@@ -93,14 +95,6 @@ def virtual_point_lights(
         indirect=True,
         nearest=_typical_radius(positions),
     )
-
-
-def sobol_points(n: int, seed: int) -> NDArray[np.float64]:
-    """The first n points of a scrambled Sobol sequence: (n, 4) float64 in [0, 1)."""
-    from scipy.stats import qmc  # slow to import
-
-    points: NDArray[np.float64] = qmc.Sobol(4, scramble=True, rng=seed).random(1 << (n - 1).bit_length())[:n]
-    return points
 
 
 def emit_photons(
@@ -228,9 +222,7 @@ def _offset_from_surface(
 
 def _typical_radius(positions: NDArray[np.float64]) -> float:
     """Radius of the disk that one light typically represents, from the median distance to the nearest other light."""
-    from scipy.spatial import KDTree  # slow to import
-
     if len(positions) < 2:
         return 0.0
-    nearest = KDTree(positions).query(positions, 2)[0][:, 1]
+    nearest = PointTree(positions).nearest(positions, others=True).distances
     return float(2.0 / np.sqrt(np.pi) * np.median(nearest))  # random points of density p are 1 / (2 sqrt(p)) apart

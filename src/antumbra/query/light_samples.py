@@ -19,6 +19,7 @@ from ..checks import choice, whole_number
 from ..kernels.jit import inlined, kernel
 from ..scene.light_lists import N_SETS, LightList
 from ..scene.lights import AMBIENT, DIRECTIONAL, MAX_SPP, SPHERE, Light
+from .sobol_sequence import scrambled_sobol
 
 # --- Light samples in kernels -----------------------------------------------------------------------------------------
 
@@ -171,10 +172,8 @@ def _z_order(x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _scrambled_sobol(spp: int, seed: int) -> np.ndarray:
-    from scipy.stats import qmc  # imported on demand, because the import is slow
-
     size = _power_of_two(spp)
-    points: NDArray[np.float64] = qmc.Sobol(2, scramble=True, rng=seed).random(N_SETS * size)
+    points = scrambled_sobol(N_SETS * size, 2, seed)
     return points.reshape(N_SETS, size, 2)[:, :spp]  # every aligned block is a net, every prefix well distributed
 
 
@@ -247,7 +246,7 @@ def sample_sets(spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0
     spp : int
         Samples per set, 1 to 1024.
     sampler : str
-        A name in `SAMPLERS`. ``seed`` only matters to "sobol" (scrambled, from scipy).
+        A name in `SAMPLERS`. ``seed`` only matters to "sobol", which it scrambles.
 
     Raises
     ------

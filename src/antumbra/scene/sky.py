@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..checks import as_array, choice, flag, number, path_of, unit_vectors, whole_number
 from ..errors import InputError
+from ..extras import import_extra
 from ..files import checked_file, without_output
 from .camera import axes
 from .light_lists import N_SETS, LightList
@@ -39,6 +40,8 @@ def read_environment(path: Path) -> np.ndarray:
     readers = {".hdr": _read_hdr, ".exr": _read_exr}
     if path.suffix.lower() not in readers:
         raise InputError(f"{path.name}: a sky must be one of {', '.join(ENVIRONMENT_SUFFIXES)}; convert it")
+    if path.suffix.lower() == ".exr":
+        import_extra("OpenEXR", path.name, "exr")
     try:
         with without_output():
             image = readers[path.suffix.lower()](path)

@@ -9,7 +9,6 @@ All times are computing time: the seconds that one thread would take.
 
 import json
 from functools import cache
-from importlib.resources import files
 from math import inf, log2
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from ...files import atomic_output, make_folder, read_trusted
 from ...kernels.processor import level
-from ...kernels.toolchain.kernel_cache import cache_folder
+from ...kernels.toolchain.kernel_cache import cache_root
 from ...scene.lights import AMBIENT, DIRECTIONAL, LIST
 from .query_features import QueryFeatures
 
@@ -60,7 +59,7 @@ def terms(features: QueryFeatures) -> NDArray[np.float64]:
 
 @cache
 def _shipped() -> dict[str, Any]:
-    return cast(dict[str, Any], json.loads(files(__package__).joinpath("rates.json").read_text()))
+    return cast(dict[str, Any], json.loads((Path(__file__).parent / "rates.json").read_text()))
 
 
 @cache
@@ -92,7 +91,7 @@ SHIPPED = MachineRates(
 
 def machine_rates_file() -> Path:
     """The file with the measured `MachineRates`, in the user's cache."""
-    return cache_folder() / f"rates-{level()}.json"
+    return cache_root() / f"rates-{level()}.json"
 
 
 @cache

@@ -78,7 +78,7 @@ def tile_size(query: ShadowQuery) -> float:
     h, w = query.sides.shape
     width, height = tile_shape(query)[:2]
     rows, columns = max(h // height, 1), max(w // width, 1)
-    tiles = np.unique(np.linspace(0, rows * columns - 1, _MEASURED_TILES).astype(int))
+    tiles = _distinct(np.linspace(0, rows * columns - 1, _MEASURED_TILES).astype(int))
     y, x = tiles // columns * height, tiles % columns * width
     at = np.s_[(y[:, None] + np.arange(min(height, h)))[:, :, None], (x[:, None] + np.arange(min(width, w)))[:, None]]
     points, valid = query.origins[at].reshape(len(tiles), -1, 3), query.sides[at].reshape(len(tiles), -1) != NOTHING
@@ -149,10 +149,16 @@ def sample_of(query: ShadowQuery, windows: int) -> ShadowQuery:
     occupied = query.sides[y + height // 2, x + width // 2] != NOTHING
     places = places[occupied] if occupied.any() else places
     # a stride of the golden ratio spreads even a few windows over all rows and columns
-    chosen = np.unique(places[(np.arange(1, windows + 1) * 0.618034 % 1.0 * len(places)).astype(int)])
+    chosen = _distinct(places[(np.arange(1, windows + 1) * 0.618034 % 1.0 * len(places)).astype(int)])
     y, x = y[chosen], x[chosen]
     join = lambda a: np.concatenate([a[i : i + height, j : j + width] for i, j in zip(y, x)], axis=0 if h > 1 else 1)
     return with_receivers(query, join)._replace(samples=np.ascontiguousarray(query.samples[:, :STRATA]))
+
+
+def _distinct(numbers: NDArray[np.integer]) -> NDArray[np.integer]:
+    """The distinct numbers of an array, all >= 0, in order; ``np.unique`` would import numpy.ma, which takes long."""
+    numbers = np.sort(numbers)
+    return numbers[np.diff(numbers, prepend=-1) > 0]
 
 
 def tile_of(query: ShadowQuery) -> ShadowQuery:

@@ -21,7 +21,6 @@ from ...kernels.parallel import thread_count
 from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery, new_bits, ray_count
 from ...techniques.culling.pre_bvh_culling import Soup
-from ...techniques.rayhierarchy.ray_hierarchy import trace_shadow as trace_by_cones
 from ...techniques.tracer_options import FASTEST_RAY_HIERARCHY
 from ...trace.frusta.multi_frusta import trace_tree_list
 from ...trace.light_table import STRATA
@@ -449,6 +448,8 @@ class ConeTracer:
         self, query: ShadowQuery, bits: Bits, threads: int, counters: Counters | None, progress: ProgressCallback | None
     ) -> None:
         """Answer a ShadowQuery, as `trace_shadow` does."""
+        from ...techniques.rayhierarchy.ray_hierarchy import trace_shadow as trace_by_cones  # rarely used
+
         start = process_time()
         trace_by_cones(self.soup, query, bits, threads, counters, progress, FASTEST_RAY_HIERARCHY)
         choice = StrategyChoice("cones", ray_count(query), "prediction", 0.0, {}, seconds=process_time() - start)

@@ -10,6 +10,7 @@ from ...checks import flag, is_number, quoted, text
 from ...engine.plan import Plan
 from ...errors import InputError
 from ...extras import import_extra
+from ...picture.image_files import openexr
 from ...picture.option_fields import (
     Choice,
     RealNumber,
@@ -126,8 +127,11 @@ class BakeOptions(BakeKeywords, BakeQuantity):
         if self.texture is not None:
             if self.attribute is not None or self.multiply:
                 raise InputError("attribute and multiply belong to values at vertices; leave them or texture out")
+            import_extra("scipy", "a texture", "bake")
             if self.uv is None:
                 import_extra("xatlas", "an atlas (--texture without --uv)", "bake")
+            if self.exr:
+                openexr()
         elif self.uv is not None or self.exr or self.denoise or self.bits != 8:
             raise InputError("uv, bits, exr and denoise belong to a texture; give its size as texture")
         if self.denoise and self.what not in ("ao", "shadow"):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...files import atomic_output
 from ...picture.heat_maps import ColourBar, Panel, panel_sheet
-from ...picture.image_files import automatic_exposure, save_exr, save_png, to_srgb8
+from ...picture.image_files import automatic_exposure, openexr, save_exr, save_png, to_srgb8
 from ..scene_records import Record
 from .dataset_layers import VIEW, light_layer
 
@@ -167,9 +167,7 @@ def contact_sheet(folder: Path, frame: int = 0) -> NDArray[np.uint8]:
 
 def read_layers(path: Path) -> dict[str, np.ndarray]:
     """The channels of an EXR file of a data set: name -> (H, W) float32, or int32 for ids."""
-    import OpenEXR
-
-    with OpenEXR.File(str(path), separate_channels=True) as file:
+    with openexr().File(str(path), separate_channels=True) as file:
         pixels = {name: channel.pixels for name, channel in file.channels().items()}
     return {name: p.view(np.int32) if p.dtype == np.uint32 else p for name, p in pixels.items()}
 

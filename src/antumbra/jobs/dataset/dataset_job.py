@@ -11,6 +11,7 @@ from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...files import checked_folder
 from ...kernels.parallel import thread_count
+from ...picture.image_files import openexr
 from ...picture.option_fields import deciding_fields, with_keywords
 from ...picture.render_options import RenderOptions
 from ...picture.renderer import Renderer
@@ -105,6 +106,7 @@ def dataset(
         settings or other files, or it cannot be written.
     """
     start = perf_counter()
+    openexr()  # before long work begins
     path, options, share = checked_folder(folder), DatasetOptions(**keywords), checked_shard(shard)
     if keep is not None:
         keep = executor_of(keep)

@@ -148,7 +148,7 @@ class VisibilityMatrix:
         return unpack_bits(self.bits[first:last], self.columns)
 
     def sparse(self) -> "csr_array":
-        """The visible pairs as a ``scipy.sparse.csr_array`` of bool."""
+        """The visible pairs as a ``scipy.sparse.csr_array`` of bool. It needs the extra ``sparse``."""
         return sparse_matrix(self.bits, self.columns, self.counts)
 
     def save(self, path: str | PathLike[str]) -> None:

@@ -14,10 +14,10 @@ import sys
 import tempfile
 import time
 import zlib
+from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from functools import cache
 from hashlib import blake2b
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import NamedTuple
 
@@ -85,14 +85,24 @@ def _user_cache() -> Path:
 
 
 @cache
-def cache_folder() -> Path:
-    """The user's kernel cache: ``ANTUMBRA_CACHE``, or else a folder in the system's cache folder.
+def cache_root() -> Path:
+    """The user's cache: ``ANTUMBRA_CACHE``, or else a folder in the system's cache folder.
 
     If other users can modify it, a private folder of this process is used instead.
     """
-    root = Path(os.environ.get("ANTUMBRA_CACHE") or _user_cache() / "antumbra")
+    return _trusted(Path(os.environ.get("ANTUMBRA_CACHE") or _user_cache() / "antumbra"), _check_folders)
+
+
+@cache
+def cache_folder() -> Path:
+    """The user's kernel cache: `cache_root`, unless other users can modify the folders of kernels in it."""
+    return _trusted(cache_root(), check_cache)
+
+
+def _trusted(root: Path, check: Callable[[Path], None]) -> Path:
+    """A cache if it passes the check; a private folder of this process if it does not."""
     try:
-        check_cache(root)
+        check(root)
     except Untrusted as error:
         LOG.warning(f"{error}: kernels are compiled for this process alone")
         return private_folder("kernels")
@@ -102,7 +112,11 @@ def cache_folder() -> Path:
 def check_cache(root: Path) -> None:
     """Raise `Untrusted` if other users can modify a cache, or a folder in it with this compiler's kernels."""
     ours = root / "kernels" / toolchain()
-    for folder in (root, ours.parent, ours, *ours.glob("*")):
+    _check_folders(root, ours.parent, ours, *ours.glob("*"))
+
+
+def _check_folders(*folders: Path) -> None:
+    for folder in folders:
         with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
             check_trusted(folder)
 
@@ -116,6 +130,8 @@ def toolchain() -> str:
 
 
 def _version(package: str) -> str:
+    from importlib.metadata import PackageNotFoundError, version  # slow to import, and not needed with a library
+
     try:
         return version(package)
     except PackageNotFoundError:

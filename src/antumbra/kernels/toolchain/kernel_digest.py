@@ -98,12 +98,19 @@ def _collect_definitions(module: str, name: str, definitions: dict[tuple[str, st
     if name in defining.imported:
         _collect_definitions(*defining.imported[name], definitions)
         return
+    definitions[module, name], names = _definition(module, name)
+    for inner in names:
+        _collect_definitions(module, inner, definitions)
+
+
+@cache
+def _definition(module: str, name: str) -> tuple[str, list[str]]:
+    """The statements that define a name, as text, and the names in them that the module defines or imports."""
+    defining = _module(module)
     statements = defining.statements.get(name, [])
-    definitions[module, name] = "\n".join(ast.dump(node) for node in statements)
-    for node in statements:
-        for inner in ast.walk(node):
-            if isinstance(inner, ast.Name) and (inner.id in defining.statements or inner.id in defining.imported):
-                _collect_definitions(module, inner.id, definitions)
+    names = {inner.id: None for node in statements for inner in ast.walk(node) if isinstance(inner, ast.Name)}
+    known = [inner for inner in names if inner in defining.statements or inner in defining.imported]
+    return "\n".join(ast.dump(node) for node in statements), known
 
 
 @cache

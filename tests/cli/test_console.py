@@ -1,0 +1,36 @@
+"""Fields on standard output: the same with and without Rich, folded at the width of the terminal."""
+
+import io
+from contextlib import redirect_stdout
+
+import pytest
+
+from antumbra.cli import console
+
+FIELDS = [
+    ("picture", "a.png"),
+    ("time", "load 571 ms, evaluate 65.3 ms, gbuffer 426 ms, build 196 ms, trace 2.36 s"),
+    ("empty", ""),
+    ("path", "/folder" * 20),
+]
+
+
+def printed(fields):
+    with redirect_stdout(io.StringIO()) as out:
+        console.print_fields(fields)
+    return [line.rstrip() for line in out.getvalue().splitlines()]
+
+
+@pytest.mark.parametrize("columns", [30, 60, 80, 200])
+def test_plain_fields_are_those_of_rich(columns, monkeypatch):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    plain = printed(FIELDS)
+    monkeypatch.setattr(console, "_print_plainly", lambda rows: False)
+    assert plain == printed(FIELDS) and max(map(len, plain)) <= columns
+    assert (len(plain) > len(FIELDS)) == (columns < 200)
+
+
+@pytest.mark.parametrize("text", ["wide \u7a93", "two\nlines"])
+def test_other_text_is_left_to_rich(text, monkeypatch):
+    monkeypatch.setattr(console, "_print_rows", lambda grid, rows: print("by Rich"))
+    assert printed([("name", text)]) == ["by Rich"] and printed([("name", "text")]) == ["name  text"]
