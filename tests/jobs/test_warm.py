@@ -7,9 +7,11 @@ import sys
 import pytest
 
 from antumbra.engine.plan import Plan, covering_plans, parse_plan
+from antumbra.engine.precompilation import missing_of
 from antumbra.jobs import job_kernels as warm
 from antumbra.kernels.marshalling import import_object
 from antumbra.kernels.toolchain import kernel_manifest as needs
+from antumbra.kernels.toolchain.compile_pool import KernelRequest
 from antumbra.picture.render_kernels import rendering_job
 
 NAMES = [job.name for job in warm.all_jobs(papers=True)]
@@ -99,3 +101,11 @@ def test_the_default_plan_stays_within_its_budget(capsys):
     with capsys.disabled():
         print(f"\nauto (raster): {len(sizes)} kernels, {total}", end="")
     assert len(sizes) <= 58 and total["functions"] <= 1620 and total["instructions"] <= 77_000
+
+
+def test_a_record_of_other_sources_is_no_error():
+    """A developer renames a kernel or a type, and runs a job before its kernels are recorded again."""
+    kernel, key = "antumbra.bvh.lbvh:no_such_kernel", "A[i8,1,C] antumbra.bvh.nodes:NoSuchType( i )"
+    real = next(iter(needs.read_manifests(needs.MANIFEST).kernels))
+    requests = [KernelRequest(kernel, "i"), KernelRequest(real.kernel, key), KernelRequest("antumbra.none:f", "i")]
+    assert missing_of(requests) == set()

@@ -67,7 +67,14 @@ def precompile_all(jobs: Iterable[Job]) -> int:
 
 def missing_of(kernels: Iterable[KernelRequest]) -> set[KernelRequest]:
     """The kernels that are not on disk."""
-    return {each for each in kernels if not is_on_disk(import_object(each.kernel), each.key)}
+    return {each for each in kernels if _is_missing(each)}
+
+
+def _is_missing(request: KernelRequest) -> bool:
+    try:
+        return not is_on_disk(import_object(request.kernel), request.key)
+    except (AttributeError, ModuleNotFoundError):  # a name has changed since the record; the job compiles what it calls
+        return False
 
 
 def are_on_disk(kernels: Iterable[KernelRequest] | None) -> bool:
