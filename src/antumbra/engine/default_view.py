@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.elementary import atan, cos, sin
 from ..scene.camera import VFOV, Camera, axes, bounding_sphere, fitted_camera
 from ..scene.default_picture import DefaultView, Room, exit_distance, view_of_bounds
 from ..scene.instance_data import InstanceData
@@ -127,7 +128,7 @@ def _visible_from_outside(triangles: Triangles, threads: int | None) -> np.ndarr
     solid = triangles._replace(cutouts=None)
     bounds = np.stack([triangles.vertices.min((0, 1)), triangles.vertices.max((0, 1))]).astype(np.float64)
     centre, radius = bounding_sphere(bounds)
-    away, faces = radius / np.sin(np.radians(_HULL_VFOV / 2.0)), []
+    away, faces = radius / sin(np.radians(_HULL_VFOV / 2.0)), []
     for corner in np.array(list(np.ndindex(2, 2, 2))) * 2.0 - 1.0:
         place = centre + away / 3.0**0.5 * corner + triangles.origin
         gbuffer = primary_visibility(
@@ -186,7 +187,7 @@ def _vfov_of(points: np.ndarray, camera: Camera) -> float:
     if ahead.min() <= 0.0:
         return 180.0
     across = float((np.maximum(np.abs(right), np.abs(down)) / ahead).max())
-    return max(VFOV, 2.0 * float(np.degrees(np.arctan(_MARGIN * across))))
+    return max(VFOV, 2.0 * float(np.degrees(atan(_MARGIN * across))))
 
 
 # --- Rooms ------------------------------------------------------------------------------------------------------------
@@ -308,7 +309,7 @@ def _room(point: np.ndarray, panorama: _Panorama, up: np.ndarray) -> Room:
     """The room around a point. Its camera looks along the longest free line through the point."""
     east, north = tangents(up)
     ways = 2.0 * np.pi * np.arange(_STEPS) / _STEPS
-    horizontal = np.cos(ways)[:, None] * east + np.sin(ways)[:, None] * north
+    horizontal = cos(ways)[:, None] * east + sin(ways)[:, None] * north
     free = np.array([_free_distance(panorama, direction) for direction in horizontal])
     rich = np.array([_n_faces(panorama, panorama.directions @ direction > _AHEAD) for direction in horizontal])
     # The free distance behind the camera counts less than that ahead: it only lets the camera move back.

@@ -17,6 +17,7 @@ from ..checks import choice, number, quoted, vector
 from ..errors import InputError
 from ..extras import import_extra
 from ..files import atomic_output, checked_output
+from ..kernels.elementary import exp
 from ..scene.materials import BYTE_TO_LINEAR, linear_to_srgb, srgb_to_linear
 
 # --- Tone mapping: exposure, highlight roll-off, sRGB -----------------------------------------------------------------
@@ -67,7 +68,7 @@ def automatic_exposure(image: NDArray[np.float32], mask: NDArray[np.bool_]) -> f
 def roll_off(x: np.ndarray) -> np.ndarray:
     """Map linear light >= 0 to [0, 1]: unchanged up to `SHOULDER`, then towards 1, with a continuous derivative."""
     room = 1.0 - SHOULDER
-    return np.where(x <= SHOULDER, x, 1.0 - room * np.exp(-np.maximum(x - SHOULDER, 0.0) / room))
+    return np.where(x <= SHOULDER, x, 1.0 - room * exp(-np.maximum(x - SHOULDER, 0.0) / room))
 
 
 def to_srgb8(image: NDArray[np.floating], exposure: float) -> NDArray[np.uint8]:

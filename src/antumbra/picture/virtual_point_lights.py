@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from ..checks import flag, whole_number
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
+from ..kernels.elementary import cos, sin
 from ..query.receivers import surface_receivers
 from ..scene.light_lists import PointLights
 from ..scene.lights import (
@@ -169,10 +170,10 @@ def _cone_directions(light: DirectionalLight, xi: NDArray[np.float64]) -> tuple[
     unweighted one.
     """
     u, v = tangents(light.direction)
-    min_cosine = np.cos(np.radians(light.angular_diameter) / 2.0)
+    min_cosine = cos(np.radians(light.angular_diameter) / 2.0)
     cosine, angle = 1.0 - xi[:, :1] * (1.0 - min_cosine), 2.0 * np.pi * xi[:, 1:]
     sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
-    return cosine * light.direction + sine * (np.cos(angle) * u + np.sin(angle) * v), 2.0 / (1.0 + min_cosine)
+    return cosine * light.direction + sine * (cos(angle) * u + sin(angle) * v), 2.0 / (1.0 + min_cosine)
 
 
 def _chosen_lights(sky: Sky, xi: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -192,13 +193,13 @@ def _square_to_sphere(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray
     """Map the unit square uniformly to the unit sphere."""
     z, angle = 1.0 - 2.0 * a, 2.0 * np.pi * b
     r = np.sqrt(np.maximum(1.0 - z * z, 0.0))
-    return np.stack([r * np.cos(angle), r * np.sin(angle), z], -1)
+    return np.stack([r * cos(angle), r * sin(angle), z], -1)
 
 
 def _square_to_disk(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Map the unit square uniformly to the unit disk."""
     r, angle = np.sqrt(a), 2.0 * np.pi * b
-    return np.stack([r * np.cos(angle), r * np.sin(angle)], -1)
+    return np.stack([r * cos(angle), r * sin(angle)], -1)
 
 
 def _cosine_directions(normals: NDArray[np.float64], xi: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from ...formats.gltf.gltf_asset import Asset
 from ...formats.gltf.gltf_file import GltfDocument
 from ...formats.gltf.gltf_writer import Json
 from ...formats.json_fields import Fields
+from ...kernels.elementary import atan2
 
 # --- Primitives at nodes ----------------------------------------------------------------------------------------------
 
@@ -115,7 +116,7 @@ def smooth_normals(positions: NDArray[np.float64], faces: NDArray[np.integer], k
 def _angles(positions: NDArray[np.float64], faces: NDArray[np.integer], k: int) -> NDArray[np.float64]:
     """(f,) float64: the angle of each face at its corner k."""
     a, b, c = (positions[faces[:, (k + i) % 3]] for i in range(3))
-    return np.asarray(np.arctan2(np.linalg.norm(np.cross(b - a, c - a), axis=1), ((b - a) * (c - a)).sum(1)))
+    return np.asarray(atan2(np.linalg.norm(np.cross(b - a, c - a), axis=1), ((b - a) * (c - a)).sum(1)))
 
 
 def _unit(
