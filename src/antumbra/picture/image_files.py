@@ -18,6 +18,7 @@ from ..errors import InputError
 from ..extras import import_extra
 from ..files import atomic_output, checked_output
 from ..kernels.elementary import exp
+from ..kernels.small_matrices import dot
 from ..scene.materials import BYTE_TO_LINEAR, linear_to_srgb, srgb_to_linear
 
 # --- Tone mapping: exposure, highlight roll-off, sRGB -----------------------------------------------------------------
@@ -56,7 +57,7 @@ def automatic_exposure(image: NDArray[np.float32], mask: NDArray[np.bool_]) -> f
     if step > 1 and mask[::step, ::step].any():
         image, mask = image[::step, ::step], mask[::step, ::step]
     with np.errstate(invalid="ignore"):  # non-finite pixels do not count
-        luminance = image[mask] @ LUMINANCE
+        luminance = dot(image[mask], LUMINANCE)
     luminance = luminance[np.isfinite(luminance) & (luminance > 0.0)]
     if not len(luminance):
         return 1.0

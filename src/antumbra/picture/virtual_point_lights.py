@@ -7,6 +7,7 @@ from ..checks import flag, whole_number
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..kernels.elementary import cos, sin
+from ..kernels.small_matrices import length
 from ..query.receivers import surface_receivers
 from ..scene.light_lists import PointLights
 from ..scene.lights import (
@@ -74,7 +75,7 @@ def virtual_point_lights(
     (light,) = check_lights([light], scene.up)
     n = whole_number(n, "n", 1, 16384 if flag(interleave, "interleave") else 1024)
     seed = whole_number(seed, "seed", 0, 2**63 - 1)
-    centre, radius = scene.bounds.mean(0), np.linalg.norm(np.ptp(scene.bounds, axis=0)) / 2.0
+    centre, radius = scene.bounds.mean(0), length(np.ptp(scene.bounds, axis=0)) / 2.0
     xi = sobol_points(n, seed)
     origins, directions, power = emit_photons(light, xi, centre, radius)
     hit = scene.closest_hit(origins, directions, time=time, threads=threads)

@@ -15,6 +15,7 @@ from ...formats.gltf.gltf_file import GltfDocument
 from ...formats.gltf.gltf_writer import Json
 from ...formats.json_fields import Fields
 from ...kernels.elementary import atan2
+from ...kernels.small_matrices import inverse, product
 
 # --- Primitives at nodes ----------------------------------------------------------------------------------------------
 
@@ -65,7 +66,7 @@ def read_primitives(scene: Scene, asset: Asset, time: float) -> list[NodePrimiti
             )
             normals = smooth_normals(positions, faces, keys) * sign
         else:
-            normals = file_normals @ np.linalg.inv(linear)
+            normals = product(file_normals, inverse(linear))
         normals = _unit(normals, positions, faces, sign)
         parts.append(
             NodePrimitive(
@@ -138,7 +139,7 @@ def _unit(
 
 def to_local(directions: NDArray[np.floating], part: NodePrimitive) -> NDArray[np.float32]:
     """World directions in the frame of the file's normals, unit."""
-    local = directions @ part.linear
+    local = product(directions, part.linear)
     unit = local / np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-30)
     return np.asarray(unit.astype(np.float32))
 

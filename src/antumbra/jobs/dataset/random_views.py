@@ -14,6 +14,7 @@ from ...engine.paged_scene import PagedScene
 from ...engine.scene import AnyScene
 from ...errors import InputError
 from ...kernels.elementary import asin, atan, cos, sin, tan
+from ...kernels.small_matrices import length
 from ...scene.camera import AZIMUTH, Camera, axes, bounding_sphere, default_camera
 from ...scene.default_picture import Room
 from ...scene.instance_data import InstanceData
@@ -112,7 +113,7 @@ def orbit_camera(region: SamplingRegion, k: int, n: int, size: tuple[int, int]) 
     share = _BACK * room.way(camera.target, back)
     if share >= 1.0:
         return camera
-    radius, distance = bounding_sphere(bounds)[1], share * float(np.linalg.norm(back))
+    radius, distance = bounding_sphere(bounds)[1], share * float(length(back))
     half = atan(tan(asin(min(1.02 * radius / distance, 1.0))) / min(1.0, size[0] / size[1]))
     vfov = min(2.0 * float(np.degrees(half)), _WIDEST)
     return Camera(camera.target + share * back, camera.target, camera.up, vfov, *size)

@@ -17,6 +17,7 @@ from ...engine.scene import AnyScene, Scene
 from ...kernels.elementary import acos, cos, sin, tan
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
+from ...kernels.small_matrices import dot
 from ...query.light_samples import light_samples
 from ...query.query_bounds import morton_codes
 from ...query.receivers import Receivers
@@ -382,11 +383,11 @@ def _in_front(towards: np.ndarray, normals: np.ndarray | None) -> np.ndarray:
     if normals is None or not len(normals):
         return bundles
     middle = normals.mean(0)
-    length = np.linalg.norm(middle)
+    length = float(np.sqrt(dot(middle, middle)))
     if length < 0.1:
         return bundles
-    widest = acos(np.clip((normals @ (middle / length)).min(), -1.0, 1.0))
-    front = towards @ (middle / length) > cos(min(np.pi / 2.0 + widest, np.pi)) - _BEHIND
+    widest = acos(np.clip((dot(normals, middle / length)).min(), -1.0, 1.0))
+    front = dot(towards, middle / length) > cos(min(np.pi / 2.0 + widest, np.pi)) - _BEHIND
     return bundles[np.bitwise_or.reduceat(front, bundles * BUNDLE)]
 
 
