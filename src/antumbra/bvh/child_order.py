@@ -21,6 +21,7 @@ after it.
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.elementary import exp
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import get, ptr, put, stack_array
 from .nodes import (
@@ -92,7 +93,7 @@ def swap_children(words, node):
 @inlined
 def _leaf_blocks(surface, area):
     """The fraction of the rays through a box that its triangles block; `surface` is half the box's surface."""
-    return 1.0 - np.exp(-area / surface) if surface > 0.0 else 0.0
+    return 1.0 - exp(-area / surface) if surface > 0.0 else 0.0
 
 
 @inlined

@@ -13,6 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.elementary import atan, cos, sin
+from ..kernels.small_matrices import dot, product
+from ..kernels.small_matrices import length as length_of
 from ..scene.camera import VFOV, Camera, axes, bounding_sphere, fitted_camera
 from ..scene.default_picture import DefaultView, Room, exit_distance, view_of_bounds
 from ..scene.instance_data import InstanceData
@@ -57,7 +60,7 @@ class EnclosingBox(NamedTuple):
     def contains(self, points: np.ndarray) -> bool:
         """Whether all points, (k, 3) recentred, are inside the box."""
         slack = _ON_PLANE * max(float(np.abs(points).max()), 1e-300)
-        return all((points @ plane[:3]).max() + plane[3] <= slack for plane in self.planes)
+        return all(dot(points, plane[:3]).max() + plane[3] <= slack for plane in self.planes)
 
     def exit_along(self, start: np.ndarray, along: np.ndarray) -> float:
         """The parameter t at which ``start + t * along`` leaves the box; `start`: a recentred point inside."""
@@ -67,7 +70,7 @@ class EnclosingBox(NamedTuple):
     def planes_in_world(self) -> NDArray[np.float64]:
         """(m, 4) float64: the planes in world coordinates."""
         normals, offsets = self.planes[:, :3], self.planes[:, 3]
-        return np.column_stack([normals, offsets - normals @ self.content.origin])
+        return np.column_stack([normals, offsets - dot(normals, self.content.origin)])
 
 
 def innermost_box(triangles: Triangles, threads: int | None) -> EnclosingBox | None:
@@ -95,8 +98,8 @@ def content_room(enclosing: EnclosingBox, up: str) -> Room | None:
     if not vfov <= _MAX_VFOV:
         return None
     upward = axes(up)[1]
-    middle = camera.target + max((points @ upward).max() - camera.target @ upward, 0.0) * upward
-    middle += 0.1 * min(enclosing.exit_along(middle, upward), float(np.linalg.norm(back))) * upward
+    middle = camera.target + max(dot(points, upward).max() - dot(camera.target, upward), 0.0) * upward
+    middle += 0.1 * min(enclosing.exit_along(middle, upward), float(length_of(back))) * upward
     above = enclosing.exit_along((middle + eye) / 2.0, upward)
     middle, eye, target = middle + origin, eye + origin, camera.target + origin
     return Room(middle, eye, target, vfov, False, above, points + origin, enclosing.planes_in_world)
@@ -114,7 +117,7 @@ def _outermost_box(triangles: Triangles, threads: int | None) -> EnclosingBox | 
     corners = triangles.vertices.reshape(-1, 3).astype(np.float64)
     wrap = np.zeros(len(triangles.vertices), bool)
     for x, y, z, offset, area in planes:
-        on = (np.abs(corners @ (x, y, z) + offset) <= _ON_PLANE * size).reshape(-1, 3).all(1)
+        on = (np.abs(dot(corners, (x, y, z)) + offset) <= _ON_PLANE * size).reshape(-1, 3).all(1)
         if _area(triangles.vertices[on]) < _MIN_COVER * area:
             return None
         wrap |= on
@@ -135,7 +138,7 @@ def _visible_from_outside(triangles: Triangles, threads: int | None) -> np.ndarr
     solid = triangles._replace(cutouts=None)
     bounds = np.stack([triangles.vertices.min((0, 1)), triangles.vertices.max((0, 1))]).astype(np.float64)
     centre, radius = bounding_sphere(bounds)
-    away, faces = radius / np.sin(np.radians(_HULL_VFOV / 2.0)), []
+    away, faces = radius / sin(np.radians(_HULL_VFOV / 2.0)), []
     for corner in np.array(list(np.ndindex(2, 2, 2))) * 2.0 - 1.0:
         place = centre + away / 3.0**0.5 * corner + triangles.origin
         gbuffer = primary_visibility(
@@ -156,7 +159,7 @@ def _many_planes(corners: np.ndarray, radius: float) -> bool:
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     sound = length[:, 0] > 0.0
     normals = normals[sound] / length[sound]
-    normals *= np.where(normals @ (0.41, 0.67, 0.62) < 0.0, -1.0, 1.0)[:, None]
+    normals *= np.where(dot(normals, (0.41, 0.67, 0.62)) < 0.0, -1.0, 1.0)[:, None]
     heights = (normals * corners[sound, 0]).sum(1, keepdims=True) / radius
     return len(np.unique(np.c_[normals, heights].round(2), axis=0)) > 2 * _MAX_PLANES
 
@@ -225,11 +228,11 @@ def _area(corners: np.ndarray) -> float:
 
 def _vfov_of(points: np.ndarray, camera: Camera) -> float:
     """The field of view in degrees that shows all points; 180 if some are behind the camera."""
-    right, down, ahead = camera.axes @ (points - camera.position).T
+    right, down, ahead = product(points - camera.position, camera.axes.T).T
     if ahead.min() <= 0.0:
         return 180.0
     across = float((np.maximum(np.abs(right), np.abs(down)) / ahead).max())
-    return max(VFOV, 2.0 * float(np.degrees(np.arctan(_MARGIN * across))))
+    return max(VFOV, 2.0 * float(np.degrees(atan(_MARGIN * across))))
 
 
 # --- Rooms ------------------------------------------------------------------------------------------------------------
@@ -306,10 +309,10 @@ def _n_front_faces(triangles: Triangles, outside: Camera, threads: int | None) -
 
 def _candidate_points(triangles: Triangles, box: np.ndarray, up: np.ndarray) -> list[np.ndarray]:
     """Points inside a scene at several heights, above the middle of its extent and where most triangles are."""
-    height = np.ptp(box, axis=0) @ np.abs(up)
+    height = dot(np.ptp(box, axis=0), np.abs(up))
     step = -(-len(triangles.vertices) // MAX_SAMPLED_FACES)
     dense = np.median(triangles.vertices[::step, 0], axis=0) + triangles.origin
-    places = box.mean(0), dense + ((box.mean(0) - dense) @ up) * up
+    places = box.mean(0), dense + dot(box.mean(0) - dense, up) * up
     return [place + (level - 0.5) * height * up for place in places for level in _LEVELS]
 
 
@@ -351,14 +354,14 @@ def _room(point: np.ndarray, panorama: _Panorama, up: np.ndarray) -> Room:
     """The room around a point. Its camera looks along the longest free line through the point."""
     east, north = tangents(up)
     ways = 2.0 * np.pi * np.arange(_STEPS) / _STEPS
-    horizontal = np.cos(ways)[:, None] * east + np.sin(ways)[:, None] * north
+    horizontal = cos(ways)[:, None] * east + sin(ways)[:, None] * north
     free = np.array([_free_distance(panorama, direction) for direction in horizontal])
-    rich = np.array([_n_faces(panorama, panorama.directions @ direction > _AHEAD) for direction in horizontal])
+    rich = np.array([_n_faces(panorama, dot(panorama.directions, direction) > _AHEAD) for direction in horizontal])
     # The free distance behind the camera counts less than that ahead: it only lets the camera move back.
     best = int(np.argmax((free + 0.8 * np.roll(free, _STEPS // 2)) * np.sqrt(rich + 1.0)))
     eye = point - _BACK_SHARE * free[(best + _STEPS // 2) % _STEPS] * horizontal[best]
     target = point + 0.5 * free[best] * horizontal[best]
-    above = panorama.directions @ up > 0.9
+    above = dot(panorama.directions, up) > 0.9
     return Room(
         point, eye, target, _VFOV, float((panorama.faces[above] < 0).mean()) > _OPEN_SKY, _ceiling(panorama, up)
     )
@@ -366,14 +369,14 @@ def _room(point: np.ndarray, panorama: _Panorama, up: np.ndarray) -> Room:
 
 def _ceiling(panorama: _Panorama, up: np.ndarray) -> float:
     """Height of the ceiling above the point, ignoring objects that hang from it."""
-    heights = panorama.directions @ up * panorama.distances
-    above = heights[(panorama.directions @ up > 0.3) & np.isfinite(heights)]
+    heights = dot(panorama.directions, up) * panorama.distances
+    above = heights[(dot(panorama.directions, up) > 0.3) & np.isfinite(heights)]
     return float(np.quantile(above, 0.9)) if len(above) else 0.0
 
 
 def _free_distance(panorama: _Panorama, direction: np.ndarray) -> float:
     """Free distance in a direction, ignoring a few thin objects in between."""
-    distances = panorama.distances[panorama.directions @ direction > 0.98]
+    distances = panorama.distances[dot(panorama.directions, direction) > 0.98]
     distances = distances[np.isfinite(distances)]
     return float(np.quantile(distances, 0.2)) if len(distances) else 0.0
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array, text
 from ..errors import InputError
+from ..kernels.small_matrices import product
 from ..scene.crs import checked_crs
 from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture, rgba_of
 from ..scene.mesh import (
@@ -128,7 +129,7 @@ def _trimesh_scene(scene: Any, name: str, notes: list[str]) -> Iterator[ForeignM
             continue
         matrix = np.asarray(matrix, np.float64)
         (mesh,) = _trimesh(part, str(node), notes)
-        yield mesh._replace(vertices=np.asarray(mesh.vertices, np.float64) @ matrix[:3, :3].T + matrix[:3, 3])
+        yield mesh._replace(vertices=product(mesh.vertices, matrix[:3, :3].T) + matrix[:3, 3])
 
 
 def _trimesh(mesh: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:

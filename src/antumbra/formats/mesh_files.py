@@ -5,7 +5,6 @@ Importing trimesh takes longer than reading a million triangles.
 """
 
 import io
-import logging
 import re
 from pathlib import Path
 from typing import Any, NamedTuple

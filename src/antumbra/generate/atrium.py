@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..kernels.elementary import cos, power, sin
 from . import palette as p
 from .props import SINK, Blade, agave, bench, blades, bush, cloth, crate, ivy, palm, pot, shrub, vase
 from .shapes import (
@@ -62,13 +63,13 @@ def column(
         arc((1.02 * r, 1.12 * r), 0.13 * r, -70, 70, max(1, n - 1)),
     ]
     t = np.linspace(0.0, 1.0, max(2, n) + 1)
-    shaft = np.stack([r * (1.0 - 0.13 * t**1.6), low + t * (high - low)], axis=1)
+    shaft = np.stack([r * (1.0 - 0.13 * power(t, 1.6)), low + t * (high - low)], axis=1)
     t = np.linspace(0.0, 1.0, n + 1)
     bell = np.stack([r * (0.87 + 0.42 * t**2.4), high + 0.25 * r + t * 1.35 * r], axis=1)
     astragal = arc((0.9 * r, high + 0.12 * r), 0.1 * r, -60, 60, max(1, n - 2))
     scale = np.ones((1, flutes * per))
     if per > 1:
-        scale = 1.0 - 0.085 * np.tile(np.sin(np.pi * np.arange(per) / per) ** 0.6, flutes)
+        scale = 1.0 - 0.085 * np.tile(power(sin(np.pi * np.arange(per) / per), 0.6), flutes)
         first, last = shaft[:1].copy(), shaft[-1:].copy()
         shaft[[0, -1], 1] += 0.12 * r, -0.12 * r  # flutes end a little before the shaft
         fluted = [np.ones((len(np.concatenate(base)) + 1, len(scale))), np.tile(scale, (len(shaft), 1))]
@@ -87,7 +88,7 @@ def _acanthus(r: float, y: float, leaves: int, segments: int, colour: int) -> Pa
     rows = []
     for row, length, phase in ((0.0, 0.75 * r, 0.0), (0.45 * r, 0.95 * r, 0.5)):
         angle = (np.arange(leaves) + phase) * 2.0 * np.pi / leaves
-        out = np.stack([np.cos(angle), np.zeros(leaves), -np.sin(angle)], axis=1)
+        out = np.stack([cos(angle), np.zeros(leaves), -sin(angle)], axis=1)
         along = 0.98 * np.array([0, 1, 0]) + 0.2 * out
         width = np.full(leaves, 1.5 * np.pi * r / leaves)
         shape = blades(
@@ -144,14 +145,14 @@ def voussoirs(radius: float, width: float, depth: float, stones: int, n: int, co
     outer[stones // 2] += 0.35 * width  # the keystone
     r = np.stack([np.full(stones, inner), outer, outer, np.full(stones, inner)], axis=1)[:, None]
     z = np.broadcast_to(np.array([1, 1, -1, -1]) * depth / 2, (stones, n + 1, 4))
-    sections = np.stack([np.cos(angle)[..., None] * r, np.sin(angle)[..., None] * r, z], axis=-1)
+    sections = np.stack([cos(angle)[..., None] * r, sin(angle)[..., None] * r, z], axis=-1)
     return lofts(sections[:, :, ::-1], colour + np.array([0, 1] * stones)[:stones])
 
 
 def vault(half: float, crown: float, top: float, n: int, colour: int = p.PLASTER) -> PaletteMesh:
     """A groin vault over a square bay of half width `half`, with its crown at y = `crown`, solid up to y = `top`."""
     radius = 1.2 * half  # less than a semicircle, so that the corners stay blunt
-    x = half * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 2 * n + 1))
+    x = half * sin(np.linspace(-np.pi / 2, np.pi / 2, 2 * n + 1))
     barrel = crown - radius + np.sqrt(radius**2 - x**2)
     y = np.maximum(barrel[:, None], barrel)
     points = np.stack(np.broadcast_arrays(x[:, None], y, x), axis=-1)
@@ -300,7 +301,7 @@ def _upper_storey(d: float) -> list[ScenePart]:
     if d > 0.33:
         per = steps(4, d**0.5, 2)
         along = (np.arange(per) + 1.0) / (per + 1) - 0.5
-        side = np.stack([np.cos(facing), -np.sin(facing)], axis=1)
+        side = np.stack([cos(facing), -sin(facing)], axis=1)
         spots = (middles[:, None] + along[:, None] * 1.55 * side[:, None]).reshape(-1, 2)
         parts.append(place_copies(baluster(0.62, d), at_height(spots, LEVEL + 0.12)))
     return parts
@@ -384,7 +385,7 @@ def _galleries(d: float, rng: np.random.Generator) -> list[ScenePart]:
     ribs, turns = arcade_positions(BAY)
     first = [0, 3, 9, 12]  # the corners, where two ribs start
     ribs, turns = np.concatenate([ribs, ribs[first]]), np.concatenate([turns, turns[np.roll(first, 1)]])
-    out = -np.stack([np.sin(turns), np.cos(turns)], axis=1)
+    out = -np.stack([sin(turns), cos(turns)], axis=1)
     cross = at_height(ribs + out * GALLERY / 2, SPRING)
     n = steps(5, d, 1)
     pilaster = box((0.5, EAVES, 0.36), (0, EAVES / 2 - 3 * EMBED, 0), p.LIMESTONE)
@@ -476,7 +477,7 @@ def _fountain(d: float) -> list[ScenePart]:
     angle = np.arange(8) * np.pi / 4 + np.pi / 8
     radius, y = np.array(wall).T
     sections = np.stack(
-        [radius * np.cos(angle)[:, None], np.broadcast_to(y, (8, 8)), radius * np.sin(angle)[:, None]], axis=-1
+        [radius * cos(angle)[:, None], np.broadcast_to(y, (8, 8)), radius * sin(angle)[:, None]], axis=-1
     )
     basin = loft(sections, p.MARBLE, closed=True)
     bowl = np.concatenate(
@@ -541,7 +542,7 @@ def _cloths(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """Banners over the balustrade, and gathered curtains in some of the lower arches."""
     nx, ny = steps(16, d, 3), steps(12, d, 2)
     middles, facing = arcade_positions(BAY, corners=False)
-    out = np.stack([np.sin(facing), np.cos(facing)], axis=1)
+    out = np.stack([sin(facing), cos(facing)], axis=1)
     parts = []
     for colour, banners, curtains in ((p.RED, (1, 6, 13, 17), (5, 10, 16)), (p.BLUE, (4, 8, 11, 15), (2, 7, 14))):
         banner = cloth((1.25, 2.2), (nx, ny), rng, 2.5, 0.05, colour=colour)

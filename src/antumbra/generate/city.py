@@ -16,6 +16,8 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..kernels.elementary import exp
+from ..kernels.small_matrices import length
 from . import palette as p
 from .palette import check_request
 from .props import BareTree, bare_tree, bush, tree
@@ -302,8 +304,8 @@ def city_view(triangles: int) -> tuple[dict[str, Any], dict[str, Any]]:
     middle = max(150.0, 1.8 * half) * np.array([-0.66, 0.62, 0.34])
     u = np.cross([0.0, 1.0, 0.0], middle)
     v = np.cross(middle, u)
-    size = 0.14 * np.linalg.norm(middle)
-    u, v = (size * a / np.linalg.norm(a) for a in (u, v))
+    size = 0.14 * length(middle)
+    u, v = (size * a / length(a) for a in (u, v))
     return camera, {"corner": tuple(middle - (u + v) / 2.0), "u": tuple(u), "v": tuple(v)}
 
 
@@ -362,7 +364,7 @@ def city(triangles: int, seed: int) -> tuple[PaletteMesh, dict[str, Any], dict[s
 def _block(plan: _Plan, i: int, j: int, budget: int, rng: np.random.Generator) -> PaletteMesh:
     """A block at its position, with the streets on two of its sides, with about `budget` triangles."""
     middle = (np.array([i, j]) - (plan.n - 1) / 2.0) * PITCH
-    central = np.exp(-((np.linalg.norm(middle) / (0.45 * plan.n * PITCH)) ** 2))
+    central = exp(-((length(middle) / (0.45 * plan.n * PITCH)) ** 2))
     parts = _ground(plan) + _street(plan, rng)
     if rng.random() < 0.08 or i == j == (plan.n - 1) // 2:
         parts += _park(plan, rng)

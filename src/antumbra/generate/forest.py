@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.elementary import atan2, cos, power, sin
+from ..kernels.small_matrices import dot, length
 from . import palette as p
 from .props import bare_tree, conifer, fern, grass, tree
 from .shapes import PaletteMesh, ScenePart, assemble, count, grid, merge, place_copies, revolve, steps, tubes
@@ -26,12 +28,12 @@ class _Ground:
         k = 14
         wavelength = rng.uniform(3.0, 22.0, k)
         angle = rng.uniform(0.0, 2.0 * np.pi, k)
-        self.wave = np.stack([np.cos(angle), np.sin(angle)], axis=1) * (2 * np.pi / wavelength)[:, None]
+        self.wave = np.stack([cos(angle), sin(angle)], axis=1) * (2 * np.pi / wavelength)[:, None]
         self.phase, self.size = rng.uniform(0.0, 2.0 * np.pi, k), 0.022 * wavelength
 
     def path(self, z: _Metres) -> Any:
         """The x coordinate of the path's centre line at z."""
-        return 2.2 * np.sin(z / 8.0 + 0.4) - 1.0
+        return 2.2 * sin(z / 8.0 + 0.4) - 1.0
 
     def off_path(self, x: _Metres, z: _Metres) -> Any:
         """The distance from the path's centre line, in metres."""
@@ -39,9 +41,9 @@ class _Ground:
 
     def height(self, x: _Metres, z: _Metres) -> Any:
         x, z = np.broadcast_arrays(x, z)
-        waves = np.sin(x[..., None] * self.wave[:, 0] + z[..., None] * self.wave[:, 1] + self.phase) @ self.size
+        waves = dot(sin(x[..., None] * self.wave[:, 0] + z[..., None] * self.wave[:, 1] + self.phase), self.size)
         side = np.clip(self.off_path(x, z) / 3.0, 0.0, 1.0)
-        bowl = 0.5 * self.half * np.clip(np.hypot(x, z) / self.half - 0.25, 0.0, 1.2) ** 2
+        bowl = 0.5 * self.half * np.clip(np.sqrt(x * x + z * z) / self.half - 0.25, 0.0, 1.2) ** 2
         return (
             waves * (0.35 + 0.65 * side)
             + 0.35 * side**2 * (3.0 - 2.0 * side)
@@ -74,8 +76,8 @@ def _sun(half: float) -> dict[str, Any]:
     middle = (20.0 + 1.1 * half) * np.array([-0.52, 0.8, -0.22])
     u = np.cross([0.0, 1.0, 0.0], middle)
     v = np.cross(middle, u)
-    size = 0.07 * np.linalg.norm(middle)
-    u, v = (size * a / np.linalg.norm(a) for a in (u, v))
+    size = 0.07 * length(middle)
+    u, v = (size * a / length(a) for a in (u, v))
     return {"corner": tuple(middle - (u + v) / 2.0), "u": tuple(u), "v": tuple(v)}
 
 
@@ -84,7 +86,7 @@ def _terrain(ground: _Ground, budget: float, rng: np.random.Generator) -> Palett
     n = max(8, round(np.sqrt(budget / 2)))
     line = np.linspace(-1.0, 1.0, n + 1)
     reach = ground.half + 4.0
-    u = reach * (0.35 * line + 0.65 * line**3)  # metres from the path; finer near it
+    u = reach * (0.35 * line + 0.65 * line * line * line)  # metres from the path; finer near it
     z = reach * line[None]
     x = u[:, None] + ground.path(z) * (1.0 - np.abs(line[:, None]))
     off = np.abs(u[1:] + u[:-1]) / 2.0
@@ -101,7 +103,7 @@ def _scattered(
     line = (np.arange(k) + 0.5) / k * 2.0 - 1.0
     xz = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2) * ground.half
     xz += rng.uniform(-0.8, 0.8, xz.shape) * ground.half / k
-    far = np.hypot(xz[:, 0] - eye[0], xz[:, 1] - eye[2])
+    far = length(xz - eye[[0, 2]])
     out: NDArray[np.float64] = xz[(ground.off_path(xz[:, 0], xz[:, 1]) > clear) & (far > around)]
     return out
 
@@ -149,7 +151,7 @@ def _stones(
     for _ in range(2):
         m = steps(7, detail, 3)
         angle = np.linspace(-np.pi / 2, np.pi / 2, m + 1)
-        profile = np.stack([np.cos(angle), 0.62 * np.sin(angle) + 0.35], axis=1)
+        profile = np.stack([cos(angle), 0.62 * sin(angle) + 0.35], axis=1)
         profile[[0, -1], 0] = 0.0
         lump = 1.0 + 0.16 * rng.standard_normal((m + 1, 2 * m))
         rock = revolve(profile, 2 * m, p.ROCK, lump)
@@ -159,13 +161,13 @@ def _stones(
             place_copies(rock, ground.at(xz, 0.12), rng.uniform(0, 6.3, len(xz)), rng.uniform(0.15, 0.75, len(xz)))
         )
     t = np.linspace(-1.0, 1.0, steps(4, detail, 2) + 1)
-    path = np.stack([0.1 * t * t, 0.12 + 0.03 * np.sin(3 * t), 1.9 * t], axis=1)
+    path = np.stack([0.1 * t * t, 0.12 + 0.03 * sin(3 * t), 1.9 * t], axis=1)
     log = tubes(path[None], 0.2 - 0.03 * t, steps(10, detail, 5), p.BARK)
     xz = _scattered(ground, max(3, n // 12), rng, 2.6, eye, 3.0)
     turn = rng.uniform(0, 6.3, len(xz))
-    along = 1.6 * np.stack([np.sin(turn), np.cos(turn)], axis=1)
+    along = 1.6 * np.stack([sin(turn), cos(turn)], axis=1)
     low, high = ground.at(xz - along, 0.05), ground.at(xz + along, 0.05)
-    parts.append(place_copies(log, (low + high) / 2, turn, tilt=-np.arctan2(high[:, 1] - low[:, 1], 3.2)))
+    parts.append(place_copies(log, (low + high) / 2, turn, tilt=-atan2(high[:, 1] - low[:, 1], 3.2)))
     cap = [(0, 0.13), (0.1, 0.13), (0.13, 0.15), (0.1, 0.2), (0.05, 0.23), (0, 0.235)]
     k = steps(8, detail, 5)
     mushroom = merge(revolve([(0.03, -0.05), (0.025, 0.08), (0.03, 0.14)], k, p.PLASTER), revolve(cap, k, p.RED))
@@ -180,9 +182,9 @@ def _positions_ahead(
     """Positions (n, 2) off the path and in front of the eye, denser near it."""
     xz = np.empty((0, 2))
     while len(xz) < n:
-        r = 1.2 + 1.5 * ground.half * rng.random(3 * n + 8) ** 1.25
+        r = 1.2 + 1.5 * ground.half * power(rng.random(3 * n + 8), 1.25)
         angle = rng.normal(0.0, 0.75, len(r))
-        candidates = eye[[0, 2]] + r[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
+        candidates = eye[[0, 2]] + r[:, None] * np.stack([sin(angle), -cos(angle)], axis=1)
         off = ground.off_path(candidates[:, 0], candidates[:, 1])
         keep = (np.abs(candidates).max(axis=1) < ground.half) & (off > clear * rng.uniform(0.5, 1.4, len(candidates)))
         xz = np.concatenate([xz, candidates[keep]])

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..kernels.elementary import cos, exp, power, sin
 from . import palette as p
 from .shapes import PaletteMesh, arc, box, boxes, cross, lofts, merge, revolve, shell, steps, tubes
 
@@ -27,7 +28,7 @@ def sphere_directions(rng: np.random.Generator, n: int, low: float = -1.0) -> ND
     """(n, 3) random unit vectors with y >= low."""
     y, angle = rng.uniform(low, 1.0, n), rng.uniform(0.0, 2.0 * np.pi, n)
     flat = np.sqrt(1.0 - y * y)
-    return np.stack([flat * np.cos(angle), y, flat * np.sin(angle)], axis=1)
+    return np.stack([flat * cos(angle), y, flat * sin(angle)], axis=1)
 
 
 class Blade(NamedTuple):
@@ -64,7 +65,7 @@ def blades(
     centre = np.asarray(base)[:, None] + length * (
         along[:, None] * (t - 0.35 * droop**2 * t**2) - normal[:, None] * droop * t**2
     )
-    half = width / 2.0 * np.sin(np.pi * t**0.75)
+    half = width / 2.0 * sin(np.pi * power(t, 0.75))
     inner, half = centre[:, 1:-1], half[:, 1:-1]
     columns = [inner - half * side[:, None], inner + half * side[:, None]]
     if blade.ribs == 3:
@@ -97,9 +98,9 @@ def agave(rng: np.random.Generator, leaves: int, length: float, segments: int, c
     """A rosette of long pointed leaves on the ground."""
     angle = np.arange(leaves) * 2.39996  # the golden angle
     rise = np.linspace(0.25, 1.4, leaves)
-    flat = np.stack([np.cos(angle), np.zeros(leaves), np.sin(angle)], axis=1)
-    along = flat * np.cos(rise)[:, None] + UP * np.sin(rise)[:, None]
-    facing = UP * np.cos(rise)[:, None] - flat * np.sin(rise)[:, None]
+    flat = np.stack([cos(angle), np.zeros(leaves), sin(angle)], axis=1)
+    along = flat * cos(rise)[:, None] + UP * sin(rise)[:, None]
+    facing = UP * cos(rise)[:, None] - flat * sin(rise)[:, None]
     size = length * rng.uniform(0.8, 1.1, leaves)
     return blades(
         flat * 0.03,
@@ -128,7 +129,7 @@ def shrub(
     k = 5
     tip = sphere_directions(rng, k, 0.2) * [0.6 * radius, 0.35 * height, 0.6 * radius] + UP * 0.5 * height
     t = np.linspace(0.0, 1.0, 3)[None, :, None]
-    paths = (tip[:, None] * [1, 0, 1]) * t**1.5 + tip[:, None] * [0, 1, 0] * t - UP * 0.03
+    paths = (tip[:, None] * [1, 0, 1]) * power(t, 1.5) + tip[:, None] * [0, 1, 0] * t - UP * 0.03
     return merge(foliage, tubes(paths, np.array([0.025, 0.018, 0.008]) * max(1.0, radius), 4, p.BARK))
 
 
@@ -137,7 +138,7 @@ def ivy(
 ) -> PaletteMesh:
     """Leaves along strands that hang down (k,) metres from (k, 3) points; 4 triangles per leaf."""
     which = rng.integers(0, len(start), leaves)
-    drop = rng.uniform(0.0, 1.0, leaves) ** 1.2
+    drop = power(rng.uniform(0.0, 1.0, leaves), 1.2)
     base = start[which] - UP * (drop * fall[which])[:, None]
     base[:, [0, 2]] += rng.normal(0.0, 0.05, (leaves, 2)) * (1.0 + drop)[:, None]
     along = unit(sphere_directions(rng, leaves) * [1, 0.4, 1] - 0.7 * UP)
@@ -154,13 +155,13 @@ def ivy(
 def fern(rng: np.random.Generator, fronds: int, pairs: int, length: float) -> PaletteMesh:
     """Arching fronds with `pairs` pairs of pinnae; 2 triangles per pinna."""
     angle = np.arange(fronds) * 2.39996 + rng.uniform(-0.3, 0.3, fronds)
-    flat = np.stack([np.cos(angle), np.zeros(fronds), np.sin(angle)], axis=1)
+    flat = np.stack([cos(angle), np.zeros(fronds), sin(angle)], axis=1)
     t = np.linspace(0.12, 1.0, pairs)[None, :, None]
     reach = length * rng.uniform(0.75, 1.1, fronds)[:, None, None]
     base = reach * (flat[:, None] * (0.75 * t + 0.2 * t**2) + UP * (0.85 * t - 0.6 * t**2))
     along = unit(np.gradient(base, axis=1))
     across = unit(cross(flat, UP))[:, None]
-    size = (0.3 * reach * np.sin(np.pi * (0.1 + 0.88 * t)) + 0.01)[..., 0].ravel()
+    size = (0.3 * reach * sin(np.pi * (0.1 + 0.88 * t)) + 0.01)[..., 0].ravel()
     colour = np.repeat(p.LEAF + p.shades(rng, fronds), pairs)
     stem = blades(
         np.zeros((fronds, 3)),
@@ -205,7 +206,7 @@ def bush(rng: np.random.Generator, size: float, detail: float, colour: int = p.P
     """A clipped shrub: a lumpy solid ball."""
     n = steps(22, detail, 3)
     angle = np.linspace(-np.pi / 2, np.pi / 2, n + 1)
-    profile = np.stack([np.cos(angle) * size, (np.sin(angle) + 0.95) * size], axis=1)
+    profile = np.stack([cos(angle) * size, (sin(angle) + 0.95) * size], axis=1)
     profile[[0, -1], 0] = 0.0
     segments = 2 * n
     return revolve(profile, segments, colour, 1.0 + rng.normal(0.0, 0.03, (n + 1, segments)))
@@ -225,11 +226,11 @@ def palm(
     meshes = [tubes(trunk[None], radius, steps(9, detail, 5), p.BARK)]
     angle = np.arange(fronds) * 2.39996 + rng.uniform(-0.2, 0.2, fronds)
     rise = np.linspace(-0.1, 1.2, fronds)
-    flat = np.stack([np.cos(angle), np.zeros(fronds), np.sin(angle)], axis=1)
+    flat = np.stack([cos(angle), np.zeros(fronds), sin(angle)], axis=1)
     s = np.linspace(0.0, 1.0, max(2, leaflets // 3) + 1)[None, :, None]
     reach = (length * rng.uniform(0.85, 1.1, fronds))[:, None, None]
-    climb = np.sin(rise)[:, None, None] * s - (0.35 + 0.35 * np.cos(rise)[:, None, None]) * s**2
-    rachis = trunk[-1] + reach * (flat[:, None] * (np.cos(rise)[:, None, None] * s + 0.25 * s**2) + UP * climb)
+    climb = sin(rise)[:, None, None] * s - (0.35 + 0.35 * cos(rise)[:, None, None]) * s**2
+    rachis = trunk[-1] + reach * (flat[:, None] * (cos(rise)[:, None, None] * s + 0.25 * s**2) + UP * climb)
     meshes.append(tubes(rachis, 0.008 * length * (1.15 - s[0, :, 0]), 3, p.LIME))
     at = np.linspace(0.12, 0.99, leaflets)
     low = np.minimum((at * (rachis.shape[1] - 1)).astype(int), rachis.shape[1] - 2)
@@ -237,7 +238,7 @@ def palm(
     base = rachis[:, low] * (1 - part) + rachis[:, low + 1] * part
     along = unit(rachis[:, low + 1] - rachis[:, low])
     across = unit(cross(along, UP + 0.0 * along))
-    size = length * 0.34 * np.sin(np.pi * (0.15 + 0.8 * at)) + 0.02
+    size = length * 0.34 * sin(np.pi * (0.15 + 0.8 * at)) + 0.02
     colour = np.repeat(p.LEAF + p.shades(rng, fronds), leaflets)
     for sign in (-1.0, 1.0):
         direction = unit(sign * across + 0.75 * along - 0.25 * UP)
@@ -286,8 +287,8 @@ def bare_tree(rng: np.random.Generator, height: float, detail: float, bark: int 
     n = steps(5, detail, 2)
     t = np.linspace(0.0, 1.0, n + 1)
     sway = rng.normal(0.0, 0.035 * height, 2)
-    trunk = np.stack([sway[0] * np.sin(2.2 * t), 0.75 * height * t - 0.2, sway[1] * np.sin(2.6 * t)], axis=1)[None]
-    flare = height * (0.028 * (1.0 - 0.75 * t) + 0.02 * np.exp(-9.0 * t))
+    trunk = np.stack([sway[0] * sin(2.2 * t), 0.75 * height * t - 0.2, sway[1] * sin(2.6 * t)], axis=1)[None]
+    flare = height * (0.028 * (1.0 - 0.75 * t) + 0.02 * exp(-9.0 * t))
     first, directions = grow_branches(
         rng, trunk, UP[None], 0.42 * height, steps(9, detail**0.5, 5), steps(3, detail, 2)
     )
@@ -319,9 +320,9 @@ def conifer(rng: np.random.Generator, height: float, leaves: int, detail: float)
     """A spruce: whorls of drooping boughs made of long blades, 4 triangles each."""
     t = np.linspace(0.0, 1.0, steps(4, detail, 2) + 1)
     trunk = np.stack([0.0 * t, height * t - 0.2, 0.0 * t], axis=1)
-    y = 1.0 - rng.uniform(0.0, 1.0, leaves) ** 0.6 * 0.88
+    y = 1.0 - power(rng.uniform(0.0, 1.0, leaves), 0.6) * 0.88
     angle = rng.uniform(0.0, 2.0 * np.pi, leaves)
-    flat = np.stack([np.cos(angle), np.zeros(leaves), np.sin(angle)], axis=1)
+    flat = np.stack([cos(angle), np.zeros(leaves), sin(angle)], axis=1)
     reach = 0.24 * height * (1.04 - y)
     start = rng.uniform(0.0, 0.65, leaves) * reach
     base = flat * start[:, None] + UP * (y * height - 0.28 * start)[:, None]
@@ -349,7 +350,7 @@ def vase(
     """A hollow amphora with two handles."""
     h, n = height, steps(7, detail, 2)
     t = np.linspace(0.0, 1.0, n + 1)
-    radius = 0.1 + (belly - 0.1) * np.sin(np.pi * np.minimum(t**0.85, 1.0)) ** 1.2
+    radius = 0.1 + (belly - 0.1) * power(np.maximum(sin(np.pi * np.minimum(power(t, 0.85), 1.0)), 0.0), 1.2)
     radius = np.where(t > 0.75, np.maximum(radius, neck), radius)
     radius[-1] = neck
     outside = np.stack([radius, 0.05 + 0.77 * t], axis=1)
@@ -440,7 +441,7 @@ def barrel(height: float, radius: float, detail: float) -> PaletteMesh:
         angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)[:, None]
         r, dy = np.array(ring).T
         sections = np.stack(
-            [r * np.cos(angle), np.broadcast_to(dy + level * height, (segments, 4)), r * np.sin(angle)],
+            [r * cos(angle), np.broadcast_to(dy + level * height, (segments, 4)), r * sin(angle)],
             axis=-1,
         )
         meshes.append(lofts(sections[None], p.IRON, closed=True))
@@ -497,10 +498,10 @@ def cloth(
     (width, height), (nx, ny) = size, cells
     u, v = np.linspace(-0.5, 0.5, nx + 1)[:, None], np.linspace(0.0, 1.0, ny + 1)[None]
     phase = rng.uniform(0.0, 2.0 * np.pi, 3)
-    wave = np.sin(2 * np.pi * folds * u + phase[0] + 0.6 * v) + 0.4 * np.sin(2 * np.pi * folds * 1.7 * u + phase[1] - v)
-    gather = sway * np.exp(-(((v - 0.55) / 0.28) ** 2))
+    wave = sin(2 * np.pi * folds * u + phase[0] + 0.6 * v) + 0.4 * sin(2 * np.pi * folds * 1.7 * u + phase[1] - v)
+    gather = sway * exp(-(((v - 0.55) / 0.28) ** 2))
     x = width * (u * (1.0 - 0.72 * gather) + 0.34 * gather)
-    z = depth * (0.35 + 0.65 * v) * (1 + gather) * wave + 0.02 * np.sin(3.0 * v + phase[2])
+    z = depth * (0.35 + 0.65 * v) * (1 + gather) * wave + 0.02 * sin(3.0 * v + phase[2])
     front = np.stack(np.broadcast_arrays(x, -height * v, z), axis=-1)
     normal = np.cross(np.gradient(front, axis=1), np.gradient(front, axis=0))
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)

@@ -3,13 +3,16 @@
 Faces are counter-clockwise seen from outside; +Y is up. Most meshes are closed.
 """
 
+import itertools
 from collections.abc import Callable, Iterable
 from functools import lru_cache
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from ..kernels.elementary import cos, sin
+from ..kernels.small_matrices import dot, product
 
 # --- Meshes from grids of points --------------------------------------------------------------------------------------
 
@@ -188,12 +191,12 @@ def revolve(
     angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
     radius = profile[:, :1] if scale is None else profile[:, :1] * scale
     points = np.empty((len(profile), segments, 3), np.float32)
-    points[..., 0], points[..., 2] = radius * np.cos(angle), -radius * np.sin(angle)
+    points[..., 0], points[..., 2] = radius * cos(angle), -radius * sin(angle)
     points[..., 1] = profile[:, 1:]
     return capped(points[profile[:, 0] > 0.0], (0, profile[0, 1], 0), (0, profile[-1, 1], 0), colour)
 
 
-_SIGNS = np.array(list(product((-1, 1), repeat=3)), np.int32)  # corner = 4 [x > 0] + 2 [y > 0] + [z > 0]
+_SIGNS = np.array(list(itertools.product((-1, 1), repeat=3)), np.int32)  # corner = 4 [x > 0] + 2 [y > 0] + [z > 0]
 
 
 def _hull(polygons: list[list[int]], points: NDArray[np.float64]) -> NDArray[np.int32]:
@@ -201,7 +204,7 @@ def _hull(polygons: list[list[int]], points: NDArray[np.float64]) -> NDArray[np.
     faces = []
     for p in polygons:
         normal = np.cross(points[p[1]] - points[p[0]], points[p[2]] - points[p[0]])
-        p = p if normal @ points[p].mean(axis=0) > 0 else p[::-1]
+        p = p if dot(normal, points[p].mean(axis=0)) > 0 else p[::-1]
         faces += [(p[0], p[i], p[i + 1]) for i in range(1, len(p) - 1)]
     return np.array(faces, np.int32)
 
@@ -217,12 +220,12 @@ def _box_faces(bevelled: bool) -> np.ndarray:
     if bevelled:
         points *= np.tile(0.5 + 0.5 * np.eye(3), (8, 1))
     polygons = []
-    for axis, side in product(range(3), (-1, 1)):
+    for axis, side in itertools.product(range(3), (-1, 1)):
         loop = [np.insert(uv, axis, side) for uv in ((-1, -1), (-1, 1), (1, 1), (1, -1))]
         polygons.append([per * _corner(s) + axis % per for s in loop])
     if bevelled:
         polygons += [[3 * c, 3 * c + 1, 3 * c + 2] for c in range(8)]
-        for axis, sides in product(range(3), product((-1, 1), repeat=2)):
+        for axis, sides in itertools.product(range(3), itertools.product((-1, 1), repeat=2)):
             a, b = (3 * _corner(np.insert(sides, axis, end)) for end in (-1, 1))
             i, j = (axis + 1) % 3, (axis + 2) % 3
             polygons.append([a + i, a + j, b + j, b + i])
@@ -254,9 +257,7 @@ def boxes(sizes: ArrayLike, centres: ArrayLike, colour: ArrayLike = 0) -> Palett
 def arc(centre: ArrayLike, radius: ArrayLike, start: float, end: float, n: int) -> NDArray[np.float64]:
     """(n + 1, 2) points of an arc around `centre`. Angles are in degrees; radius: one, or (2,)."""
     angle = np.radians(np.linspace(start, end, n + 1))
-    points: NDArray[np.float64] = np.asarray(centre) + np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.asarray(
-        radius
-    )
+    points: NDArray[np.float64] = np.asarray(centre) + np.stack([cos(angle), sin(angle)], axis=1) * np.asarray(radius)
     return points
 
 
@@ -288,7 +289,7 @@ def tubes(paths: ArrayLike, radii: ArrayLike, sides: int, colour: ArrayLike = 0)
     u /= np.linalg.norm(u, axis=-1, keepdims=True)
     v = cross(tangent, u)
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)[:, None]
-    ring = np.cos(angle) * u[:, :, None] + np.sin(angle) * v[:, :, None]
+    ring = cos(angle) * u[:, :, None] + sin(angle) * v[:, :, None]
     return lofts(paths[:, :, None] + np.asarray(radii)[..., None, None] * ring, colour)
 
 
@@ -311,14 +312,14 @@ class ScenePart(NamedTuple):
 def rotation_y(angle: ArrayLike) -> NDArray[np.float64]:
     """(k, 3, 3) rotations about +Y by (k,) angles in radians; 90 degrees map +Z to +X."""
     angle = np.atleast_1d(np.asarray(angle, np.float64))
-    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    c, s, zero, one = cos(angle), sin(angle), np.zeros_like(angle), np.ones_like(angle)
     return np.stack([c, zero, s, zero, one, zero, -s, zero, c], axis=-1).reshape(-1, 3, 3)
 
 
 def rotation_x(angle: ArrayLike) -> NDArray[np.float64]:
     """(k, 3, 3) rotations about +X by (k,) angles in radians; 90 degrees map +Y to +Z."""
     angle = np.atleast_1d(np.asarray(angle, np.float64))
-    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    c, s, zero, one = cos(angle), sin(angle), np.zeros_like(angle), np.ones_like(angle)
     return np.stack([one, zero, zero, zero, c, -s, zero, s, c], axis=-1).reshape(-1, 3, 3)
 
 
@@ -335,7 +336,7 @@ def place_copies(
     k = len(offset)
     rotation = rotation_y(turn)
     if tilt is not None:
-        rotation = rotation @ rotation_x(tilt)
+        rotation = product(rotation, rotation_x(tilt))
     factors = np.asarray(scale, np.float64)
     if factors.ndim == 1:
         factors = factors[:, None, None]
@@ -347,9 +348,14 @@ def place_copies(
 
 def move_parts(parts: Iterable[ScenePart], at: ArrayLike = (0.0, 0.0, 0.0), turn: ArrayLike = 0.0) -> list[ScenePart]:
     """The parts, rotated as a whole about Y (radians), then translated by `at` (3,)."""
-    around = rotation_y(turn)[0].astype(np.float32)
-    shift = np.asarray(at, np.float32)
-    return [part._replace(offset=part.offset @ around.T + shift, matrix=around @ part.matrix) for part in parts]
+    around, shift = rotation_y(turn)[0], np.asarray(at, np.float32)
+    return [
+        part._replace(
+            offset=(product(part.offset, around.T) + shift).astype(np.float32),
+            matrix=product(around, part.matrix).astype(np.float32),
+        )
+        for part in parts
+    ]
 
 
 def count(parts: Iterable[ScenePart]) -> int:
@@ -368,8 +374,7 @@ def assemble(parts: Iterable[ScenePart]) -> PaletteMesh:
     for part in parts:
         k, m, n = len(part.offset), len(part.mesh.vertices), len(part.mesh.faces)
         placed = vertices[v : v + k * m].reshape(k, m, 3)
-        np.matmul(part.mesh.vertices, part.matrix.transpose(0, 2, 1), out=placed)
-        placed += part.offset[:, None]
+        placed[:] = product(part.mesh.vertices, part.matrix.transpose(0, 2, 1)) + part.offset[:, None]
         starts = np.arange(v, v + k * m, m, dtype=np.int32)[:, None, None]
         np.add(part.mesh.faces, starts, out=faces[f : f + k * n].reshape(k, n, 3))
         np.add(part.mesh.colour, part.shade[:, None], out=colour[f : f + k * n].reshape(k, n))

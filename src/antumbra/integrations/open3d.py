@@ -16,6 +16,7 @@ from ..checks import as_array, number, rows_of, unit_vectors, vector, whole_numb
 from ..engine.scene import Scene
 from ..errors import InputError
 from ..formats.library_meshes import KNOWN, is_mesh, meshes_of
+from ..kernels.elementary import tan
 from ..scene.mesh import Mesh, StaticMeshes, make_mesh, n_faces
 from ..scene.scene_data import MemoryData
 
@@ -170,7 +171,7 @@ def _faces_of(scene: Scene, counts: list[int]) -> _Faces:
 def _rays_of_view(
     fov_deg: float, center: ArrayLike, eye: ArrayLike, up: ArrayLike, width_px: int, height_px: int
 ) -> NDArray[np.float32]:
-    focal_length = width_px / 2.0 / np.tan(np.radians(number(fov_deg, "fov_deg", 0.0, 180.0)) / 2.0)
+    focal_length = width_px / 2.0 / tan(np.radians(number(fov_deg, "fov_deg", 0.0, 180.0)) / 2.0)
     position = vector(eye, "eye")
     ahead = unit_vectors(vector(center, "center") - position, "the view from eye to center")
     right = unit_vectors(np.cross(vector(up, "up"), ahead), "up, seen from eye,")

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ..engine.scene import AnyScene
 from ..formats.gltf.gltf_writer import TRIANGLES, GltfWriter, Json, up_axis_transform
+from ..kernels.elementary import tan
 from ..picture.heat_maps import Panel, Scale, linear_scale, linear_ticks, panel_sheet
 from ..picture.renderer import render
 from ..query.nearest_points import PointTree
@@ -26,7 +27,7 @@ def project_points(camera: Camera, points: NDArray[np.float64]) -> NDArray[np.fl
         return rays.places(away)
     right, down, view = camera.axes
     depth = away @ view
-    scale = camera.height / (2.0 * np.tan(np.radians(camera.vfov) / 2.0))
+    scale = camera.height / (2.0 * tan(np.radians(camera.vfov) / 2.0))
     with np.errstate(divide="ignore", invalid="ignore"):
         flat = np.stack([away @ right, away @ down], 1) / depth[:, None]
     flat[depth <= 0.0] = np.nan

@@ -22,6 +22,7 @@ from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..files import checked_file
+from ..kernels.elementary import cos, sin
 from ..kernels.parallel import thread_count
 from ..query.receivers import Receivers
 from ..scene.crs import checked_crs, reproject
@@ -126,7 +127,7 @@ def _rays(up: str, lowest: float, highest: float) -> np.ndarray:
     i = np.arange(_RAYS)
     height, angle = lowest + (highest - lowest) * (i + 0.5) / _RAYS, 0.3 + i * np.pi * (3.0 - np.sqrt(5.0))
     width = np.sqrt(1.0 - height * height)
-    east, north = width * np.cos(angle), width * np.sin(angle)
+    east, north = width * cos(angle), width * sin(angle)
     return np.stack([east, north, height] if up == "z" else [east, height, -north], axis=1)
 
 

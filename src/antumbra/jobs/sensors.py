@@ -17,6 +17,7 @@ from ..checks import points as checked_points
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
+from ..kernels.elementary import acos
 from ..kernels.parallel import thread_count
 from ..query.receivers import Receivers
 from ..scene.crs import check_horizontal_crs
@@ -279,7 +280,7 @@ def _angles(corners: np.ndarray) -> np.ndarray:
     """(n, 3) float64: the angles at the corners of faces, radians."""
     after, before = np.roll(corners, -1, 1) - corners, np.roll(corners, 1, 1) - corners
     cosines = (after * before).sum(-1) / (np.linalg.norm(after, axis=-1) * np.linalg.norm(before, axis=-1))
-    return np.asarray(np.arccos(np.clip(cosines, -1.0, 1.0)))
+    return np.asarray(acos(np.clip(cosines, -1.0, 1.0)))
 
 
 def grid_sensors(scene: SceneLike, spacing: float, time: float = 0.0) -> Sensors:

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..engine.auto.strategies import StrategyChoice
 from ..engine.engine import Engine
+from ..kernels.small_matrices import dot
 from ..progress import PhaseClock
 from ..query.gbuffer import GBuffer, PictureSurfaces
 from ..query.shadow_query import ShadowQuery, Surfaces, ray_count, surface_queries
@@ -58,7 +59,8 @@ class Ground(NamedTuple):
     @property
     def lost(self) -> NDArray[np.float32]:
         """(H, W) float32: the share of the light's luminance that shadows take away; 0 where there is no shadow."""
-        return np.float32(1.0) - self.share @ LUMINANCE
+        lost: NDArray[np.float32] = (1.0 - dot(self.share, LUMINANCE)).astype(np.float32)
+        return lost
 
 
 class Frame(NamedTuple):

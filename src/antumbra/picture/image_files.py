@@ -19,7 +19,9 @@ from ..errors import InputError
 from ..extras import import_extra
 from ..files import atomic_output, checked_output
 from ..forks import hold_during_fork
+from ..kernels.elementary import exp
 from ..kernels.parallel import map_in_threads, thread_count
+from ..kernels.small_matrices import dot
 from ..scene.materials import LINEAR, linear_to_srgb, srgb_to_linear
 from .png_files import png_file
 
@@ -60,7 +62,7 @@ def automatic_exposure(image: NDArray[np.float32], mask: NDArray[np.bool_]) -> f
     sampled[::step, ::step] = mask[::step, ::step]
     pixels = np.flatnonzero(sampled if sampled.any() else mask)
     with np.errstate(invalid="ignore"):  # non-finite pixels do not count
-        luminance = _rows_at(image, pixels) @ LUMINANCE
+        luminance = dot(_rows_at(image, pixels), LUMINANCE)
     luminance = luminance[np.isfinite(luminance) & (luminance > 0.0)]
     if not len(luminance):
         return 1.0
@@ -82,7 +84,7 @@ def percentiles(values: NDArray[np.float32], percentages: Sequence[float]) -> ND
 def roll_off(x: np.ndarray) -> np.ndarray:
     """Map linear light >= 0 to [0, 1]: unchanged up to `SHOULDER`, then towards 1, with a continuous derivative."""
     room = 1.0 - SHOULDER
-    return np.where(x <= SHOULDER, x, 1.0 - room * np.exp(-np.maximum(x - SHOULDER, 0.0) / room))
+    return np.where(x <= SHOULDER, x, 1.0 - room * exp(-np.maximum(x - SHOULDER, 0.0) / room))
 
 
 def to_srgb8(image: NDArray[np.floating], exposure: float) -> NDArray[np.uint8]:

@@ -8,6 +8,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels import small_matrices
+from ..kernels.elementary import acos, atan, atan2, cos, log1p, sin_cos
 from ..kernels.exact.filters import cross, dot
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
@@ -80,7 +82,7 @@ def _edge(a, b, n):
     """Eq. (2): the integral along the segment from a to b."""
     c = cross(a, b)
     sine = np.sqrt(dot(c, c))
-    return np.arctan2(sine, dot(a, b)) * dot(n, c) / sine if sine > 0.0 else 0.0
+    return atan2(sine, dot(a, b)) * dot(n, c) / sine if sine > 0.0 else 0.0
 
 
 @inlined
@@ -148,8 +150,8 @@ def _clipped_disk(c, axis, r, n):
     tilt = np.sqrt(1.0 - facing * facing)
     u = (n[0] - facing * axis[0]) / tilt, (n[1] - facing * axis[1]) / tilt, (n[2] - facing * axis[2]) / tilt
     v = cross(axis, u)
-    t0 = np.arccos(min(max(-dot(n, c) / (r * tilt), -1.0), 1.0))
-    x, y = r * np.cos(t0), r * np.sin(t0)
+    cosine = min(max(-dot(n, c) / (r * tilt), -1.0), 1.0)
+    t0, x, y = acos(cosine), r * cosine, r * np.sqrt(1.0 - cosine * cosine)
     arc = _arc(dot(c, u), dot(c, v), dot(c, axis), r, facing, tilt, t0)
     return abs(arc + _edge(_offset(c, x, u, y, v), _offset(c, x, u, -y, v), n)) / (2.0 * np.pi * r * r)
 
@@ -157,8 +159,8 @@ def _clipped_disk(c, axis, r, n):
 @inlined
 def _arc(cu, cv, h, r, facing, tilt, t0):
     """Eq. (4): the integral along the arc, of (i sin t' + j cos t' + k) / (a + b cos t') with t' = t - phase."""
-    p, phase = np.sqrt(cu * cu + cv * cv), np.arctan2(cv, cu)
-    sine, cosine = np.sin(phase), np.cos(phase)
+    p, phase = np.sqrt(cu * cu + cv * cv), atan2(cv, cu)
+    sine, cosine = sin_cos(phase)
     at_sine, at_cosine = r * facing * cv, r * (facing * cu - tilt * h)
     i, j = at_sine * cosine - at_cosine * sine, at_sine * sine + at_cosine * cosine
     k = r * r * facing
@@ -170,7 +172,7 @@ def _arc(cu, cv, h, r, facing, tilt, t0):
     atan_difference = _atan_over(a + q, b, end) - _atan_over(a + q, b, start)
     of_one = 2.0 * (t0 - b * atan_difference) / q
     of_cosine = 2.0 * (a * atan_difference - t0 * b / (a + q)) / q
-    step = (np.cos(end) - np.cos(start)) / (a + b * np.cos(start))
+    step = (cos(end) - cos(start)) / (a + b * cos(start))
     of_sine = -step * _log1p_over(b * step)
     return i * of_sine + j * of_cosine + k * of_one
 
@@ -178,14 +180,15 @@ def _arc(cu, cv, h, r, facing, tilt, t0):
 @inlined
 def _atan_over(m, b, t):
     """atan(b sin t / (m + b cos t)) / b, also for b = 0."""
-    x = np.sin(t) / (m + b * np.cos(t))
-    return np.arctan(b * x) / b if b * abs(x) > 1e-9 else x
+    sine, cosine = sin_cos(t)
+    x = sine / (m + b * cosine)
+    return atan(b * x) / b if b * abs(x) > 1e-9 else x
 
 
 @inlined
 def _log1p_over(x):
     """log(1 + x) / x, also for x = 0."""
-    return np.log1p(x) / x if abs(x) > 1e-9 else 1.0
+    return log1p(x) / x if abs(x) > 1e-9 else 1.0
 
 
 # --- Emitters ---------------------------------------------------------------------------------------------------------
@@ -212,14 +215,14 @@ class Emitter(NamedTuple):
 def emitter_of(patch: LightPatch, domain: str) -> Emitter:
     """The emitter of a patch that is neither a list nor ambient light; `domain`: the domain of its light."""
     across = np.cross(patch.u, patch.v)
-    area, form = float(np.linalg.norm(across)), _FORMS[domain]
+    area, form = float(small_matrices.length(across)), _FORMS[domain]
     if patch.kind == SPHERE:
         size, axis = patch.radius, np.zeros(3)
     elif area > 0.0:
         size, axis = (area if form == QUAD else float(np.sqrt(area))), across / area
     else:
         form, size, axis = POINT, 0.0, np.zeros(3)
-    scale = float(patch.base @ patch.base) + size * size if patch.kind == DIRECTIONAL else 1.0
+    scale = float(small_matrices.dot(patch.base, patch.base)) + size * size if patch.kind == DIRECTIONAL else 1.0
     vectors = _three(patch.base), _three(patch.u), _three(patch.v), _three(axis)
     return Emitter(patch.kind, form, *vectors, float(size), scale)
 

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..kernels.elementary import log2
 from ..kernels.exact.filters import cross, dot
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
-from ..kernels.simd import get, i32_at, ptr, put
+from ..kernels.simd import get, highest_bit, i32_at, ptr, put
+from ..kernels.small_matrices import length
 from ..query.shadow_query import ShadingNormals, Surfaces, three_at
 from ..scene.appearance import Appearance
 from ..scene.camera import CameraRays, ExplicitRays
@@ -187,7 +189,7 @@ def _sample_level(pictures, k, level, u, v, nearest):
 def _trilinear(pictures, k, level, u, v):
     """Texture k at (u, v), interpolated between two mip levels; `level` is a float64 >= 0."""
     largest = max(pictures.sizes[k, 0], pictures.sizes[k, 1])
-    last = np.int64(np.floor(np.log2(np.float64(largest))))
+    last = highest_bit(largest)
     below = min(np.int64(level), last)
     a = _sample_level(pictures, k, below, u, v, False)
     part = level - below
@@ -195,6 +197,11 @@ def _trilinear(pictures, k, level, u, v):
         return a
     b = _sample_level(pictures, k, below + 1, u, v, False)
     return a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), a[2] + part * (b[2] - a[2])
+
+
+@inlined
+def _length(x, y):
+    return np.sqrt(x * x + y * y)
 
 
 @inlined
@@ -207,14 +214,14 @@ def sample_texture(pictures, k, uv, across, along):
     GPUs: a floor seen at a grazing angle stays sharp.
     """
     w, h = np.float64(pictures.sizes[k, 0]), np.float64(pictures.sizes[k, 1])
-    one, two = np.hypot(across[0] * w, across[1] * h), np.hypot(along[0] * w, along[1] * h)
+    one, two = _length(across[0] * w, across[1] * h), _length(along[0] * w, along[1] * h)
     side = along if two > one else across
     longer, shorter = max(one, two), min(one, two)
     if not longer > 1.0:
         return _sample_level(pictures, k, 0, uv[0], uv[1], pictures.nearest[k])
     shorter = max(shorter, 1.0)
     taps = np.int64(min(np.ceil(longer / shorter), MOST_TAPS))
-    level = min(np.log2(max(longer / taps, shorter)), 64.0)
+    level = min(log2(max(longer / taps, shorter)), 64.0)
     red = green = blue = 0.0
     for i in range(taps):
         at = (i + 0.5) / taps - 0.5
@@ -255,7 +262,7 @@ class Eye(NamedTuple):
 def eye_of(rays: CameraRays | ExplicitRays, parts: int) -> Eye:
     """The eye of a camera, in the frame of the triangles; `parts`: sub-pixels per side of a pixel."""
     if isinstance(rays, CameraRays):
-        return _eye(rays.origin, float(np.linalg.norm(rays.dy)) / parts, 0.0)
+        return _eye(rays.origin, float(length(rays.dy)) / parts, 0.0)
     if rays.extent is None:
         return _eye(rays.origin, np.pi / rays.height / parts, 0.0)
     far = rays.origin - _FAR * rays.extent * rays.axes[2]  # about where parallel rays come from

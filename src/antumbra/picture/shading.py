@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..kernels.jit import F32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, ptr, ptr_at, put
+from ..kernels.small_matrices import product
 from ..query.gbuffer import GBuffer, PictureSurfaces
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadingNormals
@@ -163,7 +164,7 @@ def ambient_light(gbuffer: GBuffer, lights: Sequence[Light], arrived: Sequence[n
         return np.zeros(3, np.float32)
     shape, shining = gbuffer.face.shape, _shining(lights)
     total = _stack([arrived[k] for k in shining], shape).sum(axis=(1, 2), dtype=np.float64)
-    total = total @ _tints([lights[k] for k in shining])
+    total = product(total[None], _tints([lights[k] for k in shining]))[0]
     for k, light in enumerate(lights):
         if light.domain == "list":
             total += arrived[k].sum(axis=(0, 1), dtype=np.float64)

@@ -6,6 +6,8 @@ from numpy.typing import NDArray
 from ..checks import flag, whole_number
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
+from ..kernels.elementary import cos, sin
+from ..kernels.small_matrices import length
 from ..query.nearest_points import PointTree
 from ..query.receivers import surface_receivers
 from ..query.sobol_sequence import scrambled_sobol
@@ -75,7 +77,7 @@ def virtual_point_lights(
     (light,) = check_lights([light], scene.up)
     n = whole_number(n, "n", 1, 16384 if flag(interleave, "interleave") else 1024)
     seed = whole_number(seed, "seed", 0, 2**63 - 1)
-    centre, radius = scene.bounds.mean(0), np.linalg.norm(np.ptp(scene.bounds, axis=0)) / 2.0
+    centre, radius = scene.bounds.mean(0), length(np.ptp(scene.bounds, axis=0)) / 2.0
     xi = scrambled_sobol(n, 4, seed)
     origins, directions, power = emit_photons(light, xi, centre, radius)
     hit = scene.closest_hit(origins, directions, time=time, threads=threads)
@@ -163,10 +165,10 @@ def _cone_directions(light: DirectionalLight, xi: NDArray[np.float64]) -> tuple[
     unweighted one.
     """
     u, v = tangents(light.direction)
-    min_cosine = np.cos(np.radians(light.angular_diameter) / 2.0)
+    min_cosine = cos(np.radians(light.angular_diameter) / 2.0)
     cosine, angle = 1.0 - xi[:, :1] * (1.0 - min_cosine), 2.0 * np.pi * xi[:, 1:]
     sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
-    return cosine * light.direction + sine * (np.cos(angle) * u + np.sin(angle) * v), 2.0 / (1.0 + min_cosine)
+    return cosine * light.direction + sine * (cos(angle) * u + sin(angle) * v), 2.0 / (1.0 + min_cosine)
 
 
 def _chosen_lights(sky: Sky, xi: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -186,13 +188,13 @@ def _square_to_sphere(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray
     """Map the unit square uniformly to the unit sphere."""
     z, angle = 1.0 - 2.0 * a, 2.0 * np.pi * b
     r = np.sqrt(np.maximum(1.0 - z * z, 0.0))
-    return np.stack([r * np.cos(angle), r * np.sin(angle), z], -1)
+    return np.stack([r * cos(angle), r * sin(angle), z], -1)
 
 
 def _square_to_disk(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Map the unit square uniformly to the unit disk."""
     r, angle = np.sqrt(a), 2.0 * np.pi * b
-    return np.stack([r * np.cos(angle), r * np.sin(angle)], -1)
+    return np.stack([r * cos(angle), r * sin(angle)], -1)
 
 
 def _cosine_directions(normals: NDArray[np.float64], xi: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,10 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.elementary import cos
 from ..kernels.exact.predicate import ray_along
 from ..kernels.jit import F32Ptr, I8Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
 from ..kernels.simd import get, ptr, put
+from ..kernels.small_matrices import length
 from ..scene.camera import CameraRays, ExplicitRays
 from ..scene.triangles import Triangles
 from .receivers import NOTHING
@@ -165,7 +167,7 @@ def from_hits(
 # --- Smooth surfaces across pixels ------------------------------------------------------------------------------------
 
 
-COSINE = np.float32(np.cos(np.radians(20.0)))
+COSINE = np.float32(cos(np.radians(20.0)))
 """Normals of one smooth surface differ by less than 20 degrees."""
 
 APART = np.float32(0.5)
@@ -188,7 +190,7 @@ def picture_surfaces(gbuffer: GBuffer, rays: CameraRays | ExplicitRays) -> Pictu
     depth = gbuffer.depth
     pixel: float
     if not isinstance(rays, ExplicitRays):
-        pixel = float(np.linalg.norm(rays.dy))
+        pixel = float(length(rays.dy))
     elif rays.extent is None:
         pixel = np.pi / rays.height
     else:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import choice, whole_number
+from ..kernels.elementary import cos, sin
 from ..kernels.jit import inlined, kernel
 from ..scene.light_lists import N_SETS, LightList
 from ..scene.lights import AMBIENT, DIRECTIONAL, MAX_SPP, SPHERE, Light
@@ -222,7 +223,7 @@ def _rotated_halton(n: int, degrees: float) -> np.ndarray:
     """(16, n, 3): one Halton sequence on the hemisphere, rotated around the axis by a stratified angle per set."""
     a, b, c = to_domain(halton(n), "hemisphere").T
     angle = np.radians(degrees) * ((_DITHER + 0.5) / N_SETS)[:, None]
-    x, y = a * np.cos(angle) - b * np.sin(angle), a * np.sin(angle) + b * np.cos(angle)
+    x, y = a * cos(angle) - b * sin(angle), a * sin(angle) + b * cos(angle)
     return np.stack([x, y, np.broadcast_to(c, x.shape)], -1)
 
 
@@ -300,4 +301,4 @@ def _concentric(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     with np.errstate(invalid="ignore", divide="ignore"):
         angle = np.where(wide, np.pi / 4 * (y / x), np.pi / 2 - np.pi / 4 * (x / y))
     angle = np.where(r == 0.0, 0.0, angle)
-    return r * np.cos(angle), r * np.sin(angle)
+    return r * cos(angle), r * sin(angle)

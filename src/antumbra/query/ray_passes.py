@@ -14,6 +14,7 @@ from ..checks import whole_number
 from ..errors import InputError
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
+from ..kernels.small_matrices import length
 from ..scene.camera import CameraRays, ExplicitRays
 from ..scene.light_lists import N_SETS
 from ..scene.lights import MAX_SPP, Light, is_indirect
@@ -173,7 +174,7 @@ def plane_below(box: np.ndarray, up: str, height: float) -> GroundPlane:
     height : of the plane, in the same frame
     """
     lower, upper = box.astype(np.float64)
-    radius = max(float(np.linalg.norm(upper - lower)) / 2.0, float(np.finfo(np.float32).tiny))
+    radius = max(float(length(upper - lower)) / 2.0, float(np.finfo(np.float32).tiny))
     axis = "xyz".index(up)
     x, y = np.delete((lower + upper) / 2.0, axis).tolist()
     return GroundPlane(axis, float(np.float32(height)), x, y, _FAR * radius)
@@ -191,7 +192,8 @@ def _hit_plane(ticket, plane, rays, pixels, position, normal, depth, side, origi
         t, k = above / falls, pixels[i]
         p = np.float32(np.float64(rays.origins[i, a]) + t * np.float64(rays.directions[i, a]))
         q = np.float32(np.float64(rays.origins[i, b]) + t * np.float64(rays.directions[i, b]))
-        away = np.hypot(np.float64(p) - plane.x, np.float64(q) - plane.y) / plane.radius
+        dx, dy = np.float64(p) - plane.x, np.float64(q) - plane.y
+        away = np.sqrt(dx * dx + dy * dy) / plane.radius
         if not away < 1.0:
             continue
         height = np.float32(plane.height)

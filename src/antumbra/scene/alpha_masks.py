@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..kernels.elementary import log2
 from .appearance import Appearance
 from .materials import BLEND, CLAMP, MASK, MIRROR, MONTHS, Material, Texture, srgb_to_linear
 
@@ -173,7 +174,7 @@ def _texels_of(texture: Texture | None, coloured: bool) -> tuple[NDArray[np.uint
 
 def depths_of(transmittance: NDArray[np.float64]) -> NDArray[np.int32]:
     """The depths of transmittances: -log2 in units of 1 / HALVING, rounded; DARK + 1 below 1/256."""
-    depth = -np.log2(np.maximum(transmittance, 1e-9)) * HALVING
+    depth = -log2(np.maximum(transmittance, 1e-9)) * HALVING
     return np.where(transmittance < 2.0**-8, DARK + 1, np.round(depth)).astype(np.int32)
 
 

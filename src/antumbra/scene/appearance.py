@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.small_matrices import determinant, inverse, product
 from .materials import PLAIN, LightShare, Material, MeshAppearance, Texture
 from .mesh import Source
 from .scene_bounds import faces_of
@@ -123,10 +124,10 @@ def _normals(parts: list[_MeshFaces], n: int) -> tuple[np.ndarray | None, np.nda
         normals, rest_positions = part.look.normals, part.look.rest_positions
         assert normals is not None and rest_positions is not None
         linear = np.eye(3)[None].repeat(part.copies, 0) if part.linear is None else part.linear
-        singular = np.abs(np.linalg.det(linear)) < _FLAT * np.linalg.norm(linear, axis=(1, 2)) ** 3
+        singular = np.abs(determinant(linear)) < _FLAT * np.linalg.norm(linear, axis=(1, 2)) ** 3
         linear = np.where(singular[:, None, None], np.eye(3), linear)  # scaled to zero at rest: use object space
-        corners = rest_positions.astype(np.float64) @ linear.transpose(0, 2, 1)
-        turned = normals.astype(np.float64) @ np.linalg.inv(linear)  # by the inverse transpose
+        corners = product(rest_positions, linear.transpose(0, 2, 1))
+        turned = product(normals, inverse(linear))  # by the inverse transpose
         corners, turned = (each[:, part.faces].reshape(-1, 3, 3) for each in (corners, turned))
         out[part.rows] = normals_in_frames(corners, turned)
         vertices = part.faces + len(rest_positions) * np.arange(part.copies)[:, None, None]
@@ -165,5 +166,5 @@ def normals_in_frames(corners: NDArray[np.float64], normals: NDArray[np.float64]
     across = np.cross(e1, e2)
     area = np.linalg.norm(across, axis=1)
     upright = across / np.sqrt(np.where(area > 0.0, area, 1.0))[:, None]  # g |e1 x e2|^(1/2)
-    out: NDArray[np.float32] = np.einsum("fci,fki->fck", normals, np.stack([e1, e2, upright], 1)).astype(np.float32)
+    out: NDArray[np.float32] = product(normals, np.stack([e1, e2, upright], 2)).astype(np.float32)
     return out

@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import choice, number, vector, whole_number
 from ..errors import InputError
+from ..kernels.elementary import atan, atan2, cos, sin, tan
+from ..kernels.small_matrices import dot, length, product
 from .lights import QuadLight, Vector
 from .scene_bounds import flush_to_zero
 
@@ -56,9 +58,9 @@ class ExplicitRays(NamedTuple):
 
         offsets : (k, 3) float64, points minus `origin`
         """
-        across, down, ahead = (offsets @ self.axes.T).T
+        across, down, ahead = product(offsets, self.axes.T).T
         if self.extent is None:
-            heading, pitch = np.arctan2(across, ahead), np.arctan2(down, np.hypot(across, ahead))
+            heading, pitch = atan2(across, ahead), atan2(down, np.sqrt(across * across + ahead * ahead))
             return np.stack([heading / (2.0 * np.pi) + 0.5, pitch / np.pi + 0.5], 1) * (self.width, self.height)
         places = np.stack([across, down], 1) * (self.height / self.extent) + (self.width / 2.0, self.height / 2.0)
         places[ahead <= 0.0] = np.nan
@@ -68,10 +70,10 @@ class ExplicitRays(NamedTuple):
         """Directions of a panorama."""
         heading = (np.asarray(x, np.float64) / self.width - 0.5) * (2.0 * np.pi)
         pitch = (np.asarray(y, np.float64) / self.height - 0.5) * np.pi
-        horizontal = np.sin(heading)[..., None] * self.axes[0] + np.cos(heading)[..., None] * self.axes[2]
-        out: NDArray[np.float32] = (
-            np.cos(pitch)[..., None] * horizontal + np.sin(pitch)[..., None] * self.axes[1]
-        ).astype(np.float32)
+        horizontal = sin(heading)[..., None] * self.axes[0] + cos(heading)[..., None] * self.axes[2]
+        out: NDArray[np.float32] = (cos(pitch)[..., None] * horizontal + sin(pitch)[..., None] * self.axes[1]).astype(
+            np.float32
+        )
         return out
 
 
@@ -158,10 +160,10 @@ class Camera:
             if np.abs(getattr(self, name)).max() > _FARTHEST:
                 raise InputError(f"camera {name} is {getattr(self, name)}; nothing may be beyond {_FARTHEST:g}")
         view = self.target - self.position
-        if not np.linalg.norm(view) > 0.0:
+        if not length(view) > 0.0:
             raise InputError("camera target is at the camera position; move one of them")
         right = np.cross(view, self.up)
-        if np.linalg.norm(right) <= 1e-9 * np.linalg.norm(view) * np.linalg.norm(self.up):
+        if length(right) <= 1e-9 * length(view) * length(self.up):
             raise InputError("camera up is along the view direction (or zero); choose another up")
         choice(projection, "camera projection", PROJECTIONS)
         if (projection == "orthographic") != (extent is not None):
@@ -198,9 +200,9 @@ class Camera:
     def axes(self) -> NDArray[np.float64]:
         """(3, 3) float64: unit vectors right and down in the picture, and along the view, as rows."""
         view = self.target - self.position
-        view = view / np.linalg.norm(view)
+        view = view / length(view)
         right = np.cross(view, self.up)
-        right = right / np.linalg.norm(right)
+        right = right / length(right)
         return np.stack([right, np.cross(view, right), view])
 
     @property
@@ -208,7 +210,7 @@ class Camera:
         """As `axes`, but a panorama has a level horizon: down points away from the zenith."""
         if self.projection != "panoramic":
             return self.axes
-        right, zenith = self.axes[0], self.up / np.linalg.norm(self.up)
+        right, zenith = self.axes[0], self.up / length(self.up)
         return np.stack([right, -zenith, np.cross(zenith, right)])
 
     def view(self, origin: ArrayLike) -> "CameraRays | ExplicitRays":
@@ -223,7 +225,7 @@ class Camera:
         if self.listed:
             raise InputError(f"this needs a perspective camera, and the camera is {self.projection}; give another one")
         right, down, view = self.axes
-        half = np.tan(np.radians(self.vfov) / 2.0)
+        half = tan(np.radians(self.vfov) / 2.0)
         dx = right * (2.0 * half / self.height)
         dy = down * (2.0 * half / self.height)
         corner = view - dx * (self.width / 2.0) - dy * (self.height / 2.0)
@@ -264,10 +266,10 @@ def default_camera(bounds: np.ndarray, up: str, width: int, height: int, turn: f
     """
     right, upward, towards = axes(up)
     centre, radius = bounding_sphere(bounds)
-    half = np.arctan(np.tan(np.radians(VFOV) / 2.0) * min(1.0, width / height))
-    distance = 1.02 * radius / np.sin(half)
-    horizontal = np.sin(AZIMUTH + turn) * right + np.cos(AZIMUTH + turn) * towards
-    position = centre + distance * (np.cos(ELEVATION) * horizontal + np.sin(ELEVATION) * upward)
+    half = atan(tan(np.radians(VFOV) / 2.0) * min(1.0, width / height))
+    distance = 1.02 * radius / sin(half)
+    horizontal = sin(AZIMUTH + turn) * right + cos(AZIMUTH + turn) * towards
+    position = centre + distance * (cos(ELEVATION) * horizontal + sin(ELEVATION) * upward)
     return Camera(position, centre, upward, VFOV, width, height)
 
 
@@ -278,8 +280,8 @@ def fitted_camera(points: np.ndarray, up: str, width: int, height: int) -> Camer
     """
     sideways, upwards, back = _frame(points, up)
     middle = (points.min(0) + points.max(0)) / 2.0
-    x, y, z = ((points - middle) @ np.stack([sideways, upwards, back], 1)).T
-    tangent = np.tan(np.radians(VFOV) / 2.0) / _MARGIN
+    x, y, z = product(points - middle, np.stack([sideways, upwards, back], 1)).T
+    tangent = tan(np.radians(VFOV) / 2.0) / _MARGIN
     distance = 1e-6 * max(float(np.abs(middle).max()), 1.0)
     for across, slope in ((x, tangent * width / height), (y, tangent)):
         distance = max(distance, ((across + slope * z).max() + (slope * z - across).max()) / (2.0 * slope))
@@ -298,7 +300,7 @@ def orthographic_camera(
     right, upward, towards = axes(up)
     sideways, upwards, back = (right, -towards, upward) if from_above else _frame(points, up)
     middle = (points.min(0) + points.max(0)) / 2.0
-    x, y, z = ((points - middle) @ np.stack([sideways, upwards, back], 1)).T
+    x, y, z = product(points - middle, np.stack([sideways, upwards, back], 1)).T
     extent = _MARGIN * max(np.ptp(y), np.ptp(x) * height / width, 1e-6 * max(float(np.abs(middle).max()), 1.0))
     target = middle + (x.min() + x.max()) / 2.0 * sideways + (y.min() + y.max()) / 2.0 * upwards
     position = target + (z.max() + gap * extent) * back
@@ -308,11 +310,11 @@ def orthographic_camera(
 def _frame(points: np.ndarray, up: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The right, up and backward unit vectors of a fitted camera."""
     right, upward, towards = axes(up)
-    level = np.sin(AZIMUTH) * right + np.cos(AZIMUTH) * towards
+    level = sin(AZIMUTH) * right + cos(AZIMUTH) * towards
     size = np.ptp(points, axis=0)
-    elevation = STEEP if size @ upward < _FLAT * size.max() else ELEVATION
-    back = np.cos(elevation) * level + np.sin(elevation) * upward
-    sideways = np.cross(upward, back) / np.linalg.norm(np.cross(upward, back))
+    elevation = STEEP if dot(size, upward) < _FLAT * size.max() else ELEVATION
+    back = cos(elevation) * level + sin(elevation) * upward
+    sideways = np.cross(upward, back) / length(np.cross(upward, back))
     return sideways, np.cross(back, sideways), back
 
 
@@ -335,12 +337,12 @@ def default_light(bounds: np.ndarray, up: str) -> QuadLight:
     centre, radius = bounding_sphere(bounds)
     middle = centre + radius * (1.6 * upward - 0.6 * right + 0.4 * towards)
     u, v = radius * right, radius * towards  # u x v points down
-    distance = np.linalg.norm(middle - centre)
+    distance = length(middle - centre)
     return QuadLight(corner=middle - (u + v) / 2.0, u=u, v=v, intensity=float(np.pi * distance**2))
 
 
 def bounding_sphere(bounds: NDArray[np.float64]) -> tuple[np.ndarray, float]:
     """(centre, radius) of the sphere around `bounds` ((2, 3), world); a zero radius becomes 1."""
     lower, upper = bounds
-    radius = float(np.linalg.norm(upper - lower)) / 2.0
+    radius = float(length(upper - lower)) / 2.0
     return lower + (upper - lower) / 2.0, radius if radius > 0.0 else 1.0

@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.elementary import atan, cos, sin, tan
+from ..kernels.small_matrices import dot, length
 from .camera import AZIMUTH, Camera, axes, fitted_camera, orthographic_camera
 from .lights import DirectionalLight, Light, SphereLight
 from .scene_bounds import corners_of
@@ -32,7 +34,7 @@ class Room(NamedTuple):
 
 def exit_distance(planes: np.ndarray, start: np.ndarray, along: np.ndarray) -> float:
     """Ray parameter at which start + t along leaves the convex set n . x + d <= 0; planes: (m, 4) rows (n, d)."""
-    distance, rate = -(planes[:, :3] @ start + planes[:, 3]), planes[:, :3] @ along
+    distance, rate = -(dot(planes[:, :3], start) + planes[:, 3]), dot(planes[:, :3], along)
     return float((distance[rate > 0.0] / rate[rate > 0.0]).min())
 
 
@@ -69,7 +71,7 @@ class DefaultView(NamedTuple):
         assert self.room is not None
         if self.room.points is None or width >= height:
             return self.room.vfov
-        return float(2.0 * np.degrees(np.arctan(np.tan(np.radians(self.room.vfov) / 2.0) * height / width)))
+        return float(2.0 * np.degrees(atan(tan(np.radians(self.room.vfov) / 2.0) * height / width)))
 
     def other_camera(self, kind: str, width: int, height: int) -> Camera:
         """The default camera of another kind in `KINDS`; "top" is orthographic and looks straight down."""
@@ -88,9 +90,9 @@ class DefaultView(NamedTuple):
         if self.room is None or self.room.open:
             return [sun(self.up), Sky(up=self.up)]
         room = self.room
-        height = min(_LAMP_HEIGHT * room.height, _LAMP_REACH * float(np.linalg.norm(room.target - room.eye)))
+        height = min(_LAMP_HEIGHT * room.height, _LAMP_REACH * float(length(room.target - room.eye)))
         middle = room.middle + _LAMP_BACK * (room.eye - room.middle) + height * axes(self.up)[1]
-        distance = max(height, float(np.linalg.norm(room.target - middle)))
+        distance = max(height, float(length(room.target - middle)))
         return [SphereLight(middle, _LAMP_RADIUS * height, intensity=np.pi * distance**2), Sky(up=self.up)]
 
 
@@ -111,6 +113,6 @@ def sun(up: str) -> DirectionalLight:
     """A sun to the left of the default camera, slightly behind it."""
     right, upward, towards = axes(up)
     azimuth = AZIMUTH + _SUN_AZIMUTH
-    horizontal = np.sin(azimuth) * right + np.cos(azimuth) * towards
-    direction = np.cos(_SUN_ELEVATION) * horizontal + np.sin(_SUN_ELEVATION) * upward
+    horizontal = sin(azimuth) * right + cos(azimuth) * towards
+    direction = cos(_SUN_ELEVATION) * horizontal + sin(_SUN_ELEVATION) * upward
     return DirectionalLight(-direction, _SUN_WIDTH, intensity=_SUN, colour=_SUN_COLOUR)

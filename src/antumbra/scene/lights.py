@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import items, number, quoted, text, unit_vectors, vector, whole_number
 from ..errors import InputError
+from ..kernels.elementary import tan
 
 FIXED, DIRECTIONAL, SPHERE, LIST, AMBIENT = 0, 1, 2, 3, 4
 """Kinds of `LightPatch`. The first three are flat (c = 0 for all samples), except lists of distant lights."""
@@ -281,7 +282,7 @@ class DirectionalLight(Light):
 
     def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
         u, v = tangents(self.direction)
-        radius = reach * np.tan(np.radians(self.angular_diameter) / 2.0)
+        radius = reach * tan(np.radians(self.angular_diameter) / 2.0)
         cure = f"make the scene or angular_diameter ({self.angular_diameter!r}) smaller"
         check_distance(np.hypot(reach, radius), "DirectionalLight", cure)
         return LightPatch(DIRECTIONAL, -self.direction * reach, u * radius, v * radius, FLAT, 0.0)

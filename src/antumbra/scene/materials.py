@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..forks import hold_during_fork
+from ..kernels.elementary import log2, power
+from ..kernels.small_matrices import product
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -25,13 +27,13 @@ if TYPE_CHECKING:
 def srgb_to_linear(value: ArrayLike) -> NDArray[np.float64]:
     """Convert sRGB in [0, 1] to linear light (IEC 61966-2-1), float64."""
     s = np.asarray(value, np.float64)
-    linear: NDArray[np.float64] = np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
+    linear: NDArray[np.float64] = np.where(s <= 0.04045, s / 12.92, power(np.maximum(s + 0.055, 0.0) / 1.055, 2.4))
     return linear
 
 
 def linear_to_srgb(x: np.ndarray) -> np.ndarray:
     """Convert linear light in [0, 1] to sRGB (IEC 61966-2-1)."""
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1.0 / 2.4) - 0.055)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * power(np.maximum(x, 0.0031308), 1.0 / 2.4) - 0.055)
 
 
 BYTE_TO_LINEAR = srgb_to_linear(np.arange(256) / 255.0)
@@ -357,11 +359,11 @@ def texture_means(texture: Texture, uv: np.ndarray) -> NDArray[np.float32]:
     levels, uv = texture.preview_levels, np.nan_to_num(np.asarray(uv, np.float64))
     edges = (uv[:, 1:] - uv[:, :1]) * levels[0].shape[1::-1]
     texels = np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]) / 8.0
-    level = np.clip(np.rint(0.5 * np.log2(np.maximum(texels, 1.0))), 0, len(levels) - 1).astype(np.int64)
+    level = np.clip(np.rint(0.5 * log2(np.maximum(texels, 1.0))), 0, len(levels) - 1).astype(np.int64)
     out = np.empty((len(uv), 3), np.float32)
     for k in np.unique(level):
         rows, pixels = level == k, levels[k]
-        points = np.einsum("pc,fcx->pfx", _POINTS, uv[rows])
+        points = np.moveaxis(product(_POINTS, uv[rows]), 1, 0)
         x = _texel(points[..., 0], pixels.shape[1], texture.wrap_s)
         y = _texel(points[..., 1], pixels.shape[0], texture.wrap_t)
         out[rows] = pixels[y, x, :3].mean(0)

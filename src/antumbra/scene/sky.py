@@ -17,6 +17,8 @@ from ..checks import as_array, choice, flag, number, path_of, unit_vectors, whol
 from ..errors import InputError
 from ..extras import import_extra
 from ..files import checked_file, without_output
+from ..kernels.elementary import cos, exp2, power, sin
+from ..kernels.small_matrices import dot, product
 from .camera import axes
 from .light_lists import N_SETS, LightList
 from .lights import DIRECTIONAL, MAX_SPP, Light, LightPatch, check_distance
@@ -78,7 +80,7 @@ def _read_hdr(path: Path) -> np.ndarray:
     if not 0 < h * w <= _MOST_PIXELS:
         raise ValueError(f"{w}x{h} pixels")
     rgbe = _rows(np.frombuffer(body, np.uint8), h, w).astype(np.float64)
-    return np.where(rgbe[..., 3:] > 0, (rgbe[..., :3] + 0.5) * np.exp2(rgbe[..., 3:] - 136.0), 0.0)
+    return np.where(rgbe[..., 3:] > 0, (rgbe[..., :3] + 0.5) * exp2(rgbe[..., 3:] - 136.0), 0.0)
 
 
 def _rows(data: np.ndarray, h: int, w: int) -> NDArray[np.uint8]:
@@ -160,7 +162,7 @@ class Sky(LightList):
     @cached_property
     def points(self) -> NDArray[np.float64]:
         """(count, 3) float64: unit vectors towards the lights, the samples (a, b, c)."""
-        return self._map_lights[0] @ self._frame
+        return product(self._map_lights[0], self._frame)
 
     @property
     def intensities(self) -> NDArray[np.float64]:
@@ -191,13 +193,13 @@ class Sky(LightList):
         # Not `@`: BLAS threads would spin for a tenth of a second, regardless of the caller's `threads`
         right, upward, back = (x * a + y * b + z * c for a, b, c in self._frame.astype(np.float32))
         h, w = self.map.shape[:2]
-        down = np.arctan2(np.hypot(right, back), upward) * np.float32(h / np.pi) - np.float32(0.5)
+        down = _angle(np.sqrt(right * right + back * back), upward) * np.float32(h / np.pi) - np.float32(0.5)
         out = np.empty((*down.shape, 3), np.float32)
         if self._level:
             for c in range(3):
                 out[..., c] = np.interp(down, np.arange(h), self._scaled_map[:, 0, c])
             return out
-        across = (np.arctan2(right, -back) * np.float32(0.5 / np.pi) + np.float32(0.5)) * w - np.float32(0.5)
+        across = (_angle(right, -back) * np.float32(0.5 / np.pi) + np.float32(0.5)) * w - np.float32(0.5)
         y, x = np.floor(down), np.floor(across)
         fy, fx = (down - y)[..., None], (across - x)[..., None]
         rows = [np.clip(y + k, 0, h - 1).astype(np.int32) for k in (0, 1)]
@@ -220,7 +222,7 @@ class Sky(LightList):
         """(3, 3) float64: the map's right, up and backward axes in world space, as rows."""
         right, upward, back = axes(self.up or "y")
         turn = np.radians(self.turn)
-        sideways = np.cos(turn) * right - np.sin(turn) * back
+        sideways = cos(turn) * right - sin(turn) * back
         return np.stack([sideways, upward, np.cross(sideways, upward)])
 
 
@@ -240,10 +242,28 @@ def _map_of(image: object) -> np.ndarray:
     return array
 
 
+def _angle(y: NDArray[np.float32], x: NDArray[np.float32]) -> NDArray[np.float32]:
+    """``atan2(y, x)`` in float32, within 5e-7, with the same bits everywhere [Moshier 1989]."""
+    one, quarter = np.float32(1.0), np.float32(np.pi / 4.0)
+    across, up = np.abs(x), np.abs(y)
+    large, small = np.maximum(across, up), np.minimum(across, up)
+    middle = small > large * np.float32(0.41421356)  # beyond 22.5 degrees
+    t = np.where(middle, small - large, small)
+    t /= np.maximum(np.where(middle, small + large, large), np.float32(1e-30))
+    z = t * t
+    p = z * np.float32(8.05374449538e-2) - np.float32(1.38776856032e-1)
+    p = (p * z + np.float32(1.99777106478e-1)) * z - np.float32(3.33329491539e-1)
+    angle = np.where(middle, quarter, np.float32(0.0)) + (p * z + one) * t
+    angle = np.where(up > across, 2 * quarter - angle, angle)
+    angle = np.where(x < 0, 4 * quarter - angle, angle)
+    out: NDArray[np.float32] = np.copysign(angle, y)
+    return out
+
+
 def _daylight() -> NDArray[np.float64]:
     """A clear sky, brighter towards the horizon, over a grey ground."""
-    height = np.cos(np.pi * (np.arange(_HEIGHT) + 0.5) / _HEIGHT)[:, None]  # sine of the elevation
-    above = _HORIZON + (_ZENITH - _HORIZON) * np.clip(height, 0.0, 1.0) ** 0.6
+    height = cos(np.pi * (np.arange(_HEIGHT) + 0.5) / _HEIGHT)[:, None]  # sine of the elevation
+    above = _HORIZON + (_ZENITH - _HORIZON) * power(np.clip(height, 0.0, 1.0), 0.6)
     share = np.clip(-height / 0.35, 0.0, 1.0)
     below = _HORIZON + (_GROUND - _HORIZON) * share * share * (3.0 - 2.0 * share)
     out: NDArray[np.float64] = np.where(height >= 0.0, above, below)[:, None]
@@ -257,9 +277,9 @@ def _sample_map(image: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, 
     low-discrepancy sequence. All lights therefore have equal power. A black map gives lights of intensity 0.
     """
     h, w = image.shape[:2]
-    edges = np.cos(np.pi * np.arange(h + 1) / h)
+    edges = cos(np.pi * np.arange(h + 1) / h)
     solid = (2.0 * np.pi / w) * (edges[:-1] - edges[1:])[:, None]  # solid angle of a texel
-    power = (image @ _LUMINANCE) * solid
+    power = dot(image, _LUMINANCE) * solid
     total = power.sum()
     if not total > 0.0:
         power, total = np.broadcast_to(solid, (h, w)), 0.0
@@ -270,9 +290,9 @@ def _sample_map(image: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, 
     angle = 2.0 * np.pi * ((x + fx) / w - 0.5)
     sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
     colour = image[y, x]
-    luminance = (colour @ _LUMINANCE)[:, None]
+    luminance = dot(colour, _LUMINANCE)[:, None]
     colour = np.divide(colour, luminance, out=np.ones_like(colour), where=luminance > 0.0)
-    directions = np.stack([sine * np.sin(angle), cosine, -sine * np.cos(angle)], 1)
+    directions = np.stack([sine * sin(angle), cosine, -sine * cos(angle)], 1)
     return directions, np.full(count, total / count), colour
 
 

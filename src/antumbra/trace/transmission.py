@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.nodes import tree_of
+from ..kernels.elementary import exp2
 from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, ptr, put, stack_i32
@@ -21,7 +22,7 @@ from .frusta.multi_frusta import trace_shadow
 
 _STEP = 256
 _SHIFTS = 24, 16, 8, 0
-_POWERS = np.exp2(-np.outer(2.0 ** np.array(_SHIFTS), np.arange(_STEP)) / HALVING)
+_POWERS = exp2(-np.outer(2.0 ** np.array(_SHIFTS), np.arange(_STEP)) / HALVING)
 """(4, 256) float64: 2 to the power of minus each digit of a depth, from the highest to the lowest."""
 
 

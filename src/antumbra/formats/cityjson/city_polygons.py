@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...extras import import_extra
+from ...kernels.small_matrices import determinant, product
 from ...scene.scene_data import SemanticSurface
 from ..json_fields import Fields
 from .cityjson_file import DEPTHS, ChosenGeometry, CityDocument, CityPart
@@ -289,10 +290,10 @@ class _Collector:
             raise instance.bad("boundaries", "a list of one vertex")
         first, last = self._template_span(choice.geometry)
         corners = self._document.template_vertices[first:last]
-        placed = corners @ matrix[:3, :3].T + matrix[:3, 3] + vertices[anchor[0]]
+        placed = product(corners, matrix[:3, :3].T) + matrix[:3, 3] + vertices[anchor[0]]
         self._blocks.append(placed)
         base, self._n_vertices = self._n_vertices - first, self._n_vertices + len(placed)
-        return base, first + len(placed), bool(np.linalg.det(matrix[:3, :3]) < 0.0)
+        return base, first + len(placed), bool(determinant(matrix[:3, :3]) < 0.0)
 
     def _template_span(self, template: dict[str, Any]) -> tuple[int, int]:
         """The range of template vertices that a template uses; an instance copies only these."""

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files import checked_file, sibling
+from ...kernels.elementary import cos, sin
 from ...kernels.parallel import map_in_threads
+from ...kernels.small_matrices import product
 from ...scene.materials import BLEND, CLAMP, MASK, MIRROR, OPAQUE, PLAIN, REPEAT, Material, Texture
 from ..json_fields import Fields
 from .gltf_file import CURE_TEXTURES, GltfDocument, data_uri_bytes, is_data_uri
@@ -35,7 +37,7 @@ class MappedMaterial(NamedTuple):
 
     def transformed(self, uv: np.ndarray) -> np.ndarray:
         """Texture coordinates ((v, 2)) under the transform."""
-        return uv if self.transform is None else uv @ self.transform[:, :2].T + self.transform[:, 2]
+        return uv if self.transform is None else product(uv, self.transform[:, :2].T) + self.transform[:, 2]
 
 
 _TextureKey: TypeAlias = tuple[int, int, int, bool, bool]
@@ -192,7 +194,7 @@ def _matrix(transform: Fields) -> NDArray[np.float64]:
     angle = transform.number("rotation", 0.0)
     x, y = transform.numbers("scale", 2, (1.0, 1.0))
     u, v = transform.numbers("offset", 2, (0.0, 0.0))
-    c, s = np.cos(angle), np.sin(angle)
+    c, s = cos(angle), sin(angle)
     return np.array([[c * x, s * y, u], [-s * x, c * y, v]])
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ...kernels.small_matrices import dot, product
 from ...scene.materials import MeshAppearance, look_of, mean_colours
 from ...scene.mesh import Mesh, check_finite, n_faces, used_faces
 from ..json_fields import Fields
@@ -189,11 +190,11 @@ def skinned(positions: np.ndarray, primitive: Primitive, skin: Skin, world: np.n
     `world` ((n, 4, 4)) holds the nodes' world matrices. The matrix of the node with the mesh is ignored, as in glTF.
     """
     assert primitive.joints is not None and primitive.weights is not None
-    matrices = (world[skin.joints] @ skin.inverse_bind)[:, :3]
+    matrices = product(world[skin.joints], skin.inverse_bind)[:, :3]
     homogeneous = np.concatenate([positions.astype(np.float64), np.ones((len(positions), 1))], axis=1)
     out = np.zeros((1, len(positions), 3))
     for joint, weight in zip(primitive.joints.T, primitive.weights.T):
-        out[0] += weight[:, None] * np.einsum("vij,vj->vi", matrices[joint], homogeneous)
+        out[0] += weight[:, None] * dot(matrices[joint], homogeneous[:, None])
     return out
 
 

@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
+from ...kernels.elementary import acos, sin
+from ...kernels.small_matrices import dot, product
+from ...kernels.small_matrices import length as length_of
 from ...scene.camera import Camera
 from ...scene.instances import singular
 from ...scene.lights import DirectionalLight, Light, PointLight
@@ -77,7 +80,7 @@ def world_matrices(nodes: Nodes, local: np.ndarray) -> NDArray[np.float64]:
     """(n, 4, 4) float64: each node's transform to world space, computed level by level from the roots."""
     world = local.copy()
     for level in nodes.levels[1:]:
-        world[level] = world[nodes.parent[level]] @ local[level]
+        world[level] = product(world[nodes.parent[level]], local[level])
     return world
 
 
@@ -216,14 +219,15 @@ def sample_track(track: Track, time: float) -> NDArray[np.float64]:
 
 def _slerp(a: np.ndarray, b: np.ndarray, t: float) -> NDArray[np.float64]:
     """Spherical linear interpolation of unit quaternions along the shorter arc."""
-    cosine = float(a @ b)
+    cosine = float(dot(a, b))
     sign = -1.0 if cosine < 0.0 else 1.0
-    angle = np.arccos(min(abs(cosine), 1.0))
+    angle = acos(min(abs(cosine), 1.0))
     if angle < 1e-6:
         q = (1.0 - t) * a + sign * t * b
     else:
-        q = (np.sin((1.0 - t) * angle) * a + sign * np.sin(t * angle) * b) / np.sin(angle)
-    return q / np.linalg.norm(q)
+        q = (sin((1.0 - t) * angle) * a + sign * sin(t * angle) * b) / sin(angle)
+    out: NDArray[np.float64] = q / length_of(q)
+    return out
 
 
 def _hermite(
@@ -239,7 +243,7 @@ def _hermite(
     )
     if not rotation:
         return value
-    length = np.linalg.norm(value)
+    length = length_of(value)
     unit: NDArray[np.float64] = value / length if length > 1e-12 else before[1]
     return unit
 
@@ -334,7 +338,7 @@ class GltfViews:
 
     def _axis(self, world: np.ndarray, node: int, column: int) -> NDArray[np.float64]:
         axis = world[node][:3, column]
-        length = np.linalg.norm(axis)
+        length = length_of(axis)
         if not 0.0 < length < np.inf:
             raise InputError(f"{self._nodes.fields[node].where} holds a camera or light but its transform is flat")
         unit: NDArray[np.float64] = axis / length

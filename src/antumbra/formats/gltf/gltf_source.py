@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ...kernels.small_matrices import product
 from ...scene.camera import Camera
 from ...scene.instances import (
     MAX_TRIANGLES,
@@ -304,7 +305,7 @@ def _deformed(draw: MeshNode, weights: dict[int, np.ndarray], world: np.ndarray)
 
 def _matrices(draw: MeshNode, world: np.ndarray) -> NDArray[np.float64]:
     """(k, 4, 4) float64: the transforms of a draw's copies to world space."""
-    out: NDArray[np.float64] = world[draw.node][None] if draw.copies is None else world[draw.node] @ draw.copies
+    out: NDArray[np.float64] = world[draw.node][None] if draw.copies is None else product(world[draw.node], draw.copies)
     return out
 
 

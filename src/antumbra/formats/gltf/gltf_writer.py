@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...files import atomic_output
+from ...kernels.small_matrices import length
 from ...scene.palette_scene import PaletteScene
 from .accessors import COMPONENTS, WIDTHS
 from .gltf_file import BINARY_CHUNK, GLB_MAGIC, JSON_CHUNK
@@ -205,7 +206,7 @@ def _coloured_vertices(
 def _camera_node(camera: dict[str, Any]) -> Json:
     """The node of a camera. A glTF camera looks along its node's -Z, with +Y up."""
     position, target, up = (np.asarray(camera.get(k, (0, 1, 0)), float) for k in ("position", "target", "up"))
-    back = (position - target) / np.linalg.norm(position - target)
+    back = (position - target) / length(position - target)
     right = np.cross(up, back) / np.linalg.norm(np.cross(up, back))
     columns = np.c_[np.stack([right, np.cross(back, right), back, position]), (0, 0, 0, 1)]
     return {"name": "camera", "camera": 0, "matrix": columns.ravel().tolist()}

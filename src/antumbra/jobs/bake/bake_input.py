@@ -19,6 +19,7 @@ from ...formats.gltf.accessors import Accessors
 from ...formats.gltf.gltf_asset import Asset, open_asset
 from ...formats.gltf.gltf_file import open_gltf
 from ...formats.gltf.gltf_writer import Json, up_axis_transform
+from ...kernels.small_matrices import product
 from ...picture.image_files import automatic_exposure
 from ...scene.camera import axes
 from ...scene.default_picture import sun
@@ -126,8 +127,8 @@ def _scene_of_asset(asset: Asset, name: str) -> Scene:
 
 def _in_scene_frame(part: NodePrimitive, frame: np.ndarray) -> NodePrimitive:
     """A part in the frame of a scene whose right, up and backward axes are the rows of `frame`."""
-    positions, normals = part.positions @ frame, part.normals @ frame
-    return part._replace(positions=positions, normals=normals, linear=frame.T @ part.linear)
+    positions, normals = product(part.positions, frame), product(part.normals, frame)
+    return part._replace(positions=positions, normals=normals, linear=product(frame.T, part.linear))
 
 
 def scene_to_asset(scene: Scene, time: float) -> Asset:

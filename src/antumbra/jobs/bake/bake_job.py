@@ -23,6 +23,7 @@ from ...formats.gltf.accessors import Accessors
 from ...formats.gltf.gltf_asset import Asset
 from ...formats.gltf.gltf_file import data_uri_bytes, is_data_uri
 from ...formats.gltf.gltf_writer import Json
+from ...kernels.elementary import cos, sin
 from ...picture.image_files import write_exr
 from ...picture.option_fields import with_keywords
 from ...picture.png_files import SMALL, png_file
@@ -157,7 +158,7 @@ def _transform_uv(uv: NDArray[np.float64], texture: Json) -> NDArray[np.float64]
         transform.get("offset", (0, 0)),
     )
     x, y = uv[:, 0] * scale[0], uv[:, 1] * scale[1]
-    c, s = np.cos(angle), np.sin(angle)
+    c, s = cos(angle), sin(angle)
     return np.stack([c * x + s * y + offset[0], -s * x + c * y + offset[1]], 1)
 
 

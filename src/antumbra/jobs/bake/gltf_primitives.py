@@ -14,6 +14,8 @@ from ...formats.gltf.gltf_asset import Asset
 from ...formats.gltf.gltf_file import GltfDocument
 from ...formats.gltf.gltf_writer import Json
 from ...formats.json_fields import Fields
+from ...kernels.elementary import atan2
+from ...kernels.small_matrices import inverse, product
 
 # --- Primitives at nodes ----------------------------------------------------------------------------------------------
 
@@ -64,7 +66,7 @@ def read_primitives(scene: Scene, asset: Asset, time: float) -> list[NodePrimiti
             )
             normals = smooth_normals(positions, faces, keys) * sign
         else:
-            normals = file_normals @ np.linalg.inv(linear)
+            normals = product(file_normals, inverse(linear))
         normals = _unit(normals, positions, faces, sign)
         parts.append(
             NodePrimitive(
@@ -115,7 +117,7 @@ def smooth_normals(positions: NDArray[np.float64], faces: NDArray[np.integer], k
 def _angles(positions: NDArray[np.float64], faces: NDArray[np.integer], k: int) -> NDArray[np.float64]:
     """(f,) float64: the angle of each face at its corner k."""
     a, b, c = (positions[faces[:, (k + i) % 3]] for i in range(3))
-    return np.asarray(np.arctan2(np.linalg.norm(np.cross(b - a, c - a), axis=1), ((b - a) * (c - a)).sum(1)))
+    return np.asarray(atan2(np.linalg.norm(np.cross(b - a, c - a), axis=1), ((b - a) * (c - a)).sum(1)))
 
 
 def _unit(
@@ -137,7 +139,7 @@ def _unit(
 
 def to_local(directions: NDArray[np.floating], part: NodePrimitive) -> NDArray[np.float32]:
     """World directions in the frame of the file's normals, unit."""
-    local = directions @ part.linear
+    local = product(directions, part.linear)
     unit = local / np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-30)
     return np.asarray(unit.astype(np.float32))
 

@@ -13,6 +13,8 @@ from ...checks import items
 from ...engine.paged_scene import PagedScene
 from ...engine.scene import AnyScene
 from ...errors import InputError
+from ...kernels.elementary import asin, atan, cos, sin, tan
+from ...kernels.small_matrices import length
 from ...scene.camera import AZIMUTH, Camera, axes, bounding_sphere, default_camera
 from ...scene.default_picture import Room
 from ...scene.instance_data import InstanceData
@@ -111,8 +113,8 @@ def orbit_camera(region: SamplingRegion, k: int, n: int, size: tuple[int, int]) 
     share = _BACK * room.way(camera.target, back)
     if share >= 1.0:
         return camera
-    radius, distance = bounding_sphere(bounds)[1], share * float(np.linalg.norm(back))
-    half = np.arctan(np.tan(np.arcsin(min(1.02 * radius / distance, 1.0))) / min(1.0, size[0] / size[1]))
+    radius, distance = bounding_sphere(bounds)[1], share * float(length(back))
+    half = atan(tan(asin(min(1.02 * radius / distance, 1.0))) / min(1.0, size[0] / size[1]))
     vfov = min(2.0 * float(np.degrees(half)), _WIDEST)
     return Camera(camera.target + share * back, camera.target, camera.up, vfov, *size)
 
@@ -120,7 +122,7 @@ def orbit_camera(region: SamplingRegion, k: int, n: int, size: tuple[int, int]) 
 def _across(region: SamplingRegion, room: Room, turn: float, size: tuple[int, int]) -> Camera:
     """A camera that looks horizontally at the centre of a room; `turn`: radians around the up axis."""
     right, upward, towards = axes(region.scene.up)
-    back = np.sin(AZIMUTH + turn) * right + np.cos(AZIMUTH + turn) * towards
+    back = sin(AZIMUTH + turn) * right + cos(AZIMUTH + turn) * towards
     free = min(float(region.nearest(room.middle, back[None])[0].t[0]), room.way(room.middle, back))
     return Camera(room.middle + _BACK * free * back, room.middle, upward, VFOV, *size)
 
@@ -165,8 +167,8 @@ def random_light(region: SamplingRegion, seed: int, k: int) -> Light:
     right, upward, towards = axes(region.scene.up)
     if k % 2 == 0:
         azimuth, elevation = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(*_ELEVATION)
-        flat = np.sin(azimuth) * right + np.cos(azimuth) * towards
-        return DirectionalLight(-(np.cos(elevation) * flat + np.sin(elevation) * upward), intensity=float(np.pi))
+        flat = sin(azimuth) * right + cos(azimuth) * towards
+        return DirectionalLight(-(cos(elevation) * flat + sin(elevation) * upward), intensity=float(np.pi))
     radius, faults = region.radius, Counter[str]()
     for _ in range(TRIES):
         centre, size = rng.uniform(*region.box(0.0)), radius * rng.uniform(*_SIZES)
@@ -199,7 +201,7 @@ def _sphere(n: int) -> np.ndarray:
     i = np.arange(n) + 0.5
     z, turn = 1.0 - 2.0 * i / n, np.pi * (3.0 - np.sqrt(5.0)) * i
     flat = np.sqrt(1.0 - z * z)
-    return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
+    return np.stack([flat * cos(turn), flat * sin(turn), z], axis=-1)
 
 
 _AROUND = _sphere(64)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ...checks import flag, listed, number
 from ...engine.plan import Plan
 from ...errors import InputError
+from ...kernels.elementary import atan2
 from ...picture.option_fields import RealNumber, check_fields, option, same_option
 from ...picture.render_options import EngineOptions, RenderOptions
 
@@ -102,10 +103,10 @@ class ViewshedOptions:
         if abs(width) >= 360.0 and self.elevation == (-90.0, 90.0):
             return within
         north = away[..., 1] if up == "z" else -away[..., 2]
-        horizontal = np.hypot(away[..., 0], north)
-        elevation = np.degrees(np.arctan2(away[..., "xyz".index(up)], horizontal))
+        horizontal = np.sqrt(away[..., 0] * away[..., 0] + north * north)
+        elevation = np.degrees(atan2(away[..., "xyz".index(up)], horizontal))
         within &= (elevation >= self.elevation[0]) & (elevation <= self.elevation[1])
         if abs(width) < 360.0:
-            bearing = np.degrees(np.arctan2(away[..., 0], north)) - self.azimuth[0]
+            bearing = np.degrees(atan2(away[..., 0], north)) - self.azimuth[0]
             within &= (bearing % 360.0 <= width % 360.0) | (horizontal == 0.0)
         return within

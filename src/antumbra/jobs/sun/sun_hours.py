@@ -14,6 +14,7 @@ from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...files import atomic_output, check_disk_space, checked_output
+from ...kernels.elementary import cos, sin
 from ...kernels.parallel import thread_count
 from ...picture.option_fields import with_keywords
 from ...progress import Progress, with_progress
@@ -44,7 +45,7 @@ def sky_directions(count: int, up: str) -> NDArray[np.float64]:
     i = np.arange(count)
     height, angle = (i + 0.5) / count, i * np.pi * (3.0 - np.sqrt(5.0))
     width = np.sqrt(1.0 - height * height)
-    east, north = width * np.cos(angle), width * np.sin(angle)
+    east, north = width * cos(angle), width * sin(angle)
     return np.stack([east, north, height] if up == "z" else [east, height, -north], axis=1)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import as_array, checked_instance, choice, number, parts_of, quoted
 from ...errors import InputError
 from ...extras import import_extra
+from ...kernels.elementary import cos, sin
 from .location import Place, checked_place, parse_zone
 
 # --- Time intervals ---------------------------------------------------------------------------------------------------
@@ -255,5 +256,5 @@ def directions_of(altitude: ArrayLike, bearing: ArrayLike, up: str) -> NDArray[n
     altitude, bearing : (n,) degrees; the bearing is clockwise from the scene's own north axis
     """
     altitude, bearing = np.radians(altitude), np.radians(bearing)
-    east, north, height = np.sin(bearing) * np.cos(altitude), np.cos(bearing) * np.cos(altitude), np.sin(altitude)
+    east, north, height = sin(bearing) * cos(altitude), cos(bearing) * cos(altitude), sin(altitude)
     return np.stack([east, north, height] if up == "z" else [east, height, -north], axis=-1)

@@ -14,8 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from ...engine.plan import Plan
 from ...engine.precompilation import Job, fixed_job, precompile
 from ...engine.scene import AnyScene, Scene
+from ...kernels.elementary import acos, cos, sin, tan
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
+from ...kernels.small_matrices import dot
 from ...query.light_samples import light_samples
 from ...query.query_bounds import morton_codes
 from ...query.receivers import Receivers
@@ -206,10 +208,10 @@ def disk_directions(directions: NDArray[np.float64], samples: int) -> NDArray[np
     if samples == 1:
         return directions[:, None]
     i = np.arange(samples)
-    radius = np.sqrt((i + 0.5) / samples) * np.tan(np.radians(DISK / 2.0))
+    radius = np.sqrt((i + 0.5) / samples) * tan(np.radians(DISK / 2.0))
     angle = i * np.pi * (3.0 - np.sqrt(5.0))  # Vogel's spiral: equal areas
     u, v = (np.array(axes) for axes in zip(*(tangents(d) for d in directions))) if len(directions) else directions
-    across = radius[:, None] * (np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None])
+    across = radius[:, None] * (cos(angle)[:, None] * u[:, None] + sin(angle)[:, None] * v[:, None])
     towards = directions[:, None] + across
     return np.asarray(towards / np.linalg.norm(towards, axis=-1, keepdims=True))
 
@@ -381,11 +383,11 @@ def _in_front(towards: np.ndarray, normals: np.ndarray | None) -> np.ndarray:
     if normals is None or not len(normals):
         return bundles
     middle = normals.mean(0)
-    length = np.linalg.norm(middle)
+    length = float(np.sqrt(dot(middle, middle)))
     if length < 0.1:
         return bundles
-    widest = np.arccos(np.clip((normals @ (middle / length)).min(), -1.0, 1.0))
-    front = towards @ (middle / length) > np.cos(min(np.pi / 2.0 + widest, np.pi)) - _BEHIND
+    widest = acos(np.clip((dot(normals, middle / length)).min(), -1.0, 1.0))
+    front = dot(towards, middle / length) > cos(min(np.pi / 2.0 + widest, np.pi)) - _BEHIND
     return bundles[np.bitwise_or.reduceat(front, bundles * BUNDLE)]
 
 

@@ -32,6 +32,7 @@ from ...generate.shapes import (
     steps,
     tubes,
 )
+from ...kernels.elementary import cos, sin
 from .furnishings import (
     SKETCH,
     armchair,
@@ -93,10 +94,10 @@ def frame(d: float) -> list[ScenePart]:
 def slat(length: float, width: float, d: float, ladders: Sequence[float] | np.ndarray) -> PaletteMesh:
     """A curved slat along x, centred at the origin, concave side down, above a rung of every ladder (at x)."""
     n, m = steps(12, d), steps(4, d, 2)
-    t = np.sin(np.linspace(-0.5, 0.5, n + 1) * np.pi)[:, None]  # denser at the rounded ends
+    t = sin(np.linspace(-0.5, 0.5, n + 1) * np.pi)[:, None]  # denser at the rounded ends
     s = np.linspace(-0.5, 0.5, m + 1)[None]
     z = width * s * (1.0 - 0.4 * np.abs(t) ** 40 if n > 4 else 1.0)
-    sag = 0.04 * width * np.sin(np.pi * t * length / 2 / ladders[-1]) ** 2 if n > 4 else 0.0  # between the ladders
+    sag = 0.04 * width * sin(np.pi * t * length / 2 / ladders[-1]) ** 2 if n > 4 else 0.0  # between the ladders
     y = 0.5 * width * (0.25 - s**2) - sag
     upper = np.stack(np.broadcast_arrays(length / 2 * t, y, z), axis=-1)
     body = shell(upper, upper - [0.0, 0.04 * width, 0.0], p.LIMESTONE)
@@ -125,7 +126,7 @@ def panel(width: float, height: float, tilt: float, d: float, rng: np.random.Gen
         place_copies(head),
         place_copies(bottom),
     ]
-    return parts if d <= SKETCH else parts + _strings(width, height, 0.5 * chord * np.cos(tilt), ladders, d)
+    return parts if d <= SKETCH else parts + _strings(width, height, 0.5 * chord * cos(tilt), ladders, d)
 
 
 def _strings(
@@ -136,8 +137,8 @@ def _strings(
     cords = np.stack([np.stack([0.0 * y + x, y, 0.0 * y + s * reach], axis=1) for x in ladders for s in (-1.0, 1.0)])
     front = 0.5 * DEPTH + 0.016
     fall = np.linspace(0.0, 1.0, steps(16, d, 3) + 1)
-    x = 0.45 * width + 0.012 * np.sin(5.0 * fall)
-    cord = np.stack([x, -0.03 - 0.62 * height * fall, front + 0.004 * np.sin(9.0 * fall)], axis=1)
+    x = 0.45 * width + 0.012 * sin(5.0 * fall)
+    cord = np.stack([x, -0.03 - 0.62 * height * fall, front + 0.004 * sin(9.0 * fall)], axis=1)
     rod = np.stack([0.0 * fall - 0.46 * width, -0.03 - 0.55 * height * fall, front + 0.01 * fall], axis=1)
     sides, turns = steps(4, d, 3), steps(9, d, 4)
     tassel = revolve([(0.0, -0.05), (0.012, -0.045), (0.005, 0.0), (0.0, 0.004)], turns, p.OAK)
@@ -206,7 +207,7 @@ def blinds(triangles: int, seed: int) -> tuple[PaletteMesh, dict[str, Any], dict
 def _sun() -> dict[str, Any]:
     """A strip light far outside: four metres long along the slats, and little higher than the sun's apparent size."""
     azimuth, height = np.radians(SUN[:2])
-    to = np.array([-np.cos(azimuth) * np.cos(height), np.sin(height), np.sin(azimuth) * np.cos(height)])
+    to = np.array([-cos(azimuth) * cos(height), sin(height), sin(azimuth) * cos(height)])
     u = np.array([0.0, 0.0, 4.0])
     v = 0.16 * unit(np.cross(u, to))
     middle = np.array([-HALF_X, (SILL + LINTEL) / 2, 0.0]) + SUN[2] * to

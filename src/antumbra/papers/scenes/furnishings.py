@@ -25,6 +25,7 @@ from ...generate.shapes import (
     steps,
     tubes,
 )
+from ...kernels.elementary import atan2, cos, exp, power, sin
 
 # --- Wood and metal ---------------------------------------------------------------------------------------------------
 
@@ -78,7 +79,7 @@ def table_lamp(height: float, d: float, colour: int = p.TEAL) -> PaletteMesh:
     r = np.linspace(0.4, 0.26, len(y)) * h * (1.0 + 0.025 * (np.arange(k) % 2))[:, None]
     r = np.concatenate([r, r[:, ::-1] - 0.012 * h], axis=1)
     y = np.broadcast_to(np.concatenate([y, y[::-1]]), r.shape)
-    shade = loft(np.stack([r * np.cos(angle), y, r * np.sin(angle)], axis=-1), p.WHITE, closed=True)
+    shade = loft(np.stack([r * cos(angle), y, r * sin(angle)], axis=-1), p.WHITE, closed=True)
     return merge(revolve(foot, steps(24, d, 6), colour), shade)
 
 
@@ -154,10 +155,10 @@ def chandelier(drop: float, d: float) -> list[ScenePart]:
     candle = [(0.012, 0.0), (0.012, 0.09), (0.004, 0.1), (0.009, 0.12), (0.007, 0.14), (0.0, 0.165)]
     turn = np.arange(arms) * 2.0 * np.pi / arms
     t = np.linspace(0.0, 1.0, steps(14, d, 3) + 1)
-    r, y = 0.04 + (reach - 0.04) * t, -0.1 * np.sin(1.5 * np.pi * t) * (1.0 - 0.2 * t) + 0.02 * t
+    r, y = 0.04 + (reach - 0.04) * t, -0.1 * sin(1.5 * np.pi * t) * (1.0 - 0.2 * t) + 0.02 * t
     path = np.stack([r, y, 0.0 * t], axis=-1)[None]
     arm = tubes(path, 0.011 - 0.003 * t, steps(8, d, 3), p.BRONZE)
-    ends = np.stack([r[-1] * np.cos(turn), 0.0 * turn + y[-1] + 0.02, -r[-1] * np.sin(turn)], axis=1)
+    ends = np.stack([r[-1] * cos(turn), 0.0 * turn + y[-1] + 0.02, -r[-1] * sin(turn)], axis=1)
     k = steps(14, d, 5)
     rose = [(0.0, -0.05), (0.05, -0.05), (0.075, 0.0), (0.07, EMBED), (0.0, EMBED)]
     low = np.array([0.0, -drop, 0.0])
@@ -184,7 +185,7 @@ def _beads(ends: np.ndarray, turn: np.ndarray, d: float) -> PaletteMesh:
     rising = ends[:, None] * (1 - t) + top * t - [0.0, 0.35, 0.0] * t * (1 - t)
     m = steps(6, d, 2)
     angle = np.linspace(-np.pi / 2, np.pi / 2, m + 1)
-    ball = np.stack([np.maximum(np.cos(angle), 0.0) * 0.009, np.sin(angle) * 0.012], axis=1)
+    ball = np.stack([np.maximum(cos(angle), 0.0) * 0.009, sin(angle) * 0.012], axis=1)
     ball[[0, -1], 0] = 0.0
     return assemble(
         [place_copies(revolve(ball, steps(8, d, 4), p.GLASS), np.concatenate([swags, rising]).reshape(-1, 3))]
@@ -224,9 +225,9 @@ def creases(rng: np.random.Generator, x: np.ndarray, z: np.ndarray, waves: int =
     total: np.ndarray = np.zeros(())
     for _ in range(waves):
         angle, metres, a, b = rng.uniform((0.0, 0.18, 0.0, 0.0), (np.pi, 0.75, 6.3, 6.3))
-        along, across = x * np.cos(angle) + z * np.sin(angle), z * np.cos(angle) - x * np.sin(angle)
-        ridge = (1.0 - np.abs(np.sin(np.pi * across / metres + 0.9 * np.sin(3.1 * along + a) + b))) ** 2
-        total = total + metres * ridge * (0.5 + 0.5 * np.sin(4.3 * along - a) * np.sin(3.7 * across + b))
+        along, across = x * cos(angle) + z * sin(angle), z * cos(angle) - x * sin(angle)
+        ridge = (1.0 - np.abs(sin(np.pi * across / metres + 0.9 * sin(3.1 * along + a) + b))) ** 2
+        total = total + metres * ridge * (0.5 + 0.5 * sin(4.3 * along - a) * sin(3.7 * across + b))
     return total / (0.2 * waves)
 
 
@@ -240,12 +241,12 @@ def cushion(
     """
     w, h, length = size
     m, k = (max(3, round(n * side / max(w, length))) for side in (w, length))
-    u = np.sin(np.linspace(-0.5, 0.5, m + 1) * np.pi)[:, None]
-    v = np.sin(np.linspace(-0.5, 0.5, k + 1) * np.pi)[None]
-    full = ((1.0 - np.abs(u) ** edge) * (1.0 - np.abs(v) ** edge)) ** (0.9 / edge**0.4)
+    u = sin(np.linspace(-0.5, 0.5, m + 1) * np.pi)[:, None]
+    v = sin(np.linspace(-0.5, 0.5, k + 1) * np.pi)[None]
+    full = power((1.0 - power(np.abs(u), edge)) * (1.0 - power(np.abs(v), edge)), 0.9 / power(edge, 0.4))
     seam, tuck = 0.05 * h, 0.16 / edge
-    x = w / 2 * u * (1.0 - tuck * (1.0 - v**2) * np.abs(u) ** 3)
-    z = length / 2 * v * (1.0 - tuck * (1.0 - u**2) * np.abs(v) ** 3)
+    x = w / 2 * u * (1.0 - tuck * (1.0 - v**2) * np.abs(u * u * u))
+    z = length / 2 * v * (1.0 - tuck * (1.0 - u**2) * np.abs(v * v * v))
     upper, lower = ((h / 2 - seam) * full + wrinkle * creases(rng, x, z) * full**0.5 for _ in range(2))
     front = np.stack([x, h / 2 + seam + upper, z], axis=-1)
     back = np.stack([x, h / 2 - seam - lower, z], axis=-1)
@@ -257,8 +258,8 @@ def _over(s: np.ndarray, half: float, r: float) -> tuple[np.ndarray, np.ndarray]
     beyond = np.maximum(np.abs(s) - (half - r), 0.0)
     angle = np.minimum(beyond / r, np.pi / 2)
     hanging = np.maximum(beyond - r * np.pi / 2, 0.0)
-    out = np.minimum(np.abs(s), half - r) + r * np.sin(angle) + 0.08 * hanging
-    return np.sign(s) * out, r * (1.0 - np.cos(angle)) + hanging
+    out = np.minimum(np.abs(s), half - r) + r * sin(angle) + 0.08 * hanging
+    return np.sign(s) * out, r * (1.0 - cos(angle)) + hanging
 
 
 def cover(
@@ -277,15 +278,15 @@ def cover(
     x, side = _over(s, w / 2 + 0.02, 0.07)
     z, foot = _over(t, length + 0.02, 0.07)
     hang = np.hypot(side, foot)
-    quilt = 0.012 * np.abs(np.sin(np.pi * s / 0.22) * np.sin(np.pi * t / 0.22)) ** 0.5
+    quilt = 0.012 * np.abs(sin(np.pi * s / 0.22) * sin(np.pi * t / 0.22)) ** 0.5
     fold = 0.07 * np.minimum(hang / drop, 1.0)
-    x = x + fold * np.sign(s) * (side > 0.0) * (0.45 + 0.55 * np.sin(17.0 * t + 2.0 * np.sin(3.0 * t)))
-    z = z + fold * (foot > 0.0) * (0.45 + 0.55 * np.sin(15.0 * s + 2.0 * np.sin(4.0 * s)))
-    y = 0.035 + quilt + rise * creases(rng, s, t, 14) * np.exp(-4.0 * hang / drop) - hang
+    x = x + fold * np.sign(s) * (side > 0.0) * (0.45 + 0.55 * sin(17.0 * t + 2.0 * sin(3.0 * t)))
+    z = z + fold * (foot > 0.0) * (0.45 + 0.55 * sin(15.0 * s + 2.0 * sin(4.0 * s)))
+    y = 0.035 + quilt + rise * creases(rng, s, t, 14) * exp(-4.0 * hang / drop) - hang
     front = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
     normal = np.cross(np.gradient(front, axis=1), np.gradient(front, axis=0))
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    stripe = np.sin(6.5 * (t[:, 1:] + t[:, :-1])) > 0.55
+    stripe = sin(6.5 * (t[:, 1:] + t[:, :-1])) > 0.55
     colour = np.where(stripe, colours[1], colours[0]) + np.zeros((n, 1), int)
     return shell(front, front - 0.022 * normal, colour)
 
@@ -295,8 +296,8 @@ def headboard(width: float, height: float, n: int, colour: int) -> PaletteMesh:
     m = max(2, round(n * height / width))
     x = np.linspace(-width / 2, width / 2, n + 1)[:, None]
     y = np.linspace(0.0, height, m + 1)[None]
-    top = y * (1.0 + 0.12 * np.cos(np.pi * x / width) * (y / height) ** 3)  # a curved upper edge
-    a, b = (np.abs(np.sin(np.pi * (x / 0.3 + s * y / 0.26))) for s in (1, -1))
+    top = y * (1.0 + 0.12 * cos(np.pi * x / width) * (y / height * (y / height) * (y / height)))  # a curved upper edge
+    a, b = (np.abs(sin(np.pi * (x / 0.3 + s * y / 0.26))) for s in (1, -1))
     edge_distance = np.minimum(np.abs(np.abs(x) - width / 2), np.minimum(y, height - y))
     z = 0.07 + 0.045 * np.sqrt(a * b) * np.minimum(edge_distance / 0.05, 1.0)
     front = np.stack(np.broadcast_arrays(x, top, z), axis=-1)
@@ -377,7 +378,7 @@ def _ball(radius: Sequence[float], segments: int, colour: int) -> PaletteMesh:
     """An ellipsoid of `radius` (3,) around zero."""
     n = max(3, segments // 2)
     angle = np.linspace(-np.pi / 2, np.pi / 2, n + 1)
-    profile = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    profile = np.stack([cos(angle), sin(angle)], axis=1)
     profile[[0, -1], 0] = 0.0
     round_ = revolve(profile, segments, colour)
     return round_._replace(vertices=round_.vertices * np.asarray(radius, np.float32))
@@ -412,7 +413,7 @@ def beach_ball(radius: float, d: float) -> PaletteMesh:
     k = steps(30, d, 6) // 6 * 6
     ball = _ball((radius,) * 3, k, 0)
     middle = ball.vertices[ball.faces].mean(axis=1)
-    wedge = np.floor((np.arctan2(middle[:, 2], middle[:, 0]) + np.pi) / (2.0 * np.pi) * 6.0).astype(int) % 6
+    wedge = np.floor((atan2(middle[:, 2], middle[:, 0]) + np.pi) / (2.0 * np.pi) * 6.0).astype(int) % 6
     return raise_mesh(ball._replace(colour=np.array(COLOURS, np.uint8)[wedge]), radius - SINK / 4)
 
 

@@ -30,6 +30,8 @@ from ...generate.shapes import (
     rotation_y,
     steps,
 )
+from ...kernels.elementary import cos, exp, power, sin
+from ...kernels.small_matrices import product
 
 # --- Works of art -----------------------------------------------------------------------------------------------------
 
@@ -46,18 +48,16 @@ def knot(
     """A torus knot, 3 `size` wide, made of a bar with spiral ribs."""
     n, k = _resolution(triangles, 10.0)
     t = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
-    r = size * (1.0 + 0.42 * np.cos(loops * t))
-    path = np.stack([r * np.cos(turns * t), r * np.sin(turns * t), 0.55 * size * np.sin(loops * t)], axis=1)
+    r = size * (1.0 + 0.42 * cos(loops * t))
+    path = np.stack([r * cos(turns * t), r * sin(turns * t), 0.55 * size * sin(loops * t)], axis=1)
     ahead = unit(np.roll(path, -1, axis=0) - np.roll(path, 1, axis=0))
-    hub = np.stack([size * np.cos(turns * t), size * np.sin(turns * t), 0.0 * t], axis=1)
+    hub = np.stack([size * cos(turns * t), size * sin(turns * t), 0.0 * t], axis=1)
     side = path - hub
     u = unit(side - np.sum(side * ahead, axis=1, keepdims=True) * ahead)
     v = np.cross(ahead, u)
     angle = np.linspace(0.0, 2.0 * np.pi, k, endpoint=False)
-    rib = thick * size * (1.0 + 0.13 * np.cos(5 * angle - 24.0 * t[:, None]))
-    points = path[:, None] + rib[..., None] * (
-        np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None]
-    )
+    rib = thick * size * (1.0 + 0.13 * cos(5 * angle - 24.0 * t[:, None]))
+    points = path[:, None] + rib[..., None] * (cos(angle)[:, None] * u[:, None] + sin(angle)[:, None] * v[:, None])
     low = points[..., 1].min()
     return loft(points - [0.0, low, 0.0], colour, closed=True)
 
@@ -69,13 +69,11 @@ def blob(triangles: float, rng: np.random.Generator, size: float = 1.0, colour: 
     theta = np.linspace(-np.pi / 2, np.pi / 2, n + 1)
     phi = np.linspace(0.0, 2.0 * np.pi, k, endpoint=False)
     direction = np.stack(
-        np.broadcast_arrays(
-            np.cos(theta)[:, None] * np.cos(phi), np.sin(theta)[:, None], -np.cos(theta)[:, None] * np.sin(phi)
-        ),
+        np.broadcast_arrays(cos(theta)[:, None] * cos(phi), sin(theta)[:, None], -cos(theta)[:, None] * sin(phi)),
         axis=-1,
     )
     wave = rng.normal(0.0, 2.3, (9, 3))
-    scale = 1.0 + 0.11 * np.sin(direction @ wave.T + rng.uniform(0, 6.3, 9)).sum(axis=-1)
+    scale = 1.0 + 0.11 * sin(product(direction, wave.T) + rng.uniform(0, 6.3, 9)).sum(axis=-1)
     points = direction * scale[..., None] * size * [0.8, 1.25, 0.8]
     points[..., 1] -= points[..., 1].min() + 0.04 * size
     return capped(points[1:-1], points[0, 0], points[-1, 0], colour)
@@ -87,9 +85,9 @@ def twist(triangles: float, height: float = 2.4, width: float = 0.5, colour: int
     k = max(12, k)
     t = np.linspace(0.0, 1.0, n + 1)[:, None]
     phi = np.linspace(0.0, 2.0 * np.pi, k, endpoint=False)
-    r = width * (1.0 + 0.22 * np.cos(6 * phi)) * (1.0 - 0.55 * t + 0.22 * np.sin(9.0 * t))
+    r = width * (1.0 + 0.22 * cos(6 * phi)) * (1.0 - 0.55 * t + 0.22 * sin(9.0 * t))
     angle = phi + 3.6 * t
-    points = np.stack([r * np.cos(angle), np.broadcast_to(height * t - 0.02, r.shape), -r * np.sin(angle)], axis=-1)
+    points = np.stack([r * cos(angle), np.broadcast_to(height * t - 0.02, r.shape), -r * sin(angle)], axis=-1)
     return capped(points, points[0].mean(axis=0), points[-1].mean(axis=0), colour)
 
 
@@ -97,12 +95,12 @@ def ammonite(triangles: float, size: float = 1.0, colour: int = p.CLAY) -> Palet
     """A ribbed spiral shell standing on its rim."""
     n, k = _resolution(triangles, 8.0)
     t = np.linspace(0.0, 1.0, n + 1)
-    angle, reach = 2.0 * np.pi * 3.1 * t, size * 0.1 * np.exp(2.25 * t)
-    centre = np.stack([np.cos(angle) * reach, np.sin(angle) * reach, 0.0 * t], axis=1)
+    angle, reach = 2.0 * np.pi * 3.1 * t, size * 0.1 * exp(2.25 * t)
+    centre = np.stack([cos(angle) * reach, sin(angle) * reach, 0.0 * t], axis=1)
     out = centre / reach[:, None]
     phi = np.linspace(0.0, 2.0 * np.pi, k, endpoint=False)
-    tube = (0.36 * reach * (1.0 + 0.06 * np.sin(110.0 * t)))[:, None, None]
-    points = centre[:, None] + tube * (np.cos(phi)[:, None] * out[:, None] + 1.15 * np.sin(phi)[:, None] * [0, 0, 1])
+    tube = (0.36 * reach * (1.0 + 0.06 * sin(110.0 * t)))[:, None, None]
+    points = centre[:, None] + tube * (cos(phi)[:, None] * out[:, None] + 1.15 * sin(phi)[:, None] * [0, 0, 1])
     return loft(points - [0.0, points[..., 1].min() + 0.03 * size, 0.0], colour)
 
 
@@ -110,13 +108,13 @@ def ribbon(triangles: float, size: float = 1.0, colour: int = p.OCHRE) -> Palett
     """A band that twists once around a ring."""
     n = max(12, round(triangles / 8.0))
     t = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)[:, None]
-    out = np.concatenate([np.cos(t), np.sin(t), 0.0 * t], axis=1)
-    turn = t + 0.6 * np.sin(3 * t)
-    across = np.cos(turn) * out + np.sin(turn) * [0.0, 0.0, 1.0]
+    out = np.concatenate([cos(t), sin(t), 0.0 * t], axis=1)
+    turn = t + 0.6 * sin(3 * t)
+    across = cos(turn) * out + sin(turn) * [0.0, 0.0, 1.0]
     up = np.cross(np.roll(out, -1, axis=0) - out, across)
     up = unit(up)
     corners = [(0.42, 0.035), (-0.42, 0.035), (-0.42, -0.035), (0.42, -0.035)]
-    ring = size * out * (1.0 + 0.1 * np.cos(2 * t))
+    ring = size * out * (1.0 + 0.1 * cos(2 * t))
     points = np.stack([ring + size * (a * across + b * up) for a, b in corners], axis=1)
     return loft(points - [0.0, points[..., 1].min() + 0.03, 0.0], colour, closed=True)
 
@@ -128,10 +126,10 @@ def rain(triangles: float, width: float = 5.2, depth: float = 4.2, ceiling: floa
     k = int(np.clip(np.sqrt(each), 4, 200))
     n = max(3, k // 2)
     angle = np.linspace(-np.pi / 2, np.pi / 2, n + 1)
-    profile = np.stack([np.cos(angle) * (1.0 - 0.45 * np.sin(angle)), 1.2 * np.sin(angle)], axis=1)
+    profile = np.stack([cos(angle) * (1.0 - 0.45 * sin(angle)), 1.2 * sin(angle)], axis=1)
     profile[[0, -1], 0] = 0.0
     x, z = (a.ravel() for a in np.meshgrid(np.linspace(-0.5, 0.5, nx) * width, np.linspace(-0.5, 0.5, nz) * depth))
-    y = 3.1 + 0.75 * np.sin(1.5 * x + 0.5 * z) + 0.45 * np.cos(1.7 * z - 0.6 * x)
+    y = 3.1 + 0.75 * sin(1.5 * x + 0.5 * z) + 0.45 * cos(1.7 * z - 0.6 * x)
     drop = revolve(profile * 0.1, k, p.OCHRE)
     wires = boxes(
         np.stack([0 * x + 0.012, ceiling - y - 0.08, 0 * x + 0.012], axis=1),
@@ -149,8 +147,8 @@ def vortex(triangles: float, height: float = 4.6) -> list[ScenePart]:
     n = int(np.clip(triangles / 44.0, 12, 4000))
     t = (np.arange(n) + 0.5) / n
     angle = 5.0 * np.pi * t
-    matrix = rotation_y(angle) @ rotation_x(0.5 * np.sin(6.0 * np.pi * t))
-    size = 0.5 + 1.1 * np.sin(np.pi * t) ** 1.5
+    matrix = product(rotation_y(angle), rotation_x(0.5 * sin(6.0 * np.pi * t)))
+    size = 0.5 + 1.1 * power(sin(np.pi * t), 1.5)
     scale = np.stack(
         [size, np.full(n, 60.0 / n if n > 60 else 1.0), np.full(n, 60.0 / n + 0.3 if n > 60 else 1.0)], axis=1
     )

@@ -353,7 +353,7 @@ def _enough_near(chunk, tiles, numbers, most):
 @inlined
 def group_pays(trials, c):
     """(whether to form a group of class c, whether this is a trial)."""
-    clusters = get(trials, _CLUSTERS + c)
+    clusters = np.int64(get(trials, _CLUSTERS + c))
     put(trials, _CLUSTERS + c, _F(clusters + 1))
     together, apart = get(trials, _TOGETHER + c), get(trials, _APART + c)
     clear = together > _CLEAR * apart or apart > _CLEAR * together

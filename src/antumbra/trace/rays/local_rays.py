@@ -34,9 +34,7 @@ def local_ray(rays, i):
 
 def local_rays(rays: RayArrays, cull_faces: int) -> LocalRays:
     """`LocalRays` of a checked ray list."""
-    origins, directions = (
-        np.require(each, requirements="W") for each in rays.local()
-    )  # one kernel for all lists
+    origins, directions = (np.require(each, requirements="W") for each in rays.local())  # one kernel for all lists
     tmin, tmax = (np.ascontiguousarray(end[:, 0], np.float64) for end in (rays.tmin, rays.tmax))
     return LocalRays(origins, directions, rays.skip[:, 0].copy(), tmin, tmax, int(cull_faces), rays.segments)
 

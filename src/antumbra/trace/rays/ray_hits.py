@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh.nodes import LEFT_FIRST, Bvh, tree_of
+from ...kernels.elementary import cos, sin
 from ...kernels.exact.predicate import ray_along, segment
 from ...kernels.jit import kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
@@ -206,6 +207,6 @@ def bounce_surfaces(
     origins = origins.reshape(*shape, 3)
     u, v = np.random.default_rng(seed).random((m, 2)).T
     r, angle = np.sqrt(u), 2.0 * np.pi * v
-    samples = np.stack([r * np.cos(angle), r * np.sin(angle), np.sqrt(1.0 - u)], 1).reshape(*shape, 3)
+    samples = np.stack([r * cos(angle), r * sin(angle), np.sqrt(1.0 - u)], 1).reshape(*shape, 3)
     rays = diffuse_rays(gbuffer, origins, samples, threads)
     return hit_surfaces(rays, *nearest_hits(bvh, *rays, threads), shape, triangles, threads)
