@@ -35,3 +35,8 @@ def test_float32_is_widened():
     found = product(points, turn.T)
     assert found.dtype == np.float64
     np.testing.assert_allclose(found, points.astype(np.float64) @ turn.T.astype(np.float64), rtol=1e-12)
+
+
+@pytest.mark.parametrize("n, k, m", [(2, 0, 3), (0, 3, 2), (4, 1, 0)])
+def test_empty_matrices(n, k, m):
+    assert product(np.ones((n, k)), np.ones((k, m))).tolist() == np.full((n, m), float(k)).tolist()

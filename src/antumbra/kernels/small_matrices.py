@@ -31,6 +31,8 @@ def product(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
     ``product(points, matrix.T)`` transforms points (n, 3) by a matrix (3, 3).
     """
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    if b.shape[-2] == 0:
+        return np.asarray(a @ b)  # zeros
     total = a[..., :, 0, None] * b[..., None, 0, :]
     for k in range(1, b.shape[-2]):
         total += a[..., :, k, None] * b[..., None, k, :]
