@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..engine.auto.strategies import StrategyChoice
 from ..engine.engine import Engine
 from ..progress import PhaseClock
-from ..query.gbuffer import GBuffer, PictureSurfaces
+from ..query.gbuffer import GBuffer
 from ..query.shadow_query import ShadowQuery, Surfaces, ray_count, surface_queries
+from ..query.surface_links import PictureSurfaces
 from ..scene.lights import Light
 from ..scene.sky import Sky
 from ..trace.counters import new_counters

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from ..engine.engine import Engine
 from ..engine.frame_tracer import FrameMethods
-from ..query.gbuffer import PictureSurfaces, picture_surfaces
 from ..query.pixel_refinement import BLOCK, block_copies, block_means, edges, picture_of
 from ..query.ray_passes import diffuse_rays
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, Surfaces, join_bands
+from ..query.surface_links import PictureSurfaces, picture_surfaces
 from ..scene.lights import Light, is_indirect, light_names
 from ..scene.sky import Sky
 from ..trace.counters import as_dict

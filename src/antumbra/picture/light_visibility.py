@@ -13,10 +13,10 @@ from ..kernels.exact.filters import cross, dot
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, popcount, ptr, put
-from ..query.gbuffer import PictureSurfaces
 from ..query.pixel_refinement import penumbra
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, fraction_lit, patch_of, query_pointers, sample_of, set_of, three_at
+from ..query.surface_links import PictureSurfaces
 from ..scene.lights import AMBIENT, SPHERE, LightPatch, is_list
 from ..trace.transmission import (
     TracedQuery,
@@ -229,7 +229,7 @@ def refine_fractions(
     are filtered among themselves.
     """
     sides = finer.query.sides
-    better = light_fractions(surfaces._replace(side=sides), facing, finer, smooth, threads)
+    better = light_fractions(surfaces.with_side(sides), facing, finer, smooth, threads)
     return before.replaced(sides != NOTHING, better)
 
 

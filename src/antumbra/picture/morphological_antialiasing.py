@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..query.gbuffer import PictureSurfaces
 from ..query.pixel_refinement import NO_BOUNDARY, boundaries
+from ..query.surface_links import PictureSurfaces
 
 _UP, _DOWN, _NOWHERE = 1, -1, 0
 

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from ..kernels.jit import F32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, ptr, ptr_at, put
-from ..query.gbuffer import GBuffer, PictureSurfaces
+from ..query.gbuffer import GBuffer
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadingNormals
+from ..query.surface_links import PictureSurfaces
 from ..scene.camera import CameraRays, ExplicitRays
 from ..scene.light_lists import LightList
 from ..scene.lights import Light, is_indirect
