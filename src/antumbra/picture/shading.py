@@ -1,7 +1,7 @@
 """Diffuse shading with ambient light, and the background of pixels without a surface.
 
 A surface shows its base colour times the share of each light's irradiance that arrives, plus a little ambient light,
-which ambient occlusion scales. `picture.irradiance` has the irradiance, also from lists of lights.
+which ambient occlusion scales. `picture.irradiance` and `picture.light_list_irradiance` have the irradiance.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,8 @@ from ..scene.lights import Light, is_indirect
 from ..scene.sky import Sky
 from ..trace.transmission import TracedQuery
 from .discontinuity_filter import smooth_irradiance
-from .irradiance import irradiance, list_irradiance
+from .irradiance import irradiance
+from .light_list_irradiance import list_irradiance
 
 # --- Diffuse shading --------------------------------------------------------------------------------------------------
 

@@ -1,4 +1,7 @@
-"""The G-buffer: the visible surface of each pixel, bit-identical from rasterisation and primary rays; also pixel rays."""
+"""The G-buffer: the visible surface of each pixel, bit-identical from rasterisation and primary rays.
+
+Also the rays of pixels.
+"""
 
 from typing import NamedTuple
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..checks import whole_number
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..kernels.simd import get, ptr, ptr_at, put
+from ..kernels.simd import bits, get, load8, lowest_bit, ptr, ptr_at, put
 from ..scene.camera import CameraRays, ExplicitRays
 from ..scene.light_lists import N_SETS
 from ..scene.lights import MAX_SPP, Light
@@ -65,25 +65,25 @@ def finer_samples(lights: Sequence[Light], n: int, sampler: str) -> FinerSamples
 @inlined
 def _differs(links, counts, i, count):
     """Whether a linked pixel next to pixel i has another count; `links`: pointer to the first pixel's."""
-    bits, w = links
+    linked, w = links
     for k in range(N_LINKS):
         down, right = link_offset(k)
         offset = down * w + right
         if down <= 1 and abs(right) <= 1:
-            if (get(bits, i) >> k) & 1 and get(counts, i + offset) != count:
+            if (get(linked, i) >> k) & 1 and get(counts, i + offset) != count:
                 return True
-            if (get(bits, i - offset) >> k) & 1 and get(counts, i - offset) != count:
+            if (get(linked, i - offset) >> k) & 1 and get(counts, i - offset) != count:
                 return True
     return False
 
 
 @kernel
 def _penumbra_rows(ticket, links, side, counts, spp, out):
-    bits, occluded, sides, refined = ptr_at(links.bits, links.pad), ptr(counts), ptr(side), ptr(out)
+    linked, occluded, sides, refined = ptr_at(links.bits, links.pad), ptr(counts), ptr(side), ptr(out)
     for y in items(ticket):
         for i in range(y * links.w, (y + 1) * links.w):
             count = get(occluded, i)
-            refine = 0 < count < spp or _differs((bits, links.w), occluded, i, count)
+            refine = 0 < count < spp or _differs((linked, links.w), occluded, i, count)
             put(refined, i, refine and get(sides, i) != NOTHING)
 
 
@@ -112,27 +112,45 @@ def _other_colour(colour, i, k):
 
 
 @inlined
-def _boundary(face, other, linked, colour):
-    """The boundary between two pixels that see these faces; `linked`: whether they see the same surface."""
+def _boundary(surfaces, i, k, step):
+    """The boundary between pixel i and that at the end of its link k, `step` pixels later."""
+    links, faces, colour = surfaces
+    face, other = get(faces, i), get(faces, i + step)
     if face == other:
         return NO_BOUNDARY
     if min(face, other) < 0:
         return OUTLINE
+    linked = (get(links, i) >> k) & 1
     return INNER if not linked or _other_colour(colour, face, other) else NO_BOUNDARY
+
+
+@inlined
+def _boundaries_of(surfaces, i, n, k, step, out):
+    """Write the boundaries of n pixels from pixel i on. Eight are compared at once, since few are boundaries."""
+    bulk = n - n % 8
+    for x in range(i, i + n):
+        put(out, x, NO_BOUNDARY)
+    for x in range(i, i + bulk, 8):
+        other = bits(load8(surfaces[1], x) != load8(surfaces[1], x + step))
+        while other != 0:
+            lane = lowest_bit(other)
+            put(out, x + lane, _boundary(surfaces, x + lane, k, step))
+            other &= other - 1
+    for x in range(i + bulk, i + n):
+        put(out, x, _boundary(surfaces, x, k, step))
 
 
 @kernel
 def _boundary_rows(ticket, links, face, colour, below, right):
-    bits, faces, (h, w) = ptr_at(links.bits, links.pad), ptr(face), below.shape
+    surfaces, (h, w) = (ptr_at(links.bits, links.pad), ptr(face), colour), below.shape
     for y in items(ticket):
-        for x in range(w):
-            i = y * w + x
-            linked, here = get(bits, i), get(faces, i)
-            below[y, x] = right[y, x] = NO_BOUNDARY
-            if y + 1 < h:
-                below[y, x] = _boundary(here, get(faces, i + w), (linked >> BELOW) & 1, colour)
-            if x + 1 < w:
-                right[y, x] = _boundary(here, get(faces, i + 1), (linked >> RIGHT) & 1, colour)
+        _boundaries_of(surfaces, y * w, w - 1, RIGHT, 1, ptr(right))
+        right[y, w - 1] = NO_BOUNDARY
+        if y + 1 < h:
+            _boundaries_of(surfaces, y * w, w, BELOW, w, ptr(below))
+        else:
+            for x in range(w):
+                below[y, x] = NO_BOUNDARY
 
 
 def boundaries(
@@ -144,7 +162,7 @@ def boundaries(
 
     colour : (n, 3) float32, linear base colour of each face
     """
-    threads, links = thread_count(threads), surfaces.links(threads)
+    threads, links = thread_count(threads), surfaces.adjacent_links(threads)
     below, right = (np.empty(surfaces.face.shape, np.int8) for _ in range(2))
     run(_boundary_rows, threads, new_ticket(len(below), 8), links, surfaces.face, colour, below, right)
     return below, right

@@ -1,11 +1,11 @@
 """Smooth surfaces across pixels: which pixels of a 5 x 5 window see the same surface as its centre.
 
-The filter, the refinement of penumbrae and silhouettes, and anti-aliasing all need the answer, so it is computed once for
-a picture, as the bits of a number per pixel. Being linked is symmetric, so a pixel holds only the links to the twelve
+The filter, the refinement of penumbrae and silhouettes, and anti-aliasing all need the answer, so it is computed once
+per picture, as the bits of a number per pixel. Being linked is symmetric, so a pixel holds only the links to the twelve
 pixels of its window that follow it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from ..kernels.simd import (
     absolute,
     all_lanes,
     as_i32,
+    extract,
     get,
     load8,
     load16x3,
@@ -47,6 +48,9 @@ REACH = 2
 N_LINKS = 12
 RIGHT, BELOW = 0, 4
 """The links to the pixel on the right and to the one below."""
+
+_ALL = (1 << N_LINKS) - 1
+_ADJACENT = 1 << RIGHT | 1 << BELOW
 
 
 @inlined
@@ -87,8 +91,8 @@ def interleave(planes, at, step, n, out, first):
 class SurfaceLinks(NamedTuple):
     """The links of a picture of (h, w) pixels, for kernels.
 
-    Bit k of element ``pad + y w + x`` tells whether pixel (y, x) sees the same surface as the pixel at `link_offset` k. All
-    bits towards pixels outside the picture, and those of the padding, are 0. So kernels step through the flat picture
+    Bit k of element ``pad + y w + x`` is set if pixel (y, x) sees the same surface as that at `link_offset` k. Bits
+    towards pixels outside the picture, and those of the padding, are 0. Kernels therefore step through the flat picture
     without tests for its border: where a bit is set, both of its pixels exist.
     """
 
@@ -114,6 +118,7 @@ class _Planes(NamedTuple):
 
     floats: F32Ptr  # seven planes: position, normal, and the largest distance from a tangent plane, -1 without surface
     faces: I32Ptr
+    uniform: I32Ptr  # for eight pixels from each eighth column on: their face, or -1 if they see several or nothing
     step: int  # elements of a plane
     pitch: int  # elements of a row
 
@@ -127,6 +132,12 @@ _MARGIN = 16  # elements beside each row, for windows and vectors
 def _plane_size(w):
     """Elements of a plane, for pictures of w columns."""
     return (_ROWS + REACH) * (w + _MARGIN)
+
+
+@formula
+def _blocks(w):
+    """Blocks of eight columns."""
+    return (w + 7) >> 3
 
 
 @inlined
@@ -147,6 +158,10 @@ def _load_rows(pixels, first, last, planes):
                 limit = APART * pixels.pixel * get(depths, at + x)
                 put(limits, row + x, limit if get(sides, at + x) != NOTHING else np.float32(-1.0))
                 put(planes.faces, row + x, get(faces, at + x))
+        for x in range(0, w, 8):
+            face = load8(planes.faces, row + x)
+            same = (face == extract(face, 0)) & (load8(limits, row + x) >= np.float32(0.0))
+            put(planes.uniform, (y - first) * _blocks(w) + (x >> 3), extract(face, 0) if all_lanes(same) else -1)
 
 
 @inlined
@@ -162,8 +177,8 @@ def _dot(a, b):
 
 
 @inlined
-def _links_of_eight(planes, at):
-    """The links of eight pixels.
+def _links_of_eight(planes, at, wanted):
+    """The links of eight pixels, of those that are bits of `wanted`.
 
     Two faces belong to one surface if their normals are nearly equal and each point lies near the other's tangent
     plane. Unlike a depth difference, the distance to a plane does not grow at grazing angles. Finely tessellated
@@ -172,6 +187,8 @@ def _links_of_eight(planes, at):
     limit, face = load8(planes.floats, at + _LIMIT * planes.step), load8(planes.faces, at)
     found = splat8(0)
     for k in range(N_LINKS):
+        if (wanted >> k) & 1 == 0:
+            continue
         down, right = link_offset(k)
         other = at + down * planes.pitch + right
         apart = minimum(limit, load8(planes.floats, other + _LIMIT * planes.step))
@@ -186,17 +203,35 @@ def _links_of_eight(planes, at):
     return found
 
 
+@inlined
+def _see_one_face(planes, row, block, blocks):
+    """Whether all pixels in the windows of a block of eight see the same face."""
+    if block < 1 or block + 1 >= blocks:
+        return False
+    at = row * blocks + block
+    face, same = get(planes.uniform, at), True
+    for down in range(REACH + 1):
+        for right in range(-1, 2):
+            same &= get(planes.uniform, at + down * blocks + right) == face
+    return same and face >= 0
+
+
 @kernel
-def _link_rows(ticket, pixels, links, scratch):
-    """Worker: write the links of rows. `scratch`: the thread's memory for eight planes and a row of links."""
+def _link_rows(ticket, pixels, wanted, links, scratch):
+    """Worker: write the links of rows. `scratch`: the thread's memory for `_Planes` and a row of links."""
     w, step = links.w, _plane_size(links.w)
-    planes = _Planes(ptr(scratch), as_i32(ptr_at(scratch, 7 * step)), step, w + _MARGIN)
+    floats, blocks = ptr(scratch), _blocks(w)
+    faces, uniform = as_i32(ptr_at(scratch, 7 * step)), as_i32(ptr_at(scratch, 8 * step + w + _MARGIN))
+    planes = _Planes(floats, faces, uniform, step, w + _MARGIN)
     row, out = as_i32(ptr_at(scratch, 8 * step)), ptr_at(links.bits, links.pad)
     for first, last in shares(ticket):
         _load_rows(pixels, first, last + REACH, planes)
         for y in range(first, last):
             for x in range(0, w, 8):
-                store(row, x, _links_of_eight(planes, (y - first) * planes.pitch + REACH + x))
+                if _see_one_face(planes, y - first, x >> 3, blocks):
+                    store(row, x, splat8(wanted))
+                else:
+                    store(row, x, _links_of_eight(planes, (y - first) * planes.pitch + REACH + x, wanted))
             for x in range(w):
                 put(out, y * w + x, get(row, x))
 
@@ -217,22 +252,32 @@ class PictureSurfaces:
     depth: NDArray[np.float32]  # (H, W) float32; 1 everywhere in an orthographic picture, whose pixels have one width
     side: NDArray[np.int8]  # (H, W) int8
     pixel: np.float32  # width of a pixel at depth 1
+    _known: dict[int, SurfaceLinks] = field(default_factory=dict, init=False, repr=False)  # bits of links -> links
 
     def links(self, threads: int | None = None) -> SurfaceLinks:
-        """The links between the pixels; `threads`: None for all cores, does not affect the result."""
-        links: SurfaceLinks | None = self.__dict__.get("_links")
-        if links is None:
-            links = self._find_links(thread_count(threads))
-            object.__setattr__(self, "_links", links)
+        """All links between the pixels; `threads`: None for all cores, does not affect the result."""
+        return self._links(_ALL, threads)
+
+    def adjacent_links(self, threads: int | None = None) -> SurfaceLinks:
+        """The links RIGHT and BELOW, perhaps with others."""
+        return self._links(_ADJACENT, threads)
+
+    def _links(self, wanted: int, threads: int | None) -> SurfaceLinks:
+        """Links that include those that are bits of `wanted`."""
+        for known in self._known:
+            if known & wanted == wanted:
+                return self._known[known]
+        self._known[wanted] = links = self._find_links(wanted, thread_count(threads))
         return links
 
-    def _find_links(self, threads: int) -> SurfaceLinks:
+    def _find_links(self, wanted: int, threads: int) -> SurfaceLinks:
         (h, w), pad = self.face.shape, REACH * self.face.shape[1] + _MARGIN
         links = SurfaceLinks(np.empty(h * w + 2 * pad, np.int32), pad, h, w)
         links.bits[:pad] = links.bits[-pad:] = 0
         pixels = _Pixels(self.position, self.normal, self.face, self.depth, self.side, self.pixel)
-        scratch = lambda: (np.empty(8 * _plane_size(w) + w + _MARGIN, np.float32),)
-        run(_link_rows, threads, new_ticket(h, _ROWS), pixels, links, own=scratch)
+        size = 8 * _plane_size(w) + w + _MARGIN + (_ROWS + REACH) * _blocks(w)
+        scratch = lambda: (np.empty(size, np.float32),)
+        run(_link_rows, threads, new_ticket(h, _ROWS), pixels, wanted, links, own=scratch)
         return links
 
     def with_side(self, side: NDArray[np.int8]) -> "PictureSurfaces":
