@@ -323,7 +323,7 @@ def shade_frame(
     """
     arrived, lights = arriving_light(state, surfaces, traced, visible), state.request.lights
     direct = [k for k, light in enumerate(lights) if not is_indirect(light)]
-    fill = ambient_light(surfaces.gbuffer, [lights[k] for k in direct], [arrived[k] for k in direct])
+    fill = ambient_light(surfaces.gbuffer, [lights[k] for k in direct], [arrived[k] for k in direct], state.threads)
     ambient = fill if indirect is None and len(direct) == len(lights) else np.zeros(3, np.float32)
     image = shade_surfaces(state, surfaces, arrived, shares, ambient, indirect)
     state.clock.lap("shade")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..kernels.exact.filters import cross, dot
 from ..kernels.jit import F32Ptr, F64Ptr, inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
-from ..kernels.simd import get, ptr, put, stack_f32, stack_f64
+from ..kernels.simd import get, ptr, put, select, square_root, stack_f32, stack_f64
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import tangent_disk
 from ..query.receivers import NOTHING
@@ -40,16 +40,17 @@ def pixel_normals(gbuffer: GBuffer, shading: ShadingNormals | None) -> PixelNorm
 
 @inlined
 def terminator_factor(g, n, bend, w):
-    """Factor of light along w, with geometric normal g, shading normal n, and `ShadingNormals.bend`.
+    """Factors of light along vectors w, with geometric normals g, shading normals n, and `ShadingNormals.bend`.
 
     Light from below the geometric surface does not count. Towards the height `bend` above the horizon of n, light
     fades by the polynomial of Chiang et al. [2019], so that it ends before adjacent faces turn away from it.
+
+    w : float32 vectors; g, n and bend : float32 vectors or scalars
     """
-    height = dot(n, w) / np.sqrt(dot(w, w))
-    if not (dot(g, w) > 0.0 and height > bend):
-        return 0.0
-    share = (height - bend) / bend if height < 2.0 * bend else 1.0  # Eq. (2)
-    return share * (1.0 + share * (1.0 - share))
+    zero, one = np.float32(0.0), np.float32(1.0)
+    height = dot(w, n) / square_root(dot(w, w))
+    share = select(height < bend + bend, (height - bend) / bend, one)  # Eq. (2)
+    return select((dot(w, g) > zero) & (height > bend), share * (one + share * (one - share)), zero)
 
 
 # --- Uniform parallelograms and disks, clipped at the receiver's horizon ----------------------------------------------

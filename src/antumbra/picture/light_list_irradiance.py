@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.exact.filters import dot
 from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import (
@@ -32,7 +33,7 @@ from ..query.shadow_query import ShadingNormals
 from ..query.surface_links import deinterleave, interleave
 from ..scene.light_lists import LightList, PointLights
 from ..trace.transmission import TracedQuery, transmission_pointers
-from .irradiance import pixel_normals
+from .irradiance import pixel_normals, terminator_factor
 
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
@@ -43,7 +44,7 @@ _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 # --- The lights of a list, as vectors of eight pixels -----------------------------------------------------------------
 
 _POINT, _ROUNDED, _NORMAL, _CANDELA, _FIELDS = 0, 3, 6, 9, 12
-"""Vectors of a light: its position or direction, the rounding error of that, its normal, and its red, green and blue."""
+"""Vectors of a light: position or direction, rounding error of that, normal, and red, green and blue candela."""
 
 
 class ListedLights(NamedTuple):
@@ -105,11 +106,6 @@ def _light_vector(vectors, at, field):
 
 
 @inlined
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
 def _towards(lights, vectors, at, p):
     """The vectors from p to the lights of eight pixels."""
     q = _light_vector(vectors, at, _POINT)
@@ -122,26 +118,16 @@ def _towards(lights, vectors, at, p):
 @inlined
 def _falloff(lights, vectors, at, n, w):
     """Irradiance per candela at surfaces with normals n from lights at offsets w."""
-    cosine = _dot(n, w)
+    cosine = dot(n, w)
     if lights.distant:
         return select(cosine > _ZERO, cosine, _ZERO)
-    r2 = _dot(w, w)
+    r2 = dot(w, w)
     r = square_root(r2)
     value = cosine / (r * select(r2 > lights.least, r2, lights.least))
     if lights.facing:
-        emitted = _dot(_light_vector(vectors, at, _NORMAL), w) / r
+        emitted = dot(_light_vector(vectors, at, _NORMAL), w) / r
         value = select(emitted < _ZERO, value * (_ZERO - emitted), _ZERO)
     return select((r2 > _ZERO) & (cosine > _ZERO), value, _ZERO)
-
-
-@inlined
-def _softened(row, x, n, w):
-    """`irradiance.terminator_factor` of eight pixels."""
-    g, bend = _triple(row, 6, x), load8(row.planes, 9 * row.step + x)
-    height = _dot(n, w) / square_root(_dot(w, w))
-    share = minimum((height - bend) / bend, _ONE)
-    share = select(height < bend + bend, share, _ONE)
-    return select((_dot(g, w) > _ZERO) & (height > bend), share * (_ONE + share * (_ONE - share)), _ZERO)
 
 
 @inlined
@@ -167,7 +153,7 @@ def _shade_eight(lights, row, at, light, soft):
         w = _towards(lights, vectors, first, p)
         e = select((hidden & (1 << (s & 31))) == 0, _falloff(lights, vectors, first, n, w), _ZERO)
         if soft:
-            e = e * _softened(row, x, n, w)
+            e = e * terminator_factor(_triple(row, 6, x), n, load8(row.planes, 9 * row.step + x), w)
         r, g, b = _light_vector(vectors, first, _CANDELA)
         if light.through.n > 0:
             r, g = r * _passing(light, pixels, s, 0), g * _passing(light, pixels, s, 1)

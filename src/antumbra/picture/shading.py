@@ -153,7 +153,34 @@ def shade(
     return image
 
 
-def ambient_light(gbuffer: GBuffer, lights: Sequence[Light], arrived: Sequence[np.ndarray]) -> NDArray[np.float32]:
+@kernel
+def _sum_rows(ticket, image, out):
+    """Worker: sum each channel over rows of pixels: (h, w, c) -> (h, c) float64."""
+    (w, channels), values = image.shape[1:], ptr(image)
+    for y in items(ticket):
+        for c in range(channels):
+            even = odd = 0.0
+            for x in range(0, w - 1, 2):
+                even += np.float64(get(values, (y * w + x) * channels + c))
+                odd += np.float64(get(values, (y * w + x + 1) * channels + c))
+            if w & 1:
+                even += np.float64(get(values, (y * w + w - 1) * channels + c))
+            out[y, c] = even + odd
+
+
+def _sums(image: np.ndarray, threads: int | None) -> NDArray[np.float64]:
+    """(c,) float64: the sum of each channel of an image (H, W, c), or (1,) of an image (H, W)."""
+    image = np.ascontiguousarray(image)
+    image = image.reshape(*image.shape[:2], -1)
+    out = np.empty((len(image), image.shape[2]))
+    run(_sum_rows, thread_count(threads), new_ticket(len(image), 32), image, out)
+    sums: NDArray[np.float64] = out.sum(0)
+    return sums
+
+
+def ambient_light(
+    gbuffer: GBuffer, lights: Sequence[Light], arrived: Sequence[np.ndarray], threads: int | None = None
+) -> NDArray[np.float32]:
     """(3,) float32: the ambient irradiance of a picture, from the mean irradiance of its surfaces; see AMBIENT.
 
     It is 0 if the lights include bounced light. Without light except ambient occlusion, it is the product of the
@@ -163,12 +190,10 @@ def ambient_light(gbuffer: GBuffer, lights: Sequence[Light], arrived: Sequence[n
     skies: NDArray[np.float32] = _tints(open_skies).prod(0)
     if any(is_indirect(light) for light in lights):
         return np.zeros(3, np.float32)
-    shape, shining = gbuffer.face.shape, _shining(lights)
-    total = _stack([arrived[k] for k in shining], shape).sum(axis=(1, 2), dtype=np.float64)
-    total = total @ _tints([lights[k] for k in shining])
-    for k, light in enumerate(lights):
-        if light.domain == "list":
-            total += arrived[k].sum(axis=(0, 1), dtype=np.float64)
+    total = np.zeros(3)
+    for light, image in zip(lights, arrived):
+        if light.domain != "hemisphere":
+            total += _sums(image, threads) * (1.0 if light.domain == "list" else _tints([light])[0])
     if open_skies and not total.any():
         return skies
     ambient: np.ndarray = AMBIENT * total / max(1, np.count_nonzero(gbuffer.side != NOTHING)) * skies
