@@ -13,7 +13,6 @@ from ..kernels.jit import F32Ptr, F64Ptr, inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
 from ..kernels.simd import get, ptr, put, select, square_root, stack_f32, stack_f64
 from ..query.gbuffer import GBuffer
-from ..query.light_samples import tangent_disk
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadingNormals, three_at
 from ..query.surface_links import deinterleave
@@ -206,7 +205,6 @@ class Emitter(NamedTuple):
     v: Vector3
     axis: Vector3  # unit normal of a flat light; 0 for points and spheres
     size: float  # area of a QUAD, radius of a DISK, 0 for a POINT
-    scale: float  # distant disks: radiance over that of a disk of intensity 1; else 1
 
 
 def emitter_of(patch: LightPatch, domain: str) -> Emitter:
@@ -219,9 +217,8 @@ def emitter_of(patch: LightPatch, domain: str) -> Emitter:
         size, axis = (area if form == QUAD else float(np.sqrt(area))), across / area
     else:
         form, size, axis = POINT, 0.0, np.zeros(3)
-    scale = float(patch.base @ patch.base) + size * size if patch.kind == DIRECTIONAL else 1.0
     vectors = _three(patch.base), _three(patch.u), _three(patch.v), _three(axis)
-    return Emitter(patch.kind, form, *vectors, float(size), scale)
+    return Emitter(patch.kind, form, *vectors, float(size))
 
 
 def _three(vector: np.ndarray) -> Vector3:
@@ -239,18 +236,39 @@ def _from_point(c, n, distant):
 
 
 @inlined
-def _from_sphere(centre, radius, n):
-    """Irradiance from a sphere: that of the disk in which the tangent cone touches it, with the sphere's radiance."""
-    disk = tangent_disk(centre[0], centre[1], centre[2], radius, 0.0, 0.0, 0.0)
-    r = np.sqrt(disk.ux * disk.ux + disk.uy * disk.uy + disk.uz * disk.uz)
-    if not r > 0.0:
+def _cap_irradiance(height, size):
+    """Irradiance from a cap of the sky with radiance 1 / pi, of which only the part above the horizon counts [Howell, B-43].
+
+    height : sine of the elevation of its centre
+    size : sine of its half-angle
+    """
+    if height >= size:
+        return size * size * height
+    if height <= -size:
         return 0.0
+    q, cosine = np.sqrt((size - height) * (size + height)), np.sqrt(1.0 - size * size)
+    above = np.pi - np.arctan2(q, cosine * height)
+    return max(size * size * height * above - cosine * q + np.arctan2(q, cosine), 0.0) / np.pi
+
+
+@inlined
+def _from_sphere(centre, radius, n):
+    """Irradiance from a sphere; inside it, from the great disk that faces the receiver."""
     distance = np.sqrt(dot(centre, centre))
+    if distance > radius:
+        return _cap_irradiance(dot(n, centre) / distance, radius / distance) / (radius * radius)
     axis = (0.0, 0.0, 1.0)
     if distance > 0.0:
         axis = centre[0] / distance, centre[1] / distance, centre[2] / distance
-    share = r / radius
-    return share * share * disk_irradiance((disk.bx, disk.by, disk.bz), axis, r, n)
+    return disk_irradiance(centre, axis, radius, n)
+
+
+@inlined
+def _from_sun(c, radius, n):
+    """Irradiance from a distant disk that faces the receiver, by the radiance of a sphere."""
+    distance = np.sqrt(dot(c, c))
+    size = radius / np.sqrt(distance * distance + radius * radius)
+    return _cap_irradiance(dot(n, c) / distance, size) / (size * size)
 
 
 @inlined
@@ -264,14 +282,16 @@ def emitted_irradiance(light, p, n):
     if light.form == QUAD:
         return quad_irradiance(c, light.u, light.v, light.size, n)
     if light.form == DISK:
-        return light.scale * disk_irradiance(c, light.axis, light.size, n)
+        distant = light.kind == DIRECTIONAL
+        return _from_sun(c, light.size, n) if distant else disk_irradiance(c, light.axis, light.size, n)
     return _from_point(c, n, light.kind == DIRECTIONAL)
 
 
 # --- Emitters above the horizon ---------------------------------------------------------------------------------------
 #
 # Most pixels see the whole emitter above their horizon. Its irradiance is then a formula without branches, so LLVM
-# vectorises the loop over pixels. The loops leave other pixels, marked by `_CUT`, to `emitted_irradiance`.
+# vectorises the loop over pixels. The loops leave other pixels, marked by `_CUT`, to
+# `emitted_irradiance`.
 
 _BLOCK = 256  # pixels of a share
 _PLANES = 3 * _BLOCK

@@ -13,6 +13,7 @@ from ..kernels.exact.filters import dot
 from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import (
+    any_lane,
     as_i32,
     gather,
     get,
@@ -131,10 +132,9 @@ def _falloff(lights, vectors, at, n, w):
 
 
 @inlined
-def _passing(light, pixels, s, c):
+def _passing(light, rows, s, c):
     """The share of channel c that arrives at eight pixels from sample s, if it is not occluded."""
     through = light.through
-    rows = gather(as_i32(through.rows), pixels)
     at = (select(rows >= 0, rows, 0) * through.spp + s) * through.channels + min(c, through.channels - 1)
     return select(rows >= 0, gather(through.values, at), _ONE)
 
@@ -145,19 +145,19 @@ def _shade_eight(lights, row, at, light, soft):
     (pixels, x, phase), n_lights = at, lights.vectors.shape[1]
     n, p = _triple(row, 0, x), _triple(row, 3, x)
     red, green, blue, hidden = splat8(_ZERO), splat8(_ZERO), splat8(_ZERO), splat8(0)
+    rows = gather(as_i32(light.through.rows), pixels) if light.through.n > 0 else splat8(-1)
     vectors = ptr_at(lights.vectors, phase * n_lights * _FIELDS * _LANES)
     for s in range(n_lights):
-        if s & 31 == 0:
-            hidden = gather(light.bits, pixels * light.words + (s >> 5))
+        hidden = gather(light.bits, pixels * light.words + (s >> 5)) if s & 31 == 0 else hidden >> 1
         first = s * _FIELDS
         w = _towards(lights, vectors, first, p)
-        e = select((hidden & (1 << (s & 31))) == 0, _falloff(lights, vectors, first, n, w), _ZERO)
+        e = select((hidden & 1) == 0, _falloff(lights, vectors, first, n, w), _ZERO)
         if soft:
             e = e * terminator_factor(_triple(row, 6, x), n, load8(row.planes, 9 * row.step + x), w)
         r, g, b = _light_vector(vectors, first, _CANDELA)
-        if light.through.n > 0:
-            r, g = r * _passing(light, pixels, s, 0), g * _passing(light, pixels, s, 1)
-            b = b * _passing(light, pixels, s, 2)
+        if any_lane(rows >= 0):
+            r, g = r * _passing(light, rows, s, 0), g * _passing(light, rows, s, 1)
+            b = b * _passing(light, rows, s, 2)
         red, green, blue = red + e * r, green + e * g, blue + e * b
     return red, green, blue
 
