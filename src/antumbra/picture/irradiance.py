@@ -237,7 +237,7 @@ def _from_point(c, n, distant):
 
 @inlined
 def _cap_irradiance(height, size):
-    """Irradiance from a cap of the sky with radiance 1 / pi, of which only the part above the horizon counts [Howell, B-43].
+    """Irradiance from the part above the horizon of a cap of the sky with radiance 1 / pi [Howell, B-43].
 
     height : sine of the elevation of its centre
     size : sine of its half-angle

@@ -146,12 +146,16 @@ def _shade_eight(lights, row, at, light, soft):
     n, p = _triple(row, 0, x), _triple(row, 3, x)
     red, green, blue, hidden = splat8(_ZERO), splat8(_ZERO), splat8(_ZERO), splat8(0)
     rows = gather(as_i32(light.through.rows), pixels) if light.through.n > 0 else splat8(-1)
+    if not any_lane(dot(n, n) > _ZERO):  # no surfaces
+        return red, green, blue
     vectors = ptr_at(lights.vectors, phase * n_lights * _FIELDS * _LANES)
     for s in range(n_lights):
         hidden = gather(light.bits, pixels * light.words + (s >> 5)) if s & 31 == 0 else hidden >> 1
-        first = s * _FIELDS
+        lit, first = (hidden & 1) == 0, s * _FIELDS
+        if not any_lane(lit):
+            continue
         w = _towards(lights, vectors, first, p)
-        e = select((hidden & 1) == 0, _falloff(lights, vectors, first, n, w), _ZERO)
+        e = select(lit, _falloff(lights, vectors, first, n, w), _ZERO)
         if soft:
             e = e * terminator_factor(_triple(row, 6, x), n, load8(row.planes, 9 * row.step + x), w)
         r, g, b = _light_vector(vectors, first, _CANDELA)
