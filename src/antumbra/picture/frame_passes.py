@@ -90,13 +90,14 @@ def smooth_edges(
     Returns (H, W) float32: the share of each pixel that shows surfaces.
     """
     coverage = (surfaces.ids >= 0).astype(np.float32)
-    mixed, free = mixture(visible, edge_colours(state), state.threads), np.float32(1.0) - coverage[..., None]
-    for picture in [coverage, *pictures]:
-        mixed.mix(picture)
+    mixed = mixture(visible, edge_colours(state), state.threads)
     if ground is not None:
+        free = np.float32(1.0) - coverage[..., None]
         lit, total = mixed.of(free * ground.share), mixed.of(free)
         share = np.divide(lit, total, out=np.ones_like(lit), where=total > 0.0)
         ground.share.reshape(-1, 3)[mixed.pixels] = share
+    for picture in [coverage, *pictures]:
+        mixed.mix(picture)
     state.clock.lap("shade")
     return coverage
 

@@ -145,23 +145,28 @@ def _cut_columns(ticket, below, beside, cut, mixed, starts):
 # --- Mixtures ---------------------------------------------------------------------------------------------------------
 
 
+@inlined
+def _share_of(values, at, share):
+    """A share of a neighbour's value; the neighbour of a share of 0 may not exist."""
+    return share * get(values, at) if share > np.float32(0.0) else np.float32(0.0)
+
+
 @kernel
 def _mix_pixels(ticket, pixels, cut, w, picture, out):
     """Worker: write the mixed values of pixels of a picture of w columns, (h w, channels)."""
     shares_of, values, mixed, channels = ptr(cut), ptr(picture), ptr(out), picture.shape[1]
+    one, row = np.float32(1.0), w * channels
     for e in items(ticket):
-        pixel, total = pixels[e], np.float32(0.0)
-        for k in range(4):
-            total += get(shares_of, 4 * pixel + k)
-        scale = np.float32(1.0) / max(total, np.float32(1.0))
+        pixel = pixels[e]
+        below, above = get(shares_of, 4 * pixel), get(shares_of, 4 * pixel + 1)
+        right, left = get(shares_of, 4 * pixel + 2), get(shares_of, 4 * pixel + 3)
+        total = below + above + right + left
+        scale = one / total if total > one else one
         for c in range(channels):
-            value = (np.float32(1.0) - total * scale) * get(values, pixel * channels + c)
-            for k in range(4):
-                share = get(shares_of, 4 * pixel + k) * scale
-                if share > np.float32(0.0):
-                    step = (w, -w, 1, -1)[k]
-                    value += share * get(values, (pixel + step) * channels + c)
-            put(mixed, e * channels + c, value)
+            at = pixel * channels + c
+            light = _share_of(values, at + row, below) + _share_of(values, at - row, above)
+            light += _share_of(values, at + channels, right) + _share_of(values, at - channels, left)
+            put(mixed, e * channels + c, (one - total * scale) * get(values, at) + light * scale)
 
 
 class Mixture(NamedTuple):

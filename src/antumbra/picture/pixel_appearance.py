@@ -218,35 +218,36 @@ def sample_texture(pictures, k, uv, across, along):
     GPUs: a floor seen at a grazing angle stays sharp.
     """
     w, h, linear = np.int64(pictures.sizes[k, 0]), np.int64(pictures.sizes[k, 1]), ptr(pictures.linear)
-    one, two = _length(across[0] * w, across[1] * h), _length(along[0] * w, along[1] * h)
+    one, two = _squared(across[0] * w, across[1] * h), _squared(along[0] * w, along[1] * h)
     side = along if two > one else across
     longer, shorter = max(one, two), min(one, two)
     if not longer > 1.0:
         finest = _level(pictures, k, 0)
-        return (
-            _nearest(finest, linear, uv[0], uv[1]) if pictures.nearest[k] else _bilinear(finest, linear, uv[0], uv[1])
-        )
+        if pictures.nearest[k]:
+            return _nearest(finest, linear, uv[0], uv[1])
+        return _bilinear(finest, linear, uv[0], uv[1])
     shorter = max(shorter, 1.0)
-    taps = np.int64(min(np.ceil(longer / shorter), MOST_TAPS))
-    level, last = min(np.log2(max(longer / taps, shorter)), 64.0), highest_bit(max(w, h))
+    taps = np.int64(min(np.ceil(np.sqrt(longer / shorter)), MOST_TAPS))
+    level, last = min(0.5 * np.log2(max(longer / (taps * taps), shorter)), 64.0), highest_bit(max(w, h))
     below = min(np.int64(level), last)
     part = np.float32(level - below) if below < last else np.float32(0.0)
     fine, coarse = _level(pictures, k, below), _level(pictures, k, min(below + 1, last))
     red = green = blue = np.float32(0.0)
+    step = 1.0 / taps
     for i in range(taps):
-        at = (i + 0.5) / taps - 0.5
+        at = (i + 0.5) * step - 0.5
         u, v = uv[0] + at * side[0], uv[1] + at * side[1]
         light = _bilinear(fine, linear, u, v)
         if part > np.float32(0.0):
             light = _mix(light, _bilinear(coarse, linear, u, v), part)
         red, green, blue = red + light[0], green + light[1], blue + light[2]
-    scale = np.float32(1.0) / np.float32(taps)
+    scale = np.float32(step)
     return red * scale, green * scale, blue * scale
 
 
 @inlined
-def _length(x, y):
-    return np.sqrt(x * x + y * y)
+def _squared(x, y):
+    return x * x + y * y
 
 
 # --- Base colours: from faces, or from materials, textures and vertex colours -----------------------------------------
@@ -298,16 +299,15 @@ def _footprint(frame, n, p, eye, depth):
     """The sides of a pixel's footprint around point p, two vectors in the plane of a triangle with unit normal n."""
     size = eye.pixel * depth + eye.least
     d = _minus(p, (eye.x, eye.y, eye.z))
-    distance = np.sqrt(dot(d, d))
-    towards = dot(d, n)
+    towards, d2 = dot(d, n), dot(d, d)
     a = _minus(d, _times(n, towards))
-    length = np.sqrt(dot(a, a))
-    if length <= 1e-6 * distance:  # seen perpendicularly: any direction in the plane
+    a2 = dot(a, a)
+    if a2 <= 1e-12 * d2:  # seen perpendicularly: any direction in the plane
         a = frame.e1
-        length = np.sqrt(dot(a, a))
-    unit = _times(a, 1.0 / length)
-    stretched = size / max(abs(towards) / distance, _GRAZING)
-    return _times(cross(n, unit), size), _times(unit, stretched)
+        a2 = dot(a, a)
+    distance, scale = np.sqrt(d2), size / np.sqrt(a2)
+    stretch = distance / max(abs(towards), _GRAZING * distance)
+    return _times(cross(n, a), scale), _times(a, scale * stretch)
 
 
 @inlined
