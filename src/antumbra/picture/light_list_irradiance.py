@@ -33,7 +33,7 @@ from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadingNormals
 from ..query.surface_links import deinterleave, interleave
 from ..scene.light_lists import LightList, PointLights
-from ..trace.transmission import TracedQuery, transmission_pointers
+from ..trace.transmission import TracedQuery, TransmissionPointers, transmission_pointers
 from .irradiance import pixel_normals, terminator_factor
 
 # mypy: disable-error-code="call-arg, var-annotated"
@@ -91,7 +91,7 @@ class _Light(NamedTuple):
 
     bits: I32Ptr  # the bits, as words of 32
     words: int  # of a pixel
-    through: tuple  # `TransmissionPointers`
+    through: TransmissionPointers
 
 
 @inlined

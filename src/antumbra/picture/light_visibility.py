@@ -4,7 +4,7 @@ The visible fraction of a light counts samples; its share of irradiance weights 
 in penumbrae.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,9 @@ _LANES = 16
 _TINY = np.float32(1e-14)  # squared distance below which a sample has no weight, relative to that of the light
 
 
+Vector32: TypeAlias = tuple[np.float32, np.float32, np.float32]
+
+
 class _Samples(NamedTuple):
     """The samples of a query, as pointers to rows of whole vectors: first the a, then the b of each set."""
 
@@ -71,10 +74,10 @@ class _Samples(NamedTuple):
 class _Emitter(NamedTuple):
     """A light as a receiver sees it: the points c + a u + b v relative to the receiver, in units of its distance."""
 
-    c: tuple  # three float32
-    u: tuple
-    v: tuple
-    axis: tuple  # u x v
+    c: Vector32
+    u: Vector32
+    v: Vector32
+    axis: Vector32  # u x v
     flat: bool  # whether the axis is not 0
 
 

@@ -75,7 +75,7 @@ def _triangle_frame(corners, i):
     g = cross(e1, e2)
     g2 = dot(g, g)
     inverse = 1.0 / g2
-    return TriangleFrame(np.int64(i), c0, e1, g, g2, _times(cross(e2, g), inverse), _times(cross(g, e1), inverse))
+    return TriangleFrame(i, c0, e1, g, g2, _times(cross(e2, g), inverse), _times(cross(g, e1), inverse))
 
 
 @inlined
@@ -167,7 +167,8 @@ class _Level(NamedTuple):
 @inlined
 def _level(pictures, k, level):
     """A mip level of texture k."""
-    one, w, h = np.int64(1), np.int64(pictures.sizes[k, 0]), np.int64(pictures.sizes[k, 1])
+    sizes, wraps, one = ptr(pictures.sizes), ptr(pictures.wraps), np.int64(1)
+    w, h = get(sizes, 2 * k), get(sizes, 2 * k + 1)
     address = pictures.pixels[k]
     if level > 0:
         address = pictures.mips[k]
@@ -175,7 +176,7 @@ def _level(pictures, k, level):
             w, h = max(w >> one, one), max(h >> one, one)
             address += 4 * w * h
         w, h = max(w >> one, one), max(h >> one, one)
-    return _Level(i32_at(address), w, h, np.int64(pictures.wraps[k, 0]), np.int64(pictures.wraps[k, 1]))
+    return _Level(i32_at(address), w, h, get(wraps, 2 * k), get(wraps, 2 * k + 1))
 
 
 @inlined

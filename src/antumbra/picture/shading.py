@@ -196,7 +196,8 @@ def ambient_light(
             total += _sums(image, threads) * (1.0 if light.domain == "list" else _tints([light])[0])
     if open_skies and not total.any():
         return skies
-    ambient: np.ndarray = AMBIENT * total / max(1, np.count_nonzero(gbuffer.side != NOTHING)) * skies
+    n = int(np.count_nonzero(gbuffer.side != NOTHING))
+    ambient: np.ndarray = AMBIENT * total / max(1, n) * skies
     return ambient.astype(np.float32)
 
 
