@@ -282,14 +282,14 @@ def light_fractions(
         return _coloured_fractions(surfaces, facing, traced, smooth, threads)
     if not is_weighted(traced.query.light):
         fraction = (
-            filter_fractions(surfaces, occluded_count(traced), spp, threads)
+            filter_fractions(surfaces, occluded_count(traced, threads), spp, threads)
             if smooth
             else fraction_lit(traced.bits, spp, threads)
         )
         return LightFractions(fraction, fraction)
     share = irradiance_shares(facing, traced, threads)
     if smooth:
-        return LightFractions(*filter_shares(surfaces, occluded_count(traced), share, spp, threads))
+        return LightFractions(*filter_shares(surfaces, occluded_count(traced, threads), share, spp, threads))
     return LightFractions(fraction_lit(traced.bits, spp, threads), share)
 
 
@@ -301,7 +301,7 @@ def _coloured_fractions(
     if not smooth:
         return LightFractions(fraction, share)
     grey = share if share.ndim == 2 else share.mean(-1)
-    counts = occluded_count(traced)
+    counts = occluded_count(traced, threads)
     fraction, even = (filter_shares(surfaces, counts, s, traced.spp, threads)[1] for s in (fraction, grey))
     if share.ndim == 2:
         return LightFractions(fraction, even)
@@ -321,7 +321,7 @@ def finer_query(
     query = traced.query
     sides = np.zeros_like(query.sides)
     if is_soft(query) and not np.array_equal(samples, query.samples):
-        where = penumbra(surfaces, occluded_count(traced), traced.spp, threads)
+        where = penumbra(surfaces, occluded_count(traced, threads), traced.spp, threads)
         sides = np.where(where, query.sides, np.int8(NOTHING))
     return query._replace(sides=sides, samples=samples)
 
