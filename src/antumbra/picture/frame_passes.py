@@ -41,8 +41,9 @@ from .frame import (
 from .frame_request import LIGHT_BYTES, PASS_BYTES, SURFACE_BYTES, Request, edge_bytes, frame_memory, ray_counts
 from .light_visibility import LightFractions, finer_query, light_fractions, refine_fractions, without_equal_samples
 from .morphological_antialiasing import mixture
-from .shading import Illumination, ambient_light, backdrop, shade, skies_of, sky_behind
+from .shading import Illumination, ambient_light, shade
 from .shadow_catcher import ShadowCatcher
+from .sky_background import add_skies, backdrop, skies_of, sky_behind
 
 # --- Layers for compositing: base colours, each light alone, and objects ----------------------------------------------
 
@@ -334,9 +335,10 @@ def shade_frame(
 def fill_background(state: FrameState, surfaces: Surfaces, image: np.ndarray, ground: Ground | None) -> None:
     """Fill pixels that see no surface with the light of skies, dimmed by shadows on the ground."""
     if skies := _seen_skies(state):
-        rows, columns = np.nonzero(surfaces.ids < 0)
-        radiance = sky_behind(skies, state.tracer.view, rows, columns)
-        image[rows, columns] = radiance if ground is None else radiance * ground.share[rows, columns]
+        free = surfaces.ids < 0
+        add_skies(skies, state.tracer.view, free, image, state.threads)
+        if ground is not None:
+            image[free] *= ground.share[free]
         state.clock.lap("shade")
 
 
@@ -347,7 +349,7 @@ def backdrop_of(
     coverage = (surfaces.ids >= 0).astype(np.float32) if coverage is None else coverage
     if not state.request.options.background or _seen_skies(state) or (coverage == 1.0).all():
         return None
-    daylight = backdrop(state.tracer.view, coverage, state.tracer.scene.up)
+    daylight = backdrop(state.tracer.view, coverage, state.tracer.scene.up, state.threads)
     return daylight if ground is None else daylight * ground.share
 
 

@@ -146,9 +146,9 @@ def _cut_columns(ticket, below, beside, cut, mixed, starts):
 
 
 @inlined
-def _share_of(values, at, share):
-    """A share of a neighbour's value; the neighbour of a share of 0 may not exist."""
-    return share * get(values, at) if share > np.float32(0.0) else np.float32(0.0)
+def _change(values, own, at, share):
+    """The change of the value `own` by a share of a neighbour's; the neighbour of a share of 0 may not exist."""
+    return share * (get(values, at) - own) if share > np.float32(0.0) else np.float32(0.0)
 
 
 @kernel
@@ -164,9 +164,10 @@ def _mix_pixels(ticket, pixels, cut, w, picture, out):
         scale = one / total if total > one else one
         for c in range(channels):
             at = pixel * channels + c
-            light = _share_of(values, at + row, below) + _share_of(values, at - row, above)
-            light += _share_of(values, at + channels, right) + _share_of(values, at - channels, left)
-            put(mixed, e * channels + c, (one - total * scale) * get(values, at) + light * scale)
+            own = get(values, at)
+            change = _change(values, own, at + row, below) + _change(values, own, at - row, above)
+            change += _change(values, own, at + channels, right) + _change(values, own, at - channels, left)
+            put(mixed, e * channels + c, own + scale * change)
 
 
 class Mixture(NamedTuple):

@@ -1,4 +1,4 @@
-"""Diffuse shading with ambient light, and the background of pixels without a surface.
+"""Diffuse shading with ambient light.
 
 A surface shows its base colour times the share of each light's irradiance that arrives, plus a little ambient light,
 which ambient occlusion scales. `picture.irradiance` and `picture.light_list_irradiance` have the irradiance.
@@ -17,10 +17,8 @@ from ..query.gbuffer import GBuffer
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadingNormals
 from ..query.surface_links import PictureSurfaces
-from ..scene.camera import CameraRays, ExplicitRays
 from ..scene.light_lists import LightList
 from ..scene.lights import Light, is_indirect
-from ..scene.sky import Sky
 from ..trace.transmission import TracedQuery
 from .discontinuity_filter import smooth_irradiance
 from .irradiance import irradiance
@@ -229,39 +227,3 @@ def _stack(images: Sequence[np.ndarray], shape: tuple[int, ...]) -> NDArray[np.f
         one: np.ndarray = images[0][None]
         return one
     return np.stack(images) if images else np.empty((0, *shape), np.float32)
-
-
-# --- Background: skies, or a backdrop ---------------------------------------------------------------------------------
-
-BACKDROP = 0.75
-"""Share of white in a backdrop where the daylight has a radiance of 1."""
-
-
-def backdrop(rays: CameraRays | ExplicitRays, coverage: np.ndarray, up: str) -> NDArray[np.float32]:
-    """(H, W, 3) float32, linear shares of white: soft daylight behind a scene without a sky.
-
-    It lights nothing and does not depend on exposure. It is 0 where surfaces cover the whole pixel.
-
-    coverage : (H, W) float32, the share of each pixel that shows surfaces
-    """
-    out, (rows, columns) = np.zeros((*coverage.shape, 3), np.float32), np.nonzero(coverage < 1.0)
-    out[rows, columns] = sky_behind([Sky(up=up, intensity=BACKDROP)], rays, rows, columns)
-    return out
-
-
-def skies_of(lights: Sequence[Light]) -> list[Sky]:
-    """The skies among the lights."""
-    return [light for light in lights if isinstance(light, Sky)]
-
-
-def sky_behind(
-    skies: list[Sky], rays: CameraRays | ExplicitRays, rows: np.ndarray, columns: np.ndarray
-) -> NDArray[np.float32]:
-    """(m, 3) float32: the radiance of skies, 0 without skies, at the centres of pixels (rows[i], columns[i])."""
-    out = np.zeros((len(rows), 3), np.float32)
-    if skies and len(rows):
-        half = np.float32(0.5)
-        directions = rays.directions(columns.astype(np.float32) + half, rows.astype(np.float32) + half)
-        for sky in skies:
-            out += sky.radiance(directions)
-    return out
