@@ -25,8 +25,8 @@ from PIL import Image
 import antumbra as at
 from antumbra.picture import discontinuity_filter as filter
 from antumbra.picture.image_files import automatic_exposure, to_srgb8
-from antumbra.query.gbuffer import picture_surfaces
 from antumbra.query.pixel_refinement import edges
+from antumbra.query.surface_links import picture_surfaces
 from common import SCENES, arguments, machine
 
 DEFAULT = ("atrium", "forest", "sponza_crytek", "bart_robots")

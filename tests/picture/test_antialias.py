@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.picture.morphological_antialiasing import mixture
-from antumbra.query.gbuffer import PictureSurfaces
+from antumbra.query.surface_links import PictureSurfaces
 
 SIZE = 48
 LIGHT = at.DirectionalLight((0.3, -1.0, -0.4))

@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 
 import antumbra as at
+from antumbra.picture.sky_background import add_skies, sky_behind
 
 FLOOR = at.Scene.from_arrays(
     [[-2.0, 0, -2], [2, 0, -2], [2, 0, 2], [-2, 0, 2]], [[0, 2, 1], [0, 3, 2]], colours=(0.7, 0.1, 0.1)
@@ -69,3 +70,16 @@ def test_the_horizon_is_level(up):
 def test_nothing_is_kept_where_surfaces_fill_the_picture():
     down = at.Camera((0, 1, 0), (0, 0, 0), up=(0, 0, -1), width=8, height=8)
     assert at.render(FLOOR, down, LAMP).backdrop is None
+
+
+@pytest.mark.parametrize("columns", [1, 12])
+def test_the_background_is_the_radiance_of_its_skies(columns):
+    """A map of one column or of many, turned and coloured, in all directions of a wide camera."""
+    rng = np.random.default_rng(columns)
+    sky = at.Sky(rng.random((6, columns, 3)), turn=40.0, intensity=2.0, colour=(1, 0.5, 0.25), up="z")
+    rays = at.Camera((0, 0, 0), (1, 2, 0.3), (0, 0, 1), 140, 48, 32).rays(np.zeros(3))
+    mask = rng.random((32, 48)) < 0.5
+    image = np.zeros((32, 48, 3), np.float32)
+    add_skies([sky, sky], rays, mask, image, 2)
+    np.testing.assert_allclose(image[mask], 2 * sky_behind([sky], rays, *np.nonzero(mask)), rtol=1e-3)
+    assert mask.any() and not image[~mask].any()

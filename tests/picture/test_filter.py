@@ -5,8 +5,8 @@ import pytest
 
 import antumbra as at
 from antumbra.picture.discontinuity_filter import filter_fractions, filter_shares, smooth_irradiance
-from antumbra.query.gbuffer import PictureSurfaces
 from antumbra.query.receivers import NOTHING
+from antumbra.query.surface_links import PictureSurfaces
 
 H, W, SPP = 14, 18, 16
 PIXEL = 0.01

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.picture.irradiance import list_irradiance
+from antumbra.picture.light_list_irradiance import list_irradiance
 from antumbra.query.gbuffer import GBuffer
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import shadow_queries

@@ -5,7 +5,6 @@ import pytest
 
 import antumbra as at
 from antumbra.picture.renderer import Renderer
-from antumbra.query.gbuffer import picture_surfaces
 from antumbra.query.light_samples import light_samples
 from antumbra.query.pixel_refinement import (
     OFFSETS,
@@ -16,6 +15,7 @@ from antumbra.query.pixel_refinement import (
     penumbra,
     subpixel_gbuffer,
 )
+from antumbra.query.surface_links import picture_surfaces
 
 W, H = 64, 48
 

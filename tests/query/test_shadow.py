@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 import oracle
-from antumbra.query.shadow_query import fraction_lit, segments
+from antumbra.query.shadow_query import count_occluded, fraction_lit, segments
 from asking import query_of
 
 CENTRE = np.array([0.3, 5.0, -0.2])
@@ -214,3 +214,13 @@ def test_bad_arguments(change, says):
 def test_fraction_lit():
     bits = np.array([[0], [0b1011], [2**64 - 1]], np.uint64)
     np.testing.assert_allclose(fraction_lit(bits, 64), [1, 61 / 64, 0])
+
+
+def test_count_occluded():
+    bits = np.random.default_rng(4).integers(0, 2**63, (5, 7, 3)).astype(np.uint64)
+    bits[2, 3], bits[0, 0] = 0, np.uint64(2**64 - 1)
+    counts = count_occluded(bits, 2)
+    np.testing.assert_array_equal(
+        counts, [[sum(int(word).bit_count() for word in pixel) for pixel in row] for row in bits]
+    )
+    assert counts.dtype == np.int32 and counts[2, 3] == 0 and counts[0, 0] == 192

@@ -190,7 +190,7 @@ class PictureSpec(NamedTuple):
     def all_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
         """The lights at a time, with virtual point lights."""
         from .. import virtual_point_lights
-        from ..picture.shading import skies_of
+        from ..picture.sky_background import skies_of
 
         lights = self.direct_lights(scene, time)
         if self.vpl is not None:

@@ -10,8 +10,9 @@ from ..engine.auto.strategies import StrategyChoice
 from ..engine.engine import Engine
 from ..kernels.small_matrices import dot
 from ..progress import PhaseClock
-from ..query.gbuffer import GBuffer, PictureSurfaces
+from ..query.gbuffer import GBuffer
 from ..query.shadow_query import ShadowQuery, Surfaces, ray_count, surface_queries
+from ..query.surface_links import PictureSurfaces
 from ..scene.lights import Light
 from ..scene.sky import Sky
 from ..trace.counters import new_counters

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from ..engine.engine import Engine
 from ..engine.frame_tracer import FrameMethods
-from ..query.gbuffer import PictureSurfaces, picture_surfaces
 from ..query.pixel_refinement import BLOCK, block_copies, block_means, edges, picture_of
 from ..query.ray_passes import diffuse_rays
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, Surfaces, join_bands
+from ..query.surface_links import PictureSurfaces, picture_surfaces
 from ..scene.lights import Light, is_indirect, light_names
 from ..scene.sky import Sky
 from ..trace.counters import as_dict
@@ -41,8 +41,9 @@ from .frame import (
 from .frame_request import LIGHT_BYTES, PASS_BYTES, SURFACE_BYTES, Request, edge_bytes, frame_memory, ray_counts
 from .light_visibility import LightFractions, finer_query, light_fractions, refine_fractions, without_equal_samples
 from .morphological_antialiasing import mixture
-from .shading import Illumination, ambient_light, backdrop, shade, skies_of, sky_behind
+from .shading import Illumination, ambient_light, shade
 from .shadow_catcher import ShadowCatcher
+from .sky_background import add_skies, backdrop, skies_of, sky_behind
 
 # --- Layers for compositing: base colours, each light alone, and objects ----------------------------------------------
 
@@ -90,13 +91,14 @@ def smooth_edges(
     Returns (H, W) float32: the share of each pixel that shows surfaces.
     """
     coverage = (surfaces.ids >= 0).astype(np.float32)
-    mixed, free = mixture(visible, edge_colours(state), state.threads), np.float32(1.0) - coverage[..., None]
-    for picture in [coverage, *pictures]:
-        mixed.mix(picture)
+    mixed = mixture(visible, edge_colours(state), state.threads)
     if ground is not None:
+        free = np.float32(1.0) - coverage[..., None]
         lit, total = mixed.of(free * ground.share), mixed.of(free)
         share = np.divide(lit, total, out=np.ones_like(lit), where=total > 0.0)
         ground.share.reshape(-1, 3)[mixed.pixels] = share
+    for picture in [coverage, *pictures]:
+        mixed.mix(picture)
     state.clock.lap("shade")
     return coverage
 
@@ -323,7 +325,7 @@ def shade_frame(
     """
     arrived, lights = arriving_light(state, surfaces, traced, visible), state.request.lights
     direct = [k for k, light in enumerate(lights) if not is_indirect(light)]
-    fill = ambient_light(surfaces.gbuffer, [lights[k] for k in direct], [arrived[k] for k in direct])
+    fill = ambient_light(surfaces.gbuffer, [lights[k] for k in direct], [arrived[k] for k in direct], state.threads)
     ambient = fill if indirect is None and len(direct) == len(lights) else np.zeros(3, np.float32)
     image = shade_surfaces(state, surfaces, arrived, shares, ambient, indirect)
     state.clock.lap("shade")
@@ -333,9 +335,10 @@ def shade_frame(
 def fill_background(state: FrameState, surfaces: Surfaces, image: np.ndarray, ground: Ground | None) -> None:
     """Fill pixels that see no surface with the light of skies, dimmed by shadows on the ground."""
     if skies := _seen_skies(state):
-        rows, columns = np.nonzero(surfaces.ids < 0)
-        radiance = sky_behind(skies, state.tracer.view, rows, columns)
-        image[rows, columns] = radiance if ground is None else radiance * ground.share[rows, columns]
+        free = surfaces.ids < 0
+        add_skies(skies, state.tracer.view, free, image, state.threads)
+        if ground is not None:
+            image[free] *= ground.share[free]
         state.clock.lap("shade")
 
 
@@ -346,7 +349,7 @@ def backdrop_of(
     coverage = (surfaces.ids >= 0).astype(np.float32) if coverage is None else coverage
     if not state.request.options.background or _seen_skies(state) or (coverage == 1.0).all():
         return None
-    daylight = backdrop(state.tracer.view, coverage, state.tracer.scene.up)
+    daylight = backdrop(state.tracer.view, coverage, state.tracer.scene.up, state.threads)
     return daylight if ground is None else daylight * ground.share
 
 

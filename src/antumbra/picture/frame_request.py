@@ -24,7 +24,7 @@ from ..scene.lights import Light
 from ..scene.triangles import Triangles
 from ..techniques.srdh.representative_rays import bounced_queries
 from .render_options import RenderOptions
-from .shading import skies_of
+from .sky_background import skies_of
 
 
 class Request(NamedTuple):

@@ -1,6 +1,6 @@
-"""Irradiance at the surfaces of pixels: closed forms for points, spheres, parallelograms and disks; sums over lists.
+"""Unshadowed irradiance at the surfaces of pixels: closed forms for points, spheres, parallelograms and disks.
 
-The closed forms leave shadows out; sums over lists include them. docs/design/radiometry.md derives the formulas.
+docs/design/radiometry.md derives the formulas. `light_list_irradiance` has the light of lists, with shadows.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -11,16 +11,14 @@ from numpy.typing import NDArray
 from ..kernels import small_matrices
 from ..kernels.elementary import acos, atan, atan2, cos, log1p, sin_cos
 from ..kernels.exact.filters import cross, dot
-from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..kernels.simd import get, ptr, put
+from ..kernels.jit import F32Ptr, F64Ptr, inlined, kernel
+from ..kernels.parallel import new_ticket, run, shares, thread_count
+from ..kernels.simd import get, ptr, put, select, square_root, stack_f32, stack_f64
 from ..query.gbuffer import GBuffer
-from ..query.light_samples import tangent_disk
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadingNormals, three_at
-from ..scene.light_lists import LightList, PointLights
+from ..query.surface_links import deinterleave
 from ..scene.lights import DIRECTIONAL, SPHERE, LightPatch
-from ..trace.transmission import TracedQuery, arriving, row_of, transmission_pointers
 
 # --- Terminator of interpolated normals, see docs/design/shading.md ---------------------------------------------------
 
@@ -43,16 +41,17 @@ def pixel_normals(gbuffer: GBuffer, shading: ShadingNormals | None) -> PixelNorm
 
 @inlined
 def terminator_factor(g, n, bend, w):
-    """Factor of light along w, with geometric normal g, shading normal n, and `ShadingNormals.bend`.
+    """Factors of light along vectors w, with geometric normals g, shading normals n, and `ShadingNormals.bend`.
 
     Light from below the geometric surface does not count. Towards the height `bend` above the horizon of n, light
     fades by the polynomial of Chiang et al. [2019], so that it ends before adjacent faces turn away from it.
+
+    w : float32 vectors; g, n and bend : float32 vectors or scalars
     """
-    height = dot(n, w) / np.sqrt(dot(w, w))
-    if not (dot(g, w) > 0.0 and height > bend):
-        return 0.0
-    share = (height - bend) / bend if height < 2.0 * bend else 1.0  # Eq. (2)
-    return share * (1.0 + share * (1.0 - share))
+    zero, one = np.float32(0.0), np.float32(1.0)
+    height = dot(w, n) / square_root(dot(w, w))
+    share = select(height < bend + bend, (height - bend) / bend, one)  # Eq. (2)
+    return select((dot(w, g) > zero) & (height > bend), share * (one + share * (one - share)), zero)
 
 
 # --- Uniform parallelograms and disks, clipped at the receiver's horizon ----------------------------------------------
@@ -209,7 +208,6 @@ class Emitter(NamedTuple):
     v: Vector3
     axis: Vector3  # unit normal of a flat light; 0 for points and spheres
     size: float  # area of a QUAD, radius of a DISK, 0 for a POINT
-    scale: float  # distant disks: radiance over that of a disk of intensity 1; else 1
 
 
 def emitter_of(patch: LightPatch, domain: str) -> Emitter:
@@ -222,9 +220,8 @@ def emitter_of(patch: LightPatch, domain: str) -> Emitter:
         size, axis = (area if form == QUAD else float(np.sqrt(area))), across / area
     else:
         form, size, axis = POINT, 0.0, np.zeros(3)
-    scale = float(small_matrices.dot(patch.base, patch.base)) + size * size if patch.kind == DIRECTIONAL else 1.0
     vectors = _three(patch.base), _three(patch.u), _three(patch.v), _three(axis)
-    return Emitter(patch.kind, form, *vectors, float(size), scale)
+    return Emitter(patch.kind, form, *vectors, float(size))
 
 
 def _three(vector: np.ndarray) -> Vector3:
@@ -242,18 +239,39 @@ def _from_point(c, n, distant):
 
 
 @inlined
-def _from_sphere(centre, radius, n):
-    """Irradiance from a sphere: that of the disk in which the tangent cone touches it, with the sphere's radiance."""
-    disk = tangent_disk(centre[0], centre[1], centre[2], radius, 0.0, 0.0, 0.0)
-    r = np.sqrt(disk.ux * disk.ux + disk.uy * disk.uy + disk.uz * disk.uz)
-    if not r > 0.0:
+def _cap_irradiance(height, size):
+    """Irradiance from the part above the horizon of a cap of the sky with radiance 1 / pi [Howell, B-43].
+
+    height : sine of the elevation of its centre
+    size : sine of its half-angle
+    """
+    if height >= size:
+        return size * size * height
+    if height <= -size:
         return 0.0
+    q, cosine = np.sqrt((size - height) * (size + height)), np.sqrt(1.0 - size * size)
+    above = np.pi - atan2(q, cosine * height)
+    return max(size * size * height * above - cosine * q + atan2(q, cosine), 0.0) / np.pi
+
+
+@inlined
+def _from_sphere(centre, radius, n):
+    """Irradiance from a sphere; inside it, from the great disk that faces the receiver."""
     distance = np.sqrt(dot(centre, centre))
+    if distance > radius:
+        return _cap_irradiance(dot(n, centre) / distance, radius / distance) / (radius * radius)
     axis = (0.0, 0.0, 1.0)
     if distance > 0.0:
         axis = centre[0] / distance, centre[1] / distance, centre[2] / distance
-    share = r / radius
-    return share * share * disk_irradiance((disk.bx, disk.by, disk.bz), axis, r, n)
+    return disk_irradiance(centre, axis, radius, n)
+
+
+@inlined
+def _from_sun(c, radius, n):
+    """Irradiance from a distant disk that faces the receiver, by the radiance of a sphere."""
+    distance = np.sqrt(dot(c, c))
+    size = radius / np.sqrt(distance * distance + radius * radius)
+    return _cap_irradiance(dot(n, c) / distance, size) / (size * size)
 
 
 @inlined
@@ -267,18 +285,159 @@ def emitted_irradiance(light, p, n):
     if light.form == QUAD:
         return quad_irradiance(c, light.u, light.v, light.size, n)
     if light.form == DISK:
-        return light.scale * disk_irradiance(c, light.axis, light.size, n)
+        distant = light.kind == DIRECTIONAL
+        return _from_sun(c, light.size, n) if distant else disk_irradiance(c, light.axis, light.size, n)
     return _from_point(c, n, light.kind == DIRECTIONAL)
+
+
+# --- Emitters above the horizon ---------------------------------------------------------------------------------------
+#
+# Most pixels see the whole emitter above their horizon. Its irradiance is then a formula without branches, so LLVM
+# vectorises the loop over pixels. The loops leave other pixels, marked by `_CUT`, to
+# `emitted_irradiance`.
+
+_BLOCK = 256  # pixels of a share
+_PLANES = 3 * _BLOCK
+_CUT = -1.0
+_LARGE_ANGLE = 0.25  # 1 - cosine of the largest angle of `_arc_over_sine`, 41 degrees
+
+
+class _Block(NamedTuple):
+    """The surfaces of the pixels of a share, deinterleaved, and their irradiance."""
+
+    positions: F32Ptr  # three planes of `_BLOCK` elements
+    normals: F32Ptr  # three planes
+    values: F64Ptr
+
+
+@inlined
+def _vector(planes, i):
+    """Vector i of three planes, in float64."""
+    return np.float64(get(planes, i)), np.float64(get(planes, _BLOCK + i)), np.float64(get(planes, 2 * _BLOCK + i))
+
+
+@inlined
+def _unless_cut(value, height, size):
+    """`value` if the emitter at this height, with this radius, is above the horizon, 0 if it is below, else `_CUT`."""
+    below = 0.0 if height <= -size else _CUT
+    return value if height >= size else below
+
+
+@inlined
+def _whole_suns(block, n, light):
+    """Write the irradiance of n pixels from a distant point or disk."""
+    c = light.base
+    inverse = 1.0 / np.sqrt(dot(c, c))
+    for i in range(n):
+        height = dot(_vector(block.normals, i), c)
+        put(block.values, i, _unless_cut(height * inverse, height, light.size))
+
+
+@inlined
+def _whole_spheres(block, n, light):
+    """Write the irradiance of n pixels from a sphere or point: from outside, a whole sphere is its centre."""
+    for i in range(n):
+        c = _difference(light.base, _vector(block.positions, i))
+        r2, height = dot(c, c), dot(_vector(block.normals, i), c)
+        value = _unless_cut(height / (r2 * np.sqrt(r2)), height, light.size)
+        put(block.values, i, value if r2 > light.size * light.size else _CUT)
+
+
+@inlined
+def _whole_disks(block, n, light):
+    """Write the irradiance of n pixels from a disk: the formula of `disk_irradiance`."""
+    r2 = light.size * light.size
+    for i in range(n):
+        c, normal = _difference(light.base, _vector(block.positions, i)), _vector(block.normals, i)
+        level, facing, h = dot(normal, c), dot(normal, light.axis), dot(light.axis, c)
+        sum2, diff2 = dot(c, c) + r2, dot(c, c) - r2
+        s = np.sqrt(diff2 * diff2 + 4.0 * r2 * h * h)
+        outside, inside = 2.0 * h * h / (s + diff2), 0.5 * (s - diff2) / r2
+        along = outside if diff2 > 0.0 else inside
+        across = 2.0 * abs(h) / (s + sum2)
+        facing = -facing if h < 0.0 else facing
+        value = _unless_cut((along * facing + across * (level - abs(h) * facing)) / s, level, light.size)
+        put(block.values, i, value if s > 0.0 else _CUT)
+
+
+@inlined
+def _difference(a, b):
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@inlined
+def _arc_over_sine(t):
+    """angle / sine of the angle with cosine 1 - t, 0 <= t <= `_LARGE_ANGLE`; relative error 2e-8.
+
+    The series of arcsin(z) / (z sqrt(1 - z^2)) at half the angle, whose terms have the ratios t k / (2 k + 1).
+    """
+    tail = 2.0 / 35.0 + t * (8.0 / 315.0 + t * (8.0 / 693.0 + t * (16.0 / 3003.0 + t * (16.0 / 6435.0))))
+    return 1.0 + t * (1.0 / 3.0 + t * (2.0 / 15.0 + t * tail))
+
+
+@inlined
+def _unit(a):
+    scale = 1.0 / np.sqrt(dot(a, a))
+    return a[0] * scale, a[1] * scale, a[2] * scale
+
+
+@inlined
+def _whole_quads(block, n, light):
+    """Write the irradiance of n pixels from a parallelogram that none of its edges sees at a large angle."""
+    across = _sum(light.u, light.v)
+    for i in range(n):
+        corner, normal = _difference(light.base, _vector(block.positions, i)), _vector(block.normals, i)
+        a, b = _unit(corner), _unit(_sum(corner, light.u))
+        c, d = _unit(_sum(corner, across)), _unit(_sum(corner, light.v))
+        p, q, r, s = dot(normal, a), dot(normal, b), dot(normal, c), dot(normal, d)
+        t, u, v, w = 1.0 - dot(a, b), 1.0 - dot(b, c), 1.0 - dot(c, d), 1.0 - dot(d, a)
+        total = (
+            _arc_over_sine(t) * dot(normal, cross(a, b))
+            + _arc_over_sine(u) * dot(normal, cross(b, c))
+            + _arc_over_sine(v) * dot(normal, cross(c, d))
+            + _arc_over_sine(w) * dot(normal, cross(d, a))
+        )
+        lowest = _least(_least(p, q), _least(r, s))
+        narrow = _least(_least(-t, -u), _least(-v, -w)) >= -_LARGE_ANGLE
+        value = 0.5 * abs(total) / light.size
+        value = value if lowest >= 0.0 and narrow else _CUT
+        highest = -_least(_least(-p, -q), _least(-r, -s))
+        put(block.values, i, 0.0 if highest <= 0.0 else value)
+
+
+@inlined
+def _least(a, b):
+    return a if a < b else b
+
+
+@inlined
+def _whole_irradiance(block, n, light):
+    """Write the irradiance of n pixels, or `_CUT`."""
+    if light.kind == DIRECTIONAL and light.form != QUAD:
+        _whole_suns(block, n, light)
+    elif light.kind == SPHERE or light.form == POINT:
+        _whole_spheres(block, n, light)
+    elif light.form == DISK:
+        _whole_disks(block, n, light)
+    else:
+        _whole_quads(block, n, light)
 
 
 @kernel
 def _irradiance_kernel(ticket, position, normal, side, light, out):
     positions, normals, sides, irradiances = ptr(position), ptr(normal), ptr(side), ptr(out)
-    for i in items(ticket):
-        e = 0.0
-        if get(sides, i) != NOTHING:
-            e = emitted_irradiance(light, three_at(positions, i), three_at(normals, i))
-        put(irradiances, i, np.float32(e))
+    block = _Block(stack_f32(_PLANES), stack_f32(_PLANES), stack_f64(_BLOCK))
+    for first, end in shares(ticket):
+        deinterleave(positions, 3 * first, end - first, block.positions, 0, _BLOCK)
+        deinterleave(normals, 3 * first, end - first, block.normals, 0, _BLOCK)
+        _whole_irradiance(block, end - first, light)
+        for i in range(first, end):
+            e = get(block.values, i - first)
+            if get(sides, i) == NOTHING:
+                e = 0.0
+            elif not e >= 0.0:
+                e = emitted_irradiance(light, three_at(positions, i), three_at(normals, i))
+            put(irradiances, i, np.float32(e))
 
 
 def irradiance(
@@ -299,7 +458,7 @@ def irradiance(
     """
     out = np.empty(gbuffer.face.shape, np.float32)
     normal = gbuffer.normal if shading is None else shading.normal
-    ticket = new_ticket(out.size, 4096)
+    ticket = new_ticket(out.size, _BLOCK)
     run(
         _irradiance_kernel,
         thread_count(threads),
@@ -310,79 +469,4 @@ def irradiance(
         emitter_of(patch, domain),
         out,
     )
-    return out
-
-
-# --- Lists of lights: each sample is one light, so its bit is needed --------------------------------------------------
-
-
-@kernel
-def _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least):
-    """Irradiance per candela at a surface with normal n from a light at offset w.
-
-    If `facing`, the light has a cosine falloff around m. The squared distance is clamped to at least `least`.
-    """
-    r2 = wx * wx + wy * wy + wz * wz
-    cosine = nx * wx + ny * wy + nz * wz  # times the distance
-    if not (r2 > 0.0 and cosine > 0.0):
-        return 0.0
-    r = np.sqrt(r2)
-    emitted = -(mx * wx + my * wy + mz * wz) / r if facing else 1.0
-    if not emitted > 0.0:
-        return 0.0
-    return emitted * cosine / (r * (r2 if r2 > least else least))
-
-
-@kernel
-def _list_rows(ticket, gbuffer, surface, points, distant, normals, candela, least, bits, light, out):
-    facing, (normal, geometric, bend, soft) = len(normals) > 0, surface
-    through = transmission_pointers(light)
-    mx = my = mz = 0.0
-    for y in items(ticket):
-        for x in range(gbuffer.side.shape[1]):
-            red = green = blue = 0.0
-            k = (x & 3) + 4 * (y & 3)
-            if gbuffer.side[y, x] != NOTHING:
-                px = py = pz = np.float32(0.0)
-                if not distant:
-                    px, py, pz = gbuffer.position[y, x, 0], gbuffer.position[y, x, 1], gbuffer.position[y, x, 2]
-                nx, ny, nz = normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]
-                gx, gy, gz = geometric[y, x, 0], geometric[y, x, 1], geometric[y, x, 2]
-                row = row_of(through, y * gbuffer.side.shape[1] + x)
-                for s in range(points.shape[1]):
-                    if bits[y, x, s >> 6] >> np.uint64(s & 63) & np.uint64(1):
-                        continue
-                    wx, wy, wz = points[k, s, 0] - px, points[k, s, 1] - py, points[k, s, 2] - pz
-                    if facing:
-                        mx, my, mz = normals[k, s, 0], normals[k, s, 1], normals[k, s, 2]
-                    e = _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least)
-                    if soft:
-                        e *= terminator_factor((gx, gy, gz), (nx, ny, nz), bend[y, x], (wx, wy, wz))
-                    red += e * candela[k, s, 0] * arriving(through, row, s, 0)
-                    green += e * candela[k, s, 1] * arriving(through, row, s, 1)
-                    blue += e * candela[k, s, 2] * arriving(through, row, s, 2)
-            out[y, x, 0], out[y, x, 1], out[y, x, 2] = np.float32(red), np.float32(green), np.float32(blue)
-
-
-def list_irradiance(
-    gbuffer: GBuffer,
-    lights: LightList,
-    traced: TracedQuery,
-    shading: ShadingNormals | None = None,
-    threads: int | None = None,
-) -> NDArray[np.float32]:
-    """(H, W, 3) float32: irradiance of each pixel's surface from a list of lights, with shadows; 0 in the background.
-
-    Distant lights are unit vectors, for which `_falloff` at the origin is the cosine.
-
-    traced : the query of the list's samples, and its answer
-    shading : None: geometric normals
-    """
-    out = np.empty((*gbuffer.face.shape, 3), np.float32)
-    distant, points, normals, least = True, traced.query.samples, None, 0.0
-    if isinstance(lights, PointLights):
-        distant, points, normals, least = False, points - gbuffer.origin, lights.normals, lights.nearest**2
-    normals = np.empty((0, 0, 3)) if normals is None else np.ascontiguousarray(normals[lights.sets])
-    args = gbuffer, pixel_normals(gbuffer, shading), points, distant, normals, lights.weights(), least
-    run(_list_rows, thread_count(threads), new_ticket(len(out), 4), *args, traced.bits, traced.through, out)
     return out

@@ -4,19 +4,36 @@ The visible fraction of a light counts samples; its share of irradiance weights 
 in penumbrae.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels.exact.filters import cross, dot
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import F32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..kernels.simd import get, popcount, ptr, put
-from ..query.gbuffer import PictureSurfaces
+from ..kernels.simd import (
+    absolute,
+    extract,
+    gather,
+    get,
+    iota16,
+    load16,
+    mask_from_bits16,
+    maximum,
+    minimum,
+    popcount,
+    ptr,
+    put,
+    select,
+    shuffle,
+    splat16,
+    swap_halves,
+)
 from ..query.pixel_refinement import penumbra
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, fraction_lit, patch_of, query_pointers, sample_of, set_of, three_at
+from ..query.surface_links import PictureSurfaces
 from ..scene.lights import AMBIENT, SPHERE, LightPatch, is_list
 from ..trace.transmission import (
     TracedQuery,
@@ -40,67 +57,160 @@ from .irradiance import PixelNormals, terminator_factor
 # (mypy counts the typing context among the arguments of intrinsics)
 
 
+_LANES = 16
+_TINY = np.float32(1e-14)  # squared distance below which a sample has no weight, relative to that of the light
+
+
+Vector32: TypeAlias = tuple[np.float32, np.float32, np.float32]
+
+
+class _Samples(NamedTuple):
+    """The samples of a query, as pointers to rows of whole vectors: first the a, then the b of each set."""
+
+    values: F32Ptr
+    step: int  # elements of a row
+
+
+class _Emitter(NamedTuple):
+    """A light as a receiver sees it: the points c + a u + b v relative to the receiver, in units of its distance."""
+
+    c: Vector32
+    u: Vector32
+    v: Vector32
+    axis: Vector32  # u x v
+    flat: bool  # whether the axis is not 0
+
+
 @inlined
-def _edges_of(patch, p):
-    """The base of a patch relative to p, and its u and v."""
+def _emitter_at(pointers, i):
+    """The `_Emitter` of receiver i."""
+    patch, p = patch_of(pointers, i), three_at(pointers.origins, i)
     c = patch.bx - p[0], patch.by - p[1], patch.bz - p[2]
-    return c, (patch.ux, patch.uy, patch.uz), (patch.vx, patch.vy, patch.vz)
+    u, v = (patch.ux, patch.uy, patch.uz), (patch.vx, patch.vy, patch.vz)
+    size = max(dot(c, c), dot(u, u), dot(v, v))
+    scale = 1.0 / np.sqrt(size) if size > 0.0 else 0.0
+    c, u, v = _scaled(c, scale), _scaled(u, scale), _scaled(v, scale)
+    axis = cross(u, v)
+    return _Emitter(c, u, v, axis, dot(axis, axis) > np.float32(0.0))
 
 
 @inlined
-def _may_soften(c, u, v, n, bend):
-    """Whether `terminator_factor` may be less than 1 for a point c + a u + b v of a light, -1 <= a, b <= 1."""
-    extent = np.sqrt(dot(u, u)) + np.sqrt(dot(v, v))
+def _scaled(a, scale):
+    return np.float32(a[0] * scale), np.float32(a[1] * scale), np.float32(a[2] * scale)
+
+
+@inlined
+def _to_samples(emitter, a, b):
+    """The vectors to 16 samples (a, b)."""
+    c, u, v = emitter.c, emitter.u, emitter.v
+    return c[0] + a * u[0] + b * v[0], c[1] + a * u[1] + b * v[1], c[2] + a * u[2] + b * v[2]
+
+
+@inlined
+def _weights(emitter, n, w):
+    """The weights of 16 samples along w, at a receiver with normal n."""
+    zero, r2 = np.float32(0.0), dot(w, w)
+    weight = maximum(dot(w, n), zero)
+    if emitter.flat:
+        weight = weight * absolute(dot(w, emitter.axis)) / (r2 * r2)
+    return select(r2 > _TINY, weight, zero)
+
+
+@inlined
+def _sum(v):
+    """The sum of 16 lanes."""
+    v = v + swap_halves(v)
+    v = v + shuffle(v, 4, 5, 6, 7, 0, 1, 2, 3, 12, 13, 14, 15, 8, 9, 10, 11)
+    v = v + shuffle(v, 2, 3, 0, 1, 6, 7, 4, 5, 10, 11, 8, 9, 14, 15, 12, 13)
+    return extract(v, 0) + extract(v, 1)
+
+
+@inlined
+def _arriving(light, row, s, c):
+    """The shares of channel c that arrive from 16 samples from s on, which are not occluded."""
+    last, channel = light.spp - 1, min(c, light.channels - 1)
+    samples = minimum(iota16() + s, last)
+    return gather(light.values, (samples + row * light.spp) * light.channels + channel)
+
+
+@inlined
+def _weighted_share(pointers, samples, words, i, at, light, c):
+    """The share of receiver i: weight of the light of its samples, times `terminator_factor`, over that of all samples.
+
+    at : (emitter, normal, geometric normal, bend, soft) of the receiver
+    c : channel of the light
+    """
+    (emitter, n, g, bend, soft), row = at, row_of(light, i)
+    first, zero = 2 * set_of(pointers, i) * samples.step, np.float32(0.0)
+    total, arrived = splat16(zero), splat16(zero)
+    for s in range(0, pointers.spp, _LANES):
+        a, b = load16(samples.values, first + s), load16(samples.values, first + samples.step + s)
+        w = _to_samples(emitter, a, b)
+        weight = select(iota16() < pointers.spp - s, _weights(emitter, n, w), zero)
+        hidden = get(words, i * pointers.words + (s >> 6)) >> np.uint64(s & 63)
+        passing = select(mask_from_bits16(hidden), zero, weight)
+        if row >= 0:
+            passing = passing * _arriving(light, row, s, c)
+        if soft:
+            passing = passing * terminator_factor(g, n, bend, w)
+        total, arrived = total + weight, arrived + passing
+    whole = _sum(total)
+    return _sum(arrived) / whole if whole > zero else zero
+
+
+@inlined
+def _may_soften(pointers, i, n, bend):
+    """Whether `terminator_factor` may be less than 1 for a sample of receiver i."""
+    p, z = three_at(pointers.origins, i), np.float64(0.0)
+    if pointers.light.kind == SPHERE:
+        base, extent = pointers.light.base, pointers.light.radius
+        c = base[0] - p[0], base[1] - p[1], base[2] - p[2]
+    else:
+        patch = patch_of(pointers, i)
+        c, extent = (patch.bx - p[0], patch.by - p[1], patch.bz - p[2]), z
+        extent += np.sqrt(patch.ux * patch.ux + patch.uy * patch.uy + patch.uz * patch.uz)
+        extent += np.sqrt(patch.vx * patch.vx + patch.vy * patch.vy + patch.vz * patch.vz)
     return not dot(n, c) - extent >= 2.0 * bend * (np.sqrt(dot(c, c)) + extent)
 
 
 @inlined
-def _weighted_share(pointers, words, i, at, facing, light, c):
-    """The share of receiver i: weight of the light of its samples, times `terminator_factor`, over that of all samples.
-
-    at : (patch, normal, geometric normal, bend) of the receiver
-    c : channel of the light
-    """
-    patch, n, g, bend = at
-    p, row = three_at(pointers.origins, i), row_of(light, i)
-    w0, u, v = _edges_of(patch, p)
-    axis = cross(u, v)
-    flat = dot(axis, axis) > 0.0
-    first, total, arrived = 3 * set_of(pointers, i) * pointers.spp, 0.0, 0.0
-    for s in range(pointers.spp):
-        a, b = get(pointers.samples, first + 3 * s), get(pointers.samples, first + 3 * s + 1)
-        w = w0[0] + a * u[0] + b * v[0], w0[1] + a * u[1] + b * v[1], w0[2] + a * u[2] + b * v[2]
-        r2 = dot(w, w)
-        weight = max(dot(n, w), 0.0) * (abs(dot(axis, w)) / (r2 * r2) if flat else 1.0)
-        weight = weight if r2 > 0.0 else 0.0
-        total += weight
-        if get(words, i * pointers.words + (s >> 6)) >> np.uint64(s & 63) & np.uint64(1) == np.uint64(0):
-            passing = weight * arriving(light, row, s, c)
-            arrived += passing * terminator_factor(g, n, bend, w) if facing.soft else passing
-    return arrived / total if total > 0.0 else 0.0
+def _single(pointer, i):
+    """Vector i, in float32."""
+    return get(pointer, 3 * i), get(pointer, 3 * i + 1), get(pointer, 3 * i + 2)
 
 
 @kernel
-def _share_kernel(ticket, query, bits, light, facing, out):
+def _share_kernel(ticket, query, samples, bits, light, facing, out):
     pointers, words, shares = query_pointers(query), ptr(bits), ptr(out)
+    table, soft = _Samples(ptr(samples), samples.shape[2]), facing.soft
     through, channels = transmission_pointers(light), out.shape[2]
     normals, geometric, bends = ptr(facing.normal), ptr(facing.geometric), ptr(facing.bend)
     for i in items(ticket):
-        share, partial, hidden = 1.0, False, 0
+        share, partial, hidden = np.float32(1.0), False, 0
         for k in range(pointers.words):
             hidden += popcount(get(words, i * pointers.words + k))
+        bend = get(bends, i) if soft else np.float32(0.0)
         if hidden == pointers.spp:
-            share = 0.0
-        elif get(pointers.sides, i) != NOTHING and (hidden > 0 or facing.soft or row_of(through, i) >= 0):
-            bend = np.float64(get(bends, i)) if facing.soft else np.float64(0.0)
-            at = patch_of(pointers, i), three_at(normals, i), three_at(geometric, i), bend
+            share = np.float32(0.0)
+        elif get(pointers.sides, i) != NOTHING:
             partial = hidden > 0 or row_of(through, i) >= 0
-            if not partial:
-                c, u, v = _edges_of(at[0], three_at(pointers.origins, i))
-                partial = _may_soften(c, u, v, at[1], bend)
-        for c in range(channels):
-            value = _weighted_share(pointers, words, i, at, facing, through, c) if partial else share
-            put(shares, channels * i + c, np.float32(value))
+            if soft and not partial:
+                partial = _may_soften(pointers, i, three_at(normals, i), np.float64(bend))
+        if partial:
+            at = _emitter_at(pointers, i), _single(normals, i), _single(geometric, i), bend, soft
+            for c in range(channels):
+                put(shares, channels * i + c, _weighted_share(pointers, table, words, i, at, through, c))
+        else:
+            for c in range(channels):
+                put(shares, channels * i + c, share)
+
+
+def _sample_rows(samples: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(16, 2, n) float32: the a and b of samples (16, spp, 3), in whole vectors."""
+    sets, spp, _ = samples.shape
+    rows = np.zeros((sets, 2, -(-spp // _LANES) * _LANES), np.float32)
+    rows[:, :, :spp] = samples[:, :, :2].transpose(0, 2, 1)
+    return rows
 
 
 def is_weighted(patch: LightPatch) -> bool:
@@ -123,7 +233,8 @@ def irradiance_shares(facing: PixelNormals, traced: TracedQuery, threads: int | 
         return fraction if light is None else light.mean_of(fraction) if channels == 1 else light.colour_of(fraction)
     out = np.empty((*query.sides.shape, channels), np.float32)
     ticket = new_ticket(query.sides.size, 1024)
-    run(_share_kernel, thread_count(threads), ticket, query, traced.bits, traced.through, facing, out)
+    args = query, _sample_rows(query.samples), traced.bits, traced.through, facing, out
+    run(_share_kernel, thread_count(threads), ticket, *args)
     return out if channels > 1 else out[..., 0]
 
 
@@ -171,14 +282,14 @@ def light_fractions(
         return _coloured_fractions(surfaces, facing, traced, smooth, threads)
     if not is_weighted(traced.query.light):
         fraction = (
-            filter_fractions(surfaces, occluded_count(traced), spp, threads)
+            filter_fractions(surfaces, occluded_count(traced, threads), spp, threads)
             if smooth
             else fraction_lit(traced.bits, spp, threads)
         )
         return LightFractions(fraction, fraction)
     share = irradiance_shares(facing, traced, threads)
     if smooth:
-        return LightFractions(*filter_shares(surfaces, occluded_count(traced), share, spp, threads))
+        return LightFractions(*filter_shares(surfaces, occluded_count(traced, threads), share, spp, threads))
     return LightFractions(fraction_lit(traced.bits, spp, threads), share)
 
 
@@ -190,7 +301,7 @@ def _coloured_fractions(
     if not smooth:
         return LightFractions(fraction, share)
     grey = share if share.ndim == 2 else share.mean(-1)
-    counts = occluded_count(traced)
+    counts = occluded_count(traced, threads)
     fraction, even = (filter_shares(surfaces, counts, s, traced.spp, threads)[1] for s in (fraction, grey))
     if share.ndim == 2:
         return LightFractions(fraction, even)
@@ -210,7 +321,7 @@ def finer_query(
     query = traced.query
     sides = np.zeros_like(query.sides)
     if is_soft(query) and not np.array_equal(samples, query.samples):
-        where = penumbra(surfaces, occluded_count(traced), traced.spp, threads)
+        where = penumbra(surfaces, occluded_count(traced, threads), traced.spp, threads)
         sides = np.where(where, query.sides, np.int8(NOTHING))
     return query._replace(sides=sides, samples=samples)
 
@@ -229,7 +340,7 @@ def refine_fractions(
     are filtered among themselves.
     """
     sides = finer.query.sides
-    better = light_fractions(surfaces._replace(side=sides), facing, finer, smooth, threads)
+    better = light_fractions(surfaces.with_side(sides), facing, finer, smooth, threads)
     return before.replaced(sides != NOTHING, better)
 
 

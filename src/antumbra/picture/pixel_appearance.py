@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..kernels.elementary import log2
 from ..kernels.exact.filters import cross, dot
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import I32Ptr, inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
 from ..kernels.simd import get, highest_bit, i32_at, ptr, put
 from ..kernels.small_matrices import length
@@ -44,12 +44,19 @@ def surface_points(surfaces: Surfaces) -> SurfacePoints:
 
 
 class TriangleFrame(NamedTuple):
-    """A triangle's edges from its first corner, their cross product g, and its squared length; float64 vectors."""
+    """A triangle's frame for barycentric weights; float64."""
 
-    e1: tuple[float, float, float]
-    e2: tuple[float, float, float]
-    g: tuple[float, float, float]
-    g2: float
+    triangle: int  # -1: none yet
+    corner: tuple[float, float, float]  # the first corner
+    e1: tuple[float, float, float]  # an edge from it, the direction of footprints seen perpendicularly
+    g: tuple[float, float, float]  # cross product of the two edges from it
+    g2: float  # squared length of g; without area, q1 and q2 are undefined
+    q1: tuple[float, float, float]  # gradients of the weights of the second and the third corner
+    q2: tuple[float, float, float]
+
+
+_ORIGIN = (0.0, 0.0, 0.0)
+_NO_FRAME = TriangleFrame(-1, _ORIGIN, _ORIGIN, _ORIGIN, 0.0, _ORIGIN, _ORIGIN)
 
 
 @inlined
@@ -58,28 +65,29 @@ def _minus(a, b):
 
 
 @inlined
+def _times(a, scale):
+    return a[0] * scale, a[1] * scale, a[2] * scale
+
+
+@inlined
 def _triangle_frame(corners, i):
     """The `TriangleFrame` of triangle i; `corners` is a pointer."""
     c0 = three_at(corners, 3 * i)
     e1, e2 = _minus(three_at(corners, 3 * i + 1), c0), _minus(three_at(corners, 3 * i + 2), c0)
     g = cross(e1, e2)
-    return TriangleFrame(e1, e2, g, dot(g, g))
+    g2 = dot(g, g)
+    inverse = 1.0 / g2
+    return TriangleFrame(i, c0, e1, g, g2, _times(cross(e2, g), inverse), _times(cross(g, e1), inverse))
 
 
 @inlined
-def _weight_changes(frame, d):
-    """Changes of the weights of the second and third corner along the vector d."""
-    return dot(cross(d, frame.e2), frame.g) / frame.g2, dot(cross(frame.e1, d), frame.g) / frame.g2
-
-
-@inlined
-def _barycentric_weights(frame, corners, i, p):
-    """(b0, b1, b2): barycentric weights of point p of triangle i, clamped to [0, 1]; 1/3 each for zero area."""
+def _barycentric_weights(frame, p):
+    """(b0, b1, b2): barycentric weights of the point p, clamped to [0, 1]; 1/3 each for zero area."""
     if not frame.g2 > 0.0:
         return 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0
-    b1, b2 = _weight_changes(frame, _minus(p, three_at(corners, 3 * i)))
-    b1 = min(max(b1, 0.0), 1.0)
-    b2 = min(max(b2, 0.0), 1.0 - b1)
+    d = _minus(p, frame.corner)
+    b1 = min(max(dot(d, frame.q1), 0.0), 1.0)
+    b2 = min(max(dot(d, frame.q2), 0.0), 1.0 - b1)
     return 1.0 - b1 - b2, b1, b2
 
 
@@ -148,60 +156,59 @@ def _light(linear, texel):
     )
 
 
+class _Level(NamedTuple):
+    """A level of a texture; wraps: its wrap_s and wrap_t."""
+
+    texels: I32Ptr
+    w: int
+    h: int
+    wrap_s: int
+    wrap_t: int
+
+
 @inlined
-def _bilinear(texels, linear, w, h, wrap_s, wrap_t, u, v, nearest):
-    """The bilinear lookup at (u, v); `texels` and `linear` are pointers."""
-    half = 0.0 if nearest else 0.5
-    x, y = _wrap_coordinate(u, wrap_s) * w - half, _wrap_coordinate(v, wrap_t) * h - half
+def _level(pictures, k, level):
+    """A mip level of texture k."""
+    sizes, wraps, one = ptr(pictures.sizes), ptr(pictures.wraps), np.int64(1)
+    w, h = get(sizes, 2 * k), get(sizes, 2 * k + 1)
+    address = pictures.pixels[k]
+    if level > 0:
+        address = pictures.mips[k]
+        for _ in range(level - 1):
+            w, h = max(w >> one, one), max(h >> one, one)
+            address += 4 * w * h
+        w, h = max(w >> one, one), max(h >> one, one)
+    return _Level(i32_at(address), w, h, get(wraps, 2 * k), get(wraps, 2 * k + 1))
+
+
+@inlined
+def _nearest(level, linear, u, v):
+    """The texel at (u, v); `linear` is a pointer."""
+    x, y = _wrap_coordinate(u, level.wrap_s) * level.w, _wrap_coordinate(v, level.wrap_t) * level.h
+    left = _wrap_texel(np.int64(np.floor(x)), level.w, level.wrap_s)
+    top = _wrap_texel(np.int64(np.floor(y)), level.h, level.wrap_t) * level.w
+    return _light(linear, get(level.texels, top + left))
+
+
+@inlined
+def _bilinear(level, linear, u, v):
+    """The bilinear lookup at (u, v); `linear` is a pointer."""
+    w, h, wrap_s, wrap_t = level.w, level.h, level.wrap_s, level.wrap_t
+    x, y = _wrap_coordinate(u, wrap_s) * w - 0.5, _wrap_coordinate(v, wrap_t) * h - 0.5
     x0, y0 = np.floor(x), np.floor(y)
     i, j = np.int64(x0), np.int64(y0)
     left, top = _wrap_texel(i, w, wrap_s), _wrap_texel(j, h, wrap_t) * w
-    if nearest:
-        return _light(linear, get(texels, top + left))
     right, low = _wrap_texel(i + 1, w, wrap_s), _wrap_texel(j + 1, h, wrap_t) * w
-    fx, fy = x - x0, y - y0
-    a, b = _light(linear, get(texels, top + left)), _light(linear, get(texels, top + right))
-    c, d = _light(linear, get(texels, low + left)), _light(linear, get(texels, low + right))
-    p, q, r, s = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy
-    return (
-        p * a[0] + q * b[0] + r * c[0] + s * d[0],
-        p * a[1] + q * b[1] + r * c[1] + s * d[1],
-        p * a[2] + q * b[2] + r * c[2] + s * d[2],
-    )
+    fx, fy = np.float32(x - x0), np.float32(y - y0)
+    a, b = _light(linear, get(level.texels, top + left)), _light(linear, get(level.texels, top + right))
+    c, d = _light(linear, get(level.texels, low + left)), _light(linear, get(level.texels, low + right))
+    return _mix(_mix(a, b, fx), _mix(c, d, fx), fy)
 
 
 @inlined
-def _sample_level(pictures, k, level, u, v, nearest):
-    """Texture k at (u, v) in a mip level."""
-    one = np.int64(1)
-    w, h = np.int64(pictures.sizes[k, 0]), np.int64(pictures.sizes[k, 1])
-    texels, start = i32_at(pictures.pixels[k]), np.int64(0)
-    if level > 0:
-        for _ in range(level - 1):
-            w, h = max(w >> one, one), max(h >> one, one)
-            start += w * h
-        w, h = max(w >> one, one), max(h >> one, one)
-        texels = i32_at(pictures.mips[k] + 4 * start)
-    return _bilinear(texels, ptr(pictures.linear), w, h, pictures.wraps[k, 0], pictures.wraps[k, 1], u, v, nearest)
-
-
-@inlined
-def _trilinear(pictures, k, level, u, v):
-    """Texture k at (u, v), interpolated between two mip levels; `level` is a float64 >= 0."""
-    largest = max(pictures.sizes[k, 0], pictures.sizes[k, 1])
-    last = highest_bit(largest)
-    below = min(np.int64(level), last)
-    a = _sample_level(pictures, k, below, u, v, False)
-    part = level - below
-    if part <= 0.0 or below == last:
-        return a
-    b = _sample_level(pictures, k, below + 1, u, v, False)
-    return a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), a[2] + part * (b[2] - a[2])
-
-
-@inlined
-def _length(x, y):
-    return np.sqrt(x * x + y * y)
+def _mix(a, b, share):
+    """a + share (b - a) of colours."""
+    return a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), a[2] + share * (b[2] - a[2])
 
 
 @inlined
@@ -213,21 +220,37 @@ def sample_texture(pictures, k, uv, across, along):
     Several lookups cover the longer side, each in the mip level of the shorter side, as in the anisotropic filters of
     GPUs: a floor seen at a grazing angle stays sharp.
     """
-    w, h = np.float64(pictures.sizes[k, 0]), np.float64(pictures.sizes[k, 1])
-    one, two = _length(across[0] * w, across[1] * h), _length(along[0] * w, along[1] * h)
+    w, h, linear = np.int64(pictures.sizes[k, 0]), np.int64(pictures.sizes[k, 1]), ptr(pictures.linear)
+    one, two = _squared(across[0] * w, across[1] * h), _squared(along[0] * w, along[1] * h)
     side = along if two > one else across
     longer, shorter = max(one, two), min(one, two)
     if not longer > 1.0:
-        return _sample_level(pictures, k, 0, uv[0], uv[1], pictures.nearest[k])
+        finest = _level(pictures, k, 0)
+        if pictures.nearest[k]:
+            return _nearest(finest, linear, uv[0], uv[1])
+        return _bilinear(finest, linear, uv[0], uv[1])
     shorter = max(shorter, 1.0)
-    taps = np.int64(min(np.ceil(longer / shorter), MOST_TAPS))
-    level = min(log2(max(longer / taps, shorter)), 64.0)
-    red = green = blue = 0.0
+    taps = np.int64(min(np.ceil(np.sqrt(longer / shorter)), MOST_TAPS))
+    level, last = min(0.5 * log2(max(longer / (taps * taps), shorter)), 64.0), highest_bit(max(w, h))
+    below = min(np.int64(level), last)
+    part = np.float32(level - below) if below < last else np.float32(0.0)
+    fine, coarse = _level(pictures, k, below), _level(pictures, k, min(below + 1, last))
+    red = green = blue = np.float32(0.0)
+    step = 1.0 / taps
     for i in range(taps):
-        at = (i + 0.5) / taps - 0.5
-        light = _trilinear(pictures, k, level, uv[0] + at * side[0], uv[1] + at * side[1])
+        at = (i + 0.5) * step - 0.5
+        u, v = uv[0] + at * side[0], uv[1] + at * side[1]
+        light = _bilinear(fine, linear, u, v)
+        if part > np.float32(0.0):
+            light = _mix(light, _bilinear(coarse, linear, u, v), part)
         red, green, blue = red + light[0], green + light[1], blue + light[2]
-    return red / taps, green / taps, blue / taps
+    scale = np.float32(step)
+    return red * scale, green * scale, blue * scale
+
+
+@inlined
+def _squared(x, y):
+    return x * x + y * y
 
 
 # --- Base colours: from faces, or from materials, textures and vertex colours -----------------------------------------
@@ -279,26 +302,21 @@ def _footprint(frame, n, p, eye, depth):
     """The sides of a pixel's footprint around point p, two vectors in the plane of a triangle with unit normal n."""
     size = eye.pixel * depth + eye.least
     d = _minus(p, (eye.x, eye.y, eye.z))
-    distance = np.sqrt(dot(d, d))
-    towards = dot(d, n)
-    a = d[0] - towards * n[0], d[1] - towards * n[1], d[2] - towards * n[2]
-    length = np.sqrt(dot(a, a))
-    if length <= 1e-6 * distance:  # seen perpendicularly: any direction in the plane
+    towards, d2 = dot(d, n), dot(d, d)
+    a = _minus(d, _times(n, towards))
+    a2 = dot(a, a)
+    if a2 <= 1e-12 * d2:  # seen perpendicularly: any direction in the plane
         a = frame.e1
-        length = np.sqrt(dot(a, a))
-    unit = a[0] / length, a[1] / length, a[2] / length
-    stretched = size / max(abs(towards) / distance, _GRAZING)
-    b = cross(n, unit)
-    return (
-        (size * b[0], size * b[1], size * b[2]),
-        (stretched * unit[0], stretched * unit[1], stretched * unit[2]),
-    )
+        a2 = dot(a, a)
+    distance, scale = np.sqrt(d2), size / np.sqrt(a2)
+    stretch = distance / max(abs(towards), _GRAZING * distance)
+    return _times(cross(n, a), scale), _times(a, scale * stretch)
 
 
 @inlined
 def _in_texture(frame, uv, face, d):
     """Changes of the texture coordinates along the vector d; `uv` is a pointer."""
-    b1, b2 = _weight_changes(frame, d)
+    b1, b2 = dot(d, frame.q1), dot(d, frame.q2)
     s0, t0 = get(uv, 6 * face), get(uv, 6 * face + 1)
     s1, t1 = get(uv, 6 * face + 2) - s0, get(uv, 6 * face + 3) - t0
     s2, t2 = get(uv, 6 * face + 4) - s0, get(uv, 6 * face + 5) - t0
@@ -312,11 +330,10 @@ def _interpolate(values, at, step, b, c):
 
 
 @inlined
-def _material_colour(places, face_colours, eye, at, i, k, material):
-    """(red, green, blue) of pixel `at`, which sees triangle i, face k of the scene."""
-    corners = ptr(places.corners)
-    p, frame = three_at(ptr(places.position), at), _triangle_frame(corners, i)
-    b = _barycentric_weights(frame, corners, i, p)
+def _material_colour(places, face_colours, eye, at, frame, k, material):
+    """(red, green, blue) of pixel `at`, which sees the triangle of `frame`, face k of the scene."""
+    p = three_at(ptr(places.position), at)
+    b = _barycentric_weights(frame, p)
     factors = ptr(face_colours.factors)
     r, g, blue = get(factors, 3 * material), get(factors, 3 * material + 1), get(factors, 3 * material + 2)
     red, green, blue = np.float64(r), np.float64(g), np.float64(blue)
@@ -348,15 +365,18 @@ def _albedo_rows(ticket, places, face_colours, eye, out):
         ptr(face_colours.material),
         ptr(face_colours.colour),
     )
-    albedos = ptr(out)
+    albedos, corners = ptr(out), ptr(places.corners)
     for y0, last in shares(ticket):
+        frame = _NO_FRAME
         for at in range(y0 * w, last * w):
             red = green = blue = 0.0
             k = get(ids, at)
             if k >= 0:
                 i, material = get(faces, at), get(materials, k)
                 if material >= 0:
-                    red, green, blue = _material_colour(places, face_colours, eye, at, i, k, material)
+                    if i != frame.triangle:  # neighbouring pixels often see the same triangle
+                        frame = _triangle_frame(corners, i)
+                    red, green, blue = _material_colour(places, face_colours, eye, at, frame, k, material)
                 else:
                     red = np.float64(get(colours, 3 * i))
                     green = np.float64(get(colours, 3 * i + 1))
@@ -417,16 +437,14 @@ def _decode(textures: list[Texture], threads: int) -> None:
 
 @inlined
 def _evaluate_normal(frame, products):
-    """The normal, of any length, that `scene.appearance.in_frames` stores as `products`, in the triangle as it is now.
+    """The normal, of any length, that `scene.appearance.normals_in_frames` stores as `products`.
 
-    Its component in the triangle's plane is x e1 + y e2; the two stored products give a linear system for x and y.
+    Two of them are its products with the edges, to which the gradients of the weights are dual.
     """
-    e1, e2, g, g2 = frame
-    a, b, c = dot(e1, e1), dot(e1, e2), dot(e2, e2)
-    x, y = (c * products[0] - b * products[1]) / g2, (a * products[1] - b * products[0]) / g2
     # g is |g| long, and products[2] is |g|^(1/2) times the product
-    z = products[2] / (np.sqrt(g2) * np.sqrt(np.sqrt(g2)))
-    return x * e1[0] + y * e2[0] + z * g[0], x * e1[1] + y * e2[1] + z * g[1], x * e1[2] + y * e2[2] + z * g[2]
+    z = products[2] / (np.sqrt(frame.g2) * np.sqrt(np.sqrt(frame.g2)))
+    a, b, c = _times(frame.q1, products[0]), _times(frame.q2, products[1]), _times(frame.g, z)
+    return a[0] + b[0] + c[0], a[1] + b[1] + c[1], a[2] + b[2] + c[2]
 
 
 @kernel
@@ -436,12 +454,13 @@ def _normal_rows(ticket, places, corner_normals, bends, out):
     positions, geometric, shading = ptr(places.position), ptr(places.normal), ptr(out.normal)
     sines, ends = ptr(bends), ptr(out.bend)
     for y0, last in shares(ticket):
+        frame = _NO_FRAME
         for at in range(y0 * w, last * w):
             n, k, bend = three_at(geometric, at), get(ids, at), 0.0
             if k >= 0:
-                i = get(faces, at)
-                frame = _triangle_frame(corners, i)
-                b0, b1, b2 = _barycentric_weights(frame, corners, i, three_at(positions, at))
+                if get(faces, at) != frame.triangle:  # neighbouring pixels often see the same triangle
+                    frame = _triangle_frame(corners, get(faces, at))
+                b0, b1, b2 = _barycentric_weights(frame, three_at(positions, at))
                 p, q, r = three_at(normals, 3 * k), three_at(normals, 3 * k + 1), three_at(normals, 3 * k + 2)
                 m = _evaluate_normal(
                     frame,

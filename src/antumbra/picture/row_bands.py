@@ -7,10 +7,10 @@ bands. docs/design/shards.md compares this with bands of finished pixels.
 import numpy as np
 
 from ..engine.engine import Engine
-from ..query.gbuffer import picture_surfaces
 from ..query.pixel_refinement import blocks_of, edges, picture_of
 from ..query.receivers import NOTHING
 from ..query.shadow_query import Surfaces
+from ..query.surface_links import picture_surfaces
 from ..trace.transmission import TracedQuery
 from .frame import FrameState, TracedBits, edge_colours, queries_of, trace_queries, trace_query
 from .frame_passes import evaluate, find_surfaces, indirect_light, trace

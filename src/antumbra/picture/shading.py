@@ -1,7 +1,7 @@
-"""Diffuse shading with ambient light, and the background of pixels without a surface.
+"""Diffuse shading with ambient light.
 
 A surface shows its base colour times the share of each light's irradiance that arrives, plus a little ambient light,
-which ambient occlusion scales. `picture.irradiance` has the irradiance, also from lists of lights.
+which ambient occlusion scales. `picture.irradiance` and `picture.light_list_irradiance` have the irradiance.
 """
 
 from collections.abc import Sequence
@@ -13,17 +13,16 @@ from numpy.typing import NDArray
 from ..kernels.jit import F32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, ptr, ptr_at, put
-from ..kernels.small_matrices import product
-from ..query.gbuffer import GBuffer, PictureSurfaces
+from ..query.gbuffer import GBuffer
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadingNormals
-from ..scene.camera import CameraRays, ExplicitRays
+from ..query.surface_links import PictureSurfaces
 from ..scene.light_lists import LightList
 from ..scene.lights import Light, is_indirect
-from ..scene.sky import Sky
 from ..trace.transmission import TracedQuery
 from .discontinuity_filter import smooth_irradiance
-from .irradiance import irradiance, list_irradiance
+from .irradiance import irradiance
+from .light_list_irradiance import list_irradiance
 
 # --- Diffuse shading --------------------------------------------------------------------------------------------------
 
@@ -152,7 +151,34 @@ def shade(
     return image
 
 
-def ambient_light(gbuffer: GBuffer, lights: Sequence[Light], arrived: Sequence[np.ndarray]) -> NDArray[np.float32]:
+@kernel
+def _sum_rows(ticket, image, out):
+    """Worker: sum each channel over rows of pixels: (h, w, c) -> (h, c) float64."""
+    (w, channels), values = image.shape[1:], ptr(image)
+    for y in items(ticket):
+        for c in range(channels):
+            even = odd = 0.0
+            for x in range(0, w - 1, 2):
+                even += np.float64(get(values, (y * w + x) * channels + c))
+                odd += np.float64(get(values, (y * w + x + 1) * channels + c))
+            if w & 1:
+                even += np.float64(get(values, (y * w + w - 1) * channels + c))
+            out[y, c] = even + odd
+
+
+def _sums(image: np.ndarray, threads: int | None) -> NDArray[np.float64]:
+    """(c,) float64: the sum of each channel of an image (H, W, c), or (1,) of an image (H, W)."""
+    image = np.ascontiguousarray(image)
+    image = image.reshape(*image.shape[:2], -1)
+    out = np.empty((len(image), image.shape[2]))
+    run(_sum_rows, thread_count(threads), new_ticket(len(image), 32), image, out)
+    sums: NDArray[np.float64] = out.sum(0)
+    return sums
+
+
+def ambient_light(
+    gbuffer: GBuffer, lights: Sequence[Light], arrived: Sequence[np.ndarray], threads: int | None = None
+) -> NDArray[np.float32]:
     """(3,) float32: the ambient irradiance of a picture, from the mean irradiance of its surfaces; see AMBIENT.
 
     It is 0 if the lights include bounced light. Without light except ambient occlusion, it is the product of the
@@ -162,15 +188,14 @@ def ambient_light(gbuffer: GBuffer, lights: Sequence[Light], arrived: Sequence[n
     skies: NDArray[np.float32] = _tints(open_skies).prod(0)
     if any(is_indirect(light) for light in lights):
         return np.zeros(3, np.float32)
-    shape, shining = gbuffer.face.shape, _shining(lights)
-    total = _stack([arrived[k] for k in shining], shape).sum(axis=(1, 2), dtype=np.float64)
-    total = product(total[None], _tints([lights[k] for k in shining]))[0]
-    for k, light in enumerate(lights):
-        if light.domain == "list":
-            total += arrived[k].sum(axis=(0, 1), dtype=np.float64)
+    total = np.zeros(3)
+    for light, image in zip(lights, arrived):
+        if light.domain != "hemisphere":
+            total += _sums(image, threads) * (1.0 if light.domain == "list" else _tints([light])[0])
     if open_skies and not total.any():
         return skies
-    ambient: np.ndarray = AMBIENT * total / max(1, np.count_nonzero(gbuffer.side != NOTHING)) * skies
+    n = int(np.count_nonzero(gbuffer.side != NOTHING))
+    ambient: np.ndarray = AMBIENT * total / max(1, n) * skies
     return ambient.astype(np.float32)
 
 
@@ -202,39 +227,3 @@ def _stack(images: Sequence[np.ndarray], shape: tuple[int, ...]) -> NDArray[np.f
         one: np.ndarray = images[0][None]
         return one
     return np.stack(images) if images else np.empty((0, *shape), np.float32)
-
-
-# --- Background: skies, or a backdrop ---------------------------------------------------------------------------------
-
-BACKDROP = 0.75
-"""Share of white in a backdrop where the daylight has a radiance of 1."""
-
-
-def backdrop(rays: CameraRays | ExplicitRays, coverage: np.ndarray, up: str) -> NDArray[np.float32]:
-    """(H, W, 3) float32, linear shares of white: soft daylight behind a scene without a sky.
-
-    It lights nothing and does not depend on exposure. It is 0 where surfaces cover the whole pixel.
-
-    coverage : (H, W) float32, the share of each pixel that shows surfaces
-    """
-    out, (rows, columns) = np.zeros((*coverage.shape, 3), np.float32), np.nonzero(coverage < 1.0)
-    out[rows, columns] = sky_behind([Sky(up=up, intensity=BACKDROP)], rays, rows, columns)
-    return out
-
-
-def skies_of(lights: Sequence[Light]) -> list[Sky]:
-    """The skies among the lights."""
-    return [light for light in lights if isinstance(light, Sky)]
-
-
-def sky_behind(
-    skies: list[Sky], rays: CameraRays | ExplicitRays, rows: np.ndarray, columns: np.ndarray
-) -> NDArray[np.float32]:
-    """(m, 3) float32: the radiance of skies, 0 without skies, at the centres of pixels (rows[i], columns[i])."""
-    out = np.zeros((len(rows), 3), np.float32)
-    if skies and len(rows):
-        half = np.float32(0.5)
-        directions = rays.directions(columns.astype(np.float32) + half, rows.astype(np.float32) + half)
-        for sky in skies:
-            out += sky.radiance(directions)
-    return out

@@ -9,12 +9,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..query.gbuffer import GBuffer, PictureSurfaces, picture_surfaces
+from ..query.gbuffer import GBuffer
 from ..query.pixel_refinement import block_means, subpixel_rays
 from ..query.query_bounds import place, reach_of
 from ..query.ray_passes import GroundHits, ground_hits, plane_below, rays_through
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, Surfaces, below_horizon
+from ..query.surface_links import PictureSurfaces, picture_surfaces
 from ..scene.light_lists import LightList
 from ..scene.lights import DIRECTIONAL, Light, is_indirect
 from ..techniques.culling.culling_grid import targets_of

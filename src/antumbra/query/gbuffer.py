@@ -1,7 +1,6 @@
 """The G-buffer: the visible surface of each pixel, bit-identical from rasterisation and primary rays.
 
-Also pixel rays, and a test whether two pixels see the same smooth surface. The filter and the refinement of penumbrae
-and silhouettes use the test.
+Also the rays of pixels.
 """
 
 from typing import NamedTuple
@@ -9,13 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.elementary import cos
 from ..kernels.exact.predicate import ray_along
-from ..kernels.jit import F32Ptr, I8Ptr, I32Ptr, inlined, kernel
+from ..kernels.jit import F32Ptr, I8Ptr, inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
 from ..kernels.simd import get, ptr, put
-from ..kernels.small_matrices import length
-from ..scene.camera import CameraRays, ExplicitRays
+from ..scene.camera import CameraRays
 from ..scene.triangles import Triangles
 from .receivers import NOTHING
 
@@ -162,107 +159,3 @@ def from_hits(
     ticket = new_ticket(shape[0], 8)
     run(_fill, thread_count(threads), ticket, t, triangles.vertices.reshape(-1, 9), rays, row, gbuffer)
     return gbuffer
-
-
-# --- Smooth surfaces across pixels ------------------------------------------------------------------------------------
-
-
-COSINE = np.float32(cos(np.radians(20.0)))
-"""Normals of one smooth surface differ by less than 20 degrees."""
-
-APART = np.float32(0.5)
-"""Largest distance between a point and another point's tangent plane on one smooth surface, in pixel widths there."""
-
-
-class PictureSurfaces(NamedTuple):
-    """The surfaces in a G-buffer, as `same_surface` needs them; the arrays are those of `GBuffer`."""
-
-    position: np.ndarray  # (H, W, 3) float32
-    normal: np.ndarray  # (H, W, 3) float32
-    face: np.ndarray  # (H, W) int32
-    depth: np.ndarray  # (H, W) float32; 1 everywhere in an orthographic picture, whose pixels all have the same width
-    side: np.ndarray  # (H, W) int8
-    pixel: np.float32  # width of a pixel at depth 1
-
-
-def picture_surfaces(gbuffer: GBuffer, rays: CameraRays | ExplicitRays) -> PictureSurfaces:
-    """The surfaces of a G-buffer computed with these rays."""
-    depth = gbuffer.depth
-    pixel: float
-    if not isinstance(rays, ExplicitRays):
-        pixel = float(length(rays.dy))
-    elif rays.extent is None:
-        pixel = np.pi / rays.height
-    else:
-        pixel, depth = rays.extent / rays.height, np.ones_like(depth)
-    return PictureSurfaces(gbuffer.position, gbuffer.normal, gbuffer.face, depth, gbuffer.side, np.float32(pixel))
-
-
-class Points(NamedTuple):
-    """Pointers to the arrays of a `PictureSurfaces`, for hot kernels; pixel (y, x) is element y w + x."""
-
-    position: F32Ptr  # float32 *, 3 per pixel
-    normal: F32Ptr  # float32 *, 3 per pixel
-    face: I32Ptr  # int32 *
-    depth: F32Ptr  # float32 *
-    side: I8Ptr  # int8 *
-    h: int
-    w: int
-    pixel: float
-
-
-@inlined
-def points_of(surfaces):
-    """The pointers of a `PictureSurfaces`, which must outlive them."""
-    h, w = surfaces.face.shape
-    return Points(
-        ptr(surfaces.position),
-        ptr(surfaces.normal),
-        ptr(surfaces.face),
-        ptr(surfaces.depth),
-        ptr(surfaces.side),
-        h,
-        w,
-        surfaces.pixel,
-    )
-
-
-@inlined
-def at(points, values, y, x):
-    """The value at pixel (y, x) of another (H, W) array; `values`: pointer to it."""
-    return get(values, y * points.w + x)
-
-
-@inlined
-def _vector(pointer, i):
-    return get(pointer, 3 * i), get(pointer, 3 * i + 1), get(pointer, 3 * i + 2)
-
-
-@inlined
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
-def same_surface(points, y, x, v, u):
-    """True if pixels (y, x) and (v, u) see the same smooth surface; (v, u) may lie outside the picture.
-
-    Two faces belong to one surface if their normals are nearly equal and each point lies near the other's tangent
-    plane. Unlike a depth difference, the distance to a plane does not grow at grazing angles. Finely tessellated
-    surfaces, where every pixel sees a different face, also stay connected.
-    """
-    if v < 0 or u < 0 or v >= points.h or u >= points.w:
-        return False
-    i, k = y * points.w + x, v * points.w + u
-    if get(points.side, i) == NOTHING or get(points.side, k) == NOTHING:
-        return False
-    if get(points.face, i) == get(points.face, k):
-        return True
-    n, m = _vector(points.normal, i), _vector(points.normal, k)
-    if _dot(n, m) < COSINE:  # Eq. (2) of docs/design/filter.md
-        return False
-    p, q = _vector(points.position, i), _vector(points.position, k)
-    d = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-    a, b = get(points.depth, i), get(points.depth, k)
-    limit = APART * points.pixel * (a if a < b else b)
-    return abs(_dot(n, d)) <= limit and abs(_dot(m, d)) <= limit

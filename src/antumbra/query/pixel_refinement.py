@@ -16,25 +16,17 @@ from numpy.typing import NDArray
 from ..checks import whole_number
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..kernels.simd import ptr
+from ..kernels.simd import bits, get, load8, lowest_bit, ptr, ptr_at, put
 from ..scene.camera import CameraRays, ExplicitRays
 from ..scene.light_lists import N_SETS
 from ..scene.lights import MAX_SPP, Light
 from ..scene.triangles import Triangles
-from .gbuffer import (
-    GBuffer,
-    PictureSurfaces,
-    face_normal,
-    fill_pixel,
-    pixel_direction,
-    points_of,
-    same_surface,
-    surface_of,
-)
+from .gbuffer import GBuffer, face_normal, fill_pixel, pixel_direction, surface_of
 from .light_samples import larcher_pillichshammer, light_samples
 from .rasteriser import rasterise
 from .ray_passes import RayPass, listed_pass
 from .receivers import NOTHING
+from .surface_links import BELOW, N_LINKS, RIGHT, PictureSurfaces, link_offset
 
 # --- Pixels to refine [Benthin and Wald 2009, Sec. 5.4 and 6.1] -------------------------------------------------------
 
@@ -70,18 +62,29 @@ def finer_samples(lights: Sequence[Light], n: int, sampler: str) -> FinerSamples
     )
 
 
+@inlined
+def _differs(links, counts, i, count):
+    """Whether a linked pixel next to pixel i has another count; `links`: pointer to the first pixel's."""
+    linked, w = links
+    for k in range(N_LINKS):
+        down, right = link_offset(k)
+        offset = down * w + right
+        if down <= 1 and abs(right) <= 1:
+            if (get(linked, i) >> k) & 1 and get(counts, i + offset) != count:
+                return True
+            if (get(linked, i - offset) >> k) & 1 and get(counts, i - offset) != count:
+                return True
+    return False
+
+
 @kernel
-def _penumbra_rows(ticket, surfaces, counts, spp, out):
-    points = points_of(surfaces)
-    h, w = counts.shape
+def _penumbra_rows(ticket, links, side, counts, spp, out):
+    linked, occluded, sides, refined = ptr_at(links.bits, links.pad), ptr(counts), ptr(side), ptr(out)
     for y in items(ticket):
-        for x in range(w):
-            count = counts[y, x]
-            refine = 0 < count < spp
-            for v in range(max(y - 1, 0), min(y + 2, h)):
-                for u in range(max(x - 1, 0), min(x + 2, w)):
-                    refine = refine or (counts[v, u] != count and same_surface(points, y, x, v, u))
-            out[y, x] = refine and surfaces.side[y, x] != NOTHING
+        for i in range(y * links.w, (y + 1) * links.w):
+            count = get(occluded, i)
+            refine = 0 < count < spp or _differs((linked, links.w), occluded, i, count)
+            put(refined, i, refine and get(sides, i) != NOTHING)
 
 
 def penumbra(
@@ -91,8 +94,9 @@ def penumbra(
 
     counts : (H, W) int, how many of a pixel's `spp` samples of one light are occluded
     """
+    threads, links = thread_count(threads), surfaces.links(threads)
     counts, out = np.ascontiguousarray(counts, np.int32), np.empty(counts.shape, np.bool_)
-    run(_penumbra_rows, thread_count(threads), new_ticket(len(out), 8), surfaces, counts, int(spp), out)
+    run(_penumbra_rows, threads, new_ticket(len(out), 8), links, surfaces.side, counts, int(spp), out)
     return out
 
 
@@ -107,21 +111,46 @@ def _other_colour(colour, i, k):
     return False
 
 
+@inlined
+def _boundary(surfaces, i, k, step):
+    """The boundary between pixel i and that at the end of its link k, `step` pixels later."""
+    links, faces, colour = surfaces
+    face, other = get(faces, i), get(faces, i + step)
+    if face == other:
+        return NO_BOUNDARY
+    if min(face, other) < 0:
+        return OUTLINE
+    linked = (get(links, i) >> k) & 1
+    return INNER if not linked or _other_colour(colour, face, other) else NO_BOUNDARY
+
+
+@inlined
+def _boundaries_of(surfaces, i, n, k, step, out):
+    """Write the boundaries of n pixels from pixel i on. Eight are compared at once, since few are boundaries."""
+    bulk = n - n % 8
+    for x in range(i, i + n):
+        put(out, x, NO_BOUNDARY)
+    for x in range(i, i + bulk, 8):
+        other = bits(load8(surfaces[1], x) != load8(surfaces[1], x + step))
+        while other != 0:
+            lane = lowest_bit(other)
+            put(out, x + lane, _boundary(surfaces, x + lane, k, step))
+            other &= other - 1
+    for x in range(i + bulk, i + n):
+        put(out, x, _boundary(surfaces, x, k, step))
+
+
 @kernel
-def _boundary_rows(ticket, surfaces, colour, below, right):
-    points = points_of(surfaces)
-    h, w = below.shape
+def _boundary_rows(ticket, links, face, colour, below, right):
+    surfaces, (h, w) = (ptr_at(links.bits, links.pad), ptr(face), colour), below.shape
     for y in items(ticket):
-        for x in range(w):
-            face = surfaces.face[y, x]
-            for v, u, out in ((y + 1, x, below), (y, x + 1, right)):
-                out[y, x] = NO_BOUNDARY
-                if v < h and u < w and surfaces.face[v, u] != face:
-                    other = surfaces.face[v, u]
-                    if min(face, other) < 0:
-                        out[y, x] = OUTLINE
-                    elif _other_colour(colour, face, other) or not same_surface(points, y, x, v, u):
-                        out[y, x] = INNER
+        _boundaries_of(surfaces, y * w, w - 1, RIGHT, 1, ptr(right))
+        right[y, w - 1] = NO_BOUNDARY
+        if y + 1 < h:
+            _boundaries_of(surfaces, y * w, w, BELOW, w, ptr(below))
+        else:
+            for x in range(w):
+                below[y, x] = NO_BOUNDARY
 
 
 def boundaries(
@@ -133,8 +162,9 @@ def boundaries(
 
     colour : (n, 3) float32, linear base colour of each face
     """
+    threads, links = thread_count(threads), surfaces.adjacent_links(threads)
     below, right = (np.empty(surfaces.face.shape, np.int8) for _ in range(2))
-    run(_boundary_rows, thread_count(threads), new_ticket(len(below), 8), surfaces, colour, below, right)
+    run(_boundary_rows, threads, new_ticket(len(below), 8), links, surfaces.face, colour, below, right)
     return below, right
 
 

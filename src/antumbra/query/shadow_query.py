@@ -204,15 +204,37 @@ def segments(query: ShadowQuery) -> tuple[np.ndarray, np.ndarray]:
     return ends, above
 
 
+@inlined
+def _set_bits(words, n, i):
+    """The number of set bits in row i of n words."""
+    count = 0
+    for k in range(n):
+        count += popcount(get(words, i * n + k))
+    return count
+
+
 @kernel
 def _fraction_kernel(ticket, bits, spp, out):
     """Worker: for each row of words, the fraction of the spp samples whose bit is not set."""
-    p, words = ptr(bits), bits.shape[1]
+    words, n = ptr(bits), bits.shape[1]
     for i in items(ticket):
-        occluded = 0
-        for k in range(words):
-            occluded += popcount(get(p, i * words + k))
-        out[i] = np.float32(1.0 - np.float64(occluded) / spp)
+        out[i] = np.float32(1.0 - np.float64(_set_bits(words, n, i)) / spp)
+
+
+@kernel
+def _count_kernel(ticket, bits, out):
+    """Worker: for each row of words, the number of set bits."""
+    words, n = ptr(bits), bits.shape[1]
+    for i in items(ticket):
+        out[i] = _set_bits(words, n, i)
+
+
+def count_occluded(bits: NDArray[np.uint64], threads: int | None = None) -> NDArray[np.int32]:
+    """(...) int32: the number of occluded samples, from bits (..., ceil(spp / 64)) uint64."""
+    out = np.empty(bits.shape[:-1], np.int32)
+    ticket = new_ticket(out.size, 1 << 16)
+    run(_count_kernel, thread_count(threads), ticket, bits.reshape(-1, bits.shape[-1]), out.reshape(-1))
+    return out
 
 
 def fraction_lit(bits: NDArray[np.uint64], spp: int, threads: int | None = None) -> NDArray[np.float32]:

@@ -162,7 +162,7 @@ class Sky(LightList):
     @cached_property
     def points(self) -> NDArray[np.float64]:
         """(count, 3) float64: unit vectors towards the lights, the samples (a, b, c)."""
-        return product(self._map_lights[0], self._frame)
+        return product(self._map_lights[0], self.axes)
 
     @property
     def intensities(self) -> NDArray[np.float64]:
@@ -191,7 +191,7 @@ class Sky(LightList):
             directions = unit_vectors(directions, "direction")
         x, y, z = np.moveaxis(directions.astype(np.float32), -1, 0)
         # Not `@`: BLAS threads would spin for a tenth of a second, regardless of the caller's `threads`
-        right, upward, back = (x * a + y * b + z * c for a, b, c in self._frame.astype(np.float32))
+        right, upward, back = (x * a + y * b + z * c for a, b, c in self.axes.astype(np.float32))
         h, w = self.map.shape[:2]
         down = _angle(np.sqrt(right * right + back * back), upward) * np.float32(h / np.pi) - np.float32(0.5)
         out = np.empty((*down.shape, 3), np.float32)
@@ -217,8 +217,13 @@ class Sky(LightList):
     def _scaled_map(self) -> np.ndarray:
         return (self.map * (self.intensity * np.asarray(self.colour))).astype(np.float32)
 
+    @property
+    def radiance_map(self) -> NDArray[np.float32]:
+        """(h, w, 3) float32: the map times intensity and colour, of one column if all are equal."""
+        return np.ascontiguousarray(self._scaled_map[:, :1]) if self._level else self._scaled_map
+
     @cached_property
-    def _frame(self) -> NDArray[np.float64]:
+    def axes(self) -> NDArray[np.float64]:
         """(3, 3) float64: the map's right, up and backward axes in world space, as rows."""
         right, upward, back = axes(self.up or "y")
         turn = np.radians(self.turn)

@@ -15,7 +15,7 @@ from ..kernels.elementary import exp2
 from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, ptr, put, stack_i32
-from ..query.shadow_query import ShadowQuery, fraction_lit, new_bits, patch_of, query_pointers
+from ..query.shadow_query import ShadowQuery, count_occluded, fraction_lit, new_bits, patch_of, query_pointers
 from ..scene.alpha_masks import DARK, HALVING
 from .alpha_test import CutoutTree, DepthSum, ray_to_sample, sum_depths, texel_pointers
 from .frusta.multi_frusta import trace_shadow
@@ -73,12 +73,12 @@ def lit_fraction(traced: TracedQuery, threads: int | None = None) -> NDArray[np.
     return fraction if traced.light is None else traced.light.mean_of(fraction)
 
 
-def occluded_count(traced: TracedQuery) -> NDArray[np.int32]:
+def occluded_count(traced: TracedQuery, threads: int | None = None) -> NDArray[np.int32]:
     """(h, w) int32: the number of occluded samples of each receiver; where light comes through cut-outs, rounded."""
-    counts: NDArray[np.int32] = np.bitwise_count(traced.bits).sum(-1, dtype=np.int32)
+    counts = count_occluded(traced.bits, threads)
     if traced.light is not None:
         there = traced.light.rows >= 0
-        counts[there] = np.rint(traced.spp * (1.0 - lit_fraction(traced)[there]))
+        counts[there] = np.rint(traced.spp * (1.0 - lit_fraction(traced, threads)[there]))
     return counts
 
 

@@ -8,6 +8,7 @@ from antumbra.engine.auto.cost_model import predicted_rate, terms, weights
 from antumbra.engine.auto.query_features import features_of, if_sorted, is_scattered, sample_of, size_of, tile_size
 from antumbra.engine.auto.strategies import STRATEGIES
 from antumbra.query.query_bounds import bounds
+from antumbra.scene.lights import DIRECTIONAL, LIST
 from asking import query_of
 
 LIGHTS = (
@@ -76,3 +77,9 @@ def test_points_all_over_the_scene_are_scattered(scene):
     assert not is_scattered(query._replace(origins=corner), box)
     assert not is_scattered(query._replace(origins=everywhere.reshape(2, 250, 3)), box)  # a picture
     assert not is_scattered(query._replace(origins=everywhere[:, :0]), box)
+
+
+def test_a_sky_is_predicted_as_scattered_lights_and_a_sun_as_a_distant_one(scene):
+    assert _facts(scene, at.Sky())[1].kind == LIST
+    for sun in (at.DirectionalLight((0.3, -1, 0.2), 2.0), at.DirectionalLights([(0.3, -1, 0.2), (0.31, -1, 0.2)] * 16)):
+        assert _facts(scene, sun)[1].kind == DIRECTIONAL

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ...query.query_bounds import bounds, morton_codes
 from ...query.receivers import NOTHING
 from ...query.shadow_query import ShadowQuery, with_receivers
-from ...scene.lights import AMBIENT, DIRECTIONAL, SPHERE
+from ...scene.lights import AMBIENT, DIRECTIONAL, LIST, SPHERE
 from ...trace.light_table import STRATA
-from ...trace.packets.ray_tile import sample_extents
+from ...trace.packets.ray_tile import is_incoherent, sample_extents
 from ...trace.tile import tile_shape
 
 # --- features ---------------------------------------------------------------------------------------------------------
@@ -32,7 +32,7 @@ class QueryFeatures(NamedTuple):
     triangles: int
     receivers: int
     samples: int  # per receiver
-    kind: int  # of the light, see `LightPatch.kind`
+    kind: int  # of the light, see `LightPatch.kind`; a sky counts as a LIST, since its rays have no common direction
     tile: float  # mean size of the box of a tile's 16 receivers
     stratum: float  # mean size of a stratum of the light's samples, halfway to the light
     chunk: float  # the same for 16 strata
@@ -53,8 +53,10 @@ def features_of(query: ShadowQuery, triangles: int, box: NDArray[np.float32]) ->
     size = size_of(box)
     stratum, chunk = (_relative(extent, size) for extent in _light_sizes(query))
     receivers = int(np.count_nonzero(query.sides != NOTHING))
-    tile = _relative(tile_size(query), size)
-    return QueryFeatures(triangles, receivers, query.samples.shape[1], query.light.kind, tile, stratum, chunk)
+    tile, kind = _relative(tile_size(query), size), query.light.kind
+    if kind == DIRECTIONAL and is_incoherent(query):
+        kind = LIST
+    return QueryFeatures(triangles, receivers, query.samples.shape[1], kind, tile, stratum, chunk)
 
 
 def _relative(extent: float, size: float) -> float:

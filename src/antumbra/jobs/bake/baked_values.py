@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from ...engine.scene import Scene
 from ...picture.discontinuity_filter import filter_fractions
 from ...progress import report_progress
-from ...query.gbuffer import PictureSurfaces
 from ...query.light_samples import light_samples
 from ...query.receivers import NOTHING
+from ...query.surface_links import PictureSurfaces
 from ...scene.lights import AmbientOcclusion
 from .gltf_primitives import NodePrimitive, face_vectors
 from .surface_meter import SIDE, Measurement, Meter, ReceiverPoints, curve_order

@@ -33,11 +33,12 @@ from ...picture.image_files import automatic_exposure, to_srgb8
 from ...picture.irradiance import irradiance
 from ...picture.renderer import Renderer
 from ...picture.virtual_point_lights import virtual_point_lights
-from ...query.gbuffer import GBuffer, from_hits, picture_surfaces
+from ...query.gbuffer import GBuffer, from_hits
 from ...query.light_samples import hammersley, light_samples, to_domain
 from ...query.pixel_refinement import edges
 from ...query.ray_list import cull_value
 from ...query.shadow_query import ShadowQuery, shadow_queries
+from ...query.surface_links import picture_surfaces
 from ...scene.camera import CameraRays
 from ...scene.light_lists import DirectionalLights
 from ...scene.lights import AmbientOcclusion, Light, PointLight, QuadLight, tangents
