@@ -67,7 +67,6 @@ class Scratch(NamedTuple):
     valid: I32Ptr  # int32: bits of each tile's receivers
     parts: I32Ptr  # int32, see `tile_clusters.TileParts`
     places: I32Ptr  # int32: y and x of each tile's first pixel
-    planes: F32Ptr  # float32, for `horizon`
     at: I32Ptr  # int32: a traversal saved by `descent.save`, then the data at TREE, WAITING and BLOCKERS
     deferred: I32Ptr  # int32, see `triangle_tests.deferred_ints`
     trials: F32Ptr  # float32, see `tile_clusters.choose_group`
