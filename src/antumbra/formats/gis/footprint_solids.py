@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...scene.mesh import MeshInfo, ObjectInfo, Piece, make_mesh
+from ...scene.mesh import Mesh, MeshInfo, ObjectInfo, Piece, make_mesh
 from ...scene.scene_data import CityModel, SemanticSurface
 from ...scene.terrain import TERRAIN_TYPE, HeightGrid, TerrainSurfaces, terrain_blocks
 from ..cityjson.city_polygons import Rings, triangulate
@@ -69,11 +69,11 @@ def _chosen(footprints: Footprints, chosen: NDArray[np.bool_]) -> Footprints:
 class BuildingSolids(CityMeshes):
     """The source of solids, which may stand on terrain: its triangles follow theirs, as one more object."""
 
-    def __init__(self, buildings: CityMeshes, city: CityModel, terrain: HeightGrid | None):
-        super().__init__(buildings.mesh, buildings.file, city)
+    def __init__(self, mesh: Mesh, file: str, city: CityModel, terrain: HeightGrid | None):
+        super().__init__(mesh, file, city)
         self.terrain = terrain
         if terrain is not None:
-            surface = TerrainSurfaces([terrain], buildings.file)
+            surface = TerrainSurfaces([terrain], file)
             self._n_buildings = len(self.objects)
             self.objects.append(ObjectInfo(terrain.name, self._n_buildings, 0, TERRAIN_TYPE))
             self.meshes.append(MeshInfo(terrain.name, surface.meshes[0].triangles, 1))
@@ -111,11 +111,10 @@ def solids_of(footprints: Footprints, terrain: HeightGrid | None) -> tuple[Build
         footprints.crs, footprints.ids, of_face, face_surface, surfaces, [BUILDING] * n, [""] * n, [],
         footprints.attributes,
     )  # fmt: skip
-    meshes = CityMeshes(mesh, footprints.file, city)
-    if terrain is None:
-        return BuildingSolids(meshes, city, None), city, footprints.notes
-    source = BuildingSolids(meshes, city, terrain)
-    return source, _with_terrain(city, terrain.name, source.meshes[-1].triangles), footprints.notes
+    source = BuildingSolids(mesh, footprints.file, city, terrain)
+    if terrain is not None:
+        city = _with_terrain(city, terrain.name, source.meshes[-1].triangles)
+    return source, city, footprints.notes
 
 
 def _with_terrain(city: CityModel, name: str, triangles: int) -> CityModel:
