@@ -3,6 +3,7 @@
 - `format_registry`: all formats with their suffixes, readers and writers
 - `gltf/`: glTF 2.0 and GLB
 - `cityjson/`: CityJSON and CityJSONSeq
+- `gis/`: rasters of heights, and footprints
 - `mesh_files`: OBJ, PLY and STL
 - `array_files`: .npy and .npz files, and folders of vertex frames
 - `library_meshes`: arrays, and the meshes of trimesh, PyVista, meshio and Open3D

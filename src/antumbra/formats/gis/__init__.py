@@ -5,4 +5,5 @@
 - `footprint_table`: footprints with heights, from files that geopandas reads
 - `footprint_bases`: the lowest terrain under footprints
 - `footprint_solids`: footprints as closed solids, with roofs, walls and floors
+- `gis_data`: scene data of both
 """

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...checks import choice, is_number, path_of, quoted, spelling_hint
+from ...checks import as_array, choice, is_number, path_of, quoted, spelling_hint
 from ...errors import InputError
 from ...extras import import_extra
 from ...files import checked_file
@@ -170,10 +170,10 @@ def _projected(frame: Any, crs: str | None, file: str) -> Any:
 
 def _numbers(value: Any, what: str, columns: dict[str, Any], n: int, file: str) -> NDArray[np.float64]:
     """(n,) float64 from a number, an array or the name of a column; NaN: missing."""
-    if is_number(value):
+    if not isinstance(value, str) and np.ndim(value) == 0 and is_number(value):
         return np.full(n, float(value))
     if not isinstance(value, str):
-        values = np.asarray(value)
+        values = as_array(value, what)
         if values.shape != (n,) or values.dtype.kind not in "fiu":
             raise InputError(f"{what} must be a column, a number, or {n} numbers, one per footprint")
         return values.astype(np.float64)
@@ -207,10 +207,9 @@ def _faults(shapes: NDArray[Any], heights: NDArray[np.float64], bases: NDArray[n
         faults[~np.isfinite(number)] = f"has no {what}"
     faults[heights <= 0.0] = "has a height of 0 or less"
     polygons = np.isin(shapely.get_type_id(shapes), (_POLYGON, _MULTIPOLYGON))
-    faults[polygons & ~(shapely.area(shapes) > 0.0)] = "has no area"
-    valid = shapely.is_valid(shapes)
-    for k in np.flatnonzero(polygons & ~valid).tolist():
+    for k in np.flatnonzero(polygons & ~shapely.is_valid(shapes)).tolist():
         faults[k] = f"is invalid ({shapely.is_valid_reason(shapes[k])})"
+    faults[polygons & ~(shapely.area(shapely.convex_hull(shapes)) > 0.0)] = "has no area"
     faults[~polygons] = "is no polygon"
     faults[shapely.is_missing(shapes) | shapely.is_empty(shapes)] = "has no geometry"
     return faults
