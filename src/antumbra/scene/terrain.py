@@ -44,6 +44,11 @@ class GridPoints(NamedTuple):
         """(n,) float64: of the rows from `first` to `last`, exclusive."""
         return self.north - np.arange(first, self.rows if last is None else last) * self.dy
 
+    def cells_of(self, plan: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 2) float64: fractional columns and rows of points, (n, 2) easting and northing."""
+        out: NDArray[np.float64] = (plan - [self.west, self.north]) / [self.dx, -self.dy]
+        return out
+
     def raster(self, crs: str | None) -> Raster | None:
         """The cells of which these are the centres; None if they are not square."""
         if abs(self.dx - self.dy) > _SAME * self.dx:
@@ -203,14 +208,18 @@ class TerrainSurfaces:
             for block in terrain_blocks(surface):
                 yield Piece(block.vertices[None], block.faces, colour, self.file, first=k)
 
+    @property
+    def surface(self) -> Heights | None:
+        """The surface, if there is only one."""
+        return self._surfaces[0] if len(self._surfaces) == 1 else None
+
     def tops(self, origin: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
         """(cells,) float64 heights, as rounded in the frame at `origin`, and (cells,) int32 faces, of all cells.
 
         Cells without a surface have the height NaN and the face -1. None if there are several surfaces.
         """
-        if len(self._surfaces) > 1:
+        if (surface := self.surface) is None:
             return None
-        (surface,) = self._surfaces
         heights = surface.rows(0, surface.grid.rows).astype(np.float64).reshape(-1)
         faces = face_of_cells(surface).reshape(-1)
         heights[faces < 0] = np.nan

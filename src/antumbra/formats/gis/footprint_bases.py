@@ -33,8 +33,7 @@ class _Crossings(NamedTuple):
 
 def lowest_under(surface: HeightGrid, rings: PolygonRings) -> NDArray[np.float64]:
     """(p,) float64: the lowest height of a surface under each polygon; NaN where it has no heights."""
-    grid = surface.grid
-    cells = (rings.corners - [grid.west, grid.north]) / [grid.dx, -grid.dy]
+    cells = surface.grid.cells_of(rings.corners)
     edges = _Edges(cells, cells[rings.following], rings.polygon_of_corner)
     lowest = np.full(len(rings.rings_in), np.nan)
     np.fmin.at(lowest, edges.polygon, surface.at_cells(*cells.T))
