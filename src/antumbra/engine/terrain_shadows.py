@@ -22,12 +22,13 @@ from ..scene.lights import DirectionalLight, Light
 from ..scene.scene_bounds import flush_to_zero
 from ..scene.scene_data import MemoryData, SceneData
 from ..scene.terrain import HeightGrid, TerrainSurfaces
+from ..store.system_resources import available_memory
 from ..trace.terrain_rays import TerrainTree, terrain_tree, trace_terrain
 from ..trace.transmission import TracedQuery
 from .plan import DEFAULT_PLAN, Plan
 from .precompilation import Job, fixed_job, precompile
 
-_LARGE = 1 << 23  # triangles, whose trees would take more than 2 GB
+_TREE_BYTES = 300  # memory of a triangle with its trees
 _RAYS_PER_TRIANGLE = 4  # rays that take as much longer here than in a tree as the tree takes to build
 _NO_CORNERS = np.empty((0, 9), np.float32)
 
@@ -46,18 +47,23 @@ class TerrainShadows:
         self._data = data
         self._tree: TerrainTree | None = None
         self._rays = 0  # of all queries so far
+        self._has_room: bool | None = None  # for a tree; None: not needed yet
 
     def serves(self, plan: Plan, rays: int) -> bool:
         """Whether a query of a plan with a number of rays is answered here.
 
-        By the ski-rental rule, a tree replaces these rays once they have taken as long as it takes to build, if it fits
-        in memory.
+        By the ski-rental rule, a tree replaces these rays once they have taken as long as it takes to build, if it
+        takes at most half of the memory that is available.
         """
         if str(plan) != DEFAULT_PLAN or terrain_of(self._data) is None:
             return False
         self._rays += rays
         triangles = self._data.n_triangles
-        return triangles > _LARGE or self._rays <= _RAYS_PER_TRIANGLE * triangles
+        if self._rays <= _RAYS_PER_TRIANGLE * triangles:
+            return True
+        if self._has_room is None:
+            self._has_room = 2 * _TREE_BYTES * triangles <= (available_memory() or 0)
+        return not self._has_room
 
     def shadows(
         self, receivers: Receivers, lights: Sequence[Light], samples: Sequence[NDArray[np.float64]], facing: int,

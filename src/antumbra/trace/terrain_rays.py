@@ -19,7 +19,7 @@ from ..kernels.exact.filters import dot, max_magnitude, meets, plane
 from ..kernels.exact.predicate import segment
 from ..kernels.jit import F32Ptr, I64Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run
-from ..kernels.simd import get, ptr, put, stack_f32
+from ..kernels.simd import get, ptr, put, stack_f32, stack_i64
 from ..kernels.vec3 import get3
 from ..progress import ProgressCallback
 from ..query.receivers import NOTHING
@@ -30,6 +30,7 @@ from ..scene.terrain import HeightGrid
 RECEIVERS = 256  # receivers that a thread takes at a time
 _PAD = 2.0**-21  # squares are enlarged by this many times the longer side of the grid, in squares
 _RAISE = 2.0**-40  # heights are raised by this fraction of the largest coordinate along the up axis
+_BLOCKERS = 64  # samples whose latest blockers are remembered
 _PARALLEL = 1e-300  # smallest component of a direction, in squares
 
 
@@ -242,12 +243,12 @@ def _first_node(tree, place):
 
 
 @inlined
-def _blocked(tree, ray, corners, facing):
-    """Whether a triangle of the surface blocks a segment."""
+def _blocker(tree, ray, corners, facing):
+    """A square of which a triangle blocks a segment, as row * columns + column; -1: none."""
     r, level = _grid_ray(tree, ray), np.int64(0)
     a, b = _first_node(tree, r.u), _first_node(tree, r.v)
     if a >= r.side or b >= r.side or r.end < 0.0:
-        return False
+        return np.int64(-1)
     while True:
         if _reaches(tree, r, level, a, b):
             if level > 0:
@@ -255,11 +256,11 @@ def _blocked(tree, ray, corners, facing):
                 continue
             i, j = (r.side - 1 - b if r.north else b), (r.side - 1 - a if r.west else a)
             if _meets_square(tree, ray, corners, i, j, facing):
-                return True
+                return i * tree.columns + j
         while True:
             t = _exit(tree, r, level, a, b, -tree.pad)
             if level >= tree.root or t > r.end:
-                return False
+                return np.int64(-1)
             if not (a & 1 and b & 1) and not _is_above(tree, r, level + 1, a >> 1, b >> 1, t):
                 break
             level, a, b = level + 1, a >> 1, b >> 1
@@ -268,24 +269,44 @@ def _blocked(tree, ray, corners, facing):
         a ^= 1
 
 
+@inlined
+def _is_blocked(tree, ray, corners, facing, last, s):
+    """Whether the surface blocks a segment; `last`: the latest blockers of samples, which are tested first."""
+    square = get(last, s & (_BLOCKERS - 1))
+    if square >= 0 and _meets_square(tree, ray, corners, square // tree.columns, square % tree.columns, facing):
+        return True
+    square = _blocker(tree, ray, corners, facing)
+    if square >= 0:
+        put(last, s & (_BLOCKERS - 1), square)
+    return square >= 0
+
+
+@inlined
+def _shadow_receiver(tree, query, i, corners, last, bits):
+    """Set the bits of receiver i."""
+    o, patch, horizon = get3(query.origins, 3 * i, 1), patch_of(query, i), horizon_of(query, i)
+    for s in range(query.spp):
+        lx, ly, lz = sample_of(query, patch, i, s)
+        if is_above(horizon, lx, ly, lz, query.corners):
+            ray = segment(o.x, o.y, o.z, lx, ly, lz)
+            if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # an empty segment is not blocked
+                continue
+            if not _is_blocked(tree, ray, corners, query.facing, last, s):
+                continue
+        set_bit(query, bits, i, s)
+
+
 @kernel
 def _shadow_receivers(ticket, tree, query, bits):
     """Worker: set the bits of all receivers."""
-    chunk, out, corners, surface = query_pointers(query), ptr(bits), stack_f32(18), _pointers(tree)
+    chunk, out, surface = query_pointers(query), ptr(bits), _pointers(tree)
+    corners, last = stack_f32(18), stack_i64(_BLOCKERS)
     for k in items(ticket):
+        for s in range(_BLOCKERS):
+            put(last, s, np.int64(-1))
         for i in range(k * RECEIVERS, min((k + 1) * RECEIVERS, chunk.h * chunk.w)):
-            if get(chunk.sides, i) == NOTHING:
-                continue
-            o, patch, horizon = get3(chunk.origins, 3 * i, 1), patch_of(chunk, i), horizon_of(chunk, i)
-            for s in range(chunk.spp):
-                lx, ly, lz = sample_of(chunk, patch, i, s)
-                if is_above(horizon, lx, ly, lz, chunk.corners):
-                    ray = segment(o.x, o.y, o.z, lx, ly, lz)
-                    if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # an empty segment is not blocked
-                        continue
-                    if not _blocked(surface, ray, corners, chunk.facing):
-                        continue
-                set_bit(chunk, out, i, s)
+            if get(chunk.sides, i) != NOTHING:
+                _shadow_receiver(surface, chunk, i, corners, last, out)
 
 
 def trace_terrain(
