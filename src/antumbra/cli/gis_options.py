@@ -159,7 +159,7 @@ def with_gis_options(command: Callable[..., Any]) -> Callable[..., Any]:
     wrapper.__signature__ = inspect.Signature([*kept[:place], *added, *kept[place:]])
     wrapper.__annotations__ = {name: each.annotation for name, each in wrapper.__signature__.parameters.items()}
     wrapper.__doc__, wrapper.__name__, wrapper.__module__ = command.__doc__, command.__name__, command.__module__
-    return wrapper
+    return run
 
 
 def scene_text(text: str, height: str | None, terrain: Sequence[Path]) -> str:

@@ -38,11 +38,13 @@ class GridPoints(NamedTuple):
 
     def eastings(self, first: int = 0, last: int | None = None) -> NDArray[np.float64]:
         """(n,) float64: of the columns from `first` to `last`, exclusive."""
-        return self.west + np.arange(first, self.columns if last is None else last) * self.dx
+        out: NDArray[np.float64] = self.west + np.arange(first, self.columns if last is None else last) * self.dx
+        return out
 
     def northings(self, first: int = 0, last: int | None = None) -> NDArray[np.float64]:
         """(n,) float64: of the rows from `first` to `last`, exclusive."""
-        return self.north - np.arange(first, self.rows if last is None else last) * self.dy
+        out: NDArray[np.float64] = self.north - np.arange(first, self.rows if last is None else last) * self.dy
+        return out
 
     def cells_of(self, plan: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 2) float64: fractional columns and rows of points, (n, 2) easting and northing."""
@@ -60,9 +62,14 @@ class GridPoints(NamedTuple):
 class Heights(Protocol):
     """Heights at the points of a grid, in memory or in a file."""
 
-    name: str
-    grid: GridPoints
-    crs: str | None
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def grid(self) -> GridPoints: ...
+
+    @property
+    def crs(self) -> str | None: ...
 
     def rows(self, first: int, last: int) -> NDArray[Any]:
         """(last - first, columns) float32 or float64: heights of some rows; NaN: no data."""
@@ -105,7 +112,7 @@ def _squares(rows: int, columns: int) -> NDArray[np.int32]:
     north_west = np.arange(rows, dtype=np.int32)[:, None] * np.int32(columns + 1) + np.arange(columns, dtype=np.int32)
     south_west = north_west + np.int32(columns + 1)
     corners = (north_west, south_west, south_west + 1, north_west, south_west + 1, north_west + 1)
-    faces = np.stack(corners, -1).reshape(-1, 3)
+    faces: NDArray[np.int32] = np.stack(corners, -1).reshape(-1, 3)
     faces.flags.writeable = False
     return faces
 

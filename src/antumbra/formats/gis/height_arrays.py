@@ -70,7 +70,7 @@ def _of_array(values: Any, transform: Any, crs: Any, options: HeightOptions) -> 
     array = values if isinstance(values, np.ma.MaskedArray) else as_array(values, "heights of the raster")
     system = crs_of(crs if options.crs is None else options.crs)
     heights = _checked_array(array, options, unit_scale(None, system), where)
-    grid, south_up = grid_of(place.reshape(-1)[:6], *heights.shape, options.values_at, where)
+    grid, south_up = grid_of(place.reshape(-1)[:6], len(heights), heights.shape[1], options.values_at, where)
     check_projected(system, where, grid)
     text = None if system is None else system.to_string()
     heights = np.ascontiguousarray(heights[::-1] if south_up else heights)

@@ -128,7 +128,7 @@ class HeightFile:
             system = file.crs if options.crs is None else crs_of(options.crs)
             if file.crs is None and file.transform.is_identity:
                 raise InputError(f"{path.name}: has no georeference; write one: gdal_translate -a_ullr, -a_srs")
-            self.grid, self._south_up = grid_of(file.transform, *file.shape, options.values_at, path.name)
+            self.grid, self._south_up = grid_of(file.transform, file.height, file.width, options.values_at, path.name)
             check_projected(system, path.name, self.grid)
             self.crs = system.to_string() if system else None
             k = self._band - 1
