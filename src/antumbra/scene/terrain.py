@@ -38,13 +38,11 @@ class GridPoints(NamedTuple):
 
     def eastings(self, first: int = 0, last: int | None = None) -> NDArray[np.float64]:
         """(n,) float64: of the columns from `first` to `last`, exclusive."""
-        out: NDArray[np.float64] = self.west + np.arange(first, self.columns if last is None else last) * self.dx
-        return out
+        return self.west + np.arange(first, self.columns if last is None else last, dtype=np.float64) * self.dx
 
     def northings(self, first: int = 0, last: int | None = None) -> NDArray[np.float64]:
         """(n,) float64: of the rows from `first` to `last`, exclusive."""
-        out: NDArray[np.float64] = self.north - np.arange(first, self.rows if last is None else last) * self.dy
-        return out
+        return self.north - np.arange(first, self.rows if last is None else last, dtype=np.float64) * self.dy
 
     def cells_of(self, plan: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 2) float64: fractional columns and rows of points, (n, 2) easting and northing."""
@@ -112,7 +110,7 @@ def _squares(rows: int, columns: int) -> NDArray[np.int32]:
     north_west = np.arange(rows, dtype=np.int32)[:, None] * np.int32(columns + 1) + np.arange(columns, dtype=np.int32)
     south_west = north_west + np.int32(columns + 1)
     corners = (north_west, south_west, south_west + 1, north_west, south_west + 1, north_west + 1)
-    faces: NDArray[np.int32] = np.stack(corners, -1).reshape(-1, 3)
+    faces = np.asarray(np.stack(corners, -1), np.int32).reshape(-1, 3)
     faces.flags.writeable = False
     return faces
 

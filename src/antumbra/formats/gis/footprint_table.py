@@ -164,7 +164,7 @@ def _projected(frame: Any, crs: str | None, file: str) -> Any:
     if crs is None:
         guess = frame.estimate_utm_crs().to_string() if len(frame.geometry.dropna()) else "EPSG:28992"
         name = frame.crs.to_string()[:40]
-        raise InputError(f"{file}: its CRS, {name}, is in degrees; give the CRS to project it to, such as crs={guess}")
+        raise InputError(f"{file}: its CRS, {name}, is in degrees; project it: crs={guess!r}, or --crs {guess}")
     return frame.to_crs(crs)
 
 
