@@ -77,8 +77,10 @@ def test_terrain_below_a_raster_is_its_ground(cli, dem, tmp_path):
 
 def test_wrong_inputs_are_answered_in_one_line(cli, dem, houses):
     cli("info", "b.gpkg").refused("b.gpkg", "no column 'height'", "h")
-    cli("render", "dem.tif", "--height", "h").refused("--height is for footprints", "dem.tif")
-    cli("render", "procedural:atrium", "--terrain", "dem.tif").refused("--terrain is for footprints and rasters")
+    cli("render", "dem.tif", "--height", "h").refused("--height h is for footprints", "dem.tif")
+    cli("render", "procedural:atrium", "--terrain", "dem.tif").refused(
+        "--terrain dem.tif is for footprints and rasters"
+    )
     cli("info", "dem.tif?bands=1").refused("'bands' is unknown", "did you mean 'band'")
     cli("info", "dem.tif?band=1&band=2").refused("band is empty or repeated")
     cli("info", "dem.tif?band=x").refused("band is 'x'; it must be a number")

@@ -210,9 +210,7 @@ def test_layers_are_chosen_by_name(tmp_path):
 
 def test_footprints_in_degrees_are_projected_to_the_crs_of_the_scene():
     degrees, plain = buildings().to_crs("EPSG:4326"), at.from_footprints(buildings())
-    with pytest.raises(
-        InputError, match="EPSG:4326, is in degrees; project it: crs='EPSG:32"
-    ):
+    with pytest.raises(InputError, match="EPSG:4326, is in degrees; project it: crs='EPSG:32"):
         at.from_footprints(degrees)
     scene = at.from_footprints(degrees, crs=CRS)
     assert scene.crs == CRS

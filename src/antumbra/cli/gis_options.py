@@ -166,9 +166,11 @@ def scene_text(text: str, height: str | None, terrain: Sequence[Path]) -> str:
     """The text of a scene with the values of ``--height`` and ``--terrain``."""
     path = Path(text.partition("?")[0])
     if height is not None and not is_footprints(path):
-        raise InputError(f"--height is for footprints ({', '.join(FOOTPRINTS.suffixes)}), unlike {text}; leave it out")
+        raise InputError(
+            f"--height {height} is for footprints ({', '.join(FOOTPRINTS.suffixes)}), unlike {text}; leave it out"
+        )
     if terrain and not (is_footprints(path) or is_raster(path)):
-        raise InputError(f"--terrain is for footprints and rasters of heights, unlike {text}; leave it out")
+        raise InputError(f"--terrain {terrain[0]} is for footprints and rasters, unlike {text}; leave it out")
     parts = [] if height is None else [f"height={quote(height)}"]
     parts += [f"terrain={quote(str(file))}" for file in terrain]
     return f"{text}{'&' if '?' in text else '?'}{'&'.join(parts)}"
