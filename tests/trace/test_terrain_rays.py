@@ -142,6 +142,15 @@ def test_moved_terrain_is_traced_where_it_is():
     assert before.any() and not after.any()
 
 
+def test_terrain_that_lets_light_pass_is_not_solid():
+    scene = at.from_raster((np.random.default_rng(0).integers(0, 40, (9, 9)) / 4.0, PLACE))
+    scene.set_transmittance({"terrain": 1.0})
+    points, light = at.sensors_of("raster+1", scene).points, at.DirectionalLight((1, 1, -0.3), angular_diameter=0.0)
+    expected = at.visibility(scene, points, light, spp=1, plan=TREE)
+    assert (at.visibility(scene, points, light, spp=1).bits == expected.bits).all()
+    assert terrain_shadows.terrain_of(scene.data) is None
+
+
 def test_the_pyramid_holds_the_greatest_heights():
     heights = np.random.default_rng(5).integers(0, 40, (11, 18)) / 4.0
     heights[3, 4] = np.nan

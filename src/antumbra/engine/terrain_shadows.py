@@ -34,8 +34,9 @@ _NO_CORNERS = np.empty((0, 9), np.float32)
 
 
 def terrain_of(data: SceneData) -> HeightGrid | None:
-    """The surface of a scene that is a single raster of heights in memory, and has not been moved."""
-    source = data.source if isinstance(data, MemoryData) and data.moved is None else None
+    """The surface of a scene that is a single raster of heights in memory, solid and where it was read."""
+    still = isinstance(data, MemoryData) and data.moved is None and data.cutouts is None
+    source = cast(MemoryData, data).source if still else None
     surface = source.surface if isinstance(source, TerrainSurfaces) else None
     return surface if isinstance(surface, HeightGrid) else None
 

@@ -15,7 +15,7 @@ from .footprint_table import PolygonRings
 _AT_A_TIME = 1 << 22  # cells
 
 
-class _Edges(NamedTuple):
+class _PolygonEdges(NamedTuple):
     """The edges of polygons, in columns and rows of a grid."""
 
     begin: NDArray[np.float64]  # (e, 2)
@@ -34,7 +34,7 @@ class _Crossings(NamedTuple):
 def lowest_under(surface: HeightGrid, rings: PolygonRings) -> NDArray[np.float64]:
     """(p,) float64: the lowest height of a surface under each polygon; NaN where it has no heights."""
     cells = surface.grid.cells_of(rings.corners)
-    edges = _Edges(cells, cells[rings.following], rings.polygon_of_corner)
+    edges = _PolygonEdges(cells, cells[rings.following], rings.polygon_of_corner)
     lowest = np.full(len(rings.rings_in), np.nan)
     np.fmin.at(lowest, edges.polygon, surface.at_cells(*cells.T))
     for weights in (1.0, 0.0), (0.0, 1.0), (1.0, -1.0):  # columns, rows and diagonals of the grid
@@ -44,7 +44,7 @@ def lowest_under(surface: HeightGrid, rings: PolygonRings) -> NDArray[np.float64
     return lowest
 
 
-def _crossings(edges: _Edges, weights: NDArray[np.float64], half_open: bool = False) -> _Crossings:
+def _crossings(edges: _PolygonEdges, weights: NDArray[np.float64], half_open: bool = False) -> _Crossings:
     """Crossings with the lines of ``column * weights[0] + row * weights[1]``; `half_open`: not at the upper end."""
     a, b = edges.begin @ weights, edges.end @ weights
     low, high = np.minimum(a, b), np.maximum(a, b)
@@ -57,7 +57,7 @@ def _crossings(edges: _Edges, weights: NDArray[np.float64], half_open: bool = Fa
     return _Crossings(edge, line.astype(np.int64), point)
 
 
-def _lower_inside(surface: HeightGrid, edges: _Edges, lowest: NDArray[np.float64]) -> None:
+def _lower_inside(surface: HeightGrid, edges: _PolygonEdges, lowest: NDArray[np.float64]) -> None:
     """Lower the minima to the vertices of the surface inside the polygons, row by row of the grid."""
     crossings = _crossings(edges, np.array([0.0, 1.0]), half_open=True)
     polygon, column = edges.polygon[crossings.edge], crossings.point[:, 0]
