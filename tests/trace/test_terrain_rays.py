@@ -122,7 +122,7 @@ def test_a_tree_follows_once_it_pays_off_and_fits(monkeypatch):
     monkeypatch.setattr(terrain_shadows, "_RAYS_PER_TRIANGLE", 4)
     auto, shadows = parse_plan("auto"), terrain_shadows.TerrainShadows(scene.data)
     assert shadows.serves(auto, 4 * 128) and not shadows.serves(auto, 1)
-    monkeypatch.setattr(terrain_shadows, "available_memory", lambda: 1000)
+    monkeypatch.setattr("antumbra.store.system_resources.available_memory", lambda: 1000)
     shadows = terrain_shadows.TerrainShadows(scene.data)
     assert shadows.serves(auto, 4 * 128) and shadows.serves(auto, 1)
     assert not shadows.serves(parse_plan(TREE), 0)

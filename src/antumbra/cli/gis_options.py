@@ -6,6 +6,7 @@ them. Every command with a scene also has ``--height`` and ``--terrain``, which 
 
 import inspect
 from collections.abc import Callable, Sequence
+from functools import update_wrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 from urllib.parse import parse_qsl, quote
@@ -150,15 +151,13 @@ def with_gis_options(command: Callable[..., Any]) -> Callable[..., Any]:
             values[argument] = add(given) if isinstance(given, str) else [add(text) for text in given]
         return command(**values)
 
-    wrapper: Any = run
-    wrapper.__dict__.update(command.__dict__)
+    wrapper: Any = update_wrapper(run, command)
     kind, more = inspect.Parameter.KEYWORD_ONLY, {"height": _Height, "terrain": _Terrain}
     added = [inspect.Parameter(name, kind, default=None, annotation=each) for name, each in more.items()]
     kept = [parameter.replace(kind=kind) for parameter in parameters.values()]
     place = 1 + list(parameters).index(argument)
     wrapper.__signature__ = inspect.Signature([*kept[:place], *added, *kept[place:]])
     wrapper.__annotations__ = {name: each.annotation for name, each in wrapper.__signature__.parameters.items()}
-    wrapper.__doc__, wrapper.__name__, wrapper.__module__ = command.__doc__, command.__name__, command.__module__
     return run
 
 

@@ -22,13 +22,13 @@ from ..scene.lights import DirectionalLight, Light
 from ..scene.scene_bounds import flush_to_zero
 from ..scene.scene_data import MemoryData, SceneData
 from ..scene.terrain import HeightGrid, TerrainSurfaces
-from ..store.system_resources import available_memory
 from ..trace.terrain_rays import TerrainTree, terrain_tree, trace_terrain
 from ..trace.transmission import TracedQuery
 from .plan import DEFAULT_PLAN, Plan
 from .precompilation import Job, fixed_job, precompile
 
-_TREE_BYTES = 300  # memory of a triangle with its trees
+_TREE_BYTES = 400  # memory of a triangle with its trees
+_SHARE = 0.7  # of the available memory, which they may take
 _RAYS_PER_TRIANGLE = 4  # rays that take as much longer here than in a tree as the tree takes to build
 _NO_CORNERS = np.empty((0, 9), np.float32)
 
@@ -54,7 +54,7 @@ class TerrainShadows:
         """Whether a query of a plan with a number of rays is answered here.
 
         By the ski-rental rule, a tree replaces these rays once they have taken as long as it takes to build, if it
-        takes at most half of the memory that is available.
+        takes a part of the memory that is available.
         """
         if str(plan) != DEFAULT_PLAN or terrain_of(self._data) is None:
             return False
@@ -63,7 +63,9 @@ class TerrainShadows:
         if self._rays <= _RAYS_PER_TRIANGLE * triangles:
             return True
         if self._has_room is None:
-            self._has_room = 2 * _TREE_BYTES * triangles <= (available_memory() or 0)
+            from ..store.system_resources import available_memory  # scenes in memory need no stores
+
+            self._has_room = _TREE_BYTES * triangles <= _SHARE * (available_memory() or 0)
         return not self._has_room
 
     def shadows(
