@@ -18,6 +18,8 @@ CALLS = {
     "build_store": "at.build_store(scene, 'scene.antumbra')",
     "dataset": "at.dataset(scene, 'frames', random=1, size=(16, 16), spp=1)",
     "face_sensors": "at.face_sensors(scene)",
+    "from_footprints": "at.from_footprints(houses, 3.0)",
+    "from_raster": "at.from_raster((np.eye(3), (1, 0, 0, 0, -1, 0)))",
     "grid_sensors": "at.grid_sensors(scene, 2.0)",
     "line_of_sight": "at.line_of_sight(scene, (0, 1, 0), (0, 2, 0))",
     "load": "at.load('scene.antumbra').closest_hit((0, 1, 0), (0, -1, 0))",
@@ -44,11 +46,14 @@ CALLS = {
 
 PRELUDE = """
 from datetime import UTC, date
+import geopandas
 import numpy as np
+import shapely
 import trimesh
 import antumbra as at
 scene = at.procedural("atrium", triangles=1000)
 camera, light = scene.cameras[0].resized(16, 16), at.PointLight((0, 2, 0))
+houses = geopandas.GeoDataFrame(geometry=[shapely.box(0, 0, 1, 1)])
 times = at.times_of([date(2026, 6, 21)], UTC, 240)
 """
 

@@ -16,6 +16,7 @@ from .version import VERSION as _VERSION
 if typing.TYPE_CHECKING:
     from . import cluster
     from .engine.engine import Engine
+    from .engine.gis_scenes import from_footprints, from_raster
     from .engine.paged_scene import PagedScene
     from .engine.plan import Plan
     from .engine.point_visibility import visibility
@@ -32,7 +33,6 @@ if typing.TYPE_CHECKING:
     from .jobs.line_of_sight.sightlines import Sightlines, line_of_sight
     from .jobs.line_of_sight.viewshed import Viewshed, viewshed
     from .jobs.line_of_sight.visibility_matrix import VisibilityMatrix, visibility_matrix
-    from .jobs.raster_grid import Raster
     from .jobs.result_table import Column, Table
     from .jobs.sensor_files import sensors_of
     from .jobs.sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
@@ -49,6 +49,7 @@ if typing.TYPE_CHECKING:
     from .scene.light_lists import DirectionalLights, PointLights
     from .scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
     from .scene.mesh import MeshInfo, ObjectInfo
+    from .scene.raster import Raster
     from .scene.scene_data import CityModel
     from .scene.sky import Sky
     from .scene.triangles import AllHits, Hit, Triangles
@@ -107,6 +108,8 @@ __all__ = [
     "cluster",
     "dataset",
     "face_sensors",
+    "from_footprints",
+    "from_raster",
     "grid_sensors",
     "line_of_sight",
     "load",
@@ -157,7 +160,7 @@ _HOME = {
     "PointLight": "scene.lights",
     "PointLights": "scene.light_lists",
     "QuadLight": "scene.lights",
-    "Raster": "jobs.raster_grid",
+    "Raster": "scene.raster",
     "Receivers": "query.receivers",
     "RenderOptions": "picture.render_options",
     "Renderer": "picture.renderer",
@@ -179,6 +182,8 @@ _HOME = {
     "build_store": "engine.store_building",
     "dataset": "jobs.dataset.dataset_job",
     "face_sensors": "jobs.sensors",
+    "from_footprints": "engine.gis_scenes",
+    "from_raster": "engine.gis_scenes",
     "grid_sensors": "jobs.sensors",
     "line_of_sight": "jobs.line_of_sight.sightlines",
     "load": "engine.scene_loading",

@@ -27,7 +27,7 @@ TWINS = {
 """Command -> the function that does the same."""
 
 OF_COMMANDS = {
-    "up": "load() takes it",
+    "up": "load() takes it", "height": "from_footprints", "terrain": "from_footprints and from_raster",
     "json": "output", "quiet": "output", "html": "output", "sheet": "output", "explain_plan": "output",
     "output": "results are returned, and have save()", "column": "Table.save takes it",
     "shard": "keep", "ray": "keep", "merge": "keep",

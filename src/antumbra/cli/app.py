@@ -107,9 +107,10 @@ class CommandEntry(NamedTuple):
     grouped: bool = True  # whether its help groups its options if there are many
 
     def function(self, name: str) -> Callable[..., Any]:
-        """The command's function, whose module is imported."""
-        function: Callable[..., Any] = getattr(import_module(f"{__package__}.{self.module}"), name)
-        return function
+        """The command's function, whose module is imported, with the options of all scenes."""
+        from .gis_options import with_gis_options
+
+        return with_gis_options(getattr(import_module(f"{__package__}.{self.module}"), name))
 
 
 COMMANDS = {

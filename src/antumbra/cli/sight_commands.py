@@ -15,6 +15,7 @@ from .arguments import in_memory, open_scene
 from .console import ProgressDisplay
 from .options import (
     SCENE_HELP,
+    SENSORS_HELP,
     Before,
     CameraOption,
     ColumnOption,
@@ -196,7 +197,10 @@ class ViewshedArguments(_Options):  # type: ignore[misc] # made from the options
     """The command-line arguments and options, besides those derived from `ViewshedOptions`."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
-    sensors: SensorsOption = "face"
+    sensors: Annotated[
+        str | None,
+        typer.Option(help=SENSORS_HELP + "  [default: face; on a raster of heights: raster]", show_default=False),
+    ] = None
     observer: Annotated[
         list[str] | None, typer.Option(help="An observer; may be repeated.", metavar="X,Y,Z", show_default=False)
     ] = None
@@ -233,6 +237,7 @@ def viewshed(args: ViewshedArguments) -> int:
       antumbra viewshed --observer 0,1.7,8 -o seen.png
       antumbra viewshed city.glb --up z --sensors raster:1 --observer 10,20,0 --on-surface --eye-height 1.6 -o map.tif
       antumbra viewshed city.glb --up z --sensors grid:2 --observers people.csv --max-distance 300 -o seen.png
+      antumbra viewshed dem.tif --observer 85000,446000,0 --on-surface --eye-height 1.7 -o seen.tif
       antumbra viewshed hills.ply --up z --observer 0,0,900 --curvature --azimuth 350:10 -o seen.parquet
     """
     spec = arguments.parse_scene(args.scene)
@@ -250,10 +255,11 @@ def viewshed(args: ViewshedArguments) -> int:
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of, sensors_of
 
-    check_sensors(args.sensors)
+    sensor_form = args.sensors or ("raster" if spec.on_raster else "face")
+    check_sensors(sensor_form)
     outputs = args.output or []
     for path in outputs:
-        writer_of(path, kind_of(args.sensors))
+        writer_of(path, kind_of(sensor_form))
     bits = args.bits
     eyes = points_or_file(args.observer, args.observers, "--observer", "--observers")
     if eyes is None:
@@ -263,7 +269,7 @@ def viewshed(args: ViewshedArguments) -> int:
         opened = open_scene(spec, args.up, args.quiet, args.crs)
         check_file_crs(opened, args.observers)
         display.say("preparing")
-        sensors = sensors_of(args.sensors, opened, args.threads)
+        sensors = sensors_of(sensor_form, opened, args.threads)
         camera = None if camera_spec is None else arguments.make_camera(camera_spec, opened, args.time, _SIZE)
         start = perf_counter()
         result = compute_viewshed(opened, sensors, eyes.points, **field_values(options))

@@ -18,5 +18,7 @@
 - `materials`: materials, textures and colours
 - `appearance`: textures, vertex colours and shading normals per face corner
 - `alpha_masks`: cut-out faces
+- `raster`: the cells of a horizontal raster
+- `terrain`: the triangulated surface of a raster of heights
 - `crs`: coordinate reference systems
 """
