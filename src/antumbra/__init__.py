@@ -36,6 +36,7 @@ if typing.TYPE_CHECKING:
     from .jobs.result_table import Column, Table
     from .jobs.sensor_files import sensors_of
     from .jobs.sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
+    from .jobs.skyline.skyline import Skyline, skyline
     from .jobs.sun.location import Place, place_of
     from .jobs.sun.sun_hours import sky_view, sun_hours
     from .jobs.sun.sun_positions import Suns, suns_of, times_of
@@ -92,6 +93,7 @@ __all__ = [
     "Sensors",
     "Sightlines",
     "Sky",
+    "Skyline",
     "SphereLight",
     "SrdhRays",
     "Suns",
@@ -117,6 +119,7 @@ __all__ = [
     "render",
     "sensors_of",
     "sky_view",
+    "skyline",
     "sun_hours",
     "suns_of",
     "times_of",
@@ -165,6 +168,7 @@ _HOME = {
     "Sensors": "jobs.sensors",
     "Sightlines": "jobs.line_of_sight.sightlines",
     "Sky": "scene.sky",
+    "Skyline": "jobs.skyline.skyline",
     "SphereLight": "scene.lights",
     "SrdhRays": "techniques.srdh.representative_rays",
     "Suns": "jobs.sun.sun_positions",
@@ -189,6 +193,7 @@ _HOME = {
     "render": "picture.renderer",
     "sensors_of": "jobs.sensor_files",
     "sky_view": "jobs.sun.sun_hours",
+    "skyline": "jobs.skyline.skyline",
     "sun_hours": "jobs.sun.sun_hours",
     "suns_of": "jobs.sun.sun_positions",
     "times_of": "jobs.sun.sun_positions",

@@ -88,6 +88,11 @@ COMMANDS = {
     "matrix": CommandEntry(
         "sight_commands", "Find which sensors of SCENE see which targets, as one bit per pair.", grouped=False
     ),
+    "skyline": CommandEntry(
+        "skyline_command",
+        "Find the skyline of points in SCENE: the elevation of the horizon by azimuth.",
+        grouped=False,
+    ),
     "dataset": CommandEntry(
         "dataset_command",
         "Render a data set of SCENE: per camera, a multi-layer EXR and a shadow mask of each light.",
