@@ -77,6 +77,7 @@ class CommandEntry(NamedTuple):
 COMMANDS = {
     "render": CommandEntry("render_command", "Render SCENE with exact shadows."),
     "sun": CommandEntry("sun_command", "Find the hours of direct sun on the surfaces of SCENE."),
+    "shadow": CommandEntry("shadow_command", "Find the shadow on the ground of SCENE, as polygons."),
     "view": CommandEntry("view_command", "Show SCENE in the browser, until Ctrl-C."),
     "bake": CommandEntry(
         "bake_command", "Bake occlusion, shadows or light of SCENE into a copy of its glTF file.", grouped=False

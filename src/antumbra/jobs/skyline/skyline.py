@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...bvh.nodes import Bvh
-from ...checks import flag, number, whole_number
+from ...checks import as_array, flag, number, whole_number
 from ...engine.precompilation import Job, fixed_job, precompile, small_scene
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike, scene_of
@@ -239,7 +239,7 @@ def skyline(
     Parameters
     ----------
     scene : Scene, or anything that `antumbra.load` takes
-    points : Sensors, str, or (n, 3) float
+    points : Sensors, str, or (3,) or (n, 3) float
         World coordinates. A text is as in `antumbra.sensors_of`.
     normals : (3,) or (n, 3) float, optional
         For points on surfaces, towards the outer side: each is moved off its surface by a few units in the last place.
@@ -261,9 +261,7 @@ def skyline(
     if isinstance(points, str):
         check_sensors(points, "points")
         points = sensors_of(points, scene, threads)
-    sensors = _raised(scene, sensors_from(scene, points, normals, "points"), options)
-    if not len(sensors):
-        raise InputError("there is no point; give at least one")
+    sensors = _raised(scene, sensors_at(scene, points, normals), options)
     north = options.north
     if north is None:
         north = place_of_crs(scene.crs, scene.bounds, scene.up).north if scene.crs else 0.0
@@ -275,6 +273,15 @@ def skyline(
     if scene.crs:
         about["crs"] = scene.crs
     return Skyline(sensors.points, azimuth, *(np.degrees(np.arctan(rows, out=rows), out=rows) for rows in slopes), about)
+
+
+def sensors_at(scene: AnyScene, points: Sensors | ArrayLike, normals: ArrayLike | None) -> Sensors:
+    """`points` if they are `Sensors`, else sensors at points, (3,) or (n, 3). Raises InputError if there are none."""
+    at = points if isinstance(points, Sensors) else np.atleast_2d(as_array(points, "points"))
+    sensors = sensors_from(scene, at, normals, "points")
+    if not len(sensors):
+        raise InputError("there is no point; give at least one")
+    return sensors
 
 
 def _raised(scene: AnyScene, sensors: Sensors, options: SkylineOptions) -> Sensors:
