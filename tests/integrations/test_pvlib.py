@@ -53,7 +53,9 @@ def test_the_share_of_the_sky_is_that_of_the_plane():
     assert np.allclose(flat, 1.0 - (1.0 - np.cos(np.pi / 4.0)) / 2.0, atol=1e-3)
     away = at.pvlib_shading(wall(), [0.0, 0.0, 0.0], DAY[:2], place=HERE, tilt=90.0, azimuth=90.0)["sky_view_factor"]
     assert np.allclose(away, 0.5, atol=1e-3)
-    assert (at.pvlib_shading(wall(), [0, 0, 0], DAY[:2], place=HERE, tilt=90, azimuth=270)["sky_view_factor"] < 0.25).all()
+    assert (
+        at.pvlib_shading(wall(), [0, 0, 0], DAY[:2], place=HERE, tilt=90, azimuth=270)["sky_view_factor"] < 0.25
+    ).all()
 
 
 def test_north_turns_the_sun():

@@ -82,6 +82,7 @@ def shadow(args: ShadowArguments) -> int:
     names = "latitude", "longitude", "north", "timezone"
     position = position_fields(**{name: getattr(args, name) for name in names})
     options = ShadowOptions(**literal(args, ShadowOptions))
+    options.check_moment()
     outputs = args.output or [Path(f"{spec.stem}-shadow.gpkg")]
     for path in outputs:
         check_shadow_output(path, not options.on_plane)
@@ -106,7 +107,9 @@ def _print_summary(args: ShadowArguments, shadow: "Shadow", seconds: float, writ
         answer = {**about, "polygons": len(shadow), "area": shadow.area, "seconds": seconds, "files": written}
         console.print_json(answer | ({"rows": rows} if len(shadow) <= _MOST_ROWS else {}))
     elif not args.quiet:
-        fields = [("place", f"{about['latitude']:.4f}, {about['longitude']:.4f}; north at {about['north']:.2f} degrees")]
+        fields = [
+            ("place", f"{about['latitude']:.4f}, {about['longitude']:.4f}; north at {about['north']:.2f} degrees")
+        ]
         if "sun_elevation" in about:
             sun = f"azimuth {about['sun_azimuth']:.1f}, elevation {about['sun_elevation']:.1f} degrees"
             fields.append(("sun", f"{about['time']}: {sun}"))
@@ -115,8 +118,11 @@ def _print_summary(args: ShadowArguments, shadow: "Shadow", seconds: float, writ
         fields.append(("area", f"{shadow.area:,.1f} in {len(shadow):,} polygons"))
         fields.append(("time", console.duration(seconds)))
         console.print_fields(fields + [("written", path) for path in written])
-        if 1 < len(rows) and len(shadow) <= _MOST_ROWS:
+        if len(rows) > 1 and len(shadow) <= _MOST_ROWS:
             console.print_table(
                 [name.replace("_", " ") for name in rows],
-                [[f"{cell:,.6g}" if isinstance(cell, float) else str(cell) for cell in row] for row in zip(*rows.values())],
+                [
+                    [f"{cell:,.6g}" if isinstance(cell, float) else str(cell) for cell in row]
+                    for row in zip(*rows.values())
+                ],
             )

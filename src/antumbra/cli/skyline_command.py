@@ -49,8 +49,8 @@ class SkylineArguments(_Options):  # type: ignore[misc] # made from the options 
     points: Annotated[
         str | None,
         typer.Option(
-            help="A file of points (.csv, .parquet, .npy, .npz; with normals for points on surfaces), or raster:SPACING, "
-            "grid:SPACING, face or vertex.",
+            help="A file of points (.csv, .parquet, .npy, .npz; with normals for points on surfaces), or "
+            "raster:SPACING, grid:SPACING, face or vertex.",
             metavar="FILE|FORM",
             show_default=False,
         ),
@@ -89,10 +89,10 @@ def skyline(args: SkylineArguments) -> int:
     from ..jobs.skyline.skyline import check_skyline_output
     from ..jobs.skyline.skyline import skyline as find_skylines
 
-    if (args.at is None) == (args.points is None):
-        raise InputError("there are no points, or two kinds of them; give --at X,Y,Z or --points FILE")
     if args.points is not None:
         check_sensors(args.points, "--points")
+    if (args.at is None) == (args.points is None):
+        raise InputError("there are no points, or two kinds of them; give --at X,Y,Z or --points FILE")
     outputs = args.output or []
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")

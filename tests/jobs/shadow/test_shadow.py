@@ -1,7 +1,7 @@
 """Shadows as polygons: closed forms, exact rays inside and outside of them, classes of hours, and files."""
 
 import sys
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -100,7 +100,7 @@ def test_rows_of_objects_and_of_casters(tmp_path):
     assert len(parts) == 2 and parts.area == pytest.approx(shadow.area)
     for casters, count in {"hill": 1, "T*": 1, "Building*": 2, "*": 3, "house,hill": 3}.items():
         assert len(at.shadow(scene, at=NOON, casters=casters)) == count, casters
-    with pytest.raises(at.InputError, match="casters garage match no object.*BuildingPart"):
+    with pytest.raises(at.InputError, match=r"^casters is 'garage', and no object matches.*BuildingPart"):
         at.shadow(scene, at=NOON, casters="garage")
 
 
@@ -111,8 +111,11 @@ def test_a_shadow_without_anything_above_the_plane_is_empty():
 
 def test_moments_of_all_kinds_are_the_same():
     scene = scene_of(box((0, 0, 0), (1, 1, 1)))
-    utc = datetime(2026, 6, 21, 11, 40, tzinfo=timezone.utc)
-    areas = [at.shadow(scene, at=when, place=HERE).area for when in (NOON, NOON + ":00+02:00", utc, datetime(2026, 6, 21, 13, 40))]
+    utc = datetime(2026, 6, 21, 11, 40, tzinfo=UTC)
+    areas = [
+        at.shadow(scene, at=when, place=HERE).area
+        for when in (NOON, NOON + ":00+02:00", utc, datetime(2026, 6, 21, 13, 40))
+    ]
     assert areas == [areas[0]] * 4 and areas[0] != at.shadow(scene, at=utc.replace(hour=12), place=HERE).area
 
 
@@ -190,7 +193,7 @@ def test_bad_input(dutch, tmp_path, monkeypatch):
         "^at is 'noon'; write 2026-06-21T15:00": {"at": "noon"},
         "^at is 5": {"at": 5},
         "^cell": {"at": NOON, "cell": 0.0},
-        "^classes are .*ascending": {"days": "2026-06-21", "classes": "2,1"},
+        "^classes is .*ascending": {"days": "2026-06-21", "classes": "2,1"},
         "^classes": {"days": "2026-06-21", "classes": "a"},
         "^by": {"at": NOON, "by": "house"},
         "^step": {"days": "2026-06-21", "step": 0},

@@ -114,7 +114,9 @@ def test_a_cone_of_terrain():
     d = np.hypot(r * np.sin(azimuth), r * np.cos(azimuth) - 300.0)
     slope = np.where(d <= radius, apex * (1.0 - d / radius) / r, -np.inf).max(0)
     hit = slope > 0.01
-    assert 20 < hit.sum() < 60 and skyline.elevation[0, 0] == pytest.approx(np.degrees(np.arctan2(apex, 300.0)), abs=1e-6)
+    assert 20 < hit.sum() < 60 and skyline.elevation[0, 0] == pytest.approx(
+        np.degrees(np.arctan2(apex, 300.0)), abs=1e-6
+    )
     assert np.allclose(skyline.elevation[0, hit], np.degrees(np.arctan(slope[hit])), atol=0.01, rtol=0)
     assert (skyline.elevation[0, np.abs(azimuth) > np.arcsin(radius / 300.0)] == -90.0).all()
 
@@ -124,7 +126,9 @@ def test_a_ring_hides_the_share_of_the_sky_below_it():
     angle = np.arange(n + 1) * 2 * np.pi / n
     low = np.stack([radius * np.sin(angle), radius * np.cos(angle), np.zeros(n + 1)], 1)
     high = low + [0, 0, height]
-    scene = scene_of(np.concatenate([np.stack([low[:-1], low[1:], high[1:]], 1), np.stack([low[:-1], high[1:], high[:-1]], 1)]))
+    scene = scene_of(
+        np.concatenate([np.stack([low[:-1], low[1:], high[1:]], 1), np.stack([low[:-1], high[1:], high[:-1]], 1)])
+    )
     skyline = at.skyline(scene, [[0.0, 0.0, 0.0]])
     elevation = np.arctan2(height, radius)
     assert skyline.sky_view_factor()[0] == pytest.approx(np.cos(elevation) ** 2, abs=1e-5)
@@ -145,7 +149,9 @@ def test_a_plane_on_open_ground_sees_its_share_of_the_sky(tilt):
 
 def test_below_a_roof_all_is_closed():
     roof = np.array([[[-1, -1, 3], [1, -1, 3], [0, 2, 3]]], float)
-    skyline = at.skyline(scene_of(roof), [[0.0, 0.0, 1.0], [0.0, 5.0, 1.0], [1.0, -1.0, 0.0], [0.0, 0.0, 4.0]], step=STEP)
+    skyline = at.skyline(
+        scene_of(roof), [[0.0, 0.0, 1.0], [0.0, 5.0, 1.0], [1.0, -1.0, 0.0], [0.0, 0.0, 4.0]], step=STEP
+    )
     assert (skyline.elevation[[0, 2]] == 90.0).all() and (skyline.highest[[0, 2]] == 90.0).all()
     assert (skyline.elevation[[1, 3]] < 90.0).all() and skyline.sky_view_factor()[0] == 0.0
 

@@ -1,7 +1,8 @@
 """The exact shadow of triangles on a horizontal plane: their projections along the sun, joined by shapely.
 
-The part of a triangle above the plane is a triangle or a quadrilateral. An edge that crosses the plane is cut at a point
-that depends only on the edge, so the projections of adjacent triangles share their edges, and their union has no gaps.
+The part of a triangle above the plane is a triangle or a quadrilateral. An edge that crosses the plane is cut at a
+point that depends only on the edge, so the projections of adjacent triangles share their edges, and their union has no
+gaps.
 """
 
 from collections.abc import Iterable
@@ -54,7 +55,7 @@ def polygons_of(shape: Any) -> Any:
 def _projected(corners: NDArray[np.float64], projection: Projection) -> NDArray[np.float64]:
     """(n, k, 2): corners (n, k, 3) on the plane, as easting and northing."""
     above = corners[..., 2:] - projection.height
-    return corners[..., :2] + above * np.array(projection.across)
+    return np.asarray(corners[..., :2] + above * np.array(projection.across))
 
 
 def _parts_above(corners: NDArray[np.float64], height: float) -> list[NDArray[np.float64]]:

@@ -27,7 +27,8 @@ from .shadow_polygons import Shadow, outlines
 _P = ParamSpec("_P")
 
 GROUND = (
-    "TINRelief", "LandUse", "PlantCover", "Road", "Railway", "TransportSquare", "Square", "Track", "WaterBody", "Waterway"
+    "TINRelief", "LandUse", "PlantCover", "Road", "Railway", "TransportSquare", "Square", "Track", "WaterBody",
+    "Waterway",
 )  # fmt: skip
 """Types of city objects, or names, that are ground and cast no shadow on a plane unless they are listed as casters."""
 
@@ -66,9 +67,9 @@ def shadow(scene: SceneLike, *, progress: Progress = None, **keywords: Any) -> S
     Returns
     -------
     Shadow
-        On a plane, a row for each connected shadow or each object, with its area. With cells at a moment, a row for each
-        connected shadow. For days, a row for each class: "hours_from", "hours_to" (exclusive, but for the last class,
-        which ends with the hours of daylight) and "area".
+        On a plane, a row for each connected shadow or each object, with its area. With cells at a moment, a row for
+        each connected shadow. For days, a row for each class: "hours_from", "hours_to" (exclusive, but for the last
+        class, which ends with the hours of daylight) and "area".
 
     Raises
     ------
@@ -77,6 +78,7 @@ def shadow(scene: SceneLike, *, progress: Progress = None, **keywords: Any) -> S
         (``antumbra[sun,gis]``).
     """
     options, scene = ShadowOptions(**keywords), scene_of(scene)
+    options.check_moment()
     import_extra("shapely", "shadow", "gis")
     place = options.place or place_of(scene)
     if place is None:
@@ -101,7 +103,9 @@ def _moment_of(scene: AnyScene, place: Place, options: ShadowOptions) -> _Moment
     instant = np.array([when.astimezone(UTC).replace(tzinfo=None)], "datetime64[s]")
     altitude, azimuth = solar_angles(place, instant)
     if not altitude[0] > 0.0:
-        raise InputError(f"at {when.isoformat()}, the sun is {-altitude[0]:.1f} degrees below the horizon; choose a day time")
+        raise InputError(
+            f"at {when.isoformat()}, the sun is {-altitude[0]:.1f} degrees below the horizon; choose a day time"
+        )
     directions = directions_of(altitude, azimuth + place.north, scene.up)
     local = np.array([when.replace(tzinfo=None)], "datetime64[s]")
     about: dict[str, Any] = {"job": "shadow", "scene": scene.name, **place._asdict(), "time": when.isoformat()}
@@ -161,12 +165,17 @@ def _casters(scene: AnyScene, patterns: Any) -> list[tuple[str, str, NDArray[np.
         chosen = [each.type not in GROUND and each.name not in GROUND for each in scene.objects]
     else:
         chosen = [
-            any(fnmatchcase(word, pattern) for pattern in patterns for word in (each.name, each.parent, each.type) if word)
+            any(
+                fnmatchcase(word, pattern)
+                for pattern in patterns
+                for word in (each.name, each.parent, each.type)
+                if word
+            )
             for each in scene.objects
         ]
         if not any(chosen):
             known = sorted({kind for kind in types if kind} or set(names))[:6]
-            raise InputError(f"casters {','.join(patterns)} match no object; names and types are such as {', '.join(known)}")
+            raise InputError(f"casters is {','.join(patterns)!r}, and no object matches; there are {', '.join(known)}")
     order = np.argsort(scene.object_of_face, kind="stable")
     ends = np.searchsorted(scene.object_of_face[order], np.arange(len(names) + 1))
     groups: dict[str, tuple[str, list[np.ndarray]]] = {}
@@ -188,9 +197,7 @@ def _on_cells(scene: AnyScene, moment: _Moment, options: ShadowOptions) -> Shado
     """The cells in shadow at a moment."""
     sensors = _cells(scene, options)
     bins, months = np.empty((1, 0), np.int64), months_of(moment.suns.local)
-    query = sun_query(
-        scene, sensors, moment.suns, bins, 1, months=months, plan=options.plan, threads=options.threads
-    )
+    query = sun_query(scene, sensors, moment.suns, bins, 1, months=months, plan=options.plan, threads=options.threads)
     hidden = 1.0 - sum_suns(query, what="shadow").hours
     about = {**moment.about, "cell": options.cell}
     table = Table(sensors, {"shadow": Column(hidden, "", "share of the sun's light that is blocked")}, about, scene)
@@ -208,10 +215,18 @@ def _hours(scene: AnyScene, place: Place, options: ShadowOptions) -> Shadow:
         scene, sensors, options.days, place=place, step=options.step, plan=options.plan, threads=options.threads
     )
     hours = np.maximum(table.about["hours"] - table["sun_hours"], 0.0)
-    table.columns = {"shadow_hours": Column(hours, "h", "hours with the sun above the horizon, but hidden"), **table.columns}
+    table.columns = {
+        "shadow_hours": Column(hours, "h", "hours with the sun above the horizon, but hidden"),
+        **table.columns,
+    }
     first, last = table.about["first"][:10], table.about["last"][:10]
     days = first if first == last else f"{first}:{last}"
-    table.about |= {"job": "shadow", "scene": scene.name, "days": days, "cell": sensors.raster and sensors.raster.spacing}
+    table.about |= {
+        "job": "shadow",
+        "scene": scene.name,
+        "days": days,
+        "cell": sensors.raster and sensors.raster.spacing,
+    }
     limits = np.array(options.classes, np.float64)
     values = sensors.on_raster(hours)
     # Sums of intervals may fall short of a whole number by their rounding.

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -41,8 +42,8 @@ def _classes(value: Any, what: str) -> tuple[float, ...]:
         if isinstance(error, InputError):
             raise
         limits = ()
-    if not limits or any(b <= a for a, b in zip(limits, limits[1:])):
-        raise InputError(f"{what} are {quoted(value)}; give hours in ascending order, such as 0,1,2,4,8")
+    if not limits or any(b <= a for a, b in pairwise(limits)):
+        raise InputError(f"{what} is {quoted(value)}; give hours in ascending order, such as 0,1,2,4,8")
     return limits
 
 
@@ -67,8 +68,8 @@ class ShadowOptions:
         metavar="TIME",
         doc_type="str, datetime or None",
     )
-    """The moment of the shadow, as a datetime or an ISO text such as 2026-06-21T15:00; in the time zone of the place unless
-    it has its own offset."""
+    """The moment of the shadow, as a datetime or an ISO text such as 2026-06-21T15:00; in the time zone of the place
+    unless it has its own offset."""
     days: str | Iterable[date] | None = option(
         None,
         optional(lambda value, _: days_of(value)),
@@ -76,7 +77,7 @@ class ShadowOptions:
         kind=str | None,
         metavar="DAYS",
     )
-    """Instead of a moment: dates, or a text that `sun_hours` reads. The result has the hours of shadow on these days."""
+    """Instead of a moment: dates, or a text as for `sun_hours`. The result has the hours of shadow on these days."""
     height: float | None = option(
         None,
         RealNumber(-np.inf, np.inf, optional=True),
@@ -84,8 +85,8 @@ class ShadowOptions:
         note="with cells, the highest surfaces; else the lowest point of the scene",
         metavar="HEIGHT",
     )
-    """Coordinate on the up axis of a horizontal plane that the shadow falls on. None: with `cell`, the highest surfaces,
-    else a plane through the lowest point of the scene."""
+    """Coordinate on the up axis of a horizontal plane that the shadow falls on. None: with `cell`, the highest
+    surfaces, else a plane through the lowest point of the scene."""
     cell: float | None = option(
         None,
         RealNumber(0.0, np.inf, optional=True),
@@ -93,11 +94,11 @@ class ShadowOptions:
         note="1 for days; else no raster, but exact outlines on a plane",
         metavar="SIZE",
     )
-    """Side of a raster cell, world units: polygons follow the edges of cells, whose centres are traced exactly. None: 1 for
-    `days`, else no raster, but the exact outline of the shadow on a plane."""
+    """Side of a raster cell, world units: polygons follow the edges of cells, whose centres are traced exactly. None: 1
+    for `days`, else no raster, but the exact outline of the shadow on a plane."""
     by: str = option("shadow", Choice(("shadow", "object")), "On a plane: one row per connected shadow, or per object.")
-    """On a plane, "shadow": a row for each connected part of the shadow; "object": a row for each object, such as a building
-    with all its parts, whose shadows may overlap."""
+    """On a plane, "shadow": a row for each connected part of the shadow; "object": a row for each object, such as a
+    building with all its parts, whose shadows may overlap."""
     casters: str | Sequence[str] | None = option(
         None,
         optional(_casters),
@@ -107,8 +108,8 @@ class ShadowOptions:
         metavar="NAMES",
         doc_type="str, sequence of str or None",
     )
-    """On a plane: names or types of the objects that cast shadows, with wildcards, such as "Building*". None: all, except
-    terrain, roads, land use and water of a city model."""
+    """On a plane: names or types of the objects that cast shadows, with wildcards, such as "Building*". None: all,
+    except terrain, roads, land use, plant cover and water of a city model."""
     footprints: bool = option(True, flag, "On a plane, include the ground below the objects themselves.")
     """On a plane: whether the shadow includes the ground straight below the objects that cast it."""
     classes: str | Sequence[float] = option(
@@ -120,7 +121,8 @@ class ShadowOptions:
         metavar="HOURS",
         doc_type="str or sequence of float",
     )
-    """For `days`: lower limits of the classes of hours of shadow, in ascending order. The last class has no upper limit."""
+    """For `days`: lower limits of the classes of hours of shadow, in ascending order. The last class has no upper
+    limit."""
     step: float = option(
         15.0, lambda value, _: checked_step(value), "For days: minutes for each sun position.", metavar="MINUTES"
     )
@@ -132,6 +134,9 @@ class ShadowOptions:
 
     def __post_init__(self) -> None:
         check_fields(self)
+
+    def check_moment(self) -> None:
+        """Raise an InputError unless there is either a moment or days."""
         if (self.at is None) == (self.days is None):
             raise InputError("a shadow needs a moment or days; give at, such as 2026-06-21T15:00, or days, not both")
 

@@ -71,7 +71,7 @@ class Shadow:
         """
         geopandas = import_extra("geopandas", "frame", "gis")
         crs = self.about.get("crs")
-        frame: geopandas.GeoDataFrame = geopandas.GeoDataFrame(
+        frame: Any = geopandas.GeoDataFrame(
             {**self._attributes(), **self.columns}, geometry=self.polygons, crs=None if crs is None else _plan(crs)
         )
         return frame
@@ -108,7 +108,9 @@ class Shadow:
 
     def _attributes(self) -> dict[str, Any]:
         """Metadata that each row repeats, since most formats have no other place for it."""
-        return {name: self.about[name] for name in ("time", "sun_azimuth", "sun_elevation", "days") if name in self.about}
+        return {
+            name: self.about[name] for name in ("time", "sun_azimuth", "sun_elevation", "days") if name in self.about
+        }
 
 
 def check_shadow_output(path: Path, raster: bool) -> None:

@@ -127,7 +127,7 @@ class Skyline:
         return ",".join(f"{value:.{_DECIMALS}g}" for value in np.maximum(values, 0.0).tolist())
 
     def series(self, point: int = 0, *, highest: bool = False) -> "pandas.Series[float]":
-        """The skyline of a point as a pandas Series of elevations, indexed by azimuth, as pvlib's PVGIS reader makes it.
+        """The skyline of a point as a pandas Series of elevations by azimuth, as pvlib's PVGIS reader makes it.
 
         Parameters
         ----------
@@ -141,9 +141,7 @@ class Skyline:
         """
         pandas = import_extra("pandas", "series", "sun")
         index = pandas.Index(self.azimuth, name="horizon_azimuth")
-        series: pandas.Series[float] = pandas.Series(
-            self._row(point, highest), index=index, name="horizon_elevation"
-        )
+        series: Any = pandas.Series(self._row(point, highest), index=index, name="horizon_elevation")
         return series
 
     def save(self, path: str | os.PathLike[str], *, point: int | None = None, highest: bool = False) -> None:
@@ -169,7 +167,9 @@ class Skyline:
         suffix = target.suffix.lower()
         if suffix == ".txt":
             if point is None and len(self) != 1:
-                raise InputError(f"{target.name}: a PVGIS file holds one point, and there are {len(self)}; name a point")
+                raise InputError(
+                    f"{target.name}: a PVGIS file holds one point, and there are {len(self)}; name a point"
+                )
             text = self.userhorizon(0 if point is None else point, highest=highest).replace(",", "\n") + "\n"
             with atomic_output(target) as temporary:
                 temporary.write_text(text)
@@ -272,7 +272,8 @@ def skyline(
     about: dict[str, Any] = {"job": "skyline", "scene": scene.name, "step": options.step, "north": north}
     if scene.crs:
         about["crs"] = scene.crs
-    return Skyline(sensors.points, azimuth, *(np.degrees(np.arctan(rows, out=rows), out=rows) for rows in slopes), about)
+    elevation, highest = (np.degrees(np.arctan(rows, out=rows), out=rows) for rows in slopes)
+    return Skyline(sensors.points, azimuth, elevation, highest, about)
 
 
 def sensors_at(scene: AnyScene, points: Sensors | ArrayLike, normals: ArrayLike | None) -> Sensors:
@@ -307,6 +308,7 @@ def _slopes_of(scene: AnyScene, sensors: Sensors, compass: Compass, time: float,
         slopes.at[closed], slopes.highest[closed] = np.inf, np.inf
     with report_progress("finding skylines") as report:
         for k, tree in enumerate(trees):
+
             def progress(done: int, total: int, k: int = k) -> None:
                 report(k * total + done, len(trees) * total)
 

@@ -34,8 +34,8 @@ class SkylineOptions:
         note="from the CRS, or 0",
         metavar="DEGREES",
     )
-    """Direction of true north in degrees, clockwise from the scene's own north axis (+Y if +Z is up, else -Z). None: grid
-    convergence of the scene's CRS at its centre, or 0 without a CRS."""
+    """Direction of true north in degrees, clockwise from the scene's own north axis (+Y if +Z is up, else -Z). None:
+    grid convergence of the scene's CRS at its centre, or 0 without a CRS."""
     eye_height: float = option(0.0, RealNumber(-np.inf, np.inf), "Height of the eyes above the points, in world units.")
     """Height of the eyes above the points, world units."""
     on_surface: bool = option(False, flag, "First place each point on the highest surface at its position.")
