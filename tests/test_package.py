@@ -67,7 +67,7 @@ def test_version():
 NAMES_OF_IMPORTS = {"PIL": "pillow", "imageio_ffmpeg": "imageio-ffmpeg"}
 OPTIONAL = {"embreex", "matplotlib", "pvlib", "pandas", "pyproj", "pyarrow", "rasterio", "xatlas", "mitsuba", "open3d"}
 OPTIONAL |= {"viser", "websockets", "imageio-ffmpeg", "ray", "DracoPy", "drjit", "pyvista"}  # drjit comes with mitsuba
-OPTIONAL |= {"numba", "llvmlite", "ziglang"}
+OPTIONAL |= {"numba", "llvmlite", "ziglang", "geopandas", "shapely", "pyogrio"}
 OF_DEPENDENCIES = {"charset-normalizer"}  # trimesh imports it for OBJ files that are not UTF-8, but does not require it
 
 

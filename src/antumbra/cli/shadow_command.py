@@ -104,8 +104,8 @@ def shadow(args: ShadowArguments) -> int:
 def _print_summary(args: ShadowArguments, shadow: "Shadow", seconds: float, written: list[str]) -> None:
     about, rows = shadow.about, {name: column.tolist() for name, column in shadow.columns.items()}
     if args.json:
-        answer = {**about, "polygons": len(shadow), "area": shadow.area, "seconds": seconds, "files": written}
-        console.print_json(answer | ({"rows": rows} if len(shadow) <= _MOST_ROWS else {}))
+        answer = {**about, "polygons": len(shadow.polygons), "area": shadow.area, "seconds": seconds, "files": written}
+        console.print_json(answer | ({"rows": rows} if len(shadow.polygons) <= _MOST_ROWS else {}))
     elif not args.quiet:
         fields = [
             ("place", f"{about['latitude']:.4f}, {about['longitude']:.4f}; north at {about['north']:.2f} degrees")
@@ -115,10 +115,10 @@ def _print_summary(args: ShadowArguments, shadow: "Shadow", seconds: float, writ
             fields.append(("sun", f"{about['time']}: {sun}"))
         else:
             fields.append(("days", f"{about['days']}, {about['hours']:.1f} h of daylight"))
-        fields.append(("area", f"{shadow.area:,.1f} in {len(shadow):,} polygons"))
+        fields.append(("area", f"{shadow.area:,.1f} in {len(shadow.polygons):,} polygons"))
         fields.append(("time", console.duration(seconds)))
         console.print_fields(fields + [("written", path) for path in written])
-        if len(rows) > 1 and len(shadow) <= _MOST_ROWS:
+        if len(rows) > 1 and len(shadow.polygons) <= _MOST_ROWS:
             console.print_table(
                 [name.replace("_", " ") for name in rows],
                 [

@@ -134,13 +134,13 @@ def _print_summary(args: SkylineArguments, name: str, skyline: "Skyline", second
         )
     ]
     if args.json:
-        answer = {"scene": name, "points": len(skyline), "azimuths": len(skyline.azimuth), "seconds": seconds}
+        answer = {"scene": name, "points": len(skyline.points), "azimuths": len(skyline.azimuth), "seconds": seconds}
         answer |= {"north": skyline.about["north"], "sky_view_factor": float(np.mean(factors)), "outputs": outputs}
-        console.print_json(answer | ({"skylines": rows} if len(skyline) <= _MOST_POINTS else {}))
+        console.print_json(answer | ({"skylines": rows} if len(skyline.points) <= _MOST_POINTS else {}))
     elif not args.quiet:
-        if len(skyline) <= _MOST_POINTS:
+        if len(skyline.points) <= _MOST_POINTS:
             names = [name.replace("_", " ") for name in rows[0]]
             console.print_table(names, [[str(value) for value in row.values()] for row in rows])
-        fields = [("skylines", f"{len(skyline):,} points x {len(skyline.azimuth):,} azimuths")]
+        fields = [("skylines", f"{len(skyline.points):,} points x {len(skyline.azimuth):,} azimuths")]
         fields.append(("time", console.duration(seconds)))
         console.print_fields(fields + [("written", path) for path in outputs])

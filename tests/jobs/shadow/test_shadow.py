@@ -52,7 +52,7 @@ def test_the_shadow_of_a_box(up, height):
     shadow = at.shadow(scene, at=AFTERNOON, place=HERE, height=height)
     h = 5.0 - (height or 0.0)
     east, north = np.abs(shift(shadow) * h)
-    assert len(shadow) == 1 and 1.0 < east < 30.0 and north > 1.0
+    assert len(shadow.polygons) == 1 and 1.0 < east < 30.0 and north > 1.0
     assert shadow.area == pytest.approx(4 * 3 + 3 * east + 4 * north, rel=1e-9)
     corners = np.array([[x, y] for x in (10, 14) for y in (20, 23)], float)
     hull = shapely.convex_hull(shapely.multipoints(np.concatenate([corners, corners + shift(shadow) * h])))
@@ -97,16 +97,16 @@ def test_rows_of_objects_and_of_casters(tmp_path):
     assert shadow.columns["object"].tolist() == ["house"] and shadow.columns["type"].tolist() == ["Building"]
     assert len(shapely.get_parts(shadow.polygons[0])) == 2 and shadow.about["crs"] == "EPSG:7415"
     parts = at.shadow(scene, at=NOON)
-    assert len(parts) == 2 and parts.area == pytest.approx(shadow.area)
+    assert len(parts.polygons) == 2 and parts.area == pytest.approx(shadow.area)
     for casters, count in {"hill": 1, "T*": 1, "Building*": 2, "*": 3, "house,hill": 3}.items():
-        assert len(at.shadow(scene, at=NOON, casters=casters)) == count, casters
+        assert len(at.shadow(scene, at=NOON, casters=casters).polygons) == count, casters
     with pytest.raises(at.InputError, match=r"^casters is 'garage', and no object matches.*BuildingPart"):
         at.shadow(scene, at=NOON, casters="garage")
 
 
 def test_a_shadow_without_anything_above_the_plane_is_empty():
     shadow = at.shadow(scene_of(box((0, 0, 0), (1, 1, 1))), at=NOON, place=HERE, height=2.0)
-    assert len(shadow) == 0 and shadow.area == 0.0 and len(shadow.frame()) == 0
+    assert len(shadow.polygons) == 0 and shadow.area == 0.0 and len(shadow.frame()) == 0
 
 
 def test_moments_of_all_kinds_are_the_same():
@@ -139,7 +139,7 @@ def test_classes_of_hours_cover_all_cells():
     hours = shadow.table["shadow_hours"]
     sun = at.sun_hours(scene, shadow.table.sensors, "2026-03-21", step=30, place=HERE)
     assert np.allclose(hours, sun.about["hours"] - sun["sun_hours"]) and np.ptp(hours) > 5.0
-    assert shadow.area == len(hours) and len(shadow) == 4
+    assert shadow.area == len(hours) and len(shadow.polygons) == 4
     middles = shapely.points(shadow.table.sensors.points[:, :2])
     for polygon, low, high in zip(shadow.polygons, shadow.columns["hours_from"], shadow.columns["hours_to"]):
         inside = shapely.contains(polygon, middles)

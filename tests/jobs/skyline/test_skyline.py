@@ -242,7 +242,7 @@ def test_a_point_on_a_tilted_roof_sees_the_roof_behind_it():
     lifted = at.skyline(scene, [[0.3, 2.0, -7.0]], on_surface=True, eye_height=1.0, step=90.0)
     assert np.allclose(lifted.points, [[0.3, 2.0, 3.0]], atol=1e-6)
     assert lifted.elevation[0, 0] == pytest.approx(np.degrees(np.arctan2(2.0, 3.0)), abs=1e-4)
-    assert len(at.skyline(scene, "face", step=90.0)) == 2
+    assert len(at.skyline(scene, "face", step=90.0).points) == 2
 
 
 def test_faces_with_holes_count_as_solid():

@@ -4,9 +4,8 @@ import io
 import json
 import os
 import warnings
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,30 +30,16 @@ _LAYER = "shadow"
 _WORLD = "EPSG:4326"  # of GeoJSON [RFC 7946]
 
 
-@dataclass(frozen=True, eq=False)
-class Shadow:
-    """Shadows as polygons.
+class Shadow(NamedTuple):
+    """Shadows as polygons with attributes, in the coordinates of the scene."""
 
-    polygons : (n,) object
-        shapely geometries, in easting and northing of the scene.
-    columns : dict of str to (n,) array
-        Attributes: "area" in square world units; and "object" and "type", or "hours_from" and "hours_to".
-    about : dict
-        Metadata of the job, in JSON types, such as "time", "sun_azimuth", "sun_elevation" and "crs".
-    table : Table or None
-        The cells, if the shadow lies on a raster.
-    """
-
-    polygons: np.ndarray
-    columns: dict[str, np.ndarray]
-    about: dict[str, Any] = field(default_factory=dict)
-    table: Table | None = None
-
-    def __len__(self) -> int:
-        return len(self.polygons)
+    polygons: np.ndarray  # (n,) object: shapely geometries, in easting and northing of the scene
+    columns: dict[str, np.ndarray]  # name -> (n,) attributes: "area" in square world units, and those of the job
+    about: dict[str, Any]  # metadata of the job, in JSON types, such as "time", "sun_azimuth", "sun_elevation", "crs"
+    table: Table | None  # the cells, if the shadow lies on a raster
 
     def __repr__(self) -> str:
-        return f"Shadow({len(self)} polygons: {', '.join(self.columns)})"
+        return f"Shadow({len(self.polygons)} polygons: {', '.join(self.columns)})"
 
     @property
     def area(self) -> float:
@@ -86,8 +71,7 @@ class Shadow:
         InputError
             If the suffix is unknown, the path cannot be written, a package is missing, or there are no cells.
         """
-        target = Path(path)
-        check_shadow_output(target, self.table is not None)
+        target = check_shadow_output(path, self.table is not None)
         suffix = target.suffix.lower()
         if suffix == ".tif":
             assert self.table is not None
@@ -113,15 +97,16 @@ class Shadow:
         }
 
 
-def check_shadow_output(path: Path, raster: bool) -> None:
-    """Raise an InputError, before long work, unless `Shadow.save` can write to a path; `raster`: with cells."""
-    checked_output(path, SUFFIXES)
-    suffix = path.suffix.lower()
+def check_shadow_output(path: str | os.PathLike[str], raster: bool) -> Path:
+    """The path; an InputError, before long work, unless `Shadow.save` can write to it. `raster`: with cells."""
+    target = checked_output(path, SUFFIXES)
+    suffix = target.suffix.lower()
     if suffix == ".tif" and not raster:
-        raise InputError(f"{path.name}: a GeoTIFF needs cells; give their size as cell, such as 1, or use .gpkg")
+        raise InputError(f"{target.name}: a GeoTIFF needs cells; give their size as cell, such as 1, or use .gpkg")
     packages = ["rasterio"] if suffix == ".tif" else ["geopandas", "pyarrow" if suffix == ".parquet" else "pyogrio"]
     for package in packages:
         import_extra(package, suffix, "gis")
+    return target
 
 
 def _plan(crs: str) -> Any:

@@ -23,6 +23,7 @@ from ...progress import ProgressCallback
 _STACK_SIZE = MAX_DEPTH + 2
 _AZIMUTH_ERROR = 4e-8  # radians: greatest error of `_place`
 _ROUNDING = 1e-12  # relative tolerance of a bound of slopes
+_VOLUME_ERROR = 1e-14  # relative error of a triple product, with a margin
 
 # --- Arguments --------------------------------------------------------------------------------------------------------
 
@@ -66,6 +67,7 @@ class _Corner(NamedTuple):
     x: Any  # easting
     y: Any  # northing
     z: Any  # height
+    slope: Any  # z / r
     place: Any  # azimuth in half steps, 0 <= place < 2 m
 
 
@@ -166,18 +168,20 @@ def _ends(box):
 
 @inlined
 def _rises(box, slope, row, compass):
-    """Whether a box may rise above the skyline at one of its azimuths."""
+    """Whether a box may rise above the skyline, at one of its azimuths or in one of its bins."""
     if max(box.x0, -box.x1) <= 0.0 and max(box.y0, -box.y1) <= 0.0:
-        first, last = 0, row.m - 1
+        begin, end = np.float64(0.0), np.float64(2 * row.m - 1)
     else:
         x0, y0, x1, y1 = _ends(box)
         begin, end = _place(x0, y0, compass), _place(x1, y1, compass)
         if end < begin:
             end += 2 * row.m
-        first, last = _bin_of(begin - compass.around), _bin_of(end + compass.around)
-        last = min(last, first + row.m - 1)
-    for k in range(first, last + 1):
-        if slope > get(row.at, row.first + _wrapped(k, row.m)):
+        begin, end = begin - compass.around, end + compass.around
+    first, last = _bin_of(begin), _bin_of(end)
+    for k in range(first, min(last, first + row.m) + 1):
+        at = row.first + _wrapped(k, row.m)
+        # A box beside the azimuth itself can only raise the bin.
+        if slope > (get(row.at, at) if begin <= 2 * k <= end else get(row.highest, at)):
             return True
     return False
 
@@ -191,24 +195,27 @@ def _corner(corners, at, eye, compass):
     x = np.float64(get(corners, at)) - eye[0]
     y = compass.sign * (np.float64(get(corners, at + compass.north_axis)) - eye[1])
     z = np.float64(get(corners, at + compass.up_axis)) - eye[2]
-    return _Corner(x, y, z, _place(x, y, compass))
+    r = np.sqrt(x * x + y * y)
+    # A corner on the vertical through the eye is part of no azimuth.
+    return _Corner(x, y, z, z / r if r > 0.0 else np.float64(-np.inf), _place(x, y, compass))
 
 
 @inlined
 def _raise_corner(a, row, compass):
     """Raise the bin of a corner."""
-    r = np.sqrt(a.x * a.x + a.y * a.y)
-    if r > 0.0:  # corners on the vertical through the eye are part of no azimuth
-        _raise(row.highest, row.first + _exact_bin(a.x, a.y, a.place, compass), a.z / r)
+    if a.slope > get(row.at, row.first + _wrapped(_bin_of(a.place), row.m)):  # `highest` is not lower than `at`
+        _raise(row.highest, row.first + _exact_bin(a.x, a.y, a.place, compass), a.slope)
 
 
 @inlined
-def _raise_peak(a, b, width, row, compass):
-    """Raise the bin of the highest direction of an edge, if that is not one of its ends."""
+def _peak(a, b, width, row, compass):
+    """The greatest slope of an edge between its ends, in whose bin it is raised; -inf if an end is higher."""
     x, y = b.z * a.y - a.z * b.y, a.z * b.x - b.z * a.x
-    if x * a.y - a.x * y > 0.0 and b.x * y - x * b.y > 0.0:
-        k = _exact_bin(x, y, _place(x, y, compass), compass)
-        _raise(row.highest, row.first + k, np.sqrt(x * x + y * y) / width)
+    if not (x * a.y - a.x * y > 0.0 and b.x * y - x * b.y > 0.0):
+        return np.float64(-np.inf)
+    slope = np.sqrt(x * x + y * y) / width
+    _raise(row.highest, row.first + _exact_bin(x, y, _place(x, y, compass), compass), slope)
+    return slope
 
 
 @inlined
@@ -217,22 +224,28 @@ def _raise_edge(a, b, row, compass):
     width = b.x * a.y - a.x * b.y
     if not width > 0.0:
         return  # seen from its end: its corners have been counted
-    _raise_peak(a, b, width, row, compass)
     full = 2 * row.m
     span = b.place - a.place
     if span < -0.25 * full:
         span += full
     elif span > 0.75 * full:
         span -= full
+    most = max(max(a.slope, b.slope), _peak(a, b, width, row, compass))
+    most += _ROUNDING * abs(most)
     first = np.int64(np.ceil(a.place - compass.around))
     last = np.int64(np.floor(a.place + span + compass.around))
     for j in range(first, last + 1):
         j = _wrapped(j, full)
+        k = j >> 1
+        if most <= get(row.at, row.first + k) and (
+            j & 1 == 0 or most <= get(row.at, row.first + _wrapped(k + 1, row.m))
+        ):
+            continue
         east, north = compass.east[j], compass.north[j]
         before, after = east * a.y - a.x * north, b.x * north - east * b.y
         # The signs depend on one corner each, so no direction passes between two edges that share it.
         if before >= 0.0 and after >= 0.0:
-            slope, k = (after * a.z + before * b.z) / width, j >> 1
+            slope = (after * a.z + before * b.z) / width
             _raise(row.highest, row.first + k, slope)
             if j & 1:
                 _raise(row.highest, row.first + _wrapped(k + 1, row.m), slope)
@@ -242,17 +255,26 @@ def _raise_edge(a, b, row, compass):
 
 @inlined
 def _raise_triangle(corners, slot, eye, row, compass):
-    """Raise the slopes along the edges of a triangle."""
+    """Raise the slopes along the upper edges of a triangle."""
     a = _corner(corners, 9 * slot, eye, compass)
     b = _corner(corners, 9 * slot + 3, eye, compass)
     c = _corner(corners, 9 * slot + 6, eye, compass)
     for corner in (a, b, c):
         _raise_corner(corner, row, compass)
+    # An edge is upper if the third corner is not above the plane through the eye and the edge.
+    volume = a.x * (b.y * c.z - b.z * c.y) + a.y * (b.z * c.x - b.x * c.z) + a.z * (b.x * c.y - b.y * c.x)
+    error = _VOLUME_ERROR * _size(a) * _size(b) * _size(c)
     for p, q in ((a, b), (b, c), (c, a)):
         if p.y * q.x > p.x * q.y:
-            _raise_edge(p, q, row, compass)
-        else:
+            if volume >= -error:
+                _raise_edge(p, q, row, compass)
+        elif volume <= error:
             _raise_edge(q, p, row, compass)
+
+
+@inlined
+def _size(a):
+    return abs(a.x) + abs(a.y) + abs(a.z)
 
 
 # --- The tree ---------------------------------------------------------------------------------------------------------

@@ -3,9 +3,8 @@
 import json
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,35 +41,21 @@ _DECIMALS = 6  # of degrees in text files
 # --- Results ----------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class Skyline:
+class Skyline(NamedTuple):
     """The skylines of n points at m azimuths.
 
-    points : (n, 3) float64
-        World coordinates of the eyes.
-    azimuth : (m,) float64
-        Degrees clockwise from true north, equally spaced, from 0.
-    elevation : (n, m) float64
-        Degrees above the horizontal: the supremum of what lies along each azimuth, -90 where there is nothing, and 90
-        everywhere below a roof.
-    highest : (n, m) float64
-        The supremum of what lies up to half a step beside each azimuth, both ends included. It is never lower than
-        `elevation`, so nothing between two azimuths is missed.
-    about : dict
-        Metadata of the job, in JSON types.
+    Azimuths are equally spaced. Elevations are suprema: -90 where there is nothing, 90 everywhere below a roof.
+    `highest` is never lower than `elevation`, so nothing between two azimuths is missed.
     """
 
-    points: np.ndarray
-    azimuth: np.ndarray
-    elevation: np.ndarray
-    highest: np.ndarray
-    about: dict[str, Any] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        return len(self.points)
+    points: np.ndarray  # (n, 3) float64, world: the eyes
+    azimuth: np.ndarray  # (m,) float64, degrees clockwise from true north, from 0
+    elevation: np.ndarray  # (n, m) float64, degrees above the horizontal: of what lies along each azimuth
+    highest: np.ndarray  # (n, m) float64, degrees: of what lies within half a step, both ends included
+    about: dict[str, Any]  # metadata of the job, in JSON types
 
     def __repr__(self) -> str:
-        return f"Skyline({len(self)} points x {len(self.azimuth)} azimuths)"
+        return f"Skyline({len(self.points)} points x {len(self.azimuth)} azimuths)"
 
     def sky_view_factor(self, tilt: float = 0.0, azimuth: float = 180.0) -> NDArray[np.float64]:
         """(n,) float64: the share of a uniform sky's light that arrives above the skyline on a plane at each point.
@@ -163,12 +148,14 @@ class Skyline:
         InputError
             If the suffix is unknown, the path cannot be written, or a .txt file needs a point.
         """
-        target = checked_output(path, SUFFIXES)
+        target, highest = checked_output(path, SUFFIXES), flag(highest, "highest")
+        if point is not None:
+            whole_number(point, "point", 0, len(self.points) - 1)
         suffix = target.suffix.lower()
         if suffix == ".txt":
-            if point is None and len(self) != 1:
+            if point is None and len(self.points) != 1:
                 raise InputError(
-                    f"{target.name}: a PVGIS file holds one point, and there are {len(self)}; name a point"
+                    f"{target.name}: a PVGIS file holds one point, and there are {len(self.points)}; name a point"
                 )
             text = self.userhorizon(0 if point is None else point, highest=highest).replace(",", "\n") + "\n"
             with atomic_output(target) as temporary:
@@ -182,7 +169,7 @@ class Skyline:
                 file.writelines(self._csv() if suffix == ".csv" else [self._json()])
 
     def _row(self, point: int, highest: bool) -> NDArray[np.float64]:
-        index = whole_number(point, "point", 0, len(self) - 1)
+        index = whole_number(point, "point", 0, len(self.points) - 1)
         row: NDArray[np.float64] = (self.highest if flag(highest, "highest") else self.elevation)[index]
         return row
 
