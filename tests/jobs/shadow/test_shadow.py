@@ -133,6 +133,16 @@ def test_cells_on_a_plane_agree_with_the_exact_outline():
     assert cells.area == inside.sum() * 0.25**2 == pytest.approx(exact.area, rel=0.1)
 
 
+def test_a_store_needs_cells(tmp_path):
+    scene = scene_of(box((0, 0, 0), (10, 10, 5)))
+    at.build_store(scene, tmp_path / "a.antumbra")
+    store = at.load(tmp_path / "a.antumbra")
+    with pytest.raises(at.InputError, match="is a store"):
+        at.shadow(store, at=NOON, place=HERE)
+    cells = [at.shadow(each, at=NOON, place=HERE, cell=1.0, height=2.5) for each in (scene, store)]
+    assert cells[0].area == cells[1].area > 50.0
+
+
 def test_classes_of_hours_cover_all_cells():
     scene = scene_of(box((10, 20, 0), (14, 23, 5)), box((0, 0, -0.01), (40, 40, 0)))
     shadow = at.shadow(scene, days="2026-03-21", step=30, cell=1.0, place=HERE, classes=[0, 0.5, 2, 4])

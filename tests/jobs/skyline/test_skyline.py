@@ -245,6 +245,22 @@ def test_a_point_on_a_tilted_roof_sees_the_roof_behind_it():
     assert len(at.skyline(scene, "face", step=90.0).points) == 2
 
 
+def test_instances_have_the_skyline_of_their_copies():
+    mesh = soup(7, 5)
+    moves = np.repeat(np.eye(4)[None], 3, 0)
+    moves[1, :3, 3], moves[2, :3, 3] = [3, 0, 1], [0, -4, 2]
+    copies = at.Scene.from_instances([mesh], [moves], up="z")
+    flat = scene_of(seen_from(copies))
+    found, want = (at.skyline(scene, [0.0, 0.0, 1.0], step=STEP) for scene in (copies, flat))
+    assert np.allclose(found.elevation, want.elevation, atol=1e-4) and (want.elevation > -90.0).any()
+
+
+def test_a_store_is_refused(tmp_path):
+    at.build_store(scene_of(soup(3)), tmp_path / "a.antumbra")
+    with pytest.raises(at.InputError, match="is a store"):
+        at.skyline(at.load(tmp_path / "a.antumbra"), [0, 0, 0])
+
+
 def test_faces_with_holes_count_as_solid():
     scene = scene_with_cutouts()
     assert scene.cutouts is not None

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...bvh.nodes import Bvh
 from ...checks import as_array, flag, number, whole_number
+from ...engine.paged_scene import PagedScene
 from ...engine.precompilation import Job, fixed_job, precompile, small_scene
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike, scene_of
@@ -244,6 +245,8 @@ def skyline(
         If an argument is invalid, the scene is in a store, or pyproj is missing for the CRS of the scene.
     """
     options, scene = SkylineOptions(**keywords), scene_of(scene)
+    if isinstance(scene, PagedScene):
+        raise scene.refusal()
     threads, time = thread_count(options.threads), scene.clamped(options.time)
     if isinstance(points, str):
         check_sensors(points, "points")
