@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh.nodes import EMPTY, MAX_DEPTH, Bvh, box_at, box_of_link_at, bvh_leaf, is_leaf, link_at, tree_of
-from ...kernels.jit import F64Ptr, inlined, kernel
+from ...kernels.jit import F64Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
 from ...kernels.simd import get, ptr, put, stack_f64, stack_i32
 from ...progress import ProgressCallback
 
-_STACK_SIZE = MAX_DEPTH + 2
+_HEAP = 1024  # boxes in order of their slopes
+_QUEUE_SIZE = _HEAP + MAX_DEPTH + 2
 _AZIMUTH_ERROR = 4e-8  # radians: greatest error of `_place`
 _ROUNDING = 1e-12  # relative tolerance of a bound of slopes
 _VOLUME_ERROR = 1e-14  # relative error of a triple product, with a margin
@@ -79,6 +80,13 @@ class _Box(NamedTuple):
     y0: Any
     y1: Any
     z1: Any  # its upper end
+
+
+class _Queue(NamedTuple):
+    """Boxes to visit: a heap of up to `_HEAP` boxes, steepest first, and a stack of those that found it full."""
+
+    words: I32Ptr  # of their links
+    bounds: F64Ptr  # of their slopes
 
 
 # --- Azimuths ---------------------------------------------------------------------------------------------------------
@@ -295,35 +303,60 @@ def _box(nodes, at, eye, compass):
     )
 
 
+@inlined
+def _push(queue, n, word, bound):
+    """Add a box to a queue of n boxes."""
+    if n < _HEAP:
+        while n > 0 and get(queue.bounds, (n - 1) >> 1) < bound:
+            up = (n - 1) >> 1
+            put(queue.words, n, np.int32(get(queue.words, up)))
+            put(queue.bounds, n, get(queue.bounds, up))
+            n = up
+    put(queue.words, n, np.int32(word))
+    put(queue.bounds, n, bound)
+
+
+@inlined
+def _pop(queue, n):
+    """Remove the steepest box of a queue of n boxes, or the last one that found the heap full: (word, bound)."""
+    last, least = get(queue.words, n - 1), get(queue.bounds, n - 1)
+    if n > _HEAP:
+        return last, least
+    word, bound = get(queue.words, 0), get(queue.bounds, 0)
+    n -= 1
+    at, below = 0, 1
+    while below < n:
+        if below + 1 < n and get(queue.bounds, below + 1) > get(queue.bounds, below):
+            below += 1
+        if get(queue.bounds, below) <= least:
+            break
+        put(queue.words, at, np.int32(get(queue.words, below)))
+        put(queue.bounds, at, get(queue.bounds, below))
+        at, below = below, 2 * below + 1
+    put(queue.words, at, np.int32(last))
+    put(queue.bounds, at, least)
+    return word, bound
+
+
 @kernel
 def _find_skyline(tree, eye, row, compass):
     """Raise the slopes of one point to those of all triangles."""
-    words, bounds = stack_i32(_STACK_SIZE), stack_f64(_STACK_SIZE)
-    put(words, 0, np.int32(0))
-    height, node = 0, np.int64(0)
+    queue = _Queue(stack_i32(_QUEUE_SIZE), stack_f64(_QUEUE_SIZE))
+    n, node = 0, np.int64(0)
     while True:
         for side in (0, 1):
             link = get(tree.links, link_at(node, side))
-            if link == EMPTY:
-                continue
-            put(words, height, np.int32(link_at(node, side)))
-            put(bounds, height, _greatest_slope(_box(tree.nodes, box_at(node, side), eye, compass)))
-            height += 1
-            # The steeper child goes on top: it is likely to hide the other one.
-            if side == 1 and height > 1 and get(bounds, height - 2) > get(bounds, height - 1):
-                word, bound = get(words, height - 1), get(bounds, height - 1)
-                put(words, height - 1, np.int32(get(words, height - 2)))
-                put(bounds, height - 1, get(bounds, height - 2))
-                put(words, height - 2, np.int32(word))
-                put(bounds, height - 2, bound)
+            if link != EMPTY:
+                box = _box(tree.nodes, box_at(node, side), eye, compass)
+                _push(queue, n, link_at(node, side), _greatest_slope(box))
+                n += 1
         node = np.int64(-1)
         while node < 0:
-            if height == 0:
+            if n == 0:
                 return
-            height -= 1
-            word = get(words, height)
-            box = _box(tree.nodes, box_of_link_at(word), eye, compass)
-            if not _rises(box, get(bounds, height), row, compass):
+            word, bound = _pop(queue, n)
+            n -= 1
+            if not _rises(_box(tree.nodes, box_of_link_at(word), eye, compass), bound, row, compass):
                 continue
             link = get(tree.links, word)
             if not is_leaf(link):
