@@ -202,6 +202,7 @@ def test_bad_input(dutch, tmp_path, monkeypatch):
         "degrees below the horizon; choose": {"at": "2026-06-21T01:00"},
         "^at is 'noon'; write 2026-06-21T15:00": {"at": "noon"},
         "^at is 5": {"at": 5},
+        "^at is 0001.*choose a year": {"at": datetime.min},
         "^cell": {"at": NOON, "cell": 0.0},
         "^classes is .*ascending": {"days": "2026-06-21", "classes": "2,1"},
         "^classes": {"days": "2026-06-21", "classes": "a"},

@@ -147,6 +147,19 @@ def test_a_plane_on_open_ground_sees_its_share_of_the_sky(tilt):
     assert open_ground.sky_view_factor(tilt, 90.0)[0] == pytest.approx((1 + np.cos(np.radians(tilt))) / 2, abs=1e-4)
 
 
+def test_sky_view_traces_the_same_share_of_the_sky():
+    scene = at.procedural("city", triangles=3000)
+    points = np.random.default_rng(4).uniform([-40, 1.5, -40], [40, 1.5, 40], (30, 3))
+    skyline = at.skyline(scene, points, step=1.0)
+    rays = at.sky_view(scene, at.point_sensors(points, np.broadcast_to([0.0, 1.0, 0.0], points.shape)), directions=4096)
+    free = skyline.elevation[:, 0] < 90.0
+    assert free.sum() > 10 and np.ptp(rays["sky_view"][free]) > 0.2
+    # Trees have sky below their crowns, so the skyline sees less; it never sees more than rays do.
+    share = skyline.sky_view_factor()[free]
+    assert (share <= rays["sky_view"][free] + 0.01).all()
+    assert np.median(np.abs(share - rays["sky_view"][free])) < 0.02
+
+
 def test_below_a_roof_all_is_closed():
     roof = np.array([[[-1, -1, 3], [1, -1, 3], [0, 2, 3]]], float)
     skyline = at.skyline(

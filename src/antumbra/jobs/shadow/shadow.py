@@ -54,8 +54,9 @@ def shadow(scene: SceneLike, *, progress: Progress = None, **keywords: Any) -> S
     """Find the shadow on the ground at a moment, or the hours of shadow of days, as polygons.
 
     Without cells, the shadow at a moment falls on a horizontal plane, and its outline is exact: the union of all
-    triangles, projected along the sun. With cells, polygons follow the edges of raster cells, whose centres are traced
-    exactly, on the highest surfaces or on a plane. The sun is a point at its geometric position, without refraction.
+    triangles, also of those with alpha masks, projected along the sun. With cells, polygons follow the edges of raster
+    cells, whose centres are traced exactly, on the highest surfaces or on a plane. The sun is a point at its geometric
+    position, without refraction.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from ...errors import InputError
 from ...picture.option_fields import Choice, RealNumber, check_fields, option, optional, same_option
 from ...picture.render_options import EngineOptions
 from ..sun.location import Place, checked_place
-from ..sun.sun_positions import checked_step, days_of
+from ..sun.sun_positions import YEARS, checked_step, days_of
 
 CLASSES = 0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 12.0
 """Default lower limits of the classes, hours."""
@@ -31,6 +31,8 @@ def _moment(value: Any, what: str) -> datetime:
             raise InputError(f"{what} is {quoted(value)}; write {_MOMENT}") from None
     if not isinstance(value, datetime):
         raise InputError(f"{what} is {quoted(value)}; it must be a datetime, or a text such as 2026-06-21T15:00")
+    if not YEARS[0] <= value.year <= YEARS[1]:
+        raise InputError(f"{what} is {value}; choose a year from {YEARS[0]} to {YEARS[1]}")
     return value
 
 
