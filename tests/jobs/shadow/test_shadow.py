@@ -167,7 +167,7 @@ def dutch():
     return scene
 
 
-@pytest.mark.filterwarnings("error")
+@pytest.mark.filterwarnings("error::UserWarning", "error::RuntimeWarning")
 def test_files_keep_polygons_columns_and_crs(dutch, tmp_path):
     geopandas = pytest.importorskip("geopandas", reason="files of polygons need antumbra[gis]: NOT checked")
     shadow = at.shadow(dutch, at=AFTERNOON, height=0.0)
