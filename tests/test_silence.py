@@ -26,10 +26,13 @@ CALLS = {
     "place_of": "at.place_of(scene, latitude=52.0, longitude=4.4)",
     "point_sensors": "at.point_sensors([(0, 1, 0)])",
     "procedural": "at.procedural('atrium', triangles=1000)",
+    "pvlib_shading": "at.pvlib_shading(scene, (0, 1, 0), index, place=at.Place(52.0, 4.4))",
     "raster_sensors": "at.raster_sensors(scene, 2.0)",
     "render": "at.render(scene, camera, spp=1).save('picture.png')",
     "sensors_of": "at.sensors_of('face', scene)",
+    "shadow": "at.shadow(scene, at='2026-06-21T12:00', place=at.Place(52.0, 4.4)).save('shadow.gpkg')",
     "sky_view": "at.sky_view(scene, directions=16)",
+    "skyline": "at.skyline(scene, (0, 1, 0)).save('skyline.csv')",
     "sun_hours": "at.sun_hours(scene, 'face', '2026-06-21', place=at.Place(52.0, 4.4), matrix='sun.npy')",
     "suns_of": "at.suns_of(at.Place(52.0, 4.4), times, scene.up)",
     "times_of": "times",
@@ -48,9 +51,11 @@ PRELUDE = """
 from datetime import UTC, date
 import geopandas
 import numpy as np
+import pandas
 import shapely
 import trimesh
 import antumbra as at
+index = pandas.date_range("2026-06-21", periods=4, freq="6h", tz="UTC")
 scene = at.procedural("atrium", triangles=1000)
 camera, light = scene.cameras[0].resized(16, 16), at.PointLight((0, 2, 0))
 houses = geopandas.GeoDataFrame(geometry=[shapely.box(0, 0, 1, 1)])

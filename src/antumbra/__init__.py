@@ -26,6 +26,7 @@ if typing.TYPE_CHECKING:
     from .engine.visibility import Visibility
     from .errors import InputError
     from .formats.cityjson.attribute_writer import write_attributes
+    from .integrations.pvlib import pvlib_shading
     from .integrations.trimesh import trimesh_ray
     from .jobs.bake.bake_job import Baked, bake
     from .jobs.dataset.dataset_job import Dataset, dataset
@@ -36,6 +37,9 @@ if typing.TYPE_CHECKING:
     from .jobs.result_table import Column, Table
     from .jobs.sensor_files import sensors_of
     from .jobs.sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
+    from .jobs.shadow.shadow import shadow
+    from .jobs.shadow.shadow_polygons import Shadow
+    from .jobs.skyline.skyline import Skyline, skyline
     from .jobs.sun.location import Place, place_of
     from .jobs.sun.sun_hours import sky_view, sun_hours
     from .jobs.sun.sun_positions import Suns, suns_of, times_of
@@ -91,8 +95,10 @@ __all__ = [
     "Renderer",
     "Scene",
     "Sensors",
+    "Shadow",
     "Sightlines",
     "Sky",
+    "Skyline",
     "SphereLight",
     "SrdhRays",
     "Suns",
@@ -116,10 +122,13 @@ __all__ = [
     "place_of",
     "point_sensors",
     "procedural",
+    "pvlib_shading",
     "raster_sensors",
     "render",
     "sensors_of",
+    "shadow",
     "sky_view",
+    "skyline",
     "sun_hours",
     "suns_of",
     "times_of",
@@ -166,8 +175,10 @@ _HOME = {
     "Renderer": "picture.renderer",
     "Scene": "engine.scene",
     "Sensors": "jobs.sensors",
+    "Shadow": "jobs.shadow.shadow_polygons",
     "Sightlines": "jobs.line_of_sight.sightlines",
     "Sky": "scene.sky",
+    "Skyline": "jobs.skyline.skyline",
     "SphereLight": "scene.lights",
     "SrdhRays": "techniques.srdh.representative_rays",
     "Suns": "jobs.sun.sun_positions",
@@ -190,10 +201,13 @@ _HOME = {
     "place_of": "jobs.sun.location",
     "point_sensors": "jobs.sensors",
     "procedural": "engine.scene",
+    "pvlib_shading": "integrations.pvlib",
     "raster_sensors": "jobs.sensors",
     "render": "picture.renderer",
     "sensors_of": "jobs.sensor_files",
+    "shadow": "jobs.shadow.shadow",
     "sky_view": "jobs.sun.sun_hours",
+    "skyline": "jobs.skyline.skyline",
     "sun_hours": "jobs.sun.sun_hours",
     "suns_of": "jobs.sun.sun_positions",
     "times_of": "jobs.sun.sun_positions",

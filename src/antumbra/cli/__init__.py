@@ -7,7 +7,8 @@
 - `explain_commands`: ``antumbra explain`` and ``culling``, pictures of the work of plans
 - `bake_command`: ``antumbra bake``, light and occlusion baked into glTF files
 - `view_command`: ``antumbra view``, a scene in the browser
-- `sun_command`, `sight_commands` (``los``, ``viewshed``, ``matrix``), `dataset_command`: the jobs
+- `sun_command`, `sight_commands` (``los``, ``viewshed``, ``matrix``), `skyline_command`, `shadow_command`,
+  `dataset_command`: the jobs
 - `shards`: the options --shard and --ray, and ``antumbra merge``
 - `scene_commands`: ``antumbra info``, ``scenes``, ``formats`` and ``build``
 - `installation_commands`: ``antumbra doctor``, ``warmup`` and ``plans``
