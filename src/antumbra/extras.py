@@ -16,6 +16,10 @@ from .forks import hold_during_fork
 # --- Optional packages ------------------------------------------------------------------------------------------------
 
 
+class MissingPackage(InputError):
+    """An optional package is not installed."""
+
+
 def import_extra(package: str, what: str, extra: str) -> ModuleType:
     """Import an optional package.
 
@@ -30,14 +34,14 @@ def import_extra(package: str, what: str, extra: str) -> ModuleType:
 
     Raises
     ------
-    InputError
+    MissingPackage
         If it is not installed.
     """
     try:
         return importlib.import_module(package)
     except ImportError:
         name = package.partition(".")[0]
-        raise InputError(f"{what} needs {name}: pip install 'antumbra[{extra}]'") from None
+        raise MissingPackage(f"{what} needs {name}: pip install 'antumbra[{extra}]'") from None
 
 
 # --- Plugins ----------------------------------------------------------------------------------------------------------
