@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...extras import import_extra
+from ...extras import MissingPackage, import_extra
 from ...kernels.parallel import map_in_threads
 from ..json_fields import Fields
 
@@ -46,27 +46,27 @@ def is_fallback(buffer: Fields) -> bool:
 def decompress_views(root: Fields, buffers: Buffers) -> tuple[Fields, Buffers]:
     """A file without compressed buffer views: (JSON, buffers). Unchanged if it has none.
 
-    Otherwise each view becomes a buffer, so that no compressed bytes remain. Views with data in a fallback buffer are
-    not decompressed.
+    Otherwise each view becomes a buffer, so that no compressed bytes remain. Fallback buffers are used only if the
+    library is missing: viewers with a decoder ignore them, so faults in them go unnoticed.
 
     Raises
     ------
     InputError
-        If the library is missing, or the data cannot be decoded.
+        If the library is missing and there is no fallback, or the data cannot be decoded.
     """
     views = root.objects("bufferViews")
-    extensions = [_extension(view) for view in views]
-    if all(extension is None for extension in extensions):
+    packed = {i: extension for i, view in enumerate(views) if (extension := _extension(view)) is not None}
+    if not packed:
         return root, buffers
     out = [_view_data(view, buffers) for view in views]
-    packed = {
-        i: _compressed_view(view, extension, buffers)
-        for i, (view, extension) in enumerate(zip(views, extensions))
-        if extension is not None and out[i] is None
-    }
-    if packed:
+    try:
         import_extra("meshopt", f"{root.where} compressed with meshopt,", "compressed")
-        for i, data in zip(packed, map_in_threads(_decode, packed.values())):
+    except MissingPackage:
+        if any(out[i] is None for i in packed):
+            raise
+    else:
+        compressed = [_compressed_view(views[i], extension, buffers) for i, extension in packed.items()]
+        for i, data in zip(packed, map_in_threads(_decode, compressed)):
             out[i] = data
     return Fields(_plain_json(root.data), root.where), out
 
