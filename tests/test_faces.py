@@ -62,7 +62,8 @@ class Mesh:
 
 CITY = """{"type": "CityJSON", "version": "2.0", "transform": {"scale": [1, 1, 1], "translate": [0, 0, 0]},
 "CityObjects": {"a": {"type": "Building", "attributes": {"height": 3}, "geometry": [{"type": "MultiSurface", "lod": "1",
-"semantics": {"surfaces": [{"type": "RoofSurface", "slope": 0}], "values": [0]}, "boundaries": [[[0, 1, 2]]]}]}}, "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]]}"""
+"semantics": {"surfaces": [{"type": "RoofSurface", "slope": 0}], "values": [0]}, "boundaries": [[[0, 1, 2]]]}]}},
+"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]]}"""
 
 
 @cache

@@ -27,7 +27,7 @@ class CompressedView(NamedTuple):
 
     where: str  # name in errors
     data: bytes
-    count: int  # of elements
+    n_elements: int
     stride: int  # bytes of an element
     mode: str  # ATTRIBUTES, TRIANGLES or INDICES
     filter: str  # NONE, OCTAHEDRAL, QUATERNION, EXPONENTIAL or COLOR
@@ -102,7 +102,7 @@ def _decode(view: CompressedView) -> NDArray[np.uint8]:
     import meshopt
 
     try:
-        rows = meshopt.decode_gltf_buffer(view.data, view.count, view.stride, view.mode, view.filter)
+        rows = meshopt.decode_gltf_buffer(view.data, view.n_elements, view.stride, view.mode, view.filter)
     except Exception as error:  # the library raises various exceptions on damaged data
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise InputError(f"{view.where}: meshopt data cannot be decoded ({reason}); export it again") from error
