@@ -5,6 +5,8 @@ components, floats with a shared exponent, or colours as luma and chroma. The de
 the quantized integers and floats of KHR_mesh_quantization.
 """
 
+from functools import partial
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,13 +62,13 @@ def decompress_views(root: Fields, buffers: Buffers) -> tuple[Fields, Buffers]:
         return root, buffers
     out = [_view_data(view, buffers) for view in views]
     try:
-        import_extra("meshopt", f"{root.where} compressed with meshopt,", "compressed")
+        library = import_extra("meshopt", f"{root.where} compressed with meshopt,", "compressed")
     except MissingPackage:
         if any(out[i] is None for i in packed):
             raise
     else:
         compressed = [_compressed_view(views[i], extension, buffers) for i, extension in packed.items()]
-        for i, data in zip(packed, map_in_threads(_decode, compressed)):
+        for i, data in zip(packed, map_in_threads(partial(_decode, library), compressed)):
             out[i] = data
     return Fields(_plain_json(root.data), root.where), out
 
@@ -98,11 +100,9 @@ def _compressed_view(view: Fields, extension: Fields, buffers: Buffers) -> Compr
     )
 
 
-def _decode(view: CompressedView) -> NDArray[np.uint8]:
-    import meshopt
-
+def _decode(library: ModuleType, view: CompressedView) -> NDArray[np.uint8]:
     try:
-        rows = meshopt.decode_gltf_buffer(view.data, view.n_elements, view.stride, view.mode, view.filter)
+        rows = library.decode_gltf_buffer(view.data, view.n_elements, view.stride, view.mode, view.filter)
     except Exception as error:  # the library raises various exceptions on damaged data
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise InputError(f"{view.where}: meshopt data cannot be decoded ({reason}); export it again") from error
