@@ -62,8 +62,9 @@ class Mesh:
 
 
 CITY = """{"type": "CityJSON", "version": "2.0", "transform": {"scale": [1, 1, 1], "translate": [0, 0, 0]},
-"CityObjects": {"a": {"type": "Building", "geometry": [{"type": "MultiSurface", "lod": "1",
-"boundaries": [[[0, 1, 2]]]}]}}, "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]]}"""
+"CityObjects": {"a": {"type": "Building", "attributes": {"height": 3}, "geometry": [{"type": "MultiSurface", "lod": "1",
+"semantics": {"surfaces": [{"type": "RoofSurface", "slope": 0}], "values": [0]}, "boundaries": [[[0, 1, 2]]]}]}},
+"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]]}"""
 
 
 @cache
@@ -196,6 +197,8 @@ def examples(folder: Path) -> dict[str, Example]:
         "VisibilityMatrix.rows": ex(matrix.rows),
         "VisibilityMatrix.save": ex(matrix.save, path=folder / "matrix.npy"),
         "VisibilityMatrix.sparse": ex(matrix.sparse),
+        "CityModel.object_attribute": ex(city.city.object_attribute, name="height", faces=[0, -1]),
+        "CityModel.surface_attribute": ex(city.city.surface_attribute, name="slope", faces=[0, -1]),
         "CityModel.surface_types": ex(city.city.surface_types, faces=[0, -1]),
         "Frame.save": ex(frame.save, path=folder / "frame.png"),
         "bake": ex(at.bake, scene=own, output=folder / "baked.glb", **quick),

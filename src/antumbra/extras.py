@@ -27,7 +27,7 @@ EXTRAS = {
     "meshes": "unusual PLY and STL files, such as polygons with texture coordinates",
     "exr": "reading and writing .exr files, which data sets consist of",
     "sparse": "visibility matrices as scipy.sparse arrays",
-    "compressed": "glTF files compressed with Draco",
+    "compressed": "glTF files compressed with Draco or meshopt, and KTX2 textures",
     "plot": "plots by antumbra compare and antumbra bench",
     "video": ".mp4 and .webm files",
     "view": "the interactive page of antumbra view",
@@ -35,6 +35,10 @@ EXTRAS = {
     "all": "all of these",
 }
 """The extras for users, and what each is for. The others are for developers."""
+
+
+class MissingPackage(InputError):
+    """An optional package is not installed."""
 
 
 def import_extra(package: str, what: str, extra: str) -> ModuleType:
@@ -51,14 +55,14 @@ def import_extra(package: str, what: str, extra: str) -> ModuleType:
 
     Raises
     ------
-    InputError
+    MissingPackage
         If it is not installed.
     """
     try:
         return importlib.import_module(package)
     except ImportError:
         name = package.partition(".")[0]
-        raise InputError(f"{what} needs {name}: pip install 'antumbra[{extra}]'") from None
+        raise MissingPackage(f"{what} needs {name}: pip install 'antumbra[{extra}]'") from None
 
 
 # --- Plugins ----------------------------------------------------------------------------------------------------------

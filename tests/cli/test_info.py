@@ -39,16 +39,20 @@ def test_for_people(cli, square_obj):
 
 
 def test_a_city(cli, tmp_path):
-    objects = {"a": building(solid("1"), surfaces("2.2")), "pond": building(surfaces("1"), kind="WaterBody")}
+    slopes = {"surfaces": [{"type": "RoofSurface", "slope": 1.5}], "values": [0] * 6}
+    house = building(solid("1"), surfaces("2.2", semantics=slopes), attributes={"height": 3, "roof": "flat"})
+    objects = {"a": house, "pond": building(surfaces("1"), kind="WaterBody")}
     put(tmp_path, city(objects), "delft.city.json")
     told = cli("info", "delft.city.json", "--json").json()
     assert told["up"] == "z" and told["name"] == "delft"
     assert told["city"] == {
-        "crs": "EPSG:7415", "lods": ["1", "2.2"], "objects": {"Building": 1, "WaterBody": 1}, "surfaces": {"none": 12},
+        "crs": "EPSG:7415", "lods": ["1", "2.2"], "objects": {"Building": 1, "WaterBody": 1},
+        "surfaces": {"none": 6, "RoofSurface": 1}, "attributes": {"objects": ["height", "roof"], "surfaces": ["slope"]},
     }  # fmt: skip
     assert told["crs"] == "EPSG:7415"
     shown = cli("info", "delft.city.json").out
     assert "2 objects, levels of detail 1, 2.2" in shown and "EPSG:7415" in shown
+    assert "height, roof" in shown and "surface data" in shown and "slope" in shown
     assert cli("info", "delft.city.json?lod=2.2", "--json").json()["triangles"] == 12
     cli("info", "delft.city.json?lod=3").refused("no geometry has lod '3'; there are 1, 2.2")
     assert cli("info", "procedural:atrium?triangles=2k", "--json").json()["city"] is None

@@ -126,7 +126,6 @@ JSON = {
         ),
         "Draco data cannot be decoded",
     ),
-    "meshopt": (put("extensionsRequired", ["EXT_meshopt_compression"]), "compressed with meshopt"),
     "unknown extension": (put("extensionsRequired", ["A_b"]), "extensionsRequired has 'A_b'"),
     "old version": (put("asset", {"version": "1.0"}), "asset.version is '1.0'"),
     "no version": (put("asset", {}), "asset.version is missing"),
@@ -421,9 +420,6 @@ def test_a_buffer_without_data(tmp_path):
     made = spoiled(put("buffers", [{"byteLength": 72}, {"byteLength": 72}]))
     made.json["bufferViews"][0]["buffer"] = 1
     assert "buffers[1] has no data" in message_of(made.write(tmp_path))
-    packed = {"EXT_meshopt_compression": {"buffer": 0}}
-    made.json["bufferViews"][0]["extensions"] = packed
-    assert "buffers[1] is compressed (EXT_meshopt_compression)" in message_of(made.write(tmp_path))
 
 
 GOOD = single(TETRAHEDRON, TETRAHEDRON_FACES).glb()

@@ -170,6 +170,101 @@ def test_parts_name_their_building(tmp_path):
         }
 
 
+def test_children_count_where_parents_are_missing(tmp_path):
+    objects = {
+        "group": {"type": "CityObjectGroup", "children": ["house"], "members": ["house"]},
+        "house": building(children=["part"]),
+        "part": building(solid(), kind="BuildingPart", children=["house"]),
+    }
+    (only,) = at.load(put(tmp_path, city(objects))).objects
+    assert (only.name, only.parent) == ("part", "house")
+
+
+def attributed():
+    """A house whose part has faces, and a shed; with attributes of surfaces and objects."""
+    kinds = [
+        {"type": "RoofSurface", "slope": 12.5, "tiles": True},
+        {"type": "WallSurface", "slope": None, "children": [2]},
+        {"type": "Window", "parent": 1, "slope": 3, "glass": "double"},
+    ]
+    part = solid("2", semantics={"surfaces": kinds, "values": [[None, 0, 1, 2, 1, 1]]})
+    return {
+        "house": building(children=["part"], attributes={"year": 1900, "name": "Tür", "use": "home", "codes": [1, 2]}),
+        "part": building(part, kind="BuildingPart", parents=["house"], attributes={"use": 7, "year": None}),
+        "shed": building(solid("2"), attributes={"use": "tools"}),
+    }
+
+
+@pytest.mark.parametrize("version", ["1.0", "1.1", "2.0"])
+def test_attributes_of_faces(tmp_path, version):
+    for document, name in (
+        (city(attributed(), version=version), "a.city.json"),
+        (sequence(city(attributed(), version=version)), "a.city.jsonl"),
+    ):
+        model = at.load(put(tmp_path, document, name)).city
+        faces = [[2, 4], [6, 0], [12, -1]]
+        assert model.surface_types(faces).tolist() == [["RoofSurface", "WallSurface"], ["Window", ""], ["", ""]]
+        slopes = model.surface_attribute("slope", faces)
+        assert slopes.dtype == np.float64 and slopes.shape == (3, 2)
+        np.testing.assert_array_equal(slopes, [[12.5, np.nan], [3.0, np.nan], [np.nan, np.nan]])
+        np.testing.assert_array_equal(model.surface_attribute("tiles", [2, 4]), [1.0, np.nan])
+        assert model.surface_attribute("glass", faces).tolist() == [["", ""], ["double", ""], ["", ""]]
+        assert [s.parent for s in model.surfaces if s.type == "Window"] == [1]
+        assert model.surface_attribute_names == ["glass", "slope", "tiles"]
+        if name.endswith("l"):  # features of other lines are out of reach
+            assert model.object_attribute_names == ["use"]
+            continue
+        assert model.objects == ["part", "shed"] and model.parents == ["house", ""]
+        assert model.object_attribute_names == ["codes", "name", "use", "year"]
+        assert model.object_attribute("use", [0, 12, -1]).tolist() == ["7", "tools", ""]
+        assert model.object_attribute("codes", [0, 12]).tolist() == ["[1, 2]", ""]
+        assert model.object_attribute("name", 0) == "Tür"
+        np.testing.assert_array_equal(model.object_attribute("year", [0, 12]), [1900.0, np.nan])
+
+
+def test_one_feature_holds_a_building_and_its_parts(tmp_path):
+    head = {**city(), "CityObjects": {}, "vertices": []}
+    text = json.dumps(head) + "\n" + json.dumps(feature(attributed())) + "\n"
+    one, other = at.load(put(tmp_path, text, "b.city.jsonl")).city, at.load(put(tmp_path, city(attributed()))).city
+    assert one.attributes == other.attributes and one.surfaces == other.surfaces and one.parents == other.parents
+
+
+def test_attributes_of_templates(tmp_path):
+    document = instances()
+    semantics = {"surfaces": [{"type": "+Crown", "leaves": 0.8}], "values": [[0] * 6]}
+    document["geometry-templates"]["templates"][1]["semantics"] = semantics
+    document["CityObjects"]["tree"]["attributes"] = {"species": "oak"}
+    model = at.load(put(tmp_path, document)).city
+    assert (model.surface_attribute("leaves", np.arange(12)) == 0.8).all()
+    assert (model.object_attribute("species", np.arange(12)) == "oak").all()
+    assert (model.surface_types(np.arange(12)) == "+Crown").all()
+
+
+@pytest.mark.parametrize(
+    "call, words",
+    [
+        (
+            lambda c: c.surface_attribute("colour", 0),
+            "no surface of the city has the attribute 'colour'; there are glass",
+        ),
+        (lambda c: c.object_attribute("slope", 0), "no object of the city has the attribute 'slope'; there are codes"),
+        (lambda c: c.object_attribute("use", 24), "faces must be whole numbers from -1 to 23"),
+        (lambda c: c.object_attribute("use", 0.5), "faces must be whole numbers"),
+        (lambda c: c.object_attribute(3, 0), "name"),
+    ],
+)
+def test_bad_attributes(tmp_path, call, words):
+    with pytest.raises(at.InputError, match=words):
+        call(at.load(put(tmp_path, city(attributed()))).city)
+
+
+def test_no_attributes(tmp_path):
+    model = at.load(put(tmp_path, city())).city
+    assert model.object_attribute_names == model.surface_attribute_names == []
+    with pytest.raises(at.InputError, match="there are no attributes"):
+        model.surface_attribute("slope", 0)
+
+
 def feature(objects):
     return {"type": "CityJSONFeature", "CityObjects": objects, "vertices": CUBE.tolist()}
 

@@ -100,6 +100,18 @@ def test_a_round_trip_reads_the_same_scene(tmp_path, suffix):
     assert lines[0]["geometry-templates"] == everything()["geometry-templates"]
 
 
+def test_what_is_written_is_read_per_face(tmp_path):
+    document = city({"a": building(solid(semantics=SEMANTICS)), "b": building(solid())})
+    source = put(tmp_path, document)
+    before = at.load(source).city
+    of_surface = np.random.default_rng(0).random(len(before.surfaces))
+    at.write_attributes(source, tmp_path / "out.city.json", {"hours": of_surface[before.surface_of_face]})
+    after, faces = at.load(tmp_path / "out.city.json").city, np.arange(24)
+    np.testing.assert_allclose(after.surface_attribute("hours", faces), of_surface[before.surface_of_face], rtol=1e-12)
+    means = after.object_attribute("hours", faces)
+    assert len(set(means.tolist())) == 2 and (means[:12] == means[0]).all()
+
+
 def test_null_and_empty_members(tmp_path):
     objects = {"a": building(solid(), attributes=None), "b": building(solid(semantics=[]))}
     values = np.repeat([1.0, np.nan], 12)

@@ -79,7 +79,7 @@ def test_surfaces_keep_their_types_and_buildings_their_attributes():
     scene = at.from_footprints(buildings())
     city = scene.city
     assert [(each.name, each.type) for each in scene.objects] == [(name, "Building") for name in "abc"]
-    assert city.objects == ["a", "b", "c"] and city.attributes["use"].tolist() == ["home", "shop", "shed"]
+    assert city.objects == ["a", "b", "c"] and [row["use"] for row in city.attributes] == ["home", "shop", "shed"]
     counts = Counter((surface.object, surface.type) for surface in city.surfaces)
     walls = {0: 8, 1: 6, 2: 8}
     parts = {0: 1, 1: 1, 2: 2}
@@ -177,7 +177,9 @@ def test_footprints_off_the_terrain_are_named_or_left_out():
     with pytest.warns(UserWarning, match="1 footprints off the heights of the terrain are left out"):
         scene = at.from_footprints(table, terrain=dem, invalid="skip")
     assert [each.name for each in scene.objects] == ["a", "c", "terrain"]
-    assert scene.city.attributes["use"].tolist() == ["home", "shed"]
+    assert [row.get("use") for row in scene.city.attributes] == ["home", "shed", None]
+    uses = scene.city.object_attribute("use", np.arange(scene.n_triangles))
+    assert set(uses) == {"home", "shed", ""} and (uses[scene.city.object_of_face == 1] == "shed").all()
     np.testing.assert_allclose(volumes(scene, 2), (AREAS * HEIGHTS)[[0, 2]], rtol=1e-4)
 
 

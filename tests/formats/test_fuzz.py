@@ -1,5 +1,6 @@
 """Damaged files give a scene or an `InputError`, never another exception, a hang or a huge allocation."""
 
+import base64
 import io
 import json
 import resource
@@ -21,6 +22,7 @@ from antumbra.formats.gltf.gltf_file import split_glb
 from formats.test_frames import FRAMES
 from formats.test_mesh_files import obj_text, ply_binary, ply_text, stl_binary, stl_text
 from gltf_files import TETRAHEDRON_FACES, Gltf, everything
+from repository import ROOT
 from scenes import scene_path
 
 SECONDS = 20  # for a file of a few kilobytes; only a hang takes so long
@@ -159,10 +161,24 @@ def run(path, base: bytes, seeds, change=damaged) -> dict:
     return counts
 
 
+COMPRESSED = ROOT / "tests" / "data" / "compressed"
+
+
+def packed_gltf() -> bytes:
+    """A file compressed by meshopt with its data in a URI, and without the fallback."""
+    document = json.loads((COMPRESSED / "fallback.gltf").read_bytes())
+    data = base64.b64encode((COMPRESSED / "fallback.bin").read_bytes()).decode()
+    document["buffers"][0]["uri"] = "data:application/octet-stream;base64," + data
+    del document["buffers"][1]["uri"]
+    return json.dumps(document).encode()
+
+
 def bases() -> dict[str, bytes]:
     return {
         "all.glb": everything().glb(),
         "all.gltf": everything().gltf(),
+        "khr.glb": (COMPRESSED / "khr.glb").read_bytes(),
+        "packed.gltf": packed_gltf(),
         "a.obj": obj_text().encode(),
         "a.ply": ply_text().encode(),
         "b.ply": ply_binary(),
@@ -189,7 +205,7 @@ def test_damaged_bytes(tmp_path, name):
     assert counts["error"] > 5
 
 
-@pytest.mark.parametrize("name", ["all.gltf", "a.city.json"])
+@pytest.mark.parametrize("name", ["all.gltf", "packed.gltf", "a.city.json"])
 def test_odd_json_values(tmp_path, name):
     counts = run(tmp_path / name, bases()[name], range(400), json_change)
     assert counts["error"] > 40 and counts["scene"] > 40
@@ -242,6 +258,8 @@ def test_damaged_real_files_at_length(tmp_path, name):
 
 def encoded(kind: str) -> bytes:
     """A small picture with an alpha, if the format has one."""
+    if kind in ("ETC1S", "UASTC"):
+        return (COMPRESSED / f"leaf-{kind.lower()}.ktx2").read_bytes()
     rng, stream = np.random.default_rng(0), io.BytesIO()
     pixels, mode, more = rng.integers(0, 256, (9, 14, 4)).astype(np.uint8), "RGB" if kind[:3] == "JPE" else "RGBA", {}
     if kind == "PNG palette":
@@ -258,7 +276,7 @@ def encoded(kind: str) -> bytes:
     return stream.getvalue()
 
 
-PICTURES = ["PNG", "PNG palette", "JPEG", "JPEG progressive", "WEBP", "BMP", "TGA", "TGA packed"]
+PICTURES = ["PNG", "PNG palette", "JPEG", "JPEG progressive", "WEBP", "BMP", "TGA", "TGA packed", "ETC1S", "UASTC"]
 
 
 def cut_by(picture: bytes) -> bytes:

@@ -141,14 +141,6 @@ def test_one_line_says_what_was_left_out(tmp_path):
     )
 
 
-def test_compressed_textures_are_named_with_a_cure(tmp_path):
-    made = with_texture()
-    made.json["textures"] = [{"extensions": {"KHR_texture_basisu": {"source": 0}}}]
-    with pytest.warns(UserWarning, match=r"KTX2; convert it first.*taken as white"):
-        scene = loaded(made, tmp_path)
-    assert scene.appearance is None and (scene.colours == 1.0).all()
-
-
 def test_obj_has_coordinates_normals_and_holes(tmp_path):
     (tmp_path / "c.png").write_bytes(png(FOUR))
     (tmp_path / "a.png").write_bytes(png(np.full((4, 4, 3), [[[0]], [[255]], [[0]], [[255]]], np.uint8)))

@@ -128,7 +128,14 @@ def _answer(source: str, scene: "AnyScene", seconds: float) -> dict[str, Any]:
 
 def _city_answer(city: "CityModel") -> dict[str, Any]:
     surfaces = Counter(surface.type or "none" for surface in city.surfaces)
-    return {"crs": city.crs, "lods": city.lods, "objects": Counter(city.types), "surfaces": surfaces}
+    attributes = {"objects": city.object_attribute_names, "surfaces": city.surface_attribute_names}
+    return {
+        "crs": city.crs,
+        "lods": city.lods,
+        "objects": Counter(city.types),
+        "surfaces": surfaces,
+        "attributes": attributes,
+    }
 
 
 def _info_fields(scene: "AnyScene", seconds: float) -> Iterator[tuple[str, str]]:
@@ -146,6 +153,10 @@ def _info_fields(scene: "AnyScene", seconds: float) -> Iterator[tuple[str, str]]
     if scene.city is not None:
         levels = ", ".join(scene.city.lods) or "not named"
         yield "city", f"{len(scene.city.objects):,} objects, levels of detail {levels}"
+        for kind in "object", "surface":
+            names = getattr(scene.city, f"{kind}_attribute_names")
+            if names:
+                yield f"{kind} data", ", ".join(names)
     yield "animation", f"{scene.duration:g} seconds" if scene.animated else "none"
     for i, camera in enumerate(scene.cameras):
         place = f"{console.vector(camera.position)} to {console.vector(camera.target)}"
@@ -268,7 +279,8 @@ def formats(json: Json = False) -> None:
 
     All are read; "write" marks those that antumbra scenes exports. Other commands write GLB files (bake), stores
     (build), and copies of CityJSON files with results (sun --city-output). An extra is installed with
-    pip install 'antumbra[NAME]'; glTF needs it only for Draco compression.
+    pip install 'antumbra[NAME]'; glTF needs it only for meshes compressed by
+    Draco or meshopt, and for KTX2 textures.
 
     \b
     Examples

@@ -130,7 +130,7 @@ def from_footprints(
     Scene
         Each building is an object of the type "Building", and the terrain one of the type "TINRelief". `Scene.city` has
         the surfaces: a "RoofSurface", a "WallSurface" for each edge and a "GroundSurface" per polygon; and
-        ``Scene.city.attributes``, the columns of the table.
+        ``Scene.city.object_attribute(column, faces)`` the columns of the table.
 
     Raises
     ------

@@ -137,7 +137,7 @@ def _read_frames(path: Path, options: ReadOptions) -> SceneData:
 # --- The registry -----------------------------------------------------------------------------------------------------
 
 
-_GLTF_LOST = "metalness, roughness, emission, normal maps, cones of spot lights, points and lines, KTX2 textures"
+_GLTF_LOST = "metalness, roughness, emission, normal maps, cones of spot lights, points and lines"
 GLB = Format(
     "glTF 2.0, binary", (".glb",), _read_gltf, _write_glb, "compressed", f"{_GLTF_LOST}; when written: area lights"
 )

@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..extras import MissingPackage
 from ..forks import hold_during_fork
 from ..kernels.elementary import log2, power
 from ..kernels.small_matrices import product
+from .ktx2_images import decode_ktx2, is_ktx2, ktx2_size
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -56,16 +58,24 @@ _STEPS = 1 << 16  # entries of the table from linear light to sRGB bytes: twenty
 
 
 def decode_image(data: bytes, side: int | None = None) -> NDArray[np.uint8]:
-    """(h, w, 4) uint8: an image in one of `FORMATS`. A large JPEG may be decoded at reduced size, at least `side`.
+    """(h, w, 4) uint8: an image in one of `FORMATS`, or KTX2.
 
-    Raises ValueError, with the reason, if the image cannot be decoded or is unreasonably large.
+    A large JPEG may be decoded at reduced size, at least `side`.
+
+    Raises ValueError, with the reason, if the image cannot be decoded or is unreasonably large; MissingPackage if it is
+    KTX2 and the library of transcoders is missing.
     """
     try:
+        if is_ktx2(data):
+            _check_size(ktx2_size(data), len(data))
+            return decode_ktx2(data)
         with _open_image(data) as image:
             _check_size(image.size, len(data))
             if side is not None:
                 image.draft("RGB", (side, side))
             return rgba_of(image)
+    except MissingPackage:
+        raise
     except Exception as error:  # Pillow's decoders raise a dozen error types on damaged files
         raise ValueError(str(error) or type(error).__name__) from error
 
@@ -191,7 +201,7 @@ class Texture:
     """
 
     name: str  # in errors
-    picture: "bytes | np.ndarray | None" = field(repr=False)  # one of `FORMATS`, or (h, w, 4) uint8; None: white
+    picture: "bytes | np.ndarray | None" = field(repr=False)  # for `decode_image`, or (h, w, 4) uint8; None: white
     wrap_s: int = REPEAT
     wrap_t: int = REPEAT
     nearest: bool = False  # nearest-texel lookup instead of interpolation

@@ -42,7 +42,7 @@ class MeshInfo(NamedTuple):
 class ObjectInfo(NamedTuple):
     """An object of a scene: a copy of a mesh, or a city object. The primitives of a glTF mesh belong to one object."""
 
-    name: str  # of the node, else of the mesh; the id of a city object; copies of EXT_mesh_gpu_instancing: "tree[7]"
+    name: str  # of the node, the mesh or an ancestor; id of a city object; copies of EXT_mesh_gpu_instancing: "tree[7]"
     mesh: int  # index in `Scene.meshes`; -1 in a store, which records no meshes
     instance: int  # index of this copy among the copies of its mesh, from 0
     type: str = ""  # of a city object, such as "BuildingPart"; "" for others

@@ -3,9 +3,10 @@
 `SceneData` is the common base class: `MemoryData` holds triangles in memory, `StoreData` on disk.
 """
 
+import json
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -40,6 +41,8 @@ class SemanticSurface(NamedTuple):
     geometry: int  # index into the object's "geometry"
     semantic: int | None  # index into the geometry's "semantics.surfaces"; None: the polygon has no semantics
     path: tuple[int, ...]  # nested indices in "boundaries" of the surface's first polygon
+    parent: int | None = None  # of a window or door: index of its wall or roof in "semantics.surfaces"
+    attributes: Mapping[str, Any] | None = None  # from the file; None: none
 
 
 class CityModel(NamedTuple):
@@ -56,7 +59,7 @@ class CityModel(NamedTuple):
     types: list[str]  # type of each object, such as "BuildingPart"
     parents: list[str]  # id of the outermost object that contains each object, such as the Building; "": none
     lods: list[str]  # all levels of detail with surfaces in the file, ascending
-    attributes: dict[str, NDArray[Any]] | None = None  # of footprints: column -> a value for each of their objects
+    attributes: Sequence[Mapping[str, Any]] = ()  # of each object, with those of the objects that contain it; (): none
 
     def surface_types(self, faces: "ArrayLike") -> NDArray[np.str_]:
         """(...) str: the type of each face's semantic surface, such as "RoofSurface".
@@ -70,11 +73,77 @@ class CityModel(NamedTuple):
         InputError
             If a face index is out of range.
         """
-        faces, n = as_array(faces, "faces"), len(self.surface_of_face)
-        if faces.dtype.kind == "f" or (faces.size and (faces.min() < -1 or faces.max() >= n)):
-            raise InputError(f"faces must be whole numbers from -1 to {n - 1}, the city's last face")
-        names = np.array([surface.type or "" for surface in self.surfaces] + [""])
-        return names[np.where(faces >= 0, self.surface_of_face[faces], len(self.surfaces))]
+        return _of_faces([surface.type or "" for surface in self.surfaces], self.surface_of_face, faces, "")
+
+    @property
+    def object_attribute_names(self) -> list[str]:
+        """The attributes that any object has, sorted."""
+        return _names(self.attributes)
+
+    @property
+    def surface_attribute_names(self) -> list[str]:
+        """The attributes that any surface has, sorted."""
+        return _names(surface.attributes or {} for surface in self.surfaces)
+
+    def surface_attribute(self, name: str, faces: "ArrayLike") -> NDArray[Any]:
+        """(...) float64 or str: an attribute of each face's semantic surface, such as "slope".
+
+        Numbers, true (1) and false (0) are float64, with NaN where it is missing. If any value is of another kind, all
+        are text, with "" where it is missing; lists and objects are JSON.
+
+        name : its name in the file
+        faces : (...) int, such as `Hit.face`; -1 is a miss
+
+        Raises
+        ------
+        InputError
+            If no surface has the attribute, or a face index is out of range.
+        """
+        attributes = [surface.attributes or {} for surface in self.surfaces]
+        return _attribute(name, attributes, self.surface_of_face, faces, "surface")
+
+    def object_attribute(self, name: str, faces: "ArrayLike") -> NDArray[Any]:
+        """(...) float64 or str: an attribute of each face's object, or of an object that contains it.
+
+        Parts of a building have the attributes of the building, unless their own have the same name. Values are those
+        of `surface_attribute`.
+
+        name : its name in the file
+        faces : (...) int, such as `Hit.face`; -1 is a miss
+
+        Raises
+        ------
+        InputError
+            If no object has the attribute, or a face index is out of range.
+        """
+        return _attribute(name, self.attributes, self.object_of_face, faces, "object")
+
+
+def _names(attributes: Iterable[Mapping[str, Any]]) -> list[str]:
+    return sorted({name for each in attributes for name, value in each.items() if value is not None})
+
+
+def _attribute(
+    name: str, attributes: Sequence[Mapping[str, Any]], owner: NDArray[np.int32], faces: ArrayLike, kind: str
+) -> NDArray[Any]:
+    """One attribute of the surfaces or objects of faces; `owner`: (n,) int32, the index of each face's surface."""
+    values = [each.get(text(name, "name")) for each in attributes]
+    if all(value is None for value in values):
+        known = _names(attributes)
+        there = f"there are {', '.join(known[:20])}" if known else "there are no attributes"
+        raise InputError(f"no {kind} of the city has the attribute {name!r}; {there}")
+    if all(value is None or isinstance(value, (int, float)) for value in values):
+        return _of_faces([np.nan if value is None else float(value) for value in values], owner, faces, np.nan)
+    texts = [value if isinstance(value, str) else "" if value is None else json.dumps(value) for value in values]
+    return _of_faces(texts, owner, faces, "")
+
+
+def _of_faces(values: list[Any], owner: NDArray[np.int32], faces: ArrayLike, missing: object) -> NDArray[Any]:
+    """(...) the values, one per surface or object, of faces; `missing` for the face -1."""
+    faces, n = as_array(faces, "faces"), len(owner)
+    if faces.dtype.kind == "f" or (faces.size and (faces.min() < -1 or faces.max() >= n)):
+        raise InputError(f"faces must be whole numbers from -1 to {n - 1}, the city's last face")
+    return np.array([*values, missing])[np.where(faces >= 0, owner[faces], len(values))]
 
 
 # --- The common base class of scene data ------------------------------------------------------------------------------

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.formats.format_registry import FORMATS
 from antumbra.formats.gltf.gltf_asset import open_asset
 from baked_files import Glb, box, grid, primitive, scene_file
+from formats.test_format_registry import sample
 from gltf_files import Gltf, png
 
 
@@ -139,6 +141,13 @@ def test_other_scenes_become_gltf_files(tmp_path):
     np.testing.assert_allclose(turned.bounds, [[0, 5, -1], [1, 5, 0]], atol=1e-6)  # +Z became +Y
     flat = Glb(tmp_path / "flat.glb")
     assert (flat.attribute("_AO", node=flat.json["nodes"][0]["children"][0]) == 1.0).all()
+
+
+@pytest.mark.parametrize("suffix", ["", *(suffix for each in FORMATS for suffix in each.suffixes)])
+def test_what_is_loaded_is_baked(suffix, tmp_path):
+    path = sample(suffix, tmp_path)
+    at.bake(path, tmp_path / "out.glb", attribute="_AO", spp=1)
+    assert at.load(tmp_path / "out.glb").n_triangles == at.load(path).n_triangles > 0
 
 
 def test_many_colours_become_vertex_colours(tmp_path):

@@ -17,10 +17,10 @@ from ...errors import InputError
 from ...files import atomic_output, checked_file, checked_output
 from ...scene.mesh import Mesh
 from ...scene.scene_data import CityModel, SemanticSurface
+from .city_polygons import RESERVED
 from .cityjson_file import DEPTHS, INSTANCE, SUFFIXES, lines_of, many_lists
 from .cityjson_source import read_cityjson
 
-_RESERVED = ("type", "parent", "children")  # members of a semantic surface that are not attributes
 _BUILT = ("Building", "Bridge", "Tunnel", "OtherConstruction")
 _OTHER_TYPES = {"Road": "TrafficArea", "Railway": "TrafficArea", "Transport": "TrafficArea", "Water": "WaterSurface"}
 _STEEP = 0.5  # vertical component of a unit normal; polygons with less are walls
@@ -108,7 +108,7 @@ def _means(name: str, face_values: ArrayLike, city: CityModel, vectors: np.ndarr
         values = np.asarray(face_values)
     except ValueError:  # rows of several lengths
         values = np.asarray(None)
-    if not isinstance(name, str) or not name or name in _RESERVED:
+    if not isinstance(name, str) or not name or name in RESERVED:
         raise InputError(f"attribute {name!r} cannot be written; choose another name")
     if values.shape != city.object_of_face.shape or values.dtype.kind not in "fiub":
         raise InputError(

@@ -5,7 +5,7 @@ three coordinates, so it introduces no rounding. The normal comes from Newell's 
 outer ring is the ring's vector area. Triangles keep the orientation of the ring, so their normals agree with it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from itertools import chain
 from operator import index
@@ -169,6 +169,9 @@ def _doubled_areas(points: NDArray[np.float64], triangles: np.ndarray) -> NDArra
 GROUP = "CityObjectGroup"
 """Type of objects whose members do not count as their parts."""
 
+RESERVED = "type", "parent", "children"
+"""Members of a semantic surface that are not attributes."""
+
 
 class Polygons(NamedTuple):
     """All polygons of the chosen geometries."""
@@ -181,6 +184,7 @@ class Polygons(NamedTuple):
     objects: list[str]  # ids
     types: list[str]
     parents: list[str]  # ids of the outermost objects; "": none
+    attributes: list[dict[str, Any]]  # of the objects, with those of the objects that contain them
 
 
 def iter_polygons(
@@ -203,16 +207,54 @@ def polygons_of(document: CityDocument, chosen: list[ChosenGeometry]) -> Polygon
     return collector.polygons()
 
 
-def outermost_object(part: CityPart, name: str) -> str:
-    """The id of the outermost object that contains an object; "" if there is none. Groups do not count."""
+def containers(part: CityPart) -> dict[str, str]:
+    """Id of each object in another one -> id of that object. Groups do not count.
+
+    Objects name the others in "parents". Some files have only "children".
+    """
+    out: dict[str, str] = {}
+    for name, city_object in part.objects.items():
+        for child in _ids(city_object, "children") if city_object.get("type") != GROUP else ():
+            out.setdefault(child, name)
+    for name, city_object in part.objects.items():
+        above = (p for p in _ids(city_object, "parents") if p in part.objects and part.objects[p].get("type") != GROUP)
+        parent = next(above, None)
+        if parent is not None:
+            out[name] = parent
+    return out
+
+
+def _ids(city_object: dict[str, Any], key: str) -> list[str]:
+    ids = city_object.get(key)
+    return [each for each in ids if isinstance(each, str)] if isinstance(ids, list) else []
+
+
+def containers_of(name: str, above: dict[str, str]) -> list[str]:
+    """Ids of the objects that contain an object, from the inside out. A loop of parents ends where it closes."""
     path = [name]
-    while True:
-        parents = part.objects[path[-1]].get("parents")
-        ids = [p for p in parents if isinstance(p, str) and p in part.objects] if isinstance(parents, list) else []
-        above = [p for p in ids if part.objects[p].get("type") != GROUP and p not in path]
-        if not above:
-            return path[-1] if len(path) > 1 else ""
-        path.append(above[0])
+    while (parent := above.get(path[-1])) is not None and parent not in path:
+        path.append(parent)
+    return path[1:]
+
+
+def _merged_attributes(objects: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    """The attributes of objects; the first object that has one counts."""
+    out: dict[str, Any] = {}
+    for city_object in objects:
+        attributes = city_object.get("attributes")
+        if isinstance(attributes, dict):
+            out = {**{name: value for name, value in attributes.items() if value is not None}, **out}
+    return out
+
+
+def _with_semantics(surface: SemanticSurface, semantics: dict[str, Any]) -> SemanticSurface:
+    """The surface with its type, parent and attributes."""
+    parent = semantics.get("parent")
+    return surface._replace(
+        type=str(semantics.get("type")),
+        parent=parent if type(parent) is int else None,
+        attributes={k: v for k, v in semantics.items() if k not in RESERVED} or None,
+    )
 
 
 class _Collector:
@@ -233,6 +275,8 @@ class _Collector:
         self._objects: dict[tuple[str, str], int] = {}
         self._types: list[str] = []
         self._parents: list[str] = []
+        self._attributes: list[dict[str, Any]] = []
+        self._containers = {part.where: containers(part) for part in document.parts}
         self._surfaces: list[SemanticSurface] = []
         self._spans: dict[int, tuple[int, int]] = {}  # id of a template -> range of its vertices
 
@@ -256,19 +300,16 @@ class _Collector:
         semantics = choice.geometry.get("semantics")
         semantics = semantics if isinstance(semantics, dict) else {}
         surfaces, values = semantics.get("surfaces"), semantics.get("values")
-        kinds = (
-            {k: s.get("type") for k, s in enumerate(surfaces) if isinstance(s, dict)}
-            if isinstance(surfaces, list)
-            else {}
-        )
+        listed = surfaces if isinstance(surfaces, list) else []
+        known = {k: surface for k, surface in enumerate(listed) if isinstance(surface, dict)}
         boundaries, depth = choice.geometry.get("boundaries") or [], DEPTHS[choice.geometry["type"]]
         owner, surface_of = self._object(choice), {}
         for path, rings, value in iter_polygons(boundaries, values, depth):
-            value = value if isinstance(value, int) and value in kinds else None
+            value = value if isinstance(value, int) and value in known else None
             if value is None or value not in surface_of:
-                kind = None if value is None else str(kinds[value])
                 surface_of[value] = len(self._surfaces)
-                self._surfaces.append(SemanticSurface(owner, kind, choice.place, value, path))
+                surface = SemanticSurface(owner, None, choice.place, value, path)
+                self._surfaces.append(surface if value is None else _with_semantics(surface, known[value]))
             self._rings_in.append(len(rings))
             self._rings += rings
             self._surface.append(surface_of[value])
@@ -277,8 +318,11 @@ class _Collector:
         key = choice.part.where, choice.object
         if key not in self._objects:
             self._objects[key] = len(self._objects)
-            self._types.append(str(choice.part.objects[choice.object].get("type", "")))
-            self._parents.append(outermost_object(choice.part, choice.object))
+            objects, above = choice.part.objects, self._containers[choice.part.where]
+            outwards = containers_of(choice.object, above)
+            self._types.append(str(objects[choice.object].get("type", "")))
+            self._parents.append(outwards[-1] if outwards else "")
+            self._attributes.append(_merged_attributes(objects[name] for name in (choice.object, *outwards)))
         return self._objects[key]
 
     def _place(self, choice: ChosenGeometry, where: str) -> tuple[int, int, bool]:
@@ -323,6 +367,7 @@ class _Collector:
             [name for _, name in self._objects],
             self._types,
             self._parents,
+            self._attributes,
         )
 
     def _corner_arrays(self) -> tuple[np.ndarray, np.ndarray]:

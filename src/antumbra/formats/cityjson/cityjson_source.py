@@ -123,11 +123,12 @@ def read_cityjson(path: Path, lod: str | None = None) -> CityFile:
     surface = polygons.surface[cut.polygon]
     used, surface, owner = _drop_unused(polygons, surface)
     ids, types, parents = ([of[k] for k in used.objects] for of in (polygons.objects, polygons.types, polygons.parents))
+    attributes = [polygons.attributes[k] for k in used.objects]
     colours = colours_of([s.type for s in used.surfaces], [types[s.object] for s in used.surfaces])
     if not len(faces):
         raise InputError(f"{document.file}: no object has a surface with an area; take a file with such geometry")
     mesh = make_mesh(document.file, polygons.vertices, faces, colours[surface], document.file)
-    city = CityModel(document.crs, ids, owner, surface, used.surfaces, types, parents, lods)
+    city = CityModel(document.crs, ids, owner, surface, used.surfaces, types, parents, lods, attributes)
     return CityFile(CityMeshes(mesh, document.file, city), document.notes + _notes(document.file, cut), city)
 
 

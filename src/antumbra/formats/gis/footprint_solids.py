@@ -5,6 +5,7 @@ on terrain, that is the lowest terrain under the footprint, so no gap opens belo
 """
 
 from collections.abc import Generator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,7 +110,7 @@ def solids_of(footprints: Footprints, terrain: HeightGrid | None) -> tuple[Build
     of_face = owner[face_surface].astype(np.int32)
     city = CityModel(
         footprints.crs, footprints.ids, of_face, face_surface, surfaces, [BUILDING] * n, [""] * n, [],
-        footprints.attributes,
+        _rows(footprints.attributes),
     )  # fmt: skip
     source = BuildingSolids(mesh, footprints.file, city, terrain)
     if terrain is not None:
@@ -127,7 +128,19 @@ def _with_terrain(city: CityModel, name: str, triangles: int) -> CityModel:
         surfaces=surfaces,
         types=[*city.types, TERRAIN_TYPE],
         parents=[*city.parents, ""],
+        attributes=[*city.attributes, {}] if city.attributes else (),
     )
+
+
+def _rows(columns: dict[str, NDArray[Any]]) -> list[dict[str, Any]]:
+    """The columns of a table as one mapping a row, of Python's numbers and text."""
+    names, values = list(columns), [[_plain(value) for value in column.tolist()] for column in columns.values()]
+    return [dict(zip(names, row)) for row in zip(*values)]
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON has it; dates as text."""
+    return value if value is None or isinstance(value, (bool, int, float, str, list, dict)) else str(value)
 
 
 def _corner_counts(rings: PolygonRings) -> NDArray[np.int64]:

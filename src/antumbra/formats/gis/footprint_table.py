@@ -106,7 +106,7 @@ def read_footprints(table: FootprintsLike, options: FootprintOptions) -> Footpri
     notes = list[str]()
     if len(bad):
         notes = [f"{file}: {len(bad)} footprints are left out; the first one, {ids[bad[0]]!r}, {faults[bad[0]]}"]
-    attributes = {name: np.asarray(column)[good] for name, column in columns.items()}
+    attributes = {name: _values(column)[good] for name, column in columns.items()}
     crs = None if frame.crs is None else checked_crs(frame.crs)
     rings = _rings_of(shapes[good])
     chosen = [ids[k] for k in good.tolist()]
@@ -186,6 +186,13 @@ def _numbers(value: Any, what: str, columns: dict[str, Any], n: int, file: str) 
     column = pandas.to_numeric(columns[value], errors="coerce")
     numbers: NDArray[np.float64] = column.to_numpy(np.float64, na_value=np.nan)
     return numbers
+
+
+def _values(column: Any) -> NDArray[Any]:
+    """The numbers of a column, or its other values, with None where they are missing."""
+    if column.dtype.kind in "fiu":
+        return np.asarray(column)
+    return np.asarray(column.astype(object).where(column.notna(), None), object)
 
 
 def _ids(name: str | None, columns: dict[str, Any], frame: Any, file: str) -> list[str]:

@@ -5,7 +5,7 @@ import numpy as np
 from ...errors import InputError
 from ...extras import import_extra
 from ..json_fields import Fields
-from .gltf_file import COMPRESSIONS, CURE, GltfDocument
+from .gltf_file import CURE, GltfDocument
 
 # --- Accessors --------------------------------------------------------------------------------------------------------
 
@@ -111,9 +111,7 @@ class Accessors:
         number = view.whole("buffer", high=len(self._document.buffers))
         buffer = self._document.buffers[number]
         if buffer is None:
-            compression = next((n for n in COMPRESSIONS if view.extension(n) is not None), None)
-            reason = f"is compressed ({compression}); {CURE}" if compression else "has no data; export the file again"
-            raise InputError(f"{self._document.file}: buffers[{number}] {reason}")
+            raise InputError(f"{self._document.file}: buffers[{number}] has no data; export the file again")
         start, size = view.whole("byteOffset", 0), view.whole("byteLength")
         if start + size > len(buffer):
             end = f"ends at byte {start + size}, buffers[{number}] at {len(buffer)}"

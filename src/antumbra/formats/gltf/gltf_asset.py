@@ -6,6 +6,7 @@ extension may use them; a file with unknown extensions that contain numbers is n
 """
 
 import copy
+import io
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,10 +15,14 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ...extras import MissingPackage
 from ...files import sibling
+from ...kernels.parallel import map_in_threads
+from ...scene.materials import decode_image
 from .accessors import COMPONENTS, WIDTHS, Accessors, decompress
 from .accessors import DRACO_EXTENSION as DRACO
-from .gltf_file import CURE, HARMLESS, SUPPORTED, GltfDocument, is_data_uri, open_gltf
+from .gltf_file import CURE, HARMLESS, SUPPORTED, GltfDocument, data_uri_bytes, is_data_uri, open_gltf
+from .gltf_materials import BASISU, IMAGE_EXTENSIONS
 from .gltf_writer import GltfWriter, Json, glb_bytes
 
 # --- Pruning: accessors, textures, images, samplers, and their bytes --------------------------------------------------
@@ -192,7 +197,13 @@ def _without(root: Json, binary: bytes, before: list[tuple[int, int]]) -> tuple[
 # --- Editing ----------------------------------------------------------------------------------------------------------
 
 
-_MIME = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".webp": "image/webp"}
+_MIME = {
+    ".png": "image/png",
+    ".jpg": "image/jpeg",
+    ".jpeg": "image/jpeg",
+    ".webp": "image/webp",
+    ".ktx2": "image/ktx2",
+}
 
 
 class Asset(GltfWriter):
@@ -208,6 +219,15 @@ class Asset(GltfWriter):
         for earlier in ("byteOffset", "min", "max"):
             accessor.pop(earlier, None)
         accessor |= self.stored(values, bounds=bounds, indices=indices)
+
+    def image_bytes(self, index: int) -> bytes | None:
+        """The encoded bytes of an image; None if it is a missing file."""
+        image = self.json["images"][index]
+        if "bufferView" in image:
+            first, end = _span(self.json["bufferViews"][image["bufferView"]])
+            return bytes(self.binary[first:end])
+        uri = image.get("uri", "")
+        return data_uri_bytes(uri, f"images[{index}].uri") if is_data_uri(uri) else None
 
     def uses_no_more(self, extension: str) -> None:
         """Remove an extension from `extensionsUsed` and `extensionsRequired`."""
@@ -225,10 +245,12 @@ class Asset(GltfWriter):
 def open_asset(path: Path) -> Asset:
     """Open a .glb or .gltf file, merge its buffers and external images into one buffer, and decompress it.
 
+    Meshes are decompressed, and KTX2 images become PNG.
+
     Raises
     ------
     InputError
-        If it cannot be read, or a buffer has no data.
+        If it cannot be read, a buffer has no data, or the library of a compression is missing.
     """
     document = open_gltf(path)
     asset = Asset(copy.deepcopy(document.root.data))
@@ -245,6 +267,7 @@ def open_asset(path: Path) -> Asset:
     for image in asset.json.get("images", []):
         _embed_image(asset, image, document)
     _decompress(asset, document)
+    _convert_ktx2(asset, document.file)
     return asset
 
 
@@ -283,3 +306,48 @@ def _decompress(asset: Asset, document: GltfDocument) -> None:
             if not primitive["extensions"]:
                 del primitive["extensions"]
     asset.uses_no_more(DRACO)
+
+
+def image_of_texture(texture: Json) -> int | None:
+    """The index of the image that a texture shows, from the texture itself or from an extension."""
+    holders = (texture, *(_extension(texture, name) for name in IMAGE_EXTENSIONS))
+    return next((each["source"] for each in holders if "source" in each), None)
+
+
+def _convert_ktx2(asset: Asset, file: str) -> None:
+    """Convert KTX2 images to PNG, and drop KHR_texture_basisu. Images that cannot be decoded stay as they are."""
+    textures = [t for t in asset.json.get("textures", []) if "source" in _extension(t, BASISU)]
+    wanted = sorted({_extension(t, BASISU)["source"] for t in textures if "source" not in t})
+    pngs = dict(zip(wanted, map_in_threads(lambda index: _png_of(asset, index, file), wanted)))
+    for index, png in pngs.items():
+        if png is not None:
+            image = asset.json["images"][index]
+            image.pop("uri", None)
+            image |= {"mimeType": "image/png", "bufferView": asset.view(png)}
+    for texture in textures:
+        if "source" not in texture:
+            source = _extension(texture, BASISU)["source"]
+            if pngs[source] is None:
+                continue
+            texture["source"] = source
+        del texture["extensions"][BASISU]
+        if not texture["extensions"]:
+            del texture["extensions"]
+    if not any(_extension(t, BASISU) for t in textures):
+        asset.uses_no_more(BASISU)
+
+
+def _png_of(asset: Asset, index: int, file: str) -> bytes | None:
+    """A KTX2 image as PNG; None if it cannot be decoded."""
+    from PIL import Image
+
+    data = asset.image_bytes(index)
+    try:
+        pixels = decode_image(data or b"")
+    except MissingPackage as error:
+        raise MissingPackage(f"{file}: images[{index}]: {error}") from None
+    except ValueError:
+        return None
+    stream = io.BytesIO()
+    Image.fromarray(pixels if (pixels[..., 3] < 255).any() else pixels[..., :3]).save(stream, "PNG")
+    return stream.getvalue()

@@ -1,4 +1,4 @@
-"""glTF and GLB files: containers, buffers and data URIs, with sizes checked before reading."""
+"""glTF and GLB files: containers, buffers and data URIs, with sizes checked before reading, and without compression."""
 
 import base64
 import binascii
@@ -12,26 +12,27 @@ import numpy as np
 from ...errors import InputError
 from ...files import checked_file, sibling
 from ..json_fields import Fields, parse
+from .meshopt_views import MESHOPT_EXTENSIONS, Buffers, decompress_views, is_fallback
 
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
-COMPRESSIONS = {
-    "KHR_draco_mesh_compression": "Draco",
-    "EXT_meshopt_compression": "meshopt",
-    "KHR_meshopt_compression": "meshopt",
+SUPPORTED = {
+    "KHR_draco_mesh_compression",
+    "KHR_mesh_quantization",
+    "KHR_lights_punctual",
+    "EXT_mesh_gpu_instancing",
+    *MESHOPT_EXTENSIONS,
 }
-SUPPORTED = {"KHR_draco_mesh_compression", "KHR_mesh_quantization", "KHR_lights_punctual", "EXT_mesh_gpu_instancing"}
 HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "MSFT_packing_", "KHR_xmp")
-CURE_TEXTURES = "convert it first, for example with: npx @gltf-transform/cli ktxdecompress in.glb out.glb"
 CURE = "decompress it first, for example with: npx @gltf-transform/cli copy in.glb out.glb"
 
 
 class GltfDocument(NamedTuple):
-    """A glTF file: its JSON and its buffers (None for a buffer without data)."""
+    """A glTF file: its JSON and its buffers. No buffer view is compressed."""
 
     file: str
     folder: Path
     root: Fields
-    buffers: list[np.ndarray | None]  # (byteLength,) uint8
+    buffers: Buffers
 
 
 def open_gltf(path: Path) -> GltfDocument:
@@ -47,7 +48,7 @@ def open_gltf(path: Path) -> GltfDocument:
             if uri is not None and not is_data_uri(uri):
                 sibling(path.parent, uri, fields.place("uri"))
     buffers = [_buffer(b, i, binary, path.parent) for i, b in enumerate(root.objects("buffers"))]
-    return GltfDocument(file, path.parent, root, buffers)
+    return GltfDocument(file, path.parent, *decompress_views(root, buffers))
 
 
 def split_glb(data: bytes, file: str) -> tuple[bytes, memoryview | None]:
@@ -111,7 +112,10 @@ def _buffer(fields: Fields, index: int, binary: memoryview | None, folder: Path)
     elif is_data_uri(uri):
         data = data_uri_bytes(uri, fields.place("uri"))
     else:
-        path = checked_file(sibling(folder, uri, fields.place("uri")), f"{fields.place('uri')} {uri[:80]!r}")
+        path = sibling(folder, uri, fields.place("uri"))
+        if is_fallback(fields) and not path.exists():
+            return None
+        path = checked_file(path, f"{fields.place('uri')} {uri[:80]!r}")
         _check_size(size, path.stat().st_size, place)
         with path.open("rb") as stream:
             data = stream.read(size)
@@ -137,8 +141,6 @@ def _check_version(root: Fields) -> None:
 
 def _check_extensions(root: Fields) -> None:
     for name in root.texts("extensionsRequired"):
-        if name in COMPRESSIONS and name not in SUPPORTED:
-            raise InputError(f"{root.where} the meshes are compressed with {COMPRESSIONS[name]} ({name}); {CURE}")
         if name not in SUPPORTED and not name.startswith(HARMLESS):
             raise InputError(
                 f"{root.where} extensionsRequired has {name[:60]!r}, which is unsupported; export without it"

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ...extras import MissingPackage
 from ...files import checked_file, sibling
 from ...kernels.elementary import cos, sin
 from ...kernels.parallel import map_in_threads
 from ...kernels.small_matrices import product
 from ...scene.materials import BLEND, CLAMP, MASK, MIRROR, OPAQUE, PLAIN, REPEAT, Material, Texture
 from ..json_fields import Fields
-from .gltf_file import CURE_TEXTURES, GltfDocument, data_uri_bytes, is_data_uri
+from .gltf_file import GltfDocument, data_uri_bytes, is_data_uri
 
 # --- Base colour, texture and alpha mode ------------------------------------------------------------------------------
 
@@ -23,6 +24,10 @@ from .gltf_file import CURE_TEXTURES, GltfDocument, data_uri_bytes, is_data_uri
 MAX_IMAGE_BYTES = 1 << 28
 _WRAPS = {10497: REPEAT, 33071: CLAMP, 33648: MIRROR}
 _NEAREST = 9728
+BASISU = "KHR_texture_basisu"
+IMAGE_EXTENSIONS = "EXT_texture_webp", BASISU
+"""Extensions of textures that name an image of another kind than PNG and JPEG."""
+
 _TRANSFORM = "KHR_texture_transform"
 _TRANSMISSION = "KHR_materials_transmission"
 _SPECULAR = "KHR_materials_pbrSpecularGlossiness"  # the older material model, archived but common
@@ -112,14 +117,15 @@ class Materials:
         """A texture that can be decoded, else None, with one note per image."""
         key = self._key(texture, has_alpha)
         if key is None:
-            ktx = texture.extension("KHR_texture_basisu") is not None
-            self._white(texture.where, f"it is KTX2; {CURE_TEXTURES}" if ktx else "its format is not supported")
+            self._white(texture.where, "its format is not supported")
             return None
         if key not in self._cache and key[0] not in self._bad:
             try:
                 image_texture = self._ahead.get(key) or self._new_texture(key)
                 image_texture.preview_levels  # noqa: B018  # decodes now: mean colours need it, and errors must be caught here
                 self._cache[key] = image_texture
+            except MissingPackage as error:
+                raise MissingPackage(f"{self._images[key[0]].where}: {error}") from None
             except (OSError, ValueError) as error:  # an InputError is a ValueError
                 self._bad.add(key[0])
                 self._white(self._images[key[0]].where, str(error))
@@ -127,8 +133,8 @@ class Materials:
 
     def _key(self, texture: Fields, has_alpha: bool) -> _TextureKey | None:
         """The image of a texture, and how it is sampled; None if its format is not supported."""
-        webp = texture.extension("EXT_texture_webp")
-        source = texture if "source" in texture or webp is None else webp
+        holders = (texture, *(texture.extension(name) for name in IMAGE_EXTENSIONS))
+        source = next((each for each in holders if each is not None and "source" in each), texture)
         index = source.whole("source", None, high=len(self._images))
         if index is None:
             return None

@@ -319,12 +319,23 @@ def _info(
     objects: list[ObjectInfo] = []
     for draw, mesh_id in zip(draws, mesh_of_draw):
         mesh = row[mesh_id]
-        name = nodes.fields[draw.node].text("name", None) or meshes[mesh_id].name
+        name = _object_name(nodes, draw.node, meshes[mesh_id])
         for k in range(draw.n_copies):
             object_name = name if draw.copies is None else f"{name}[{k}]"
             objects.append(ObjectInfo(object_name, mesh, instances[mesh]))
             instances[mesh] += 1
     return [MeshInfo(meshes[m].name, meshes[m].count(), n) for m, n in zip(mesh_ids, instances)], objects
+
+
+def _object_name(nodes: Nodes, node: int, mesh: _Mesh) -> str:
+    """The name of a node, else of its mesh, else of its closest ancestor with a name.
+
+    gltfpack moves meshes to children without names, whose scale undoes the quantization.
+    """
+    name: str | None = nodes.fields[node].text("name", None) or mesh.fields.text("name", None)
+    while not name and (node := int(nodes.parent[node])) >= 0:
+        name = nodes.fields[node].text("name", None)
+    return name or mesh.name
 
 
 def _check_size(file: str, draws: list[MeshNode]) -> None:

@@ -4,7 +4,6 @@ A bake into textures also needs PNG and EXR images, and base colours to multiply
 report.
 """
 
-import io
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
@@ -20,15 +19,14 @@ from ...engine.scene_loading import SceneLike
 from ...files import atomic_output, checked_output
 from ...formats.format_registry import GLB
 from ...formats.gltf.accessors import Accessors
-from ...formats.gltf.gltf_asset import Asset
-from ...formats.gltf.gltf_file import data_uri_bytes, is_data_uri
+from ...formats.gltf.gltf_asset import Asset, image_of_texture
 from ...formats.gltf.gltf_writer import Json
 from ...kernels.elementary import cos, sin
 from ...picture.image_files import write_exr
 from ...picture.option_fields import with_keywords
 from ...picture.png_files import SMALL, png_file
 from ...progress import PhaseClock, Progress, with_progress
-from ...scene.materials import BYTE_TO_LINEAR, linear_to_srgb
+from ...scene.materials import decode_image, linear_of, linear_to_srgb
 from ..executors import Executor, Keep, executor_of
 from .bake_input import BakeScene, BakeSource, bake_source, exposure_of, meter_settings, open_source
 from .bake_options import BakeKeywords, BakeOptions
@@ -107,9 +105,11 @@ def base_texels(asset: Asset, accessors: Accessors, sheet: Sheet, primitives: Se
         texture = _base_texture(asset, primitive)
         if texture is None or not inside.any():
             continue
-        source = asset.json["textures"][texture["index"]].get("source")
+        source = image_of_texture(asset.json["textures"][texture["index"]])
+        if source is None:
+            continue
         if source not in images:
-            images[source] = None if source is None else _decode_image(asset, asset.json["images"][source])
+            images[source] = _decode_image(asset, source)
         transform = texture.get("extensions", {}).get(_TRANSFORM, {})
         name = f"TEXCOORD_{transform.get('texCoord', texture.get('texCoord', 0))}"
         image = images[source]
@@ -130,23 +130,13 @@ def _base_texture(asset: Asset, primitive: Json) -> Json | None:
     return texture
 
 
-def _decode_image(asset: Asset, image: Json) -> NDArray[np.float32] | None:
+def _decode_image(asset: Asset, index: int) -> NDArray[np.float32] | None:
     """(h, w, 4) float32, linear; None if the image cannot be read."""
-    from PIL import Image
-
     try:
-        if "bufferView" in image:
-            buffer_view = asset.json["bufferViews"][image["bufferView"]]
-            start = buffer_view.get("byteOffset", 0)
-            data = bytes(asset.binary[start : start + buffer_view["byteLength"]])
-        elif is_data_uri(image.get("uri", "")):
-            data = data_uri_bytes(image["uri"], "image")
-        else:
-            return None
-        rgba = np.asarray(Image.open(io.BytesIO(data)).convert("RGBA"))
-    except (OSError, ValueError):
+        data = asset.image_bytes(index)
+        return None if data is None else linear_of(decode_image(data))
+    except ValueError:
         return None
-    return np.concatenate([BYTE_TO_LINEAR[rgba[..., :3]], rgba[..., 3:] / 255.0], -1).astype(np.float32)
 
 
 def _transform_uv(uv: NDArray[np.float64], texture: Json) -> NDArray[np.float64]:
