@@ -70,7 +70,8 @@ class CommandEntry(NamedTuple):
 
     def function(self, name: str) -> Callable[..., Any]:
         """The command's function, whose module is imported."""
-        function: Callable[..., Any] = getattr(import_module(f"{__package__}.{self.module}"), name)
+        module = import_module(f"{__package__}.{self.module}")
+        function: Callable[..., Any] = getattr(module, name.replace("-", "_"))
         return function
 
 
@@ -87,6 +88,9 @@ COMMANDS = {
     "viewshed": CommandEntry("sight_commands", "Count the observers that see each sensor of SCENE.", grouped=False),
     "matrix": CommandEntry(
         "sight_commands", "Find which sensors of SCENE see which targets, as one bit per pair.", grouped=False
+    ),
+    "view-factors": CommandEntry(
+        "view_factors_command", "Find the view factors between the surfaces of SCENE, and of the sky.", grouped=False
     ),
     "dataset": CommandEntry(
         "dataset_command",
@@ -113,7 +117,7 @@ COMMANDS = {
         "Check this installation: versions, processor, kernels on disk, optional packages, and a small query.",
     ),
 }
-"""Name -> command, in the order of the help. The function has the same name."""
+"""Name -> command, in the order of the help. The function has the same name, with _ for -."""
 
 _BENCH = "bench", "Measure what the papers measured."
 
