@@ -3,6 +3,7 @@
 - `trimesh`: `trimesh_ray`, an intersector for ``mesh.ray``
 - `open3d`: `RaycastingScene`, with the calls and results of Open3D's
 - `pyvista`: ``mesh.antumbra``, an accessor whose results become arrays of cells or points
+- `ladybug`: `intersection_matrix` of ladybug_radiance, without Radiance
 
 Each module serves one library, and only `pyvista` imports the library that it serves.
 """
