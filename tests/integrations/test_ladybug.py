@@ -1,7 +1,10 @@
 """`intersection_matrix`: Ladybug's conventions, checked where it is installed, and exact answers."""
 
 import inspect
+import sys
+from importlib import reload
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -131,6 +134,40 @@ def test_without_geometry_everything_above_is_seen():
     assert intersection_matrix([UP], [], [], []).shape == (0, 1)
 
 
+class Dome(Vector):
+    """A vector of a sky dome, like Vector3D."""
+
+    def rotate_xy(self, angle):
+        x, y, z = self
+        return Dome((np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y, z))
+
+
+@pytest.mark.parametrize("dense", [False, True])
+@pytest.mark.parametrize("north", [0, 30])
+def test_patches_of_a_sky(monkeypatch, north, dense):
+    rows = [directions(7), directions(11)]
+    domes = [[Dome(row) for row in each.tolist()] for each in rows]
+    sphere = SimpleNamespace(tregenza_dome_vectors=domes[0], reinhart_dome_vectors=domes[1])
+    monkeypatch.setitem(sys.modules, "ladybug", SimpleNamespace())
+    monkeypatch.setitem(sys.modules, "ladybug.viewsphere", SimpleNamespace(view_sphere=sphere))
+    meshes, _ = boxes()
+    places, normals = sensors(30)
+    sky = SimpleNamespace(north=north, high_density=dense)
+    found = sky_intersection_matrix(sky, places, normals, meshes, numericalize=True)
+    turn = np.radians(north)
+    turned = rows[dense] @ [[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
+    both = np.concatenate([turned, -turned])
+    expected = intersection_matrix(both, places, normals, meshes, numericalize=True)
+    assert found.shape == (30, 2 * len(turned)) and 0 < (found > 0).mean() < 1
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_a_sky_needs_ladybug(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ladybug", None)
+    with pytest.raises(at.InputError, match="a sky matrix needs ladybug: pip install ladybug-core"):
+        sky_intersection_matrix(SimpleNamespace(north=0, high_density=False), np.zeros((1, 3)), [UP], [])
+
+
 @pytest.mark.parametrize(
     "changes, message",
     [
@@ -186,12 +223,9 @@ def test_geometry_of_ladybug(peer):
 @pytest.mark.parametrize("numericalize", [False, True])
 def test_answers_of_radiance(peer, numericalize, tmp_path):
     pyradiance = pytest.importorskip("pyradiance", reason="no Radiance: Ladybug's answers are NOT compared")
-    from ladybug_radiance.config import folders
-
+    folders = pytest.importorskip("ladybug_radiance.config").folders
     folders.radiance_path = str(Path(pyradiance.__file__).parent)
-    import importlib
-
-    theirs = importlib.reload(peer[1]).intersection_matrix
+    theirs = reload(peer[1]).intersection_matrix  # it reads the path when it is imported
     geometry = peer[0]
     meshes, _ = boxes()
     (places, normals), vectors = sensors(60), directions(80)

@@ -7,6 +7,7 @@ its attributes, so this module imports ladybug only for the vectors of a sky.
 
 import math
 from collections.abc import Iterable, Sequence
+from importlib import import_module
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -98,7 +99,7 @@ def sky_intersection_matrix(
         As for `intersection_matrix`, and if ladybug is not installed.
     """
     try:
-        from ladybug.viewsphere import view_sphere
+        view_sphere = import_module("ladybug.viewsphere").view_sphere
     except ImportError:
         raise InputError("a sky matrix needs ladybug: pip install ladybug-core") from None
     vectors = view_sphere.reinhart_dome_vectors if sky_matrix.high_density else view_sphere.tregenza_dome_vectors
