@@ -19,6 +19,7 @@ REPLICATES = 8
 """Independent samples of each group, whose spread gives the error."""
 
 _BITS = 32  # of a coordinate of a Sobol point
+_SHIFTS = 4 * REPLICATES  # random numbers per group
 _MARGIN = 8.0 * SHIFT  # distance of points from the edges of their face, relative to the coordinates
 
 
@@ -45,17 +46,17 @@ class HemisphereRays:
 
     def __init__(self, triangles: Triangles, of_face: NDArray[np.integer], samples: int, sign: float, seed: int):
         corners = triangles.vertices.astype(np.float64)
-        self._corners, self._origin, self._samples, self._seed = corners, triangles.origin, samples, seed
-        self.normals = sign * unit_normals(corners)
-        edges = np.linalg.norm(np.roll(corners, -1, 1) - corners, axis=2)
         areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2.0
+        self._corners, self._face_areas, self._origin = _shrunk(corners, areas), areas, triangles.origin
+        self._samples, self._seed = samples, seed
+        self.normals = sign * unit_normals(corners)
+        self._tangents = tangents_of(self.normals)
         self._faces = np.argsort(of_face, kind="stable")[np.count_nonzero(of_face < 0) :]
         self._ends = np.cumsum(areas[self._faces])  # running area of the faces, by group
         counts = np.bincount(of_face[self._faces])
         self._last = np.cumsum(counts)
         self._first = self._last - counts
         self.areas = np.bincount(of_face[self._faces], areas[self._faces])
-        self._face_areas, self._opposite, self._perimeters = areas, np.roll(edges, -1, 1), edges.sum(1)
         self._points = _sobol_points(samples // REPLICATES)
 
     def of_groups(self, first: int, last: int) -> SurfaceRays:
@@ -64,17 +65,16 @@ class HemisphereRays:
         u = self._cube_points(first, last)
         faces, share = self._chosen_faces(groups, u[:, 0])
         places, normals = self._places(faces, share, u[:, 1]), self.normals[faces]
-        directions = _cosine_weighted(normals, u[:, 2], u[:, 3])
+        directions = self._directions(faces, u[:, 2], u[:, 3])
         origins = point_receivers(places, normals, places, False).astype(np.float64) + self._origin
         return SurfaceRays(origins, directions, faces)
 
     def _cube_points(self, first: int, last: int) -> NDArray[np.float64]:
         """(groups * samples, 4) float64 in (0, 1)."""
-        shifts = np.empty((last - first, REPLICATES, 1, 4), np.uint32)
-        for k in range(first, last):
-            shifts[k - first, :, 0] = np.random.default_rng((self._seed, k)).integers(
-                0, 1 << _BITS, (REPLICATES, 4), np.uint32
-            )
+        generator = np.random.Philox(key=self._seed)
+        generator.advance(first * _SHIFTS // 8)  # it counts blocks of eight 32-bit numbers
+        raw = generator.random_raw((last - first) * _SHIFTS // 2)
+        shifts = raw.view(np.uint32).reshape(last - first, REPLICATES, 1, 4)
         return np.asarray(((self._points ^ shifts) + 0.5) / 2.0**_BITS, np.float64).reshape(-1, 4)
 
     def _chosen_faces(
@@ -90,19 +90,33 @@ class HemisphereRays:
         return faces, np.clip(share, 0.0, 1.0)
 
     def _places(self, faces: NDArray[np.int64], u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(m, 3) float64, recentred: uniformly distributed points on faces.
+        """(m, 3) float64, recentred: uniformly distributed points on faces."""
+        root = np.sqrt(u)
+        weights = np.stack([1.0 - root, root * (1.0 - v), root * v], 1)
+        return np.asarray(np.einsum("ij,ijk->ik", weights, self._corners[faces]))
 
-        They keep a distance from the edges, so that neither rounding nor the offset from the face puts them behind a
-        neighbouring face: faces shrink towards the centre of their inscribed circle.
-        """
-        corners, opposite, perimeter = self._corners[faces], self._opposite[faces], self._perimeters[faces]
-        root = np.sqrt(u)[:, None]
-        b = np.concatenate([1.0 - root, root * (1.0 - v[:, None]), root * v[:, None]], 1)
-        points = np.einsum("ij,ijk->ik", b, corners)
-        centres = np.einsum("ij,ijk->ik", opposite, corners) / perimeter[:, None]
-        radius = 2.0 * self._face_areas[faces] / perimeter
-        shrinking = np.minimum(_MARGIN * np.abs(corners).max((1, 2)) / radius, 0.5)[:, None]
-        return np.asarray(points + shrinking * (centres - points))
+    def _directions(
+        self, faces: NDArray[np.int64], u: NDArray[np.float64], v: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(m, 3) float64: unit vectors, distributed as the cosine to the normals of faces."""
+        radius, angle, height = np.sqrt(u), 2.0 * np.pi * v, np.sqrt(1.0 - u)
+        across, along = (tangents[faces] for tangents in self._tangents)
+        across *= (radius * np.cos(angle))[:, None]
+        along *= (radius * np.sin(angle))[:, None]
+        return np.asarray(across + along + height[:, None] * self.normals[faces])
+
+
+def _shrunk(corners: NDArray[np.float64], areas: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3, 3) float64: faces shrunk by a few units in the last place, towards the centres of their inscribed circles.
+
+    So neither rounding nor the offset from the face puts a point behind a neighbouring face.
+    """
+    edges = np.linalg.norm(np.roll(corners, -1, 1) - corners, axis=2)
+    opposite, perimeters = np.roll(edges, -1, 1), np.maximum(edges.sum(1), np.finfo(np.float64).tiny)
+    centres = np.einsum("ij,ijk->ik", opposite, corners) / perimeters[:, None]
+    radii = np.maximum(2.0 * areas / perimeters, np.finfo(np.float64).tiny)
+    shares = np.minimum(_MARGIN * np.abs(corners).max((1, 2)) / radii, 0.5)[:, None, None]
+    return np.asarray(corners + shares * (centres[:, None] - corners))
 
 
 def _sobol_points(count: int) -> NDArray[np.uint32]:
@@ -110,13 +124,3 @@ def _sobol_points(count: int) -> NDArray[np.uint32]:
     from scipy.stats.qmc import Sobol
 
     return np.asarray(Sobol(4, scramble=False, bits=_BITS).random(count) * 2.0**_BITS).astype(np.uint32)
-
-
-def _cosine_weighted(
-    normals: NDArray[np.float64], u: NDArray[np.float64], v: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(m, 3) float64: unit vectors, distributed as the cosine to the normals."""
-    across, along = tangents_of(normals)
-    radius, angle = np.sqrt(u)[:, None], (2.0 * np.pi * v)[:, None]
-    flat = radius * (np.cos(angle) * across + np.sin(angle) * along)
-    return np.asarray(flat + np.sqrt(1.0 - u)[:, None] * normals)
