@@ -133,6 +133,7 @@ def examples(folder: Path) -> dict[str, Example]:
     quick = {"spp": 1, "threads": 1}
     table = at.Table(sensors, {"seen": at.Column(np.arange(2.0), "", "a number")}, scene=own)
     matrix = at.visibility_matrix(own, points)
+    factors = at.view_factors(own, "face", samples=64)
     frame = at.render(own, CAMERA, LIGHT, **quick)
     zone, noon = UTC, np.array(["2026-06-21T12:00"], "datetime64[s]")
     times = Times(noon, noon, np.ones(1))
@@ -199,6 +200,11 @@ def examples(folder: Path) -> dict[str, Example]:
         "VisibilityMatrix.sparse": ex(matrix.sparse),
         "CityModel.object_attribute": ex(city.city.object_attribute, name="height", faces=[0, -1]),
         "CityModel.surface_attribute": ex(city.city.surface_attribute, name="slope", faces=[0, -1]),
+        "ViewFactors": ex(
+            at.ViewFactors, **{each: getattr(factors, each) for each in ("names", "types", "areas", "matrix", "errors")}
+        ),
+        "ViewFactors.reciprocal": ex(factors.reciprocal),
+        "ViewFactors.save": ex(factors.save, path=folder / "factors.csv"),
         "CityModel.surface_types": ex(city.city.surface_types, faces=[0, -1]),
         "Frame.save": ex(frame.save, path=folder / "frame.png"),
         "bake": ex(at.bake, scene=own, output=folder / "baked.glb", **quick),
@@ -235,6 +241,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "suns_of": ex(at.suns_of, place=PLACE, times=times, up="y"),
         "times_of": ex(at.times_of, days=days, zone=zone),
         "view": ex(at.view, scene=own, lights=LIGHT, camera=CAMERA, browser=False),
+        "view_factors": ex(at.view_factors, scene=own, samples=64),
         "viewshed": ex(at.viewshed, scene=own, sensors=points, observers=[0.5, 3.0, -0.5]),
         "virtual_point_lights": ex(at.virtual_point_lights, scene=own, light=LIGHT, n=64),
         "visibility": ex(at.visibility, scene=own, points=points, light=LIGHT, **quick),

@@ -39,6 +39,7 @@ CALLS = {
     "trimesh_ray": "at.trimesh_ray(trimesh.creation.box()).intersects_any([(0, 1, 0)], [(0, -1, 0)])",
     "vertex_sensors": "at.vertex_sensors(scene)",
     "view": "at.view(scene, port=0, browser=False).close()",
+    "view_factors": "at.view_factors(scene, samples=64).save('factors.csv')",
     "viewshed": "at.viewshed(scene, at.raster_sensors(scene, 2.0), (0, 1, 0)).table.save('seen.csv')",
     "virtual_point_lights": "at.virtual_point_lights(scene, light, 8)",
     "visibility": "at.visibility(scene, (0, 1, 0), light)",

@@ -43,6 +43,8 @@ if typing.TYPE_CHECKING:
     from .jobs.sun.location import Place, place_of
     from .jobs.sun.sun_hours import sky_view, sun_hours
     from .jobs.sun.sun_positions import Suns, suns_of, times_of
+    from .jobs.view_factors.view_factor_matrix import ViewFactors
+    from .jobs.view_factors.view_factors import view_factors
     from .picture.frame import Frame
     from .picture.render_options import RenderOptions
     from .picture.renderer import Renderer, render
@@ -104,6 +106,7 @@ __all__ = [
     "Suns",
     "Table",
     "Triangles",
+    "ViewFactors",
     "Viewer",
     "Viewshed",
     "Visibility",
@@ -135,6 +138,7 @@ __all__ = [
     "trimesh_ray",
     "vertex_sensors",
     "view",
+    "view_factors",
     "viewshed",
     "virtual_point_lights",
     "visibility",
@@ -184,6 +188,7 @@ _HOME = {
     "Suns": "jobs.sun.sun_positions",
     "Table": "jobs.result_table",
     "Triangles": "scene.triangles",
+    "ViewFactors": "jobs.view_factors.view_factor_matrix",
     "Viewer": "viewer.viewer_page",
     "Viewshed": "jobs.line_of_sight.viewshed",
     "Visibility": "engine.visibility",
@@ -214,6 +219,7 @@ _HOME = {
     "trimesh_ray": "integrations.trimesh",
     "vertex_sensors": "jobs.sensors",
     "view": "viewer.viewer_page",
+    "view_factors": "jobs.view_factors.view_factors",
     "viewshed": "jobs.line_of_sight.viewshed",
     "virtual_point_lights": "picture.virtual_point_lights",
     "visibility": "engine.point_visibility",

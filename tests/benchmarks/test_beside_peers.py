@@ -165,6 +165,40 @@ def test_peer_chart(run, tmp_path):
     assert (tmp_path / "chart.svg").read_text().count("<path") > 10
 
 
+def test_view_factors(run):
+    sizes = "--divisions", 1, "--samples", 512, "--rounds", 1
+    done = run("view_factors", *sizes, without="pyviewfactor,raystrack")
+    check_left_out(done, "pyViewFactor", "raystrack")
+    assert [row["case"] for row in done.rows] == ["rectangles", "edge", "room", "obstructed room"]
+    assert all(0.0 < row["error"] < 0.05 and row["seconds"] >= 0.0 for row in done.rows)
+    assert [row["row_sum_error"] for row in done.rows] == [None, None, 0.0, 0.0]
+
+
+def test_view_factors_beside_pyviewfactor(run):
+    reason = "no comparison with pyViewFactor, as it is not installed: pip install pyviewfactor"
+    pytest.importorskip("pyviewfactor", reason=reason, exc_type=ImportError)
+    done = run("view_factors", "--divisions", 1, "--samples", 512, "--rounds", 1, without="raystrack")
+    peer = {row["case"]: row["error"] for row in done.rows if row["contender"] == "pyViewFactor"}
+    assert peer["rectangles"] < 1e-6 and peer["room"] < 1e-6 and peer["obstructed room"] > 1e-3
+
+
+def test_ladybug_matrix(run):
+    sizes = "--boxes", 5, "--sensors", 100, "--vectors", 20, "--rounds", 1
+    done = run("ladybug_matrix", *sizes, without="ladybug_geometry,ladybug_radiance")
+    check_left_out(done, "Ladybug")
+    (row,) = done.rows
+    assert row["vectors"] == 20 and row["sensors"] >= 100 and 0.1 < row["seen"] < 0.9 and "ratio" not in row
+
+
+def test_ladybug_matrix_beside_ladybug(run):
+    for module in ("pyradiance", "ladybug_geometry", "ladybug_radiance"):
+        reason = f"no comparison with Ladybug, as {module} is not installed: pip install pyradiance ladybug-radiance"
+        pytest.importorskip(module, reason=reason, exc_type=ImportError)
+    done = run("ladybug_matrix", "--boxes", 5, "--sensors", 200, "--vectors", 40, "--rounds", 1)
+    (row,) = done.rows
+    assert row["ratio"] > 0.0 and row["differ"] <= 2
+
+
 def test_update(run, hidden):
     done = run("update", "forest", "--triangles", 3000, "--rays", 2000, "--rounds", 2, without=hidden)
     assert [row["kind"] for row in done.rows] == sorted(row["kind"] for row in done.rows)

@@ -53,6 +53,27 @@ def test_a_city_knows_its_place_and_gets_attributes(cli, tmp_path):
     assert np.isclose(written["sun_hours"], (table["sun_hours"] * areas).sum() / areas.sum())
 
 
+def test_a_row_per_building(cli, tmp_path):
+    roofed = city_files.solid(semantics={"surfaces": [{"type": "WallSurface"}], "values": [[None, None, 0, 0, 0, 0]]})
+    vertices = city_files.CUBE + (85000, 447000, 0)
+    city_files.put(tmp_path, city_files.city({"a": city_files.building(roofed)}, vertices=vertices))
+    chosen = "--surfaces", "WallSurface", "--facing", "150:210", "--per", "building"
+    outputs = "-o", "a.csv", "-o", "a.png", "--city-output", "b.json"
+    told = cli("sun", "a.city.json", *DAY, "--timezone", "+01:00", *chosen, "--energy", *outputs, "--json").json()
+    assert (told["sensors"], told["rows"], told["per"], told["facing"]) == (2, 1, "building", [150.0, 210.0])
+    assert told["rays"] == 2 * told["suns"] and not {"azimuth", "tilt"} & told["means"].keys()
+    with open(tmp_path / "a.csv", newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert row["building"] == "a" and float(row["area"]) == 1.0 and row["sensors"] == "2"
+    assert float(row["direct_kwh"]) == float(row["direct_kwh_m2"]) == told["means"]["direct_kwh"] > 0
+    attributes = json.loads((tmp_path / "b.json").read_text())["CityObjects"]["a"]["attributes"]
+    assert attributes["sun_hours"] == float(row["sun_hours"]) > 0 and not {"azimuth", "tilt"} & attributes.keys()
+    done = cli("sun", "a.city.json", *DAY, "--timezone", "+01:00", "--per", "building", "-o", "a.csv")
+    assert done.code == 0 and "buildings" in done.out
+    refused = cli("sun", "a.city.json", *DAY, "--sensors", "raster:0.5", "--per", "building", "-o", "a.tif")
+    assert refused.code != 0 and "GeoTIFF holds a raster" in refused.err
+
+
 def test_a_rule_and_its_share(cli):
     done = cli("sun", SCENE, *HERE, "--rule", "en17037-minimum", "--step", 60, "--sensors", "raster:10", "-o", "a.csv")
     assert done.code == 0 and "% of the sensors on surfaces pass" in done.out

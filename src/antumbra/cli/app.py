@@ -110,7 +110,8 @@ class CommandEntry(NamedTuple):
         """The command's function, whose module is imported, with the options of all scenes."""
         from .gis_options import with_gis_options
 
-        return with_gis_options(getattr(import_module(f"{__package__}.{self.module}"), name))
+        module = import_module(f"{__package__}.{self.module}")
+        return with_gis_options(getattr(module, name.replace("-", "_")))
 
 
 COMMANDS = {
@@ -132,6 +133,9 @@ COMMANDS = {
         "skyline_command",
         "Find the skyline of points in SCENE: the elevation of the horizon by azimuth.",
         grouped=False,
+    ),
+    "view-factors": CommandEntry(
+        "view_factors_command", "Find the view factors between the surfaces of SCENE, and of the sky.", grouped=False
     ),
     "dataset": CommandEntry(
         "dataset_command",
@@ -158,7 +162,7 @@ COMMANDS = {
         "Check this installation: versions, processor, kernels on disk, optional packages, and a small query.",
     ),
 }
-"""Name -> command, in the order of the help. The function has the same name."""
+"""Name -> command, in the order of the help. The function has the same name, with _ for -."""
 
 _BENCH = "bench", "Measure what the papers measured."
 

@@ -128,6 +128,7 @@ def sun(args: SunArguments) -> int:
       antumbra sun buildings.gpkg --height h --terrain dem.tif --sensors grid:2 --days 2026-03-21 -o sun.png
       antumbra sun city.city.json --sensors windows.csv --rule br209-windows --epw delft.epw -o windows.csv
       antumbra sun city.city.json --rule br209-amenity --areas gardens.geojson -o gardens.tif
+      antumbra sun city.city.json --days year:2026 --energy --surfaces RoofSurface --per building -o roofs.csv
     """
     from ..jobs.ground_areas import SPACING, check_areas
     from ..jobs.sensor_files import check_sensors, sensors_of
@@ -185,7 +186,7 @@ def _checked_outputs(args: SunArguments, spec: SceneSpec, sensors: str) -> list[
     suffix = ".tif" if spec.on_raster and kind_of(sensors) == "raster" else ".png"
     paths = args.output or [Path(f"{spec.stem}-sun{suffix}")]
     for path in paths:
-        writer_of(path, kind_of(sensors))
+        writer_of(path, kind_of(sensors) if args.per == "sensor" else "points")
     return paths
 
 
@@ -203,19 +204,26 @@ def _write_city(table: "Table", spec: SceneSpec, path: Path) -> None:
     """Write the numeric columns as attributes to a copy of the CityJSON file."""
     from ..formats.cityjson.attribute_writer import write_attributes
 
-    values = {name: table.of_faces(name) for name in table.columns if table[name].dtype.kind in "fiub"}
+    values = {name: table.of_faces(name) for name in _results(table)}
     assert spec.path is not None  # checked before the work: only CityJSON files have attributes
     write_attributes(spec.path, path, values, lod=spec.lod)
 
 
+def _results(table: "Table") -> list[str]:
+    """The names of the numeric columns, besides those that describe the surfaces."""
+    from ..jobs.surface_columns import NAMES
+
+    return [name for name, column in table.columns.items() if column.values.dtype.kind in "fiub" and name not in NAMES]
+
+
 def _print_summary(args: SunArguments, table: "Table", seconds: float, written: list[str]) -> None:
-    rays = len(table) * table.about["suns"] * table.about["samples"]
+    sensors = len(table) if args.per == "sensor" else int(table["sensors"].sum())
+    rays = sensors * table.about["suns"] * table.about["samples"]
     covered = table.sensors.covered
     hours = table["sun_hours"][covered]
-    numbers = {"sensors": len(table), "suns": table.about["suns"], "rays": rays, "seconds": seconds}
+    numbers = {"sensors": sensors, "rows": len(table), "suns": table.about["suns"], "rays": rays, "seconds": seconds}
     if args.json:
-        columns = {name: column.values for name, column in table.columns.items() if column.values.dtype.kind in "fiub"}
-        means = {name: float(values[covered].mean()) for name, values in columns.items()} if covered.any() else {}
+        means = {name: float(table[name][covered].mean()) for name in _results(table)} if covered.any() else {}
         console.print_json({**table.about, **numbers, "means": means, "files": written})
     elif not args.quiet:
         about = table.about
@@ -223,10 +231,11 @@ def _print_summary(args: SunArguments, table: "Table", seconds: float, written: 
         rows = [
             ("place", f"{about['latitude']:.4f}, {about['longitude']:.4f}; true north at {about['north']:.2f} degrees"),
             ("suns", f"{about['suns']:,} from {about['first']} to {about['last']}, {about['hours']:,.1f} h"),
-            ("sensors", f"{len(table):,} ({about['sensors']})"),
+            ("sensors", f"{sensors:,} ({about['sensors']})"),
+            *([(f"{args.per}s", f"{len(table):,}")] if args.per != "sensor" else []),
             ("hours of sun", f"{least:,.1f} to {most:,.1f}, median {middle:,.1f}"),
         ]
-        if "passes" in table.columns and "areas" not in about:
+        if "passes" in table.columns and "areas" not in about and args.per == "sensor":
             rows.append((about["rule"], f"{table['passes'][covered].mean():.1%} of the sensors on surfaces pass"))
         rows.append(("time", f"{console.duration(seconds)}, {rays / 1e6 / max(seconds, 1e-9):,.1f} Mrays/s"))
         rows += [("written", path) for path in written]

@@ -25,6 +25,7 @@ from ..errors import InputError
 from ..jobs.result_table import Table
 from ..jobs.sensors import Sensors, face_sensors, vertex_sensors
 from ..jobs.sun.sun_hours import sky_view, sun_hours
+from ..jobs.surface_columns import NAMES as SURFACE_COLUMNS
 from ..scene.light_lists import DirectionalLights, PointLights
 from ..scene.lights import AmbientOcclusion, Light
 
@@ -166,6 +167,9 @@ class DatasetAccessor:
         days, keywords
             As in `antumbra.sun_hours`.
         """
+        for name in ("surfaces", "facing", "per"):
+            if name in keywords:
+                raise InputError(f"{name} chooses rows of a table, and arrays have a value for each cell; leave it out")
         surface = _surface_of(self._dataset, on)
         return self._with(surface, _numbers(sun_hours(surface.scene, surface.sensors, days, **keywords)), inplace)
 
@@ -183,8 +187,8 @@ class DatasetAccessor:
 
 
 def _numbers(table: Table) -> dict[str, NDArray[Any]]:
-    """The columns of a table that hold numbers or flags."""
-    values = {name: column.values for name, column in table.columns.items()}
+    """The columns of a table that hold numbers or flags, besides those that describe the surfaces."""
+    values = {name: column.values for name, column in table.columns.items() if name not in SURFACE_COLUMNS}
     return {name: array.astype(np.float64) for name, array in values.items() if array.dtype.kind in "fiub"}
 
 

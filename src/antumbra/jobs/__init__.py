@@ -1,15 +1,18 @@
-"""Jobs on scenes: sun hours, skylines, shadows, baked light, lines of sight and data sets, and what they share.
+"""Jobs on scenes: sun hours, skylines, shadows, baked light, lines of sight, view factors and data sets, and what they share.
 
 - `sun/`: sun hours and sky view
 - `skyline/`: the elevation of the horizon by azimuth
 - `shadow/`: shadows on the ground as polygons
 - `bake/`: visibility and light baked into glTF files
 - `line_of_sight/`: sightlines, visibility matrices and viewsheds
+- `view_factors/`: view factors between surfaces
 - `dataset/`: rendered data sets
 - `sensors`: sample points with normals and areas
 - `sensor_files`: sensors from text and point files
 - `raster_grid`: horizontal rasters of square cells
 - `ground_areas`: sensors in polygons on the ground, outside buildings
+- `surface_groups`: faces grouped in surfaces, objects or buildings; azimuth and tilt
+- `surface_columns`: surfaces in tables, and tables with a row per surface or building
 - `result_table`: results with units, and their writers
 - `false_colours`: false-colour pictures and models
 - `bit_matrices`: packed bit matrices, in memory and in files

@@ -130,7 +130,10 @@ def _view(table: Any, values: np.ndarray, scale: Scale) -> tuple[NDArray[np.uint
     covered = buffer.face >= 0
     colours = np.full((*covered.shape, 3), 30, np.uint8)
     at = buffer.position[covered] + buffer.origin
-    surface_values = _values_at(table.sensors, values, at, buffer.normal[covered], buffer.face[covered])
+    if table.row_of_face is None:
+        surface_values = _values_at(table.sensors, values, at, buffer.normal[covered], buffer.face[covered])
+    else:
+        surface_values = np.append(values, np.nan)[table.row_of_face[buffer.face[covered]]]
     known = np.isfinite(surface_values)
     surface_colours = np.where(known[:, None], scale.colours(np.nan_to_num(surface_values), known), np.uint8(_NOWHERE))
     light = _DARKEST + (1.0 - _DARKEST) * frame.visibility[0][covered][:, None]
@@ -187,7 +190,10 @@ def coloured_model(table: Any, name: str) -> bytes:
     sensor_colours[~known] = _GREY
     corners = corners_of(scene) - scene.origin
     colours = np.full((len(corners), 3, 3), _GREY)
-    if sensors.kind == "face":
+    if table.row_of_face is not None:
+        shown = table.row_of_face >= 0
+        colours[shown] = sensor_colours[table.row_of_face[shown], None]
+    elif sensors.kind == "face":
         colours[sensors.faces] = sensor_colours[:, None]
     elif sensors.kind == "vertex":
         assert sensors.corners is not None
@@ -195,7 +201,7 @@ def coloured_model(table: Any, name: str) -> bytes:
         colours[used] = sensor_colours[sensors.corners[used]]
     soup = np.arange(3 * len(corners), dtype=np.uint32).reshape(-1, 3)
     parts = [ColouredMesh(scene.name, corners.reshape(-1, 3), colours.reshape(-1, 3), soup)]
-    if sensors.kind not in ("face", "vertex"):
+    if sensors.kind not in ("face", "vertex") and table.row_of_face is None:
         parts.append(_squares(sensors, sensor_colours, scene))
     extras = {"column": name, "unit": table.columns[name].unit, "origin": scene.origin.tolist(), **table.about}
     extras["scale"] = [float(scale.ticks[0]), float(scale.ticks[-1])]

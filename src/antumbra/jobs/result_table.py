@@ -44,7 +44,7 @@ def _csv(table: "Table", path: Path, column: str) -> None:
 
 def _texts(values: np.ndarray) -> list[str]:
     """Values as CSV fields: the shortest text that round-trips, empty for NaN and NaT; names quoted where needed."""
-    if values.dtype.kind == "U":
+    if values.dtype.kind in "UO":
         return ['"' + text.replace('"', '""') + '"' if set(text) & set(',"\r\n') else text for text in values.tolist()]
     if values.dtype.kind == "M":
         return ["" if text == "NaT" else text for text in np.datetime_as_string(values).tolist()]
@@ -71,8 +71,9 @@ def _units(table: "Table") -> dict[str, dict[str, str]]:
 
 def _npz(table: "Table", path: Path, column: str) -> None:
     metadata = json.dumps({"about": table.about, "columns": _units(table)})
+    rows = {name: values.astype("U") if values.dtype.kind == "O" else values for name, values in table.rows().items()}
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
-        np.savez_compressed(file, allow_pickle=False, about=np.array(metadata), **table.rows())
+        np.savez_compressed(file, allow_pickle=False, about=np.array(metadata), **rows)
 
 
 def _parquet(table: "Table", path: Path, column: str) -> None:
@@ -201,7 +202,7 @@ def writer_of(path: str | os.PathLike[str], kind: str) -> Writer:
 class Column(NamedTuple):
     """One value per sensor."""
 
-    values: np.ndarray  # (n,) float, int or datetime64
+    values: np.ndarray  # (n,) float, int, bool, datetime64, or object for names
     unit: str  # such as "h" or "kWh/m2"; empty: dimensionless
     about: str  # one-line description
 
@@ -223,6 +224,9 @@ class Table:
         For pictures other than maps. None: one that shows the whole scene.
     marks : (k, 3) float or None
         World positions that pictures show as dots.
+    row_of_face : (faces,) int or None
+        For rows that stand for several faces, such as buildings: the row of each face, -1: none. Pictures and models
+        show its values on these faces.
     """
 
     sensors: Sensors
@@ -231,6 +235,7 @@ class Table:
     scene: AnyScene | None = None
     camera: Camera | None = None
     marks: np.ndarray | None = None
+    row_of_face: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         checked_instance(self.sensors, Sensors, "sensors")
@@ -292,7 +297,8 @@ class Table:
             raise InputError("the table has no columns; there is nothing to show")
         name = next(iter(self.columns)) if column is None else column
         if self[name].dtype.kind not in "fiub":
-            raise InputError(f"column {name!r} holds times, and a picture shows numbers; name another column")
+            what = "names" if self[name].dtype.kind in "UO" else "times"
+            raise InputError(f"column {name!r} holds {what}, and a picture shows numbers; name another column")
         return name
 
     def of_faces(self, name: str) -> NDArray[np.float64]:
@@ -304,6 +310,8 @@ class Table:
             If the sensors do not lie on faces.
         """
         sensors, scene = self.sensors, self.scene
+        if self.row_of_face is not None:
+            return np.asarray(np.append(self[name].astype(np.float64), np.nan)[self.row_of_face])
         if sensors.faces is None or scene is None or sensors.kind == "vertex":
             raise InputError("values of faces need sensors on faces; use the sensors face or grid:SPACING")
         on = sensors.faces >= 0

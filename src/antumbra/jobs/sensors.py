@@ -128,7 +128,8 @@ class Sensors:
     raster : Raster or None
         For the kind "raster": sensor ``row * columns + column`` is in the centre of this cell if `cells` is None.
     corners : (faces, 3) int64 or None
-        For the kind "vertex": the sensor at each corner of each face, -1 for faces without area.
+        For the kind "vertex": the sensor at each corner of each face, -1 for faces without area or without a sensor at
+        a corner.
     cells : (n,) int64 or None
         For the kind "raster": ``row * columns + column`` of each sensor's cell. None: all cells have a sensor.
     zone : (n,) int64 or None
@@ -220,6 +221,22 @@ class Sensors:
         cells = np.arange(len(self)) if self.cells is None else self.cells
         raster_values[cells[self.covered]] = numbers[self.covered]
         return raster_values.reshape(self.raster.rows, self.raster.columns)
+
+    def take(self, index: NDArray[np.integer]) -> "Sensors":
+        """Some of the sensors, of the same kind; `index`: (m,) int, ascending."""
+        corners, cells = self.corners, self.cells
+        if corners is not None:
+            places = np.full(len(self) + 1, -1)  # the last one is that of -1
+            places[index] = np.arange(len(index))
+            corners = places[corners]
+            corners[(corners < 0).any(1)] = -1
+        if self.raster is not None:
+            cells = index if cells is None else cells[index]
+        fields = self.normals, self.areas, self.faces, self.zone
+        normals, areas, faces, zone = (None if array is None else array[index] for array in fields)
+        return Sensors(
+            self.points[index], normals, areas, faces, self.kind, self.raster, corners, cells, zone, self.zones
+        )
 
     def part(self, first: int, last: int) -> "Sensors":
         """The sensors from `first` to `last`, exclusive, as single points."""

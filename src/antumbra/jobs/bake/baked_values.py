@@ -18,6 +18,7 @@ from ...query.light_samples import light_samples
 from ...query.receivers import NOTHING
 from ...query.surface_links import PictureSurfaces
 from ...scene.lights import AmbientOcclusion
+from ..surface_groups import tangents_of
 from .gltf_primitives import NodePrimitive, face_vectors
 from .surface_meter import SIDE, Measurement, Meter, ReceiverPoints, curve_order
 from .texture_atlas import Cover, Sheet, Unwrapped, chart_of_faces, closest_weights, corners_of
@@ -52,21 +53,12 @@ class Solids:
         local = receivers.positions - self._scene.origin
         far = np.abs(local).max(-1, keepdims=True)
         origins = receivers.positions + _LIFT * far * receivers.normals
-        u, v = _tangents(receivers.normals)
+        u, v = tangents_of(receivers.normals)
         a, b, c = (self._samples[:, k, None] for k in range(3))
         directions = a * u[:, None] + b * v[:, None] + c * receivers.normals[:, None]
         face = self._scene.closest_hit(origins[:, None], directions, time=self._time, threads=self._threads).face
         from_behind = (self._outward[face] * directions).sum(-1) > 0.0
         return np.asarray(((face >= 0) & from_behind).sum(1) >= _ENOUGH)
-
-
-def _tangents(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors perpendicular to each of the unit vectors n ((k, 3)) [Duff et al. 2017]."""
-    s = np.copysign(1.0, n[:, 2])
-    a = -1.0 / (s + n[:, 2])
-    b = n[:, 0] * n[:, 1] * a
-    u = np.stack([1.0 + s * n[:, 0] ** 2 * a, s * b, -s * n[:, 0]], 1)
-    return u, np.stack([b, s + n[:, 1] ** 2 * a, -n[:, 1]], 1)
 
 
 # --- Vertices ---------------------------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Iterable
 from datetime import date
-from typing import Any, NamedTuple, ParamSpec, Protocol
+from typing import Any, NamedTuple, ParamSpec, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,7 @@ from ..ground_areas import SPACING, AreaLike
 from ..result_table import Column, Table
 from ..sensor_files import sensors_of
 from ..sensors import Sensors, sensors_from
+from ..surface_columns import Facing, chosen_sensors, per_group, surface_columns
 from .daylight_rules import Rule, meets_rule, rule_named, weights_of
 from .location import Place, place_of
 from .solar_radiation import TYPICAL_YEAR, Weather, clear_sky, on_days, read_epw
@@ -189,8 +190,9 @@ def sun_hours(
     -------
     Table
         Columns "sun_hours" (h); "sun_share" of the hours with the sun above the horizon; "longest" (h), the longest
-        unbroken stretch; "first" and "last", the middle of the first and last interval with sun (local time); and the
-        optional ones. None if the executor leaves parts to other shards.
+        unbroken stretch; "first" and "last", the middle of the first and last interval with sun (local time); the
+        optional ones; and "building", "surface" (index in `CityModel.surfaces`), "type", "azimuth" and "tilt" (degrees)
+        of the surface, where they are known. None if the executor leaves parts to other shards.
 
     Raises
     ------
@@ -209,6 +211,10 @@ def sun_hours(
     elif areas is not None:
         raise InputError("areas need sensors as text, such as raster:0.5; or leave areas out, and give area_sensors")
     sensors = sensors_from(scene, sensors, None, "sensors")
+    if options.per != "sensor" and sensors.zone is not None:
+        raise InputError(f"areas have results of their own, in about; leave per={options.per!r} out")
+    north = study.place.north
+    sensors = chosen_sensors(scene, sensors, options.surfaces, cast(Facing | None, options.facing), north)
     target = None if matrix is None else checked_output(matrix, (".npy",))
     suns, bins = study.suns, _Bins(study)
     direct = None if suns.dni is None else suns.dni * suns.hours
@@ -230,7 +236,7 @@ def sun_hours(
     if not executor.finish(job):
         return None  # type: ignore[return-value]  # a shard, of a command
     tally, *sky_tallies = [each.tally() for each in sums]
-    table = Table(sensors, _columns(study, bins, tally), _about(study, samples), scene)
+    table = Table(sensors, _columns(study, bins, tally), _about(study, options), scene)
     if sensors.zone is not None:
         table.about["areas"] = area_records(sensors, tally.hours, study.rule, table)
     if skies:
@@ -239,6 +245,9 @@ def sun_hours(
         if study.diffuse is not None:
             energy = np.sum([views[month] * (diffuse / 1000.0) for month, diffuse in skies.items()], axis=0)
             table.columns["diffuse_kwh_m2"] = Column(energy, "kWh/m2", "energy of diffuse light, uniform sky")
+    table.columns |= surface_columns(scene, sensors, north)
+    if options.per != "sensor":
+        table = per_group(table, options.per, north)
     if target is not None:
         with atomic_output(target) as temporary:
             sums[0].write_matrix(temporary)
@@ -382,12 +391,14 @@ def area_records(sensors: Sensors, hours: np.ndarray, rule: Rule | None, table: 
     return records
 
 
-def _about(study: Study, samples: int) -> dict[str, Any]:
+def _about(study: Study, options: SunOptions) -> dict[str, Any]:
     """Metadata of the study, in JSON types."""
     suns, place, rule = study.suns, study.place, study.rule
     about: dict[str, Any] = {"job": "sun", **place._asdict()}
     about |= {"first": str(suns.local[0]), "last": str(suns.local[-1]), "suns": len(suns.hours)}
-    about |= {"hours": float(suns.hours.sum()), "step": study.step, "samples": samples}
+    about |= {"hours": float(suns.hours.sum()), "step": study.step, "samples": options.samples}
+    about |= {"surfaces": list(options.surfaces)} if options.surfaces is not None else {}
+    about |= {"facing": list(options.facing)} if options.facing is not None else {}
     if rule is not None:
         about |= {"rule": rule.name, "citation": rule.citation, "text": rule.text, "notes": rule.notes}
     return about

@@ -8,10 +8,12 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, cast
 
-from ...checks import checked_instance, choice, flag, items
+from ...checks import checked_instance, choice, flag, items, listed, number, parts_of, quoted
 from ...engine.plan import DEFAULT_PLAN, Plan
-from ...picture.option_fields import WholeNumber, check_fields, option, optional, same_option, unchecked
+from ...errors import InputError
+from ...picture.option_fields import Choice, WholeNumber, check_fields, option, optional, same_option, unchecked
 from ...picture.render_options import EngineOptions
+from ..surface_columns import PER, Facing
 from .daylight_rules import check_rule, rule_named
 from .location import Place, checked_place
 from .sun_positions import checked_step, days_of
@@ -36,6 +38,30 @@ def _place(value: Any, what: str) -> Place:
 
 def _by(value: Any, what: str) -> tuple[str, ...]:
     return tuple(choice(each, what, [name.value for name in HoursInterval]) for each in items(value, str, what))
+
+
+def _surfaces(value: Any, what: str) -> tuple[str, ...]:
+    """Types of semantic surfaces, from a text with commas or several texts."""
+    names = [name.strip() for name in value.split(",")] if isinstance(value, str) else items(value, str, what)
+    if not names or not all(names):
+        raise InputError(f"{what} is {quoted(value)}; write types such as WallSurface,RoofSurface")
+    return tuple(names)
+
+
+def _facing(value: Any, what: str) -> Facing:
+    """Two azimuths, from a text FROM:TO or a pair."""
+    ends = value.split(":") if isinstance(value, str) else value
+    if len(parts_of(ends) or ()) != 2:
+        raise InputError(f"{what} is {quoted(value)}; write FROM:TO in degrees, such as 150:210")
+    first, last = (_degrees(end, value, what) for end in listed(ends, what, 2))
+    return Facing(first, last)
+
+
+def _degrees(end: Any, value: Any, what: str) -> float:
+    try:
+        return number(float(end) if isinstance(end, str) else end, what, -360.0, 360.0, "[]")
+    except ValueError:
+        raise InputError(f"{what} is {quoted(value)}; write two numbers from -360 to 360, such as 150:210") from None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +121,31 @@ class SunKeywords:
         doc_type='sequence of "month" and "hour"',
     )
     """Add a column of hours for each month, or for each hour of the day."""
+    surfaces: Sequence[str] | None = option(
+        None,
+        optional(_surfaces),
+        "Only surfaces of these types of CityJSON, such as WallSurface,RoofSurface.",
+        kind=str | None,
+        note="all",
+        metavar="TYPES",
+        doc_type="str, sequence of str, or None",
+    )
+    """Use only the sensors on semantic surfaces of these types, such as "WallSurface,RoofSurface". None: all."""
+    facing: tuple[float, float] | None = option(
+        None,
+        optional(_facing),
+        "Only surfaces that face azimuths in this range, degrees clockwise from true north.",
+        kind=str | None,
+        note="all",
+        metavar="FROM:TO",
+        doc_type="str, (float, float) or None",
+    )
+    """Use only the sensors on surfaces whose azimuth lies in this range, clockwise, both ends included: "150:210" or
+    (150, 210) faces south, (315, 45) north. Degrees clockwise from true north. Horizontal surfaces face nowhere. None:
+    all."""
+    per: str = option("sensor", Choice(PER), "What a row stands for.")
+    """One row per sensor, surface or building. Rows of surfaces and buildings have the means of their sensors over the
+    area, the earliest "first" and the latest "last", and for each column per m2 another one with its sum."""
     samples: int = option(1, WholeNumber(1, MOST_SAMPLES), "Sample points on the sun's disk; 1: its centre.")
     """Points on the sun's disk, 1 to 64; 1: its centre."""
     plan: str | Plan | None = same_option(
