@@ -120,7 +120,7 @@ def finds_a_word(node) -> bool:
         return any(is_binary(inner, ast.Mult) and constant(inner.right, {16}) for inner in ast.walk(node.left))
     if not isinstance(node, ast.Subscript) or not (named(node.value, "links") or isinstance(node.value, ast.Call)):
         return False
-    last = node.slice.elts[-1] if isinstance(node.slice, ast.Tuple) else node.slice
+    last = node.slice.elts[-1] if isinstance(node.slice, ast.Tuple) and node.slice.elts else node.slice
     last = last.lower if isinstance(last, ast.Slice) else last
     return constant(last, _WORDS) or (is_binary(last, ast.Add) and constant(last.left, _WORDS))
 

@@ -15,13 +15,13 @@ MOMENT = "--at", "2026-06-21T15:00"
 
 
 def test_files_and_answers_are_those_of_the_function(cli):
-    told = cli("shadow", SCENE, *HERE, *MOMENT, "--height", 0, "-o", "a.gpkg", "-o", "a.geojson", "--json").json()
+    told = cli("shadow", SCENE, *HERE, *MOMENT, "--plane", 0, "-o", "a.gpkg", "-o", "a.geojson", "--json").json()
     place = at.Place(52, 4.36, timezone="Europe/Amsterdam")
-    want = at.shadow(at.procedural("city", triangles=3000), at="2026-06-21T15:00", place=place, height=0.0)
+    want = at.shadow(at.procedural("city", triangles=3000), at="2026-06-21T15:00", place=place, plane=0.0)
     assert told["files"] == ["a.gpkg", "a.geojson"] and told["polygons"] == len(want.polygons) > 1
     assert told["area"] == pytest.approx(want.area) and told["sun_elevation"] == want.about["sun_elevation"]
     assert geopandas.read_file("a.gpkg").area.sum() == pytest.approx(want.area)
-    shown = cli("shadow", SCENE, *HERE, *MOMENT, "--height", 0, "-o", "b.parquet")
+    shown = cli("shadow", SCENE, *HERE, *MOMENT, "--plane", 0, "-o", "b.parquet")
     assert shown.code == 0 and "elevation" in shown.out and "polygons" in shown.out
 
 

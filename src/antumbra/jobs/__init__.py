@@ -1,4 +1,4 @@
-"""Jobs on scenes: sun hours, skylines, shadows, baked light, lines of sight, view factors, data sets, and what they share.
+"""Jobs on scenes: sun hours, skylines, shadows, bakes, lines of sight, view factors, data sets, and what they share.
 
 - `sun/`: sun hours and sky view
 - `skyline/`: the elevation of the horizon by azimuth

@@ -49,7 +49,7 @@ def shift(shadow):
 @pytest.mark.parametrize("height", [None, 1.0])
 def test_the_shadow_of_a_box(up, height):
     scene = scene_of(box((10, 20, 0), (14, 23, 5), up), up=up)
-    shadow = at.shadow(scene, at=AFTERNOON, place=HERE, height=height)
+    shadow = at.shadow(scene, at=AFTERNOON, place=HERE, plane=height)
     h = 5.0 - (height or 0.0)
     east, north = np.abs(shift(shadow) * h)
     assert len(shadow.polygons) == 1 and 1.0 < east < 30.0 and north > 1.0
@@ -57,7 +57,7 @@ def test_the_shadow_of_a_box(up, height):
     corners = np.array([[x, y] for x in (10, 14) for y in (20, 23)], float)
     hull = shapely.convex_hull(shapely.multipoints(np.concatenate([corners, corners + shift(shadow) * h])))
     assert shapely.symmetric_difference(hull, shadow.polygons[0]).area < 1e-6
-    open_ground = at.shadow(scene, at=AFTERNOON, place=HERE, height=height, footprints=False)
+    open_ground = at.shadow(scene, at=AFTERNOON, place=HERE, plane=height, footprints=False)
     assert open_ground.area == pytest.approx(3 * east + 4 * north, rel=1e-9)
 
 
@@ -69,7 +69,7 @@ def test_points_are_in_a_polygon_where_exact_rays_are_blocked(seed, up):
     corners = (middle + rng.uniform(-4, 4, (30, 3, 3))).astype(np.float32).astype(float)
     scene = scene_of(turned(corners, up), up=up)
     north = float(rng.uniform(-30, 30))
-    shadow = at.shadow(scene, at="2026-06-21T10:00", place=HERE._replace(north=north), height=-1.0)
+    shadow = at.shadow(scene, at="2026-06-21T10:00", place=HERE._replace(north=north), plane=-1.0)
     eyes = np.c_[rng.uniform(-30, 30, (800, 2)), np.full(800, -1.0)]
     azimuth, elevation = np.radians([shadow.about["sun_azimuth"] + north, shadow.about["sun_elevation"]])
     flat = np.cos(elevation)
@@ -105,7 +105,7 @@ def test_rows_of_objects_and_of_casters(tmp_path):
 
 
 def test_a_shadow_without_anything_above_the_plane_is_empty():
-    shadow = at.shadow(scene_of(box((0, 0, 0), (1, 1, 1))), at=NOON, place=HERE, height=2.0)
+    shadow = at.shadow(scene_of(box((0, 0, 0), (1, 1, 1))), at=NOON, place=HERE, plane=2.0)
     assert len(shadow.polygons) == 0 and shadow.area == 0.0 and len(shadow.frame()) == 0
 
 
@@ -124,8 +124,8 @@ def test_moments_of_all_kinds_are_the_same():
 
 def test_cells_on_a_plane_agree_with_the_exact_outline():
     scene = scene_of(box((10, 20, 0), (14, 23, 5)), box((0, 0, -0.01), (40, 40, 0)))
-    exact = at.shadow(scene, at=NOON, place=HERE, height=0.001)
-    cells = at.shadow(scene, at=NOON, place=HERE, cell=0.25, height=0.001)
+    exact = at.shadow(scene, at=NOON, place=HERE, plane=0.001)
+    cells = at.shadow(scene, at=NOON, place=HERE, cell=0.25, plane=0.001)
     middles = shapely.points(cells.table.sensors.points[:, :2])
     inside = shapely.contains(shapely.union_all(exact.polygons), middles)
     assert np.array_equal(inside, cells.table["shadow"] == 1.0) and 0 < inside.sum() < len(inside)
@@ -139,7 +139,7 @@ def test_a_store_needs_cells(tmp_path):
     store = at.load(tmp_path / "a.antumbra")
     with pytest.raises(at.InputError, match="is a store"):
         at.shadow(store, at=NOON, place=HERE)
-    cells = [at.shadow(each, at=NOON, place=HERE, cell=1.0, height=2.5) for each in (scene, store)]
+    cells = [at.shadow(each, at=NOON, place=HERE, cell=1.0, plane=2.5) for each in (scene, store)]
     assert cells[0].area == cells[1].area > 50.0
 
 
@@ -170,7 +170,7 @@ def dutch():
 @pytest.mark.filterwarnings("error::UserWarning", "error::RuntimeWarning")
 def test_files_keep_polygons_columns_and_crs(dutch, tmp_path):
     geopandas = pytest.importorskip("geopandas", reason="files of polygons need antumbra[gis]: NOT checked")
-    shadow = at.shadow(dutch, at=AFTERNOON, height=0.0)
+    shadow = at.shadow(dutch, at=AFTERNOON, plane=0.0)
     for suffix, reader in {".gpkg": geopandas.read_file, ".parquet": geopandas.read_parquet}.items():
         shadow.save(tmp_path / f"a{suffix}")
         frame = reader(tmp_path / f"a{suffix}")

@@ -122,7 +122,7 @@ def _moment_of(scene: AnyScene, place: Place, options: ShadowOptions) -> _Moment
 def _on_plane(scene: AnyScene, moment: _Moment, options: ShadowOptions) -> Shadow:
     """The exact outline of the shadow on a plane."""
     corners = _on_map(scene, scene.triangles(threads=options.threads).vertices.astype(np.float64) + scene.origin)
-    height = float(corners[..., 2].min()) if options.height is None else options.height
+    height = float(corners[..., 2].min()) if options.plane is None else options.plane
     projection = projection_of(_on_map(scene, moment.suns.directions)[0], height)
     groups = _casters(scene, options.casters)
     apart = options.by == "object"
@@ -241,7 +241,7 @@ def _hours(scene: AnyScene, place: Place, options: ShadowOptions) -> Shadow:
 
 
 def _cells(scene: AnyScene, options: ShadowOptions) -> Sensors:
-    cell, height = options.cell or _CELL, options.height
+    cell, height = options.cell or _CELL, options.plane
     if height is None:
         return raster_sensors(scene, cell, threads=options.threads)
     return raster_sensors(scene, cell, height, follow=False, threads=options.threads)

@@ -80,7 +80,7 @@ class ShadowOptions:
         metavar="DAYS",
     )
     """Instead of a moment: dates, or a text as for `sun_hours`. The result has the hours of shadow on these days."""
-    height: float | None = option(
+    plane: float | None = option(
         None,
         RealNumber(-np.inf, np.inf, optional=True),
         "Height of a horizontal plane that the shadow falls on.",
