@@ -106,6 +106,8 @@ def test_every_command_with_a_scene_has_the_options(cli):
     ):
         words = cli(name, "--help").out
         assert "--height" in words and "--terrain" in words, name
+    shadow = cli("shadow", "--help").out
+    assert shadow.count("--height ") == 1 and "horizontal plane" in shadow and "--terrain" in shadow  # its own --height
     words = cli("formats").out
     assert ".gpkg" in words and ".tif" in words
     plain = lambda: None

@@ -134,25 +134,32 @@ _Terrain = Annotated[
         rich_help_panel="Scene",
     ),
 ]
+_MORE = {"height": _Height, "terrain": _Terrain}
 _SCENES = "scene", "scenes"
 
 
 def with_gis_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A command with ``--height`` and ``--terrain``, if it takes scenes; otherwise the command unchanged."""
+    """A command with ``--height`` and ``--terrain``, if it takes scenes; otherwise the command unchanged.
+
+    A command keeps an option of its own with one of these names; footprints then need ``FILE?height=COLUMN``.
+    """
     parameters = dict(inspect.signature(command).parameters)
     argument = next((name for name in _SCENES if name in parameters), None)
     if argument is None:
         return command
 
-    def run(height: str | None = None, terrain: Sequence[Path] | None = None, **values: Any) -> Any:
-        given = values[argument]
+    more = {name: each for name, each in _MORE.items() if name not in parameters}
+
+    def run(**values: Any) -> Any:
+        given, options = values[argument], {name: values.pop(name, None) for name in more}
+        height, terrain = options.get("height"), options.get("terrain")
         if height is not None or terrain:
             add = lambda text: scene_text(text, height, terrain or ())
             values[argument] = add(given) if isinstance(given, str) else [add(text) for text in given]
         return command(**values)
 
     wrapper: Any = update_wrapper(run, command)
-    kind, more = inspect.Parameter.KEYWORD_ONLY, {"height": _Height, "terrain": _Terrain}
+    kind = inspect.Parameter.KEYWORD_ONLY
     added = [inspect.Parameter(name, kind, default=None, annotation=each) for name, each in more.items()]
     kept = [parameter.replace(kind=kind) for parameter in parameters.values()]
     place = 1 + list(parameters).index(argument)
