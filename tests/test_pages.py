@@ -93,13 +93,14 @@ def test_generated_tables_list_the_registries(extension):
 
 def test_all_pages_in_one_file_write_out_what_is_generated(extension):
     pages = [
-        ("a", "# A\n```{image} x.png\n:alt: A cat\n```\n<!-- no -->\n```python\nx = 1\n```\n"),
+        ("a", "# A\n```{image} x.png\n:alt: A cat\n```\n<!-- no -->\n```python\nx = 1\n```\n[](b.md), {func}`at.f`\n"),
         (
             "b",
             "```{command-help} plans\n```\n```{eval-rst}\n.. autoclass:: antumbra.Place\n```\n```{toctree}\na\n```\n",
         ),
     ]
     text = extension("whole").whole(pages)
+    assert "[b.md](b.md), `at.f`" in text and "antumbra.Place(latitude, longitude, " in text
     assert "(Picture: A cat)" in text and "x = 1" in text and "<!-- no -->" not in text
     assert "Usage: antumbra plans" in text and "latitude" in text and "{" not in text.partition("b.html")[0]
     assert text.index("<!-- a.html -->") < text.index("<!-- b.html -->")

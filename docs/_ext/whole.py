@@ -14,6 +14,8 @@ import registries
 from help import help_text
 
 NAME = "antumbra.md"
+ROLE = re.compile(r"\{(?:func|class|meth|exc)\}(?=`)")
+BARE_LINK = re.compile(r"\[\]\(([^)\s]+)\)")
 FENCE = re.compile(r"^```\{([\w-]+)\}(.*?)\n(.*?)^```\n?", re.MULTILINE | re.DOTALL)
 
 
@@ -22,7 +24,8 @@ def whole(pages: list[tuple[str, str]]) -> str:
     parts = ["# Antumbra: all pages\n"]
     for name, text in pages:
         text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
-        parts.append(f"<!-- {name}.html -->\n\n{FENCE.sub(_written_out, text).strip()}\n")
+        text = BARE_LINK.sub(r"[\1](\1)", ROLE.sub("", FENCE.sub(_written_out, text)))
+        parts.append(f"<!-- {name}.html -->\n\n{text.strip()}\n")
     return "\n".join(parts)
 
 
@@ -47,11 +50,21 @@ def _docstring(name: str) -> str:
     thing = importlib.import_module("antumbra")
     for part in name.split(".")[1:]:
         thing = getattr(thing, part, None) or importlib.import_module(f"{thing.__name__}.{part}")
-    lines = [f"### {name}\n", "```text", inspect.getdoc(thing) or ""]
+    lines = [f"### {name}\n", "```text", f"{name}{_signature(thing)}\n", inspect.getdoc(thing) or ""]
     if inspect.isclass(thing):
-        members = [n for n, m in vars(thing).items() if not n.startswith("_") and inspect.isroutine(m)]
-        lines += [f"\n{thing.__name__}.{n}\n\n{inspect.getdoc(getattr(thing, n))}" for n in members]
+        members = {n: getattr(thing, n) for n, m in vars(thing).items() if n[0] != "_" and inspect.isroutine(m)}
+        lines += [f"\n{name}.{n}{_signature(each)}\n\n{inspect.getdoc(each)}" for n, each in members.items()]
     return "\n".join([*lines, "```\n"])
+
+
+def _signature(thing) -> str:
+    """Parameters and defaults without annotations, since docstrings state types."""
+    try:
+        signature = inspect.signature(thing)
+    except (TypeError, ValueError):
+        return ""
+    plain = [each.replace(annotation=each.empty) for each in signature.parameters.values()]
+    return str(signature.replace(parameters=plain, return_annotation=signature.empty))
 
 
 def _table(columns: list[str], rows: list[list[str]]) -> str:
