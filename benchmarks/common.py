@@ -5,6 +5,7 @@ import os
 import shlex
 import sys
 from collections.abc import Callable
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 
@@ -17,8 +18,8 @@ SCENES = Path(os.environ.get("ANTUMBRA_SCENES", Path(__file__).resolve().parents
 
 
 def machine(threads: int) -> dict:
-    """The command, versions and hardware for the JSON file."""
-    return {"command": command_line(), **about(), "threads": threads}
+    """The command, date, versions and hardware for the JSON file."""
+    return {"command": command_line(), "date": f"{datetime.now(UTC):%Y-%m-%d}", **about(), "threads": threads}
 
 
 def command_line() -> str:

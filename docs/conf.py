@@ -22,6 +22,9 @@ extensions = [
     "help",
     "labels",
     "pictures",
+    "raised",
+    "registries",
+    "whole",
     "shown",
 ]
 exclude_patterns = ["_build"]

@@ -25,11 +25,19 @@ NAMES = "chromium", "chromium-browser", "google-chrome", "chrome"
 WORDS = {
     "viewshed": "jobs/line-of-sight",
     "lightmap": "tutorials/bake",
+    "skyline": "jobs/skyline",
+    "horizon": "jobs/skyline",
+    "daylight": "jobs/sun",
     "notebook": "notebook",
     "ambient": "gallery",
     "occlusion": "gallery",
     "shadow": "tutorials/model",
     "utm": "wrong-elsewhere",
+    "gpu": "install",
+    "pvlib": "jobs/skyline",
+    "trimesh": "trades/tools",
+    "error": "errors",
+    "format": "files",
 }
 """Search terms, and a page that each must list."""
 

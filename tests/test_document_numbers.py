@@ -9,8 +9,6 @@ from repository import ROOT, tool
 
 numbers = tool(ROOT / "scripts" / "document_numbers.py")
 
-HOW = "pages by scripts/paper_pages.py, or run benchmarks with --json docs/results/NAME.json"
-
 RESULTS = {
     "saved": [
         {"scene": "a", "method": "srdh", "share": 0.424},
@@ -84,37 +82,3 @@ def test_code_has_no_numbers_to_check(folder):
     path = folder("```\n43<!-- x: 42 -->\n```\n43<!-- x: 42 -->\n")
     assert [problem.partition(":")[2][:2] for problem in numbers.check()] == ["4:"]
     assert numbers.update() == [] and path.read_text() == "```\n43<!-- x: 42 -->\n```\n42<!-- x: 42 -->\n"
-
-
-UNKEPT = {"arrays", "auto"}
-"""Benchmarks with figures on the page on performance whose results are not in docs/results/ yet."""
-
-
-def figures_on_performance():
-    """(cell with figures, benchmark) of each row of the page on performance that comes from a benchmark."""
-    command = ""
-    for line in (ROOT / "docs" / "performance.md").read_text(encoding="utf-8").splitlines():
-        cells = [cell.strip() for cell in line.strip("|").split(" | ")] if line.startswith("| ") else []
-        if len(cells) > 2 and cells[0] != "What":
-            command = command if cells[2] == "the same" else cells[2]
-            if match := re.search(r"`antumbra bench ([\w-]+)|`benchmarks/(\w+)\.py", command):
-                yield cells[1], match[1] or match[2]
-
-
-def test_figures_on_performance_have_sources():
-    found = list(figures_on_performance())
-    assert len(found) > 8 and {"srdh", "pre-bvh-culling", "multi-frusta"} <= {name for _, name in found}
-    for cell, name in found:
-        bare = re.sub(r"`[^`]*`", "", numbers.SOURCED.sub("", cell))
-        assert name in UNKEPT or not re.search(r"\d", bare), f"{name}: {bare}"
-
-
-def test_results_of_benchmarks_state_their_conditions():
-    files = sorted((ROOT / "docs" / "results").glob("*.json"))
-    if not files:
-        pytest.skip(
-            "NOT checked: docs/results/ is empty; run a script of benchmarks/ with --json docs/results/NAME.json"
-        )
-    for file in files:
-        machine = json.loads(file.read_text())["machine"]
-        assert machine["command"].startswith("python benchmarks/") and machine["commit"] and machine["processor"], file

@@ -3,9 +3,21 @@
 import os
 import subprocess
 import sys
+from functools import cache
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
+
+
+@cache
+def help_text(*command: str) -> str:
+    """What ``antumbra COMMAND --help`` prints."""
+    words = [sys.executable, "-m", "antumbra", *command, "--help"]
+    env = {**os.environ, "COLUMNS": "92", "TERMINAL_WIDTH": "92", "NO_COLOR": "1"}
+    done = subprocess.run(words, env=env, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    if done.returncode:
+        raise ValueError(f"{' '.join(words)} failed: {done.stderr}")
+    return "\n".join(line.rstrip() for line in done.stdout.strip("\n").splitlines())
 
 
 class CommandHelp(Directive):
@@ -14,12 +26,10 @@ class CommandHelp(Directive):
     optional_arguments = 2
 
     def run(self):
-        command = [sys.executable, "-m", "antumbra", *self.arguments, "--help"]
-        env = {**os.environ, "COLUMNS": "92", "TERMINAL_WIDTH": "92", "NO_COLOR": "1"}
-        told = subprocess.run(command, env=env, capture_output=True, text=True, stdin=subprocess.DEVNULL)
-        if told.returncode:
-            raise self.error(f"{' '.join(command)} failed: {told.stderr}")
-        text = "\n".join(line.rstrip() for line in told.stdout.strip("\n").splitlines())
+        try:
+            text = help_text(*self.arguments)
+        except ValueError as error:
+            raise self.error(str(error)) from None
         return [nodes.literal_block(text, text, language="text")]
 
 

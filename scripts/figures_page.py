@@ -1,0 +1,278 @@
+"""Generates the page of figures, docs/figures.md, from results of measurements.
+
+    python scripts/figures_page.py
+    python scripts/figures_page.py --check
+
+The results are docs/results/NAME.json, from the option --json of the scripts in benchmarks/, and
+docs/papers/results/NAME.json, from ``antumbra bench``. docs/results/transcribed.json has tables that commands printed
+before their results were kept. Each table on the page names its command, machine and date. --check exits with code 1 if
+the page differs.
+"""
+
+import json
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from statistics import geometric_mean, median
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "docs" / "results"
+PAPERS = ROOT / "docs" / "papers" / "results"
+PAGE = ROOT / "docs" / "figures.md"
+
+INTRO = """# Figures
+
+`python scripts/figures_page.py` generates this page from results in `docs/results/` and `docs/papers/results/`. Each
+table names its command, machine and date. To measure on your machine, run the commands in a clone; they alternate with
+the peers in one process. Times on shared machines vary by 10 to 20 %, ratios less. A ratio above 1 means that Antumbra
+is faster.
+"""
+
+
+def load(name: str, folder: Path = RESULTS) -> dict[str, Any]:
+    """A file of results."""
+    return json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def where(rows: Iterable[dict], **fields: Any) -> list[dict]:
+    """The rows with these values of fields; at least one."""
+    found = [row for row in rows if all(row.get(name) == value for name, value in fields.items())]
+    if not found:
+        raise LookupError(f"no rows with {fields}")
+    return found
+
+
+def table(title: str, about: dict[str, Any], columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table below its title, and above its command, machine and date; numbers are aligned right."""
+    rows = [[str(cell) for cell in row] for row in rows]
+    numeric = [all(len(row[k]) < 20 and row[k].strip("*")[:1] <= "9" for row in rows) for k in range(len(columns))]
+    lines = [f"### {title}", "", f"| {' | '.join(columns)} |"]
+    lines.append(f"|{'|'.join('---:' if right else '---' for right in numeric)}|")
+    lines += [f"| {' | '.join(row)} |" for row in rows]
+    return "\n".join([*lines, "", source(about)]) + "\n"
+
+
+def source(about: dict[str, Any]) -> str:
+    """The command, machine and date of a table, as a line."""
+    parts = [about["processor"]]
+    if about.get("threads"):
+        parts.append(f"{about['threads']} thread{'s' if about['threads'] > 1 else ''}")
+    parts += [about[key] for key in ("embree", "versions") if about.get(key)]
+    parts.append(about["date"].partition(" ")[0])
+    return f"`{about['command']}`: {'; '.join(parts)}."
+
+
+def transcribed(part: str) -> Iterable[str]:
+    """The tables of a part that commands printed."""
+    for each in where(load("transcribed")["tables"], part=part):
+        note = f"\n{each['note']}\n" if "note" in each else ""
+        yield table(each["title"], each, each["columns"], each["rows"]) + note
+
+
+# --- Speed ------------------------------------------------------------------------------------------------------------
+
+
+PEERS = """```{image} images/peers.svg
+:alt: Million shadow rays per second traced by Antumbra, Embree, Mitsuba and Open3D, in four scenes, two sizes of light
+```
+
+Bars are medians over alternating rounds, on the same rays. Each peer runs in its best mode; Embree has up to 24,
+including packets and coherent streams. Peers trace rays made beforehand, while Antumbra's time includes making its own.
+The larger the light, the fewer triangles the rays of neighbouring pixels have in common, and the less shafts gain.
+"""
+
+
+def soft_shadows() -> str:
+    results = load("soft_shadows")
+    plans = {"bsah+multifrusta": "`bsah+multifrusta`", "bsah+reinsert+multifrusta": "`bsah+reinsert+multifrusta`"}
+    ratios = {plan: where(results["rows"], contender=plan) for plan in plans}
+    rows = [
+        [one["scene"], one["light"], f"{one['rays'] / 1e6:.1f}", *(f"{ratios[p][k]['ratio']:.2f}" for p in plans)]
+        for k, one in enumerate(ratios["bsah+multifrusta"])
+    ]
+    means = [f"{geometric_mean(row['ratio'] for row in ratios[plan]):.2f}" for plan in plans]
+    rows.append(["geometric mean", "", "", *means])
+    columns = ["scene", "light", "million rays", *plans.values()]
+    return table("Soft shadows, relative to the fastest peer in its best mode", results["machine"], columns, rows)
+
+
+def moving_scenes() -> str:
+    results = load("dynamic")
+    rows = [
+        [row["scene"], f"`{row['contender']}`", f"{row['fps']:.1f}", f"{row['ratio']:.2f}"]
+        for row in where(results["rows"], family="antumbra")
+    ]
+    title = "Moving scenes: frames of soft shadows, relative to a pipeline around Embree"
+    return table(title, results["machine"], ["scene", "plan", "frames per second", "ratio"], rows)
+
+
+def trees() -> Iterable[str]:
+    for name in ("build", "build-hills"):
+        results = load(name)
+        rows = [[r["scene"], r["method"], f"{r['median_ms']:,.0f}"] for r in results["rows"]]
+        which = "of 10 million triangles" if name == "build-hills" else "of scenes"
+        yield table(f"Building trees {which}", results["machine"], ["scene", "method", "ms"], rows)
+
+
+REBUILD = (
+    "cones",
+    "lbvh+single",
+    "lbvh+packet16",
+    "lbvh+multifrusta",
+    "auto",
+    "Embree rtcOccluded1",
+    "Embree rtcOccluded16",
+)
+
+
+def rebuilds() -> str:
+    results, rows = load("rebuild"), []
+    for scene in dict.fromkeys(row["scene"] for row in results["rows"]):
+        ms = [1000 * where(results["rows"], scene=scene, method=method)[0]["shadows"] for method in REBUILD]
+        cells = [f"**{each:.0f}**" if each == min(ms) else f"{each:.0f}" for each in ms]
+        rows.append([scene, f"{where(results['rows'], scene=scene)[0]['triangles']:,}", *cells])
+    title = "New triangles in every frame: ms to cull, build and trace one hard shadow ray per pixel, 1024 x 1024"
+    return table(title, results["machine"], ["scene", "triangles", *(f"`{name}`" for name in REBUILD)], rows)
+
+
+def updates() -> str:
+    results, rows = load("update"), []
+    for ours in where(results["rows"], method="update + occluded"):
+        peers = where(results["rows"], scene=ours["scene"], kind=ours["kind"])
+        best = min((r for r in peers if "wrong" not in r), key=lambda r: r["total_ms"])
+        ms = f"{ours['total_ms']:,.0f}", f"{best['total_ms']:,.0f}"
+        rows.append([ours["scene"], ours["kind"], *ms, best["method"], f"{best['we_are_faster']:.2f}", ours["wrong"]])
+    columns = ["scene", "rays", "ms", "the fastest peer's ms", "the fastest peer", "ratio", "our wrong answers"]
+    return table("Updates: a million triangles move, then a million rays", results["machine"], columns, rows)
+
+
+def drop_in() -> str:
+    results = load("drop_in")
+    scenes = list(dict.fromkeys(row["scene"] for row in results["rows"]))
+    calls = dict.fromkeys((row["query"], row["peer"]) for row in results["rows"])
+    rows = [
+        [*call, *(f"{where(results['rows'], scene=s, query=call[0], peer=call[1])[0]['ratio']:.1f}" for s in scenes)]
+        for call in calls
+    ]
+    return table("Drop-in replacements, a million queries", results["machine"], ["query", "library", *scenes], rows)
+
+
+def server() -> str:
+    results, rows = load("server"), []
+    for r in where(results["rows"], part="latency"):
+        rows.append([r["rays"], r["library"], f"{r['median_us']:.0f}", f"{r['p99_us']:.0f}"])
+    columns = ["rays per call", "library", "median", "99 of 100 calls, at most"]
+    return table("Latency of a call, microseconds", results["machine"], columns, rows)
+
+
+def sun() -> str:
+    results = load("sun")
+    rows = [
+        [
+            r["method"],
+            f"{r['million_pairs_per_second']:.1f}",
+            f"{r['seconds_for_all']:.0f}",
+            f"{r['we_are_faster']:.1f}",
+        ]
+        for r in results["rows"]
+    ]
+    one = results["rows"][0]
+    title = f"Sun hours: {one['sensors']:,} sensors, {one['suns']:,} suns of a year, {one['scene']}"
+    return table(title, results["machine"], ["method", "million pairs a second", "seconds", "ratio"], rows)
+
+
+def startup() -> str:
+    results = load("startup")
+    rows = [[f"`{name}`", f"{median(seconds):.2f}"] for name, seconds in results["rows"].items()]
+    return table("Start-up, whole processes", results["machine"], ["process", "seconds"], rows)
+
+
+# --- Wrong answers, papers, scale -------------------------------------------------------------------------------------
+
+
+def wrong() -> Iterable[str]:
+    results = load("wrong_elsewhere")
+    names = list(results["rows"][0]["wrong"])
+    rows = [[r["case"], f"{r['rays']:,}", *(f"{r['wrong'][name]:,}" for name in names)] for r in results["rows"]]
+    yield table("Any-hit rays", results["machine"], ["case", "rays", *names], rows)
+    results = load("drop_in")
+    names = list(dict.fromkeys(row["contender"] for row in results["wrong"]))
+    rows = [
+        [case, *(f"{where(results['wrong'], case=case, contender=name)[0]['wrong']:,}" for name in names)]
+        for case in dict.fromkeys(row["case"] for row in results["wrong"])
+    ]
+    title = f"All hits and insides, {results['wrong'][0]['queries']:,} queries each"
+    yield table(title, results["machine"], ["case", *names], rows)
+
+
+def primary_rays(results: dict[str, Any]) -> str:
+    tables = [scene["table 1 primary"] for scene in results["rows"].values()]
+    ratios = [each["packet16:paper"]["seconds"] / each["multifrusta"]["seconds"] for each in tables]
+    return f"primary rays are {min(ratios):.1f} to {max(ratios):.1f} times as fast as the paper's packets"
+
+
+def culled_cellar(results: dict[str, Any]) -> str:
+    rows = where(results["time_to_image"], figure="Figure 6", tracer="multifrusta")
+    seconds = lambda name: sum(r["cull"] + r["build"] + r["trace"]["1"] for r in where(rows, method=name))
+    share = 100 * seconds("LBVH, grid32") / seconds("LBVH")
+    return f"culling before the build takes {share:.0f} % of the time to image without it, in a cellar"
+
+
+def srdh_gains(results: dict[str, Any]) -> str:
+    gains = [100 * (1 - row["trace"]) for row in where(results["gains"], tracer="single")]
+    return f"`single` takes {min(gains):.0f} to {max(gains):.0f} % less time in trees for shadow rays"
+
+
+CLAIMS = {"multi-frusta": primary_rays, "pre-bvh-culling": culled_cellar, "srdh": srdh_gains}
+"""Paper -> its main figure, from its results."""
+
+
+def papers() -> Iterable[str]:
+    for path in sorted(PAPERS.glob("*.json")):
+        results = load(path.stem, PAPERS)
+        claim = f"{CLAIMS[path.stem](results)}; " if path.stem in CLAIMS else ""
+        same = results.get("same_bits", results.get("same_answers"))
+        answers = "all methods gave the same answers" if same else "**answers differ**"
+        yield f"- [](papers/{path.stem}.md): {claim}{answers}. {source(results['about'])}"
+
+
+def scale() -> str:
+    results = load("instances")
+    large = results["large"]
+    rows = [
+        ["triangles", f"{large['triangles']:,}, in {large['trees']:,} instances of trees"],
+        ["loading", f"{large['load']:.1f} s"],
+        ["first picture", f"{large['first']:.0f} s, {large['rays'] / 1e6:.0f} million shadow rays"],
+        ["memory at most", f"{large['peak'] / 1e6:,.0f} MB"],
+    ]
+    return table("A forest of instances", results["machine"], ["what", "figure"], rows)
+
+
+def page() -> str:
+    """The text of the page."""
+    parts = [
+        INTRO,
+        "## Speed\n",
+        PEERS,
+        soft_shadows(),
+        moving_scenes(),
+        *trees(),
+        rebuilds(),
+        updates(),
+        drop_in(),
+        server(),
+    ]
+    parts += [sun(), startup(), *transcribed("speed"), "## Wrong answers\n"]
+    parts += ["[](wrong-elsewhere.md) explains the cases of the first table.\n", *wrong()]
+    parts += ["## Papers\n", "Each page has the tables of a paper beside ours.\n", "\n".join(papers()) + "\n"]
+    parts += ["## Radiometry\n", *transcribed("radiometry"), "## Scale\n", scale(), *transcribed("scale")]
+    return "\n".join(parts)
+
+
+if __name__ == "__main__":
+    text = page()
+    if "--check" not in sys.argv[1:]:
+        PAGE.write_text(text, encoding="utf-8")
+    elif not PAGE.is_file() or PAGE.read_text(encoding="utf-8") != text:
+        sys.exit("docs/figures.md is out of date; run scripts/figures_page.py")

@@ -1,0 +1,106 @@
+"""The pages of the documentation: their length, their figures, examples of all functions, and generated parts."""
+
+import inspect
+import json
+import re
+import sys
+
+import pytest
+
+import antumbra as at
+from repository import ROOT, tool
+
+DOCS = ROOT / "docs"
+words = tool(ROOT / "scripts" / "document_words.py")
+figures = tool(ROOT / "scripts" / "figures_page.py")
+snippets = tool(ROOT / "scripts" / "snippets.py")
+
+
+# Words
+
+
+def test_hand_written_pages_are_short():
+    pages = words.pages()
+    assert {"README.md", "index.md", "rendering.md"} <= {page.name for page in pages} and len(pages) > 30
+    assert 10_000 < sum(words.words(page.read_text(encoding="utf-8")) for page in pages) <= words.MOST
+
+
+def test_words_are_those_that_a_reader_reads():
+    text = "Two words.\n```python\nno = 'word'\n```\n| [three](a/b.md) | 4.5 |\n|---|---|\nfive<!-- x: 6 -->\n"
+    assert words.words(text) == 5
+
+
+# Figures
+
+
+def test_the_page_of_figures_is_generated():
+    assert figures.page() == figures.PAGE.read_text(encoding="utf-8"), "run scripts/figures_page.py"
+
+
+def test_each_table_of_figures_has_its_command_machine_and_date():
+    sections = figures.page().split("\n### ")[1:]
+    assert len(sections) > 15
+    sources = [re.findall(r"^`(?:python|antumbra|pytest) [^`]+`: .+; \d{4}-\d\d-\d\d\.$", s, re.M) for s in sections]
+    assert [len(found) for found in sources] == [1] * len(sections)
+
+
+def test_rows_without_a_match_are_an_error():
+    with pytest.raises(LookupError, match="no rows"):
+        figures.where([{"scene": "a"}], scene="b")
+
+
+def test_wrong_elsewhere_has_the_kept_results():
+    page = (DOCS / "wrong-elsewhere.md").read_text(encoding="utf-8")
+    rows = json.loads((DOCS / "results" / "wrong_elsewhere.json").read_text())["rows"]
+    lines = [f"| {r['case']} | {r['rays']:,} | {' | '.join(f'{n:,}' for n in r['wrong'].values())} |" for r in rows]
+    assert len(lines) > 10 and [line for line in lines if line not in page] == []
+
+
+# Reference
+
+
+def test_every_function_has_an_example():
+    """In Python blocks of pages, which scripts/check runs; except the viewer's, which waits for a browser."""
+    code = "".join(snippets.program(page.read_text(encoding="utf-8")) for page in DOCS.glob("*.md"))
+    code += "".join(snippets.blocks((DOCS / "api.md").read_text(encoding="utf-8"), "py"))
+    functions = [name for name in at.__all__ if inspect.isfunction(getattr(at, name))]
+    assert len(functions) > 25
+    assert [name for name in functions if not re.search(rf"\bat\.{name}\(", code)] == []
+
+
+@pytest.fixture
+def extension(monkeypatch):
+    """Imports an extension of Sphinx from docs/_ext/."""
+    pytest.importorskip("docutils", reason="no docutils: generated parts of pages are NOT checked")
+    monkeypatch.setattr(sys, "path", [str(DOCS / "_ext"), str(ROOT / "scripts"), *sys.path])
+    return lambda name: tool(DOCS / "_ext" / f"{name}.py")
+
+
+def test_errors_on_the_page_are_raised(extension):
+    raised = extension("raised")
+    lines = (DOCS / "errors.md").read_text(encoding="utf-8").partition("```{raised}\n")[2].partition("```")[0]
+    rows = raised.rows_of(lines.splitlines())
+    assert len(rows) > 15 and all(all(row) for row in rows)
+    with pytest.raises(ValueError, match="raises no InputError"):
+        raised.message("at.procedural('atrium')")
+
+
+def test_generated_tables_list_the_registries(extension):
+    registries = extension("registries")
+    assert {"`.glb`", "`.antumbra`"} <= {row[1] for row in registries.format_rows()}
+    assert {"`bsah`", "`multifrusta`", "`auto`"} <= {row[0] for row in registries.method_rows()}
+
+
+def test_all_pages_in_one_file_write_out_what_is_generated(extension):
+    pages = [
+        ("a", "# A\n```{image} x.png\n:alt: A cat\n```\n<!-- no -->\n```python\nx = 1\n```\n[](b.md), {func}`at.f`\n"),
+        (
+            "b",
+            "```{command-help} plans\n```\n```{eval-rst}\n.. autoclass:: antumbra.Place\n```\n```{toctree}\na\n```\n",
+        ),
+    ]
+    text = extension("whole").whole(pages)
+    assert "[b.md](b.md), `at.f`" in text and "antumbra.Place(latitude, longitude, " in text
+    assert "(Picture: A cat)" in text and "x = 1" in text and "<!-- no -->" not in text
+    assert "Usage: antumbra plans" in text and "latitude" in text and "{" not in text.partition("b.html")[0]
+    assert text.index("<!-- a.html -->") < text.index("<!-- b.html -->")
