@@ -13,9 +13,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import geopandas
 import numpy as np
 import pandas
 import pytest
+import shapely
 import trimesh
 
 import antumbra as at
@@ -144,6 +146,7 @@ def examples(folder: Path) -> dict[str, Example]:
     city = at.load(folder / "own.json")
     skyline = at.skyline(own, points, step=30.0)
     moment = {"at": "2026-06-21T12:00", "place": PLACE}
+    houses = geopandas.GeoDataFrame(geometry=[shapely.box(0, 0, 1, 1)])
     shadow = at.shadow(own, **moment)
     index = pandas.date_range("2026-06-21", periods=4, freq="6h", tz="UTC")
     garden = {"scene": own, "areas": [[[0.2, 0.2], [1.7, 0.2], [0.2, 1.7]]]}
@@ -226,6 +229,8 @@ def examples(folder: Path) -> dict[str, Example]:
         "render": ex(at.render, scene=own, camera=CAMERA, lights=LIGHT, **quick),
         "sun_hours": ex(at.sun_hours, scene=own, sensors=sensors, days=days, place=PLACE, step=360),
         "sun_hours.in_areas": ex(at.sun_hours, **garden, days=days, place=PLACE, step=360),
+        "from_footprints": ex(at.from_footprints, footprints=houses, height=3.0),
+        "from_raster": ex(at.from_raster, raster=(np.zeros((3, 4)), (1.0, 0.0, 0.0, 0.0, -1.0, 0.0), "EPSG:28992")),
         "pvlib_shading": ex(at.pvlib_shading, scene=own, points=points, times=index, samples=1, place=PLACE),
         "shadow": ex(at.shadow, scene=own, **moment),
         "shadow.of_days": ex(at.shadow, scene=own, days=days, step=360, place=PLACE),

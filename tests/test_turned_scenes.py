@@ -8,6 +8,7 @@ import inspect
 from typing import NamedTuple
 
 import numpy as np
+import pandas
 import pytest
 import typer
 from PIL import Image
@@ -104,6 +105,27 @@ def _viewshed(frame, scene, folder):
         exact |= {f"{name} bits": found.bits, f"{name} seen": found.table["seen"]}
         close |= {f"{name} eyes": frame.back(found.observers), f"{name} distance": found.table["distance"]}
     return Found(exact, close)
+
+
+@finds("skyline")
+def _skyline(frame, scene, folder):
+    found = at.skyline(scene, frame.of(EYES), step=5.0, north=frame.north)
+    return Found({"n": len(found.azimuth)}, {"elevation": found.elevation, "highest": found.highest})
+
+
+@finds("shadow")
+def _shadow(frame, scene, folder):
+    place = at.Place(52.0, 4.5, north=frame.north)
+    found = at.shadow(scene, at="2026-06-21T15:00", place=place)
+    return Found({}, {"area": np.sort(found.columns["area"])})
+
+
+@finds("pvlib_shading")
+def _pvlib(frame, scene, folder):
+    times = pandas.date_range("2026-03-21", periods=24, freq="h", tz="UTC")
+    place = at.Place(52.0, 4.5, north=frame.north)
+    found = at.pvlib_shading(scene, frame.of(EYES), times, samples=1, place=place)
+    return Found({"shaded": found["shaded_fraction"].to_numpy()}, {"elevation": found["solar_elevation"].to_numpy()})
 
 
 @finds("sun_hours", "suns_of", "times_of")
@@ -269,6 +291,19 @@ COMMANDS = {
     "los": lambda f: ["--from", triple(f, EYES[0]), "--to", triple(f, (0.0, 0.5, -2.5))],
     "viewshed": lambda f: ["-o", "out.csv", "--observer", triple(f, EYES[0])],
     "matrix": lambda f: ["-o", "out.npy"],
+    "skyline": lambda f: ["-o", "out.csv", "--at", triple(f, EYES[0])],
+    "shadow": lambda f: [
+        "-o",
+        "out.gpkg",
+        "--at",
+        "2026-06-21T15:00",
+        "--latitude",
+        52,
+        "--longitude",
+        4.5,
+        "--north",
+        f.north,
+    ],
     "view-factors": lambda f: ["--samples", 64],
     "dataset": lambda f: ["-o", f"data-{f.up}", "--orbit", 2, "--spp", 4, *SIZE, "--light", f"sun:{triple(f, SUN)}:0"],
     "build": lambda f: ["-o", f"{f.up}.antumbra"],
@@ -292,7 +327,7 @@ COMMANDS = {
 NUMBERS = {
     "render": ["rays"], "sun": ["suns", "hours", "rays", "means"], "bake": ["receivers", "rays", "mean"],
     "los": ["pairs", "visible"], "viewshed": ["seen", "area", "area_seen"], "matrix": ["visible"],
-    "view-factors": ["n", "rays"], "dataset": ["frames", "lights", "rendered"],
+    "skyline": ["points", "azimuths"], "shadow": ["polygons"], "view-factors": ["n", "rays"], "dataset": ["frames", "lights", "rendered"],
     "build": ["triangles", "chunks", "bytes"], "info": ["triangles"],
     "culling": ["kept", "marked"], "explain": ["rays", "blocked"], "compare": ["rays"],
 }  # fmt: skip

@@ -282,6 +282,7 @@ READERS = {
     "sun --sensors": ("points.parquet", "--days", "2026-03-21", "--step", 240, "-o", "a.csv"),
     "matrix --sensors": ("points.parquet", "--counts", "a.csv"),
     "matrix --targets": ("points.parquet", "--counts", "a.csv"),
+    "skyline --points": ("points.parquet", "-o", "a.csv"),
     "viewshed --sensors": ("points.parquet", "--observer", "85001,447001,9", "-o", "a.csv"),
     "viewshed --observers": ("points.parquet", "--sensors", "face", "-o", "a.csv"),
     "los --observers": ("points.parquet", "--to", "85001,447001,19", "-o", "a.csv"),

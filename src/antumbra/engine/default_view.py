@@ -174,6 +174,8 @@ def _hull_planes(faces: NDArray[np.floating]) -> NDArray[np.float64] | None:
     normals = np.cross(*_edges(faces))
     twice_area = np.linalg.norm(normals, axis=1)
     faces, normals = faces[twice_area > 0.0], normals[twice_area > 0.0]
+    if not len(faces):
+        return None
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     points = np.unique(faces.reshape(-1, 3), axis=0)
     slack = _ON_PLANE * float(np.ptp(points, axis=0).max(initial=0.0))
