@@ -22,6 +22,7 @@ if typing.TYPE_CHECKING:
     from .engine.scene import Scene, procedural
     from .engine.scene_loading import load
     from .engine.store_building import build_store
+    from .engine.tree_scenes import from_trees
     from .engine.visibility import Visibility
     from .errors import InputError
     from .formats.cityjson.attribute_writer import write_attributes
@@ -107,6 +108,7 @@ __all__ = [
     "cluster",
     "dataset",
     "face_sensors",
+    "from_trees",
     "grid_sensors",
     "line_of_sight",
     "load",
@@ -179,6 +181,7 @@ _HOME = {
     "build_store": "engine.store_building",
     "dataset": "jobs.dataset.dataset_job",
     "face_sensors": "jobs.sensors",
+    "from_trees": "engine.tree_scenes",
     "grid_sensors": "jobs.sensors",
     "line_of_sight": "jobs.line_of_sight.sightlines",
     "load": "engine.scene_loading",

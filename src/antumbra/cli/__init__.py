@@ -12,6 +12,7 @@
 - `scene_commands`: ``antumbra info``, ``scenes``, ``formats`` and ``build``
 - `installation_commands`: ``antumbra doctor``, ``warmup`` and ``plans``
 - `bench_command`: ``antumbra bench``, whose commands come from other packages, and the files of their results
+- `tree_options`: ``--trees``, a file of trees that commands add to a scene
 - `arguments`: parses arguments and opens the scene; `options`: shared options, and checks of the files they name
 - `console`: progress and errors on standard error; answers on standard output, also as Markdown
 """

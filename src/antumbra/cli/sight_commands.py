@@ -35,6 +35,7 @@ from .options import (
     writes,
 )
 from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
+from .tree_options import TreesOption, add_trees, parse_trees
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -77,6 +78,7 @@ class SightArguments:
             metavar="all|zip|FILE",
         ),
     ] = "all"
+    trees: TreesOption = None
     output: Annotated[list[Path] | None, tables("Output file", "--output", "-o", suffixes=_SUFFIXES)] = None
     time: TimeOption = 0.0
     up: UpOption = None
@@ -115,6 +117,7 @@ def los(args: SightArguments) -> int:
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import check_file_crs
 
+    trees = None if args.trees is None else parse_trees(args.trees)
     check_pairs(args.pairs)
     outputs = args.output or []
     writers = [writer_of(path, "points") for path in outputs]
@@ -127,7 +130,7 @@ def los(args: SightArguments) -> int:
     pair_list = read_pairs(Path(args.pairs)) if begin is None or end is None else pairs_of(args.pairs, begin, end)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = in_memory(open_scene(spec, args.up, args.quiet, args.crs))
+        opened = add_trees(in_memory(open_scene(spec, args.up, args.quiet, args.crs)), trees)
         check_file_crs(opened, args.observers, args.targets, Path(args.pairs))
         start = perf_counter()
         sightlines = line_of_sight(opened, **pair_list._asdict(), time=args.time, threads=args.threads)
@@ -203,6 +206,7 @@ class ViewshedArguments(_Options):  # type: ignore[misc] # made from the options
     observers: Annotated[
         Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
     ] = None
+    trees: TreesOption = None
     output: Annotated[OutputsOption, Before("plan")] = None
     column: ColumnOption = None
     camera: CameraOption = None
@@ -250,6 +254,7 @@ def viewshed(args: ViewshedArguments) -> int:
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of, sensors_of
 
+    trees = None if args.trees is None else parse_trees(args.trees)
     check_sensors(args.sensors)
     outputs = args.output or []
     for path in outputs:
@@ -260,7 +265,7 @@ def viewshed(args: ViewshedArguments) -> int:
         raise InputError("there is no observer: give --observer X,Y,Z or --observers FILE")
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, args.up, args.quiet, args.crs)
+        opened = add_trees(open_scene(spec, args.up, args.quiet, args.crs), trees)
         check_file_crs(opened, args.observers)
         display.say("preparing")
         sensors = sensors_of(args.sensors, opened, args.threads)

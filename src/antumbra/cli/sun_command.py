@@ -36,6 +36,7 @@ from .options import (
     writes,
 )
 from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
+from .tree_options import TreesOption, add_trees, parse_trees
 
 if TYPE_CHECKING:
     from ..jobs.result_table import Table
@@ -63,6 +64,7 @@ class SunArguments(_Options):  # type: ignore[misc] # made from the options of a
         ),
         Before("epw"),
     ] = None
+    trees: TreesOption = None
     crs: Annotated[CrsOption, Before("energy")] = None
     latitude: DegreesOption = None
     longitude: DegreesOption = None
@@ -121,6 +123,7 @@ def sun(args: SunArguments) -> int:
       antumbra sun house.glb --latitude 52 --longitude 4.36 --timezone Europe/Amsterdam --days 2026-06-21 --step 5
       antumbra sun city.ply --crs EPSG:28992 --up z --sensors raster:1 --days year:2026 -o sun.tif
       antumbra sun city.city.json --sensors windows.csv --rule br209-windows --epw delft.epw -o windows.csv
+      antumbra sun city.city.json --trees "trees.gpkg?height=h&radius=r&transmittance=0.2" --days 2026-06-21 -o sun.png
       antumbra sun city.city.json --rule br209-amenity --areas gardens.geojson -o gardens.tif
     """
     from ..jobs.ground_areas import SPACING, check_areas
@@ -128,7 +131,7 @@ def sun(args: SunArguments) -> int:
     from ..jobs.sun.location import place_of, position_fields
     from ..jobs.sun.sun_hours import sun_hours
 
-    spec = parse_scene(args.scene)
+    spec, trees = parse_scene(args.scene), None if args.trees is None else parse_trees(args.trees)
     names = "latitude", "longitude", "north", "timezone"
     position = position_fields(**{name: getattr(args, name) for name in names})
     in_areas = args.areas is not None
@@ -145,7 +148,7 @@ def sun(args: SunArguments) -> int:
         _check_city(spec, args.city_output)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(spec, args.up, args.quiet, args.crs)
+        scene = add_trees(open_scene(spec, args.up, args.quiet, args.crs), trees)
         limit_memory(scene, memory)
         place = place_of(scene, **position)
         sensors = sensors_of(sensor_form, scene, args.threads, args.areas)
@@ -160,6 +163,8 @@ def sun(args: SunArguments) -> int:
         if table is None:
             return report_shard(executor, args, seconds)
         table.about |= {"scene": args.scene, "sensors": sensor_form, "plan": args.plan}
+        if args.trees is not None:
+            table.about["trees"] = args.trees
         display.say("writing")
         for path in outputs:
             table.save(path, args.column)

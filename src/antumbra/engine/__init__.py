@@ -6,6 +6,7 @@
 - `scene`: `AnyScene`, `Scene`, `procedural`
 - `paged_scene`: `PagedScene`
 - `scene_loading`: `load`
+- `tree_scenes`: `from_trees`
 - `scene_reading`: the data of a file, folder or mesh
 - `store_building`: `build_store`
 - `point_visibility`: `visibility`

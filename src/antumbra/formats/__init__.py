@@ -9,5 +9,6 @@
 - `array_files`: .npy and .npz files, and folders of vertex frames
 - `library_meshes`: arrays, and the meshes of trimesh, PyVista, meshio and Open3D
 - `instance_arrays`: scenes of instances from arrays
+- `tree_table`: trees with heights and radii, from tables and GIS layers
 - `json_fields`: checked access to JSON objects
 """

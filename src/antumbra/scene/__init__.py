@@ -18,5 +18,7 @@
 - `materials`: materials, textures and colours
 - `appearance`: textures, vertex colours and shading normals per face corner
 - `alpha_masks`: cut-out faces
+- `tree_crowns`: trees as closed crowns that let light pass
+- `joined_scenes`: two scenes as one
 - `crs`: coordinate reference systems
 """
