@@ -20,6 +20,7 @@ from .options import (
     ColumnOption,
     CrsOption,
     Json,
+    MapOption,
     OutputsOption,
     PlanOption,
     Quiet,
@@ -208,6 +209,7 @@ class ViewshedArguments(_Options):  # type: ignore[misc] # made from the options
     ] = None
     trees: TreesOption = None
     output: Annotated[OutputsOption, Before("plan")] = None
+    map: MapOption = None
     column: ColumnOption = None
     camera: CameraOption = None
     bits: Annotated[
@@ -236,6 +238,7 @@ def viewshed(args: ViewshedArguments) -> int:
     Examples
       antumbra viewshed --observer 0,1.7,8 -o seen.png
       antumbra viewshed city.glb --up z --sensors raster:1 --observer 10,20,0 --on-surface --eye-height 1.6 -o map.tif
+      antumbra viewshed city.glb --up z --sensors raster:1 --observer 10,20,30 --map sheet.pdf
       antumbra viewshed city.glb --up z --sensors grid:2 --observers people.csv --max-distance 300 -o seen.png
       antumbra viewshed hills.ply --up z --observer 0,0,900 --curvature --azimuth 350:10 -o seen.parquet
     """
@@ -251,6 +254,7 @@ def viewshed(args: ViewshedArguments) -> int:
     from ..files import atomic_output
     from ..jobs.bit_matrices import write_rows
     from ..jobs.line_of_sight.viewshed import viewshed as compute_viewshed
+    from ..jobs.map_sheet import check_map
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of, sensors_of
 
@@ -259,16 +263,19 @@ def viewshed(args: ViewshedArguments) -> int:
     outputs = args.output or []
     for path in outputs:
         writer_of(path, kind_of(args.sensors))
+    for path in args.map or ():
+        check_map(path)
     bits = args.bits
     eyes = points_or_file(args.observer, args.observers, "--observer", "--observers")
     if eyes is None:
         raise InputError("there is no observer: give --observer X,Y,Z or --observers FILE")
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = add_trees(open_scene(spec, args.up, args.quiet, args.crs), trees)
-        check_file_crs(opened, args.observers)
+        bare = open_scene(spec, args.up, args.quiet, args.crs)
+        check_file_crs(bare, args.observers)
+        opened = add_trees(bare, trees)
         display.say("preparing")
-        sensors = sensors_of(args.sensors, opened, args.threads)
+        sensors = sensors_of(args.sensors, bare, args.threads)
         camera = None if camera_spec is None else arguments.make_camera(camera_spec, opened, args.time, _SIZE)
         start = perf_counter()
         result = compute_viewshed(opened, sensors, eyes.points, **field_values(options))
@@ -278,11 +285,13 @@ def viewshed(args: ViewshedArguments) -> int:
         table.camera = camera
         for path in outputs:
             table.save(path, args.column)
+        for path in args.map or ():
+            table.save_map(path, args.column)
         if bits is not None and result.bits is not None:
             with atomic_output(bits) as temporary:
                 write_rows(temporary, result.bits)
     answer = _answer(table, len(eyes), seconds)
-    written = [str(path) for path in [*outputs, *([bits] if bits else [])]]
+    written = [str(path) for path in [*outputs, *(args.map or ()), *([bits] if bits else [])]]
     if args.json:
         console.print_json({"scene": opened.name, **answer, "outputs": written})
     elif not args.quiet:

@@ -24,7 +24,7 @@ TreesOption = Annotated[
         "--trees",
         help="Points or outlines of trees: FILE?height=COLUMN&radius=COLUMN&transmittance=SHARE, where SHARE of the "
         "light passes through a crown, or JAN/FEB/.../DEC, and each column may be a number; also shape=cone, base, "
-        "crown_base, trunk_radius, id, layer.",
+        "crown_base, trunk_radius, id, layer. Sensors lie on the scene without its trees.",
         metavar="FILE[?OPTIONS]",
         show_default=False,
     ),

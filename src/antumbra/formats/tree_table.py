@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import as_array, choice, is_number, parts_of, path_of, quoted, spelling_hint
+from ..checks import as_array, choice, is_number, number, parts_of, path_of, quoted, spelling_hint
 from ..errors import InputError
 from ..extras import import_extra
 from ..files import checked_file
@@ -202,7 +202,7 @@ def _numbers(value: Any, what: str, rows: _Table) -> NDArray[np.float64]:
     """(n,) float64 from a number, an array or the name of a column; NaN: missing."""
     n = len(rows.plan)
     if not isinstance(value, str) and np.ndim(value) == 0 and is_number(value):
-        return np.full(n, float(value))
+        return np.full(n, number(value, what))
     if not isinstance(value, str):
         values = as_array(value, what)
         if values.shape != (n,) or values.dtype.kind not in "fiu":
@@ -240,7 +240,7 @@ def _shares(value: Any, rows: _Table) -> NDArray[np.float64]:
         if len(colours) != 3 or not all(is_number(colour) for colour in colours):
             forms = "a column, a share, shares of red, green and blue, or one of these per month"
             raise InputError(f"transmittance is {quoted(value)}; give {forms}")
-        month[:] = colours
+        month[:] = [number(colour, "transmittance") for colour in colours]
     return np.broadcast_to(shares, (n, len(MONTHS), 3))
 
 
