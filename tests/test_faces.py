@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas
 import pytest
 import trimesh
 
@@ -140,6 +141,10 @@ def examples(folder: Path) -> dict[str, Example]:
     (folder / "trees.csv").write_text("x,y,height,radius\n0.5,0.5,2,1\n")
     (folder / "own.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 0 -1\nf 1 2 3\n")
     city = at.load(folder / "own.json")
+    skyline = at.skyline(own, points, step=30.0)
+    moment = {"at": "2026-06-21T12:00", "place": PLACE}
+    shadow = at.shadow(own, **moment)
+    index = pandas.date_range("2026-06-21", periods=4, freq="6h", tz="UTC")
     garden = {"scene": own, "areas": [[[0.2, 0.2], [1.7, 0.2], [0.2, 1.7]]]}
 
     found = {
@@ -215,6 +220,16 @@ def examples(folder: Path) -> dict[str, Example]:
         "render": ex(at.render, scene=own, camera=CAMERA, lights=LIGHT, **quick),
         "sun_hours": ex(at.sun_hours, scene=own, sensors=sensors, days=days, place=PLACE, step=360),
         "sun_hours.in_areas": ex(at.sun_hours, **garden, days=days, place=PLACE, step=360),
+        "pvlib_shading": ex(at.pvlib_shading, scene=own, points=points, times=index, samples=1, place=PLACE),
+        "shadow": ex(at.shadow, scene=own, **moment),
+        "shadow.of_days": ex(at.shadow, scene=own, days=days, step=360, place=PLACE),
+        "Shadow.frame": ex(shadow.frame),
+        "Shadow.save": ex(shadow.save, path=folder / "shadow.gpkg"),
+        "skyline": ex(at.skyline, scene=own, points=points, step=30.0),
+        "Skyline.save": ex(skyline.save, path=folder / "skyline.csv"),
+        "Skyline.series": ex(skyline.series),
+        "Skyline.sky_view_factor": ex(skyline.sky_view_factor),
+        "Skyline.userhorizon": ex(skyline.userhorizon),
         "sky_view": ex(at.sky_view, scene=own, sensors=sensors, directions=16),
         "trimesh_ray": ex(at.trimesh_ray, mesh=trimesh.creation.box()),
         "suns_of": ex(at.suns_of, place=PLACE, times=times, up="y"),

@@ -68,7 +68,7 @@ def test_version():
 NAMES_OF_IMPORTS = {"PIL": "pillow", "imageio_ffmpeg": "imageio-ffmpeg"}
 OPTIONAL = {"embreex", "matplotlib", "pvlib", "pandas", "pyproj", "pyarrow", "rasterio", "xatlas", "mitsuba", "open3d"}
 OPTIONAL |= {"viser", "websockets", "imageio-ffmpeg", "ray", "DracoPy", "drjit", "pyvista"}  # drjit comes with mitsuba
-OPTIONAL |= {"numba", "llvmlite", "ziglang", "scipy", "OpenEXR"}
+OPTIONAL |= {"numba", "llvmlite", "ziglang", "scipy", "OpenEXR", "geopandas", "pyogrio", "shapely"}
 
 
 def test_import_is_light():

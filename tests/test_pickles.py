@@ -27,6 +27,7 @@ def things(tmp_path_factory):
     given += [at.visibility(scene, (0, 1, 0), light), at.line_of_sight(scene, (0, 1, 0), (0, 2, 0))]
     given += [at.viewshed(scene, some, (0, 1, 0)), at.visibility_matrix(scene, some), scene.triangles()]
     given += [at.Renderer(scene), at.raster_sensors(scene, 2.0), at.raster_sensors(scene, 2.0).raster]
+    given += [at.skyline(scene, (0, 1, 0), step=30.0), at.shadow(scene, at="2026-06-21T12:00", place=place)]
     given += [at.Engine(scene, "bsah+single"), at.Receivers.in_space(np.zeros((1, 3)), scene.origin)]
     return {type(each).__name__: each for each in given}
 

@@ -18,6 +18,8 @@ CALLS = {
     "build_store": "at.build_store(scene, 'scene.antumbra')",
     "dataset": "at.dataset(scene, 'frames', random=1, size=(16, 16), spp=1)",
     "face_sensors": "at.face_sensors(scene)",
+    "from_footprints": "at.from_footprints(houses, 3.0)",
+    "from_raster": "at.from_raster((np.eye(3), (1, 0, 0, 0, -1, 0)))",
     "from_trees": "at.from_trees('trees.csv', scene=scene, base=0.0)",
     "grid_sensors": "at.grid_sensors(scene, 2.0)",
     "line_of_sight": "at.line_of_sight(scene, (0, 1, 0), (0, 2, 0))",
@@ -25,10 +27,13 @@ CALLS = {
     "place_of": "at.place_of(scene, latitude=52.0, longitude=4.4)",
     "point_sensors": "at.point_sensors([(0, 1, 0)])",
     "procedural": "at.procedural('atrium', triangles=1000)",
+    "pvlib_shading": "at.pvlib_shading(scene, (0, 1, 0), index, place=at.Place(52.0, 4.4))",
     "raster_sensors": "at.raster_sensors(scene, 2.0)",
     "render": "at.render(scene, camera, spp=1).save('picture.png')",
     "sensors_of": "at.sensors_of('face', scene)",
+    "shadow": "at.shadow(scene, at='2026-06-21T12:00', place=at.Place(52.0, 4.4)).save('shadow.gpkg')",
     "sky_view": "at.sky_view(scene, directions=16)",
+    "skyline": "at.skyline(scene, (0, 1, 0)).save('skyline.csv')",
     "sun_hours": "at.sun_hours(scene, 'face', '2026-06-21', place=at.Place(52.0, 4.4), matrix='sun.npy')",
     "suns_of": "at.suns_of(at.Place(52.0, 4.4), times, scene.up)",
     "times_of": "times",
@@ -45,11 +50,16 @@ CALLS = {
 
 PRELUDE = """
 from datetime import UTC, date
+import geopandas
 import numpy as np
+import pandas
+import shapely
 import trimesh
 import antumbra as at
+index = pandas.date_range("2026-06-21", periods=4, freq="6h", tz="UTC")
 scene = at.procedural("atrium", triangles=1000)
 camera, light = scene.cameras[0].resized(16, 16), at.PointLight((0, 2, 0))
+houses = geopandas.GeoDataFrame(geometry=[shapely.box(0, 0, 1, 1)])
 times = at.times_of([date(2026, 6, 21)], UTC, 240)
 """
 

@@ -16,6 +16,7 @@ from .version import VERSION as _VERSION
 if typing.TYPE_CHECKING:
     from . import cluster
     from .engine.engine import Engine
+    from .engine.gis_scenes import from_footprints, from_raster
     from .engine.paged_scene import PagedScene
     from .engine.plan import Plan
     from .engine.point_visibility import visibility
@@ -26,6 +27,7 @@ if typing.TYPE_CHECKING:
     from .engine.visibility import Visibility
     from .errors import InputError
     from .formats.cityjson.attribute_writer import write_attributes
+    from .integrations.pvlib import pvlib_shading
     from .integrations.trimesh import trimesh_ray
     from .jobs.bake.bake_job import Baked, bake
     from .jobs.dataset.dataset_job import Dataset, dataset
@@ -33,10 +35,12 @@ if typing.TYPE_CHECKING:
     from .jobs.line_of_sight.sightlines import Sightlines, line_of_sight
     from .jobs.line_of_sight.viewshed import Viewshed, viewshed
     from .jobs.line_of_sight.visibility_matrix import VisibilityMatrix, visibility_matrix
-    from .jobs.raster_grid import Raster
     from .jobs.result_table import Column, Table
     from .jobs.sensor_files import sensors_of
     from .jobs.sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
+    from .jobs.shadow.shadow import shadow
+    from .jobs.shadow.shadow_polygons import Shadow
+    from .jobs.skyline.skyline import Skyline, skyline
     from .jobs.sun.location import Place, place_of
     from .jobs.sun.sun_hours import sky_view, sun_hours
     from .jobs.sun.sun_positions import Suns, suns_of, times_of
@@ -50,6 +54,7 @@ if typing.TYPE_CHECKING:
     from .scene.light_lists import DirectionalLights, PointLights
     from .scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
     from .scene.mesh import MeshInfo, ObjectInfo
+    from .scene.raster import Raster
     from .scene.scene_data import CityModel
     from .scene.sky import Sky
     from .scene.triangles import AllHits, Hit, Triangles
@@ -91,8 +96,10 @@ __all__ = [
     "Renderer",
     "Scene",
     "Sensors",
+    "Shadow",
     "Sightlines",
     "Sky",
+    "Skyline",
     "SphereLight",
     "SrdhRays",
     "Suns",
@@ -108,6 +115,8 @@ __all__ = [
     "cluster",
     "dataset",
     "face_sensors",
+    "from_footprints",
+    "from_raster",
     "from_trees",
     "grid_sensors",
     "line_of_sight",
@@ -115,10 +124,13 @@ __all__ = [
     "place_of",
     "point_sensors",
     "procedural",
+    "pvlib_shading",
     "raster_sensors",
     "render",
     "sensors_of",
+    "shadow",
     "sky_view",
+    "skyline",
     "sun_hours",
     "suns_of",
     "times_of",
@@ -159,14 +171,16 @@ _HOME = {
     "PointLight": "scene.lights",
     "PointLights": "scene.light_lists",
     "QuadLight": "scene.lights",
-    "Raster": "jobs.raster_grid",
+    "Raster": "scene.raster",
     "Receivers": "query.receivers",
     "RenderOptions": "picture.render_options",
     "Renderer": "picture.renderer",
     "Scene": "engine.scene",
     "Sensors": "jobs.sensors",
+    "Shadow": "jobs.shadow.shadow_polygons",
     "Sightlines": "jobs.line_of_sight.sightlines",
     "Sky": "scene.sky",
+    "Skyline": "jobs.skyline.skyline",
     "SphereLight": "scene.lights",
     "SrdhRays": "techniques.srdh.representative_rays",
     "Suns": "jobs.sun.sun_positions",
@@ -181,6 +195,8 @@ _HOME = {
     "build_store": "engine.store_building",
     "dataset": "jobs.dataset.dataset_job",
     "face_sensors": "jobs.sensors",
+    "from_footprints": "engine.gis_scenes",
+    "from_raster": "engine.gis_scenes",
     "from_trees": "engine.tree_scenes",
     "grid_sensors": "jobs.sensors",
     "line_of_sight": "jobs.line_of_sight.sightlines",
@@ -188,10 +204,13 @@ _HOME = {
     "place_of": "jobs.sun.location",
     "point_sensors": "jobs.sensors",
     "procedural": "engine.scene",
+    "pvlib_shading": "integrations.pvlib",
     "raster_sensors": "jobs.sensors",
     "render": "picture.renderer",
     "sensors_of": "jobs.sensor_files",
+    "shadow": "jobs.shadow.shadow",
     "sky_view": "jobs.sun.sun_hours",
+    "skyline": "jobs.skyline.skyline",
     "sun_hours": "jobs.sun.sun_hours",
     "suns_of": "jobs.sun.sun_positions",
     "times_of": "jobs.sun.sun_positions",

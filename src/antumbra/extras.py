@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 EXTRAS = {
     "jit": "compiling kernels: in a clone, of plugins, and on processors without a kernel library",
     "sun": "positions of the sun, weather files and clear skies",
-    "gis": "CityJSON, Parquet, GeoTIFF, and coordinate reference systems",
+    "gis": "rasters, footprints, CityJSON, Parquet, and coordinate reference systems",
     "bake": "textures by antumbra bake",
     "meshes": "unusual PLY and STL files, such as polygons with texture coordinates",
     "exr": "reading and writing .exr files, which data sets consist of",

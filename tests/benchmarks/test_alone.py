@@ -34,6 +34,14 @@ def test_filter_quality(run, small):
     assert 0 < rows["16 adaptive 64"]["refined"] <= 1 and rows["64"]["rays"] == 4 * rows["16"]["rays"] > 0
 
 
+def test_skyline(run, small):
+    done = run("skyline", small, "--points", 40, "--slice", 20, "--step", 15, "--rounds", 1, "--threads", 1)
+    assert [row["method"] for row in done.rows] == ["skyline", "rays", "brute force"]
+    assert all(row["seconds_for_all"] > 0.0 and row["compared"] > 0 for row in done.rows)
+    rows = {row["method"]: row for row in done.rows}
+    assert rows["brute force"]["greatest_difference"] < 1e-6 and rows["rays"]["median_difference"] < 0.02
+
+
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="it reads /proc, which only Linux has")
 def test_memory(run, small):
     done = run("memory", small, rows=False)

@@ -11,7 +11,7 @@ from antumbra.cli import arguments
 
 def test_scenes():
     assert arguments.parse_scene("a/b.glb") == arguments.SceneSpec(Path("a/b.glb"))
-    assert arguments.parse_scene("procedural:city") == (None, "city", None, 0, None, True, (), None)
+    assert arguments.parse_scene("procedural:city") == (None, "city", None, 0, None, True, (), None, ())
     assert arguments.parse_scene("procedural:city?triangles=100k&seed=3") == (
         None,
         "city",
@@ -21,6 +21,7 @@ def test_scenes():
         True,
         (),
         None,
+        (),
     )
     assert arguments.parse_scene("a/b.city.json?lod=2.2") == arguments.SceneSpec(Path("a/b.city.json"), lod="2.2")
     assert arguments.parse_scene("b.glb?lod=2.2").path == Path("b.glb?lod=2.2")

@@ -19,6 +19,8 @@ TWINS = {
     "viewshed": at.viewshed,
     "los": at.line_of_sight,
     "matrix": at.visibility_matrix,
+    "skyline": at.skyline,
+    "shadow": at.shadow,
     "bake": at.bake,
     "dataset": at.dataset,
     "build": at.build_store,
@@ -27,7 +29,7 @@ TWINS = {
 """Command -> the function that does the same."""
 
 OF_COMMANDS = {
-    "up": "load() takes it",
+    "up": "load() takes it", "height": "from_footprints", "terrain": "from_footprints and from_raster",
     "json": "output", "quiet": "output", "html": "output", "sheet": "output", "explain_plan": "output",
     "output": "results are returned, and have save()", "column": "Table.save takes it",
     "map": "Table.save_map", "trees": "from_trees",
@@ -53,8 +55,10 @@ OF_FUNCTIONS = {
 }  # fmt: skip
 """Parameter that no command has -> how the command gives it."""
 
-BY_COMMAND = {"sun": {"max_memory"}, "viewshed": {"camera"}, "dataset": {"camera"}}
-"""Options of one command that its function gets otherwise: of the scene, or of the table."""
+BY_COMMAND = {
+    "sun": {"max_memory"}, "viewshed": {"camera"}, "dataset": {"camera"}, "skyline": {"at", "highest"},
+}  # fmt: skip
+"""Options of one command that its function gets otherwise: of the scene, of the table, or as points."""
 
 
 def options(name: str) -> dict:
@@ -91,6 +95,8 @@ ARGUMENTS = {
     "los": ["--from", "0.1,1,0.1", "--to", "0.1,-1,0.1"],
     "viewshed": ["--observer", "0.1,1,0.1"],
     "matrix": ["--sparse", "m.npz"],
+    "skyline": ["--at", "0.1,1,0.1"],
+    "shadow": ["--latitude", "52", "--longitude", "4", "--at", "2026-06-21T12:00", "-o", "s.gpkg"],
     "dataset": ["-o", "d", "--size", "4", "--spp", "1"],
     "build": ["-o", "b.antumbra"],
     "render": ["--size", "4", "--spp", "1"],

@@ -7,10 +7,19 @@ import pytest
 
 import antumbra as at
 import city_files
+import gis_files
 from antumbra.engine.scene_loading import load
 from antumbra.engine.scene_reading import SCENE_FORMATS, SCENE_SUFFIXES
 from antumbra.errors import InputError
-from antumbra.formats.format_registry import CITYJSON, FRAMES, SCENE_WRITERS, format_of, write_scene
+from antumbra.formats.format_registry import (
+    CITYJSON,
+    FOOTPRINTS,
+    FRAMES,
+    HEIGHTS,
+    SCENE_WRITERS,
+    format_of,
+    write_scene,
+)
 from antumbra.generate.procedural_scenes import generate
 from formats import test_frames
 from formats.test_mesh_files import obj_text, ply_binary, stl_binary
@@ -29,6 +38,10 @@ def sample(suffix, folder):
         pytest.importorskip("mapbox_earcut", reason="CityJSON needs antumbra[gis]: NOT checked")
         document = city_files.everything()
         return city_files.put(folder, document if suffix == ".json" else city_files.sequence(document), path.name)
+    if suffix in HEIGHTS.suffixes:
+        return gis_files.write_raster(path, gis_files.hills())
+    if suffix in FOOTPRINTS.suffixes:
+        return gis_files.write_buildings(path)
     if suffix == ".antumbra":
         at.build_store(at.procedural("atrium", triangles=2000), path)
         return path

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.formats.tree_table import SUFFIXES, TreeOptions, read_trees
+from antumbra.formats.gis.tree_table import SUFFIXES, TreeOptions, read_trees
 
 gpd = pytest.importorskip("geopandas")
 shapely = pytest.importorskip("shapely")

@@ -214,7 +214,7 @@ def test_files_have_the_judged_cells_alone(cli, tmp_path):
         (("--areas", "gardens.geojson", "--days", "2026-03-21,2027-03-21"), ["about 21 March"]),
         ((), ["judges gardens", "--areas gardens.geojson"]),
         (("--sensors", "raster:1"), ["--areas gardens.geojson"]),
-        (("--areas", "gardens.geojson", "--sensors", "face"), ["in areas it must be raster:SPACING"]),
+        (("--areas", "gardens.geojson", "--sensors", "face"), ["in areas it must be raster[:SPACING]"]),
         (("--areas", "gardens.csv"), ["--areas is 'gardens.csv'; it must be a .geojson"]),
         (("--areas", "none.geojson"), ["none.geojson: no such file"]),
         (("--areas", "bad.geojson"), ["bad.geojson: is not GeoJSON"]),

@@ -12,12 +12,14 @@ from antumbra.field_docs import field_texts
 from antumbra.jobs.bake.bake_options import BakeOptions
 from antumbra.jobs.dataset.dataset_options import DatasetOptions
 from antumbra.jobs.line_of_sight.viewshed_options import ViewshedOptions
+from antumbra.jobs.shadow.shadow_options import ShadowOptions
 from antumbra.jobs.sun.sun_options import SunOptions
 from antumbra.picture.option_fields import option_of, type_text
 
 JOBS = {
     "bake": (at.bake, BakeOptions),
     "dataset": (at.dataset, DatasetOptions),
+    "shadow": (at.shadow, ShadowOptions),
     "sun": (at.sun_hours, SunOptions),
     "viewshed": (at.viewshed, ViewshedOptions),
 }

@@ -181,7 +181,7 @@ def test_textured_instances_have_mean_colours_and_a_note(tmp_path):
 
 def test_the_command_line_chooses_instances(tmp_path):
     assert parse_scene("a.glb?instances=on").instances is True
-    assert parse_scene("a.glb?instances=off&cutouts=off")[-1] is False
+    assert parse_scene("a.glb?instances=off&cutouts=off").instances is False
     assert parse_scene("a.glb").instances is None
     with pytest.raises(at.InputError, match="instances is 'maybe'"):
         parse_scene("a.glb?instances=maybe")

@@ -107,14 +107,16 @@ class CommandEntry(NamedTuple):
     grouped: bool = True  # whether its help groups its options if there are many
 
     def function(self, name: str) -> Callable[..., Any]:
-        """The command's function, whose module is imported."""
-        function: Callable[..., Any] = getattr(import_module(f"{__package__}.{self.module}"), name)
-        return function
+        """The command's function, whose module is imported, with the options of all scenes."""
+        from .gis_options import with_gis_options
+
+        return with_gis_options(getattr(import_module(f"{__package__}.{self.module}"), name))
 
 
 COMMANDS = {
     "render": CommandEntry("render_command", "Render SCENE with exact shadows."),
     "sun": CommandEntry("sun_command", "Find the hours of direct sun on the surfaces of SCENE."),
+    "shadow": CommandEntry("shadow_command", "Find the shadow on the ground of SCENE, as polygons."),
     "view": CommandEntry("view_command", "Show SCENE in the browser, until Ctrl-C."),
     "bake": CommandEntry(
         "bake_command", "Bake occlusion, shadows or light of SCENE into a copy of its glTF file.", grouped=False
@@ -125,6 +127,11 @@ COMMANDS = {
     "viewshed": CommandEntry("sight_commands", "Count the observers that see each sensor of SCENE.", grouped=False),
     "matrix": CommandEntry(
         "sight_commands", "Find which sensors of SCENE see which targets, as one bit per pair.", grouped=False
+    ),
+    "skyline": CommandEntry(
+        "skyline_command",
+        "Find the skyline of points in SCENE: the elevation of the horizon by azimuth.",
+        grouped=False,
     ),
     "dataset": CommandEntry(
         "dataset_command",

@@ -20,6 +20,7 @@ from ..extras import import_extra
 from ..scene.materials import MONTHS, Transmittance, srgb_to_linear
 from ..scene.scene_data import group_notes
 from .console import say
+from .gis_options import Options, is_footprints, is_raster, open_gis_scene, split_options
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -71,6 +72,12 @@ class SceneSpec(NamedTuple):
     cutouts: bool = True  # False: alpha cuts no holes
     transmittance: tuple[tuple[str, Transmittance], ...] = ()  # the light that materials or objects let pass
     instances: bool | None = None  # whether copies of meshes stay instances; None: if that saves much memory
+    gis: Options = ()  # of a raster of heights, or of footprints
+
+    @property
+    def on_raster(self) -> bool:
+        """Whether the scene is a raster of heights, or stands on one."""
+        return is_raster(self.path) or any(name == "terrain" for name, _ in self.gis)
 
     @property
     def stem(self) -> str:
@@ -107,13 +114,16 @@ def parse_scene(text: str) -> SceneSpec:
 
     ``city.json?lod=2.2``, ``tree.glb?cutouts=off``, ``tree.glb?transmittance=leaf:0.3&transmittance=glass:0.9,1,0.9``,
     ``tree.glb?transmittance=leaf:0.7/0.7/0.6/0.4/0.3/0.2/0.2/0.2/0.3/0.5/0.6/0.7``,
-    ``forest.glb?instances=on``, ``procedural:NAME?triangles=100k&seed=3``.
+    ``forest.glb?instances=on``, ``buildings.gpkg?height=h&terrain=dem.tif``, ``dem.tif?band=2``,
+    ``procedural:NAME?triangles=100k&seed=3``.
     """
     if not text:
         raise InputError(f"SCENE is empty; name a file, a folder or {DEFAULT_SCENE}")
     if not text.startswith(PROCEDURAL):
         if match := _MESH_OPTIONS.fullmatch(text):
             return _with_options(SceneSpec(Path(match[1])), match[2], text)
+        if geographic := split_options(text):
+            return SceneSpec(geographic[0], gis=geographic[1])
         match = _LOD.fullmatch(text)
         return SceneSpec(Path(match[1]), lod=match[2]) if match else SceneSpec(Path(text))
     name, _, query = text[len(PROCEDURAL) :].partition("?")
@@ -453,17 +463,21 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, crs:
 
     if up is not None and spec.path.suffix.lower() == STORE_SUFFIX:
         raise InputError(f"{spec.path.name}: a store has its own up axis; leave --up out")
+    scene: AnyScene
     with quietly():  # the notes are printed below
         shares = dict(spec.transmittance) or None
-        scene = load(
-            spec.path,
-            up=up,
-            lod=spec.lod,
-            cutouts=spec.cutouts,
-            transmittance=shares,
-            crs=crs,
-            instances=spec.instances,
-        )
+        if is_raster(spec.path) or is_footprints(spec.path):
+            scene = open_gis_scene(spec.path, spec.gis, up, crs)
+        else:
+            scene = load(
+                spec.path,
+                up=up,
+                lod=spec.lod,
+                cutouts=spec.cutouts,
+                transmittance=shares,
+                crs=crs,
+                instances=spec.instances,
+            )
     if not quiet:
         notes = group_notes(scene.notes, "antumbra info shows all")
         for note in notes[:_MOST_NOTES]:

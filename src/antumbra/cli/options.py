@@ -245,7 +245,8 @@ SCENE_HELP = (
     f"A {alternatives(SCENE_SUFFIXES)} file, a folder of vertex frames, or procedural:NAME?triangles=N&seed=N. "
     "FILE?lod=N selects a level of detail of CityJSON; FILE?cutouts=off ignores alpha; FILE?transmittance=NAME:0.3 "
     "lets light pass through a material or object, and NAME:JAN/FEB/.../DEC a share for each month; FILE?instances=on "
-    "keeps copies of meshes as instances."
+    "keeps copies of meshes as instances. FILE?band=2 selects a band of a raster of heights; FILE?layer=NAME a layer "
+    "of footprints, and FILE?invalid=skip leaves out faulty ones."
 )
 
 
@@ -365,7 +366,8 @@ ExposureOption = Annotated[
 
 SENSORS_HELP = (
     "Sensor locations: face, vertex, grid:SPACING on every surface, raster:SPACING[+HEIGHT|@HEIGHT], raster:FILE.tif "
-    "(its cells), or a file of points (.csv, .parquet, .npy, .npz)."
+    "(its cells), raster[+HEIGHT] (the cells of the scene's own raster), or a file of points (.csv, .parquet, .npy, "
+    ".npz)."
 )
 SensorsOption = Annotated[str, typer.Option(help=SENSORS_HELP)]
 OutputsOption = Annotated[list[Path] | None, tables("Output file", "--output", "-o")]

@@ -18,6 +18,7 @@ from ..formats.format_registry import SCENE_WRITERS, check_output, write_scene
 from . import arguments, console
 from .arguments import SceneSpec, open_scene
 from .console import ProgressDisplay
+from .gis_options import stream_raster
 from .options import SCENE_HELP, Json, Quiet, Threads, UpOption, writes
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from ..generate.generated_scene import StreamedCity
     from ..scene.lights import Light
     from ..scene.scene_data import CityModel
+    from ..scene.terrain import StreamedTerrain
     from ..store.store_build import BuildReport
     from ..store.store_file import Store
 
@@ -319,13 +321,14 @@ def build(
 
     A store holds the triangles in chunks, each with its BVH and checksums. Several scenes are merged in the given
     order, in their state at time 0, with all their cameras and lights. procedural:city is generated and written block
-    by block, at any size. Other scenes are read into memory one at a time. The same scenes give the same bytes for any
-    --max-memory and --threads.
+    by block, at any size, and so are rasters of heights. Other scenes are read into memory one at a time. The same
+    scenes give the same bytes for any --max-memory and --threads.
 
     \b
     Examples
       antumbra build sponza.glb -o sponza.antumbra
       antumbra build "procedural:city?triangles=350M" -o city.antumbra --max-memory 4G
+      antumbra build dem.tif -o dem.antumbra --max-memory 4G
       antumbra info city.antumbra --check
     """
     specs = [arguments.parse_scene(text) for text in scenes]
@@ -347,8 +350,8 @@ def build(
 
 def _opened(
     specs: list[SceneSpec], up: str | None, threads: int | None, quiet: bool
-) -> "Iterator[AnyScene | StreamedCity]":
-    """Yield the scenes one by one. A city is yielded as a stream of blocks, generated later."""
+) -> "Iterator[AnyScene | StreamedCity | StreamedTerrain]":
+    """Yield the scenes one by one. Cities and rasters of heights are streams of blocks, which are made later."""
     from ..generate.generated_scene import StreamedCity
     from ..kernels.parallel import thread_count
 
@@ -356,7 +359,8 @@ def _opened(
         if spec.path is None and spec.name == "city" and up is None:
             yield StreamedCity(spec.triangles, spec.seed, thread_count(threads))
         else:
-            yield open_scene(spec, up, quiet)
+            stream = None if spec.path is None else stream_raster(spec.path, spec.gis, up)
+            yield open_scene(spec, up, quiet) if stream is None else stream
 
 
 def _build_fields(report: "BuildReport", peak: int | None) -> Iterator[tuple[str, str]]:

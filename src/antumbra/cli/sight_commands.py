@@ -15,6 +15,7 @@ from .arguments import in_memory, open_scene
 from .console import ProgressDisplay
 from .options import (
     SCENE_HELP,
+    SENSORS_HELP,
     Before,
     CameraOption,
     ColumnOption,
@@ -200,7 +201,10 @@ class ViewshedArguments(_Options):  # type: ignore[misc] # made from the options
     """The command-line arguments and options, besides those derived from `ViewshedOptions`."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
-    sensors: SensorsOption = "face"
+    sensors: Annotated[
+        str | None,
+        typer.Option(help=SENSORS_HELP + "  [default: face; on a raster of heights: raster]", show_default=False),
+    ] = None
     observer: Annotated[
         list[str] | None, typer.Option(help="An observer; may be repeated.", metavar="X,Y,Z", show_default=False)
     ] = None
@@ -240,6 +244,7 @@ def viewshed(args: ViewshedArguments) -> int:
       antumbra viewshed city.glb --up z --sensors raster:1 --observer 10,20,0 --on-surface --eye-height 1.6 -o map.tif
       antumbra viewshed city.glb --up z --sensors raster:1 --observer 10,20,30 --map sheet.pdf
       antumbra viewshed city.glb --up z --sensors grid:2 --observers people.csv --max-distance 300 -o seen.png
+      antumbra viewshed dem.tif --observer 85000,446000,0 --on-surface --eye-height 1.7 -o seen.tif
       antumbra viewshed hills.ply --up z --observer 0,0,900 --curvature --azimuth 350:10 -o seen.parquet
     """
     spec = arguments.parse_scene(args.scene)
@@ -259,10 +264,11 @@ def viewshed(args: ViewshedArguments) -> int:
     from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of, sensors_of
 
     trees = None if args.trees is None else parse_trees(args.trees)
-    check_sensors(args.sensors)
+    sensor_form = args.sensors or ("raster" if spec.on_raster else "face")
+    check_sensors(sensor_form)
     outputs = args.output or []
     for path in outputs:
-        writer_of(path, kind_of(args.sensors))
+        writer_of(path, kind_of(sensor_form))
     for path in args.map or ():
         check_map(path)
     bits = args.bits
@@ -275,7 +281,7 @@ def viewshed(args: ViewshedArguments) -> int:
         check_file_crs(bare, args.observers)
         opened = add_trees(bare, trees)
         display.say("preparing")
-        sensors = sensors_of(args.sensors, bare, args.threads)
+        sensors = sensors_of(sensor_form, bare, args.threads)
         camera = None if camera_spec is None else arguments.make_camera(camera_spec, opened, args.time, _SIZE)
         start = perf_counter()
         result = compute_viewshed(opened, sensors, eyes.points, **field_values(options))

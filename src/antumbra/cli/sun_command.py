@@ -54,7 +54,11 @@ class SunArguments(_Options):  # type: ignore[misc] # made from the options of a
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
     sensors: Annotated[
-        str | None, typer.Option(help=SENSORS_HELP + "  [default: face; with --areas raster:0.5]", show_default=False)
+        str | None,
+        typer.Option(
+            help=SENSORS_HELP + "  [default: face; on a raster of heights: raster; with --areas raster:0.5]",
+            show_default=False,
+        ),
     ] = None
     areas: Annotated[
         Path | None,
@@ -127,6 +131,8 @@ def sun(args: SunArguments) -> int:
       antumbra sun city.city.json --days year:2026 --by month --sky 512 --city-output sun.city.json
       antumbra sun house.glb --latitude 52 --longitude 4.36 --timezone Europe/Amsterdam --days 2026-06-21 --step 5
       antumbra sun city.ply --crs EPSG:28992 --up z --sensors raster:1 --days year:2026 -o sun.tif
+      antumbra sun dem.tif --days 2026-12-21 --step 15 -o sun.tif
+      antumbra sun buildings.gpkg --height h --terrain dem.tif --sensors grid:2 --days 2026-03-21 -o sun.png
       antumbra sun city.city.json --sensors windows.csv --rule br209-windows --epw delft.epw -o windows.csv
       antumbra sun city.city.json --trees "trees.gpkg?height=h&radius=r&transmittance=0.2" --days 2026-06-21 -o sun.png
       antumbra sun city.city.json --rule br209-amenity --areas gardens.geojson -o gardens.tif
@@ -140,7 +146,8 @@ def sun(args: SunArguments) -> int:
     names = "latitude", "longitude", "north", "timezone"
     position = position_fields(**{name: getattr(args, name) for name in names})
     in_areas = args.areas is not None
-    sensor_form = args.sensors or (f"raster:{SPACING:g}" if in_areas else "face")
+    default = "raster" if spec.on_raster else "face"
+    sensor_form = args.sensors or (f"raster:{SPACING:g}" if in_areas else default)
     if args.areas is not None:
         check_areas(args.areas)
     check_sensors(sensor_form, areas=in_areas)
@@ -190,7 +197,8 @@ def _checked_outputs(args: SunArguments, spec: SceneSpec, sensors: str) -> list[
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import kind_of
 
-    paths = args.output or ([] if args.map else [Path(f"{spec.stem}-sun.png")])
+    suffix = ".tif" if spec.on_raster and kind_of(sensors) == "raster" else ".png"
+    paths = args.output or ([] if args.map else [Path(f"{spec.stem}-sun{suffix}")])
     for path in args.map or ():
         check_map(path)
     for path in paths:

@@ -12,7 +12,7 @@ import typer
 
 from ..checks import spelling_hint
 from ..errors import InputError
-from ..formats.tree_table import checked_tree_file
+from ..formats.gis.tree_table import checked_tree_file
 from ..scene.materials import MONTHS
 
 if TYPE_CHECKING:

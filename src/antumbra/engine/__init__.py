@@ -6,6 +6,7 @@
 - `scene`: `AnyScene`, `Scene`, `procedural`
 - `paged_scene`: `PagedScene`
 - `scene_loading`: `load`
+- `gis_scenes`: `from_raster`, `from_footprints`
 - `tree_scenes`: `from_trees`
 - `scene_reading`: the data of a file, folder or mesh
 - `store_building`: `build_store`
@@ -17,6 +18,7 @@
 - `instanced_source`: scenes of instances
 - `paged_source`: scenes in stores: bands, ray lists, trees
 - `paged_hits`: all hits of ray lists in stores
+- `terrain_shadows`: queries at points over rasters of heights, without a tree
 - `primary_visibility`: the surfaces that a camera sees
 - `default_view`: what default pictures show
 - `precompilation`: compile jobs, run before anything is timed

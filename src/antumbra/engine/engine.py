@@ -40,6 +40,7 @@ from .plan_kernels import warm_up
 from .precompilation import precompile
 from .primary_visibility import AUTO, METHODS, precompiled_method
 from .scene_reading import data_of
+from .terrain_shadows import TerrainShadows
 from .visibility import Visibility, visibility_of
 
 if TYPE_CHECKING:
@@ -133,6 +134,7 @@ class Engine:
         self._updates = threading.Lock()  # held while the geometry is moved; queries do not wait for it
         self.accelerator: Accelerator = accelerator_of(self.plan, self.threads)
         self.source: RenderSource = self._new_source(gbuffer)
+        self._terrain = TerrainShadows(data)
         self._frame, self._n_faces = tuple(data.origin.tolist()), data.n_triangles
         self._others: dict[_Options, Engine] = {}  # least recently used first
         self._warm = False  # whether its kernels are compiled
@@ -422,6 +424,8 @@ class Engine:
             If points or lights are too far from the scene, or memory is too small.
         """
         with self.lock:
+            if self._terrain.serves(self.plan, receivers.n * sum(each.shape[1] for each in samples)):
+                return self._terrain.shadows(receivers, lights, samples, facing, self.threads, progress)
             accelerator, source = self.accelerator, self.source
             self._warm_up()
             if source.in_store:

@@ -26,6 +26,7 @@ from ..scene.instance_data import InstanceData
 from ..scene.lights import Light, QuadLight
 from ..scene.materials import Transmittance
 from ..scene.mesh import MeshInfo, ObjectInfo, Source
+from ..scene.raster import Raster
 from ..scene.scene_data import CityModel, MemoryData, SceneData
 from ..scene.triangles import AllHits, Hit, Triangles
 
@@ -73,6 +74,7 @@ class AnyScene:
     colours = DataAttribute[np.ndarray]()
     city = DataAttribute[CityModel | None]()
     crs = DataAttribute[str | None]()
+    raster = DataAttribute[Raster | None]()
     n_triangles = DataAttribute[int]()
     object_of_face = DataAttribute[np.ndarray]()
     appearance = DataAttribute[Appearance | None]()
@@ -517,7 +519,11 @@ class Scene(AnyScene):
         argument. Tables and rasters made from the scene carry it. Coordinates are easting and northing along the
         scene's east and north axes: +X and +Y if Z is up, +X and -Z if Y is up.
     city : CityModel or None
-        For a CityJSON file: the object and the semantic surface of each face, and `CityModel.surface_types`.
+        For a CityJSON file or footprints: the object and the semantic surface of each face, and
+        `CityModel.surface_types`.
+    raster : Raster or None
+        For a raster of heights, and for scenes on one: its cells. The sensors ``raster`` lie in them, so that results
+        come back on the input's own grid. None for other scenes, and for cells that are not square.
     """
 
     data: MemoryData | InstanceData

@@ -36,18 +36,21 @@ def load(
     Parameters
     ----------
     path : str, path-like, or a mesh
-        One of five kinds:
+        One of seven kinds:
 
         - A .glb, .gltf, .obj, .ply or .stl file. Files that it refers to are read from its folder only.
         - A CityJSON file (.json, .city.json) or CityJSONSeq file (.jsonl, .city.jsonl); requires antumbra[gis].
+        - A raster of heights (.tif, .tiff, .vrt, .asc), as `antumbra.from_raster` reads it; requires antumbra[gis].
+        - Footprints with heights (.gpkg, .geojson, .shp, .fgb, .parquet) in a column ``height``, as
+          `antumbra.from_footprints` reads them; requires antumbra[gis].
         - A folder with `frames.npy` ((n, v, 3) float, the vertices at n times) and `faces.npy` ((f, 3) int), and
           optionally `face_rgba.npy` ((f, 4) uint8 or float, linear) and an `info.json` with "times" (n seconds).
         - A store (.antumbra), built by `antumbra build`.
         - A mesh of trimesh, pyvista, meshio or Open3D, see `Scene.from_mesh`.
     up : "y" or "z", optional
-        The axis that points up. It is recorded as `Scene.up`; coordinates are not changed. None: "z" for CityJSON, and
-        for other files whose floors and roofs face z, with a note; "y" for all other files, and for meshes of other
-        libraries. A store has its own axis.
+        The axis that points up. It is recorded as `Scene.up`; coordinates are not changed. None: "z" for CityJSON,
+        rasters and footprints, and for other files whose floors and roofs face z, with a note; "y" for all other files,
+        and for meshes of other libraries. A store has its own axis.
     lod : str, optional
         Level of detail of CityJSON, such as "2.2". None: the highest of each object. Objects whose parts have a higher
         one, such as a Building with BuildingParts, are represented by these parts.
@@ -87,7 +90,8 @@ def load(
     given_crs = None if crs is None else checked_crs(crs)
     if transmittance is not None and instances is None:
         instances = False
-    scene = _scene_of_data(read_scene_data(path, ReadOptions(up, lod, instances, flag(cutouts, "cutouts"))))
+    options = ReadOptions(up, lod, instances, flag(cutouts, "cutouts"), given_crs)
+    scene = _scene_of_data(read_scene_data(path, options))
     if not cutouts and isinstance(scene, Scene):
         scene.ignore_alpha()
     if transmittance is not None:

@@ -4,15 +4,17 @@ import os
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from ..checks import byte_count, quoted, whole_number
+from ..checks import byte_count, path_of, quoted, whole_number
 from ..errors import InputError
 from ..files import checked_output, temporary_folder
+from ..formats.format_registry import HEIGHTS
+from ..formats.gis.gis_data import streamed_terrain
+from ..formats.gis.height_files import HeightOptions
 from ..formats.library_meshes import is_mesh
-from ..generate.generated_scene import StreamedCity
 from ..kernels.parallel import thread_count
 from ..progress import Progress, show_progress, with_progress
 from ..scene.scene_data import SceneData
-from ..store.store_build import CHUNK, MIN_MEMORY, BuildReport, write_store
+from ..store.store_build import CHUNK, MIN_MEMORY, BuildReport, StreamedScene, write_store
 from ..store.store_format import STORE_SUFFIX
 from .precompilation import Job, fixed_job, precompile, small_scene
 from .scene import AnyScene
@@ -21,7 +23,7 @@ from .scene_loading import SceneLike, scene_of
 
 @with_progress
 def build_store(
-    scenes: "SceneLike | StreamedCity | Iterable[SceneLike | StreamedCity]",
+    scenes: "SceneLike | StreamedScene | Iterable[SceneLike | StreamedScene]",
     path: "str | os.PathLike[str]",
     *,
     max_memory: int = 4 << 30,
@@ -35,7 +37,7 @@ def build_store(
     ----------
     scenes : Scene, or anything that `antumbra.load` accepts, or an iterable of them
         The scenes at time 0, merged in this order. Cameras and lights of all scenes are kept. Scenes are read one
-        after the other, so a generator may release each scene after yielding it.
+        after the other, so a generator may release each scene after yielding it. Raster files of heights are streamed.
     path : str or path-like
         A file ``*.antumbra``. It is written atomically. During the build, unnamed temporary files in the same folder
         take about 55 bytes per triangle.
@@ -69,9 +71,9 @@ def build_store(
         return write_store(data, path, max_memory, threads, chunk, progress if callable(progress) else bar)
 
 
-def _scene_data_of_all(scenes: Any) -> Iterator[SceneData | StreamedCity]:
+def _scene_data_of_all(scenes: Any) -> Iterator[SceneData | StreamedScene]:
     """Yield the data of one scene after the other."""
-    if isinstance(scenes, (AnyScene, StreamedCity, str, os.PathLike)) or is_mesh(scenes):
+    if isinstance(scenes, (AnyScene, StreamedScene, str, os.PathLike)) or is_mesh(scenes):
         scenes = [scenes]
     try:
         iter(scenes)
@@ -80,8 +82,13 @@ def _scene_data_of_all(scenes: Any) -> Iterator[SceneData | StreamedCity]:
     return map(_scene_data, scenes)  # unlike a generator, `map` holds no reference to the last scene
 
 
-def _scene_data(scene: "SceneLike | StreamedCity") -> SceneData | StreamedCity:
-    return scene if isinstance(scene, StreamedCity) else scene_of(scene).data
+def _scene_data(scene: "SceneLike | StreamedScene") -> SceneData | StreamedScene:
+    """The data of a scene; rasters of heights are streamed from their files."""
+    if isinstance(scene, StreamedScene):
+        return scene
+    if isinstance(scene, (str, os.PathLike)) and (path := path_of(scene, "scene")).suffix.lower() in HEIGHTS.suffixes:
+        return streamed_terrain(path, HeightOptions())
+    return scene_of(scene).data
 
 
 def store_job() -> Job:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..checks import text
 from ..errors import InputError
-from ..formats.tree_table import TreeOptions, Trees, TreesLike, read_trees
+from ..formats.gis.tree_table import TreeOptions, Trees, TreesLike, read_trees
 from ..scene.crs import checked_crs
 from ..scene.joined_scenes import join_data
 from ..scene.scene_data import MemoryData, group_notes

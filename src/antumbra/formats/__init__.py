@@ -3,12 +3,12 @@
 - `format_registry`: all formats with their suffixes, readers and writers
 - `gltf/`: glTF 2.0 and GLB
 - `cityjson/`: CityJSON and CityJSONSeq
+- `gis/`: rasters of heights, and footprints
 - `obj_file`, `mtl_file`: OBJ and its materials
 - `mesh_files`: PLY and STL
 - `text_numbers`: numbers in the text of mesh files
 - `array_files`: .npy and .npz files, and folders of vertex frames
 - `library_meshes`: arrays, and the meshes of trimesh, PyVista, meshio and Open3D
 - `instance_arrays`: scenes of instances from arrays
-- `tree_table`: trees with heights and radii, from tables and GIS layers
 - `json_fields`: checked access to JSON objects
 """

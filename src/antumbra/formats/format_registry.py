@@ -18,6 +18,10 @@ from ..scene.palette_scene import PaletteScene
 from ..scene.scene_bounds import guess_z_up, sampled_faces
 from ..scene.scene_data import MemoryData, SceneData
 from .cityjson.cityjson_file import SUFFIXES as CITYJSON_SUFFIXES
+from .gis.footprint_table import SUFFIXES as FOOTPRINT_SUFFIXES
+from .gis.footprint_table import FootprintOptions
+from .gis.height_files import SUFFIXES as HEIGHT_SUFFIXES
+from .gis.height_files import HeightOptions
 
 
 class ReadOptions(NamedTuple):
@@ -27,6 +31,7 @@ class ReadOptions(NamedTuple):
     lod: str | None = None  # level of detail
     instances: bool | None = None  # whether copies of meshes stay instances; None: if that saves much memory
     cutouts: bool = True  # False: all faces are solid
+    crs: str | None = None  # of rasters that name none, and to which footprints in degrees are projected
 
 
 Reader: TypeAlias = Callable[[Path, ReadOptions], SceneData]
@@ -109,6 +114,20 @@ def _read_cityjson(path: Path, options: ReadOptions) -> SceneData:
     return MemoryData(source, name=name, up=options.up or "z", notes=tuple(notes), city=city, crs=city.crs)
 
 
+def _read_heights(path: Path, options: ReadOptions) -> SceneData:
+    from .gis.gis_data import check_z_up, terrain_data
+
+    check_z_up(options.up, path.name)
+    return terrain_data(path, HeightOptions(crs=options.crs))
+
+
+def _read_footprints(path: Path, options: ReadOptions) -> SceneData:
+    from .gis.gis_data import check_z_up, footprint_data
+
+    check_z_up(options.up, path.name)
+    return footprint_data(path, FootprintOptions(crs=options.crs))
+
+
 def _read_frames(path: Path, options: ReadOptions) -> SceneData:
     from .array_files import read_frames
 
@@ -148,9 +167,25 @@ CITYJSON = Format(
     "gis",
     "points and lines, appearances, other levels of detail",
 )
+HEIGHTS = Format(
+    "raster of heights",
+    HEIGHT_SUFFIXES,
+    _read_heights,
+    None,
+    "gis",
+    "other bands, colour tables, cells without data (holes)",
+)
+FOOTPRINTS = Format(
+    "footprints with heights",
+    FOOTPRINT_SUFFIXES,
+    _read_footprints,
+    None,
+    "gis",
+    "points and lines, heights of vertices, other layers",
+)
 FRAMES = Format("folder of vertex frames", (), _read_frames, None, None, "alpha of face colours")
 
-FORMATS = GLB, GLTF, OBJ, PLY, STL, CITYJSON, FRAMES
+FORMATS = GLB, GLTF, OBJ, PLY, STL, CITYJSON, HEIGHTS, FOOTPRINTS, FRAMES
 """Formats of scenes in memory, in display order."""
 
 SCENE_WRITERS = {suffix: each.write for each in FORMATS if each.write is not None for suffix in each.suffixes}

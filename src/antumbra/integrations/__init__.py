@@ -2,6 +2,7 @@
 
 - `trimesh`: `trimesh_ray`, an intersector for ``mesh.ray``
 - `open3d`: `RaycastingScene`, with the calls and results of Open3D's
+- `pvlib`: `pvlib_shading`, the shading of modules as a pandas table
 - `pyvista`: ``mesh.antumbra``, an accessor whose results become arrays of cells or points
 
 Each module serves one library, and only `pyvista` imports the library that it serves.

@@ -1,6 +1,8 @@
-"""Jobs on scenes: sun hours, baked light, lines of sight and data sets, and the modules that they share.
+"""Jobs on scenes: sun hours, skylines, shadows, baked light, lines of sight and data sets, and what they share.
 
 - `sun/`: sun hours and sky view
+- `skyline/`: the elevation of the horizon by azimuth
+- `shadow/`: shadows on the ground as polygons
 - `bake/`: visibility and light baked into glTF files
 - `line_of_sight/`: sightlines, visibility matrices and viewsheds
 - `dataset/`: rendered data sets

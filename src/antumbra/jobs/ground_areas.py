@@ -26,8 +26,8 @@ from ..kernels.elementary import cos, sin
 from ..kernels.parallel import thread_count
 from ..query.receivers import Receivers
 from ..scene.crs import checked_crs, reproject
+from ..scene.raster import Raster
 from ..trace.rays.ray_hits import intersections
-from .raster_grid import Raster
 from .sensors import LOW, Sensors, Zone, ground_at, raster_of
 
 # --- Points inside solids ---------------------------------------------------------------------------------------------
@@ -153,7 +153,7 @@ AreaLike: TypeAlias = Any
 
 
 def area_sensors(
-    scene: SceneLike, areas: AreaLike, spacing: float | str | PathLike[str] = SPACING, height: float = 0.0, *,
+    scene: SceneLike, areas: AreaLike, spacing: float | str | PathLike[str] | None = SPACING, height: float = 0.0, *,
     follow: bool = True, threads: int | None = None,
 ) -> Sensors:  # fmt: skip
     """Place sensors on the ground of areas, such as gardens: raster cells whose centres lie inside the areas.

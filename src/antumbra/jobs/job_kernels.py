@@ -15,6 +15,7 @@ from ..engine.precompilation import Job, fixed_job, small_scene
 from ..engine.primary_visibility import camera_rays_job, cutouts_job
 from ..engine.scene import Scene
 from ..engine.store_building import store_job
+from ..engine.terrain_shadows import terrain_job
 from ..picture.render_kernels import (
     antialias_job,
     appearance_job,
@@ -32,6 +33,7 @@ from ..query.shadow_query import below_horizon
 from ..scene.lights import PointLight
 from .bake.surface_meter import Meter, MeterSettings, ReceiverPoints
 from .bit_matrices import reorder_bits
+from .skyline.skyline import skyline_job
 from .sun.sun_visibility import tally_job
 
 
@@ -56,7 +58,7 @@ def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) ->
         indirect_job("raster"),
         indirect_job("rays"),
     ]
-    jobs += [steps_job(), store_job(), paged_job(), paged_hits_job(), cutouts_job(), instances_job()]
+    jobs += [steps_job(), store_job(), paged_job(), paged_hits_job(), cutouts_job(), instances_job(), terrain_job()]
     jobs += [wide_lights_job()] if any(plan.trace == "cones" for plan in plans) else []
     jobs += [bounce_job()] if any(plan.wants_rays for plan in plans) else []
     for plan in plans:
@@ -68,7 +70,7 @@ def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) ->
 
 def all_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]:
     """The jobs of `rendering_jobs` and those of this folder; arguments as for `rendering_jobs`."""
-    return [tally_job(), points_job(), *rendering_jobs(plans, papers)]
+    return [tally_job(), points_job(), skyline_job(), *rendering_jobs(plans, papers)]
 
 
 def points_job() -> Job:

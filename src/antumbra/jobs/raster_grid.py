@@ -1,7 +1,6 @@
 """Horizontal rasters of square cells: aligned to multiples of the spacing, fitted to bounds, or from a raster file."""
 
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,44 +10,13 @@ from ..engine.scene import AnyScene
 from ..errors import InputError
 from ..extras import import_extra
 from ..files import checked_file
+from ..scene.raster import Raster
 
 SUFFIXES = (".tif", ".tiff", ".vrt", ".asc")
 """Suffixes of raster files that `raster_of_file` reads."""
 
 _MOST = 200_000_000  # sensors: more than this is treated as a mistake in the spacing
 _SAME = 1e-6  # cells: edges closer than this coincide, up to rounding
-
-
-class Raster(NamedTuple):
-    """A horizontal raster of square cells. Row 0 is the northernmost, as in pictures and GIS files."""
-
-    west: float  # world coordinate of the left edge, along X
-    north: float  # northing of the upper edge: along Y if Z is up, else along -Z
-    spacing: float  # side of a cell, world units
-    columns: int  # cells from west to east
-    rows: int  # cells from north to south
-    crs: str | None = None  # CRS of the raster file that defines the cells
-
-    @property
-    def area(self) -> float:
-        """Area of a cell, square world units."""
-        return self.spacing * self.spacing
-
-    @property
-    def n_cells(self) -> int:
-        """The number of cells."""
-        return self.rows * self.columns
-
-    def middles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(columns,) and (rows,) float64: eastings and northings of the cells' centres."""
-        columns, rows = np.arange(self.columns, dtype=np.float64), np.arange(self.rows, dtype=np.float64)
-        return self.west + (columns + 0.5) * self.spacing, self.north - (rows + 0.5) * self.spacing
-
-    def places(self, cells: NDArray[np.integer], up: str) -> NDArray[np.float64]:
-        """(n, 3) float64, world: the centres of cells (``row * columns + column``), at height 0."""
-        east, north = self.middles()
-        x, y = east[cells % self.columns], north[cells // self.columns]
-        return np.stack([x, y, np.zeros(len(cells))] if up == "z" else [x, np.zeros(len(cells)), -y], 1)
 
 
 def checked_raster(raster: Raster) -> Raster:

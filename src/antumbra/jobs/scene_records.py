@@ -13,6 +13,7 @@ import numpy as np
 
 from ..engine.paged_scene import PagedScene
 from ..engine.scene import AnyScene
+from ..engine.terrain_shadows import terrain_of
 from ..scene.camera import Camera
 from ..scene.instance_data import InstanceData
 from ..scene.lights import Light
@@ -27,7 +28,8 @@ _STORE_HEADER = 4096  # bytes of a store's first page, which contains the checks
 def scene_digest(scene: AnyScene, time: float, threads: int | None = None) -> str:
     """SHA-256 of the scene's triangles at a time, with colours, alpha masks and objects.
 
-    Of a store, it is that of the first page; of instances, that of the meshes and transforms.
+    Of a store, it is that of the first page; of instances, that of the meshes and transforms; of a
+    raster, that of its heights.
     """
     digest = hashlib.sha256()
     if isinstance(scene, PagedScene):
@@ -41,6 +43,10 @@ def scene_digest(scene: AnyScene, time: float, threads: int | None = None) -> st
                 digest.update(np.ascontiguousarray(array).data)
         for array in copies.mesh, copies.matrices, copies.starts:
             digest.update(array.data)
+        return digest.hexdigest()
+    if (surface := terrain_of(scene.data)) is not None:
+        digest.update(repr((surface.grid, scene.origin.tolist())).encode())
+        digest.update(np.ascontiguousarray(surface.heights).data)
         return digest.hexdigest()
     triangles = scene.triangles(time, threads)
     arrays = triangles.vertices, triangles.origin, triangles.colour, scene.object_of_face

@@ -24,13 +24,13 @@ from .raster_grid import SUFFIXES as RASTERS
 from .sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
 
 FORMS = (
-    "face, vertex, grid:SPACING, raster:SPACING[+HEIGHT|@HEIGHT], raster:FILE.tif, "
+    "face, vertex, grid:SPACING, raster[:SPACING][+HEIGHT|@HEIGHT], raster:FILE.tif, "
     "or a .csv, .parquet, .npy or .npz file"
 )
 SUFFIXES = (".csv", ".parquet", ".npy", ".npz")
 
 _GRID = re.compile(r"grid:([0-9.eE+-]+)")
-_RASTER = re.compile(r"raster:([0-9.]+(?:[eE][0-9-]+)?|.+\.(?:tif|tiff|vrt|asc))(?:([+@])([0-9.eE+-]+))?", re.I)
+_RASTER = re.compile(r"raster(?::([0-9.]+(?:[eE][0-9-]+)?|.+\.(?:tif|tiff|vrt|asc)))?(?:([+@])([0-9.eE+-]+))?", re.I)
 CSV_ROWS = 1 << 16  # lines of a CSV file held as lists at a time
 _NUMBER_BYTES = 8  # maximum size of a number in a Parquet column
 _WORLD = "OGC:CRS84"  # CRS of GeoParquet that names none
@@ -42,7 +42,7 @@ def check_sensors(text: str, option: str = "sensors", areas: bool = False) -> No
     if not isinstance(text, str):
         raise InputError(f"{option} is {quoted(text)}; it must be {FORMS}")
     if areas and not _RASTER.fullmatch(text):
-        forms = "raster:SPACING[+HEIGHT|@HEIGHT] or raster:FILE.tif"
+        forms = "raster[:SPACING][+HEIGHT|@HEIGHT] or raster:FILE.tif"
         raise InputError(f"{option} is {quoted(text)}; in areas it must be {forms}")
     if text in ("face", "vertex") or _GRID.fullmatch(text):
         return
@@ -65,12 +65,12 @@ def check_point_file(text: str, option: str, forms: str) -> None:
 def raster_file(text: str) -> str | None:
     """The path in a text such as ``raster:FILE.tif``; None if it names no raster file."""
     raster = _RASTER.fullmatch(text)
-    return raster[1] if raster and Path(raster[1]).suffix.lower() in RASTERS else None
+    return raster[1] if raster and raster[1] and Path(raster[1]).suffix.lower() in RASTERS else None
 
 
 def kind_of(text: str) -> str:
     """The kind of sensors that a checked text names."""
-    word = text.partition(":")[0]
+    word = re.split("[:+@]", text, maxsplit=1)[0].lower()
     return word if word in ("face", "vertex", "grid", "raster") else "points"
 
 
@@ -84,6 +84,7 @@ def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas: A
     - ``grid:1.5``: a grid on every surface
     - ``raster:2``, ``raster:2+1.6``, ``raster:2@30``: a horizontal raster on the highest surfaces, 1.6 above them,
       or at the coordinate 30; its cells begin at multiples of 2
+    - ``raster``, ``raster+1.6``: the cells of the raster of heights that is the scene or its ground
     - ``raster:dem.tif``, ``raster:dem.tif+1.6``: the cells of a raster file
     - a point file: see `read_points`
     """
@@ -97,7 +98,7 @@ def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas: A
         return grid_sensors(scene, _number(grid[1], text))
     if raster := _RASTER.fullmatch(text):
         height = _number(raster[3], text) if raster[3] else 0.0
-        cells = raster_file(text) or _number(raster[1], text)
+        cells = raster_file(text) or (_number(raster[1], text) if raster[1] else None)
         if areas is not None:
             return area_sensors(scene, areas, cells, height, follow=raster[2] != "@", threads=threads)
         return raster_sensors(scene, cells, height, follow=raster[2] != "@", threads=threads)

@@ -21,7 +21,10 @@ from ..kernels.elementary import acos
 from ..kernels.parallel import thread_count
 from ..query.receivers import Receivers
 from ..scene.crs import check_horizontal_crs
-from .raster_grid import Raster, aligned_raster, check_count, checked_raster, plan_of, raster_in, raster_of_file
+from ..scene.raster import Raster
+from ..scene.scene_data import MemoryData
+from ..scene.terrain import TerrainSurfaces
+from .raster_grid import aligned_raster, check_count, checked_raster, plan_of, raster_in, raster_of_file
 
 # --- Checked fields of `Sensors` --------------------------------------------------------------------------------------
 
@@ -366,14 +369,15 @@ def _inside(triangles: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def raster_sensors(
-    scene: SceneLike, spacing: float | str | PathLike[str], height: float = 0.0, *, follow: bool = True,
+    scene: SceneLike, spacing: float | str | PathLike[str] | None, height: float = 0.0, *, follow: bool = True,
     bounds: ArrayLike | None = None, time: float = 0.0, threads: int | None = None,
 ) -> Sensors:  # fmt: skip
     """A horizontal raster of sensors that face up, at the centres of its cells.
 
     spacing : float, str or path-like
         Side of a cell, world units. Cell edges are multiples of it, so rasters of several scenes fit together. A path
-        names a raster file, such as a GeoTIFF of heights, whose cells are used; this needs ``antumbra[gis]``.
+        names a raster file, such as a GeoTIFF of heights, whose cells are used; this needs ``antumbra[gis]``. None: the
+        cells of the scene's own raster, `Scene.raster`.
     height : float
         World units above the highest surface at each cell's centre if `follow`, else the coordinate on the up axis.
         Where there is no surface, `follow` uses the scene's lowest coordinate.
@@ -392,14 +396,18 @@ def raster_sensors(
     time, threads = scene.clamped(time), thread_count(threads)
     if bounds is None:
         raster = raster_of(scene, spacing)
-    elif isinstance(spacing, (str, PathLike)):
-        raise InputError(f"bounds and the cells of {spacing} exclude each other; leave bounds out")
+    elif spacing is None or isinstance(spacing, (str, PathLike)):
+        raise InputError(f"bounds and the cells of {spacing or 'a raster'} exclude each other; leave bounds out")
     else:
         raster = raster_in(bounds, number(spacing, "the spacing of sensors", 0.0, np.inf))
     up = "xyz".index(scene.up)
     at = raster.places(np.arange(raster.rows * raster.columns), scene.up)
     faces = np.full(len(at), -1, np.int64)
-    if follow:
+    tops = _tops_of_own_cells(scene) if follow and spacing is None else None
+    if tops is not None:
+        at[:, up], faces = tops
+        at[:, up] += height
+    elif follow:
         at[:, up], faces = on_top(scene, at, time, threads)
         at[:, up] += height
     else:
@@ -408,14 +416,30 @@ def raster_sensors(
     return Sensors(at, upwards, np.full(len(at), raster.area), faces, "raster", raster)
 
 
-def raster_of(scene: AnyScene, spacing: float | str | PathLike[str], plan: np.ndarray | None = None) -> Raster:
+def raster_of(scene: AnyScene, spacing: float | str | PathLike[str] | None, plan: np.ndarray | None = None) -> Raster:
     """The cells of `raster_sensors` over a scene, or over bounds such as those of `plan_of`."""
+    if spacing is None:
+        if scene.raster is None:
+            raise InputError(f"{scene.name} has no raster of its own with square cells; give a spacing: raster:SPACING")
+        return scene.raster
     if not isinstance(spacing, (str, PathLike)):
         side = number(spacing, "the spacing of sensors", 0.0, np.inf)
         return aligned_raster(plan_of(scene) if plan is None else plan, side)
     raster = raster_of_file(path_of(spacing, "the raster file"))
     check_horizontal_crs(str(spacing), raster.crs, scene.crs)
     return raster
+
+
+def _tops_of_own_cells(scene: AnyScene) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
+    """What `on_top` finds at the cells of a scene that is one raster of heights, without rays; None for others.
+
+    A cell's height is that of a vertex, so the result is the same up to the rounding of rays.
+    """
+    source = scene.data.source if isinstance(scene.data, MemoryData) else None
+    if not isinstance(source, TerrainSurfaces) or (tops := source.tops(scene.origin)) is None:
+        return None
+    heights, faces = tops
+    return np.where(faces >= 0, heights, scene.bounds[0, 2]), faces.astype(np.int64)
 
 
 def on_top(

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .jit import F32OrLanes, inlined
-from .simd import absolute, broadcast16, fma, get, load16, maximum, splat16, store
+from .simd import absolute, broadcast16, fma, get, load16, maximum, select, splat16, store
 
 _HALF, _MORE = np.float32(0.5), np.float32(1.0 + 2.0**-18)
 
@@ -100,6 +100,18 @@ def middles_and_halves(low, high):
     m = add3(scale3(low, _HALF), scale3(high, _HALF))
     up, down = subtract3(high, m), subtract3(m, low)
     return m, Vec3(maximum(up.x, down.x) * _MORE, maximum(up.y, down.y) * _MORE, maximum(up.z, down.z) * _MORE)
+
+
+@inlined
+def splats(v):
+    """Three scalars, each in all lanes."""
+    return Vec3(splat16(v.x), splat16(v.y), splat16(v.z))
+
+
+@inlined
+def select3(mask, a, b):
+    """Lanes of a where the mask is set, of b where it is not."""
+    return Vec3(select(mask, a.x, b.x), select(mask, a.y, b.y), select(mask, a.z, b.z))
 
 
 @inlined

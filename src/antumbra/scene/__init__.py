@@ -18,6 +18,8 @@
 - `materials`: materials, textures and colours
 - `appearance`: textures, vertex colours and shading normals per face corner
 - `alpha_masks`: cut-out faces
+- `raster`: the cells of a horizontal raster
+- `terrain`: the triangulated surface of a raster of heights
 - `tree_crowns`: trees as closed crowns that let light pass
 - `joined_scenes`: two scenes as one
 - `crs`: coordinate reference systems

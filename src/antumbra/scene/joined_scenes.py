@@ -34,7 +34,7 @@ class JoinedSources:
 
 
 def join_data(first: MemoryData, second: MemoryData, name: str) -> MemoryData:
-    """The data of both scenes, with the CRS and the up axis of the first.
+    """The data of both scenes, with the CRS, the up axis and the raster of the first.
 
     Cut-outs and transmittances that were set stay, and so does the state after an update. If the first is a city, the
     objects of the second become city objects without semantic surfaces.
@@ -43,7 +43,7 @@ def join_data(first: MemoryData, second: MemoryData, name: str) -> MemoryData:
     notes = (*first.notes, *second.notes)
     crs = first.crs or second.crs
     data = MemoryData(JoinedSources(first.source, second.source, name), name=name, up=first.up, notes=notes, crs=crs)
-    data.city = city
+    data.city, data.raster = city, first.raster
     data.cutouts = join_cutouts([(each.cutouts, each.n_triangles) for each in (first, second)])
     return data
 

@@ -22,6 +22,7 @@ from .camera import Camera
 from .lights import Light
 from .materials import MONTHS, LightShare, Transmittance
 from .mesh import MeshInfo, ObjectInfo, Source
+from .raster import Raster
 from .scene_bounds import Survey, faces_of, frame_origin, objects_of
 from .triangles import Triangles
 
@@ -42,7 +43,7 @@ class SemanticSurface(NamedTuple):
 
 
 class CityModel(NamedTuple):
-    """The object and semantic surface of each face of a scene.
+    """The object and semantic surface of each face of a scene, from CityJSON or footprints.
 
     `Scene.objects` has the same objects in the same order.
     """
@@ -55,6 +56,7 @@ class CityModel(NamedTuple):
     types: list[str]  # type of each object, such as "BuildingPart"
     parents: list[str]  # id of the outermost object that contains each object, such as the Building; "": none
     lods: list[str]  # all levels of detail with surfaces in the file, ascending
+    attributes: dict[str, NDArray[Any]] | None = None  # of footprints: column -> a value for each of their objects
 
     def surface_types(self, faces: "ArrayLike") -> NDArray[np.str_]:
         """(...) str: the type of each face's semantic surface, such as "RoofSurface".
@@ -92,7 +94,8 @@ class SceneData(ABC):
     objects: list[ObjectInfo]
     bounds: NDArray[np.float64]  # (2, 3) float64, world
     origin: NDArray[np.float64]  # (3,) float64, world
-    city: CityModel | None = None  # of a CityJSON file
+    city: CityModel | None = None  # of a CityJSON file, or of footprints
+    raster: Raster | None = None  # the cells of the raster of heights that is the scene or its ground
     crs: str | None = None  # coordinate reference system of the world coordinates, such as "EPSG:7415"
     moved: Triangles | None = (
         None  # the triangles of the latest `update`, as `triangles` returns them; None: none so far

@@ -16,8 +16,10 @@ from ..scene.camera import Camera
 from ..scene.instance_data import InstanceData
 from ..scene.lights import Light
 from ..scene.mesh import Source
+from ..scene.raster import Raster
 from ..scene.scene_bounds import frame_origin
 from ..scene.scene_data import MemoryData, SceneData
+from ..scene.terrain import StreamedTerrain
 from .chunk_sorting import SortSettings, chunks_of, grid_over, sorted_groups
 from .staging_files import MAX_FACES, StagingFile, gather_triangles
 from .store_file import StoreData, StoreWriter, top_tree
@@ -27,6 +29,10 @@ from .system_resources import check_disk_space
 MIN_MEMORY = 384 << 20
 MAX_TRIANGLES = 2**31 - 1  # so that int32 holds their indices
 CHUNK = 65536
+
+StreamedScene = StreamedCity | StreamedTerrain
+"""Scenes whose pieces are never in memory all at once."""
+
 _GROUP = 8  # chunks sorted in memory at a time
 TRIANGLE_MEMORY = 640  # budget per triangle distributed at a time: four times the memory it takes
 _THREAD_BYTES = 64 << 20  # memory for building and writing a chunk
@@ -50,13 +56,14 @@ class _Description(TypedDict):
     name: str
     up: str
     crs: str | None
+    raster: Raster | None
     cameras: list[Camera]
     lights: list[Light]
     notes: tuple[str, ...]
 
 
 def write_store(
-    scenes: Iterable[SceneData | StreamedCity],
+    scenes: Iterable[SceneData | StreamedScene],
     path: Path,
     max_memory: int = MIN_MEMORY,
     threads: int = 1,
@@ -79,7 +86,7 @@ class _Build:
         self.seconds: dict[str, float] = {}
         self._start = self._lap = perf_counter()
 
-    def run(self, scenes: Iterable[SceneData | StreamedCity], path: Path, temporary: Path) -> BuildReport:
+    def run(self, scenes: Iterable[SceneData | StreamedScene], path: Path, temporary: Path) -> BuildReport:
         staging = StagingFile(self.folder, path.name)
         try:
             description = self._stage_scenes(scenes, staging)
@@ -92,14 +99,14 @@ class _Build:
         finally:
             staging.close()
 
-    def _stage_scenes(self, scenes: Iterable[SceneData | StreamedCity], staging: StagingFile) -> _Description:
+    def _stage_scenes(self, scenes: Iterable[SceneData | StreamedScene], staging: StagingFile) -> _Description:
         """Stage the pieces of all scenes and merge their descriptions."""
-        names, ups, systems = list[str](), set[str](), set[str]()
+        names, ups, systems, rasters = list[str](), set[str](), set[str](), set[Raster]()
         cameras, lights, notes = list[Camera](), list[Light](), list[str]()
         for scene in scenes:
             if isinstance(scene, StoreData):
                 raise scene.refusal()
-            if not isinstance(scene, MemoryData | InstanceData | StreamedCity):
+            if not isinstance(scene, MemoryData | InstanceData | StreamedScene):
                 raise InputError(f"a scene is {type(scene).__name__}; it must be a Scene, as returned by antumbra.load")
             check_disk_space(
                 self.folder, staging.survey.file, staging.survey.n_triangles + scene.n_triangles, staging.size
@@ -109,6 +116,8 @@ class _Build:
             ups.add(scene.up)
             if (crs := getattr(scene, "crs", None)) is not None:  # a streamed city has none
                 systems.add(crs)
+            if (raster := getattr(scene, "raster", None)) is not None:
+                rasters.add(raster)
             cameras += scene.source.cameras(0.0)
             lights += scene.source.lights(0.0)
             notes += scene.notes
@@ -126,9 +135,11 @@ class _Build:
         if staging.survey.n_triangles > MAX_TRIANGLES:
             raise InputError(f"{staging.survey.n_triangles} triangles; a store holds at most {MAX_TRIANGLES}")
         crs = systems.pop() if systems else None
+        raster = rasters.pop() if len(rasters) == 1 else None
         return _Description(
-            name=" + ".join(names), up=ups.pop(), crs=crs, cameras=cameras, lights=lights, notes=tuple(notes)
-        )
+            name=" + ".join(names), up=ups.pop(), crs=crs, raster=raster, cameras=cameras, lights=lights,
+            notes=tuple(notes),
+        )  # fmt: skip
 
     def _stage(self, source: Source, staging: StagingFile) -> None:
         with closing(source.pieces(0.0)) as pieces:  # other processes may be generating them

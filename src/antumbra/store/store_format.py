@@ -24,6 +24,7 @@ from ..scene import lights as lights_module
 from ..scene.camera import Camera
 from ..scene.light_lists import DirectionalLights, PointLights
 from ..scene.lights import Light
+from ..scene.raster import Raster
 
 # --- File layout ------------------------------------------------------------------------------------------------------
 
@@ -140,13 +141,15 @@ class StoreMeta(NamedTuple):
     notes: tuple[str, ...]  # notes of the loaders that read the source files
     built: dict[str, Any]  # the settings of the build
     crs: str | None = None  # of the world coordinates
+    raster: Raster | None = None  # the cells of the raster of heights in the store
 
 
 def meta_to_json(meta: StoreMeta) -> bytes:
     """The metadata as JSON."""
     record = meta._asdict()
-    if meta.crs is None:
-        del record["crs"]  # so that earlier versions read the store
+    for name in ("crs", "raster"):
+        if record[name] is None:
+            del record[name]  # so that earlier versions read the store
     record["bounds"], record["origin"], record["box"] = (_plain(a) for a in (meta.bounds, meta.origin, meta.box))
     record["cameras"] = [{name: _plain(getattr(c, name)) for name in _CAMERA} for c in meta.cameras]
     record["lights"] = [_light_fields(light) for light in meta.lights]
@@ -161,6 +164,8 @@ def meta_from_json(data: bytes) -> StoreMeta:
     record["cameras"] = [Camera(**values) for values in record["cameras"]]
     record["lights"] = [_light(values) for values in record["lights"]]
     record["notes"] = tuple(record["notes"])
+    if "raster" in record:
+        record["raster"] = Raster(*record["raster"])
     return StoreMeta(**record)
 
 

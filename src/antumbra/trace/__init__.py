@@ -4,6 +4,7 @@
 - `packets/`: packets of 16 rays
 - `rays/`: single rays, and ray lists over the eight-wide BVH
 - `primary/`: camera rays
+- `terrain_rays`: shadow rays over rasters of heights, whose triangles are not stored
 - `tile`: queries as tiles of 16 receivers and chunks of 16 samples
 - `light_table`: light samples in strata
 - `shafts`: shafts, beams and segments of a tile against boxes

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.nodes import middle_and_half
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import F32x16, inlined, kernel
 from ..kernels.simd import (
     absolute,
     bits,
@@ -17,15 +17,14 @@ from ..kernels.simd import (
     iota16,
     load16,
     lowest_bit,
-    maximum,
+    mask_from_bits16,
     popcount,
     put,
     select,
     splat16,
     store,
 )
-from ..kernels.vec3 import Vec3, get3
-from ..query.receivers import FREE
+from ..kernels.vec3 import Vec3, get3, largest, rows, select3, splats, subtract3
 from .counters import BELOW_HORIZON, RAYS, count
 from .light_table import ALL_GROUPS
 from .tile import place_of
@@ -34,7 +33,6 @@ from .triangle_tests import defer, triangle_in
 _F = np.float32
 _U = _F(64 * 2.0**-24)
 _TINY = _F(1e-37)
-PLANES = 8 * 16  # float32 of scratch memory
 
 
 class SurfacePlane(NamedTuple):
@@ -63,52 +61,63 @@ def _plane_at(chunk, at, is_free):
     return SurfacePlane(get3(chunk.query.origins, 3 * at, 1), n, abs(n.x) + abs(n.y) + abs(n.z))
 
 
-@inlined
-def _put_plane(planes, lane, p):
-    """Write a plane to a lane of the rows."""
-    for k in range(3):
-        put(planes, 16 * k + lane, p.point[k])
-        put(planes, 48 + 16 * k + lane, p.normal[k])
-    put(planes, 112 + lane, p.size)
+class SurfacePlanes(NamedTuple):
+    """The planes of 16 receivers; f32x16."""
+
+    point: Vec3
+    normal: Vec3
+    size: F32x16
 
 
 @inlined
-def _put_everywhere(planes, p):
-    """Write a plane to all lanes."""
-    for k in range(3):
-        store(planes, 16 * k, splat16(p.point[k]))
-        store(planes, 48 + 16 * k, splat16(p.normal[k]))
-    store(planes, 112, splat16(p.size))
-
-
-@kernel
-def _gather_planes(chunk, y0, x0, valid, tile, planes):
-    """Write the rows of `planes`: a point on each receiver's plane (3), normal (3), visible side, and `size`."""
-    first = get(tile.faces, lowest_bit(valid))
-    together = first >= 0 and bits(load16(tile.faces, 0) == first) & valid == valid
-    if together:
-        face = get(chunk.query.faces, place_of(chunk, y0, x0, lowest_bit(valid)))
-        _put_everywhere(planes, _plane_of_face(chunk.query.corners, face))
-    lanes = valid
-    while lanes != 0:
-        lane = lowest_bit(lanes)
-        lanes &= lanes - 1
-        at = place_of(chunk, y0, x0, lane)
-        side, face = get(chunk.query.sides, at), get(chunk.query.faces, at)
-        put(planes, 96 + lane, _F(0.0) if side == FREE else _F(side))
-        if not together:
-            plane = _plane_of_face(chunk.query.corners, face) if face >= 0 else _plane_at(chunk, at, side == FREE)
-            _put_plane(planes, lane, plane)
+def _everywhere(p):
+    """`SurfacePlanes` with one plane in all lanes."""
+    return SurfacePlanes(splats(p.point), splats(p.normal), splat16(p.size))
 
 
 @inlined
-def _height(planes, lx, ly, lz):
-    """(height of light points above the lanes' planes on the visible side, error bound of the height)."""
-    ax, ay, az = lx - load16(planes, 0), ly - load16(planes, 16), lz - load16(planes, 32)
-    h = load16(planes, 48) * ax + load16(planes, 64) * ay + load16(planes, 80) * az
-    reach = maximum(maximum(absolute(ax), absolute(ay)), absolute(az))
-    error = load16(planes, 112) * reach * _U  # in this order, the bound is infinite wherever the height could overflow
-    return h * load16(planes, 96), error + _TINY * (reach + _F(1.0))
+def _with_plane(planes, lanes, p):
+    """`SurfacePlanes` with another plane in some lanes (bits)."""
+    there = mask_from_bits16(lanes)
+    return SurfacePlanes(
+        select3(there, splats(p.point), planes.point),
+        select3(there, splats(p.normal), planes.normal),
+        select(there, splat16(p.size), planes.size),
+    )
+
+
+@inlined
+def _plane_of_receiver(chunk, y0, x0, lane, is_free):
+    """The `SurfacePlane` of the receiver in a lane."""
+    at = place_of(chunk, y0, x0, lane)
+    face = get(chunk.query.faces, at)
+    return _plane_of_face(chunk.query.corners, face) if face >= 0 else _plane_at(chunk, at, is_free)
+
+
+@inlined
+def _planes_of_receivers(chunk, y0, x0, valid, tile):
+    """The `SurfacePlanes` of the `valid` receivers (bits). Each triangle's plane is computed once."""
+    first, faces, sided = lowest_bit(valid), load16(tile.faces, 0), bits(load16(tile.sides, 0) != _F(0.0))
+    planes = _everywhere(_plane_of_receiver(chunk, y0, x0, first, sided >> first & 1 == 0))
+    face = get(tile.faces, first)
+    remaining = valid & ~(bits(faces == face) if face >= 0 else 1 << first)
+    while remaining != 0:
+        lane = lowest_bit(remaining)
+        face = get(tile.faces, lane)
+        lanes = bits(faces == face) if face >= 0 else 1 << lane
+        remaining &= ~lanes
+        planes = _with_plane(planes, lanes, _plane_of_receiver(chunk, y0, x0, lane, sided >> lane & 1 == 0))
+    return planes
+
+
+@inlined
+def _height(planes, sides, l):
+    """(height of light points l above the lanes' planes on the visible side, error bound of the height)."""
+    a = subtract3(l, planes.point)
+    h = planes.normal.x * a.x + planes.normal.y * a.y + planes.normal.z * a.z
+    reach = largest(a)
+    error = planes.size * reach * _U  # in this order, the bound is infinite wherever the height could overflow
+    return h * sides, error + _TINY * (reach + _F(1.0))
 
 
 @inlined
@@ -117,35 +126,35 @@ def _whole_light(tile, k):
 
 
 @inlined
-def _by_whole_light(tile, planes, sided):
+def _by_whole_light(tile, planes, sides, sided):
     """(receivers in `sided` with all samples surely below their plane, those to be tested sample by sample); bits."""
     lx, rx = _whole_light(tile, 0)
     ly, ry = _whole_light(tile, 1)
     lz, rz = _whole_light(tile, 2)
-    h, error = _height(planes, splat16(lx), splat16(ly), splat16(lz))
-    reach = absolute(load16(planes, 48)) * rx + absolute(load16(planes, 64)) * ry + absolute(load16(planes, 80)) * rz
-    far = reach * _F(1.0001) + error + load16(planes, 112) * (_U * (rx + ry + rz))
+    h, error = _height(planes, sides, Vec3(splat16(lx), splat16(ly), splat16(lz)))
+    n = planes.normal
+    reach = absolute(n.x) * rx + absolute(n.y) * ry + absolute(n.z) * rz
+    far = reach * _F(1.0001) + error + planes.size * (_U * (rx + ry + rz))
     under = bits(h < -far) & sided
     return under, sided & ~under & ~bits(h > far)
 
 
 @kernel
-def apply_horizon(chunk, y0, x0, valid, tile, planes, deferred, counters):
+def apply_horizon(chunk, y0, x0, valid, tile, deferred, counters):
     """Initialise `dead`: a receiver's own surface blocks the segments to samples that are not above it.
 
     Defer the tests that float32 cannot decide.
     """
     count(counters, RAYS, chunk.n_samples * popcount(valid))
-    _gather_planes(chunk, y0, x0, valid, tile, planes)
-    under, crossing = _by_whole_light(tile, planes, bits(load16(planes, 96) != _F(0.0)) & valid)
+    planes, sides = _planes_of_receivers(chunk, y0, x0, valid, tile), load16(tile.sides, 0)
+    under, crossing = _by_whole_light(tile, planes, sides, bits(sides != _F(0.0)) & valid)
     has_sample = iota16() < splat16(np.int32(chunk.n_samples))
     store(tile.dead, 0, select(has_sample, splat16(np.int32(under)), splat16(np.int32(-1))))
     count(counters, BELOW_HORIZON, chunk.n_samples * popcount(under))
     if crossing == 0:
         return
     for s in range(chunk.n_samples):
-        at = s * 48
-        h, error = _height(planes, load16(tile.points, at), load16(tile.points, at + 16), load16(tile.points, at + 32))
+        h, error = _height(planes, sides, rows(tile.points, s * 48, 16))
         below = bits(h < -error) & crossing
         defer(deferred, -1, tile.number << 8 | s << 4, 1, crossing & ~below & ~bits(h > error))
         count(counters, BELOW_HORIZON, popcount(below))

@@ -17,7 +17,11 @@ from ..kernels.simd import (
     bits,
     broadcast16,
     get,
+    iota16,
+    join,
+    load4,
     load16,
+    load16x3,
     lowest_bit,
     mask_from_bits16,
     prefetch,
@@ -27,12 +31,14 @@ from ..kernels.simd import (
     reduce_max,
     reduce_min,
     select,
+    splat4,
     splat16,
+    stack_f32,
     stack_f64,
     store,
     to_f32,
 )
-from ..query.receivers import NOTHING
+from ..query.receivers import FREE, NOTHING
 from ..query.shadow_query import QueryPointers, ShadowQuery, patch_of, query_pointers
 from .light_table import ALL_GROUPS, GROUPS, POINTS, STRATA, TARGETS, bound_strata, bound_targets, is_fixed
 from .shafts import BEAM_FLOATS, INVERSE_FLOATS, SHAFT_FLOATS
@@ -111,7 +117,8 @@ def place_of(chunk, y0, x0, lane):
 # --- The tile ---------------------------------------------------------------------------------------------------------
 
 
-_INFO, _FACES, _DEAD, _SHAFTS = 48, 64, 80, 96
+_FACES, _SIDES, _INFO, _DEAD, _SHAFTS = 48, 64, 80, 96, 112
+RECEIVER_FLOATS = 80  # float32 of a tile's receivers, at its beginning: origins, faces and sides
 _BEAMS = _SHAFTS + SHAFT_FLOATS
 _SAMPLES = _BEAMS + BEAM_FLOATS  # offset of the light samples
 _INVERSES = _SAMPLES + 2 * POINTS + GROUPS + TARGETS
@@ -126,6 +133,7 @@ class Tile(NamedTuple):
     origins: F32Ptr  # float32: x, y, z of 16 receivers; lanes without a receiver repeat another one
     info: F32Ptr  # float32: 0..2 centre, 3..5 half extents, 6..8, 9..11 corners of the receivers' box; 12: see `shafts`
     faces: I32Ptr  # int32: the receivers' own triangles, by the trees' indices
+    sides: F32Ptr  # float32: their visible sides, 1 or -1; 0: a point in free space
     dead: I32Ptr  # int32, one per stratum: bits of receivers whose segment is blocked; all bits if it has no sample
     shafts: F32Ptr  # float32, see `shafts`, like the beams
     beams: F32Ptr  # float32
@@ -154,9 +162,26 @@ def tile_at(scratch, g, chunk):
             chunk.by_lane,
         )
     return Tile(
-        np.int64(g), memory, ptr_at(memory, _INFO), as_i32(ptr_at(memory, _FACES)), as_i32(ptr_at(memory, _DEAD)),
-        ptr_at(memory, _SHAFTS), ptr_at(memory, _BEAMS), points, groups, targets, by_lane, ptr_at(memory, _INVERSES),
+        np.int64(g), memory, ptr_at(memory, _INFO), as_i32(ptr_at(memory, _FACES)), ptr_at(memory, _SIDES),
+        as_i32(ptr_at(memory, _DEAD)), ptr_at(memory, _SHAFTS), ptr_at(memory, _BEAMS), points, groups, targets,
+        by_lane, ptr_at(memory, _INVERSES),
     )  # fmt: skip
+
+
+@inlined
+def with_receivers_at(tile, memory):
+    """The tile with its receivers in other memory, RECEIVER_FLOATS float32."""
+    return Tile(
+        tile.number, memory, tile.info, as_i32(ptr_at(memory, _FACES)), ptr_at(memory, _SIDES), tile.dead, tile.shafts,
+        tile.beams, tile.points, tile.groups, tile.targets, tile.by_lane, tile.inverses,
+    )  # fmt: skip
+
+
+@inlined
+def copy_receivers(memory, tile):
+    """Copy receivers from `memory`, RECEIVER_FLOATS float32, to a tile."""
+    for at in range(0, RECEIVER_FLOATS, 16):
+        store(tile.origins, at, load16(memory, at))
 
 
 @inlined
@@ -176,19 +201,69 @@ def fetch_receivers(chunk, y0, x0):
         prefetch(chunk.query.origins, at * 3 + 11)
 
 
+@inlined
+def _quarters(chunk, y0, x0):
+    """Indices of the receivers in lanes 0, 4, 8 and 12 of a tile, each followed by those of the next three lanes."""
+    return (
+        place_of(chunk, y0, x0, 0),
+        place_of(chunk, y0, x0, 4),
+        place_of(chunk, y0, x0, 8),
+        place_of(chunk, y0, x0, 12),
+    )
+
+
+@inlined
+def _bytes_at(p, at):
+    """Four bytes as an int32, in 4 lanes."""
+    return splat4(get(as_i32(ptr_at(p, at)), 0))
+
+
+@inlined
+def _sides_at(p, at):
+    """The sides of 16 receivers in `_quarters`, i32x16."""
+    a, b, c, d = at
+    words = join(join(_bytes_at(p, a), _bytes_at(p, b)), join(_bytes_at(p, c), _bytes_at(p, d)))
+    left = (splat16(np.int32(3)) - (iota16() & splat16(np.int32(3)))) << splat16(np.int32(3))
+    return (words << left) >> splat16(np.int32(24))  # byte i of each word, with its sign
+
+
+@kernel
+def _load_full(chunk, y0, x0, tile):
+    """`load_receivers` of a tile that lies entirely within the picture."""
+    query, rows_of_three, (a, b, c, d) = chunk.query, stack_f32(48), _quarters(chunk, y0, x0)
+    for k in range(0, 12, 4):
+        store(rows_of_three, k, load4(query.origins, 3 * a + k))
+        store(rows_of_three, 12 + k, load4(query.origins, 3 * b + k))
+        store(rows_of_three, 24 + k, load4(query.origins, 3 * c + k))
+        store(rows_of_three, 36 + k, load4(query.origins, 3 * d + k))
+    x, y, z = load16x3(rows_of_three, 0)
+    store(tile.origins, 0, x)
+    store(tile.origins, 16, y)
+    store(tile.origins, 32, z)
+    ids = join(join(load4(query.ids, a), load4(query.ids, b)), join(load4(query.ids, c), load4(query.ids, d)))
+    sides = _sides_at(query.sides, (a, b, c, d))
+    store(tile.faces, 0, ids)
+    store(tile.sides, 0, select(sides == np.int32(FREE), splat16(_F(0.0)), to_f32(sides)))
+    return bits(sides != np.int32(NOTHING))
+
+
 @kernel
 def load_receivers(chunk, y0, x0, tile):
-    """Fill origins and faces. Return bits of the lanes with a receiver."""
+    """Fill origins, faces and sides. Return bits of the lanes with a receiver; the other lanes may hold any values."""
+    if y0 + chunk.shape.height <= chunk.query.h and x0 + chunk.shape.width <= chunk.query.w:
+        return _load_full(chunk, y0, x0, tile)
     valid, lane = 0, 0
     for y in range(y0, y0 + chunk.shape.height):
         for x in range(x0, x0 + chunk.shape.width):
             at = y * chunk.query.w + x
             if y < chunk.query.h and x < chunk.query.w and get(chunk.query.sides, at) != NOTHING:
                 valid |= 1 << lane
+                side = get(chunk.query.sides, at)
                 put(tile.origins, lane, get(chunk.query.origins, at * 3))
                 put(tile.origins, 16 + lane, get(chunk.query.origins, at * 3 + 1))
                 put(tile.origins, 32 + lane, get(chunk.query.origins, at * 3 + 2))
                 put(tile.faces, lane, get(chunk.query.ids, at))
+                put(tile.sides, lane, _F(0.0) if side == FREE else _F(side))
             lane += 1
     return valid
 

@@ -32,7 +32,21 @@ from ..kernels.simd import (
     splat16,
     store,
 )
-from ..kernels.vec3 import Vec3, broadcasts, cross, crosses, dot, dots, get3, largest, rows, store3, subtract3, total
+from ..kernels.vec3 import (
+    Vec3,
+    broadcasts,
+    cross,
+    crosses,
+    dot,
+    dots,
+    get3,
+    largest,
+    rows,
+    splats,
+    store3,
+    subtract3,
+    total,
+)
 from ..query.shadow_query import horizon_of, is_above
 from .counters import TRIANGLE_TESTS, UNCERTAIN, count
 from .rays.ray_traversal import settle
@@ -91,12 +105,6 @@ def triangle_in(corners, slot):
     k = slot * 9
     v = get3(corners, k, 1)
     return triangle_along(v, subtract3(get3(corners, k + 3, 1), v), subtract3(get3(corners, k + 6, 1), v))
-
-
-@inlined
-def splats(v):
-    """Three scalars, each in all lanes."""
-    return Vec3(splat16(v.x), splat16(v.y), splat16(v.z))
 
 
 @inlined

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import as_array, points
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike, scene_of
+from ...engine.terrain_shadows import terrain_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...picture.option_fields import with_keywords
@@ -230,8 +231,12 @@ def _eyes(scene: AnyScene, observers: ArrayLike, options: ViewshedOptions) -> ND
         raise InputError("there is no observer; give at least one")
     up = "xyz".index(scene.up)
     if options.on_surface:
-        tops, faces = on_top(scene, eyes, scene.clamped(options.time), thread_count(options.threads))
-        eyes[:, up] = np.where(faces >= 0, tops, eyes[:, up])
+        if (surface := terrain_of(scene.data)) is not None:
+            tops = surface.at_cells(*surface.grid.cells_of(eyes[:, :2]).T)
+        else:
+            tops, faces = on_top(scene, eyes, scene.clamped(options.time), thread_count(options.threads))
+            tops = np.where(faces >= 0, tops, np.nan)
+        eyes[:, up] = np.where(np.isnan(tops), eyes[:, up], tops)
     eyes[:, up] += options.eye_height
     return eyes
 

@@ -354,7 +354,7 @@ def _light_of(query: SunQuery, which: np.ndarray) -> SunLight:
         occluded = traced.bits[0]
         bits.view(np.uint16)[:, batch] = occluded.view(np.uint16)[:, : len(batch)]  # a bundle is a word of 16 bits
         if passing is not _WHOLE:
-            passing[:, places] = _arriving_shares(traced)
+            passing[:, places] = arriving_shares(traced)
     return SunLight(bits, passing)
 
 
@@ -366,7 +366,7 @@ def _batches(seasons: np.ndarray, bundles: np.ndarray) -> Iterator[tuple[int | N
             yield (None if season == NO_DATE else int(season)), batch
 
 
-def _arriving_shares(traced: TracedQuery) -> NDArray[np.float32]:
+def arriving_shares(traced: TracedQuery) -> NDArray[np.float32]:
     """(n, samples) float32: the share of the light of each sample that arrives, a mean over its channels."""
     bits = np.ascontiguousarray(traced.bits[0]).view(np.uint8)
     shares = np.unpackbits(bits, axis=1, count=traced.spp, bitorder="little") == 0

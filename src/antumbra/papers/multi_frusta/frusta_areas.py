@@ -75,7 +75,6 @@ class SampleScratch(NamedTuple):
     words: I32Ptr  # int32, 32: for transpositions
     parts: I32Ptr  # int32, rows of 16: bits of the rays of each frustum in each part
     deferred: I32Ptr  # int32, see `triangle_tests.deferred_ints`
-    planes: F32Ptr  # float32, for `horizon`
 
 
 @inlined
@@ -102,7 +101,7 @@ def start_area(chunk, y0, x0, area, scratch, counters):
             bound_receivers(tile, valid)
             if not chunk.fixed:
                 move_light(chunk, y, x, valid, tile)
-            apply_horizon(chunk, y, x, valid, tile, scratch.planes, scratch.deferred, counters)
+            apply_horizon(chunk, y, x, valid, tile, scratch.deferred, counters)
     return there
 
 

@@ -38,7 +38,19 @@ from ...kernels.simd import (
     stack_i64,
     store,
 )
-from ...kernels.vec3 import Vec3, abs_dot, crosses, dot, get3, largest, middles_and_halves, rows, store3, subtract3
+from ...kernels.vec3 import (
+    Vec3,
+    abs_dot,
+    crosses,
+    dot,
+    get3,
+    largest,
+    middles_and_halves,
+    rows,
+    splats,
+    store3,
+    subtract3,
+)
 from ...query.shadow_query import ShadowQuery
 from ...trace.counters import (
     BOX_TESTS,
@@ -53,7 +65,6 @@ from ...trace.counters import (
 )
 from ...trace.descent import Shafts, after_leaf, load_saved, next_leaf, root, save, slabs_of
 from ...trace.frusta.shaft_culling import MORE, verdict
-from ...trace.horizon import PLANES
 from ...trace.packets.ray_tile import STACK, TileRun, query_chunk_in, trace_tiles
 from ...trace.shafts import box_at, segments_in_box, store_inverses
 from ...trace.tile import (
@@ -72,7 +83,6 @@ from ...trace.triangle_tests import (
     lanes_from,
     length1,
     resolve_deferred,
-    splats,
     store_lanes,
     stored_lane,
     triangle_along,
@@ -337,7 +347,7 @@ def _is_first(n, shape):
 @kernel
 def _trace_areas(ticket, arrays, query, samples, job, out, counters, by_tile):
     """Worker: trace areas."""
-    tiles, numbers, planes = stack_f32(_TILE_MEMORY), stack_f32(_FLOATS), stack_f32(PLANES)
+    tiles, numbers = stack_f32(_TILE_MEMORY), stack_f32(_FLOATS)
     ints, deferred = stack_i32(_INTS), stack_i32(_DEFERRED_INTS)
     tree, totals = block_pointers(arrays), cleared(stack_i64(N_COUNTERS))
     chunk, places = query_chunk_in(query, samples, job), ptr(out)
@@ -345,7 +355,7 @@ def _trace_areas(ticket, arrays, query, samples, job, out, counters, by_tile):
     bounds, work = ptr_at(numbers, 2 * 768), ptr_at(numbers, 2 * 768 + _BOUNDS)
     frusta = SampleFrusta(numbers, ptr_at(numbers, 768), ptr_at(ints, 64), ptr_at(ints, 48), bounds, work, chunk.fixed)
     scratch = SampleScratch(
-        ptr_at(ints, _STACK_AT), ptr_at(ints, 352), ptr_at(ints, 320), ptr_at(ints, _PARTS_AT), deferred, planes
+        ptr_at(ints, _STACK_AT), ptr_at(ints, 352), ptr_at(ints, 320), ptr_at(ints, _PARTS_AT), deferred
     )
     for n in items(ticket):
         if not _is_first(n, job.shape):

@@ -1,8 +1,8 @@
 """Bundles: up to 16 tiles whose shafts traverse the trees of a tree list together, and their block tests.
 
 The 16 lanes of a bundle are groups of strata of its tiles, or the strata of a tile group. Each thread has scratch
-memory for one bundle. A block is prefetched when the traversal reaches it and tested when it reaches the next one.
-Blocks that recently blocked all segments of a lane are tested first.
+memory for one bundle. The box of a block is prefetched when the traversal reaches it, and the block is tested when it
+reaches the next one. Blocks that recently blocked all segments of a lane are tested first.
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from ..light_table import ALL_GROUPS, STRATA
 from ..shafts import ensure_shafts
 from ..tile import TILE_FLOATS, QueryChunk, finished_strata, tile_at
 from ..tree_list import TREE, list_of, tree_in, walk_tree, walk_tree_list
-from ..triangle_tests import DEFERRED, deferred_ints, fetch, resolve_deferred
+from ..triangle_tests import DEFERRED, deferred_ints, resolve_deferred
 from .shaft_culling import trace_block
 from .tile_clusters import MAX_TILES
 from .tile_group import (
@@ -67,7 +67,6 @@ class Scratch(NamedTuple):
     valid: I32Ptr  # int32: bits of each tile's receivers
     parts: I32Ptr  # int32, see `tile_clusters.TileParts`
     places: I32Ptr  # int32: y and x of each tile's first pixel
-    planes: F32Ptr  # float32, for `horizon`
     at: I32Ptr  # int32: a traversal saved by `descent.save`, then the data at TREE, WAITING and BLOCKERS
     deferred: I32Ptr  # int32, see `triangle_tests.deferred_ints`
     trials: F32Ptr  # float32, see `tile_clusters.choose_group`
@@ -245,7 +244,7 @@ def _record_blocker(scratch, link):
 
 @inlined
 def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
-    """`walk_tree` of a bundle. A block is prefetched when it is reached, and tested when the next one is reached.
+    """`walk_tree` of a bundle. A block is tested when the next one is reached; before, its box is prefetched.
 
     Blocks that blocked all segments of a lane of earlier bundles are tested first.
     """
@@ -260,7 +259,6 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
             at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
             if at.mask != 0:
                 prefetch(tree.bounds, bounds_at(block_leaf(at.link).block))
-                fetch(tree, at.link)
         if mask & alive != 0:
             if get(scratch.deferred, 0) > DEFERRED:
                 put(scratch.at, WAITING, link)

@@ -16,7 +16,7 @@ from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import is_list
 from ..counters import N_COUNTERS, TILE_GROUP_TILES, add_counters, cleared, count, new_counters
-from ..horizon import PLANES, apply_horizon
+from ..horizon import apply_horizon
 from ..light_table import STRATA, light_table
 from ..packets.packet16 import over_pixels, over_samples
 from ..packets.ray_tile import extents_of, is_far, is_huge, is_incoherent
@@ -89,7 +89,7 @@ def _start_tile(chunk, g, scratch, fresh, known, counters):
     if not chunk.fixed:
         move_light(chunk, y0, x0, valid, tile)
     if fresh:
-        apply_horizon(chunk, y0, x0, valid, tile, scratch.planes, scratch.deferred, counters)
+        apply_horizon(chunk, y0, x0, valid, tile, scratch.deferred, counters)
     else:
         read_bits(chunk, y0, x0, valid, tile, known)
     if finished_strata(tile, valid) == 0xFFFF:
@@ -167,8 +167,8 @@ def _trace_areas(ticket, arrays, query, table, shape, layout, regions, k, n_samp
     # In: query, table, shape, layout, regions, k, n_samples. Out: out, counters.
     scratch = Scratch(
         stack_f32(TILES), stack_f32(LANES), stack_f32(WORK), stack_f32(TILE_GROUP_FLOATS), stack_i32(STACK),
-        stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(PARTS_INTS), stack_i32(PLACES), stack_f32(PLANES),
-        stack_i32(AT), stack_i32(DEFERRED_INTS), stack_f32(TRIAL_FLOATS),
+        stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(PARTS_INTS), stack_i32(PLACES), stack_i32(AT),
+        stack_i32(DEFERRED_INTS), stack_f32(TRIAL_FLOATS),
     )  # fmt: skip
     tree_list, mine = tree_list_pointers(arrays), cleared(stack_i64(N_COUNTERS))
     chunk, places = query_chunk_of(query, table, shape, k, n_samples), ptr(out)

@@ -63,7 +63,7 @@ from ...kernels.simd import (
     splat16,
     store,
 )
-from ...kernels.vec3 import Vec3, abs_dot, add3, broadcasts, cross, dot, largest, rows, store3, subtract3
+from ...kernels.vec3 import Vec3, abs_dot, add3, broadcasts, cross, dot, largest, rows, splats, store3, subtract3
 from ..counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
 from ..light_table import group_of
 from ..shafts import (
@@ -93,7 +93,6 @@ from ..triangle_tests import (
     error_bounds,
     numbers_of,
     slot_of,
-    splats,
     store_lanes,
     stored_lane,
 )

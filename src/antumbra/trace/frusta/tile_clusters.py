@@ -19,7 +19,6 @@ import numpy as np
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.simd import (
     as_f32,
-    as_i32,
     broadcast16,
     gather,
     get,
@@ -38,10 +37,18 @@ from ...kernels.simd import (
     stack_i32,
     store,
 )
-from ...kernels.vec3 import rows, store3
 from ..counters import COVERED, GROUP_STRATA, NODES, TILE_GROUP_TILES, TRIANGLE_TESTS, TRIANGLES
 from ..light_table import ALL_GROUPS
-from ..tile import Tile, TileShape, coherent_part, fetch_receivers, load_receivers, tile_at
+from ..tile import (
+    RECEIVER_FLOATS,
+    TileShape,
+    coherent_part,
+    copy_receivers,
+    fetch_receivers,
+    load_receivers,
+    tile_at,
+    with_receivers_at,
+)
 
 # --- Regions of 16 tiles ----------------------------------------------------------------------------------------------
 
@@ -107,7 +114,7 @@ _ROW = _MOST + 16  # length of a row: a vector may extend beyond the last part
 _AHEAD = 8  # prefetch distance of receivers, in tiles
 _FEW = 4  # so few parts are not sorted
 _UNLISTED, _TILES, _LANES, _ORDER, _SORTED, _KEYS, _RANKS, _PLACES, _RECEIVERS = (i * _ROW for i in (*range(8), 10))
-PARTS_INTS = _RECEIVERS + 64 * REGIONS * MAX_TILES
+PARTS_INTS = _RECEIVERS + RECEIVER_FLOATS * REGIONS * MAX_TILES
 _PLACE_BITS = 255  # at least _MOST - 1
 
 
@@ -122,7 +129,7 @@ class TileParts(NamedTuple):
     keys: I32Ptr  # int32: its keys
     ranks: I32Ptr  # int32: its ranks
     places: F32Ptr  # float32, rows x, y, z: one receiver of each part
-    receivers: F32Ptr  # float32, 64 per tile: x, y, z, and own triangles of its 16 receivers
+    receivers: F32Ptr  # float32, RECEIVER_FLOATS per tile
 
 
 @inlined
@@ -156,13 +163,9 @@ def _place_in(chunk, layout, y, x, g):
 
 
 @inlined
-def _tile_of(parts, g, t):
-    """`Tile` t with the receivers of tile g of the area."""
-    memory = ptr_at(parts.receivers, 64 * g)
-    return Tile(
-        t.number, memory, t.info, as_i32(ptr_at(memory, 48)), t.dead, t.shafts, t.beams, t.points, t.groups, t.targets,
-        t.by_lane, t.inverses,
-    )  # fmt: skip
+def _receivers_at(parts, g):
+    """Pointer to the receivers of tile g of the area."""
+    return ptr_at(parts.receivers, RECEIVER_FLOATS * g)
 
 
 @kernel
@@ -177,7 +180,7 @@ def list_parts(chunk, layout, y, x, n_tiles, tile, parts):
         remaining = get(parts.unlisted, g)
         if remaining != 0 and n < _MOST:
             y0, x0 = _place_in(chunk, layout, y, x, g)
-            receivers = _tile_of(parts, g, tile)
+            receivers = with_receivers_at(tile, _receivers_at(parts, g))
             remaining &= load_receivers(chunk, y0, x0, receivers)
             while remaining != 0 and n < _MOST:
                 part = coherent_part(receivers, remaining, chunk.light)
@@ -270,9 +273,8 @@ def load_cluster(chunk, layout, y, x, first, n, scratch):
     for g in range(n):
         k = get(parts.order, first + g)
         number, tile = get(parts.tiles, k), tile_at(scratch.tiles, g, chunk)
-        memory, (y0, x0) = ptr_at(parts.receivers, 64 * number), _place_in(chunk, layout, y, x, number)
-        store3(tile.origins, 0, 16, rows(memory, 0, 16))
-        store(tile.faces, 0, load16(as_i32(memory), 48))
+        y0, x0 = _place_in(chunk, layout, y, x, number)
+        copy_receivers(_receivers_at(parts, number), tile)
         put(scratch.valid, g, get(parts.lanes, k))
         put(scratch.places, 2 * g, y0)
         put(scratch.places, 2 * g + 1, x0)

@@ -96,8 +96,8 @@ def tile_in(tile_group, g, chunk):
     """Tile g with the tile group's shafts, which contain the tile's own shafts."""
     t = tile_at(tile_group.tiles, g, chunk)
     return Tile(
-        t.number, t.origins, tile_group.union.info, t.faces, t.dead, tile_group.union.shafts, t.beams, t.points,
-        t.groups, t.targets, t.by_lane, t.inverses,
+        t.number, t.origins, tile_group.union.info, t.faces, t.sides, t.dead, tile_group.union.shafts, t.beams,
+        t.points, t.groups, t.targets, t.by_lane, t.inverses,
     )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import AMBIENT, FIXED, is_list
 from ..counters import TRIANGLES, count, new_counters
-from ..horizon import PLANES, apply_horizon
+from ..horizon import apply_horizon
 from ..light_table import POINTS, STRATA, LightTable, light_table
 from ..tile import (
     TILE_FLOATS,
@@ -54,7 +54,7 @@ from ..triangle_tests import Block, blocks_ray, deferred_ints, resolve_deferred
 
 STACK = 4 * MAX_DEPTH
 _AT = TREE + 1
-SCRATCH_FLOATS = TILE_FLOATS + POINTS + PLANES
+SCRATCH_FLOATS = TILE_FLOATS + POINTS
 _STACK_AT = 32 + (_AT + 15) // 16 * 16  # offset of the stack, after `dead` and `pixel`, 16 int32 each, and `at`
 SCRATCH_INTS = _STACK_AT + STACK + deferred_ints(1)
 
@@ -82,7 +82,6 @@ class RayTileScratch(NamedTuple):
     tile: F32Ptr  # float32, one `Tile`
     pixel: I32Ptr  # int32, its first pixel: see `tile.first_pixel`
     origins: F32Ptr  # float32, each receiver's origin in all 16 lanes
-    planes: F32Ptr  # float32, for `horizon`
     stack: I32Ptr  # int32
     at: I32Ptr  # int32, see `descent.save`; then the number of the tree
     dead: I32Ptr  # int32, one per receiver: bits of its blocked samples
@@ -111,7 +110,6 @@ def scratch_in(floats, ints):
         floats,
         ptr_at(ints, 16),
         ptr_at(floats, TILE_FLOATS),
-        ptr_at(floats, TILE_FLOATS + POINTS),
         ptr_at(ints, _STACK_AT),
         ptr_at(ints, 32),
         ints,
@@ -153,7 +151,7 @@ def start_tile(job, chunk, n, scratch, known, counters):
         if not chunk.fixed:
             move_light(chunk, y0, x0, valid, tile)
         if job.fresh:
-            apply_horizon(chunk, y0, x0, valid, tile, scratch.planes, scratch.deferred, counters)
+            apply_horizon(chunk, y0, x0, valid, tile, scratch.deferred, counters)
         else:
             read_bits(chunk, y0, x0, valid, tile, known)
         if job.by_sample:

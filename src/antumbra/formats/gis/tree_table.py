@@ -12,13 +12,13 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import as_array, choice, is_number, number, parts_of, path_of, quoted, spelling_hint
-from ..errors import InputError
-from ..extras import import_extra
-from ..files import checked_file
-from ..scene.crs import check_horizontal_crs, checked_crs, reproject
-from ..scene.materials import MONTHS
-from ..scene.tree_crowns import SHAPES, TreeShapes
+from ...checks import as_array, choice, is_number, number, parts_of, path_of, quoted, spelling_hint, text
+from ...errors import InputError
+from ...extras import import_extra
+from ...files import checked_file
+from ...scene.crs import check_horizontal_crs, checked_crs, reproject
+from ...scene.materials import MONTHS
+from ...scene.tree_crowns import SHAPES, TreeShapes
 
 SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb", ".parquet", ".csv")
 """Suffixes of files of trees."""
@@ -245,7 +245,7 @@ def _shares(value: Any, rows: _Table) -> NDArray[np.float64]:
 
 
 def _ids(name: str | None, rows: _Table) -> list[str]:
-    if name is not None and name not in rows.columns:
+    if name is not None and text(name, "id") not in rows.columns:
         raise InputError(
             f"{rows.file}: has no column {name!r} for id; {spelling_hint(name, rows.columns)}it names trees"
         )

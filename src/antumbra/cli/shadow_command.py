@@ -1,0 +1,128 @@
+"""``antumbra shadow``: the shadow on the ground at a moment, or hours of shadow, as polygons for GIS programs."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..jobs.shadow.shadow_options import ShadowOptions
+from ..picture.option_fields import field_values
+from . import console
+from .arguments import in_memory, open_scene, parse_scene
+from .console import ProgressDisplay
+from .options import (
+    SCENE_HELP,
+    Before,
+    CrsOption,
+    DegreesOption,
+    Json,
+    NorthOption,
+    Quiet,
+    TimezoneOption,
+    UpOption,
+    arguments_of,
+    literal,
+    tables,
+    takes,
+)
+
+if TYPE_CHECKING:
+    from ..jobs.shadow.shadow_polygons import Shadow
+
+_SUFFIXES = ".gpkg", ".geojson", ".parquet", ".tif"
+_MOST_ROWS = 20  # most rows that are printed
+
+_Options: Any = arguments_of("shadow", ShadowOptions)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShadowArguments(_Options):  # type: ignore[misc] # made from the options of a shadow
+    """The command-line arguments and options, besides those derived from `ShadowOptions`."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
+    crs: Annotated[CrsOption, Before("plan")] = None
+    latitude: DegreesOption = None
+    longitude: DegreesOption = None
+    north: NorthOption = None
+    timezone: TimezoneOption = None
+    output: Annotated[list[Path] | None, tables("Output file", "--output", "-o", suffixes=_SUFFIXES)] = None
+    up: Annotated[UpOption, Before("threads")] = None
+    json: Annotated[Json, Before("")] = False
+    quiet: Quiet = False
+
+
+@takes(ShadowArguments)
+def shadow(args: ShadowArguments) -> int:
+    """Find the shadow on the ground of SCENE, as polygons.
+
+    At a moment, the shadow falls on a horizontal plane and its outline is exact. With --cell, or with --days for the
+    hours of shadow, polygons follow raster cells on the highest surfaces, whose centres are traced exactly. The
+    location comes from the file's CRS (CityJSON), --crs, or --latitude and --longitude.
+
+    \b
+    Outputs
+      .gpkg .geojson .parquet    polygons with their area; GeoJSON in WGS 84
+      .tif                       GeoTIFF of the cells
+
+    \b
+    Examples
+      antumbra shadow city.city.json --at 2026-06-21T15:00 --timezone Europe/Amsterdam -o shadow.gpkg
+      antumbra shadow city.city.json --at 2026-06-21T15:00 --by object --casters "Building*" -o shadows.parquet
+      antumbra shadow city.city.json --days 2026-03-21 --cell 0.5 --classes 0,2,4,6 -o hours.gpkg -o hours.tif
+      antumbra shadow house.glb --latitude 52 --longitude 4.36 --at 2026-12-21T12:00+01:00 -o shadow.geojson
+    """
+    spec = parse_scene(args.scene)
+
+    from ..jobs.shadow.shadow import shadow as find_shadow
+    from ..jobs.shadow.shadow_polygons import check_shadow_output
+    from ..jobs.sun.location import place_of, position_fields
+
+    names = "latitude", "longitude", "north", "timezone"
+    position = position_fields(**{name: getattr(args, name) for name in names})
+    options = ShadowOptions(**literal(args, ShadowOptions))
+    options.check_moment()
+    outputs = args.output or [Path(f"{spec.stem}-shadow.gpkg")]
+    for path in outputs:
+        check_shadow_output(path, not options.on_plane)
+    with ProgressDisplay(args.quiet) as display:
+        display.say("reading the scene")
+        scene = open_scene(spec, args.up, args.quiet, args.crs)
+        scene = in_memory(scene) if options.on_plane else scene
+        place = place_of(scene, **position)
+        start = perf_counter()
+        result = find_shadow(scene, **field_values(replace(options, place=place)))
+        seconds = perf_counter() - start
+        display.say("writing")
+        for path in outputs:
+            result.save(path)
+    _print_summary(args, result, seconds, [str(path) for path in outputs])
+    return 0
+
+
+def _print_summary(args: ShadowArguments, shadow: "Shadow", seconds: float, written: list[str]) -> None:
+    about, rows = shadow.about, {name: column.tolist() for name, column in shadow.columns.items()}
+    if args.json:
+        answer = {**about, "polygons": len(shadow.polygons), "area": shadow.area, "seconds": seconds, "files": written}
+        console.print_json(answer | ({"rows": rows} if len(shadow.polygons) <= _MOST_ROWS else {}))
+    elif not args.quiet:
+        fields = [
+            ("place", f"{about['latitude']:.4f}, {about['longitude']:.4f}; north at {about['north']:.2f} degrees")
+        ]
+        if "sun_elevation" in about:
+            sun = f"azimuth {about['sun_azimuth']:.1f}, elevation {about['sun_elevation']:.1f} degrees"
+            fields.append(("sun", f"{about['time']}: {sun}"))
+        else:
+            fields.append(("days", f"{about['days']}, {about['hours']:.1f} h of daylight"))
+        fields.append(("area", f"{shadow.area:,.1f} in {len(shadow.polygons):,} polygons"))
+        fields.append(("time", console.duration(seconds)))
+        console.print_fields(fields + [("written", path) for path in written])
+        if len(rows) > 1 and len(shadow.polygons) <= _MOST_ROWS:
+            console.print_table(
+                [name.replace("_", " ") for name in rows],
+                [
+                    [f"{cell:,.6g}" if isinstance(cell, float) else str(cell) for cell in row]
+                    for row in zip(*rows.values())
+                ],
+            )

@@ -1,0 +1,146 @@
+"""``antumbra skyline``: the elevation of the horizon that points see, by azimuth, as tables and for PVGIS."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from ..errors import InputError
+from ..jobs.skyline.skyline_options import SkylineOptions
+from ..picture.option_fields import field_values
+from . import arguments, console
+from .arguments import in_memory, open_scene
+from .console import ProgressDisplay
+from .options import (
+    SCENE_HELP,
+    Before,
+    CrsOption,
+    Json,
+    Quiet,
+    UpOption,
+    arguments_of,
+    literal,
+    tables,
+    takes,
+)
+
+if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
+    from ..jobs.sensors import Sensors
+    from ..jobs.skyline.skyline import Skyline
+
+_MOST_POINTS = 20  # most points that are printed
+_SUFFIXES = ".csv", ".json", ".npz", ".txt"
+
+_Options: Any = arguments_of("skyline", SkylineOptions)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SkylineArguments(_Options):  # type: ignore[misc] # made from the options of a skyline
+    """The command-line arguments and options, besides those derived from `SkylineOptions`."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    at: Annotated[
+        list[str] | None, typer.Option(help="A point; may be repeated.", metavar="X,Y,Z", show_default=False)
+    ] = None
+    points: Annotated[
+        str | None,
+        typer.Option(
+            help="A file of points (.csv, .parquet, .npy, .npz; with normals for points on surfaces), or "
+            "raster:SPACING, grid:SPACING, face or vertex.",
+            metavar="FILE|FORM",
+            show_default=False,
+        ),
+    ] = None
+    output: Annotated[
+        list[Path] | None, tables("Output file, .txt for PVGIS", "--output", "-o", suffixes=_SUFFIXES), Before("time")
+    ] = None
+    highest: Annotated[
+        bool, typer.Option(help="In a .txt file, the highest elevation near each azimuth instead of that along it.")
+    ] = False
+    up: Annotated[UpOption, Before("threads")] = None
+    crs: CrsOption = None
+    json: Annotated[Json, Before("")] = False
+    quiet: Quiet = False
+
+
+@takes(SkylineArguments)
+def skyline(args: SkylineArguments) -> int:
+    """Find the skyline of points in SCENE: the elevation of the horizon by azimuth.
+
+    Azimuths are degrees clockwise from true north. elevation is that along an azimuth, highest the greatest within half
+    a step on both sides, so nothing between two azimuths is missed. -90: there is nothing; 90: the point lies below
+    a roof. A .txt file is the horizon file of PVGIS for one point.
+
+    \b
+    Examples
+      antumbra skyline city.glb --at 0,1.7,8 -o skyline.csv
+      antumbra skyline city.city.json --at 85000,446500,1.6 --on-surface --eye-height 1.6 --step 7.5 -o horizon.txt
+      antumbra skyline city.city.json --points stations.csv --step 1 -o skylines.npz
+      antumbra skyline city.glb --up z --north 0.81 --points raster:10 --eye-height 1.6 -o skylines.json
+    """
+    spec = arguments.parse_scene(args.scene)
+    options = SkylineOptions(**literal(args, SkylineOptions))
+
+    from ..jobs.sensor_files import check_sensors
+    from ..jobs.skyline.skyline import check_skyline_output
+    from ..jobs.skyline.skyline import skyline as find_skylines
+
+    if args.points is not None:
+        check_sensors(args.points, "--points")
+    if (args.at is None) == (args.points is None):
+        raise InputError("there are no points, or two kinds of them; give --at X,Y,Z or --points FILE")
+    outputs = args.output or []
+    with ProgressDisplay(args.quiet) as display:
+        display.say("reading the scene")
+        opened = in_memory(open_scene(spec, args.up, args.quiet, args.crs))
+        points = _points(args, opened)
+        for path in outputs:
+            check_skyline_output(path, len(points))
+        start = perf_counter()
+        result = find_skylines(opened, points, **field_values(options))
+        seconds = perf_counter() - start
+        display.say("writing the results")
+        for path in outputs:
+            result.save(path, highest=args.highest)
+    _print_summary(args, opened.name, result, seconds)
+    return 0
+
+
+def _points(args: SkylineArguments, scene: "AnyScene") -> "Sensors":
+    from ..jobs.sensor_files import sensors_of
+    from ..jobs.sensors import point_sensors
+
+    if args.points is not None:
+        return sensors_of(args.points, scene, args.threads)
+    return point_sensors([arguments.parse_point(text, "--at") for text in args.at or []])
+
+
+def _print_summary(args: SkylineArguments, name: str, skyline: "Skyline", seconds: float) -> None:
+    outputs, factors = [str(path) for path in args.output or []], skyline.sky_view_factor()
+    rows = [
+        {
+            "point": ",".join(f"{c:.9g}" for c in point),
+            "lowest": round(float(elevation.min()), 3),
+            "highest": round(float(highest.max()), 3),
+            "towards": float(skyline.azimuth[highest.argmax()]),
+            "sky_view_factor": round(float(factor), 4),
+        }
+        for point, elevation, highest, factor in zip(
+            skyline.points[:_MOST_POINTS], skyline.elevation, skyline.highest, factors
+        )
+    ]
+    if args.json:
+        answer = {"scene": name, "points": len(skyline.points), "azimuths": len(skyline.azimuth), "seconds": seconds}
+        answer |= {"north": skyline.about["north"], "sky_view_factor": float(np.mean(factors)), "outputs": outputs}
+        console.print_json(answer | ({"skylines": rows} if len(skyline.points) <= _MOST_POINTS else {}))
+    elif not args.quiet:
+        if len(skyline.points) <= _MOST_POINTS:
+            names = [name.replace("_", " ") for name in rows[0]]
+            console.print_table(names, [[str(value) for value in row.values()] for row in rows])
+        fields = [("skylines", f"{len(skyline.points):,} points x {len(skyline.azimuth):,} azimuths")]
+        fields.append(("time", console.duration(seconds)))
+        console.print_fields(fields + [("written", path) for path in outputs])

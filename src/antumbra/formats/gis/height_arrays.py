@@ -1,0 +1,185 @@
+"""Heights from arrays with a transform, from the DataArrays of xarray and rioxarray, and from several tiles."""
+
+from collections.abc import Sequence
+from os import PathLike
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...checks import as_array, path_of, quoted
+from ...errors import InputError
+from ...scene.terrain import GridPoints, HeightGrid
+from .height_files import (
+    SUFFIXES,
+    HeightOptions,
+    check_projected,
+    checked_heights,
+    crs_of,
+    grid_of,
+    heights_of,
+    read_heights,
+    unit_scale,
+)
+
+RasterLike: TypeAlias = "str | PathLike[str] | tuple[Any, ...] | Any"
+"""A raster of heights: a path, a DataArray, or (array, transform) or (array, transform, crs)."""
+
+FORMS = "a raster file, a DataArray, (array, transform) or (array, transform, crs), or a list of these"
+
+_UNEVEN = 1e-3  # cells: coordinates of a DataArray, which may be float32, differ by less from even ones
+_BETWEEN = 1e-4  # cells: tiles whose cells differ by less coincide
+
+
+def height_grid(raster: "RasterLike | Sequence[RasterLike]", options: HeightOptions) -> tuple[HeightGrid, list[str]]:
+    """The heights of a raster or of several tiles, and notes about them.
+
+    Raises
+    ------
+    InputError
+        If a raster cannot be read, or tiles do not share a grid.
+    """
+    if isinstance(raster, list):
+        if not raster:
+            raise InputError("raster is an empty list; give at least one tile")
+        tiles, notes = zip(*(_one(each, options) for each in raster))
+        return _joined(list(tiles)), [note for each in notes for note in each]
+    return _one(raster, options)
+
+
+def _one(raster: RasterLike, options: HeightOptions) -> tuple[HeightGrid, list[str]]:
+    if isinstance(raster, (str, PathLike)):
+        return read_heights(path_of(raster, "raster"), options)
+    if isinstance(raster, tuple) and len(raster) in (2, 3):
+        return _of_array(raster[0], raster[1], raster[2] if raster[2:] else None, options)
+    if all(hasattr(raster, name) for name in ("dims", "coords", "values", "attrs")):
+        return _of_data_array(raster, options)
+    raise InputError(f"raster is {quoted(raster)}; give {FORMS}")
+
+
+# --- Arrays -----------------------------------------------------------------------------------------------------------
+
+
+def _of_array(values: Any, transform: Any, crs: Any, options: HeightOptions) -> tuple[HeightGrid, list[str]]:
+    where = "the raster"
+    if hasattr(transform, "to_gdal"):
+        transform = tuple(transform)[:6]
+    place = as_array(transform, "transform of the raster").astype(np.float64)
+    if place.shape not in ((6,), (9,), (3, 3), (2, 3)):
+        raise InputError(f"transform of the raster has shape {place.shape}; give (a, b, c, d, e, f), as rasterio does")
+    array = values if isinstance(values, np.ma.MaskedArray) else as_array(values, "heights of the raster")
+    system = crs_of(crs if options.crs is None else options.crs)
+    heights = _checked_array(array, options, unit_scale(None, system), where)
+    grid, south_up = grid_of(place.reshape(-1)[:6], len(heights), heights.shape[1], options.values_at, where)
+    check_projected(system, where, grid)
+    text = None if system is None else system.to_string()
+    heights = np.ascontiguousarray(heights[::-1] if south_up else heights)
+    return checked_heights(HeightGrid("terrain", grid, text, heights), where)
+
+
+def _checked_array(array: Any, options: HeightOptions, scale: float, where: str, offset: float = 0.0) -> NDArray[Any]:
+    """Heights, (rows, columns) float32 or float64."""
+    if array.ndim != 2 or array.dtype.kind not in "fiu":
+        raise InputError(f"{where}: heights must be numbers (rows, columns), not {array.dtype} {array.shape}")
+    scale = scale if options.z_scale is None else options.z_scale
+    single = (scale, offset) == (1.0, 0.0) and (array.dtype.itemsize <= 2 or array.dtype == np.float32)
+    return heights_of(array, options.nodata, scale, offset, np.dtype(np.float32 if single else np.float64))
+
+
+# --- DataArrays -------------------------------------------------------------------------------------------------------
+
+
+def _of_data_array(raster: Any, options: HeightOptions) -> tuple[HeightGrid, list[str]]:
+    """Heights of a DataArray, whose coordinates are those of its values."""
+    where = f"the DataArray {raster.name}" if getattr(raster, "name", None) else "the DataArray"
+    for dimension in [d for d in raster.dims if raster.sizes[d] == 1 and len(raster.dims) > 2]:
+        raster = raster.isel({dimension: 0})
+    if len(raster.dims) != 2:
+        raise InputError(f"{where}: has the dimensions {', '.join(map(str, raster.dims))}; select two, y and x")
+    y, x = (_coordinates(raster, dimension, where) for dimension in raster.dims)
+    grid = GridPoints(float(x.min()), float(y.max()), _step(x), _step(y), len(y), len(x))
+    attributes = {**getattr(raster, "encoding", {}), **raster.attrs}
+    system = _system_of(raster) if options.crs is None else crs_of(options.crs)
+    check_projected(system, where, grid)
+    nodata = attributes.get("_FillValue", attributes.get("nodata")) if options.nodata is None else options.nodata
+    if nodata is None and "rio" in dir(raster) and hasattr(raster, "rio"):
+        nodata = raster.rio.nodata
+    nodata = None if nodata is None else float(nodata)
+    scale = unit_scale(str(attributes.get("units", "")), system)
+    factor, offset = float(raster.attrs.get("scale_factor", 1.0)), float(raster.attrs.get("add_offset", 0.0))
+    scale = scale if options.z_scale is None else options.z_scale
+    options = options._replace(nodata=nodata, z_scale=factor * scale)
+    heights = _checked_array(np.asarray(raster.values), options, 1.0, where, offset * scale)
+    heights = heights[:: 1 if y[0] > y[-1] else -1, :: 1 if x[0] < x[-1] else -1]
+    text = None if system is None else system.to_string()
+    name = str(raster.name) if getattr(raster, "name", None) else "terrain"
+    return checked_heights(HeightGrid(name, grid, text, np.ascontiguousarray(heights)), where)
+
+
+def _coordinates(raster: Any, dimension: Any, where: str) -> NDArray[np.float64]:
+    """(n,) float64: the evenly spaced coordinates of a dimension."""
+    if dimension not in raster.coords:
+        raise InputError(f"{where}: has no coordinates {dimension!r}; give (array, transform, crs)")
+    values = np.asarray(raster.coords[dimension].values)
+    if values.dtype.kind not in "fiu" or len(values) < 2:
+        raise InputError(f"{where}: coordinates {dimension!r} must be at least two numbers")
+    values = values.astype(np.float64)
+    even = np.linspace(values[0], values[-1], len(values))
+    if not np.isfinite(values).all() or not np.abs(values - even).max() <= _UNEVEN * _step(values):
+        raise InputError(f"{where}: coordinates {dimension!r} are not evenly spaced; interpolate it on a regular grid")
+    return values
+
+
+def _step(values: NDArray[np.float64]) -> float:
+    return float(abs(values[-1] - values[0]) / (len(values) - 1))
+
+
+def _system_of(raster: Any) -> Any:
+    """The CRS of a DataArray: that of its grid mapping, as rioxarray and the CF conventions store it."""
+    name = raster.attrs.get("grid_mapping") or getattr(raster, "encoding", {}).get("grid_mapping") or "spatial_ref"
+    if name not in raster.coords:
+        return crs_of(raster.attrs.get("crs"))
+    attributes = raster.coords[name].attrs
+    return crs_of(attributes.get("crs_wkt") or attributes.get("spatial_ref"))
+
+
+# --- Tiles ------------------------------------------------------------------------------------------------------------
+
+
+def _joined(tiles: list[HeightGrid]) -> HeightGrid:
+    """Tiles of one grid as a single raster. Where they overlap, the first one with a height counts."""
+    first = tiles[0]
+    grid = first.grid
+    for tile in tiles[1:]:
+        if tile.crs != first.crs:
+            raise InputError(f"{tile.name}: its CRS is {tile.crs}, and that of {first.name} {first.crs}; warp one")
+        spacing = abs(tile.grid.dx - grid.dx) * tile.grid.columns + abs(tile.grid.dy - grid.dy) * tile.grid.rows
+        steps = np.array([(tile.grid.west - grid.west) / grid.dx, (grid.north - tile.grid.north) / grid.dy])
+        if spacing > _BETWEEN * grid.dx or np.abs(steps - np.round(steps)).max() > _BETWEEN:
+            raise InputError(f"{tile.name}: its cells do not continue those of {first.name}; warp one: gdalwarp -tap")
+    places = [_place_in(tile.grid, grid) for tile in tiles]
+    top, left = min(row for row, _ in places), min(column for _, column in places)
+    rows = max(row + tile.grid.rows for tile, (row, _) in zip(tiles, places)) - top
+    columns = max(column + tile.grid.columns for tile, (_, column) in zip(tiles, places)) - left
+    grid = GridPoints(grid.west + left * grid.dx, grid.north - top * grid.dy, grid.dx, grid.dy, rows, columns)
+    heights = np.full((rows, columns), np.nan, np.result_type(*(tile.heights for tile in tiles)))
+    for tile, (row, column) in zip(tiles, places):
+        part = heights[row - top :, column - left :][: tile.grid.rows, : tile.grid.columns]
+        np.copyto(part, tile.heights, where=np.isnan(part))
+    return HeightGrid(f"{first.name} and {len(tiles) - 1} more" if tiles[1:] else first.name, grid, first.crs, heights)
+
+
+def _place_in(tile: GridPoints, grid: GridPoints) -> tuple[int, int]:
+    """Row and column of a tile's first cell in the grid of another one."""
+    return round((grid.north - tile.north) / grid.dy), round((tile.west - grid.west) / grid.dx)
+
+
+def is_raster(value: Any) -> bool:
+    """Whether a value is a raster rather than a number, an array of numbers, or a column."""
+    if isinstance(value, str):
+        return value.lower().endswith(SUFFIXES)
+    return isinstance(value, (PathLike, tuple)) or hasattr(value, "coords") or _is_tiles(value)
+
+
+def _is_tiles(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(map(is_raster, value))

@@ -1,0 +1,131 @@
+"""`Shadow`: polygons with attributes, their CRS, and their files: GeoPackage, GeoJSON, GeoParquet and GeoTIFF."""
+
+import io
+import json
+import os
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...extras import import_extra
+from ...files import atomic_output, checked_output
+from ...scene.crs import checked_crs
+from ..raster_grid import Raster
+from ..result_table import Table
+
+if TYPE_CHECKING:
+    import geopandas
+
+VECTORS = {".gpkg": "GPKG", ".geojson": "GeoJSON", ".parquet": "Parquet"}
+"""Suffix -> format of files of polygons."""
+
+SUFFIXES = *VECTORS, ".tif"
+"""Suffixes of the files that `Shadow.save` writes."""
+
+_LAYER = "shadow"
+_WORLD = "EPSG:4326"  # of GeoJSON [RFC 7946]
+
+
+class Shadow(NamedTuple):
+    """Shadows as polygons with attributes, in the coordinates of the scene."""
+
+    polygons: np.ndarray  # (n,) object: shapely geometries, in easting and northing of the scene
+    columns: dict[str, np.ndarray]  # name -> (n,) attributes: "area" in square world units, and those of the job
+    about: dict[str, Any]  # metadata of the job, in JSON types, such as "time", "sun_azimuth", "sun_elevation", "crs"
+    table: Table | None  # the cells, if the shadow lies on a raster
+
+    def __repr__(self) -> str:
+        return f"Shadow({len(self.polygons)} polygons: {', '.join(self.columns)})"
+
+    @property
+    def area(self) -> float:
+        """Square world units: the sum of the polygons' areas."""
+        return float(self.columns["area"].sum())
+
+    def frame(self) -> "geopandas.GeoDataFrame":
+        """The polygons as a GeoDataFrame with the CRS of the scene.
+
+        Raises
+        ------
+        InputError
+            If geopandas is missing.
+        """
+        geopandas = import_extra("geopandas", "frame", "gis")
+        crs = self.about.get("crs")
+        frame: Any = geopandas.GeoDataFrame(
+            {**self._attributes(), **self.columns}, geometry=self.polygons, crs=None if crs is None else _plan(crs)
+        )
+        return frame
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the polygons in the format of the suffix: .gpkg, .geojson or .parquet (GeoParquet).
+
+        .tif is a GeoTIFF of the cells. GeoJSON is in WGS 84 if the CRS is known. All formats need ``antumbra[gis]``.
+
+        Raises
+        ------
+        InputError
+            If the suffix is unknown, the path cannot be written, a package is missing, or there are no cells.
+        """
+        target = check_shadow_output(path, self.table is not None)
+        suffix = target.suffix.lower()
+        if suffix == ".tif":
+            assert self.table is not None
+            self.table.save(target)
+            return
+        frame = self.frame()
+        if suffix == ".geojson" and frame.crs is not None:
+            frame = frame.to_crs(_WORLD)
+        data = io.BytesIO()  # GDAL warns of the suffixes of temporary files
+        if suffix == ".parquet":
+            frame.to_parquet(data, compression="zstd")
+        else:
+            layer = {"layer": _LAYER} if suffix == ".gpkg" else {}
+            with warnings.catch_warnings(action="ignore", category=UserWarning):  # of a missing CRS
+                import_extra("pyogrio", suffix, "gis").write_dataframe(frame, data, driver=VECTORS[suffix], **layer)
+        with atomic_output(target) as temporary:
+            temporary.write_bytes(data.getvalue())
+
+    def _attributes(self) -> dict[str, Any]:
+        """Metadata that each row repeats, since most formats have no other place for it."""
+        return {
+            name: self.about[name] for name in ("time", "sun_azimuth", "sun_elevation", "days") if name in self.about
+        }
+
+
+def check_shadow_output(path: str | os.PathLike[str], raster: bool) -> Path:
+    """The path; an InputError, before long work, unless `Shadow.save` can write to it. `raster`: with cells."""
+    target = checked_output(path, SUFFIXES)
+    suffix = target.suffix.lower()
+    if suffix == ".tif" and not raster:
+        raise InputError(f"{target.name}: a GeoTIFF needs cells; give their size as cell, such as 1, or use .gpkg")
+    packages = ["rasterio"] if suffix == ".tif" else ["geopandas", "pyarrow" if suffix == ".parquet" else "pyogrio"]
+    for package in packages:
+        import_extra(package, suffix, "gis")
+    return target
+
+
+def _plan(crs: str) -> Any:
+    """The horizontal part of a CRS, since polygons have no heights."""
+    full = import_extra("pyproj", "crs", "gis").CRS.from_user_input(checked_crs(crs))
+    return full.sub_crs_list[0] if full.is_compound else full
+
+
+def outlines(classes: NDArray[np.int16], raster: Raster) -> list[tuple[int, Any]]:
+    """(class, shapely MultiPolygon) for each class from 0 on: the outlines of cells, joined along their edges.
+
+    classes : (rows, columns) int16; negative: no polygon
+    """
+    shapely = import_extra("shapely", "shadow", "gis")
+    features = import_extra("rasterio.features", "shadow", "gis")
+    transform = import_extra("rasterio", "shadow", "gis").transform.from_origin(
+        raster.west, raster.north, raster.spacing, raster.spacing
+    )
+    parts: dict[int, list[Any]] = {}
+    for shape, value in features.shapes(classes, mask=classes >= 0, transform=transform):
+        parts.setdefault(int(value), []).append(shapely.from_geojson(json.dumps(shape)))
+    return [(value, shapely.MultiPolygon(parts[value])) for value in sorted(parts)]

@@ -1,0 +1,317 @@
+"""Shadow rays over terrain: the surface of a raster of heights, whose triangles are never stored.
+
+A pyramid holds the greatest height of each square of four vertices, and of 2 x 2, 4 x 4, ... squares. A ray that stays
+above such a height cannot meet the triangles below it. Nodes of the pyramid are visited in the order of a Z-curve that
+follows the ray: with axes turned so that the ray ascends along both, a square that the ray reaches later has a larger
+number. So a traversal needs no stack and begins at the square of the receiver.
+
+Squares are enlarged, and heights raised, by more than all rounding: that of the float32 vertices, and that of the
+float64 arithmetic. The triangles of a square that is reached are decided by the exact predicate, so the bits are those
+of every other tracer.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..kernels.exact.filters import dot, max_magnitude, meets, plane
+from ..kernels.exact.predicate import segment
+from ..kernels.jit import F32Ptr, I64Ptr, inlined, kernel
+from ..kernels.parallel import items, new_ticket, run
+from ..kernels.simd import get, ptr, put, stack_f32, stack_i64
+from ..kernels.vec3 import get3
+from ..progress import ProgressCallback
+from ..query.receivers import NOTHING
+from ..query.shadow_query import ShadowQuery, horizon_of, is_above, patch_of, query_pointers, sample_of, set_bit
+from ..scene.scene_bounds import flush_to_zero
+from ..scene.terrain import HeightGrid
+
+RECEIVERS = 256  # receivers that a thread takes at a time
+_PAD = 2.0**-21  # squares are enlarged by this many times the longer side of the grid, in squares
+_RAISE = 2.0**-40  # heights are raised by this fraction of the largest coordinate along the up axis
+_BLOCKERS = 64  # samples whose latest blockers are remembered
+_PARALLEL = 1e-300  # smallest component of a direction, in squares
+
+
+class TerrainTree(NamedTuple):
+    """A surface in the recentred frame, with its pyramid of heights."""
+
+    x: NDArray[np.float32]  # (columns,) of the vertices, ascending
+    y: NDArray[np.float32]  # (rows,) descending
+    z: NDArray[np.float32]  # (rows, columns) NaN: no vertex
+    tops: NDArray[np.float32]  # greatest heights of all nodes, level by level, row by row; -inf: no triangle
+    starts: NDArray[np.int64]  # (levels + 1,) first node of each level in `tops`, and their number
+    widths: NDArray[np.int64]  # (levels,) columns of nodes of each level
+    west: float  # float64, of column 0
+    north: float  # of row 0
+    per_x: float  # columns per unit of length
+    per_y: float
+    pad: float  # by which squares are enlarged, in squares
+    highest: float  # greatest height
+    reach: float  # largest magnitude of a height
+
+
+def terrain_tree(surface: HeightGrid, origin: NDArray[np.float64]) -> TerrainTree:
+    """The `TerrainTree` of a surface in the frame at `origin`; its vertices have the bits of the scene's triangles."""
+    grid = surface.grid
+    x, y, z = (
+        flush_to_zero((world - o).astype(np.float32))
+        for world, o in zip((grid.eastings(), grid.northings(), surface.heights.astype(np.float64)), origin)
+    )
+    tops = [_tops_of_squares(z)]
+    while max(tops[-1].shape) > 1:
+        tops.append(_halved(tops[-1]))
+    sizes = np.array([level.size for level in tops], np.int64)
+    heights = z[~np.isnan(z)]
+    return TerrainTree(
+        x, y, z, np.concatenate([level.reshape(-1) for level in tops]), np.append(0, np.cumsum(sizes)),
+        np.array([level.shape[1] for level in tops], np.int64),
+        grid.west - origin[0], grid.north - origin[1], 1.0 / grid.dx, 1.0 / grid.dy,
+        _PAD * max(grid.rows, grid.columns), float(heights.max()), float(np.abs(heights).max()),
+    )  # fmt: skip
+
+
+def _tops_of_squares(z: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(rows - 1, columns - 1) float32: the greatest height of the triangles of each square; -inf: it has none."""
+    there = ~np.isnan(z)
+    low = np.where(there, z, np.float32(-np.inf))
+    diagonal = there[:-1, :-1] & there[1:, 1:]
+    ends = np.maximum(low[:-1, :-1], low[1:, 1:])
+    south = np.where(there[1:, :-1], np.maximum(ends, low[1:, :-1]), np.float32(-np.inf))
+    east = np.where(there[:-1, 1:], np.maximum(ends, low[:-1, 1:]), np.float32(-np.inf))
+    return np.where(diagonal, np.maximum(south, east), np.float32(-np.inf))
+
+
+def _halved(level: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The maxima of 2 x 2 nodes."""
+    rows, columns = level.shape
+    padded = np.pad(level, ((0, rows & 1), (0, columns & 1)), constant_values=-np.inf)
+    pairs = np.maximum(padded[::2], padded[1::2])
+    return np.maximum(pairs[:, ::2], pairs[:, 1::2])
+
+
+# --- Traversal --------------------------------------------------------------------------------------------------------
+
+
+class _Pointers(NamedTuple):
+    """Pointers to a `TerrainTree`, free of reference counts."""
+
+    x: F32Ptr
+    y: F32Ptr
+    z: F32Ptr
+    tops: F32Ptr
+    starts: I64Ptr
+    widths: I64Ptr
+    columns: int
+    root: int  # level
+    west: float
+    north: float
+    per_x: float
+    per_y: float
+    pad: float
+    highest: float
+    reach: float
+
+
+@inlined
+def _pointers(tree):
+    return _Pointers(
+        ptr(tree.x), ptr(tree.y), ptr(tree.z), ptr(tree.tops), ptr(tree.starts), ptr(tree.widths),
+        np.int64(len(tree.x)), np.int64(len(tree.widths) - 1),
+        tree.west, tree.north, tree.per_x, tree.per_y, tree.pad, tree.highest, tree.reach,
+    )  # fmt: skip
+
+
+@inlined
+def _larger(a, b):
+    return a if a > b else b
+
+
+@inlined
+def _smaller(a, b):
+    return a if a < b else b
+
+
+class _GridRay(NamedTuple):
+    """A segment in squares, along axes turned so that it ascends: t = (line - begin) * per."""
+
+    u: float  # begin, along columns
+    v: float
+    per_u: float  # t per square
+    per_v: float
+    z: float
+    dz: float
+    end: float  # t after which the segment is above all heights; at most 1
+    raised: float  # by which heights are raised
+    west: bool  # whether columns are turned
+    north: bool
+    side: int  # squares along each side of the root, a power of two
+
+
+@inlined
+def _grid_ray(tree, ray):
+    """The `_GridRay` of a segment."""
+    side = np.int64(1) << tree.root
+    u, du = (ray.ox - tree.west) * tree.per_x, ray.dx * tree.per_x
+    v, dv = (tree.north - ray.oy) * tree.per_y, -ray.dy * tree.per_y
+    west, north = du < 0.0, dv < 0.0
+    u, v = (side - u if west else u), (side - v if north else v)
+    raised = _RAISE * (abs(ray.oz) + abs(ray.dz) + tree.reach)
+    end = np.float64(1.0)
+    if ray.dz > 0.0:
+        end = _smaller(end, (tree.highest + raised - ray.oz) / ray.dz)
+    per_u, per_v = 1.0 / _larger(abs(du), _PARALLEL), 1.0 / _larger(abs(dv), _PARALLEL)
+    return _GridRay(u, v, per_u, per_v, ray.oz, ray.dz, end, raised, west, north, side)
+
+
+@inlined
+def _top(tree, r, level, a, b):
+    """The greatest height of node (a, b) of a level, in turned axes; -inf outside the grid."""
+    nodes = r.side >> level
+    column, row = (nodes - 1 - a if r.west else a), (nodes - 1 - b if r.north else b)
+    columns = get(tree.widths, level)
+    at = get(tree.starts, level) + row * columns + column
+    return get(tree.tops, at) if column < columns and at < get(tree.starts, level + 1) else np.float32(-np.inf)
+
+
+@inlined
+def _reaches(tree, r, level, a, b):
+    """Whether a segment may meet triangles of node (a, b) of a level, in turned axes."""
+    width = np.float64(np.int64(1) << level)
+    first = _larger((a * width - tree.pad - r.u) * r.per_u, (b * width - tree.pad - r.v) * r.per_v)
+    first, last = _larger(first, np.float64(0.0)), _smaller(_exit(tree, r, level, a, b, tree.pad), r.end)
+    if not first <= last:
+        return False
+    lowest = r.z + (first if r.dz > 0.0 else last) * r.dz
+    return lowest <= _top(tree, r, level, a, b) + r.raised
+
+
+@inlined
+def _exit(tree, r, level, a, b, pad):
+    """The t at which a segment leaves node (a, b) of a level. It reaches no later node of the curve before."""
+    width = np.float64(np.int64(1) << level)
+    return _smaller(((a + 1) * width + pad - r.u) * r.per_u, ((b + 1) * width + pad - r.v) * r.per_v)
+
+
+@inlined
+def _is_above(tree, r, level, a, b, t):
+    """Whether a segment passes above all of node (a, b) of a level from t on, until it leaves the node."""
+    if r.dz <= 0.0:
+        t = _smaller(_exit(tree, r, level, a, b, tree.pad), r.end)
+    return r.z + _larger(t, np.float64(0.0)) * r.dz > _top(tree, r, level, a, b) + r.raised
+
+
+@inlined
+def _put_vertex(tree, corners, at, i, j):
+    put(corners, at, get(tree.x, j))
+    put(corners, at + 1, get(tree.y, i))
+    put(corners, at + 2, get(tree.z, i * tree.columns + j))
+
+
+@inlined
+def _moves_away(ray, corners, i):
+    """Whether a segment surely moves away from the plane of triangle i."""
+    a, n, error = plane(corners, i, ray.ox, ray.oy, ray.oz)
+    d = (ray.dx, ray.dy, ray.dz)
+    height, rise = -dot(a, n), dot(d, n)
+    sure_height, sure_rise = error * max_magnitude(a), error * max_magnitude(d)
+    return (height > sure_height and rise > sure_rise) or (height < -sure_height and rise < -sure_rise)
+
+
+@inlined
+def _meets_square(tree, ray, corners, i, j, facing):
+    """Whether a segment meets one of the triangles of a square; exact. `corners`: scratch memory of 18 float32."""
+    for triangle in range(2):
+        k = 9 * triangle
+        _put_vertex(tree, corners, k, i, j)
+        _put_vertex(tree, corners, k + 3, i + 1, j + triangle)
+        _put_vertex(tree, corners, k + 6, i + 1 - triangle, j + 1)
+        heights = get(corners, k + 2) + get(corners, k + 5) + get(corners, k + 8)
+        if heights != heights or _moves_away(ray, corners, triangle):  # a vertex has no data
+            continue
+        found = meets(ray, corners, triangle)
+        if found != 0 and found != facing:
+            return True
+    return False
+
+
+@inlined
+def _first_node(tree, place):
+    """The first square along a turned axis that a segment from a place may reach."""
+    return np.int64(_smaller(_larger(np.floor(place - tree.pad), np.float64(0.0)), np.float64(1 << 40)))
+
+
+@inlined
+def _blocker(tree, ray, corners, facing):
+    """A square of which a triangle blocks a segment, as row * columns + column; -1: none."""
+    r, level = _grid_ray(tree, ray), np.int64(0)
+    a, b = _first_node(tree, r.u), _first_node(tree, r.v)
+    if a >= r.side or b >= r.side or r.end < 0.0:
+        return np.int64(-1)
+    while True:
+        if _reaches(tree, r, level, a, b):
+            if level > 0:
+                level, a, b = level - 1, 2 * a, 2 * b
+                continue
+            i, j = (r.side - 1 - b if r.north else b), (r.side - 1 - a if r.west else a)
+            if _meets_square(tree, ray, corners, i, j, facing):
+                return i * tree.columns + j
+        while True:
+            t = _exit(tree, r, level, a, b, -tree.pad)
+            if level >= tree.root or t > r.end:
+                return np.int64(-1)
+            if not (a & 1 and b & 1) and not _is_above(tree, r, level + 1, a >> 1, b >> 1, t):
+                break
+            level, a, b = level + 1, a >> 1, b >> 1
+        if a & 1:
+            b += 1
+        a ^= 1
+
+
+@inlined
+def _is_blocked(tree, ray, corners, facing, last, s):
+    """Whether the surface blocks a segment; `last`: the latest blockers of samples, which are tested first."""
+    square = get(last, s & (_BLOCKERS - 1))
+    if square >= 0 and _meets_square(tree, ray, corners, square // tree.columns, square % tree.columns, facing):
+        return True
+    square = _blocker(tree, ray, corners, facing)
+    if square >= 0:
+        put(last, s & (_BLOCKERS - 1), square)
+    return square >= 0
+
+
+@inlined
+def _shadow_receiver(tree, query, i, corners, last, bits):
+    """Set the bits of receiver i."""
+    o, patch, horizon = get3(query.origins, 3 * i, 1), patch_of(query, i), horizon_of(query, i)
+    for s in range(query.spp):
+        lx, ly, lz = sample_of(query, patch, i, s)
+        if is_above(horizon, lx, ly, lz, query.corners):
+            ray = segment(o.x, o.y, o.z, lx, ly, lz)
+            if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # an empty segment is not blocked
+                continue
+            if not _is_blocked(tree, ray, corners, query.facing, last, s):
+                continue
+        set_bit(query, bits, i, s)
+
+
+@kernel
+def _shadow_receivers(ticket, tree, query, bits):
+    """Worker: set the bits of all receivers."""
+    chunk, out, surface = query_pointers(query), ptr(bits), _pointers(tree)
+    corners, last = stack_f32(18), stack_i64(_BLOCKERS)
+    for k in items(ticket):
+        for s in range(_BLOCKERS):
+            put(last, s, np.int64(-1))
+        for i in range(k * RECEIVERS, min((k + 1) * RECEIVERS, chunk.h * chunk.w)):
+            if get(chunk.sides, i) != NOTHING:
+                _shadow_receiver(surface, chunk, i, corners, last, out)
+
+
+def trace_terrain(
+    tree: TerrainTree, query: ShadowQuery, bits: NDArray[np.uint64], threads: int, progress: ProgressCallback | None
+) -> None:
+    """Answer a query whose receivers have no faces: set bit s of ``bits[y, x]`` where sample s is occluded."""
+    shares = -(-query.sides.size // RECEIVERS)
+    run(_shadow_receivers, threads, new_ticket(shares, 1), tree, query, bits, progress=progress)

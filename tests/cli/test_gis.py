@@ -1,0 +1,120 @@
+"""Rasters of heights and footprints on the command line."""
+
+import numpy as np
+import pytest
+import rasterio
+
+import antumbra as at
+from antumbra.cli.app import COMMANDS
+from antumbra.cli.gis_options import scene_text, with_gis_options
+from gis_files import buildings, hills, write_buildings, write_raster
+
+
+@pytest.fixture
+def dem(tmp_path):
+    return write_raster(tmp_path / "dem.tif", hills(20, 25))
+
+
+@pytest.fixture
+def houses(tmp_path):
+    return write_buildings(tmp_path / "b.gpkg", buildings(h=[3.0, 5.0, 8.0]).drop(columns="height"))
+
+
+def grid(path):
+    with rasterio.open(path) as file:
+        return file.transform, file.crs, file.shape
+
+
+def test_a_viewshed_of_a_raster_has_its_cells(cli, dem):
+    told = cli("viewshed", "dem.tif", "--observer", "100020,449980,30", "-o", "seen.tif", "--json").json()
+    assert told["sensors"] == 500 and 0 < told["seen"] < 500
+    assert grid("seen.tif") == grid("dem.tif")
+    scene = at.load(dem)
+    expected = at.viewshed(scene, "raster", (100020, 449980, 30)).table["seen"].reshape(20, 25)
+    with rasterio.open("seen.tif") as file:
+        assert (file.read(1) == expected).all()
+
+
+def test_hours_of_sun_on_a_raster_are_written_to_its_cells(cli, dem):
+    assert cli("sun", "dem.tif", "--days", "2026-03-21", "--step", "60").code == 0
+    assert grid("dem-sun.tif") == grid("dem.tif")
+    with rasterio.open("dem-sun.tif") as file:
+        assert file.descriptions[0] == "sun_hours" and 0.0 < file.read(1).max() <= 13.0
+
+
+def test_buildings_on_terrain_are_what_python_makes(cli, dem, houses):
+    told = cli("info", "b.gpkg", "--height", "h", "--terrain", "dem.tif", "--json").json()
+    scene = at.from_footprints(houses, "h", terrain=dem)
+    assert told["triangles"] == scene.n_triangles and np.array(told["bounds"]).tolist() == scene.bounds.tolist()
+    assert told["city"]["objects"] == {"Building": 3, "TINRelief": 1} and told["crs"] == "EPSG:28992"
+    assert cli("info", "b.gpkg?height=h&terrain=dem.tif", "--json").json()["triangles"] == told["triangles"]
+    assert cli("render", "b.gpkg", "--height", "h", "--terrain", "dem.tif", "--size", "32x32", "-o", "a.png").code == 0
+    options = "--height", 4, "--terrain", "dem.tif", "--sensors", "grid:2", "--days", "2026-06-21", "--step", "120"
+    assert cli("sun", "b.gpkg", *options, "-o", "a.csv").code == 0
+    lines = cli(
+        "los", "b.gpkg", "--height", "h", "--from", "100000,449991,1", "--to", "100020,449991,1", "--json"
+    ).json()
+    assert lines["lines"][0]["blocked_by"] == "a" and lines["lines"][0]["surface"] == "WallSurface"
+
+
+def test_rasters_are_built_as_stores(cli, dem, houses):
+    assert cli("build", "dem.tif", "-o", "a.antumbra").code == 0
+    assert (
+        cli("viewshed", "a.antumbra", "--sensors", "raster", "--observer", "100020,449980,30", "-o", "s.tif").code == 0
+    )
+    assert grid("s.tif") == grid("dem.tif")
+    assert cli("build", "b.gpkg", "--height", "h", "--terrain", "dem.tif", "-o", "b.antumbra").code == 0
+    assert at.load("b.antumbra").n_triangles == at.from_footprints(houses, "h", terrain=dem).n_triangles
+
+
+def test_terrain_below_a_raster_is_its_ground(cli, dem, tmp_path):
+    surface = hills(20, 25) + 20.0
+    surface[5:9, 5:9] = -1.0
+    write_raster(tmp_path / "dsm.tif", surface, nodata=-1.0)
+    told = cli("info", "dsm.tif", "--terrain", "dem.tif", "--json").json()
+    assert [mesh["name"] for mesh in told["meshes"]] == ["dsm", "dem"]
+
+
+def test_wrong_inputs_are_answered_in_one_line(cli, dem, houses):
+    cli("info", "b.gpkg").refused("b.gpkg", "no column 'height'", "h")
+    cli("render", "dem.tif", "--height", "h").refused("--height h is for footprints", "dem.tif")
+    cli("render", "procedural:atrium", "--terrain", "dem.tif").refused(
+        "--terrain dem.tif is for footprints and rasters"
+    )
+    cli("info", "dem.tif?bands=1").refused("'bands' is unknown", "did you mean 'band'")
+    cli("info", "dem.tif?band=1&band=2").refused("band is empty or repeated")
+    cli("info", "dem.tif?band=x").refused("band is 'x'; it must be a number")
+    cli("info", "dem.tif", "--up", "y").refused("dem.tif", "z up")
+    cli("info", "b.gpkg", "--height", "h", "--terrain", "missing.tif").refused("missing.tif")
+    cli("build", "dem.tif", "--up", "y", "-o", "a.antumbra").refused("dem.tif", "z up")
+    cli("sun", "b.gpkg", "--height", "h", "--sensors", "raster", "--days", "2026-06-21").refused("no raster of its own")
+
+
+def test_every_command_with_a_scene_has_the_options(cli):
+    for name in (
+        "render",
+        "sun",
+        "view",
+        "los",
+        "viewshed",
+        "matrix",
+        "dataset",
+        "build",
+        "info",
+        "compare",
+        "explain",
+    ):
+        words = cli(name, "--help").out
+        assert "--height" in words and "--terrain" in words, name
+    words = cli("formats").out
+    assert ".gpkg" in words and ".tif" in words
+    plain = lambda: None
+    assert with_gis_options(plain) is plain
+    assert "--terrain" not in cli("plans", "--help").out and "plans" in COMMANDS
+
+
+def test_names_of_files_survive_in_the_text_of_a_scene(cli, dem, tmp_path, houses):
+    (tmp_path / "a&b c.tif").write_bytes(dem.read_bytes())
+    text = scene_text("b.gpkg?layer=b", "h", ["a&b c.tif"])
+    assert text.startswith("b.gpkg?layer=b&height=h&terrain=")
+    assert cli("info", text, "--json").json()["city"]["objects"] == {"Building": 3, "TINRelief": 1}
