@@ -179,7 +179,7 @@ def main() -> None:
         shares = "".join(f" {row[key]:8.2%}" for key in ("visible", "same", "only_peer", "only_antumbra"))
         print(f"{row['method']:16} {row['seconds']:8.2f}{shares}")
     if args.json:
-        args.json.write_text(json.dumps({**machine(threads), "rows": rows}, indent=1) + "\n")
+        args.json.write_text(json.dumps({"machine": machine(threads), "rows": rows}, indent=1))
 
 
 if __name__ == "__main__":

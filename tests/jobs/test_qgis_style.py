@@ -12,7 +12,7 @@ import rasterio
 
 import antumbra as at
 from antumbra.jobs.map_scale import map_scale
-from antumbra.jobs.qgis_style import style_beside, write_style
+from antumbra.jobs.qgis_style import VectorStyle, style_beside, write_style
 from antumbra.jobs.result_table import Column
 from result_tables import table
 
@@ -51,7 +51,8 @@ def style_of(path):
         for each in root.iter(tag):
             assert attributes <= set(each.attrib), tag
     names = {each.get("name") for each in root.iter("symbol")}
-    assert {each.get("symbol") for tag in ("range", "category") for each in root.iter(tag)} == names
+    used = {each.get("symbol") for tag in ("range", "category") for each in root.iter(tag)} or {"0"}
+    assert used == names
     return root
 
 
@@ -94,7 +95,7 @@ def test_points_have_no_raster_style_and_files_without_a_crs_none(tmp_path):
 @pytest.mark.parametrize("kind, shape", [("marker", "SimpleMarker"), ("fill", "SimpleFill"), ("line", "SimpleLine")])
 def test_kinds_of_layers(tmp_path, kind, shape):
     scale = map_scale(np.array([1.0, 2.0]), np.ones(2, bool), "h")
-    assert write_style(tmp_path / "a.gpkg", "h", scale, kind=kind)
+    assert write_style(tmp_path / "a.gpkg", VectorStyle("h", scale, kind))
     root = style_of(tmp_path / "a.gpkg")
     assert {each.get("class") for each in root.iter("layer")} == {shape}
     assert {each.get("type") for each in root.iter("symbol")} == {kind}
@@ -142,6 +143,24 @@ def test_geopackages_without_a_crs_and_with_y_up(tmp_path):
     assert len(gpd.read_file(tmp_path / "a.gpkg")) == 4
     with pytest.raises(at.InputError, match=r"\.gpkg"):
         table("face").save(tmp_path / "a.shp")
+
+
+def test_shadows_have_one_colour_or_classes_of_hours(tmp_path):
+    hill = at.Scene.from_arrays(
+        np.array([[85000.0, 447000, 0], [85020, 447000, 0], [85020, 447020, 0], [85010, 447010, 9]]),
+        [[0, 1, 3], [1, 2, 3], [0, 1, 2]], up="z", crs=CRS,
+    )  # fmt: skip
+    at.shadow(hill, at="2026-06-21T15:00", height=0.0).save(tmp_path / "a.gpkg")
+    root = style_of(tmp_path / "a.gpkg")
+    assert root.find("renderer-v2").get("type") == "singleSymbol" and root.find("pipe") is None
+    hours = at.shadow(hill, days="2026-03-21", cell=2.0, classes=[0.0, 2.0, 4.0])
+    assert len(hours.columns["hours_from"]) > 1
+    for suffix in ".gpkg", ".tif":  # the style serves both, in whichever order they are saved
+        hours.save(tmp_path / f"b{suffix}")
+        root = style_of(tmp_path / f"b{suffix}")
+        labels = [(each.get("value"), each.get("type"), each.get("label")) for each in root.iter("category")]
+        assert labels[0] == ("0", "double", "0 to 2 h") and root.find("renderer-v2").get("attr") == "hours_from"
+        assert root.find("pipe/rasterrenderer").get("type") == "singlebandpseudocolor"
 
 
 # --- QGIS itself ------------------------------------------------------------------------------------------------------

@@ -30,15 +30,16 @@ class MapScale(NamedTuple):
 
     low: float  # 0, or the least value if that is negative
     high: float  # the greatest value
-    classes: tuple[MapClass, ...]  # of booleans; () for numbers
+    classes: tuple[MapClass, ...]  # of booleans and ranges, by ascending value; () for numbers
     whole: bool  # whether values are whole numbers
     unit: str
+    class_type: str = "double"  # of the values of classes, as QGIS names it
 
     def colours(self, values: NDArray[np.float64]) -> NDArray[np.uint8]:
         """(..., 3) uint8 sRGB of known values."""
         if self.classes:
             table = np.array([each.colour for each in self.classes], np.uint8)
-            return np.asarray(table[values.astype(np.int64)])
+            return np.asarray(table[np.searchsorted([each.value for each in self.classes], values)])
         return heat_colours((values - self.low) / (self.span or 1.0), 1.0)
 
     @property
@@ -77,7 +78,17 @@ class MapScale(NamedTuple):
 def map_scale(values: np.ndarray, known: NDArray[np.bool_], unit: str = "") -> MapScale:
     """The scale of a column; `known`: the values that count."""
     if values.dtype.kind == "b":
-        return MapScale(0.0, 1.0, tuple(MapClass(*each) for each in _YES_NO), True, "")
+        return MapScale(0.0, 1.0, tuple(MapClass(*each) for each in _YES_NO), True, "", "bool")
     chosen = values[known].astype(np.float64)
     low, high = (float(chosen.min()), float(chosen.max())) if len(chosen) else (0.0, 0.0)
     return MapScale(min(low, 0.0), max(high, 0.0), (), values.dtype.kind in "iu", unit)
+
+
+def range_scale(lower: np.ndarray, upper: np.ndarray, unit: str) -> MapScale:
+    """The scale of ranges, classes that their lower ends identify: "2 to 4 h"."""
+    ends = dict(sorted(zip(lower.tolist(), upper.tolist())))
+    high = max(ends.values(), default=0.0)
+    colours = heat_colours(np.array(list(ends)) / (high or 1.0), 1.0).tolist()
+    names = [f"{low:g} to {high:g} {unit}" for low, high in ends.items()]
+    classes = [MapClass(low, name, tuple(colour)) for low, name, colour in zip(ends, names, colours)]
+    return MapScale(min(ends, default=0.0), high, tuple(classes), False, unit)

@@ -8,6 +8,7 @@ import os
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree as Xml
 
 from ..files import atomic_output
@@ -16,8 +17,24 @@ from .map_scale import MapClass, MapScale
 _VERSION = "3.22"  # of the QGIS that reads these styles in our tests
 _MARK = "made by Antumbra"  # QGIS drops this comment from styles that the user saves
 _HEAD = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
+_SHADE = 70, 72, 80  # sRGB: layers of one colour
 _WIDTH = "2"  # of marks, in millimetres
 _SHAPES = {"marker": "SimpleMarker", "fill": "SimpleFill", "line": "SimpleLine"}
+
+
+class RasterStyle(NamedTuple):
+    """How raster layers are drawn."""
+
+    scale: MapScale
+    band: int  # from 1
+
+
+class VectorStyle(NamedTuple):
+    """How vector layers are drawn."""
+
+    column: str
+    scale: MapScale | None  # None: in one colour
+    kind: str  # "marker", "fill" or "line": points, polygons or lines
 
 
 def style_beside(path: Path) -> Path:
@@ -25,34 +42,20 @@ def style_beside(path: Path) -> Path:
     return path.with_suffix(".qml")
 
 
-def write_style(path: Path, column: str, scale: MapScale, band: int | None = None, kind: str = "marker") -> bool:
-    """Write the style of the layers in a file, unless the user saved one there.
+def write_style(path: Path, vector: VectorStyle, raster: RasterStyle | None = None) -> bool:
+    """Write the style of the files of this name, unless the user saved one there, and return whether it was written.
 
-    Parameters
-    ----------
-    path : Path
-        The raster or vector file.
-    column : str
-        The column that vector layers show.
-    scale : MapScale
-    band : int, optional
-        The band that raster layers show, from 1. None: only vector layers have this style.
-    kind : "marker", "fill" or "line"
-        Points, polygons or lines.
-
-    Returns
-    -------
-    bool
-        Whether it was written.
+    path : the raster or vector file
+    raster : None: there is no raster
     """
     target = style_beside(path)
     if os.path.exists(target) and _MARK not in target.read_text(encoding="utf-8", errors="replace"):
         return False
     root = Xml.Element("qgis", version=_VERSION, styleCategories="Symbology")
-    root.append(Xml.Comment(f" {_MARK}: {column} "))
-    if band is not None:
-        Xml.SubElement(root, "pipe").append(_raster_renderer(scale, band))
-    root.append(_vector_renderer(column, scale, kind))
+    root.append(Xml.Comment(f" {_MARK} "))
+    if raster is not None:
+        Xml.SubElement(root, "pipe").append(_raster_renderer(*raster))
+    root.append(_vector_renderer(*vector))
     Xml.indent(root)
     text = _HEAD + Xml.tostring(root, encoding="unicode") + "\n"
     with atomic_output(target) as temporary:
@@ -89,16 +92,19 @@ def _entry(each: MapClass) -> dict[str, str]:
 # --- Vector layers ----------------------------------------------------------------------------------------------------
 
 
-def _vector_renderer(column: str, scale: MapScale, kind: str) -> Xml.Element:
+def _vector_renderer(column: str, scale: MapScale | None, kind: str) -> Xml.Element:
     common = {"attr": column, "enableorderby": "0", "symbollevels": "0", "forceraster": "0"}
+    if scale is None:
+        renderer = Xml.Element("renderer-v2", {"type": "singleSymbol", **common})
+        _add_symbols(renderer, [_SHADE], kind)
+        return renderer
     if scale.classes:
         renderer = Xml.Element("renderer-v2", {"type": "categorizedSymbol", **common})
         categories = Xml.SubElement(renderer, "categories")
         for k, each in enumerate(scale.classes):
-            value = "true" if each.value else "false"
-            Xml.SubElement(
-                categories, "category", value=value, type="bool", symbol=str(k), label=each.name, render="true"
-            )
+            value = ("true" if each.value else "false") if scale.class_type == "bool" else f"{each.value:g}"
+            entry = {"value": value, "type": scale.class_type, "symbol": str(k), "label": each.name, "render": "true"}
+            Xml.SubElement(categories, "category", entry)
         _add_symbols(renderer, [each.colour for each in scale.classes], kind)
         return renderer
     renderer = Xml.Element("renderer-v2", {"type": "graduatedSymbol", "graduatedMethod": "GraduatedColor", **common})

@@ -25,9 +25,9 @@ from ..picture.image_files import save_png
 from ..scene.camera import Camera
 from ..scene.crs import checked_crs
 from .false_colours import coloured_model, column_values, false_colours
-from .map_scale import map_scale
+from .map_scale import MapScale, map_scale
 from .map_sheet import check_map, checked_title, save_map
-from .qgis_style import write_style
+from .qgis_style import RasterStyle, VectorStyle, write_style
 from .sensors import Sensors, check_on_scene
 
 # --- Writers ----------------------------------------------------------------------------------------------------------
@@ -116,9 +116,20 @@ def _geopackage(table: "Table", path: Path, column: str) -> None:
 
 def _write_style(table: "Table", path: Path, column: str) -> None:
     """Write the QGIS style of a column beside a raster or a layer of points."""
+    scale = _scale_of(table, column)
+    write_style(path, VectorStyle(column, scale, "marker"), raster_style(table, column))
+
+
+def raster_style(table: "Table", column: str) -> RasterStyle | None:
+    """The QGIS style of a column in a GeoTIFF; None if the sensors form no raster."""
+    if table.sensors.raster is None:
+        return None
+    return RasterStyle(_scale_of(table, column), _bands(table).index(column) + 1)
+
+
+def _scale_of(table: "Table", column: str) -> MapScale:
     _, known = column_values(table, column)
-    scale = map_scale(table[column], known, table.columns[column].unit)
-    write_style(path, column, scale, None if table.sensors.raster is None else _bands(table).index(column) + 1)
+    return map_scale(table[column], known, table.columns[column].unit)
 
 
 def _in_milliseconds(values: np.ndarray) -> np.ndarray:
