@@ -142,6 +142,7 @@ def examples(folder: Path) -> dict[str, Example]:
     at.build_store(own, folder / "own.antumbra", threads=1)
     store = at.load(folder / "own.antumbra")
     (folder / "own.json").write_text(CITY)
+    (folder / "trees.csv").write_text("x,y,height,radius\n0.5,0.5,2,1\n")
     (folder / "own.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 0 -1\nf 1 2 3\n")
     city = at.load(folder / "own.json")
     skyline = at.skyline(own, points, step=30.0)
@@ -196,6 +197,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "Table.of_faces": ex(table.of_faces, name="seen"),
         "Table.rows": ex(table.rows),
         "Table.save": ex(table.save, path=folder / "table.csv"),
+        "Table.save_map": ex(table.save_map, path=folder / "map.pdf"),
         "Table.shown": ex(table.shown, column="seen"),
         "VisibilityMatrix": ex(at.VisibilityMatrix, bits=matrix.bits, columns=2, counts=matrix.counts),
         "VisibilityMatrix.rows": ex(matrix.rows),
@@ -223,6 +225,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "sensors_of": ex(at.sensors_of, text="face", scene=own),
         "sensors_of.in_areas": ex(at.sensors_of, text="raster:0.5", **garden),
         "line_of_sight": ex(at.line_of_sight, scene=own, observers=points[:1], targets=points[1:]),
+        "from_trees": ex(at.from_trees, trees=folder / "trees.csv", scene=own, base=0.0),
         "load": ex(at.load, path=folder / "own.obj"),
         "place_of": ex(at.place_of, scene=own, latitude=52.0, longitude=4.0),
         "procedural": ex(at.procedural, name="atrium", triangles=1000),

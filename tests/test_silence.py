@@ -20,6 +20,7 @@ CALLS = {
     "face_sensors": "at.face_sensors(scene)",
     "from_footprints": "at.from_footprints(houses, 3.0)",
     "from_raster": "at.from_raster((np.eye(3), (1, 0, 0, 0, -1, 0)))",
+    "from_trees": "at.from_trees('trees.csv', scene=scene, base=0.0)",
     "grid_sensors": "at.grid_sensors(scene, 2.0)",
     "line_of_sight": "at.line_of_sight(scene, (0, 1, 0), (0, 2, 0))",
     "load": "at.load('scene.antumbra').closest_hit((0, 1, 0), (0, -1, 0))",
@@ -71,6 +72,7 @@ def test_every_public_function_has_a_call():
 
 def test_the_library_is_silent(tmp_path):
     city_files.put(tmp_path, city_files.city({"a": city_files.building(city_files.solid())}))
+    (tmp_path / "trees.csv").write_text("x,y,height,radius\n0,0,2,1\n")
     program = PRELUDE + "\n".join(CALLS.values())
     ran = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert (ran.returncode, ran.stdout, ran.stderr) == (0, "", "")

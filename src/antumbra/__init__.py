@@ -23,6 +23,7 @@ if typing.TYPE_CHECKING:
     from .engine.scene import Scene, procedural
     from .engine.scene_loading import load
     from .engine.store_building import build_store
+    from .engine.tree_scenes import from_trees
     from .engine.visibility import Visibility
     from .errors import InputError
     from .formats.cityjson.attribute_writer import write_attributes
@@ -119,6 +120,7 @@ __all__ = [
     "face_sensors",
     "from_footprints",
     "from_raster",
+    "from_trees",
     "grid_sensors",
     "line_of_sight",
     "load",
@@ -200,6 +202,7 @@ _HOME = {
     "face_sensors": "jobs.sensors",
     "from_footprints": "engine.gis_scenes",
     "from_raster": "engine.gis_scenes",
+    "from_trees": "engine.tree_scenes",
     "grid_sensors": "jobs.sensors",
     "line_of_sight": "jobs.line_of_sight.sightlines",
     "load": "engine.scene_loading",

@@ -28,7 +28,7 @@ EXTRAS = {
     "exr": "reading and writing .exr files, which data sets consist of",
     "sparse": "visibility matrices as scipy.sparse arrays",
     "compressed": "glTF files compressed with Draco or meshopt, and KTX2 textures",
-    "plot": "plots by antumbra compare and antumbra bench",
+    "plot": "map sheets, and plots by antumbra compare and antumbra bench",
     "video": ".mp4 and .webm files",
     "view": "the interactive page of antumbra view",
     "ray": "jobs on several machines",

@@ -64,3 +64,12 @@ def test_fit_auto(run, small, tmp_path):
     done = run("fit_auto", "fit", rows, "--output", rates, rows=False)
     fitted = json.loads(rates.read_text())
     assert set(fitted["weights"]) == set(fitted["reference"]) and "predictions alone lose" in done.out
+
+
+def test_viewshed(run):
+    """Peers only where they are installed."""
+    pytest.importorskip("rasterio")
+    done = run("viewshed", "--size", 64, "--rounds", 1, "--threads", 1)
+    first, *peers = done.rows
+    assert first["method"] == "antumbra" and first["same"] == 1.0 and 0.0 < first["visible"] < 1.0
+    assert all(row["same"] > 0.9 and row["seconds"] > 0.0 for row in peers)

@@ -32,6 +32,7 @@ OF_COMMANDS = {
     "up": "load() takes it", "height": "from_footprints", "terrain": "from_footprints and from_raster",
     "json": "output", "quiet": "output", "html": "output", "sheet": "output", "explain_plan": "output",
     "output": "results are returned, and have save()", "column": "Table.save takes it",
+    "map": "Table.save_map", "trees": "from_trees",
     "shard": "keep", "ray": "keep", "merge": "keep",
     "crs": "place", "latitude": "place", "longitude": "place", "north": "place", "timezone": "place",
     "light": "one of lights", "ao": "one of lights", "sky": "one of lights", "vpl": "some of lights",
@@ -105,7 +106,7 @@ ARGUMENTS = {
 ANYTHING = {  # any text names something, or a file that may be missing
     "output", "html", "sheet", "epw", "crs", "host", "merge", "observers", "targets", "sparse", "bits", "matrix",
     "counts", "city_output", "column", "camera", "light", "timezone", "plot", "attribute",
-    "allow_host",
+    "allow_host", "trees", "map",
 }  # fmt: skip
 """Options whose messages name the value, not the option."""
 NO_VALUES = "merge", "warmup", "plans", "scenes", "formats"

@@ -14,6 +14,7 @@
 - `installation_commands`: ``antumbra doctor``, ``warmup`` and ``plans``
 - `bench_command`: ``antumbra bench``, whose commands come from other packages, and the files of their results
 - `gis_options`: rasters of heights and footprints, and the options that every command has for them
+- `tree_options`: ``--trees``, a file of trees that commands add to a scene
 - `arguments`: parses arguments and opens the scene; `options`: shared options, and checks of the files they name
 - `console`: progress and errors on standard error; answers on standard output, also as Markdown
 """

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # forget the check. Commands check only what depends on other arguments, such as a default name.
 
 
-TABLES = ".csv", ".parquet", ".json", ".npz", ".png", ".glb", ".tif"
+TABLES = ".csv", ".parquet", ".gpkg", ".json", ".npz", ".png", ".glb", ".tif"
 """Suffixes of table files, as in `jobs.result_table.WRITERS`, which is slow to import."""
 
 Callback = Callable[[typer.Context, Any], Any]
@@ -371,6 +371,16 @@ SENSORS_HELP = (
 )
 SensorsOption = Annotated[str, typer.Option(help=SENSORS_HELP)]
 OutputsOption = Annotated[list[Path] | None, tables("Output file", "--output", "-o")]
+MapOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--map",
+        help="A map sheet with scale, north, legend, place and dates; may be repeated: .pdf, .svg or .png.",
+        metavar="FILE",
+        show_default=False,
+        callback=writes(".pdf", ".svg", ".png"),
+    ),
+]
 ColumnOption = Annotated[
     str | None,
     typer.Option(help="Column shown in pictures and models.  [default: the first]", show_default=False),

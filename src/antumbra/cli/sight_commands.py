@@ -21,6 +21,7 @@ from .options import (
     ColumnOption,
     CrsOption,
     Json,
+    MapOption,
     OutputsOption,
     PlanOption,
     Quiet,
@@ -36,6 +37,7 @@ from .options import (
     writes,
 )
 from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
+from .tree_options import TreesOption, add_trees, parse_trees
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -78,6 +80,7 @@ class SightArguments:
             metavar="all|zip|FILE",
         ),
     ] = "all"
+    trees: TreesOption = None
     output: Annotated[list[Path] | None, tables("Output file", "--output", "-o", suffixes=_SUFFIXES)] = None
     time: TimeOption = 0.0
     up: UpOption = None
@@ -116,6 +119,7 @@ def los(args: SightArguments) -> int:
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import check_file_crs
 
+    trees = None if args.trees is None else parse_trees(args.trees)
     check_pairs(args.pairs)
     outputs = args.output or []
     writers = [writer_of(path, "points") for path in outputs]
@@ -128,7 +132,7 @@ def los(args: SightArguments) -> int:
     pair_list = read_pairs(Path(args.pairs)) if begin is None or end is None else pairs_of(args.pairs, begin, end)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = in_memory(open_scene(spec, args.up, args.quiet, args.crs))
+        opened = add_trees(in_memory(open_scene(spec, args.up, args.quiet, args.crs)), trees)
         check_file_crs(opened, args.observers, args.targets, Path(args.pairs))
         start = perf_counter()
         sightlines = line_of_sight(opened, **pair_list._asdict(), time=args.time, threads=args.threads)
@@ -207,7 +211,9 @@ class ViewshedArguments(_Options):  # type: ignore[misc] # made from the options
     observers: Annotated[
         Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
     ] = None
+    trees: TreesOption = None
     output: Annotated[OutputsOption, Before("plan")] = None
+    map: MapOption = None
     column: ColumnOption = None
     camera: CameraOption = None
     bits: Annotated[
@@ -236,6 +242,7 @@ def viewshed(args: ViewshedArguments) -> int:
     Examples
       antumbra viewshed --observer 0,1.7,8 -o seen.png
       antumbra viewshed city.glb --up z --sensors raster:1 --observer 10,20,0 --on-surface --eye-height 1.6 -o map.tif
+      antumbra viewshed city.glb --up z --sensors raster:1 --observer 10,20,30 --map sheet.pdf
       antumbra viewshed city.glb --up z --sensors grid:2 --observers people.csv --max-distance 300 -o seen.png
       antumbra viewshed dem.tif --observer 85000,446000,0 --on-surface --eye-height 1.7 -o seen.tif
       antumbra viewshed hills.ply --up z --observer 0,0,900 --curvature --azimuth 350:10 -o seen.parquet
@@ -252,24 +259,29 @@ def viewshed(args: ViewshedArguments) -> int:
     from ..files import atomic_output
     from ..jobs.bit_matrices import write_rows
     from ..jobs.line_of_sight.viewshed import viewshed as compute_viewshed
+    from ..jobs.map_sheet import check_map
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of, sensors_of
 
+    trees = None if args.trees is None else parse_trees(args.trees)
     sensor_form = args.sensors or ("raster" if spec.on_raster else "face")
     check_sensors(sensor_form)
     outputs = args.output or []
     for path in outputs:
         writer_of(path, kind_of(sensor_form))
+    for path in args.map or ():
+        check_map(path)
     bits = args.bits
     eyes = points_or_file(args.observer, args.observers, "--observer", "--observers")
     if eyes is None:
         raise InputError("there is no observer: give --observer X,Y,Z or --observers FILE")
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, args.up, args.quiet, args.crs)
-        check_file_crs(opened, args.observers)
+        bare = open_scene(spec, args.up, args.quiet, args.crs)
+        check_file_crs(bare, args.observers)
+        opened = add_trees(bare, trees)
         display.say("preparing")
-        sensors = sensors_of(sensor_form, opened, args.threads)
+        sensors = sensors_of(sensor_form, bare, args.threads)
         camera = None if camera_spec is None else arguments.make_camera(camera_spec, opened, args.time, _SIZE)
         start = perf_counter()
         result = compute_viewshed(opened, sensors, eyes.points, **field_values(options))
@@ -279,11 +291,13 @@ def viewshed(args: ViewshedArguments) -> int:
         table.camera = camera
         for path in outputs:
             table.save(path, args.column)
+        for path in args.map or ():
+            table.save_map(path, args.column)
         if bits is not None and result.bits is not None:
             with atomic_output(bits) as temporary:
                 write_rows(temporary, result.bits)
     answer = _answer(table, len(eyes), seconds)
-    written = [str(path) for path in [*outputs, *([bits] if bits else [])]]
+    written = [str(path) for path in [*outputs, *(args.map or ()), *([bits] if bits else [])]]
     if args.json:
         console.print_json({"scene": opened.name, **answer, "outputs": written})
     elif not args.quiet:

@@ -24,6 +24,7 @@ from .options import (
     CrsOption,
     DegreesOption,
     Json,
+    MapOption,
     MaxMemoryOption,
     NorthOption,
     OutputsOption,
@@ -36,6 +37,7 @@ from .options import (
     writes,
 )
 from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
+from .tree_options import TreesOption, add_trees, parse_trees
 
 if TYPE_CHECKING:
     from ..jobs.result_table import Table
@@ -67,12 +69,14 @@ class SunArguments(_Options):  # type: ignore[misc] # made from the options of a
         ),
         Before("epw"),
     ] = None
+    trees: TreesOption = None
     crs: Annotated[CrsOption, Before("energy")] = None
     latitude: DegreesOption = None
     longitude: DegreesOption = None
     north: NorthOption = None
     timezone: TimezoneOption = None
     output: Annotated[OutputsOption, Before("plan")] = None
+    map: MapOption = None
     column: ColumnOption = None
     city_output: Annotated[
         Path | None,
@@ -117,16 +121,20 @@ def sun(args: SunArguments) -> int:
       .glb            the model in these colours
       .csv .parquet .json .npz    table with a row per sensor
       .tif            GeoTIFF, for raster sensors
+      .gpkg           GeoPackage, a layer of points
+      --map .pdf      map sheet for a report, also .svg and .png
 
     \b
     Examples
       antumbra sun city.city.json --days 2026-03-21 -o sun.png -o sun.csv
+      antumbra sun city.city.json --days 2026-03-21 --sensors raster:1 --map sheet.pdf -o sun.tif
       antumbra sun city.city.json --days year:2026 --by month --sky 512 --city-output sun.city.json
       antumbra sun house.glb --latitude 52 --longitude 4.36 --timezone Europe/Amsterdam --days 2026-06-21 --step 5
       antumbra sun city.ply --crs EPSG:28992 --up z --sensors raster:1 --days year:2026 -o sun.tif
       antumbra sun dem.tif --days 2026-12-21 --step 15 -o sun.tif
       antumbra sun buildings.gpkg --height h --terrain dem.tif --sensors grid:2 --days 2026-03-21 -o sun.png
       antumbra sun city.city.json --sensors windows.csv --rule br209-windows --epw delft.epw -o windows.csv
+      antumbra sun city.city.json --trees "trees.gpkg?height=h&radius=r&transmittance=0.2" --days 2026-06-21 -o sun.png
       antumbra sun city.city.json --rule br209-amenity --areas gardens.geojson -o gardens.tif
       antumbra sun city.city.json --days year:2026 --energy --surfaces RoofSurface --per building -o roofs.csv
     """
@@ -135,7 +143,7 @@ def sun(args: SunArguments) -> int:
     from ..jobs.sun.location import place_of, position_fields
     from ..jobs.sun.sun_hours import sun_hours
 
-    spec = parse_scene(args.scene)
+    spec, trees = parse_scene(args.scene), None if args.trees is None else parse_trees(args.trees)
     names = "latitude", "longitude", "north", "timezone"
     position = position_fields(**{name: getattr(args, name) for name in names})
     in_areas = args.areas is not None
@@ -148,43 +156,52 @@ def sun(args: SunArguments) -> int:
     options.check_rule(in_areas)
     memory = None if args.max_memory is None else parse_bytes(args.max_memory, "--max-memory")
     outputs = _checked_outputs(args, spec, sensor_form)
-    executor = executor_for(args, outputs[0])
+    first = [*outputs, *(args.map or ())][0]
+    executor = executor_for(args, first)
     if args.city_output is not None:
         _check_city(spec, args.city_output)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(spec, args.up, args.quiet, args.crs)
+        bare = open_scene(spec, args.up, args.quiet, args.crs)
+        scene = add_trees(bare, trees)
         limit_memory(scene, memory)
         place = place_of(scene, **position)
-        sensors = sensors_of(sensor_form, scene, args.threads, args.areas)
+        sensors = sensors_of(sensor_form, bare, args.threads, args.areas)
         display.say("preparing")
         run = partial(sun_hours, scene, **field_values(replace(options, place=place)))
         if args.column is not None:
             run(sensors=sensors.part(0, 0)).shown(args.column)  # reports an unknown column before the long work
         start = perf_counter()
-        keep = executor or outputs[0].with_suffix(".parts")
+        keep = executor or first.with_suffix(".parts")
         table = run(sensors=sensors, matrix=args.matrix, keep=keep)
         seconds = perf_counter() - start
         if table is None:
             return report_shard(executor, args, seconds)
         table.about |= {"scene": args.scene, "sensors": sensor_form, "plan": args.plan}
+        if args.trees is not None:
+            table.about["trees"] = args.trees
         display.say("writing")
         for path in outputs:
             table.save(path, args.column)
+        for path in args.map or ():
+            table.save_map(path, args.column)
         if args.city_output is not None:
-            _write_city(table, spec, args.city_output)
-    written = [str(path) for path in (*outputs, args.city_output, args.matrix) if path is not None]
+            _write_city(table, spec, args.city_output, bare.n_triangles)
+    written = [str(path) for path in (*outputs, *(args.map or ()), args.city_output, args.matrix) if path is not None]
     _print_summary(args, table, seconds, written)
     return 0
 
 
 def _checked_outputs(args: SunArguments, spec: SceneSpec, sensors: str) -> list[Path]:
     """The output files, whose formats are checked before a scene is read."""
+    from ..jobs.map_sheet import check_map
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import kind_of
 
     suffix = ".tif" if spec.on_raster and kind_of(sensors) == "raster" else ".png"
-    paths = args.output or [Path(f"{spec.stem}-sun{suffix}")]
+    paths = args.output or ([] if args.map else [Path(f"{spec.stem}-sun{suffix}")])
+    for path in args.map or ():
+        check_map(path)
     for path in paths:
         writer_of(path, kind_of(sensors) if args.per == "sensor" else "points")
     return paths
@@ -200,11 +217,11 @@ def _check_city(spec: SceneSpec, path: Path) -> None:
     checked_output(path, (suffix,))
 
 
-def _write_city(table: "Table", spec: SceneSpec, path: Path) -> None:
-    """Write the numeric columns as attributes to a copy of the CityJSON file."""
+def _write_city(table: "Table", spec: SceneSpec, path: Path, faces: int) -> None:
+    """Write the numeric columns as attributes to a copy of the CityJSON file, which has the first `faces` faces."""
     from ..formats.cityjson.attribute_writer import write_attributes
 
-    values = {name: table.of_faces(name) for name in _results(table)}
+    values = {name: table.of_faces(name)[:faces] for name in _results(table)}
     assert spec.path is not None  # checked before the work: only CityJSON files have attributes
     write_attributes(spec.path, path, values, lod=spec.lod)
 

@@ -7,6 +7,7 @@
 - `paged_scene`: `PagedScene`
 - `scene_loading`: `load`
 - `gis_scenes`: `from_raster`, `from_footprints`
+- `tree_scenes`: `from_trees`
 - `scene_reading`: the data of a file, folder or mesh
 - `store_building`: `build_store`
 - `point_visibility`: `visibility`

@@ -159,7 +159,8 @@ class AnyScene:
         ----------
         shares : dict of str to float, three floats, or twelve of these
             Names of materials or objects, in which * and ? stand for any characters, and the share of the light that
-            passes, from 0 to 1, also of red, green and blue; or one of these per month. Holes of masks stay holes.
+            passes, from 0 to 1, also of red, green and blue; or one of these per month. Holes of masks stay holes. The
+            crowns of `from_trees` take the share of a whole crown, all other materials that of a surface.
 
         Raises
         ------

@@ -1,9 +1,10 @@
 """Result tables: one row per sensor, columns with units, and a CRS; with writers for all output formats.
 
-The formats are CSV, JSON, NPZ, Parquet, GeoTIFF, PNG and GLB. A writer takes a `Table`, the path, and the name of the
-column that pictures show.
+The formats are CSV, JSON, NPZ, Parquet, GeoPackage, GeoTIFF, PNG and GLB. A writer takes a `Table`, the path, and the
+name of the column that pictures show. A style of QGIS is written beside files with a CRS.
 """
 
+import io
 import json
 import os
 from collections.abc import Callable
@@ -23,13 +24,18 @@ from ..files import atomic_output, checked_output
 from ..picture.image_files import save_png
 from ..scene.camera import Camera
 from ..scene.crs import checked_crs
-from .false_colours import coloured_model, false_colours
+from .false_colours import coloured_model, column_values, false_colours
+from .map_scale import MapScale, map_scale
+from .map_sheet import check_map, checked_title, save_map
+from .qgis_style import RasterStyle, VectorStyle, write_style
 from .sensors import Sensors, check_on_scene
 
 # --- Writers ----------------------------------------------------------------------------------------------------------
 
 
 _ROWS = 1 << 16  # rows converted to text at a time
+_NO_UNIT = "1"  # in GeoTIFF, where readers fill in the unit of heights of a compound CRS if there is none
+_NO_CRS = 'LOCAL_CS["Undefined Cartesian SRS"]'  # in GeoPackage
 _POINT_Z = 1001  # well-known binary: a point with three coordinates
 
 
@@ -89,6 +95,42 @@ def _parquet(table: "Table", path: Path, column: str) -> None:
     arrow_table = pyarrow.table(columns).replace_schema_metadata(metadata)
     with atomic_output(path) as temporary:
         pyarrow.parquet.write_table(arrow_table, temporary, compression="zstd")
+    if "geometry" in columns:
+        _write_style(table, path, column)
+
+
+def _geopackage(table: "Table", path: Path, column: str) -> None:
+    """A layer of points, named like the file."""
+    raw = import_extra("pyogrio.raw", ".gpkg", "gis")
+    rows, memory = table.rows(), io.BytesIO()
+    geometry = np.empty(len(table), object)
+    geometry[:] = _well_known(_on_map(table))
+    crs = table.about.get("crs")
+    raw.write(
+        memory, geometry, [_in_milliseconds(values) for values in rows.values()], list(rows), driver="GPKG",
+        layer=path.stem, geometry_type="Point Z", crs=checked_crs(crs) if crs else _NO_CRS,
+    )  # fmt: skip
+    with atomic_output(path) as temporary:
+        temporary.write_bytes(memory.getvalue())
+    _write_style(table, path, column)
+
+
+def _write_style(table: "Table", path: Path, column: str) -> None:
+    """Write the QGIS style of a column beside a raster or a layer of points."""
+    scale = _scale_of(table, column)
+    write_style(path, VectorStyle(column, scale, "marker"), raster_style(table, column))
+
+
+def raster_style(table: "Table", column: str) -> RasterStyle | None:
+    """The QGIS style of a column in a GeoTIFF; None if the sensors form no raster."""
+    if table.sensors.raster is None:
+        return None
+    return RasterStyle(_scale_of(table, column), _bands(table).index(column) + 1)
+
+
+def _scale_of(table: "Table", column: str) -> MapScale:
+    _, known = column_values(table, column)
+    return map_scale(table[column], known, table.columns[column].unit)
 
 
 def _in_milliseconds(values: np.ndarray) -> np.ndarray:
@@ -127,7 +169,7 @@ def _tiff(table: "Table", path: Path, column: str) -> None:
     import_extra("rasterio", ".tif", "gis")
     import rasterio
 
-    names = [name for name, candidate in table.columns.items() if candidate.values.dtype.kind in "fiub"]
+    names = _bands(table)
     shape = {"width": raster.columns, "height": raster.rows, "count": len(names)}
     place = rasterio.transform.from_origin(raster.west, raster.north, raster.spacing, raster.spacing)
     options = {"driver": "GTiff", "dtype": "float32", "nodata": np.nan, "compress": "deflate", "transform": place}
@@ -138,6 +180,12 @@ def _tiff(table: "Table", path: Path, column: str) -> None:
             _fill(file, table, names)
         with atomic_output(path) as temporary:
             temporary.write_bytes(memory.read())
+    _write_style(table, path, column)
+
+
+def _bands(table: "Table") -> list[str]:
+    """The columns that a GeoTIFF holds, a band each."""
+    return [name for name, candidate in table.columns.items() if candidate.values.dtype.kind in "fiub"]
 
 
 def _fill(file: Any, table: "Table", names: list[str]) -> None:
@@ -145,7 +193,7 @@ def _fill(file: Any, table: "Table", names: list[str]) -> None:
     for band, name in enumerate(names, 1):
         file.write(table.sensors.on_raster(table[name]).astype(np.float32), band)
         file.set_band_description(band, name)
-        file.set_band_unit(band, table.columns[name].unit)
+        file.set_band_unit(band, table.columns[name].unit or _NO_UNIT)
     file.update_tags(antumbra=json.dumps(table.about))
 
 
@@ -166,13 +214,14 @@ WRITERS: dict[str, Writer] = {
     ".json": _json,
     ".npz": _npz,
     ".parquet": _parquet,
+    ".gpkg": _geopackage,
     ".tif": _tiff,
     ".png": _png,
     ".glb": _glb,
 }
 """Suffix -> writer(table, path, column)."""
 
-_EXTRA = {".parquet": ("pyarrow", "gis"), ".tif": ("rasterio", "gis")}
+_EXTRA = {".parquet": ("pyarrow", "gis"), ".gpkg": ("pyogrio", "gis"), ".tif": ("rasterio", "gis")}
 
 
 def writer_of(path: str | os.PathLike[str], kind: str) -> Writer:
@@ -274,9 +323,12 @@ class Table:
     def save(self, path: str | os.PathLike[str], column: str | None = None) -> None:
         """Write the table in the format of the suffix.
 
-        .csv, .json, .npz and .parquet hold all columns; .parquet is GeoParquet if the CRS is known. .png is a
-        false-colour picture with a legend, .glb a model in the same colours, .tif a GeoTIFF of a raster. .parquet and
-        .tif need ``antumbra[gis]``.
+        .csv, .json, .npz, .parquet and .gpkg hold all columns; .parquet is GeoParquet if the CRS is known, .gpkg a
+        layer of points. .png is a false-colour picture with a legend, .glb a model in the same colours, .tif a GeoTIFF
+        of a raster. .parquet, .gpkg and .tif need ``antumbra[gis]``.
+
+        Beside GeoParquet, GeoPackage and GeoTIFF, a .qml file is the style in which QGIS opens them: classes for yes
+        and no, else colours up to the greatest value. A style there that was saved by QGIS stays.
 
         Parameters
         ----------
@@ -290,6 +342,30 @@ class Table:
             If the suffix is unknown, the format cannot hold this table, or the path cannot be written.
         """
         writer_of(path, self.sensors.kind)(self, Path(path), self.shown(column))
+
+    def save_map(self, path: str | os.PathLike[str], column: str | None = None, *, title: str | None = None) -> None:
+        """Write a map sheet for a report: a page of A4 in PDF, SVG or PNG.
+
+        The map has north up, a scale bar in metres (world units), and an arrow to true north. Rasters are drawn as
+        maps, continuous quantities smoothly; faces and points are seen from above. The legend has classes for yes and
+        no, and otherwise ends at the greatest value. Beside it are the scene, the rule, the dates, the place, and the
+        areas. Needs ``antumbra[plot]``. The same table gives the same file.
+
+        Parameters
+        ----------
+        path : str or path-like
+            A .pdf, .svg or .png file.
+        column : str, optional
+            The column of the map. None: the first one.
+        title : str, optional
+            None: what the column holds.
+
+        Raises
+        ------
+        InputError
+            If the suffix or the column is unknown, the path cannot be written, or matplotlib is missing.
+        """
+        save_map(self, check_map(path), self.shown(column), checked_title(title))
 
     def shown(self, column: str | None) -> str:
         """The name of the column that a picture shows. Raises InputError if it is unknown or not numeric."""

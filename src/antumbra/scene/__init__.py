@@ -20,5 +20,7 @@
 - `alpha_masks`: cut-out faces
 - `raster`: the cells of a horizontal raster
 - `terrain`: the triangulated surface of a raster of heights
+- `tree_crowns`: trees as closed crowns that let light pass
+- `joined_scenes`: two scenes as one
 - `crs`: coordinate reference systems
 """

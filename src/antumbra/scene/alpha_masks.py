@@ -45,6 +45,7 @@ class AlphaMask(NamedTuple):
     transmittance: NDArray[np.float64]  # (m, 3) float64 in [0, 1]: shares of red, green and blue
     wrap: tuple[int, int]  # REPEAT, CLAMP or MIRROR along u and v
     months: NDArray[np.float64] | None = None  # (12, m, 3): `transmittance` is their mean; None: it never changes
+    closed: bool = False  # whether these are the shares of bodies, of which light crosses two surfaces
 
 
 class Cutouts(NamedTuple):
@@ -85,7 +86,8 @@ def find_cutouts(appearance: Appearance) -> Cutouts | None:
     Through a texel passes the share of light that it does not cover, 1 - alpha, where alpha is the texel's times the
     material's times the mean of the face's corners. With the alpha mode MASK, alpha is 1 from the cutoff on and 0
     below it; with OPAQUE it is 1. What a texel covers still lets pass the `transmittance` of its material, or the share
-    `transmission` of its colour. Without a date, a transmittance that changes over the year counts as its mean.
+    `transmission` of its colour. Without a date, a transmittance that changes over the year counts as its mean. All of
+    this is the share of a body, not of a surface, if the material is that of closed bodies.
 
     Raises
     ------
@@ -137,7 +139,8 @@ def _mask_of(material: Material, has_texture: bool, alpha: float) -> AlphaMask:
     beyond = (colour * material.transmission)[None] if given is None else given
     passing = np.clip(1.0 - covered + covered * beyond, 0.0, 1.0)
     wrap = (CLAMP, CLAMP) if texture is None else (texture.wrap_s, texture.wrap_t)
-    return AlphaMask(texels, passing.mean(0), wrap, passing if len(passing) > 1 else None)
+    months = passing if len(passing) > 1 else None
+    return AlphaMask(texels, passing.mean(0), wrap, months, material.closed)
 
 
 def _covered(material: Material, alpha: np.ndarray, factor: float) -> np.ndarray:
@@ -211,12 +214,53 @@ def cutouts_of(uv: NDArray[np.float32], mask: NDArray[np.int32], masks: Sequence
 
 
 def _tables_of(mask: AlphaMask) -> NDArray[np.int32]:
-    """The part of a mask in `Cutouts.depths`, (1, m, 4) int32; or in `depths` and `months`, (13, m, 4)."""
+    """The part of a mask in `Cutouts.depths`, (1, m, 4) int32; or in `depths` and `months`, (13, m, 4).
+
+    Each of the two surfaces of a closed body has half of its depth, that is, the square root of its share.
+    """
     shares = mask.transmittance[None]
     if mask.months is not None:
         shares = np.concatenate([shares, mask.months])
     meets = shares.mean(2, keepdims=True) <= _HALF + _ROUNDING
-    return np.concatenate([depths_of(shares), meets], axis=2).astype(np.int32)
+    depths = depths_of(np.sqrt(shares) if mask.closed else shares)
+    return np.concatenate([depths, meets], axis=2).astype(np.int32)
+
+
+def join_cutouts(parts: Sequence[tuple[Cutouts | None, int]]) -> Cutouts | None:
+    """The cut-outs of several scenes as those of one scene, which has their faces in this order.
+
+    parts : the cut-outs of each scene, None if all of its faces are solid, and its number of faces
+    """
+    if all(cutouts is None for cutouts, _ in parts):
+        return None
+    first = np.cumsum([0, *(n for _, n in parts)])
+    each = [(_all_solid(n) if cutouts is None else cutouts) for cutouts, n in parts]
+    masks = np.cumsum([0, *(len(part.shapes) for part in each)])
+    texels, rows = (np.cumsum([0, *map(len, kind)]) for kind in ([c.texels for c in each], [c.depths for c in each]))
+    n_months = max(len(part.months) for part in each)
+    months = [part.months if len(part.months) else np.broadcast_to(part.depths, (n_months, *part.depths.shape))
+              for part in each]  # fmt: skip
+    return Cutouts(
+        np.concatenate([part.solid + first[k] for k, part in enumerate(each)]).astype(np.int32),
+        np.concatenate([part.faces + first[k] for k, part in enumerate(each)]).astype(np.int32),
+        np.concatenate([part.uv for part in each]),
+        np.concatenate([part.mask + masks[k] for k, part in enumerate(each)]).astype(np.int32),
+        np.concatenate([part.shapes for part in each]),
+        np.concatenate([part.first + texels[k] for k, part in enumerate(each)]),
+        np.concatenate([part.texels for part in each]),
+        np.concatenate([part.rows + rows[k] for k, part in enumerate(each)]),
+        np.concatenate([part.depths for part in each]),
+        np.concatenate(months, axis=1),
+    )
+
+
+def _all_solid(n: int) -> Cutouts:
+    none = np.empty(0, np.int64)
+    return Cutouts(
+        np.arange(n, dtype=np.int32), none.astype(np.int32), np.empty((0, 3, 2), np.float32), none.astype(np.int32),
+        np.empty((0, 4), np.int32), none, none.astype(np.uint8), none, np.empty((0, 4), np.int32),
+        np.empty((0, 0, 4), np.int32),
+    )  # fmt: skip
 
 
 def finite_uv(uv: np.ndarray) -> NDArray[np.float32]:

@@ -274,6 +274,7 @@ class Material(NamedTuple):
     double_sided: bool = True
     transmission: float = 0.0  # share of the base colour that light keeps when it passes straight through
     transmittance: tuple[LightShare, ...] | None = None  # overrides it: one share, or one for each month
+    closed: bool = False  # whether its surfaces enclose bodies, each of which lets the transmittance pass as a whole
 
     @property
     def lets_light_pass(self) -> bool:

@@ -1,9 +1,10 @@
-"""Geographic data: rasters of heights, and building footprints.
+"""Geographic data: rasters of heights, building footprints, and trees.
 
 - `height_files`: rasters of heights in the files that rasterio reads
 - `height_arrays`: heights from arrays and from the DataArrays of xarray; tiles
 - `footprint_table`: footprints with heights, from files that geopandas reads
 - `footprint_bases`: the lowest terrain under footprints
 - `footprint_solids`: footprints as closed solids, with roofs, walls and floors
+- `tree_table`: trees with heights and radii, from point and polygon layers and CSV files
 - `gis_data`: scene data of both
 """

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...checks import as_array, choice, is_number, path_of, quoted, spelling_hint
+from ...checks import as_array, choice, is_number, number, path_of, quoted, spelling_hint
 from ...errors import InputError
 from ...extras import import_extra
 from ...files import checked_file
@@ -171,7 +171,7 @@ def _projected(frame: Any, crs: str | None, file: str) -> Any:
 def _numbers(value: Any, what: str, columns: dict[str, Any], n: int, file: str) -> NDArray[np.float64]:
     """(n,) float64 from a number, an array or the name of a column; NaN: missing."""
     if not isinstance(value, str) and np.ndim(value) == 0 and is_number(value):
-        return np.full(n, float(value))
+        return np.full(n, number(value, what))
     if not isinstance(value, str):
         values = as_array(value, what)
         if values.shape != (n,) or values.dtype.kind not in "fiu":

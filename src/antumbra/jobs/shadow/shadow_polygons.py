@@ -14,8 +14,10 @@ from ...errors import InputError
 from ...extras import import_extra
 from ...files import atomic_output, checked_output
 from ...scene.crs import checked_crs
-from ..raster_grid import Raster
-from ..result_table import Table
+from ...scene.raster import Raster
+from ..map_scale import range_scale
+from ..qgis_style import VectorStyle, write_style
+from ..result_table import Table, raster_style
 
 if TYPE_CHECKING:
     import geopandas
@@ -65,6 +67,7 @@ class Shadow(NamedTuple):
         """Write the polygons in the format of the suffix: .gpkg, .geojson or .parquet (GeoParquet).
 
         .tif is a GeoTIFF of the cells. GeoJSON is in WGS 84 if the CRS is known. All formats need ``antumbra[gis]``.
+        If the CRS is known, a .qml file beside it is the style in which QGIS opens it.
 
         Raises
         ------
@@ -76,6 +79,7 @@ class Shadow(NamedTuple):
         if suffix == ".tif":
             assert self.table is not None
             self.table.save(target)
+            self._write_style(target)
             return
         frame = self.frame()
         if suffix == ".geojson" and frame.crs is not None:
@@ -89,6 +93,17 @@ class Shadow(NamedTuple):
                 import_extra("pyogrio", suffix, "gis").write_dataframe(frame, data, driver=VECTORS[suffix], **layer)
         with atomic_output(target) as temporary:
             temporary.write_bytes(data.getvalue())
+        if frame.crs is not None:
+            self._write_style(target)
+
+    def _write_style(self, path: Path) -> None:
+        """Write the QGIS style of polygons and cells: classes of hours, or one colour."""
+        columns, table = self.columns, self.table
+        style = VectorStyle("area", None, "fill")
+        if "hours_from" in columns:
+            scale = range_scale(columns["hours_from"], columns["hours_to"], "h")
+            style = VectorStyle("hours_from", scale, "fill")
+        write_style(path, style, None if table is None else raster_style(table, table.shown(None)))
 
     def _attributes(self) -> dict[str, Any]:
         """Metadata that each row repeats, since most formats have no other place for it."""

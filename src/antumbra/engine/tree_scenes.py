@@ -1,0 +1,133 @@
+"""`from_trees`: trees from geographic data, alone or added to a scene."""
+
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import text
+from ..errors import InputError
+from ..formats.gis.tree_table import TreeOptions, Trees, TreesLike, read_trees
+from ..scene.crs import checked_crs
+from ..scene.joined_scenes import join_data
+from ..scene.scene_data import MemoryData, group_notes
+from ..scene.tree_crowns import TreeMeshes
+from .scene import AnyScene, Scene
+from .scene_loading import SceneLike, scene_of
+
+
+def from_trees(
+    trees: TreesLike,
+    height: Any = "height",
+    radius: Any = None,
+    transmittance: Any = 0.0,
+    *,
+    scene: "SceneLike | None" = None,
+    shape: str = "ellipsoid",
+    base: Any = None,
+    crown_base: Any = None,
+    trunk_radius: Any = None,
+    id: str | None = None,
+    layer: str | None = None,
+    crs: str | None = None,
+    name: str | None = None,
+) -> Scene:
+    """Trees as closed crowns on trunks, which let a share of the light pass; alone, or added to a scene.
+
+    Lengths are in the unit of the coordinates. Each of `height`, `radius`, `base`, `crown_base` and `trunk_radius` is a
+    number, the name of a column, or (n,) numbers.
+
+    Parameters
+    ----------
+    trees : str, path-like, or GeoDataFrame
+        Points, the feet of the trunks; or outlines of crowns, whose centroids are these feet. A GeoPackage, GeoJSON,
+        shapefile, FlatGeobuf or GeoParquet file, a CSV file with the columns x and y, or a GeoDataFrame of geopandas.
+    height : number, str, or (n,) float
+        Height of the top above the foot.
+    radius : number, str, or (n,) float, optional
+        Largest radius of the crown. None: the column ``radius``; for outlines, that of a circle with the same area.
+    transmittance : float, three floats, twelve of these, or str
+        The share of the light that a whole crown lets pass, from 0 to 1; shares of red, green and blue; one of these
+        for each month from January to December; or the name of a column of shares.
+    scene : Scene, or anything that `load` takes, optional
+        The scene to which the trees are added, unchanged itself. It must be in memory, without instances.
+    shape : "ellipsoid" or "cone"
+        Shape of the crowns: 48 or 14 triangles.
+    base : number, str, or (n,) float, optional
+        Height of the feet. None: the highest surface of the scene at each place, or 0 without a scene.
+    crown_base : number, str, or (n,) float, optional
+        Height of the lowest part of the crown above the foot. None: a quarter of the height.
+    trunk_radius : number, str, or (n,) float, optional
+        Radius of the trunk, which is opaque and ends in the middle of the crown. 0: no trunk. None: height / 60.
+    id : str, optional
+        The column that names the trees. None: ``id``, ``gml_id``, ``osm_id`` or ``fid``, else "tree 0" and so on.
+    layer : str, optional
+        The layer of the file. None: the only one.
+    crs : str, optional
+        CRS of the trees, if the table names none, or to which points in degrees are projected. None: the scene's.
+    name : str, optional
+        Name of the scene. None: that of `scene`, or of the file.
+
+    Returns
+    -------
+    Scene
+        Each tree is an object of the type "SolitaryVegetationObject", after those of `scene`. Without a scene, +Z is
+        up.
+
+    Raises
+    ------
+    InputError
+        If the table cannot be read, a column is missing, a number is missing or out of range, a tree has no surface
+        under it, a CRS differs from the scene's, or the scene is in a store or has instances.
+
+    Notes
+    -----
+    A line that enters and leaves a crown crosses two surfaces, each of which lets the square root of the share pass.
+    So the share does not depend on the distance inside the crown; a point inside one is behind half of it, in terms of
+    logarithms. The shares of several crowns multiply. Sections at the widest place have the area of the circle.
+    """
+    options = TreeOptions(height, radius, transmittance, shape, base, crown_base, trunk_radius, id, layer, crs)
+    below = None if scene is None else scene_of(scene)
+    if below is not None and not isinstance(below.data, MemoryData):
+        raise InputError(f"{below.name}: trees are added to scenes in memory; load it with instances=False, or a file")
+    table = read_trees(trees, options, None if below is None else below.crs)
+    up = "z" if below is None else below.up
+    source = TreeMeshes(_feet(table, below, up), table.shapes, table.ids, table.file, up)
+    title = table.file.rpartition(".")[0] or "trees"
+    title = (title if below is None else below.name) if name is None else text(name, "name")
+    data = MemoryData(source, name=title, up=up, crs=None if table.crs is None else checked_crs(table.crs))
+    if below is None:
+        return Scene.of_data(data)
+    assert isinstance(below.data, MemoryData)
+    joined = join_data(below.data, data, title)
+    for note in group_notes(data.notes):
+        warnings.warn(note, UserWarning, stacklevel=2)
+    return Scene.of_data(joined)
+
+
+def _feet(table: Trees, scene: AnyScene | None, up: str) -> NDArray[np.float64]:
+    """(n, 3) float64, world: the feet of the trunks."""
+    east, north = table.plan.T
+    heights = np.zeros(len(east)) if table.bases is None else table.bases
+    if table.bases is None and scene is not None:
+        heights = _surface_heights(table, scene, up)
+    return np.stack([east, north, heights] if up == "z" else [east, heights, -north], 1)
+
+
+def _surface_heights(table: Trees, scene: AnyScene, up: str) -> NDArray[np.float64]:
+    """(n,) float64: heights of the highest surface at each place."""
+    axis = "xyz".index(up)
+    low, high = scene.bounds[:, axis]
+    begin, down = np.zeros((len(table.plan), 3)), -np.eye(3)[axis]
+    begin[:, 0], begin[:, 3 - axis] = table.plan[:, 0], table.plan[:, 1] * (1.0 if up == "z" else -1.0)
+    begin[:, axis] = high + max(high - low, 1.0)
+    hit = scene.closest_hit(begin, down)
+    if not hit.mask.all():
+        k, off = int(np.argmin(hit.mask)), int((~hit.mask).sum())
+        more = f" (and {off - 1} more)" if off > 1 else ""
+        raise InputError(
+            f"{table.file}: tree {table.ids[k]!r}{more} has no surface of {scene.name} under it; give base"
+        )
+    heights: NDArray[np.float64] = begin[:, axis] - hit.t
+    return heights
