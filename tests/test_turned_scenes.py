@@ -327,7 +327,8 @@ COMMANDS = {
 NUMBERS = {
     "render": ["rays"], "sun": ["suns", "hours", "rays", "means"], "bake": ["receivers", "rays", "mean"],
     "los": ["pairs", "visible"], "viewshed": ["seen", "area", "area_seen"], "matrix": ["visible"],
-    "skyline": ["points", "azimuths"], "shadow": ["polygons"], "view-factors": ["n", "rays"], "dataset": ["frames", "lights", "rendered"],
+    "skyline": ["points", "azimuths"], "shadow": ["polygons"],
+    "view-factors": ["n", "rays"], "dataset": ["frames", "lights", "rendered"],
     "build": ["triangles", "chunks", "bytes"], "info": ["triangles"],
     "culling": ["kept", "marked"], "explain": ["rays", "blocked"], "compare": ["rays"],
 }  # fmt: skip

@@ -210,8 +210,8 @@ def _faults(shapes: NDArray[Any], heights: NDArray[np.float64], bases: NDArray[n
     import shapely
 
     faults = np.full(len(shapes), "", dtype="U120")
-    for number, what in ((bases, "base"), (heights, "height")):
-        faults[~np.isfinite(number)] = f"has no {what}"
+    for values, what in ((bases, "base"), (heights, "height")):
+        faults[~np.isfinite(values)] = f"has no {what}"
     faults[heights <= 0.0] = "has a height of 0 or less"
     polygons = np.isin(shapely.get_type_id(shapes), (_POLYGON, _MULTIPOLYGON))
     for k in np.flatnonzero(polygons & ~shapely.is_valid(shapes)).tolist():
