@@ -93,6 +93,15 @@ def page_of(chromium, folder, script, width, webgl=True):
     return page
 
 
+def drag(canvas):
+    """Turn the view by a hundred pixels."""
+    box, mouse = canvas.bounding_box(), canvas.page.mouse
+    mouse.move(box["x"] + 120, box["y"] + 60)
+    mouse.down()
+    mouse.move(box["x"] + 220, box["y"] + 90, steps=4)
+    mouse.up()
+
+
 def shot_after(canvas, act, argument):
     """The pixels of the view after an act."""
     act(argument)
@@ -107,7 +116,8 @@ def test_the_page_shows_the_model_and_the_sun_moves_its_shadows(script, tmp_path
             assert page.get_attribute("figure.live", "data-state") == "ready"
             assert page.evaluate("document.documentElement.scrollWidth") <= width
             canvas, slider, box = page.locator("canvas"), page.get_by_role("slider"), page.get_by_role("checkbox")
-            acts = (slider.fill, "10"), (slider.fill, "30"), (box.set_checked, True), (canvas.press, "ArrowLeft")
+            acts = [(slider.fill, "10"), (slider.fill, "30"), (box.set_checked, True), (canvas.press, "ArrowLeft")]
+            acts.append((drag, canvas))
             shots = [shot_after(canvas, *act) for act in acts]
             assert len(set(shots)) == len(shots), "a control changes nothing"
             assert page.locator("output").inner_text() == "14:22"

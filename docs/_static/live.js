@@ -186,19 +186,27 @@ function timeAt(model, sun) {
   return `${String(Math.floor(now / 60)).padStart(2, "0")}:${String(now % 60).padStart(2, "0")}`;
 }
 
-function turning(canvas, state, nearest, redraw) {
+function followInput(canvas, state, redraw) {
+  const away = state.away;
+  let last = null;
   const move = (right, up) => {
     state.turn -= right;
     state.high = Math.min(1.5, Math.max(0.05, state.high + up));
     redraw();
   };
   const zoom = (factor) => {
-    state.away = Math.min(2.5 * nearest, Math.max(0.3 * nearest, state.away * factor));
+    state.away = Math.min(2.5 * away, Math.max(0.3 * away, state.away * factor));
     redraw();
   };
-  canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    last = [event.clientX, event.clientY];
+  });
   canvas.addEventListener("pointermove", (event) => {
-    if (event.buttons) move(0.008 * event.movementX, event.pointerType === "touch" ? 0 : 0.008 * event.movementY);
+    if (!event.buttons || !last) return;
+    const [right, down] = minus([event.clientX, event.clientY], last);
+    last = [event.clientX, event.clientY];
+    move(0.008 * right, event.pointerType === "touch" ? 0 : 0.008 * down); // on a phone, up and down scroll the page
   });
   canvas.addEventListener("wheel", (event) => { // the page scrolls until the view has been clicked
     if (document.activeElement !== canvas && !event.ctrlKey) return;
@@ -230,12 +238,12 @@ async function show(figure) {
     (selector) => made.querySelector(selector));
   const gl = canvas.getContext("webgl2", { antialias: true });
   const draw = drawer(gl, model, columns), state = startOf(model), size = model.suns.length - 1;
-  let asked = false;
+  let queued = false;
   const redraw = () => {
-    if (asked) return;
-    asked = true;
+    if (queued) return;
+    queued = true;
     requestAnimationFrame(() => {
-      asked = false;
+      queued = false;
       text.textContent = timeAt(model, state.sun);
       slider.setAttribute("aria-valuetext", text.textContent);
       draw(state);
@@ -248,7 +256,7 @@ async function show(figure) {
   ramp.textContent = `0 to ${(model.suns.length * model.step).toFixed(0)} h`;
   slider.addEventListener("input", () => { state.sun = Number(slider.value); redraw(); });
   box.addEventListener("change", () => { state.counting = box.checked; ramp.hidden = !box.checked; redraw(); });
-  turning(canvas, state, state.away, redraw);
+  followInput(canvas, state, redraw);
   image.replaceWith(...made.children);
   new ResizeObserver(() => {
     const sharp = Math.min(2, window.devicePixelRatio);
