@@ -21,7 +21,6 @@ from antumbra.jobs.sun.sun_positions import zone_of
 from antumbra.picture.heat_maps import heat_colours
 from antumbra.picture.image_files import to_srgb8
 
-STEP = 15  # minutes between two suns
 MAX_SUNS = 64  # bits of a word
 _INWARD = 0.02  # shift of a sample from its vertex towards the middle of its faces, so that it is on no edge
 _SKY_RAYS = 64
@@ -36,13 +35,18 @@ class LiveScene(NamedTuple):
     eye: tuple[float, float, float]  # metres
     target: tuple[float, float, float]  # metres: the camera turns around it
     vfov: float  # degrees
+    day: date
+    step: int  # minutes between two suns, of which there are at most 64
+    start: float  # of the slider, as a share of the day
+    exposure: float
 
 
+SPRING, SUMMER = date(2026, 3, 21), date(2026, 6, 21)
 SCENES = {
-    "city": LiveScene("city", 60_000, 3.0, (95.0, 90.0, 100.0), (0.0, -8.0, 0.0), 42.0),
+    "atrium": LiveScene("atrium", 20_000, 0.8, (2.0, 2.4, 6.5), (0.0, 2.6, 0.0), 75.0, SUMMER, 20, 0.49, 1.7),
+    "city": LiveScene("city", 60_000, 3.0, (95.0, 90.0, 100.0), (0.0, -8.0, 0.0), 42.0, SPRING, 15, 0.3, 1.0),
 }
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
-DAY = date(2026, 3, 21)
 
 
 class Vertices(NamedTuple):
@@ -112,9 +116,9 @@ def in_order(vertices: Vertices) -> Vertices:
     return Vertices(*columns, rank[vertex.reshape(-1, 3)].astype(np.uint32))
 
 
-def suns_of_day() -> at.Suns:
+def suns_of_day(shown: LiveScene) -> at.Suns:
     """The suns that the slider passes."""
-    suns = at.suns_of(PLACE, at.times_of([DAY], zone_of(PLACE), step=STEP), "y")
+    suns = at.suns_of(PLACE, at.times_of([shown.day], zone_of(PLACE), step=shown.step), "y")
     assert len(suns.directions) <= MAX_SUNS
     return suns
 
@@ -155,12 +159,18 @@ def _byte_planes(column: np.ndarray) -> bytes:
 
 def script_of(name: str) -> str:
     """The script file of a model."""
-    shown, suns = SCENES[name], suns_of_day()
+    shown = SCENES[name]
+    suns = suns_of_day(shown)
     scene = at.procedural(shown.procedural, triangles=shown.triangles)
     vertices = in_order(vertices_of(scene, shown.edge))
     data, about = packed(vertices, light_of(scene, vertices, suns))
-    about |= {"suns": suns.directions.round(5).tolist(), "step": STEP / 60.0, "eye": shown.eye, "target": shown.target}
-    about["vfov"] = shown.vfov
+    about |= {
+        "suns": suns.directions.round(5).tolist(),
+        "step": shown.step / 60.0,
+        "eye": shown.eye,
+        "target": shown.target,
+    }
+    about |= {"vfov": shown.vfov, "start": shown.start, "exposure": shown.exposure}
     about["ramp"] = (heat_colours(np.linspace(0.0, 1.0, 9), 1.0) / 255.0).round(3).tolist()
     about |= {"times": [str(time)[11:16] for time in suns.local], "data": base64.b64encode(data).decode("ascii")}
     return f"(window.liveModels ??= {{}})[{json.dumps(name)}] = {json.dumps(about)};\n"

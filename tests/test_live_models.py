@@ -14,7 +14,7 @@ from repository import ROOT, tool
 
 pytest.importorskip("pvlib", reason="no pvlib: the live models of the docs are NOT tested")
 live = tool(ROOT / "scripts" / "live_models.py")
-TINY = live.LiveScene("city", 2_000, 20.0, (95.0, 90.0, 100.0), (0.0, 0.0, 0.0), 42.0)
+TINY = live.LiveScene("city", 2_000, 20.0, (95.0, 90.0, 100.0), (0.0, 0.0, 0.0), 42.0, live.SPRING, 15, 0.3, 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -39,20 +39,20 @@ def test_split_edges_are_short_and_leave_no_gaps():
 
 
 def test_bits_count_the_hours_of_the_job():
-    scene, suns = at.procedural("city", triangles=2_000), live.suns_of_day()
+    scene, suns = at.procedural("city", triangles=2_000), live.suns_of_day(TINY)
     vertices = live.in_order(live.vertices_of(scene, 20.0))
     light = live.light_of(scene, vertices, suns)
     seen = len(suns.directions) - np.bitwise_count(light.hidden)
     table = at.sun_hours(
-        scene, at.point_sensors(vertices.samples, vertices.normals), [live.DAY], place=live.PLACE, step=live.STEP
+        scene, at.point_sensors(vertices.samples, vertices.normals), [TINY.day], place=live.PLACE, step=TINY.step
     )
-    np.testing.assert_array_equal(seen * (live.STEP / 60.0), table["sun_hours"])
+    np.testing.assert_array_equal(seen * (TINY.step / 60.0), table["sun_hours"])
     assert len(np.unique(seen)) > 10 and 0 < light.sky.mean() < 255
 
 
 def test_columns_hold_the_model(script):
     model = json.loads(script.partition("] = ")[2].rstrip(";\n"))
-    scene, suns = at.procedural("city", triangles=2_000), live.suns_of_day()
+    scene, suns = at.procedural("city", triangles=2_000), live.suns_of_day(TINY)
     vertices = live.in_order(live.vertices_of(scene, 20.0))
     data = zlib.decompress(base64.b64decode(model["data"]))
     n, m = model["vertices"], model["faces"]

@@ -34,7 +34,7 @@ in vec3 world, colour;
 in vec2 lit;
 in float open, hours;
 uniform vec3 sun, ramp[9];
-uniform float between, most;
+uniform float between, most, exposure;
 uniform bool counting;
 out vec4 pixel;
 
@@ -51,7 +51,7 @@ void main() {
   vec3 warm = mix(vec3(1.0, 0.62, 0.32), vec3(1.0, 0.95, 0.87), smoothstep(0.0, 0.45, sun.y));
   vec3 day = mix(vec3(0.20, 0.24, 0.34), vec3(0.46, 0.53, 0.66), smoothstep(0.0, 0.5, sun.y));
   vec3 light = 1.25 * direct * warm + day * open + 0.05;
-  vec3 shown = colour * light;
+  vec3 shown = exposure * colour * light;
   shown = shown / (1.0 + 0.25 * shown); // rolls off highlights
   pixel = vec4(pow(shown, vec3(1.0 / 2.2)), 1.0);
 }`;
@@ -153,6 +153,7 @@ function drawer(gl, model, columns) {
   gl.uniform3fv(where("size"), model.size);
   gl.uniform3fv(where("ramp"), model.ramp.flat());
   gl.uniform1f(where("most"), model.suns.length);
+  gl.uniform1f(where("exposure"), model.exposure);
   return (state) => {
     const first = Math.min(Math.floor(state.sun), model.suns.length - 2), between = state.sun - first;
     const [a, b] = [model.suns[first], model.suns[first + 1]];
@@ -177,7 +178,7 @@ function eyeOf(model, state) {
 
 function startOf(model) {
   const [x, y, z] = minus(model.eye, model.target), away = Math.hypot(x, y, z);
-  return { turn: Math.atan2(x, z), high: Math.asin(y / away), away, sun: 0.3 * (model.suns.length - 1), counting: false };
+  return { turn: Math.atan2(x, z), high: Math.asin(y / away), away, sun: model.start * (model.suns.length - 1), counting: false };
 }
 
 function timeAt(model, sun) {
