@@ -21,6 +21,7 @@ extensions = [
     "fields",
     "help",
     "labels",
+    "live",
     "pictures",
     "raised",
     "registries",

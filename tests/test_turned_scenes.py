@@ -36,6 +36,7 @@ FINDS = {}
 OTHERS = {
     "area_sensors": "areas are given on a map, which does not turn",
     "build_store": "its scenes are asked by the tests of stores; `build` is below",
+    "from_trees": "trees stand on a map, which does not turn",
     "place_of": "the coordinates of a place on earth do not turn",
     "sky_view": "its directions lie on a spiral that does not turn; its own tests compare it with closed forms",
     "sensors_of": "text for the sensors below",

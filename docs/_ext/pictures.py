@@ -67,7 +67,7 @@ class Gallery(_Programs):
         parts = [self._image(program, program.picture), self._words(program.caption)]
         if program.scenes:
             credits = " ".join(gallery.CREDITS[name] for name in program.scenes)
-            parts.append(self._words(credits, "credit"))
+            parts.append(self._words(f"{credits} {_stand_in(program.scenes)}", "credit"))
         return self._section(program, *parts, self._code(program.code, LANGUAGES[program.path.suffix]))
 
 
@@ -85,6 +85,13 @@ class Examples(_Programs):
         if program.printed.is_file():
             parts += [self._words("It prints:"), self._code(program.printed.read_text(encoding="utf-8"), "text")]
         return self._section(program, *parts)
+
+
+def _stand_in(scenes: list[str]) -> str:
+    """How to run a program without its real scenes."""
+    files = " and ".join(f"`{name}.glb`" for name in scenes)
+    cure = f"`antumbra scenes atrium -o {scenes[0]}.glb`"
+    return f"The program loads {files} from the current folder: put a model of yours there, or run {cure}."
 
 
 def _anchor(program) -> str:

@@ -36,6 +36,17 @@ def test_a_picture_and_a_summary(render, tmp_path):
     assert "uncertain" not in done.out
 
 
+def test_the_summary_says_that_textures_are_missing(cli, tmp_path):
+    (tmp_path / "a.mtl").write_text("".join(f"newmtl m{i}\nmap_Kd lost{i}.png\n" for i in range(3)))
+    faces = "".join(f"usemtl m{i}\nf 1/1 2/2 3/3\n" for i in range(3))
+    vertices = "v 0 0 0\nv 0 0 1\nv 1 0 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\n{vertices}{faces}")
+    done = cli("render", "a.obj", "--size", 16, "--spp", 1)
+    notes = [line for line in done.out.splitlines() if line.startswith("note ")]
+    assert done.code == 0 and len(notes) == 1, done.out
+    assert "lost0.png" in notes[0] and "taken as white" in notes[0] and "2 more of this kind" in done.out
+
+
 def test_the_summary_as_json(render):
     told = render("--json", "--counters", "--spp", 4, "-o", "x.exr").json()
     assert told["output"] == "x.exr" and told["exposure"] is None

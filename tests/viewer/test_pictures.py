@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.picture.image_files import screen_picture
 from antumbra.viewer.progressive_pictures import (
     MOST_PIXELS,
     PICTURE_STEPS,
@@ -34,11 +35,17 @@ def brightness(picture, row, column):
 
 
 def test_the_picture_is_the_one_that_render_makes(model, camera):
-    from antumbra.picture.image_files import to_srgb8
-
     picture = trace_picture(model, camera, FINE)
     frame = at.render(model.scene, camera, SUN, spp=4, filter=True)
-    assert (picture.image == to_srgb8(frame.image, model.exposure)).all() and picture.rays == frame.rays
+    assert (picture.image == screen_picture(frame, model.exposure)).all() and picture.rays == frame.rays
+
+
+def test_behind_a_scene_without_a_sky_is_daylight_as_in_png_files(model):
+    wide = at.Camera((0.0, 3.0, 40.0), (0.0, 3.0, 0.0), vfov=60.0, width=40, height=40)
+    frame = at.render(model.scene, wide, SUN, spp=4, filter=True)
+    behind = ~frame.mask & (frame.coverage == 0.0)
+    assert 0.2 < behind.mean() < 1.0 and not frame.image[behind].any()
+    assert trace_picture(model, wide, FINE).image[behind].min() > 100
 
 
 def test_shadows_follow_the_sun(model, camera):

@@ -162,10 +162,14 @@ def picture_fields(
     spec: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture
 ) -> Iterator[tuple[str, str]]:
     """The names and values printed for a single picture."""
+    from ..scene.scene_data import group_notes
+
     frame = shot.frame
     yield "picture", str(saved.path)
     moment = f", at {shot.time:g} of {scene.duration:g} s" if scene.animated else ""
     yield "scene", scene_text(spec, scene) + moment
+    for note in group_notes(scene.notes, "antumbra info has all"):
+        yield "note", note
     yield from shot_fields(spec, shot)
     phases = {"load": load, **frame.timings, "save": saved.seconds}
     frame_seconds = phases.pop("total")

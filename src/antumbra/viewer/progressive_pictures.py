@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..picture.frame import Frame
 from ..picture.frame_request import TimeSample
 from ..picture.heat_maps import draw_bar, linear_scale
-from ..picture.image_files import to_srgb8
+from ..picture.image_files import screen_picture
 from ..picture.render_options import RenderOptions
 from ..picture.traversal_steps import explain
 from ..scene.camera import Camera
@@ -233,7 +233,7 @@ def trace_picture(model: Model, camera: Camera, step: Step, check: Check = lambd
         model.update_from(frame)
         exposure = model.exposure
         assert exposure is not None  # set by update_from
-        image, note = to_srgb8(frame.image, exposure), ""
+        image, note = screen_picture(frame, exposure), ""
     return TracedPicture(image, step, perf_counter() - start, frame.rays, note)
 
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...checks import as_array, choice, is_number, number, path_of, quoted, spelling_hint
+from ...checks import as_array, choice, is_number, number, path_of, quoted, spelling_hint, text
 from ...errors import InputError
 from ...extras import import_extra
 from ...files import checked_file
@@ -196,7 +196,7 @@ def _values(column: Any) -> NDArray[Any]:
 
 
 def _ids(name: str | None, columns: dict[str, Any], frame: Any, file: str) -> list[str]:
-    if name is not None and name not in columns:
+    if name is not None and text(name, "id") not in columns:
         raise InputError(f"{file}: has no column {name!r} for id; {spelling_hint(name, columns)}it names footprints")
     name = next((each for each in _IDS if each in columns), None) if name is None else name
     return [str(each) for each in (frame.index if name is None else columns[name])]
