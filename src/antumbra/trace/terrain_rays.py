@@ -30,7 +30,7 @@ from ..scene.terrain import HeightGrid
 RECEIVERS = 256  # receivers that a thread takes at a time
 _PAD = 2.0**-21  # squares are enlarged by this many times the longer side of the grid, in squares
 _RAISE = 2.0**-40  # heights are raised by this fraction of the largest coordinate along the up axis
-_BLOCKERS = 64  # samples whose latest blockers are remembered
+BLOCKERS = 64  # samples whose latest blockers are remembered
 _PARALLEL = 1e-300  # smallest component of a direction, in squares
 
 
@@ -115,7 +115,7 @@ class _Pointers(NamedTuple):
 
 
 @inlined
-def _pointers(tree):
+def terrain_pointers(tree):
     return _Pointers(
         ptr(tree.x), ptr(tree.y), ptr(tree.z), ptr(tree.tops), ptr(tree.starts), ptr(tree.widths),
         np.int64(len(tree.x)), np.int64(len(tree.widths) - 1),
@@ -270,19 +270,25 @@ def _blocker(tree, ray, corners, facing):
 
 
 @inlined
-def _is_blocked(tree, ray, corners, facing, last, s):
+def forget_blockers(last):
+    for s in range(BLOCKERS):
+        put(last, s, np.int64(-1))
+
+
+@inlined
+def is_blocked(tree, ray, corners, facing, last, s):
     """Whether the surface blocks a segment; `last`: the latest blockers of samples, which are tested first."""
-    square = get(last, s & (_BLOCKERS - 1))
+    square = get(last, s & (BLOCKERS - 1))
     if square >= 0 and _meets_square(tree, ray, corners, square // tree.columns, square % tree.columns, facing):
         return True
     square = _blocker(tree, ray, corners, facing)
     if square >= 0:
-        put(last, s & (_BLOCKERS - 1), square)
+        put(last, s & (BLOCKERS - 1), square)
     return square >= 0
 
 
 @inlined
-def _shadow_receiver(tree, query, i, corners, last, bits):
+def shadow_receiver(tree, query, i, corners, last, bits):
     """Set the bits of receiver i."""
     o, patch, horizon = get3(query.origins, 3 * i, 1), patch_of(query, i), horizon_of(query, i)
     for s in range(query.spp):
@@ -291,7 +297,7 @@ def _shadow_receiver(tree, query, i, corners, last, bits):
             ray = segment(o.x, o.y, o.z, lx, ly, lz)
             if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # an empty segment is not blocked
                 continue
-            if not _is_blocked(tree, ray, corners, query.facing, last, s):
+            if not is_blocked(tree, ray, corners, query.facing, last, s):
                 continue
         set_bit(query, bits, i, s)
 
@@ -299,14 +305,13 @@ def _shadow_receiver(tree, query, i, corners, last, bits):
 @kernel
 def _shadow_receivers(ticket, tree, query, bits):
     """Worker: set the bits of all receivers."""
-    chunk, out, surface = query_pointers(query), ptr(bits), _pointers(tree)
-    corners, last = stack_f32(18), stack_i64(_BLOCKERS)
+    chunk, out, surface = query_pointers(query), ptr(bits), terrain_pointers(tree)
+    corners, last = stack_f32(18), stack_i64(BLOCKERS)
     for k in items(ticket):
-        for s in range(_BLOCKERS):
-            put(last, s, np.int64(-1))
+        forget_blockers(last)
         for i in range(k * RECEIVERS, min((k + 1) * RECEIVERS, chunk.h * chunk.w)):
             if get(chunk.sides, i) != NOTHING:
-                _shadow_receiver(surface, chunk, i, corners, last, out)
+                shadow_receiver(surface, chunk, i, corners, last, out)
 
 
 def trace_terrain(

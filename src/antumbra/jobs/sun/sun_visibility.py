@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...engine.plan import Plan
+from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
 from ...engine.precompilation import Job, fixed_job, precompile
 from ...engine.scene import AnyScene, Scene
+from ...engine.terrain_shadows import terrain_of
 from ...kernels.elementary import acos, cos, sin, tan
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
@@ -183,6 +184,7 @@ DISK = 0.533
 """Mean angular diameter of the sun, degrees."""
 
 SENSORS_PER_PART = 1 << 14
+ROWS_PER_PART = 1 << 18  # sensors, if they are in rows
 NO_DATE = -1
 """Month of directions that belong to the whole year."""
 
@@ -273,14 +275,16 @@ class SunSums:
         precompile(tally_job)
         self._query, self._matrix, sensors = query, matrix, query.sensors
         n = len(sensors)
-        self._order = sensor_order(sensors.points, sensors.normals) if n else np.empty(0, np.int64)
+        in_rows = n > 0 and _in_rows(query)
+        self._order = np.arange(n) if n == 0 or in_rows else sensor_order(sensors.points, sensors.normals)
         about = None
         if folder is not None:
             arrays = [a for a in (sensors.points, sensors.normals, query.seasons, *query.calendar) if a is not None]
             of = scene_digest(query.scene, 0.0, query.threads)
             about = about_parts(what, of, inexact_plan(query.plan), query.columns, matrix, *arrays)
         title = f"{what}: {n:,} sensors x {len(query.calendar.hours):,} directions"
-        self.parts = Parts(title, n, SENSORS_PER_PART, self._part, folder, about)
+        size = ROWS_PER_PART if in_rows else SENSORS_PER_PART
+        self.parts = Parts(title, n, size, self._part, folder, about)
 
     def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
         query, indices = self._query, self._order[first:last]
@@ -314,6 +318,12 @@ class SunSums:
         with RowFile(path, self.matrix_shape) as file:
             for k, (first, last) in enumerate(self.parts.ranges):
                 file.put(self._order[first:last], self.parts[k]["matrix"])
+
+
+def _in_rows(query: SunQuery) -> bool:
+    """Whether the sensors stay in rows, along which terrain is traced fastest."""
+    surface = terrain_of(query.scene.data) if query.sensors.kind == "raster" else None
+    return surface is not None and parse_plan(query.plan or DEFAULT_PLAN) == parse_plan(DEFAULT_PLAN)
 
 
 def sum_suns(query: SunQuery, folder: Path | None = None, what: str = "suns") -> Tally:
