@@ -62,7 +62,7 @@ def test_bits_are_those_of_trees_for_distant_lights(heights, seed):
                 for plan in (None, TREE)
             )
             assert (bits == trees).all()
-    assert scene.engine._terrain._tree is not None
+    assert scene.engine.terrain._tree is not None
 
 
 @settings(deadline=None, max_examples=40)

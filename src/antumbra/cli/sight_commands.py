@@ -69,6 +69,17 @@ class SightArguments:
     observers: Annotated[
         Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
     ] = None
+    along: Annotated[
+        Path | None,
+        typer.Option(
+            help="A file of lines from which observers look, such as a road: .gpkg, .geojson, .shp, or the vertices of "
+            "one line in a .csv file.",
+            show_default=False,
+        ),
+    ] = None
+    spacing: Annotated[
+        float | None, typer.Option(help="World units between observers along lines.", show_default=False)
+    ] = None
     targets: Annotated[Path | None, typer.Option(help="A file of targets.", show_default=False)] = None
     pairs: Annotated[
         str,
@@ -207,6 +218,17 @@ class ViewshedArguments(_Options):  # type: ignore[misc] # made from the options
     observers: Annotated[
         Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
     ] = None
+    along: Annotated[
+        Path | None,
+        typer.Option(
+            help="A file of lines from which observers look, such as a road: .gpkg, .geojson, .shp, or the vertices of "
+            "one line in a .csv file.",
+            show_default=False,
+        ),
+    ] = None
+    spacing: Annotated[
+        float | None, typer.Option(help="World units between observers along lines.", show_default=False)
+    ] = None
     output: Annotated[OutputsOption, Before("plan")] = None
     column: ColumnOption = None
     camera: CameraOption = None
@@ -228,8 +250,8 @@ class ViewshedArguments(_Options):  # type: ignore[misc] # made from the options
 def viewshed(args: ViewshedArguments) -> int:
     """Count the observers that see each sensor of SCENE.
 
-    The result has the columns seen (number of observers), first and nearest (observer indices, -1: none) and distance.
-    Rasters are written as a map or GeoTIFF, other sensors as a view of the scene. raster:2+1.6 places targets 1.6 above
+    The result has the columns seen (number of observers), first and nearest (observer indices, -1: none) and distance;
+    with --along, also length, that of the lines that see a sensor; with --least-height, also least_height. Rasters are written as a map or GeoTIFF, other sensors as a view of the scene. raster:2+1.6 places targets 1.6 above
     the highest surfaces. Distances are straight-line distances from the eye.
 
     \b
@@ -238,6 +260,8 @@ def viewshed(args: ViewshedArguments) -> int:
       antumbra viewshed city.glb --up z --sensors raster:1 --observer 10,20,0 --on-surface --eye-height 1.6 -o map.tif
       antumbra viewshed city.glb --up z --sensors grid:2 --observers people.csv --max-distance 300 -o seen.png
       antumbra viewshed dem.tif --observer 85000,446000,0 --on-surface --eye-height 1.7 -o seen.tif
+      antumbra viewshed dem.tif --along road.gpkg --spacing 25 --on-surface --eye-height 1.2 -o road.tif
+      antumbra viewshed dem.tif --observer 85000,446000,90 --least-height -o hidden.tif
       antumbra viewshed hills.ply --up z --observer 0,0,900 --curvature --azimuth 350:10 -o seen.parquet
     """
     spec = arguments.parse_scene(args.scene)
@@ -251,6 +275,7 @@ def viewshed(args: ViewshedArguments) -> int:
 
     from ..files import atomic_output
     from ..jobs.bit_matrices import write_rows
+    from ..jobs.line_of_sight.line_points import points_along
     from ..jobs.line_of_sight.viewshed import viewshed as compute_viewshed
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of, sensors_of
@@ -262,17 +287,22 @@ def viewshed(args: ViewshedArguments) -> int:
         writer_of(path, kind_of(sensor_form))
     bits = args.bits
     eyes = points_or_file(args.observer, args.observers, "--observer", "--observers")
-    if eyes is None:
-        raise InputError("there is no observer: give --observer X,Y,Z or --observers FILE")
+    if eyes is None and args.along is None:
+        raise InputError("there is no observer: give --observer X,Y,Z, --observers FILE or --along FILE")
+    if eyes is not None and args.along is not None:
+        raise InputError("--along excludes --observer and --observers; give one of them")
+    if (args.along is None) != (args.spacing is None):
+        raise InputError("--along FILE and --spacing DISTANCE need each other")
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
         opened = open_scene(spec, args.up, args.quiet, args.crs)
         check_file_crs(opened, args.observers)
         display.say("preparing")
+        observers = points_along(args.along, args.spacing or 0.0, crs=opened.crs) if eyes is None else eyes.points
         sensors = sensors_of(sensor_form, opened, args.threads)
         camera = None if camera_spec is None else arguments.make_camera(camera_spec, opened, args.time, _SIZE)
         start = perf_counter()
-        result = compute_viewshed(opened, sensors, eyes.points, **field_values(options))
+        result = compute_viewshed(opened, sensors, observers, **field_values(options))
         seconds = perf_counter() - start
         display.say("writing the results")
         table = result.table
@@ -282,7 +312,7 @@ def viewshed(args: ViewshedArguments) -> int:
         if bits is not None and result.bits is not None:
             with atomic_output(bits) as temporary:
                 write_rows(temporary, result.bits)
-    answer = _answer(table, len(eyes), seconds)
+    answer = _answer(table, len(result.observers), seconds)
     written = [str(path) for path in [*outputs, *([bits] if bits else [])]]
     if args.json:
         console.print_json({"scene": opened.name, **answer, "outputs": written})

@@ -77,6 +77,20 @@ class TerrainShadows:
             self._has_room = _TREE_BYTES * triangles <= _SHARE * (available_memory() or 0)
         return not self._has_room
 
+    @property
+    def tree(self) -> TerrainTree:
+        """The surface with its pyramid; only for scenes that are a single raster of heights."""
+        if self._tree is None:
+            self._tree = terrain_tree(cast(HeightGrid, terrain_of(self._data)), self._data.origin)
+        return self._tree
+
+    @property
+    def relief(self) -> tuple[TerrainTree, Relief]:
+        """`tree`, and its heights for lanes."""
+        if self._relief is None:
+            self._relief = relief_of(self.tree)
+        return self.tree, self._relief
+
     def shadows(
         self, receivers: Receivers, lights: Sequence[Light], samples: Sequence[NDArray[np.float64]], facing: int,
         threads: int, progress: ProgressCallback | None,
@@ -90,9 +104,7 @@ class TerrainShadows:
         threads: int, progress: ProgressCallback | None,
     ) -> list[TracedQuery]:  # fmt: skip
         """`shadows`, once its kernels are compiled."""
-        data = self._data
-        if self._tree is None:
-            self._tree = terrain_tree(cast(HeightGrid, terrain_of(data)), data.origin)
+        data, tree = self._data, self.tree
         origins, sides, normals = receivers
         box = flush_to_zero((data.bounds - data.origin).astype(np.float32))
         reach = reach_of(box, origins, threads) if origins.size else 1.0
@@ -103,22 +115,18 @@ class TerrainShadows:
             query = ShadowQuery(origins, no_faces, sides, normals, _NO_CORNERS, patch, sets, facing, no_faces)
             bits, stencils = new_bits(query), self._stencils(query) if in_rows else None
             if stencils is None:
-                trace_terrain(self._tree, query, bits, threads, progress)
+                trace_terrain(tree, query, bits, threads, progress)
             else:
-                trace_stencils(self._tree, cast(Relief, self._relief), stencils, query, bits, threads, progress)
+                trace_stencils(*self.relief, stencils, query, bits, threads, progress)
             traced.append(TracedQuery(query, bits, None))
         return traced
 
     def _stencils(self, query: ShadowQuery) -> Stencils | None:
         """The stencils of a query of parallel rays; None if it has none."""
-        light, sets, tree = query.light, query.samples, cast(TerrainTree, self._tree)
+        light, sets = query.light, query.samples
         if light.kind != DIRECTIONAL or query.cull_faces != 0 or not (sets == sets[0]).all():
             return None
-        if self._relief is None:
-            self._relief = relief_of(tree)
-        if self._relief is None:
-            return None
-        return stencils_of(tree, self._relief, light.base + sets[0] @ np.stack([light.u, light.v, light.w]))
+        return stencils_of(*self.relief, light.base + sets[0] @ np.stack([light.u, light.v, light.w]))
 
 
 def _follows_rows(receivers: Receivers, surface: HeightGrid) -> bool:

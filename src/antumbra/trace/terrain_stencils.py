@@ -42,13 +42,11 @@ class Relief(NamedTuple):
     shift: float  # squares: greatest difference of a vertex from the even grid
 
 
-def relief_of(tree: TerrainTree) -> Relief | None:
-    """The `Relief` of a surface; None if float32 moves its vertices too far from an even grid."""
+def relief_of(tree: TerrainTree) -> Relief:
+    """The `Relief` of a surface."""
     columns = (tree.x.astype(np.float64) - tree.west) * tree.per_x - np.arange(len(tree.x))
     rows = (tree.north - tree.y.astype(np.float64)) * tree.per_y - np.arange(len(tree.y))
     shift = float(max(np.abs(columns).max(), np.abs(rows).max())) + 1e-12
-    if shift > _MOST_SHIFT:
-        return None
     holes = np.pad(np.isnan(tree.z), ((ROW_PAD, ROW_PAD), (COLUMN_PAD, COLUMN_PAD)), constant_values=True)
     high = np.pad(tree.z, ((ROW_PAD, ROW_PAD), (COLUMN_PAD, COLUMN_PAD)), constant_values=NO_SURFACE)
     high[holes] = NO_SURFACE
@@ -160,7 +158,12 @@ class _Stencil(NamedTuple):
 
 
 def stencils_of(tree: TerrainTree, relief: Relief, offsets: NDArray[np.float64]) -> Stencils | None:
-    """The stencils of segments that end at the receiver plus an offset each, (n, 3); None if none has one."""
+    """The stencils of segments that end at the receiver plus an offset each, (n, 3).
+
+    None if none has one, or if float32 moves the vertices too far from an even grid.
+    """
+    if relief.shift > _MOST_SHIFT:
+        return None
     each = [_stencil(tree, relief, offset) for offset in offsets]
     there = [one for one in each if one is not None]
     if not there:
