@@ -41,6 +41,7 @@ from .terrain_rays import (
     forget_blockers,
     is_blocked,
     shadow_receiver,
+    starts_above,
     terrain_pointers,
 )
 from .terrain_stencils import BLOCKS, COLUMN_PAD, LANES, NO_SURFACE, ROW_PAD, Relief, Stencils
@@ -238,7 +239,7 @@ def _trace_sample(tree, query, i, s, scratch):
     ray = segment(o.x, o.y, o.z, lx, ly, lz)
     if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:
         return False
-    return is_blocked(tree, ray, scratch[0], query.facing, scratch[1], s)
+    return is_blocked(tree, ray, starts_above(tree, o), scratch, query.facing, s)
 
 
 @inlined
@@ -278,7 +279,7 @@ def _shadow_runs(ticket, tree, relief, stencils, query, words):
                 i += popcount(run_.lanes)
                 continue
             if get(chunk.sides, i) != NOTHING:
-                shadow_receiver(surface, chunk, i, corners, last, out)
+                shadow_receiver(surface, chunk, i, (corners, last), out)
             i += 1
 
 
