@@ -1,4 +1,4 @@
-"""Parallel rays over terrain, 16 at a time along stencils: the bits of trees, and few rays that lanes leave undecided."""
+"""Parallel rays over terrain, 16 at a time along stencils: the bits of trees, and few undecided rays."""
 
 import numpy as np
 import pytest

@@ -251,8 +251,9 @@ def viewshed(args: ViewshedArguments) -> int:
     """Count the observers that see each sensor of SCENE.
 
     The result has the columns seen (number of observers), first and nearest (observer indices, -1: none) and distance;
-    with --along, also length, that of the lines that see a sensor; with --least-height, also least_height. Rasters are written as a map or GeoTIFF, other sensors as a view of the scene. raster:2+1.6 places targets 1.6 above
-    the highest surfaces. Distances are straight-line distances from the eye.
+    with --along, also length, that of the lines that see a sensor; with --least-height, also least_height. Rasters are
+    written as a map or GeoTIFF, other sensors as a view of the scene. raster:2+1.6 places targets 1.6 above the highest
+    surfaces. Distances are straight-line distances from the eye.
 
     \b
     Examples
@@ -298,7 +299,9 @@ def viewshed(args: ViewshedArguments) -> int:
         opened = open_scene(spec, args.up, args.quiet, args.crs)
         check_file_crs(opened, args.observers)
         display.say("preparing")
-        observers = points_along(args.along, args.spacing or 0.0, crs=opened.crs) if eyes is None else eyes.points
+        observers: Any = None if eyes is None else eyes.points
+        if args.along is not None:
+            observers = points_along(args.along, args.spacing or 0.0, crs=opened.crs)
         sensors = sensors_of(sensor_form, opened, args.threads)
         camera = None if camera_spec is None else arguments.make_camera(camera_spec, opened, args.time, _SIZE)
         start = perf_counter()

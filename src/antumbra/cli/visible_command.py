@@ -56,7 +56,9 @@ class VisibleArguments:
     ] = None
     surfaces: Annotated[
         str | None,
-        typer.Option(help="Types of its surfaces, such as WallSurface,RoofSurface.", metavar="TYPES", show_default=False),
+        typer.Option(
+            help="Types of its surfaces, such as WallSurface,RoofSurface.", metavar="TYPES", show_default=False
+        ),
     ] = None
     polygon: Annotated[
         Path | None,
@@ -84,13 +86,13 @@ class VisibleArguments:
 def visible(args: VisibleArguments) -> int:
     """Find the share of a target in SCENE that each sensor sees.
 
-    The target is a wind turbine, whose rotor turns towards each sensor, an object of the scene, a polygon or points. The
-    result has the columns share, from 0 to 1, and visible, the number of visible sample points.
+    The target is a wind turbine, whose rotor turns towards each sensor, an object of the scene, a polygon or points.
+    The result has the columns share, from 0 to 1, and visible, the number of visible sample points.
 
     \b
     Examples
       antumbra visible dem.tif --sensors raster+1.6 --turbine 85000,446000,12 --hub-height 120 --rotor 150 -o share.tif
-      antumbra visible city.city.json --sensors raster:2+1.6 --object NL.IMBAG.Pand.1 --surfaces WallSurface -o share.tif
+      antumbra visible city.city.json --sensors raster:2+1.6 --object Pand.1 --surfaces WallSurface -o share.tif
       antumbra visible city.glb --up z --sensors people.csv --polygon facade.csv --spacing 0.5 -o share.csv
     """
     spec = arguments.parse_scene(args.scene)

@@ -424,9 +424,7 @@ class Engine:
             If points or lights are too far from the scene, or memory is too small.
         """
         with self.lock:
-            if self.terrain.serves(
-                self.plan, receivers, lights, receivers.n * sum(each.shape[1] for each in samples)
-            ):
+            if self.terrain.serves(self.plan, receivers, lights, receivers.n * sum(each.shape[1] for each in samples)):
                 return self.terrain.shadows(receivers, lights, samples, facing, self.threads, progress)
             accelerator, source = self.accelerator, self.source
             self._warm_up()

@@ -136,6 +136,7 @@ class _Pointers(NamedTuple):
 
 @inlined
 def terrain_pointers(tree):
+    """The `_Pointers` of a `TerrainTree`, which must outlive them."""
     return _Pointers(
         ptr(tree.x), ptr(tree.y), ptr(tree.z), ptr(tree.tops), ptr(tree.starts), ptr(tree.widths),
         np.int64(len(tree.x)), np.int64(len(tree.widths) - 1),
@@ -292,6 +293,7 @@ def _blocker(tree, ray, corners, facing):
 
 @inlined
 def forget_blockers(last):
+    """Empty the memory of latest blockers."""
     for s in range(BLOCKERS):
         put(last, s, np.int64(-1))
 

@@ -1,8 +1,8 @@
 """Stencils of parallel rays over terrain: which edges the rays towards a distant light cross, from any vertex.
 
 Parallel rays from the vertices of an even grid cross its edges at the same offsets, weights and rises. One list, the
-stencil, therefore serves all vertices. A ray whose surface is a heightfield is decided by the heights at these crossings
-alone: between them, its height above the surface is linear.
+stencil, therefore serves all vertices. Over a heightfield, a ray is decided by the heights at these crossings alone:
+between them, its height above the surface is linear.
 
 Two quantities differ from the even grid. Vertices are rounded to float32, by which the surface moves sideways by at
 most `Relief.shift` squares; and the far end of each segment is rounded, by which the ray deviates in proportion to its

@@ -106,7 +106,10 @@ def test_the_least_of_several_observers_within_their_limits():
 
 @pytest.mark.parametrize(
     "scene, sensors",
-    [(at.procedural("city", triangles=2000), [[0.0, 0.0, 0.0]]), (at.from_raster((np.zeros((4, 4)), PLACE)), "raster:1")],
+    [
+        (at.procedural("city", triangles=2000), [[0.0, 0.0, 0.0]]),
+        (at.from_raster((np.zeros((4, 4)), PLACE)), "raster:1"),
+    ],
     ids=["triangles", "other cells"],
 )
 def test_other_scenes_and_cells_have_no_least_heights(scene, sensors):

@@ -17,7 +17,7 @@ def walled(height=10.0, columns=60, rows=15):
 
 
 def test_the_visible_share_of_a_rotor_is_that_of_a_disk():
-    """From the foot of a wall, the visible part of a far rotor is the segment of a disk above the line over the wall."""
+    """Behind a wall, the visible part of a far rotor is the segment of a disk above the line over the wall."""
     scene = walled(rows=201)
     foot, hub, radius = (88041.0, 445799.0, 0.0), 60.0, 40.0  # 4 km east of the wall
     turbine = at.Turbine(foot, hub, 2.0 * radius)
@@ -27,7 +27,7 @@ def test_the_visible_share_of_a_rotor_is_that_of_a_disk():
     line = 1.0 + 9.0 * (4000.0 + x) / x  # height over the foot from which the rotor is seen
     s = np.clip((line - hub) / radius, -1.0, 1.0)
     expected = (np.arccos(s) - s * np.sqrt(1.0 - s * s)) / np.pi
-    assert 0.0 == expected[-1] or expected[-1] < 0.05
+    assert expected[-1] == 0.0 or expected[-1] < 0.05
     assert np.abs(table["share"] - expected).max() < 0.01 and (np.diff(table["share"]) <= 0.0).all()
     assert (table["visible"] == np.round(table["share"] * 1024)).all() and table.about["samples"] == 1024
 
@@ -38,7 +38,7 @@ def test_the_visible_share_of_points_is_counted():
     table = at.visible_share(scene, "raster+1.6", target)
     cells = at.sensors_of("raster+1.6", scene)
     matrix = at.visibility_matrix(scene, cells, target)
-    assert (table["visible"] == matrix.counts).all() and 0 < table["visible"].min() + table["visible"].max()
+    assert (table["visible"] == matrix.counts).all() and table["visible"].min() + table["visible"].max() > 0
     assert np.allclose(table["share"], matrix.counts / 70.0) and len(np.unique(table["visible"])) > 10
 
 

@@ -52,7 +52,7 @@ class _Surface(NamedTuple):
     widths: I64Ptr
     rows: int
     columns: int
-    whole: int  # 1: there are no holes
+    whole: Any  # int: 1: there are no holes
 
 
 class _Walk(NamedTuple):
@@ -61,10 +61,10 @@ class _Walk(NamedTuple):
     row: int
     column: int
     by_columns: Any  # bool
-    sign: int  # of the steps
+    sign: Any  # int, of the steps
     slope: float  # minor cells per step
     along: float  # steps to the eye
-    quadrant: int  # as in `Stencils`
+    quadrant: Any  # int, as in `Stencils`
 
 
 @inlined

@@ -48,7 +48,9 @@ class Turbine(_TurbineFields):
     __slots__ = ()
 
     def __new__(cls, position: ArrayLike, hub_height: float, rotor_diameter: float) -> "Turbine":
-        x, y, z = (number(each, "a coordinate of a turbine", -np.inf, np.inf) for each in listed(position, "position", 3))
+        x, y, z = (
+            number(each, "a coordinate of a turbine", -np.inf, np.inf) for each in listed(position, "position", 3)
+        )
         height = number(hub_height, "the hub height of a turbine", 0.0, np.inf)
         diameter = number(rotor_diameter, "the rotor diameter of a turbine", 0.0, np.inf)
         return super().__new__(cls, (x, y, z), height, diameter)
@@ -82,15 +84,15 @@ def surface_points(
     """
     scene = scene_of(scene)
     sensors = grid_sensors(scene, spacing)
-    chosen = np.ones(len(sensors), bool)
+    faces, chosen = np.asarray(sensors.faces), np.ones(len(sensors), bool)
     if objects is not None:
         names = [objects] if isinstance(objects, str) else objects
         there = np.array([thing.name in names or thing.parent in names for thing in scene.objects], bool)
-        chosen &= there[scene.object_of_face[sensors.faces]]
+        chosen &= there[scene.object_of_face[faces]]
     if types is not None:
         if scene.city is None:
             raise InputError(f"{scene.name} has no semantic surfaces; leave types out")
-        chosen &= np.isin(scene.city.surface_types(sensors.faces), [types] if isinstance(types, str) else types)
+        chosen &= np.isin(scene.city.surface_types(faces), [types] if isinstance(types, str) else types)
     if not chosen.any():
         raise InputError(f"{scene.name} has no surface of the objects {objects!r} and the types {types!r}")
     normals, areas = sensors.normals, sensors.areas
@@ -125,13 +127,17 @@ def polygon_points(corners: ArrayLike, spacing: float) -> Sensors:
     if np.abs(local @ normal).max() > _FLAT * size:
         raise InputError("the corners of the polygon do not lie in a plane; divide it into flat ones")
     if length / spacing / spacing > _MOST:
-        raise InputError(f"a polygon of {length:g} at a spacing of {spacing:g} has more than {_MOST:,} points; widen it")
+        raise InputError(
+            f"a polygon of {length:g} at a spacing of {spacing:g} has more than {_MOST:,} points; widen it"
+        )
     across = np.cross([0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0], normal)
     axes = np.stack([across / np.linalg.norm(across), np.cross(normal, across / np.linalg.norm(across))])
     inside = _lattice_inside(local @ axes.T, spacing)
     if not len(inside):
         raise InputError(f"no point of the polygon lies on a lattice of {spacing:g}; use a smaller spacing")
-    return point_sensors(middle + inside @ axes, np.tile(normal, (len(inside), 1)), np.full(len(inside), length / len(inside)))
+    return point_sensors(
+        middle + inside @ axes, np.tile(normal, (len(inside), 1)), np.full(len(inside), length / len(inside))
+    )
 
 
 def _lattice_inside(ring: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
@@ -191,9 +197,9 @@ def visible_share(
         marks = np.array([target.rotor(scene.up).center])
     else:
         on_target = sensors_from(scene, target, None, "the target")
-        total, marks = len(on_target), on_target.points.mean(0, keepdims=True) if len(on_target) else None
-        if not total:
+        if not len(on_target):
             raise InputError("the target has no points; give at least one")
+        total, marks = len(on_target), on_target.points.mean(0, keepdims=True)
     counts, step = np.zeros(len(places), np.int32), max(1024, _PAIRS // total)
     with report_progress(f"{len(places)} sensors, {total} points of the target") as report:
         tracing = TileTracer(scene, plan, moment, threads, len(places) * total)

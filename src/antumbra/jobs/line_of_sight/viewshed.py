@@ -240,7 +240,7 @@ def viewshed(
         else:
             _straight(state, scene, TileTracer(scene, options.plan, time, threads, n * k), report)
         if sight.least_height is not None:
-            _find_least_heights(state, scene, threads)
+            _find_least_heights(state, sight.least_height, scene, threads)
     about = {"job": "viewshed", "observers": k, **{name: getattr(options, name) for name in recorded}}
     return Viewshed(Table(targets, _columns(sight, k), about, scene, marks=eyes), eyes, visibility_bits)
 
@@ -296,9 +296,9 @@ def _straight(
             progress(first + len(some) * min(start + step, len(places)) // len(places), len(order))
 
 
-def _find_least_heights(state: _ViewshedState, scene: AnyScene, threads: int) -> None:
-    """Lower the least heights to those of each observer, where its limits include a cell."""
-    options, best = state.options, state.sight.least_height
+def _find_least_heights(state: _ViewshedState, best: np.ndarray, scene: AnyScene, threads: int) -> None:
+    """Lower the least heights ((n,), inf: none so far) to those of each observer, where its limits include a cell."""
+    options = state.options
     drop = (1.0 - options.refraction) / (2.0 * options.earth_radius) if options.curvature else 0.0
     for eye in state.eyes:
         heights = least_heights_of(scene, eye, drop, threads)

@@ -83,7 +83,7 @@ class ViewshedOptions:
     least_height: bool = option(
         False, flag, "On a raster of heights: the least height above each cell at which it is seen."
     )
-    """For the cells of a scene that is a raster of heights: also find how tall a thing in each cell must be to be seen."""
+    """For the cells of a scene that is a raster of heights: also find how tall a thing must be in each to be seen."""
     plan: str | Plan | None = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")
     time: float = same_option(RenderOptions, "time")
     threads: int | None = same_option(EngineOptions, "threads")

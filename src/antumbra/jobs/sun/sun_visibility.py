@@ -315,11 +315,11 @@ class SunSums:
         return {**sums, "matrix": hidden_sun_rows(light.bits, query.calendar.places)} if self._matrix else sums
 
     def tally(self) -> Tally:
-        """The sums of each sensor, in the original order, once all parts are done."""
+        """The sums of each sensor, in the original order, once all parts are done; only once for parts in memory."""
         if not len(self._order):
             nothing = SunLight(np.empty((0, 1), np.uint64), _WHOLE)
             return tally_of(nothing, None, self._query.calendar, self._query.columns)
-        done = self.parts.joined(Tally._fields)
+        done = self.parts.taken(Tally._fields)
         if (np.diff(self._order) == 1).all():
             return Tally(**done)
         return Tally(**{name: values[np.argsort(self._order)] for name, values in done.items()})
