@@ -136,7 +136,8 @@ def point_receivers(
 def _largest(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 1) float64: the largest magnitude of the components of (n, 3) vectors; NumPy reduces short rows slowly."""
     x, y, z = np.abs(vectors.T)
-    return np.maximum(np.maximum(x, y), z)[:, None]
+    out: NDArray[np.float64] = np.maximum(np.maximum(x, y), z)[:, None]
+    return out
 
 
 class Receivers(NamedTuple):

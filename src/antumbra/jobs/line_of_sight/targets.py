@@ -29,9 +29,9 @@ _MOST = 1_000_000  # points of a target
 
 
 class _TurbineFields(NamedTuple):
-    position: tuple[float, float, float]
-    hub_height: float
-    rotor_diameter: float
+    position: tuple[float, float, float]  # of its foot, world
+    hub_height: float  # world units above the foot
+    rotor_diameter: float  # world units
 
 
 class Turbine(_TurbineFields):
