@@ -21,7 +21,7 @@ from ..query.query_bounds import place, reach_of
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery, new_bits
 from ..scene.light_lists import DirectionalLights
-from ..scene.lights import DIRECTIONAL, DirectionalLight, Light
+from ..scene.lights import DIRECTIONAL, Light
 from ..scene.scene_bounds import flush_to_zero
 from ..scene.scene_data import MemoryData, SceneData
 from ..scene.terrain import HeightGrid, TerrainSurfaces
@@ -35,7 +35,6 @@ from .precompilation import Job, fixed_job, precompile
 _TREE_BYTES = 400  # memory of a triangle with its trees
 _SHARE = 0.7  # of the available memory, which they may take
 _RAYS_PER_TRIANGLE = 4  # rays that take as much longer here than in a tree as the tree takes to build
-DISTANT = DirectionalLight, DirectionalLights
 _NO_CORNERS = np.empty((0, 9), np.float32)
 
 
@@ -65,7 +64,7 @@ class TerrainShadows:
         """
         if str(plan) != DEFAULT_PLAN or (surface := terrain_of(self._data)) is None:
             return False
-        if all(isinstance(light, DISTANT) for light in lights) and _follows_rows(receivers, surface):
+        if all(isinstance(light, DirectionalLights) for light in lights) and _follows_rows(receivers, surface):
             return True
         self._rays += rays
         triangles = self._data.n_triangles
