@@ -26,6 +26,8 @@ CALLS = {
     "load": "at.load('scene.antumbra').closest_hit((0, 1, 0), (0, -1, 0))",
     "place_of": "at.place_of(scene, latitude=52.0, longitude=4.4)",
     "point_sensors": "at.point_sensors([(0, 1, 0)])",
+    "points_along": "at.points_along([(0, 0), (9, 0)], 2.0)",
+    "polygon_points": "at.polygon_points([(0, 0, 0), (2, 0, 0), (0, 2, 0)], 0.5)",
     "procedural": "at.procedural('atrium', triangles=1000)",
     "pvlib_shading": "at.pvlib_shading(scene, (0, 1, 0), index, place=at.Place(52.0, 4.4))",
     "raster_sensors": "at.raster_sensors(scene, 2.0)",
@@ -36,6 +38,7 @@ CALLS = {
     "skyline": "at.skyline(scene, (0, 1, 0)).save('skyline.csv')",
     "sun_hours": "at.sun_hours(scene, 'face', '2026-06-21', place=at.Place(52.0, 4.4), matrix='sun.npy')",
     "suns_of": "at.suns_of(at.Place(52.0, 4.4), times, scene.up)",
+    "surface_points": "at.surface_points(scene, 2.0)",
     "times_of": "times",
     "trimesh_ray": "at.trimesh_ray(trimesh.creation.box()).intersects_any([(0, 1, 0)], [(0, -1, 0)])",
     "vertex_sensors": "at.vertex_sensors(scene)",
@@ -45,6 +48,7 @@ CALLS = {
     "virtual_point_lights": "at.virtual_point_lights(scene, light, 8)",
     "visibility": "at.visibility(scene, (0, 1, 0), light)",
     "visibility_matrix": "at.visibility_matrix(scene, at.face_sensors(scene).part(0, 64), output='matrix.npy')",
+    "visible_share": "at.visible_share(scene, [(0, 1, 0)], at.Turbine((0, 0, 9), 4, 2))",
     "write_attributes": "at.write_attributes('a.city.json', 'out.json', {'hours': np.zeros(12)})",
 }
 """A call of each public function; `load` comes after `build_store`."""

@@ -32,7 +32,9 @@ if typing.TYPE_CHECKING:
     from .jobs.bake.bake_job import Baked, bake
     from .jobs.dataset.dataset_job import Dataset, dataset
     from .jobs.ground_areas import area_sensors
+    from .jobs.line_of_sight.line_points import LinePoints, points_along
     from .jobs.line_of_sight.sightlines import Sightlines, line_of_sight
+    from .jobs.line_of_sight.targets import Turbine, polygon_points, surface_points, visible_share
     from .jobs.line_of_sight.viewshed import Viewshed, viewshed
     from .jobs.line_of_sight.visibility_matrix import VisibilityMatrix, visibility_matrix
     from .jobs.result_table import Column, Table
@@ -84,6 +86,7 @@ __all__ = [
     "Hit",
     "InputError",
     "Light",
+    "LinePoints",
     "MeshInfo",
     "ObjectInfo",
     "PagedScene",
@@ -107,6 +110,7 @@ __all__ = [
     "Suns",
     "Table",
     "Triangles",
+    "Turbine",
     "ViewFactors",
     "Viewer",
     "Viewshed",
@@ -126,6 +130,8 @@ __all__ = [
     "load",
     "place_of",
     "point_sensors",
+    "points_along",
+    "polygon_points",
     "procedural",
     "pvlib_shading",
     "raster_sensors",
@@ -136,6 +142,7 @@ __all__ = [
     "skyline",
     "sun_hours",
     "suns_of",
+    "surface_points",
     "times_of",
     "trimesh_ray",
     "vertex_sensors",
@@ -145,6 +152,7 @@ __all__ = [
     "virtual_point_lights",
     "visibility",
     "visibility_matrix",
+    "visible_share",
     "write_attributes",
 ]
 
@@ -167,6 +175,7 @@ _HOME = {
     "Hit": "scene.triangles",
     "InputError": "errors",
     "Light": "scene.lights",
+    "LinePoints": "jobs.line_of_sight.line_points",
     "MeshInfo": "scene.mesh",
     "ObjectInfo": "scene.mesh",
     "PagedScene": "engine.paged_scene",
@@ -190,6 +199,7 @@ _HOME = {
     "Suns": "jobs.sun.sun_positions",
     "Table": "jobs.result_table",
     "Triangles": "scene.triangles",
+    "Turbine": "jobs.line_of_sight.targets",
     "ViewFactors": "jobs.view_factors.view_factor_matrix",
     "Viewer": "viewer.viewer_page",
     "Viewshed": "jobs.line_of_sight.viewshed",
@@ -208,6 +218,8 @@ _HOME = {
     "load": "engine.scene_loading",
     "place_of": "jobs.sun.location",
     "point_sensors": "jobs.sensors",
+    "points_along": "jobs.line_of_sight.line_points",
+    "polygon_points": "jobs.line_of_sight.targets",
     "procedural": "engine.scene",
     "pvlib_shading": "integrations.pvlib",
     "raster_sensors": "jobs.sensors",
@@ -218,6 +230,7 @@ _HOME = {
     "skyline": "jobs.skyline.skyline",
     "sun_hours": "jobs.sun.sun_hours",
     "suns_of": "jobs.sun.sun_positions",
+    "surface_points": "jobs.line_of_sight.targets",
     "times_of": "jobs.sun.sun_positions",
     "trimesh_ray": "integrations.trimesh",
     "vertex_sensors": "jobs.sensors",
@@ -227,6 +240,7 @@ _HOME = {
     "virtual_point_lights": "picture.virtual_point_lights",
     "visibility": "engine.point_visibility",
     "visibility_matrix": "jobs.line_of_sight.visibility_matrix",
+    "visible_share": "jobs.line_of_sight.targets",
     "write_attributes": "formats.cityjson.attribute_writer",
 }
 _MODULES = ("cluster",)  # public names that are modules

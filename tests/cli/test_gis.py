@@ -35,6 +35,49 @@ def test_a_viewshed_of_a_raster_has_its_cells(cli, dem):
         assert (file.read(1) == expected).all()
 
 
+def test_least_heights_and_roads_are_written_to_the_cells(cli, dem, tmp_path):
+    (tmp_path / "road.csv").write_text("x,y\n100004,449990\n100040,449970\n")
+    road = "--along", "road.csv", "--spacing", "3", "--on-surface", "--eye-height", "2"
+    assert cli("viewshed", "dem.tif", *road, "-o", "road.tif").code == 0
+    above = "--observer", "100020,449980,30", "--least-height"
+    assert cli("viewshed", "dem.tif", *above, "-o", "least.tif").code == 0
+    scene = at.load(dem)
+    line = at.points_along(tmp_path / "road.csv", 3.0)
+    length = at.viewshed(scene, "raster", line, on_surface=True, eye_height=2.0).table["length"]
+    least = at.viewshed(scene, "raster", (100020, 449980, 30), least_height=True).table["least_height"]
+    for path, name, expected in (("road.tif", "length", length), ("least.tif", "least_height", least)):
+        assert grid(path) == grid("dem.tif")
+        with rasterio.open(path) as file:
+            band = 1 + file.descriptions.index(name)
+            assert np.allclose(file.read(band), expected.reshape(20, 25)) and expected.max() > 0.0
+    wrong = cli("viewshed", "dem.tif", *road, "--observer", "0,0,0")
+    assert wrong.code != 0 and "--along excludes" in wrong.err
+    assert "--spacing" in cli("viewshed", "dem.tif", "--along", "road.csv").err
+
+
+def test_the_visible_share_of_a_turbine_is_written_to_the_cells(cli, dem):
+    turbine = "--turbine", "100020,449980,0", "--hub-height", "12", "--rotor", "8"
+    told = cli("visible", "dem.tif", "--sensors", "raster+1.6", *turbine, "-o", "share.tif", "--json").json()
+    assert told["sensors"] == 500 and told["samples"] == 64 and 0 < told["seen_entirely"] < told["seen"]
+    share = at.visible_share(at.load(dem), "raster+1.6", at.Turbine((100020, 449980, 0), 12, 8))["share"]
+    with rasterio.open("share.tif") as file:
+        assert (file.read(1).reshape(-1) == share).all()
+    assert grid("share.tif") == grid("dem.tif")
+    assert "one target" in cli("visible", "dem.tif").err
+    assert "--hub-height" in cli("visible", "dem.tif", "--turbine", "0,0,0").err
+
+
+def test_the_visible_share_of_walls_and_polygons(cli, dem, houses, tmp_path):
+    (tmp_path / "eye.csv").write_text("x,y,z\n100007,449900,1.5\n")
+    scene = "b.gpkg", "--height", "h", "--sensors", "eye.csv"
+    walls = cli("visible", *scene, "--object", "a", "--surfaces", "WallSurface", "--spacing", "0.5", "--json").json()
+    assert walls["seen"] == 1 and walls["seen_entirely"] == 0 and walls["samples"] == 4 * 32 * 3
+    corners = "x,y,z\n100004,449988,0\n100010,449988,0\n100010,449988,3\n100004,449988,3\n"
+    (tmp_path / "wall.csv").write_text(corners.replace("449988", "449987.9"))
+    front = cli("visible", *scene, "--polygon", "wall.csv", "--spacing", "0.5", "--json").json()
+    assert front["seen_entirely"] == 1 and front["samples"] == 72
+
+
 def test_hours_of_sun_on_a_raster_are_written_to_its_cells(cli, dem):
     assert cli("sun", "dem.tif", "--days", "2026-03-21", "--step", "60").code == 0
     assert grid("dem-sun.tif") == grid("dem.tif")

@@ -10,6 +10,7 @@ import antumbra as at
 import oracle
 from antumbra.engine import terrain_shadows
 from antumbra.engine.plan import parse_plan
+from antumbra.query.receivers import Receivers
 from antumbra.trace.terrain_rays import terrain_tree
 
 HEIGHTS = arrays.arrays(
@@ -61,7 +62,7 @@ def test_bits_are_those_of_trees_for_distant_lights(heights, seed):
                 for plan in (None, TREE)
             )
             assert (bits == trees).all()
-    assert scene.engine._terrain._tree is not None
+    assert scene.engine.terrain._tree is not None
 
 
 @settings(deadline=None, max_examples=40)
@@ -121,14 +122,15 @@ def test_a_tree_follows_once_it_pays_off_and_fits(monkeypatch):
     scene = at.from_raster((np.zeros((9, 9)), PLACE))
     monkeypatch.setattr(terrain_shadows, "_RAYS_PER_TRIANGLE", 4)
     auto, shadows = parse_plan("auto"), terrain_shadows.TerrainShadows(scene.data)
-    assert shadows.serves(auto, 4 * 128) and not shadows.serves(auto, 1)
+    some = Receivers.in_space([[84003.3, 445997.0, 1.0]], scene.origin), [at.PointLight((0.0, 0.0, 9.0))]
+    assert shadows.serves(auto, *some, 4 * 128) and not shadows.serves(auto, *some, 1)
     monkeypatch.setattr("antumbra.store.system_resources.available_memory", lambda: 1000)
     shadows = terrain_shadows.TerrainShadows(scene.data)
-    assert shadows.serves(auto, 4 * 128) and shadows.serves(auto, 1)
-    assert not shadows.serves(parse_plan(TREE), 0)
+    assert shadows.serves(auto, *some, 4 * 128) and shadows.serves(auto, *some, 1)
+    assert not shadows.serves(parse_plan(TREE), *some, 0)
     scene.update(transform=np.eye(4))
-    assert not shadows.serves(auto, 0)
-    assert not terrain_shadows.TerrainShadows(at.procedural("atrium", triangles=2000).data).serves(auto, 0)
+    assert not shadows.serves(auto, *some, 0)
+    assert not terrain_shadows.TerrainShadows(at.procedural("atrium", triangles=2000).data).serves(auto, *some, 0)
 
 
 def test_moved_terrain_is_traced_where_it_is():

@@ -126,6 +126,9 @@ COMMANDS = {
         "sight_commands", "Find which points see each other in SCENE, and what blocks the others.", grouped=False
     ),
     "viewshed": CommandEntry("sight_commands", "Count the observers that see each sensor of SCENE.", grouped=False),
+    "visible": CommandEntry(
+        "visible_command", "Find the share of a target in SCENE that each sensor sees.", grouped=False
+    ),
     "matrix": CommandEntry(
         "sight_commands", "Find which sensors of SCENE see which targets, as one bit per pair.", grouped=False
     ),

@@ -71,6 +71,17 @@ class SightArguments:
     observers: Annotated[
         Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
     ] = None
+    along: Annotated[
+        Path | None,
+        typer.Option(
+            help="A file of lines from which observers look, such as a road: .gpkg, .geojson, .shp, or the vertices of "
+            "one line in a .csv file.",
+            show_default=False,
+        ),
+    ] = None
+    spacing: Annotated[
+        float | None, typer.Option(help="World units between observers along lines.", show_default=False)
+    ] = None
     targets: Annotated[Path | None, typer.Option(help="A file of targets.", show_default=False)] = None
     pairs: Annotated[
         str,
@@ -211,6 +222,17 @@ class ViewshedArguments(_Options):  # type: ignore[misc] # made from the options
     observers: Annotated[
         Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
     ] = None
+    along: Annotated[
+        Path | None,
+        typer.Option(
+            help="A file of lines from which observers look, such as a road: .gpkg, .geojson, .shp, or the vertices of "
+            "one line in a .csv file.",
+            show_default=False,
+        ),
+    ] = None
+    spacing: Annotated[
+        float | None, typer.Option(help="World units between observers along lines.", show_default=False)
+    ] = None
     trees: TreesOption = None
     output: Annotated[OutputsOption, Before("plan")] = None
     map: MapOption = None
@@ -234,9 +256,10 @@ class ViewshedArguments(_Options):  # type: ignore[misc] # made from the options
 def viewshed(args: ViewshedArguments) -> int:
     """Count the observers that see each sensor of SCENE.
 
-    The result has the columns seen (number of observers), first and nearest (observer indices, -1: none) and distance.
-    Rasters are written as a map or GeoTIFF, other sensors as a view of the scene. raster:2+1.6 places targets 1.6 above
-    the highest surfaces. Distances are straight-line distances from the eye.
+    The result has the columns seen (number of observers), first and nearest (observer indices, -1: none) and distance;
+    with --along, also length, that of the lines that see a sensor; with --least-height, also least_height. Rasters are
+    written as a map or GeoTIFF, other sensors as a view of the scene. raster:2+1.6 places targets 1.6 above the highest
+    surfaces. Distances are straight-line distances from the eye.
 
     \b
     Examples
@@ -245,6 +268,8 @@ def viewshed(args: ViewshedArguments) -> int:
       antumbra viewshed city.glb --up z --sensors raster:1 --observer 10,20,30 --map sheet.pdf
       antumbra viewshed city.glb --up z --sensors grid:2 --observers people.csv --max-distance 300 -o seen.png
       antumbra viewshed dem.tif --observer 85000,446000,0 --on-surface --eye-height 1.7 -o seen.tif
+      antumbra viewshed dem.tif --along road.gpkg --spacing 25 --on-surface --eye-height 1.2 -o road.tif
+      antumbra viewshed dem.tif --observer 85000,446000,90 --least-height -o hidden.tif
       antumbra viewshed hills.ply --up z --observer 0,0,900 --curvature --azimuth 350:10 -o seen.parquet
     """
     spec = arguments.parse_scene(args.scene)
@@ -258,6 +283,7 @@ def viewshed(args: ViewshedArguments) -> int:
 
     from ..files import atomic_output
     from ..jobs.bit_matrices import write_rows
+    from ..jobs.line_of_sight.line_points import points_along
     from ..jobs.line_of_sight.viewshed import viewshed as compute_viewshed
     from ..jobs.map_sheet import check_map
     from ..jobs.result_table import writer_of
@@ -273,18 +299,25 @@ def viewshed(args: ViewshedArguments) -> int:
         check_map(path)
     bits = args.bits
     eyes = points_or_file(args.observer, args.observers, "--observer", "--observers")
-    if eyes is None:
-        raise InputError("there is no observer: give --observer X,Y,Z or --observers FILE")
+    if eyes is None and args.along is None:
+        raise InputError("there is no observer: give --observer X,Y,Z, --observers FILE or --along FILE")
+    if eyes is not None and args.along is not None:
+        raise InputError("--along excludes --observer and --observers; give one of them")
+    if (args.along is None) != (args.spacing is None):
+        raise InputError("--along FILE and --spacing DISTANCE need each other")
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
         bare = open_scene(spec, args.up, args.quiet, args.crs)
         check_file_crs(bare, args.observers)
         opened = add_trees(bare, trees)
         display.say("preparing")
+        observers: Any = None if eyes is None else eyes.points
+        if args.along is not None:
+            observers = points_along(args.along, args.spacing or 0.0, crs=opened.crs)
         sensors = sensors_of(sensor_form, bare, args.threads)
         camera = None if camera_spec is None else arguments.make_camera(camera_spec, opened, args.time, _SIZE)
         start = perf_counter()
-        result = compute_viewshed(opened, sensors, eyes.points, **field_values(options))
+        result = compute_viewshed(opened, sensors, observers, **field_values(options))
         seconds = perf_counter() - start
         display.say("writing the results")
         table = result.table
@@ -296,7 +329,7 @@ def viewshed(args: ViewshedArguments) -> int:
         if bits is not None and result.bits is not None:
             with atomic_output(bits) as temporary:
                 write_rows(temporary, result.bits)
-    answer = _answer(table, len(eyes), seconds)
+    answer = _answer(table, len(result.observers), seconds)
     written = [str(path) for path in [*outputs, *(args.map or ()), *([bits] if bits else [])]]
     if args.json:
         console.print_json({"scene": opened.name, **answer, "outputs": written})

@@ -134,7 +134,7 @@ class Engine:
         self._updates = threading.Lock()  # held while the geometry is moved; queries do not wait for it
         self.accelerator: Accelerator = accelerator_of(self.plan, self.threads)
         self.source: RenderSource = self._new_source(gbuffer)
-        self._terrain = TerrainShadows(data)
+        self.terrain = TerrainShadows(data)
         self._frame, self._n_faces = tuple(data.origin.tolist()), data.n_triangles
         self._others: dict[_Options, Engine] = {}  # least recently used first
         self._warm = False  # whether its kernels are compiled
@@ -424,8 +424,8 @@ class Engine:
             If points or lights are too far from the scene, or memory is too small.
         """
         with self.lock:
-            if self._terrain.serves(self.plan, receivers.n * sum(each.shape[1] for each in samples)):
-                return self._terrain.shadows(receivers, lights, samples, facing, self.threads, progress)
+            if self.terrain.serves(self.plan, receivers, lights, receivers.n * sum(each.shape[1] for each in samples)):
+                return self.terrain.shadows(receivers, lights, samples, facing, self.threads, progress)
             accelerator, source = self.accelerator, self.source
             self._warm_up()
             if source.in_store:

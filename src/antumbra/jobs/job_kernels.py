@@ -33,6 +33,7 @@ from ..query.shadow_query import below_horizon
 from ..scene.lights import PointLight
 from .bake.surface_meter import Meter, MeterSettings, ReceiverPoints
 from .bit_matrices import reorder_bits
+from .line_of_sight.least_heights import least_heights_job
 from .skyline.skyline import skyline_job
 from .sun.sun_visibility import tally_job
 
@@ -70,7 +71,7 @@ def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) ->
 
 def all_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]:
     """The jobs of `rendering_jobs` and those of this folder; arguments as for `rendering_jobs`."""
-    return [tally_job(), points_job(), skyline_job(), *rendering_jobs(plans, papers)]
+    return [tally_job(), points_job(), skyline_job(), least_heights_job(), *rendering_jobs(plans, papers)]
 
 
 def points_job() -> Job:

@@ -121,6 +121,13 @@ class Parts:
         done = [[part[name] for name in names] for part in map(self.__getitem__, range(len(self)))]
         return {name: np.concatenate(arrays) for name, arrays in zip(names, zip(*done))}
 
+    def taken(self, names: Sequence[str]) -> Arrays:
+        """`joined`, after which parts in memory no longer have these arrays: at most one array is there twice."""
+        if self.folder is not None:
+            return self.joined(names)
+        parts = [self[k] for k in range(len(self))]
+        return {name: np.concatenate([part.pop(name) for part in parts]) for name in names}
+
     def __getitem__(self, k: int) -> Arrays:
         """The arrays of part k, which must be done."""
         arrays = self._load(k, None)

@@ -4,6 +4,7 @@
 - `packets/`: packets of 16 rays
 - `rays/`: single rays, and ray lists over the eight-wide BVH
 - `primary/`: camera rays
+- `terrain_stencils`, `terrain_lanes`: parallel rays from the cells of rasters of heights, 16 at a time
 - `terrain_rays`: shadow rays over rasters of heights, whose triangles are not stored
 - `tile`: queries as tiles of 16 receivers and chunks of 16 samples
 - `light_table`: light samples in strata

@@ -25,12 +25,13 @@ from ..progress import ProgressCallback
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, horizon_of, is_above, patch_of, query_pointers, sample_of, set_bit
 from ..scene.scene_bounds import flush_to_zero
-from ..scene.terrain import HeightGrid
+from ..scene.terrain import GridPoints, HeightGrid
 
 RECEIVERS = 256  # receivers that a thread takes at a time
 _PAD = 2.0**-21  # squares are enlarged by this many times the longer side of the grid, in squares
 _RAISE = 2.0**-40  # heights are raised by this fraction of the largest coordinate along the up axis
-_BLOCKERS = 64  # samples whose latest blockers are remembered
+BLOCKERS = 64  # samples whose latest blockers are remembered
+_LEAST_UNDER = 1e-30  # so that a flat surface is not below itself
 _PARALLEL = 1e-300  # smallest component of a direction, in squares
 
 
@@ -50,6 +51,7 @@ class TerrainTree(NamedTuple):
     pad: float  # by which squares are enlarged, in squares
     highest: float  # greatest height
     reach: float  # largest magnitude of a height
+    under: float  # a segment that begins above the surface and is this far below it somewhere has met it; inf: holes
 
 
 def terrain_tree(surface: HeightGrid, origin: NDArray[np.float64]) -> TerrainTree:
@@ -69,7 +71,23 @@ def terrain_tree(surface: HeightGrid, origin: NDArray[np.float64]) -> TerrainTre
         np.array([level.shape[1] for level in tops], np.int64),
         grid.west - origin[0], grid.north - origin[1], 1.0 / grid.dx, 1.0 / grid.dy,
         _PAD * max(grid.rows, grid.columns), float(heights.max()), float(np.abs(heights).max()),
+        _under(grid, x, y, z, origin),
     )  # fmt: skip
+
+
+def _under(grid: GridPoints, x: np.ndarray, y: np.ndarray, z: np.ndarray, origin: NDArray[np.float64]) -> float:
+    """The field `under` of a `TerrainTree`.
+
+    The surface lies within (shift_x + shift_y) x the steepest edge of the surface over the even grid, if float32 moves
+    vertices by these parts of a cell. Twice as much covers the float64 arithmetic.
+    """
+    steepest = max(float(np.abs(np.diff(z, axis=k)).max(initial=0.0)) for k in range(2))
+    if np.isnan(z).any():
+        return np.inf
+    shift_x = np.abs((x.astype(np.float64) + origin[0] - grid.west) / grid.dx - np.arange(grid.columns)).max()
+    shift_y = np.abs((grid.north - origin[1] - y.astype(np.float64)) / grid.dy - np.arange(grid.rows)).max()
+    shift = float(shift_x + shift_y) + 1e-9
+    return np.inf if shift > 0.1 else 2.0 * shift * steepest + _RAISE * float(np.abs(z).max()) + _LEAST_UNDER
 
 
 def _tops_of_squares(z: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -112,14 +130,18 @@ class _Pointers(NamedTuple):
     pad: float
     highest: float
     reach: float
+    rows: int
+    under: float
 
 
 @inlined
-def _pointers(tree):
+def terrain_pointers(tree):
+    """The `_Pointers` of a `TerrainTree`, which must outlive them."""
     return _Pointers(
         ptr(tree.x), ptr(tree.y), ptr(tree.z), ptr(tree.tops), ptr(tree.starts), ptr(tree.widths),
         np.int64(len(tree.x)), np.int64(len(tree.widths) - 1),
         tree.west, tree.north, tree.per_x, tree.per_y, tree.pad, tree.highest, tree.reach,
+        np.int64(len(tree.y)), tree.under,
     )  # fmt: skip
 
 
@@ -270,28 +292,93 @@ def _blocker(tree, ray, corners, facing):
 
 
 @inlined
-def _is_blocked(tree, ray, corners, facing, last, s):
-    """Whether the surface blocks a segment; `last`: the latest blockers of samples, which are tested first."""
-    square = get(last, s & (_BLOCKERS - 1))
-    if square >= 0 and _meets_square(tree, ray, corners, square // tree.columns, square % tree.columns, facing):
-        return True
+def forget_blockers(last):
+    """Empty the memory of latest blockers."""
+    for s in range(BLOCKERS):
+        put(last, s, np.int64(-1))
+
+
+@inlined
+def _surface_height(tree, u, v):
+    """The height of the even surface without holes at a fractional column and row inside it."""
+    j, i = min(np.int64(u), tree.columns - 2), min(np.int64(v), tree.rows - 2)
+    a, b, at = u - j, v - i, i * tree.columns + j
+    first, last = np.float64(get(tree.z, at)), np.float64(get(tree.z, at + tree.columns + 1))
+    corner = np.float64(get(tree.z, at + tree.columns if b > a else at + 1))
+    return first + max(a, b) * (corner - first) + min(a, b) * (last - corner)
+
+
+@inlined
+def starts_above(tree, o):
+    """Whether a float32 point surely lies above a surface without holes."""
+    u, v = (np.float64(o.x) - tree.west) * tree.per_x, (tree.north - np.float64(o.y)) * tree.per_y
+    if not (tree.under < np.inf and 0.0 <= u <= tree.columns - 1 and 0.0 <= v <= tree.rows - 1):
+        return False
+    j, i = np.int64(np.rint(u)), np.int64(np.rint(v))
+    if o.x == get(tree.x, j) and o.y == get(tree.y, i):
+        return o.z > get(tree.z, i * tree.columns + j)
+    return np.float64(o.z) > _surface_height(tree, u, v) + tree.under
+
+
+@inlined
+def _square_above(tree, ray, square):
+    """A square near another one in which a segment is certainly below the surface; -1: none.
+
+    The segment begins above the surface, so it has met it. `square`: that of the deepest point of a neighbour's segment
+    """
+    u, v = (ray.ox - tree.west) * tree.per_x, (tree.north - ray.oy) * tree.per_y
+    du, dv = ray.dx * tree.per_x, -ray.dy * tree.per_y
+    length = du * du + dv * dv
+    deepest, found = tree.under, np.int64(-1)
+    if length > 0.0:
+        row, column = square // tree.columns, square % tree.columns
+        middle = ((column + 0.5 - u) * du + (row + 0.5 - v) * dv) / length
+        step = 1.0 / max(abs(du), abs(dv))
+        for k in range(-1, 2):
+            t = middle + k * step
+            x, y = u + t * du, v + t * dv
+            if 0.0 < t < 1.0 and 1.0 <= x <= tree.columns - 2 and 1.0 <= y <= tree.rows - 2:
+                depth = _surface_height(tree, x, y) - (ray.oz + t * ray.dz)
+                if depth > deepest:
+                    deepest, found = depth, np.int64(y) * tree.columns + np.int64(x)
+    return found
+
+
+@inlined
+def is_blocked(tree, ray, above, scratch, facing, s):
+    """Whether the surface blocks a segment; exact.
+
+    above : whether it `starts_above` the surface, and no triangles are culled
+    scratch : (corners, latest blockers of samples, which are tested first)
+    """
+    corners, last = scratch
+    square = get(last, s & (BLOCKERS - 1))
+    if square >= 0:
+        if above:
+            square = _square_above(tree, ray, square)
+            if square >= 0:
+                put(last, s & (BLOCKERS - 1), square)
+                return True
+        elif _meets_square(tree, ray, corners, square // tree.columns, square % tree.columns, facing):
+            return True
     square = _blocker(tree, ray, corners, facing)
     if square >= 0:
-        put(last, s & (_BLOCKERS - 1), square)
+        put(last, s & (BLOCKERS - 1), square)
     return square >= 0
 
 
 @inlined
-def _shadow_receiver(tree, query, i, corners, last, bits):
-    """Set the bits of receiver i."""
+def shadow_receiver(tree, query, i, scratch, bits):
+    """Set the bits of receiver i; `scratch`: (corners, latest blockers)."""
     o, patch, horizon = get3(query.origins, 3 * i, 1), patch_of(query, i), horizon_of(query, i)
+    above = query.facing == 0 and starts_above(tree, o)
     for s in range(query.spp):
         lx, ly, lz = sample_of(query, patch, i, s)
         if is_above(horizon, lx, ly, lz, query.corners):
             ray = segment(o.x, o.y, o.z, lx, ly, lz)
             if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # an empty segment is not blocked
                 continue
-            if not _is_blocked(tree, ray, corners, query.facing, last, s):
+            if not is_blocked(tree, ray, above, scratch, query.facing, s):
                 continue
         set_bit(query, bits, i, s)
 
@@ -299,14 +386,13 @@ def _shadow_receiver(tree, query, i, corners, last, bits):
 @kernel
 def _shadow_receivers(ticket, tree, query, bits):
     """Worker: set the bits of all receivers."""
-    chunk, out, surface = query_pointers(query), ptr(bits), _pointers(tree)
-    corners, last = stack_f32(18), stack_i64(_BLOCKERS)
+    chunk, out, surface = query_pointers(query), ptr(bits), terrain_pointers(tree)
+    corners, last = stack_f32(18), stack_i64(BLOCKERS)
     for k in items(ticket):
-        for s in range(_BLOCKERS):
-            put(last, s, np.int64(-1))
+        forget_blockers(last)
         for i in range(k * RECEIVERS, min((k + 1) * RECEIVERS, chunk.h * chunk.w)):
             if get(chunk.sides, i) != NOTHING:
-                _shadow_receiver(surface, chunk, i, corners, last, out)
+                shadow_receiver(surface, chunk, i, (corners, last), out)
 
 
 def trace_terrain(

@@ -4,4 +4,7 @@
 - `visibility_matrix`: `visibility_matrix`, for all pairs of two sets of points
 - `viewshed_options`: options of a viewshed, with limits of distance and direction
 - `viewshed`: `viewshed`, for observers and sensors
+- `least_heights`: the least visible height of each cell of a raster of heights
+- `line_points`: `points_along`, observers along lines
+- `targets`: `visible_share` of a facade, a polygon, points or a `Turbine`
 """

@@ -25,6 +25,8 @@ from ..bit_matrices import unpack_bits, words_of
 from ..result_table import Column, Table
 from ..sensor_files import sensors_of
 from ..sensors import Sensors, corners_of, on_top, point_sensors, sensors_from, sightline_ends
+from .least_heights import check_own_cells, least_heights_of
+from .line_points import LinePoints
 from .viewshed_options import ViewshedOptions
 from .visibility_matrix import TileTracer
 
@@ -132,6 +134,8 @@ class _Sight(NamedTuple):
     nearest: np.ndarray  # (n,) int32
     distance: np.ndarray  # (n,) float64, inf: none
     bits: np.ndarray | None  # (n, words) uint64
+    length: np.ndarray | None  # (n,) float64: of the lines that see it; None: not requested
+    least_height: np.ndarray | None  # (n,) float64, inf: none so far; None: not requested
 
 
 @dataclass
@@ -143,14 +147,15 @@ class _ViewshedState:
     options: ViewshedOptions
     up: str
     sight: _Sight
+    lengths: np.ndarray | None  # (k,): of the line around each observer
 
 
 class ViewshedFunction(Protocol[_P]):
     """The type of `viewshed`, whose keywords are the fields of a class."""
 
     def __call__(
-        self, scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike, progress: Progress = None,
-        *args: _P.args, **keywords: _P.kwargs,
+        self, scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike | LinePoints,
+        progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
     ) -> Viewshed: ...  # fmt: skip
 
 
@@ -162,8 +167,8 @@ def _viewshed_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Views
 @_viewshed_function(ViewshedOptions)
 @with_progress
 def viewshed(
-    scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike, *, progress: Progress = None,
-    **keywords: Any,
+    scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike | LinePoints, *,
+    progress: Progress = None, **keywords: Any,
 ) -> Viewshed:  # fmt: skip
     """Find which observers see each sensor: a cumulative viewshed. Every line of sight is exact.
 
@@ -174,8 +179,8 @@ def viewshed(
         The targets. A text is as in `antumbra.sensors_of`: ``"raster:2+1.6"`` places targets 1.6 above the highest
         surfaces, as ``at.raster_sensors(scene, 2.0, height=1.6)`` does. Sensors on surfaces, such as
         ``at.face_sensors(scene)``, are visible only from their outer side.
-    observers : (3,) or (k, 3) float
-        World coordinates.
+    observers : (3,) or (k, 3) float, or LinePoints
+        World coordinates, or the points along lines of `antumbra.points_along`.
     progress : function of (text, done, total), or bool, optional
         Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
 
@@ -184,12 +189,16 @@ def viewshed(
     Viewshed
         The columns of its `table` are ``seen``, the number of observers; ``first``, the lowest of their indices, and
         ``nearest``, that of the nearest one, -1 where no observer sees the sensor; and ``distance`` to the nearest one,
-        NaN where there is none.
+        NaN where there is none. For lines, ``length`` is the length of the lines that see the sensor. With
+        `least_height`, the column of this name is the least height above each cell at which a point is seen by any
+        observer, 0 where the surface itself is seen; NaN where there is no surface, or every observer is excluded by
+        a limit or below the surface.
 
     Raises
     ------
     InputError
-        If an argument is invalid, there is no observer, or bits would take more than 2 GiB.
+        If an argument is invalid, there is no observer, bits would take more than 2 GiB, or `least_height` is requested
+        for anything but the cells of a scene that is a single raster of heights.
 
     Notes
     -----
@@ -197,12 +206,19 @@ def viewshed(
     horizontal distance d are (1 - k) d^2 / (2 R) lower, as in GIS programs; results are exact for this copy's float32
     vertices. Edges are divided until they follow the curve within a millimetre (0.001 world units), and sensors on
     faces are lifted by the same amount. Each observer then costs one BVH build.
+
+    Least heights are a closed form of the horizon profile, the maximum over all crossings of the line of sight with
+    edges of triangles, in float64. They agree with exact lines of sight up to the float32 rounding of coordinates.
+    With `curvature`, vertices are lowered and edges are not divided.
     """
     options, scene = ViewshedOptions(**keywords), scene_of(scene)
     threads, time = thread_count(options.threads), scene.clamped(options.time)
     checked = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
     targets = sensors_from(scene, checked, None, "sensors")
-    eyes = _eyes(scene, observers, options)
+    along = observers if isinstance(observers, LinePoints) else None
+    eyes = _eyes(scene, observers if along is None else along.points, options)
+    if options.least_height:
+        check_own_cells(scene, targets)
     n, k = len(targets), len(eyes)
     if options.bits and 8 * n * words_of(k) > _MOST:
         raise InputError(
@@ -210,8 +226,11 @@ def viewshed(
         )
     visibility_bits = np.zeros((n, words_of(k)), np.uint64) if options.bits else None
     no_observer = np.full(n, -1, np.int32)
-    sight = _Sight(np.zeros(n, np.int32), np.full(n, k, np.int32), no_observer, np.full(n, np.inf), visibility_bits)
-    state = _ViewshedState(targets, eyes, options, scene.up, sight)
+    sight = _Sight(
+        np.zeros(n, np.int32), np.full(n, k, np.int32), no_observer, np.full(n, np.inf), visibility_bits,
+        None if along is None else np.zeros(n), np.full(n, np.inf) if options.least_height else None,
+    )  # fmt: skip
+    state = _ViewshedState(targets, eyes, options, scene.up, sight, None if along is None else along.lengths)
     recorded = ["eye_height", "min_distance", "max_distance", "azimuth", "elevation"]
     with report_progress(f"{n} sensors, {k} observers") as report:
         if options.curvature:
@@ -220,6 +239,8 @@ def viewshed(
             recorded += ["refraction", "earth_radius"]
         else:
             _straight(state, scene, TileTracer(scene, options.plan, time, threads, n * k), report)
+        if sight.least_height is not None:
+            _find_least_heights(state, sight.least_height, scene, threads)
     about = {"job": "viewshed", "observers": k, **{name: getattr(options, name) for name in recorded}}
     return Viewshed(Table(targets, _columns(sight, k), about, scene, marks=eyes), eyes, visibility_bits)
 
@@ -243,12 +264,18 @@ def _eyes(scene: AnyScene, observers: ArrayLike, options: ViewshedOptions) -> ND
 
 def _columns(sight: _Sight, observers: int) -> dict[str, Column]:
     visible = sight.observers > 0
-    return {
+    columns = {
         "seen": Column(sight.observers, "", f"observers that see it, of {observers}"),
         "first": Column(np.where(visible, sight.first, -1).astype(np.int32), "", "first observer that sees it"),
         "nearest": Column(sight.nearest, "", "nearest observer that sees it"),
         "distance": Column(np.where(visible, sight.distance, np.nan), "m", "distance to the nearest observer"),
     }
+    if sight.length is not None:
+        columns["length"] = Column(sight.length, "m", "length of the lines that see it")
+    if sight.least_height is not None:
+        heights = np.where(np.isfinite(sight.least_height), sight.least_height, np.nan)
+        columns["least_height"] = Column(heights, "m", "least height above the cell at which a point is seen")
+    return columns
 
 
 def _straight(
@@ -256,7 +283,9 @@ def _straight(
 ) -> None:
     """Trace all observers in lists, and skip sensors beyond the reach of a list."""
     ends, eyes = sightline_ends(scene, state.sensors), sightline_ends(scene, point_sensors(state.eyes))
-    curve, order = (np.argsort(morton_codes(each.origins[0]), kind="stable") for each in (ends, eyes))
+    order, curve = np.argsort(morton_codes(eyes.origins[0]), kind="stable"), np.arange(ends.n)
+    if state.sensors.kind != "raster" or terrain_of(scene.data) is None:  # terrain is traced fastest row by row
+        curve = np.argsort(morton_codes(ends.origins[0]), kind="stable")
     for first in range(0, len(order), MAX_SPP):
         some = order[first : first + MAX_SPP]
         places = curve[_within(state.sensors.points[curve], state.eyes[some], state.options.reach)]
@@ -267,8 +296,21 @@ def _straight(
             progress(first + len(some) * min(start + step, len(places)) // len(places), len(order))
 
 
+def _find_least_heights(state: _ViewshedState, best: np.ndarray, scene: AnyScene, threads: int) -> None:
+    """Lower the least heights ((n,), inf: none so far) to those of each observer, where its limits include a cell."""
+    options = state.options
+    drop = (1.0 - options.refraction) / (2.0 * options.earth_radius) if options.curvature else 0.0
+    for eye in state.eyes:
+        heights = least_heights_of(scene, eye, drop, threads)
+        away = state.sensors.points - eye
+        inside = options.includes(away, np.sqrt((away * away).sum(1)), state.up)
+        np.fmin(best, np.where(inside, heights, np.inf), out=best)
+
+
 def _within(at: np.ndarray, eyes: np.ndarray, distance: float) -> NDArray[np.bool_]:
     """(n,) bool: whether points may be within a distance of any of the eyes, by their bounds."""
+    if distance == np.inf:
+        return np.ones(len(at), bool)
     lower, upper = eyes.min(0) - distance, eyes.max(0) + distance
     return np.asarray(((at >= lower) & (at <= upper)).all(1))
 
@@ -303,6 +345,8 @@ def _add(state: _ViewshedState, places: np.ndarray, some: np.ndarray, words: np.
     nearest, distance = observer[order][begin], distance[order][begin]
     nearer = (distance < sight.distance[at]) | ((distance == sight.distance[at]) & (nearest < sight.nearest[at]))
     sight.distance[at[nearer]], sight.nearest[at[nearer]] = distance[nearer], nearest[nearer]
+    if sight.length is not None and state.lengths is not None:
+        np.add.at(sight.length, places[rows], state.lengths[observer])
     if sight.bits is not None:
         _set_bits(sight.bits, places[rows], observer)
 

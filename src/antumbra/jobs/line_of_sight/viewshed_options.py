@@ -80,6 +80,10 @@ class ViewshedOptions:
     """World units."""
     bits: bool = option(False, flag)
     """Also return which observer sees which sensor."""
+    least_height: bool = option(
+        False, flag, "On a raster of heights: the least height above each cell at which it is seen."
+    )
+    """For the cells of a scene that is a raster of heights: also find how tall a thing must be in each to be seen."""
     plan: str | Plan | None = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")
     time: float = same_option(RenderOptions, "time")
     threads: int | None = same_option(EngineOptions, "threads")

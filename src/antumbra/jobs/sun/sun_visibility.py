@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...engine.plan import Plan
+from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
 from ...engine.precompilation import Job, fixed_job, precompile
 from ...engine.scene import AnyScene, Scene
+from ...engine.terrain_shadows import terrain_of
 from ...kernels.elementary import acos, cos, sin, tan
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
@@ -183,6 +184,8 @@ DISK = 0.533
 """Mean angular diameter of the sun, degrees."""
 
 SENSORS_PER_PART = 1 << 14
+ROWS_PER_PART = 1 << 18  # sensors, if they are in rows
+_SENSORS_AT_ONCE = 1 << 20
 NO_DATE = -1
 """Month of directions that belong to the whole year."""
 
@@ -240,9 +243,22 @@ def sun_query(
         np.zeros(len(suns.hours)) if energy is None else np.ascontiguousarray(energy, np.float64),
         np.ascontiguousarray(suns.directions, np.float64),
     )
-    receivers = Receivers.of(sensors.points, sensors.normals, scene.origin)
+    receivers = _receivers(scene, sensors)
     seasons = seasons[order[::BUNDLE]]
     return SunQuery(scene, sensors, receivers, calendar, columns, towards[order], seasons, plan, threads)
+
+
+def _receivers(scene: AnyScene, sensors: Sensors) -> Receivers:
+    """The sensors, moved off their surfaces, some at a time: intermediate results take 200 bytes per sensor."""
+    points, normals, parts = sensors.points, sensors.normals, list[Receivers]()
+    for first in range(0, max(len(points), 1), _SENSORS_AT_ONCE):
+        some = slice(first, first + _SENSORS_AT_ONCE)
+        parts.append(Receivers.of(points[some], None if normals is None else normals[some], scene.origin))
+    if len(parts) == 1:
+        return parts[0]
+    origins, sides = (np.concatenate([part[k] for part in parts], 1) for k in range(2))
+    no_normals = normals is None or not parts[0].normals.size
+    return Receivers(origins, sides, parts[0].normals if no_normals else np.concatenate([p.normals for p in parts], 1))
 
 
 def seasons_of(scene: AnyScene, months: np.ndarray) -> NDArray[np.int64]:
@@ -273,14 +289,16 @@ class SunSums:
         precompile(tally_job)
         self._query, self._matrix, sensors = query, matrix, query.sensors
         n = len(sensors)
-        self._order = sensor_order(sensors.points, sensors.normals) if n else np.empty(0, np.int64)
+        in_rows = n > 0 and _in_rows(query)
+        self._order = np.arange(n) if n == 0 or in_rows else sensor_order(sensors.points, sensors.normals)
         about = None
         if folder is not None:
             arrays = [a for a in (sensors.points, sensors.normals, query.seasons, *query.calendar) if a is not None]
             of = scene_digest(query.scene, 0.0, query.threads)
             about = about_parts(what, of, inexact_plan(query.plan), query.columns, matrix, *arrays)
         title = f"{what}: {n:,} sensors x {len(query.calendar.hours):,} directions"
-        self.parts = Parts(title, n, SENSORS_PER_PART, self._part, folder, about)
+        size = ROWS_PER_PART if in_rows else SENSORS_PER_PART
+        self.parts = Parts(title, n, size, self._part, folder, about)
 
     def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
         query, indices = self._query, self._order[first:last]
@@ -297,11 +315,13 @@ class SunSums:
         return {**sums, "matrix": hidden_sun_rows(light.bits, query.calendar.places)} if self._matrix else sums
 
     def tally(self) -> Tally:
-        """The sums of each sensor, in the original order, once all parts are done."""
+        """The sums of each sensor, in the original order, once all parts are done; only once for parts in memory."""
         if not len(self._order):
             nothing = SunLight(np.empty((0, 1), np.uint64), _WHOLE)
             return tally_of(nothing, None, self._query.calendar, self._query.columns)
-        done = self.parts.joined(Tally._fields)
+        done = self.parts.taken(Tally._fields)
+        if (np.diff(self._order) == 1).all():
+            return Tally(**done)
         return Tally(**{name: values[np.argsort(self._order)] for name, values in done.items()})
 
     @property
@@ -314,6 +334,12 @@ class SunSums:
         with RowFile(path, self.matrix_shape) as file:
             for k, (first, last) in enumerate(self.parts.ranges):
                 file.put(self._order[first:last], self.parts[k]["matrix"])
+
+
+def _in_rows(query: SunQuery) -> bool:
+    """Whether the sensors stay in rows, along which terrain is traced fastest."""
+    surface = terrain_of(query.scene.data) if query.sensors.kind == "raster" else None
+    return surface is not None and parse_plan(query.plan or DEFAULT_PLAN) == parse_plan(DEFAULT_PLAN)
 
 
 def sum_suns(query: SunQuery, folder: Path | None = None, what: str = "suns") -> Tally:

@@ -1,0 +1,157 @@
+"""``antumbra visible``: the share of a facade, a polygon or a wind turbine that each sensor sees."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..errors import InputError
+from . import arguments, console
+from .arguments import open_scene
+from .console import ProgressDisplay
+from .options import (
+    SCENE_HELP,
+    SENSORS_HELP,
+    ColumnOption,
+    CrsOption,
+    Json,
+    OutputsOption,
+    PlanOption,
+    Quiet,
+    Threads,
+    TimeOption,
+    UpOption,
+    takes,
+)
+
+if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
+    from ..jobs.line_of_sight.targets import Turbine
+    from ..jobs.result_table import Table
+    from ..jobs.sensors import Sensors
+
+_WAYS = "--turbine X,Y,Z, --object NAME, --polygon FILE or --points FILE"
+
+
+@dataclass(frozen=True, kw_only=True)
+class VisibleArguments:
+    """The command-line arguments and options, one per field."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    sensors: Annotated[
+        str | None,
+        typer.Option(help=SENSORS_HELP + "  [default: face; on a raster of heights: raster]", show_default=False),
+    ] = None
+    turbine: Annotated[
+        str | None, typer.Option(help="The foot of a wind turbine.", metavar="X,Y,Z", show_default=False)
+    ] = None
+    hub_height: Annotated[float | None, typer.Option(help="Of the turbine, above its foot.", show_default=False)] = None
+    rotor: Annotated[float | None, typer.Option(help="Diameter of the turbine's rotor.", show_default=False)] = None
+    samples: Annotated[int, typer.Option(help="Sample points of the rotor.")] = 64
+    object: Annotated[
+        list[str] | None,
+        typer.Option(help="An object of the scene, such as a building; may be repeated.", show_default=False),
+    ] = None
+    surfaces: Annotated[
+        str | None,
+        typer.Option(
+            help="Types of its surfaces, such as WallSurface,RoofSurface.", metavar="TYPES", show_default=False
+        ),
+    ] = None
+    polygon: Annotated[
+        Path | None,
+        typer.Option(
+            help="The corners of a flat polygon, counterclockwise from the front: .csv, .parquet, .npy or .npz.",
+            show_default=False,
+        ),
+    ] = None
+    points: Annotated[
+        Path | None, typer.Option(help="The points of the target, perhaps with normals.", show_default=False)
+    ] = None
+    spacing: Annotated[float, typer.Option(help="World units between points on objects and polygons.")] = 1.0
+    output: OutputsOption = None
+    column: ColumnOption = None
+    plan: PlanOption = None
+    time: TimeOption = 0.0
+    up: UpOption = None
+    crs: CrsOption = None
+    threads: Threads = None
+    json: Json = False
+    quiet: Quiet = False
+
+
+@takes(VisibleArguments)
+def visible(args: VisibleArguments) -> int:
+    """Find the share of a target in SCENE that each sensor sees.
+
+    The target is a wind turbine, whose rotor turns towards each sensor, an object of the scene, a polygon or points.
+    The result has the columns share, from 0 to 1, and visible, the number of visible sample points.
+
+    \b
+    Examples
+      antumbra visible dem.tif --sensors raster+1.6 --turbine 85000,446000,12 --hub-height 120 --rotor 150 -o share.tif
+      antumbra visible city.city.json --sensors raster:2+1.6 --object Pand.1 --surfaces WallSurface -o share.tif
+      antumbra visible city.glb --up z --sensors people.csv --polygon facade.csv --spacing 0.5 -o share.csv
+    """
+    spec = arguments.parse_scene(args.scene)
+
+    from ..jobs.line_of_sight.targets import visible_share
+    from ..jobs.result_table import writer_of
+    from ..jobs.sensor_files import check_sensors, kind_of, sensors_of
+
+    sensor_form = args.sensors or ("raster" if spec.on_raster else "face")
+    check_sensors(sensor_form)
+    outputs = args.output or []
+    for path in outputs:
+        writer_of(path, kind_of(sensor_form))
+    if sum(each is not None for each in (args.turbine, args.object, args.polygon, args.points)) != 1:
+        raise InputError(f"give one target: {_WAYS}")
+    with ProgressDisplay(args.quiet) as display:
+        display.say("reading the scene")
+        opened = open_scene(spec, args.up, args.quiet, args.crs)
+        display.say("preparing")
+        target = _target(args, opened)
+        sensors = sensors_of(sensor_form, opened, args.threads)
+        start = perf_counter()
+        table = visible_share(
+            opened, sensors, target, samples=args.samples, plan=args.plan, time=args.time, threads=args.threads
+        )
+        seconds = perf_counter() - start
+        display.say("writing the results")
+        for path in outputs:
+            table.save(path, args.column)
+    _print_summary(args, opened.name, table, seconds)
+    return 0
+
+
+def _target(args: VisibleArguments, scene: "AnyScene") -> "Turbine | Sensors":
+    """The target that the options name."""
+    from ..jobs.line_of_sight.targets import Turbine, polygon_points, surface_points
+    from ..jobs.sensor_files import read_points
+
+    if args.turbine is not None:
+        if args.hub_height is None or args.rotor is None:
+            raise InputError("--turbine needs --hub-height and --rotor")
+        return Turbine(arguments.parse_point(args.turbine, "--turbine"), args.hub_height, args.rotor)
+    if args.object is not None:
+        types = None if args.surfaces is None else args.surfaces.split(",")
+        return surface_points(arguments.in_memory(scene), args.spacing, objects=args.object, types=types)
+    if args.polygon is not None:
+        return polygon_points(read_points(args.polygon).points, args.spacing)
+    return read_points(args.points or Path())
+
+
+def _print_summary(args: VisibleArguments, name: str, table: "Table", seconds: float) -> None:
+    counted = table.sensors.covered
+    share, written = table["share"][counted], [str(path) for path in args.output or []]
+    answer: dict[str, Any] = {"sensors": int(counted.sum()), "samples": table.about["samples"], "seconds": seconds}
+    answer |= {"seen": int((share > 0).sum()), "seen_entirely": int((share == 1).sum())}
+    if args.json:
+        console.print_json({"scene": name, **answer, "outputs": written})
+    elif not args.quiet:
+        fields = [("sensors", f"{answer['sensors']:,}"), ("points of the target", f"{answer['samples']:,}")]
+        fields.append(("see it", f"{answer['seen']:,}, {answer['seen_entirely']:,} entirely"))
+        fields.append(("time", console.duration(seconds)))
+        console.print_fields([*fields, *(("written", path) for path in written)])

@@ -1,0 +1,229 @@
+"""How much of a target is visible: a facade, a polygon, any points, or the rotor of a wind turbine."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...checks import listed, number, points, whole_number
+from ...engine.plan import Plan
+from ...engine.scene import AnyScene
+from ...engine.scene_loading import SceneLike, scene_of
+from ...errors import InputError
+from ...kernels.parallel import thread_count
+from ...progress import Progress, report_progress, with_progress
+from ...query.light_samples import light_samples
+from ...query.receivers import Receivers
+from ...query.shadow_query import count_occluded
+from ...scene.lights import SphereLight
+from ..result_table import Column, Table
+from ..sensor_files import sensors_of
+from ..sensors import Sensors, grid_sensors, point_sensors, sensors_from, sightline_ends
+from .visibility_matrix import TileTracer
+
+_PAIRS = 1 << 24  # sightlines at a time
+_FLAT = 1e-6  # largest distance of a polygon's corner from its plane, in sizes of the polygon
+_MOST = 1_000_000  # points of a target
+
+# --- Targets ----------------------------------------------------------------------------------------------------------
+
+
+class _TurbineFields(NamedTuple):
+    position: tuple[float, float, float]  # of its foot, world
+    hub_height: float  # world units above the foot
+    rotor_diameter: float  # world units
+
+
+class Turbine(_TurbineFields):
+    """A wind turbine, whose rotor turns towards each sensor.
+
+    position : (3,) float
+        World coordinates of its foot.
+    hub_height : float
+        World units, above the foot.
+    rotor_diameter : float
+        World units.
+    """
+
+    __slots__ = ()
+
+    def __new__(cls, position: ArrayLike, hub_height: float, rotor_diameter: float) -> "Turbine":
+        x, y, z = (
+            number(each, "a coordinate of a turbine", -np.inf, np.inf) for each in listed(position, "position", 3)
+        )
+        height = number(hub_height, "the hub height of a turbine", 0.0, np.inf)
+        diameter = number(rotor_diameter, "the rotor diameter of a turbine", 0.0, np.inf)
+        return super().__new__(cls, (x, y, z), height, diameter)
+
+    def rotor(self, up: str) -> SphereLight:
+        """The rotor as a sphere, of which a sensor sees a disk."""
+        centre = np.array(self.position, np.float64)
+        centre["xyz".index(up)] += self.hub_height
+        return SphereLight(tuple(centre.tolist()), self.rotor_diameter / 2.0)
+
+
+def surface_points(
+    scene: SceneLike, spacing: float, *, objects: str | list[str] | None = None, types: str | list[str] | None = None
+) -> Sensors:
+    """Points on a part of a scene, such as a facade, as a target: those of `grid_sensors` on some objects or surfaces.
+
+    Parameters
+    ----------
+    scene : Scene, or anything that `antumbra.load` takes
+    spacing : float
+        World units between neighbours.
+    objects : str or list of str, optional
+        Names of objects. In a city model, an object includes its parts. None: all.
+    types : str or list of str, optional
+        Types of semantic surfaces, such as "WallSurface". None: all.
+
+    Raises
+    ------
+    InputError
+        If the scene has no such object or surface, or no semantic surfaces.
+    """
+    scene = scene_of(scene)
+    sensors = grid_sensors(scene, spacing)
+    faces, chosen = np.asarray(sensors.faces), np.ones(len(sensors), bool)
+    if objects is not None:
+        names = [objects] if isinstance(objects, str) else objects
+        there = np.array([thing.name in names or thing.parent in names for thing in scene.objects], bool)
+        chosen &= there[scene.object_of_face[faces]]
+    if types is not None:
+        if scene.city is None:
+            raise InputError(f"{scene.name} has no semantic surfaces; leave types out")
+        chosen &= np.isin(scene.city.surface_types(faces), [types] if isinstance(types, str) else types)
+    if not chosen.any():
+        raise InputError(f"{scene.name} has no surface of the objects {objects!r} and the types {types!r}")
+    normals, areas = sensors.normals, sensors.areas
+    return point_sensors(
+        sensors.points[chosen], None if normals is None else normals[chosen], None if areas is None else areas[chosen]
+    )
+
+
+def polygon_points(corners: ArrayLike, spacing: float) -> Sensors:
+    """Points in a flat polygon, as a target that is visible from the side on which its corners run counterclockwise.
+
+    Parameters
+    ----------
+    corners : (n, 3) float
+        World coordinates; the polygon may be concave.
+    spacing : float
+        World units between neighbours. Each point stands for an equal share of the area.
+
+    Raises
+    ------
+    InputError
+        If the corners are not flat, enclose no area, or the spacing gives no point or more than a million.
+    """
+    spacing, ring = number(spacing, "the spacing of points", 0.0, np.inf), points(corners, "corners of a polygon")
+    middle = ring.mean(0) if len(ring) else np.zeros(3)
+    local = ring - middle
+    area = np.cross(local, np.roll(local, -1, 0)).sum(0) / 2.0  # Newell's normal
+    size, length = float(np.abs(local).max(initial=0.0)), float(np.linalg.norm(area))
+    if len(ring) < 3 or length <= 1e-12 * size * size:
+        raise InputError("a polygon needs three or more corners that enclose an area")
+    normal = area / length
+    if np.abs(local @ normal).max() > _FLAT * size:
+        raise InputError("the corners of the polygon do not lie in a plane; divide it into flat ones")
+    if length / spacing / spacing > _MOST:
+        raise InputError(
+            f"a polygon of {length:g} at a spacing of {spacing:g} has more than {_MOST:,} points; widen it"
+        )
+    across = np.cross([0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0], normal)
+    axes = np.stack([across / np.linalg.norm(across), np.cross(normal, across / np.linalg.norm(across))])
+    inside = _lattice_inside(local @ axes.T, spacing)
+    if not len(inside):
+        raise InputError(f"no point of the polygon lies on a lattice of {spacing:g}; use a smaller spacing")
+    return point_sensors(
+        middle + inside @ axes, np.tile(normal, (len(inside), 1)), np.full(len(inside), length / len(inside))
+    )
+
+
+def _lattice_inside(ring: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
+    """(m, 2) float64: the points of a square lattice inside a polygon in the plane, (n, 2), by the even-odd rule."""
+    first, last = np.ceil(ring.min(0) / spacing - 0.5), np.floor(ring.max(0) / spacing - 0.5)
+    x, y = (np.arange(a, b + 1) for a, b in zip(first, last))
+    at = (np.stack(np.meshgrid(x, y), -1).reshape(-1, 2) + 0.5) * spacing
+    inside = np.zeros(len(at), bool)
+    for a, b in zip(ring, np.roll(ring, -1, 0)):
+        if a[1] != b[1]:
+            crosses = (at[:, 1] < a[1]) != (at[:, 1] < b[1])
+            inside ^= crosses & (at[:, 0] < a[0] + (at[:, 1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0]))
+    return at[inside]
+
+
+# --- The visible share ------------------------------------------------------------------------------------------------
+
+
+@with_progress
+def visible_share(
+    scene: SceneLike, sensors: Sensors | str | ArrayLike, target: Turbine | Sensors | ArrayLike, *, samples: int = 64,
+    plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None, progress: Progress = None,
+) -> Table:  # fmt: skip
+    """The share of a target that each sensor sees. Every line of sight is exact.
+
+    Parameters
+    ----------
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
+    sensors : Sensors, str, or (n, 3) float
+        The places to look from, such as ``"raster+1.6"``: 1.6 above all cells.
+    target : Turbine, Sensors, or (m, 3) float
+        The target's sample points: those of `surface_points` and `polygon_points` are visible from their front only,
+        other points from everywhere. Of a `Turbine`, the disk of the rotor that faces each sensor is sampled.
+    samples : int
+        Samples of a turbine's rotor, 1 to 1024.
+    progress : function of (text, done, total), or bool, optional
+        As for `antumbra.viewshed`.
+
+    Returns
+    -------
+    Table
+        The columns are ``share``, from 0 to 1, and ``visible``, the number of visible sample points. `Table.about` has
+        their total, ``samples``.
+
+    Raises
+    ------
+    InputError
+        If an argument is invalid, or the target has no points.
+    """
+    scene, threads = scene_of(scene), thread_count(threads)
+    moment = scene.clamped(time)
+    checked = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
+    places = sensors_from(scene, checked, None, "sensors")
+    ends = sightline_ends(scene, places)
+    if isinstance(target, Turbine):
+        total = whole_number(samples, "samples", 1, 1024)
+        marks = np.array([target.rotor(scene.up).center])
+    else:
+        on_target = sensors_from(scene, target, None, "the target")
+        if not len(on_target):
+            raise InputError("the target has no points; give at least one")
+        total, marks = len(on_target), on_target.points.mean(0, keepdims=True)
+    counts, step = np.zeros(len(places), np.int32), max(1024, _PAIRS // total)
+    with report_progress(f"{len(places)} sensors, {total} points of the target") as report:
+        tracing = TileTracer(scene, plan, moment, threads, len(places) * total)
+        for first in range(0, len(places), step):
+            part = ends.take(slice(first, first + step))
+            if isinstance(target, Turbine):
+                counts[first : first + step] = _seen_of_rotor(scene, part, target, total, (plan, moment, threads))
+            else:
+                seen = tracing.visible(part, sightline_ends(scene, on_target))
+                counts[first : first + step] = count_occluded(seen, threads)
+            report(min(first + step, len(places)), len(places))
+    columns = {
+        "share": Column((counts / total).astype(np.float32), "", "visible share of the target"),
+        "visible": Column(counts, "", f"visible sample points, of {total}"),
+    }
+    return Table(places, columns, {"job": "visible share", "samples": total}, scene, marks=marks)
+
+
+def _seen_of_rotor(
+    scene: AnyScene, ends: Receivers, turbine: Turbine, samples: int, settings: tuple[str | Plan | None, float, int]
+) -> NDArray[np.int32]:
+    """(n,) int32: the visible samples of the disk of a rotor that faces each end."""
+    plan, time, threads = settings
+    rotor, engine = turbine.rotor(scene.up), scene.engine.with_options(plan, threads, None)
+    (traced,) = engine.shadows(ends, [rotor], [light_samples(rotor, samples)], time=time, whole=True)
+    counts: NDArray[np.int32] = samples - count_occluded(traced.bits[0], threads)
+    return counts

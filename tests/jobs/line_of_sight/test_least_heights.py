@@ -1,0 +1,117 @@
+"""Least visible heights over rasters of heights: exact lines of sight just above and below, and closed forms."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+import antumbra as at
+
+PLACE = (2.0, 0.0, 84000.0, 0.0, -2.0, 446000.0)
+HEIGHTS = arrays.arrays(
+    np.float64,
+    st.tuples(st.integers(2, 22), st.integers(2, 22)),
+    elements=st.sampled_from([0.0, 0.0, 0.25, 1.0, 3.0, 9.0, np.nan]),
+    fill=st.nothing(),
+)
+SLACK = 2e-3  # float32 rounding of coordinates, at a slope of the steepest edge
+TREE = "bsah+wide"
+
+
+def least(scene, eyes, **options):
+    """(n,) heights, and (n, 3) cells."""
+    table = at.viewshed(scene, "raster", eyes, least_height=True, **options).table
+    return table["least_height"], table.sensors.points
+
+
+def seen_at(scene, points, eye):
+    """(n,) bool: exact lines of sight."""
+    there = at.visibility(scene, points, at.PointLights(np.atleast_2d(eye)), plan=TREE)
+    return there.seen_samples.reshape(-1)
+
+
+@settings(deadline=None, max_examples=60)
+@given(HEIGHTS, st.integers(0, 10_000))
+def test_cells_are_seen_just_above_and_hidden_just_below(heights, seed):
+    random = np.random.default_rng(seed)
+    try:
+        scene = at.from_raster((heights, PLACE))
+    except at.InputError:
+        return
+    eye = random.uniform(scene.bounds[0] - [3, 3, 0], scene.bounds[1] + [3, 3, 0])
+    eye[2] = random.choice([9.5, 12.0, 30.0])
+    found, cells = least(scene, eye)
+    there = ~np.isnan(heights.reshape(-1))
+    assert (np.isnan(found) == ~there).all() and (found[there] >= 0.0).all()
+    cells[there, 2] = heights.reshape(-1)[there]
+    over = cells + np.stack([0.0 * found, 0.0 * found, found], 1)
+    assert seen_at(scene, over[there] + [0.0, 0.0, SLACK], eye).all()
+    raised = found > 2.0 * SLACK
+    if raised.any():
+        assert not seen_at(scene, over[raised] - [0.0, 0.0, SLACK], eye).any()
+
+
+def test_heights_of_a_larger_surface():
+    y, x = np.mgrid[:150, :170]
+    random = np.random.default_rng(0)
+    heights = 20.0 * np.sin(x / 11.0) * np.cos(y / 9.0) + random.normal(size=x.shape)
+    scene = at.from_raster((heights, PLACE))
+    eye = np.array([84101.3, 445890.7, 0.0])
+    found, _ = least(scene, eye, on_surface=True, eye_height=2.0)
+    seen = at.viewshed(scene, "raster", eye, on_surface=True, eye_height=2.0)
+    cells = at.sensors_of("raster", scene).points
+    raised = found > 0.02
+    assert 0.3 < raised.mean() < 0.999
+    for shift, expected in ((-0.01, False), (0.01, True)):
+        over = cells[raised] + np.stack([0.0 * found, 0.0 * found, found + shift], 1)[raised]
+        assert (seen_at(scene, over, seen.observers[0]) == expected).all()
+    assert not seen.table["seen"][raised].any()
+
+
+def test_a_wall_casts_a_closed_form():
+    """Behind a wall of the height w at the distance d, a cell at the distance x needs e + (w - e) x / d."""
+    heights = np.zeros((5, 60))
+    heights[:, 20] = 10.0
+    scene = at.from_raster((heights, PLACE))
+    eye = (84001.0, 446000.0 - 5.0, 4.0)  # over column 0, row 2
+    found = least(scene, eye)[0].reshape(5, 60)[2]
+    x = 2.0 * np.arange(60)
+    assert np.allclose(found[21:], 4.0 + 6.0 * x[21:] / 40.0, atol=1e-5)
+    assert (found[:19] == 0.0).all() and found[20] == 0.0
+
+
+def test_the_curved_earth_lowers_far_cells():
+    heights = np.zeros((3, 2000))
+    scene = at.from_raster((heights, (50.0, 0.0, 0.0, 0.0, -50.0, 0.0)))
+    found = least(scene, (25.0, -75.0, 2.0), curvature=True, refraction=0.13)[0].reshape(3, 2000)[1]
+    drop, x = (1.0 - 0.13) / (2.0 * 6_371_000.0), 50.0 * np.arange(2000)
+    horizon = np.sqrt(2.0 / drop)
+    expected = np.where(x > horizon, drop * (x - horizon) ** 2, 0.0)
+    assert found[-1] > 500.0 and np.allclose(found, expected, rtol=1e-3, atol=0.06)
+
+
+def test_the_least_of_several_observers_within_their_limits():
+    heights = np.zeros((5, 60))
+    heights[:, 20] = 10.0
+    scene = at.from_raster((heights, PLACE))
+    west, east = (84001.0, 445995.0, 4.0), (84119.0, 445995.0, 4.0)
+    one, other, both = (least(scene, eyes)[0] for eyes in (west, east, [west, east]))
+    assert (both == np.minimum(one, other)).all() and (both < one).any() and (both < other).any()
+    near = least(scene, west, max_distance=30.0)[0].reshape(5, 60)[2]
+    assert np.isnan(near[17:]).all() and (near[:14] == 0.0).all()
+    buried = least(scene, (84041.0, 445995.0, 4.0))[0]
+    assert np.isnan(buried).all()
+
+
+@pytest.mark.parametrize(
+    "scene, sensors",
+    [
+        (at.procedural("city", triangles=2000), [[0.0, 0.0, 0.0]]),
+        (at.from_raster((np.zeros((4, 4)), PLACE)), "raster:1"),
+    ],
+    ids=["triangles", "other cells"],
+)
+def test_other_scenes_and_cells_have_no_least_heights(scene, sensors):
+    with pytest.raises(at.InputError, match="single raster of heights"):
+        at.viewshed(scene, sensors, (0.0, 9.0, 9.0), least_height=True)
