@@ -38,6 +38,7 @@ OTHERS = {
     "build_store": "its scenes are asked by the tests of stores; `build` is below",
     "from_trees": "trees stand on a map, which does not turn",
     "place_of": "the coordinates of a place on earth do not turn",
+    "surface_points": "a grid on a level face follows the first axis of the scene",
     "sky_view": "its directions lie on a spiral that does not turn; its own tests compare it with closed forms",
     "sensors_of": "text for the sensors below",
     "view": "its pictures are those of render",
@@ -106,6 +107,13 @@ def _viewshed(frame, scene, folder):
         exact |= {f"{name} bits": found.bits, f"{name} seen": found.table["seen"]}
         close |= {f"{name} eyes": frame.back(found.observers), f"{name} distance": found.table["distance"]}
     return Found(exact, close)
+
+
+@finds("visible_share")
+def _visible(frame, scene, folder):
+    target = frame.of(corners()[0] + (0, 0.25, 0))
+    table = at.visible_share(scene, sensors_in(frame), target)
+    return Found({"visible": table["visible"]}, {})
 
 
 @finds("skyline")
@@ -292,6 +300,7 @@ COMMANDS = {
     "los": lambda f: ["--from", triple(f, EYES[0]), "--to", triple(f, (0.0, 0.5, -2.5))],
     "viewshed": lambda f: ["-o", "out.csv", "--observer", triple(f, EYES[0])],
     "matrix": lambda f: ["-o", "out.npy"],
+    "visible": lambda f: ["-o", "out.csv", "--turbine", triple(f, EYES[0]), "--hub-height", 2, "--rotor", 1],
     "skyline": lambda f: ["-o", "out.csv", "--at", triple(f, EYES[0])],
     "shadow": lambda f: [
         "-o",
@@ -328,7 +337,7 @@ COMMANDS = {
 NUMBERS = {
     "render": ["rays"], "sun": ["suns", "hours", "rays", "means"], "bake": ["receivers", "rays", "mean"],
     "los": ["pairs", "visible"], "viewshed": ["seen", "area", "area_seen"], "matrix": ["visible"],
-    "skyline": ["points", "azimuths"], "shadow": ["polygons"],
+    "visible": ["sensors"], "skyline": ["points", "azimuths"], "shadow": ["polygons"],
     "view-factors": ["n", "rays"], "dataset": ["frames", "lights", "rendered"],
     "build": ["triangles", "chunks", "bytes"], "info": ["triangles"],
     "culling": ["kept", "marked"], "explain": ["rays", "blocked"], "compare": ["rays"],
