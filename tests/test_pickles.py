@@ -26,6 +26,7 @@ def things(tmp_path_factory):
     given += [scene.all_hits((0, 1, 0), (0, -1, 0))]
     given += [at.visibility(scene, (0, 1, 0), light), at.line_of_sight(scene, (0, 1, 0), (0, 2, 0))]
     given += [at.viewshed(scene, some, (0, 1, 0)), at.visibility_matrix(scene, some), scene.triangles()]
+    given += [at.Turbine((0, 0, 0), 2.0, 1.0), at.points_along([(0, 0), (1, 0)], 0.5)]
     given += [at.view_factors(scene, "object", samples=64)]
     given += [at.Renderer(scene), at.raster_sensors(scene, 2.0), at.raster_sensors(scene, 2.0).raster]
     given += [at.skyline(scene, (0, 1, 0), step=30.0), at.shadow(scene, at="2026-06-21T12:00", place=place)]

@@ -289,6 +289,7 @@ def test_links_of_llms_txt_lead_to_pages():
     links = re.findall(r"\]\(([^)]+)\)", text)
     assert len(links) > 10 and text.startswith("# Antumbra\n\n> ")
     pages = [re.sub(r"^_sources/(.+)\.txt$|^(.+)\.html$", lambda m: m[1] or f"{m[2]}.md", link) for link in links]
+    pages.remove("antumbra.md")  # made with the pages
     assert not [page for page in pages if not page.endswith(".md") or not (ROOT / "docs" / page).is_file()]
 
 

@@ -56,7 +56,8 @@ OF_FUNCTIONS = {
 """Parameter that no command has -> how the command gives it."""
 
 BY_COMMAND = {
-    "sun": {"max_memory"}, "viewshed": {"camera"}, "dataset": {"camera"}, "skyline": {"at", "highest"},
+    "sun": {"max_memory"}, "viewshed": {"camera", "along", "spacing"},
+    "dataset": {"camera"}, "skyline": {"at", "highest"},
 }  # fmt: skip
 """Options of one command that its function gets otherwise: of the scene, of the table, or as points."""
 
@@ -106,7 +107,7 @@ ARGUMENTS = {
 ANYTHING = {  # any text names something, or a file that may be missing
     "output", "html", "sheet", "epw", "crs", "host", "merge", "observers", "targets", "sparse", "bits", "matrix",
     "counts", "city_output", "column", "camera", "light", "timezone", "plot", "attribute",
-    "allow_host", "trees", "map",
+    "allow_host", "trees", "map", "points", "polygon",
 }  # fmt: skip
 """Options whose messages name the value, not the option."""
 NO_VALUES = "merge", "warmup", "plans", "scenes", "formats"

@@ -18,7 +18,8 @@ from antumbra.extras import plugins_of
 from antumbra.jobs import result_table as formats
 from small_disk import fill, small_disk
 
-READ = {"terrain", "areas", "epw", "observers", "targets", "merge", "folders", "store", "sponza"}
+READ = {"terrain", "areas", "epw", "observers", "along", "targets", "polygon", "points", "merge", "folders", "store"}
+READ |= {"sponza"}
 """Arguments of commands that name files and folders to read."""
 
 

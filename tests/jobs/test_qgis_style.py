@@ -150,7 +150,7 @@ def test_shadows_have_one_colour_or_classes_of_hours(tmp_path):
         np.array([[85000.0, 447000, 0], [85020, 447000, 0], [85020, 447020, 0], [85010, 447010, 9]]),
         [[0, 1, 3], [1, 2, 3], [0, 1, 2]], up="z", crs=CRS,
     )  # fmt: skip
-    at.shadow(hill, at="2026-06-21T15:00", height=0.0).save(tmp_path / "a.gpkg")
+    at.shadow(hill, at="2026-06-21T15:00", plane=0.0).save(tmp_path / "a.gpkg")
     root = style_of(tmp_path / "a.gpkg")
     assert root.find("renderer-v2").get("type") == "singleSymbol" and root.find("pipe") is None
     hours = at.shadow(hill, days="2026-03-21", cell=2.0, classes=[0.0, 2.0, 4.0])

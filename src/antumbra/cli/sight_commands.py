@@ -71,17 +71,6 @@ class SightArguments:
     observers: Annotated[
         Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
     ] = None
-    along: Annotated[
-        Path | None,
-        typer.Option(
-            help="A file of lines from which observers look, such as a road: .gpkg, .geojson, .shp, or the vertices of "
-            "one line in a .csv file.",
-            show_default=False,
-        ),
-    ] = None
-    spacing: Annotated[
-        float | None, typer.Option(help="World units between observers along lines.", show_default=False)
-    ] = None
     targets: Annotated[Path | None, typer.Option(help="A file of targets.", show_default=False)] = None
     pairs: Annotated[
         str,
@@ -281,7 +270,7 @@ def viewshed(args: ViewshedArguments) -> int:
     )
     camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
 
-    from ..files import atomic_output
+    from ..files import atomic_output, checked_file
     from ..jobs.bit_matrices import write_rows
     from ..jobs.line_of_sight.line_points import points_along
     from ..jobs.line_of_sight.viewshed import viewshed as compute_viewshed
@@ -301,6 +290,8 @@ def viewshed(args: ViewshedArguments) -> int:
     eyes = points_or_file(args.observer, args.observers, "--observer", "--observers")
     if eyes is None and args.along is None:
         raise InputError("there is no observer: give --observer X,Y,Z, --observers FILE or --along FILE")
+    if args.along is not None:
+        checked_file(args.along, f"--along {args.along}")
     if eyes is not None and args.along is not None:
         raise InputError("--along excludes --observer and --observers; give one of them")
     if (args.along is None) != (args.spacing is None):

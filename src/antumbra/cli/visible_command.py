@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..checks import spelling_hint
 from ..errors import InputError
 from . import arguments, console
 from .arguments import open_scene
@@ -99,18 +100,24 @@ def visible(args: VisibleArguments) -> int:
 
     from ..jobs.line_of_sight.targets import visible_share
     from ..jobs.result_table import writer_of
-    from ..jobs.sensor_files import check_sensors, kind_of, sensors_of
+    from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of, sensors_of
 
     sensor_form = args.sensors or ("raster" if spec.on_raster else "face")
     check_sensors(sensor_form)
     outputs = args.output or []
     for path in outputs:
         writer_of(path, kind_of(sensor_form))
+    if args.surfaces is not None and args.object is None:
+        raise InputError(f"--surfaces {args.surfaces}: needs --object NAME")
     if sum(each is not None for each in (args.turbine, args.object, args.polygon, args.points)) != 1:
         raise InputError(f"give one target: {_WAYS}")
+    foot = None if args.turbine is None else arguments.parse_point(args.turbine, "--turbine")
+    if foot is not None and (args.hub_height is None or args.rotor is None):
+        raise InputError("--turbine needs --hub-height and --rotor")
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
         opened = open_scene(spec, args.up, args.quiet, args.crs)
+        check_file_crs(opened, args.polygon, args.points)
         display.say("preparing")
         target = _target(args, opened)
         sensors = sensors_of(sensor_form, opened, args.threads)
@@ -132,10 +139,13 @@ def _target(args: VisibleArguments, scene: "AnyScene") -> "Turbine | Sensors":
     from ..jobs.sensor_files import read_points
 
     if args.turbine is not None:
-        if args.hub_height is None or args.rotor is None:
-            raise InputError("--turbine needs --hub-height and --rotor")
-        return Turbine(arguments.parse_point(args.turbine, "--turbine"), args.hub_height, args.rotor)
+        return Turbine(arguments.parse_point(args.turbine, "--turbine"), args.hub_height or 0.0, args.rotor or 0.0)
     if args.object is not None:
+        known = {name for thing in scene.objects for name in (thing.name, thing.parent) if name}
+        for name in args.object:
+            if name not in known:
+                hint = spelling_hint(name, known)
+                raise InputError(f"--object {name}: {scene.name} has no such object; {hint}see antumbra info")
         types = None if args.surfaces is None else args.surfaces.split(",")
         return surface_points(arguments.in_memory(scene), args.spacing, objects=args.object, types=types)
     if args.polygon is not None:

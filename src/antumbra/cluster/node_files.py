@@ -135,7 +135,7 @@ def _sum(path: Path) -> str:
 # --- Files in arguments -----------------------------------------------------------------------------------------------
 
 
-INPUTS = "scene", "sensors", "targets", "areas", "epw", "sky"
+INPUTS = "scene", "sensors", "targets", "areas", "epw", "sky", "trees"
 """Arguments of jobs, on the command line or in Python, that may name an input file or folder."""
 
 

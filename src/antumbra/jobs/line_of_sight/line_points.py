@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import as_array, number
+from ...checks import as_array, number, quoted
 from ...errors import InputError
 from ...extras import import_extra
 from ...scene.crs import check_horizontal_crs
@@ -70,8 +70,12 @@ def _lines(lines: Any, crs: str | None) -> list[Any]:
         return [_table_vertices(path)] if path.suffix.lower() == ".csv" else _file_lines(path, crs)
     if isinstance(lines, np.ndarray):
         return [lines]
+    if not isinstance(lines, Sequence):
+        raise InputError(f"lines are {quoted(lines)}; they must be arrays of points, or a file")
     items = list(lines)
-    return [items] if items and np.ndim(items[0]) == 1 else items
+    if not items:
+        raise InputError("there are no lines; give two or more points of a line")
+    return [items] if np.ndim(items[0]) == 1 else items
 
 
 def _checked(line: Any) -> NDArray[np.float64]:

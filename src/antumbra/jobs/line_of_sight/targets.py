@@ -1,11 +1,11 @@
 """How much of a target is visible: a facade, a polygon, any points, or the rotor of a wind turbine."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import listed, number, points, whole_number
+from ...checks import listed, number, points, text, whole_number
 from ...engine.plan import Plan
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
@@ -55,11 +55,12 @@ class Turbine(_TurbineFields):
         diameter = number(rotor_diameter, "the rotor diameter of a turbine", 0.0, np.inf)
         return super().__new__(cls, (x, y, z), height, diameter)
 
-    def rotor(self, up: str) -> SphereLight:
-        """The rotor as a sphere, of which a sensor sees a disk."""
-        centre = np.array(self.position, np.float64)
-        centre["xyz".index(up)] += self.hub_height
-        return SphereLight(tuple(centre.tolist()), self.rotor_diameter / 2.0)
+
+def _rotor(turbine: Turbine, up: str) -> SphereLight:
+    """The rotor of a turbine as a sphere, which is sampled as the disk that faces each sensor."""
+    centre = np.array(turbine.position, np.float64)
+    centre["xyz".index(up)] += turbine.hub_height
+    return SphereLight(tuple(centre.tolist()), turbine.rotor_diameter / 2.0)
 
 
 def surface_points(
@@ -86,19 +87,26 @@ def surface_points(
     sensors = grid_sensors(scene, spacing)
     faces, chosen = np.asarray(sensors.faces), np.ones(len(sensors), bool)
     if objects is not None:
-        names = [objects] if isinstance(objects, str) else objects
+        names = _texts(objects, "objects")
         there = np.array([thing.name in names or thing.parent in names for thing in scene.objects], bool)
         chosen &= there[scene.object_of_face[faces]]
     if types is not None:
         if scene.city is None:
             raise InputError(f"{scene.name} has no semantic surfaces; leave types out")
-        chosen &= np.isin(scene.city.surface_types(faces), [types] if isinstance(types, str) else types)
+        chosen &= np.isin(scene.city.surface_types(faces), _texts(types, "types"))
     if not chosen.any():
         raise InputError(f"{scene.name} has no surface of the objects {objects!r} and the types {types!r}")
     normals, areas = sensors.normals, sensors.areas
     return point_sensors(
         sensors.points[chosen], None if normals is None else normals[chosen], None if areas is None else areas[chosen]
     )
+
+
+def _texts(value: Any, what: str) -> list[str]:
+    """One text or several, as a list."""
+    if isinstance(value, (list, tuple)):
+        return [text(each, what) for each in value]
+    return [text(value, what)]
 
 
 def polygon_points(corners: ArrayLike, spacing: float) -> Sensors:
@@ -188,13 +196,13 @@ def visible_share(
         If an argument is invalid, or the target has no points.
     """
     scene, threads = scene_of(scene), thread_count(threads)
-    moment = scene.clamped(time)
+    moment, samples = scene.clamped(time), whole_number(samples, "samples", 1, 1024)
     checked = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
     places = sensors_from(scene, checked, None, "sensors")
     ends = sightline_ends(scene, places)
     if isinstance(target, Turbine):
-        total = whole_number(samples, "samples", 1, 1024)
-        marks = np.array([target.rotor(scene.up).center])
+        total = samples
+        marks = np.array([_rotor(target, scene.up).center])
     else:
         on_target = sensors_from(scene, target, None, "the target")
         if not len(on_target):
@@ -223,7 +231,7 @@ def _seen_of_rotor(
 ) -> NDArray[np.int32]:
     """(n,) int32: the visible samples of the disk of a rotor that faces each end."""
     plan, time, threads = settings
-    rotor, engine = turbine.rotor(scene.up), scene.engine.with_options(plan, threads, None)
+    rotor, engine = _rotor(turbine, scene.up), scene.engine.with_options(plan, threads, None)
     (traced,) = engine.shadows(ends, [rotor], [light_samples(rotor, samples)], time=time, whole=True)
     counts: NDArray[np.int32] = samples - count_occluded(traced.bits[0], threads)
     return counts
