@@ -96,6 +96,7 @@ ARGUMENTS = {
     "los": ["--from", "0.1,1,0.1", "--to", "0.1,-1,0.1"],
     "viewshed": ["--observer", "0.1,1,0.1"],
     "matrix": ["--sparse", "m.npz"],
+    "visible": ["--turbine", "0,0,0", "--hub-height", "1", "--rotor", "1"],
     "skyline": ["--at", "0.1,1,0.1"],
     "shadow": ["--latitude", "52", "--longitude", "4", "--at", "2026-06-21T12:00", "-o", "s.gpkg"],
     "dataset": ["-o", "d", "--size", "4", "--spp", "1"],
@@ -107,7 +108,7 @@ ARGUMENTS = {
 ANYTHING = {  # any text names something, or a file that may be missing
     "output", "html", "sheet", "epw", "crs", "host", "merge", "observers", "targets", "sparse", "bits", "matrix",
     "counts", "city_output", "column", "camera", "light", "timezone", "plot", "attribute",
-    "allow_host", "trees", "map", "points", "polygon",
+    "allow_host", "trees", "map", "points", "polygon", "object", "surfaces",
 }  # fmt: skip
 """Options whose messages name the value, not the option."""
 NO_VALUES = "merge", "warmup", "plans", "scenes", "formats"
