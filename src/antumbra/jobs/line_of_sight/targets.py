@@ -209,8 +209,8 @@ def visible_share(
             raise InputError("the target has no points; give at least one")
         total, marks = len(on_target), on_target.points.mean(0, keepdims=True)
     counts, step = np.zeros(len(places), np.int32), max(1024, _PAIRS // total)
+    tracing = TileTracer(scene, plan, moment, threads, len(places) * total)
     with report_progress(f"{len(places)} sensors, {total} points of the target") as report:
-        tracing = TileTracer(scene, plan, moment, threads, len(places) * total)
         for first in range(0, len(places), step):
             part = ends.take(slice(first, first + step))
             if isinstance(target, Turbine):
