@@ -16,6 +16,7 @@ NEEDS = {"sun_hours": "pvlib", "sun_city": "pvlib", "day": "pvlib"}
 NEEDS |= {"ray_hierarchy": "matplotlib"}
 
 
+@pytest.mark.programs
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_program_draws_its_picture(name, tmp_path):
     if name in NEEDS:

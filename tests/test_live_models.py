@@ -109,6 +109,7 @@ def shot_after(canvas, act, argument):
     return canvas.screenshot()
 
 
+@pytest.mark.programs
 def test_the_page_shows_the_model_and_the_sun_moves_its_shadows(script, tmp_path):
     with headless() as chromium:
         for width in (390, 1280):
@@ -124,6 +125,7 @@ def test_the_page_shows_the_model_and_the_sun_moves_its_shadows(script, tmp_path
             page.close()
 
 
+@pytest.mark.programs
 def test_without_webgl_the_image_stays(script, tmp_path):
     with headless() as chromium:
         page = page_of(chromium, tmp_path, script, 390, webgl=False)
@@ -131,6 +133,7 @@ def test_without_webgl_the_image_stays(script, tmp_path):
         assert page.locator("figure.live img").count() == 1 and page.locator("canvas").count() == 0
 
 
+@pytest.mark.programs
 def test_pages_with_models_stay_below_three_megabytes():
     names = {line.split()[1] for page in (ROOT / "docs").rglob("*.md") for line in page.read_text().splitlines()
              if line.startswith("```{live} ")}  # fmt: skip

@@ -34,7 +34,10 @@ fi
 echo 41
 """
 
-pytestmark = pytest.mark.skipif(shutil.which("bash") is None, reason="the templates are for bash")
+pytestmark = [
+    pytest.mark.programs,
+    pytest.mark.skipif(shutil.which("bash") is None, reason="the templates are for bash"),
+]
 
 
 @pytest.fixture

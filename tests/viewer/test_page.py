@@ -14,6 +14,8 @@ from pages import CAMERA, SUN, box_on_floor, headless
 
 WAIT = 60.0  # seconds, at most
 
+pytestmark = pytest.mark.programs
+
 
 @pytest.fixture(scope="module")
 def chromium():
