@@ -58,7 +58,7 @@ def png_file(
 # --- Strips of rows ---------------------------------------------------------------------------------------------------
 
 
-class _Strip(NamedTuple):
+class _PngRows(NamedTuple):
     """A compressed strip."""
 
     data: bytes  # of a raw deflate stream
@@ -73,12 +73,14 @@ class _Coder(NamedTuple):
     width: int  # bytes of a pixel
     level: int
 
-    def strip(self, first: int, last: int) -> _Strip:
+    def strip(self, first: int, last: int) -> _PngRows:
         """Rows `first` to `last` - 1, compressed."""
         filtered = self.filtered(first, last)
         encoder = zlib.compressobj(self.level, zlib.DEFLATED, -zlib.MAX_WBITS, zlib.DEF_MEM_LEVEL + 1)
         end = zlib.Z_FINISH if last == len(self.rows) else zlib.Z_SYNC_FLUSH
-        return _Strip(encoder.compress(filtered.data) + encoder.flush(end), zlib.adler32(filtered.data), filtered.size)
+        return _PngRows(
+            encoder.compress(filtered.data) + encoder.flush(end), zlib.adler32(filtered.data), filtered.size
+        )
 
     def filtered(self, first: int, last: int) -> NDArray[np.uint8]:
         """(last - first, 1 + b) uint8: the rows, each under the filter with the smaller differences, and its number.
@@ -104,7 +106,7 @@ def _magnitude(differences: NDArray[np.uint8]) -> NDArray[np.uint32]:
     return out
 
 
-def _joined(strips: list[_Strip], level: int) -> bytes:
+def _joined(strips: list[_PngRows], level: int) -> bytes:
     """The zlib stream of all strips."""
     low, high = 1, 0  # the halves of Adler-32: 1 plus the sum of the bytes, and the sum of the values that it took
     for strip in strips:

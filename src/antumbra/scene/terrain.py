@@ -122,7 +122,7 @@ def _blocks(grid: GridPoints) -> Generator[tuple[int, int, int, int], None, None
             yield row, min(row + _HIGH, grid.rows - 1), column, min(column + _WIDE, grid.columns - 1)
 
 
-class _Block(NamedTuple):
+class _TerrainBlock(NamedTuple):
     """The vertices and triangles of a block."""
 
     vertices: NDArray[np.float64]  # (v, 3), world
@@ -130,7 +130,7 @@ class _Block(NamedTuple):
     used: NDArray[np.bool_] | None  # (cells,): which cells of the block are vertices; None: all
 
 
-def _triangles(grid: GridPoints, block: tuple[int, int, int, int], heights: np.ndarray) -> _Block:
+def _triangles(grid: GridPoints, block: tuple[int, int, int, int], heights: np.ndarray) -> _TerrainBlock:
     """The triangles of a block; `heights`: (rows + 1, columns + 1) of it."""
     row, last_row, column, last_column = block
     vertices = np.empty((*heights.shape, 3))
@@ -140,15 +140,15 @@ def _triangles(grid: GridPoints, block: tuple[int, int, int, int], heights: np.n
     vertices, faces = vertices.reshape(-1, 3), _squares(last_row - row, last_column - column)
     holes = np.isnan(vertices[:, 2])
     if not holes.any():
-        return _Block(vertices, faces, None)
+        return _TerrainBlock(vertices, faces, None)
     faces = faces[~holes[faces].any(1)]
     used = np.zeros(len(vertices), bool)
     used[faces.reshape(-1)] = True
     number = np.cumsum(used, dtype=np.int32) - np.int32(1)
-    return _Block(vertices[used], number[faces], used)
+    return _TerrainBlock(vertices[used], number[faces], used)
 
 
-def _numbered_blocks(surface: Heights) -> Generator[tuple[tuple[int, int, int, int], _Block], None, None]:
+def _numbered_blocks(surface: Heights) -> Generator[tuple[tuple[int, int, int, int], _TerrainBlock], None, None]:
     """Yield blocks of squares with their triangles; each row of heights is read about once."""
     rows, band = np.empty((0, 0)), (0, 0)
     for block in _blocks(surface.grid):
@@ -158,7 +158,7 @@ def _numbered_blocks(surface: Heights) -> Generator[tuple[tuple[int, int, int, i
         yield block, _triangles(surface.grid, block, rows[:, column : last_column + 1])
 
 
-def terrain_blocks(surface: Heights) -> Generator[_Block, None, None]:
+def terrain_blocks(surface: Heights) -> Generator[_TerrainBlock, None, None]:
     """The triangles of a surface, block by block, without empty ones."""
     return (triangles for _, triangles in _numbered_blocks(surface) if len(triangles.faces))
 

@@ -6,5 +6,6 @@
 - `footprint_bases`: the lowest terrain under footprints
 - `footprint_solids`: footprints as closed solids, with roofs, walls and floors
 - `tree_table`: trees with heights and radii, from point and polygon layers and CSV files
-- `gis_data`: scene data of both
+- `vector_table`: what footprints and trees share: layers of files, and columns of numbers and ids
+- `gis_data`: scene data of rasters and footprints
 """

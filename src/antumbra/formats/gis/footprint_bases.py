@@ -23,7 +23,7 @@ class _PolygonEdges(NamedTuple):
     polygon: NDArray[np.int64]  # (e,)
 
 
-class _Crossings(NamedTuple):
+class _EdgeCrossings(NamedTuple):
     """Points where edges cross the lines on which a linear function is a whole number."""
 
     edge: NDArray[np.int64]  # (k,)
@@ -44,7 +44,7 @@ def lowest_under(surface: HeightGrid, rings: PolygonRings) -> NDArray[np.float64
     return lowest
 
 
-def _crossings(edges: _PolygonEdges, weights: NDArray[np.float64], half_open: bool = False) -> _Crossings:
+def _crossings(edges: _PolygonEdges, weights: NDArray[np.float64], half_open: bool = False) -> _EdgeCrossings:
     """Crossings with the lines of ``column * weights[0] + row * weights[1]``; `half_open`: not at the upper end."""
     a, b = edges.begin @ weights, edges.end @ weights
     low, high = np.minimum(a, b), np.maximum(a, b)
@@ -54,7 +54,7 @@ def _crossings(edges: _PolygonEdges, weights: NDArray[np.float64], half_open: bo
     line = first[edge] + np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
     share = (line - a[edge]) / (b - a)[edge]
     point = edges.begin[edge] + share[:, None] * (edges.end - edges.begin)[edge]
-    return _Crossings(edge, line.astype(np.int64), point)
+    return _EdgeCrossings(edge, line.astype(np.int64), point)
 
 
 def _lower_inside(surface: HeightGrid, edges: _PolygonEdges, lowest: NDArray[np.float64]) -> None:

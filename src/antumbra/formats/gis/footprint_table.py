@@ -5,17 +5,17 @@ left out and counted.
 """
 
 from os import PathLike
-from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...checks import as_array, choice, is_number, number, path_of, quoted, spelling_hint, text
+from ...checks import choice, path_of, quoted
 from ...errors import InputError
 from ...extras import import_extra
 from ...files import checked_file
 from ...scene.crs import check_horizontal_crs, checked_crs
+from .vector_table import TableRows, given_numbers, id_column, read_layer
 
 SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb", ".parquet")
 """Suffixes of files of footprints."""
@@ -25,7 +25,6 @@ FootprintsLike: TypeAlias = "str | PathLike[str] | Any"
 
 _HEIGHT = "height"  # default column of heights
 _IDS = "id", "identificatie", "gml_id", "osm_id", "fid"  # columns that name footprints, in this order
-_MOST_NAMES = 12  # in errors
 _POLYGON, _MULTIPOLYGON = 3, 6  # geometry types of shapely
 
 
@@ -92,10 +91,11 @@ def read_footprints(table: FootprintsLike, options: FootprintOptions) -> Footpri
     shapes = import_extra("shapely", "footprints", "gis").force_2d(np.asarray(frame.geometry.array, object))
     columns = {str(name): frame[name] for name in frame.columns if name != frame.geometry.name}
     height = _HEIGHT if options.height is None else options.height
-    heights, bases = _numbers(height, "height", columns, len(frame), file), np.zeros(len(frame))
+    rows = TableRows(file, "footprint", len(frame))
+    heights, bases = _numbers(height, "height", columns, rows), np.zeros(len(frame))
     if options.base is not None:
-        bases = _numbers(options.base, "base", columns, len(frame), file)
-    ids = _ids(options.id, columns, frame, file)
+        bases = _numbers(options.base, "base", columns, rows)
+    ids = _ids(options.id, columns, frame, rows)
     faults = _faults(shapes, heights, bases)
     bad = np.flatnonzero(faults != "")
     if len(bad) and options.invalid == "raise":
@@ -127,31 +127,7 @@ def _frame_of(table: FootprintsLike, layer: str | None) -> tuple[Any, str]:
     checked_file(path, path.name)
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path.name}: unknown format of footprints; use one of {', '.join(SUFFIXES)}")
-    try:
-        if path.suffix.lower() == ".parquet":
-            return geopandas.read_parquet(path), path.name
-        return geopandas.read_file(path, engine="pyogrio", layer=_layer_of(path, layer)), path.name
-    except InputError:
-        raise
-    except Exception as error:  # GDAL, pyarrow and geopandas raise many kinds of errors for damaged files
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(f"{path.name}: cannot be read ({reason}); is it a file of footprints?") from None
-
-
-def _layer_of(path: Path, layer: str | None) -> str:
-    """The layer of a file, by default the only one with polygons."""
-    layers = import_extra("pyogrio", "footprints", "gis").list_layers(path)
-    names = [str(name) for name, kind in layers if kind is not None]
-    if layer is not None:
-        if layer not in names:
-            hint = spelling_hint(layer, names)
-            raise InputError(f"{path.name}: has no layer {layer!r}; {hint}there are {', '.join(names)}")
-        return layer
-    polygons = [str(name) for name, kind in layers if kind is not None and "Point" not in kind and "Line" not in kind]
-    if len(polygons) != 1:
-        there = f"has the layers {', '.join(names)}" if names else "has no layers"
-        raise InputError(f"{path.name}: {there}; name the one with footprints: layer=NAME, or FILE?layer=NAME")
-    return polygons[0]
+    return read_layer(path, layer, "footprints", lambda kind: "Point" not in kind and "Line" not in kind), path.name
 
 
 def _projected(frame: Any, crs: str | None, file: str) -> Any:
@@ -168,23 +144,12 @@ def _projected(frame: Any, crs: str | None, file: str) -> Any:
     return frame.to_crs(crs)
 
 
-def _numbers(value: Any, what: str, columns: dict[str, Any], n: int, file: str) -> NDArray[np.float64]:
+def _numbers(value: Any, what: str, columns: dict[str, Any], rows: TableRows) -> NDArray[np.float64]:
     """(n,) float64 from a number, an array or the name of a column; NaN: missing."""
-    if not isinstance(value, str) and np.ndim(value) == 0 and is_number(value):
-        return np.full(n, number(value, what))
-    if not isinstance(value, str):
-        values = as_array(value, what)
-        if values.shape != (n,) or values.dtype.kind not in "fiu":
-            raise InputError(f"{what} must be a column, a number, or {n} numbers, one per footprint")
-        return values.astype(np.float64)
-    pandas = import_extra("pandas", "footprints", "gis")
-    if value not in columns:
-        numeric = [name for name, column in columns.items() if column.dtype.kind in "fiu"]
-        hint = spelling_hint(value, columns)
-        there = f"columns of numbers: {', '.join(numeric[:_MOST_NAMES])}" if numeric else "it has no numbers"
-        raise InputError(f"{file}: has no column {value!r} for {what}; {hint}{there}")
-    column = pandas.to_numeric(columns[value], errors="coerce")
-    numbers: NDArray[np.float64] = column.to_numpy(np.float64, na_value=np.nan)
+    numbers = given_numbers(value, what, columns, rows)
+    if numbers is None:
+        column = import_extra("pandas", "footprints", "gis").to_numeric(columns[value], errors="coerce")
+        numbers = np.asarray(column.to_numpy(np.float64, na_value=np.nan))
     return numbers
 
 
@@ -195,11 +160,9 @@ def _values(column: Any) -> NDArray[Any]:
     return np.asarray(column.astype(object).where(column.notna(), None), object)
 
 
-def _ids(name: str | None, columns: dict[str, Any], frame: Any, file: str) -> list[str]:
-    if name is not None and text(name, "id") not in columns:
-        raise InputError(f"{file}: has no column {name!r} for id; {spelling_hint(name, columns)}it names footprints")
-    name = next((each for each in _IDS if each in columns), None) if name is None else name
-    return [str(each) for each in (frame.index if name is None else columns[name])]
+def _ids(name: str | None, columns: dict[str, Any], frame: Any, rows: TableRows) -> list[str]:
+    column = id_column(name, columns, _IDS, rows)
+    return [str(each) for each in (frame.index if column is None else columns[column])]
 
 
 # --- Faults -----------------------------------------------------------------------------------------------------------

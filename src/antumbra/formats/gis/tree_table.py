@@ -12,13 +12,14 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...checks import as_array, choice, is_number, number, parts_of, path_of, quoted, spelling_hint, text
+from ...checks import choice, is_number, number, parts_of, path_of, quoted
 from ...errors import InputError
 from ...extras import import_extra
 from ...files import checked_file
 from ...scene.crs import check_horizontal_crs, checked_crs, reproject
 from ...scene.materials import MONTHS
 from ...scene.tree_crowns import SHAPES, TreeShapes
+from .vector_table import MOST_NAMES, TableRows, given_numbers, id_column, read_layer
 
 SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb", ".parquet", ".csv")
 """Suffixes of files of trees."""
@@ -29,7 +30,6 @@ TreesLike: TypeAlias = "str | PathLike[str] | Any"
 _IDS = "id", "gml_id", "osm_id", "fid"  # columns that name trees, in this order
 _SLIMNESS = 60.0  # default height of a tree in radii of its trunk
 _CLEAR = 0.25  # default height of the lowest part of a crown, as a share of the tree's height
-_MOST_NAMES = 12  # in errors
 _POINT = 0  # geometry type of shapely
 
 
@@ -59,7 +59,7 @@ class Trees(NamedTuple):
     crs: str | None
 
 
-class _Table(NamedTuple):
+class _TreeRows(NamedTuple):
     """The rows of a file or GeoDataFrame."""
 
     file: str
@@ -67,6 +67,10 @@ class _Table(NamedTuple):
     areas: NDArray[np.float64] | None  # (n,) of the outlines; None: the layer has points
     columns: dict[str, NDArray[Any]]  # (n,) each
     crs: str | None
+
+    @property
+    def names(self) -> TableRows:
+        return TableRows(self.file, "tree", len(self.plan))
 
 
 def read_trees(table: TreesLike, options: TreeOptions, crs: str | None = None) -> Trees:
@@ -102,10 +106,14 @@ def read_trees(table: TreesLike, options: TreeOptions, crs: str | None = None) -
 # --- Files and tables -------------------------------------------------------------------------------------------------
 
 
-def _table_of(table: TreesLike, layer: str | None) -> _Table:
+def _table_of(table: TreesLike, layer: str | None) -> _TreeRows:
     if isinstance(table, (str, PathLike)):
         path = checked_tree_file(table)
-        return _csv_table(path) if path.suffix.lower() == ".csv" else _frame_table(_frame(path, layer), path.name)
+        return (
+            _csv_table(path)
+            if path.suffix.lower() == ".csv"
+            else _frame_table(read_layer(path, layer, "trees", bool), path.name)
+        )
     if type(table).__name__ == "GeoDataFrame":
         return _frame_table(table, "the trees")
     raise InputError(f"trees are {quoted(table)}; give the path of a file, or a GeoDataFrame")
@@ -119,7 +127,7 @@ def checked_tree_file(table: str | PathLike[str]) -> Path:
     return checked_file(path, path.name)
 
 
-def _csv_table(path: Path) -> _Table:
+def _csv_table(path: Path) -> _TreeRows:
     """Trees of a CSV file with the columns x and y, in the coordinates of the scene."""
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
@@ -128,10 +136,10 @@ def _csv_table(path: Path) -> _Table:
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path.name}: cannot be read ({error}); save it as CSV in UTF-8") from None
     if not {"x", "y"} <= set(names):
-        raise InputError(f"{path.name}: has no columns x and y; there are {', '.join(names[:_MOST_NAMES]) or 'none'}")
+        raise InputError(f"{path.name}: has no columns x and y; there are {', '.join(names[:MOST_NAMES]) or 'none'}")
     columns = {name: _column([line[name] or "" for line in lines]) for name in names}
     plan = [columns[axis] if columns[axis].dtype.kind == "f" else np.full(len(lines), np.nan) for axis in "xy"]
-    return _Table(path.name, np.stack(plan, 1), None, columns, None)
+    return _TreeRows(path.name, np.stack(plan, 1), None, columns, None)
 
 
 def _column(texts: list[str]) -> NDArray[Any]:
@@ -142,28 +150,7 @@ def _column(texts: list[str]) -> NDArray[Any]:
         return np.array(texts, object)
 
 
-def _frame(path: Path, layer: str | None) -> Any:
-    """The GeoDataFrame of a layer, by default the only one."""
-    geopandas = import_extra("geopandas", "trees", "gis")
-    try:
-        if path.suffix.lower() == ".parquet":
-            return geopandas.read_parquet(path)
-        layers = [str(name) for name, kind in import_extra("pyogrio", "trees", "gis").list_layers(path) if kind]
-    except InputError:
-        raise
-    except Exception as error:  # GDAL, pyarrow and geopandas raise many kinds of errors for damaged files
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(f"{path.name}: cannot be read ({reason}); is it a file of trees?") from None
-    if layer is None and len(layers) != 1:
-        there = f"has the layers {', '.join(layers)}" if layers else "has no layers"
-        raise InputError(f"{path.name}: {there}; name the one with trees: layer=NAME, or FILE?layer=NAME")
-    if layer is not None and layer not in layers:
-        hint = spelling_hint(layer, layers)
-        raise InputError(f"{path.name}: has no layer {layer!r}; {hint}there are {', '.join(layers)}")
-    return geopandas.read_file(path, engine="pyogrio", layer=layer or layers[0])
-
-
-def _frame_table(frame: Any, file: str) -> _Table:
+def _frame_table(frame: Any, file: str) -> _TreeRows:
     """The places and columns of a GeoDataFrame of points or polygons."""
     shapely = import_extra("shapely", "trees", "gis")
     shapes = np.asarray(frame.geometry.array, object)
@@ -175,10 +162,10 @@ def _frame_table(frame: Any, file: str) -> _Table:
     plan = np.stack([shapely.get_x(centres), shapely.get_y(centres)], 1)
     columns = {str(name): np.asarray(frame[name]) for name in frame.columns if name != frame.geometry.name}
     areas = None if points.any() or not there.any() else np.asarray(shapely.area(shapes), np.float64)
-    return _Table(file, plan, areas, columns, None if frame.crs is None else checked_crs(frame.crs))
+    return _TreeRows(file, plan, areas, columns, None if frame.crs is None else checked_crs(frame.crs))
 
 
-def _projected(rows: _Table, given: str | None, scene: str | None) -> _Table:
+def _projected(rows: _TreeRows, given: str | None, scene: str | None) -> _TreeRows:
     """Rows in the CRS of the scene. Points in degrees are projected; outlines in degrees have no area."""
     target = scene or given
     if given is not None:
@@ -198,36 +185,25 @@ def _projected(rows: _Table, given: str | None, scene: str | None) -> _Table:
 # --- Columns ----------------------------------------------------------------------------------------------------------
 
 
-def _numbers(value: Any, what: str, rows: _Table) -> NDArray[np.float64]:
+def _numbers(value: Any, what: str, rows: _TreeRows) -> NDArray[np.float64]:
     """(n,) float64 from a number, an array or the name of a column; NaN: missing."""
-    n = len(rows.plan)
-    if not isinstance(value, str) and np.ndim(value) == 0 and is_number(value):
-        return np.full(n, number(value, what))
-    if not isinstance(value, str):
-        values = as_array(value, what)
-        if values.shape != (n,) or values.dtype.kind not in "fiu":
-            raise InputError(f"{what} must be a column, a number, or {n} numbers, one per tree")
-        return values.astype(np.float64)
-    if value not in rows.columns:
-        numeric = [name for name, column in rows.columns.items() if column.dtype.kind in "fiu"]
-        there = f"columns of numbers: {', '.join(numeric[:_MOST_NAMES])}" if numeric else "it has no numbers"
-        raise InputError(
-            f"{rows.file}: has no column {value!r} for {what}; {spelling_hint(value, rows.columns)}{there}"
-        )
+    numbers = given_numbers(value, what, rows.columns, rows.names)
+    if numbers is not None:
+        return numbers
     try:
         return rows.columns[value].astype(np.float64)
     except (TypeError, ValueError):
         raise InputError(f"{rows.file}: the column {value!r} for {what} does not hold numbers; name another") from None
 
 
-def _radii(radius: Any, rows: _Table) -> NDArray[np.float64]:
+def _radii(radius: Any, rows: _TreeRows) -> NDArray[np.float64]:
     """(n,) float64: radii of crowns; by default the column ``radius``, or those of the outlines."""
     if radius is None and rows.areas is not None:
         return np.sqrt(rows.areas / np.pi)
     return _numbers("radius" if radius is None else radius, "radius", rows)
 
 
-def _shares(value: Any, rows: _Table) -> NDArray[np.float64]:
+def _shares(value: Any, rows: _TreeRows) -> NDArray[np.float64]:
     """(n, 12, 3) float64: the shares of red, green and blue light that each crown lets pass in each month."""
     n, parts = len(rows.plan), None if isinstance(value, str) else parts_of(value)
     if isinstance(value, str) or (isinstance(value, np.ndarray) and value.shape == (n,) and n not in (3, len(MONTHS))):
@@ -244,12 +220,8 @@ def _shares(value: Any, rows: _Table) -> NDArray[np.float64]:
     return np.broadcast_to(shares, (n, len(MONTHS), 3))
 
 
-def _ids(name: str | None, rows: _Table) -> list[str]:
-    if name is not None and text(name, "id") not in rows.columns:
-        raise InputError(
-            f"{rows.file}: has no column {name!r} for id; {spelling_hint(name, rows.columns)}it names trees"
-        )
-    name = next((each for each in _IDS if each in rows.columns), None) if name is None else name
+def _ids(name: str | None, rows: _TreeRows) -> list[str]:
+    name = id_column(name, rows.columns, _IDS, rows.names)
     if name is None:
         return [f"tree {k}" for k in range(len(rows.plan))]
     return [f"{each:g}" if isinstance(each, float) else str(each) for each in rows.columns[name].tolist()]

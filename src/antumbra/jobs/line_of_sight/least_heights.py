@@ -35,7 +35,7 @@ _FINE_SHIFT, _COARSE_SHIFT = _FINE.bit_length() - 1, _COARSE.bit_length() - 1
 _AT_EYE = 1.0 - 1e-12  # t from which a crossing is at the eye itself
 
 
-class Eye(NamedTuple):
+class ReliefEye(NamedTuple):
     """An eye over a raster, in float64."""
 
     column: float
@@ -46,7 +46,7 @@ class Eye(NamedTuple):
     dy: float  # between rows
 
 
-class _Surface(NamedTuple):
+class _ReliefPointers(NamedTuple):
     """Pointers to the heights of a raster, free of reference counts."""
 
     z: F32Ptr
@@ -73,7 +73,7 @@ class _Walk(NamedTuple):
 @inlined
 def _surface_of(tree, relief):
     rows, columns = tree.z.shape
-    return _Surface(
+    return _ReliefPointers(
         ptr(tree.z), ptr(relief.tops), ptr(relief.starts), ptr(relief.widths), rows, columns, np.int64(relief.whole)
     )
 
@@ -237,7 +237,7 @@ def _least_heights(ticket, tree, relief, eye, out):
 
 
 def least_heights(
-    tree: TerrainTree, relief: Relief, eye: Eye, threads: int, progress: ProgressCallback | None = None
+    tree: TerrainTree, relief: Relief, eye: ReliefEye, threads: int, progress: ProgressCallback | None = None
 ) -> NDArray[np.float64]:
     """(rows, columns) float64: the least height above each cell at which it is seen from an eye; NaN: no data."""
     out = np.empty(tree.z.shape)
@@ -270,7 +270,7 @@ def least_heights_of(scene: AnyScene, eye: NDArray[np.float64], drop: float, thr
     surface = cast(HeightGrid, terrain_of(scene.data))
     (column, row), grid = surface.grid.cells_of(eye[None, :2])[0], surface.grid
     tree, relief = scene.engine.terrain.relief
-    here = Eye(float(column), float(row), float(eye[2] - scene.origin[2]), drop, grid.dx, grid.dy)
+    here = ReliefEye(float(column), float(row), float(eye[2] - scene.origin[2]), drop, grid.dx, grid.dy)
     heights = least_heights(tree, relief, here, threads).reshape(-1)
     ground = surface.at_cells(np.array([column]), np.array([row]))[0]
     return np.where(np.isnan(heights), np.nan, np.inf) if eye[2] < ground else heights
@@ -281,6 +281,6 @@ def least_heights_job() -> Job:
 
     def work() -> None:
         data = terrain_data((np.zeros((3, 3)), (1.0, 0.0, 0.0, 0.0, -1.0, 0.0)), HeightOptions())
-        least_heights(*TerrainShadows(data).relief, Eye(1.0, 1.0, 1.0, 0.0, 1.0, 1.0), 1)
+        least_heights(*TerrainShadows(data).relief, ReliefEye(1.0, 1.0, 1.0, 0.0, 1.0, 1.0), 1)
 
     return fixed_job("least heights", work)

@@ -53,7 +53,7 @@ class Slopes(NamedTuple):
     highest: NDArray[np.float64]  # (n, m): the supremum in its bin
 
 
-class _Row(NamedTuple):
+class _SlopeRow(NamedTuple):
     """The slopes of one point."""
 
     at: F64Ptr
@@ -373,7 +373,7 @@ def _find_skylines(ticket, bvh, eyes, compass, slopes):
     for i in items(ticket):
         north, up = eyes[i, compass.north_axis], eyes[i, compass.up_axis]
         eye = np.float64(eyes[i, 0]), np.float64(north), np.float64(up)
-        row = _Row(ptr(slopes.at), ptr(slopes.highest), i * m, m)
+        row = _SlopeRow(ptr(slopes.at), ptr(slopes.highest), i * m, m)
         if slopes.at[i, 0] < np.inf:  # otherwise a surface above the eye closes the skyline
             _find_skyline(tree_of(bvh), eye, row, compass)
 
