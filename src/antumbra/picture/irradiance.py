@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..kernels import small_matrices
 from ..kernels.elementary import acos, atan, atan2, cos, log1p, sin_cos
-from ..kernels.exact.filters import cross, dot
+from ..kernels.exact.filters import cross, dot, smaller
 from ..kernels.jit import F32Ptr, F64Ptr, inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
 from ..kernels.simd import get, ptr, put, select, square_root, stack_f32, stack_f64
@@ -397,17 +397,12 @@ def _whole_quads(block, n, light):
             + _arc_over_sine(v) * dot(normal, cross(c, d))
             + _arc_over_sine(w) * dot(normal, cross(d, a))
         )
-        lowest = _least(_least(p, q), _least(r, s))
-        narrow = _least(_least(-t, -u), _least(-v, -w)) >= -_LARGE_ANGLE
+        lowest = smaller(smaller(p, q), smaller(r, s))
+        narrow = smaller(smaller(-t, -u), smaller(-v, -w)) >= -_LARGE_ANGLE
         value = 0.5 * abs(total) / light.size
         value = value if lowest >= 0.0 and narrow else _CUT
-        highest = -_least(_least(-p, -q), _least(-r, -s))
+        highest = -smaller(smaller(-p, -q), smaller(-r, -s))
         put(block.values, i, 0.0 if highest <= 0.0 else value)
-
-
-@inlined
-def _least(a, b):
-    return a if a < b else b
 
 
 @inlined

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.exact.filters import dot, max_magnitude, meets, plane
+from ..kernels.exact.filters import dot, larger, max_magnitude, meets, plane, smaller
 from ..kernels.exact.predicate import segment
 from ..kernels.jit import F32Ptr, I64Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run
@@ -145,16 +145,6 @@ def terrain_pointers(tree):
     )  # fmt: skip
 
 
-@inlined
-def _larger(a, b):
-    return a if a > b else b
-
-
-@inlined
-def _smaller(a, b):
-    return a if a < b else b
-
-
 class _GridRay(NamedTuple):
     """A segment in squares, along axes turned so that it ascends: t = (line - begin) * per."""
 
@@ -182,8 +172,8 @@ def _grid_ray(tree, ray):
     raised = _RAISE * (abs(ray.oz) + abs(ray.dz) + tree.reach)
     end = np.float64(1.0)
     if ray.dz > 0.0:
-        end = _smaller(end, (tree.highest + raised - ray.oz) / ray.dz)
-    per_u, per_v = 1.0 / _larger(abs(du), _PARALLEL), 1.0 / _larger(abs(dv), _PARALLEL)
+        end = smaller(end, (tree.highest + raised - ray.oz) / ray.dz)
+    per_u, per_v = 1.0 / larger(abs(du), _PARALLEL), 1.0 / larger(abs(dv), _PARALLEL)
     return _GridRay(u, v, per_u, per_v, ray.oz, ray.dz, end, raised, west, north, side)
 
 
@@ -201,8 +191,8 @@ def _top(tree, r, level, a, b):
 def _reaches(tree, r, level, a, b):
     """Whether a segment may meet triangles of node (a, b) of a level, in turned axes."""
     width = np.float64(np.int64(1) << level)
-    first = _larger((a * width - tree.pad - r.u) * r.per_u, (b * width - tree.pad - r.v) * r.per_v)
-    first, last = _larger(first, np.float64(0.0)), _smaller(_exit(tree, r, level, a, b, tree.pad), r.end)
+    first = larger((a * width - tree.pad - r.u) * r.per_u, (b * width - tree.pad - r.v) * r.per_v)
+    first, last = larger(first, np.float64(0.0)), smaller(_exit(tree, r, level, a, b, tree.pad), r.end)
     if not first <= last:
         return False
     lowest = r.z + (first if r.dz > 0.0 else last) * r.dz
@@ -213,15 +203,15 @@ def _reaches(tree, r, level, a, b):
 def _exit(tree, r, level, a, b, pad):
     """The t at which a segment leaves node (a, b) of a level. It reaches no later node of the curve before."""
     width = np.float64(np.int64(1) << level)
-    return _smaller(((a + 1) * width + pad - r.u) * r.per_u, ((b + 1) * width + pad - r.v) * r.per_v)
+    return smaller(((a + 1) * width + pad - r.u) * r.per_u, ((b + 1) * width + pad - r.v) * r.per_v)
 
 
 @inlined
 def _is_above(tree, r, level, a, b, t):
     """Whether a segment passes above all of node (a, b) of a level from t on, until it leaves the node."""
     if r.dz <= 0.0:
-        t = _smaller(_exit(tree, r, level, a, b, tree.pad), r.end)
-    return r.z + _larger(t, np.float64(0.0)) * r.dz > _top(tree, r, level, a, b) + r.raised
+        t = smaller(_exit(tree, r, level, a, b, tree.pad), r.end)
+    return r.z + larger(t, np.float64(0.0)) * r.dz > _top(tree, r, level, a, b) + r.raised
 
 
 @inlined
@@ -261,7 +251,7 @@ def _meets_square(tree, ray, corners, i, j, facing):
 @inlined
 def _first_node(tree, place):
     """The first square along a turned axis that a segment from a place may reach."""
-    return np.int64(_smaller(_larger(np.floor(place - tree.pad), np.float64(0.0)), np.float64(1 << 40)))
+    return np.int64(smaller(larger(np.floor(place - tree.pad), np.float64(0.0)), np.float64(1 << 40)))
 
 
 @inlined

@@ -46,7 +46,7 @@ class ReliefEye(NamedTuple):
     dy: float  # between rows
 
 
-class _ReliefPointers(NamedTuple):
+class _SightSurface(NamedTuple):
     """Pointers to the heights of a raster, free of reference counts."""
 
     z: F32Ptr
@@ -73,7 +73,7 @@ class _Walk(NamedTuple):
 @inlined
 def _surface_of(tree, relief):
     rows, columns = tree.z.shape
-    return _ReliefPointers(
+    return _SightSurface(
         ptr(tree.z), ptr(relief.tops), ptr(relief.starts), ptr(relief.widths), rows, columns, np.int64(relief.whole)
     )
 

@@ -105,13 +105,13 @@ class Volumes(NamedTuple):
 
 
 @inlined
-def _larger(a, b):
+def larger(a, b):
     """The larger of two numbers that are not NaN. Python's max would compile to tests for NaN."""
     return a if a > b else b
 
 
 @inlined
-def _smaller(a, b):
+def smaller(a, b):
     """The smaller of two numbers that are not NaN."""
     return a if a < b else b
 
@@ -119,7 +119,7 @@ def _smaller(a, b):
 @inlined
 def max_magnitude(v):
     """Largest magnitude of a vector's three components."""
-    return _larger(_larger(abs(v[0]), abs(v[1])), abs(v[2]))
+    return larger(larger(abs(v[0]), abs(v[1])), abs(v[2]))
 
 
 @inlined
@@ -140,12 +140,12 @@ def _volumes(d, a, p, q, limits):
     e2, e1 = dot(p, r), -dot(q, r)
     det, volume = dot(d, n), dot(a, n)
     d1 = abs(d[0]) + abs(d[1]) + abs(d[2])
-    m, s = max_magnitude(a), _larger(max_magnitude(p), max_magnitude(q))
-    wide, uss = _larger(m, s), limits.u * s * s
+    m, s = max_magnitude(a), larger(max_magnitude(p), max_magnitude(q))
+    wide, uss = larger(m, s), limits.u * s * s
     floor = limits.tiny * (d1 + wide) + limits.tiny
     three = limits.three
     e_error = three * limits.u * (d1 * s * wide) + floor  # in this order, since u * d1 could underflow
-    e_error = e_error if _larger(d1, wide) < limits.large else limits.infinite
+    e_error = e_error if larger(d1, wide) < limits.large else limits.infinite
     return Volumes(det - e1 - e2, e1, e2, volume, det, e_error, three * m * uss + floor, d1 * uss + floor)
 
 
@@ -185,8 +185,8 @@ def volumes64(ray, corners, i):
 @inlined
 def line_verdict(w):
     """Whether the line meets the closed triangle: the sign of d . n, MISS, or UNSURE."""
-    low = _smaller(w.e0, _smaller(w.e1, w.e2))
-    high = _larger(w.e0, _larger(w.e1, w.e2))
+    low = smaller(w.e0, smaller(w.e1, w.e2))
+    high = larger(w.e0, larger(w.e1, w.e2))
     if low < -w.e_error and high > w.e_error:
         return MISS
     if low > w.e_error:
@@ -257,7 +257,7 @@ def plane(corners, i, x, y, z):
     For any vector a from v0 to a point, the error of a . n is at most e |a|_inf.
     """
     a, p, q = edges64(corners, i, x, y, z)
-    s = _larger(max_magnitude(p), max_magnitude(q))
+    s = larger(max_magnitude(p), max_magnitude(q))
     return a, cross(p, q), _LIMITS64.three * _LIMITS64.u * s * s + _LIMITS64.tiny
 
 

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...kernels.exact.filters import larger, smaller
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.simd import (
     absolute,
@@ -70,25 +71,15 @@ _SLANT = np.float64(1e-6)  # exceeds how far a receiver can lie beyond its face'
 
 
 @inlined
-def _least(a, b):
-    return a if a < b else b
-
-
-@inlined
-def _most(a, b):
-    return a if a > b else b
-
-
-@inlined
 def lower(a, b):
     """The componentwise minimum of two points."""
-    return _least(a[0], b[0]), _least(a[1], b[1]), _least(a[2], b[2])
+    return smaller(a[0], b[0]), smaller(a[1], b[1]), smaller(a[2], b[2])
 
 
 @inlined
 def upper(a, b):
     """The componentwise maximum of two points."""
-    return _most(a[0], b[0]), _most(a[1], b[1]), _most(a[2], b[2])
+    return larger(a[0], b[0]), larger(a[1], b[1]), larger(a[2], b[2])
 
 
 @inlined
@@ -122,8 +113,8 @@ def _corner(row, at, plane, ways):
 def _shadow(x, z, r, low, high):
     """Extend (low, high) by a corner's shadow: by all (x - k y) / (z - k w) with |y|, |w| <= r and k <= 1."""
     inverse_near, inverse_far = 1.0 / (z - r), 1.0 / (z + r)
-    low = _least(low, (x - r) * (inverse_near if x - r < 0.0 else inverse_far))
-    return low, _most(high, (x + r) * (inverse_near if x + r > 0.0 else inverse_far))
+    low = smaller(low, (x - r) * (inverse_near if x - r < 0.0 else inverse_far))
+    return low, larger(high, (x + r) * (inverse_near if x + r > 0.0 else inverse_far))
 
 
 @inlined
@@ -144,7 +135,7 @@ def _perspective_box(view, face, corners):
     corners = turned(corners[0], face), turned(corners[1], face), turned(corners[2], face)
     if _misses_face(corners, r):
         return (inf, inf, inf), (-inf, -inf, -inf), False
-    nearest = _least(_least(corners[0][2], corners[1][2]), corners[2][2])
+    nearest = smaller(smaller(corners[0][2], corners[1][2]), corners[2][2])
     if not nearest > r * 1.000001 + 1e-30:
         return (-inf, -inf, -inf), (inf, inf, inf), True
     u0, u1, v0, v1 = inf, -inf, inf, -inf
@@ -162,7 +153,7 @@ def _parallel_box(view, low, high):
         return (low[0] - r, low[1] - r, low[2] - r), (high[0] + r, high[1] + r, high[2] + r)
     if not view.radius < 0.999:
         return (-_INFINITE, -_INFINITE, -_INFINITE), (_INFINITE, _INFINITE, high[2])
-    r = view.radius / np.sqrt(1.0 - view.radius * view.radius) * _most(high[2] - view.lowest, 0.0) * 1.000001
+    r = view.radius / np.sqrt(1.0 - view.radius * view.radius) * larger(high[2] - view.lowest, 0.0) * 1.000001
     return (low[0] - r, low[1] - r, -_INFINITE), (high[0] + r, high[1] + r, high[2])
 
 
@@ -191,7 +182,7 @@ def write_box_row(view, face, ways, shape, spheres, row):
         if not there:
             return False
     else:
-        scale = view.scale + _FAR * _most(_size(low), _size(high))
+        scale = view.scale + _FAR * larger(_size(low), _size(high))
         low, high = _parallel_box(view, low, high)
     for k in range(4):
         outer = unknown_plane() if spheres else shape.outer[k]
