@@ -7,7 +7,8 @@ triangles, so that::
     z = max (h(t) - e t) / (1 - t)
 
 over the crossings with edges is exact. A line of sight that rises is followed from the cell towards the eye, and
-blocks of cells are skipped if all their heights are below it, since they cannot raise z.
+blocks of cells are skipped if all their heights are below it, since they cannot raise z. Lines of sight that pass
+below the surface through a hole do not count.
 """
 
 from typing import Any, NamedTuple, cast
