@@ -30,10 +30,10 @@ def conditions(command: str, quick: bool) -> dict[str, Any]:
 
 def kernel_digests(calls: Iterable[tuple[str, str]]) -> KernelDigests:
     """The digests of kernels: (name, kinds of arguments), as `jit.recorded_calls` yields them."""
-    found: KernelDigests = {}
+    digests: KernelDigests = {}
     for name, key in sorted(calls):
-        found.setdefault(name, {})[key] = _digest_now(name, key)
-    return found
+        digests.setdefault(name, {})[key] = _digest_now(name, key)
+    return digests
 
 
 def changed_kernels(recorded: Mapping[str, Mapping[str, str]]) -> list[str]:
@@ -76,10 +76,10 @@ _spreads: ContextVar[list[float] | None] = ContextVar("spreads", default=None)
 @contextmanager
 def collected_spreads() -> Iterator[list[float]]:
     """Collect the spreads that `record_laps` records in this block."""
-    found: list[float] = []
-    token = _spreads.set(found)
+    spreads: list[float] = []
+    token = _spreads.set(spreads)
     try:
-        yield found
+        yield spreads
     finally:
         _spreads.reset(token)
 
@@ -89,8 +89,8 @@ def record_laps(laps: Sequence[Any]) -> None:
 
     laps : one entry per round: seconds, or tuples and mappings of seconds. Other values are ignored.
     """
-    found = _spreads.get()
-    if found is None or len(laps) < 2:
+    spreads = _spreads.get()
+    if spreads is None or len(laps) < 2:
         return
     if isinstance(laps[0], Mapping):
         for name in laps[0]:
@@ -99,7 +99,7 @@ def record_laps(laps: Sequence[Any]) -> None:
         for column in zip(*laps):
             record_laps(column)
     elif isinstance(laps[0], float) and median(laps) >= SHORTEST:
-        found.append((max(laps) - min(laps)) / median(laps))
+        spreads.append((max(laps) - min(laps)) / median(laps))
 
 
 def summary_of(spreads: Sequence[float]) -> dict[str, float]:

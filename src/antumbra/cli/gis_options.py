@@ -145,18 +145,18 @@ def with_gis_options(command: Callable[..., Any]) -> Callable[..., Any]:
         return command
 
     def run(height: str | None = None, terrain: Sequence[Path] | None = None, **values: Any) -> Any:
-        given = values[argument]
+        scenes = values[argument]
         if height is not None or terrain:
             add = lambda text: scene_text(text, height, terrain or ())
-            values[argument] = add(given) if isinstance(given, str) else [add(text) for text in given]
+            values[argument] = add(scenes) if isinstance(scenes, str) else [add(text) for text in scenes]
         return command(**values)
 
     wrapper: Any = update_wrapper(run, command)
     kind, more = inspect.Parameter.KEYWORD_ONLY, {"height": _Height, "terrain": _Terrain}
     added = [inspect.Parameter(name, kind, default=None, annotation=each) for name, each in more.items()]
-    kept = [parameter.replace(kind=kind) for parameter in parameters.values()]
+    existing = [parameter.replace(kind=kind) for parameter in parameters.values()]
     place = 1 + list(parameters).index(argument)
-    wrapper.__signature__ = inspect.Signature([*kept[:place], *added, *kept[place:]])
+    wrapper.__signature__ = inspect.Signature([*existing[:place], *added, *existing[place:]])
     wrapper.__annotations__ = {name: each.annotation for name, each in wrapper.__signature__.parameters.items()}
     return run
 

@@ -75,9 +75,9 @@ def _read_solids(data: bytes, path: Path) -> list[Mesh] | None:
     if not solids or any(numbers is None or len(numbers) % 9 for _, numbers in solids):
         return None
     meshes, names = list[Mesh](), MeshNames("geometry", True)
-    for given, numbers in solids:
+    for label, numbers in solids:
         if numbers is not None and len(numbers):
-            name = path.stem if len(solids) == 1 else names.of(given)
+            name = path.stem if len(solids) == 1 else names.of(label)
             meshes.append(make_mesh(name, numbers.reshape(-1, 3), None, None, f'{path.name}: mesh "{name}"'))
     return meshes
 
@@ -155,8 +155,8 @@ def _ply_layout(data: bytes) -> _PlyLayout | None:
     head, _, _ = data.partition(b"end_header")
     order = ">" if b"format binary_big_endian" in head else "<"
     elements = list[tuple[str, int, list[list[str]]]]()
-    for kind, rest in _PLY_LINE.findall(head):
-        words = rest.decode("ascii", "replace").split()
+    for kind, line in _PLY_LINE.findall(head):
+        words = line.decode("ascii", "replace").split()
         if kind == b"element":
             elements.append((words[0], int(words[1]), []))
         elif elements:

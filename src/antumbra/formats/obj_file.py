@@ -213,9 +213,9 @@ def _corners(text: bytes, data: NDArray[np.uint8], tokens: NDArray[np.int64], fi
     ends = np.take(data, slashes + 1)  # the byte after each slash
     is_first = np.append(True, owner[1:] != owner[:-1])[: len(owner)]
     has_uv, has_normal = np.zeros(len(tokens), bool), np.zeros(len(tokens), bool)
-    given = (ends != _SLASH) & (ends != _SPACE) & (ends != _NEWLINE)
-    has_uv[owner[is_first & given]] = True
-    has_normal[owner[~is_first & given]] = True
+    numbered = (ends != _SLASH) & (ends != _SPACE) & (ends != _NEWLINE)
+    has_uv[owner[is_first & numbered]] = True
+    has_normal[owner[~is_first & numbered]] = True
     width = 1 + has_uv.astype(np.int64) + has_normal
     if values is None or len(values) != width.sum() or (n_slashes > 2).any():
         raise InputError(f"{file}: the faces cannot be read, they hold something other than numbers; {_CURE}")

@@ -191,8 +191,8 @@ def coloured_model(table: Any, name: str) -> bytes:
     corners = corners_of(scene) - scene.origin
     colours = np.full((len(corners), 3, 3), _GREY)
     if table.row_of_face is not None:
-        shown = table.row_of_face >= 0
-        colours[shown] = sensor_colours[table.row_of_face[shown], None]
+        has_row = table.row_of_face >= 0
+        colours[has_row] = sensor_colours[table.row_of_face[has_row], None]
     elif sensors.kind == "face":
         colours[sensors.faces] = sensor_colours[:, None]
     elif sensors.kind == "vertex":

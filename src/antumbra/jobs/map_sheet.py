@@ -81,8 +81,8 @@ def map_figure(table: Any, column: str, title: str | None = None) -> "Figure":
     from matplotlib.figure import Figure
 
     values, known = column_values(table, column)
-    shown = table.columns[column]
-    scale = map_scale(shown.values, known, shown.unit)
+    chosen = table.columns[column]
+    scale = map_scale(chosen.values, known, chosen.unit)
     figure = Figure(figsize=_PAGE, facecolor="white")
     axes = figure.add_axes(_MAP)
     extent = _draw_values(axes, table, np.where(known, values, np.nan), scale)
@@ -94,9 +94,9 @@ def map_figure(table: Any, column: str, title: str | None = None) -> "Figure":
         spine.set(color=_FAINT, linewidth=0.6)
     _draw_scale_bar(axes, extent)
     _draw_north(figure, float(table.about.get("north", 0.0)), "latitude" in table.about)
-    heading = title or shown.about[:1].upper() + shown.about[1:] or column
+    heading = title or chosen.about[:1].upper() + chosen.about[1:] or column
     figure.text(_MAP[0], 0.93, heading, fontsize=17, color=_INK, weight="bold", va="bottom")
-    top = _draw_legend(figure, scale, values[known], f"{column} [{shown.unit}]" if shown.unit else column)
+    top = _draw_legend(figure, scale, values[known], f"{column} [{chosen.unit}]" if chosen.unit else column)
     if not known.all():
         top = _draw_key(figure, _NOWHERE, "no value", top)
     _draw_facts(figure, table, top)

@@ -172,9 +172,9 @@ def faces_between(azimuth: NDArray[np.float64], first: float, last: float) -> ND
 def checked_types(scene: AnyScene, types: Sequence[str]) -> list[str]:
     """Types of semantic surfaces. Raises InputError if the scene has none, or none of a type."""
     if scene.city is None:
-        given = quoted(",".join(types))
+        names = quoted(",".join(types))
         raise InputError(
-            f"surfaces is {given}, and {scene.name} has no semantic surfaces as CityJSON has; leave it out"
+            f"surfaces is {names}, and {scene.name} has no semantic surfaces as CityJSON has; leave it out"
         )
     known = sorted({each.type for each in scene.city.surfaces if each.type})
     for name in types:

@@ -38,10 +38,10 @@ class ComparisonPanel(NamedTuple):
 
 def range_of(values: Iterable[float]) -> float | Range | None:
     """The range of several values; the value itself if there is only one, and None if there is none."""
-    found = list(values)
-    if not found:
+    sequence = list(values)
+    if not sequence:
         return None
-    return (min(found), max(found)) if len(found) > 1 else found[0]
+    return (min(sequence), max(sequence)) if len(sequence) > 1 else sequence[0]
 
 
 def comparison_writer(panels: Sequence[ComparisonPanel]) -> Callable[[Path], None]:

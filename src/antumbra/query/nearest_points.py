@@ -53,11 +53,11 @@ class PointTree:
         others : place i is point i, and the nearest *other* point is sought; its distance is inf if there is none.
         """
         excluded = np.arange(len(places)) if others else np.full(len(places), -1)
-        found = [Nearest(np.empty(0, np.int64), np.empty(0))]
+        batches = [Nearest(np.empty(0, np.int64), np.empty(0))]
         for first in range(0, len(places), _BATCH):
             batch = slice(first, first + _BATCH)
-            found.append(self._nearest_of(places[batch], excluded[batch]))
-        return Nearest(*(np.concatenate(parts) for parts in zip(*found)))
+            batches.append(self._nearest_of(places[batch], excluded[batch]))
+        return Nearest(*(np.concatenate(parts) for parts in zip(*batches)))
 
     def _nearest_of(self, places: NDArray[np.float64], excluded: NDArray[np.int64]) -> Nearest:
         place, node = np.arange(len(places)), np.zeros(len(places), np.int64)
@@ -68,8 +68,8 @@ class PointTree:
         node = np.zeros(len(places), np.int64)
         for level in range(1, len(self._levels)):  # all boxes that are no farther
             place, node = np.repeat(place, 2), (2 * node[:, None] + (0, 1)).reshape(-1)
-            near = self._to_boxes(level, places[place], node) <= bound[place]
-            place, node = place[near], node[near]
+            reached = self._to_boxes(level, places[place], node) <= bound[place]
+            place, node = place[reached], node[reached]
         squares, indices = self._in_leaves(places, place, node, excluded)
         return Nearest(indices, np.sqrt(squares))
 

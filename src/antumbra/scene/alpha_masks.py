@@ -135,8 +135,8 @@ def _mask_of(material: Material, has_texture: bool, alpha: float) -> AlphaMask:
         raise InputError(f"{name}: its alpha cannot be read ({error}); load the scene with cutouts=False") from None
     covered = _covered(material, palette[:, 3], alpha)[:, None]
     colour = srgb_to_linear(palette[:, :3] / 255.0) * np.asarray(material.factor[:3])
-    given = None if material.transmittance is None else np.array(material.transmittance)[:, None]  # (1 or 12, 1, 3)
-    beyond = (colour * material.transmission)[None] if given is None else given
+    monthly = None if material.transmittance is None else np.array(material.transmittance)[:, None]  # (1 or 12, 1, 3)
+    beyond = (colour * material.transmission)[None] if monthly is None else monthly
     passing = np.clip(1.0 - covered + covered * beyond, 0.0, 1.0)
     wrap = (CLAMP, CLAMP) if texture is None else (texture.wrap_s, texture.wrap_t)
     months = passing if len(passing) > 1 else None

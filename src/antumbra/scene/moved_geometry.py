@@ -127,19 +127,19 @@ class MovableMeshes:
         InputError
             If the shape is wrong, or a vertex is NaN, infinite, or too far from the frame.
         """
-        given = as_array(vertices, f"{self.name}: vertices")
+        points = as_array(vertices, f"{self.name}: vertices")
         out = self._pool.empty((self._n_triangles, 3, 3), np.float32)
-        if given.shape == out.shape:
-            self._gather([Piece(given.reshape(1, -1, 3), None, WHITE, self.name)], out, threads)
+        if points.shape == out.shape:
+            self._gather([Piece(points.reshape(1, -1, 3), None, WHITE, self.name)], out, threads)
             return out
         pieces = list(self.loaded.pieces(0.0))
         counts = [_n_given(piece) for piece in pieces]
-        if given.shape != (sum(counts), 3):
+        if points.shape != (sum(counts), 3):
             raise InputError(
-                f"{self.name}: vertices have shape {given.shape}; give ({self._n_triangles}, 3, 3), the corners of the "
-                f"triangles, or ({sum(counts)}, 3), the vertices in the order of the arrays or the mesh of the scene"
+                f"{self.name}: vertices have shape {points.shape}; give ({self._n_triangles}, 3, 3), the corners of "
+                f"the triangles, or ({sum(counts)}, 3), the vertices in the order of the arrays or of the scene's mesh"
             )
-        parts = np.split(given, np.cumsum(counts)[:-1])
+        parts = np.split(points, np.cumsum(counts)[:-1])
         self._gather([_with_vertices(piece, part) for piece, part in zip(pieces, parts)], out, threads)
         return out
 
@@ -236,12 +236,12 @@ def _listed(choice: Any, name: str) -> list[Any]:
 def _matching(objects: Sequence[ObjectInfo], choice: Any, name: str) -> list[int]:
     """The indices of the objects that one pattern, index or entry selects."""
     if isinstance(choice, ObjectInfo):
-        found = [k for k, each in enumerate(objects) if each == choice]
+        matches = [k for k, each in enumerate(objects) if each == choice]
     elif isinstance(choice, str):
-        found = [k for k, each in enumerate(objects) if fnmatchcase(each.name, choice)]
+        matches = [k for k, each in enumerate(objects) if fnmatchcase(each.name, choice)]
     else:
         return [whole_number(choice, f"{name}: object", 0, len(objects) - 1)]
-    if not found:
+    if not matches:
         names = ", ".join(sorted({each.name for each in objects} - {""})[:_MOST_NAMES])
         raise InputError(f"{name}: no object is called {quoted(choice)}; there are: {names}")
-    return found
+    return matches

@@ -481,11 +481,11 @@ def _checked_shares(shares: Mapping[str, Transmittance]) -> list[tuple[str, tupl
     checked = []
     if not isinstance(shares, Mapping):
         raise InputError(f"transmittance is {quoted(shares)}; give a dict of names and shares")
-    for pattern, given in shares.items():
+    for pattern, share in shares.items():
         what = f"transmittance of {quoted(text(pattern, 'a name in transmittance'))}"
-        values = [] if isinstance(given, Mapping) else parts_of(given)
+        values = [] if isinstance(share, Mapping) else parts_of(share)
         if values is None or len(values) != len(MONTHS):
-            months = [_checked_share(values or given, what, "a number, red, green and blue, or one of these per month")]
+            months = [_checked_share(values or share, what, "a number, red, green and blue, or one of these per month")]
         else:
             of_month = zip(MONTHS, values)
             months = [_checked_share(v, f"{what} in {m}", "a number, or red, green and blue") for m, v in of_month]

@@ -317,8 +317,8 @@ def image_of_texture(texture: Json) -> int | None:
 def _convert_ktx2(asset: Asset, file: str) -> None:
     """Convert KTX2 images to PNG, and drop KHR_texture_basisu. Images that cannot be decoded stay as they are."""
     textures = [t for t in asset.json.get("textures", []) if "source" in _extension(t, BASISU)]
-    wanted = sorted({_extension(t, BASISU)["source"] for t in textures if "source" not in t})
-    pngs = dict(zip(wanted, map_in_threads(lambda index: _png_of(asset, index, file), wanted)))
+    indices = sorted({_extension(t, BASISU)["source"] for t in textures if "source" not in t})
+    pngs = dict(zip(indices, map_in_threads(lambda index: _png_of(asset, index, file), indices)))
     for index, png in pngs.items():
         if png is not None:
             image = asset.json["images"][index]

@@ -149,8 +149,8 @@ class ViewFactors:
         from scipy.sparse import csr_array
 
         n, areas = len(self), self.areas
-        own = self.errors[:, :n]
-        both = (own.multiply(own) + own.multiply(own).T).tocoo()
+        errors = self.errors[:, :n]
+        both = (errors.multiply(errors) + errors.multiply(errors).T).tocoo()
         weight = areas[both.col] / (areas[both.row] + areas[both.col])
         return csr_array((weight * np.sqrt(both.data), (both.row, both.col)), shape=(n, n))
 

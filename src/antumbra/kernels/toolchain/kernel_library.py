@@ -73,8 +73,8 @@ class KernelLibrary(NamedTuple):
 
     def function(self, kernel: str, key: str) -> Callable[[bytes], Any] | None:
         """A function of packed arguments that runs a kernel; None if the library lacks it."""
-        found = self.kernels.get(name_of(kernel, key))
-        return None if found is None else callable_of(_ENTRY((found.symbol, self.library)), found.result, kernel)
+        entry = self.kernels.get(name_of(kernel, key))
+        return None if entry is None else callable_of(_ENTRY((entry.symbol, self.library)), entry.result, kernel)
 
 
 @cache

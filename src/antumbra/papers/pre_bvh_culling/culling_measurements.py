@@ -348,9 +348,9 @@ class RandomShares(NamedTuple):
 
 def random_shares(views: Sequence[CullingView], effort: CullingEffort) -> list[RandomShares]:
     """Measure what each marking leaves in `random_views`, for each of their parts."""
-    found: dict[tuple[str, str], list[float]] = {}
+    by_figure: dict[tuple[str, str], list[float]] = {}
     for k, view in enumerate(views):
         effort.say(f"{view.figure}, random camera {k + 1} of {len(views)}")
         for marked, share in remaining_shares(view, effort.threads).items():
-            found.setdefault((view.figure, marked), []).append(share)
-    return [RandomShares(*key, shares) for key, shares in found.items()]
+            by_figure.setdefault((view.figure, marked), []).append(share)
+    return [RandomShares(*key, shares) for key, shares in by_figure.items()]

@@ -237,16 +237,16 @@ def _print_renders(times: list[RenderTimes]) -> None:
 
 def comparison(rows: SrdhRows) -> list[ComparisonPanel]:
     """The values of the chart on the paper's page, as published with all rays unless it says otherwise."""
-    found = [row for row in bench.savings(rows.counts) if row["method"] == PUBLISHED]
-    blinds = [row for row in found if row["scene"].startswith("blinds")][:1]
+    savings = [row for row in bench.savings(rows.counts) if row["method"] == PUBLISHED]
+    blinds = [row for row in savings if row["scene"].startswith("blinds")][:1]
     share = lambda values: range_of(100 * value for value in values)
     ours = lambda column, among: share(row[column] for row in among)
     saved = [
-        ComparedValue("all scenes, vs. random", (100 * REDUCTION[0], 100 * REDUCTION[1]), ours(bench.BASE, found)),
+        ComparedValue("all scenes, vs. random", (100 * REDUCTION[0], 100 * REDUCTION[1]), ours(bench.BASE, savings)),
         *(ComparedValue(f"blinds, vs. {order}", 100 * part, ours(order, blinds)) for order, part in BEDROOM.items()),
-        ComparedValue("unoccluded rays", share(PUBLISHED_UNOCCLUDED.values()), ours("unoccluded", found)),
+        ComparedValue("unoccluded rays", share(PUBLISHED_UNOCCLUDED.values()), ours("unoccluded", savings)),
     ]
-    sparse = [ComparedValue("trees for 16 x 16 pixels", (0.0, 100 * WITHIN), ours("beyond_all", found))]
+    sparse = [ComparedValue("trees for 16 x 16 pixels", (0.0, 100 * WITHIN), ours("beyond_all", savings))]
     kernels = bench.kernel_gains(rows.counts, rows.trees)
     opposed = [gain.distance for gain in kernels if NAMES[Lighting.opposed] in gain.scene]
     sparse.append(ComparedValue("all kernels vs. constant", None, share(gain.both for gain in kernels)))
