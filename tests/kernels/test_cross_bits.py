@@ -109,6 +109,18 @@ def test_levels_threads_and_features_give_the_same_bits(package):
         print(f"NOT run, because this processor lacks it: {', '.join(not_run)}")
 
 
+RESULTS = """
+import json, sys
+from pathlib import Path
+from antumbra.sample import top
+if len(sys.argv) > 1:
+    sys.path.append(sys.argv[1])
+    from foreign_library import install
+    install(Path(sys.argv[2]), Path(sys.argv[2]).parent)
+print(json.dumps([top.results(), sorted({event.source for event in top.events})]))
+"""
+
+
 @pytest.fixture(scope="module")
 def foreign(tmp_path_factory):
     """The libraries of a few sample kernels, for all systems."""
@@ -134,7 +146,23 @@ def test_libraries_of_all_systems(foreign, system):
         data = path.read_bytes()
         imports = imports_of(data)
         assert not imports & COMPUTE
+        assert str(foreign.parent).encode() not in data and b"/tmp/" not in data
         if not system.startswith("windows"):  # these initialise Microsoft's C library
             assert imports <= MEMORY | LOADER
         if system == "macos-arm64":  # Apple silicon refuses unsigned code
             assert signature_flags(data) & ADHOC
+
+
+@linux_x86
+@pytest.mark.skipif(find_spec("lief") is None, reason="lief is not installed: images of libraries NOT run")
+@pytest.mark.parametrize("each", HERE)
+@pytest.mark.parametrize("system", ["macos-x86_64", "windows-x86_64"])
+def test_kernels_run_in_images_of_foreign_libraries(foreign, system, each):
+    (library,) = (foreign / system).glob(f"*{each}.d*")
+    image = library.with_suffix(".npz")
+    run(ROOT / "scripts" / "library_images.py", library, image)
+    env = sample.environment(foreign.parent / "antumbra", foreign.parent / "cache")
+    native, _ = json.loads(run("-c", RESULTS, **env))
+    found, sources = json.loads(run("-c", RESULTS, ROOT / "tests" / "support", image, **env))
+    assert found == native and len(found) >= 12
+    assert sources == ["library"]

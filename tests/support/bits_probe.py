@@ -3,13 +3,15 @@
 Run it as a program, with the package on the path. It needs NumPy and Pillow, and prints lines of JSON: pairs of a name
 and a digest. `scripts/cross_bits.py` and `tests/kernels/test_levels.py` compare them.
 
-``--threads N`` asks from N threads at once; their answers must agree.
+``--threads N`` asks from N threads at once; their answers must agree. ``--image FILE`` takes the kernels from an image
+of another system's library, beside whose list it is.
 """
 
 import hashlib
 import json
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from antumbra.engine.method_registry import BUILDERS, CULLERS, OPTIMISERS, TRACE
 from antumbra.kernels import elementary
 from antumbra.picture.image_files import to_srgb8
 from antumbra.query.light_samples import SAMPLERS, light_samples
+from foreign_library import install
 
 LIGHTS = {
     "point": at.PointLight((0, 6, 0)),
@@ -140,6 +143,9 @@ def digests():
 
 
 if __name__ == "__main__":
+    if "--image" in sys.argv:
+        image = Path(sys.argv[sys.argv.index("--image") + 1])
+        install(image, image.parent)
     threads = int(sys.argv[sys.argv.index("--threads") + 1]) if "--threads" in sys.argv else 1
     if threads > 1:
         with ThreadPoolExecutor(threads) as pool:

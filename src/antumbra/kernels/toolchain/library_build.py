@@ -70,6 +70,8 @@ class Linker(NamedTuple):
     def link(self, inputs: list[Path], out: Path) -> None:
         """Link objects and C files into a shared library. Raises RuntimeError with the linker's message."""
         command = [sys.executable, "-m", "ziglang", "cc", "-target", self.target, "-O2", "-fPIC", "-shared", "-s"]
+        if self.suffix == ".dylib":  # without it, the path of this folder is the library's name
+            command.append(f"-Wl,-install_name,@rpath/{out.name}")
         listed = out.with_suffix(".objects")  # a command line would be too long
         listed.write_text("\n".join(f'"{path.as_posix()}"' for path in inputs))
         done = subprocess.run([*command, "-o", str(out), f"@{listed}", "-lm"], capture_output=True, text=True)
