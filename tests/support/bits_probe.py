@@ -120,6 +120,17 @@ def questions():
         yield f"picture {name}", lambda name=name: picture_of(name)
 
 
+def jobs():
+    """Results of jobs that need no extra."""
+    city = at.procedural("city", triangles=20_000)
+    points = np.random.default_rng(3).uniform((-60, 1, -60), (60, 20, 60), (40, 3))
+    yield "skyline", lambda: digest(at.skyline(city, points).elevation)
+    yield "matrix", lambda: digest(at.visibility_matrix(city, points, points).bits)
+    ridge = at.from_raster((np.arange(6_000.0).reshape(60, 100) ** 2 % 97.0 / 7.0, (2.0, 0.0, 0.0, 0.0, -2.0, 0.0)))
+    table = at.viewshed(ridge, "raster", (50.0, -50.0, 14.0), least_height=True).table
+    yield "least heights", lambda: digest(table["least_height"], table["seen"])
+
+
 def frame_of(scene, camera, lights, spp, plan="auto"):
     frame = at.render(scene, camera, lights, spp=spp, plan=plan)
     assert all(0.0 < v.mean() < 1.0 for v in frame.visibility)
@@ -137,7 +148,7 @@ def picture_of(name):
 
 def digests():
     """(name, digest) of all questions."""
-    for group in (functions, samples, scenes, questions):
+    for group in (functions, samples, scenes, questions, jobs):
         for name, make in group():
             yield name, make()
 

@@ -34,6 +34,23 @@ _FROM_WINDOWS = {  # memory functions with the arguments in rcx, rdx and r8, whi
 }
 
 
+@ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_size_t)
+def _zero(start, n):
+    ctypes.memset(start, 0, n)
+
+
+@ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t)
+def _repeat(start, pattern, n):
+    ctypes.memmove(start, ctypes.string_at(pattern, 16) * (n // 16) + ctypes.string_at(pattern, n % 16), n)
+
+
+_OF_MACOS = {"bzero": _zero, "__bzero": _zero, "memset_pattern16": _repeat}
+
+
+def _address(function):
+    return ctypes.cast(function, ctypes.c_void_p).value
+
+
 class _Code:
     """Executable memory."""
 
@@ -76,12 +93,12 @@ class ForeignLibrary:
         self._image.bytes[at : at + 8] = np.frombuffer(struct.pack("<Q", address), np.uint8)
 
     def _memory_function(self, name):
-        """The address of a function that kernels import; 0 for those that only the loader would call."""
-        if name not in ("memcpy", "memmove", "memset"):
-            return 0
-        if self._windows:
+        """The address of a function that kernels import; 0 for those that only loading calls."""
+        if name in _FROM_WINDOWS and self._windows:
             return self._small.put(_FROM_WINDOWS[name])
-        return ctypes.cast(getattr(ctypes.CDLL(None), name), ctypes.c_void_p).value
+        if name in ("memcpy", "memmove", "memset"):
+            return _address(getattr(ctypes.CDLL(None), name))
+        return _address(_OF_MACOS[name]) if name in _OF_MACOS else 0
 
     def function(self, kernel, key):
         """A function of packed arguments that runs a kernel."""

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import as_array, choice, quoted, spelling_hint
 from ..engine.scene import AnyScene
 from ..errors import InputError
+from ..kernels.elementary import acos, atan2, cos
 from .sensors import corners_of
 
 # --- Groups of faces --------------------------------------------------------------------------------------------------
@@ -20,7 +21,7 @@ GROUPINGS = "face", "surface", "object", "building"
 Grouping: TypeAlias = "str | ArrayLike"
 """A name of `GROUPINGS`, or a group number for each face, (faces,) int, -1: none."""
 
-_SAME_PLANE = np.cos(np.radians(0.1))  # cosine of the angle between the normals of joined faces
+_SAME_PLANE = float(cos(np.radians(0.1)))  # cosine of the angle between the normals of joined faces
 
 
 class SurfaceGroups(NamedTuple):
@@ -151,15 +152,15 @@ def azimuths(normals: NDArray[np.float64], up: str, north: float = 0.0) -> NDArr
     north : degrees, as `Place.north`: true north, clockwise from the scene's own north axis
     """
     east, northward = normals[:, 0], normals[:, 1] if up == "z" else -normals[:, 2]
-    degrees = (np.degrees(np.arctan2(east, northward)) - north) % 360.0
+    degrees = (np.degrees(atan2(east, northward)) - north) % 360.0
     degrees[degrees == 360.0] = 0.0  # the remainder of a tiny negative number
-    degrees[~(np.hypot(east, northward) >= _HORIZONTAL)] = np.nan
+    degrees[~(np.sqrt(east**2 + northward**2) >= _HORIZONTAL)] = np.nan
     return np.asarray(degrees)
 
 
 def tilts(normals: NDArray[np.float64], up: str) -> NDArray[np.float64]:
     """(n,) float64: degrees between unit normals and up: 0 faces up, 90 is vertical, 180 faces down."""
-    return np.asarray(np.degrees(np.arccos(np.clip(normals[:, "xyz".index(up)], -1.0, 1.0))))
+    return np.asarray(np.degrees(acos(np.clip(normals[:, "xyz".index(up)], -1.0, 1.0))))
 
 
 def faces_between(azimuth: NDArray[np.float64], first: float, last: float) -> NDArray[np.bool_]:

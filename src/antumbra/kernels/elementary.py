@@ -12,6 +12,8 @@ Each function is one `formula` for kernels, numbers and arrays. It takes float32
 float64. There are no branches: choices are values, so LLVM can vectorise, and arrays need no masks.
 """
 
+import math
+
 import numpy as np
 
 from .jit import formula, overload
@@ -51,6 +53,12 @@ def power_of_two(n):
 @overload(power_of_two)
 def _scalar_power_of_two(n):
     return lambda n: ((np.int64(n) + 1023) << 52).view(np.float64)
+
+
+def power_of_two_above(x: float) -> float:
+    """The least power of two that is at least a positive, normal number."""
+    mantissa, exponent = math.frexp(x)
+    return math.ldexp(1.0, exponent - (mantissa == 0.5))
 
 
 def _exponent(x):

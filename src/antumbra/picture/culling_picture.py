@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..engine.method_registry import CULLERS
 from ..engine.scene import AnyScene
+from ..kernels.elementary import exp
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.receivers import NOTHING
@@ -121,7 +122,7 @@ def _xray_view(
     image = np.zeros((h * w, 3), np.float32)
     for mask, colour in ((kept_mask, KEPT), (~kept_mask, DROPPED)):
         count = np.bincount(where[mask[face[inside]]], minlength=h * w)
-        image += (1.0 - np.exp(-count[:, None] / (0.5 * _POINTS))).astype(np.float32) * colour
+        image += (1.0 - exp(-count[:, None] / (0.5 * _POINTS))).astype(np.float32) * colour
     image[pixels(receivers[:: max(1, len(receivers) // 20000)])[0]] = RECEIVER
     image[pixels(emitters)[0]] = LIGHT
     return image.reshape(h, w, 3)

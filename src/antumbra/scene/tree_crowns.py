@@ -53,7 +53,7 @@ class _Body(NamedTuple):
 def _circle(sides: int) -> NDArray[np.float64]:
     """(sides, 2) float64: corners of a regular polygon with the area of the unit circle."""
     angles = 2.0 * np.pi * np.arange(sides) / sides
-    radius = np.sqrt(2.0 * np.pi / (sides * np.sin(2.0 * np.pi / sides)))
+    radius = np.sqrt(2.0 * np.pi / (sides * sin(2.0 * np.pi / sides)))
     return np.asarray(radius * np.stack([cos(angles), sin(angles)], 1))
 
 

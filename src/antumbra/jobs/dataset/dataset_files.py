@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files import atomic_output
+from ...kernels.elementary import log as log_of
 from ...picture.heat_maps import ColourBar, Panel, panel_sheet
 from ...picture.image_files import automatic_exposure, openexr, save_exr, save_png, to_srgb8
 from ..scene_records import Record
@@ -181,7 +182,7 @@ def _nearness(depth: np.ndarray, covered: NDArray[np.bool_]) -> np.ndarray:
     """1 for the nearest pixel and 0.15 for the farthest, logarithmic in depth; 0 in the background."""
     if not covered.any():
         return np.zeros(depth.shape)
-    log = np.log(np.where(covered, depth, depth[covered].min()))
+    log = log_of(np.where(covered, depth, depth[covered].min()))
     return np.where(covered, 1.0 - 0.85 * (log - log.min()) / max(float(np.ptp(log[covered])), 1e-6), 0.0)
 
 

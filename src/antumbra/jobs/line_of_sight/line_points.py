@@ -53,7 +53,7 @@ def points_along(
     """
     spacing = number(spacing, "the spacing of points along lines", 0.0, np.inf)
     vertices = [_checked(line) for line in _lines(lines, crs)]
-    total = sum(float(np.hypot(*np.diff(line[:, :2], axis=0).T).sum()) for line in vertices)
+    total = sum(float(_side_lengths(line).sum()) for line in vertices)
     if total / spacing > _MOST:
         raise InputError(f"lines of {total:g} at a spacing of {spacing:g} have more than {_MOST:,} points; widen it")
     parts = [_divided(line, spacing) for line in vertices]
@@ -88,9 +88,14 @@ def _checked(line: Any) -> NDArray[np.float64]:
     return vertices if vertices.shape[1] == 3 else np.column_stack([vertices, np.zeros(len(vertices))])
 
 
+def _side_lengths(line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n - 1,) float64: the horizontal lengths of the sides of a line of n vertices."""
+    return np.asarray(np.sqrt((np.diff(line[:, :2], axis=0) ** 2).sum(1)))
+
+
 def _divided(line: NDArray[np.float64], spacing: float) -> LinePoints:
     """The points along one line."""
-    sides = np.hypot(*np.diff(line[:, :2], axis=0).T)
+    sides = _side_lengths(line)
     ends = np.append(0.0, np.cumsum(sides))
     pieces = max(int(np.ceil(ends[-1] / spacing - 1e-9)), 1) if ends[-1] > 0.0 else 0
     at = (np.arange(pieces) + 0.5) * (ends[-1] / max(pieces, 1))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh.nodes import EMPTY, MAX_DEPTH, Bvh, box_at, box_of_link_at, bvh_leaf, is_leaf, link_at, tree_of
+from ...kernels.elementary import atan2, cos, sin
 from ...kernels.jit import F64Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
 from ...kernels.simd import get, ptr, put, stack_f64, stack_i32
@@ -138,7 +139,7 @@ def _bin_of(place):
 def _exact_bin(x, y, place, compass):
     """The azimuth in whose bin a direction lies."""
     if _bin_of(place - compass.around) != _bin_of(place + compass.around):
-        place = _wrap(np.arctan2(x, y) * compass.turn + compass.start, compass)
+        place = _wrap(atan2(x, y) * compass.turn + compass.start, compass)
     return _wrapped(_bin_of(place), len(compass.east) >> 1)
 
 
@@ -392,7 +393,7 @@ def compass_of(m: int, up: str, north: float) -> Compass:
     axes = (2, 1, 1.0) if up == "z" else (1, 2, -1.0)
     turn = m / np.pi
     around = _AZIMUTH_ERROR * turn + _ROUNDING * m
-    return Compass(np.sin(bearing), np.cos(bearing), turn, start, around, *axes)
+    return Compass(sin(bearing), cos(bearing), turn, start, around, *axes)
 
 
 def raise_slopes(

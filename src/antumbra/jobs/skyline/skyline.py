@@ -18,6 +18,7 @@ from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...extras import import_extra
 from ...files import atomic_output, checked_output
+from ...kernels.elementary import atan, atan2, cos, sin
 from ...kernels.parallel import thread_count
 from ...picture.option_fields import with_keywords
 from ...progress import Progress, report_progress, with_progress
@@ -77,18 +78,18 @@ class Skyline(NamedTuple):
             If an angle is out of range.
         """
         tilt = np.radians(number(tilt, "tilt (degrees)", 0.0, 180.0, "[]"))
-        facing = np.cos(np.radians(self.azimuth - number(azimuth, "azimuth (degrees)", -360.0, 360.0, "[]")))
-        upward, forward = np.cos(tilt), np.sin(tilt) * facing
+        facing = cos(np.radians(self.azimuth - number(azimuth, "azimuth (degrees)", -360.0, 360.0, "[]")))
+        upward, forward = cos(tilt), sin(tilt) * facing
         # The plane sees the elevations e with upward sin(e) + forward cos(e) > 0, from `low` to `high`.
         low, high = np.maximum(np.radians(self.elevation), 0.0), np.full(len(self.azimuth), np.pi / 2.0)
         if upward >= 0.0:
-            low = np.maximum(low, np.arctan2(-forward, upward))
+            low = np.maximum(low, atan2(-forward, upward))
         else:
-            high = np.maximum(np.arctan2(forward, -upward), 0.0)
+            high = np.maximum(atan2(forward, -upward), 0.0)
         low = np.minimum(low, high)
 
         def integral(e: Any) -> Any:
-            return (upward * np.sin(e) ** 2 + forward * (e + np.sin(e) * np.cos(e))) / 2.0
+            return (upward * sin(e) ** 2 + forward * (e + sin(e) * cos(e))) / 2.0
 
         return np.asarray((integral(high) - integral(low)).mean(1) * 2.0)
 
@@ -262,7 +263,7 @@ def skyline(
     about: dict[str, Any] = {"job": "skyline", "scene": scene.name, "step": options.step, "north": north}
     if scene.crs:
         about["crs"] = scene.crs
-    elevation, highest = (np.degrees(np.arctan(rows, out=rows), out=rows) for rows in slopes)
+    elevation, highest = (np.degrees(atan(rows)) for rows in slopes)
     return Skyline(sensors.points, azimuth, elevation, highest, about)
 
 

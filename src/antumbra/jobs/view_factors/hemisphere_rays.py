@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...kernels.elementary import sin_cos
 from ...query.receivers import SHIFT, point_receivers
 from ...scene.triangles import Triangles
 from ..surface_groups import tangents_of, unit_normals
@@ -99,10 +100,11 @@ class HemisphereRays:
         self, faces: NDArray[np.int64], u: NDArray[np.float64], v: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """(m, 3) float64: unit vectors, distributed as the cosine to the normals of faces."""
-        radius, angle, height = np.sqrt(u), 2.0 * np.pi * v, np.sqrt(1.0 - u)
+        radius, height = np.sqrt(u), np.sqrt(1.0 - u)
+        sine, cosine = sin_cos(2.0 * np.pi * v)
         across, along = (tangents[faces] for tangents in self._tangents)
-        across *= (radius * np.cos(angle))[:, None]
-        along *= (radius * np.sin(angle))[:, None]
+        across *= (radius * cosine)[:, None]
+        along *= (radius * sine)[:, None]
         return np.asarray(across + along + height[:, None] * self.normals[faces])
 
 

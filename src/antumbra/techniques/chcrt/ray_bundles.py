@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...kernels.elementary import power_of_two_above
 from ...kernels.exact.filters import BEYOND
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import items, new_ticket, run
@@ -467,7 +468,7 @@ def length_of(reach: float) -> float:
 
     The component of directions along the view axis is 1.
     """
-    return float(2.0 ** np.ceil(np.log2(2.0 * reach)))
+    return power_of_two_above(2.0 * reach)
 
 
 @inlined

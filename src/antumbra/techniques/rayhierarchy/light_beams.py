@@ -7,6 +7,7 @@ amount (`shadow_planes`), so that one traversal serves all samples. Alternativel
 own beam.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -168,7 +169,8 @@ def _distant_disk(light: LightPatch, n: int, low: NDArray[np.float64], high: NDA
     length = float(max(np.linalg.norm(light.u), np.linalg.norm(light.v)))
     if length > _WIDE * distance:
         return _beam_without_apex(AROUND, n, np.eye(3), (distance + length) * _BEAM_MARGIN, low, high)
-    sine = float(np.sin(np.arctan(length / distance * _BEAM_MARGIN))) + 2.0**-20
+    slope = length / distance * _BEAM_MARGIN
+    sine = slope / math.sqrt(1.0 + slope * slope) + 2.0**-20
     return _beam_without_apex(PARALLEL, n, np.stack([*tangents(towards), towards]), min(sine, 1.0), low, high)
 
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ...bvh.block_tree import BlockTree, block_tree
 from ...bvh.nodes import Bvh, box_at, boxes_of
+from ...kernels.elementary import power_of_two_above
 from ...kernels.jit import F32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import get, load16, ptr, put, splat16, stack_f32, stack_f64, stack_i32, stack_i64
@@ -220,7 +221,7 @@ def _scale(box: NDArray[np.float32], view: RasterView) -> float:
     reach = np.abs(box.astype(np.float64) - eye).max() * max(view.norm_x, view.norm_y, view.norm_z)
     if not 1e-30 < reach < 1e30:
         return 0.0
-    return float(2.0 ** -np.ceil(np.log2(reach)))
+    return 1.0 / power_of_two_above(float(reach))
 
 
 def trace_primary(
