@@ -16,6 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+lief.logging.disable()  # it reports parts of signatures that kernels do not have
+
+
 class LibraryImage(NamedTuple):
     """A library in memory."""
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..kernels.elementary import cos, sin
+from ..kernels.elementary import cos, sin, sin_cos
 from ..kernels.small_matrices import dot, product
 
 # --- Meshes from grids of points --------------------------------------------------------------------------------------
@@ -312,14 +312,14 @@ class ScenePart(NamedTuple):
 def rotation_y(angle: ArrayLike) -> NDArray[np.float64]:
     """(k, 3, 3) rotations about +Y by (k,) angles in radians; 90 degrees map +Z to +X."""
     angle = np.atleast_1d(np.asarray(angle, np.float64))
-    c, s, zero, one = cos(angle), sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    (s, c), zero, one = sin_cos(angle), np.zeros_like(angle), np.ones_like(angle)
     return np.stack([c, zero, s, zero, one, zero, -s, zero, c], axis=-1).reshape(-1, 3, 3)
 
 
 def rotation_x(angle: ArrayLike) -> NDArray[np.float64]:
     """(k, 3, 3) rotations about +X by (k,) angles in radians; 90 degrees map +Y to +Z."""
     angle = np.atleast_1d(np.asarray(angle, np.float64))
-    c, s, zero, one = cos(angle), sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    (s, c), zero, one = sin_cos(angle), np.zeros_like(angle), np.ones_like(angle)
     return np.stack([one, zero, zero, zero, c, -s, zero, s, c], axis=-1).reshape(-1, 3, 3)
 
 
