@@ -108,7 +108,8 @@ class TerrainShadows:
         box = flush_to_zero((data.bounds - data.origin).astype(np.float32))
         reach = reach_of(box, origins, threads) if origins.size else 1.0
         no_faces, traced = np.full(sides.shape, -1, np.int32), []
-        in_rows = _follows_rows(receivers, cast(HeightGrid, terrain_of(data)))
+        distant = any(isinstance(light, DirectionalLights) for light in lights)
+        in_rows = distant and _follows_rows(receivers, cast(HeightGrid, terrain_of(data)))
         for light, sets in zip(lights, samples):
             patch = place(light, data.origin, box, reach)
             query = ShadowQuery(origins, no_faces, sides, normals, _NO_CORNERS, patch, sets, facing, no_faces)
