@@ -71,6 +71,14 @@ def test_the_triangles_are_the_documented_ones(heights, block):
             assert place in set(map(tuple, triangles[face].tolist()))
 
 
+@given(st.integers(1, 9), st.integers(1, 9))
+def test_the_last_triangle_at_each_vertex(rows, columns):
+    expected = np.full((rows + 1) * (columns + 1), -1)
+    for k, corners in enumerate(terrain._squares(rows, columns)):
+        expected[corners] = k
+    assert terrain._last_faces(rows, columns).reshape(-1).tolist() == expected.tolist()
+
+
 @settings(max_examples=20, deadline=None)
 @given(HEIGHTS, st.integers(0, 1000))
 def test_answers_are_those_of_the_triangles(heights, seed):
