@@ -5,6 +5,7 @@ They describe a scene, list and export procedural scenes, list file formats, and
 
 from collections import Counter
 from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,7 +19,7 @@ from ..formats.format_registry import SCENE_WRITERS, check_output, write_scene
 from . import arguments, console
 from .arguments import SceneSpec, open_scene
 from .console import ProgressDisplay
-from .gis_options import stream_raster
+from .gis_options import is_streamed, stream_rasters
 from .options import SCENE_HELP, Json, Quiet, Threads, UpOption, writes
 
 if TYPE_CHECKING:
@@ -333,14 +334,16 @@ def build(
 
     A store holds the triangles in chunks, each with its BVH and checksums. Several scenes are merged in the given
     order, in their state at time 0, with all their cameras and lights. procedural:city is generated and written block
-    by block, at any size, and so are rasters of heights. Other scenes are read into memory one at a time. The same
-    scenes give the same bytes for any --max-memory and --threads.
+    by block, at any size, and so are rasters of heights. Rasters that follow one another are tiles of one surface.
+    Other scenes are read into memory one at a time. The same scenes give the same bytes for any --max-memory and
+    --threads.
 
     \b
     Examples
       antumbra build sponza.glb -o sponza.antumbra
       antumbra build "procedural:city?triangles=350M" -o city.antumbra --max-memory 4G
       antumbra build dem.tif -o dem.antumbra --max-memory 4G
+      antumbra build west.tif east.tif -o dem.antumbra
       antumbra info city.antumbra --check
     """
     specs = [arguments.parse_scene(text) for text in scenes]
@@ -367,12 +370,15 @@ def _opened(
     from ..generate.generated_scene import StreamedCity
     from ..kernels.parallel import thread_count
 
-    for spec in specs:
-        if spec.path is None and spec.name == "city" and up is None:
-            yield StreamedCity(spec.triangles, spec.seed, thread_count(threads))
-        else:
-            stream = None if spec.path is None else stream_raster(spec.path, spec.gis, up)
-            yield open_scene(spec, up, quiet) if stream is None else stream
+    for streamed, group in groupby(specs, lambda spec: is_streamed(spec.path, spec.gis)):
+        if streamed:
+            yield stream_rasters([(spec.path, spec.gis) for spec in group if spec.path is not None], up)
+            continue
+        for spec in group:
+            if spec.path is None and spec.name == "city" and up is None:
+                yield StreamedCity(spec.triangles, spec.seed, thread_count(threads))
+            else:
+                yield open_scene(spec, up, quiet)
 
 
 def _build_fields(report: "BuildReport", peak: int | None) -> Iterator[tuple[str, str]]:
