@@ -138,6 +138,7 @@ def sun(args: SunArguments) -> int:
       antumbra sun city.city.json --rule br209-amenity --areas gardens.geojson -o gardens.tif
       antumbra sun city.city.json --days year:2026 --energy --surfaces RoofSurface --per building -o roofs.csv
     """
+    from ..engine.engine import default_plan_of
     from ..jobs.ground_areas import SPACING, check_areas
     from ..jobs.sensor_files import check_sensors
     from ..jobs.sun.location import place_of, position_fields
@@ -177,7 +178,8 @@ def sun(args: SunArguments) -> int:
         seconds = perf_counter() - start
         if table is None:
             return report_shard(executor, args, seconds)
-        table.about |= {"scene": args.scene, "sensors": sensor_form, "plan": args.plan}
+        plan = args.plan or default_plan_of(scene.data)
+        table.about |= {"scene": args.scene, "sensors": sensor_form, "plan": str(plan)}
         if args.trees is not None:
             table.about["trees"] = args.trees
         display.say("writing")

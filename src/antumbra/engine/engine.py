@@ -19,7 +19,7 @@ from ..progress import ProgressCallback, show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
-from ..query.ray_list import HitFilter, RayArguments, TracedRays, cull_value, rays_of, segments_between
+from ..query.ray_list import HitFilter, RayArguments, TracedRays, cull_value, hit_arrays, rays_of, segments_between
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery
 from ..scene.camera import Camera
@@ -330,6 +330,10 @@ class Engine:
     def _traced(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None) -> TracedRays:
         moment = self._moment(time)
         threads = self.threads if threads is None else thread_count(threads)
+        if any_hit and isinstance(self.source, InMemory) and self.source.ray_lists.plan is None:
+            blocked = self.terrain.blocked(self.plan, rays, threads)
+            if blocked is not None:
+                return TracedRays(hit_arrays(0, True)._replace(blocked=blocked), None)
         return self._ask(threads, lambda source: source.trace_rays(rays, any_hit, moment, threads))
 
     def _moment(self, time: float) -> float:

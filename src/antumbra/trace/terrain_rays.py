@@ -154,7 +154,7 @@ class _GridRay(NamedTuple):
     per_v: float
     z: float
     dz: float
-    end: float  # t after which the segment is above all heights; at most 1
+    end: float  # t after which the ray is above all heights or has left the grid; at most tmax
     raised: float  # by which heights are raised
     west: bool  # whether columns are turned
     north: bool
@@ -163,17 +163,21 @@ class _GridRay(NamedTuple):
 
 @inlined
 def _grid_ray(tree, ray):
-    """The `_GridRay` of a segment."""
+    """The `_GridRay` of a segment, or of a ray along a direction."""
     side = np.int64(1) << tree.root
     u, du = (ray.ox - tree.west) * tree.per_x, ray.dx * tree.per_x
     v, dv = (tree.north - ray.oy) * tree.per_y, -ray.dy * tree.per_y
     west, north = du < 0.0, dv < 0.0
     u, v = (side - u if west else u), (side - v if north else v)
-    raised = _RAISE * (abs(ray.oz) + abs(ray.dz) + tree.reach)
-    end = np.float64(1.0)
+    # A ray that has risen or sunk by more than twice its height and `reach` is far from the surface.
+    spread = abs(ray.dz) if ray.real == 1.0 else 3.0 * (abs(ray.oz) + tree.reach)
+    raised = _RAISE * (abs(ray.oz) + spread + tree.reach)
+    per_u, per_v = 1.0 / larger(abs(du), _PARALLEL), 1.0 / larger(abs(dv), _PARALLEL)
+    end = smaller(ray.tmax, smaller((side + tree.pad - u) * per_u, (side + tree.pad - v) * per_v))
     if ray.dz > 0.0:
         end = smaller(end, (tree.highest + raised - ray.oz) / ray.dz)
-    per_u, per_v = 1.0 / larger(abs(du), _PARALLEL), 1.0 / larger(abs(dv), _PARALLEL)
+    elif ray.dz < 0.0:
+        end = smaller(end, (ray.oz + tree.reach + raised) / -ray.dz)
     return _GridRay(u, v, per_u, per_v, ray.oz, ray.dz, end, raised, west, north, side)
 
 
@@ -232,7 +236,7 @@ def _moves_away(ray, corners, i):
 
 
 @inlined
-def _meets_square(tree, ray, corners, i, j, facing):
+def meets_square(tree, ray, corners, i, j, facing):
     """Whether a segment meets one of the triangles of a square; exact. `corners`: scratch memory of 18 float32."""
     for triangle in range(2):
         k = 9 * triangle
@@ -255,8 +259,8 @@ def _first_node(tree, place):
 
 
 @inlined
-def _blocker(tree, ray, corners, facing):
-    """A square of which a triangle blocks a segment, as row * columns + column; -1: none."""
+def blocker_of(tree, ray, corners, facing):
+    """A square of which a triangle blocks a ray, as row * columns + column; -1: none."""
     r, level = _grid_ray(tree, ray), np.int64(0)
     a, b = _first_node(tree, r.u), _first_node(tree, r.v)
     if a >= r.side or b >= r.side or r.end < 0.0:
@@ -267,7 +271,7 @@ def _blocker(tree, ray, corners, facing):
                 level, a, b = level - 1, 2 * a, 2 * b
                 continue
             i, j = (r.side - 1 - b if r.north else b), (r.side - 1 - a if r.west else a)
-            if _meets_square(tree, ray, corners, i, j, facing):
+            if meets_square(tree, ray, corners, i, j, facing):
                 return i * tree.columns + j
         while True:
             t = _exit(tree, r, level, a, b, -tree.pad)
@@ -349,9 +353,9 @@ def is_blocked(tree, ray, above, scratch, facing, s):
             if square >= 0:
                 put(last, s & (BLOCKERS - 1), square)
                 return True
-        elif _meets_square(tree, ray, corners, square // tree.columns, square % tree.columns, facing):
+        elif meets_square(tree, ray, corners, square // tree.columns, square % tree.columns, facing):
             return True
-    square = _blocker(tree, ray, corners, facing)
+    square = blocker_of(tree, ray, corners, facing)
     if square >= 0:
         put(last, s & (BLOCKERS - 1), square)
     return square >= 0
