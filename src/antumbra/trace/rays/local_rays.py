@@ -24,7 +24,10 @@ class LocalRays(NamedTuple):
 
     def part(self, places: slice) -> "LocalRays":
         """Some of the rays."""
-        return LocalRays(*(array[places] for array in self[:5]), self.cull_faces, self.segments)
+        ends = self.tmin[places], self.tmax[places]
+        return LocalRays(
+            self.origins[places], self.directions[places], self.skip[places], *ends, self.cull_faces, self.segments
+        )
 
 
 @inlined
