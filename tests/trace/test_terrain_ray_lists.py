@@ -79,6 +79,14 @@ def test_bits_are_those_of_trees_and_of_brute_force(heights, seed):
     targets[::7] = origins[::7]  # empty segments are not blocked
     blocked = scene.occluded(origins, targets=targets)
     assert (blocked == trees.occluded(origins, targets=targets)).all() and not blocked[::7].any()
+    for facing in None, "front", "back":
+        hit, nearest = (each.closest_hit(origins, directions, tmin, tmax, cull_faces=facing) for each in (scene, trees))
+        for name in "mask", "t", "face", "u", "v", "normal", "position":
+            one, other = (np.asarray(getattr(each, name)) for each in (hit, nearest))
+            assert one.dtype == other.dtype and np.array_equal(one, other, equal_nan=True), name
+    hit = scene.closest_hit(origins, directions, tmin, tmax)
+    t, face = oracle.closest_hit(scene.triangles().vertices, *in_frame(scene, origins, directions), tmin, tmax)
+    assert (hit.face == face).all() and (hit.t == t).all()
     assert scene.engine.source.ray_lists.plan is None  # no tree was built
 
 
@@ -109,7 +117,8 @@ def test_trees_answer_what_the_pyramid_does_not(monkeypatch):
         "skipped faces": lambda each: each.occluded(*rays, skip_face=np.full(400, 3)),
         "far rays": lambda each: each.occluded(far, rays[1]),
         "another plan": lambda each: at.Engine(each.data, plan="lbvh+wide").occluded(*rays),
-        "after a nearest hit": lambda each: (each.closest_hit(*rays), each.occluded(*rays))[1],
+        "all hits": lambda each: each.all_hits(*rays),
+        "after all hits": lambda each: (each.all_hits(*rays), each.closest_hit(*rays)),
     }
     for name, ask in at_once.items():
         other = hills()

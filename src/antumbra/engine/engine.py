@@ -19,7 +19,7 @@ from ..progress import ProgressCallback, show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
-from ..query.ray_list import HitFilter, RayArguments, TracedRays, cull_value, hit_arrays, rays_of, segments_between
+from ..query.ray_list import HitFilter, RayArguments, TracedRays, cull_value, rays_of, segments_between
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery
 from ..scene.camera import Camera
@@ -319,7 +319,10 @@ class Engine:
         if triangles is not None:
             hit = triangles, face
             return lambda: hit
-        copy, moment, source = rays.copied(), self._moment(time), cast("Paged", self.source)
+        moment = self._moment(time)
+        if isinstance(self.source, InMemory):  # over terrain, triangles are made only if they are asked for
+            return lambda: (cast(SceneTrees, self._trees).triangles(moment, self.threads), face)
+        copy, source = rays.copied(), cast("Paged", self.source)
 
         def find() -> tuple[Triangles, np.ndarray]:
             with self.lock:
@@ -330,10 +333,10 @@ class Engine:
     def _traced(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None) -> TracedRays:
         moment = self._moment(time)
         threads = self.threads if threads is None else thread_count(threads)
-        if any_hit and isinstance(self.source, InMemory) and self.source.ray_lists.plan is None:
-            blocked = self.terrain.blocked(self.plan, rays, threads)
-            if blocked is not None:
-                return TracedRays(hit_arrays(0, True)._replace(blocked=blocked), None)
+        if isinstance(self.source, InMemory) and self.source.ray_lists.plan is None:
+            hits = self.terrain.trace_rays(self.plan, rays, any_hit, threads)
+            if hits is not None:
+                return TracedRays(hits, None)
         return self._ask(threads, lambda source: source.trace_rays(rays, any_hit, moment, threads))
 
     def _moment(self, time: float) -> float:

@@ -1,8 +1,8 @@
 """Shadow queries at points over terrain, without a tree and without stored triangles.
 
-The plan ``auto`` answers queries at points, and whether rays are blocked, by these rays if the scene is a single raster
-of heights. They take about 10 bytes per cell, where triangles and their trees take about 400, and have the bits of
-every other plan. Pictures, nearest hits and other plans use the triangles.
+The plan ``auto`` answers queries at points, and finds any or the nearest hits of ray lists, by these rays if the scene
+is a single raster of heights. They take about 10 bytes per cell, where triangles and their trees take about 400, and
+have the bits of every other plan. Pictures, lists of all hits and other plans use the triangles.
 
 Rays from the vertices towards distant lights go 16 at a time, along stencils. They are faster than any tree.
 """
@@ -19,17 +19,17 @@ from ..formats.gis.height_files import HeightOptions
 from ..progress import ProgressCallback
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
-from ..query.ray_list import HitFilter, RayArguments, changed_error, rays_of
+from ..query.ray_list import HitArrays, HitFilter, RayArguments, changed_error, hit_arrays, rays_of
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery, new_bits
 from ..scene.light_lists import DirectionalLights
 from ..scene.lights import DIRECTIONAL, Light
 from ..scene.scene_bounds import flush_to_zero
 from ..scene.scene_data import MemoryData, SceneData
-from ..scene.terrain import HeightGrid, TerrainSurfaces
+from ..scene.terrain import HeightGrid, TerrainSurfaces, faces_of_squares
 from ..trace.rays.local_rays import are_valid, local_rays
 from ..trace.terrain_lanes import trace_stencils
-from ..trace.terrain_ray_lists import MOST_EXTENTS, blocked_rays
+from ..trace.terrain_ray_lists import MOST_EXTENTS, trace_rays
 from ..trace.terrain_rays import TerrainTree, terrain_tree, trace_terrain
 from ..trace.terrain_stencils import Relief, Stencils, relief_of, stencils_of
 from ..trace.transmission import TracedQuery
@@ -59,6 +59,7 @@ class TerrainShadows:
         self._data = data
         self._tree: TerrainTree | None = None
         self._relief: Relief | None = None  # made with the first stencils
+        self._squares: NDArray[np.int32] | None = None  # made for the first nearest hits
         self._rays = 0  # of all queries so far
         self._seconds = 0.0  # of all threads, spent on ray lists so far
         self._has_room: bool | None = None  # for a tree; None: not needed yet
@@ -83,8 +84,8 @@ class TerrainShadows:
             self._has_room = _TREE_BYTES * self._data.n_triangles <= _SHARE * (available_memory() or 0)
         return self._has_room
 
-    def blocked(self, plan: Plan, rays: RayArguments, threads: int) -> NDArray[np.bool_] | None:
-        """(n,) bool: whether the rays of a plan are blocked; None if they are to be traced through a tree.
+    def trace_rays(self, plan: Plan, rays: RayArguments, any_hit: bool, threads: int) -> HitArrays | None:
+        """The hits of the rays of a plan; None if they are to be traced through a tree.
 
         That is so once rays have taken as long here as it takes to build one, if there is room for it. Rays below the
         surface take many times as long as others, so time is counted, not rays.
@@ -109,14 +110,16 @@ class TerrainShadows:
         if any(each.size and float(np.abs(each).max()) > reach for each in ends):
             return None
         precompile(terrain_rays_job)
-        tree, blocked = self.tree, np.empty(rays.n, np.bool_)
+        if not any_hit and self._squares is None:
+            self._squares = faces_of_squares(surface)
+        squares, out = None if any_hit else self._squares, hit_arrays(rays.n, any_hit)
         for first in range(0, rays.n, _LISTED):
             start, part = perf_counter(), slice(first, first + _LISTED)
-            blocked_rays(tree, local.part(part), blocked[part], threads)
+            trace_rays(self.tree, squares, local.part(part), HitArrays(*(each[part] for each in out)), threads)
             self._seconds += (perf_counter() - start) * threads
             if self._seconds > budget and self._has_room_for_tree():
                 return None
-        return blocked
+        return out
 
     @property
     def tree(self) -> TerrainTree:
@@ -197,6 +200,6 @@ def terrain_rays_job() -> Job:
     def work() -> None:
         data = terrain_data((np.zeros((3, 3)), (1.0, 0.0, 0.0, 0.0, -1.0, 0.0)), HeightOptions())
         rays = rays_of(np.zeros((1, 3)), np.ones(3), HitFilter(), (0.0, 0.0, 0.0), data.n_triangles)
-        blocked_rays(TerrainShadows(data).tree, local_rays(rays.arrays(), 0), np.empty(1, np.bool_), 1)
+        trace_rays(TerrainShadows(data).tree, None, local_rays(rays.arrays(), 0), hit_arrays(1, True), 1)
 
     return fixed_job("ray lists over terrain", work)

@@ -190,6 +190,19 @@ def face_of_cells(surface: Heights) -> NDArray[np.int32]:
     return out
 
 
+def faces_of_squares(surface: Heights) -> NDArray[np.int32]:
+    """(rows - 1, columns - 1) int32: the first triangle of each square; -1 for squares without any."""
+    out, first = np.empty((surface.grid.rows - 1, surface.grid.columns - 1), np.int32), 0
+    for (row, last_row, column, last_column), heights in _blocks_of_heights(surface):
+        there = ~np.isnan(heights)
+        diagonal = there[:-1, :-1] & there[1:, 1:]
+        count = (diagonal & there[1:, :-1]).astype(np.int32) + (diagonal & there[:-1, 1:])
+        ends = np.cumsum(count, dtype=np.int32).reshape(count.shape)
+        out[row:last_row, column:last_column] = np.where(count > 0, ends - count + np.int32(first), -1)
+        first += int(ends[-1, -1])
+    return out
+
+
 def _last_faces(rows: int, columns: int) -> NDArray[np.int32]:
     """(rows + 1, columns + 1) int32: the last triangle at each vertex of a block of squares without holes.
 
