@@ -18,14 +18,14 @@ from ..sun.sun_positions import solar_angles, zone_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_SOLID, _HIGHEST = "#8a8f98", "#c9ccd2"
+_SOLID, _HIGHEST = "#bcc0c7", "#e1e3e7"
 _MINUTES = 2  # between points of a path
 _PATHS = (
     (date(2026, 6, 21), "sun on 21 June", "#d1495b"),
-    (date(2026, 3, 20), "sun on 20 March and 23 September", "#e09f3e"),
+    (date(2026, 3, 20), "sun on 20 March", "#e09f3e"),
     (date(2026, 12, 21), "sun on 21 December", "#2f6690"),
 )
-"""Solstices and equinoxes; from year to year, the sun of a date moves by less than half its diameter."""
+"""The solstices and the equinox of March."""
 
 
 def horizon_figure(skyline: Any, point: int, place: Place | None, title: str | None = None) -> "Figure":
@@ -55,7 +55,7 @@ def _fill(axes: Any, azimuth: NDArray[np.float64], elevation: NDArray[np.float64
     """Fill what lies below a horizon, as steps around the azimuths."""
     width = 2.0 * np.pi / len(azimuth)
     height = np.clip(elevation, 0.0, 90.0)
-    axes.bar(np.radians(azimuth), height, width, bottom=90.0 - height, color=colour, linewidth=0.0)
+    axes.bar(np.radians(azimuth), height, width, bottom=90.0 - height, color=colour, linewidth=0.4)  # no seams
 
 
 def sun_path(place: Place, day: date) -> NDArray[np.float64]:
@@ -80,7 +80,7 @@ def _draw_hours(axes: Any, place: Place, day: date, colour: str) -> None:
     for hour in np.flatnonzero(elevation > 0.0).tolist():
         at = np.radians(azimuth[hour]), 90.0 - elevation[hour]
         axes.plot(*at, marker="o", markersize=2.5, color=colour)
-        axes.annotate(str(hour), at, (0, 3), textcoords="offset points", fontsize=6, ha="center", color=colour)
+        axes.annotate(str(hour), at, (0, 3), textcoords="offset points", fontsize=7, ha="center", color=colour)
 
 
 def horizon_facts(skyline: Any, point: int, place: Place | None) -> Iterator[tuple[str, str]]:

@@ -174,7 +174,7 @@ class Skyline(NamedTuple):
         """Write a sheet for a report: a polar diagram of the horizon of a point, on a page of A4 in PDF, SVG or PNG.
 
         North is up and the zenith in the middle. If the place is known, the diagram has the paths of the sun at the
-        solstices and equinoxes, with the hours of the place's time zone. Needs ``antumbra[plot]``.
+        solstices and the equinox of March, with the hours of the place's time zone. Needs ``antumbra[plot]``.
 
         Parameters
         ----------
