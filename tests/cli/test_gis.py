@@ -116,6 +116,12 @@ def test_tiles_are_built_as_one_surface(cli, tmp_path):
         write_raster(tmp_path / f"{name}.tif", part, (2.0, 0.0, 100000.0 + east, 0.0, -2.0, 450000.0))
     told = cli("build", "west.tif", "east.tif", "-o", "a.antumbra", "--json").json()
     assert told["triangles"] == 2 * 19 * 24  # none are missing between the tiles
+    (tmp_path / "tiles").mkdir()
+    for name in "west.tif", "east.tif":
+        (tmp_path / "tiles" / name).write_bytes((tmp_path / name).read_bytes())
+    (tmp_path / "tiles" / "read.me").touch()
+    assert cli("build", "tiles", "-o", "b.antumbra", "--json").json()["triangles"] == told["triangles"]
+    cli("build", ".", "-o", "c.antumbra", "--up", "y").refused("z up")
     write_raster(tmp_path / "coarse.tif", heights, (3.0, 0.0, 100050.0, 0.0, -3.0, 450000.0))
     cli("build", "west.tif", "coarse.tif", "-o", "b.antumbra").refused(
         "coarse: its cells do not continue those of west"

@@ -15,11 +15,12 @@ import typer
 from ..checks import alternatives
 from ..engine.scene_reading import SCENE_FORMATS
 from ..errors import InputError
+from ..formats.array_files import FILES
 from ..formats.format_registry import SCENE_WRITERS, check_output, write_scene
 from . import arguments, console
 from .arguments import SceneSpec, open_scene
 from .console import ProgressDisplay
-from .gis_options import is_streamed, stream_rasters
+from .gis_options import is_raster, is_streamed, stream_rasters
 from .options import SCENE_HELP, Json, Quiet, Threads, UpOption, writes
 
 if TYPE_CHECKING:
@@ -334,7 +335,8 @@ def build(
 
     A store holds the triangles in chunks, each with its BVH and checksums. Several scenes are merged in the given
     order, in their state at time 0, with all their cameras and lights. procedural:city is generated and written block
-    by block, at any size, and so are rasters of heights. Rasters that follow one another are tiles of one surface.
+    by block, at any size, and so are rasters of heights. Rasters that follow one another, and those of a folder, are
+    tiles of one surface.
     Other scenes are read into memory one at a time. The same scenes give the same bytes for any --max-memory and
     --threads.
 
@@ -346,7 +348,7 @@ def build(
       antumbra build west.tif east.tif -o dem.antumbra
       antumbra info city.antumbra --check
     """
-    specs = [arguments.parse_scene(text) for text in scenes]
+    specs = [spec for text in scenes for spec in _tiles_of(arguments.parse_scene(text))]
     memory = arguments.parse_bytes(max_memory, "--max-memory")
 
     from ..engine.store_building import build_store
@@ -361,6 +363,13 @@ def build(
         console.print_json({**report._asdict(), "path": str(report.path), "max_memory": memory, "peak_resident": peak})
     elif not quiet:
         console.print_fields(_build_fields(report, peak))
+
+
+def _tiles_of(spec: SceneSpec) -> list[SceneSpec]:
+    """The scene, or the rasters of heights in a folder, by name; a folder of vertex frames is a scene."""
+    if spec.path is None or not spec.path.is_dir() or any((spec.path / name).exists() for name in FILES):
+        return [spec]
+    return [SceneSpec(path) for path in sorted(spec.path.iterdir()) if is_raster(path)] or [spec]
 
 
 def _opened(
