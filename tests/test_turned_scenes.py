@@ -36,7 +36,6 @@ FINDS = {}
 OTHERS = {
     "area_sensors": "areas are given on a map, which does not turn",
     "build_store": "its scenes are asked by the tests of stores; `build` is below",
-    "from_trees": "trees stand on a map, which does not turn",
     "place_of": "the coordinates of a place on earth do not turn",
     "surface_points": "a grid on a level face follows the first axis of the scene",
     "sky_view": "its directions lie on a spiral that does not turn; its own tests compare it with closed forms",
@@ -126,7 +125,29 @@ def _skyline(frame, scene, folder):
 def _shadow(frame, scene, folder):
     place = at.Place(52.0, 4.5, north=frame.north)
     found = at.shadow(scene, at="2026-06-21T15:00", place=place)
-    return Found({}, {"area": np.sort(found.columns["area"])})
+    apart = at.shadow(scene, at="2026-06-21T15:00", place=place, by="object", footprints=False)
+    cells = at.shadow(scene, at="2026-06-21T15:00", place=place, cell=0.25)
+    hours = at.shadow(scene, days="2026-06-21", place=place, cell=0.5, classes=[0, 1, 2, 4, 8])
+    exact = {"cells": np.sort(cells.columns["area"]), "classes": hours.columns["hours_from"]}
+    exact |= {"hours": np.sort(hours.table["shadow_hours"]), "of classes": hours.columns["area"]}
+    return Found(exact, {"area": np.sort(found.columns["area"]), "open ground": apart.columns["area"]})
+
+
+@finds("from_trees")
+def _trees(frame, scene, folder):
+    """Crowns have eight sides, so they turn into themselves."""
+    feet = frame.of([[3.0, 0, 2.25], [-3.25, 0, 0.5], [0, 0, -2]])
+    east, north = feet[:, 0], feet[:, 1] if frame.up == "z" else -feet[:, 2]
+    rows = [f"{x:g},{y:g},3,0.75\n" for x, y in zip(east, north)]
+    (folder / "trees.csv").write_text("x,y,height,radius\n" + "".join(rows))
+    planted = at.from_trees(folder / "trees.csv", transmittance=0.25, trunk_radius=0, scene=scene)
+    sensors, place = sensors_in(frame), at.Place(52.0, 4.5, north=frame.north)
+    hours = at.sun_hours(planted, sensors, "2026-03-21", place=place)["sun_hours"]
+    assert (hours < at.sun_hours(scene, sensors, "2026-03-21", place=place)["sun_hours"]).any()
+    shade = at.shadow(planted, surface=scene, days="2026-06-21", place=place, cell=0.5).table["shadow_hours"]
+    skyline = at.skyline(planted, frame.of(EYES), step=5.0, north=frame.north)
+    exact = {"hours": hours, "bits": at.visibility_matrix(planted, sensors).bits, "shade": np.sort(shade)}
+    return Found(exact, {"bounds": np.sort(frame.back(planted.bounds), axis=0), "elevation": skyline.elevation})
 
 
 @finds("pvlib_shading")
@@ -233,6 +254,71 @@ def test_jobs_and_pictures(find, tmp_path):
     for other in found.values():
         assert other.exact or other.close
         same(first, other)
+
+
+@pytest.mark.parametrize("per", ["surface", "building"])
+def test_tables_of_surfaces(per):
+    """With the north of the first frame, azimuths of surfaces are those of the turned scene."""
+    tables = {}
+    for name, frame in {"first": FIRST, **TURNS}.items():
+        scene, place = scene_in(frame), at.Place(52.0, 4.5, north=frame.north)
+        facing = None if per == "building" else (100.0, 290.0)
+        tables[name] = at.sun_hours(scene, "face", "2026-03-21", place=place, per=per, facing=facing, energy=True)
+        unturned = at.sun_hours(scene, "face", "2026-03-21", place=place._replace(north=0.0), energy=True)
+        turned = at.sun_hours(scene, "face", "2026-03-21", place=place, energy=True)
+        steep = np.isfinite(turned["azimuth"])
+        shift = (unturned["azimuth"] - turned["azimuth"] - frame.north)[steep]
+        assert np.abs((shift + 180.0) % 360.0 - 180.0).max() < 1e-5 and steep.sum() > 10
+        assert np.allclose(unturned["tilt"], turned["tilt"])
+    first = tables.pop("first")
+    assert len(first) > (4 if per == "surface" else 0) and first["sun_hours"].max() > 0
+    for other in tables.values():
+        assert other.columns.keys() == first.columns.keys()
+        for name, column in first.columns.items():
+            if column.values.dtype.kind in "fiu":
+                np.testing.assert_allclose(other[name], column.values, rtol=1e-6, atol=1e-5, err_msg=name)
+            else:
+                assert other[name].tolist() == column.values.tolist(), name
+
+
+def test_skylines_shift_by_a_quarter():
+    found = {
+        name: at.skyline(scene_in(frame), frame.of(EYES), step=5.0, north=0.0)
+        for name, frame in {"first": FIRST, **TURNS}.items()
+    }
+    first = found.pop("first")
+    assert np.ptp(first.elevation) > 60
+    for name, other in found.items():
+        shift = round(TURNS[name].north / 5.0)
+        for row in "elevation", "highest":
+            turned = np.roll(getattr(first, row), shift, 1)
+            np.testing.assert_allclose(getattr(other, row), turned, rtol=1e-5, atol=1e-5)
+
+
+def test_polygons_of_shadows_turn_along():
+    shapely = pytest.importorskip("shapely")
+    shapes = []
+    for frame in (FIRST, *TURNS.values()):
+        place = at.Place(52.0, 4.5, north=frame.north)
+        found = at.shadow(scene_in(frame), at="2026-06-21T15:00", place=place, plane=0.0)
+        shape = shapely.union_all(found.polygons)
+        shapes.append(shapely.affinity.rotate(shape, -frame.around, origin=(0, 0)))
+    assert shapes[0].area > 10 and not shapes[0].equals_exact(
+        shapely.affinity.rotate(shapes[0], 90, origin=(0, 0)), 0.1
+    )
+    for other in shapes[1:]:
+        assert shapes[0].symmetric_difference(other).area < 1e-4
+
+
+def test_view_factors_are_equal_within_their_errors():
+    found = [at.view_factors(scene_in(frame), "object", samples=1 << 16) for frame in (FIRST, *TURNS.values())]
+    by_face = [at.view_factors(scene_in(frame), "face", samples=1 << 12) for frame in (FIRST, *TURNS.values())]
+    for first, *others in (found, by_face):
+        assert ((first.matrix.toarray() > 0.05) & (first.matrix.toarray() < 0.95)).sum() > 1
+        for other in others:
+            apart = np.abs((first.matrix - other.matrix).toarray())
+            sigma = np.sqrt((first.errors.power(2) + other.errors.power(2)).toarray())
+            assert (apart <= 6.0 * sigma + 3.0 / first.about["samples"]).all()
 
 
 LEAVES = [0.75, 0.625, 0.5, 0.375, 0.25, 0.25, 0.25, 0.25, 0.375, 0.5, (0.5, 0.75, 1.0), 0.75]

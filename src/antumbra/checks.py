@@ -222,9 +222,9 @@ def points(value: Any, what: str) -> NDArray[np.float64]:
     array = as_array(value, what).astype(np.float64)
     if array.ndim != 2 or array.shape[1] != 3:
         raise InputError(f"{what} must have shape (m, 3), not {array.shape}")
-    finite = np.isfinite(array).all(1)
+    finite = np.isfinite(array)
     if not finite.all():
-        raise InputError(f"{what} hold NaN or infinity (row {np.argmin(finite)})")
+        raise InputError(f"{what} hold NaN or infinity (row {np.argmin(finite.all(1))})")
     return array
 
 

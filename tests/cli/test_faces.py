@@ -50,7 +50,7 @@ OF_FUNCTIONS = {
     "faces": "columns of files", "target_faces": "columns of files",
     "options": "each is an option of its own",
     "layers": "EXR files have them", "progress": "shown on terminals", "keep": "--shard and --ray",
-    "folder": "--output", "path": "--output", "chunk": "for tests", "browser": "--no-browser",
+    "folder": "--output", "path": "--output", "surface": "--trees", "chunk": "for tests", "browser": "--no-browser",
     "scenes": "SCENE...",
 }  # fmt: skip
 """Parameter that no command has -> how the command gives it."""

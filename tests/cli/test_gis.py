@@ -110,6 +110,24 @@ def test_rasters_are_built_as_stores(cli, dem, houses):
     assert at.load("b.antumbra").n_triangles == at.from_footprints(houses, "h", terrain=dem).n_triangles
 
 
+def test_tiles_are_built_as_one_surface(cli, tmp_path):
+    heights = hills(20, 25)
+    for name, part, east in ("west", heights[:, :10], 0), ("east", heights[:, 10:], 20):
+        write_raster(tmp_path / f"{name}.tif", part, (2.0, 0.0, 100000.0 + east, 0.0, -2.0, 450000.0))
+    told = cli("build", "west.tif", "east.tif", "-o", "a.antumbra", "--json").json()
+    assert told["triangles"] == 2 * 19 * 24  # none are missing between the tiles
+    (tmp_path / "tiles").mkdir()
+    for name in "west.tif", "east.tif":
+        (tmp_path / "tiles" / name).write_bytes((tmp_path / name).read_bytes())
+    (tmp_path / "tiles" / "read.me").touch()
+    assert cli("build", "tiles", "-o", "b.antumbra", "--json").json()["triangles"] == told["triangles"]
+    cli("build", ".", "-o", "c.antumbra", "--up", "y").refused("z up")
+    write_raster(tmp_path / "coarse.tif", heights, (3.0, 0.0, 100050.0, 0.0, -3.0, 450000.0))
+    cli("build", "west.tif", "coarse.tif", "-o", "b.antumbra").refused(
+        "coarse: its cells do not continue those of west"
+    )
+
+
 def test_terrain_below_a_raster_is_its_ground(cli, dem, tmp_path):
     surface = hills(20, 25) + 20.0
     surface[5:9, 5:9] = -1.0

@@ -53,6 +53,13 @@ def test_a_city_knows_its_place_and_gets_attributes(cli, tmp_path):
     assert np.isclose(written["sun_hours"], (table["sun_hours"] * areas).sum() / areas.sum())
 
 
+def test_a_store_has_a_plan_of_its_own(cli):
+    assert cli("build", SCENE, "-o", "a.antumbra").code == 0
+    told = [cli("sun", each, *HERE, *DAY, "--sensors", "raster:8", "-o", "a.csv", "--json").json()
+            for each in (SCENE, "a.antumbra")]  # fmt: skip
+    assert [each["plan"] for each in told] == ["auto", "bsah+chcrt"] and told[0]["means"] == told[1]["means"]
+
+
 def test_a_row_per_building(cli, tmp_path):
     roofed = city_files.solid(semantics={"surfaces": [{"type": "WallSurface"}], "values": [[None, None, 0, 0, 0, 0]]})
     vertices = city_files.CUBE + (85000, 447000, 0)

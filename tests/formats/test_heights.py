@@ -212,6 +212,28 @@ def test_a_store_of_a_raster_is_streamed_and_answers_the_same(tmp_path, monkeypa
     assert (seen["seen"] == expected["seen"]).all() and 0 < seen["seen"].sum() < len(seen)
 
 
+def test_a_store_of_tiles_has_one_surface(tmp_path, monkeypatch):
+    monkeypatch.setattr("antumbra.scene.terrain._HIGH", 5)
+    monkeypatch.setattr("antumbra.scene.terrain._WIDE", 7)
+    heights = hills(24, 31)
+    heights[10:13, 4:9] = np.nan
+    parts = {(0, 0): heights[:9, :20], (7, 0): heights[7:, :20], (0, 20): heights[:, 20:]}  # two of them overlap
+    places = [(2.0, 0.0, 100000.0 + 2.0 * j, 0.0, -2.0, 450000.0 - 2.0 * i) for i, j in parts]
+    tiles = [write_raster(tmp_path / f"{k}.tif", *each) for k, each in enumerate(zip(parts.values(), places))]
+    whole = at.from_raster((heights, places[0], CRS), name=at.from_raster(tiles).name)
+    same(at.from_raster(tiles), whole)
+    at.build_store(whole, tmp_path / "whole.antumbra", chunk=256)
+    for scenes in tiles, (str(tile) for tile in tiles):
+        at.build_store(scenes, tmp_path / "tiles.antumbra", chunk=256)
+        assert (tmp_path / "tiles.antumbra").read_bytes() == (tmp_path / "whole.antumbra").read_bytes()
+    apart = write_raster(tmp_path / "b.tif", heights, (2.0, 0.0, 100063.0, 0.0, -2.0, 450000.0))
+    with pytest.raises(InputError, match="b: its cells do not continue those of 0; warp one: gdalwarp -tap"):
+        at.build_store([*tiles, apart], tmp_path / "c.antumbra")
+    house = at.Scene.from_arrays(whole.bounds[0] + [[[0.0, 0, 0], [9, 0, 0], [9, 9, 9]]], up="z")
+    report = at.build_store([*tiles, house, apart], tmp_path / "c.antumbra")  # `apart` is a surface of its own
+    assert report.triangles == 2 * whole.n_triangles + 1
+
+
 def test_results_come_back_on_the_grid_of_the_input(tmp_path):
     import rasterio
 

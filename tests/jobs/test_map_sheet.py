@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import antumbra as at
+from antumbra.jobs.map_page import round_length
 from antumbra.jobs.map_scale import map_scale
-from antumbra.jobs.map_sheet import facts_of, map_figure, plan_positions, round_length, smooth_cells
+from antumbra.jobs.map_sheet import facts_of, map_figure, plan_positions, smooth_cells
 from antumbra.jobs.result_table import Column, Table
 from result_tables import hill, table
 

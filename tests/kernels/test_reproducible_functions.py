@@ -17,7 +17,7 @@ FREE = {
     "engine/auto/strategies.py": "choices between plans",
     "engine/precompilation.py": "a scene for compiling kernels",
     "jobs/map_scale.py": "ticks of legends",
-    "jobs/map_sheet.py": "arrows on map sheets",
+    "jobs/map_page.py": "arrows and scale bars on map sheets",
     "picture/heat_maps.py": "ticks of legends",
     "scene/lights.py": "the limit of distances",
     "viewer/proxy_mesh.py": "the page of the viewer",

@@ -10,7 +10,7 @@ import antumbra as at
 import gis_files
 import oracle
 from antumbra.scene import terrain
-from antumbra.scene.terrain import GridPoints, HeightGrid, face_of_cells
+from antumbra.scene.terrain import GridPoints, HeightGrid, face_of_cells, faces_of_squares
 
 PLACE = gis_files.PLACE
 HEIGHTS = arrays.arrays(
@@ -58,17 +58,32 @@ def test_the_triangles_are_the_documented_ones(heights, block):
             return
         scene = at.from_raster((heights, PLACE))
         triangles = world(scene)
-        faces = face_of_cells(scene.data.source._surfaces[0])
+        faces, squares = (of(scene.data.source._surfaces[0]) for of in (face_of_cells, faces_of_squares))
     assert as_set(triangles) == as_set(expected) and len(triangles) == len(expected)
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     assert (across[:, 2] > 0.0).all()
     assert scene.meshes[0].triangles == len(expected)
     vertices = {corner for corners in as_set(expected) for corner in corners}
     assert (faces >= 0).sum() == len(vertices)
+    assert np.bincount(squares[squares >= 0], minlength=len(triangles)).max() == 1
+    for (i, j), face in np.ndenumerate(squares):
+        south, east = (not np.isnan(heights[i : i + 2, j : j + 2].ravel()[[0, k, 3]]).any() for k in (2, 1))
+        assert (face >= 0) == (south or east)
+        if face >= 0:
+            corner = (PLACE[2] + 2.0 * j + 1.0 + 2.0 * (not south), PLACE[5] - 2.0 * i - 1.0 - 2.0 * south)
+            assert corner in {tuple(each[:2]) for each in triangles[face].tolist()}
     for (i, j), face in np.ndenumerate(faces):
         if face >= 0:
             place = (PLACE[2] + 2.0 * j + 1.0, PLACE[5] - 2.0 * i - 1.0, heights[i, j])
             assert place in set(map(tuple, triangles[face].tolist()))
+
+
+@given(st.integers(1, 9), st.integers(1, 9))
+def test_the_last_triangle_at_each_vertex(rows, columns):
+    expected = np.full((rows + 1) * (columns + 1), -1)
+    for k, corners in enumerate(terrain._squares(rows, columns)):
+        expected[corners] = k
+    assert terrain._last_faces(rows, columns).reshape(-1).tolist() == expected.tolist()
 
 
 @settings(max_examples=20, deadline=None)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..picture.render_options import GBufferBy
 from . import arguments, console, picture_report
-from .arguments import limit_memory, open_scene
+from .arguments import limit_memory
 from .console import UNFORESEEN, ProgressDisplay, say
 from .installation_commands import about
 from .options import (
@@ -440,7 +440,7 @@ def compare(args: CompareArguments) -> int:
     with ProgressDisplay(spec.quiet) as display:
         display.say("reading the scene")
         start = perf_counter()
-        scene = open_scene(spec.scene_spec, spec.up, spec.quiet)
+        scene = spec.open()
         load = perf_counter() - start
         limit_memory(scene, spec.engine.max_memory)
         time = scene.clamped(args.time or 0.0)

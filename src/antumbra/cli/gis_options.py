@@ -100,15 +100,19 @@ def open_gis_scene(path: Path, options: Options, up: str | None, crs: str | None
     return from_footprints(path, terrain=terrain, crs=crs, **keywords)
 
 
-def stream_raster(path: Path, options: Options, up: str | None) -> "StreamedTerrain | None":
-    """A raster that `antumbra build` reads piece by piece; None for other scenes."""
+def is_streamed(path: Path | None, options: Options) -> bool:
+    """Whether `antumbra build` reads a scene piece by piece: a raster without terrain below it."""
+    return is_raster(path) and not _terrain(options)
+
+
+def stream_rasters(tiles: Sequence[tuple[Path, Options]], up: str | None) -> "StreamedTerrain":
+    """The single surface of rasters with their options, read piece by piece."""
     from ..formats.gis.gis_data import check_z_up, streamed_terrain
     from ..formats.gis.height_files import HeightOptions
 
-    if not is_raster(path) or _terrain(options):
-        return None
-    check_z_up(up, path.name)
-    return streamed_terrain(path, HeightOptions(**_keywords(options, _READERS)))
+    for path, _ in tiles:
+        check_z_up(up, path.name)
+    return streamed_terrain([(path, HeightOptions(**_keywords(options, _READERS))) for path, options in tiles])
 
 
 # --- Options of commands ----------------------------------------------------------------------------------------------

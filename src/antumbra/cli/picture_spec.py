@@ -41,6 +41,7 @@ from .options import (
     writes,
 )
 from .shards import MergeOption, RayOption, ShardOption
+from .tree_options import TreesOption, TreeSpec, add_trees, parse_trees
 
 if TYPE_CHECKING:
     import numpy as np
@@ -136,6 +137,7 @@ class PictureSpec(NamedTuple):
     json: bool
     quiet: bool
     moving: bool  # whether the pictures are the frames of an animation
+    trees: TreeSpec | None = None  # trees that are added to the scene
 
     def check(self, *plans: "str | Plan") -> None:
         """Raise InputError for errors that can be detected before a scene is read.
@@ -150,6 +152,15 @@ class PictureSpec(NamedTuple):
         plan = self.engine.plan
         if self.srdh_rays is not None or plan is not None:  # plans of a comparison are parsed already
             with_sample([parse_plan(each) for each in plans or [plan or DEFAULT_PLAN]], self.srdh_rays)
+
+    def open(self) -> "AnyScene":
+        """The scene, with its trees."""
+        return add_trees(arguments.open_scene(self.scene_spec, self.up, self.quiet), self.trees)
+
+    def scene_digest(self) -> str:
+        """A digest that identifies the scene and its trees."""
+        digest = scene_digest(self.scene_spec)
+        return digest if self.trees is None else f"{digest} {self.trees.digest()}"
 
     def about(self, scene: "AnyScene") -> "PictureSpec":
         """This picture, with the default plan for this kind of scene if no plan was specified."""
@@ -369,6 +380,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
         float | None, typer.Option(help="Frames per second of --frames.  [default: 24]", show_default=False)
     ] = None
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Render finished frames again.")] = False
+    trees: TreesOption = None
     up: UpOption = None
     preset: PresetOption = Preset.standard
     srdh_rays: SrdhRaysOption = None
@@ -449,6 +461,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
             json=self.json,
             quiet=self.quiet,
             moving=self.frames is not None,
+            trees=parse_trees(self.trees),
         )
         if self.frames is None and rays is not None and rays.last_frame:
             raise InputError(

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ..errors import InputError
 from ..files import checked_folder
 from . import arguments, console, picture_report
-from .arguments import FrameSequence, open_scene
+from .arguments import FrameSequence
 from .console import BAD_INPUT, ProgressDisplay, explained, say
 from .options import takes
 from .picture_report import print_choices
-from .picture_spec import PictureSpec, Progress, RenderArguments, Shot, scene_digest
+from .picture_spec import PictureSpec, Progress, RenderArguments, Shot
 from .shards import executor_for, report_shard
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ class Animation:
         self.timings: dict[str, float] = {}  # sums over these frames
         self.unforeseen: Exception | None = None  # the first error not caused by the input
         self.start = perf_counter()
-        self._digest = scene_digest(job.spec.scene_spec)
+        self._digest = job.spec.scene_digest()
         self._renderer = job.spec.renderer(job.scene)
         self._noted_replacement = False  # whether a note about replaced pictures was printed
         self._again = set(sequence.numbers) if job.overwrite else set[int]()  # frames to render even if finished
@@ -396,6 +396,7 @@ def render(args: RenderArguments) -> int:
       antumbra render
       antumbra render sponza.glb --size 1920x1080 --spp 64 -o sponza.exr
       antumbra render city.ply --up z --light sun:1,0.5,-1 --camera=-90,-60,40:0,0,5
+      antumbra render city.city.json --trees "trees.gpkg?height=h&radius=r&transmittance=0.2"
       antumbra render hall.glb --light point:0,3,0@50 --light sphere:2,1,2:0.2@10 --counters
       antumbra render hall.glb --ao 2 --spp 64 --counters --html hall.html
       antumbra render hall.glb --vpl 1000
@@ -422,7 +423,7 @@ def render(args: RenderArguments) -> int:
     with ProgressDisplay(spec.quiet) as display:
         display.say("reading the scene")
         start = perf_counter()
-        opened = open_scene(spec.scene_spec, spec.up, spec.quiet)
+        opened = spec.open()
         spec = spec.about(opened)
         load = perf_counter() - start
         display.say("preparing")
@@ -431,7 +432,7 @@ def render(args: RenderArguments) -> int:
             animation = render_frames(job, sequence, display, executor or LocalExecutor())
         else:
             linear = path.suffix.lower() == ".exr"
-            digest = scene_digest(spec.scene_spec) if linear or executor else ""
+            digest = spec.scene_digest() if linear or executor else ""
             shot: Shot | None
             if executor is None:
                 shot = spec.shot(opened, spec.renderer(opened), args.time or 0.0, display.parts, linear)

@@ -5,6 +5,7 @@ They describe a scene, list and export procedural scenes, list file formats, and
 
 from collections import Counter
 from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,11 +15,12 @@ import typer
 from ..checks import alternatives
 from ..engine.scene_reading import SCENE_FORMATS
 from ..errors import InputError
+from ..formats.array_files import FILES
 from ..formats.format_registry import SCENE_WRITERS, check_output, write_scene
 from . import arguments, console
 from .arguments import SceneSpec, open_scene
 from .console import ProgressDisplay
-from .gis_options import stream_raster
+from .gis_options import is_raster, is_streamed, stream_rasters
 from .options import SCENE_HELP, Json, Quiet, Threads, UpOption, writes
 
 if TYPE_CHECKING:
@@ -333,17 +335,20 @@ def build(
 
     A store holds the triangles in chunks, each with its BVH and checksums. Several scenes are merged in the given
     order, in their state at time 0, with all their cameras and lights. procedural:city is generated and written block
-    by block, at any size, and so are rasters of heights. Other scenes are read into memory one at a time. The same
-    scenes give the same bytes for any --max-memory and --threads.
+    by block, at any size, and so are rasters of heights. Rasters that follow one another, and those of a folder, are
+    tiles of one surface.
+    Other scenes are read into memory one at a time. The same scenes give the same bytes for any --max-memory and
+    --threads.
 
     \b
     Examples
       antumbra build sponza.glb -o sponza.antumbra
       antumbra build "procedural:city?triangles=350M" -o city.antumbra --max-memory 4G
       antumbra build dem.tif -o dem.antumbra --max-memory 4G
+      antumbra build west.tif east.tif -o dem.antumbra
       antumbra info city.antumbra --check
     """
-    specs = [arguments.parse_scene(text) for text in scenes]
+    specs = [spec for text in scenes for spec in _tiles_of(arguments.parse_scene(text))]
     memory = arguments.parse_bytes(max_memory, "--max-memory")
 
     from ..engine.store_building import build_store
@@ -360,6 +365,13 @@ def build(
         console.print_fields(_build_fields(report, peak))
 
 
+def _tiles_of(spec: SceneSpec) -> list[SceneSpec]:
+    """The scene, or the rasters of heights in a folder, by name; a folder of vertex frames is a scene."""
+    if spec.path is None or not spec.path.is_dir() or any((spec.path / name).exists() for name in FILES):
+        return [spec]
+    return [SceneSpec(path) for path in sorted(spec.path.iterdir()) if is_raster(path)] or [spec]
+
+
 def _opened(
     specs: list[SceneSpec], up: str | None, threads: int | None, quiet: bool
 ) -> "Iterator[AnyScene | StreamedCity | StreamedTerrain]":
@@ -367,12 +379,15 @@ def _opened(
     from ..generate.generated_scene import StreamedCity
     from ..kernels.parallel import thread_count
 
-    for spec in specs:
-        if spec.path is None and spec.name == "city" and up is None:
-            yield StreamedCity(spec.triangles, spec.seed, thread_count(threads))
-        else:
-            stream = None if spec.path is None else stream_raster(spec.path, spec.gis, up)
-            yield open_scene(spec, up, quiet) if stream is None else stream
+    for streamed, group in groupby(specs, lambda spec: is_streamed(spec.path, spec.gis)):
+        if streamed:
+            yield stream_rasters([(spec.path, spec.gis) for spec in group if spec.path is not None], up)
+            continue
+        for spec in group:
+            if spec.path is None and spec.name == "city" and up is None:
+                yield StreamedCity(spec.triangles, spec.seed, thread_count(threads))
+            else:
+                yield open_scene(spec, up, quiet)
 
 
 def _build_fields(report: "BuildReport", peak: int | None) -> Iterator[tuple[str, str]]:

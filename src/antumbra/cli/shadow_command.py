@@ -18,6 +18,7 @@ from .options import (
     CrsOption,
     DegreesOption,
     Json,
+    MapOption,
     NorthOption,
     Quiet,
     TimezoneOption,
@@ -27,6 +28,7 @@ from .options import (
     tables,
     takes,
 )
+from .tree_options import TreesOption, add_trees, parse_trees
 
 if TYPE_CHECKING:
     from ..jobs.shadow.shadow_polygons import Shadow
@@ -42,12 +44,14 @@ class ShadowArguments(_Options):  # type: ignore[misc] # made from the options o
     """The command-line arguments and options, besides those derived from `ShadowOptions`."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
-    crs: Annotated[CrsOption, Before("plan")] = None
+    trees: Annotated[TreesOption, Before("plan")] = None
+    crs: CrsOption = None
     latitude: DegreesOption = None
     longitude: DegreesOption = None
     north: NorthOption = None
     timezone: TimezoneOption = None
     output: Annotated[list[Path] | None, tables("Output file", "--output", "-o", suffixes=_SUFFIXES)] = None
+    map: MapOption = None
     up: Annotated[UpOption, Before("threads")] = None
     json: Annotated[Json, Before("")] = False
     quiet: Quiet = False
@@ -65,16 +69,20 @@ def shadow(args: ShadowArguments) -> int:
     Outputs
       .gpkg .geojson .parquet    polygons with their area; GeoJSON in WGS 84
       .tif                       GeoTIFF of the cells
+      --map .pdf                 map sheet for a report, also .svg and .png
 
     \b
     Examples
       antumbra shadow city.city.json --at 2026-06-21T15:00 --timezone Europe/Amsterdam -o shadow.gpkg
       antumbra shadow city.city.json --at 2026-06-21T15:00 --by object --casters "Building*" -o shadows.parquet
       antumbra shadow city.city.json --days 2026-03-21 --cell 0.5 --classes 0,2,4,6 -o hours.gpkg -o hours.tif
+      antumbra shadow city.city.json --days 2026-06-21 --trees "trees.gpkg?height=h&radius=r&transmittance=0.2" -o h.tif
+      antumbra shadow city.city.json --at 2026-12-21T12:00 --map sheet.pdf
       antumbra shadow house.glb --latitude 52 --longitude 4.36 --at 2026-12-21T12:00+01:00 -o shadow.geojson
     """
     spec = parse_scene(args.scene)
 
+    from ..jobs.map_page import check_map
     from ..jobs.shadow.shadow import shadow as find_shadow
     from ..jobs.shadow.shadow_polygons import check_shadow_output
     from ..jobs.sun.location import place_of, position_fields
@@ -83,21 +91,31 @@ def shadow(args: ShadowArguments) -> int:
     position = position_fields(**{name: getattr(args, name) for name in names})
     options = ShadowOptions(**literal(args, ShadowOptions))
     options.check_moment()
-    outputs = args.output or [Path(f"{spec.stem}-shadow.gpkg")]
+    trees = parse_trees(args.trees)
+    if trees is not None and options.on_plane:
+        trees.check_solid("the outline on a plane is that of solid crowns; with --cell SIZE, they let light pass")
+    maps = args.map or []
+    outputs = args.output or ([] if maps else [Path(f"{spec.stem}-shadow.gpkg")])
+    for path in maps:
+        check_map(path)
     for path in outputs:
         check_shadow_output(path, not options.on_plane)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(spec, args.up, args.quiet, args.crs)
-        scene = in_memory(scene) if options.on_plane else scene
+        bare = open_scene(spec, args.up, args.quiet, args.crs)
+        scene = add_trees(in_memory(bare) if options.on_plane else bare, trees)
         place = place_of(scene, **position)
         start = perf_counter()
-        result = find_shadow(scene, **field_values(replace(options, place=place)))
+        result = find_shadow(scene, surface=bare, **field_values(replace(options, place=place)))
         seconds = perf_counter() - start
         display.say("writing")
+        if args.trees is not None:
+            result.about["trees"] = args.trees
         for path in outputs:
             result.save(path)
-    _print_summary(args, result, seconds, [str(path) for path in outputs])
+        for path in maps:
+            result.save_map(path)
+    _print_summary(args, result, seconds, [str(path) for path in [*outputs, *maps]])
     return 0
 
 

@@ -37,7 +37,7 @@ from .options import (
     writes,
 )
 from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
-from .tree_options import TreesOption, add_trees, parse_trees
+from .tree_options import TreesOption, add_trees, parse_trees, sensors_below_trees
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -119,7 +119,7 @@ def los(args: SightArguments) -> int:
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import check_file_crs
 
-    trees = None if args.trees is None else parse_trees(args.trees)
+    trees = parse_trees(args.trees)
     check_pairs(args.pairs)
     outputs = args.output or []
     writers = [writer_of(path, "points") for path in outputs]
@@ -274,11 +274,11 @@ def viewshed(args: ViewshedArguments) -> int:
     from ..jobs.bit_matrices import write_rows
     from ..jobs.line_of_sight.line_points import points_along
     from ..jobs.line_of_sight.viewshed import viewshed as compute_viewshed
-    from ..jobs.map_sheet import check_map
+    from ..jobs.map_page import check_map
     from ..jobs.result_table import writer_of
-    from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of, sensors_of
+    from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of
 
-    trees = None if args.trees is None else parse_trees(args.trees)
+    trees = parse_trees(args.trees)
     sensor_form = args.sensors or ("raster" if spec.on_raster else "face")
     check_sensors(sensor_form)
     outputs = args.output or []
@@ -305,10 +305,10 @@ def viewshed(args: ViewshedArguments) -> int:
         observers: Any = None if eyes is None else eyes.points
         if args.along is not None:
             observers = points_along(args.along, args.spacing or 0.0, crs=opened.crs)
-        sensors = sensors_of(sensor_form, bare, args.threads)
+        sensors = sensors_below_trees(sensor_form, bare, opened, args.threads)
         camera = None if camera_spec is None else arguments.make_camera(camera_spec, opened, args.time, _SIZE)
         start = perf_counter()
-        result = compute_viewshed(opened, sensors, observers, **field_values(options))
+        result = compute_viewshed(opened, sensors, observers, surface=bare, **field_values(options))
         seconds = perf_counter() - start
         display.say("writing the results")
         table = result.table
@@ -384,6 +384,7 @@ class MatrixArguments:
         ),
     ] = None
     counts: Annotated[list[Path] | None, tables("File of the number of targets visible from each sensor")] = None
+    trees: TreesOption = None
     plan: PlanOption = None
     time: TimeOption = 0.0
     up: UpOption = None
@@ -408,13 +409,15 @@ def matrix(args: MatrixArguments) -> int:
       antumbra matrix --sparse faces.npz
       antumbra matrix hall.glb --sensors grid:0.5 -o seen.npy --counts seen.png
       antumbra matrix city.glb --up z --sensors people.csv --targets face -o seen.npy --sparse seen.npz
+      antumbra matrix city.glb --up z --sensors raster:5+1.6 --trees "trees.gpkg?height=h&radius=r" -o seen.npy
     """
     spec = arguments.parse_scene(args.scene)
 
     from ..jobs.line_of_sight.visibility_matrix import visibility_matrix
     from ..jobs.result_table import Column, Table
-    from ..jobs.sensor_files import check_sensors, sensors_of
+    from ..jobs.sensor_files import check_sensors
 
+    trees = parse_trees(args.trees)
     check_sensors(args.sensors)
     if args.targets is not None:
         check_sensors(args.targets, "--targets")
@@ -423,10 +426,12 @@ def matrix(args: MatrixArguments) -> int:
     executor = executor_for(args, outputs[0])
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, args.up, args.quiet, args.crs)
+        bare = open_scene(spec, args.up, args.quiet, args.crs)
+        opened = add_trees(bare, trees)
         display.say("preparing")
-        sensors = sensors_of(args.sensors, opened, args.threads)
-        others = None if args.targets is None else sensors_of(args.targets, opened, args.threads)
+        sensors, others = sensors_below_trees(args.sensors, bare, opened, args.threads), None
+        if args.targets is not None:
+            others = sensors_below_trees(args.targets, bare, opened, args.threads)
         start = perf_counter()
         result = visibility_matrix(
             opened, sensors, others, output=bits, plan=args.plan, time=args.time, threads=args.threads, keep=executor

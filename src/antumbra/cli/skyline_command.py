@@ -19,6 +19,7 @@ from .options import (
     Before,
     CrsOption,
     Json,
+    MapOption,
     Quiet,
     UpOption,
     arguments_of,
@@ -26,6 +27,7 @@ from .options import (
     tables,
     takes,
 )
+from .tree_options import TreesOption, add_trees, parse_trees, sensors_below_trees
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -55,9 +57,11 @@ class SkylineArguments(_Options):  # type: ignore[misc] # made from the options 
             show_default=False,
         ),
     ] = None
+    trees: TreesOption = None
     output: Annotated[
         list[Path] | None, tables("Output file, .txt for PVGIS", "--output", "-o", suffixes=_SUFFIXES), Before("time")
     ] = None
+    map: MapOption = None
     highest: Annotated[
         bool, typer.Option(help="In a .txt file, the highest elevation near each azimuth instead of that along it.")
     ] = False
@@ -73,18 +77,24 @@ def skyline(args: SkylineArguments) -> int:
 
     Azimuths are degrees clockwise from true north. elevation is that along an azimuth, highest the greatest within half
     a step on both sides, so nothing between two azimuths is missed. -90: there is nothing; 90: the point lies below
-    a roof. A .txt file is the horizon file of PVGIS for one point.
+    a roof. A .txt file is the horizon file of PVGIS for one point. --map draws its polar diagram, with the paths of the
+    sun if the scene has a CRS.
 
     \b
     Examples
       antumbra skyline city.glb --at 0,1.7,8 -o skyline.csv
       antumbra skyline city.city.json --at 85000,446500,1.6 --on-surface --eye-height 1.6 --step 7.5 -o horizon.txt
+      antumbra skyline city.city.json --at 85000,446500,12.5 --map horizon.pdf
       antumbra skyline city.city.json --points stations.csv --step 1 -o skylines.npz
+      antumbra skyline city.city.json --points roofs.csv --trees "trees.gpkg?height=h&radius=r" -o skylines.csv
       antumbra skyline city.glb --up z --north 0.81 --points raster:10 --eye-height 1.6 -o skylines.json
     """
     spec = arguments.parse_scene(args.scene)
-    options = SkylineOptions(**literal(args, SkylineOptions))
+    options, trees = SkylineOptions(**literal(args, SkylineOptions)), parse_trees(args.trees)
+    if trees is not None:
+        trees.check_solid("a skyline is the edge of solid things, and crowns count as solid")
 
+    from ..jobs.map_page import check_map
     from ..jobs.sensor_files import check_sensors
     from ..jobs.skyline.skyline import check_skyline_output
     from ..jobs.skyline.skyline import skyline as find_skylines
@@ -93,34 +103,40 @@ def skyline(args: SkylineArguments) -> int:
         check_sensors(args.points, "--points")
     if (args.at is None) == (args.points is None):
         raise InputError("there are no points, or two kinds of them; give --at X,Y,Z or --points FILE")
-    outputs = args.output or []
+    outputs, maps = args.output or [], args.map or []
+    for path in maps:
+        check_map(path)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = in_memory(open_scene(spec, args.up, args.quiet, args.crs))
-        points = _points(args, opened)
-        for path in outputs:
+        bare = in_memory(open_scene(spec, args.up, args.quiet, args.crs))
+        opened = add_trees(bare, trees)
+        points = _points(args, bare, opened)
+        for path in [*outputs, *maps]:
             check_skyline_output(path, len(points))
         start = perf_counter()
-        result = find_skylines(opened, points, **field_values(options))
+        result = find_skylines(opened, points, surface=bare, **field_values(options))
         seconds = perf_counter() - start
         display.say("writing the results")
+        if args.trees is not None:
+            result.about["trees"] = args.trees
         for path in outputs:
             result.save(path, highest=args.highest)
+        for path in maps:
+            result.save_map(path)
     _print_summary(args, opened.name, result, seconds)
     return 0
 
 
-def _points(args: SkylineArguments, scene: "AnyScene") -> "Sensors":
-    from ..jobs.sensor_files import sensors_of
+def _points(args: SkylineArguments, bare: "AnyScene", scene: "AnyScene") -> "Sensors":
     from ..jobs.sensors import point_sensors
 
     if args.points is not None:
-        return sensors_of(args.points, scene, args.threads)
+        return sensors_below_trees(args.points, bare, scene, args.threads)
     return point_sensors([arguments.parse_point(text, "--at") for text in args.at or []])
 
 
 def _print_summary(args: SkylineArguments, name: str, skyline: "Skyline", seconds: float) -> None:
-    outputs, factors = [str(path) for path in args.output or []], skyline.sky_view_factor()
+    outputs, factors = [str(path) for path in [*(args.output or []), *(args.map or [])]], skyline.sky_view_factor()
     rows = [
         {
             "point": ",".join(f"{c:.9g}" for c in point),

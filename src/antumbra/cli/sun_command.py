@@ -37,7 +37,7 @@ from .options import (
     writes,
 )
 from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
-from .tree_options import TreesOption, add_trees, parse_trees
+from .tree_options import TreesOption, add_trees, parse_trees, sensors_below_trees
 
 if TYPE_CHECKING:
     from ..jobs.result_table import Table
@@ -138,12 +138,13 @@ def sun(args: SunArguments) -> int:
       antumbra sun city.city.json --rule br209-amenity --areas gardens.geojson -o gardens.tif
       antumbra sun city.city.json --days year:2026 --energy --surfaces RoofSurface --per building -o roofs.csv
     """
+    from ..engine.engine import default_plan_of
     from ..jobs.ground_areas import SPACING, check_areas
-    from ..jobs.sensor_files import check_sensors, sensors_of
+    from ..jobs.sensor_files import check_sensors
     from ..jobs.sun.location import place_of, position_fields
     from ..jobs.sun.sun_hours import sun_hours
 
-    spec, trees = parse_scene(args.scene), None if args.trees is None else parse_trees(args.trees)
+    spec, trees = parse_scene(args.scene), parse_trees(args.trees)
     names = "latitude", "longitude", "north", "timezone"
     position = position_fields(**{name: getattr(args, name) for name in names})
     in_areas = args.areas is not None
@@ -166,7 +167,7 @@ def sun(args: SunArguments) -> int:
         scene = add_trees(bare, trees)
         limit_memory(scene, memory)
         place = place_of(scene, **position)
-        sensors = sensors_of(sensor_form, bare, args.threads, args.areas)
+        sensors = sensors_below_trees(sensor_form, bare, scene, args.threads, args.areas)
         display.say("preparing")
         run = partial(sun_hours, scene, **field_values(replace(options, place=place)))
         if args.column is not None:
@@ -177,7 +178,8 @@ def sun(args: SunArguments) -> int:
         seconds = perf_counter() - start
         if table is None:
             return report_shard(executor, args, seconds)
-        table.about |= {"scene": args.scene, "sensors": sensor_form, "plan": args.plan}
+        plan = args.plan or default_plan_of(scene.data)
+        table.about |= {"scene": args.scene, "sensors": sensor_form, "plan": str(plan)}
         if args.trees is not None:
             table.about["trees"] = args.trees
         display.say("writing")
@@ -194,7 +196,7 @@ def sun(args: SunArguments) -> int:
 
 def _checked_outputs(args: SunArguments, spec: SceneSpec, sensors: str) -> list[Path]:
     """The output files, whose formats are checked before a scene is read."""
-    from ..jobs.map_sheet import check_map
+    from ..jobs.map_page import check_map
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import kind_of
 

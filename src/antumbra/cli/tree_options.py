@@ -4,10 +4,13 @@
 transmittance of a scene.
 """
 
+import hashlib
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from urllib.parse import parse_qsl
 
+import numpy as np
 import typer
 
 from ..checks import spelling_hint
@@ -17,6 +20,8 @@ from ..scene.materials import MONTHS
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
+    from ..jobs.ground_areas import AreaLike
+    from ..jobs.sensors import Sensors
 
 TreesOption = Annotated[
     str | None,
@@ -41,15 +46,28 @@ class TreeSpec(NamedTuple):
     path: Path
     keywords: dict[str, Any]
 
+    def check_solid(self, why: str) -> None:
+        """Raise an InputError if crowns let light pass, and a command knows only solid ones; `why`: the reason."""
+        if _SHARE in self.keywords:
+            raise InputError(f"--trees {self.path.name}: {why}; leave {_SHARE} out")
 
-def parse_trees(text: str) -> TreeSpec:
-    """The file and the options of the text of ``--trees``.
+    def digest(self) -> str:
+        """A digest of the file and the options."""
+        with self.path.open("rb") as stream:
+            contents = hashlib.file_digest(stream, "sha256").hexdigest()
+        return hashlib.sha256(f"{contents} {self.keywords}".encode(), usedforsecurity=False).hexdigest()
+
+
+def parse_trees(text: str | None) -> TreeSpec | None:
+    """The file and the options of the text of ``--trees``; None without a text.
 
     Raises
     ------
     InputError
         If the file is missing or has another suffix, or an option is unknown, empty or repeated.
     """
+    if text is None:
+        return None
     file, _, query = text.partition("?")
     keywords: dict[str, Any] = {}
     allowed = (*_NUMBERS, _SHARE, *_TEXTS)
@@ -70,6 +88,22 @@ def add_trees(scene: "AnyScene", spec: TreeSpec | None) -> "AnyScene":
     from ..engine.tree_scenes import from_trees
 
     return from_trees(spec.path, scene=scene, **spec.keywords)
+
+
+def sensors_below_trees(
+    text: str, bare: "AnyScene", scene: "AnyScene", threads: int | None = None, areas: "AreaLike | None" = None
+) -> "Sensors":
+    """The sensors that a text names on a scene without its trees, for the scene with them.
+
+    bare, scene : without and with the trees, which follow all other faces
+    """
+    from ..jobs.sensor_files import sensors_of
+
+    sensors = sensors_of(text, bare, threads, areas)
+    if sensors.corners is None or scene is bare:
+        return sensors
+    of_trees = np.full((scene.n_triangles - len(sensors.corners), 3), -1)
+    return replace(sensors, corners=np.concatenate([sensors.corners, of_trees]))
 
 
 def _number_or_text(text: str) -> float | str:

@@ -26,6 +26,7 @@ from .options import (
     UpOption,
     takes,
 )
+from .tree_options import TreesOption, add_trees, parse_trees, sensors_below_trees
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -72,6 +73,7 @@ class VisibleArguments:
         Path | None, typer.Option(help="The points of the target, perhaps with normals.", show_default=False)
     ] = None
     spacing: Annotated[float, typer.Option(help="World units between points on objects and polygons.")] = 1.0
+    trees: TreesOption = None
     output: OutputsOption = None
     column: ColumnOption = None
     plan: PlanOption = None
@@ -100,8 +102,9 @@ def visible(args: VisibleArguments) -> int:
 
     from ..jobs.line_of_sight.targets import visible_share
     from ..jobs.result_table import writer_of
-    from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of, sensors_of
+    from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of
 
+    trees = parse_trees(args.trees)
     sensor_form = args.sensors or ("raster" if spec.on_raster else "face")
     check_sensors(sensor_form)
     outputs = args.output or []
@@ -116,11 +119,12 @@ def visible(args: VisibleArguments) -> int:
         raise InputError("--turbine needs --hub-height and --rotor")
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, args.up, args.quiet, args.crs)
+        bare = open_scene(spec, args.up, args.quiet, args.crs)
+        opened = add_trees(bare, trees)
         check_file_crs(opened, args.polygon, args.points)
         display.say("preparing")
-        target = _target(args, opened)
-        sensors = sensors_of(sensor_form, opened, args.threads)
+        target = _target(args, bare)
+        sensors = sensors_below_trees(sensor_form, bare, opened, args.threads)
         start = perf_counter()
         table = visible_share(
             opened, sensors, target, samples=args.samples, plan=args.plan, time=args.time, threads=args.threads

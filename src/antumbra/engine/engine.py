@@ -319,7 +319,10 @@ class Engine:
         if triangles is not None:
             hit = triangles, face
             return lambda: hit
-        copy, moment, source = rays.copied(), self._moment(time), cast("Paged", self.source)
+        moment = self._moment(time)
+        if isinstance(self.source, InMemory):  # over terrain, triangles are made only if they are asked for
+            return lambda: (cast(SceneTrees, self._trees).triangles(moment, self.threads), face)
+        copy, source = rays.copied(), cast("Paged", self.source)
 
         def find() -> tuple[Triangles, np.ndarray]:
             with self.lock:
@@ -330,6 +333,10 @@ class Engine:
     def _traced(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None) -> TracedRays:
         moment = self._moment(time)
         threads = self.threads if threads is None else thread_count(threads)
+        if isinstance(self.source, InMemory) and self.source.ray_lists.plan is None:
+            hits = self.terrain.trace_rays(self.plan, rays, any_hit, threads)
+            if hits is not None:
+                return TracedRays(hits, None)
         return self._ask(threads, lambda source: source.trace_rays(rays, any_hit, moment, threads))
 
     def _moment(self, time: float) -> float:

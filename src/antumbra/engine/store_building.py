@@ -2,7 +2,8 @@
 
 import os
 from collections.abc import Iterable, Iterator
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from ..checks import byte_count, path_of, quoted, whole_number
 from ..errors import InputError
@@ -37,7 +38,8 @@ def build_store(
     ----------
     scenes : Scene, or anything that `antumbra.load` accepts, or an iterable of them
         The scenes at time 0, merged in this order. Cameras and lights of all scenes are kept. Scenes are read one
-        after the other, so a generator may release each scene after yielding it. Raster files of heights are streamed.
+        after the other, so a generator may release each scene after yielding it. Raster files of heights are streamed,
+        and those that follow one another are tiles of one surface.
     path : str or path-like
         A file ``*.antumbra``. It is written atomically. During the build, unnamed temporary files in the same folder
         take about 55 bytes per triangle.
@@ -58,8 +60,8 @@ def build_store(
     Raises
     ------
     InputError
-        If the scenes have no triangles, lie too far apart, or have different up axes; or if the path cannot be written
-        or the disk is full. No partial file is left behind.
+        If the scenes have no triangles, lie too far apart, or have different up axes; if tiles do not share a grid; or
+        if the path cannot be written or the disk is full. No partial file is left behind.
     """
     data = _scene_data_of_all(scenes)
     path, threads = checked_output(path, (STORE_SUFFIX,)), thread_count(threads)
@@ -79,16 +81,38 @@ def _scene_data_of_all(scenes: Any) -> Iterator[SceneData | StreamedScene]:
         iter(scenes)
     except TypeError:
         raise InputError(f"scenes are {quoted(scenes)}; give a scene, or several in a list") from None
-    return map(_scene_data, scenes)  # unlike a generator, `map` holds no reference to the last scene
+    return map(_scene_data, _with_tiles(scenes))  # unlike a generator, `map` holds no reference to the last scene
 
 
-def _scene_data(scene: "SceneLike | StreamedScene") -> SceneData | StreamedScene:
+class _Tiles(NamedTuple):
+    """Raster files of heights that are tiles of one surface."""
+
+    paths: list[Path]
+
+
+def _with_tiles(scenes: "Iterable[SceneLike | StreamedScene]") -> "Iterator[SceneLike | StreamedScene | _Tiles]":
+    """The scenes, with `_Tiles` of the raster files of heights that follow one another."""
+    tiles, others = list[Path](), list[Any]()
+    for scene in scenes:
+        path = path_of(scene, "scene") if isinstance(scene, (str, os.PathLike)) else None
+        if path is not None and path.suffix.lower() in HEIGHTS.suffixes:
+            tiles.append(path)
+            continue
+        if tiles:
+            yield _Tiles(tiles)
+            tiles = []
+        others.append(scene)
+        del scene
+        yield others.pop()  # so that no reference is left
+    if tiles:
+        yield _Tiles(tiles)
+
+
+def _scene_data(scene: "SceneLike | StreamedScene | _Tiles") -> SceneData | StreamedScene:
     """The data of a scene; rasters of heights are streamed from their files."""
-    if isinstance(scene, StreamedScene):
-        return scene
-    if isinstance(scene, (str, os.PathLike)) and (path := path_of(scene, "scene")).suffix.lower() in HEIGHTS.suffixes:
-        return streamed_terrain(path, HeightOptions())
-    return scene_of(scene).data
+    if isinstance(scene, _Tiles):
+        return streamed_terrain([(path, HeightOptions()) for path in scene.paths])
+    return scene if isinstance(scene, StreamedScene) else scene_of(scene).data
 
 
 def store_job() -> Job:

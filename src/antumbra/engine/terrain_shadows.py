@@ -1,13 +1,14 @@
 """Shadow queries at points over terrain, without a tree and without stored triangles.
 
-The plan ``auto`` answers queries at points by these rays if the scene is a single raster of heights. They take about 10
-bytes per cell, where triangles and their trees take about 400, and have the bits of every other plan. Pictures, ray
-lists and other plans use the triangles.
+The plan ``auto`` answers queries at points, and finds any or the nearest hits of ray lists, by these rays if the scene
+is a single raster of heights. They take about 10 bytes per cell, where triangles and their trees take about 400, and
+have the bits of every other plan. Pictures, lists of all hits and other plans use the triangles.
 
 Rays from the vertices towards distant lights go 16 at a time, along stencils. They are faster than any tree.
 """
 
 from collections.abc import Sequence
+from time import perf_counter
 from typing import cast
 
 import numpy as np
@@ -18,23 +19,28 @@ from ..formats.gis.height_files import HeightOptions
 from ..progress import ProgressCallback
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
+from ..query.ray_list import HitArrays, HitFilter, RayArguments, changed_error, hit_arrays, rays_of
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery, new_bits
 from ..scene.light_lists import DirectionalLights
 from ..scene.lights import DIRECTIONAL, Light
 from ..scene.scene_bounds import flush_to_zero
 from ..scene.scene_data import MemoryData, SceneData
-from ..scene.terrain import HeightGrid, TerrainSurfaces
+from ..scene.terrain import HeightGrid, TerrainSurfaces, faces_of_squares
+from ..trace.rays.local_rays import are_valid, local_rays
 from ..trace.terrain_lanes import trace_stencils
+from ..trace.terrain_ray_lists import MOST_EXTENTS, trace_rays
 from ..trace.terrain_rays import TerrainTree, terrain_tree, trace_terrain
 from ..trace.terrain_stencils import Relief, Stencils, relief_of, stencils_of
 from ..trace.transmission import TracedQuery
+from .auto.cost_model import GOOD, build_seconds
 from .plan import DEFAULT_PLAN, Plan
 from .precompilation import Job, fixed_job, precompile
 
 _TREE_BYTES = 400  # memory of a triangle with its trees
 _SHARE = 0.7  # of the available memory, which they may take
 _RAYS_PER_TRIANGLE = 4  # rays that take as much longer here than in a tree as the tree takes to build
+_LISTED = 1 << 16  # rays of a list that are traced between looks at the clock
 _NO_CORNERS = np.empty((0, 9), np.float32)
 
 
@@ -53,7 +59,9 @@ class TerrainShadows:
         self._data = data
         self._tree: TerrainTree | None = None
         self._relief: Relief | None = None  # made with the first stencils
+        self._squares: NDArray[np.int32] | None = None  # made for the first nearest hits
         self._rays = 0  # of all queries so far
+        self._seconds = 0.0  # of all threads, spent on ray lists so far
         self._has_room: bool | None = None  # for a tree; None: not needed yet
 
     def serves(self, plan: Plan, receivers: Receivers, lights: Sequence[Light], rays: int) -> bool:
@@ -67,14 +75,51 @@ class TerrainShadows:
         if all(isinstance(light, DirectionalLights) for light in lights) and _follows_rows(receivers, surface):
             return True
         self._rays += rays
-        triangles = self._data.n_triangles
-        if self._rays <= _RAYS_PER_TRIANGLE * triangles:
-            return True
+        return self._rays <= _RAYS_PER_TRIANGLE * self._data.n_triangles or not self._has_room_for_tree()
+
+    def _has_room_for_tree(self) -> bool:
         if self._has_room is None:
             from ..store.system_resources import available_memory  # scenes in memory need no stores
 
-            self._has_room = _TREE_BYTES * triangles <= _SHARE * (available_memory() or 0)
-        return not self._has_room
+            self._has_room = _TREE_BYTES * self._data.n_triangles <= _SHARE * (available_memory() or 0)
+        return self._has_room
+
+    def trace_rays(self, plan: Plan, rays: RayArguments, any_hit: bool, threads: int) -> HitArrays | None:
+        """The hits of the rays of a plan; None if they are to be traced through a tree.
+
+        That is so once rays have taken as long here as it takes to build one, if there is room for it. Rays below the
+        surface take many times as long as others, so time is counted, not rays.
+
+        Raises
+        ------
+        InputError
+            If a ray is invalid: NaN, infinity, a zero direction, ...
+        """
+        surface = terrain_of(self._data) if str(plan) == DEFAULT_PLAN else None
+        if surface is None or not (isinstance(rays.skip, float) and rays.skip < 0.0):
+            return None
+        budget = build_seconds(GOOD, self._data.n_triangles)
+        if self._seconds > budget and self._has_room_for_tree():
+            return None
+        local = local_rays(rays.arrays(), rays.cull_faces)
+        if not are_valid(local):
+            rays.arrays().check()
+            raise changed_error()
+        reach = MOST_EXTENTS * float(np.ptp(self._data.bounds, axis=0)[:2].max())
+        ends = (local.origins, local.directions) if rays.segments else (local.origins,)
+        if any(each.size and float(np.abs(each).max()) > reach for each in ends):
+            return None
+        precompile(terrain_rays_job)
+        if not any_hit and self._squares is None:
+            self._squares = faces_of_squares(surface)
+        squares, out = None if any_hit else self._squares, hit_arrays(rays.n, any_hit)
+        for first in range(0, rays.n, _LISTED):
+            start, part = perf_counter(), slice(first, first + _LISTED)
+            trace_rays(self.tree, squares, local.part(part), HitArrays(*(each[part] for each in out)), threads)
+            self._seconds += (perf_counter() - start) * threads
+            if self._seconds > budget and self._has_room_for_tree():
+                return None
+        return out
 
     @property
     def tree(self) -> TerrainTree:
@@ -108,7 +153,8 @@ class TerrainShadows:
         box = flush_to_zero((data.bounds - data.origin).astype(np.float32))
         reach = reach_of(box, origins, threads) if origins.size else 1.0
         no_faces, traced = np.full(sides.shape, -1, np.int32), []
-        in_rows = _follows_rows(receivers, cast(HeightGrid, terrain_of(data)))
+        distant = any(isinstance(light, DirectionalLights) for light in lights)
+        in_rows = distant and _follows_rows(receivers, cast(HeightGrid, terrain_of(data)))
         for light, sets in zip(lights, samples):
             patch = place(light, data.origin, box, reach)
             query = ShadowQuery(origins, no_faces, sides, normals, _NO_CORNERS, patch, sets, facing, no_faces)
@@ -146,3 +192,14 @@ def terrain_job() -> Job:
             TerrainShadows(data).trace(receivers, [light], [light_samples(light, 1)], 0, 1, None)
 
     return fixed_job("terrain", work)
+
+
+def terrain_rays_job() -> Job:
+    """The job of ray lists over terrain."""
+
+    def work() -> None:
+        data = terrain_data((np.zeros((3, 3)), (1.0, 0.0, 0.0, 0.0, -1.0, 0.0)), HeightOptions())
+        rays = rays_of(np.zeros((1, 3)), np.ones(3), HitFilter(), (0.0, 0.0, 0.0), data.n_triangles)
+        trace_rays(TerrainShadows(data).tree, None, local_rays(rays.arrays(), 0), hit_arrays(1, True), 1)
+
+    return fixed_job("ray lists over terrain", work)

@@ -15,7 +15,7 @@
 - `surface_columns`: surfaces in tables, and tables with a row per surface or building
 - `result_table`: results with units, and their writers
 - `false_colours`: false-colour pictures and models
-- `map_sheet`: map sheets for reports; `map_scale`: their colours and legends
+- `map_page`: pages for reports; `map_sheet`: those of tables; `map_scale`: their colours and legends
 - `qgis_style`: styles of QGIS beside rasters and layers
 - `bit_matrices`: packed bit matrices, in memory and in files
 - `executors`: local, sharded and dry runs of a job's units

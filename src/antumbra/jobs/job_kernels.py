@@ -15,7 +15,7 @@ from ..engine.precompilation import Job, fixed_job, small_scene
 from ..engine.primary_visibility import camera_rays_job, cutouts_job
 from ..engine.scene import Scene
 from ..engine.store_building import store_job
-from ..engine.terrain_shadows import terrain_job
+from ..engine.terrain_shadows import terrain_job, terrain_rays_job
 from ..picture.render_kernels import (
     antialias_job,
     appearance_job,
@@ -59,7 +59,8 @@ def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) ->
         indirect_job("raster"),
         indirect_job("rays"),
     ]
-    jobs += [steps_job(), store_job(), paged_job(), paged_hits_job(), cutouts_job(), instances_job(), terrain_job()]
+    jobs += [steps_job(), store_job(), paged_job(), paged_hits_job(), cutouts_job(), instances_job()]
+    jobs += [terrain_job(), terrain_rays_job()]
     jobs += [wide_lights_job()] if any(plan.trace == "cones" for plan in plans) else []
     jobs += [bounce_job()] if any(plan.wants_rays for plan in plans) else []
     for plan in plans:

@@ -25,8 +25,9 @@ from ..picture.image_files import save_png
 from ..scene.camera import Camera
 from ..scene.crs import checked_crs
 from .false_colours import coloured_model, column_values, false_colours
+from .map_page import check_map, checked_title
 from .map_scale import MapScale, map_scale
-from .map_sheet import check_map, checked_title, save_map
+from .map_sheet import save_map
 from .qgis_style import RasterStyle, VectorStyle, write_style
 from .sensors import Sensors, check_on_scene
 
@@ -172,7 +173,8 @@ def _tiff(table: "Table", path: Path, column: str) -> None:
     names = _bands(table)
     shape = {"width": raster.columns, "height": raster.rows, "count": len(names)}
     place = rasterio.transform.from_origin(raster.west, raster.north, raster.spacing, raster.spacing)
-    options = {"driver": "GTiff", "dtype": "float32", "nodata": np.nan, "compress": "deflate", "transform": place}
+    options = {"driver": "GTiff", "dtype": "float32", "nodata": np.nan, "transform": place}
+    options |= {"compress": "deflate", "zlevel": 1}  # twice as fast as the default level, and 4 % larger
     if table.about.get("crs"):
         options["crs"] = checked_crs(table.about["crs"])  # as text, so that rasterio keeps the code of a compound CRS
     with rasterio.MemoryFile() as memory:  # on a full disk, GDAL would print its own messages

@@ -19,7 +19,7 @@ from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..kernels.elementary import acos
 from ..kernels.parallel import thread_count
-from ..query.receivers import Receivers
+from ..query.receivers import Receivers, receivers_above
 from ..scene.crs import check_horizontal_crs
 from ..scene.raster import Raster
 from ..scene.scene_data import MemoryData
@@ -418,7 +418,7 @@ def raster_sensors(
     else:
         raster = raster_in(bounds, number(spacing, "the spacing of sensors", 0.0, np.inf))
     up = "xyz".index(scene.up)
-    at = raster.places(np.arange(raster.rows * raster.columns), scene.up)
+    at = _centres(raster, scene.up)
     faces = np.full(len(at), -1, np.int64)
     tops = _tops_of_own_cells(scene) if follow and spacing is None else None
     if tops is not None:
@@ -431,6 +431,14 @@ def raster_sensors(
         at[:, up] = height
     upwards = np.broadcast_to(np.eye(3)[up], at.shape)
     return Sensors(at, upwards, np.full(len(at), raster.area), faces, "raster", raster)
+
+
+def _centres(raster: Raster, up: str) -> NDArray[np.float64]:
+    """(cells, 3) float64: `Raster.places` of all cells."""
+    out = np.zeros((raster.rows, raster.columns, 3))
+    out[..., 0], north = raster.middles()
+    out[..., 1 if up == "z" else 2] = (north if up == "z" else -north)[:, None]
+    return out.reshape(-1, 3)
 
 
 def raster_of(scene: AnyScene, spacing: float | str | PathLike[str] | None, plan: np.ndarray | None = None) -> Raster:
@@ -528,6 +536,9 @@ def sightline_ends(scene: AnyScene, sensors: Sensors) -> Receivers:
 
     Raster cells are moved up from the surface below but have no horizon, since that surface may be steep.
     """
+    axis, normals = "xyz".index(scene.up), sensors.normals
+    if sensors.kind == "raster" and normals is not None and normals.strides[0] == 0 and normals[:1, axis].all():
+        return receivers_above(sensors.points, axis, scene.origin)  # those of `raster_sensors`: one normal for all
     ends = Receivers.of(sensors.points, sensors.normals, scene.origin)
     return ends.seeing_all_around() if sensors.kind == "raster" else ends
 

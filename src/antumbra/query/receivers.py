@@ -223,6 +223,27 @@ class Receivers(NamedTuple):
 _NO_NORMALS = np.empty((0, 0, 3))
 
 
+def receivers_above(points: NDArray[np.float64], axis: int, frame: NDArray[np.float64]) -> Receivers:
+    """Points offset along an axis as those on a surface are, but in free space: without a horizon.
+
+    points : (n, 3) float64, world
+    axis : 0, 1 or 2: the normal of the surface points along it
+    frame : (3,) float64, world position of the origin of the scene's frame
+
+    Raises
+    ------
+    InputError
+        As for `Receivers.in_space`.
+    """
+    local = points - frame
+    local[:, axis] += SHIFT * _largest(local)[:, 0]
+    with np.errstate(over="ignore"):
+        origins = flush_to_zero(local).astype(np.float32)[None]
+    if not np.isfinite(origins).all():
+        _in_frame(points, frame)
+    return Receivers(origins, np.full(origins.shape[:2], FREE, np.int8), _NO_NORMALS)
+
+
 def _points(values: ArrayLike) -> np.ndarray:
     points = as_array(values, "points")
     if points.ndim < 1 or points.shape[-1] != 3:

@@ -69,6 +69,9 @@ class Heights(Protocol):
     @property
     def crs(self) -> str | None: ...
 
+    @property
+    def dtype(self) -> np.dtype[Any]: ...
+
     def rows(self, first: int, last: int) -> NDArray[Any]:
         """(last - first, columns) float32 or float64: heights of some rows; NaN: no data."""
         ...
@@ -81,6 +84,11 @@ class HeightGrid(NamedTuple):
     grid: GridPoints
     crs: str | None
     heights: NDArray[Any]  # (rows, columns) float32 or float64; NaN: no data
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of the heights."""
+        return self.heights.dtype
 
     def rows(self, first: int, last: int) -> NDArray[Any]:
         """Heights of some rows, a view."""
@@ -148,33 +156,62 @@ def _triangles(grid: GridPoints, block: tuple[int, int, int, int], heights: np.n
     return _TerrainBlock(vertices[used], number[faces], used)
 
 
-def _numbered_blocks(surface: Heights) -> Generator[tuple[tuple[int, int, int, int], _TerrainBlock], None, None]:
-    """Yield blocks of squares with their triangles; each row of heights is read about once."""
+def _blocks_of_heights(surface: Heights) -> Generator[tuple[tuple[int, int, int, int], NDArray[Any]], None, None]:
+    """Yield blocks of squares with the heights of their vertices; each row of heights is read about once."""
     rows, band = np.empty((0, 0)), (0, 0)
     for block in _blocks(surface.grid):
         row, last_row, column, last_column = block
         if band != (row, last_row):
             rows, band = surface.rows(row, last_row + 1), (row, last_row)
-        yield block, _triangles(surface.grid, block, rows[:, column : last_column + 1])
+        yield block, rows[:, column : last_column + 1]
 
 
 def terrain_blocks(surface: Heights) -> Generator[_TerrainBlock, None, None]:
     """The triangles of a surface, block by block, without empty ones."""
-    return (triangles for _, triangles in _numbered_blocks(surface) if len(triangles.faces))
+    blocks = (_triangles(surface.grid, block, heights) for block, heights in _blocks_of_heights(surface))
+    return (triangles for triangles in blocks if len(triangles.faces))
 
 
 def face_of_cells(surface: Heights) -> NDArray[np.int32]:
     """(rows, columns) int32: a triangle at each vertex, the last one; -1 for cells that are not vertices."""
     out, first = np.full((surface.grid.rows, surface.grid.columns), -1, np.int32), 0
-    for (row, last_row, column, last_column), block in _numbered_blocks(surface):
+    for block, heights in _blocks_of_heights(surface):
+        row, last_row, column, last_column = block
         part = out[row : last_row + 1, column : last_column + 1]
-        of_vertex = np.empty(len(block.vertices), np.int32)
-        of_vertex[block.faces] = np.arange(first, first + len(block.faces), dtype=np.int32)[:, None]
-        if block.used is None:
-            part[:] = of_vertex.reshape(part.shape)
-        else:
-            part[block.used.reshape(part.shape)] = of_vertex
-        first += len(block.faces)
+        if not np.isnan(heights).any():
+            part[:] = _last_faces(last_row - row, last_column - column) + np.int32(first)
+            first += 2 * (last_row - row) * (last_column - column)
+            continue
+        triangles = _triangles(surface.grid, block, heights)
+        of_vertex = np.empty(len(triangles.vertices), np.int32)
+        of_vertex[triangles.faces] = np.arange(first, first + len(triangles.faces), dtype=np.int32)[:, None]
+        part[np.asarray(triangles.used).reshape(part.shape)] = of_vertex
+        first += len(triangles.faces)
+    return out
+
+
+def faces_of_squares(surface: Heights) -> NDArray[np.int32]:
+    """(rows - 1, columns - 1) int32: the first triangle of each square; -1 for squares without any."""
+    out, first = np.empty((surface.grid.rows - 1, surface.grid.columns - 1), np.int32), 0
+    for (row, last_row, column, last_column), heights in _blocks_of_heights(surface):
+        there = ~np.isnan(heights)
+        diagonal = there[:-1, :-1] & there[1:, 1:]
+        count = (diagonal & there[1:, :-1]).astype(np.int32) + (diagonal & there[:-1, 1:])
+        ends = np.cumsum(count, dtype=np.int32).reshape(count.shape)
+        out[row:last_row, column:last_column] = np.where(count > 0, ends - count + np.int32(first), -1)
+        first += int(ends[-1, -1])
+    return out
+
+
+def _last_faces(rows: int, columns: int) -> NDArray[np.int32]:
+    """(rows + 1, columns + 1) int32: the last triangle at each vertex of a block of squares without holes.
+
+    It is the second one of the square to the south-east, or of the last one to the south-west. On the southern border,
+    it is the first one of the square to the north-east, or the very last triangle.
+    """
+    squares = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
+    out = np.pad(2 * squares + 1, ((0, 1), (0, 1)), mode="edge")
+    out[rows, :columns] -= 1
     return out
 
 

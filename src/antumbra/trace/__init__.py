@@ -5,7 +5,7 @@
 - `rays/`: single rays, and ray lists over the eight-wide BVH
 - `primary/`: camera rays
 - `terrain_stencils`, `terrain_lanes`: parallel rays from the cells of rasters of heights, 16 at a time
-- `terrain_rays`: shadow rays over rasters of heights, whose triangles are not stored
+- `terrain_rays`: shadow rays over rasters of heights, whose triangles are not stored; `terrain_ray_lists`: ray lists
 - `tile`: queries as tiles of 16 receivers and chunks of 16 samples
 - `light_table`: light samples in strata
 - `shafts`: shafts, beams and segments of a tile against boxes

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.exact.filters import dot, larger, max_magnitude, meets, plane, smaller
+from ..kernels.exact.filters import BEYOND, comes_first, dot, hit_t, larger, max_magnitude, meets, plane, smaller
 from ..kernels.exact.predicate import segment
-from ..kernels.jit import F32Ptr, I64Ptr, inlined, kernel
+from ..kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import get, ptr, put, stack_f32, stack_i64
 from ..kernels.vec3 import get3
@@ -154,7 +154,7 @@ class _GridRay(NamedTuple):
     per_v: float
     z: float
     dz: float
-    end: float  # t after which the segment is above all heights; at most 1
+    end: float  # t after which the ray is above all heights or has left the grid; at most tmax
     raised: float  # by which heights are raised
     west: bool  # whether columns are turned
     north: bool
@@ -163,17 +163,21 @@ class _GridRay(NamedTuple):
 
 @inlined
 def _grid_ray(tree, ray):
-    """The `_GridRay` of a segment."""
+    """The `_GridRay` of a segment, or of a ray along a direction."""
     side = np.int64(1) << tree.root
     u, du = (ray.ox - tree.west) * tree.per_x, ray.dx * tree.per_x
     v, dv = (tree.north - ray.oy) * tree.per_y, -ray.dy * tree.per_y
     west, north = du < 0.0, dv < 0.0
     u, v = (side - u if west else u), (side - v if north else v)
-    raised = _RAISE * (abs(ray.oz) + abs(ray.dz) + tree.reach)
-    end = np.float64(1.0)
+    # A ray that has risen or sunk by more than twice its height and `reach` is far from the surface.
+    spread = abs(ray.dz) if ray.real == 1.0 else 3.0 * (abs(ray.oz) + tree.reach)
+    raised = _RAISE * (abs(ray.oz) + spread + tree.reach)
+    per_u, per_v = 1.0 / larger(abs(du), _PARALLEL), 1.0 / larger(abs(dv), _PARALLEL)
+    end = smaller(ray.tmax, smaller((side + tree.pad - u) * per_u, (side + tree.pad - v) * per_v))
     if ray.dz > 0.0:
         end = smaller(end, (tree.highest + raised - ray.oz) / ray.dz)
-    per_u, per_v = 1.0 / larger(abs(du), _PARALLEL), 1.0 / larger(abs(dv), _PARALLEL)
+    elif ray.dz < 0.0:
+        end = smaller(end, (ray.oz + tree.reach + raised) / -ray.dz)
     return _GridRay(u, v, per_u, per_v, ray.oz, ray.dz, end, raised, west, north, side)
 
 
@@ -232,20 +236,57 @@ def _moves_away(ray, corners, i):
 
 
 @inlined
-def _meets_square(tree, ray, corners, i, j, facing):
-    """Whether a segment meets one of the triangles of a square; exact. `corners`: scratch memory of 18 float32."""
+def _meets_triangle(tree, ray, corners, i, j, triangle, facing):
+    """Whether a ray meets the first (0) or second (1) triangle of a square, which is written to this slot; exact."""
+    k = 9 * triangle
+    _put_vertex(tree, corners, k, i, j)
+    _put_vertex(tree, corners, k + 3, i + 1, j + triangle)
+    _put_vertex(tree, corners, k + 6, i + 1 - triangle, j + 1)
+    heights = get(corners, k + 2) + get(corners, k + 5) + get(corners, k + 8)
+    if heights != heights or _moves_away(ray, corners, triangle):  # a vertex has no data
+        return False
+    found = meets(ray, corners, triangle)
+    return found != 0 and found != facing
+
+
+@inlined
+def meets_square(tree, ray, corners, i, j, facing):
+    """Whether a ray meets one of the triangles of a square; exact. `corners`: scratch memory of 18 float32."""
+    return _meets_triangle(tree, ray, corners, i, j, 0, facing) or _meets_triangle(tree, ray, corners, i, j, 1, facing)
+
+
+class NearestHit(NamedTuple):
+    """The nearest hit of a ray so far: pointers. Its triangle is in slot 2 of the corners."""
+
+    t: F64Ptr  # float64 *, by `hit_t`
+    face: I64Ptr  # int64 *, -1: none
+    squares: I32Ptr  # int32 *: the first triangle of each square, row by row; -1: none
+
+
+@inlined
+def _take_nearest(tree, ray, corners, square, facing, nearest):
+    """Whether a triangle of a square, (row, column), precedes the nearest hit so far, which it then replaces."""
+    i, j = square
+    face, found = np.int64(get(nearest.squares, i * (tree.columns - 1) + j)), False
     for triangle in range(2):
-        k = 9 * triangle
-        _put_vertex(tree, corners, k, i, j)
-        _put_vertex(tree, corners, k + 3, i + 1, j + triangle)
-        _put_vertex(tree, corners, k + 6, i + 1 - triangle, j + 1)
-        heights = get(corners, k + 2) + get(corners, k + 5) + get(corners, k + 8)
-        if heights != heights or _moves_away(ray, corners, triangle):  # a vertex has no data
-            continue
-        found = meets(ray, corners, triangle)
-        if found != 0 and found != facing:
-            return True
-    return False
+        if _meets_triangle(tree, ray, corners, i, j, triangle, facing):
+            t, best = hit_t(ray, corners, triangle), get(nearest.face, 0)
+            if best < 0 or comes_first(ray, corners, triangle, face, t, 2, best, get(nearest.t, 0)):
+                for k in range(9):
+                    put(corners, 18 + k, get(corners, 9 * triangle + k))
+                put(nearest.t, 0, t)
+                put(nearest.face, 0, face)
+                found = True
+        south_west = get(tree.z, (i + 1) * tree.columns + j)
+        face += south_west == south_west  # with NaN there, the square has no first triangle
+    return found
+
+
+@inlined
+def _ending_at(r, t):
+    """A `_GridRay` that ends at t, if not before."""
+    end = smaller(r.end, t * BEYOND)
+    return _GridRay(r.u, r.v, r.per_u, r.per_v, r.z, r.dz, end, r.raised, r.west, r.north, r.side)
 
 
 @inlined
@@ -255,8 +296,11 @@ def _first_node(tree, place):
 
 
 @inlined
-def _blocker(tree, ray, corners, facing):
-    """A square of which a triangle blocks a segment, as row * columns + column; -1: none."""
+def find_square(tree, ray, corners, facing, nearest):
+    """A square of which a triangle blocks a ray, as row * columns + column; -1: none.
+
+    nearest : a `NearestHit`, which is found instead, and the result is -1; None: any hit ends the ray
+    """
     r, level = _grid_ray(tree, ray), np.int64(0)
     a, b = _first_node(tree, r.u), _first_node(tree, r.v)
     if a >= r.side or b >= r.side or r.end < 0.0:
@@ -267,8 +311,11 @@ def _blocker(tree, ray, corners, facing):
                 level, a, b = level - 1, 2 * a, 2 * b
                 continue
             i, j = (r.side - 1 - b if r.north else b), (r.side - 1 - a if r.west else a)
-            if _meets_square(tree, ray, corners, i, j, facing):
-                return i * tree.columns + j
+            if nearest is None:
+                if meets_square(tree, ray, corners, i, j, facing):
+                    return i * tree.columns + j
+            elif _take_nearest(tree, ray, corners, (i, j), facing, nearest):
+                r = _ending_at(r, get(nearest.t, 0))
         while True:
             t = _exit(tree, r, level, a, b, -tree.pad)
             if level >= tree.root or t > r.end:
@@ -349,9 +396,9 @@ def is_blocked(tree, ray, above, scratch, facing, s):
             if square >= 0:
                 put(last, s & (BLOCKERS - 1), square)
                 return True
-        elif _meets_square(tree, ray, corners, square // tree.columns, square % tree.columns, facing):
+        elif meets_square(tree, ray, corners, square // tree.columns, square % tree.columns, facing):
             return True
-    square = _blocker(tree, ray, corners, facing)
+    square = find_square(tree, ray, corners, facing, None)
     if square >= 0:
         put(last, s & (BLOCKERS - 1), square)
     return square >= 0

@@ -1,7 +1,8 @@
 """Geographic data: rasters of heights, building footprints, and trees.
 
 - `height_files`: rasters of heights in the files that rasterio reads
-- `height_arrays`: heights from arrays and from the DataArrays of xarray; tiles
+- `height_arrays`: heights from arrays and from the DataArrays of xarray
+- `height_tiles`: tiles of one grid as a single surface
 - `footprint_table`: footprints with heights, from files that geopandas reads
 - `footprint_bases`: the lowest terrain under footprints
 - `footprint_solids`: footprints as closed solids, with roofs, walls and floors

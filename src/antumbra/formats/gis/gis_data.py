@@ -1,6 +1,7 @@
 """Scene data of rasters of heights and of footprints: surfaces and solids with z up, a CRS, and the raster's cells."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from .footprint_solids import on_terrain, solids_of
 from .footprint_table import FootprintOptions, FootprintsLike, read_footprints
 from .height_arrays import RasterLike, height_grid
 from .height_files import HeightFile, HeightOptions
+from .height_tiles import TiledHeights
 
 SURFACE = np.asarray(srgb_to_linear([0.839, 0.812, 0.714]), np.float32)
 """Linear colour of terrain, that of TINRelief in CityJSON."""
@@ -64,9 +66,16 @@ def ground_grid(ground: Any, crs: str | None, options: HeightOptions) -> tuple[H
     return grid, notes
 
 
-def streamed_terrain(path: Any, options: HeightOptions) -> StreamedTerrain:
-    """A raster file as a stream, for stores."""
-    return StreamedTerrain(HeightFile(path, checked_options(options)), colour=SURFACE)
+def streamed_terrain(tiles: Sequence[tuple[Path, HeightOptions]]) -> StreamedTerrain:
+    """Raster files, which are tiles of one surface, as a stream, for stores.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or tiles do not share a grid.
+    """
+    files = [HeightFile(path, checked_options(options)) for path, options in tiles]
+    return StreamedTerrain(files[0] if len(files) == 1 else TiledHeights(files), colour=SURFACE)
 
 
 def footprint_data(

@@ -1,4 +1,4 @@
-"""Heights from arrays with a transform, from the DataArrays of xarray and rioxarray, and from several tiles."""
+"""Heights from arrays with a transform, from the DataArrays of xarray and rioxarray, and from lists of tiles."""
 
 from collections.abc import Sequence
 from os import PathLike
@@ -21,6 +21,7 @@ from .height_files import (
     read_heights,
     unit_scale,
 )
+from .height_tiles import joined_heights
 
 RasterLike: TypeAlias = "str | PathLike[str] | tuple[Any, ...] | Any"
 """A raster of heights: a path, a DataArray, or (array, transform) or (array, transform, crs)."""
@@ -28,7 +29,6 @@ RasterLike: TypeAlias = "str | PathLike[str] | tuple[Any, ...] | Any"
 FORMS = "a raster file, a DataArray, (array, transform) or (array, transform, crs), or a list of these"
 
 _UNEVEN = 1e-3  # cells: coordinates of a DataArray, which may be float32, differ by less from even ones
-_BETWEEN = 1e-4  # cells: tiles whose cells differ by less coincide
 
 
 def height_grid(raster: "RasterLike | Sequence[RasterLike]", options: HeightOptions) -> tuple[HeightGrid, list[str]]:
@@ -43,7 +43,7 @@ def height_grid(raster: "RasterLike | Sequence[RasterLike]", options: HeightOpti
         if not raster:
             raise InputError("raster is an empty list; give at least one tile")
         tiles, notes = zip(*(_one(each, options) for each in raster))
-        return _joined(list(tiles)), [note for each in notes for note in each]
+        return joined_heights(list(tiles)), [note for each in notes for note in each]
     return _one(raster, options)
 
 
@@ -141,37 +141,6 @@ def _system_of(raster: Any) -> Any:
         return crs_of(raster.attrs.get("crs"))
     attributes = raster.coords[name].attrs
     return crs_of(attributes.get("crs_wkt") or attributes.get("spatial_ref"))
-
-
-# --- Tiles ------------------------------------------------------------------------------------------------------------
-
-
-def _joined(tiles: list[HeightGrid]) -> HeightGrid:
-    """Tiles of one grid as a single raster. Where they overlap, the first one with a height counts."""
-    first = tiles[0]
-    grid = first.grid
-    for tile in tiles[1:]:
-        if tile.crs != first.crs:
-            raise InputError(f"{tile.name}: its CRS is {tile.crs}, and that of {first.name} {first.crs}; warp one")
-        spacing = abs(tile.grid.dx - grid.dx) * tile.grid.columns + abs(tile.grid.dy - grid.dy) * tile.grid.rows
-        steps = np.array([(tile.grid.west - grid.west) / grid.dx, (grid.north - tile.grid.north) / grid.dy])
-        if spacing > _BETWEEN * grid.dx or np.abs(steps - np.round(steps)).max() > _BETWEEN:
-            raise InputError(f"{tile.name}: its cells do not continue those of {first.name}; warp one: gdalwarp -tap")
-    places = [_place_in(tile.grid, grid) for tile in tiles]
-    top, left = min(row for row, _ in places), min(column for _, column in places)
-    rows = max(row + tile.grid.rows for tile, (row, _) in zip(tiles, places)) - top
-    columns = max(column + tile.grid.columns for tile, (_, column) in zip(tiles, places)) - left
-    grid = GridPoints(grid.west + left * grid.dx, grid.north - top * grid.dy, grid.dx, grid.dy, rows, columns)
-    heights = np.full((rows, columns), np.nan, np.result_type(*(tile.heights for tile in tiles)))
-    for tile, (row, column) in zip(tiles, places):
-        part = heights[row - top :, column - left :][: tile.grid.rows, : tile.grid.columns]
-        np.copyto(part, tile.heights, where=np.isnan(part))
-    return HeightGrid(f"{first.name} and {len(tiles) - 1} more" if tiles[1:] else first.name, grid, first.crs, heights)
-
-
-def _place_in(tile: GridPoints, grid: GridPoints) -> tuple[int, int]:
-    """Row and column of a tile's first cell in the grid of another one."""
-    return round((grid.north - tile.north) / grid.dy), round((tile.west - grid.west) / grid.dx)
 
 
 def is_raster(value: Any) -> bool:

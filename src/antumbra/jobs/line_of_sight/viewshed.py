@@ -155,7 +155,7 @@ class ViewshedFunction(Protocol[_P]):
 
     def __call__(
         self, scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike | LinePoints,
-        progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
+        surface: "SceneLike | None" = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
     ) -> Viewshed: ...  # fmt: skip
 
 
@@ -168,7 +168,7 @@ def _viewshed_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Views
 @with_progress
 def viewshed(
     scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike | LinePoints, *,
-    progress: Progress = None, **keywords: Any,
+    surface: "SceneLike | None" = None, progress: Progress = None, **keywords: Any,
 ) -> Viewshed:  # fmt: skip
     """Find which observers see each sensor: a cumulative viewshed. Every line of sight is exact.
 
@@ -181,6 +181,9 @@ def viewshed(
         ``at.face_sensors(scene)``, are visible only from their outer side.
     observers : (3,) or (k, 3) float, or LinePoints
         World coordinates, or the points along lines of `antumbra.points_along`.
+    surface : Scene, PagedScene, or anything that `antumbra.load` takes, optional
+        The scene on which sensors and observers are placed, by a text or `on_surface`: the one without trees, if
+        `scene` has the trees of `antumbra.from_trees`. None: `scene`.
     progress : function of (text, done, total), or bool, optional
         Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
 
@@ -213,10 +216,11 @@ def viewshed(
     """
     options, scene = ViewshedOptions(**keywords), scene_of(scene)
     threads, time = thread_count(options.threads), scene.clamped(options.time)
-    checked = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
+    below = scene if surface is None else scene_of(surface)
+    checked = sensors_of(sensors, below, threads) if isinstance(sensors, str) else sensors
     targets = sensors_from(scene, checked, None, "sensors")
     along = observers if isinstance(observers, LinePoints) else None
-    eyes = _eyes(scene, observers if along is None else along.points, options)
+    eyes = _eyes(below, observers if along is None else along.points, options)
     if options.least_height:
         check_own_cells(scene, targets)
     n, k = len(targets), len(eyes)
@@ -284,15 +288,19 @@ def _straight(
     """Trace all observers in lists, and skip sensors beyond the reach of a list."""
     ends, eyes = sightline_ends(scene, state.sensors), sightline_ends(scene, point_sensors(state.eyes))
     order, curve = np.argsort(morton_codes(eyes.origins[0]), kind="stable"), np.arange(ends.n)
-    if state.sensors.kind != "raster" or terrain_of(scene.data) is None:  # terrain is traced fastest row by row
+    in_rows = state.sensors.kind == "raster" and terrain_of(scene.data) is not None  # terrain is traced fastest so
+    if not in_rows:
         curve = np.argsort(morton_codes(ends.origins[0]), kind="stable")
     for first in range(0, len(order), MAX_SPP):
         some = order[first : first + MAX_SPP]
-        places = curve[_within(state.sensors.points[curve], state.eyes[some], state.options.reach)]
+        places = curve
+        if state.options.reach < np.inf:
+            places = curve[_within(state.sensors.points[curve], state.eyes[some], state.options.reach)]
         step = max(1024, MAX_PAIRS // len(some))
         for start in range(0, len(places), step):
             part = places[start : start + step]
-            _add(state, part, some, tracing.visible(ends.take(part), eyes.take(some)))
+            rows = ends.take(slice(start, start + step) if in_rows and places is curve else part)
+            _add(state, part, some, tracing.visible(rows, eyes.take(some)))
             progress(first + len(some) * min(start + step, len(places)) // len(places), len(order))
 
 
@@ -332,24 +340,18 @@ def _curved(state: _ViewshedState, curved: CurvedScene, progress: Callable[[int,
 def _add(state: _ViewshedState, places: np.ndarray, some: np.ndarray, words: np.ndarray) -> None:
     """Record what some observers (indices) see of some sensors (indices); words: bits of all their pairs."""
     sight, visible = state.sight, unpack_bits(words, len(some))
-    rows, columns = np.nonzero(visible)
-    away = state.sensors.points[places[rows]] - state.eyes[some[columns]]
-    distance = np.sqrt((away * away).sum(1))
-    inside = state.options.includes(away, distance, state.up)
-    rows, columns, distance = rows[inside], columns[inside], distance[inside]
-    at, observer = places[rows], some[columns]
-    np.add.at(sight.observers, at, 1)
-    np.minimum.at(sight.first, at, observer.astype(np.int32))
-    order = np.lexsort((observer, distance, at))
-    at, begin = np.unique(at[order], return_index=True)
-    nearest, distance = observer[order][begin], distance[order][begin]
-    nearer = (distance < sight.distance[at]) | ((distance == sight.distance[at]) & (nearest < sight.nearest[at]))
-    sight.distance[at[nearer]], sight.nearest[at[nearer]] = distance[nearer], nearest[nearer]
-    if sight.length is not None and state.lengths is not None:
-        np.add.at(sight.length, places[rows], state.lengths[observer])
-    if sight.bits is not None:
-        _set_bits(sight.bits, places[rows], observer)
-
-
-def _set_bits(bits: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> None:
-    np.bitwise_or.at(bits, (rows, columns // 64), np.uint64(1) << (columns % 64).astype(np.uint64))
+    for k, observer in enumerate(some.tolist()):
+        at = places[visible[:, k]]
+        away = state.sensors.points[at] - state.eyes[observer]
+        distance = np.sqrt((away * away).sum(1))
+        inside = state.options.includes(away, distance, state.up)
+        at, distance = at[inside], distance[inside]
+        sight.observers[at] += 1
+        sight.first[at] = np.minimum(sight.first[at], np.int32(observer))
+        nearest = sight.distance[at]
+        nearer = (distance < nearest) | ((distance == nearest) & (observer < sight.nearest[at]))
+        sight.distance[at[nearer]], sight.nearest[at[nearer]] = distance[nearer], observer
+        if sight.length is not None and state.lengths is not None:
+            sight.length[at] += state.lengths[observer]
+        if sight.bits is not None:
+            sight.bits[at, observer // 64] |= np.uint64(1 << observer % 64)

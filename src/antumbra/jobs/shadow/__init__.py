@@ -3,5 +3,5 @@
 - `shadow`: `shadow`, on a plane or on a raster of cells
 - `shadow_options`: options of `shadow`
 - `plane_projection`: exact projection of triangles along the sun to a horizontal plane
-- `shadow_polygons`: the result, and its files
+- `shadow_polygons`: the result, and its files; `shadow_map`: its map sheet
 """

@@ -39,7 +39,12 @@ class ShadowFunction(Protocol[_P]):
     """The type of `shadow`, whose keywords are the fields of a class."""
 
     def __call__(
-        self, scene: SceneLike, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs
+        self,
+        scene: SceneLike,
+        surface: "SceneLike | None" = None,
+        progress: Progress = None,
+        *args: _P.args,
+        **keywords: _P.kwargs,
     ) -> Shadow: ...
 
 
@@ -50,7 +55,9 @@ def _shadow_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Shadow]
 
 @_shadow_function(ShadowOptions)
 @with_progress
-def shadow(scene: SceneLike, *, progress: Progress = None, **keywords: Any) -> Shadow:
+def shadow(
+    scene: SceneLike, *, surface: "SceneLike | None" = None, progress: Progress = None, **keywords: Any
+) -> Shadow:
     """Find the shadow on the ground at a moment, or the hours of shadow of days, as polygons.
 
     Without cells, the shadow at a moment falls on a horizontal plane, and its outline is exact: the union of all
@@ -62,6 +69,9 @@ def shadow(scene: SceneLike, *, progress: Progress = None, **keywords: Any) -> S
     ----------
     scene : Scene, or anything that `antumbra.load` takes
         A scene in a store needs cells.
+    surface : Scene, or anything that `antumbra.load` takes, optional
+        The scene on whose highest surfaces cells lie: the one without trees, if `scene` has the trees of
+        `antumbra.from_trees`. None: `scene`.
     progress : function of (text, done, total), or bool, optional
         Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
 
@@ -84,10 +94,11 @@ def shadow(scene: SceneLike, *, progress: Progress = None, **keywords: Any) -> S
     place = options.place or place_of(scene)
     if place is None:
         raise InputError("the place is unknown; give a latitude and a longitude, or a CRS")
+    below = scene if surface is None else scene_of(surface)
     if options.days is not None:
-        return _hours(scene, place, options)
+        return _hours(scene, _cells(below, options), place, options)
     moment = _moment_of(scene, place, options)
-    return _on_plane(scene, moment, options) if options.on_plane else _on_cells(scene, moment, options)
+    return _on_plane(scene, moment, options) if options.on_plane else _on_cells(scene, below, moment, options)
 
 
 class _Moment(NamedTuple):
@@ -136,15 +147,17 @@ def _on_plane(scene: AnyScene, moment: _Moment, options: ShadowOptions) -> Shado
                 rows.append((shape, name, kind))
             report(k + 1, len(groups))
     about = {**moment.about, "height": height}
+    casters = corners[np.concatenate([faces for _, _, faces in groups])]
+    plan = casters[(casters[..., 2] > height).any(1), :, :2]
     shapes = [shape for shape, _, _ in rows]
     if apart:
         columns = {"object": np.array([name for _, name, _ in rows], object)}
         columns["type"] = np.array([kind for _, _, kind in rows], object)
-        return _shadow_of(shapes, columns, about)
+        return _shadow_of(shapes, columns, about)._replace(casters=plan)
     joined = union_of([part for shape in shapes for part in shape.geoms])
     if not options.footprints:
-        joined = _beside(joined, corners[np.concatenate([faces for _, _, faces in groups])], height)
-    return _shadow_of(list(joined.geoms), {}, about)
+        joined = _beside(joined, casters, height)
+    return _shadow_of(list(joined.geoms), {}, about)._replace(casters=plan)
 
 
 def _beside(shape: Any, corners: NDArray[np.float64], height: float) -> Any:
@@ -194,9 +207,9 @@ def _on_map(scene: AnyScene, vectors: NDArray[np.float64]) -> NDArray[np.float64
 # --- On cells ---------------------------------------------------------------------------------------------------------
 
 
-def _on_cells(scene: AnyScene, moment: _Moment, options: ShadowOptions) -> Shadow:
-    """The cells in shadow at a moment."""
-    sensors = _cells(scene, options)
+def _on_cells(scene: AnyScene, below: AnyScene, moment: _Moment, options: ShadowOptions) -> Shadow:
+    """The cells in shadow at a moment, on the surfaces of the scene `below`."""
+    sensors = _cells(below, options)
     bins, months = np.empty((1, 0), np.int64), months_of(moment.suns.local)
     query = sun_query(scene, sensors, moment.suns, bins, 1, months=months, plan=options.plan, threads=options.threads)
     hidden = 1.0 - sum_suns(query, what="shadow").hours
@@ -209,9 +222,8 @@ def _on_cells(scene: AnyScene, moment: _Moment, options: ShadowOptions) -> Shado
     return _shadow_of(parts, {}, table.about, table)
 
 
-def _hours(scene: AnyScene, place: Place, options: ShadowOptions) -> Shadow:
+def _hours(scene: AnyScene, sensors: Sensors, place: Place, options: ShadowOptions) -> Shadow:
     """The classes of hours of shadow on days."""
-    sensors = _cells(scene, options)
     table = sun_hours(
         scene, sensors, options.days, place=place, step=options.step, plan=options.plan, threads=options.threads
     )

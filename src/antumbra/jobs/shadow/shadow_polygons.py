@@ -15,9 +15,11 @@ from ...extras import import_extra
 from ...files import atomic_output, checked_output
 from ...scene.crs import checked_crs
 from ...scene.raster import Raster
+from ..map_page import check_map, checked_title, save_page
 from ..map_scale import range_scale
 from ..qgis_style import VectorStyle, write_style
 from ..result_table import Table, raster_style
+from .shadow_map import shadow_figure
 
 if TYPE_CHECKING:
     import geopandas
@@ -39,6 +41,7 @@ class Shadow(NamedTuple):
     columns: dict[str, np.ndarray]  # name -> (n,) attributes: "area" in square world units, and those of the job
     about: dict[str, Any]  # metadata of the job, in JSON types, such as "time", "sun_azimuth", "sun_elevation", "crs"
     table: Table | None  # the cells, if the shadow lies on a raster
+    casters: np.ndarray | None = None  # (f, 3, 2) float64: faces that cast a shadow on a plane, easting and northing
 
     def __repr__(self) -> str:
         return f"Shadow({len(self.polygons)} polygons: {', '.join(self.columns)})"
@@ -95,6 +98,28 @@ class Shadow(NamedTuple):
             temporary.write_bytes(data.getvalue())
         if frame.crs is not None:
             self._write_style(target)
+
+    def save_map(self, path: str | os.PathLike[str], *, title: str | None = None) -> None:
+        """Write a map sheet for a report: a page of A4 in PDF, SVG or PNG.
+
+        The polygons have north up, a scale bar and an arrow to true north. On a plane, the objects that cast the shadow
+        are drawn above it. Beside the map are the areas, the moment or the days, and the place. Needs
+        ``antumbra[plot]``.
+
+        Parameters
+        ----------
+        path : str or path-like
+            A .pdf, .svg or .png file.
+        title : str, optional
+            None: "Shadow" or "Hours of shadow".
+
+        Raises
+        ------
+        InputError
+            If the suffix is unknown, the path cannot be written, or matplotlib is missing.
+        """
+        target, heading = check_map(path), checked_title(title)
+        save_page(target, lambda: shadow_figure(self, heading))
 
     def _write_style(self, path: Path) -> None:
         """Write the QGIS style of polygons and cells: classes of hours, or one colour."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...bvh.nodes import Bvh
-from ...checks import as_array, flag, number, whole_number
+from ...checks import as_array, checked_instance, flag, number, whole_number
 from ...engine.paged_scene import PagedScene
 from ...engine.precompilation import Job, fixed_job, precompile, small_scene
 from ...engine.scene import AnyScene, Scene
@@ -23,10 +23,12 @@ from ...kernels.parallel import thread_count
 from ...picture.option_fields import with_keywords
 from ...progress import Progress, report_progress, with_progress
 from ...trace.rays.ray_hits import intersections
+from ..map_page import MAP_SUFFIXES, check_map, checked_title, save_page
 from ..sensor_files import check_sensors, sensors_of
 from ..sensors import Sensors, on_top, sensors_from, sightline_ends
-from ..sun.location import place_of_crs
+from ..sun.location import Place, place_of_crs
 from .edge_projection import Compass, Slopes, compass_of, raise_slopes
+from .horizon_diagram import horizon_figure
 from .skyline_options import SkylineOptions
 
 if TYPE_CHECKING:
@@ -155,11 +157,7 @@ class Skyline(NamedTuple):
             whole_number(point, "point", 0, len(self.points) - 1)
         suffix = target.suffix.lower()
         if suffix == ".txt":
-            if point is None and len(self.points) != 1:
-                raise InputError(
-                    f"{target.name}: a PVGIS file holds one point, and there are {len(self.points)}; name a point"
-                )
-            text = self.userhorizon(0 if point is None else point, highest=highest).replace(",", "\n") + "\n"
+            text = self.userhorizon(self._only(target, point), highest=highest).replace(",", "\n") + "\n"
             with atomic_output(target) as temporary:
                 temporary.write_text(text)
             return
@@ -169,6 +167,45 @@ class Skyline(NamedTuple):
                 np.savez_compressed(file, allow_pickle=False, about=np.array(json.dumps(self.about)), **arrays)
             else:
                 file.writelines(self._csv() if suffix == ".csv" else [self._json()])
+
+    def save_map(
+        self, path: str | os.PathLike[str], *, point: int | None = None, place: Place | None = None,
+        title: str | None = None,
+    ) -> None:  # fmt: skip
+        """Write a sheet for a report: a polar diagram of the horizon of a point, on a page of A4 in PDF, SVG or PNG.
+
+        North is up and the zenith in the middle. If the place is known, the diagram has the paths of the sun at the
+        solstices and the equinox of March, with the hours of the place's time zone. Needs ``antumbra[plot]``.
+
+        Parameters
+        ----------
+        path : str or path-like
+            A .pdf, .svg or .png file.
+        point : int, optional
+            Index of the point. None: the only one.
+        place : Place, optional
+            None: that of the scene's CRS, from which `skyline` took the north. Its `north` is not used.
+        title : str, optional
+            None: "Skyline".
+
+        Raises
+        ------
+        InputError
+            If the suffix is unknown, the path cannot be written, the sheet needs a point or there is no such point,
+            `place` is no Place, or matplotlib is missing.
+        """
+        target, heading, k = check_map(path), checked_title(title), self._only(path, point)
+        if place is not None:
+            checked_instance(place, Place, "place")
+        elif "latitude" in self.about:
+            place = Place(self.about["latitude"], self.about["longitude"])
+        save_page(target, lambda: horizon_figure(self, k, place, heading))
+
+    def _only(self, path: str | os.PathLike[str], point: int | None) -> int:
+        """The index of a point; None: of the only one, else an InputError that names the file."""
+        if point is None and len(self.points) != 1:
+            raise InputError(f"{Path(path).name}: {_one_point(path)}, and there are {len(self.points)}; name a point")
+        return whole_number(0 if point is None else point, "point", 0, len(self.points) - 1)
 
     def _row(self, point: int, highest: bool) -> NDArray[np.float64]:
         index = whole_number(point, "point", 0, len(self.points) - 1)
@@ -190,10 +227,19 @@ class Skyline(NamedTuple):
 
 
 def check_skyline_output(path: Path, points: int) -> None:
-    """Raise an InputError, before long work, unless `Skyline.save` can write the skylines of some points to a path."""
-    checked_output(path, SUFFIXES)
-    if path.suffix.lower() == ".txt" and points != 1:
-        raise InputError(f"{path.name}: a PVGIS file holds one point, and there are {points}; use .csv, .json or .npz")
+    """Raise an InputError, before long work, unless `save` or `save_map` can write the skylines of some points."""
+    suffix = path.suffix.lower()
+    if suffix in MAP_SUFFIXES:
+        check_map(path)
+    else:
+        checked_output(path, SUFFIXES)
+    if suffix in (".txt", *MAP_SUFFIXES) and points != 1:
+        raise InputError(f"{path.name}: {_one_point(path)}, and there are {points}; use .csv, .json or .npz")
+
+
+def _one_point(path: str | os.PathLike[str]) -> str:
+    """What the file is, which holds a single point."""
+    return "a PVGIS file holds one point" if Path(path).suffix.lower() == ".txt" else "a diagram shows one point"
 
 
 # --- The job ----------------------------------------------------------------------------------------------------------
@@ -204,7 +250,7 @@ class SkylineFunction(Protocol[_P]):
 
     def __call__(
         self, scene: SceneLike, points: Sensors | str | ArrayLike, normals: ArrayLike | None = None,
-        progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
+        surface: "SceneLike | None" = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
     ) -> Skyline: ...  # fmt: skip
 
 
@@ -217,7 +263,7 @@ def _skyline_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Skylin
 @with_progress
 def skyline(
     scene: SceneLike, points: Sensors | str | ArrayLike, *, normals: ArrayLike | None = None,
-    progress: Progress = None, **keywords: Any,
+    surface: "SceneLike | None" = None, progress: Progress = None, **keywords: Any,
 ) -> Skyline:  # fmt: skip
     """Find the skylines of points: the elevation of the horizon by azimuth, exact up to the rounding of float64.
 
@@ -233,6 +279,9 @@ def skyline(
     normals : (3,) or (n, 3) float, optional
         For points on surfaces, towards the outer side: each is moved off its surface by a few units in the last place.
         Without normals, points lie in free space and are used unchanged.
+    surface : Scene, or anything that `antumbra.load` takes, optional
+        The scene on which points are placed, by a text or `on_surface`: the one without trees, if `scene` has
+        the trees of `antumbra.from_trees`. None: `scene`.
     progress : function of (text, done, total), or bool, optional
         Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
 
@@ -249,13 +298,15 @@ def skyline(
     if isinstance(scene, PagedScene):
         raise scene.refusal()
     threads, time = thread_count(options.threads), scene.clamped(options.time)
+    below = scene if surface is None else scene_of(surface)
     if isinstance(points, str):
         check_sensors(points, "points")
-        points = sensors_of(points, scene, threads)
-    sensors = _raised(scene, sensors_at(scene, points, normals), options)
-    north = options.north
+        points = sensors_of(points, below, threads)
+    sensors = _raised(below, sensors_at(below, points, normals), options)
+    north, place = options.north, None
     if north is None:
-        north = place_of_crs(scene.crs, scene.bounds, scene.up).north if scene.crs else 0.0
+        place = place_of_crs(scene.crs, scene.bounds, scene.up) if scene.crs else None
+        north = 0.0 if place is None else place.north
     precompile(skyline_job)
     compass = compass_of(options.count, scene.up, north)
     slopes = _slopes_of(scene, sensors, compass, time, threads)
@@ -263,6 +314,8 @@ def skyline(
     about: dict[str, Any] = {"job": "skyline", "scene": scene.name, "step": options.step, "north": north}
     if scene.crs:
         about["crs"] = scene.crs
+    if place is not None:
+        about |= {"latitude": place.latitude, "longitude": place.longitude}
     elevation, highest = (np.degrees(atan(rows)) for rows in slopes)
     return Skyline(sensors.points, azimuth, elevation, highest, about)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from ...checks import checked_instance, choice, flag, items, listed, number, parts_of, quoted
-from ...engine.plan import DEFAULT_PLAN, Plan
+from ...engine.plan import Plan
 from ...errors import InputError
 from ...picture.option_fields import Choice, WholeNumber, check_fields, option, optional, same_option, unchecked
 from ...picture.render_options import EngineOptions
@@ -148,9 +148,7 @@ class SunKeywords:
     area, the earliest "first" and the latest "last", and for each column per m2 another one with its sum."""
     samples: int = option(1, WholeNumber(1, MOST_SAMPLES), "Sample points on the sun's disk; 1: its centre.")
     """Points on the sun's disk, 1 to 64; 1: its centre."""
-    plan: str | Plan | None = same_option(
-        EngineOptions, "plan", help="Plan; see antumbra plans.", kind=str, start=DEFAULT_PLAN
-    )
+    plan: str | Plan | None = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")
     threads: int | None = same_option(EngineOptions, "threads")
 
 

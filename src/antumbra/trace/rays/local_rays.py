@@ -22,6 +22,13 @@ class LocalRays(NamedTuple):
     cull_faces: int = 0  # a value of `query.shadow_query.CULL_FACES`
     segments: bool = False
 
+    def part(self, places: slice) -> "LocalRays":
+        """Some of the rays."""
+        ends = self.tmin[places], self.tmax[places]
+        return LocalRays(
+            self.origins[places], self.directions[places], self.skip[places], *ends, self.cull_faces, self.segments
+        )
+
 
 @inlined
 def local_ray(rays, i):
@@ -37,6 +44,13 @@ def local_rays(rays: RayArrays, cull_faces: int) -> LocalRays:
     origins, directions = (np.require(each, requirements="W") for each in rays.local())  # one kernel for all lists
     tmin, tmax = (np.ascontiguousarray(end[:, 0], np.float64) for end in (rays.tmin, rays.tmax))
     return LocalRays(origins, directions, rays.skip[:, 0].copy(), tmin, tmax, int(cull_faces), rays.segments)
+
+
+def are_valid(rays: LocalRays) -> bool:
+    """Whether `query.ray_list.RayArrays.check` accepts the rays."""
+    finite = np.isfinite(rays.origins).all() and np.isfinite(rays.directions).all()
+    ends = (rays.tmin >= 0.0).all() and (rays.tmin < np.inf).all() and not np.isnan(rays.tmax).any()
+    return bool(finite and ends and (rays.segments or rays.directions.any(1).all()))
 
 
 def local_pass(rays: RayPass) -> LocalRays:
