@@ -15,7 +15,6 @@ import lief
 import numpy as np
 from numpy.typing import NDArray
 
-
 lief.logging.disable()  # it reports parts of signatures that kernels do not have
 
 
