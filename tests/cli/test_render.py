@@ -44,7 +44,7 @@ def test_the_summary_says_that_textures_are_missing(cli, tmp_path):
     done = cli("render", "a.obj", "--size", 16, "--spp", 1)
     notes = [line for line in done.out.splitlines() if line.startswith("note ")]
     assert done.code == 0 and len(notes) == 1, done.out
-    assert "lost0.png" in notes[0] and "taken as white" in notes[0] and "2 more of this kind" in done.out
+    assert "lost0.png" in notes[0] and "shown in pink" in notes[0] and "2 more of this kind" in done.out
 
 
 def test_the_summary_as_json(render):
