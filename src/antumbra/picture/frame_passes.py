@@ -107,6 +107,8 @@ def smooth_edges(
 
 
 _BLACK = np.zeros(3, np.float32)
+_SMOOTHINGS = 6
+"""Filter passes over bounced light. It varies slowly over a surface, and one window has few of its rays."""
 _T = TypeVar("_T")
 
 
@@ -305,7 +307,8 @@ def bounce(
         assert state.known.indirect is not None
         indirect = state.known.indirect
     if state.request.smooth:
-        indirect = smooth_irradiance(visible, indirect, state.threads)
+        for _ in range(_SMOOTHINGS):
+            indirect = smooth_irradiance(visible, indirect, state.threads)
         state.clock.lap("filter")
     return indirect
 
