@@ -28,17 +28,21 @@ THUMBNAIL = 400, 250  # pixels
 WIDEST = 1280  # pixels of a picture
 
 CREDITS = {
-    "Fox": 'Model: "Fox" by PixelMannen, CC0; rigging and animation by tomkranis, CC-BY 4.0.',
     "delft_city": "Model: a part of Delft, by 3dfier of TU Delft, from the open data BGT and AHN.",
-    "godot_room": "Model: of the Godot demo projects, MIT licence.",
-    "japanese_temple": 'Model: "Japanese Temple Model" by Aditya3D, CC-BY 4.0.',
     "macross_city": 'Model: "SD Macross City Standoff Diorama" by tipatat, CC-BY 4.0.',
     "robot": "Model: of the raylib examples, CC0.",
     "sanmiguel_lite": "Model: a part of San Miguel by Guillermo M. Leal Llaguno, CC-BY 3.0.",
     "stanford_bunny": "Model: from the Stanford Computer Graphics Laboratory.",
-    "truck_town": "Model: of the Godot demo projects, MIT licence.",
 }
 """File names of real scenes in programs, with the credits that their licences require."""
+
+EXAMPLE_CREDITS = {
+    "fox": 'Model: "Fox" by PixelMannen, CC0; rigging and animation by tomkranis, CC-BY 4.0.',
+    "room": "Model: of the Godot demo projects, MIT licence.",
+    "temple": 'Model: "Japanese Temple Model" by Aditya3D, CC-BY 4.0.',
+    "town": "Model: of the Godot demo projects, MIT licence.",
+}
+"""The same for example scenes, which come with the package."""
 
 _QUICK = {
     r"^SIZE = .*$": "SIZE = 48, 32",
@@ -61,6 +65,7 @@ class Program(NamedTuple):
     caption: str
     code: str  # without the title and the caption
     scenes: list[str]  # names in CREDITS that it loads
+    examples: list[str]  # names in EXAMPLE_CREDITS that it loads
 
     @property
     def name(self) -> str:
@@ -104,7 +109,8 @@ def _program(path: Path) -> Program:
         about, code = re.sub(r"^# ?", "", head, flags=re.MULTILINE), text[len(head) :]
     title, _, caption = about.strip().partition("\n")
     scenes = [name for name in CREDITS if re.search(rf"\b{name}\.glb\b", code)]
-    return Program(path, title, " ".join(caption.split()), code.strip() + "\n", scenes)
+    used = [name for name in EXAMPLE_CREDITS if re.search(rf'example:{name}\b|examples\.{name}\(|\("{name}"\)', code)]
+    return Program(path, title, " ".join(caption.split()), code.strip() + "\n", scenes, used)
 
 
 def scene_file(name: str) -> Path | None:
