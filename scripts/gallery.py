@@ -29,10 +29,7 @@ WIDEST = 1280  # pixels of a picture
 
 CREDITS = {
     "delft_city": "Model: a part of Delft, by 3dfier of TU Delft, from the open data BGT and AHN.",
-    "macross_city": 'Model: "SD Macross City Standoff Diorama" by tipatat, CC-BY 4.0.',
-    "robot": "Model: of the raylib examples, CC0.",
     "sanmiguel_lite": "Model: a part of San Miguel by Guillermo M. Leal Llaguno, CC-BY 3.0.",
-    "stanford_bunny": "Model: from the Stanford Computer Graphics Laboratory.",
 }
 """File names of real scenes in programs, with the credits that their licences require."""
 

@@ -1,7 +1,7 @@
 # An animation
 #
 # Twelve frames of a fox, from one command that continues where it was interrupted. All frames share one exposure.
-antumbra render example:fox --frames 0:33:3 --fps 42 --size 320x240 --preset final -o fox.##.png
+antumbra render example:fox --frames 0:33:3 --fps 48 --size 320x240 --preset final -o fox.##.png
 python -c "
 from PIL import Image
 sheet = Image.new('RGB', (1280, 720))

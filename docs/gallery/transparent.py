@@ -9,14 +9,14 @@ import antumbra as at
 
 SIZE = 900, 900
 SPP = 16
-scene = at.load("robot.glb")
+scene = at.examples.fox()
 frame = at.render(scene, scene.default_camera(*SIZE), spp=SPP, adaptive=SPP, background=False)
-frame.save("robot.png", background="transparent")
+frame.save("fox.png", background="transparent")
 
-robot = Image.open("robot.png")
+fox = Image.open("fox.png")
 page = Image.linear_gradient("L").resize((1280, SIZE[1]))
 page = Image.merge(
     "RGB", [page.point(lambda v, a=a, b=b: a + (b - a) * v // 255) for a, b in [(38, 236), (70, 120), (130, 90)]]
 )
-page.paste(robot, ((1280 - SIZE[0]) // 2, 0), robot)
+page.paste(fox, ((1280 - SIZE[0]) // 2, 0), fox)
 page.save("transparent.png")
