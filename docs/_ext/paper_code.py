@@ -30,7 +30,8 @@ def lines_of(path: Path) -> dict[str, tuple[int, int]]:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             found[node.name] = span
             for member in node.body if isinstance(node, ast.ClassDef) else ():
-                name = getattr(member, "name", None) or getattr(getattr(member, "target", None), "id", None)
+                place = getattr(member, "target", None) or getattr(member, "targets", [None])[0]
+                name = getattr(member, "name", None) or getattr(place, "id", None)
                 if name is not None:
                     found[f"{node.name}.{name}"] = member.lineno, member.end_lineno or member.lineno
         else:
