@@ -8,6 +8,7 @@ from PIL import Image
 
 import antumbra as at
 from antumbra.cli.console import ProgressDisplay
+from antumbra.cli.picture_spec import ROOM_LIGHT
 from gltf_files import png
 
 
@@ -216,6 +217,17 @@ def test_an_empty_view_is_said_and_is_no_error(render, square_obj):
     assert not pixels("square.png").any()
     told = render("--json", "--camera", "0,1,0:0,2,1", scene=square_obj).json()
     assert (told["seen"], told["rays"], told["lit"], told["mrays_per_second"]) == (0, 0, [None, None], None)
+
+
+def test_the_final_preset_lights_closed_rooms_by_bounced_light(cli):
+    def bounced(*words):
+        told = cli("render", *words, "--size", "8x8", "--json", "-o", "a.png").json()
+        return told["bounce"], told["bounce_step"]
+
+    room = "example:room", "--preset", "final", "--spp", "2"
+    assert bounced(*room) == (ROOM_LIGHT["bounce"], ROOM_LIGHT["bounce_step"]) == (32, 4)
+    assert bounced(*room, "--ao", "1") == bounced(*room[:1]) == (None, 1) and bounced(*room, "--bounce", "3") == (3, 1)
+    assert bounced("example:fox", *room[1:]) == (None, 1)
 
 
 def test_presets_set_what_options_do_not(render):

@@ -123,8 +123,8 @@ def parse_scene(text: str) -> SceneSpec:
     if text.startswith(EXAMPLE):
         from ..examples import file_of
 
-        name, *options = text[len(EXAMPLE) :].split("?", 1)
-        text = "?".join([str(file_of(name)), *options])
+        example, mark, query = text[len(EXAMPLE) :].partition("?")
+        text = f"{file_of(example)}{mark}{query}"
     if not text.startswith(PROCEDURAL):
         if match := _MESH_OPTIONS.fullmatch(text):
             return _with_options(SceneSpec(Path(match[1])), match[2], text)

@@ -345,7 +345,10 @@ QUALITIES = {
 
 PresetOption = Annotated[
     Preset,
-    typer.Option(help="draft: 4 rays; standard: 16; final: 64, adaptive. Other options take precedence."),
+    typer.Option(
+        help="draft: 4 rays; standard: 16; final: 64, adaptive, and bounced light in closed rooms. Other options take "
+        "precedence."
+    ),
 ]
 SkyOption = Annotated[
     str | None,
