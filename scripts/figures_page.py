@@ -302,6 +302,13 @@ def wrong() -> Iterable[str]:
     yield table(title, results["machine"], ["case", *names], rows)
 
 
+def sun_rays() -> str:
+    results = load("radiance_sun")
+    rows = [[f"{results['sensors']:,}", f"{results['suns']:,}", f"{results['pairs']:,}", f"{len(results['rows']):,}"]]
+    title = "Sun hours: pairs of sensor and sun for which Radiance and Antumbra differ"
+    return table(title, results["machine"], ["sensors", "suns", "pairs", "differ"], rows)
+
+
 def primary_rays(results: dict[str, Any]) -> str:
     tables = [scene["table 1 primary"] for scene in results["rows"].values()]
     ratios = [each["packet16:paper"]["seconds"] / each["multifrusta"]["seconds"] for each in tables]
@@ -430,7 +437,7 @@ def page() -> str:
         server_scaling(),
     ]
     parts += [sun(), startup(), *transcribed("speed"), "## Wrong answers\n"]
-    parts += ["[](wrong-elsewhere.md) explains the cases of the first table.\n", *wrong()]
+    parts += ["[](wrong-elsewhere.md) explains the cases of the first table.\n", *wrong(), sun_rays()]
     parts += ["## Papers\n", "Each page has the tables of a paper beside ours.\n", "\n".join(papers()) + "\n"]
     parts += ["## Radiometry\n", *transcribed("radiometry"), "## Scale\n", scale(), *transcribed("scale")]
     return "\n".join(parts)
