@@ -362,13 +362,21 @@ def irradiance(results: dict[str, Any]) -> str:
     columns = ["light", "fully lit", "penumbra, 256 samples", "penumbra, 4,096 samples"]
     note = (
         "\nFully lit: mean relative error, mostly from the noise of Mitsuba. Penumbrae: mean difference over mean "
-        "irradiance, without a filter, over pixels that see 2 to 98 % of the light.\n"
+        "irradiance, without a filter, over pixels that see 2 to 98 % of the light. d is the "
+        "distance, R the radius.\n"
     )
     return table("Irradiance: errors relative to Mitsuba 3", results["machine"], columns, rows) + note
 
 
 def skies(results: dict[str, Any]) -> str:
-    some = [row for row in results["rows"] if "count" in row]
+    """Skies in the pictures of `radiometry` and of `radiometry-large`, whose command differs in the size."""
+    runs = [results, *([load("radiometry-large")] if (RESULTS / "radiometry-large.json").is_file() else [])]
+    some = [
+        {**row, "case": f"{row['case']}, {4 * run['size']} x {3 * run['size']}"}
+        for run in runs
+        for row in run["rows"]
+        if "count" in row
+    ]
     names = list(dict.fromkeys(row["case"] for row in some))
     rows = [
         [f"{count:,}", *(f"{where(some, case=name, count=count)[0]['relative']:.1f} %" for name in names)]
