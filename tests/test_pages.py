@@ -105,14 +105,17 @@ NODES = [
     ],
 )
 def test_newer_results_replace_transcribed_tables(title, results, row, tmp_path, monkeypatch):
-    name, _ = figures.RERUN[title]
-    part = next(t["part"] for t in figures.load("transcribed")["tables"] if t["title"].startswith(title))
-    (tmp_path / "transcribed.json").write_text(json.dumps(figures.load("transcribed")))
+    part, name, _ = figures.RERUN[title]
+    older = {"part": part, "title": f"{title}: older", "columns": ["a"], "rows": [["1"]], **MACHINE}
+    other = {**older, "title": "Another table"}
+    (tmp_path / "transcribed.json").write_text(json.dumps({"tables": [older, other]}))
+    assert len(list(figures.transcribed(part))) >= 2
     (tmp_path / f"{name}.json").write_text(json.dumps({"machine": MACHINE, **results}))
     monkeypatch.setattr(figures, "RESULTS", tmp_path)
     monkeypatch.setattr(figures, "RERUN", {title: figures.RERUN[title]})
-    (made,) = [each for each in figures.transcribed(part) if "`python benchmarks/x.py`: a Zen; 1 thread; " in each]
-    assert row in made and made.startswith(f"### {title}")
+    made, left = figures.transcribed(part)
+    assert row in made and made.startswith(f"### {title}") and left.startswith("### Another table")
+    assert "`python benchmarks/x.py`: a Zen; 1 thread; 2026-01-02." in made
 
 
 def test_wrong_elsewhere_has_the_kept_results():
