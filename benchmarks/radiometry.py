@@ -212,7 +212,7 @@ def main() -> None:
                     print(f"{name}, {row.count} lights: {row.relative:.2f} and {row.difference:.2f} %", flush=True)
                     rows.append(row)
     if options.json:
-        record = {"machine": machine(0), "rows": [row._asdict() for row in rows]}
+        record = {"machine": machine(0), "size": options.size, "rows": [row._asdict() for row in rows]}
         options.json.write_text(json.dumps(record, indent=1))
 
 

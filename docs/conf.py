@@ -22,13 +22,14 @@ extensions = [
     "help",
     "labels",
     "live",
+    "paper_code",
     "pictures",
     "raised",
     "registries",
     "whole",
     "shown",
 ]
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "papers/ideas"]
 nitpick_ignore_regex = [("py:.*", ".*")]
 
 autodoc_member_order = "bysource"

@@ -1,10 +1,8 @@
 """Bakes ambient occlusion and the light of a sun into glTF files: python examples/bake.py [FOLDER]
 
-The scene is a temple if it is in the folder $ANTUMBRA_SCENES, else the procedural atrium. The texture needs an atlas:
-pip install 'antumbra[bake]'
+The scene is the temple that comes with the package. The texture needs an atlas: pip install 'antumbra[bake]'
 """
 
-import os
 import sys
 import tempfile
 from pathlib import Path
@@ -12,8 +10,7 @@ from pathlib import Path
 import antumbra as at
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
-temple = Path(os.environ.get("ANTUMBRA_SCENES", "")) / "japanese_temple" / "scene.glb"
-scene = temple if temple.is_file() else at.procedural("atrium", triangles=5_000)
+scene = at.examples.file_of("temple")
 
 # Ambient occlusion at vertices: COLOR_0 multiplies the base colour in every viewer.
 corners = at.bake(scene, folder / "occlusion.glb", spp=64)

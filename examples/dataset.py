@@ -1,11 +1,10 @@
 """A training data set, read with torch if it is installed: python examples/dataset.py [FOLDER]
 
-It renders a room ($ANTUMBRA_SCENES/godot_room, else a procedural atrium) with random cameras and lights, and reads the
-files as tensors, or as NumPy arrays without torch. A second run renders nothing.
+It renders the room that comes with the package, with random cameras and lights, and reads the files as tensors, or as
+NumPy arrays without torch. A second run renders nothing.
 """
 
 import json
-import os
 import sys
 import tempfile
 from pathlib import Path
@@ -52,8 +51,7 @@ class Shadows(Dataset):
 
 if __name__ == "__main__":
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp()) / "shadows"
-    room = Path(os.environ.get("ANTUMBRA_SCENES", "")) / "godot_room" / "scene.glb"
-    scene = at.load(room) if room.is_file() else at.procedural("atrium", triangles=10_000)
+    scene = at.examples.room()
     dataset = at.dataset(scene, folder, random=CAMERAS, random_lights=LIGHTS, seed=5, size=(96, 64), spp=4)
     rendered = f"{dataset.rendered} of them rendered now, in {dataset.seconds:.1f} s"
     print(f"{dataset.frames} frames of {scene.name}, {rendered}")

@@ -3,7 +3,6 @@
 Requires viser: pip install 'antumbra[view]'. With FOLDER, it does not wait for a user.
 """
 
-import os
 import sys
 import tempfile
 from pathlib import Path
@@ -11,8 +10,7 @@ from pathlib import Path
 import antumbra as at
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
-temple = Path(os.environ.get("ANTUMBRA_SCENES", "")) / "japanese_temple" / "scene.glb"
-scene = at.load(temple) if temple.is_file() else at.procedural("atrium", triangles=20_000)
+scene = at.examples.temple()
 
 waits = len(sys.argv) == 1
 with at.view(scene, port=0, browser=waits) as viewer:

@@ -5,16 +5,16 @@
 
 The results are docs/results/NAME.json, from the option --json of the scripts in benchmarks/, and
 docs/papers/results/NAME.json, from ``antumbra bench``. docs/results/transcribed.json has tables that commands printed
-before their results were kept. Each table on the page names its command, machine and date. --check exits with code 1 if
-the page differs.
+before their results were kept; once docs/results/ has the file of such a table (`RERUN` lists them), the table is made
+from it. Each table on the page names its command, machine and date. --check exits with code 1 if the page differs.
 """
 
 import json
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from statistics import geometric_mean, median
-from typing import Any
+from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "docs" / "results"
@@ -30,9 +30,9 @@ is faster.
 """
 
 
-def load(name: str, folder: Path = RESULTS) -> dict[str, Any]:
-    """A file of results."""
-    return json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+def load(name: str, folder: Path | None = None) -> dict[str, Any]:
+    """A file of results, of docs/results/ by default."""
+    return json.loads(((folder or RESULTS) / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def where(rows: Iterable[dict], **fields: Any) -> list[dict]:
@@ -64,8 +64,13 @@ def source(about: dict[str, Any]) -> str:
 
 
 def transcribed(part: str) -> Iterable[str]:
-    """The tables of a part that commands printed."""
-    for each in where(load("transcribed")["tables"], part=part):
+    """The tables of a part that commands printed, each unless a newer file of results has it."""
+    older = [each for each in load("transcribed")["tables"] if each["part"] == part]
+    for title, run in RERUN.items():
+        if run.part == part and (RESULTS / f"{run.results}.json").is_file():
+            older = [each for each in older if not each["title"].startswith(title)]
+            yield run.make(load(run.results))
+    for each in older:
         note = f"\n{each['note']}\n" if "note" in each else ""
         yield table(each["title"], each, each["columns"], each["rows"]) + note
 
@@ -166,6 +171,21 @@ def server() -> str:
     return table("Latency of a call, microseconds", results["machine"], columns, rows)
 
 
+def server_scaling() -> str:
+    results, rows = load("server"), []
+    for one in where(results["rows"], part="scaling", library="antumbra", workers="threads", count=1):
+        speedups = [
+            where(results["rows"], part="scaling", library="antumbra", rays=one["rays"], workers=workers, count=8)[0]
+            for workers in ("threads", "processes")
+        ]
+        rows.append(
+            [f"{one['rays']:,}", f"{one['calls_per_second']:,.0f}", *(f"x {s['speedup']:.1f}" for s in speedups)]
+        )
+    columns = ["rays per call", "calls per second, one thread", "eight threads", "eight processes"]
+    title = f"Calls from many threads and processes, on {results['machine']['cores']} cores"
+    return table(title, results["machine"], columns, rows)
+
+
 def sun() -> str:
     results = load("sun")
     rows = [
@@ -188,6 +208,82 @@ def startup() -> str:
     return table("Start-up, whole processes", results["machine"], ["process", "seconds"], rows)
 
 
+def small_soft_shadows(results: dict[str, Any]) -> str:
+    families, rows = ("antumbra", "embree", "mitsuba", "open3d"), []
+    for one in where(results["rows"], family="antumbra"):
+        peers = where(results["rows"], scene=one["scene"], light=one["light"])
+        best = (max((r["mrays"] for r in peers if r["family"] == each), default=0.0) for each in families)
+        rows.append([one["scene"], one["light"], *(f"{rate:.1f}" if rate else "" for rate in best)])
+    title = "Soft shadows in small images, 512 x 512, plan `bsah+auto`: million rays per second"
+    return table(title, results["machine"], ["scene", "light", "Antumbra", "Embree", "Mitsuba", "Open3D"], rows)
+
+
+def rays_in_arrays(results: dict[str, Any]) -> str:
+    """Of `benchmarks/arrays.py`: ratios over scenes, to Embree's fastest mode and to Python libraries."""
+    rows = []
+    for kind in dict.fromkeys(row["kind"] for row in results["rows"]):
+        some = where(results["rows"], kind=kind)
+        scenes = dict.fromkeys(row["scene"] for row in some)
+        fastest = [min(r["we_are_faster"] for r in where(some, scene=s) if "embree " in r["method"]) for s in scenes]
+        others = ([r["we_are_faster"] for r in some if r["method"] == each] for each in ("embreex", "open3d"))
+        rows.append([kind, f"{some[0]['rays']:,}", *(_extent(ratios) for ratios in (fastest, *others))])
+    columns = ["rays", "number", "relative to Embree's best mode and tree", "relative to embreex", "relative to Open3D"]
+    query = "closest hits" if "--query closest" in results["machine"]["command"] else "any hit"
+    return table(f"Arrays of rays, {query}: least and largest ratio over scenes", results["machine"], columns, rows)
+
+
+def _extent(ratios: list[float]) -> str:
+    return f"{min(ratios):.2f} to {max(ratios):.2f}" if ratios else ""
+
+
+def both_queries(results: dict[str, Any]) -> str:
+    closest = [rays_in_arrays(load("arrays-closest"))] if (RESULTS / "arrays-closest.json").is_file() else []
+    return "\n".join([rays_in_arrays(results), *closest])
+
+
+def method_selection(results: dict[str, Any]) -> str:
+    """Of `benchmarks/auto.py`: `auto` and the named plan with the least mean, relative to the best of each case."""
+    cases = [row["seconds"] for row in results["rows"]]
+    plans = set.intersection(*map(set, cases)) - {"auto"}
+    least = [min(seconds for plan, seconds in case.items() if plan != "auto") for case in cases]
+    ratios = {plan: [case[plan] / best for case, best in zip(cases, least)] for plan in (*plans, "auto")}
+    named = min(plans, key=lambda plan: geometric_mean(ratios[plan]))
+    rows = [[f"`{p}`", f"{geometric_mean(ratios[p]):.2f}", f"{max(ratios[p]):.2f}"] for p in ("auto", named)]
+    title = f"Method selection by `auto`: time relative to the best plan of each of {len(cases)} cases"
+    return table(title, results["machine"], ["plan", "geometric mean", "at worst"], rows)
+
+
+def jobs(results: dict[str, Any]) -> str:
+    """Of `benchmarks/jobs.py`: matrices and bakes."""
+    rows = []
+    for r in results["rows"]:
+        if r["what"] == "matrix":
+            pairs = r["points"] ** 2
+            rows.append(
+                [
+                    f"who sees whom: {r['points']:,} points in {r['scene']}",
+                    f"{r['seconds']:.0f}",
+                    f"{pairs / r['seconds'] / 1e6:.0f} million pairs a second",
+                ]
+            )
+        elif r["what"] == "bake":
+            what = f"baking {r['points']:,} vertices of {r['scene']}, {r['rays'] / 1e6:.1f} million rays"
+            rows.append([what, f"{r['seconds']:.1f}", f"{1e6 * r['seconds'] / r['points']:.0f} s a million vertices"])
+    return table("Jobs", results["machine"], ["work", "CPU seconds", "rate"], rows)
+
+
+def viewer(results: dict[str, Any]) -> str:
+    """Of `benchmarks/jobs.py`: the images of `antumbra.view`, coarse to fine."""
+    some = where(results["rows"], what="viewer")
+    scenes = dict.fromkeys((r["scene"], r["triangles"]) for r in some)
+    rows = [
+        [step, *(f"{where(some, step=step, scene=scene)[0]['seconds']:.2f}" for scene, _ in scenes)]
+        for step in dict.fromkeys(r["step"] for r in some)
+    ]
+    title = "Images of the viewer, CPU seconds; the first one includes the tree"
+    return table(title, results["machine"], ["image", *(f"{s}, {n:,} triangles" for s, n in scenes)], rows)
+
+
 # --- Wrong answers, papers, scale -------------------------------------------------------------------------------------
 
 
@@ -204,6 +300,13 @@ def wrong() -> Iterable[str]:
     ]
     title = f"All hits and insides, {results['wrong'][0]['queries']:,} queries each"
     yield table(title, results["machine"], ["case", *names], rows)
+
+
+def sun_rays() -> str:
+    results = load("radiance_sun")
+    rows = [[f"{results['sensors']:,}", f"{results['suns']:,}", f"{results['pairs']:,}", f"{len(results['rows']):,}"]]
+    title = "Sun hours: pairs of sensor and sun for which Radiance and Antumbra differ"
+    return table(title, results["machine"], ["sensors", "suns", "pairs", "differ"], rows)
 
 
 def primary_rays(results: dict[str, Any]) -> str:
@@ -249,6 +352,91 @@ def scale() -> str:
     return table("A forest of instances", results["machine"], ["what", "figure"], rows)
 
 
+def irradiance(results: dict[str, Any]) -> str:
+    percent = lambda errors, spp: f"{errors[spp]:.2f} %" if spp in errors else "none"
+    rows = [
+        [r["case"], f"{r['lit']:.3f} %", percent(r["penumbra"], "256"), percent(r["penumbra"], "4096")]
+        for r in results["rows"]
+        if "lit" in r
+    ]
+    columns = ["light", "fully lit", "penumbra, 256 samples", "penumbra, 4,096 samples"]
+    note = (
+        "\nFully lit: mean relative error, mostly from the noise of Mitsuba. Penumbrae: mean difference over mean "
+        "irradiance, without a filter, over pixels that see 2 to 98 % of the light. d is the "
+        "distance, R the radius.\n"
+    )
+    return table("Irradiance: errors relative to Mitsuba 3", results["machine"], columns, rows) + note
+
+
+def skies(results: dict[str, Any]) -> str:
+    """Skies in the pictures of `radiometry` and of `radiometry-large`, whose command differs in the size."""
+    runs = [results, *([load("radiometry-large")] if (RESULTS / "radiometry-large.json").is_file() else [])]
+    some = [
+        {**row, "case": f"{row['case']}, {4 * run['size']} x {3 * run['size']}"}
+        for run in runs
+        for row in run["rows"]
+        if "count" in row
+    ]
+    names = list(dict.fromkeys(row["case"] for row in some))
+    rows = [
+        [f"{count:,}", *(f"{where(some, case=name, count=count)[0]['relative']:.1f} %" for name in names)]
+        for count in dict.fromkeys(row["count"] for row in some)
+    ]
+    return table("Skies: mean relative error in a town of boxes", results["machine"], ["`Sky(count=)`", *names], rows)
+
+
+def cluster_nodes(results: dict[str, Any]) -> str:
+    """Of `benchmarks/cluster.py`: seconds and efficiency of simulated nodes."""
+    some = results["simulated"]
+    stores = list(dict.fromkeys(row["store"] for row in some))
+    cell = lambda r: f"{r['seconds']:,.0f}, {r['of_ideal']:.2f}"
+    rows = [
+        [
+            f"{r['hours']:g} h",
+            r["nodes"],
+            *(cell(where(some, hours=r["hours"], nodes=r["nodes"], store=s)[0]) for s in stores),
+        ]
+        for r in where(some, store=stores[0])
+    ]
+    names = ["scene by path" if not store else f"{store:g} GB to fetch" for store in stores]
+    parts = median(results["rows"][0]["parts"])
+    title = f"Nodes of a cluster, simulated from measured parts of {parts:.2f} s: seconds, efficiency"
+    return table(title, results["about"], ["single-node work", "nodes", *names], rows)
+
+
+def store(results: dict[str, Any]) -> str:
+    (r,) = where(results["rows"], what="store")
+    rows = [
+        ["building", f"{r['build']:,.0f} s", f"a file of {r['bytes'] / 1e9:.1f} GB"],
+        ["first frame in a street", f"{r['first']:.1f} s", f"at most {r['peak'] / 1e9:.1f} GB of memory"],
+        ["later frames", f"{r['later']:.2f} s", ""],
+    ]
+    title = f"A store of {r['triangles'] / 1e6:,.0f} million triangles (`procedural:city`)"
+    return table(title, results["machine"], ["step", "time", "size"], rows)
+
+
+class Rerun(NamedTuple):
+    """The run of a benchmark that replaces a transcribed table."""
+
+    part: str
+    results: str  # name of its file in docs/results/
+    make: Callable[[dict[str, Any]], str]  # makes the table
+
+
+RERUN = {
+    "Soft shadows in small images": Rerun("speed", "soft_shadows_small", small_soft_shadows),
+    "Arrays of rays": Rerun("speed", "arrays-occluded", both_queries),
+    "Method selection by `auto`": Rerun("speed", "auto", method_selection),
+    "Jobs": Rerun("speed", "jobs", jobs),
+    "Images of the viewer": Rerun("speed", "jobs", viewer),
+    "Irradiance": Rerun("radiometry", "radiometry", irradiance),
+    "Skies": Rerun("radiometry", "radiometry", skies),
+    "A store of": Rerun("scale", "store", store),
+    "Nodes of a cluster": Rerun("scale", "cluster", cluster_nodes),
+}
+"""Beginning of a title -> its run; docs/results/transcribed.json has the tables of those that are not run yet."""
+
+
 def page() -> str:
     """The text of the page."""
     parts = [
@@ -262,9 +450,10 @@ def page() -> str:
         updates(),
         drop_in(),
         server(),
+        server_scaling(),
     ]
     parts += [sun(), startup(), *transcribed("speed"), "## Wrong answers\n"]
-    parts += ["[](wrong-elsewhere.md) explains the cases of the first table.\n", *wrong()]
+    parts += ["[](wrong-elsewhere.md) explains the cases of the first table.\n", *wrong(), sun_rays()]
     parts += ["## Papers\n", "Each page has the tables of a paper beside ours.\n", "\n".join(papers()) + "\n"]
     parts += ["## Radiometry\n", *transcribed("radiometry"), "## Scale\n", scale(), *transcribed("scale")]
     return "\n".join(parts)

@@ -28,15 +28,8 @@ THUMBNAIL = 400, 250  # pixels
 WIDEST = 1280  # pixels of a picture
 
 CREDITS = {
-    "Fox": 'Model: "Fox" by PixelMannen, CC0; rigging and animation by tomkranis, CC-BY 4.0.',
     "delft_city": "Model: a part of Delft, by 3dfier of TU Delft, from the open data BGT and AHN.",
-    "godot_room": "Model: of the Godot demo projects, MIT licence.",
-    "japanese_temple": 'Model: "Japanese Temple Model" by Aditya3D, CC-BY 4.0.',
-    "macross_city": 'Model: "SD Macross City Standoff Diorama" by tipatat, CC-BY 4.0.',
-    "robot": "Model: of the raylib examples, CC0.",
     "sanmiguel_lite": "Model: a part of San Miguel by Guillermo M. Leal Llaguno, CC-BY 3.0.",
-    "stanford_bunny": "Model: from the Stanford Computer Graphics Laboratory.",
-    "truck_town": "Model: of the Godot demo projects, MIT licence.",
 }
 """File names of real scenes in programs, with the credits that their licences require."""
 

@@ -269,6 +269,7 @@ def examples(folder: Path) -> dict[str, Example]:
         ),
         "Viewer": ex(at.Viewer, works=False, page=None),
         "cluster": ex(at.cluster.run, works=False, function=at.sun_hours, scene="nowhere.glb"),
+        "examples": ex(at.examples.file_of, name="mill"),
     }
     for kind, made in (("Scene", own), ("PagedScene", store)):
         found |= {f"{kind}.{name}": each for name, each in scene_methods(made, made is store).items()}

@@ -49,6 +49,75 @@ def test_rows_without_a_match_are_an_error():
         figures.where([{"scene": "a"}], scene="b")
 
 
+MACHINE = {"command": "python benchmarks/x.py", "date": "2026-01-02", "processor": "a Zen", "threads": 1}
+ARRAYS = [
+    {"scene": scene, "kind": "random", "rays": 1000, "method": method, "we_are_faster": ratio}
+    for scene, method, ratio in [
+        ("a", "occluded", 1.0),
+        ("a", "embree 1 medium", 2.0),
+        ("a", "embree 16 high", 1.5),
+        ("a", "embreex", 4.0),
+        ("b", "occluded", 1.0),
+        ("b", "embree 1 medium", 0.5),
+        ("b", "open3d", 3.0),
+    ]
+]
+AUTO = [{"scene": "a", "seconds": s} for s in ({"auto": 2.0, "x": 1.0, "y": 4.0}, {"auto": 3.0, "x": 3.0, "y": 3.0})]
+SMALL = [
+    {"scene": "a", "light": "small", "family": family, "mrays": rate}
+    for family, rate in (("antumbra", 16.04), ("embree", 3.0), ("embree", 15.0), ("open3d", 3.3))
+]
+RADIOMETRY = [
+    {"case": "point", "lit": 0.002, "penumbra": {}},
+    {"case": "quad", "lit": 0.026, "penumbra": {"256": 1.02, "4096": 0.06}},
+    {"case": "daylight", "count": 256, "relative": 4.7},
+    {"case": "sun", "count": 256, "relative": 3.66},
+]
+JOBS = [
+    {"what": "matrix", "scene": "a", "points": 1000, "seconds": 0.5},
+    {"what": "bake", "scene": "b", "points": 500, "rays": 2_000_000, "seconds": 0.04},
+    {"what": "viewer", "scene": "a", "triangles": 1234, "step": "full size", "seconds": 0.254},
+    {"what": "viewer", "scene": "b", "triangles": 99, "step": "full size", "seconds": 1.0},
+]
+STORE = {"what": "store", "triangles": 5_000_000, "bytes": 4e8, "build": 30.2, "first": 3, "later": 0.8, "peak": 2e9}
+NODES = [
+    {"hours": 1.0, "store": store, "nodes": 8, "seconds": seconds, "of_ideal": share}
+    for store, seconds, share in ((0.0, 459.2, 0.98), (4.0, 1491.0, 0.92))
+]
+
+
+@pytest.mark.parametrize(
+    "title, results, row",
+    [
+        ("Soft shadows in small images", {"rows": SMALL}, "| a | small | 16.0 | 15.0 |  | 3.3 |"),
+        ("Arrays of rays", {"rows": ARRAYS}, "| random | 1,000 | 0.50 to 1.50 | 4.00 to 4.00 | 3.00 to 3.00 |"),
+        ("Method selection by `auto`", {"rows": AUTO}, "| `auto` | 1.41 | 2.00 |\n| `x` | 1.00 | 1.00 |"),
+        ("Irradiance", {"rows": RADIOMETRY}, "| point | 0.002 % | none | none |\n| quad | 0.026 % | 1.02 % | 0.06 % |"),
+        ("Skies", {"rows": RADIOMETRY, "size": 32}, "| 256 | 4.7 % | 3.7 % |"),
+        ("Jobs", {"rows": JOBS}, "| baking 500 vertices of b, 2.0 million rays | 0.0 | 80 s a million vertices |"),
+        ("Images of the viewer", {"rows": JOBS}, "| full size | 0.25 | 1.00 |"),
+        ("A store of", {"rows": [STORE]}, "| building | 30 s | a file of 0.4 GB |"),
+        (
+            "Nodes of a cluster",
+            {"rows": [{"parts": [0.5, 1.5]}], "simulated": NODES, "about": MACHINE},
+            "| 1 h | 8 | 459, 0.98 | 1,491, 0.92 |",
+        ),
+    ],
+)
+def test_newer_results_replace_transcribed_tables(title, results, row, tmp_path, monkeypatch):
+    part, name, _ = figures.RERUN[title]
+    older = {"part": part, "title": f"{title}: older", "columns": ["a"], "rows": [["1"]], **MACHINE}
+    other = {**older, "title": "Another table"}
+    (tmp_path / "transcribed.json").write_text(json.dumps({"tables": [older, other]}))
+    assert len(list(figures.transcribed(part))) >= 2
+    (tmp_path / f"{name}.json").write_text(json.dumps({"machine": MACHINE, **results}))
+    monkeypatch.setattr(figures, "RESULTS", tmp_path)
+    monkeypatch.setattr(figures, "RERUN", {title: figures.RERUN[title]})
+    made, left = figures.transcribed(part)
+    assert row in made and made.startswith(f"### {title}") and left.startswith("### Another table")
+    assert "`python benchmarks/x.py`: a Zen; 1 thread; 2026-01-02." in made
+
+
 def test_wrong_elsewhere_has_the_kept_results():
     page = (DOCS / "wrong-elsewhere.md").read_text(encoding="utf-8")
     rows = json.loads((DOCS / "results" / "wrong_elsewhere.json").read_text())["rows"]

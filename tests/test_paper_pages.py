@@ -14,6 +14,7 @@ from repository import ROOT, tool
 
 sys.path.append(str(ROOT / "scripts"))  # paper_pages imports document_numbers
 pages = tool(ROOT / "scripts" / "paper_pages.py")
+diagrams = tool(ROOT / "scripts" / "paper_diagrams.py")
 
 KERNELS = {"antumbra.bvh.nodes:no_such_kernel": {"i": "0" * 32}}
 PYTHON = f"{sys.version_info[0]}.{sys.version_info[1]}.0"
@@ -82,6 +83,40 @@ def test_a_page_is_written_from_results(present, tmp_path, monkeypatch):
     pages.remove_unused_pictures()
     assert {path.name for path in place.glob("*.png")} == {"srdh-comparison.png", "srdh.png", "srdh-trees.png"}
     assert pages.make_page("chc-rt", tmp_path) == f"chc-rt: no results in {tmp_path}"
+
+
+@pytest.mark.parametrize("name", pages.PAPERS)
+def test_pages_explain_the_paper_with_a_diagram(name):
+    idea = (pages.PAGES / "ideas" / f"{name}.md").read_text(encoding="utf-8")
+    assert re.findall(r"^## (.+)$", idea, re.MULTILINE) == ["The idea", "What changed, and why"]
+    assert re.findall(r"!\[.{40,}\]\((.+)\)", idea) == [f"../{name}.svg"] and idea.count("\n- **") >= 4
+
+
+def test_diagrams_are_those_of_the_script():
+    assert set(diagrams.DIAGRAMS) == set(pages.PAPERS) and diagrams.differing() == [], "run scripts/paper_diagrams.py"
+
+
+def test_diagrams_show_what_they_say():
+    low, high = [(0.0, 0.0), (0.0, 0.0)], [(200.0, 0.0), (300.0, 0.0)]
+    assert diagrams.meets_node(low, high, 0.0) and not diagrams.meets_node(low, high, 360.0)
+    assert diagrams.visits(("b", ("a", "c")), "b") == (2, True) and diagrams.visits((("a", "c"), "b"), "b") == (5, True)
+    marked = diagrams.marked_cells()
+    assert marked > {*diagrams.SOURCES, *diagrams.TARGETS} and (0, 0) not in marked
+    assert (0, "A") in diagrams.visible_pairs() and not [pair for pair in diagrams.visible_pairs() if pair[1] == "B"]
+
+
+@pytest.mark.parametrize("name", pages.PAPERS)
+def test_code_of_papers_links_to_its_lines(name, monkeypatch):
+    pytest.importorskip("docutils", reason="no docutils: the links to code are NOT checked")
+    monkeypatch.setattr(sys, "path", [str(ROOT / "docs" / "_ext"), *sys.path])
+    code = tool(ROOT / "docs" / "_ext" / "paper_code.py")
+    text = code.sections(name.replace("-", "_"))
+    places = re.findall(r"\[`([\w.]+)`\]\(\S+?/blob/main/(\S+?)#L(\d+)-L(\d+)\)", text)
+    assert len(places) > 50 and "](../../" not in text
+    for what, file, first, last in places:
+        lines = (ROOT / file).read_text(encoding="utf-8").splitlines()[int(first) - 1 : int(last)]
+        assert any(re.search(rf"\b{what.rpartition('.')[2]}\b", line) for line in lines), (what, file)
+    assert len(re.findall(r"\.py\)", text)) <= 3  # names without lines
 
 
 @pytest.mark.parametrize("name", pages.PAPERS)

@@ -65,9 +65,11 @@ class Gallery(_Programs):
 
     def _shown(self, program) -> nodes.section:
         parts = [self._image(program, program.picture), self._words(program.caption)]
+        credits = [gallery.CREDITS[name] for name in program.scenes]
         if program.scenes:
-            credits = " ".join(gallery.CREDITS[name] for name in program.scenes)
-            parts.append(self._words(f"{credits} {_stand_in(program.scenes)}", "credit"))
+            credits.append(_stand_in(program.scenes))
+        if credits:
+            parts.append(self._words(" ".join(credits), "credit"))
         return self._section(program, *parts, self._code(program.code, LANGUAGES[program.path.suffix]))
 
 

@@ -9,11 +9,13 @@ import re
 from pathlib import Path
 
 import gallery
+import paper_code
 import raised
 import registries
 from help import help_text
 
 NAME = "antumbra.md"
+PAPERS = Path(__file__).resolve().parents[1] / "papers"
 ROLE = re.compile(r"\{(?:func|class|meth|exc)\}(?=`)")
 BARE_LINK = re.compile(r"\[\]\(([^)\s]+)\)")
 FENCE = re.compile(r"^```\{([\w-]+)\}(.*?)\n(.*?)^```\n?", re.MULTILINE | re.DOTALL)
@@ -81,6 +83,11 @@ def _programs(programs) -> str:
     return "\n".join(f"### {each.title}\n\n{each.caption}\n\n```\n{each.code}\n```\n" for each in programs)
 
 
+def _included(name: str, _: str) -> str:
+    """A part of a paper's page."""
+    return FENCE.sub(_written_out, (PAPERS / name).read_text(encoding="utf-8"))
+
+
 _WRITERS = {
     "command-help": _help,
     "eval-rst": _documented,
@@ -88,6 +95,8 @@ _WRITERS = {
     "methods": lambda *_: _table(["name", "kind", "what it does", "paper"], registries.method_rows()),
     "raised": lambda _, content: _table(["call", "error", "cure"], raised.rows_of(content.splitlines())),
     "image": _image,
+    "include": _included,
+    "paper-code": lambda folder, _: paper_code.sections(folder),
     "glossary": lambda _, content: content,
     "gallery": lambda *_: _programs(gallery.programs()),
     "examples": lambda *_: _programs(gallery.examples()),

@@ -10,8 +10,9 @@ import antumbra as at
 
 SIZE = 1280, 800
 SPP = 64
-scene = at.load("macross_city.glb")
-camera = scene.default_camera(*SIZE)
+TRIANGLES = 500_000
+scene = at.procedural("city", triangles=TRIANGLES)
+camera = at.Camera((95, 60, 95), (0, 0, 0), vfov=38, width=SIZE[0], height=SIZE[1])
 frame = at.render(scene, camera, at.AmbientOcclusion(np.inf), spp=SPP, filter=True)
 picture = np.where(frame.mask, frame.visibility[0] ** 0.7, 0.93)
 Image.fromarray(np.uint8(np.rint(255 * picture))).convert("RGB").save("ambient_occlusion.png")

@@ -12,11 +12,12 @@ from antumbra.picture.image_files import to_srgb8
 
 SIZE = 640, 800
 SPP = 16
-sun = at.load("japanese_temple.glb").default_lights()[0]
+temple = at.examples.file_of("temple")
+sun = at.load(temple).default_lights()[0]
 lights = [sun, at.AmbientOcclusion(np.inf, intensity=2)]
-at.bake("japanese_temple.glb", "baked.glb", what="light", lights=lights, spp=SPP)
+at.bake(temple, "baked.glb", what="light", lights=lights, spp=SPP)
 halves = []
-for file in ("japanese_temple.glb", "baked.glb"):
+for file in (temple, "baked.glb"):
     scene = at.load(file)
     frame = at.render(scene, scene.default_camera(*SIZE), layers=True)
     halves.append(np.where(frame.mask[..., None], to_srgb8(frame.layers.albedo, 1.0), 245))

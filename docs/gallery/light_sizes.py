@@ -1,6 +1,6 @@
 """From a point to a large lamp
 
-The same light with a radius of nothing, 2, 6 and 18 cm beside a rabbit of 15 cm.
+The same light with a radius of a thousandth, 3, 10 and 30 % of the size of a mill.
 """
 
 import numpy as np
@@ -10,12 +10,13 @@ import antumbra as at
 
 SIZE = 640, 480
 SPP = 64
-scene = at.load("stanford_bunny.glb")
+scene = at.examples.mill()
 camera, size = scene.default_camera(*SIZE), (scene.bounds[1] - scene.bounds[0]).max()
 centre = scene.bounds.mean(0) + size * np.array([1.1, 1.0, 0.6])
 sheet = Image.new("RGB", (2 * SIZE[0], 2 * SIZE[1]))
 for k, radius in enumerate([0.001, 0.03, 0.1, 0.3]):
     lamp = at.SphereLight(centre, radius * size, intensity=4 * size**2)
-    at.render(scene, camera, [lamp, at.Sky(intensity=0.15)], spp=SPP, filter=True, adaptive=SPP).save("panel.png")
+    frame = at.render(scene, camera, [lamp, at.Sky(intensity=0.15)], spp=SPP, filter=True, adaptive=SPP, ground=True)
+    frame.save("panel.png")
     sheet.paste(Image.open("panel.png"), (k % 2 * SIZE[0], k // 2 * SIZE[1]))
 sheet.save("light_sizes.png")

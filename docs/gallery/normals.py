@@ -10,10 +10,10 @@ import antumbra as at
 
 SIZE = 1024, 640
 SPP = 16
-scene = at.load("macross_city.glb")
-frame = at.render(
-    scene, scene.default_camera(*SIZE), at.DirectionalLight((-0.5, -0.9, -0.4), angular_diameter=2), spp=SPP
-)
+TRIANGLES = 100_000
+scene = at.procedural("atrium", triangles=TRIANGLES)
+sun = at.DirectionalLight((-0.5, -0.9, -0.4), angular_diameter=2)
+frame = at.render(scene, scene.cameras[0].resized(*SIZE), sun, spp=SPP)
 shade = 0.35 + 0.65 * frame.visibility[0][..., None]
 picture = np.where(frame.mask[..., None], (0.5 + 0.5 * frame.gbuffer.normal) * shade, 0.95)
 Image.fromarray(np.uint8(np.rint(255 * picture))).save("normals.png")

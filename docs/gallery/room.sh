@@ -1,4 +1,4 @@
 # A room from inside
 #
-# The camera finds its way into a room by itself. Sun and sky come through the openings.
-antumbra render godot_room.glb --size 1024x640 --adaptive --bounce 8 -o room.png
+# The camera finds its way into a room by itself. A closed room gets a lamp, whose light bounces off walls and floor.
+antumbra render example:room --size 1024x640 --preset final -o room.png

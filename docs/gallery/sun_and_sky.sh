@@ -1,4 +1,4 @@
 # Sun and sky
 #
 # What a file without lights looks like: a sun of half a degree, and a soft daylight of 256 directions.
-antumbra render japanese_temple.glb --size 900x1125 --preset final -o sun_and_sky.png
+antumbra render example:temple --size 900x1125 --preset final -o sun_and_sky.png

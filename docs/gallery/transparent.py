@@ -9,14 +9,14 @@ import antumbra as at
 
 SIZE = 900, 900
 SPP = 16
-scene = at.load("robot.glb")
+scene = at.examples.mill()
 frame = at.render(scene, scene.default_camera(*SIZE), spp=SPP, adaptive=SPP, background=False)
-frame.save("robot.png", background="transparent")
+frame.save("mill.png", background="transparent")
 
-robot = Image.open("robot.png")
+mill = Image.open("mill.png")
 page = Image.linear_gradient("L").resize((1280, SIZE[1]))
 page = Image.merge(
     "RGB", [page.point(lambda v, a=a, b=b: a + (b - a) * v // 255) for a, b in [(38, 236), (70, 120), (130, 90)]]
 )
-page.paste(robot, ((1280 - SIZE[0]) // 2, 0), robot)
+page.paste(mill, ((1280 - SIZE[0]) // 2, 0), mill)
 page.save("transparent.png")

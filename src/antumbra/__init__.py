@@ -14,7 +14,7 @@ from .field_docs import describe as _describe
 from .version import VERSION as _VERSION
 
 if typing.TYPE_CHECKING:
-    from . import cluster
+    from . import cluster, examples
     from .engine.engine import Engine
     from .engine.gis_scenes import from_footprints, from_raster
     from .engine.paged_scene import PagedScene
@@ -121,6 +121,7 @@ __all__ = [
     "build_store",
     "cluster",
     "dataset",
+    "examples",
     "face_sensors",
     "from_footprints",
     "from_raster",
@@ -243,7 +244,7 @@ _HOME = {
     "visible_share": "jobs.line_of_sight.targets",
     "write_attributes": "formats.cityjson.attribute_writer",
 }
-_MODULES = ("cluster",)  # public names that are modules
+_MODULES = "cluster", "examples"  # public names that are modules
 
 if not typing.TYPE_CHECKING:  # hidden from type checkers, so that unknown names are errors
 

@@ -66,6 +66,19 @@ def test_fit_auto(run, small, tmp_path):
     assert set(fitted["weights"]) == set(fitted["reference"]) and "predictions alone lose" in done.out
 
 
+def test_jobs(run, small):
+    few = ("--points", 60, "--spp", 4, "--size", 64, 40, "--rounds", 1)
+    done = run("jobs", small, *few, "--only", "matrix", "bake", "viewer")
+    rows = {what: [row for row in done.rows if row["what"] == what] for what in ("matrix", "bake", "viewer")}
+    assert len(rows["matrix"]) == len(rows["bake"]) == 1 and len(rows["viewer"]) == 6
+    assert all(row["seconds"] > 0.0 for row in done.rows) and rows["bake"][0]["rays"] > rows["bake"][0]["points"]
+
+
+def test_jobs_of_a_store(run):
+    (row,) = run("jobs", "--only", "store", "--store", 20_000, "--size", 48, 32).rows
+    assert row["bytes"] > 20_000 * 36 and min(row["build"], row["first"], row["later"]) > 0.0
+
+
 def test_viewshed(run):
     """Peers only where they are installed."""
     pytest.importorskip("rasterio")

@@ -8,6 +8,7 @@ from PIL import Image
 
 import antumbra as at
 from antumbra.cli.console import ProgressDisplay
+from antumbra.cli.picture_spec import ROOM_LIGHT
 from gltf_files import png
 
 
@@ -44,7 +45,7 @@ def test_the_summary_says_that_textures_are_missing(cli, tmp_path):
     done = cli("render", "a.obj", "--size", 16, "--spp", 1)
     notes = [line for line in done.out.splitlines() if line.startswith("note ")]
     assert done.code == 0 and len(notes) == 1, done.out
-    assert "lost0.png" in notes[0] and "taken as white" in notes[0] and "2 more of this kind" in done.out
+    assert "lost0.png" in notes[0] and "shown in pink" in notes[0] and "2 more of this kind" in done.out
 
 
 def test_the_summary_as_json(render):
@@ -216,6 +217,17 @@ def test_an_empty_view_is_said_and_is_no_error(render, square_obj):
     assert not pixels("square.png").any()
     told = render("--json", "--camera", "0,1,0:0,2,1", scene=square_obj).json()
     assert (told["seen"], told["rays"], told["lit"], told["mrays_per_second"]) == (0, 0, [None, None], None)
+
+
+def test_the_final_preset_lights_closed_rooms_by_bounced_light(cli):
+    def bounced(*words):
+        told = cli("render", *words, "--size", "8x8", "--json", "-o", "a.png").json()
+        return told["bounce"], told["bounce_step"]
+
+    room = "example:room", "--preset", "final", "--spp", "2"
+    assert bounced(*room) == (ROOM_LIGHT["bounce"], ROOM_LIGHT["bounce_step"]) == (32, 4)
+    assert bounced(*room, "--ao", "1") == bounced(*room[:1]) == (None, 1) and bounced(*room, "--bounce", "3") == (3, 1)
+    assert bounced("example:mill", *room[1:]) == (None, 1)
 
 
 def test_presets_set_what_options_do_not(render):

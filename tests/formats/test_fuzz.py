@@ -303,7 +303,7 @@ def with_checksums(png: bytes) -> bytes:
 
 
 def check_pictures(folder, kind, seeds):
-    """Mutate a texture; the scene is there in any case, and a note says so if the texture is white."""
+    """Mutate a texture; the scene is there in any case, and a note says so if the texture is missing."""
     base, path, counts = encoded(kind), folder / "a.glb", {"shown": 0, "white": 0}
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for seed in seeds:
@@ -315,7 +315,7 @@ def check_pictures(folder, kind, seeds):
             _ = scene.cutouts
             textures = scene.appearance.textures
             assert all(texture.mips.dtype == np.uint8 for texture in textures)
-        assert bool(textures) != any("taken as white" in note for note in scene.notes), seed
+        assert bool(textures) != any("shown in pink" in note for note in scene.notes), seed
         counts["shown" if textures else "white"] += 1
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < MEGABYTES << 10  # Pillow's own memory, kB
     return counts

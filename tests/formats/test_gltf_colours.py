@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from antumbra.engine.scene_loading import load
+from antumbra.scene.materials import PINK
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, png
 
 
@@ -106,12 +107,12 @@ def _broken_images():
 
 
 @pytest.mark.parametrize("kind", ["missing", "not a picture", "truncated", "bomb"])
-def test_a_texture_that_cannot_be_used_is_white_and_noted_once(tmp_path, kind):
+def test_a_texture_that_cannot_be_used_is_pink_and_noted_once(tmp_path, kind):
     data = _broken_images()[kind]
     made = textured({"uri": "gone.png"}) if data is None else in_view(data)
     made.node(mesh=0, translation=[0, 0, 1])  # a second user of the same texture
-    with pytest.warns(UserWarning, match="taken as white") as caught:
+    with pytest.warns(UserWarning, match="shown in pink") as caught:
         scene = load(made.write(tmp_path))
     assert len(caught) == 1 and len(scene.notes) == 1
     assert "made.glb: images[0]" in scene.notes[0] and "\n" not in scene.notes[0]
-    np.testing.assert_array_equal(scene.colours, np.ones((2, 3)))
+    np.testing.assert_allclose(scene.colours, np.tile(PINK, (2, 1)), atol=0.003)

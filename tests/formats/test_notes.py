@@ -7,7 +7,7 @@ from antumbra.scene.scene_data import group_notes
 
 
 def test_notes_of_a_kind_are_one_with_their_number():
-    lost = [f'a.obj: file "t{i}.png" is missing (its colours are taken as white)' for i in range(62)]
+    lost = [f'a.obj: file "t{i}.png" is missing (shown in pink)' for i in range(62)]
     spot = 'a.glb: lights[3] "Lamp 7" is a spot light; taken as a point light'
     found = group_notes([*lost[:30], spot, *lost[30:]])
     assert found == [f"{lost[0]} (and 61 more of this kind; Scene.notes has all)", spot]

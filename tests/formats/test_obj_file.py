@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from antumbra.engine.scene_loading import load
 from antumbra.formats import mtl_file, obj_file
 from antumbra.formats.text_numbers import parsed_numbers
-from antumbra.scene.materials import BLEND, MASK, OPAQUE
+from antumbra.scene.materials import BLEND, MASK, OPAQUE, PINK
 from gltf_files import png
 
 
@@ -215,11 +215,12 @@ def test_textures_and_opacity_maps(tmp_path):
     np.testing.assert_array_equal(c.pixels, np.dstack([pixels, np.full((4, 4), 70)]))
 
 
-def test_unusable_textures_are_white_with_one_note_each(tmp_path):
+def test_unusable_textures_are_pink_with_one_note_each(tmp_path):
     put(tmp_path, "bad.png", b"\x89PNG but no more")
     text = "newmtl a\nmap_Kd bad.png\nnewmtl b\nmap_Kd bad.png\nmap_d gone.png\nnewmtl c\nmap_Kd gone.png\n"
     materials, notes = materials_of(tmp_path, text)
     assert all(materials[name].texture is None for name in "abc") and len(notes) == 2
+    assert all(materials[name].factor[:3] == PINK for name in "abc")
     assert "'gone.png'" in notes[0] and "texture 'bad.png' is unusable" in notes[1]
 
 

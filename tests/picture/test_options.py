@@ -18,8 +18,8 @@ NAMES = [field.name for field in fields(RenderOptions)]
 
 OTHERS = {
     "spp": 4, "time": 1.5, "counters": True, "sampler": "halton", "cull_faces": "back", "filter": True,
-    "antialias": False, "adaptive": 8, "bounce": 2, "background": False, "layers": True, "textures": False,
-    "smooth_normals": False, "ground": -1.5,
+    "antialias": False, "adaptive": 8, "bounce": 2, "bounce_step": 4, "background": False, "layers": True,
+    "textures": False, "smooth_normals": False, "ground": -1.5,
 }  # fmt: skip
 """Option -> a value that is not the default."""
 
@@ -33,6 +33,7 @@ WRONG = {
     "antialias": (None, "antialias is None; it must be True or False"),
     "adaptive": (0, "adaptive is 0; it must be a whole number from 1 to 1024"),
     "bounce": (1.5, "bounce is 1.5; it must be a whole number from 1 to 1024"),
+    "bounce_step": (3, "bounce_step is 3; it must be 1, 2, 4 or 8"),
     "background": ("white", "background is 'white'; it must be True or False"),
     "layers": (0, "layers is 0; it must be True or False"),
     "textures": ([], "textures is []; it must be True or False"),

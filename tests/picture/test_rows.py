@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.picture.renderer import Renderer
-from antumbra.picture.row_bands import band_array_names, bits_of_bands
+from antumbra.picture.row_bands import BAND, band_array_names, bits_of_bands
 
 SCENE = at.procedural("atrium", triangles=2000)
 H, W = 50, 44
@@ -55,6 +55,21 @@ def test_bounced_light_and_layers():
     for name in "image", "indirect", "visibility", "coverage":
         assert same(getattr(made, name), getattr(whole, name)), name
     assert same(tuple(made.layers), tuple(whole.layers)) and whole.indirect.any()
+
+
+@pytest.mark.parametrize("step", [4, 8])
+def test_bounced_light_at_sparse_pixels(step):
+    camera, lights = SCENE.cameras[0].resized(50, 75), [at.SphereLight((0, 4, 0), 0.4, intensity=30.0)]
+    options = at.RenderOptions(spp=4, bounce=3, bounce_step=step, filter=True, adaptive=8)
+    renderer = Renderer(SCENE)
+    whole = renderer.render(camera, lights, options=options)
+    request = renderer.request(camera, lights, options)
+    rows = renderer.rows(request)
+    bands = [rows.band(first, min(first + BAND, 75)) for first in range(0, 75, BAND)]
+    arrays = {n: np.concatenate([b[n] for b in bands]) for n in band_array_names(request)}
+    assert arrays["indirect"].shape == (-(-75 // step), -(-50 // step), 3) and len(bands) == 3
+    made = renderer.from_rows(request, bits_of_bands(arrays))
+    assert same(made.indirect, whole.indirect) and same(made.image, whole.image) and whole.indirect.any()
 
 
 def test_bands_of_a_store(tmp_path):

@@ -151,7 +151,7 @@ COMMANDS = {
     ),
     "build": CommandEntry("scene_commands", "Combine SCENEs in one store, which may exceed memory."),
     "info": CommandEntry("scene_commands", "Show the contents of SCENE."),
-    "scenes": CommandEntry("scene_commands", "List the procedural scenes, or export one."),
+    "scenes": CommandEntry("scene_commands", "List the procedural and the example scenes, or export a procedural one."),
     "formats": CommandEntry("scene_commands", "List the file formats of scenes, and what is lost in them."),
     "plans": CommandEntry("installation_commands", "List the methods, and the plans they form."),
     "warmup": CommandEntry(

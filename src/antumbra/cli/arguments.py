@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 
 PROCEDURAL = "procedural:"
+EXAMPLE = "example:"
 DEFAULT_SCENE = PROCEDURAL + "atrium"
 
 _COUNT = re.compile(r"(\d+(?:\.\d+)?)([kKmM]?)")
@@ -110,15 +111,20 @@ class FrameSequence(NamedTuple):
 
 
 def parse_scene(text: str) -> SceneSpec:
-    """Parse a path, which may have options, or a procedural scene.
+    """Parse a path, which may have options, an example scene, or a procedural scene.
 
     ``city.json?lod=2.2``, ``tree.glb?cutouts=off``, ``tree.glb?transmittance=leaf:0.3&transmittance=glass:0.9,1,0.9``,
     ``tree.glb?transmittance=leaf:0.7/0.7/0.6/0.4/0.3/0.2/0.2/0.2/0.3/0.5/0.6/0.7``,
     ``forest.glb?instances=on``, ``buildings.gpkg?height=h&terrain=dem.tif``, ``dem.tif?band=2``,
-    ``procedural:NAME?triangles=100k&seed=3``.
+    ``example:NAME``, ``procedural:NAME?triangles=100k&seed=3``.
     """
     if not text:
         raise InputError(f"SCENE is empty; name a file, a folder or {DEFAULT_SCENE}")
+    if text.startswith(EXAMPLE):
+        from ..examples import file_of
+
+        example, mark, query = text[len(EXAMPLE) :].partition("?")
+        text = f"{file_of(example)}{mark}{query}"
     if not text.startswith(PROCEDURAL):
         if match := _MESH_OPTIONS.fullmatch(text):
             return _with_options(SceneSpec(Path(match[1])), match[2], text)

@@ -242,11 +242,11 @@ SrdhRaysOption = Annotated[
 MaxMemoryOption = Annotated[str | None, derived_option("max_memory")]
 
 SCENE_HELP = (
-    f"A {alternatives(SCENE_SUFFIXES)} file, a folder of vertex frames, or procedural:NAME?triangles=N&seed=N. "
-    "FILE?lod=N selects a level of detail of CityJSON; FILE?cutouts=off ignores alpha; FILE?transmittance=NAME:0.3 "
-    "lets light pass through a material or object, and NAME:JAN/FEB/.../DEC a share for each month; FILE?instances=on "
-    "keeps copies of meshes as instances. FILE?band=2 selects a band of a raster of heights; FILE?layer=NAME a layer "
-    "of footprints, and FILE?invalid=skip leaves out faulty ones."
+    f"A {alternatives(SCENE_SUFFIXES)} file, a folder of vertex frames, example:NAME, or "
+    "procedural:NAME?triangles=N&seed=N. FILE?lod=N selects a level of detail of CityJSON; FILE?cutouts=off ignores "
+    "alpha; FILE?transmittance=NAME:0.3 lets light pass through a material or object, and NAME:JAN/FEB/.../DEC a share "
+    "for each month; FILE?instances=on keeps copies of meshes as instances. FILE?band=2 selects a band of a raster of "
+    "heights; FILE?layer=NAME a layer of footprints, and FILE?invalid=skip leaves out faulty ones."
 )
 
 
@@ -345,7 +345,10 @@ QUALITIES = {
 
 PresetOption = Annotated[
     Preset,
-    typer.Option(help="draft: 4 rays; standard: 16; final: 64, adaptive. Other options take precedence."),
+    typer.Option(
+        help="draft: 4 rays; standard: 16; final: 64, adaptive, and bounced light in closed rooms. Other options take "
+        "precedence."
+    ),
 ]
 SkyOption = Annotated[
     str | None,

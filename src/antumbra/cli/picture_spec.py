@@ -109,6 +109,24 @@ def _suits(scene: "AnyScene", camera: "Camera") -> bool:
         return False
 
 
+# --- Light in closed rooms --------------------------------------------------------------------------------------------
+
+
+ROOM_LIGHT: dict[str, Any] = {"bounce": 32, "bounce_step": 4}
+"""Options of bounced light for ``--preset final`` in closed rooms: without it, ceilings and corners get no light."""
+
+
+def is_closed_room(scene: "AnyScene") -> bool:
+    """Whether a scene in memory is shown from inside a room that is lit by a lamp instead of the sun."""
+    from ..engine.scene import Scene
+
+    try:
+        room = scene.view.room if isinstance(scene, Scene) else None
+    except InputError:  # at some time the scene has no triangles: that frame reports the error
+        return False
+    return room is not None and not room.open
+
+
 # --- Parsed arguments: everything that determines a picture except the time -------------------------------------------
 
 
@@ -138,6 +156,7 @@ class PictureSpec(NamedTuple):
     quiet: bool
     moving: bool  # whether the pictures are the frames of an animation
     trees: TreeSpec | None = None  # trees that are added to the scene
+    lights_rooms: bool = False  # whether light bounces in closed rooms, as `ROOM_LIGHT` says
 
     def check(self, *plans: "str | Plan") -> None:
         """Raise InputError for errors that can be detected before a scene is read.
@@ -213,7 +232,7 @@ class PictureSpec(NamedTuple):
         """The options of the picture at a time; `layers`: keep the image of each light, for an EXR file."""
         ground = self.ground_height(scene, time)
         return replace(
-            self.picture,
+            replace(self.picture, **ROOM_LIGHT) if self.lights_rooms and is_closed_room(scene) else self.picture,
             time=scene.clamped(time),
             ground=False if ground is None else ground,
             background=self.background is None and not self._no_sky,
@@ -462,6 +481,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
             quiet=self.quiet,
             moving=self.frames is not None,
             trees=parse_trees(self.trees),
+            lights_rooms=self.preset is Preset.final and (self.bounce, self.vpl, self.ao) == (None, None, None),
         )
         if self.frames is None and rays is not None and rays.last_frame:
             raise InputError(

@@ -213,10 +213,10 @@ def scenes(
     ] = None,
     json: Json = False,
 ) -> None:
-    """List the procedural scenes, or export one.
+    """List the procedural and the example scenes, or export a procedural one.
 
     A GLB file also contains the scene's camera and a point light, which replaces the quad light because glTF has no
-    area lights. To render a procedural scene, use its name: antumbra render procedural:city
+    area lights. To render a scene, use its name: antumbra render procedural:city, or example:temple
 
     \b
     Examples
@@ -246,15 +246,20 @@ def scenes(
 
 
 def _list(json: bool) -> None:
+    from ..examples import EXAMPLES
     from ..generate.procedural_scenes import PROCEDURAL, load_plugin_scenes
 
     load_plugin_scenes()
     rows = [(name, recipe.default_triangles, recipe.description) for name, recipe in PROCEDURAL.items()]
     if json:
-        console.print_json({"scenes": [dict(zip(("name", "triangles", "description"), row)) for row in rows]})
+        scenes = [dict(zip(("name", "triangles", "description"), row)) for row in rows]
+        examples = [{"name": name, **each._asdict()} for name, each in EXAMPLES.items()]
+        console.print_json({"scenes": scenes, "examples": examples})
         return
     cells = [(name, f"{triangles:,}", description) for name, triangles, description in rows]
-    console.print_table(("name", "triangles", "description"), cells, right=(1,))
+    console.print_table(("procedural:", "triangles", "description"), cells, right=(1,))
+    files = [(name, each.description) for name, each in EXAMPLES.items()]
+    console.print_table(("example:", "description"), files)
 
 
 def _make(name: str, triangles: int | None, seed: int, output: Path | None) -> dict[str, Any]:

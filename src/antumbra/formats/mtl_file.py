@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InputError
 from ..files import checked_file, sibling
 from ..kernels.parallel import map_in_threads
-from ..scene.materials import BLEND, MASK, OPAQUE, Material, Texture
+from ..scene.materials import BLEND, MASK, OPAQUE, Material, Texture, without_texture
 
 _MAX_BYTES = 1 << 28
 _OPTIONS = re.compile(r"^(?:-(?:[ost]\s+\S+\s+\S+\s+\S+|mm\s+\S+\s+\S+|\w+\s+\S+)\s+)+")  # before a texture's name
@@ -23,8 +23,8 @@ class SideFiles:
         self.notes: list[str] = []
         self._folder = folder
 
-    def read(self, name: str) -> bytes | None:
-        """The contents of a file; None, with a note, if it cannot be read."""
+    def read(self, name: str, instead: str) -> bytes | None:
+        """The contents of a file; None, with a note that ends with what happens instead, if it cannot be read."""
         name = _OPTIONS.sub("", name.strip()).replace("\\", "/")
         where = f"{self.file}: file {name[:80]!r}"
         try:
@@ -33,7 +33,7 @@ class SideFiles:
                 raise InputError(f"{where} is too large")
             return path.read_bytes()
         except (InputError, OSError) as error:
-            self.notes.append(f"{error} (its colours are taken as white)")
+            self.notes.append(f"{error} ({instead})")
             return None
 
 
@@ -41,7 +41,7 @@ def read_materials(libraries: Iterable[str], files: SideFiles) -> dict[str | Non
     """The materials in MTL files, by name: Kd (linear) and d or Tr, with the textures map_Kd and map_d."""
     fields = dict[str, dict[str, str]]()
     for library in dict.fromkeys(libraries):
-        data = files.read(library)
+        data = files.read(library, "its materials are white")
         if data is not None:
             fields.update(_fields_of(decoded_text(data)))
     names = [(each.get("map_kd", ""), each.get("map_d", "")) for each in fields.values()]
@@ -75,7 +75,9 @@ def _material(name: str, fields: dict[str, str], texture: Texture | None) -> Mat
     opacity, clearness = _numbers(fields.get("d", "")), _numbers(fields.get("tr", ""))
     alpha = opacity[-1] if opacity else 1.0 - clearness[-1] if clearness and "d" not in fields else 1.0
     mode = MASK if texture is not None and texture.has_alpha else BLEND if alpha < 1.0 else OPAQUE
-    return Material(name, (r, g, b, alpha), texture, mode)
+    material = Material(name, (r, g, b, alpha), texture, mode)
+    lost = "map_kd" in fields and (texture is None or texture.picture is None)
+    return without_texture(material) if lost else material
 
 
 def _numbers(text: str) -> list[float]:
@@ -90,8 +92,10 @@ def _numbers(text: str) -> list[float]:
 
 
 def _read_textures(names: list[tuple[str, str]], files: SideFiles) -> dict[tuple[str, str], Texture]:
-    """(file of the colour, file of the opacity) -> texture, decoded on all cores; unusable files are white."""
-    data = {name: files.read(name) for name in dict.fromkeys(name for pair in names for name in pair if name)}
+    """(file of the colour, file of the opacity) -> texture, decoded on all cores; unusable files are left out."""
+    colours = {colour for colour, _ in names}
+    files_named = dict.fromkeys(name for pair in names for name in pair if name)
+    data = {name: files.read(name, "shown in pink" if name in colours else "left out") for name in files_named}
 
     def texture(colour: str, opacity: str) -> Texture:
         alpha = data.get(opacity)
@@ -110,7 +114,10 @@ def _read_textures(names: list[tuple[str, str]], files: SideFiles) -> dict[tuple
     for pair in [pair for pair, error in errors.items() if error is not None]:
         for name in pair:  # find the file that cannot be decoded
             if data.get(name) and (error := error_of(texture(name, ""))) is not None:
-                files.notes.append(f"{files.file}: texture {name[:80]!r} is unusable ({error}); taken as white")
+                files.notes.append(
+                    f"{files.file}: texture {name[:80]!r} is unusable ({error}); "
+                    + ("shown in pink" if name in colours else "left out")
+                )
                 data[name] = None
         textures[pair] = texture(*pair)
     return {pair: each for pair, each in textures.items() if each.picture is not None or each.opacity is not None}

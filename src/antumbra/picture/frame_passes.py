@@ -44,6 +44,7 @@ from .morphological_antialiasing import mixture
 from .shading import Illumination, ambient_light, shade
 from .shadow_catcher import ShadowCatcher
 from .sky_background import add_skies, backdrop, skies_of, sky_behind
+from .sparse_bounce import interpolated, sparse_grid, sparse_picture, sparse_surfaces
 
 # --- Layers for compositing: base colours, each light alone, and objects ----------------------------------------------
 
@@ -107,6 +108,8 @@ def smooth_edges(
 
 
 _BLACK = np.zeros(3, np.float32)
+_SMOOTHINGS = 6
+"""Filter passes over bounced light. It varies slowly over a surface, and one window has few of its rays."""
 _T = TypeVar("_T")
 
 
@@ -297,16 +300,21 @@ def bounce(
     state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: list[TracedQuery]
 ) -> NDArray[np.float32]:
     """(H, W, 3) float32: irradiance after one bounce, filtered on request."""
+    step = state.request.options.bounce_step
     if state.known is None:
         nearest = state.tracer.closest_hits(state.clock.lap)
-        indirect = indirect_light(state, surfaces, traced[0].query.origins, nearest)
+        origins = sparse_grid(traced[0].query.origins, step)
+        indirect = indirect_light(state, sparse_surfaces(surfaces, step), origins, nearest)
         state.clock.lap("trace")
     else:
         assert state.known.indirect is not None
         indirect = state.known.indirect
     if state.request.smooth:
-        indirect = smooth_irradiance(visible, indirect, state.threads)
-        state.clock.lap("filter")
+        grid = sparse_picture(visible, step)
+        for _ in range(_SMOOTHINGS):
+            indirect = smooth_irradiance(grid, indirect, state.threads)
+    indirect = interpolated(surfaces.gbuffer, indirect, step)
+    state.clock.lap("filter")
     return indirect
 
 

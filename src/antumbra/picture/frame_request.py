@@ -76,7 +76,13 @@ def ray_counts(request: Request) -> tuple[int, int]:
     rays = pixels * sum(samples.shape[1] for samples in request.samples)
     bounced = 0 if request.passes is None else len(request.passes.directions) * (1 + len(request.lights))
     others = (request.finer is not None) + (request.ground is not None)
-    return rays, pixels * bounced + rays * others
+    return rays, _grid_pixels(request) * bounced + rays * others
+
+
+def _grid_pixels(request: Request) -> int:
+    """The number of pixels that trace diffuse rays."""
+    step = request.options.bounce_step
+    return -(-request.camera.width // step) * -(-request.camera.height // step)
 
 
 # --- Memory estimate --------------------------------------------------------------------------------------------------
@@ -111,7 +117,8 @@ def frame_memory(request: Request) -> FrameMemory:
     if request.passes is not None:
         bytes_ += _BOUNCE_BYTES
         each = PASS_BYTES + SURFACE_BYTES + LIGHT_BYTES * len(request.lights)
-        passes = max(passes, each * len(request.passes.directions))
+        traced = each * len(request.passes.directions) * _grid_pixels(request)
+        return FrameMemory(bytes_ * pixels, cells * pixels, max(passes * pixels, traced))
     return FrameMemory(bytes_ * pixels, cells * pixels, passes * pixels)
 
 

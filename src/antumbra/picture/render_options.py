@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import checked_instance, flag, number
+from ..checks import checked_instance, flag, number, quoted
 from ..engine.plan import Plan
+from ..errors import InputError
 from ..query.light_samples import SAMPLERS
 from ..scene.lights import MAX_SPP
 from .option_fields import (
@@ -26,6 +27,9 @@ from .option_fields import (
     optional,
     unchecked,
 )
+
+BOUNCE_STEPS = 1, 2, 4, 8
+"""The values of `RenderOptions.bounce_step`."""
 
 MAX_HEIGHT = 1e30
 """Limit of a ground's height, up or down. As for camera positions, float32 can represent it."""
@@ -56,6 +60,13 @@ def _ground(value: Any, what: str) -> bool | float:
     if value is None or isinstance(value, (bool, np.bool_)):
         return bool(value)
     return number(value, f"{what} (height)", -MAX_HEIGHT, MAX_HEIGHT)
+
+
+def _bounce_step(value: Any, what: str) -> int:
+    """The check of `RenderOptions.bounce_step`: bands of a picture must begin at rows of the grid, in the same set."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value not in BOUNCE_STEPS:
+        raise InputError(f"{what} is {quoted(value)}; it must be 1, 2, 4 or 8")
+    return int(value)
 
 
 @describe_fields
@@ -159,6 +170,18 @@ class RenderOptions:
     )
     """Replace ambient light by light that bounces once: number of diffuse rays per pixel, 1 to 1024. From the hit of
     each diffuse ray, one shadow ray goes to each light. `sampler` also distributes the diffuse rays."""
+    bounce_step: int = option(
+        1,
+        _bounce_step,
+        "Trace bounced light at every N-th pixel of every N-th row only (1, 2, 4 or 8), and interpolate it in between.",
+        panel="Light",
+        kind=int,
+        start=None,
+        note="1",
+        metavar="N",
+    )
+    """Trace the diffuse rays of `bounce` at every n-th pixel of every n-th row only: 1, 2, 4 or 8. The others take the
+    mean of the grid pixels around them that see the same surface. With n = 4, 16 times as many rays cost the same."""
     background: bool = option(
         True,
         flag,

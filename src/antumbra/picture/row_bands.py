@@ -16,9 +16,10 @@ from .frame import FrameState, TracedBits, edge_colours, queries_of, trace_queri
 from .frame_passes import evaluate, find_surfaces, indirect_light, trace
 from .frame_request import Request
 from .light_visibility import finer_query, without_equal_samples
+from .sparse_bounce import sparse_grid, sparse_surfaces
 
 BAND = 32
-"""Rows of a band: a multiple of 4, so that each pixel keeps the sample set that it has in the picture."""
+"""Rows of a band: four rows of the sparsest grid of bounced light, so that each pixel keeps its sample set."""
 
 _ABOVE, _BELOW = 4, 1  # additional rows; the penumbra test reads one row on each side
 
@@ -52,7 +53,10 @@ class RowBands:
         self._edges: tuple[np.ndarray, Surfaces] | None = None  # mask of all edges, (H, W) bool, and their sub-pixels
 
     def band(self, first: int, last: int) -> dict[str, np.ndarray]:
-        """The arrays `band_array_names` of the rows from `first`, a multiple of 4, up to but excluding `last`."""
+        """The arrays `band_array_names` of the rows from `first` up to but excluding `last`.
+
+        first : a multiple of 4, and of 4 times `bounce_step` with bounced light
+        """
         request = self._state.request
         rows = slice(max(first - _ABOVE, 0), min(last + _BELOW, request.camera.height))
         if request.finer is None:
@@ -136,9 +140,9 @@ class RowBands:
         return pixels, range(before, before + np.count_nonzero(edge[band_rows]))
 
     def _bounce(self, surfaces: Surfaces, origins: np.ndarray) -> np.ndarray:
-        state = self._state
+        state, step = self._state, self._state.request.options.bounce_step
         nearest = state.tracer.closest_hits(state.clock.lap)
-        return indirect_light(state, surfaces, np.ascontiguousarray(origins), nearest)
+        return indirect_light(state, sparse_surfaces(surfaces, step), sparse_grid(origins, step), nearest)
 
 
 def _rows(surfaces: Surfaces, rows: slice) -> Surfaces:

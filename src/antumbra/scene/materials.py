@@ -284,6 +284,15 @@ class Material(NamedTuple):
 
 PLAIN = Material()
 
+PINK = 0.9, 0.15, 0.6
+"""Linear base colour of surfaces whose texture is missing, so that pictures show it; as in Blender and game engines."""
+
+
+def without_texture(material: Material) -> Material:
+    """A material whose texture is missing: pink times its factor."""
+    r, g, b, alpha = material.factor
+    return material._replace(factor=(PINK[0] * r, PINK[1] * g, PINK[2] * b, alpha))
+
 
 class MeshAppearance(NamedTuple):
     """The appearance of a mesh beyond one colour per face. Rows are vertices; faces index them as they do positions."""

@@ -14,7 +14,7 @@ from ...files import checked_file, sibling
 from ...kernels.elementary import cos, sin
 from ...kernels.parallel import map_in_threads
 from ...kernels.small_matrices import product
-from ...scene.materials import BLEND, CLAMP, MASK, MIRROR, OPAQUE, PLAIN, REPEAT, Material, Texture
+from ...scene.materials import BLEND, CLAMP, MASK, MIRROR, OPAQUE, PLAIN, REPEAT, Material, Texture, without_texture
 from ..json_fields import Fields
 from .gltf_file import GltfDocument, data_uri_bytes, is_data_uri
 
@@ -50,7 +50,7 @@ _TextureKey: TypeAlias = tuple[int, int, int, bool, bool]
 
 
 class Materials:
-    """The materials of a document. Materials with the same texture share its image. Unreadable textures are white."""
+    """The materials of a document. Materials with the same texture share its image. Unreadable textures are pink."""
 
     def __init__(self, document: GltfDocument):
         self._document = document
@@ -106,7 +106,8 @@ class Materials:
         if texture_info is None:
             return MappedMaterial(material)
         texture = self._textures[texture_info.whole("index", high=len(self._textures))]
-        material = material._replace(texture=self._texture(texture, mode != OPAQUE))
+        image = self._texture(texture, mode != OPAQUE)
+        material = without_texture(material) if image is None else material._replace(texture=image)
         transform = texture_info.extension(_TRANSFORM)
         uv_set = texture_info.whole("texCoord", 0)
         if transform is not None:
@@ -117,7 +118,7 @@ class Materials:
         """A texture that can be decoded, else None, with one note per image."""
         key = self._key(texture, has_alpha)
         if key is None:
-            self._white(texture.where, "its format is not supported")
+            self._note(texture.where, "its format is not supported")
             return None
         if key not in self._cache and key[0] not in self._bad:
             try:
@@ -128,7 +129,7 @@ class Materials:
                 raise MissingPackage(f"{self._images[key[0]].where}: {error}") from None
             except (OSError, ValueError) as error:  # an InputError is a ValueError
                 self._bad.add(key[0])
-                self._white(self._images[key[0]].where, str(error))
+                self._note(self._images[key[0]].where, str(error))
         return self._cache.get(key)
 
     def _key(self, texture: Fields, has_alpha: bool) -> _TextureKey | None:
@@ -148,9 +149,9 @@ class Materials:
         image = self._images[index]
         return Texture(image.where, self._bytes(image), wrap_s, wrap_t, nearest, has_alpha)
 
-    def _white(self, where: str, reason: str) -> None:
+    def _note(self, where: str, reason: str) -> None:
         reason = " ".join(reason.split())[:160].removeprefix(where + " ")
-        self.notes.append(f"{where} cannot be used ({reason}); taken as white")
+        self.notes.append(f"{where} cannot be used ({reason}); shown in pink")
 
     def _bytes(self, image: Fields) -> bytes:
         uri = image.text("uri", None)
