@@ -202,6 +202,7 @@ class StrategyMemory:
         self._frame = 0
         self.choices: list[StrategyChoice] = []
         self.lost = self.in_good = 0.0
+        self.ray_seconds = 0.0  # of a ray of the last query with a choice
 
     def begin(self) -> None:
         """Begin a frame."""
@@ -223,7 +224,8 @@ class StrategyMemory:
         self.in_good += choice.seconds * (builder == GOOD)
         if not choice.rays:
             return
-        rate, earlier_rates = 1e9 * choice.seconds / choice.rays, self.rates(key)
+        self.ray_seconds = choice.seconds / choice.rays
+        rate, earlier_rates = 1e9 * self.ray_seconds, self.rates(key)
         if choice.tried:
             self._rates[key] = self._frame, {**choice.tried, choice.strategy: rate}
         elif rate > _CHANGE * earlier_rates.get(choice.strategy, np.inf):

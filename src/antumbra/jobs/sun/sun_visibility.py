@@ -370,13 +370,13 @@ def _light_of(query: SunQuery, which: np.ndarray) -> SunLight:
     sensors, m = query.sensors, len(query.towards)
     receivers, engine = query.receivers.take(which), query.scene.engine.with_options(query.plan, query.threads, None)
     normals = None if sensors.normals is None else sensors.normals[which]
-    bits = np.full((len(which), -(-m // 64)), ~np.uint64(0))
+    bits, later = np.full((len(which), -(-m // 64)), ~np.uint64(0)), len(sensors) * m
     passing = np.zeros((len(which), 64 * bits.shape[1]), np.float32) if _transmits(query.scene) else _WHOLE
     for month, batch in _batches(query.seasons, _in_front(query.towards, normals)):
         places = (batch[:, None] * BUNDLE + np.arange(BUNDLE)).ravel()
         places = places[places < m]
         lights = DirectionalLights(-query.towards[places])
-        (traced,) = engine.shadows(receivers, [lights], [light_samples(lights, 1)], month=month)
+        (traced,) = engine.shadows(receivers, [lights], [light_samples(lights, 1)], later=later, month=month)
         occluded = traced.bits[0]
         bits.view(np.uint16)[:, batch] = occluded.view(np.uint16)[:, : len(batch)]  # a bundle is a word of 16 bits
         if passing is not _WHOLE:
