@@ -85,7 +85,7 @@ class MachineRates(NamedTuple):
 SHIPPED = MachineRates(
     {},
     {"multifrusta": 40.0, "packet16:blocks": 40.0, "wide": 70.0},
-    {QUICK: 40.0, GOOD: 195.0, GUIDED: 285.0, BEST: 1300.0},
+    {QUICK: 40.0, GOOD: 195.0, GUIDED: 285.0, BEST: 600.0},
 )
 """Rates used until `antumbra warmup` has measured this machine."""
 
