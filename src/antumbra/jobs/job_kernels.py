@@ -34,7 +34,7 @@ from .bit_matrices import reorder_bits
 from .line_of_sight.least_heights import least_heights_job
 from .line_of_sight.mutual_horizons import hidden_by_horizons
 from .skyline.skyline import skyline_job
-from .sun.sun_visibility import tally_job
+from .sun.sun_tally import tally_job
 
 
 def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]:
