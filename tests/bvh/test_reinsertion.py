@@ -17,7 +17,7 @@ def _concentric(n):
     return corners.astype(np.float32)
 
 
-@pytest.mark.parametrize("soup, rounds", [(_concentric, 1), (scattered, 4)])
+@pytest.mark.parametrize("soup, rounds", [(_concentric, 1), (scattered, 5)])
 def test_costly_rounds_are_the_last(monkeypatch, soup, rounds):
     searched, run = [], reinsertion.run
 
@@ -32,3 +32,36 @@ def test_costly_rounds_are_the_last(monkeypatch, soup, rounds):
     assert sum(searched) == rounds
     validate(better, vertices)
     assert sah_cost(better) < sah_cost(bvh)
+
+
+def _candidates(monkeypatch, vertices):
+    """The number of candidates in each round, relative to the number of items, and the tree."""
+    numbers, run = [], reinsertion.run
+
+    def counted(kernel, threads, ticket, *arguments):
+        if kernel is reinsertion.find_places:
+            loose, candidates, _ = arguments
+            numbers.append(len(candidates) / len(loose.parents))
+            areas = loose.boxes[:, 3]
+            assert areas[candidates].min() >= np.delete(areas, candidates).max(initial=0.0)
+        return run(kernel, threads, ticket, *arguments)
+
+    monkeypatch.setattr(reinsertion, "run", counted)
+    return numbers, reinsertion.reinsert(build(vertices, 1), 1)
+
+
+def test_only_the_largest_subtrees_move_where_they_gain_most(monkeypatch):
+    """A few large triangles, and many small ones in a corner."""
+    large, small = scattered(600), 1e-3 * scattered(20_000)
+    vertices = np.concatenate([large, small]).astype(np.float32)
+    shares, tree = _candidates(monkeypatch, vertices)
+    assert len(shares) > 1 and max(shares) < 0.15
+    validate(tree, vertices)
+    assert sah_cost(tree) < sah_cost(build(vertices, 1))
+
+
+def test_more_subtrees_move_where_all_of_them_gain(monkeypatch):
+    vertices = np.ascontiguousarray(scattered(20_000), np.float32)
+    shares, tree = _candidates(monkeypatch, vertices)
+    assert shares[0] < 0.15 and shares[-1] > 0.5
+    validate(tree, vertices)

@@ -13,6 +13,7 @@ from antumbra.engine.auto import cost_model as rates
 from antumbra.engine.auto.cost_model import BEST, GOOD, GUIDED, QUICK
 from antumbra.engine.auto.strategies import STRATEGIES
 from antumbra.picture.renderer import Renderer
+from antumbra.query.light_samples import light_samples
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
 
@@ -123,6 +124,18 @@ def test_points_share_the_scenes_tree_until_it_is_outgrown(scene, monkeypatch):
     for _ in range(2):
         np.testing.assert_array_equal(at.visibility(scene, points, LAMP).bits, seen.bits)
         assert _chosen(scene).builder == BEST
+
+
+@pytest.mark.parametrize("later, builder", [(1000, GOOD), (10**12, BEST)])
+def test_a_job_with_many_rays_to_come_gets_the_best_tree_after_its_first_query(monkeypatch, later, builder):
+    scene = at.procedural("atrium", triangles=3000)
+    _builds(monkeypatch, 0.0, 10.0)
+    points = np.random.default_rng(1).uniform((-6, 0.1, -4), (6, 5, 4), (300, 3))
+    receivers, samples = at.Receivers.of(points, None, scene.origin), light_samples(LAMP, 16)
+    first, second = (scene.engine.shadows(receivers, [LAMP], [samples], later=later)[0].bits for _ in range(2))
+    assert _chosen(scene).builder == builder
+    np.testing.assert_array_equal(first, second)
+    assert first.any()
 
 
 def test_few_rays_count_towards_a_better_tree(monkeypatch):

@@ -248,11 +248,19 @@ class Accelerator:
         queries: Sequence[ShadowQuery],
         tally: np.ndarray | None = None,
         progress: ProgressCallback | None = None,
+        known: Sequence[NDArray[np.uint64]] | None = None,
     ) -> list[NDArray[np.uint64]]:
-        """Trace several queries whose receivers have the same shape. Returns the bits of each, as from `answer`."""
+        """Trace several queries whose receivers have the same shape. Returns the bits of each, as from `answer`.
+
+        known : as for `Engine.shadows`
+        """
         bits = [new_bits(query) for query in queries]
         tracer, prepared, arguments = self.plan.tracer, accelerated.prepared, (self.threads, tally, progress)
-        if tracer.trace_all is not None:
+        if known is not None and tracer.trace_rest is not None:
+            for query, words, blocked in zip(queries, bits, known):
+                words[...] = blocked
+                tracer.trace_rest(prepared, query, words, *arguments)
+        elif tracer.trace_all is not None:
             tracer.trace_all(prepared, queries, bits, *arguments)
         else:
             for query, words in zip(queries, bits):

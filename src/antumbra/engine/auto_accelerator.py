@@ -236,7 +236,8 @@ class AutoAccelerator(Accelerator):
         if chosen.builder == QUICK:
             self._choose(chosen.memory.lost, chosen.forms.triangles)
             return self._tree_name != QUICK
-        if chosen.builder == GOOD and best_pays(chosen.memory.in_good, chosen.forms.triangles):
+        expected = self._later * chosen.memory.ray_seconds
+        if chosen.builder == GOOD and best_pays(chosen.memory.in_good + expected, chosen.forms.triangles):
             self._optimise()
             return True
         return False

@@ -403,6 +403,7 @@ class Engine:
         later: int = 0,
         whole: bool = False,
         month: int | None = None,
+        known: Sequence[NDArray[np.uint64]] | None = None,
         progress: ProgressCallback | None = None,
     ) -> list[TracedQuery]:
         """The shadow query of each light, with its answer.
@@ -423,6 +424,9 @@ class Engine:
             Surfaces that let at least half of the light pass block none, and others block all, as for `occluded`.
         month : int, optional
             0 to 11, January to December: the month whose transmittances count. None: their mean over the year.
+        known : sequence of (h, w, ceil(n / 64)) uint64, optional
+            The segments to each light that need not be traced, as set bits; their bits in the answer are unspecified.
+            They include all segments that the receivers' own surfaces block.
         progress : function of (done, total), optional
 
         Raises
@@ -450,7 +454,8 @@ class Engine:
             if accelerated.cutouts is not None:
                 cutouts = accelerated.cutouts.in_month(month)
                 accelerated = accelerated._replace(cutouts=cutouts.as_holes() if whole else cutouts)
-            bits = accelerator.answer_all(accelerated, queries, None, split_progress(progress, len(queries)))
+            steps = split_progress(progress, len(queries))
+            bits = accelerator.answer_all(accelerated, queries, None, steps, known)
             return [
                 TracedQuery(q, b, transmission(accelerated.cutouts, q, b, self.threads)) for q, b in zip(queries, bits)
             ]

@@ -97,6 +97,7 @@ class Tracer(NamedTuple):
     exact: bool = True  # True: the tracer gives the same bits as all other exact tracers
     counts_apart: bool = False  # True: tests are counted by separate kernels
     trace_all: Callable[..., None] | None = None
+    trace_rest: Callable[..., None] | None = None  # as `trace`, but skips rays whose bits are set; see `shadows`
     culling: CullingOptions | None = None  # only for tracers with occlusion queries, which can also trace stores
 
 
@@ -248,6 +249,7 @@ TRACERS: dict[str, Tracer] = {
         chooses=True,
         keeps=True,
         counts_apart=True,
+        trace_rest=partial(auto.trace_shadow, fresh=False),
     ),
     "single": Tracer(
         single.as_built,
@@ -267,6 +269,7 @@ TRACERS: dict[str, Tracer] = {
         multifrusta.trace_shadow,
         "16 shafts of shadow rays at once, single rays only where shafts are undecided",
         BENTHIN,
+        trace_rest=partial(multifrusta.trace_shadow, fresh=False),
     ),
     "packet16": Tracer(
         unchanged,

@@ -27,15 +27,14 @@ from ..picture.render_kernels import (
     rendering_job,
 )
 from ..picture.traversal_steps import steps_job
-from ..query.light_samples import light_samples
 from ..query.receivers import Receivers
-from ..query.shadow_query import below_horizon
 from ..scene.lights import PointLight
 from .bake.surface_meter import Meter, MeterSettings, ReceiverPoints
 from .bit_matrices import reorder_bits
 from .line_of_sight.least_heights import least_heights_job
+from .line_of_sight.mutual_horizons import hidden_by_horizons
 from .skyline.skyline import skyline_job
-from .sun.sun_visibility import tally_job
+from .sun.sun_tally import tally_job
 
 
 def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]:
@@ -80,13 +79,11 @@ def points_job() -> Job:
 
     def work() -> None:
         scene, light, up = Scene.of_data(small_scene()), PointLight((0.0, 2.0, 0.0)), np.array([[0.0, 1.0, 0.0]])
-        samples = light_samples(light, 1)
         for what in ("light", "bent-normal"):
             settings = MeterSettings(what, [light], 1, "larcher-pillichshammer", "bsah+single", 0.0, 1)
             Meter(scene, settings, 1).values(ReceiverPoints(np.zeros((1, 3)), up))
         ends = Receivers.on_surface(np.zeros((1, 3)), up, np.zeros(3))
-        (query,) = scene.engine.with_options("bsah+single", 1, None).queries(ends, [light], [samples])
-        below_horizon(query, 1)
+        hidden_by_horizons(ends, ends, 1)
         reorder_bits(np.zeros((1, 1), np.uint64), np.zeros(1, np.int64), 1)
 
     return fixed_job("points", work)

@@ -165,6 +165,12 @@ def set_bit(query, bits, i, s):
 
 
 @inlined
+def has_bit(query, bits, i, s):
+    """Whether the bit of sample s of receiver i is set; `bits`: pointer to the answer."""
+    return get(bits, i * query.words + (s >> 6)) >> np.uint64(s & 63) & np.uint64(1) != 0
+
+
+@inlined
 def is_above(horizon, lx, ly, lz, corners):
     """True if the float32 light sample lies strictly on the receiver's side of its surface; exact if `face` >= 0."""
     if horizon.side == FREE:

@@ -189,8 +189,8 @@ def head(low: ArrayLike, high: ArrayLike) -> NDArray[np.float32]:
     return line
 
 
-def single_tree(tree: BlockTree) -> TreeList:
-    """The `TreeList` of a single tree, for the whole screen."""
+def single_tree(tree: BlockTree, fresh: bool = True) -> TreeList:
+    """The `TreeList` of a single tree, for the whole screen; `fresh`: as in `TreeList`."""
     everything = np.full(3, _NO_BOX)
     return TreeList(
         np.array([addresses(tree)], np.int64),
@@ -200,6 +200,6 @@ def single_tree(tree: BlockTree) -> TreeList:
         1,
         np.array([0, 1], np.int32),
         np.zeros(1, np.int32),
-        True,
+        fresh,
         np.zeros(1, np.uint8),
     )

@@ -83,3 +83,13 @@ def test_a_sky_is_predicted_as_scattered_lights_and_a_sun_as_a_distant_one(scene
     assert _facts(scene, at.Sky())[1].kind == LIST
     for sun in (at.DirectionalLight((0.3, -1, 0.2), 2.0), at.DirectionalLights([(0.3, -1, 0.2), (0.31, -1, 0.2)] * 16)):
         assert _facts(scene, sun)[1].kind == DIRECTIONAL
+
+
+def test_lists_longer_than_those_of_the_fit_are_not_extrapolated(scene):
+    """Extrapolated, shafts seemed 80 times as slow as packets for the suns of a year, and were never tried."""
+    suns = at.DirectionalLights(-np.array([0.3, 1.0, 0.2]) - np.linspace(0.0, 0.1, 1024)[:, None])
+    _, facts = _facts(scene, suns)
+    assert facts.samples == 1024
+    for strategy in STRATEGIES:
+        assert predicted_rate(strategy, facts) == predicted_rate(strategy, facts._replace(samples=24))
+        assert predicted_rate(strategy, facts) != predicted_rate(strategy, facts._replace(samples=16))

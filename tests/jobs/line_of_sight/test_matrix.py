@@ -7,8 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import antumbra as at
+from antumbra.engine.plan import covering_plans
 from antumbra.jobs import bit_matrices as bitrows
 from antumbra.jobs.line_of_sight import visibility_matrix as matrix
+from antumbra.jobs.line_of_sight.mutual_horizons import hidden_by_horizons
 from antumbra.jobs.line_of_sight.visibility_matrix import TileTracer
 from sight_scenes import expected, scene_of
 
@@ -61,6 +63,32 @@ def test_faces_see_each_other_on_their_outer_sides_only(small_strips):
     want = expected(scene, (sensors.points, sensors.normals), (sensors.points, sensors.normals))
     assert np.array_equal(made, want) and np.array_equal(want, want.T)
     assert 0.01 < want.mean() < 0.5 and not want.diagonal().any()
+
+
+@pytest.mark.parametrize("plan", [*covering_plans(), "bsah+multifrusta"], ids=str)
+def test_segments_that_need_no_tracing_do_not_change_the_others(small_strips, plan):
+    scene, rng = scene_of(11, 60)
+    points, normals = rng.uniform(-1.5, 1.5, (130, 3)), rng.normal(size=(130, 3))
+    made = at.visibility_matrix(scene, points, normals=normals, plan=plan).rows()
+    want = expected(scene, (points, normals), (points, normals))
+    np.fill_diagonal(want, False)
+    assert np.array_equal(made, want) and 0.02 < want.mean() < 0.3
+
+
+@pytest.mark.parametrize("sides", ["both", "rows", "columns", "none"])
+def test_pairs_are_hidden_by_either_horizon(sides):
+    rng = np.random.default_rng(3)
+    ends = [rng.integers(-2, 3, (n, 3)).astype(float) for n in (37, 130)]  # some lie exactly on a horizon
+    normals = [np.eye(3)[rng.integers(0, 3, len(each))] if sides in ("both", name) else None
+               for each, name in zip(ends, ("rows", "columns"))]  # fmt: skip
+    a, b = (at.Receivers.of(each, n, np.zeros(3)) for each, n in zip(ends, normals))
+    found = bitrows.unpack_bits(hidden_by_horizons(a, b), 130)
+    away, want = b.origins[0][None].astype(float) - a.origins[0][:, None], np.zeros((37, 130), bool)
+    if normals[0] is not None:
+        want |= np.einsum("ijk,ik->ij", away, normals[0]) <= 0.0
+    if normals[1] is not None:
+        want |= np.einsum("ijk,jk->ij", -away, normals[1]) <= 0.0
+    assert np.array_equal(found, want) and want.any() == (sides != "none") and not want.all()
 
 
 def test_normals_of_targets_alone(small_strips):

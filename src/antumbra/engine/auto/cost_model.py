@@ -30,10 +30,11 @@ RAY_SECONDS = 1e-7
 """Default estimate of the time of a ray on one thread."""
 
 _STRATA = 16
+_MOST_SAMPLES = 24  # of the queries of the fit; the exponents of more samples are unknown
 _QUICK_OVERHEAD = {"multifrusta": 0.12, "cones": 0.0}  # strategy -> see `lost_share`
 _OTHER_QUICK_OVERHEAD = 0.22  # of all other strategies
 _LOST_IN_GOOD = 0.5  # the part of the time lost in a QUICK tree that is also lost in a GOOD one
-_GOOD_OVERHEAD = 0.08  # relative increase of the trace time in a GOOD tree over a BEST one
+_GOOD_OVERHEAD = 0.12  # relative increase of the trace time in a GOOD tree over a BEST one
 _MAX_BEST_TRIANGLES = 1 << 24  # `reinsert` takes about 100 bytes per triangle while it runs
 _REFIT = 15.0  # nanoseconds per triangle
 _MARK, _MARK_RECEIVER, _MARK_LIGHT = 8e5, 5.0, 6e5  # culling: nanoseconds in all, per receiver and per light
@@ -44,7 +45,7 @@ _MORTON_CAPACITY = 1 << 18  # triangles that the Morton cells of QUICK can separ
 def terms(features: QueryFeatures) -> NDArray[np.float64]:
     """(k,) float64: the terms of Eq. (1) in docs/design/auto.md."""
     n, m, log = np.log(max(features.triangles, 1)), np.log(max(features.receivers, 1)), np.log
-    few, many = log(min(features.samples, _STRATA)), log(max(features.samples, _STRATA))
+    few, many = log(min(features.samples, _STRATA)), log(min(max(features.samples, _STRATA), _MOST_SAMPLES))
     tile, narrow, wide = (
         log(features.tile),
         log(features.tile / 2 + features.stratum),
@@ -84,7 +85,7 @@ class MachineRates(NamedTuple):
 SHIPPED = MachineRates(
     {},
     {"multifrusta": 40.0, "packet16:blocks": 40.0, "wide": 70.0},
-    {QUICK: 40.0, GOOD: 195.0, GUIDED: 285.0, BEST: 1300.0},
+    {QUICK: 40.0, GOOD: 195.0, GUIDED: 285.0, BEST: 600.0},
 )
 """Rates used until `antumbra warmup` has measured this machine."""
 

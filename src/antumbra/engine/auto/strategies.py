@@ -67,6 +67,7 @@ class Strategy(NamedTuple):
     form: Callable[[Bvh, int], Any] | None  # converts the tree to the form; None: the tree as built
     trace: Callable[..., None]  # trace(form, query, bits, threads, counters, progress)
     suits: Callable[[ShadowQuery, Box], bool] = lambda query, box: True  # box: bounds of the triangles
+    skips: bool = False  # whether `trace` takes `fresh`; False: bits that are set mark rays that need no tracing
 
 
 def _trace_shafts(
@@ -76,8 +77,21 @@ def _trace_shafts(
     threads: int,
     counters: Counters | None,
     progress: ProgressCallback | None,
+    fresh: bool = True,
 ) -> None:
-    trace_tree_list(single_tree(tree), query, bits, threads, counters, progress)
+    trace_tree_list(single_tree(tree, fresh), query, bits, threads, counters, progress)
+
+
+def _trace_packets(
+    tree: BlockTree,
+    query: ShadowQuery,
+    bits: Bits,
+    threads: int,
+    counters: Counters | None,
+    progress: ProgressCallback | None,
+    fresh: bool = True,
+) -> None:
+    over_pixels(single_tree(tree, fresh), query, bits, threads, counters, progress)
 
 
 def _shafts_suit(query: ShadowQuery, box: Box) -> bool:
@@ -85,8 +99,8 @@ def _shafts_suit(query: ShadowQuery, box: Box) -> bool:
 
 
 STRATEGIES: dict[str, Strategy] = {
-    "multifrusta": Strategy(block_tree, _trace_shafts, _shafts_suit),
-    "packet16:blocks": Strategy(block_tree, over_pixels),
+    "multifrusta": Strategy(block_tree, _trace_shafts, _shafts_suit, True),
+    "packet16:blocks": Strategy(block_tree, _trace_packets, skips=True),
     "packet16": Strategy(None, over_pixels),
     "packet16:samples": Strategy(None, over_samples),
     "wide": Strategy(widen, single.trace_shadow),
@@ -202,6 +216,7 @@ class StrategyMemory:
         self._frame = 0
         self.choices: list[StrategyChoice] = []
         self.lost = self.in_good = 0.0
+        self.ray_seconds = 0.0  # of a ray of the last query with a choice
 
     def begin(self) -> None:
         """Begin a frame."""
@@ -223,7 +238,8 @@ class StrategyMemory:
         self.in_good += choice.seconds * (builder == GOOD)
         if not choice.rays:
             return
-        rate, earlier_rates = 1e9 * choice.seconds / choice.rays, self.rates(key)
+        self.ray_seconds = choice.seconds / choice.rays
+        rate, earlier_rates = 1e9 * self.ray_seconds, self.rates(key)
         if choice.tried:
             self._rates[key] = self._frame, {**choice.tried, choice.strategy: rate}
         elif rate > _CHANGE * earlier_rates.get(choice.strategy, np.inf):
@@ -463,11 +479,13 @@ def trace_shadow(
     threads: int | None = None,
     counters: Counters | None = None,
     progress: ProgressCallback | None = None,
+    fresh: bool = True,
 ) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
-    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
+    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry if the query is fresh
     counters : from `new_counters`, or None
+    fresh : False: the bits mark rays that need no tracing, among them all that receivers' own surfaces block
     """
     threads = thread_count(threads)
     if isinstance(auto, ConeTracer):
@@ -491,9 +509,11 @@ def trace_shadow(
         features = features_of(query, *forms.extent)
     choice = choose_strategy(query, forms, features, suited, threads, memory.rates(key))
     auto.improve(query, choice, threads)
-    form, start = auto.forms.of(STRATEGIES[choice.strategy]), process_time()
-    out = bits if places is None else np.zeros_like(bits)
-    STRATEGIES[choice.strategy].trace(form, query, out, threads, counters, progress)
+    strategy = STRATEGIES[choice.strategy]
+    form, start = auto.forms.of(strategy), process_time()
+    out = bits if places is None else bits[:, places]
+    options = {} if fresh or not strategy.skips else {"fresh": False}
+    strategy.trace(form, query, out, threads, counters, progress, **options)
     if places is not None:
         bits[:, places] = out
     seconds = process_time() - start

@@ -2,6 +2,7 @@
 
 - `sightlines`: `line_of_sight`, for pairs of points
 - `visibility_matrix`: `visibility_matrix`, for all pairs of two sets of points
+- `mutual_horizons`: pairs of points that are hidden by a horizon
 - `viewshed_options`: options of a viewshed, with limits of distance and direction
 - `viewshed`: `viewshed`, for observers and sensors
 - `least_heights`: the least visible height of each cell of a raster of heights

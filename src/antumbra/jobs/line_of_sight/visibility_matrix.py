@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,6 @@ from ...kernels.parallel import thread_count
 from ...progress import Progress, with_progress
 from ...query.query_bounds import morton_codes
 from ...query.receivers import Receivers
-from ...query.shadow_query import below_horizon
 from ...scene.light_lists import PointLights
 from ...scene.lights import MAX_SPP, LightPatch
 from ..bit_matrices import (
@@ -44,6 +43,7 @@ from ..scene_records import scene_digest
 from ..sensor_files import sensors_of
 from ..sensors import Sensors, sensors_from, sightline_ends
 from ..work_parts import Parts, about_parts, inexact_plan
+from .mutual_horizons import hidden_by_horizons
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -67,28 +67,14 @@ class TileTracer:
 
     def visible(self, rows: Receivers, columns: Receivers) -> NDArray[np.uint64]:
         """(n, words of m) uint64: bit j of row i is set where points i and j see each other."""
-        blocked = np.empty((rows.n, words_of(columns.n)), np.uint64)
-        for first, light in self._lists(columns):
-            ((_, bits, _),) = self._engine.shadows(
-                rows, [light], [_samples(light)], time=self._time, later=self._sightlines, whole=True
-            )
-            blocked[:, first : first + bits.shape[2]] = bits[0]
-        if columns.normals.size:
-            blocked |= transpose_bits(self._below(columns, rows), rows.n)
-        return ~blocked & full_row(columns.n)
-
-    def _below(self, ends: Receivers, others: Receivers) -> np.ndarray:
-        """(n, words of m) uint64: bit j of row i is set where the surface of end i hides point j."""
-        blocks = []
-        for _, light in self._lists(others):
-            (query,) = self._engine.queries(ends, [light], [_samples(light)], time=self._time)
-            blocks.append(below_horizon(query, self._engine.threads)[0])
-        return np.hstack(blocks)
-
-    def _lists(self, ends: Receivers) -> "Iterator[tuple[int, _Recentred]]":
-        """Yield (first word, lights) for lists of at most MAX_SPP of the ends."""
-        for first in range(0, ends.n, MAX_SPP):
-            yield words_of(first), _Recentred(ends.origins[0, first : first + MAX_SPP])
+        hidden = hidden_by_horizons(rows, columns, self._engine.threads)
+        for first in range(0, columns.n, MAX_SPP):
+            light = _Recentred(columns.origins[0, first : first + MAX_SPP])
+            blocked = hidden[None, :, words_of(first) : words_of(first + MAX_SPP)]
+            options: dict[str, Any] = {"time": self._time, "later": self._sightlines, "whole": True, "known": [blocked]}
+            (traced,) = self._engine.shadows(rows, [light], [_samples(light)], **options)
+            blocked |= traced.bits
+        return ~hidden & full_row(columns.n)
 
 
 class _Recentred(PointLights):

@@ -6,5 +6,6 @@
 - `sun_positions`: time intervals and the sun position of each
 - `solar_radiation`: EPW files and clear skies
 - `daylight_rules`: rules on sun hours
-- `sun_visibility`: visible suns of each sensor, and sums over them
+- `sun_visibility`: visible suns of each sensor
+- `sun_tally`: sums over visible suns
 """

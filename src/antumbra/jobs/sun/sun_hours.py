@@ -31,7 +31,8 @@ from .location import Place, place_of
 from .solar_radiation import TYPICAL_YEAR, Weather, clear_sky, on_days, read_epw
 from .sun_options import MOST_DIRECTIONS, SunKeywords, SunOptions
 from .sun_positions import Suns, checked_step, months_of, suns_of, times_of, zone_of
-from .sun_visibility import NO_DATE, SunQuery, SunSums, Tally, seasons_of, sum_suns, sun_query
+from .sun_tally import Tally
+from .sun_visibility import NO_DATE, SunQuery, SunSums, seasons_of, sum_suns, sun_query
 
 _P = ParamSpec("_P")
 

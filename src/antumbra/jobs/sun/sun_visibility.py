@@ -1,4 +1,4 @@
-"""The suns that each sensor sees, and sums over them: hours, energy, and the longest unbroken stretch.
+"""The suns that each sensor sees.
 
 Sensors and suns are ordered so that a tile of 16 sensors and 16 suns is a thin ray bundle, within which packet and
 frusta tracers share work.
@@ -12,12 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
-from ...engine.precompilation import Job, fixed_job, precompile
+from ...engine.precompilation import precompile
 from ...engine.scene import AnyScene, Scene
 from ...engine.terrain_shadows import terrain_of
 from ...kernels.elementary import acos, cos, sin, tan
-from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.small_matrices import dot
 from ...query.light_samples import light_samples
 from ...query.query_bounds import morton_codes
@@ -33,6 +31,7 @@ from ..scene_records import scene_digest
 from ..sensors import Sensors
 from ..work_parts import Parts, about_parts, inexact_plan
 from .sun_positions import Suns
+from .sun_tally import WHOLE, Calendar, SunLight, Tally, tally_job, tally_of
 
 # --- Orders of sensors and suns ---------------------------------------------------------------------------------------
 
@@ -79,102 +78,6 @@ def sensor_order(points: NDArray[np.float64], normals: NDArray[np.float64] | Non
         return np.argsort(codes, kind="stable")
     facing = np.round(normals * _FACINGS).astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])
     return np.lexsort((codes, facing))
-
-
-# --- Sums over visible suns -------------------------------------------------------------------------------------------
-
-
-class Calendar(NamedTuple):
-    """Suns in chronological order, each with `samples` bits; arrays for kernels."""
-
-    places: np.ndarray  # (k, samples) int32: bit of each sample in a sensor's row
-    hours: np.ndarray  # (k,) float64, length of the interval
-    bins: np.ndarray  # (k, b) int32: columns of `Tally.binned` to which the hours are added
-    starts: np.ndarray  # (k,) bool: the previous sun belongs to another day, or there is a gap
-    energy: np.ndarray  # (k,) float64, Wh/m2 on a surface perpendicular to the rays
-    directions: np.ndarray  # (k, 3) float64, unit vectors towards the suns
-
-
-class Tally(NamedTuple):
-    """The sums of n sensors."""
-
-    hours: np.ndarray  # (n,) float64
-    binned: np.ndarray  # (n, columns) float64: hours in each bin
-    energy: np.ndarray  # (n,) float64, Wh/m2: sum of energy x cosine
-    longest: np.ndarray  # (n,) float64: hours of the longest unbroken stretch
-    first: np.ndarray  # (n,) int32: the first visible sun, -1: none
-    last: np.ndarray  # (n,) int32: the last visible sun, -1: none
-
-
-@inlined
-def _visible_share(row, passing, places, k):
-    """The share of the light of sun k that a sensor gets; `passing`: that of each direction, empty if all is 0 or 1."""
-    samples, light = places.shape[1], 0.0
-    for s in range(samples):
-        at = places[k, s]
-        if len(passing) > 0:
-            light += np.float64(passing[at])
-        else:
-            light += np.float64(1 - np.int64(row[at >> 6] >> np.uint64(at & 63) & np.uint64(1)))
-    return light / samples
-
-
-@inlined
-def _cosine(normals, i, directions, k):
-    """The cosine between a sensor's normal and a sun; 1 without normals, 0 for suns behind."""
-    if len(normals) == 0:
-        return np.float64(1.0)
-    c = normals[i, 0] * directions[k, 0] + normals[i, 1] * directions[k, 1] + normals[i, 2] * directions[k, 2]
-    return c if c > 0.0 else np.float64(0.0)
-
-
-@kernel
-def _tally_rows(ticket, bits, passing, normals, calendar, tally):
-    n_suns, n_bins = calendar.bins.shape
-    partial = passing.shape[1] > 0
-    for i in items(ticket):
-        total = energy = run_hours = longest = 0.0
-        first = last = -1
-        for k in range(n_suns):
-            share = _visible_share(bits[i], passing[i if partial else 0], calendar.places, k)
-            if calendar.starts[k] or share < 0.5:
-                run_hours = 0.0
-            if share == 0.0:
-                continue
-            hours = share * calendar.hours[k]
-            total += hours
-            for b in range(n_bins):
-                tally.binned[i, calendar.bins[k, b]] += hours
-            energy += share * calendar.energy[k] * _cosine(normals, i, calendar.directions, k)
-            if share >= 0.5:
-                run_hours += calendar.hours[k]
-                longest = max(longest, run_hours)
-                first, last = k if first < 0 else first, k
-        tally.hours[i], tally.energy[i], tally.longest[i] = total, energy, longest
-        tally.first[i], tally.last[i] = first, last
-
-
-class SunLight(NamedTuple):
-    """The light of all directions at n sensors, in bundle order."""
-
-    bits: NDArray[np.uint64]  # (n, w) uint64: a set bit marks an occluded direction
-    passing: NDArray[np.float32]  # (n, 64 w) float32: share of the light that arrives; (1, 0): all of it or none
-
-
-def tally_of(
-    light: SunLight, normals: NDArray[np.float64] | None, calendar: Calendar, columns: int, threads: int | None = None
-) -> Tally:
-    """The sums of n sensors.
-
-    normals : (n, 3) float64 unit vectors, or None: light arrives perpendicularly
-    columns : number of bins
-    """
-    n = len(light.bits)
-    hours, binned, energy, longest = np.zeros(n), np.zeros((n, columns)), np.zeros(n), np.zeros(n)
-    tally = Tally(hours, binned, energy, longest, np.zeros(n, np.int32), np.zeros(n, np.int32))
-    normals = np.empty((0, 3)) if normals is None else np.ascontiguousarray(normals, np.float64)
-    run(_tally_rows, thread_count(threads), new_ticket(n, 64), *light, normals, calendar, tally)
-    return tally
 
 
 # --- Queries ----------------------------------------------------------------------------------------------------------
@@ -317,7 +220,7 @@ class SunSums:
     def tally(self) -> Tally:
         """The sums of each sensor, in the original order, once all parts are done; only once for parts in memory."""
         if not len(self._order):
-            nothing = SunLight(np.empty((0, 1), np.uint64), _WHOLE)
+            nothing = SunLight(np.empty((0, 1), np.uint64), WHOLE)
             return tally_of(nothing, None, self._query.calendar, self._query.columns)
         done = self.parts.taken(Tally._fields)
         if (np.diff(self._order) == 1).all():
@@ -355,7 +258,6 @@ def sum_suns(query: SunQuery, folder: Path | None = None, what: str = "suns") ->
     return tally
 
 
-_WHOLE = np.empty((1, 0), np.float32)  # `SunLight.passing` if the light of a direction arrives whole or not at all
 _PASSING_BYTES = 1 << 26  # of `SunLight.passing` at a time
 
 
@@ -370,16 +272,16 @@ def _light_of(query: SunQuery, which: np.ndarray) -> SunLight:
     sensors, m = query.sensors, len(query.towards)
     receivers, engine = query.receivers.take(which), query.scene.engine.with_options(query.plan, query.threads, None)
     normals = None if sensors.normals is None else sensors.normals[which]
-    bits = np.full((len(which), -(-m // 64)), ~np.uint64(0))
-    passing = np.zeros((len(which), 64 * bits.shape[1]), np.float32) if _transmits(query.scene) else _WHOLE
+    bits, later = np.full((len(which), -(-m // 64)), ~np.uint64(0)), len(sensors) * m
+    passing = np.zeros((len(which), 64 * bits.shape[1]), np.float32) if _transmits(query.scene) else WHOLE
     for month, batch in _batches(query.seasons, _in_front(query.towards, normals)):
         places = (batch[:, None] * BUNDLE + np.arange(BUNDLE)).ravel()
         places = places[places < m]
         lights = DirectionalLights(-query.towards[places])
-        (traced,) = engine.shadows(receivers, [lights], [light_samples(lights, 1)], month=month)
+        (traced,) = engine.shadows(receivers, [lights], [light_samples(lights, 1)], later=later, month=month)
         occluded = traced.bits[0]
         bits.view(np.uint16)[:, batch] = occluded.view(np.uint16)[:, : len(batch)]  # a bundle is a word of 16 bits
-        if passing is not _WHOLE:
+        if passing is not WHOLE:
             passing[:, places] = arriving_shares(traced)
     return SunLight(bits, passing)
 
@@ -415,16 +317,3 @@ def _in_front(towards: np.ndarray, normals: np.ndarray | None) -> np.ndarray:
     widest = acos(np.clip((dot(normals, middle / length)).min(), -1.0, 1.0))
     front = dot(towards, middle / length) > cos(min(np.pi / 2.0 + widest, np.pi)) - _BEHIND
     return bundles[np.bitwise_or.reduceat(front, bundles * BUNDLE)]
-
-
-def tally_job() -> Job:
-    """The compile job of sums over suns."""
-
-    def work() -> None:
-        bits, ones = np.zeros((2, 1), np.uint64), np.zeros(1)
-        calendar = Calendar(
-            np.zeros((1, 1), np.int32), ones, np.zeros((1, 1), np.int32), np.ones(1, bool), ones, np.zeros((1, 3))
-        )
-        tally_of(SunLight(bits, _WHOLE), None, calendar, 1, 1)
-
-    return fixed_job("sun hours", work)

@@ -201,6 +201,7 @@ def trace_shadow(
     threads: int | None = None,
     counters: NDArray[np.int64] | None = None,
     progress: ProgressCallback | None = None,
+    fresh: bool = True,
 ) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
@@ -208,14 +209,16 @@ def trace_shadow(
     lights, and coordinates too large for shafts.
 
     tree : BlockTree
-    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
+    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry if the query is fresh
     counters : from `new_counters`, or None
+    fresh : False: the bits mark segments known to be blocked, among them all that receivers' own surfaces block
     """
+    trees = single_tree(tree, fresh)
     if is_incoherent(query) or is_huge(query, extents_of(tree)) or is_far(query, boxes_of(tree.nodes[:1])):
         by_packets = over_samples if is_list(query.light) else over_pixels
-        by_packets(tree, query, bits, threads, counters, progress)
+        by_packets(trees, query, bits, threads, counters, progress)
         return
-    trace_tree_list(single_tree(tree), query, bits, threads, counters, progress)
+    trace_tree_list(trees, query, bits, threads, counters, progress)
 
 
 def trace_tree_list(

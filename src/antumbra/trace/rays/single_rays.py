@@ -49,7 +49,16 @@ from ...kernels.simd import (
 from ...kernels.vec3 import get3
 from ...progress import ProgressCallback
 from ...query.receivers import NOTHING
-from ...query.shadow_query import ShadowQuery, horizon_of, is_above, patch_of, query_pointers, sample_of, set_bit
+from ...query.shadow_query import (
+    ShadowQuery,
+    has_bit,
+    horizon_of,
+    is_above,
+    patch_of,
+    query_pointers,
+    sample_of,
+    set_bit,
+)
 from ..counters import (
     BELOW_HORIZON,
     BOX_TESTS,
@@ -196,11 +205,13 @@ def _blocked(tree, ray, skip, cull_faces, last, counters):
 
 @inlined
 def _shadow_pixel(tree, query, i, bits, last, counters):
-    """Trace all samples of receiver i. Return the last blocker."""
+    """Trace the samples of receiver i whose bits are not set yet. Return the last blocker."""
     o, skip = get3(query.origins, 3 * i, 1), get(query.ids, i)
     patch, horizon = patch_of(query, i), horizon_of(query, i)
     count(counters, RAYS, query.spp)
     for s in range(query.spp):
+        if has_bit(query, bits, i, s):
+            continue
         lx, ly, lz = sample_of(query, patch, i, s)
         if not is_above(horizon, lx, ly, lz, query.corners):
             count(counters, BELOW_HORIZON, 1)
