@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as arrays
 
 import antumbra as at
 from antumbra.engine import terrain_shadows
@@ -15,21 +14,12 @@ from antumbra.query.shadow_query import ShadowQuery, new_bits
 from antumbra.trace.terrain_lanes import trace_stencils
 from antumbra.trace.terrain_rays import terrain_tree
 from antumbra.trace.terrain_stencils import NO_SURFACE, ROW_PAD, relief_of, stencils_of
+from terrain_scenes import rasters, scene_of
 
 PLACE = (2.0, 0.0, 84000.0, 0.0, -3.0, 446000.0)
 TREE = "bsah+wide"
-SHAPES = st.tuples(st.integers(2, 26), st.integers(2, 45))
-STEPS = st.sampled_from([0.0, 0.0, 0.0, 0.25, 1.0, 3.0, 9.0, np.nan])
-HEIGHTS = arrays.arrays(np.float64, SHAPES, elements=STEPS, fill=st.nothing())
+HEIGHTS = rasters(26, 45, [0.0, 0.0, 0.0, 0.25, 1.0, 3.0, 9.0, np.nan])
 ALONG = [(1, 0), (0, 1), (-1, 0), (0, -1), (2, 3), (-2, 3), (2, -3), (-2, -3), (4, 3), (1e-9, 1), (1, -1e-9)]
-
-
-def scene_of(heights):
-    """A scene, or None if the heights have no triangles."""
-    try:
-        return at.from_raster((heights, PLACE))
-    except at.InputError:
-        return None
 
 
 def cells_of(scene):
@@ -50,7 +40,7 @@ def suns(random, n):
 @settings(deadline=None, max_examples=120)
 @given(HEIGHTS, st.integers(0, 10_000), st.sampled_from([0.0, 0.01, 0.5]))
 def test_bits_are_those_of_trees(heights, seed, lift):
-    scene, random = scene_of(heights), np.random.default_rng(seed)
+    scene, random = scene_of(heights, PLACE), np.random.default_rng(seed)
     if scene is None:
         return
     points = cells_of(scene) + [0.0, 0.0, lift]

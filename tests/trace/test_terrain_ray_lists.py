@@ -4,19 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as arrays
 
 import antumbra as at
 import oracle
 from antumbra.engine import terrain_shadows
+from terrain_scenes import PLACE, rasters, scene_of
 
-HEIGHTS = arrays.arrays(
-    np.float64,
-    st.tuples(st.integers(2, 18), st.integers(2, 21)),
-    elements=st.sampled_from([0.0, 0.0, 0.25, 1.0, 3.0, 9.0, np.nan]),
-    fill=st.nothing(),
-)
-PLACE = (2.0, 0.0, 84000.0, 0.0, -2.0, 446000.0)
+HEIGHTS = rasters(18, 21, [0.0, 0.0, 0.25, 1.0, 3.0, 9.0, np.nan])
 TREE = "bsah+wide"
 
 
@@ -26,14 +20,6 @@ def _terrain_only():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(terrain_shadows, "build_seconds", lambda *_: np.inf)
         yield
-
-
-def scene_of(heights):
-    """A scene, or None if the heights have no triangles."""
-    try:
-        return at.from_raster((heights, PLACE))
-    except at.InputError:
-        return None
 
 
 def rays_in(scene, random, n=300):

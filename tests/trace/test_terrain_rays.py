@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as arrays
 
 import antumbra as at
 import oracle
@@ -12,14 +11,9 @@ from antumbra.engine import terrain_shadows
 from antumbra.engine.plan import parse_plan
 from antumbra.query.receivers import Receivers
 from antumbra.trace.terrain_rays import terrain_tree
+from terrain_scenes import PLACE, rasters, scene_of
 
-HEIGHTS = arrays.arrays(
-    np.float64,
-    st.tuples(st.integers(2, 18), st.integers(2, 21)),
-    elements=st.sampled_from([0.0, 0.0, 0.25, 1.0, 3.0, 9.0, np.nan]),
-    fill=st.nothing(),
-)
-PLACE = (2.0, 0.0, 84000.0, 0.0, -2.0, 446000.0)
+HEIGHTS = rasters(18, 21, [0.0, 0.0, 0.25, 1.0, 3.0, 9.0, np.nan])
 TREE = "bsah+wide"
 
 
@@ -29,14 +23,6 @@ def _terrain_only():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(terrain_shadows, "_RAYS_PER_TRIANGLE", 1 << 60)
         yield
-
-
-def scene_of(heights):
-    """A scene, or None if the heights have no triangles."""
-    try:
-        return at.from_raster((heights, PLACE))
-    except at.InputError:
-        return None
 
 
 def directions(random, n):

@@ -4,21 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as arrays
 
 import antumbra as at
+from terrain_scenes import PLACE, rasters, scene_of
 
-PLACE = (2.0, 0.0, 84000.0, 0.0, -2.0, 446000.0)
 LEVELS = [0.0, 0.0, 0.25, 1.0, 3.0, 9.0]
-HEIGHTS, HEIGHTS_WITH_HOLES = (
-    arrays.arrays(
-        np.float64,
-        st.tuples(st.integers(2, 22), st.integers(2, 22)),
-        elements=st.sampled_from(levels),
-        fill=st.nothing(),
-    )
-    for levels in (LEVELS, [*LEVELS, np.nan])
-)
+HEIGHTS, HEIGHTS_WITH_HOLES = rasters(22, 22, LEVELS), rasters(22, 22, [*LEVELS, np.nan])
 SLACK = 2e-3  # float32 rounding of coordinates, at a slope of the steepest edge
 TREE = "bsah+wide"
 PEAK_BETWEEN_HOLES = np.zeros((21, 18))
@@ -62,10 +53,8 @@ def bounds_of_heights(scene, cells, eye):
 @example(heights=PEAK_BETWEEN_HOLES, seed=1173)
 @example(heights=PEAK, seed=1173)
 def test_cells_are_seen_just_above_and_hidden_just_below(heights, seed):
-    random = np.random.default_rng(seed)
-    try:
-        scene = at.from_raster((heights, PLACE))
-    except at.InputError:
+    scene, random = scene_of(heights), np.random.default_rng(seed)
+    if scene is None:
         return
     eye = random.uniform(scene.bounds[0] - [3, 3, 0], scene.bounds[1] + [3, 3, 0])
     eye[2] = random.choice([9.5, 12.0, 30.0])

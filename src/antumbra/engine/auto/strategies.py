@@ -70,28 +70,21 @@ class Strategy(NamedTuple):
     skips: bool = False  # whether `trace` takes `fresh`; False: bits that are set mark rays that need no tracing
 
 
-def _trace_shafts(
-    tree: BlockTree,
-    query: ShadowQuery,
-    bits: Bits,
-    threads: int,
-    counters: Counters | None,
-    progress: ProgressCallback | None,
-    fresh: bool = True,
-) -> None:
-    trace_tree_list(single_tree(tree, fresh), query, bits, threads, counters, progress)
+def _over_blocks(trace: Callable[..., None]) -> Callable[..., None]:
+    """`Strategy.trace` over a `BlockTree`, by a function that traces a `TreeList`."""
 
+    def trace_blocks(
+        tree: BlockTree,
+        query: ShadowQuery,
+        bits: Bits,
+        threads: int,
+        counters: Counters | None,
+        progress: ProgressCallback | None,
+        fresh: bool = True,
+    ) -> None:
+        trace(single_tree(tree, fresh), query, bits, threads, counters, progress)
 
-def _trace_packets(
-    tree: BlockTree,
-    query: ShadowQuery,
-    bits: Bits,
-    threads: int,
-    counters: Counters | None,
-    progress: ProgressCallback | None,
-    fresh: bool = True,
-) -> None:
-    over_pixels(single_tree(tree, fresh), query, bits, threads, counters, progress)
+    return trace_blocks
 
 
 def _shafts_suit(query: ShadowQuery, box: Box) -> bool:
@@ -99,8 +92,8 @@ def _shafts_suit(query: ShadowQuery, box: Box) -> bool:
 
 
 STRATEGIES: dict[str, Strategy] = {
-    "multifrusta": Strategy(block_tree, _trace_shafts, _shafts_suit, True),
-    "packet16:blocks": Strategy(block_tree, _trace_packets, skips=True),
+    "multifrusta": Strategy(block_tree, _over_blocks(trace_tree_list), _shafts_suit, True),
+    "packet16:blocks": Strategy(block_tree, _over_blocks(over_pixels), skips=True),
     "packet16": Strategy(None, over_pixels),
     "packet16:samples": Strategy(None, over_samples),
     "wide": Strategy(widen, single.trace_shadow),
