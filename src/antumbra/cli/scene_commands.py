@@ -341,9 +341,8 @@ def build(
     A store holds the triangles in chunks, each with its BVH and checksums. Several scenes are merged in the given
     order, in their state at time 0, with all their cameras and lights. procedural:city is generated and written block
     by block, at any size, and so are rasters of heights. Rasters that follow one another, and those of a folder, are
-    tiles of one surface.
-    Other scenes are read into memory one at a time. The same scenes give the same bytes for any --max-memory and
-    --threads.
+    tiles of one surface. Other scenes are read into memory one at a time. The same scenes give the same bytes for any
+    --max-memory and --threads.
 
     \b
     Examples

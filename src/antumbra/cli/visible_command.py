@@ -29,6 +29,9 @@ from .options import (
 from .tree_options import TreesOption, add_trees, parse_trees, sensors_below_trees
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from ..engine.scene import AnyScene
     from ..jobs.line_of_sight.targets import Turbine
     from ..jobs.result_table import Table
@@ -123,7 +126,7 @@ def visible(args: VisibleArguments) -> int:
         opened = add_trees(bare, trees)
         check_file_crs(opened, args.polygon, args.points)
         display.say("preparing")
-        target = _target(args, bare)
+        target = _target(args, bare, foot)
         sensors = sensors_below_trees(sensor_form, bare, opened, args.threads)
         start = perf_counter()
         table = visible_share(
@@ -137,13 +140,13 @@ def visible(args: VisibleArguments) -> int:
     return 0
 
 
-def _target(args: VisibleArguments, scene: "AnyScene") -> "Turbine | Sensors":
-    """The target that the options name."""
+def _target(args: VisibleArguments, scene: "AnyScene", foot: "NDArray[np.float64] | None") -> "Turbine | Sensors":
+    """The target that the options name; `foot`: that of the turbine."""
     from ..jobs.line_of_sight.targets import Turbine, polygon_points, surface_points
     from ..jobs.sensor_files import read_points
 
-    if args.turbine is not None:
-        return Turbine(arguments.parse_point(args.turbine, "--turbine"), args.hub_height or 0.0, args.rotor or 0.0)
+    if foot is not None:
+        return Turbine(foot, args.hub_height or 0.0, args.rotor or 0.0)
     if args.object is not None:
         known = {name for thing in scene.objects for name in (thing.name, thing.parent) if name}
         for name in args.object:
