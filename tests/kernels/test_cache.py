@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from hashlib import blake2b
 from pathlib import Path
 
 import pytest
@@ -101,6 +102,45 @@ def test_damaged_files_are_made_anew(package, copied):
     assert results["alone"] == 101 and [file.read_bytes() for file in files] == whole
 
 
+def swapped(file, other):
+    """The bytes of another kernel, with a valid checksum."""
+    file.write_bytes(other.read_bytes())
+
+
+def other_json(file, other):
+    body = (9).to_bytes(4, "little") + b'{"a": [1]' + b"not zlib"
+    file.write_bytes(cache._MAGIC + blake2b(body, digest_size=cache._SUM).digest() + body)
+
+
+def pipe(file, other):
+    file.unlink()
+    os.mkfifo(file)
+
+
+def link(file, other):
+    file.unlink()
+    file.symlink_to(other)
+
+
+def folder(file, other):
+    file.unlink()
+    file.mkdir()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes and links")
+@pytest.mark.parametrize("put", [swapped, other_json, pipe, link, folder])
+def test_what_stands_in_place_of_a_kernel_is_replaced(package, copied, put):
+    files = kernels_in(copied)
+    file = next(each for each in files if from_record(each.read_bytes()).kernel.endswith(":alone"))
+    other = next(each for each in files if from_record(each.read_bytes()).kernel.endswith(":by_call"))
+    put(file, other)
+    results, sources, _ = sample.run(package, copied)
+    assert results["alone"] == 101 and results["by_call"] == 4 and sources["alone"] == "compiled"
+    assert sorted(sources.values()).count("compiled") == 1
+    if put is not folder:  # is not removed: it may hold something of the user's
+        assert from_record(file.read_bytes()).kernel.endswith(":alone") and not file.is_symlink()
+
+
 def test_a_folder_that_cannot_be_written_is_told_once(package, tmp_path):
     (tmp_path / "file").write_text("")
     env = sample.environment(package, tmp_path / "file")
@@ -112,8 +152,9 @@ def test_a_folder_that_cannot_be_written_is_told_once(package, tmp_path):
 
 def test_pruning_removes_what_nobody_uses(tmp_path):
     folder = cache.KernelFolder(tmp_path, "some-level")
-    for digest in "old", "new", "used":
-        folder.put(digest, CODE)
+    codes = {name: CODE._replace(machine=cache.symbol_of(name).encode()) for name in ("old", "new", "used")}
+    for digest, code in codes.items():
+        folder.put(digest, code)
     long_ago = time.time() - (cache.UNUSED_DAYS + 1) * 86400
     for digest in "old", "used":
         os.utime(folder.path / f"{digest}.kernel", (long_ago, long_ago))
@@ -123,7 +164,7 @@ def test_pruning_removes_what_nobody_uses(tmp_path):
     os.utime(other, (long_ago, long_ago))
     (tmp_path / "0123456789abcdef" / "compiled").mkdir(parents=True)  # of version 0.1
     (tmp_path / "mine").mkdir()
-    assert folder.get("used") == CODE
+    assert folder.get("used") == codes["used"]
     folder.prune()
     assert {file.stem for file in kernels_in(tmp_path)} == {"new", "used"}
     assert {path.name for path in tmp_path.iterdir()} == {"kernels", "mine"}
@@ -175,3 +216,47 @@ def test_ctrl_c_leaves_a_usable_cache_and_no_process(package, tmp_path):
             time.sleep(0.1)
     assert kernels_in(folder) and not list(folder.rglob("*.lock"))[len(GOOD) :]
     assert sample.run(package, folder)[0]["alone"] == 101
+
+
+ENDLESS = """
+import sys
+from antumbra.kernels.toolchain import kernel_loading
+from antumbra.kernels.toolchain.compile_pool import serve
+
+def compile_forever(*request):
+    print("compiling", file=sys.stderr, flush=True)
+    while True:
+        pass
+
+kernel_loading.load_or_compile = compile_forever
+serve()
+"""
+
+
+def test_a_compiling_process_ends_in_the_middle_of_a_kernel_when_its_caller_is_gone(package, tmp_path):
+    env, pipe = sample.environment(package, tmp_path), subprocess.PIPE
+    process = subprocess.Popen(
+        [sys.executable, "-c", ENDLESS], env=env, stdin=pipe, stdout=pipe, stderr=pipe, text=True, cwd=package.parent
+    )
+    process.stdin.write('["antumbra.sample.top:alone", "i", ["x86-64-v2"]]\n')
+    process.stdin.flush()
+    assert process.stderr.readline() == "compiling\n"
+    process.stdin.close()  # as the system does when a process is killed
+    assert process.wait(timeout=120) == 0
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a signal")
+def test_four_processes_fill_one_cache_though_one_is_killed(package, tmp_path):
+    folder = tmp_path / "cache"
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    command, env = [sys.executable, "-c", sample.RUN], sample.environment(package, folder)
+    killed, *others = [subprocess.Popen(command, env=env, cwd=package.parent, **pipes) for _ in range(4)]
+    while not list(folder.rglob("*.lock")) and killed.poll() is None:  # until somebody compiles
+        time.sleep(0.01)
+    killed.kill()
+    outputs = [process.communicate() for process in others]
+    killed.communicate()
+    assert not any(process.returncode for process in others), outputs
+    found = [json.loads(out) for out, _ in outputs]
+    assert all(results == found[0][0] for results, *_ in found) and found[0][0]["alone"] == 101
+    assert set(sample.run(package, folder)[1].values()) == {"cache"}

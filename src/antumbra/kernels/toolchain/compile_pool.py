@@ -6,7 +6,8 @@ same time. Finished kernels are on disk: Ctrl-C loses only the kernels in progre
 
 Each process reads one request per line and answers with null or an error message. A request is JSON: the kernel's name,
 the kinds of its arguments, and the processor levels. Processes import Numba without scipy's linear algebra, which
-starts faster.
+starts faster. If the caller is killed, the system closes the pipe of requests, and the process ends at once, in the
+middle of a kernel.
 """
 
 import json
@@ -48,6 +49,8 @@ def import_numba() -> None:
 def serve() -> None:
     """Serve `compile_kernels` until it closes the pipe. This process ignores Ctrl-C, since the caller ends it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    requests: SimpleQueue[str] = SimpleQueue()
+    threading.Thread(target=_read_requests, args=(requests,), daemon=True).start()
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # other output must not be mistaken for an answer
     import_numba()
@@ -55,8 +58,8 @@ def serve() -> None:
     from .kernel_digest import kernel_digest
     from .kernel_loading import load_or_compile
 
-    for line in sys.stdin:
-        name, key, levels = json.loads(line)
+    while True:
+        name, key, levels = json.loads(requests.get())
         try:
             kernel, folders = import_object(name), [KernelFolder(cache_folder(), level) for level in levels]
             load_or_compile(kernel, key, kernel_digest(kernel, key), folders)
@@ -65,6 +68,13 @@ def serve() -> None:
             message = f"{type(error).__name__}: {error}"
         answers.write(json.dumps(message) + "\n")
         answers.flush()
+
+
+def _read_requests(requests: "SimpleQueue[str]") -> None:
+    """Queue the caller's requests, and end this process as soon as the caller closes the pipe or is gone."""
+    for line in sys.stdin:
+        requests.put(line)
+    os._exit(0)
 
 
 # --- The pool ---------------------------------------------------------------------------------------------------------

@@ -1,8 +1,8 @@
 """The kernel cache: the user's folder of compiled kernels, indexed by kernel digest (`kernel_digest`).
 
 It is divided by compiler version and processor level. A record is ``magic, checksum, length of the description,
-description (JSON), object file (zlib)``. The checksum detects truncated, modified and foreign records, which count as
-missing.
+description (JSON), object file (zlib)``. The checksum detects truncated and modified records, and the symbol in the
+object file those of other kernels: both count as missing, and are replaced.
 """
 
 import json
@@ -62,8 +62,11 @@ def from_record(data: bytes) -> KernelCode | None:
     if not data.startswith(_MAGIC) or blake2b(body, digest_size=_SUM).digest() != data[len(_MAGIC) : _HEAD]:
         return None
     end = 4 + int.from_bytes(body[:4], "little")
-    kernel, key, result = json.loads(body[4:end])
-    return KernelCode(kernel, key, result, zlib.decompress(body[end:]))
+    try:
+        kernel, key, result = json.loads(body[4:end])
+        return KernelCode(kernel, key, result, zlib.decompress(body[end:]))
+    except (ValueError, TypeError, RecursionError, zlib.error):  # a valid checksum of something else
+        return None
 
 
 # --- The user's folder ------------------------------------------------------------------------------------------------
@@ -148,7 +151,7 @@ class KernelFolder:
         return self.path / f"{digest}.kernel"
 
     def get(self, digest: str) -> KernelCode | None:
-        """The code stored under a digest; None if there is none, or if the file is damaged."""
+        """The code stored under a digest; None if there is none, or if the file is damaged or another kernel's."""
         file = self._file(digest)
         try:
             data = read_trusted(file)
@@ -156,7 +159,8 @@ class KernelFolder:
                 os.utime(file)  # marks it as used for pruning
         except OSError:
             return None
-        return from_record(data)
+        code = from_record(data)
+        return code if code is not None and symbol_of(digest).encode() in code.machine else None
 
     def has(self, digest: str) -> bool:
         try:
