@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 import antumbra as at
+from antumbra.viewer import request_guard
 from antumbra.viewer.request_guard import LOG, Guard, guarding, is_loopback, name_of, one_line
 from pages import CAMERA, SUN, box_on_floor
 
@@ -242,6 +243,47 @@ def test_wrong_values_of_controls_are_one_line(local, capfd, caplog):
         sent(local, *map(update, wrong), update(123.0), done=lambda: slider.value == 123.0)
     assert caplog.records and all(r.exc_info is None and "\n" not in r.getMessage() for r in caplog.records)
     assert "Traceback" not in "".join(capfd.readouterr()) and shaken(local)[0] == 101
+
+
+def removals(page):
+    """Messages by which a client would change controls for all others, or reach beyond the page."""
+    slider = page.controls.sliders["bearing"]._impl.uuid
+    attributes = {"removed": True, "sync_cb": None, "update_cb": [], "is_button": True, "uuid": "x", "props": None}
+    for name, value in attributes.items():
+        for more in {}, {"value": 5.0}:
+            yield {"type": "GuiUpdateMessage", "uuid": slider, "updates": {name: value, **more}}
+    yield {"type": "GuiRemoveMessage", "uuid": slider}
+    yield {"type": "RemoveSceneNodeMessage", "name": "/point", "owner": ""}
+    yield {"type": "ResetGuiMessage"}
+    yield {"type": "ShareUrlRequest"}  # opens a tunnel to a relay on the internet
+    yield {"type": "FileTransferStartUpload", "source_component_uuid": slider, "transfer_uuid": "a", "filename": "a"}
+
+
+def test_clients_cannot_change_what_others_share(local, capfd, caplog):
+    slider, messages = local.controls.sliders["bearing"], list(removals(local))
+    update = {"type": "GuiUpdateMessage", "uuid": slider._impl.uuid, "updates": {"value": 77.0}}
+    with caplog.at_level(logging.WARNING, LOG.name):
+        sent(local, *messages, update, done=lambda: slider.value == 77.0)
+    assert not slider._impl.removed and slider._impl.sync_cb is not None
+    ignored = [record.getMessage() for record in caplog.records]
+    assert len(ignored) == len(messages) and all(line.startswith("ignored a message that") for line in ignored)
+    assert "Traceback" not in "".join(capfd.readouterr()) and shaken(local)[0] == 101
+
+
+def test_a_page_serves_a_limited_number_of_browsers(local, monkeypatch, caplog):
+    monkeypatch.setattr(request_guard, "MAX_CLIENTS", 2)
+    until = time.monotonic() + 20
+    while local.guard.clients and time.monotonic() < until:  # those of other tests have left
+        time.sleep(0.01)
+    with connected(local) as one, connected(local) as other:
+        one.recv(timeout=20), other.recv(timeout=20)
+        with caplog.at_level(logging.WARNING, LOG.name):
+            status, body = fetched(local)
+            assert status == 503 and body == b"2 browsers show this page; close one, then reload\n"
+            assert shaken(local) == (503, 0)
+    while local.guard.clients and time.monotonic() < until + 20:
+        time.sleep(0.01)
+    assert fetched(local)[0] == 200 and shaken(local)[0] == 101
 
 
 @pytest.mark.parametrize("bytes_", [b"\x16\x03\x01\x00", b"GET\r\n\r\n", b"POST / HTTP/1.1\r\n\r\n", b"\r\n" * 9, b""])

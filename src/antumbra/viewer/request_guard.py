@@ -1,7 +1,10 @@
-"""Guard the viewer's server: check the host, origin and token of each request, and drop malformed messages.
+"""Guard the viewer's server: check the host, origin and token of each request, and drop messages it must not obey.
 
 Any web page can open a WebSocket to any address, and a DNS name can be made to point at this machine at any time.
 Therefore the ``Host`` and ``Origin`` of every request are checked, and a page exposed to other machines needs a token.
+
+viser obeys whatever a client sends: a client could remove controls that all browsers share, upload files, or publish
+the page through viser's relay on the internet. Only messages that our page sends reach viser.
 """
 
 import asyncio
@@ -26,6 +29,15 @@ _LOOPBACK = "localhost", "127.0.0.1", "::1"
 _LONGEST = 200  # most characters of a log line that a client can cause
 _STARTING = threading.Lock()  # one server starts at a time
 
+MAX_CLIENTS = 16
+"""Most browsers that a page serves at a time; each takes about 45 MB of memory for its pictures and proxy mesh."""
+
+_MAX_MESSAGE = 1 << 16  # bytes of a client's message; those of our page have less than a thousand
+_CLIENT_MESSAGES = {
+    "ViewerCameraMessage", "GuiUpdateMessage", "SceneNodeClickMessage", "ScenePointerMessage",
+    "TransformControlsUpdateMessage", "TransformControlsDragStartMessage", "TransformControlsDragEndMessage",
+}  # fmt: skip
+
 
 class Guard:
     """Decides which requests reach the page.
@@ -49,6 +61,7 @@ class Guard:
         self.names = {*self.allowed, *names, canonical(host)}
         self.token = "" if is_loopback(host) else secrets.token_urlsafe(16)
         self.in_place = False  # whether a server uses it
+        self.clients = 0  # connected browsers
 
     def refusal(self, request: Any, reached: str) -> str | None:
         """The reason why a request is refused, on one line; None: it is allowed.
@@ -78,11 +91,16 @@ class Guard:
         return scheme in ("http", "https") and (netloc.lower() == host.lower() or name_of(netloc) in self.allowed)
 
     def check(self, connection: Any, request: Any, serve: Callable[[Any, Any], Any]) -> Any:
-        """The response to a request: 403, or that of `serve` to the path without the token."""
+        """The response to a request: 403, 503 beyond `MAX_CLIENTS`, or that of `serve` to the path without the token."""
         reason = self.refusal(request, connection.local_address[0])
         if reason is not None:
             LOG.warning("refused a request: %s", one_line(reason))
             return connection.respond(HTTPStatus.FORBIDDEN, f"{reason}\n")
+        if self.clients >= MAX_CLIENTS:
+            LOG.warning("refused a browser: %d are connected", self.clients)
+            return connection.respond(
+                HTTPStatus.SERVICE_UNAVAILABLE, f"{self.clients} browsers show this page; close one, then reload\n"
+            )
         if self.token:
             request = type(request)(request.path.removeprefix(f"/{self.token}") or "/", request.headers)
         return serve(connection, request)
@@ -104,7 +122,8 @@ def guarding(guard: Guard) -> Iterator[None]:
         guard.in_place = True
         asyncio.get_running_loop().set_exception_handler(_log_task)
         check = lambda connection, request: guard.check(connection, request, process_request)
-        return serve(_quiet(handler), *args, process_request=check, logger=_logger(), **options)
+        options["max_size"] = _MAX_MESSAGE
+        return serve(_guarded(handler, guard), *args, process_request=check, logger=_logger(), **options)
 
     with _STARTING:
         library.serve = guarded
@@ -179,27 +198,62 @@ def _quoted_list(values: list[str]) -> str:
     return one_line(", ".join(map(repr, values))) or "a request without Host"
 
 
-def _quiet(handler: Callable[[Any], Awaitable[None]]) -> Callable[[Any], Awaitable[None]]:
-    """Wrap viser's connection handler so that failures are logged as one line."""
+def _guarded(handler: Callable[[Any], Awaitable[None]], guard: Guard) -> Callable[[Any], Awaitable[None]]:
+    """Wrap viser's connection handler: it gets only messages of our page, and failures are logged as one line."""
     import viser
 
-    async def quiet(connection: Any) -> None:
+    async def guarded(connection: Any) -> None:
         if connection.subprotocol != f"viser-v{viser.__version__}":  # viser would print the mismatch
             LOG.warning("refused a client with another version: %s", one_line(connection.subprotocol))
             await connection.close(1002, f"the page is of viser {viser.__version__}; reload it")
             return
+        receive = connection.recv
+
+        async def receive_ours() -> Any:
+            while True:
+                message = await receive()
+                if may_send(message):
+                    return message
+                LOG.warning("ignored a message that the page does not send: %s", one_line(message[:_LONGEST]))
+
+        connection.recv = receive_ours
+        guard.clients += 1
         try:
             await handler(connection)
         except Exception as error:
             LOG.warning("a malformed message ended a connection: %s", one_line(error))
             await connection.close(1002, "malformed message")
+        finally:
+            guard.clients -= 1
 
-    return quiet
+    return guarded
+
+
+def may_send(message: bytes | str) -> bool:
+    """Whether a client may send a message: whether our page does, or it is malformed, which viser will notice."""
+    from msgspec import MsgspecError, msgpack  # of viser
+
+    try:
+        fields = msgpack.decode(message)
+        kind = fields["type"]
+        if kind == "GuiUpdateMessage":
+            return set(fields["updates"]) <= {"value"}  # others are attributes of viser's own objects
+        return kind in _CLIENT_MESSAGES or not _is_message(kind)
+    except (MsgspecError, TypeError, KeyError, ValueError, RecursionError):
+        return True
+
+
+def _is_message(kind: object) -> bool:
+    """Whether viser has messages of a kind."""
+    from viser._messages import Message
+
+    return isinstance(kind, str) and kind in {each.__name__ for each in Message.get_subclasses()}
 
 
 def _log_task(loop: Any, context: dict[str, Any]) -> None:
-    """The exception handler of the server's event loop."""
-    LOG.warning("invalid message: %s", one_line(context.get("exception") or context.get("message")))
+    """The exception handler of the server's event loop. Tasks left over when it stops have no exception."""
+    if context.get("exception") is not None:
+        LOG.warning("invalid message: %s", one_line(context["exception"]))
 
 
 class _OneLine(logging.Filter):
