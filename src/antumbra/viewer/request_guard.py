@@ -91,7 +91,7 @@ class Guard:
         return scheme in ("http", "https") and (netloc.lower() == host.lower() or name_of(netloc) in self.allowed)
 
     def check(self, connection: Any, request: Any, serve: Callable[[Any, Any], Any]) -> Any:
-        """The response to a request: 403, 503 beyond `MAX_CLIENTS`, or that of `serve` to the path without the token."""
+        """The response to a request: 403, 503 above `MAX_CLIENTS`, or that of `serve` to the path without its token."""
         reason = self.refusal(request, connection.local_address[0])
         if reason is not None:
             LOG.warning("refused a request: %s", one_line(reason))
@@ -229,7 +229,7 @@ def _guarded(handler: Callable[[Any], Awaitable[None]], guard: Guard) -> Callabl
     return guarded
 
 
-def may_send(message: bytes | str) -> bool:
+def may_send(message: bytes) -> bool:
     """Whether a client may send a message: whether our page does, or it is malformed, which viser will notice."""
     from msgspec import MsgspecError, msgpack  # of viser
 
