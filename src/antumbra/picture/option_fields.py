@@ -8,6 +8,7 @@ A field is declared by `option`, with its default, its check and its CLI options
 
 import inspect
 import re
+import sys
 import textwrap
 from collections.abc import Callable
 from dataclasses import MISSING, Field, field, fields
@@ -203,9 +204,9 @@ def _parameters(kind: type) -> list[inspect.Parameter]:
 
 
 def _doc_with_fields(doc: str | None, kind: type) -> str | None:
-    """Append the fields of a class to a docstring's section Parameters. None without docstrings (-OO)."""
-    if doc is None:
-        return None
+    """Append the fields of a class to a docstring's section Parameters."""
+    if doc is None or sys.flags.optimize >= 2:  # -OO removes docstrings, and dataclasses make up others
+        return doc
     lines, texts = inspect.cleandoc(doc).splitlines(), field_texts(kind)
     start = lines.index("Parameters") + 2
     end = next((i for i in range(start, len(lines)) if not lines[i]), len(lines))
