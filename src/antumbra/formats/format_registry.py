@@ -11,12 +11,14 @@ from pathlib import Path
 from typing import NamedTuple, TypeAlias, cast
 
 from ..files import checked_output
+from ..scene.crs import in_one_unit
 from ..scene.instance_data import InstanceData, wants_instances
 from ..scene.instances import InstancedSource
 from ..scene.mesh import Source
 from ..scene.palette_scene import PaletteScene
 from ..scene.scene_bounds import guess_z_up, sampled_faces
 from ..scene.scene_data import MemoryData, SceneData
+from ..scene.units import LengthUnit
 from .cityjson.cityjson_file import SUFFIXES as CITYJSON_SUFFIXES
 from .gis.footprint_table import SUFFIXES as FOOTPRINT_SUFFIXES
 from .gis.footprint_table import FootprintOptions
@@ -31,7 +33,8 @@ class ReadOptions(NamedTuple):
     lod: str | None = None  # level of detail
     instances: bool | None = None  # whether copies of meshes stay instances; None: if that saves much memory
     cutouts: bool = True  # False: all faces are solid
-    crs: str | None = None  # of rasters that name none, and to which footprints in degrees are projected
+    crs: str | None = None  # instead of that of the file; to which footprints in degrees are projected
+    unit: LengthUnit | None = None  # of the coordinates, if no CRS names it
 
 
 Reader: TypeAlias = Callable[[Path, ReadOptions], SceneData]
@@ -109,23 +112,26 @@ def _write_ply(scene: PaletteScene, name: str, path: Path) -> list[Path]:
 def _read_cityjson(path: Path, options: ReadOptions) -> SceneData:
     from .cityjson.cityjson_source import read_cityjson
 
-    source, notes, city = read_cityjson(path, options.lod)
-    name = path.stem.removesuffix(".city")
-    return MemoryData(source, name=name, up=options.up or "z", notes=tuple(notes), city=city, crs=city.crs)
+    source, notes, city = read_cityjson(path, options.lod, options.crs)
+    name, crs = path.stem.removesuffix(".city"), options.crs or city.crs
+    return MemoryData(
+        source, name=name, up=options.up or "z", notes=tuple(notes), city=city,
+        crs=None if crs is None else in_one_unit(crs)[0], unit=options.unit,
+    )  # fmt: skip
 
 
 def _read_heights(path: Path, options: ReadOptions) -> SceneData:
     from .gis.gis_data import check_z_up, terrain_data
 
     check_z_up(options.up, path.name)
-    return terrain_data(path, HeightOptions(crs=options.crs))
+    return terrain_data(path, HeightOptions(crs=options.crs, unit=options.unit))
 
 
 def _read_footprints(path: Path, options: ReadOptions) -> SceneData:
     from .gis.gis_data import check_z_up, footprint_data
 
     check_z_up(options.up, path.name)
-    return footprint_data(path, FootprintOptions(crs=options.crs))
+    return footprint_data(path, FootprintOptions(crs=options.crs, unit=options.unit))
 
 
 def _read_frames(path: Path, options: ReadOptions) -> SceneData:

@@ -267,8 +267,8 @@ class Table:
     columns : dict of str to Column
         Pictures show the first one by default.
     about : dict
-        Metadata of the job, in JSON types: "job", "timezone", settings, and "crs", the CRS of the scene or else of the
-        raster file that defines the cells.
+        Metadata of the job, in JSON types: "job", "timezone", settings, "unit", that of the scene's coordinates and
+        lengths, and "crs", the CRS of the scene or else of the raster file that defines the cells.
     scene : Scene or None
         The scene of the sensors; pictures need it.
     camera : Camera or None
@@ -305,6 +305,8 @@ class Table:
             checked_instance(self.camera, Camera, "camera")
         self.marks = None if self.marks is None else points(self.marks, "marks")
         raster = self.sensors.raster
+        if self.scene is not None:
+            self.about = {"unit": self.scene.unit.name, **self.about}
         crs = (self.scene and self.scene.crs) or (raster and raster.crs)
         if crs:
             self.about = {"crs": crs, **self.about}
@@ -348,7 +350,7 @@ class Table:
     def save_map(self, path: str | os.PathLike[str], column: str | None = None, *, title: str | None = None) -> None:
         """Write a map sheet for a report: a page of A4 in PDF, SVG or PNG.
 
-        The map has north up, a scale bar in metres (world units), and an arrow to true north. Rasters are drawn as
+        The map has north up, a scale bar in the unit of the scene, and an arrow to true north. Rasters are drawn as
         maps, continuous quantities smoothly; faces and points are seen from above. The legend has classes for yes and
         no, and otherwise ends at the greatest value. Beside it are the scene, the rule, the dates, the place, and the
         areas. Needs ``antumbra[plot]``. The same table gives the same file.

@@ -19,6 +19,7 @@ from ...files import checked_file
 from ...scene.crs import check_horizontal_crs, checked_crs, reproject
 from ...scene.materials import MONTHS
 from ...scene.tree_crowns import SHAPES, TreeShapes
+from ..reprojection import vector_command
 from .vector_table import MOST_NAMES, TableRows, given_numbers, id_column, read_layer
 
 SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb", ".parquet", ".csv")
@@ -178,7 +179,7 @@ def _projected(rows: _TreeRows, given: str | None, scene: str | None) -> _TreeRo
     if target is None:
         raise InputError(f"{rows.file}: its CRS, {rows.crs[:40]}, is in degrees; name one in metres: crs='EPSG:28992'")
     if rows.areas is not None:
-        raise InputError(f"{rows.file}: outlines in degrees have no area; project them with: ogr2ogr -t_srs {target}")
+        raise InputError(f"{rows.file}: outlines in degrees have no area; project them with: {vector_command(target)}")
     return rows._replace(plan=reproject(rows.plan, rows.crs, target), crs=target)
 
 

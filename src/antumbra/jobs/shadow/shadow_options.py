@@ -96,7 +96,7 @@ class ShadowOptions:
         note="1 for days; else no raster, but exact outlines on a plane",
         metavar="SIZE",
     )
-    """Side of a raster cell, world units: polygons follow the edges of cells, whose centres are traced exactly. None: 1
+    """Side of a raster cell, world units: polygons follow the edges of cells, whose centres are traced exactly. None: 1 m
     for `days`, else no raster, but the exact outline of the shadow on a plane."""
     by: str = option("shadow", Choice(("shadow", "object")), "On a plane: one row per connected shadow, or per object.")
     """On a plane, "shadow": a row for each connected part of the shadow; "object": a row for each object, such as a
