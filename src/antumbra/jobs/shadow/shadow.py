@@ -79,9 +79,9 @@ def shadow(
     Returns
     -------
     Shadow
-        On a plane, a row for each connected shadow or each object, with its area in square metres. With cells at a moment, a row for
-        each connected shadow. For days, a row for each class: "hours_from", "hours_to" (exclusive, but for the last
-        class, which ends with the hours of daylight) and "area" (m2).
+        On a plane, a row for each connected shadow or each object, with its "area" (m2). With cells at a moment, a row
+        for each connected shadow. For days, a row for each class: "hours_from", "hours_to" (exclusive, but for the last
+        class, which ends with the hours of daylight) and "area".
 
     Raises
     ------
