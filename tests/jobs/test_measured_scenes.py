@@ -118,6 +118,16 @@ def test_the_scene_below_trees_is_measured_too():
             call()
 
 
+def test_shifted_coordinates_are_lengths_if_they_have_a_unit():
+    """At 0, 0, far from its area, EPSG:31467 has the scale 1.15."""
+    with pytest.raises(
+        at.InputError, match=r"EPSG:31467, has the scale 1\.1.*, outside its area; .*, such as --unit m"
+    ):
+        measured_scene(tower((0, 0), crs="EPSG:31467"))
+    assert measuring_fault(tower((0, 0), crs="EPSG:31467", unit="m")) is None
+    assert measuring_fault(tower((485000, 6800000), crs="EPSG:3857", unit="m")) is not None
+
+
 def test_web_mercator_is_measured_at_the_equator():
     """Its scale is 1.0064 at the equator along the meridian, and beyond the bound from 6.6 degrees on."""
     pyproj = pytest.importorskip("pyproj")
@@ -179,7 +189,9 @@ COMMANDS = {
 def test_every_command_refuses_a_stretched_map_with_the_cure(cli, tmp_path, command):
     outcome = cli(command, in_mercator(tmp_path), *COMMANDS[command])
     outcome.refused(
-        "mercator", "has the scale 1.624", "cjio FILE upgrade crs_reproject --digit 3 32631 save OUT.city.json"
+        "mercator",
+        "has the scale 1.624",
+        "cjio FILE upgrade --digit 10 crs_reproject --digit 3 32631 save OUT.city.json",
     )
     assert not list(tmp_path.glob("out*"))
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import antumbra as at
 from antumbra.scene.map_point import map_point, on_earth
 
 
@@ -50,6 +49,9 @@ def test_the_moon_has_its_own_radius():
     assert on_earth("+proj=stere +lat_0=52 +lon_0=5 +R=6371000") and on_earth('LOCAL_CS["Undefined Cartesian SRS"]')
 
 
-def test_points_off_the_map_are_refused():
-    with pytest.raises(at.InputError, match="has no longitude and latitude; check the CRS"):
-        map_point("EPSG:32631", 1e30, 0.0)
+def test_points_off_the_map_and_beside_its_area():
+    nowhere = map_point("EPSG:32631", 1e30, 0.0)
+    assert not nowhere.inside and np.isnan(nowhere.scale) and nowhere.radius == pytest.approx(6_367_436, abs=1.0)
+    beside = map_point("EPSG:31467", 0.0, 0.0)
+    assert not beside.inside and beside.scale > 1.1
+    assert map_point("EPSG:31467", 3_500_000.0, 5_500_000.0).inside

@@ -35,6 +35,10 @@ def vector_command(target: str) -> str:
 
 
 def city_command(target: str, assigned: str = "") -> str:
-    """The command that reprojects CityJSON; `assigned`: the code of its CRS, if the file names none."""
+    """The command that reprojects CityJSON of any version; `assigned`: the code of its CRS, if the file names none.
+
+    Degrees need ten digits: with the three of the default, houses collapse into points.
+    """
     assign = f"crs_assign {assigned} " if assigned else ""
-    return f"cjio FILE upgrade {assign}crs_reproject --digit 3 {target.removeprefix('EPSG:')} save OUT.city.json"
+    code = target.removeprefix("EPSG:")
+    return f"cjio FILE upgrade --digit 10 {assign}crs_reproject --digit 3 {code} save OUT.city.json"

@@ -47,7 +47,10 @@ def measured_scene(value: SceneLike) -> "Scene | PagedScene":
 
 
 def measuring_fault(scene: "AnyScene") -> str | None:
-    """Why lengths cannot be measured in a scene, and the remedy, in one line; None if they can."""
+    """Why lengths cannot be measured in a scene, and the remedy, in one line; None if they can.
+
+    A unit that is given says that coordinates are lengths, even if they cannot be those of the CRS.
+    """
     if scene.crs is None:
         return _degrees_fault(scene)
     parts, name = parts_of_crs(scene.crs), f"its CRS, {scene.crs[:60]},"
@@ -64,12 +67,12 @@ def measuring_fault(scene: "AnyScene") -> str | None:
     if not parts.plan.is_projected:
         return None
     point = map_point(scene.crs, *middle_of(scene))
-    if abs(point.scale - 1.0) <= MOST_STRETCH:
+    if abs(point.scale - 1.0) <= MOST_STRETCH or (not point.inside and scene.data.given_unit is not None):
         return None
-    return (
-        f"{scene.name}: {name} has the scale {point.scale:.4g} in plan at the middle of the scene, and heights have 1; "
-        + _remedy(scene, (point.longitude, point.latitude))
-    )
+    stretched = f"{scene.name}: {name} has the scale {point.scale:.4g} in plan at the middle of the scene"
+    if not point.inside:
+        return f"{stretched}, outside its area; if coordinates were shifted, give their unit, such as --unit m"
+    return f"{stretched}, and heights have 1; {_remedy(scene, (point.longitude, point.latitude))}"
 
 
 def earth_radius_of(scene: "AnyScene") -> float:

@@ -49,10 +49,6 @@ def parse_zone(text: str) -> tzinfo:
 # --- Places -----------------------------------------------------------------------------------------------------------
 
 
-_DEGENERATE = 89.999  # degrees: closer to a pole, north is undefined
-_MARGIN = 1.0  # degrees around the area of use of a CRS
-
-
 class _PlaceFields(NamedTuple):
     """The fields of a `Place`."""
 
@@ -188,9 +184,14 @@ def place_of_crs(crs: str, bounds: NDArray[np.floating], up: str = "z", timezone
     parts = _projected(crs)
     east, north, height = _middle(bounds, up)
     point = map_point(crs, east, north)
+    if not point.inside:
+        place = "" if parts.plan.area_of_use is None else f" ({parts.plan.area_of_use.name[:60]})"
+        raise InputError(
+            f"crs {crs}: the middle of the scene, {east:.6g}, {north:.6g}, is outside its area{place}; "
+            "if coordinates were shifted, give latitude, longitude and north instead"
+        )
     to_wgs84 = pyproj.Transformer.from_crs(parts.plan.geodetic_crs, "EPSG:4326", always_xy=True)
     longitude, latitude = to_wgs84.transform(point.longitude, point.latitude)
-    _check_area(parts.plan, crs, (east, north), (longitude, latitude))
     elevation = height * (parts.height_unit or unit_of_crs(crs)).metres
     return checked_place(Place(latitude, longitude, elevation, -point.convergence, timezone))
 
@@ -226,20 +227,3 @@ def _middle(bounds: NDArray[np.floating], up: str) -> tuple[float, float, float]
     if up == "z":
         return (x0 + x1) / 2.0, (y0 + y1) / 2.0, z0
     return (x0 + x1) / 2.0, -(z0 + z1) / 2.0, y0
-
-
-def _check_area(projected: Any, text: str, middle: tuple[float, float], position: tuple[float, float]) -> None:
-    """Raise an InputError if a position (longitude, latitude) is outside the CRS's area of use."""
-    longitude, latitude = position
-    area = projected.area_of_use
-    inside = abs(latitude) <= _DEGENERATE
-    if inside and area is not None:
-        inside = area.south - _MARGIN <= latitude <= area.north + _MARGIN
-        span = (area.east - area.west) % 360.0 or 360.0  # an area may cross the antimeridian
-        inside &= (longitude - area.west + _MARGIN) % 360.0 <= span + 2.0 * _MARGIN
-    if not inside:
-        place = "" if area is None else f" ({area.name[:60]})"
-        raise InputError(
-            f"crs {text}: the middle of the scene, {middle[0]:.6g}, {middle[1]:.6g}, is outside its area{place}; "
-            "if coordinates were shifted, give latitude, longitude and north instead"
-        )
