@@ -107,7 +107,7 @@ def finds(*names):
 def _sun(frame, scene):
     table = at.sun_hours(scene, points_in(frame), DAY, place=frame.place, step=15)
     roofs = at.sun_hours(scene, "face", DAY, place=frame.place, energy=True, per="building")
-    assert roofs.columns["direct_kwh"].unit == "kWh" and roofs.about["unit"] == frame.unit.name
+    assert roofs.columns["direct_kwh"].unit == "kWh" and roofs.about["length_unit"] == frame.unit.name
     energy = {name: roofs[name] for name in ("direct_kwh", "direct_kwh_m2", "sun_hours")}
     return {"hours": table["sun_hours"], "longest": table["longest"]}, energy
 
@@ -136,7 +136,7 @@ def _shadow(frame, scene):
     more = {"place": frame.place, "casters": "blocks"}
     found = at.shadow(scene, at="2026-03-21T15:00", **more)
     hours = at.shadow(scene, days=DAY, place=frame.place, step=60, classes=[0, 1, 4])
-    assert found.about["unit"] == hours.about["unit"] == frame.unit.name
+    assert found.about["length_unit"] == hours.about["length_unit"] == frame.unit.name
     classes = dict(zip(hours.columns["hours_from"], hours.columns["area"]))
     return {"classes": list(classes)}, {"area": found.area, "areas": list(classes.values())}
 
@@ -288,7 +288,7 @@ def test_commands_take_the_unit_of_a_file(cli, tmp_path, form):
         seen = cli(
             "viewshed", *scene, "--up", "z", "--observer", ",".join(map(str, frame.of(EYES[0]))), "--json"
         ).json()
-        assert garden["unit"] == unit and cli("info", *scene, "--json").json()["unit"] == unit
+        assert garden["length_unit"] == unit and cli("info", *scene, "--json").json()["unit"] == unit
         answers[unit] = garden["areas"], energy, shadow["area"], seen["area"], seen["area_seen"]
     (areas, energy, *rest), (areas_mm, energy_mm, *rest_mm) = answers["m"], answers["mm"]
     assert areas == areas_mm and areas[0]["cells"] == 1280 and sum(energy) > 1000.0

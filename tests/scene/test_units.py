@@ -230,3 +230,33 @@ def test_heights_of_a_city_are_in_the_unit_of_the_plan(tmp_path):
         scene = at.load(path)
     assert scene.crs == "EPSG:2263" and scene.bounds[:, 2].tolist() == [0.0, pytest.approx(3.0 / US_FOOT)]
     assert at.place_of(scene).elevation == 0.0
+
+
+# --- Files ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("units, name", [("millimeters", "mm"), ("inches", "in"), (None, "m"), ("cubits", "m")])
+def test_the_units_of_a_trimesh_are_those_of_the_scene(units, name):
+    trimesh = pytest.importorskip("trimesh")
+    mesh = trimesh.creation.box()
+    mesh.units = units
+    assert at.load(mesh).unit.name == name and at.Scene.from_mesh(mesh, unit="ft").unit.name == "ft"
+
+
+@pytest.mark.parametrize("suffix", ["obj", "stl"])
+def test_a_building_of_two_kilometres_is_noted(tmp_path, suffix):
+    trimesh = pytest.importorskip("trimesh")
+    path = tmp_path / f"a.{suffix}"
+    trimesh.creation.box((10_000, 8_000, 6_000)).export(path)
+    with pytest.warns(UserWarning, match='is 6,000 m high, if its unit is the metre; pass its own, such as unit="mm"'):
+        at.load(path, up="z")
+    assert not any("high" in note for note in at.load(path, up="z", unit="mm").notes)
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_models_of_results_are_in_metres(tmp_path, up):
+    scene = at.Scene.from_arrays(TRIANGLE * [3000, 2000, 1000], up=up, unit="mm")
+    table = at.sky_view(scene, "face", directions=16)
+    table.save(tmp_path / "a.glb")
+    size = np.ptp(at.load(tmp_path / "a.glb").bounds, axis=0)
+    assert np.allclose(size, [3, 2, 1] if up == "y" else [3, 1, 2], rtol=1e-6)

@@ -637,7 +637,8 @@ class Scene(AnyScene):
         mesh : object
             A trimesh ``Trimesh`` or ``Scene``, a pyvista data set (``PolyData``, or one that has a surface) or
             ``MultiBlock``, a meshio ``Mesh``, or an Open3D ``TriangleMesh`` of either kind. Vertex and face colours are
-            kept, as are trimesh materials with textures. Each node of a trimesh ``Scene`` becomes an object.
+            kept, as are trimesh materials with textures. Each node of a trimesh ``Scene`` becomes an object, and its
+            ``units`` those of the scene.
         name : str, optional
             Name of the scene, also in errors; None: the kind of mesh.
         up : "y" or "z"

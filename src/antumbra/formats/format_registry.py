@@ -10,6 +10,8 @@ from os import PathLike
 from pathlib import Path
 from typing import NamedTuple, TypeAlias, cast
 
+import numpy as np
+
 from ..files import checked_output
 from ..scene.crs import in_one_unit
 from ..scene.instance_data import InstanceData, wants_instances
@@ -55,6 +57,8 @@ class Format(NamedTuple):
     lost: str  # what reading or writing leaves out
 
 
+_TALLEST = 2000.0  # metres: higher than any building
+
 # --- Readers and writers ----------------------------------------------------------------------------------------------
 
 
@@ -73,6 +77,15 @@ def _data_of(source: Source, notes: list[str], name: str, options: ReadOptions) 
     return scene
 
 
+def _with_unit(scene: SceneData, file: str, options: ReadOptions) -> SceneData:
+    """A scene of a format without units; a note, if none is given and a building is too high to be in metres."""
+    height = float(np.ptp(scene.bounds, axis=0)["xyz".index(scene.up)])
+    if options.unit is None and options.crs is None and height > _TALLEST:
+        note = f'{file}: is {height:,.0f} m high, if its unit is the metre; pass its own, such as unit="mm"'
+        scene.notes = (*scene.notes, note)
+    return scene
+
+
 def _read_gltf(path: Path, options: ReadOptions) -> SceneData:
     from .gltf.gltf_source import read_gltf
 
@@ -88,13 +101,13 @@ def _write_glb(scene: PaletteScene, name: str, path: Path) -> list[Path]:
 def _read_mesh_file(path: Path, options: ReadOptions) -> SceneData:
     from .mesh_files import read_mesh_file
 
-    return _data_of(*read_mesh_file(path), path.stem, options)
+    return _with_unit(_data_of(*read_mesh_file(path), path.stem, options), path.name, options)
 
 
 def _read_obj(path: Path, options: ReadOptions) -> SceneData:
     from .obj_file import read_obj
 
-    return _data_of(*read_obj(path), path.stem, options)
+    return _with_unit(_data_of(*read_obj(path), path.stem, options), path.name, options)
 
 
 def _write_obj(scene: PaletteScene, name: str, path: Path) -> list[Path]:

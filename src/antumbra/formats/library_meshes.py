@@ -27,7 +27,7 @@ from ..scene.mesh import (
     textured_mesh,
 )
 from ..scene.scene_data import MemoryData
-from ..scene.units import LengthUnit
+from ..scene.units import LengthUnit, unit_named
 
 KNOWN = "a mesh of trimesh, pyvista, meshio or Open3D"
 _COLOUR_NAMES = "RGBA", "RGB", "rgba", "rgb", "colors", "Colors", "colours"
@@ -284,6 +284,9 @@ def data_of_mesh(
     name = type(mesh).__name__.lower() if name is None else text(name, "name")
     meshes, notes = meshes_of(mesh, name)
     crs = None if crs is None else checked_crs(crs)
+    own = getattr(mesh, "units", None)  # of trimesh
+    if unit is None and crs is None and isinstance(own, str):
+        unit = unit_named(own)
     return MemoryData(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes), crs=crs, unit=unit)
 
 

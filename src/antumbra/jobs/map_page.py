@@ -113,7 +113,7 @@ def draw_frame(figure: "Figure", axes: "Axes", extent: Extent, about: dict[str, 
     axes.set_facecolor("white")
     for spine in axes.spines.values():
         spine.set(color=FAINT, linewidth=0.6)
-    _draw_scale_bar(axes, extent, str(about.get("unit", METRE.name)))
+    _draw_scale_bar(axes, extent, str(about.get("length_unit", METRE.name)))
     _draw_north(figure, float(about.get("north", 0.0)), "latitude" in about)
 
 

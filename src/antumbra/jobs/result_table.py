@@ -267,8 +267,8 @@ class Table:
     columns : dict of str to Column
         Pictures show the first one by default.
     about : dict
-        Metadata of the job, in JSON types: "job", "timezone", settings, "unit", that of the scene's coordinates and
-        lengths, and "crs", the CRS of the scene or else of the raster file that defines the cells.
+        Metadata of the job, in JSON types: "job", "timezone", settings, "length_unit", that of coordinates and lengths,
+        and "crs", the CRS of the scene or else of the raster file that defines the cells.
     scene : Scene or None
         The scene of the sensors; pictures need it.
     camera : Camera or None
@@ -306,7 +306,7 @@ class Table:
         self.marks = None if self.marks is None else points(self.marks, "marks")
         raster = self.sensors.raster
         if self.scene is not None:
-            self.about = {"unit": self.scene.unit.name, **self.about}
+            self.about = {"length_unit": self.scene.unit.name, **self.about}
         crs = (self.scene and self.scene.crs) or (raster and raster.crs)
         if crs:
             self.about = {"crs": crs, **self.about}

@@ -336,4 +336,4 @@ def sight_model(scene: AnyScene, pairs: PairList, sightlines: Sightlines) -> byt
             lines = np.arange(len(ends), dtype=np.uint32).reshape(-1, 2)
             parts.append(ColouredMesh(name, ends, np.broadcast_to(colour, ends.shape), lines, LINES))
     known = {} if scene.crs is None else {"crs": scene.crs}
-    return coloured_glb(parts, scene.up, {"origin": scene.origin.tolist(), "job": "los", **known})
+    return coloured_glb(parts, scene, {"origin": scene.origin.tolist(), "job": "los", **known})
