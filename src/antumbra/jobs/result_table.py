@@ -24,6 +24,7 @@ from ..files import atomic_output, checked_output
 from ..picture.image_files import save_png
 from ..scene.camera import Camera
 from ..scene.crs import checked_crs
+from ..scene.units import METRE
 from .false_colours import coloured_model, column_values, false_colours
 from .map_page import check_map, checked_title
 from .map_scale import MapScale, map_scale
@@ -73,7 +74,13 @@ def _plain(values: np.ndarray) -> list[Any]:
 
 
 def _units(table: "Table") -> dict[str, dict[str, str]]:
-    return {name: {"unit": column.unit, "about": column.about} for name, column in table.columns.items()}
+    """The unit and the meaning of each column, also of those of the sensors."""
+    length = table.about.get("length_unit", METRE.name)
+    known = {name: (length, f"{name} of the sensor") for name in "xyz"}
+    known |= {f"n{name}": ("", f"{name} of its normal") for name in "xyz"}
+    known |= {"area": (f"{length}2", "area that it represents"), "face": ("", "the face on which it lies; -1: none")}
+    known |= {name: (column.unit, column.about) for name, column in table.columns.items()}
+    return {name: {"unit": known[name][0], "about": known[name][1]} for name in table.rows()}
 
 
 def _npz(table: "Table", path: Path, column: str) -> None:

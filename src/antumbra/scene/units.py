@@ -11,16 +11,10 @@ from ..errors import InputError
 
 
 class LengthUnit(NamedTuple):
-    """A unit of length.
+    """A unit of length."""
 
-    name : str
-        Its symbol, such as "m" or "us-ft", in columns and messages.
-    metres : float
-        Its length.
-    """
-
-    name: str
-    metres: float
+    name: str  # its symbol, such as "m" or "us-ft", in columns and messages
+    metres: float  # its length
 
     @property
     def square_metres(self) -> float:
