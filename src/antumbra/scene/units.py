@@ -11,7 +11,7 @@ from ..errors import InputError
 
 
 class LengthUnit(NamedTuple):
-    """A unit of length."""
+    """A unit of length, such as the metre or the foot."""
 
     name: str  # its symbol, such as "m" or "us-ft", in columns and messages
     metres: float  # its length
