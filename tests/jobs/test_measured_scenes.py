@@ -121,7 +121,7 @@ def test_the_scene_below_trees_is_measured_too():
 def test_shifted_coordinates_are_lengths_if_they_have_a_unit():
     """At 0, 0, far from its area, EPSG:31467 has the scale 1.15."""
     with pytest.raises(
-        at.InputError, match=r"EPSG:31467, has the scale 1\.1.*, outside its area; .*, such as --unit m"
+        at.InputError, match=r"EPSG:31467, has the scale 1\.1.*, outside its area; .*: unit='m', or --unit m"
     ):
         measured_scene(tower((0, 0), crs="EPSG:31467"))
     assert measuring_fault(tower((0, 0), crs="EPSG:31467", unit="m")) is None

@@ -71,7 +71,7 @@ def measuring_fault(scene: "AnyScene") -> str | None:
         return None
     stretched = f"{scene.name}: {name} has the scale {point.scale:.4g} in plan at the middle of the scene"
     if not point.inside:
-        return f"{stretched}, outside its area; if coordinates were shifted, give their unit, such as --unit m"
+        return f"{stretched}, outside its area; if coordinates were shifted, {_give_unit(scene)}"
     return f"{stretched}, and heights have 1; {_remedy(scene, (point.longitude, point.latitude))}"
 
 
@@ -106,11 +106,15 @@ def _degrees_fault(scene: "AnyScene") -> str | None:
         return None
     return (
         f"{scene.name}: its coordinates, such as {x:.6g}, {y:.6g}, look like degrees beside heights of {height:.3g}; "
-        f"{_remedy(scene, _position(scene))}, or if they are lengths, give their unit, such as --unit m"
+        f"{_remedy(scene, _position(scene))}, or if they are lengths, {_give_unit(scene)}"
     )
 
 
 # --- Remedies ---------------------------------------------------------------------------------------------------------
+
+
+def _give_unit(scene: "AnyScene") -> str:
+    return f"give their unit: unit={scene.unit.name!r}, or --unit {scene.unit.name}"
 
 
 def _position(scene: "AnyScene") -> tuple[float, float]:
