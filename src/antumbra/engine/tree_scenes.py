@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ..checks import text
 from ..errors import InputError
 from ..formats.gis.tree_table import TreeOptions, Trees, TreesLike, read_trees
-from ..scene.crs import checked_crs
+from ..scene.crs import checked_crs, in_one_unit
 from ..scene.joined_scenes import join_data
 from ..scene.scene_data import MemoryData, group_notes
 from ..scene.tree_crowns import TreeMeshes
@@ -100,7 +100,8 @@ def from_trees(
     title = table.file.rpartition(".")[0] or "trees"
     title = (title if below is None else below.name) if name is None else text(name, "name")
     given = below.data.given_unit if below is not None and unit is None else unit
-    data = MemoryData(source, name=title, up=up, crs=None if table.crs is None else checked_crs(table.crs), unit=given)
+    system = None if table.crs is None else in_one_unit(checked_crs(table.crs))[0]  # heights are in the plan's unit
+    data = MemoryData(source, name=title, up=up, crs=system, unit=given)
     if below is None:
         return Scene.of_data(data)
     assert isinstance(below.data, MemoryData)
