@@ -269,12 +269,16 @@ def test_the_horizon_lies_at_the_square_root_of_height_and_radius(crs, unit, rad
     square = middle + np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * reach
     scene = at.Scene.from_arrays(square, [[0, 1, 2], [0, 2, 3]], up="z", crs=crs, unit=unit)
     along = np.array([0.0, 1.0, 0.0]) if turned else np.array([1.0, 0.0, 0.0])
-    shares = np.array([0.9, 0.95, 1.05, 1.1])
+    shares = np.array([0.9, 0.95, 1.05, 1.15])
     points = middle + shares[:, None] * horizon * along + [0, 0, 0.005 / metres]
-    found = at.viewshed(scene, at.point_sensors(points), middle + [0, 0, eye], curvature=True, refraction=0.0)
+    straight = {} if crs == "IAU_2015:30110" else {"refraction": 0.0}  # there is no air on the Moon
+    found = at.viewshed(scene, at.point_sensors(points), middle + [0, 0, eye], curvature=True, **straight)
     assert found.table["seen"].tolist() == [1, 1, 0, 0]
     assert found.table.about["earth_radius"] == pytest.approx(radius, rel=1e-5)
     assert found.table.columns["distance"].unit == scene.unit.name
+    bent = at.viewshed(scene, at.point_sensors(points), middle + [0, 0, eye], curvature=True)
+    assert bent.table.about["refraction"] == (0.13 if straight else 0.0)
+    assert bent.table["seen"].tolist() == ([1, 1, 1, 0] if straight else [1, 1, 0, 0])
 
 
 def test_the_sun_is_refused_on_the_moon():

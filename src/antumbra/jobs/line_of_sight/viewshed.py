@@ -21,6 +21,7 @@ from ...picture.option_fields import with_keywords
 from ...progress import Progress, report_progress, with_progress
 from ...query.query_bounds import morton_codes
 from ...scene.lights import MAX_SPP
+from ...scene.map_point import on_earth
 from ..bit_matrices import unpack_bits, words_of
 from ..measured_scenes import earth_radius_of, measured_scene
 from ..result_table import Column, Table
@@ -36,6 +37,7 @@ _P = ParamSpec("_P")
 # --- Earth curvature and refraction -----------------------------------------------------------------------------------
 
 
+_REFRACTION = 0.13  # of the atmosphere of the earth
 _SAG = 1e-3  # metres: maximum height of an edge above the curve between its ends
 
 
@@ -157,7 +159,7 @@ class _ViewshedState:
     def drop(self) -> float:
         """As in `Earth`; 0 for a flat earth."""
         options = self.options
-        assert options.earth_radius is not None
+        assert options.earth_radius is not None and options.refraction is not None
         return (1.0 - options.refraction) / (2.0 * options.earth_radius) if options.curvature else 0.0
 
 
@@ -226,8 +228,7 @@ def viewshed(
     With `curvature`, vertices are lowered and edges are not divided.
     """
     options, scene = ViewshedOptions(**keywords), measured_scene(scene)
-    if options.earth_radius is None:
-        options = replace(options, earth_radius=earth_radius_of(scene))
+    options = _with_earth(options, scene)
     threads, time = thread_count(options.threads), scene.clamped(options.time)
     below = scene if surface is None else measured_scene(surface)
     checked = sensors_of(sensors, below, threads) if isinstance(sensors, str) else sensors
@@ -261,6 +262,14 @@ def viewshed(
     about = {"job": "viewshed", "observers": k, **{name: getattr(options, name) for name in recorded}}
     columns = _columns(sight, k, scene.unit.name)
     return Viewshed(Table(targets, columns, about, scene, marks=eyes), eyes, visibility_bits)
+
+
+def _with_earth(options: ViewshedOptions, scene: AnyScene) -> ViewshedOptions:
+    """Options with the radius of the body that a scene is on, and the refraction there."""
+    radius, refraction = options.earth_radius, options.refraction
+    if refraction is None:
+        refraction = _REFRACTION if scene.crs is None or on_earth(scene.crs) else 0.0
+    return replace(options, earth_radius=radius or earth_radius_of(scene), refraction=refraction)
 
 
 def _eyes(scene: AnyScene, observers: ArrayLike, options: ViewshedOptions) -> NDArray[np.float64]:

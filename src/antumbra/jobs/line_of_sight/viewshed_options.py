@@ -72,10 +72,14 @@ class ViewshedOptions:
     """Degrees above the horizontal."""
     curvature: bool = option(False, flag, "Account for the curvature of the earth.")
     """Account for earth curvature around each observer."""
-    refraction: float = option(
-        0.13, RealNumber(-1.0, 1.0), "Refraction coefficient: share of the curvature that refraction offsets."
+    refraction: float | None = option(
+        None,
+        RealNumber(-1.0, 1.0, optional=True),
+        "Refraction coefficient: share of the curvature that refraction offsets.",
+        note="0.13; 0 on bodies other than the earth",
     )
-    """Share k of the curvature that refraction compensates; 0 for straight light."""
+    """Share k of the curvature that refraction compensates; 0 for straight light. None: 0.13, or 0 if the CRS is that
+    of another body."""
     earth_radius: float | None = option(
         None,
         RealNumber(0.0, np.inf, optional=True),
