@@ -41,6 +41,7 @@ PLUMBING = {
     "of", "moved_off", "seeing_all_around", "take",  # of Receivers, for jobs
     "reshaped",  # of a Visibility
     "middles", "places",  # of a Raster, for sensors
+    "of_metres", "same_as",  # of a LengthUnit, for jobs
     "ignore_alpha", "refusal", "wait", "close",  # without parameters
 }  # fmt: skip
 """Methods without a face for users."""

@@ -62,6 +62,7 @@ if typing.TYPE_CHECKING:
     from .scene.scene_data import CityModel
     from .scene.sky import Sky
     from .scene.triangles import AllHits, Hit, Triangles
+    from .scene.units import LengthUnit
     from .store.store_build import BuildReport
     from .techniques.srdh.representative_rays import SrdhRays
     from .viewer.viewer_page import Viewer, view
@@ -85,6 +86,7 @@ __all__ = [
     "GBuffer",
     "Hit",
     "InputError",
+    "LengthUnit",
     "Light",
     "LinePoints",
     "MeshInfo",
@@ -175,6 +177,7 @@ _HOME = {
     "GBuffer": "query.gbuffer",
     "Hit": "scene.triangles",
     "InputError": "errors",
+    "LengthUnit": "scene.units",
     "Light": "scene.lights",
     "LinePoints": "jobs.line_of_sight.line_points",
     "MeshInfo": "scene.mesh",

@@ -11,7 +11,7 @@ from antumbra.cli import arguments
 
 def test_scenes():
     assert arguments.parse_scene("a/b.glb") == arguments.SceneSpec(Path("a/b.glb"))
-    assert arguments.parse_scene("procedural:city") == (None, "city", None, 0, None, True, (), None, ())
+    assert arguments.parse_scene("procedural:city") == (None, "city", None, 0, None, True, (), None, (), None)
     assert arguments.parse_scene("procedural:city?triangles=100k&seed=3") == (
         None,
         "city",
@@ -22,8 +22,11 @@ def test_scenes():
         (),
         None,
         (),
+        None,
     )
     assert arguments.parse_scene("a/b.city.json?lod=2.2") == arguments.SceneSpec(Path("a/b.city.json"), lod="2.2")
+    assert arguments.parse_scene("a/b.city.json?lod=2.2&unit=ft")[4:] == ("2.2", *arguments.SceneSpec(None)[5:-1], "ft")
+    assert arguments.parse_scene("a.gpkg?unit=us-ft&height=h").gis == (("height", "h"),)
     assert arguments.parse_scene("b.glb?lod=2.2").path == Path("b.glb?lod=2.2")
     assert arguments.parse_scene(arguments.DEFAULT_SCENE).name == "atrium"
 

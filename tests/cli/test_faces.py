@@ -30,6 +30,7 @@ TWINS = {
 
 OF_COMMANDS = {
     "up": "load() takes it", "height": "from_footprints", "terrain": "from_footprints and from_raster",
+    "unit": "load() takes it",
     "json": "output", "quiet": "output", "html": "output", "sheet": "output", "explain_plan": "output",
     "output": "results are returned, and have save()", "column": "Table.save takes it",
     "map": "Table.save_map", "trees": "from_trees",

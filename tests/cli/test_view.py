@@ -1,5 +1,6 @@
 """`antumbra view`."""
 
+import json
 import os
 import signal
 import socket
@@ -11,6 +12,7 @@ import webbrowser
 
 import pytest
 
+from city_files import CUBE, city
 from command_line import TRIANGLES
 
 SCENE = f"procedural:atrium?triangles={TRIANGLES}"
@@ -52,6 +54,16 @@ def test_the_page_is_opened_and_ctrl_c_ends_it(cli, interrupted, monkeypatch):
     ((viewer, page),) = interrupted
     assert b"<html" in page and opened.pages == [viewer.url] and viewer.url in told.out and "Ctrl-C" in told.out
     assert "closed" in repr(viewer)
+
+
+def test_a_scene_in_degrees_is_shown_without_dates(cli, interrupted, monkeypatch, tmp_path):
+    opened = Opened(monkeypatch)
+    vertices = [[35.68 + 0.0002 * y, 139.76 + 0.0002 * x, 30 * z] for x, y, z in CUBE.tolist()]
+    (tmp_path / "a.city.json").write_text(json.dumps(city(crs="urn:ogc:def:crs:EPSG::6697", vertices=vertices)))
+    told = cli("view", "a.city.json", "--port", "0")
+    assert told.code == 0 and "note: the sun follows no date; crs EPSG:6697 has no plan in metres" in told.err
+    assert len(interrupted) == len(opened.pages) == 1
+    cli("view", "a.city.json", "--port", "0", "--timezone", "Asia/Tokyo").refused("crs EPSG:6697 has no plan in metres")
 
 
 def test_options_reach_the_page(cli, interrupted, monkeypatch):

@@ -117,7 +117,7 @@ def test_files_and_layers_that_cannot_be_read(tmp_path):
 
 
 def test_degrees_mixed_shapes_and_other_objects_are_refused():
-    with pytest.raises(at.InputError, match="is in degrees; name one in metres"):
+    with pytest.raises(at.InputError, match="is in degrees; name one in metres: crs='EPSG:32631'"):
         read_trees(frame().to_crs("EPSG:4326"), TreeOptions())
     both = gpd.GeoDataFrame(
         {"height": [1, 2], "radius": [1, 1]}, geometry=[shapely.Point(0, 0), shapely.box(1, 1, 2, 2)]

@@ -34,7 +34,10 @@ def test_json_has_units_and_no_nan(tmp_path):
     made = table(crs="EPSG:7415")
     made.save(tmp_path / "a.json")
     read = json.loads((tmp_path / "a.json").read_text(), parse_constant=pytest.fail)
-    assert read["about"] == {"job": "test", "crs": "EPSG:7415"} and read["columns"]["hours"]["unit"] == "h"
+    assert read["about"] == {"job": "test", "crs": "EPSG:7415", "length_unit": "m"}
+    units = {name: column["unit"] for name, column in read["columns"].items()}
+    assert units.keys() == read["rows"].keys()
+    assert (units["hours"], units["x"], units["area"], units["nx"]) == ("h", "m", "m2", "")
     assert read["rows"]["hours"][0] is None and read["rows"]["first"][0] is None
     assert same(read["rows"]["hours"][1:], made["hours"][1:]) and read["rows"]["count"] == [-1, 0, 1, 2]
 

@@ -149,6 +149,14 @@ def test_scale_bars_are_round_and_at_most_a_quarter(width):
     assert float(f"{length:.0e}") == pytest.approx(length) and f"{length:.0e}"[0] in "125"
 
 
+@pytest.mark.parametrize("unit, cell, bar", [("m", 100.0, "1 km"), ("m", 1.0, "10 m"), ("ft", 100.0, "1000 ft")])
+def test_scale_bars_name_the_unit_of_the_scene(unit, cell, bar):
+    ground = np.array([[[0.0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]]) * 40.0 * cell
+    scene = at.Scene.from_arrays(ground, up="z", unit=unit)
+    found = texts(map_figure(at.sky_view(scene, f"raster:{cell:g}", directions=4), "sky_view"))
+    assert bar in found and any(f"cells of {cell:g} {unit})" in text for text in found)
+
+
 @pytest.mark.parametrize("suffix", [".pdf", ".svg", ".png"])
 def test_the_same_table_gives_the_same_bytes(tmp_path, suffix):
     first, second = tmp_path / f"a{suffix}", tmp_path / f"b{suffix}"

@@ -81,6 +81,6 @@ def test_models_are_turned_exactly_and_points_are_level_squares(tmp_path, up):
 def test_lines():
     ends = np.array([[0, 0, 0], [1, 2, 3], [4, 5, 6], [7, 8, 9]], np.float32)
     part = ColouredMesh("lines", ends, np.ones((4, 3)), np.array([[0, 1], [2, 3]], np.uint32), LINES)
-    root, arrays = contents(coloured_glb([part], "y", {}))
+    root, arrays = contents(coloured_glb([part], at.Scene.from_arrays(ends[:3]), {}))
     use = root["meshes"][0]["primitives"][0]
     assert use["mode"] == 1 and arrays[use["indices"]].ravel().tolist() == [0, 1, 2, 3]

@@ -20,7 +20,7 @@ from ..extras import import_extra
 from ..scene.materials import MONTHS, Transmittance, srgb_to_linear
 from ..scene.scene_data import group_notes
 from .console import say
-from .gis_options import Options, is_footprints, is_raster, open_gis_scene, split_options
+from .gis_options import Options, is_footprints, is_raster, open_gis_scene, split_options, split_unit
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -74,6 +74,7 @@ class SceneSpec(NamedTuple):
     transmittance: tuple[tuple[str, Transmittance], ...] = ()  # the light that materials or objects let pass
     instances: bool | None = None  # whether copies of meshes stay instances; None: if that saves much memory
     gis: Options = ()  # of a raster of heights, or of footprints
+    unit: str | None = None  # of the coordinates
 
     @property
     def on_raster(self) -> bool:
@@ -116,7 +117,7 @@ def parse_scene(text: str) -> SceneSpec:
     ``city.json?lod=2.2``, ``tree.glb?cutouts=off``, ``tree.glb?transmittance=leaf:0.3&transmittance=glass:0.9,1,0.9``,
     ``tree.glb?transmittance=leaf:0.7/0.7/0.6/0.4/0.3/0.2/0.2/0.2/0.3/0.5/0.6/0.7``,
     ``forest.glb?instances=on``, ``buildings.gpkg?height=h&terrain=dem.tif``, ``dem.tif?band=2``,
-    ``example:NAME``, ``procedural:NAME?triangles=100k&seed=3``.
+    ``house.obj?unit=mm``, ``example:NAME``, ``procedural:NAME?triangles=100k&seed=3``.
     """
     if not text:
         raise InputError(f"SCENE is empty; name a file, a folder or {DEFAULT_SCENE}")
@@ -126,6 +127,9 @@ def parse_scene(text: str) -> SceneSpec:
         example, mark, query = text[len(EXAMPLE) :].partition("?")
         text = f"{file_of(example)}{mark}{query}"
     if not text.startswith(PROCEDURAL):
+        text, unit = split_unit(text)
+        if unit is not None:
+            return parse_scene(text)._replace(unit=unit)
         if match := _MESH_OPTIONS.fullmatch(text):
             return _with_options(SceneSpec(Path(match[1])), match[2], text)
         if geographic := split_options(text):
@@ -473,7 +477,7 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, crs:
     with quietly():  # the notes are printed below
         shares = dict(spec.transmittance) or None
         if is_raster(spec.path) or is_footprints(spec.path):
-            scene = open_gis_scene(spec.path, spec.gis, up, crs)
+            scene = open_gis_scene(spec.path, spec.gis, up, crs, spec.unit)
         else:
             scene = load(
                 spec.path,
@@ -482,6 +486,7 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, crs:
                 cutouts=spec.cutouts,
                 transmittance=shares,
                 crs=crs,
+                unit=spec.unit,
                 instances=spec.instances,
             )
     if not quiet:

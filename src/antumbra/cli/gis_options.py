@@ -1,7 +1,7 @@
 """Options of geographic scenes, and opening these scenes.
 
 The options are part of the scene's text, ``buildings.gpkg?height=h&terrain=dem.tif``, so every command understands
-them. Every command with a scene also has ``--height`` and ``--terrain``, which are added here to that text.
+them. Every command with a scene also has ``--height``, ``--terrain`` and ``--unit``, which are added here to that text.
 """
 
 import inspect
@@ -9,13 +9,14 @@ from collections.abc import Callable, Sequence
 from functools import update_wrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
-from urllib.parse import parse_qsl, quote
+from urllib.parse import parse_qsl, quote, unquote
 
 import typer
 
 from ..checks import spelling_hint
 from ..errors import InputError
 from ..formats.format_registry import FOOTPRINTS, HEIGHTS
+from ..scene.units import checked_unit
 
 if TYPE_CHECKING:
     from ..engine.scene import Scene
@@ -26,6 +27,7 @@ Options = tuple[tuple[str, str], ...]
 
 _OF_RASTERS = "terrain", "band", "nodata", "z_scale", "values_at"
 _OF_FOOTPRINTS = "height", "terrain", "base", "id", "layer", "invalid"
+_UNIT = "unit="  # of all files
 
 # --- Options in the text of a scene -----------------------------------------------------------------------------------
 
@@ -54,6 +56,21 @@ def split_options(text: str) -> tuple[Path, Options] | None:
         if not value or (name != "terrain" and [each for each, _ in options].count(name) > 1):
             raise InputError(f"{text}: {name} is empty or repeated; write FILE?{name}=VALUE")
     return path, options
+
+
+def split_unit(text: str) -> tuple[str, str | None]:
+    """The text of a file without its option ``unit``, and its unit; None: it has none."""
+    file, mark, query = text.rpartition("?")
+    parts = query.split("&") if mark else []
+    units = [part for part in parts if part.startswith(_UNIT)]
+    if not units:
+        return text, None
+    unit = unquote(units[0].removeprefix(_UNIT))
+    if len(units) > 1 or not unit:
+        raise InputError(f"{text}: unit is empty or repeated; write FILE?unit=UNIT, or --unit UNIT")
+    checked_unit(unit)
+    others = "&".join(part for part in parts if part not in units)
+    return f"{file}?{others}" if others else file, unit
 
 
 def _number(value: str, name: str) -> float:
@@ -88,7 +105,7 @@ _READERS: dict[str, Callable[[str], Any]] = {
 }
 
 
-def open_gis_scene(path: Path, options: Options, up: str | None, crs: str | None) -> "Scene":
+def open_gis_scene(path: Path, options: Options, up: str | None, crs: str | None, unit: str | None) -> "Scene":
     """The scene of a raster or of footprints; --terrain is the ground of both."""
     from .. import from_footprints, from_raster
     from ..formats.gis.gis_data import check_z_up
@@ -96,8 +113,8 @@ def open_gis_scene(path: Path, options: Options, up: str | None, crs: str | None
     check_z_up(up, path.name)
     keywords, terrain = _keywords(options, _READERS), _terrain(options)
     if is_raster(path):
-        return from_raster(path, ground=terrain, crs=crs, **keywords)
-    return from_footprints(path, terrain=terrain, crs=crs, **keywords)
+        return from_raster(path, ground=terrain, crs=crs, unit=unit, **keywords)
+    return from_footprints(path, terrain=terrain, crs=crs, unit=unit, **keywords)
 
 
 def is_streamed(path: Path | None, options: Options) -> bool:
@@ -105,14 +122,17 @@ def is_streamed(path: Path | None, options: Options) -> bool:
     return is_raster(path) and not _terrain(options)
 
 
-def stream_rasters(tiles: Sequence[tuple[Path, Options]], up: str | None) -> "StreamedTerrain":
-    """The single surface of rasters with their options, read piece by piece."""
+def stream_rasters(tiles: Sequence[tuple[Path, Options, str | None]], up: str | None) -> "StreamedTerrain":
+    """The single surface of rasters with their options and units, read piece by piece."""
     from ..formats.gis.gis_data import check_z_up, streamed_terrain
     from ..formats.gis.height_files import HeightOptions
 
-    for path, _ in tiles:
+    files = list[tuple[Path, HeightOptions]]()
+    for path, options, unit in tiles:
         check_z_up(up, path.name)
-    return streamed_terrain([(path, HeightOptions(**_keywords(options, _READERS))) for path, options in tiles])
+        length = None if unit is None else checked_unit(unit)
+        files.append((path, HeightOptions(**_keywords(options, _READERS), unit=length)))
+    return streamed_terrain(files)
 
 
 # --- Options of commands ----------------------------------------------------------------------------------------------
@@ -138,25 +158,37 @@ _Terrain = Annotated[
         rich_help_panel="Scene",
     ),
 ]
+_Unit = Annotated[
+    str | None,
+    typer.Option(
+        "--unit",
+        help="Length unit of the coordinates: mm, cm, m, ft or us-ft.  [default: that of the CRS, or m]",
+        metavar="UNIT",
+        show_default=False,
+        rich_help_panel="Scene",
+    ),
+]
 _SCENES = "scene", "scenes"
 
 
 def with_gis_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A command with ``--height`` and ``--terrain``, if it takes scenes; otherwise the command unchanged."""
+    """A command with ``--height``, ``--terrain`` and ``--unit`` if it takes scenes; otherwise the command unchanged."""
     parameters = dict(inspect.signature(command).parameters)
     argument = next((name for name in _SCENES if name in parameters), None)
     if argument is None:
         return command
 
-    def run(height: str | None = None, terrain: Sequence[Path] | None = None, **values: Any) -> Any:
+    def run(
+        height: str | None = None, terrain: Sequence[Path] | None = None, unit: str | None = None, **values: Any
+    ) -> Any:
         scenes = values[argument]
-        if height is not None or terrain:
-            add = lambda text: scene_text(text, height, terrain or ())
+        if height is not None or terrain or unit is not None:
+            add = lambda text: scene_text(text, height, terrain or (), unit)
             values[argument] = add(scenes) if isinstance(scenes, str) else [add(text) for text in scenes]
         return command(**values)
 
     wrapper: Any = update_wrapper(run, command)
-    kind, more = inspect.Parameter.KEYWORD_ONLY, {"height": _Height, "terrain": _Terrain}
+    kind, more = inspect.Parameter.KEYWORD_ONLY, {"height": _Height, "terrain": _Terrain, "unit": _Unit}
     added = [inspect.Parameter(name, kind, default=None, annotation=each) for name, each in more.items()]
     existing = [parameter.replace(kind=kind) for parameter in parameters.values()]
     place = 1 + list(parameters).index(argument)
@@ -165,8 +197,8 @@ def with_gis_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return run
 
 
-def scene_text(text: str, height: str | None, terrain: Sequence[Path]) -> str:
-    """The text of a scene with the values of ``--height`` and ``--terrain``."""
+def scene_text(text: str, height: str | None, terrain: Sequence[Path], unit: str | None = None) -> str:
+    """The text of a scene with the values of ``--height``, ``--terrain`` and ``--unit``."""
     path = Path(text.partition("?")[0])
     if height is not None and not is_footprints(path):
         raise InputError(
@@ -174,6 +206,9 @@ def scene_text(text: str, height: str | None, terrain: Sequence[Path]) -> str:
         )
     if terrain and not (is_footprints(path) or is_raster(path)):
         raise InputError(f"--terrain {terrain[0]} is for footprints and rasters, unlike {text}; leave it out")
+    if unit is not None and text.startswith("procedural:"):
+        raise InputError(f"--unit {unit} is for files, and procedural scenes are in metres; leave it out")
     parts = [] if height is None else [f"height={quote(height)}"]
     parts += [f"terrain={quote(str(file))}" for file in terrain]
+    parts += [] if unit is None else [f"{_UNIT}{quote(unit)}"]
     return f"{text}{'&' if '?' in text else '?'}{'&'.join(parts)}"

@@ -117,11 +117,12 @@ def _answer(source: str, scene: "AnyScene", seconds: float) -> dict[str, Any]:
         "bounds": scene.bounds,
         "origin": scene.origin,
         "crs": scene.crs,
+        "unit": scene.unit.name,
         "duration": scene.duration,
         "meshes": [m._asdict() for m in scene.meshes],
         "cameras": [console.camera_fields(c) for c in scene.cameras],
         "lights": [console.light_fields(light) for light in scene.lights],
-        "notes": list(scene.notes),
+        "notes": _notes(scene),
         "city": None if scene.city is None else _city_answer(scene.city),
         "triangle_bytes": scene.n_triangles * TRIANGLE_BYTES,
         "load": seconds,
@@ -150,6 +151,7 @@ def _info_fields(scene: "AnyScene", seconds: float) -> Iterator[tuple[str, str]]
     yield "bounds", f"{console.vector(lower)} to {console.vector(upper)}"
     yield "size", f"{console.vector(upper - lower)}, +{scene.up.upper()} is up"
     yield "origin", console.vector(scene.origin)
+    yield "unit", scene.unit.name
     if scene.crs or scene.city is not None:
         yield "CRS", scene.crs or "none in the file"
     if scene.city is not None:
@@ -170,8 +172,16 @@ def _info_fields(scene: "AnyScene", seconds: float) -> Iterator[tuple[str, str]]
         yield "cameras", "none; the default camera shows the whole scene"
     if not scene.lights:
         yield "lights", "none; the defaults are sun and sky, or a lamp in a closed room"
-    for note in scene.notes:
+    for note in _notes(scene):
         yield "note", note
+
+
+def _notes(scene: "AnyScene") -> list[str]:
+    """The notes of the loader, and why jobs would refuse the scene."""
+    from ..jobs.measured_scenes import measuring_fault
+
+    fault = measuring_fault(scene)
+    return list(scene.notes) if fault is None else [*scene.notes, f"pictures only; {fault}"]
 
 
 def light_text(light: "Light") -> str:
@@ -373,7 +383,7 @@ def _tiles_of(spec: SceneSpec) -> list[SceneSpec]:
     """The scene, or the rasters of heights in a folder, by name; a folder of vertex frames is a scene."""
     if spec.path is None or not spec.path.is_dir() or any((spec.path / name).exists() for name in FILES):
         return [spec]
-    return [SceneSpec(path) for path in sorted(spec.path.iterdir()) if is_raster(path)] or [spec]
+    return [SceneSpec(path, unit=spec.unit) for path in sorted(spec.path.iterdir()) if is_raster(path)] or [spec]
 
 
 def _opened(
@@ -385,7 +395,7 @@ def _opened(
 
     for streamed, group in groupby(specs, lambda spec: is_streamed(spec.path, spec.gis)):
         if streamed:
-            yield stream_rasters([(spec.path, spec.gis) for spec in group if spec.path is not None], up)
+            yield stream_rasters([(spec.path, spec.gis, spec.unit) for spec in group if spec.path is not None], up)
             continue
         for spec in group:
             if spec.path is None and spec.name == "city" and up is None:

@@ -83,6 +83,7 @@ def shadow(args: ShadowArguments) -> int:
     spec = parse_scene(args.scene)
 
     from ..jobs.map_page import check_map
+    from ..jobs.measured_scenes import measured_scene
     from ..jobs.shadow.shadow import shadow as find_shadow
     from ..jobs.shadow.shadow_polygons import check_shadow_output
     from ..jobs.sun.location import place_of, position_fields
@@ -103,7 +104,7 @@ def shadow(args: ShadowArguments) -> int:
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
         bare = open_scene(spec, args.up, args.quiet, args.crs)
-        scene = add_trees(in_memory(bare) if options.on_plane else bare, trees)
+        scene = measured_scene(add_trees(in_memory(bare) if options.on_plane else bare, trees))
         place = place_of(scene, **position)
         start = perf_counter()
         result = find_shadow(scene, surface=bare, **field_values(replace(options, place=place)))
@@ -133,7 +134,7 @@ def _print_summary(args: ShadowArguments, shadow: "Shadow", seconds: float, writ
             fields.append(("sun", f"{about['time']}: {sun}"))
         else:
             fields.append(("days", f"{about['days']}, {about['hours']:.1f} h of daylight"))
-        fields.append(("area", f"{shadow.area:,.1f} in {len(shadow.polygons):,} polygons"))
+        fields.append(("area", f"{shadow.area:,.1f} m2 in {len(shadow.polygons):,} polygons"))
         fields.append(("time", console.duration(seconds)))
         console.print_fields(fields + [("written", path) for path in written])
         if len(rows) > 1 and len(shadow.polygons) <= _MOST_ROWS:

@@ -335,7 +335,8 @@ def _answer(table: "Table", observers: int, seconds: float) -> dict[str, Any]:
     visible, sensors = table["seen"][counted] > 0, int(counted.sum())
     answer = {"sensors": sensors, "observers": observers, "seen": int(visible.sum()), "seconds": seconds}
     if table.sensors.areas is not None:
-        areas = table.sensors.areas[counted]
+        assert table.scene is not None
+        areas = table.sensors.areas[counted] * table.scene.unit.square_metres
         answer |= {"area": float(areas.sum()), "area_seen": float(areas[visible].sum())}
     return answer
 
@@ -345,7 +346,7 @@ def _fields(answer: dict[str, Any]) -> list[tuple[str, str]]:
     fields = [("sensors", f"{n:,}"), ("observers", f"{answer['observers']:,}")]
     fields.append(("seen by any", f"{visible:,} ({100.0 * visible / max(n, 1):.1f} %)"))
     if "area" in answer:
-        fields.append(("area seen", f"{answer['area_seen']:,.6g} of {answer['area']:,.6g}"))
+        fields.append(("area seen", f"{answer['area_seen']:,.6g} of {answer['area']:,.6g} m2"))
     return [*fields, ("time", console.duration(answer["seconds"]))]
 
 

@@ -56,7 +56,7 @@ class SunArguments(_Options):  # type: ignore[misc] # made from the options of a
     sensors: Annotated[
         str | None,
         typer.Option(
-            help=SENSORS_HELP + "  [default: face; on a raster of heights: raster; with --areas raster:0.5]",
+            help=SENSORS_HELP + "  [default: face; on a raster of heights: raster; with --areas a raster of 0.5 m]",
             show_default=False,
         ),
     ] = None
@@ -139,7 +139,8 @@ def sun(args: SunArguments) -> int:
       antumbra sun city.city.json --days year:2026 --energy --surfaces RoofSurface --per building -o roofs.csv
     """
     from ..engine.engine import default_plan_of
-    from ..jobs.ground_areas import SPACING, check_areas
+    from ..jobs.ground_areas import check_areas, default_cells
+    from ..jobs.measured_scenes import measured_scene
     from ..jobs.sensor_files import check_sensors
     from ..jobs.sun.location import place_of, position_fields
     from ..jobs.sun.sun_hours import sun_hours
@@ -149,7 +150,7 @@ def sun(args: SunArguments) -> int:
     position = position_fields(**{name: getattr(args, name) for name in names})
     in_areas = args.areas is not None
     default = "raster" if spec.on_raster else "face"
-    sensor_form = args.sensors or (f"raster:{SPACING:g}" if in_areas else default)
+    sensor_form = args.sensors or ("raster" if in_areas else default)
     if args.areas is not None:
         check_areas(args.areas)
     check_sensors(sensor_form, areas=in_areas)
@@ -164,8 +165,10 @@ def sun(args: SunArguments) -> int:
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
         bare = open_scene(spec, args.up, args.quiet, args.crs)
-        scene = add_trees(bare, trees)
+        scene = measured_scene(add_trees(bare, trees))
         limit_memory(scene, memory)
+        if in_areas and args.sensors is None:
+            sensor_form = default_cells(scene)
         place = place_of(scene, **position)
         sensors = sensors_below_trees(sensor_form, bare, scene, args.threads, args.areas)
         display.say("preparing")

@@ -3,7 +3,7 @@
 import webbrowser
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -28,6 +28,10 @@ from .options import (
     UpOption,
     takes,
 )
+
+if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
+    from ..jobs.sun.location import Place
 
 _SIZE = 1024, 1024  # of the camera until the browser reports its size
 
@@ -87,7 +91,7 @@ def view(args: ViewArguments) -> int:
     memory = None if args.max_memory is None else arguments.parse_bytes(args.max_memory, "--max-memory")
 
     from ..extras import import_extra
-    from ..jobs.sun.location import place_of, position_fields
+    from ..jobs.sun.location import position_fields
     from ..viewer.viewer_page import checked_port
     from ..viewer.viewer_page import view as open_viewer
 
@@ -99,7 +103,7 @@ def view(args: ViewArguments) -> int:
         display.say("reading the scene")
         opened = open_scene(spec, args.up, args.quiet, args.crs)
         limit_memory(opened, memory)
-        place = place_of(opened, **position)
+        place = _place_of(opened, position)
         if place is None and (args.north is not None or args.timezone is not None):
             raise InputError("--north and --timezone need a place; give --latitude and --longitude, or --crs")
         time = opened.clamped(args.time)
@@ -130,3 +134,16 @@ def view(args: ViewArguments) -> int:
         with suppress(KeyboardInterrupt):
             viewer.wait()
     return 0
+
+
+def _place_of(scene: "AnyScene", position: dict[str, Any]) -> "Place | None":
+    """The place that the options or the CRS name; None, with a note, if a CRS, such as one in degrees, has none."""
+    from ..jobs.sun.location import place_of
+
+    try:
+        return place_of(scene, **position)
+    except InputError as error:
+        if position:
+            raise
+        say(f"note: the sun follows no date; {error}")
+        return None

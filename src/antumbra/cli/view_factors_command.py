@@ -111,7 +111,7 @@ def view_factors(args: ViewFactorsArguments) -> int:
 
 
 def _print(result: "ViewFactors", sampled: float, rays: int, seconds: float, outputs: list[Path]) -> None:
-    names = "surface", "area", "surfaces", "sky", "ground", "other"
+    names = "surface", "area, m2", "surfaces", "sky", "ground", "other"
     inside = result.factors.sum(axis=1)
     columns = result.areas, inside, result.sky, result.ground, result.other
     rows = [

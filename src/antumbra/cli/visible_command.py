@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from ..jobs.result_table import Table
     from ..jobs.sensors import Sensors
 
+_SPACING = 1.0  # metres between points on objects and polygons
 _WAYS = "--turbine X,Y,Z, --object NAME, --polygon FILE or --points FILE"
 
 
@@ -75,7 +76,10 @@ class VisibleArguments:
     points: Annotated[
         Path | None, typer.Option(help="The points of the target, perhaps with normals.", show_default=False)
     ] = None
-    spacing: Annotated[float, typer.Option(help="World units between points on objects and polygons.")] = 1.0
+    spacing: Annotated[
+        float | None,
+        typer.Option(help="World units between points on objects and polygons.  [default: 1 m]", show_default=False),
+    ] = None
     trees: TreesOption = None
     output: OutputsOption = None
     column: ColumnOption = None
@@ -145,6 +149,7 @@ def _target(args: VisibleArguments, scene: "AnyScene", foot: "NDArray[np.float64
     from ..jobs.line_of_sight.targets import Turbine, polygon_points, surface_points
     from ..jobs.sensor_files import read_points
 
+    spacing = scene.unit.of_metres(_SPACING) if args.spacing is None else args.spacing
     if foot is not None:
         return Turbine(foot, args.hub_height or 0.0, args.rotor or 0.0)
     if args.object is not None:
@@ -154,9 +159,9 @@ def _target(args: VisibleArguments, scene: "AnyScene", foot: "NDArray[np.float64
                 hint = spelling_hint(name, known)
                 raise InputError(f"--object {name}: {scene.name} has no such object; {hint}see antumbra info")
         types = None if args.surfaces is None else args.surfaces.split(",")
-        return surface_points(arguments.in_memory(scene), args.spacing, objects=args.object, types=types)
+        return surface_points(arguments.in_memory(scene), spacing, objects=args.object, types=types)
     if args.polygon is not None:
-        return polygon_points(read_points(args.polygon).points, args.spacing)
+        return polygon_points(read_points(args.polygon).points, spacing)
     return read_points(args.points or Path())
 
 

@@ -9,6 +9,7 @@ from ..formats.gis.height_arrays import RasterLike, is_raster
 from ..formats.gis.height_files import HeightOptions
 from ..scene.crs import checked_crs
 from ..scene.scene_data import MemoryData, group_notes
+from ..scene.units import checked_unit
 from .scene import Scene
 
 
@@ -21,6 +22,7 @@ def from_raster(
     z_scale: float | None = None,
     band: int | None = None,
     crs: str | None = None,
+    unit: str | None = None,
     name: str | None = None,
 ) -> Scene:
     """The triangulated surface of a raster of heights, such as a digital elevation model (DEM). Z is up.
@@ -47,12 +49,15 @@ def from_raster(
     nodata : float, optional
         Cells with this number, as stored, have no data, in addition to those that the file marks.
     z_scale : float, optional
-        Factor on the heights, after the scale and offset of the file. None: from the unit of the heights, such as feet,
-        to that of the coordinates, if the file names both, else 1.
+        Factor on the heights, after the scale and offset of the file. None: from the unit of the heights, which the
+        file or else the vertical part of the CRS names, to that of the coordinates; 1 if it is unknown.
     band : int, optional
         Band of the file, from 1. None: the only one.
     crs : str, optional
         CRS of the coordinates, such as "EPSG:28992", instead of that of the raster.
+    unit : str, optional
+        Length unit of the coordinates: "mm", "cm", "dm", "m", "km", "in", "ft" or "us-ft". None: that of the CRS, or
+        metres. See `Scene.unit`.
     name : str, optional
         Name of the scene. None: that of the file or array.
 
@@ -71,7 +76,8 @@ def from_raster(
     Warns
     -----
     UserWarning
-        If cells hold -9999 or another common mark of missing data that the file does not declare.
+        If cells hold -9999 or another common mark of missing data that the file does not declare; or if the unit of
+        the heights is unknown and coordinates are not in metres.
 
     Notes
     -----
@@ -79,7 +85,7 @@ def from_raster(
     raster takes about 60 bytes per triangle, besides the trees of queries; `build_store` streams larger ones.
     """
     system = None if crs is None else checked_crs(crs)
-    options = HeightOptions(band, nodata, z_scale, values_at, system)
+    options = HeightOptions(band, nodata, z_scale, values_at, system, None if unit is None else checked_unit(unit))
     return _scene(terrain_data(raster, options, ground, name))
 
 
@@ -93,6 +99,7 @@ def from_footprints(
     layer: str | None = None,
     invalid: str = "raise",
     crs: str | None = None,
+    unit: str | None = None,
     name: str | None = None,
 ) -> Scene:
     """Buildings from footprints with heights: closed solids with a flat roof, walls and a floor. Z is up.
@@ -122,6 +129,9 @@ def from_footprints(
     crs : str, optional
         CRS of the scene. Footprints in degrees, such as GeoJSON, are projected to it; others must have it. None: that
         of the terrain or the footprints.
+    unit : str, optional
+        Length unit of the coordinates: "mm", "cm", "dm", "m", "km", "in", "ft" or "us-ft". None: that of the CRS, or
+        metres. See `Scene.unit`.
     name : str, optional
         Name of the scene. None: that of the file.
 
@@ -150,7 +160,8 @@ def from_footprints(
     if terrain is None and is_raster(base):
         base, terrain = 0.0, base
     system = None if crs is None else checked_crs(crs)
-    options = FootprintOptions(height, base, id, layer, invalid, system)
+    length = None if unit is None else checked_unit(unit)
+    options = FootprintOptions(height, base, id, layer, invalid, system, length)
     return _scene(footprint_data(footprints, options, terrain, name))
 
 

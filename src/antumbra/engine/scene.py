@@ -29,6 +29,7 @@ from ..scene.mesh import MeshInfo, ObjectInfo, Source
 from ..scene.raster import Raster
 from ..scene.scene_data import CityModel, MemoryData, SceneData
 from ..scene.triangles import AllHits, Hit, Triangles
+from ..scene.units import METRE, LengthUnit
 
 # --- The interface of scenes ------------------------------------------------------------------------------------------
 
@@ -74,6 +75,7 @@ class AnyScene:
     colours = DataAttribute[np.ndarray]()
     city = DataAttribute[CityModel | None]()
     crs = DataAttribute[str | None]()
+    unit = DataAttribute[LengthUnit]()
     raster = DataAttribute[Raster | None]()
     n_triangles = DataAttribute[int]()
     object_of_face = DataAttribute[np.ndarray]()
@@ -467,6 +469,7 @@ class AnyScene:
             "objects": f"{len(self.objects):,}",
             "size": f"{size}, {self.up} up",
             **({"crs": self.crs} if self.crs else {}),
+            **({} if self.unit == METRE else {"unit": self.unit.name}),
             "cameras, lights": f"{len(self.cameras)}, {len(self.lights)}",
             **({"duration": f"{self.duration:g} s"} if self.animated else {}),
             **({"left out": "; ".join(self.notes)} if self.notes else {}),
@@ -518,6 +521,9 @@ class Scene(AnyScene):
         The coordinate reference system of the world coordinates, such as "EPSG:7415": that of the file, or the `crs`
         argument. Tables and rasters made from the scene carry it. Coordinates are easting and northing along the
         scene's east and north axes: +X and +Y if Z is up, +X and -Z if Y is up.
+    unit : LengthUnit
+        The unit of the world coordinates: that of the CRS, or the `unit` argument, or metres. Lengths in results are in
+        it; areas are in square metres, and energies in kWh. Instances, trees and all else in a scene share it.
     city : CityModel or None
         For a CityJSON file or footprints: the object and the semantic surface of each face, and
         `CityModel.surface_types`.
@@ -538,8 +544,9 @@ class Scene(AnyScene):
         notes: tuple[str, ...] = (),
         city: CityModel | None = None,
         crs: str | None = None,
+        unit: str | None = None,
     ):
-        super().__init__(MemoryData(source, name=name, up=up, notes=notes, city=city, crs=crs))
+        super().__init__(MemoryData(source, name=name, up=up, notes=notes, city=city, crs=crs, unit=unit))
 
     @classmethod
     def from_arrays(
@@ -555,6 +562,7 @@ class Scene(AnyScene):
         name: str = "arrays",
         up: str = "y",
         crs: str | None = None,
+        unit: str | None = None,
     ) -> "Scene":
         """A static scene from arrays.
 
@@ -583,6 +591,9 @@ class Scene(AnyScene):
             The axis that points up.
         crs : str, optional
             The coordinate reference system of the vertices, see `Scene.crs`.
+        unit : str, optional
+            The length unit of the vertices: "mm", "cm", "dm", "m", "km", "in", "ft" or "us-ft". None: that of the CRS,
+            or metres. See `Scene.unit`.
 
         Returns
         -------
@@ -605,11 +616,20 @@ class Scene(AnyScene):
             name=name,
             up=up,
             crs=crs,
+            unit=unit,
         )
         return cls.of_data(data)
 
     @classmethod
-    def from_mesh(cls, mesh: object, *, name: str | None = None, up: str = "y", crs: str | None = None) -> "Scene":
+    def from_mesh(
+        cls,
+        mesh: object,
+        *,
+        name: str | None = None,
+        up: str = "y",
+        crs: str | None = None,
+        unit: str | None = None,
+    ) -> "Scene":
         """A static scene from a mesh of another library. `antumbra.load` accepts such meshes too.
 
         Parameters
@@ -617,13 +637,17 @@ class Scene(AnyScene):
         mesh : object
             A trimesh ``Trimesh`` or ``Scene``, a pyvista data set (``PolyData``, or one that has a surface) or
             ``MultiBlock``, a meshio ``Mesh``, or an Open3D ``TriangleMesh`` of either kind. Vertex and face colours are
-            kept, as are trimesh materials with textures. Each node of a trimesh ``Scene`` becomes an object.
+            kept, as are trimesh materials with textures. Each node of a trimesh ``Scene`` becomes an object, and its
+            ``units`` those of the scene.
         name : str, optional
             Name of the scene, also in errors; None: the kind of mesh.
         up : "y" or "z"
             The axis that points up.
         crs : str, optional
             The coordinate reference system of the vertices, see `Scene.crs`.
+        unit : str, optional
+            The length unit of the vertices: "mm", "cm", "dm", "m", "km", "in", "ft" or "us-ft". None: that of the CRS,
+            or metres. See `Scene.unit`.
 
         Returns
         -------
@@ -635,7 +659,7 @@ class Scene(AnyScene):
         InputError
             If the object has another type, no triangles, or vertices that are NaN or infinite.
         """
-        return cls.of_data(data_of_mesh(mesh, name=name, up=up, crs=crs))
+        return cls.of_data(data_of_mesh(mesh, name=name, up=up, crs=crs, unit=unit))
 
     @classmethod
     def from_instances(
@@ -647,6 +671,7 @@ class Scene(AnyScene):
         name: str = "instances",
         up: str = "y",
         crs: str | None = None,
+        unit: str | None = None,
         instances: bool | None = None,
     ) -> "Scene":
         """A static scene of meshes with copies, such as a forest.
@@ -664,7 +689,7 @@ class Scene(AnyScene):
             scale and shear.
         colours : list of None, (3,) or (f, 3), optional
             For each mesh, its base colour or those of its faces, as in `from_arrays`.
-        name, up, crs
+        name, up, crs, unit
             As in `from_arrays`.
         instances : bool, optional
             False: flatten the scene, so that every plan can trace it. None: flatten it if copies take less than 1 GiB.
@@ -676,7 +701,7 @@ class Scene(AnyScene):
             triangles, or more than 2^31 - 1 with all copies.
         """
         return cls.of_data(
-            data_of_instances(meshes, transforms, colours, name=name, up=up, crs=crs, instances=instances)
+            data_of_instances(meshes, transforms, colours, name=name, up=up, crs=crs, unit=unit, instances=instances)
         )
 
     def __repr__(self) -> str:

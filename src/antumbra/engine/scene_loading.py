@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from ..checks import flag
 from ..formats.format_registry import ReadOptions
-from ..scene.crs import checked_crs
+from ..scene.crs import checked_crs, in_one_unit
 from ..scene.instance_data import InstanceData
 from ..scene.materials import Transmittance
 from ..scene.scene_data import MemoryData, SceneData, group_notes
+from ..scene.units import checked_unit
 from .scene import AnyScene, Scene
 from .scene_reading import read_scene_data
 
@@ -29,6 +30,7 @@ def load(
     cutouts: bool = True,
     transmittance: Mapping[str, Transmittance] | None = None,
     crs: str | None = None,
+    unit: str | None = None,
     instances: bool | None = None,
 ) -> "Scene | PagedScene":
     """Read a scene from a file, or convert a mesh of another library.
@@ -64,6 +66,10 @@ def load(
     crs : str, optional
         Coordinate reference system of the coordinates, such as "EPSG:28992", or anything that pyproj accepts. It is
         recorded as `Scene.crs`; tables and rasters carry it. None: that of the file, for CityJSON and stores.
+    unit : str, optional
+        Length unit of the coordinates: "mm", "cm", "dm", "m", "km", "in", "ft" or "us-ft". None: that of the CRS or
+        of the store, else metres, which glTF prescribes, and which is assumed of all other files. It is recorded as
+        `Scene.unit`; coordinates are not changed.
     instances : bool, optional
         For glTF, whether nodes that share a mesh, and the copies of EXT_mesh_gpu_instancing, stay instances: the scene
         takes memory for its meshes, not for their copies, and all answers are the same, bit by bit. Only the plan
@@ -90,20 +96,24 @@ def load(
     given_crs = None if crs is None else checked_crs(crs)
     if transmittance is not None and instances is None:
         instances = False
-    options = ReadOptions(up, lod, instances, flag(cutouts, "cutouts"), given_crs)
+    length = None if unit is None else checked_unit(unit)
+    options = ReadOptions(up, lod, instances, flag(cutouts, "cutouts"), given_crs, length)
     scene = _scene_of_data(read_scene_data(path, options))
     if not cutouts and isinstance(scene, Scene):
         scene.ignore_alpha()
     if transmittance is not None:
         scene.data.set_transmittance(transmittance)
-    scene.crs = given_crs or scene.crs
+    if given_crs is not None:
+        converted = scene.crs is not None and isinstance(scene, Scene)  # readers with a CRS convert heights
+        scene.crs = in_one_unit(given_crs)[0] if converted else given_crs
+    scene.data.unit = length or scene.data.given_unit
     for note in group_notes(scene.notes):
         warnings.warn(note, UserWarning, stacklevel=2)
     return scene
 
 
-def scene_of(value: SceneLike) -> "Scene | PagedScene":
-    """The scene of a `SceneLike` argument, loaded if necessary.
+def scene_of(value: SceneLike, stacklevel: int = 3) -> "Scene | PagedScene":
+    """The scene of a `SceneLike` argument, loaded if necessary. `stacklevel`: that of warnings.
 
     Raises
     ------
@@ -119,7 +129,7 @@ def scene_of(value: SceneLike) -> "Scene | PagedScene":
         return cast("Scene | PagedScene", value)  # there are no other subclasses
     scene = _scene_of_data(read_scene_data(value))
     for note in scene.notes:
-        warnings.warn(note, UserWarning, stacklevel=3)
+        warnings.warn(note, UserWarning, stacklevel=stacklevel)
     return scene
 
 

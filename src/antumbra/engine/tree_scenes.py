@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ..checks import text
 from ..errors import InputError
 from ..formats.gis.tree_table import TreeOptions, Trees, TreesLike, read_trees
-from ..scene.crs import checked_crs
+from ..scene.crs import checked_crs, in_one_unit
 from ..scene.joined_scenes import join_data
 from ..scene.scene_data import MemoryData, group_notes
 from ..scene.tree_crowns import TreeMeshes
@@ -31,6 +31,7 @@ def from_trees(
     id: str | None = None,
     layer: str | None = None,
     crs: str | None = None,
+    unit: str | None = None,
     name: str | None = None,
 ) -> Scene:
     """Trees as closed crowns on trunks, which let a share of the light pass; alone, or added to a scene.
@@ -66,6 +67,8 @@ def from_trees(
         The layer of the file. None: the only one.
     crs : str, optional
         CRS of the trees, if the table names none, or to which points in degrees are projected. None: the scene's.
+    unit : str, optional
+        Length unit of the coordinates, such as "ft". None: that of the CRS or of `scene`, or metres; see `Scene.unit`.
     name : str, optional
         Name of the scene. None: that of `scene`, or of the file.
 
@@ -96,7 +99,9 @@ def from_trees(
     source = TreeMeshes(_feet(table, below, up), table.shapes, table.ids, table.file, up)
     title = table.file.rpartition(".")[0] or "trees"
     title = (title if below is None else below.name) if name is None else text(name, "name")
-    data = MemoryData(source, name=title, up=up, crs=None if table.crs is None else checked_crs(table.crs))
+    given = below.data.given_unit if below is not None and unit is None else unit
+    system = None if table.crs is None else in_one_unit(checked_crs(table.crs))[0]  # heights are in the plan's unit
+    data = MemoryData(source, name=title, up=up, crs=system, unit=given)
     if below is None:
         return Scene.of_data(data)
     assert isinstance(below.data, MemoryData)

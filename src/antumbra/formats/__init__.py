@@ -10,5 +10,6 @@
 - `array_files`: .npy and .npz files, and folders of vertex frames
 - `library_meshes`: arrays, and the meshes of trimesh, PyVista, meshio and Open3D
 - `instance_arrays`: scenes of instances from arrays
+- `reprojection`: commands that reproject files, for messages
 - `json_fields`: checked access to JSON objects
 """

@@ -10,13 +10,17 @@ from os import PathLike
 from pathlib import Path
 from typing import NamedTuple, TypeAlias, cast
 
+import numpy as np
+
 from ..files import checked_output
+from ..scene.crs import in_one_unit
 from ..scene.instance_data import InstanceData, wants_instances
 from ..scene.instances import InstancedSource
 from ..scene.mesh import Source
 from ..scene.palette_scene import PaletteScene
 from ..scene.scene_bounds import guess_z_up, sampled_faces
 from ..scene.scene_data import MemoryData, SceneData
+from ..scene.units import LengthUnit
 from .cityjson.cityjson_file import SUFFIXES as CITYJSON_SUFFIXES
 from .gis.footprint_table import SUFFIXES as FOOTPRINT_SUFFIXES
 from .gis.footprint_table import FootprintOptions
@@ -31,7 +35,8 @@ class ReadOptions(NamedTuple):
     lod: str | None = None  # level of detail
     instances: bool | None = None  # whether copies of meshes stay instances; None: if that saves much memory
     cutouts: bool = True  # False: all faces are solid
-    crs: str | None = None  # of rasters that name none, and to which footprints in degrees are projected
+    crs: str | None = None  # instead of that of the file; to which footprints in degrees are projected
+    unit: LengthUnit | None = None  # of the coordinates, if no CRS names it
 
 
 Reader: TypeAlias = Callable[[Path, ReadOptions], SceneData]
@@ -52,6 +57,8 @@ class Format(NamedTuple):
     lost: str  # what reading or writing leaves out
 
 
+_TALLEST = 2000.0  # metres: higher than any building
+
 # --- Readers and writers ----------------------------------------------------------------------------------------------
 
 
@@ -70,6 +77,15 @@ def _data_of(source: Source, notes: list[str], name: str, options: ReadOptions) 
     return scene
 
 
+def _with_unit(scene: SceneData, file: str, options: ReadOptions) -> SceneData:
+    """A scene of a format without units; a note, if none is given and a building is too high to be in metres."""
+    height = float(np.ptp(scene.bounds, axis=0)["xyz".index(scene.up)])
+    if options.unit is None and options.crs is None and height > _TALLEST:
+        note = f'{file}: is {height:,.0f} m high, if its unit is the metre; pass its own, such as unit="mm"'
+        scene.notes = (*scene.notes, note)
+    return scene
+
+
 def _read_gltf(path: Path, options: ReadOptions) -> SceneData:
     from .gltf.gltf_source import read_gltf
 
@@ -85,13 +101,13 @@ def _write_glb(scene: PaletteScene, name: str, path: Path) -> list[Path]:
 def _read_mesh_file(path: Path, options: ReadOptions) -> SceneData:
     from .mesh_files import read_mesh_file
 
-    return _data_of(*read_mesh_file(path), path.stem, options)
+    return _with_unit(_data_of(*read_mesh_file(path), path.stem, options), path.name, options)
 
 
 def _read_obj(path: Path, options: ReadOptions) -> SceneData:
     from .obj_file import read_obj
 
-    return _data_of(*read_obj(path), path.stem, options)
+    return _with_unit(_data_of(*read_obj(path), path.stem, options), path.name, options)
 
 
 def _write_obj(scene: PaletteScene, name: str, path: Path) -> list[Path]:
@@ -109,23 +125,26 @@ def _write_ply(scene: PaletteScene, name: str, path: Path) -> list[Path]:
 def _read_cityjson(path: Path, options: ReadOptions) -> SceneData:
     from .cityjson.cityjson_source import read_cityjson
 
-    source, notes, city = read_cityjson(path, options.lod)
-    name = path.stem.removesuffix(".city")
-    return MemoryData(source, name=name, up=options.up or "z", notes=tuple(notes), city=city, crs=city.crs)
+    source, notes, city = read_cityjson(path, options.lod, options.crs)
+    name, crs = path.stem.removesuffix(".city"), options.crs or city.crs
+    return MemoryData(
+        source, name=name, up=options.up or "z", notes=tuple(notes), city=city,
+        crs=None if crs is None else in_one_unit(crs)[0], unit=options.unit,
+    )  # fmt: skip
 
 
 def _read_heights(path: Path, options: ReadOptions) -> SceneData:
     from .gis.gis_data import check_z_up, terrain_data
 
     check_z_up(options.up, path.name)
-    return terrain_data(path, HeightOptions(crs=options.crs))
+    return terrain_data(path, HeightOptions(crs=options.crs, unit=options.unit))
 
 
 def _read_footprints(path: Path, options: ReadOptions) -> SceneData:
     from .gis.gis_data import check_z_up, footprint_data
 
     check_z_up(options.up, path.name)
-    return footprint_data(path, FootprintOptions(crs=options.crs))
+    return footprint_data(path, FootprintOptions(crs=options.crs, unit=options.unit))
 
 
 def _read_frames(path: Path, options: ReadOptions) -> SceneData:

@@ -14,6 +14,7 @@ from ..scene.instance_data import InstanceData, wants_instances
 from ..scene.instances import InstancedMeshes
 from ..scene.mesh import Mesh, make_mesh
 from ..scene.scene_data import MemoryData, check_up_axis
+from ..scene.units import LengthUnit
 from .library_meshes import positions_of
 
 
@@ -25,6 +26,7 @@ def data_of_instances(
     name: str = "instances",
     up: str = "y",
     crs: object = None,
+    unit: "str | LengthUnit | None" = None,
     instances: bool | None = None,
 ) -> InstanceData | MemoryData:
     """Scene data of instances; `Scene.from_instances` documents the arguments."""
@@ -44,8 +46,8 @@ def data_of_instances(
     matrices = [_matrices(each, f"{name}: transforms of mesh {i}") for i, each in enumerate(placed)]
     source, known = InstancedMeshes(checked, matrices, name), None if crs is None else checked_crs(crs)
     if wants_instances(source, instances):
-        return InstanceData(source, name=name, up=up, crs=known)
-    return MemoryData(source, name=name, up=up, crs=known)
+        return InstanceData(source, name=name, up=up, crs=known, unit=unit)
+    return MemoryData(source, name=name, up=up, crs=known, unit=unit)
 
 
 def _listed(values: object, name: str, what: str) -> list[Any]:

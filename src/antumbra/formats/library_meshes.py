@@ -27,6 +27,7 @@ from ..scene.mesh import (
     textured_mesh,
 )
 from ..scene.scene_data import MemoryData
+from ..scene.units import LengthUnit, unit_named
 
 KNOWN = "a mesh of trimesh, pyvista, meshio or Open3D"
 _COLOUR_NAMES = "RGBA", "RGB", "rgba", "rgb", "colors", "Colors", "colours"
@@ -252,6 +253,7 @@ def data_of_arrays(
     name: str = "arrays",
     up: str = "y",
     crs: object = None,
+    unit: str | LengthUnit | None = None,
 ) -> MemoryData:
     """Scene data from arrays; `Scene.from_arrays` documents the arguments."""
     positions, indices = positions_of(vertices, text(name, "name")), None
@@ -271,15 +273,21 @@ def data_of_arrays(
         material = PLAIN if texture is None else Material(texture=picture_texture(texture, name))
         attributes = VertexAttributes(uv, vertex_colours, normals)
         mesh = textured_mesh(mesh, indices, len(positions), material, name, attributes)
-    return MemoryData(StaticMeshes([mesh], name), name=name, up=up, crs=None if crs is None else checked_crs(crs))
+    system = None if crs is None else checked_crs(crs)
+    return MemoryData(StaticMeshes([mesh], name), name=name, up=up, crs=system, unit=unit)
 
 
-def data_of_mesh(mesh: object, *, name: str | None = None, up: str = "y", crs: object = None) -> MemoryData:
+def data_of_mesh(
+    mesh: object, *, name: str | None = None, up: str = "y", crs: object = None, unit: str | LengthUnit | None = None
+) -> MemoryData:
     """Scene data from a mesh; `Scene.from_mesh` documents the arguments."""
     name = type(mesh).__name__.lower() if name is None else text(name, "name")
     meshes, notes = meshes_of(mesh, name)
     crs = None if crs is None else checked_crs(crs)
-    return MemoryData(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes), crs=crs)
+    own = getattr(mesh, "units", None)  # of trimesh
+    if unit is None and crs is None and isinstance(own, str):
+        unit = unit_named(own)
+    return MemoryData(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes), crs=crs, unit=unit)
 
 
 def positions_of(vertices: object, name: str) -> np.ndarray:

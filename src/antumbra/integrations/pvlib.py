@@ -12,12 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import checked_instance, number, whole_number
 from ..engine.plan import DEFAULT_PLAN, Plan, parse_plan
 from ..engine.scene import AnyScene
-from ..engine.scene_loading import SceneLike, scene_of
+from ..engine.scene_loading import SceneLike
 from ..errors import InputError
 from ..extras import import_extra
+from ..jobs.measured_scenes import measured_scene
 from ..jobs.sensors import Sensors
 from ..jobs.skyline.skyline import sensors_at, skyline
-from ..jobs.sun.location import Place, checked_place, place_of
+from ..jobs.sun.location import Place, checked_place, place_in
 from ..jobs.sun.sun_options import MOST_SAMPLES
 from ..jobs.sun.sun_positions import directions_of, months_of, solar_angles
 from ..jobs.sun.sun_visibility import (
@@ -88,7 +89,7 @@ def pvlib_shading(
         (``antumbra[sun]``).
     """
     pandas = import_extra("pandas", "pvlib_shading", "sun")
-    scene, threads = scene_of(scene), thread_count(threads)
+    scene, threads = measured_scene(scene), thread_count(threads)
     parse_plan(DEFAULT_PLAN if plan is None else plan)
     number(tilt, "tilt (degrees)", 0.0, 180.0, "[]")
     number(azimuth, "azimuth (degrees)", -360.0, 360.0, "[]")
@@ -97,7 +98,7 @@ def pvlib_shading(
         raise InputError("times must be a pandas.DatetimeIndex with a time zone; tz_localize it")
     if times.hasnans:
         raise InputError("times hold NaT; drop these rows")
-    place = place_of(scene) if place is None else checked_place(checked_instance(place, Place, "place"))
+    place = place_in(scene, None if place is None else checked_place(checked_instance(place, Place, "place")))
     if place is None:
         raise InputError("the place is unknown; give a place, such as antumbra.Place(52.0, 4.36), or a CRS")
     sensors = sensors_at(scene, points, normals)

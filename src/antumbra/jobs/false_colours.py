@@ -205,7 +205,7 @@ def coloured_model(table: Any, name: str) -> bytes:
         parts.append(_squares(sensors, sensor_colours, scene))
     extras = {"column": name, "unit": table.columns[name].unit, "origin": scene.origin.tolist(), **table.about}
     extras["scale"] = [float(scale.ticks[0]), float(scale.ticks[-1])]
-    return coloured_glb(parts, scene.up, extras)
+    return coloured_glb(parts, scene, extras)
 
 
 def _squares(sensors: Sensors, colours: np.ndarray, scene: AnyScene) -> ColouredMesh:
@@ -223,13 +223,13 @@ def _squares(sensors: Sensors, colours: np.ndarray, scene: AnyScene) -> Coloured
     return ColouredMesh("sensors", vertices.reshape(-1, 3), colours.repeat(4, 0), faces.reshape(-1, 3))
 
 
-def coloured_glb(parts: list[ColouredMesh], up: str, extras: Json) -> bytes:
-    """A binary glTF 2.0 file of unlit coloured meshes, one node each."""
+def coloured_glb(parts: list[ColouredMesh], scene: AnyScene, extras: Json) -> bytes:
+    """A binary glTF 2.0 file of unlit coloured meshes in the coordinates of a scene, one node each, in metres."""
     writer = GltfWriter()
     writer.json["asset"]["extras"] = extras
     material = writer.add("materials", writer.make_unlit({"doubleSided": True}))
     for part in parts:
         primitive = writer.primitive(part.vertices, part.faces, part.colours, material=material, mode=part.mode)
         mesh = writer.add("meshes", {"name": part.name, "primitives": [primitive]})
-        writer.add_root({"name": part.name, "mesh": mesh, **up_axis_transform(up)})
+        writer.add_root({"name": part.name, "mesh": mesh, **up_axis_transform(scene.up, scene.unit.metres)})
     return writer.glb()

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..checks import flag, number, path_of
 from ..engine.paged_scene import PagedScene
 from ..engine.scene import AnyScene
-from ..engine.scene_loading import SceneLike, scene_of
+from ..engine.scene_loading import SceneLike
 from ..errors import InputError
 from ..files import checked_file
 from ..kernels.elementary import cos, sin
@@ -27,7 +27,9 @@ from ..kernels.parallel import thread_count
 from ..query.receivers import Receivers
 from ..scene.crs import checked_crs, reproject
 from ..scene.raster import Raster
+from ..scene.units import Metres
 from ..trace.rays.ray_hits import intersections
+from .measured_scenes import measured_scene
 from .sensors import LOW, Sensors, Zone, ground_at, raster_of
 
 # --- Points inside solids ---------------------------------------------------------------------------------------------
@@ -37,7 +39,7 @@ _PLAN = "bsah+wide"
 _RAYS = 16
 _SHARE = 0.75  # share of the rays that must leave a solid
 _LOWEST = 0.2  # height of the lowest ray's unit vector
-_DEPTHS = 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0, 13.0, 20.0, 40.0  # world units below a roof, of horizontal rays
+_DEPTHS = 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0, 13.0, 20.0, 40.0  # metres below a roof, of horizontal rays
 _STEEP = 0.5  # height of a unit normal: steeper faces are walls
 _AT_A_TIME = 1 << 12  # points
 
@@ -49,8 +51,8 @@ def covered_by_solids(scene: AnyScene, points: NDArray[np.float64], threads: int
 
     points : (n, 3) float64, world
     """
-    up = np.eye(3)["xyz".index(scene.up)]
-    return inside_solids(scene, points, threads) | inside_solids(scene, points + LOW * up, threads)
+    above = scene.unit.of_metres(LOW) * np.eye(3)["xyz".index(scene.up)]
+    return inside_solids(scene, points, threads) | inside_solids(scene, points + above, threads)
 
 
 def inside_solids(scene: AnyScene, points: NDArray[np.float64], threads: int | None = None) -> NDArray[np.bool_]:
@@ -81,10 +83,11 @@ def below_roofs(
     """
     up = "xyz".index(scene.up)
     roofs, rays = np.zeros(len(points), bool), _rays(scene.up, 0.01, 0.05)
+    lowest = floor + scene.unit.of_metres(LOW)
     for depth in _DEPTHS:
         at = points.copy()
-        at[:, up] = np.maximum(points[:, up] - depth, floor + LOW)
-        high = np.flatnonzero((points[:, up] > floor + LOW) & ~roofs)
+        at[:, up] = np.maximum(points[:, up] - scene.unit.of_metres(depth), lowest)
+        high = np.flatnonzero((points[:, up] > lowest) & ~roofs)
         if len(high):
             roofs[high] = _leaves_solid(
                 scene, Receivers.in_space(at[high], scene.origin).origins[0], rays, True, threads
@@ -134,8 +137,8 @@ def _rays(up: str, lowest: float, highest: float) -> np.ndarray:
 # --- Polygons and their sensors ---------------------------------------------------------------------------------------
 
 
-SPACING = 0.5
-"""Default cell size of areas, world units."""
+SPACING = Metres(0.5)
+"""Default cell size of areas."""
 
 SUFFIXES = (".geojson", ".json")
 _WORLD = "EPSG:4326"  # CRS of GeoJSON that names none [RFC 7946]
@@ -158,8 +161,8 @@ def area_sensors(
 ) -> Sensors:  # fmt: skip
     """Place sensors on the ground of areas, such as gardens: raster cells whose centres lie inside the areas.
 
-    The ground is the lowest surface, or the top of a slab there that is less than 1 world unit thick, so no sensor lies
-    on a roof. Cells inside buildings are left out.
+    The ground is the lowest surface, or the top of a slab there that is less than 1 m thick, so no sensor lies on a
+    roof. Cells inside buildings are left out.
 
     Parameters
     ----------
@@ -169,7 +172,7 @@ def area_sensors(
         polygon or a GeoDataFrame; a sequence of (k, 2) rings, in easting and northing of the scene; or a dict from
         names to any of these. GeoJSON is in WGS 84 unless it names a CRS or its numbers cannot be degrees.
     spacing : float, str or path-like
-        As in `raster_sensors`.
+        As in `raster_sensors`; half a metre by default, in any unit of the scene.
     height : float
         World units above the ground if `follow`, else the coordinate on the up axis.
     threads : int, optional
@@ -180,12 +183,13 @@ def area_sensors(
     InputError
         If areas cannot be read, hold no cell, or have no ground below them, or if the scene is in a store.
     """
-    scene, follow, threads = scene_of(scene), flag(follow, "follow"), thread_count(threads)
+    scene, follow, threads = measured_scene(scene), flag(follow, "follow"), thread_count(threads)
     height = number(height, "the height of sensors")
     polygons = list(read_areas(areas, scene.crs))
     if not polygons:
         raise InputError("areas are empty; give at least one polygon")
     corners = np.concatenate([ring for area in polygons for ring in area.rings])
+    spacing = scene.unit.of_metres(spacing) if isinstance(spacing, Metres) else spacing
     raster = raster_of(scene, spacing, np.stack([corners.min(0), corners.max(0)]))
     cells = [_cells_in(area, raster) for area in polygons]
     cell, zone = np.concatenate(cells), np.repeat(np.arange(len(polygons)), [len(each) for each in cells])
@@ -209,6 +213,11 @@ def area_sensors(
         at[included], normals[included], sizes[included], faces[included], "raster", raster,
         cells=cell[included], zone=zone[included], zones=tuple(zones),
     )  # fmt: skip
+
+
+def default_cells(scene: AnyScene) -> str:
+    """The text of the default sensors in areas, as in `sensors_of`."""
+    return f"raster:{scene.unit.of_metres(SPACING):.9g}"
 
 
 def check_areas(path: Path) -> None:

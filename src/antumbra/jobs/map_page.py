@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..extras import import_extra
 from ..files import atomic_output, checked_output
+from ..scene.units import METRE
 from ..version import VERSION
 
 if TYPE_CHECKING:
@@ -112,7 +113,7 @@ def draw_frame(figure: "Figure", axes: "Axes", extent: Extent, about: dict[str, 
     axes.set_facecolor("white")
     for spine in axes.spines.values():
         spine.set(color=FAINT, linewidth=0.6)
-    _draw_scale_bar(axes, extent)
+    _draw_scale_bar(axes, extent, str(about.get("length_unit", METRE.name)))
     _draw_north(figure, float(about.get("north", 0.0)), "latitude" in about)
 
 
@@ -122,14 +123,15 @@ def round_length(width: float) -> float:
     return float(power * max(k for k in (1, 2, 5) if k * power <= width / 4.0 * (1.0 + 1e-12)))
 
 
-def _draw_scale_bar(axes: "Axes", extent: Extent) -> None:
-    """Draw a bar below the map, from its west edge."""
+def _draw_scale_bar(axes: "Axes", extent: Extent, unit: str) -> None:
+    """Draw a bar below the map, from its west edge, with its length in the unit of the map."""
     length = round_length(extent.width)
     share = length / extent.width
     style: dict[str, Any] = {"transform": axes.transAxes, "clip_on": False, "solid_capstyle": "butt"}
     axes.plot([0.0, share], [-0.025, -0.025], color=INK, linewidth=3, **style)
     axes.plot([share / 2.0, share], [-0.025, -0.025], color="white", linewidth=1.6, **style)
-    text = f"{length / 1000.0:g} km" if length >= 1000.0 else f"{length:g} m"
+    in_km = unit == METRE.name and length >= 1000.0
+    text = f"{length / 1000.0:g} km" if in_km else f"{length:.10g} {unit}"
     axes.text(share + 0.012, -0.025, text, transform=axes.transAxes, va="center", fontsize=9, color=INK)
 
 

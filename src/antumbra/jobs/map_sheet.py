@@ -208,7 +208,7 @@ def facts_of(table: Any) -> Iterator[tuple[str, str]]:
     if about.get("observers"):
         yield "observers", f"{about['observers']:,}"
     yield from place_facts(about)
-    cell = "" if sensors.raster is None else f", cells of {sensors.raster.spacing:g} m"
+    cell = "" if sensors.raster is None else f", cells of {sensors.raster.spacing:g} {about.get('length_unit', 'm')}"
     yield "sensors", f"{len(sensors):,} ({sensors.kind}{cell})"
 
 

@@ -10,6 +10,7 @@ from ..engine.scene import AnyScene
 from ..errors import InputError
 from ..extras import import_extra
 from ..files import checked_file
+from ..formats.reprojection import WARP
 from ..scene.raster import Raster
 
 SUFFIXES = (".tif", ".tiff", ".vrt", ".asc")
@@ -101,6 +102,7 @@ def raster_of_file(path: Path) -> Raster:
     except rasterio.errors.RasterioError as error:
         raise InputError(f"{path.name}: cannot be read ({' '.join(str(error).split())[:120]})") from None
     if not (place.b == place.d == 0.0 and place.a > 0.0 and abs(place.a + place.e) < _SAME * place.a):
-        raise InputError(f"{path.name}: its cells are not square with north up; warp it with: gdalwarp -tr SIZE SIZE")
+        command = f"{WARP} -tr SIZE SIZE FILE OUT.tif"
+        raise InputError(f"{path.name}: its cells are not square with north up; warp it with: {command}")
     check_count(float(shape[0]) * shape[1], place.a)
     return Raster(place.c, place.f, place.a, shape[1], shape[0], crs.to_string() if crs else None)

@@ -24,6 +24,7 @@ from ..files import atomic_output, checked_output
 from ..picture.image_files import save_png
 from ..scene.camera import Camera
 from ..scene.crs import checked_crs
+from ..scene.units import METRE
 from .false_colours import coloured_model, column_values, false_colours
 from .map_page import check_map, checked_title
 from .map_scale import MapScale, map_scale
@@ -73,7 +74,13 @@ def _plain(values: np.ndarray) -> list[Any]:
 
 
 def _units(table: "Table") -> dict[str, dict[str, str]]:
-    return {name: {"unit": column.unit, "about": column.about} for name, column in table.columns.items()}
+    """The unit and the meaning of each column, also of those of the sensors."""
+    length = table.about.get("length_unit", METRE.name)
+    known = {name: (length, f"{name} of the sensor") for name in "xyz"}
+    known |= {f"n{name}": ("", f"{name} of its normal") for name in "xyz"}
+    known |= {"area": (f"{length}2", "area that it represents"), "face": ("", "the face on which it lies; -1: none")}
+    known |= {name: (column.unit, column.about) for name, column in table.columns.items()}
+    return {name: {"unit": known[name][0], "about": known[name][1]} for name in table.rows()}
 
 
 def _npz(table: "Table", path: Path, column: str) -> None:
@@ -267,8 +274,8 @@ class Table:
     columns : dict of str to Column
         Pictures show the first one by default.
     about : dict
-        Metadata of the job, in JSON types: "job", "timezone", settings, and "crs", the CRS of the scene or else of the
-        raster file that defines the cells.
+        Metadata of the job, in JSON types: "job", "timezone", settings, "length_unit", that of coordinates and lengths,
+        and "crs", the CRS of the scene or else of the raster file that defines the cells.
     scene : Scene or None
         The scene of the sensors; pictures need it.
     camera : Camera or None
@@ -305,6 +312,8 @@ class Table:
             checked_instance(self.camera, Camera, "camera")
         self.marks = None if self.marks is None else points(self.marks, "marks")
         raster = self.sensors.raster
+        if self.scene is not None:
+            self.about = {"length_unit": self.scene.unit.name, **self.about}
         crs = (self.scene and self.scene.crs) or (raster and raster.crs)
         if crs:
             self.about = {"crs": crs, **self.about}
@@ -348,7 +357,7 @@ class Table:
     def save_map(self, path: str | os.PathLike[str], column: str | None = None, *, title: str | None = None) -> None:
         """Write a map sheet for a report: a page of A4 in PDF, SVG or PNG.
 
-        The map has north up, a scale bar in metres (world units), and an arrow to true north. Rasters are drawn as
+        The map has north up, a scale bar in the unit of the scene, and an arrow to true north. Rasters are drawn as
         maps, continuous quantities smoothly; faces and points are seen from above. The legend has classes for yes and
         no, and otherwise ends at the greatest value. Beside it are the scene, the rule, the dates, the place, and the
         areas. Needs ``antumbra[plot]``. The same table gives the same file.

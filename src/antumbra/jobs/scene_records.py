@@ -18,6 +18,7 @@ from ..scene.camera import Camera
 from ..scene.instance_data import InstanceData
 from ..scene.lights import Light
 from ..scene.mesh import ObjectInfo
+from ..scene.units import METRE
 
 # --- Scene digest -----------------------------------------------------------------------------------------------------
 
@@ -76,6 +77,7 @@ def scene_record(scene: AnyScene, time: float, threads: int | None) -> Record:
         "bounds": scene.bounds.tolist(),
         "origin": scene.origin.tolist(),
         **({"crs": scene.crs} if scene.crs else {}),
+        **({} if scene.unit == METRE else {"unit": scene.unit.name}),
     }
 
 

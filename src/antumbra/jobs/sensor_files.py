@@ -12,7 +12,7 @@ import numpy as np
 
 from ..checks import quoted, spelling_hint
 from ..engine.scene import AnyScene
-from ..engine.scene_loading import SceneLike, scene_of
+from ..engine.scene_loading import SceneLike
 from ..errors import InputError
 from ..extras import import_extra
 from ..files import checked_file
@@ -20,6 +20,7 @@ from ..formats.array_files import check_expansion, mapped_array, npz_arrays
 from ..kernels.parallel import thread_count
 from ..scene.crs import check_horizontal_crs, checked_crs
 from .ground_areas import AreaLike, area_sensors
+from .measured_scenes import measured_scene
 from .raster_grid import SUFFIXES as RASTERS
 from .sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
 
@@ -89,7 +90,7 @@ def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas: A
     - a point file: see `read_points`
     """
     check_sensors(text, areas=areas is not None)
-    scene, threads = scene_of(scene), thread_count(threads)
+    scene, threads = measured_scene(scene), thread_count(threads)
     if text == "face":
         return face_sensors(scene)
     if text == "vertex":

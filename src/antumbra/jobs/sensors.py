@@ -100,7 +100,7 @@ KINDS = "face", "vertex", "grid", "raster", "points"
 """The kinds of `Sensors`."""
 
 LOW = 1.0
-"""World units: lower surfaces belong to the ground, such as a pavement; higher ones may be buildings."""
+"""Metres: lower surfaces belong to the ground, such as a pavement; higher ones may be buildings."""
 
 
 class Zone(NamedTuple):
@@ -489,7 +489,7 @@ def ground_at(
     lowest, highest = scene.bounds[:, "xyz".index(scene.up)]
     start = np.full(len(at), lowest - max(highest - lowest, 1.0))
     bottom, none = _first_surface(scene, at, start, 1.0, time, threads)
-    ground, faces = _first_surface(scene, at, bottom + LOW, -1.0, time, threads)
+    ground, faces = _first_surface(scene, at, bottom + scene.unit.of_metres(LOW), -1.0, time, threads)
     return np.where(none < 0, bottom, ground), np.where(none < 0, none, faces)
 
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ..engine.scene import AnyScene
 from ..errors import InputError
+from ..scene.units import LengthUnit
 from .result_table import Column, Table
 from .sensors import Sensors
 from .surface_groups import SurfaceGroups, azimuths, buildings_of, checked_types, faces_between, surface_groups, tilts
@@ -118,7 +119,7 @@ def per_group(table: Table, per: str, north: float) -> Table:
     groups = surface_groups(scene, per)
     on = np.flatnonzero(sensors.faces >= 0)
     used, row = np.unique(groups.of_face[sensors.faces[on]], return_inverse=True)
-    rows = _GroupRows(row, sensors.areas[on], len(used))
+    rows = _GroupRows(row, sensors.areas[on], len(used), scene.unit)
     columns: dict[str, Column] = {}
     for name, column in table.columns.items():
         if name not in NAMES:
@@ -161,10 +162,11 @@ class _GroupRows:
     row : (n,) int, the row of each sensor
     areas : (n,) float64
     count : number of rows
+    unit : of the scene
     """
 
-    def __init__(self, row: NDArray[np.integer], areas: NDArray[np.float64], count: int):
-        self._row, self._areas, self._count = row, areas, count
+    def __init__(self, row: NDArray[np.integer], areas: NDArray[np.float64], count: int, unit: LengthUnit):
+        self._row, self._areas, self._count, self._unit = row, areas, count, unit
         self.total = self._sums(areas)
 
     def _sums(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -186,7 +188,7 @@ class _GroupRows:
         columns = {name: Column(means, unit, f"{about}; mean over the area")}
         if unit.endswith("/m2") and name.endswith("_m2"):
             columns[name[: -len("_m2")]] = Column(
-                means * self.total, unit.removesuffix("/m2"), f"{about}; sum over the area"
+                means * self.total * self._unit.square_metres, unit.removesuffix("/m2"), f"{about}; sum over the area"
             )
         return columns
 

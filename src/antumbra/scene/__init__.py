@@ -22,5 +22,7 @@
 - `terrain`: the triangulated surface of a raster of heights
 - `tree_crowns`: trees as closed crowns that let light pass
 - `joined_scenes`: two scenes as one
-- `crs`: coordinate reference systems
+- `units`: the length unit of a scene
+- `crs`: coordinate reference systems, their units, and reprojection
+- `map_point`: the scale, convergence and curvature of a map at a point
 """

@@ -17,6 +17,7 @@ from .mesh import Source
 from .scene_bounds import MAX_SAMPLED_FACES, check_extent, flush_to_zero, frame_origin
 from .scene_data import MemoryData, SceneData, check_up_axis
 from .triangles import Triangles
+from .units import LengthUnit
 
 # --- When to instance -------------------------------------------------------------------------------------------------
 
@@ -114,6 +115,7 @@ class InstanceData(SceneData):
         up: str = "y",
         notes: tuple[str, ...] = (),
         crs: str | None = None,
+        unit: str | LengthUnit | None = None,
         threads: int | None = None,
     ):
         from ..kernels.parallel import thread_count  # imports Numba, which file inspection does not need
@@ -121,6 +123,7 @@ class InstanceData(SceneData):
 
         self.source, self.meshes, self.objects, self.duration = source, source.meshes, source.objects, 0.0
         self.name, self.up, self.crs = one_line(name), check_up_axis(up), crs
+        self.unit = unit
         self.instances = source.instances()
         if any(mesh.varied for mesh in self.instances.meshes):
             notes = (*notes, f"{source.file}: instances have one colour per face; instances=False loads textures")
@@ -181,7 +184,7 @@ class InstanceData(SceneData):
 
     @cached_property
     def _flat(self) -> MemoryData:
-        data = MemoryData(self.source, name=self.name, up=self.up, notes=self.notes, crs=self.crs)
+        data = MemoryData(self.source, name=self.name, up=self.up, notes=self.notes, crs=self.crs, unit=self.given_unit)
         data.ignore_looks()  # colours and shading must not depend on the plan
         return data
 

@@ -4,6 +4,7 @@ from collections.abc import Generator
 
 import numpy as np
 
+from ..errors import InputError
 from .alpha_masks import join_cutouts
 from .camera import Camera
 from .lights import Light
@@ -34,15 +35,23 @@ class JoinedSources:
 
 
 def join_data(first: MemoryData, second: MemoryData, name: str) -> MemoryData:
-    """The data of both scenes, with the CRS, the up axis and the raster of the first.
+    """The data of both scenes, with the CRS, the unit, the up axis and the raster of the first.
 
     Cut-outs and transmittances that were set stay, and so does the state after an update. If the first is a city, the
     objects of the second become city objects without semantic surfaces.
+
+    Raises
+    ------
+    InputError
+        If both have a unit, and these differ.
     """
     city = None if first.city is None else _with_objects(first.city, second)
     notes = (*first.notes, *second.notes)
-    crs = first.crs or second.crs
-    data = MemoryData(JoinedSources(first.source, second.source, name), name=name, up=first.up, notes=notes, crs=crs)
+    crs, unit = first.crs or second.crs, first.given_unit or second.given_unit
+    if not first.unit.same_as(second.unit) and (unit is not None or (first.crs and second.crs)):
+        raise InputError(f"{first.name} is in {first.unit.name}, and {second.name} in {second.unit.name}; scale one")
+    source = JoinedSources(first.source, second.source, name)
+    data = MemoryData(source, name=name, up=first.up, notes=notes, crs=crs, unit=unit)
     data.city, data.raster = city, first.raster
     data.cutouts = join_cutouts([(each.cutouts, each.n_triangles) for each in (first, second)])
     return data

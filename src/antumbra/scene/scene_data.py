@@ -20,12 +20,14 @@ from ..errors import InputError, one_line
 from .alpha_masks import Cutouts, find_cutouts
 from .appearance import Appearance, appearance_of, plain_appearance
 from .camera import Camera
+from .crs import unit_of_crs
 from .lights import Light
 from .materials import MONTHS, LightShare, Transmittance
 from .mesh import MeshInfo, ObjectInfo, Source
 from .raster import Raster
 from .scene_bounds import Survey, faces_of, frame_origin, objects_of
 from .triangles import Triangles
+from .units import LengthUnit, checked_unit
 
 if TYPE_CHECKING:
     from .moved_geometry import MovableMeshes, ObjectChoice
@@ -169,8 +171,21 @@ class SceneData(ABC):
     moved: Triangles | None = (
         None  # the triangles of the latest `update`, as `triangles` returns them; None: none so far
     )
+    given_unit: LengthUnit | None = None  # of the world coordinates; None: that of the CRS, or metres
     _cameras: list[Camera]  # at time 0
     _lights: list[Light]
+
+    @property
+    def unit(self) -> LengthUnit:
+        """The unit of the world coordinates: that of the CRS, or the one given, or metres."""
+        return unit_of_crs(self.crs, self.given_unit)
+
+    @unit.setter
+    def unit(self, unit: str | LengthUnit | None) -> None:
+        """Set the unit; None: that of the CRS, or metres. InputError if it contradicts the CRS."""
+        self.given_unit = None if unit is None else checked_unit(unit)
+        if unit is not None:
+            unit_of_crs(self.crs, self.given_unit)
 
     @property
     @abstractmethod
@@ -289,6 +304,7 @@ class MemoryData(SceneData):
         notes: tuple[str, ...] = (),
         city: CityModel | None = None,
         crs: str | None = None,
+        unit: str | LengthUnit | None = None,
     ):
         if not all(hasattr(source, part) for part in ("pieces", "cameras", "lights")):
             raise InputError(f"source is {quoted(source)}; make a Scene by load, Scene.from_arrays or Scene.from_mesh")
@@ -296,6 +312,7 @@ class MemoryData(SceneData):
         self.name, self.up = one_line(text(name, "name")), check_up_axis(up)
         self.notes = tuple(one_line(note) for note in items(notes, str, "notes"))
         self.crs = None if crs is None else text(crs, "crs")
+        self.unit = unit
         self.source, self.meshes, self.duration = source, source.meshes, float(source.duration)
         self._loaded = source
         self.objects = source.objects

@@ -13,9 +13,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from .crs import unit_of_crs
 from .mesh import WHITE, MeshInfo, ObjectInfo, Piece
 from .raster import Raster
 from .scene_bounds import flush_to_zero
+from .units import LengthUnit
 
 TERRAIN_TYPE = "TINRelief"
 """The type of terrain among city objects, as in CityJSON."""
@@ -284,11 +286,19 @@ class StreamedTerrain(TerrainSurfaces):
     animated = False
     appearance = None
 
-    def __init__(self, surface: Heights, notes: tuple[str, ...] = (), colour: NDArray[np.float32] = WHITE):
+    def __init__(
+        self, surface: Heights, notes: tuple[str, ...] = (), colour: NDArray[np.float32] = WHITE,
+        unit: LengthUnit | None = None,
+    ):  # fmt: skip
         super().__init__([surface], surface.name, [colour])
         self.name, self.crs, self.notes = surface.name, surface.crs, notes
         self.raster = surface.grid.raster(surface.crs)
-        self._grid = surface.grid
+        self._grid, self.given_unit = surface.grid, unit
+
+    @property
+    def unit(self) -> LengthUnit:
+        """The unit of the coordinates, as `SceneData.unit`."""
+        return unit_of_crs(self.crs, self.given_unit)
 
     @property
     def n_triangles(self) -> int:

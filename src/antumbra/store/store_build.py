@@ -20,6 +20,7 @@ from ..scene.raster import Raster
 from ..scene.scene_bounds import frame_origin
 from ..scene.scene_data import MemoryData, SceneData
 from ..scene.terrain import StreamedTerrain
+from ..scene.units import METRE, LengthUnit
 from .chunk_sorting import SortSettings, chunks_of, grid_over, sorted_groups
 from .staging_files import MAX_FACES, StagingFile, gather_triangles
 from .store_file import StoreData, StoreWriter, top_tree
@@ -56,6 +57,7 @@ class _Description(TypedDict):
     name: str
     up: str
     crs: str | None
+    unit: LengthUnit | None
     raster: Raster | None
     cameras: list[Camera]
     lights: list[Light]
@@ -102,6 +104,7 @@ class _Build:
     def _stage_scenes(self, scenes: Iterable[SceneData | StreamedScene], staging: StagingFile) -> _Description:
         """Stage the pieces of all scenes and merge their descriptions."""
         names, ups, systems, rasters = list[str](), set[str](), set[str](), set[Raster]()
+        units, given = set[LengthUnit](), set[LengthUnit]()
         cameras, lights, notes = list[Camera](), list[Light](), list[str]()
         for scene in scenes:
             if isinstance(scene, StoreData):
@@ -116,6 +119,9 @@ class _Build:
             ups.add(scene.up)
             if (crs := getattr(scene, "crs", None)) is not None:  # a streamed city has none
                 systems.add(crs)
+            units.add(getattr(scene, "unit", METRE))
+            if (unit := getattr(scene, "given_unit", None)) is not None:
+                given.add(unit)
             if (raster := getattr(scene, "raster", None)) is not None:
                 rasters.add(raster)
             cameras += scene.source.cameras(0.0)
@@ -132,13 +138,16 @@ class _Build:
             raise InputError(f"{', '.join(names)}: some have +Y up and some +Z; give them the same up axis")
         if len(systems) > 1:
             raise InputError(f"{', '.join(names)}: have the CRS {', '.join(sorted(systems))}; reproject them to one")
+        if len(units) > 1:
+            symbols = ", ".join(sorted(unit.name for unit in units))
+            raise InputError(f"{', '.join(names)}: have coordinates in {symbols}; scale them to one unit")
         if staging.survey.n_triangles > MAX_TRIANGLES:
             raise InputError(f"{staging.survey.n_triangles} triangles; a store holds at most {MAX_TRIANGLES}")
-        crs = systems.pop() if systems else None
+        crs, known = systems.pop() if systems else None, given.pop() if given else None
         raster = rasters.pop() if len(rasters) == 1 else None
         return _Description(
-            name=" + ".join(names), up=ups.pop(), crs=crs, raster=raster, cameras=cameras, lights=lights,
-            notes=tuple(notes),
+            name=" + ".join(names), up=ups.pop(), crs=crs, unit=known, raster=raster, cameras=cameras,
+            lights=lights, notes=tuple(notes),
         )  # fmt: skip
 
     def _stage(self, source: Source, staging: StagingFile) -> None:

@@ -356,7 +356,7 @@ class StoreData(SceneData):
         self.meshes: list[MeshInfo] = []
         self.objects = [ObjectInfo(meta.name, -1, 0)]
         self.bounds, self.origin, self.crs = meta.bounds, meta.origin, meta.crs
-        self.raster = meta.raster
+        self.raster, self.given_unit = meta.raster, meta.unit
         self._cameras, self._lights = list(meta.cameras), list(meta.lights)
 
     @property

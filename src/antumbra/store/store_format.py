@@ -25,6 +25,7 @@ from ..scene.camera import Camera
 from ..scene.light_lists import DirectionalLights, PointLights
 from ..scene.lights import Light
 from ..scene.raster import Raster
+from ..scene.units import LengthUnit
 
 # --- File layout ------------------------------------------------------------------------------------------------------
 
@@ -142,12 +143,13 @@ class StoreMeta(NamedTuple):
     built: dict[str, Any]  # the settings of the build
     crs: str | None = None  # of the world coordinates
     raster: Raster | None = None  # the cells of the raster of heights in the store
+    unit: LengthUnit | None = None  # of the world coordinates; None: that of the CRS, or metres
 
 
 def meta_to_json(meta: StoreMeta) -> bytes:
     """The metadata as JSON."""
     record = meta._asdict()
-    for name in ("crs", "raster"):
+    for name in ("crs", "raster", "unit"):
         if record[name] is None:
             del record[name]  # so that earlier versions read the store
     record["bounds"], record["origin"], record["box"] = (_plain(a) for a in (meta.bounds, meta.origin, meta.box))
@@ -166,6 +168,8 @@ def meta_from_json(data: bytes) -> StoreMeta:
     record["notes"] = tuple(record["notes"])
     if "raster" in record:
         record["raster"] = Raster(*record["raster"])
+    if "unit" in record:
+        record["unit"] = LengthUnit(*record["unit"])
     return StoreMeta(**record)
 
 

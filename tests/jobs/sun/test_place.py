@@ -70,12 +70,13 @@ def test_positions():
     assert place_of_crs("EPSG:28992", on_side, "y") == church._replace(timezone=None)
 
 
-def test_feet_are_fine_if_heights_are_in_feet():
+def test_elevations_are_in_metres_whatever_the_unit_of_heights():
     place = place_of_crs("EPSG:2263", box(980000.0, 200000.0, 100.0))
     assert place.elevation == pytest.approx(30.48, abs=1e-3)
     assert (place.latitude, place.longitude) == pytest.approx((40.7156, -74.0153), abs=1e-3)
     place_of_crs("EPSG:2263+6360", box(980000.0, 200000.0))
-    refused(lambda: place_of_crs("EPSG:2263+5703", box(980000.0, 200000.0)), "other units for heights", "reproject")
+    mixed = place_of_crs("EPSG:2263+5703", box(980000.0, 200000.0, 100.0))  # heights in metres
+    assert mixed.elevation == 100.0 and mixed[:2] == place[:2]
 
 
 @pytest.mark.parametrize(

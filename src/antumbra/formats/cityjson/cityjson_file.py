@@ -95,7 +95,7 @@ def _check_head(head: Fields, path: Path) -> None:
     version = head.text("version")
     if version.split(".")[0] not in ("1", "2"):
         raise InputError(
-            f"{path.name}: CityJSON version is {version[:20]!r}; convert it to 2.0 with: cjio FILE upgrade"
+            f"{path.name}: CityJSON version is {version[:20]!r}; convert it to 2.0 with: cjio FILE upgrade save OUT"
         )
 
 

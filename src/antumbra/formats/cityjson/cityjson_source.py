@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
+from ...scene.crs import in_one_unit, parts_of_crs
 from ...scene.materials import srgb_to_linear
 from ...scene.mesh import Mesh, MeshInfo, ObjectInfo, Piece, StaticMeshes, make_mesh
 from ...scene.scene_data import CityModel, SemanticSurface
 from .city_polygons import Polygons, Triangulation, polygons_of, triangulate
-from .cityjson_file import chosen_geometries, many_lists, open_cityjson
+from .cityjson_file import CityDocument, chosen_geometries, many_lists, open_cityjson
 
 # --- Pale colours of semantic surfaces and city objects ---------------------------------------------------------------
 
@@ -104,10 +105,13 @@ class CityFile(NamedTuple):
     city: CityModel
 
 
-def read_cityjson(path: Path, lod: str | None = None) -> CityFile:
+def read_cityjson(path: Path, lod: str | None = None, crs: str | None = None) -> CityFile:
     """Read a .json or .jsonl file. Faces are in the order of the file.
 
+    Heights in another unit than the plan, by the CRS, are converted to that of the plan.
+
     lod : level of detail, such as "2.2"; None: the highest of each object
+    crs : instead of that of the file
 
     Raises
     ------
@@ -118,6 +122,7 @@ def read_cityjson(path: Path, lod: str | None = None) -> CityFile:
         document = open_cityjson(path)
         chosen, lods = chosen_geometries(document, lod)
         polygons = polygons_of(document, chosen)
+    polygons, notes = _in_one_unit(polygons, document, crs or document.crs)
     cut = triangulate(polygons.vertices, polygons.rings)
     faces = np.where(polygons.mirrored[cut.polygon, None], cut.faces[:, ::-1], cut.faces)
     surface = polygons.surface[cut.polygon]
@@ -129,7 +134,18 @@ def read_cityjson(path: Path, lod: str | None = None) -> CityFile:
         raise InputError(f"{document.file}: no object has a surface with an area; take a file with such geometry")
     mesh = make_mesh(document.file, polygons.vertices, faces, colours[surface], document.file)
     city = CityModel(document.crs, ids, owner, surface, used.surfaces, types, parents, lods, attributes)
-    return CityFile(CityMeshes(mesh, document.file, city), document.notes + _notes(document.file, cut), city)
+    return CityFile(CityMeshes(mesh, document.file, city), document.notes + notes + _notes(document.file, cut), city)
+
+
+def _in_one_unit(polygons: Polygons, document: CityDocument, crs: str | None) -> tuple[Polygons, list[str]]:
+    """Polygons whose heights are in the unit of the plan of a CRS, and a note if that changed them."""
+    if crs is None or (factor := in_one_unit(crs)[1]) == 1.0:
+        return polygons, []
+    parts, vertices = parts_of_crs(crs), polygons.vertices.copy()
+    assert parts.unit is not None and parts.height_unit is not None
+    vertices[:, 2] *= factor
+    note = f"heights are converted from {parts.height_unit.name} to {parts.unit.name}, the unit of the plan of {crs}"
+    return polygons._replace(vertices=vertices), [f"{document.file}: {note}"]
 
 
 class _UsedParts(NamedTuple):

@@ -14,7 +14,8 @@ from ...checks import choice, path_of, quoted
 from ...errors import InputError
 from ...extras import import_extra
 from ...files import checked_file
-from ...scene.crs import check_horizontal_crs, checked_crs
+from ...scene.crs import check_horizontal_crs, checked_crs, in_one_unit
+from ...scene.units import LengthUnit
 from .vector_table import TableRows, given_numbers, id_column, read_layer
 
 SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb", ".parquet")
@@ -37,6 +38,7 @@ class FootprintOptions(NamedTuple):
     layer: str | None = None
     invalid: str = "raise"  # or "skip"
     crs: str | None = None  # to which footprints in degrees are projected
+    unit: LengthUnit | None = None  # of the coordinates, if no CRS names it
 
 
 class PolygonRings(NamedTuple):
@@ -107,7 +109,7 @@ def read_footprints(table: FootprintsLike, options: FootprintOptions) -> Footpri
     if len(bad):
         notes = [f"{file}: {len(bad)} footprints are left out; the first one, {ids[bad[0]]!r}, {faults[bad[0]]}"]
     attributes = {name: _values(column)[good] for name, column in columns.items()}
-    crs = None if frame.crs is None else checked_crs(frame.crs)
+    crs = None if frame.crs is None else in_one_unit(checked_crs(frame.crs))[0]  # heights are in the unit of the plan
     rings = _rings_of(shapes[good])
     chosen = [ids[k] for k in good.tolist()]
     return Footprints(file, rings, chosen, heights[good], bases[good], attributes, crs, notes)

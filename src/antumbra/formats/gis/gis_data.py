@@ -12,6 +12,7 @@ from ...scene.crs import check_horizontal_crs
 from ...scene.materials import srgb_to_linear
 from ...scene.scene_data import MemoryData
 from ...scene.terrain import HeightGrid, StreamedTerrain, TerrainSurfaces
+from ...scene.units import LengthUnit
 from .footprint_solids import on_terrain, solids_of
 from .footprint_table import FootprintOptions, FootprintsLike, read_footprints
 from .height_arrays import RasterLike, height_grid
@@ -54,14 +55,14 @@ def terrain_data(
     if triangles > _MANY:
         store = "antumbra build makes a store of a raster, which takes little memory"
         notes = [*notes, f"{name}: {triangles:,} triangles take {triangles * 1e-7:.0f} GB or more; {store}"]
-    data = MemoryData(source, name=name, up="z", notes=tuple(notes), crs=grid.crs)
+    data = MemoryData(source, name=name, up="z", notes=tuple(notes), crs=grid.crs, unit=options.unit)
     data.raster = grid.grid.raster(grid.crs)
     return data
 
 
 def ground_grid(ground: Any, crs: str | None, options: HeightOptions) -> tuple[HeightGrid, list[str]]:
     """The heights of a ground, whose CRS must be that of what stands on it."""
-    grid, notes = height_grid(ground, HeightOptions(values_at=options.values_at, crs=options.crs))
+    grid, notes = height_grid(ground, HeightOptions(values_at=options.values_at, crs=options.crs, unit=options.unit))
     check_horizontal_crs(grid.name, grid.crs, crs)
     return grid, notes
 
@@ -75,7 +76,16 @@ def streamed_terrain(tiles: Sequence[tuple[Path, HeightOptions]]) -> StreamedTer
         If a file cannot be read, or tiles do not share a grid.
     """
     files = [HeightFile(path, checked_options(options)) for path, options in tiles]
-    return StreamedTerrain(files[0] if len(files) == 1 else TiledHeights(files), colour=SURFACE)
+    notes = tuple(note for file in files for note in file.notes)
+    return StreamedTerrain(files[0] if len(files) == 1 else TiledHeights(files), notes, SURFACE, _unit_of(tiles))
+
+
+def _unit_of(tiles: Sequence[tuple[Path, HeightOptions]]) -> LengthUnit | None:
+    """The unit given for tiles. InputError if they have different ones."""
+    units = {options.unit for _, options in tiles}
+    if len(units) > 1:
+        raise InputError(f"{tiles[0][0].name}: tiles of one surface have the same unit; give it for all of them")
+    return units.pop()
 
 
 def footprint_data(
@@ -87,7 +97,7 @@ def footprint_data(
     """
     grid, notes = None, list[str]()
     if terrain is not None:
-        grid, notes = height_grid(terrain, HeightOptions())
+        grid, notes = height_grid(terrain, HeightOptions(unit=options.unit))
         options = options._replace(base=None, crs=grid.crs if options.crs is None else options.crs)
     elif options.base is None:
         raise InputError("base is None; give a number, a column, or a raster of heights")
@@ -100,7 +110,7 @@ def footprint_data(
         name = footprints.file.rpartition(".")[0] or "footprints"
     data = MemoryData(
         source, name=text(name, "name"), up="z", notes=(*notes, *more), city=city,
-        crs=footprints.crs or (grid and grid.crs),
+        crs=footprints.crs or (grid and grid.crs), unit=options.unit,
     )  # fmt: skip
     data.raster = None if grid is None else grid.grid.raster(grid.crs)
     return data

@@ -17,9 +17,9 @@ from .height_files import (
     checked_heights,
     crs_of,
     grid_of,
+    height_scale,
     heights_of,
     read_heights,
-    unit_scale,
 )
 from .height_tiles import joined_heights
 
@@ -69,19 +69,20 @@ def _of_array(values: Any, transform: Any, crs: Any, options: HeightOptions) -> 
         raise InputError(f"transform of the raster has shape {place.shape}; give (a, b, c, d, e, f), as rasterio does")
     array = values if isinstance(values, np.ma.MaskedArray) else as_array(values, "heights of the raster")
     system = crs_of(crs if options.crs is None else options.crs)
-    heights = _checked_array(array, options, unit_scale(None, system), where)
+    scale, text, notes = height_scale(None, system, options, where)
+    heights = _checked_array(array, options._replace(z_scale=scale), where)
     grid, south_up = grid_of(place.reshape(-1)[:6], len(heights), heights.shape[1], options.values_at, where)
     check_projected(system, where, grid)
-    text = None if system is None else system.to_string()
     heights = np.ascontiguousarray(heights[::-1] if south_up else heights)
-    return checked_heights(HeightGrid("terrain", grid, text, heights), where)
+    checked, more = checked_heights(HeightGrid("terrain", grid, text, heights), where)
+    return checked, [*notes, *more]
 
 
-def _checked_array(array: Any, options: HeightOptions, scale: float, where: str, offset: float = 0.0) -> NDArray[Any]:
-    """Heights, (rows, columns) float32 or float64."""
+def _checked_array(array: Any, options: HeightOptions, where: str, offset: float = 0.0) -> NDArray[Any]:
+    """Heights, (rows, columns) float32 or float64, times `HeightOptions.z_scale` plus an offset."""
     if array.ndim != 2 or array.dtype.kind not in "fiu":
         raise InputError(f"{where}: heights must be numbers (rows, columns), not {array.dtype} {array.shape}")
-    scale = scale if options.z_scale is None else options.z_scale
+    scale = 1.0 if options.z_scale is None else options.z_scale
     single = (scale, offset) == (1.0, 0.0) and (array.dtype.itemsize <= 2 or array.dtype == np.float32)
     return heights_of(array, options.nodata, scale, offset, np.dtype(np.float32 if single else np.float64))
 
@@ -105,15 +106,14 @@ def _of_data_array(raster: Any, options: HeightOptions) -> tuple[HeightGrid, lis
     if nodata is None and "rio" in dir(raster) and hasattr(raster, "rio"):
         nodata = raster.rio.nodata
     nodata = None if nodata is None else float(nodata)
-    scale = unit_scale(str(attributes.get("units", "")), system)
+    scale, text, notes = height_scale(str(attributes.get("units", "")), system, options, where)
     factor, offset = float(raster.attrs.get("scale_factor", 1.0)), float(raster.attrs.get("add_offset", 0.0))
-    scale = scale if options.z_scale is None else options.z_scale
     options = options._replace(nodata=nodata, z_scale=factor * scale)
-    heights = _checked_array(np.asarray(raster.values), options, 1.0, where, offset * scale)
+    heights = _checked_array(np.asarray(raster.values), options, where, offset * scale)
     heights = heights[:: 1 if y[0] > y[-1] else -1, :: 1 if x[0] < x[-1] else -1]
-    text = None if system is None else system.to_string()
     name = str(raster.name) if getattr(raster, "name", None) else "terrain"
-    return checked_heights(HeightGrid(name, grid, text, np.ascontiguousarray(heights)), where)
+    checked, more = checked_heights(HeightGrid(name, grid, text, np.ascontiguousarray(heights)), where)
+    return checked, [*notes, *more]
 
 
 def _coordinates(raster: Any, dimension: Any, where: str) -> NDArray[np.float64]:

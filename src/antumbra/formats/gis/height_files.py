@@ -17,28 +17,13 @@ from ...checks import quoted
 from ...errors import InputError
 from ...extras import import_extra
 from ...files import checked_file
+from ...scene.crs import in_one_unit, parts_of_crs, unit_of_crs
 from ...scene.terrain import GridPoints, HeightGrid
+from ...scene.units import METRE, LengthUnit, unit_named
+from ..reprojection import WARP, projected_crs, warp_command
 
 SUFFIXES = (".tif", ".tiff", ".vrt", ".asc")
 """Suffixes of raster files of heights."""
-
-METRES = {
-    "m": 1.0,
-    "metre": 1.0,
-    "meter": 1.0,
-    "metres": 1.0,
-    "meters": 1.0,
-    "cm": 0.01,
-    "km": 1000.0,
-    "ft": 0.3048,
-    "foot": 0.3048,
-    "feet": 0.3048,
-    "international foot": 0.3048,
-    "us-ft": 1200.0 / 3937.0,
-    "ftus": 1200.0 / 3937.0,
-    "us survey foot": 1200.0 / 3937.0,
-}
-"""Unit of heights, in lower case -> metres."""
 
 _SQUARE_TURN = 1e-9  # rotation of a raster, relative to its cells, that rounding explains
 _MOST_CELLS = 1 << 30  # 2^31 triangles
@@ -54,6 +39,7 @@ class HeightOptions(NamedTuple):
     z_scale: float | None = None  # None: from the units of heights and coordinates
     values_at: str = "centres"  # or "corners"
     crs: str | None = None  # instead of that of the raster
+    unit: LengthUnit | None = None  # of the coordinates, if no CRS names it
 
 
 def grid_of(place: Any, rows: int, columns: int, values_at: str, where: str) -> tuple[GridPoints, bool]:
@@ -66,7 +52,7 @@ def grid_of(place: Any, rows: int, columns: int, values_at: str, where: str) -> 
     """
     a, b, west, d, e, north = (float(each) for each in tuple(place)[:6])
     if not np.isfinite([a, b, west, d, e, north]).all() or max(abs(b), abs(d)) > _SQUARE_TURN * abs(a) or not a > 0.0:
-        raise InputError(f"{where}: its rows do not run from west to east; warp it with: gdalwarp FILE NORTH_UP.tif")
+        raise InputError(f"{where}: its rows do not run from west to east; warp it with: {WARP} FILE OUT.tif")
     if e == 0.0:
         raise InputError(f"{where}: its cells have no height; give them a georeference: gdal_edit.py -a_ullr ...")
     if rows < 2 or columns < 2:
@@ -90,25 +76,45 @@ def crs_of(crs: Any) -> Any:
 
 
 def check_projected(crs: Any, where: str, grid: GridPoints) -> None:
-    """Raise an InputError if a CRS of rasterio is in degrees. The message names the UTM zone of the grid's centre."""
-    if crs is None or not crs.is_geographic:
+    """Raise an InputError, with the command that projects the raster, if a CRS of rasterio is in degrees."""
+    if crs is None or not parts_of_crs(text := crs.to_string()).plan.is_geographic:
         return
     longitude, latitude = grid.west + grid.dx * grid.columns / 2.0, grid.north - grid.dy * grid.rows / 2.0
-    zone = min(max(int((longitude + 180.0) // 6.0) + 1, 1), 60)
-    code = (32600 if latitude >= 0.0 else 32700) + zone
-    raise InputError(
-        f"{where}: its CRS, {crs.to_string()[:40]}, is in degrees; project it, for example to UTM zone {zone}: "
-        f"gdalwarp -t_srs EPSG:{code} -r bilinear FILE OUT.tif"
-    )
+    command = warp_command(projected_crs(text, longitude, latitude))
+    raise InputError(f"{where}: its CRS, {text[:40]}, is in degrees; project it, for example with: {command}")
 
 
-def unit_scale(unit: str | None, crs: Any) -> float:
-    """The factor from a unit of heights to the unit of a CRS of rasterio; 1 if either is unknown."""
-    metres = METRES.get((unit or "").strip().lower())
-    if metres is None:
-        return 1.0
-    horizontal = crs.linear_units_factor[1] if crs is not None and crs.is_projected else 1.0
-    return 1.0 if metres == horizontal else metres / horizontal
+class HeightScale(NamedTuple):
+    """How heights become those of the scene, in the unit of its plan."""
+
+    factor: float
+    crs: str | None  # of the scene: the plan of a compound CRS whose heights have another unit
+    notes: list[str]
+
+
+def height_scale(named: str | None, crs: Any, options: HeightOptions, where: str) -> HeightScale:
+    """The factor from heights to the unit of the plan; 1 if either unit is unknown.
+
+    named : the unit that the file names for its heights, which goes before that of the CRS; "" or None: none
+    crs : a CRS of rasterio, or None
+    """
+    text = None if crs is None else crs.to_string()
+    plan, parts = unit_of_crs(text, options.unit), None if text is None else parts_of_crs(text)
+    system = None if text is None else in_one_unit(text)[0]
+    if options.z_scale is not None:
+        return HeightScale(options.z_scale, system, [])
+    unit = unit_named(named or "")
+    if unit is None and (named or "").strip():
+        return HeightScale(1.0, system, [f"{where}: {_unknown(f'the unit of its heights, {quoted(named)}, is', plan)}"])
+    unit = unit or (parts and parts.height_unit)
+    if unit is None:
+        sure = text is None or plan.same_as(METRE)
+        return HeightScale(1.0, system, [] if sure else [f"{where}: {_unknown('the unit of its heights is', plan)}"])
+    return HeightScale(1.0 if unit == plan else unit.metres / plan.metres, system, [])
+
+
+def _unknown(what: str, plan: LengthUnit) -> str:
+    return f"{what} unknown; they are taken in {plan.name}, the unit of the plan; if that is wrong, pass z_scale"
 
 
 class HeightFile:
@@ -117,6 +123,7 @@ class HeightFile:
     name : of the file, without suffix
     grid : the points of the heights
     crs : str, or None if the file has none
+    notes : list of str
     """
 
     def __init__(self, path: Path, options: HeightOptions):
@@ -130,10 +137,8 @@ class HeightFile:
                 raise InputError(f"{path.name}: has no georeference; write one: gdal_translate -a_ullr, -a_srs")
             self.grid, self._south_up = grid_of(file.transform, file.height, file.width, options.values_at, path.name)
             check_projected(system, path.name, self.grid)
-            self.crs = system.to_string() if system else None
             k = self._band - 1
-            scale = options.z_scale
-            scale = unit_scale(file.units[k], system) if scale is None else scale
+            scale, self.crs, self.notes = height_scale(file.units[k], system, options, path.name)
             self._scale, self._offset = file.scales[k] * scale, file.offsets[k] * scale
             plain = (self._scale, self._offset) == (1.0, 0.0) and file.dtypes[k] in _EXACT
             self.dtype = np.dtype(np.float32 if plain else np.float64)
@@ -194,7 +199,8 @@ def read_heights(path: Path, options: HeightOptions) -> tuple[HeightGrid, list[s
     """The heights of a file, and notes about them. Raises InputError if it cannot be read."""
     file = HeightFile(path, options)
     heights = np.ascontiguousarray(file.rows(0, file.grid.rows))
-    return checked_heights(HeightGrid(file.name, file.grid, file.crs, heights), path.name)
+    grid, notes = checked_heights(HeightGrid(file.name, file.grid, file.crs, heights), path.name)
+    return grid, [*file.notes, *notes]
 
 
 def checked_heights(grid: HeightGrid, where: str) -> tuple[HeightGrid, list[str]]:

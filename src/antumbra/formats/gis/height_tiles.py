@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...scene.terrain import GridPoints, HeightGrid, Heights
+from ..reprojection import WARP
 
 _BETWEEN = 1e-4  # cells: tiles whose cells differ by less coincide
 
@@ -60,7 +61,8 @@ def _check_grid(tile: Heights, first: Heights) -> None:
     spacing = abs(tile.grid.dx - grid.dx) * tile.grid.columns + abs(tile.grid.dy - grid.dy) * tile.grid.rows
     steps = np.array([(tile.grid.west - grid.west) / grid.dx, (grid.north - tile.grid.north) / grid.dy])
     if spacing > _BETWEEN * grid.dx or np.abs(steps - np.round(steps)).max() > _BETWEEN:
-        raise InputError(f"{tile.name}: its cells do not continue those of {first.name}; warp one: gdalwarp -tap")
+        command = f"{WARP} -tr SIZE SIZE -tap FILE OUT.tif"
+        raise InputError(f"{tile.name}: its cells do not continue those of {first.name}; warp one with: {command}")
 
 
 def _place_in(tile: GridPoints, grid: GridPoints) -> tuple[int, int]:

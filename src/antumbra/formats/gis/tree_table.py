@@ -19,6 +19,7 @@ from ...files import checked_file
 from ...scene.crs import check_horizontal_crs, checked_crs, reproject
 from ...scene.materials import MONTHS
 from ...scene.tree_crowns import SHAPES, TreeShapes
+from ..reprojection import projected_crs, vector_command
 from .vector_table import MOST_NAMES, TableRows, given_numbers, id_column, read_layer
 
 SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb", ".parquet", ".csv")
@@ -176,9 +177,11 @@ def _projected(rows: _TreeRows, given: str | None, scene: str | None) -> _TreeRo
         check_horizontal_crs(rows.file, rows.crs, target)
         return rows
     if target is None:
-        raise InputError(f"{rows.file}: its CRS, {rows.crs[:40]}, is in degrees; name one in metres: crs='EPSG:28992'")
+        known = rows.plan[np.isfinite(rows.plan).all(1)]
+        guess = projected_crs(rows.crs, *known.mean(0)) if len(known) else "EPSG:28992"
+        raise InputError(f"{rows.file}: its CRS, {rows.crs[:40]}, is in degrees; name one in metres: crs={guess!r}")
     if rows.areas is not None:
-        raise InputError(f"{rows.file}: outlines in degrees have no area; project them with: ogr2ogr -t_srs {target}")
+        raise InputError(f"{rows.file}: outlines in degrees have no area; project them with: {vector_command(target)}")
     return rows._replace(plan=reproject(rows.plan, rows.crs, target), crs=target)
 
 

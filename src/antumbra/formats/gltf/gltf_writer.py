@@ -30,12 +30,17 @@ _TYPES = {width: name for name, width in WIDTHS.items() if name != "MAT4"}
 _UPRIGHT = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]  # column-major
 
 
-def up_axis_transform(up: str) -> Json:
-    """The node transform that rotates the up axis of a scene, "y" or "z", to glTF's +Y.
+def up_axis_transform(up: str, metres: float = 1.0) -> Json:
+    """The node transform that rotates the up axis of a scene, "y" or "z", to glTF's +Y, and scales it to metres.
 
     A matrix, not a quaternion, whose square roots of 1/2 would cause rounding errors in the coordinates.
+
+    metres : the length of a unit of the scene
     """
-    return {"matrix": _UPRIGHT} if up == "z" else {}
+    if metres == 1.0:
+        return {"matrix": _UPRIGHT} if up == "z" else {}
+    turn = np.array(_UPRIGHT).reshape(4, 4) if up == "z" else np.eye(4)
+    return {"matrix": (np.diag([metres, metres, metres, 1.0]) @ turn).ravel().tolist()}
 
 
 def glb_bytes(root: Json, binary: bytes | bytearray) -> bytes:

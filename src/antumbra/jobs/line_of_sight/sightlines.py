@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import as_array
 from ...engine.engine import Engine
 from ...engine.scene import AnyScene
-from ...engine.scene_loading import SceneLike, scene_of
+from ...engine.scene_loading import SceneLike
 from ...errors import InputError
 from ...formats.gltf.gltf_writer import LINES
 from ...kernels.parallel import thread_count
@@ -17,6 +17,7 @@ from ...progress import Progress, with_progress
 from ...query.receivers import Receivers
 from ..executors import LocalExecutor
 from ..false_colours import ColouredMesh, coloured_glb
+from ..measured_scenes import measured_scene
 from ..result_table import Column, Table
 from ..sensor_files import SUFFIXES, check_point_file, read_array, read_columns
 from ..sensors import Sensors, corners_of, point_sensors
@@ -105,7 +106,7 @@ def line_of_sight(
     Among faces with the same t in float64, the lowest index blocks. For a pair that only a horizon blocks, the
     result has the face from `faces` or `target_faces`, and the end on it as the blocking point.
     """
-    scene, threads = scene_of(scene), thread_count(threads)
+    scene, threads = measured_scene(scene), thread_count(threads)
     begin, end = _Ends(observers, normals, faces), _Ends(targets, target_normals, target_faces)
     pairs, shape = _checked(scene, begin, end)
     n = len(pairs.begin)
@@ -295,12 +296,12 @@ def sight_table(scene: AnyScene, pairs: PairList, sightlines: Sightlines) -> Tab
     columns = {name: Column(values, "", f"{name[0]} of the target") for name, values in targets}
     columns |= {
         "visible": Column(sightlines.visible, "", "the two points see each other"),
-        "length": Column(sightlines.length, "m", "distance from the observer to the target"),
+        "length": Column(sightlines.length, scene.unit.name, "distance from the observer to the target"),
         "face": Column(sightlines.face, "", "the blocking face nearest to the observer"),
         "object": Column(sightlines.object, "", "the object of this face"),
         "name": Column(names[sightlines.object], "", "the object's name"),
         **_city_columns(scene, sightlines),
-        "distance": Column(sightlines.distance, "m", "distance from the observer to the block"),
+        "distance": Column(sightlines.distance, scene.unit.name, "distance from the observer to the block"),
     }
     for name, values in zip(("px", "py", "pz"), sightlines.point.T):
         columns[name] = Column(values, "", f"{name[1]} of the point that blocks")
@@ -335,4 +336,4 @@ def sight_model(scene: AnyScene, pairs: PairList, sightlines: Sightlines) -> byt
             lines = np.arange(len(ends), dtype=np.uint32).reshape(-1, 2)
             parts.append(ColouredMesh(name, ends, np.broadcast_to(colour, ends.shape), lines, LINES))
     known = {} if scene.crs is None else {"crs": scene.crs}
-    return coloured_glb(parts, scene.up, {"origin": scene.origin.tolist(), "job": "los", **known})
+    return coloured_glb(parts, scene, {"origin": scene.origin.tolist(), "job": "los", **known})

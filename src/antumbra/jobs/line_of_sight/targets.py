@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import listed, number, points, text, whole_number
 from ...engine.plan import Plan
 from ...engine.scene import AnyScene
-from ...engine.scene_loading import SceneLike, scene_of
+from ...engine.scene_loading import SceneLike
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...progress import Progress, report_progress, with_progress
@@ -16,6 +16,7 @@ from ...query.light_samples import light_samples
 from ...query.receivers import Receivers
 from ...query.shadow_query import count_occluded
 from ...scene.lights import SphereLight
+from ..measured_scenes import measured_scene
 from ..result_table import Column, Table
 from ..sensor_files import sensors_of
 from ..sensors import Sensors, grid_sensors, point_sensors, sensors_from, sightline_ends
@@ -83,7 +84,7 @@ def surface_points(
     InputError
         If the scene has no such object or surface, or no semantic surfaces.
     """
-    scene = scene_of(scene)
+    scene = measured_scene(scene)
     sensors = grid_sensors(scene, spacing)
     faces, chosen = np.asarray(sensors.faces), np.ones(len(sensors), bool)
     if objects is not None:
@@ -195,7 +196,7 @@ def visible_share(
     InputError
         If an argument is invalid, or the target has no points.
     """
-    scene, threads = scene_of(scene), thread_count(threads)
+    scene, threads = measured_scene(scene), thread_count(threads)
     moment, samples = scene.clamped(time), whole_number(samples, "samples", 1, 1024)
     checked = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
     places = sensors_from(scene, checked, None, "sensors")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import as_array, points
 from ...engine.scene import AnyScene, Scene
-from ...engine.scene_loading import SceneLike, scene_of
+from ...engine.scene_loading import SceneLike
 from ...engine.terrain_shadows import terrain_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
@@ -21,7 +21,9 @@ from ...picture.option_fields import with_keywords
 from ...progress import Progress, report_progress, with_progress
 from ...query.query_bounds import morton_codes
 from ...scene.lights import MAX_SPP
+from ...scene.map_point import on_earth
 from ..bit_matrices import unpack_bits, words_of
+from ..measured_scenes import earth_radius_of, measured_scene
 from ..result_table import Column, Table
 from ..sensor_files import sensors_of
 from ..sensors import Sensors, corners_of, on_top, point_sensors, sensors_from, sightline_ends
@@ -35,7 +37,8 @@ _P = ParamSpec("_P")
 # --- Earth curvature and refraction -----------------------------------------------------------------------------------
 
 
-_SAG = 1e-3  # world units: maximum height of an edge above the curve between its ends
+_REFRACTION = 0.13  # of the atmosphere of the earth
+_SAG = 1e-3  # metres: maximum height of an edge above the curve between its ends
 
 
 class Earth(NamedTuple):
@@ -45,15 +48,18 @@ class Earth(NamedTuple):
         (1 - k) / (2 R), per world unit.
     up : int
         The axis that points up.
+    sag : float
+        Maximum height of an edge above the curve between its ends, world units.
     """
 
     drop: float
     up: int
+    sag: float = _SAG
 
     @property
     def longest(self) -> float:
         """The longest edge that is not divided; the middle of an edge lies drop * length^2 / 4 above the curve."""
-        return float(2.0 * np.sqrt(_SAG / self.drop))
+        return float(2.0 * np.sqrt(self.sag / self.drop))
 
     def lowered(self, points: NDArray[np.float64], observer: NDArray[np.float64]) -> NDArray[np.float64]:
         """(..., 3) float64: points, lowered for an observer."""
@@ -88,7 +94,7 @@ class CurvedScene:
             normals = self.earth.tilted(normals, sensors.points, observer)
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
             if sensors.faces is not None:
-                at[sensors.faces >= 0] += (_SAG * normals)[sensors.faces >= 0]
+                at[sensors.faces >= 0] += (self.earth.sag * normals)[sensors.faces >= 0]
         return replace(sensors, points=at, normals=normals)
 
 
@@ -149,6 +155,13 @@ class _ViewshedState:
     sight: _Sight
     lengths: np.ndarray | None  # (k,): of the line around each observer
 
+    @property
+    def drop(self) -> float:
+        """As in `Earth`; 0 for a flat earth."""
+        options = self.options
+        assert options.earth_radius is not None and options.refraction is not None
+        return (1.0 - options.refraction) / (2.0 * options.earth_radius) if options.curvature else 0.0
+
 
 class ViewshedFunction(Protocol[_P]):
     """The type of `viewshed`, whose keywords are the fields of a class."""
@@ -207,16 +220,17 @@ def viewshed(
     -----
     Sightlines are straight and exact. With `curvature`, each observer gets a copy of the scene whose vertices at a
     horizontal distance d are (1 - k) d^2 / (2 R) lower, as in GIS programs; results are exact for this copy's float32
-    vertices. Edges are divided until they follow the curve within a millimetre (0.001 world units), and sensors on
-    faces are lifted by the same amount. Each observer then costs one BVH build.
+    vertices. Edges are divided until they follow the curve within a millimetre, and sensors on faces are lifted by the
+    same amount. Each observer then costs one BVH build.
 
     Least heights are a closed form of the horizon profile, the maximum over all crossings of the line of sight with
     edges of triangles, in float64. They agree with exact lines of sight up to the float32 rounding of coordinates.
     With `curvature`, vertices are lowered and edges are not divided.
     """
-    options, scene = ViewshedOptions(**keywords), scene_of(scene)
+    options, scene = ViewshedOptions(**keywords), measured_scene(scene)
+    options = _with_earth(options, scene)
     threads, time = thread_count(options.threads), scene.clamped(options.time)
-    below = scene if surface is None else scene_of(surface)
+    below = scene if surface is None else measured_scene(surface)
     checked = sensors_of(sensors, below, threads) if isinstance(sensors, str) else sensors
     targets = sensors_from(scene, checked, None, "sensors")
     along = observers if isinstance(observers, LinePoints) else None
@@ -238,15 +252,24 @@ def viewshed(
     recorded = ["eye_height", "min_distance", "max_distance", "azimuth", "elevation"]
     with report_progress(f"{n} sensors, {k} observers") as report:
         if options.curvature:
-            drop = (1.0 - options.refraction) / (2.0 * options.earth_radius)
-            _curved(state, CurvedScene(scene, Earth(drop, "xyz".index(scene.up)), time), report)
+            sag = scene.unit.of_metres(_SAG)
+            _curved(state, CurvedScene(scene, Earth(state.drop, "xyz".index(scene.up), sag), time), report)
             recorded += ["refraction", "earth_radius"]
         else:
             _straight(state, scene, TileTracer(scene, options.plan, time, threads, n * k), report)
         if sight.least_height is not None:
             _find_least_heights(state, sight.least_height, scene, threads)
     about = {"job": "viewshed", "observers": k, **{name: getattr(options, name) for name in recorded}}
-    return Viewshed(Table(targets, _columns(sight, k), about, scene, marks=eyes), eyes, visibility_bits)
+    columns = _columns(sight, k, scene.unit.name)
+    return Viewshed(Table(targets, columns, about, scene, marks=eyes), eyes, visibility_bits)
+
+
+def _with_earth(options: ViewshedOptions, scene: AnyScene) -> ViewshedOptions:
+    """Options with the radius of the body that a scene is on, and the refraction there."""
+    radius, refraction = options.earth_radius, options.refraction
+    if refraction is None:
+        refraction = _REFRACTION if scene.crs is None or on_earth(scene.crs) else 0.0
+    return replace(options, earth_radius=radius or earth_radius_of(scene), refraction=refraction)
 
 
 def _eyes(scene: AnyScene, observers: ArrayLike, options: ViewshedOptions) -> NDArray[np.float64]:
@@ -266,19 +289,19 @@ def _eyes(scene: AnyScene, observers: ArrayLike, options: ViewshedOptions) -> ND
     return eyes
 
 
-def _columns(sight: _Sight, observers: int) -> dict[str, Column]:
+def _columns(sight: _Sight, observers: int, unit: str) -> dict[str, Column]:
     visible = sight.observers > 0
     columns = {
         "seen": Column(sight.observers, "", f"observers that see it, of {observers}"),
         "first": Column(np.where(visible, sight.first, -1).astype(np.int32), "", "first observer that sees it"),
         "nearest": Column(sight.nearest, "", "nearest observer that sees it"),
-        "distance": Column(np.where(visible, sight.distance, np.nan), "m", "distance to the nearest observer"),
+        "distance": Column(np.where(visible, sight.distance, np.nan), unit, "distance to the nearest observer"),
     }
     if sight.length is not None:
-        columns["length"] = Column(sight.length, "m", "length of the lines that see it")
+        columns["length"] = Column(sight.length, unit, "length of the lines that see it")
     if sight.least_height is not None:
         heights = np.where(np.isfinite(sight.least_height), sight.least_height, np.nan)
-        columns["least_height"] = Column(heights, "m", "least height above the cell at which a point is seen")
+        columns["least_height"] = Column(heights, unit, "least height above the cell at which a point is seen")
     return columns
 
 
@@ -307,9 +330,8 @@ def _straight(
 def _find_least_heights(state: _ViewshedState, best: np.ndarray, scene: AnyScene, threads: int) -> None:
     """Lower the least heights ((n,), inf: none so far) to those of each observer, where its limits include a cell."""
     options = state.options
-    drop = (1.0 - options.refraction) / (2.0 * options.earth_radius) if options.curvature else 0.0
     for eye in state.eyes:
-        heights = least_heights_of(scene, eye, drop, threads)
+        heights = least_heights_of(scene, eye, state.drop, threads)
         away = state.sensors.points - eye
         inside = options.includes(away, np.sqrt((away * away).sum(1)), state.up)
         np.fmin(best, np.where(inside, heights, np.inf), out=best)

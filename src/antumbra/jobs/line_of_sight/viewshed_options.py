@@ -71,13 +71,23 @@ class ViewshedOptions:
     )
     """Degrees above the horizontal."""
     curvature: bool = option(False, flag, "Account for the curvature of the earth.")
-    """Account for earth curvature around each observer. World units must be those of `earth_radius`."""
-    refraction: float = option(
-        0.13, RealNumber(-1.0, 1.0), "Refraction coefficient: share of the curvature that refraction offsets."
+    """Account for earth curvature around each observer."""
+    refraction: float | None = option(
+        None,
+        RealNumber(-1.0, 1.0, optional=True),
+        "Refraction coefficient: share of the curvature that refraction offsets.",
+        note="0.13; 0 on bodies other than the earth",
     )
-    """Share k of the curvature that refraction compensates; 0 for straight light."""
-    earth_radius: float = option(6_371_000.0, RealNumber(0.0, np.inf), "Radius of the earth in world units.")
-    """World units."""
+    """Share k of the curvature that refraction compensates; 0 for straight light. None: 0.13, or 0 if the CRS is that
+    of another body."""
+    earth_radius: float | None = option(
+        None,
+        RealNumber(0.0, np.inf, optional=True),
+        "Radius of the earth in world units.",
+        note="of the CRS's ellipsoid there, or 6371 km",
+    )
+    """World units. None: the mean radius of curvature, sqrt(M N), of the CRS's ellipsoid at the middle of the scene;
+    without a CRS 6,371,000 m."""
     bits: bool = option(False, flag)
     """Also return which observer sees which sensor."""
     least_height: bool = option(

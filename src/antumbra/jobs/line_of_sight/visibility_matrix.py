@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import whole_number
 from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
 from ...engine.scene import AnyScene
-from ...engine.scene_loading import SceneLike, scene_of
+from ...engine.scene_loading import SceneLike
 from ...errors import InputError
 from ...files import atomic_output, check_disk_space, checked_output
 from ...kernels.parallel import thread_count
@@ -39,6 +39,7 @@ from ..bit_matrices import (
     write_sparse,
 )
 from ..executors import Keep, checked_keep, executor_of
+from ..measured_scenes import measured_scene
 from ..scene_records import scene_digest
 from ..sensor_files import sensors_of
 from ..sensors import Sensors, sensors_from, sightline_ends
@@ -209,7 +210,7 @@ def visibility_matrix(
     InputError
         If an argument is invalid, or a matrix in memory would take more than 2 GiB.
     """
-    scene, threads = scene_of(scene), thread_count(threads)
+    scene, threads = measured_scene(scene), thread_count(threads)
     time, keep = scene.clamped(time), checked_keep(keep)
     parse_plan(DEFAULT_PLAN if plan is None else plan)
     path = None if output is None else checked_output(output, (".npy",))

@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.scene import AnyScene
-from ...engine.scene_loading import SceneLike, scene_of
+from ...engine.scene_loading import SceneLike
 from ...errors import InputError
 from ...extras import import_extra
 from ...picture.option_fields import with_keywords
 from ...progress import Progress, report_progress, with_progress
+from ..measured_scenes import measured_scene
 from ..result_table import Column, Table
 from ..sensors import Sensors, raster_sensors
-from ..sun.location import Place, place_of
+from ..sun.location import Place, place_in
 from ..sun.sun_hours import sun_hours
 from ..sun.sun_positions import Suns, directions_of, months_of, solar_angles, zone_of
 from ..sun.sun_visibility import sum_suns, sun_query
@@ -32,7 +33,7 @@ GROUND = (
 )  # fmt: skip
 """Types of city objects, or names, that are ground and cast no shadow on a plane unless they are listed as casters."""
 
-_CELL = 1.0  # default size of cells, world units
+_CELL = 1.0  # metres: default size of cells
 
 
 class ShadowFunction(Protocol[_P]):
@@ -78,8 +79,8 @@ def shadow(
     Returns
     -------
     Shadow
-        On a plane, a row for each connected shadow or each object, with its area. With cells at a moment, a row for
-        each connected shadow. For days, a row for each class: "hours_from", "hours_to" (exclusive, but for the last
+        On a plane, a row for each connected shadow or each object, with its "area" (m2). With cells at a moment, a row
+        for each connected shadow. For days, a row for each class: "hours_from", "hours_to" (exclusive, but for the last
         class, which ends with the hours of daylight) and "area".
 
     Raises
@@ -88,13 +89,13 @@ def shadow(
         If the place is unknown, the sun is below the horizon, an argument is invalid, or a package is missing
         (``antumbra[sun,gis]``).
     """
-    options, scene = ShadowOptions(**keywords), scene_of(scene)
+    options, scene = ShadowOptions(**keywords), measured_scene(scene)
     options.check_moment()
     import_extra("shapely", "shadow", "gis")
-    place = options.place or place_of(scene)
+    place = place_in(scene, options.place)
     if place is None:
         raise InputError("the place is unknown; give a latitude and a longitude, or a CRS")
-    below = scene if surface is None else scene_of(surface)
+    below = scene if surface is None else measured_scene(surface)
     if options.days is not None:
         return _hours(scene, _cells(below, options), place, options)
     moment = _moment_of(scene, place, options)
@@ -121,6 +122,7 @@ def _moment_of(scene: AnyScene, place: Place, options: ShadowOptions) -> _Moment
     directions = directions_of(altitude, azimuth + place.north, scene.up)
     local = np.array([when.replace(tzinfo=None)], "datetime64[s]")
     about: dict[str, Any] = {"job": "shadow", "scene": scene.name, **place._asdict(), "time": when.isoformat()}
+    about["length_unit"] = scene.unit.name
     about |= {"sun_azimuth": float(azimuth[0]), "sun_elevation": float(altitude[0])}
     if scene.crs:
         about["crs"] = scene.crs
@@ -153,11 +155,11 @@ def _on_plane(scene: AnyScene, moment: _Moment, options: ShadowOptions) -> Shado
     if apart:
         columns = {"object": np.array([name for _, name, _ in rows], object)}
         columns["type"] = np.array([kind for _, _, kind in rows], object)
-        return _shadow_of(shapes, columns, about)._replace(casters=plan)
+        return _shadow_of(scene, shapes, columns, about)._replace(casters=plan)
     joined = union_of([part for shape in shapes for part in shape.geoms])
     if not options.footprints:
         joined = _beside(joined, casters, height)
-    return _shadow_of(list(joined.geoms), {}, about)._replace(casters=plan)
+    return _shadow_of(scene, list(joined.geoms), {}, about)._replace(casters=plan)
 
 
 def _beside(shape: Any, corners: NDArray[np.float64], height: float) -> Any:
@@ -219,7 +221,7 @@ def _on_cells(scene: AnyScene, below: AnyScene, moment: _Moment, options: Shadow
     assert sensors.raster is not None
     shapes = outlines(np.where(values >= 0.5, 0, -1).astype(np.int16), sensors.raster)
     parts = [part for _, shape in shapes for part in shape.geoms]
-    return _shadow_of(parts, {}, table.about, table)
+    return _shadow_of(scene, parts, {}, table.about, table)
 
 
 def _hours(scene: AnyScene, sensors: Sensors, place: Place, options: ShadowOptions) -> Shadow:
@@ -249,20 +251,24 @@ def _hours(scene: AnyScene, sensors: Sensors, place: Place, options: ShadowOptio
     which = np.array([k for k, _ in shapes], np.int64)
     most = max(float(table.about["hours"]), limits[-1])
     columns = {"hours_from": limits[which], "hours_to": np.append(limits[1:], most)[which]}
-    return _shadow_of([shape for _, shape in shapes], columns, table.about, table)
+    return _shadow_of(scene, [shape for _, shape in shapes], columns, table.about, table)
 
 
 def _cells(scene: AnyScene, options: ShadowOptions) -> Sensors:
-    cell, height = options.cell or _CELL, options.plane
+    cell, height = options.cell or scene.unit.of_metres(_CELL), options.plane
     if height is None:
         return raster_sensors(scene, cell, threads=options.threads)
     return raster_sensors(scene, cell, height, follow=False, threads=options.threads)
 
 
 def _shadow_of(
-    shapes: list[Any], columns: dict[str, np.ndarray], about: dict[str, Any], table: Table | None = None
+    scene: AnyScene,
+    shapes: list[Any],
+    columns: dict[str, np.ndarray],
+    about: dict[str, Any],
+    table: Table | None = None,
 ) -> Shadow:
     polygons = np.empty(len(shapes), object)
     polygons[:] = shapes
-    areas = np.array([shape.area for shape in shapes], np.float64)
+    areas = np.array([shape.area for shape in shapes], np.float64) * scene.unit.square_metres
     return Shadow(polygons, {**columns, "area": areas}, about, table)

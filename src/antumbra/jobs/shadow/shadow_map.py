@@ -34,10 +34,7 @@ class _Group(NamedTuple):
     name: str
     colour: Any  # of matplotlib
     shapes: list[Any]  # shapely geometries
-
-    @property
-    def area(self) -> float:
-        return float(sum(shape.area for shape in self.shapes))
+    area: float  # m2
 
 
 def shadow_figure(shadow: Any, title: str | None = None) -> "Figure":
@@ -49,7 +46,7 @@ def shadow_figure(shadow: Any, title: str | None = None) -> "Figure":
     if shadow.casters is not None:
         _draw_casters(axes, shadow.casters)
     draw_frame(figure, axes, _extent(shadow), shadow.about)
-    draw_caption(figure, "area [square units]")
+    draw_caption(figure, "area [m2]")
     top = TOP
     for group in groups:
         top = draw_key(figure, group.colour, f"{group.name}   {group.area:,.1f}", top)
@@ -63,14 +60,14 @@ def _groups(shadow: Any) -> list[_Group]:
     """The classes of hours, or all polygons."""
     columns = shadow.columns
     if "hours_from" not in columns:
-        return [_Group("shadow", _SHADOW, list(shadow.polygons))]
+        return [_Group("shadow", _SHADOW, list(shadow.polygons), shadow.area)]
     scale = range_scale(columns["hours_from"], columns["hours_to"], "h")
-    return [
-        _Group(
-            each.name, tuple(part / 255.0 for part in each.colour), shadow.polygons[columns["hours_from"] == each.value]
-        )
-        for each in scale.classes
-    ]
+    groups = list[_Group]()
+    for each in scale.classes:
+        rows = columns["hours_from"] == each.value
+        colour = tuple(part / 255.0 for part in each.colour)
+        groups.append(_Group(each.name, colour, list(shadow.polygons[rows]), float(columns["area"][rows].sum())))
+    return groups
 
 
 def _draw_polygons(axes: "Axes", group: _Group) -> None:

@@ -93,11 +93,11 @@ class ShadowOptions:
         None,
         RealNumber(0.0, np.inf, optional=True),
         "Side of a raster cell: exact rays from each cell's centre.",
-        note="1 for days; else no raster, but exact outlines on a plane",
+        note="1 m for days; else no raster, but exact outlines on a plane",
         metavar="SIZE",
     )
-    """Side of a raster cell, world units: polygons follow the edges of cells, whose centres are traced exactly. None: 1
-    for `days`, else no raster, but the exact outline of the shadow on a plane."""
+    """Side of a raster cell, world units: polygons follow the edges of cells, whose centres are traced exactly. None:
+    1 m for `days`, else no raster, but the exact outline of the shadow on a plane."""
     by: str = option("shadow", Choice(("shadow", "object")), "On a plane: one row per connected shadow, or per object.")
     """On a plane, "shadow": a row for each connected part of the shadow; "object": a row for each object, such as a
     building with all its parts, whose shadows may overlap."""

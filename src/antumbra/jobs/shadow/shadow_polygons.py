@@ -38,7 +38,7 @@ class Shadow(NamedTuple):
     """Shadows as polygons with attributes, in the coordinates of the scene."""
 
     polygons: np.ndarray  # (n,) object: shapely geometries, in easting and northing of the scene
-    columns: dict[str, np.ndarray]  # name -> (n,) attributes: "area" in square world units, and those of the job
+    columns: dict[str, np.ndarray]  # name -> (n,) attributes: "area" in m2, and those of the job
     about: dict[str, Any]  # metadata of the job, in JSON types, such as "time", "sun_azimuth", "sun_elevation", "crs"
     table: Table | None  # the cells, if the shadow lies on a raster
     casters: np.ndarray | None = None  # (f, 3, 2) float64: faces that cast a shadow on a plane, easting and northing
@@ -48,7 +48,7 @@ class Shadow(NamedTuple):
 
     @property
     def area(self) -> float:
-        """Square world units: the sum of the polygons' areas."""
+        """Square metres: the sum of the polygons' areas."""
         return float(self.columns["area"].sum())
 
     def frame(self) -> "geopandas.GeoDataFrame":

@@ -14,7 +14,7 @@ from ...checks import as_array, checked_instance, flag, number, whole_number
 from ...engine.paged_scene import PagedScene
 from ...engine.precompilation import Job, fixed_job, precompile, small_scene
 from ...engine.scene import AnyScene, Scene
-from ...engine.scene_loading import SceneLike, scene_of
+from ...engine.scene_loading import SceneLike
 from ...errors import InputError
 from ...extras import import_extra
 from ...files import atomic_output, checked_output
@@ -22,8 +22,10 @@ from ...kernels.elementary import atan, atan2, cos, sin
 from ...kernels.parallel import thread_count
 from ...picture.option_fields import with_keywords
 from ...progress import Progress, report_progress, with_progress
+from ...scene.map_point import map_point, on_earth
 from ...trace.rays.ray_hits import intersections
 from ..map_page import MAP_SUFFIXES, check_map, checked_title, save_page
+from ..measured_scenes import measured_scene, middle_of
 from ..sensor_files import check_sensors, sensors_of
 from ..sensors import Sensors, on_top, sensors_from, sightline_ends
 from ..sun.location import Place, place_of_crs
@@ -294,19 +296,19 @@ def skyline(
     InputError
         If an argument is invalid, the scene is in a store, or pyproj is missing for the CRS of the scene.
     """
-    options, scene = SkylineOptions(**keywords), scene_of(scene)
+    options, scene = SkylineOptions(**keywords), measured_scene(scene)
     if isinstance(scene, PagedScene):
         raise scene.refusal()
     threads, time = thread_count(options.threads), scene.clamped(options.time)
-    below = scene if surface is None else scene_of(surface)
+    below = scene if surface is None else measured_scene(surface)
     if isinstance(points, str):
         check_sensors(points, "points")
         points = sensors_of(points, below, threads)
     sensors = _raised(below, sensors_at(below, points, normals), options)
     north, place = options.north, None
     if north is None:
-        place = place_of_crs(scene.crs, scene.bounds, scene.up) if scene.crs else None
-        north = 0.0 if place is None else place.north
+        place = place_of_crs(scene.crs, scene.bounds, scene.up) if scene.crs and on_earth(scene.crs) else None
+        north = 0.0 if scene.crs is None else -map_point(scene.crs, *middle_of(scene)).convergence
     precompile(skyline_job)
     compass = compass_of(options.count, scene.up, north)
     slopes = _slopes_of(scene, sensors, compass, time, threads)

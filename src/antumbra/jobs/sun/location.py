@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...checks import number, quoted, text
+from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...extras import import_extra
-from ...scene.crs import checked_crs
+from ...scene.crs import CrsParts, checked_crs, parts_of_crs, unit_of_crs
+from ...scene.map_point import map_point, on_earth
 
 # --- Time zones from text ---------------------------------------------------------------------------------------------
 
@@ -45,10 +47,6 @@ def parse_zone(text: str) -> tzinfo:
 
 
 # --- Places -----------------------------------------------------------------------------------------------------------
-
-
-_DEGENERATE = 89.999  # degrees: closer to a pole, north is undefined
-_MARGIN = 1.0  # degrees around the area of use of a CRS
 
 
 class _PlaceFields(NamedTuple):
@@ -111,8 +109,8 @@ def place_of(
     Raises
     ------
     InputError
-        If only one of latitude and longitude is given, a number is out of range, the time zone is unknown, or
-        `place_of_crs` refuses the CRS.
+        If only one of latitude and longitude is given, a number is out of range, the time zone is unknown,
+        `place_of_crs` refuses the CRS, or `crs` has another unit than the scene.
     """
     position = position_fields(
         latitude=latitude, longitude=longitude, north=north, elevation=elevation, timezone=timezone
@@ -120,7 +118,10 @@ def place_of(
     if crs is not None:
         checked_crs(text(crs, "crs"))
     scene = scene_of(scene)
-    crs = crs or getattr(scene, "crs", None)
+    if crs is not None and not (unit := unit_of_crs(crs)).same_as(scene.unit):
+        raise InputError(f"crs {crs} is in {unit.name}, and {scene.name} in {scene.unit.name}; load it with this crs")
+    crs = crs or scene.crs
+    check_on_earth(crs)
     if latitude is not None:
         return Place(**position)
     return None if crs is None else checked_place(place_of_crs(crs, scene.bounds, scene.up)._replace(**position))
@@ -158,14 +159,13 @@ def place_of_crs(crs: str, bounds: NDArray[np.floating], up: str = "z", timezone
     """The place of a scene in the coordinates of a projected coordinate reference system (CRS).
 
     Coordinates are easting and northing along the scene's own east and north axes, regardless of the CRS's axis order.
-    Feet are allowed if heights are also in feet, since directions do not depend on the unit.
 
     Parameters
     ----------
     crs : str
         Anything that pyproj accepts, such as "EPSG:7415". Of a compound CRS, the projected part is used.
     bounds : (2, 3) float, world
-        The position is that of the centre, the elevation that of the lower end.
+        In the unit of the CRS. The position is that of the centre, the elevation that of the lower end.
     up : "y" or "z"
     timezone : str, optional
         Time zone of the place.
@@ -173,39 +173,52 @@ def place_of_crs(crs: str, bounds: NDArray[np.floating], up: str = "z", timezone
     Raises
     ------
     InputError
-        If pyproj is missing, the CRS is unknown or not projected, its axes do not point east and north, its heights
-        and horizontal coordinates differ in unit, or the scene lies outside its area of use.
+        If pyproj is missing, the CRS is unknown, not projected or not of the earth, its axes do not point east and
+        north, or the scene lies outside its area of use.
 
     Notes
     -----
     Grid north lies clockwise from true north by the meridian convergence, which pyproj computes at the position.
     """
     pyproj = import_extra("pyproj", "the position of a CRS", "sun")
-    projected, metres = _projected(pyproj, crs)
-    x, y, height = _middle(bounds, up)
-    project = pyproj.Proj(projected)
-    geodetic = project(x, y, inverse=True)  # in the CRS's own datum
-    to_wgs84 = pyproj.Transformer.from_crs(projected.geodetic_crs, "EPSG:4326", always_xy=True)
-    longitude, latitude = to_wgs84.transform(*geodetic)
-    _check_area(projected, crs, (x, y), (longitude, latitude))
-    convergence = project.get_factors(*geodetic).meridian_convergence
-    return checked_place(Place(latitude, longitude, height * metres, -convergence, timezone))
+    parts = _projected(crs)
+    east, north, height = _middle(bounds, up)
+    point = map_point(crs, east, north)
+    if not point.inside:
+        place = "" if parts.plan.area_of_use is None else f" ({parts.plan.area_of_use.name[:60]})"
+        raise InputError(
+            f"crs {crs}: the middle of the scene, {east:.6g}, {north:.6g}, is outside its area{place}; "
+            "if coordinates were shifted, give latitude, longitude and north instead"
+        )
+    to_wgs84 = pyproj.Transformer.from_crs(parts.plan.geodetic_crs, "EPSG:4326", always_xy=True)
+    longitude, latitude = to_wgs84.transform(point.longitude, point.latitude)
+    elevation = height * (parts.height_unit or unit_of_crs(crs)).metres
+    return checked_place(Place(latitude, longitude, elevation, -point.convergence, timezone))
 
 
-def _projected(pyproj: Any, text: str) -> tuple[Any, float]:
-    """(the projected CRS, metres per unit of height)."""
-    crs = pyproj.CRS.from_user_input(checked_crs(text))
-    parts = crs.sub_crs_list if crs.is_compound else [crs]
-    plan = parts[0].source_crs if parts[0].is_bound else parts[0]
+def place_in(scene: AnyScene, place: Place | None) -> Place | None:
+    """The place of a study: that given, or that of the scene's CRS. InputError if the scene is not on the earth."""
+    check_on_earth(scene.crs)
+    return place_of(scene) if place is None else place
+
+
+def check_on_earth(crs: str | None) -> None:
+    """Raise an InputError if a CRS is that of another body."""
+    if crs is not None and not on_earth(crs):
+        body = parts_of_crs(crs).plan.ellipsoid.name
+        raise InputError(f"crs {crs[:60]} is not on the earth ({body}); positions of the sun are known only there")
+
+
+def _projected(text: str) -> CrsParts:
+    """The parts of a projected CRS of the earth, with axes to the east and the north."""
+    parts = parts_of_crs(checked_crs(text))
+    check_on_earth(text)
     cure = "reproject the scene to a projected CRS, such as the UTM zone of the place"
-    if not plan.is_projected:
-        raise InputError(f"crs {text} has no plan in metres (it is a {plan.type_name}); {cure}")
-    if [axis.direction for axis in plan.axis_info[:2]] not in (["east", "north"], ["north", "east"]):
+    if not parts.plan.is_projected:
+        raise InputError(f"crs {text} has no plan in metres (it is a {parts.plan.type_name}); {cure}")
+    if [axis.direction for axis in parts.plan.axis_info[:2]] not in (["east", "north"], ["north", "east"]):
         raise InputError(f"crs {text} has axes that do not point east and north; {cure}")
-    units = {axis.unit_conversion_factor for part in [plan, *parts[1:]] for axis in part.axis_info}
-    if max(units) - min(units) > 1e-4 * max(units):  # the survey foot and the international foot count as equal
-        raise InputError(f"crs {text} has other units for heights than for the plan; {cure}")
-    return plan, max(units)
+    return parts
 
 
 def _middle(bounds: NDArray[np.floating], up: str) -> tuple[float, float, float]:
@@ -214,20 +227,3 @@ def _middle(bounds: NDArray[np.floating], up: str) -> tuple[float, float, float]
     if up == "z":
         return (x0 + x1) / 2.0, (y0 + y1) / 2.0, z0
     return (x0 + x1) / 2.0, -(z0 + z1) / 2.0, y0
-
-
-def _check_area(projected: Any, text: str, middle: tuple[float, float], position: tuple[float, float]) -> None:
-    """Raise an InputError if a position (longitude, latitude) is outside the CRS's area of use."""
-    longitude, latitude = position
-    area = projected.area_of_use
-    inside = abs(latitude) <= _DEGENERATE
-    if inside and area is not None:
-        inside = area.south - _MARGIN <= latitude <= area.north + _MARGIN
-        span = (area.east - area.west) % 360.0 or 360.0  # an area may cross the antimeridian
-        inside &= (longitude - area.west + _MARGIN) % 360.0 <= span + 2.0 * _MARGIN
-    if not inside:
-        place = "" if area is None else f" ({area.name[:60]})"
-        raise InputError(
-            f"crs {text}: the middle of the scene, {middle[0]:.6g}, {middle[1]:.6g}, is outside its area{place}; "
-            "if coordinates were shifted, give latitude, longitude and north instead"
-        )

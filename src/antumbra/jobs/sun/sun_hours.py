@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import whole_number
 from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
 from ...engine.scene import AnyScene
-from ...engine.scene_loading import SceneLike, scene_of
+from ...engine.scene_loading import SceneLike
 from ...errors import InputError
 from ...files import atomic_output, check_disk_space, checked_output
 from ...kernels.elementary import cos, sin
@@ -21,13 +21,14 @@ from ...progress import Progress, with_progress
 from ...scene.materials import MONTHS
 from ..bit_matrices import row_file_size
 from ..executors import Keep, checked_keep, executor_of
-from ..ground_areas import SPACING, AreaLike
+from ..ground_areas import AreaLike, default_cells
+from ..measured_scenes import measured_scene
 from ..result_table import Column, Table
 from ..sensor_files import sensors_of
 from ..sensors import Sensors, sensors_from
 from ..surface_columns import Facing, chosen_sensors, per_group, surface_columns
 from .daylight_rules import Rule, meets_rule, rule_named, weights_of
-from .location import Place, place_of
+from .location import Place, place_in
 from .solar_radiation import TYPICAL_YEAR, Weather, clear_sky, on_days, read_epw
 from .sun_options import MOST_DIRECTIONS, SunKeywords, SunOptions
 from .sun_positions import Suns, checked_step, months_of, suns_of, times_of, zone_of
@@ -93,7 +94,7 @@ def sky_view(
         If a text is malformed or a number is out of range.
     """
     count = whole_number(directions, "directions", 1, MOST_DIRECTIONS)
-    scene, threads = scene_of(scene), thread_count(threads)
+    scene, threads = measured_scene(scene), thread_count(threads)
     parse_plan(DEFAULT_PLAN if plan is None else plan)
     checked = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
     sensors = sensors_from(scene, checked, None, "sensors")
@@ -201,12 +202,12 @@ def sun_hours(
         If the place or the days are unknown, a text is malformed, a package is missing (``antumbra[sun]``), or no sun
         is above the horizon.
     """
-    options, keep, scene = SunOptions(days=days, **keywords), checked_keep(keep), scene_of(scene)
+    options, keep, scene = SunOptions(days=days, **keywords), checked_keep(keep), measured_scene(scene)
     plan, threads, samples = options.plan, thread_count(options.threads), options.samples
     in_areas = areas is not None or (isinstance(sensors, Sensors) and sensors.zone is not None)
     study = study_of(options, scene, in_areas)
     if sensors is None:
-        sensors = "face" if areas is None else f"raster:{SPACING:g}"
+        sensors = "face" if areas is None else default_cells(scene)
     if isinstance(sensors, str):
         sensors = sensors_of(sensors, scene, threads, areas)
     elif areas is not None:
@@ -265,7 +266,7 @@ def study_of(options: SunOptions, scene: AnyScene, areas: bool) -> Study:
     days = options.dates
     options.check_rule(areas)
     step = options.step or (60.0 if rule is None else checked_step(rule.step))
-    place = options.place or place_of(scene)
+    place = place_in(scene, options.place)
     weather, diffuse = None, None
     if options.epw is not None:
         weather, place = read_epw(options.epw, place)

@@ -34,7 +34,7 @@ class ViewFactors:
     types : list of str
         Their types, such as "RoofSurface"; "": unknown.
     areas : (n,) float64
-        Square world units.
+        Square metres.
     matrix : (n, n + 3) scipy.sparse.csr_array of float64
         Element (i, j) is F_ij, the share of the diffuse radiation leaving surface i that arrives at surface j. The last
         three columns are the shares that arrive at the sky, at the ground below an open scene, and elsewhere: on the

@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 from ...checks import choice, whole_number
 from ...engine.paged_scene import PagedScene
 from ...engine.scene import AnyScene
-from ...engine.scene_loading import SceneLike, scene_of
+from ...engine.scene_loading import SceneLike
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...progress import Progress, report_progress, with_progress
+from ..measured_scenes import measured_scene
 from ..surface_groups import Grouping, SurfaceGroups, surface_groups
 from .hemisphere_rays import REPLICATES, HemisphereRays
 from .view_factor_matrix import OUTSIDE, ViewFactors
@@ -73,7 +74,7 @@ def view_factors(
     A surface sees itself if it is not convex: its own factor F_ii is then positive. Alpha masks and panes block rays as
     in `Scene.closest_hit`.
     """
-    scene, threads = scene_of(scene), thread_count(threads)
+    scene, threads = measured_scene(scene), thread_count(threads)
     samples = 1 << (whole_number(samples, "samples", 64, MOST_SAMPLES) - 1).bit_length()
     choice(side, "side", SIDES)
     seed = whole_number(seed, "seed", 0, (1 << 63) - 1)
@@ -89,7 +90,7 @@ def view_factors(
             report(min(first + step, n), n)
     about = {"job": "view factors", "scene": scene.name, "samples": samples, "side": side, "seed": seed, "time": time}
     about |= {"surfaces": surfaces if isinstance(surfaces, str) else "numbers"}
-    return _result(sampling, counts, about)
+    return _result(sampling, counts, about, scene.unit.square_metres)
 
 
 class _Sampling(NamedTuple):
@@ -145,7 +146,8 @@ def _counts(scene: AnyScene, sampling: _Sampling, first: int, last: int, time: f
     return _Counts(first + pairs // width, pairs % width, total, np.sqrt(REPLICATES * variance))
 
 
-def _result(sampling: _Sampling, counts: list[_Counts], about: dict[str, object]) -> ViewFactors:
+def _result(sampling: _Sampling, counts: list[_Counts], about: dict[str, object], square: float) -> ViewFactors:
+    """The view factors; `square`: square metres per square unit."""
     from scipy.sparse import csr_array
 
     groups, samples = sampling.groups, sampling.samples
@@ -154,4 +156,4 @@ def _result(sampling: _Sampling, counts: list[_Counts], about: dict[str, object]
     starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))])
     shape = n, n + len(OUTSIDE)
     matrix, deviations = (csr_array((each / samples, columns, starts), shape=shape) for each in (rays, errors))
-    return ViewFactors(groups.names, groups.types, sampling.rays.areas, matrix, deviations, about)
+    return ViewFactors(groups.names, groups.types, sampling.rays.areas * square, matrix, deviations, about)
