@@ -50,18 +50,19 @@ class TreeListPointers(NamedTuple):
 
 
 class Hits(NamedTuple):
-    """The nearest hits of a picture's rays so far, (h, w) each. `part` and `slot` are empty if not needed."""
+    """The nearest hits of a picture's rays so far, (h, w) each. All but `face` and `t` are empty if not needed."""
 
     face: np.ndarray  # int32: index of the triangle, -1 on a miss
     t: np.ndarray  # float64: in lengths of the direction; inf on a miss
     part: np.ndarray  # int32: number of the tree in the tree list, -1 on a miss
     slot: np.ndarray  # int32: slot in that tree
+    signed_t: np.ndarray  # float64: from `filters.signed_t`; inf on a miss
 
 
 def no_hits(shape: tuple[int, int]) -> Hits:
     """`Hits` of rays that all miss so far."""
     face, part, slot = (np.full(shape, -1, np.int32) for _ in range(3))
-    return Hits(face, np.full(shape, np.inf), part, slot)
+    return Hits(face, np.full(shape, np.inf), part, slot, np.full(shape, np.inf))
 
 
 @inlined

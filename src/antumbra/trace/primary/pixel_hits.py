@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...kernels.exact.filters import hit_t, is_nearer, meets
+from ...kernels.exact.filters import comes_first, hit_t, meets, precedes, signed_t
 from ...kernels.jit import F64Ptr, I32Ptr, inlined, kernel
 from ...kernels.simd import (
     as_f32,
@@ -136,24 +136,19 @@ def _plane_of(tree_list, known, part, slot, o):
 
 
 @inlined
-def _best_of(pixels, at, tree_list, other, part, ray, o, pixel, face, t):
-    """((last plane, its part), t, face) of the hit of pixel `at`."""
+def _place_of_best(pixels, at, part):
+    """(tree, slot) of the hit of pixel `at` so far, during tree `part`; tree -1: a hit of an earlier call."""
     slot = get(pixels.slot, at)
-    if slot == KNOWN:
-        part, slot = get(pixels.part, at), get(pixels.known_slot, at)
-        if part < 0:
-            return other, get(t, pixel), get(face, pixel)
-    tree, other = tree_in(tree_list, part), _plane_of(tree_list, other, part, slot, o)
-    return other, plane_t(other[0], ray, tree.corners), get(tree.prim_ids, slot)
+    return (get(pixels.part, at), get(pixels.known_slot, at)) if slot == KNOWN else (part, slot)
 
 
 @kernel
-def settle(pixels, tree_list, part, rays, x0, y0, scale, face, t):
+def settle(pixels, tree_list, part, rays, x0, y0, scale, face, signed):
     """Settle the deferred pixels of tree `part` by the contract's predicates.
 
-    face, t : pointers to the picture, which holds the hits of earlier calls
+    face, signed : pointers to the picture's faces and signed t, which are those of earlier calls
     """
-    # In: tree_list, part, rays, x0, y0, scale, face, t. In and out: pixels.
+    # In: tree_list, part, rays, x0, y0, scale, face, signed. In and out: pixels.
     o, touched, tree = rays.origin, 0, tree_in(tree_list, part)
     mine, other = (NO_PLANE, -1), (NO_PLANE, -1)
     for k in range(get(pixels.deferred, 0)):
@@ -167,10 +162,15 @@ def settle(pixels, tree_list, part, rays, x0, y0, scale, face, t):
         mine = _plane_of(tree_list, mine, part, slot, o)
         new_t = plane_t(mine[0], ray, tree.corners)
         if get(pixels.slot, at) != NOTHING:
-            pixel = y * rays.width + x
-            other, best_t, best = _best_of(pixels, at, tree_list, other, part, ray, o, pixel, face, t)
-            if is_nearer(best_t, best, new_t, get(tree.prim_ids, slot)):
-                continue
+            (of, best), prim, pixel = _place_of_best(pixels, at, part), get(tree.prim_ids, slot), y * rays.width + x
+            if of < 0:
+                if not precedes(signed_t(ray, tree.corners, slot), prim, get(signed, pixel), get(face, pixel)):
+                    continue
+            else:
+                there, other = tree_in(tree_list, of), _plane_of(tree_list, other, of, best, o)
+                best_t, best_prim = plane_t(other[0], ray, there.corners), get(there.prim_ids, best)
+                if not comes_first(ray, tree.corners, slot, prim, new_t, there.corners, best, best_prim, best_t):
+                    continue
         _set_hit(pixels, at, slot, new_t, scale)
         touched |= 1 << (at >> 4)
     put(pixels.deferred, 0, 0)
@@ -297,16 +297,17 @@ def _write_cell(scratch, cell, known, face, t, at, width, columns, rows):
 
 
 @inlined
-def _write_place(pixels, cell, part, slot, at, width, columns, rows):
-    """Write the part and slot of each pixel's visible triangle in a cell."""
-    # In: pixels, cell, at, width, columns, rows. Out: part, slot.
-    for k in range(0, 4 * rows, 4):
+def _write_place(pixels, tree_list, cell, rays, x, y, columns, rows, hits):
+    """Write the part, slot and signed t of each pixel's visible triangle in the cell at pixel (x, y)."""
+    # In: pixels, tree_list, cell, rays, x, y, columns, rows. Out: hits.
+    for k in range(rows):
         for i in range(columns):
-            mine = get(pixels.part, 16 * cell + k + i)
-            if mine >= 0:
-                put(part, at + i, mine)
-                put(slot, at + i, get(pixels.known_slot, 16 * cell + k + i))
-        at += width
+            part, slot = get(pixels.part, 16 * cell + 4 * k + i), get(pixels.known_slot, 16 * cell + 4 * k + i)
+            if part >= 0:
+                at, corners = (y + k) * rays.width + x + i, tree_in(tree_list, part).corners
+                put(ptr(hits.part), at, part)
+                put(ptr(hits.slot), at, slot)
+                put(ptr(hits.signed_t), at, signed_t(pixel_ray(rays, x + i, y + k), corners, slot))
 
 
 @kernel
@@ -316,7 +317,7 @@ def resolve(pixels, tree_list, rays, x0, y0, scratch, hits):
     scratch : ResolveScratch
     hits : Hits of the picture
     """
-    camera, face, t, part, slot = _by_value(rays), ptr(hits.face), ptr(hits.t), ptr(hits.part), ptr(hits.slot)
+    camera, face, t = _by_value(rays), ptr(hits.face), ptr(hits.t)
     _find_planes(pixels, tree_list, camera.origin, scratch)
     for cell in range(CELLS):
         across, down = first_pixel(cell)
@@ -330,4 +331,4 @@ def resolve(pixels, tree_list, rays, x0, y0, scratch, hits):
             at = y * camera.width + x
             _write_cell(scratch, cell, known, face, t, at, camera.width, columns, rows)
             if len(hits.part) > 0:
-                _write_place(pixels, cell, part, slot, at, camera.width, columns, rows)
+                _write_place(pixels, tree_list, cell, camera, x, y, columns, rows, hits)

@@ -138,7 +138,7 @@ def _walk(tree_list, k, alive, picture, tile, scratch, counters):
         if last.mask != 0:
             changed = trace_block(tile.frame, tree, last.link, last.mask, pixels, scratch.work, counters)
             if get(pixels.deferred, 0) != 0:
-                settle(pixels, tree_list, k, picture.rays, tile.x0, tile.y0, scale, ptr(hits.face), ptr(hits.t))
+                settle(pixels, tree_list, k, picture.rays, tile.x0, tile.y0, scale, ptr(hits.face), ptr(hits.signed_t))
                 changed = True
             if changed:
                 shorten(pixels, _F(scale))
@@ -242,7 +242,8 @@ def trace_primary(
     Returns
     -------
     face : (H, W) int32
-        -1 on a miss. Among triangles at the same t, the lowest index wins.
+        -1 on a miss. Among triangles at the same real t, rounded to float64, one whose front faces the eye wins, then
+        the lowest index.
     t : (H, W) float64
         In lengths of the pixel's direction; inf on a miss.
 
@@ -254,7 +255,7 @@ def trace_primary(
     if not isinstance(tree, BlockTree):
         tree = block_tree(tree, threads)
     shape, empty = (rays.height, rays.width), np.empty((0, 0), np.int32)
-    hits = Hits(np.empty(shape, np.int32), np.empty(shape), empty, empty)
+    hits = Hits(np.empty(shape, np.int32), np.empty(shape), empty, empty, np.empty((0, 0)))
     trace_hits(
         single_tree(tree), primary_picture(rays, boxes_of(tree.nodes[:1])[0], hits), thread_count(threads), counters
     )

@@ -13,6 +13,7 @@ from ...kernels.exact.filters import (
     UNKNOWN,
     are_differences,
     clamp_weight,
+    is_front,
     quick_t,
     quick_weights,
     rounded_t,
@@ -31,8 +32,8 @@ from ...kernels.transposition import transposed8
 from .wide_traversal import BLOCK_WORDS, DX, LANES, OX, block_of, hits_of, ray_of, slot_of
 
 CORNER_WORDS = 9 * LANES
-REPORT_WORDS = 3 * LANES
-_T, _U, _V = 0, LANES, 2 * LANES
+REPORT_WORDS = 4 * LANES
+_T, _U, _V, _D = 0, LANES, 2 * LANES, 3 * LANES
 
 
 class Report(NamedTuple):
@@ -40,7 +41,7 @@ class Report(NamedTuple):
 
     corners: F32Ptr  # float32 *, CORNER_WORDS: rows of 16, corners of the triangle that each ray hits
     rows: F32Ptr  # float32 *, BLOCK_WORDS: origins and directions, in rows of a block
-    numbers: F64Ptr  # float64 *, REPORT_WORDS: rows of 16: t, u, v; t or u may be UNKNOWN
+    numbers: F64Ptr  # float64 *, REPORT_WORDS: rows of 16: t, u, v, d . n; t or u may be UNKNOWN
     rays: I32Ptr  # int32 *: the ray of each hit, and room for LANES more
     slots: I64Ptr  # int64 *: the slot of its triangle, likewise
 
@@ -64,10 +65,11 @@ def _fill_report(rows, report):
         o, d = _vector(rows, OX + i), _vector(rows, DX + i)
         v0, v1, v2 = _vector(corners, i), _vector(corners, 3 * LANES + i), _vector(corners, 6 * LANES + i)
         a, p, q = _minus(v0, o), _minus(v1, v0), _minus(v2, v0)
-        t, (u, v) = quick_t(d, a, p, q), quick_weights(d, a, p, q)
+        (t, det), (u, v) = quick_t(d, a, p, q), quick_weights(d, a, p, q)
         put(out, _T + i, t if are_differences(o, v0, v1, v2, a, p, q) else UNKNOWN)
         put(out, _U + i, u)
         put(out, _V + i, v)
+        put(out, _D + i, det)
 
 
 @inlined
@@ -85,6 +87,15 @@ def write_hit(tree, rays, k, report, out, at):
     if u == UNKNOWN:
         ray = ray_of(block_of(rays, i // LANES), i % LANES)
         out.u[at], out.v[at] = single_weights(ray, tree.corners, slot)
+
+
+@inlined
+def is_front_hit(tree, rays, k, report):
+    """`is_front` of hit k, whose numbers are in column k mod 16 of the report."""
+    i, column = np.int64(get(report.rays, k)), k % LANES
+    if rays.segments or get(report.numbers, _T + column) == UNKNOWN:
+        return is_front(ray_of(block_of(rays, i // LANES), i % LANES), tree.corners, get(report.slots, k))
+    return get(report.numbers, _D + column) < 0.0
 
 
 @inlined
