@@ -112,7 +112,7 @@ def _load(picture, rays, corner, cell):
     for lane in range(16):
         if live >> lane & 1 != 0:
             y, x, _ = receiver_in(picture, corner, lane)
-            put(cell.t, lane, rays.hits.signed_t[y, x])
+            put(cell.t, lane, rays.hits.signed_t[y, x] if rays.hits.face[y, x] >= 0 else np.inf)
             put(cell.face, lane, rays.hits.face[y, x])
             put(cell.skip, lane, rays.skip[y, x])
             put(cell.part, lane, -1)

@@ -36,7 +36,7 @@ from ...query.gbuffer import pixel_ray
 from ...query.raster_setup import NO_PLANE, EyePlane, eye_plane, plane_t, quick_t
 from ...scene.camera import CameraRays
 from ..descent import GROW
-from ..tree_list import tree_in
+from ..tree_list import is_in_memory, tree_in
 from .pixel_tests import CELLS, PIXELS, first_pixel
 
 # --- State of the pixels ----------------------------------------------------------------------------------------------
@@ -136,41 +136,46 @@ def _plane_of(tree_list, known, part, slot, o):
 
 
 @inlined
-def _place_of_best(pixels, at, part):
-    """(tree, slot) of the hit of pixel `at` so far, during tree `part`; tree -1: a hit of an earlier call."""
+def _place_of_best(pixels, at, part, known, pixel):
+    """(tree, slot) of the hit of pixel `at` so far, during tree `part`; known: pointers to those of earlier calls."""
     slot = get(pixels.slot, at)
-    return (get(pixels.part, at), get(pixels.known_slot, at)) if slot == KNOWN else (part, slot)
+    if slot != KNOWN:
+        return part, slot
+    if get(pixels.part, at) >= 0:
+        return get(pixels.part, at), get(pixels.known_slot, at)
+    return get(known[0], pixel), get(known[1], pixel)
 
 
 @kernel
-def settle(pixels, tree_list, part, rays, x0, y0, scale, face, signed):
+def settle(pixels, tree_list, part, rays, x0, y0, scale, hits):
     """Settle the deferred pixels of tree `part` by the contract's predicates.
 
-    face, signed : pointers to the picture's faces and signed t, which are those of earlier calls
+    hits : `Hits` of the picture, which holds those of earlier calls
     """
-    # In: tree_list, part, rays, x0, y0, scale, face, signed. In and out: pixels.
+    # In: tree_list, part, rays, x0, y0, scale, hits. In and out: pixels.
     o, touched, tree = rays.origin, 0, tree_in(tree_list, part)
+    known, face, signed = (ptr(hits.part), ptr(hits.slot)), ptr(hits.face), ptr(hits.signed_t)
     mine, other = (NO_PLANE, -1), (NO_PLANE, -1)
     for k in range(get(pixels.deferred, 0)):
         slot, entry = get(pixels.deferred, 2 + 2 * k), get(pixels.deferred, 3 + 2 * k)
         at = entry >> 1
         (across, down), lane = first_pixel(at >> 4), at & 15
         x, y = x0 + across + (lane & 3), y0 + down + (lane >> 2)
-        ray = pixel_ray(rays, x, y)
+        ray, prim = pixel_ray(rays, x, y), get(tree.prim_ids, slot)
         if entry & 1 == 0 and meets(ray, tree.corners, slot) == 0:
             continue
         mine = _plane_of(tree_list, mine, part, slot, o)
         new_t = plane_t(mine[0], ray, tree.corners)
         if get(pixels.slot, at) != NOTHING:
-            (of, best), prim, pixel = _place_of_best(pixels, at, part), get(tree.prim_ids, slot), y * rays.width + x
-            if of < 0:
-                if not precedes(signed_t(ray, tree.corners, slot), prim, get(signed, pixel), get(face, pixel)):
-                    continue
-            else:
+            pixel = y * rays.width + x
+            of, best = _place_of_best(pixels, at, part, known, pixel)
+            if is_in_memory(tree_list, of):
                 there, other = tree_in(tree_list, of), _plane_of(tree_list, other, of, best, o)
                 best_t, best_prim = plane_t(other[0], ray, there.corners), get(there.prim_ids, best)
                 if not comes_first(ray, tree.corners, slot, prim, new_t, there.corners, best, best_prim, best_t):
                     continue
+            elif not precedes(signed_t(ray, tree.corners, slot), prim, get(signed, pixel), get(face, pixel)):
+                continue
         _set_hit(pixels, at, slot, new_t, scale)
         touched |= 1 << (at >> 4)
     put(pixels.deferred, 0, 0)
@@ -297,17 +302,16 @@ def _write_cell(scratch, cell, known, face, t, at, width, columns, rows):
 
 
 @inlined
-def _write_place(pixels, tree_list, cell, rays, x, y, columns, rows, hits):
-    """Write the part, slot and signed t of each pixel's visible triangle in the cell at pixel (x, y)."""
-    # In: pixels, tree_list, cell, rays, x, y, columns, rows. Out: hits.
-    for k in range(rows):
+def _write_place(pixels, cell, part, slot, at, width, columns, rows):
+    """Write the part and slot of each pixel's visible triangle in a cell."""
+    # In: pixels, cell, at, width, columns, rows. Out: part, slot.
+    for k in range(0, 4 * rows, 4):
         for i in range(columns):
-            part, slot = get(pixels.part, 16 * cell + 4 * k + i), get(pixels.known_slot, 16 * cell + 4 * k + i)
-            if part >= 0:
-                at, corners = (y + k) * rays.width + x + i, tree_in(tree_list, part).corners
-                put(ptr(hits.part), at, part)
-                put(ptr(hits.slot), at, slot)
-                put(ptr(hits.signed_t), at, signed_t(pixel_ray(rays, x + i, y + k), corners, slot))
+            mine = get(pixels.part, 16 * cell + k + i)
+            if mine >= 0:
+                put(part, at + i, mine)
+                put(slot, at + i, get(pixels.known_slot, 16 * cell + k + i))
+        at += width
 
 
 @kernel
@@ -317,7 +321,7 @@ def resolve(pixels, tree_list, rays, x0, y0, scratch, hits):
     scratch : ResolveScratch
     hits : Hits of the picture
     """
-    camera, face, t = _by_value(rays), ptr(hits.face), ptr(hits.t)
+    camera, face, t, part, slot = _by_value(rays), ptr(hits.face), ptr(hits.t), ptr(hits.part), ptr(hits.slot)
     _find_planes(pixels, tree_list, camera.origin, scratch)
     for cell in range(CELLS):
         across, down = first_pixel(cell)
@@ -331,4 +335,4 @@ def resolve(pixels, tree_list, rays, x0, y0, scratch, hits):
             at = y * camera.width + x
             _write_cell(scratch, cell, known, face, t, at, camera.width, columns, rows)
             if len(hits.part) > 0:
-                _write_place(pixels, tree_list, cell, camera, x, y, columns, rows, hits)
+                _write_place(pixels, cell, part, slot, at, camera.width, columns, rows)

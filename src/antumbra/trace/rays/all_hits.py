@@ -44,7 +44,7 @@ from ...kernels.simd import (
 )
 from ...query.ray_list import HitArrays, RayArguments, hit_arrays
 from ...scene.triangles import AllHits
-from .hit_reports import CORNER_WORDS, REPORT_WORDS, Report, compute_numbers, is_front_hit, pad, write_hit
+from .hit_reports import CORNER_WORDS, REPORT_WORDS, Report, compute_numbers, pad, write_hit
 from .interleaved_rays import keep_hits, leaf_of, walk_interleaved
 from .ray_batches import RayTracer, read_batch
 from .ray_traversal import settle
@@ -230,10 +230,7 @@ def _write_hits(tree, batch, sink, report, out, place):
         compute_numbers(tree, batch, report, begin, total, -1)
         for k in range(begin, min(begin + LANES, total)):
             i = np.int64(get(sink.rays, k))
-            at = place + get(ends, i)
-            write_hit(tree, batch, k, report, out, at)
-            if not is_front_hit(tree, batch, k, report):
-                out.t[at] = -out.t[at]
+            write_hit(tree, batch, k, report, True, out, place + get(ends, i))
             put(ends, i, get(ends, i) + 1)
     for i in range(_RAYS):
         n = np.int64(get(sink.counts, i))

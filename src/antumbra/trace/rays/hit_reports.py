@@ -73,29 +73,25 @@ def _fill_report(rows, report):
 
 
 @inlined
-def write_hit(tree, rays, k, report, out, at):
-    """Write hit k, whose numbers are in column k mod 16 of the report, to element `at` of the arrays."""
+def write_hit(tree, rays, k, report, signed, out, at):
+    """Write hit k, whose numbers are in column k mod 16 of the report, to element `at` of the arrays.
+
+    signed : whether its t is written as from `filters.signed_t`
+    """
     i, slot, column = np.int64(get(report.rays, k)), get(report.slots, k), k % LANES
     numbers = report.numbers
     t, u, v = get(numbers, _T + column), get(numbers, _U + column), get(numbers, _V + column)
     if rays.segments:  # their directions are not float32
         t, u = UNKNOWN, UNKNOWN
-    out.face[at], out.t[at] = get(tree.prim_ids, slot), t
+    out.face[at], out.t[at] = get(tree.prim_ids, slot), -t if signed and get(numbers, _D + column) > 0.0 else t
     out.u[at], out.v[at] = clamp_weight(u), clamp_weight(v)
     if t == UNKNOWN:
-        out.t[at] = rounded_t(ray_of(block_of(rays, i // LANES), i % LANES), tree.corners, slot)
+        ray = ray_of(block_of(rays, i // LANES), i % LANES)
+        t = rounded_t(ray, tree.corners, slot)
+        out.t[at] = -t if signed and not is_front(ray, tree.corners, slot) else t
     if u == UNKNOWN:
         ray = ray_of(block_of(rays, i // LANES), i % LANES)
         out.u[at], out.v[at] = single_weights(ray, tree.corners, slot)
-
-
-@inlined
-def is_front_hit(tree, rays, k, report):
-    """`is_front` of hit k, whose numbers are in column k mod 16 of the report."""
-    i, column = np.int64(get(report.rays, k)), k % LANES
-    if rays.segments or get(report.numbers, _T + column) == UNKNOWN:
-        return is_front(ray_of(block_of(rays, i // LANES), i % LANES), tree.corners, get(report.slots, k))
-    return get(report.numbers, _D + column) < 0.0
 
 
 @inlined
@@ -172,4 +168,4 @@ def write_nearest(tree, rays, hits, n, report, out, first):
     for begin in range(0, n_hits, LANES):
         compute_numbers(tree, rays, report, begin, n_hits, n)
         for k in range(begin, min(begin + LANES, n_hits)):
-            write_hit(tree, rays, k, report, out, first + np.int64(get(report.rays, k)))
+            write_hit(tree, rays, k, report, False, out, first + np.int64(get(report.rays, k)))
