@@ -101,9 +101,9 @@ class RaycastingScene:
         return counts.astype(np.int32)
 
     def list_intersections(self, rays: ArrayLike, nthreads: int = 0) -> dict[str, NDArray[Any]]:
-        """All hits of each ray, nearest first. Several triangles of a geometry that are hit at one point are one hit, on the
-        one that `cast_rays` would report.
+        """All hits of each ray, nearest first. Several triangles of a geometry that are hit at one point are one hit.
 
+        It is on the triangle that `cast_rays` would report, if the scene had no other geometry.
         The result has ray_splits (n + 1,) uint32: ray i, in C order, has hits ray_splits[i] to ray_splits[i + 1],
         exclusive. For each of h hits, it has ray_ids, geometry_ids and primitive_ids (h,) uint32, t_hit (h,) float32,
         and primitive_uvs (h, 2) float32, as from `cast_rays`.
