@@ -103,7 +103,7 @@ class RaycastingScene:
     def list_intersections(self, rays: ArrayLike, nthreads: int = 0) -> dict[str, NDArray[Any]]:
         """All hits of each ray, nearest first. Several triangles of a geometry that are hit at one point are one hit.
 
-        It is on the triangle that `cast_rays` would report, if the scene had no other geometry.
+        The first hit of a ray is that of `cast_rays`.
         The result has ray_splits (n + 1,) uint32: ray i, in C order, has hits ray_splits[i] to ray_splits[i + 1],
         exclusive. For each of h hits, it has ray_ids, geometry_ids and primitive_ids (h,) uint32, t_hit (h,) float32,
         and primitive_uvs (h, 2) float32, as from `cast_rays`.
@@ -115,7 +115,8 @@ class RaycastingScene:
         apart[1:] = (ray[1:] != ray[:-1]) | (hits.t[1:] != hits.t[:-1])
         new = np.arange(len(ray))
         if not apart.all():
-            _, new = np.unique(np.cumsum(apart) * (np.int64(geometry.max()) + 1) + geometry, return_index=True)
+            keys = np.cumsum(apart) * (np.int64(geometry.max()) + 1) + geometry
+            new = np.sort(np.unique(keys, return_index=True)[1])
         return {
             "ray_splits": np.append(0, np.cumsum(np.bincount(ray[new], minlength=len(flat)))).astype(np.uint32),
             "ray_ids": ray[new].astype(np.uint32),
