@@ -619,9 +619,31 @@ def precedes(t, prim, other_t, other_prim):
     return prim < other_prim if t == other_t else t > other_t
 
 
+@inlined
+def _is_same_point(a, i, b, j):
+    return get(a, i) == get(b, j) and get(a, i + 1) == get(b, j + 1) and get(a, i + 2) == get(b, j + 2)
+
+
+@inlined
+def _common_sense(a, i, b, j):
+    """1 or -1 if triangles i and j have the same corners, in the same or the opposite sense of rotation; else 0."""
+    first = 9 * i
+    for k in range(3):
+        if _is_same_point(a, first, b, 9 * j + 3 * k):
+            after, before = 9 * j + 3 * ((k + 1) % 3), 9 * j + 3 * ((k + 2) % 3)
+            if _is_same_point(a, first + 3, b, after) and _is_same_point(a, first + 6, b, before):
+                return 1
+            if _is_same_point(a, first + 3, b, before) and _is_same_point(a, first + 6, b, after):
+                return -1
+    return 0
+
+
 @kernel
 def _comes_first(ray, corners, slot, prim, best_corners, best_slot, best_prim):
     """`comes_first` for two hits close together. Not inlined, to keep this code out of hot loops."""
+    sense = _common_sense(corners, slot, best_corners, best_slot)  # most walls that exist twice have the same triangles
+    if sense != 0:
+        return prim < best_prim if sense > 0 else is_front(ray, corners, slot)
     return precedes(signed_t(ray, corners, slot), prim, signed_t(ray, best_corners, best_slot), best_prim)
 
 
