@@ -195,16 +195,19 @@ def all_hits(vertices, origins, ends, skip=None):
 
 
 def closest_hit(vertices, origins, directions, tmin=0.0, tmax=np.inf, skip=None):
-    """(t, face) for each ray: the smallest exact t as float64, inf and -1 on a miss. Ties go to the lowest face."""
+    """(t, face) for each ray: the smallest exact t as float64, inf and -1 on a miss.
+
+    Of triangles at this t, those whose normal points against the ray come first, then the lowest face.
+    """
     o, d, _, tmin, tmax = _prepare(origins, directions, None, tmin, tmax)
-    best_t, best = np.full(len(o), np.inf), np.full(len(o), -1)
+    best_t, best, best_side = np.full(len(o), np.inf), np.full(len(o), -1), np.zeros(len(o), int)
     for ray, tri in _hits(vertices, o, d, None, tmin, tmax, skip):
         for i, j in zip(ray, tri):
             v = vertices[j].astype(np.float64)
             n = np.cross(v[1] - v[0], v[2] - v[0])
             t = ((v[0] - o[i].astype(np.float64)) * n).sum() / (d[i].astype(np.float64) * n).sum()
             if t <= best_t[i] * (1 + 1e-9) or best[i] < 0:
-                exact = float(meets_exactly(o[i], d[i], vertices[j], tmin[i], tmax[i])[1])
-                if best[i] < 0 or (exact, j) < (best_t[i], best[i]):
-                    best_t[i], best[i] = exact, j
+                side, exact = meets_exactly(o[i], d[i], vertices[j], tmin[i], tmax[i])
+                if best[i] < 0 or (float(exact), side, j) < (best_t[i], best_side[i], best[i]):
+                    best_t[i], best_side[i], best[i] = float(exact), side, j
     return best_t, best

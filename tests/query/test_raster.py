@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from antumbra.errors import InputError
-from antumbra.kernels.exact.filters import hit_t, meets
+from antumbra.kernels.exact.filters import hit_t, meets, rounded_t
 from antumbra.kernels.jit import kernel
 from antumbra.query.gbuffer import pixel_ray
 from antumbra.query.rasteriser import RASTER_COUNTERS, new_raster_counters, rasterise
@@ -18,13 +18,13 @@ def _trace_all(corners, rays, cull_faces, face, t):
     for y in range(rays.height):
         for x in range(rays.width):
             ray = pixel_ray(rays, x, y)
-            face[y, x], t[y, x] = -1, np.inf
+            face[y, x], t[y, x], best_t, best_side = -1, np.inf, np.inf, 2
             for i in range(len(corners)):
                 side = meets(ray, corners, i)
                 if side != 0 and side != cull_faces:
-                    ti = hit_t(ray, corners, i)
-                    if ti < t[y, x]:
-                        face[y, x], t[y, x] = i, ti
+                    ti = rounded_t(ray, corners, i)
+                    if ti < best_t or (ti == best_t and side < best_side):
+                        face[y, x], t[y, x], best_t, best_side = i, hit_t(ray, corners, i), ti, side
 
 
 def traced(corners, rays, cull_faces=0):

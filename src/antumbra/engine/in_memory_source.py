@@ -26,7 +26,7 @@ from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.scene_data import MemoryData
 from ..scene.triangles import AllHits, Triangles
 from ..trace.alpha_test import CutoutTree, add_hits, cutout_tree, without_holes
-from ..trace.rays.all_hits import INSIDE, TRIANGLES, RayHits, count_all, find_all, merge_triangles
+from ..trace.rays.all_hits import INSIDE, TRIANGLES, RayHits, count_all, find_all, merge_triangles, unsigned
 from ..trace.rays.local_rays import local_rays
 from ..trace.rays.ray_batches import RayTracer
 from ..trace.rays.ray_hits import Nearest
@@ -118,7 +118,7 @@ class RayLists:
         self._count(start, threads)
         cutouts = ready.accelerated.cutouts
         if cutouts is None:
-            return hits
+            return unsigned(hits)
         on_cutouts = _of_valid(rays, find_all(self._tracer_of(cutouts), rays, None, rule, threads))
         on_cutouts = without_holes(cutouts, local_rays(rays.arrays(), rays.cull_faces), on_cutouts, threads)
         every_ray = np.arange(rays.n)

@@ -40,10 +40,11 @@ from ..techniques.chcrt.occlusion_queries import Pairs, answer_queries
 from ..techniques.chcrt.picture_ray_sets import SegmentRaySets, segments_of
 from ..techniques.chcrt.tree_parts import parts_of_chunks
 from ..techniques.tracer_options import ChcRtOptions
+from ..trace.primary.primary_rays import primary_picture, sign_hits
 from ..trace.rays.local_rays import LocalRays, local_rays
 from ..trace.rays.ray_hits import Nearest, hit_surfaces
 from ..trace.rays.single_rays import leaf_depths
-from ..trace.tree_list import Hits
+from ..trace.tree_list import Hits, no_hits
 from .accelerator import Accelerated, Accelerator
 from .frame_tracer import FrameMemory
 from .method_registry import BUILDERS
@@ -209,6 +210,8 @@ def paged_job() -> Job:
         scheduled = prepare(BUILDERS["bsah"].build(scene.triangles().vertices, 2), ChcRtOptions(), 2)
         first, view = np.zeros(len(scheduled.parts.trees), np.int64), small_view()[0].rays(scene.origin)
         camera_hits(scheduled, view, 2)
+        picture = primary_picture(view, scheduled.parts.boxes[0], no_hits((view.height, view.width)))
+        sign_hits(scheduled.parts.trees, picture, first, 2)
         rays, _ = subpixel_rays(view, np.ones((view.height // 4, view.width // 4), np.bool_), 2)
         (hits,) = nearest_hits(scheduled, [rays], (h, w), 2)
         mark_hits(hits, first, np.zeros(1 << 20, np.uint8), 2)

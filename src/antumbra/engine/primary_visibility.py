@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..bvh import lbvh
 from ..bvh.block_tree import BlockTree, block_tree
+from ..kernels.exact.filters import BEYOND
 from ..query.gbuffer import GBuffer, from_hits
 from ..query.light_samples import light_samples
 from ..query.pixel_refinement import subpixel_gbuffer
@@ -69,7 +70,7 @@ def primary_visibility(
     if alpha_tree is None:
         alpha_tree = cutout_tree(triangles, threads)
     if alpha_tree is not None:
-        _show_cutouts(alpha_tree, rays, face, t, _cutouts_in_front(alpha_tree, rays, face, t, threads), threads)
+        _show_cutouts(alpha_tree, rays, face, t, _cutouts_in_front(alpha_tree, rays, t, threads), threads)
     return from_hits(face, t, triangles, rays, threads)
 
 
@@ -115,12 +116,10 @@ def _rasterised(
     return face, t
 
 
-def _cutouts_in_front(
-    cutouts: CutoutTree, rays: CameraRays, face: np.ndarray, t: np.ndarray, threads: int | None
-) -> NDArray[np.bool_]:
-    """(H, W) bool: where an alpha-masked triangle, including its holes, is in front of the visible surface."""
+def _cutouts_in_front(cutouts: CutoutTree, rays: CameraRays, t: np.ndarray, threads: int | None) -> NDArray[np.bool_]:
+    """(H, W) bool: where an alpha-masked triangle, including its holes, may be in front of the visible surface."""
     nearest, depth = trace_primary(cutouts.blocks, rays, threads)
-    in_front: NDArray[np.bool_] = (nearest >= 0) & ((depth < t) | ((depth == t) & (nearest < face)))
+    in_front: NDArray[np.bool_] = (nearest >= 0) & (depth <= t * BEYOND)
     return in_front
 
 

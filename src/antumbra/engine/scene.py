@@ -351,12 +351,13 @@ class AnyScene:
         Hit
             t (...) float64: in lengths of the direction, the exact value rounded to the nearest float64; inf on a miss.
             face (...) int32: -1 on a miss. u, v (...) float32: weights of the face's second and third corner, from 0
-            to 1. Among faces with the same t, the lowest index wins.
+            to 1. Among faces with the same t, one whose front faces the origin wins, then the lowest index.
 
         Notes
         -----
         ``closest_hit(o, d, tmin=hit.t)`` finds the next hit. Repeated until there is no hit, it visits each distinct t
-        once in ascending order, and reports the face with the lowest index at each.
+        once in ascending order, and reports the first face at each. The front of a face is the side from which its
+        corners run counterclockwise.
         """
         return self.engine.closest_hit(
             origins, directions, tmin, tmax, skip_face, time, cull_faces=cull_faces, threads=threads
@@ -387,8 +388,9 @@ class AnyScene:
         -------
         AllHits
             The hits of ray i, in C order of the rays' shape, are elements ``ray_offsets[i]`` to
-            ``ray_offsets[i + 1] - 1`` of `t`, `face`, `u` and `v`, which are as for `closest_hit`. Faces with the same
-            t are sorted by index. A ray through an edge or a vertex hits every face there.
+            ``ray_offsets[i + 1] - 1`` of `t`, `face`, `u` and `v`, which are as for `closest_hit`. Among faces
+            with the same t, those whose front faces the origin come first; then they are sorted by index. A ray through
+            an edge or a vertex hits every face there.
 
         Notes
         -----
@@ -437,8 +439,9 @@ class AnyScene:
 
         A point is inside if a ray from it, straight up, crosses surfaces an odd number of times
         (``count_hits(merge="surface")``), or if it is on a face. The result is exact for the rounded points, and never
-        depends on edges or vertices that the ray meets. Where closed surfaces overlap, every second layer is outside.
-        If a surface has holes, points below and above them may be on the wrong side.
+        depends on edges or vertices that the ray meets. Where closed surfaces overlap, every second layer is outside,
+        so a surface that exists twice, once per side, contains nothing. If a surface has holes, points below
+        and above them may be on the wrong side.
 
         Parameters
         ----------

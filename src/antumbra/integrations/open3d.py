@@ -103,21 +103,26 @@ class RaycastingScene:
     def list_intersections(self, rays: ArrayLike, nthreads: int = 0) -> dict[str, NDArray[Any]]:
         """All hits of each ray, nearest first. Several triangles of a geometry that are hit at one point are one hit.
 
+        The first hit of a ray is that of `cast_rays`.
         The result has ray_splits (n + 1,) uint32: ray i, in C order, has hits ray_splits[i] to ray_splits[i + 1],
         exclusive. For each of h hits, it has ray_ids, geometry_ids and primitive_ids (h,) uint32, t_hit (h,) float32,
         and primitive_uvs (h, 2) float32, as from `cast_rays`.
         """
         flat = rows_of(rays, "rays", 6).reshape(-1, 6)
         hits = self._committed().all_hits(flat, threads=_threads(nthreads))
-        ray, geometry, primitive = hits.ray, self._faces.geometry[hits.face], self._faces.primitive[hits.face]
-        new = np.ones(len(ray), bool)  # hits at one point have the same t, and are sorted by face, so by geometry
-        new[1:] = (ray[1:] != ray[:-1]) | (hits.t[1:] != hits.t[:-1]) | (geometry[1:] != geometry[:-1])
+        ray, geometry = hits.ray, self._faces.geometry[hits.face]
+        apart = np.ones(len(ray), bool)  # hits at one point have the same t
+        apart[1:] = (ray[1:] != ray[:-1]) | (hits.t[1:] != hits.t[:-1])
+        new = np.arange(len(ray))
+        if not apart.all():
+            keys = np.cumsum(apart) * (np.int64(geometry.max()) + 1) + geometry
+            new = np.sort(np.unique(keys, return_index=True)[1])
         return {
             "ray_splits": np.append(0, np.cumsum(np.bincount(ray[new], minlength=len(flat)))).astype(np.uint32),
             "ray_ids": ray[new].astype(np.uint32),
             "t_hit": hits.t[new].astype(np.float32),
             "geometry_ids": geometry[new],
-            "primitive_ids": primitive[new],
+            "primitive_ids": self._faces.primitive[hits.face[new]],
             "primitive_uvs": np.stack([hits.u, hits.v], axis=-1)[new],
         }
 

@@ -99,7 +99,7 @@ class RayMeshIntersector:
         return self.scene.occluded(rays.origins, rays.directions, tmax=rays.tmax)
 
     def intersects_first(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.int32]:
-        """(n,) int32: the first face that each ray hits, the lowest at the same distance; -1: none."""
+        """(n,) int32: the first face that each ray hits, as `Scene.closest_hit` orders them; -1: none."""
         rays = _checked(ray_origins, ray_directions)
         return self.scene.closest_hit(rays.origins, rays.directions, tmax=rays.tmax).face
 
@@ -111,7 +111,7 @@ class RayMeshIntersector:
         max_hits: int | None = None,
         return_locations: bool = False,
     ) -> Any:
-        """The faces that rays hit: the lowest of those at each location.
+        """The faces that rays hit: at each location, the first one as `Scene.closest_hit` orders them.
 
         Parameters
         ----------
@@ -161,7 +161,9 @@ class RayMeshIntersector:
     def _all_hits(self, rays: _RayRows, limit: int | None) -> _Hits:
         found = self.scene.all_hits(rays.origins, rays.directions, tmax=rays.tmax)
         hits = _Hits(found.ray, found.face.astype(np.int64), found.t)
-        new = np.ones(len(hits.t), bool)  # hits at one location have the same t, and are sorted by face
+        new = np.ones(
+            len(hits.t), bool
+        )  # hits at one location have the same t, and the first one is that of `closest_hit`
         new[1:] = (hits.ray[1:] != hits.ray[:-1]) | (hits.t[1:] != hits.t[:-1])
         if not new.all():
             hits = hits.take(np.flatnonzero(new))

@@ -22,6 +22,7 @@ Grouping: TypeAlias = "str | ArrayLike"
 """A name of `GROUPINGS`, or a group number for each face, (faces,) int, -1: none."""
 
 _SAME_PLANE = float(cos(np.radians(0.1)))  # cosine of the angle between the normals of joined faces
+_ACROSS = np.array([0.5257, 0.3129, 0.7911])  # a direction in which different normals have different components
 
 
 class SurfaceGroups(NamedTuple):
@@ -106,7 +107,7 @@ def _planar_parts(scene: AnyScene) -> SurfaceGroups:
     ends = np.sort(np.stack([vertices, np.roll(vertices, -1, 1)], -1).reshape(-1, 2), axis=1)
     face = np.repeat(np.arange(n), 3)
     keys = np.column_stack([objects[face], ends])
-    order = np.lexsort(keys.T[::-1])
+    order = np.lexsort([(normals @ _ACROSS)[face], *keys.T[::-1]])  # the sides of coincident faces, one after the other
     before, after = order[:-1], order[1:]
     same = (keys[before] == keys[after]).all(1)
     a, b = face[before[same]], face[after[same]]

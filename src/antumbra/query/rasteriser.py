@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..kernels.exact.filters import meets, plane_side
+from ..kernels.exact.filters import comes_first, meets, plane_side
 from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import (
@@ -172,7 +172,7 @@ def _settle(tile, n, x0, y0, corners, rays, i):
             if j != other.triangle:
                 other = eye_plane(p, j, o)
             other_t = plane_t(other, ray, p)
-            if other_t < t or (other_t == t and j < i):
+            if not comes_first(ray, p, i, i, t, p, j, j, other_t):
                 continue
         key = 1.0 / t
         put(tile.low, at, _F(key * _NEXT_BELOW - _TINY))
@@ -279,7 +279,8 @@ def rasterise(
     Returns
     -------
     face : (H, W) int32
-        Row of `corners`, -1 in the background. Among triangles at the same t, the lowest row wins.
+        Row of `corners`, -1 in the background. Among triangles at the same real t, rounded to float64, one whose front
+        faces the eye wins, then the lowest row.
     t : (H, W) float64
         Depth, in lengths of the pixel's direction; inf in the background.
 

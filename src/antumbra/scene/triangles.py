@@ -146,7 +146,7 @@ def _refusal() -> InputError:
 class AllHits(NamedTuple):
     """All hits of n rays: those of ray i are elements ``ray_offsets[i]`` to ``ray_offsets[i + 1] - 1``, sorted by t.
 
-    Hits with the same t are sorted by face.
+    Of hits with the same t, those on the fronts of faces come first; then they are sorted by face.
     """
 
     ray_offsets: NDArray[np.int64]  # (n + 1,) int64

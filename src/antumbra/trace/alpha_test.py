@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..bvh import binned_sah
 from ..bvh.block_tree import BlockTree, block_tree
 from ..bvh.nodes import LEFT_FIRST, Bvh, tree_of
-from ..kernels.exact.filters import BEYOND, is_nearer, single_weights, weights
+from ..kernels.exact.filters import BEYOND, comes_first, single_weights, weights
 from ..kernels.exact.predicate import ray_along, segment
 from ..kernels.exact.surface_crossing import crosses_surface
 from ..kernels.jit import F32Ptr, I32Ptr, I64Ptr, U8Ptr, inlined, kernel, overload
@@ -161,6 +161,7 @@ class CutoutTree(NamedTuple):
     texels: AlphaTexels
     channels: int  # number of values that tell how much light passes: 0, 1 or 3, see `channels_of`
     months: np.ndarray  # (12 or 0, r, 4) int32, see `Cutouts.months`
+    corners: np.ndarray  # (n, 9) float32: all triangles of the scene
 
     def in_month(self, month: int | None) -> "CutoutTree":
         """The tree with the depths of a month, 0 to 11; None: those without a date."""
@@ -191,7 +192,8 @@ def cutout_tree(triangles: Triangles, threads: int | None = None) -> CutoutTree 
     uv, mask = cutouts.uv[at].reshape(-1, 6), cutouts.mask[at]
     texels = AlphaTexels(uv, mask, cutouts.shapes, cutouts.first, cutouts.texels, cutouts.rows, cutouts.depths)
     channels = channels_of(cutouts.depths)
-    return CutoutTree(bvh, block_tree(bvh, threads), texels, channels, cutouts.months)
+    corners = triangles.vertices.reshape(-1, 9)
+    return CutoutTree(bvh, block_tree(bvh, threads), texels, channels, cutouts.months, corners)
 
 
 @inlined
@@ -257,8 +259,8 @@ def add_shadows(tree: CutoutTree, query: ShadowQuery, bits: NDArray[np.uint64], 
 
 
 @kernel
-def _nearest(ticket, bvh, texels, rays, out):
-    tree, holes = tree_of(bvh), texel_pointers(texels)
+def _nearest(ticket, bvh, texels, rays, scene, out):
+    tree, holes, corners = tree_of(bvh), texel_pointers(texels), ptr(scene)
     for i in items(ticket):
         o, d, skip = rays.origins[i], rays.directions[i], np.int64(rays.skip[i])
         if rays.segments:
@@ -271,8 +273,8 @@ def _nearest(ticket, bvh, texels, rays, out):
         slot, t = walk(tree, ray, skip, rays.cull_faces, np.int64(CLOSEST), holes, None)
         if slot < 0:
             continue
-        prim = get(tree.prim_ids, slot)
-        if out.face[i] < 0 or is_nearer(t, prim, out.t[i], np.int64(out.face[i])):
+        prim, best = get(tree.prim_ids, slot), np.int64(out.face[i])
+        if best < 0 or comes_first(ray, tree.corners, slot, prim, t, corners, best, best, out.t[i]):
             u, v = single_weights(ray, tree.corners, slot)
             out.face[i], out.t[i], out.u[i], out.v[i] = prim, t, u, v
 
@@ -283,7 +285,7 @@ def add_nearest(tree: CutoutTree, rays: LocalRays, out: HitArrays, threads: int 
     out : face, t, u and v of the nearest solid triangles; face -1 and t inf on a miss
     """
     ticket = new_ticket(len(rays.origins), 1024)
-    run(_nearest, thread_count(threads), ticket, tree.bvh, tree.texels, rays, out)
+    run(_nearest, thread_count(threads), ticket, tree.bvh, tree.texels, rays, tree.corners, out)
 
 
 def replace_by_cutouts(

@@ -271,7 +271,7 @@ def _take_nearest(tree, ray, corners, square, facing, nearest):
     for triangle in range(2):
         if _meets_triangle(tree, ray, corners, i, j, triangle, facing):
             t, best = hit_t(ray, corners, triangle), get(nearest.face, 0)
-            if best < 0 or comes_first(ray, corners, triangle, face, t, 2, best, get(nearest.t, 0)):
+            if best < 0 or comes_first(ray, corners, triangle, face, t, corners, 2, best, get(nearest.t, 0)):
                 for k in range(9):
                     put(corners, 18 + k, get(corners, 9 * triangle + k))
                 put(nearest.t, 0, t)

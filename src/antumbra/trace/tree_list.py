@@ -50,18 +50,19 @@ class TreeListPointers(NamedTuple):
 
 
 class Hits(NamedTuple):
-    """The nearest hits of a picture's rays so far, (h, w) each. `part` and `slot` are empty if not needed."""
+    """The nearest hits of a picture's rays so far, (h, w) each. All but `face` and `t` are empty if not needed."""
 
     face: np.ndarray  # int32: index of the triangle, -1 on a miss
     t: np.ndarray  # float64: in lengths of the direction; inf on a miss
     part: np.ndarray  # int32: number of the tree in the tree list, -1 on a miss
     slot: np.ndarray  # int32: slot in that tree
+    signed_t: np.ndarray  # float64, of hits: from `filters.signed_t`; of cameras, only where a tree left memory
 
 
 def no_hits(shape: tuple[int, int]) -> Hits:
     """`Hits` of rays that all miss so far."""
     face, part, slot = (np.full(shape, -1, np.int32) for _ in range(3))
-    return Hits(face, np.full(shape, np.inf), part, slot)
+    return Hits(face, np.full(shape, np.inf), part, slot, np.empty(shape))
 
 
 @inlined
@@ -91,6 +92,12 @@ def list_of(tree_list, y, x, stratum):
     """(begin, end) in `items` of the trees for a stratum of the receivers near pixel (y, x)."""
     number = _tile_of(tree_list, y, x) * tree_list.sets + (stratum if tree_list.sets > 1 else 0)
     return get(tree_list.starts, number), get(tree_list.starts, number + 1)
+
+
+@inlined
+def is_in_memory(tree_list, k):
+    """Whether the arrays of tree k are in memory."""
+    return get(tree_list.trees, k * ADDRESSES) != 0
 
 
 @inlined

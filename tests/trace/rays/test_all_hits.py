@@ -14,7 +14,7 @@ from antumbra.engine.in_memory_source import RAY_PLANS
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.query.ray_list import HitFilter, rays_of
 from antumbra.trace.rays import all_hits
-from antumbra.trace.rays.all_hits import TRIANGLES, count_all, find_all
+from antumbra.trace.rays.all_hits import TRIANGLES, count_all, find_all, unsigned
 from antumbra.trace.rays.ray_batches import RayTracer
 from cutout_scenes import meets as stops
 from cutout_scenes import scene_with_cutouts
@@ -42,7 +42,8 @@ def truth_of(scene, world, directions, counts=lambda ray, face, side: True):
     for i, (o, d) in enumerate(zip(origins, directions)):
         tmax = 1 if isinstance(d[0], Fraction) else np.inf
         met = [(face, *oracle.meets_exactly(o, d, triangle, 0.0, tmax)) for face, triangle in enumerate(triangles)]
-        out.append(sorted((float(t), face) for face, side, t in met if side and counts(i, face, side)))
+        hits = sorted((float(t), side, face) for face, side, t in met if side and counts(i, face, side))
+        out.append([(t, face) for t, _, face in hits])
     assert sum(map(len, out)) > len(out) // 3
     return out
 
@@ -229,7 +230,7 @@ def test_memory_does_not_change_the_hits(monkeypatch, threads, room, together):
     monkeypatch.setattr(all_hits, "_ROOM", room)
     monkeypatch.setattr(all_hits, "_TOGETHER", together)
     for max_hits in None, 3:
-        hits = find_all(tracer, rays, max_hits, threads=threads)
+        hits = unsigned(find_all(tracer, rays, max_hits, threads=threads))
         counts = count_all(tracer, rays, TRIANGLES, threads)
         assert set(np.unique(counts)) == {0, len(vertices)}
         np.testing.assert_array_equal(hits.counts, counts if max_hits is None else np.minimum(counts, 3))
@@ -245,7 +246,7 @@ def test_every_builder_gives_the_same_hits(builder):
     scene, world, directions = rays_of_kind("stack", False)
     vertices = scene.triangles().vertices
     rays = rays_of(world, directions, HitFilter(), tuple(scene.origin), len(vertices))
-    for mine, other in zip(find_all(tracer_of(vertices, builder), rays), scene.all_hits(world, directions)):
+    for mine, other in zip(unsigned(find_all(tracer_of(vertices, builder), rays)), scene.all_hits(world, directions)):
         np.testing.assert_array_equal(mine, other)
 
 

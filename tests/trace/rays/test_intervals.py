@@ -67,7 +67,7 @@ TRACERS = {"memory": _in_memory, "store": _in_a_store, "walk": _by_walk}
 
 
 class _Truth:
-    """All hits of rays by brute force: for each ray t, as float64, and the lowest face there, sorted by t."""
+    """All hits of rays by brute force: for each ray t, as float64, and the first face there, sorted by t."""
 
     def __init__(self, scene, origins, directions, counts=lambda ray, face: True):
         self.triangles = scene.triangles()
@@ -78,9 +78,9 @@ class _Truth:
             for face, triangle in enumerate(self.triangles.vertices):
                 side, t = oracle.meets_exactly(o, d, triangle)
                 if side and counts(i, face):
-                    found.setdefault(float(t), face)
+                    found[float(t)] = min(found.get(float(t), (side, face)), (side, face))
                     self.exact[i, face] = t
-            self.hits.append(sorted(found.items()))
+            self.hits.append([(t, face) for t, (_, face) in sorted(found.items())])
 
     def column(self, k):
         """(t, face) of the k-th hits; infinity and -1 where there are fewer."""

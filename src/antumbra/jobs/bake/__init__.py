@@ -7,4 +7,5 @@
 - `baked_values`: values at vertices and texels, receivers inside solids, and texture images
 - `texture_atlas`: UV sets or a new atlas, and conservative texel coverage
 - `gltf_primitives`: primitives at their nodes, and edits of attributes and materials
+- `smooth_normals`: normals of vertices from the faces around them
 """

@@ -19,7 +19,8 @@ from ...query.receivers import NOTHING
 from ...query.surface_links import PictureSurfaces
 from ...scene.lights import AmbientOcclusion
 from ..surface_groups import tangents_of
-from .gltf_primitives import NodePrimitive, face_vectors
+from .gltf_primitives import NodePrimitive
+from .smooth_normals import face_vectors
 from .surface_meter import SIDE, Measurement, Meter, ReceiverPoints, curve_order
 from .texture_atlas import Cover, Sheet, Unwrapped, chart_of_faces, closest_weights, corners_of
 

@@ -14,8 +14,8 @@ from ...formats.gltf.gltf_asset import Asset
 from ...formats.gltf.gltf_file import GltfDocument
 from ...formats.gltf.gltf_writer import Json
 from ...formats.json_fields import Fields
-from ...kernels.elementary import atan2
 from ...kernels.small_matrices import inverse, product
+from .smooth_normals import face_vectors, smooth_normals
 
 # --- Primitives at nodes ----------------------------------------------------------------------------------------------
 
@@ -91,33 +91,6 @@ def accessors_of(asset: Asset, name: str) -> Accessors:
     """The accessors of an asset in its current state."""
     binary = np.frombuffer(bytes(asset.binary), np.uint8)
     return Accessors(GltfDocument(name, Path(), Fields(asset.json, f"{name}:"), [binary]))
-
-
-def face_vectors(positions: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray[np.float64]:
-    """(f, 3) float64: the normals of faces, with twice their area as length."""
-    a, b, c = (positions[faces[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
-
-
-def smooth_normals(positions: NDArray[np.float64], faces: NDArray[np.integer], keys: np.ndarray) -> NDArray[np.float64]:
-    """(v, 3) float64: the mean normal of the faces around each vertex; vertices with equal keys are merged.
-
-    Faces are weighted by their angle at the vertex, so the triangulation of a polygon does not matter.
-    """
-    _, same = np.unique(np.ascontiguousarray(keys), axis=0, return_inverse=True)
-    same, vectors = same.reshape(-1), face_vectors(positions, faces)
-    vectors = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
-    sums = np.zeros((int(same.max()) + 1, 3))
-    for k in range(3):
-        corner, weighted = same[faces[:, k]], _angles(positions, faces, k)[:, None] * vectors
-        sums += np.stack([np.bincount(corner, weighted[:, i], len(sums)) for i in range(3)], 1)
-    return sums[same]
-
-
-def _angles(positions: NDArray[np.float64], faces: NDArray[np.integer], k: int) -> NDArray[np.float64]:
-    """(f,) float64: the angle of each face at its corner k."""
-    a, b, c = (positions[faces[:, (k + i) % 3]] for i in range(3))
-    return np.asarray(atan2(np.linalg.norm(np.cross(b - a, c - a), axis=1), ((b - a) * (c - a)).sum(1)))
 
 
 def _unit(

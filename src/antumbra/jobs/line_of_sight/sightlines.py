@@ -103,8 +103,8 @@ def line_of_sight(
 
     Notes
     -----
-    Among faces with the same t in float64, the lowest index blocks. For a pair that only a horizon blocks, the
-    result has the face from `faces` or `target_faces`, and the end on it as the blocking point.
+    Among faces with the same t in float64, the one that `Scene.closest_hit` would report blocks. For a pair that only a
+    horizon blocks, the result has the face from `faces` or `target_faces`, and the end on it as the blocking point.
     """
     scene, threads = measured_scene(scene), thread_count(threads)
     begin, end = _Ends(observers, normals, faces), _Ends(targets, target_normals, target_faces)

@@ -81,7 +81,7 @@ def view_factors(
     time = scene.clamped(time)
     if isinstance(scene, PagedScene):
         raise scene.refusal()
-    sampling = _Sampling.of(scene, surfaces, samples, -1.0 if side == "back" else 1.0, seed, time)
+    sampling = _Sampling.of(scene, surfaces, samples, side, seed, time)
     n, counts = len(sampling.groups.names), list[_Counts]()
     step = max(1, _RAYS // samples)
     with report_progress(f"view factors: {n:,} surfaces x {samples:,} rays") as report:
@@ -99,9 +99,10 @@ class _Sampling(NamedTuple):
     groups: SurfaceGroups
     rays: HemisphereRays
     samples: int
+    side: str  # of `SIDES`
 
     @classmethod
-    def of(cls, scene: AnyScene, surfaces: Grouping, samples: int, sign: float, seed: int, time: float) -> "_Sampling":
+    def of(cls, scene: AnyScene, surfaces: Grouping, samples: int, side: str, seed: int, time: float) -> "_Sampling":
         groups, triangles = surface_groups(scene, surfaces), scene.triangles(time)
         corners = triangles.vertices.astype(np.float64)
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -112,8 +113,8 @@ class _Sampling(NamedTuple):
             raise InputError(f"{scene.name}: no surface has an area, so there are no view factors; choose other faces")
         names, types = ([values[k] for k in used[none:]] for values in (groups.names, groups.types))
         of_face = (numbers - none).astype(np.int32)
-        rays = HemisphereRays(triangles, of_face, samples, sign, seed)
-        return cls(SurfaceGroups(names, types, of_face), rays, samples)
+        rays = HemisphereRays(triangles, of_face, samples, -1.0 if side == "back" else 1.0, seed)
+        return cls(SurfaceGroups(names, types, of_face), rays, samples, side)
 
 
 class _Counts(NamedTuple):
@@ -132,9 +133,17 @@ def _counts(scene: AnyScene, sampling: _Sampling, first: int, last: int, time: f
     hit = scene.closest_hit(origins, directions, skip_face=faces, time=time, threads=threads)
     met = hit.mask
     column = np.where(directions[:, "xyz".index(scene.up)] > 0.0, n, n + 1)
-    face = hit.face[met]
-    front = np.einsum("ij,ij->i", sampling.rays.normals[face], directions[met]) < 0.0
-    column[met] = np.where(front & (of_face[face] >= 0), of_face[face], n + 2)
+    column[met] = n + 2
+    receives = met & (np.einsum("ij,ij->i", sampling.rays.normals[hit.face], directions) < 0.0)
+    arrivals = [(np.flatnonzero(receives), hit.face[receives])]
+    if sampling.side == "back":  # of coincident faces, the nearest hit is on one whose front faces the ray
+        rest = np.flatnonzero(met & ~receives)
+        ways, own, beyond = directions[rest], faces[rest], np.nextafter(hit.t[rest], np.inf)
+        backs = scene.closest_hit(origins[rest], ways, 0.0, beyond, own, time, cull_faces="front", threads=threads)
+        there = backs.t == hit.t[rest]
+        arrivals.append((rest[there], backs.face[there]))
+    for rays_there, face in arrivals:
+        column[rays_there] = np.where(of_face[face] >= 0, of_face[face], n + 2)
     width, per_replicate = n + len(OUTSIDE), sampling.samples // REPLICATES
     replicate = np.arange(len(column)) // per_replicate  # of all surfaces, in their order
     keys, rays = np.unique(replicate * width + column, return_counts=True)

@@ -245,12 +245,6 @@ def weights(ray, corners, i):
 
 
 @inlined
-def is_nearer(t, prim, other_t, other_prim):
-    """Whether a ray's hit is nearer than another. At equal t, the triangle of lower index is nearer."""
-    return t < other_t or (t == other_t and prim < other_prim)
-
-
-@inlined
 def plane(corners, i, x, y, z):
     """Plane of triangle i in float64: (v0 - (x, y, z), normal n, error bound e).
 
@@ -286,6 +280,12 @@ def plane_side(x, y, z, corners, i):
     zero = np.float64(0.0)
     v0, n, error = plane(corners, i, zero, zero, zero)
     return side_of(v0, n, error, x, y, z, corners, i)
+
+
+@inlined
+def is_front(ray, corners, i):
+    """Whether the ray's origin is in front of triangle i, which the ray meets: d . n < 0. The answer is exact."""
+    return plane_side(ray.ox, ray.oy, ray.oz, corners, i) > 0
 
 
 # --- The float32 filter in lanes --------------------------------------------------------------------------------------
@@ -502,7 +502,9 @@ def _larger_magnitude(a, b):
 
 @inlined
 def quick_t(d, a, p, q):
-    """t rounded to the nearest float64, or UNKNOWN where double-double arithmetic is not accurate enough.
+    """(t rounded to the nearest float64, d . n) of a hit.
+
+    Where double-double arithmetic is not accurate enough, t is UNKNOWN. Otherwise, the sign of d . n is right too.
 
     d, a, p, q : the direction, and the exact differences v0 - o, v1 - v0 and v2 - v0
     """
@@ -516,7 +518,7 @@ def quick_t(d, a, p, q):
     s = _larger_magnitude(max_magnitude(p), max_magnitude(q))
     error = _ROOM * ((max_magnitude(a) + abs(t) * max_magnitude(d)) * (s * s) * abs(inverse) + abs(t))
     low, high = t + (correction - error), t + (correction + error)
-    return low if low == high else UNKNOWN
+    return low if low == high else UNKNOWN, det
 
 
 @inlined
@@ -563,7 +565,7 @@ def rounded_t(ray, corners, i):
     a, p, q = _minus(v0, o), _minus(v1, v0), _minus(v2, v0)
     t = UNKNOWN
     if ray.rx == 0.0 and ray.ry == 0.0 and ray.rz == 0.0 and are_differences(o, v0, v1, v2, a, p, q):
-        t = quick_t(d, a, p, q)
+        t, _ = quick_t(d, a, p, q)
     return t if t != UNKNOWN else exact_t(ray, corners, i)
 
 
@@ -596,16 +598,62 @@ def single_weights(ray, corners, i):
     return clamp_weight(b), clamp_weight(c)
 
 
-@kernel
-def _comes_first(ray, corners, slot, prim, best_slot, best_prim):
-    """`comes_first` for two hits close together. Not inlined, to keep this code out of hot loops."""
-    return is_nearer(rounded_t(ray, corners, slot), prim, rounded_t(ray, corners, best_slot), best_prim)
+# --- The order of hits ------------------------------------------------------------------------------------------------
 
 
 @inlined
-def comes_first(ray, corners, slot, prim, t, best_slot, best_prim, best_t):
-    """Whether a hit precedes the best one so far, by `rounded_t`, then by index. t and best_t are from `hit_t`."""
+def signed_t(ray, corners, i):
+    """`rounded_t`, negative if the ray meets the back of triangle i. A hit's t is never 0."""
+    t = rounded_t(ray, corners, i)
+    return t if is_front(ray, corners, i) else -t
+
+
+@inlined
+def precedes(t, prim, other_t, other_prim):
+    """Whether a hit precedes another one: by t; at the same t, fronts before backs; then by index.
+
+    t, other_t : from `signed_t`; inf: no hit
+    """
+    if abs(t) != abs(other_t):
+        return abs(t) < abs(other_t)
+    return prim < other_prim if t == other_t else t > other_t
+
+
+@inlined
+def _is_same_point(a, i, b, j):
+    return get(a, i) == get(b, j) and get(a, i + 1) == get(b, j + 1) and get(a, i + 2) == get(b, j + 2)
+
+
+@inlined
+def _common_sense(a, i, b, j):
+    """1 or -1 if triangles i and j have the same corners, in the same or the opposite sense of rotation; else 0."""
+    first = 9 * i
+    for k in range(3):
+        if _is_same_point(a, first, b, 9 * j + 3 * k):
+            after, before = 9 * j + 3 * ((k + 1) % 3), 9 * j + 3 * ((k + 2) % 3)
+            if _is_same_point(a, first + 3, b, after) and _is_same_point(a, first + 6, b, before):
+                return 1
+            if _is_same_point(a, first + 3, b, before) and _is_same_point(a, first + 6, b, after):
+                return -1
+    return 0
+
+
+@kernel
+def _comes_first(ray, corners, slot, prim, best_corners, best_slot, best_prim):
+    """`comes_first` for two hits close together. Not inlined, to keep this code out of hot loops."""
+    sense = _common_sense(corners, slot, best_corners, best_slot)  # most walls that exist twice have the same triangles
+    if sense != 0:
+        return prim < best_prim if sense > 0 else is_front(ray, corners, slot)
+    return precedes(signed_t(ray, corners, slot), prim, signed_t(ray, best_corners, best_slot), best_prim)
+
+
+@inlined
+def comes_first(ray, corners, slot, prim, t, best_corners, best_slot, best_prim, best_t):
+    """Whether a hit precedes the best one so far, as from `precedes`.
+
+    t, best_t : from `hit_t` or `rounded_t`
+    """
     apart = _APART * best_t
     if t < best_t - apart:
         return True
-    return not t > best_t + apart and _comes_first(ray, corners, slot, prim, best_slot, best_prim)
+    return not t > best_t + apart and _comes_first(ray, corners, slot, prim, best_corners, best_slot, best_prim)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...kernels.exact.filters import is_nearer, meets
+from ...kernels.exact.filters import comes_first, meets
 from ...kernels.jit import F32Ptr, F32x16, I32Ptr, inlined, kernel
 from ...kernels.simd import (
     absolute,
@@ -147,7 +147,8 @@ def _settle(tree, slot, rays, row, sure, unsure):
         t, old = plane_t(plane, ray, tree.corners), get(row.slot, lane)
         if old != NOTHING:
             old_t = plane_t(eye_plane(tree.corners, old, rays.origin), ray, tree.corners)
-            if not is_nearer(t, prim, old_t, get(tree.prim_ids, old)):
+            old_prim = get(tree.prim_ids, old)
+            if not comes_first(ray, tree.corners, slot, prim, t, tree.corners, old, old_prim, old_t):
                 continue
         low = _F(t) * _LESS - _TINY
         put(row.low, lane, low if low < _LARGEST else _LARGEST)

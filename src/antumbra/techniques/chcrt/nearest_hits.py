@@ -2,7 +2,7 @@
 
 The 16 rays of a cell traverse each part together, nearer child first, and each ray is clipped at its nearest hit so
 far. At a block, each ray is tested against all triangles in parallel lanes; where float32 cannot decide, float64 does.
-Hits are compared by their rounded t, as in `trace.rays.ray_traversal.walk`, and the lowest triangle index wins ties.
+Hits are compared as in `trace.rays.ray_traversal.walk`, by `kernels.exact.filters.precedes`.
 
 Other functions mark the triangles of hits in the slots of their parts, and number the marked slots.
 """
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh.nodes import block_leaf, box_at, rows_at, slot_at
-from ...kernels.exact.filters import is_nearer, meets, rounded_t
+from ...kernels.exact.filters import meets, precedes, signed_t
 from ...kernels.exact.predicate import ray_along, segment
 from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
@@ -93,7 +93,7 @@ class CellHits(NamedTuple):
     """The nearest hits of the 16 rays of a cell: pointers to scratch memory."""
 
     bundle: RayBundle
-    t: F64Ptr  # float64
+    t: F64Ptr  # float64, signed
     face: I32Ptr  # int32
     part: I32Ptr  # int32; -1: no new hit
     slot: I32Ptr  # int32
@@ -112,7 +112,7 @@ def _load(picture, rays, corner, cell):
     for lane in range(16):
         if live >> lane & 1 != 0:
             y, x, _ = receiver_in(picture, corner, lane)
-            put(cell.t, lane, rays.hits.t[y, x])
+            put(cell.t, lane, rays.hits.signed_t[y, x] if rays.hits.face[y, x] >= 0 else np.inf)
             put(cell.face, lane, rays.hits.face[y, x])
             put(cell.skip, lane, rays.skip[y, x])
             put(cell.part, lane, -1)
@@ -138,7 +138,8 @@ def _write(picture, hits, corner, live, cell):
         live &= live - 1
         if get(cell.part, lane) >= 0:
             y, x, _ = receiver_in(picture, corner, lane)
-            hits.t[y, x], hits.face[y, x] = get(cell.t, lane), get(cell.face, lane)
+            t = get(cell.t, lane)
+            hits.t[y, x], hits.signed_t[y, x], hits.face[y, x] = abs(t), t, get(cell.face, lane)
             hits.part[y, x], hits.slot[y, x] = get(cell.part, lane), get(cell.slot, lane)
     return reduce_max(load16(cell.bundle.limits, 0))
 
@@ -171,13 +172,13 @@ def _keep_if_nearest(cell, lane, tree, k, slot):
     """Record a hit if it is the nearest so far; any hit of an any-hit ray will do."""
     prim, t = get(tree.prim_ids, slot), np.float64(0.0)
     if not cell.any_hit:
-        t = rounded_t(_ray(cell, lane), tree.corners, slot)
-    if is_nearer(t, prim, get(cell.t, lane), get(cell.face, lane)):
+        t = signed_t(_ray(cell, lane), tree.corners, slot)
+    if precedes(t, prim, get(cell.t, lane), get(cell.face, lane)):
         put(cell.t, lane, t)
         put(cell.face, lane, prim)
         put(cell.part, lane, k)
         put(cell.slot, lane, slot)
-        put(cell.bundle.limits, lane, _F(-1.0) if cell.any_hit else limit_of(t, cell.bundle, lane))
+        put(cell.bundle.limits, lane, _F(-1.0) if cell.any_hit else limit_of(abs(t), cell.bundle, lane))
 
 
 @kernel

@@ -20,7 +20,7 @@ from ...trace.frusta.multi_frusta import trace_tree_list
 from ...trace.light_table import STRATA
 from ...trace.packets.packet16 import over_pixels, over_samples
 from ...trace.packets.ray_tile import is_far, is_huge, is_incoherent
-from ...trace.primary.primary_rays import primary_picture, trace_hits
+from ...trace.primary.primary_rays import primary_picture, sign_hits, trace_hits
 from ...trace.tile import TileShape, tile_shape
 from ...trace.tree_list import Hits, TreeList, no_hits
 from ..tracer_options import ChcRtOptions
@@ -223,6 +223,13 @@ class CameraRaySet(HitRays):
         cells, tiles = bound_camera(picture, camera, rows, self.length, threads), tiles_of(picture.shape, options.tile)
         super().__init__(parts, ScreenRays(source, picture, tiles, cells), threads)
         self.picture = primary_picture(camera, parts.boxes[0], self.hits)
+
+    def marker(self) -> Mark:
+        def mark(first: NDArray[np.int64], marks: NDArray[np.uint8]) -> None:
+            sign_hits(self.parts.trees, self.picture, first, self.threads)
+            mark_hits(self.hits, first, marks, self.threads)
+
+        return mark
 
     def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> NDArray[np.bool_]:
         lists, rays = self.lists(pairs, keys), self.rays

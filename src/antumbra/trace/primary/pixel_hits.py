@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...kernels.exact.filters import hit_t, is_nearer, meets
+from ...kernels.exact.filters import comes_first, hit_t, meets, precedes, signed_t
 from ...kernels.jit import F64Ptr, I32Ptr, inlined, kernel
 from ...kernels.simd import (
     as_f32,
@@ -36,7 +36,7 @@ from ...query.gbuffer import pixel_ray
 from ...query.raster_setup import NO_PLANE, EyePlane, eye_plane, plane_t, quick_t
 from ...scene.camera import CameraRays
 from ..descent import GROW
-from ..tree_list import tree_in
+from ..tree_list import is_in_memory, tree_in
 from .pixel_tests import CELLS, PIXELS, first_pixel
 
 # --- State of the pixels ----------------------------------------------------------------------------------------------
@@ -136,40 +136,45 @@ def _plane_of(tree_list, known, part, slot, o):
 
 
 @inlined
-def _best_of(pixels, at, tree_list, other, part, ray, o, pixel, face, t):
-    """((last plane, its part), t, face) of the hit of pixel `at`."""
+def _place_of_best(pixels, at, part, known, pixel):
+    """(tree, slot) of the hit of pixel `at` so far, during tree `part`; known: pointers to those of earlier calls."""
     slot = get(pixels.slot, at)
-    if slot == KNOWN:
-        part, slot = get(pixels.part, at), get(pixels.known_slot, at)
-        if part < 0:
-            return other, get(t, pixel), get(face, pixel)
-    tree, other = tree_in(tree_list, part), _plane_of(tree_list, other, part, slot, o)
-    return other, plane_t(other[0], ray, tree.corners), get(tree.prim_ids, slot)
+    if slot != KNOWN:
+        return part, slot
+    if get(pixels.part, at) >= 0:
+        return get(pixels.part, at), get(pixels.known_slot, at)
+    return get(known[0], pixel), get(known[1], pixel)
 
 
 @kernel
-def settle(pixels, tree_list, part, rays, x0, y0, scale, face, t):
+def settle(pixels, tree_list, part, rays, x0, y0, scale, hits):
     """Settle the deferred pixels of tree `part` by the contract's predicates.
 
-    face, t : pointers to the picture, which holds the hits of earlier calls
+    hits : `Hits` of the picture, which holds those of earlier calls
     """
-    # In: tree_list, part, rays, x0, y0, scale, face, t. In and out: pixels.
+    # In: tree_list, part, rays, x0, y0, scale, hits. In and out: pixels.
     o, touched, tree = rays.origin, 0, tree_in(tree_list, part)
+    known, face, signed = (ptr(hits.part), ptr(hits.slot)), ptr(hits.face), ptr(hits.signed_t)
     mine, other = (NO_PLANE, -1), (NO_PLANE, -1)
     for k in range(get(pixels.deferred, 0)):
         slot, entry = get(pixels.deferred, 2 + 2 * k), get(pixels.deferred, 3 + 2 * k)
         at = entry >> 1
         (across, down), lane = first_pixel(at >> 4), at & 15
         x, y = x0 + across + (lane & 3), y0 + down + (lane >> 2)
-        ray = pixel_ray(rays, x, y)
+        ray, prim = pixel_ray(rays, x, y), get(tree.prim_ids, slot)
         if entry & 1 == 0 and meets(ray, tree.corners, slot) == 0:
             continue
         mine = _plane_of(tree_list, mine, part, slot, o)
         new_t = plane_t(mine[0], ray, tree.corners)
         if get(pixels.slot, at) != NOTHING:
             pixel = y * rays.width + x
-            other, best_t, best = _best_of(pixels, at, tree_list, other, part, ray, o, pixel, face, t)
-            if is_nearer(best_t, best, new_t, get(tree.prim_ids, slot)):
+            of, best = _place_of_best(pixels, at, part, known, pixel)
+            if is_in_memory(tree_list, of):
+                there, other = tree_in(tree_list, of), _plane_of(tree_list, other, of, best, o)
+                best_t, best_prim = plane_t(other[0], ray, there.corners), get(there.prim_ids, best)
+                if not comes_first(ray, tree.corners, slot, prim, new_t, there.corners, best, best_prim, best_t):
+                    continue
+            elif not precedes(signed_t(ray, tree.corners, slot), prim, get(signed, pixel), get(face, pixel)):
                 continue
         _set_hit(pixels, at, slot, new_t, scale)
         touched |= 1 << (at >> 4)

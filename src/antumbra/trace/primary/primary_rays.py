@@ -22,10 +22,12 @@ from numpy.typing import NDArray
 from ...bvh.block_tree import BlockTree, block_tree
 from ...bvh.nodes import Bvh, box_at, boxes_of
 from ...kernels.elementary import power_of_two_above
+from ...kernels.exact.filters import signed_t
 from ...kernels.jit import F32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
-from ...kernels.simd import get, load16, ptr, put, splat16, stack_f32, stack_f64, stack_i32, stack_i64
+from ...kernels.simd import f32_at, get, load16, ptr, put, splat16, stack_f32, stack_f64, stack_i32, stack_i64
 from ...kernels.vec3 import rows
+from ...query.gbuffer import pixel_ray
 from ...query.raster_setup import RasterView, direction_error, make_view
 from ...scene.camera import CameraRays
 from ..counters import N_COUNTERS, add_counters, cleared, new_counters
@@ -41,7 +43,7 @@ from ..descent import (
     entry,
     next_block,
 )
-from ..tree_list import Hits, TreeList, list_of, root_in, single_tree, tree_in, tree_list_pointers, tree_number
+from ..tree_list import CORNERS, Hits, TreeList, list_of, root_in, single_tree, tree_in, tree_list_pointers, tree_number
 from .pixel_hits import (
     KNOWN_FLOATS,
     KNOWN_PLANES,
@@ -138,7 +140,7 @@ def _walk(tree_list, k, alive, picture, tile, scratch, counters):
         if last.mask != 0:
             changed = trace_block(tile.frame, tree, last.link, last.mask, pixels, scratch.work, counters)
             if get(pixels.deferred, 0) != 0:
-                settle(pixels, tree_list, k, picture.rays, tile.x0, tile.y0, scale, ptr(hits.face), ptr(hits.t))
+                settle(pixels, tree_list, k, picture.rays, tile.x0, tile.y0, scale, hits)
                 changed = True
             if changed:
                 shorten(pixels, _F(scale))
@@ -242,7 +244,8 @@ def trace_primary(
     Returns
     -------
     face : (H, W) int32
-        -1 on a miss. Among triangles at the same t, the lowest index wins.
+        -1 on a miss. Among triangles at the same real t, rounded to float64, one whose front faces the eye wins, then
+        the lowest index.
     t : (H, W) float64
         In lengths of the pixel's direction; inf on a miss.
 
@@ -254,7 +257,7 @@ def trace_primary(
     if not isinstance(tree, BlockTree):
         tree = block_tree(tree, threads)
     shape, empty = (rays.height, rays.width), np.empty((0, 0), np.int32)
-    hits = Hits(np.empty(shape, np.int32), np.empty(shape), empty, empty)
+    hits = Hits(np.empty(shape, np.int32), np.empty(shape), empty, empty, np.empty((0, 0)))
     trace_hits(
         single_tree(tree), primary_picture(rays, boxes_of(tree.nodes[:1])[0], hits), thread_count(threads), counters
     )
@@ -294,3 +297,23 @@ def trace_hits(
     across, down = -(-width // (WIDTH * _SUPER)), -(-height // (HEIGHT * _SUPER))
     ticket = new_ticket(across * down * _SUPER * _SUPER, 1)
     run(_trace_tiles, threads, ticket, tree_list, picture, across, new_counters() if counters is None else counters)
+
+
+@kernel
+def _sign(ticket, trees, picture, first):
+    """Worker: write the signed t of hits, row by row of pixels."""
+    hits = picture.hits
+    for y in items(ticket):
+        for x in range(picture.rays.width):
+            k = hits.part[y, x]
+            if k >= 0 and first[k] >= 0:
+                ray, corners = pixel_ray(picture.rays, x, y), f32_at(trees[k, CORNERS])
+                hits.signed_t[y, x] = signed_t(ray, corners, np.int64(hits.slot[y, x]))
+
+
+def sign_hits(trees: NDArray[np.int64], picture: PrimaryPicture, first: NDArray[np.int64], threads: int) -> None:
+    """Write the signed t of each hit in a tree with first[k] >= 0, which is about to leave memory.
+
+    trees : the table of a `TreeList`
+    """
+    run(_sign, threads, new_ticket(picture.rays.height, 8), trees, picture, first)

@@ -1,4 +1,4 @@
-"""All hits of rays: every triangle that a ray meets in its interval, sorted by t; or only their number.
+"""All hits of rays: every triangle that a ray meets in its interval, sorted; or only their number.
 
 Batches of 64 rays are read as in `ray_batches` and walk the wide BVH interleaved (`interleaved_rays`), none of them to
 an early end. A test that float32 leaves undecided is settled at once, so no hit is found twice or missed.
@@ -7,6 +7,9 @@ Memory. How many hits there are is known only afterwards. A thread lists the hit
 reserves room for them in the output arrays, and writes them there, sorted. A batch for which either memory is too small
 only counts its hits; it is traced again with memory for this number. Batches end in any order, so the hits are finally
 copied to the order of the rays.
+
+Order. Hits are sorted as `kernels.exact.filters.precedes` states, so the first one is the nearest hit. Their t are from
+`signed_t` until all hits of a ray have been sorted.
 
 Rules. TRIANGLES counts every triangle that a ray meets, so a ray through a common edge counts two. SURFACES displaces
 rays infinitesimally (`kernels.exact.surface_crossing`), so it counts one. A hit that float32 decides lies inside its
@@ -21,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh.nodes import WIDTH, wide_tree_of
-from ...kernels.exact.filters import is_nearer
+from ...kernels.exact.filters import precedes
 from ...kernels.exact.predicate import exact_touches
 from ...kernels.exact.surface_crossing import crosses_surface
 from ...kernels.jit import I32Ptr, I64Ptr, inlined, kernel, overload
@@ -201,14 +204,14 @@ def _set(out, to, source, at):
 
 @kernel
 def _sort(out, first, n):
-    """Sort n hits by t, then by face: Shell's sort, which is an insertion sort for a few of them."""
+    """Sort n hits: Shell's sort, which is an insertion sort for a few of them."""
     gap = 1
     while gap < n // 9:
         gap = 3 * gap + 1
     while gap > 0:
         for i in range(first + gap, first + n):
             face, t, u, v, at = out.face[i], out.t[i], out.u[i], out.v[i], i
-            while at - gap >= first and is_nearer(t, face, out.t[at - gap], out.face[at - gap]):
+            while at - gap >= first and precedes(t, face, out.t[at - gap], out.face[at - gap]):
                 _set(out, at, out, at - gap)
                 at -= gap
             out.face[at], out.t[at], out.u[at], out.v[at] = face, t, u, v
@@ -227,7 +230,7 @@ def _write_hits(tree, batch, sink, report, out, place):
         compute_numbers(tree, batch, report, begin, total, -1)
         for k in range(begin, min(begin + LANES, total)):
             i = np.int64(get(sink.rays, k))
-            write_hit(tree, batch, k, report, out, place + get(ends, i))
+            write_hit(tree, batch, k, report, True, out, place + get(ends, i))
             put(ends, i, get(ends, i) + 1)
     for i in range(_RAYS):
         n = np.int64(get(sink.counts, i))
@@ -291,7 +294,7 @@ def find_all(
     rule: int = TRIANGLES,
     threads: int | None = None,
 ) -> AllHits | None:
-    """All hits of rays, or the first `max_hits` of each; None if a ray is invalid.
+    """All hits of rays, with signed t, or the first `max_hits` of each; None if a ray is invalid.
 
     rule : TRIANGLES or SURFACES
     """
@@ -378,10 +381,15 @@ class RayHits(NamedTuple):
     hits: AllHits  # of m rays
 
 
+def unsigned(hits: AllHits) -> AllHits:
+    """Sorted hits with signed t as those that callers get. The array of t is changed."""
+    return hits._replace(t=np.abs(hits.t, out=hits.t))
+
+
 def merge_triangles(lists: Sequence[RayHits], n: int, max_hits: int | None = None) -> AllHits:
-    """The hits of n rays from those on several sets of triangles, or the first `max_hits` of each ray."""
+    """The hits of n rays from those on several sets of triangles, with signed t, or the first `max_hits` of each."""
     if len(lists) == 1 and len(lists[0].rays) == n and max_hits is None:
-        return lists[0].hits
+        return unsigned(lists[0].hits)
     rays = np.concatenate([np.empty(0, np.int64), *(each.rays[each.hits.ray] for each in lists)])
     columns = [
         np.concatenate([empty, *(each.hits[k] for each in lists)]) for k, empty in enumerate(_nothing(), start=1)
@@ -393,11 +401,11 @@ def sorted_hits(rays: NDArray[np.int64], columns: Sequence[np.ndarray], n: int, 
     """Hits in any order as those of n rays, or the first `max_hits` of each ray.
 
     rays : (k,) int64, the ray of each hit
-    columns : (k,) each: t, face, u and v
+    columns : (k,) each: signed t, face, u and v
     """
     t, face, u, v = columns
-    order, offsets = np.lexsort((face, t, rays)), _offsets(np.bincount(rays, minlength=n))
+    order, offsets = np.lexsort((face, t < 0.0, np.abs(t), rays)), _offsets(np.bincount(rays, minlength=n))
     if max_hits is not None:
         order = order[np.arange(len(order)) - np.repeat(offsets[:-1], np.diff(offsets)) < max_hits]
         offsets = _offsets(np.minimum(np.diff(offsets), max_hits))
-    return AllHits(offsets, t[order], face[order], u[order], v[order])
+    return unsigned(AllHits(offsets, t[order], face[order], u[order], v[order]))

@@ -13,6 +13,7 @@ from ...kernels.exact.filters import (
     UNKNOWN,
     are_differences,
     clamp_weight,
+    is_front,
     quick_t,
     quick_weights,
     rounded_t,
@@ -31,8 +32,8 @@ from ...kernels.transposition import transposed8
 from .wide_traversal import BLOCK_WORDS, DX, LANES, OX, block_of, hits_of, ray_of, slot_of
 
 CORNER_WORDS = 9 * LANES
-REPORT_WORDS = 3 * LANES
-_T, _U, _V = 0, LANES, 2 * LANES
+REPORT_WORDS = 4 * LANES
+_T, _U, _V, _D = 0, LANES, 2 * LANES, 3 * LANES
 
 
 class Report(NamedTuple):
@@ -40,7 +41,7 @@ class Report(NamedTuple):
 
     corners: F32Ptr  # float32 *, CORNER_WORDS: rows of 16, corners of the triangle that each ray hits
     rows: F32Ptr  # float32 *, BLOCK_WORDS: origins and directions, in rows of a block
-    numbers: F64Ptr  # float64 *, REPORT_WORDS: rows of 16: t, u, v; t or u may be UNKNOWN
+    numbers: F64Ptr  # float64 *, REPORT_WORDS: rows of 16: t, u, v, d . n; t or u may be UNKNOWN
     rays: I32Ptr  # int32 *: the ray of each hit, and room for LANES more
     slots: I64Ptr  # int64 *: the slot of its triangle, likewise
 
@@ -64,24 +65,30 @@ def _fill_report(rows, report):
         o, d = _vector(rows, OX + i), _vector(rows, DX + i)
         v0, v1, v2 = _vector(corners, i), _vector(corners, 3 * LANES + i), _vector(corners, 6 * LANES + i)
         a, p, q = _minus(v0, o), _minus(v1, v0), _minus(v2, v0)
-        t, (u, v) = quick_t(d, a, p, q), quick_weights(d, a, p, q)
+        (t, det), (u, v) = quick_t(d, a, p, q), quick_weights(d, a, p, q)
         put(out, _T + i, t if are_differences(o, v0, v1, v2, a, p, q) else UNKNOWN)
         put(out, _U + i, u)
         put(out, _V + i, v)
+        put(out, _D + i, det)
 
 
 @inlined
-def write_hit(tree, rays, k, report, out, at):
-    """Write hit k, whose numbers are in column k mod 16 of the report, to element `at` of the arrays."""
+def write_hit(tree, rays, k, report, signed, out, at):
+    """Write hit k, whose numbers are in column k mod 16 of the report, to element `at` of the arrays.
+
+    signed : whether its t is written as from `filters.signed_t`
+    """
     i, slot, column = np.int64(get(report.rays, k)), get(report.slots, k), k % LANES
     numbers = report.numbers
     t, u, v = get(numbers, _T + column), get(numbers, _U + column), get(numbers, _V + column)
     if rays.segments:  # their directions are not float32
         t, u = UNKNOWN, UNKNOWN
-    out.face[at], out.t[at] = get(tree.prim_ids, slot), t
+    out.face[at], out.t[at] = get(tree.prim_ids, slot), -t if signed and get(numbers, _D + column) > 0.0 else t
     out.u[at], out.v[at] = clamp_weight(u), clamp_weight(v)
     if t == UNKNOWN:
-        out.t[at] = rounded_t(ray_of(block_of(rays, i // LANES), i % LANES), tree.corners, slot)
+        ray = ray_of(block_of(rays, i // LANES), i % LANES)
+        t = rounded_t(ray, tree.corners, slot)
+        out.t[at] = -t if signed and not is_front(ray, tree.corners, slot) else t
     if u == UNKNOWN:
         ray = ray_of(block_of(rays, i // LANES), i % LANES)
         out.u[at], out.v[at] = single_weights(ray, tree.corners, slot)
@@ -161,4 +168,4 @@ def write_nearest(tree, rays, hits, n, report, out, first):
     for begin in range(0, n_hits, LANES):
         compute_numbers(tree, rays, report, begin, n_hits, n)
         for k in range(begin, min(begin + LANES, n_hits)):
-            write_hit(tree, rays, k, report, out, first + np.int64(get(report.rays, k)))
+            write_hit(tree, rays, k, report, False, out, first + np.int64(get(report.rays, k)))

@@ -12,7 +12,7 @@ from ...bvh.instance_trees import (
     instance_pointers,
     mesh_pointers,
 )
-from ...kernels.exact.filters import plane_side, rounded_t, single_weights
+from ...kernels.exact.filters import plane_side, signed_t, single_weights
 from ...kernels.exact.predicate import exact_touches
 from ...kernels.exact.surface_crossing import crosses_surface
 from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined, kernel, overload
@@ -81,7 +81,7 @@ def _record_triangle(scene, i, source, ray, query, hits, counters):
             return False
         if hits.first >= 0:
             at, (u, v) = hits.first + n, single_weights(ray, corners, TESTED)
-            put(hits.out_t, at, rounded_t(ray, corners, TESTED))
+            put(hits.out_t, at, signed_t(ray, corners, TESTED))
             put(hits.out_face, at, face)
             put(hits.out_u, at, u)
             put(hits.out_v, at, v)

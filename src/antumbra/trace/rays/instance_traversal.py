@@ -270,7 +270,7 @@ def meets_triangle(scene, i, source, ray, query, hit, counters):
         _keep(i, source, face, get(hit.t, 0), hit)
         return True
     t, best = hit_t(ray, hit.corners, hit.tested), get(hit.ids, 0)
-    if best < 0 or comes_first(ray, hit.corners, hit.tested, face, t, hit.best, best, get(hit.t, 0)):
+    if best < 0 or comes_first(ray, hit.corners, hit.tested, face, t, hit.corners, hit.best, best, get(hit.t, 0)):
         _keep(i, source, face, t, hit)
         return True
     return False
@@ -357,7 +357,7 @@ def walk_copy(scene, i, ray, start, query, hit, counters):
 
 @kernel
 def walk_instances(scene, ray, query, hit, counters):
-    """Find the hit of a ray, any or the nearest (ties: the lowest face). `hit` has the result, and -1 on a miss."""
+    """Find the hit of a ray, any or the nearest (ties: `filters.precedes`). `hit` has the result, and -1 on a miss."""
     stack, top, link = WideStack(stack_i32(_ROOM), stack_i32(_ROOM)), np.int64(0), np.int64(0)
     put(hit.t, 0, ray.tmax)
     put(hit.ids, 0, np.int64(-1))

@@ -126,7 +126,7 @@ def nearest_hits(
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """The nearest triangle that each ray of a `RayPass` meets: (face, t).
 
-    face : (m,) int32, the lowest index among equal t; -1 on a miss
+    face : (m,) int32, the first one among equal t, as `filters.precedes` states; -1 on a miss
     t : (m,) float64, in lengths of the direction; inf on a miss
     """
     m = len(origins)

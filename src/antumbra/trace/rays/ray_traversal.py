@@ -280,7 +280,7 @@ def _ignores_hit(hit_filter, ray, corners, slot, prim):
 
 @kernel
 def walk(tree, ray, skip, cull_faces, order, hit_filter, counters):
-    """(slot, t) of a triangle that the ray meets: any one, or the nearest (ties: the lowest triangle index).
+    """(slot, t) of a triangle that the ray meets: any one, or the nearest (ties: `filters.precedes`).
 
     slot is -1 on a miss. t is computed only for the nearest hit, by `rounded_t`.
 
@@ -333,7 +333,7 @@ def walk(tree, ray, skip, cull_faces, order, hit_filter, counters):
                     if order != CLOSEST:
                         return slot, best_t
                     t = hit_t(ray, tree.corners, slot)
-                    if best < 0 or comes_first(ray, tree.corners, slot, prim, t, best, best_id, best_t):
+                    if best < 0 or comes_first(ray, tree.corners, slot, prim, t, tree.corners, best, best_id, best_t):
                         best, best_id, best_t = slot, prim, t
                         limit = np.float32(best_t * BEYOND)
         while order == CLOSEST and height > 0 and get(entry, height - 1) > limit:

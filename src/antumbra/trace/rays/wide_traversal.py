@@ -231,7 +231,7 @@ def _settle_hit(tree, rays, i, at, query, hits):
     if best >= 0:
         ray, best_prim = ray_of(rays, i), np.int64(get(tree.prim_ids, best))
         t, best_t = hit_t(ray, tree.corners, slot), hit_t(ray, tree.corners, best)
-        if not comes_first(ray, tree.corners, slot, prim, t, best, best_prim, best_t):
+        if not comes_first(ray, tree.corners, slot, prim, t, tree.corners, best, best_prim, best_t):
             return
     put(hits.lane, i, at)
 
