@@ -21,7 +21,7 @@ from ..scene.instance_data import InstanceData
 from ..scene.instances import InstancedMesh
 from ..scene.scene_bounds import flush_to_zero
 from . import binned_sah
-from .nodes import LINKS, NODE_WORDS, WIDTH, Bvh, WideBvh, aligned_empty, wide_leaf
+from .nodes import EMPTY, LINKS, NODE_WORDS, WIDTH, Bvh, WideBvh, aligned_empty, wide_leaf
 from .reinsertion import reinsert
 from .wide_bvh import widen
 
@@ -112,7 +112,8 @@ _NOWHERE = np.float32(3e38)
 
 
 def top_tree(boxes: NDArray[np.float32], threads: int) -> NDArray[np.float32]:
-    """(n, 64): the nodes of a wide BVH over boxes, (k, 2, 3). A link < 0 is ``~box``.
+    """(n, 64): the nodes of a wide BVH over boxes, (k, 2, 3). A link < 0 is ``~box``, or EMPTY, since rays too long or too far away for float32
+    enter the boxes of missing children too.
 
     Since builders take triangles, each box is replaced by a zero-area triangle with the same bounds.
     """
@@ -126,10 +127,10 @@ def top_tree(boxes: NDArray[np.float32], threads: int) -> NDArray[np.float32]:
     links = nodes.view(np.int32)[:, LINKS : LINKS + WIDTH]
     leaf, (group, size) = links[:n] < 0, wide_leaf(links[:n])
     single = ~ids[np.where(leaf, group, 0), 0]
-    links[:n] = np.where(leaf & (size > 0), np.where(size == 1, single, n + group), links[:n])
+    links[:n] = np.where(leaf, np.where(size > 1, n + group, np.where(size == 1, single, EMPTY)), links[:n])
     there = wide.slots >= 0
     nodes[n:, LINKS + WIDTH :] = 0.0
-    links[n:] = np.where(there, ~ids, -1)
+    links[n:] = np.where(there, ~ids, EMPTY)
     for axis in range(3):
         nodes[n:, 16 * axis : 16 * axis + 8] = np.where(there, lower[ids, axis], _NOWHERE)
         nodes[n:, 16 * axis + 8 : 16 * axis + 16] = np.where(there, upper[ids, axis], -_NOWHERE)
@@ -239,7 +240,8 @@ class InstanceTrees:
             )
         nodes = top_tree(boxes, threads)
         links = nodes.view(np.int32)[:, LINKS : LINKS + WIDTH]
-        links[:] = np.where(links < 0, ~filled[~np.minimum(links, -1)].astype(np.int32), links)
+        to_copy = (links < 0) & (links != EMPTY)
+        links[to_copy] = ~filled[~links[to_copy]].astype(np.int32)
         first = np.concatenate([instances.meshes[k].parts[:-1] for k in instances.mesh])
         self.arrays = InstanceArrays(
             nodes,

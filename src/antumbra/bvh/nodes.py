@@ -174,7 +174,8 @@ def bounds_at(block):
 MAX_LEAF = 8  # maximum triangles in a leaf
 MAX_DEPTH = 64  # maximum inner nodes on a path from the root: the size of a traversal stack
 UNORDERED, LEFT_FIRST, FRONT_TO_BACK, BACK_TO_FRONT = range(4)  # child orders for any-hit rays
-EMPTY = np.int32(-2147483648)  # link of a missing child, which only the root of a scene of 0 or 1 triangles has
+EMPTY = np.int32(-2147483648)
+"""Link of a missing child, as the root of a scene of 0 or 1 triangles has, or a wide node over copies."""
 _STACK_SIZE = MAX_DEPTH + 2
 
 

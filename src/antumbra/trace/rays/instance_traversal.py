@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.instance_trees import mesh_pointers, mesh_reach
-from ...bvh.nodes import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH, wide_leaf
+from ...bvh.nodes import EMPTY, GROUP_WORDS, LINKS, NODE_WORDS, WIDTH, wide_leaf
 from ...kernels.exact.filters import (
     BEYOND,
     FilterRays,
@@ -370,7 +370,7 @@ def walk_instances(scene, ray, query, hit, counters):
             count(counters, NODES, 1)
             count(counters, BOX_TESTS, WIDTH)
             top = _push_sorted(scene.nodes, scene.links, link, slabs, f(limit), stack, top)
-        elif walk_copy(scene, ~link, ray, start, query, hit, counters):
+        elif link != EMPTY and walk_copy(scene, ~link, ray, start, query, hit, counters):
             return
         top = _pop_before(stack, top, limit)
         if top == 0:
