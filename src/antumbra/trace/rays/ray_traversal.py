@@ -39,7 +39,7 @@ from ...kernels.exact.filters import (
     volumes32,
     volumes64,
 )
-from ...kernels.exact.predicate import exact_meets
+from ...kernels.exact.predicate import exact_meets, misses_bounds
 from ...kernels.jit import F32x4, I32Ptr, inlined, kernel, overload
 from ...kernels.simd import (
     as_i32,
@@ -208,10 +208,13 @@ def box_ray(nodes, ray):
 
 @kernel
 def settle(ray, corners, slot, counters):
-    """Decide a ray-triangle test that is undecided in float32: in float64, then in exact arithmetic.
+    """Decide a ray-triangle test that is undecided in float32: by the triangle's bounds, in float64, then exactly.
 
-    Not inlined, to keep this code out of hot loops.
+    The bounds come first, because rays far longer than a scene is wide pass the boxes of many small triangles in
+    float32. Not inlined, to keep this code out of hot loops.
     """
+    if misses_bounds(ray, corners, slot):
+        return 0
     count(counters, UNCERTAIN, 1)
     side = verdict(volumes64(ray, corners, slot), ray.tmin, ray.tmax)
     if side == UNSURE:
