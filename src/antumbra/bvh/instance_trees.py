@@ -112,8 +112,9 @@ _NOWHERE = np.float32(3e38)
 
 
 def top_tree(boxes: NDArray[np.float32], threads: int) -> NDArray[np.float32]:
-    """(n, 64): the nodes of a wide BVH over boxes, (k, 2, 3). A link < 0 is ``~box``, or EMPTY, since rays too long or too far away for float32
-    enter the boxes of missing children too.
+    """(n, 64): the nodes of a wide BVH over boxes, (k, 2, 3). A link < 0 is ``~box``, or EMPTY for a missing child.
+
+    Rays that are too long or too far away for float32 enter missing children too, and must recognise them.
 
     Since builders take triangles, each box is replaced by a zero-area triangle with the same bounds.
     """
