@@ -21,9 +21,9 @@ from ..scene.instance_data import InstanceData
 from ..scene.instances import InstancedMesh
 from ..scene.scene_bounds import flush_to_zero
 from . import binned_sah
-from .nodes import EMPTY, LINKS, NODE_WORDS, WIDTH, Bvh, WideBvh, aligned_empty, wide_leaf
+from .nodes import EMPTY, LINKS, NODE_WORDS, WIDTH, Bvh, Reach, WideBvh, aligned_empty, wide_leaf
 from .reinsertion import reinsert
-from .wide_bvh import widen
+from .wide_bvh import reach_of, widen
 
 # --- Trees of meshes --------------------------------------------------------------------------------------------------
 
@@ -157,7 +157,7 @@ class InstanceArrays(NamedTuple):
     rows: NDArray[np.int64]  # (k,): first of each copy's `starts`
     starts: NDArray[np.int64]  # (s,): for each part of each copy, scene index of face i of the mesh, minus i
     origin: NDArray[np.float64]  # (3,)
-    reach: np.float32  # largest magnitude of a coordinate of the copies
+    reach: Reach  # of the copies
 
 
 class InstancePointers(NamedTuple):
@@ -172,7 +172,7 @@ class InstancePointers(NamedTuple):
     rows: I64Ptr
     starts: I64Ptr
     origin: F64Ptr
-    reach: np.float32
+    reach: Reach
 
 
 @inlined
@@ -223,7 +223,7 @@ class InstanceTrees:
         counts = np.array([len(mesh.faces) for mesh in instances.meshes])
         filled = np.flatnonzero(counts[instances.mesh] > 0)
         self._trees = {k: mesh_tree(instances.meshes[k], build, threads) for k in np.flatnonzero(counts).tolist()}
-        self._reaches = {k: np.array([tree.wide.reach], np.float32) for k, tree in self._trees.items()}
+        self._reaches = {k: np.array([max(tree.wide.reach)], np.float32) for k, tree in self._trees.items()}
         boxes = flush_to_zero((data.boxes[filled] - data.origin).astype(np.float32))
         far, maps = np.abs(boxes).max(axis=(1, 2)).astype(np.float64), np.zeros((n, 15))
         for k, tree in self._trees.items():
@@ -254,7 +254,7 @@ class InstanceTrees:
             instances.rows[:-1].copy(),
             instances.starts - first,
             data.origin.copy(),
-            np.float32(far.max()),
+            reach_of(boxes),
         )
 
     def _words(self, k: int) -> list[int]:

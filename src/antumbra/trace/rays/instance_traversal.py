@@ -41,7 +41,7 @@ from ...kernels.simd import (
 from ...scene.scene_bounds import NEAREST
 from ..counters import BOX_TESTS, NODES, count
 from .ray_traversal import triangle_hit
-from .wide_traversal import LANE, STACK, WideSlabs, boxes_fit, enter, group_of, sorted_keys
+from .wide_traversal import LANE, STACK, WideSlabs, boxes_fit, enter, group_of, largest_of, sorted_keys
 
 # --- Rays in frames ---------------------------------------------------------------------------------------------------
 
@@ -363,7 +363,7 @@ def walk_instances(scene, ray, query, hit, counters):
     put(hit.ids, 0, np.int64(-1))
     f = np.float32
     o, d = (f(ray.ox), f(ray.oy), f(ray.oz)), (f(ray.dx), f(ray.dy), f(ray.dz))
-    slabs, start = _slabs(o, d, f(ray.tmin), scene.reach, _ZERO), ray.tmin
+    slabs, start = _slabs(o, d, f(ray.tmin), largest_of(scene.reach), _ZERO), ray.tmin
     while True:
         limit = get(hit.t, 0) * BEYOND
         if link >= 0:

@@ -140,7 +140,8 @@ class Ordered(NamedTuple):
 
 _STACK = 2 * MAX_DEPTH
 _TINY = np.float32(1e-20)  # a direction's component below this fraction of the largest one counts as zero
-_SHORT = np.float32(1e-15)  # rays with shorter directions visit every node, because the reciprocals could overflow
+_LEAST = np.float32(1e-35)  # so does a component below this, whose reciprocal could overflow
+_SHORT = np.float32(1e-28)  # rays with shorter directions visit every node, because _LEAST would turn them
 _GROW = np.float32(1.0 + 2.0**-20)  # more than the 8 roundings between the two ends of a slab interval
 _PAD = np.float32(2.0**-21)  # fraction of the largest coordinate, see `_slab`
 
@@ -187,7 +188,7 @@ def box_ray(nodes, ray):
     ox, oy, oz = f(ray.ox), f(ray.oy), f(ray.oz)
     dx, dy, dz = f(ray.dx), f(ray.dy), f(ray.dz)
     largest = max_magnitude((dx, dy, dz))
-    limit = _TINY * largest
+    limit = max(_TINY * largest, _LEAST)
     pad = f(0.0)
     if abs(dx) <= limit or abs(dy) <= limit or abs(dz) <= limit:
         pad = _PAD * _reach(nodes, max_magnitude((ox, oy, oz)))
