@@ -56,7 +56,7 @@ def _check_tree(wide, bvh, vertices):
             np.testing.assert_array_equal(rows[9, :count], np.abs(edges[:, 3:]).max(1))
             assert (rows[:, count:] == 0).all()
     assert (seen == 1).all() and nodes == len(wide.nodes)
-    assert wide.reach == np.abs(vertices).max(initial=np.float32(0.0))
+    assert wide.reach == tuple(np.abs(vertices).max(axis=(0, 1), initial=np.float32(0.0)))
     return nodes
 
 

@@ -21,9 +21,9 @@ from ..scene.instance_data import InstanceData
 from ..scene.instances import InstancedMesh
 from ..scene.scene_bounds import flush_to_zero
 from . import binned_sah
-from .nodes import LINKS, NODE_WORDS, WIDTH, Bvh, WideBvh, aligned_empty, wide_leaf
+from .nodes import EMPTY, LINKS, NODE_WORDS, WIDTH, Bvh, Reach, WideBvh, aligned_empty, wide_leaf
 from .reinsertion import reinsert
-from .wide_bvh import widen
+from .wide_bvh import reach_of, widen
 
 # --- Trees of meshes --------------------------------------------------------------------------------------------------
 
@@ -112,7 +112,9 @@ _NOWHERE = np.float32(3e38)
 
 
 def top_tree(boxes: NDArray[np.float32], threads: int) -> NDArray[np.float32]:
-    """(n, 64): the nodes of a wide BVH over boxes, (k, 2, 3). A link < 0 is ``~box``.
+    """(n, 64): the nodes of a wide BVH over boxes, (k, 2, 3). A link < 0 is ``~box``, or EMPTY for a missing child.
+
+    Rays that are too long or too far away for float32 enter missing children too, and must recognise them.
 
     Since builders take triangles, each box is replaced by a zero-area triangle with the same bounds.
     """
@@ -126,10 +128,10 @@ def top_tree(boxes: NDArray[np.float32], threads: int) -> NDArray[np.float32]:
     links = nodes.view(np.int32)[:, LINKS : LINKS + WIDTH]
     leaf, (group, size) = links[:n] < 0, wide_leaf(links[:n])
     single = ~ids[np.where(leaf, group, 0), 0]
-    links[:n] = np.where(leaf & (size > 0), np.where(size == 1, single, n + group), links[:n])
+    links[:n] = np.where(leaf, np.where(size > 1, n + group, np.where(size == 1, single, EMPTY)), links[:n])
     there = wide.slots >= 0
     nodes[n:, LINKS + WIDTH :] = 0.0
-    links[n:] = np.where(there, ~ids, -1)
+    links[n:] = np.where(there, ~ids, EMPTY)
     for axis in range(3):
         nodes[n:, 16 * axis : 16 * axis + 8] = np.where(there, lower[ids, axis], _NOWHERE)
         nodes[n:, 16 * axis + 8 : 16 * axis + 16] = np.where(there, upper[ids, axis], -_NOWHERE)
@@ -155,7 +157,7 @@ class InstanceArrays(NamedTuple):
     rows: NDArray[np.int64]  # (k,): first of each copy's `starts`
     starts: NDArray[np.int64]  # (s,): for each part of each copy, scene index of face i of the mesh, minus i
     origin: NDArray[np.float64]  # (3,)
-    reach: np.float32  # largest magnitude of a coordinate of the copies
+    reach: Reach  # of the copies
 
 
 class InstancePointers(NamedTuple):
@@ -170,7 +172,7 @@ class InstancePointers(NamedTuple):
     rows: I64Ptr
     starts: I64Ptr
     origin: F64Ptr
-    reach: np.float32
+    reach: Reach
 
 
 @inlined
@@ -221,7 +223,7 @@ class InstanceTrees:
         counts = np.array([len(mesh.faces) for mesh in instances.meshes])
         filled = np.flatnonzero(counts[instances.mesh] > 0)
         self._trees = {k: mesh_tree(instances.meshes[k], build, threads) for k in np.flatnonzero(counts).tolist()}
-        self._reaches = {k: np.array([tree.wide.reach], np.float32) for k, tree in self._trees.items()}
+        self._reaches = {k: np.array([max(tree.wide.reach)], np.float32) for k, tree in self._trees.items()}
         boxes = flush_to_zero((data.boxes[filled] - data.origin).astype(np.float32))
         far, maps = np.abs(boxes).max(axis=(1, 2)).astype(np.float64), np.zeros((n, 15))
         for k, tree in self._trees.items():
@@ -239,7 +241,8 @@ class InstanceTrees:
             )
         nodes = top_tree(boxes, threads)
         links = nodes.view(np.int32)[:, LINKS : LINKS + WIDTH]
-        links[:] = np.where(links < 0, ~filled[~np.minimum(links, -1)].astype(np.int32), links)
+        to_copy = (links < 0) & (links != EMPTY)
+        links[to_copy] = ~filled[~links[to_copy]].astype(np.int32)
         first = np.concatenate([instances.meshes[k].parts[:-1] for k in instances.mesh])
         self.arrays = InstanceArrays(
             nodes,
@@ -251,7 +254,7 @@ class InstanceTrees:
             instances.rows[:-1].copy(),
             instances.starts - first,
             data.origin.copy(),
-            np.float32(far.max()),
+            reach_of(boxes),
         )
 
     def _words(self, k: int) -> list[int]:

@@ -174,7 +174,8 @@ def bounds_at(block):
 MAX_LEAF = 8  # maximum triangles in a leaf
 MAX_DEPTH = 64  # maximum inner nodes on a path from the root: the size of a traversal stack
 UNORDERED, LEFT_FIRST, FRONT_TO_BACK, BACK_TO_FRONT = range(4)  # child orders for any-hit rays
-EMPTY = np.int32(-2147483648)  # link of a missing child, which only the root of a scene of 0 or 1 triangles has
+EMPTY = np.int32(-2147483648)
+"""Link of a missing child, as the root of a scene of 0 or 1 triangles has, or a wide node over copies."""
 _STACK_SIZE = MAX_DEPTH + 2
 
 
@@ -309,6 +310,10 @@ GROUP_WORDS = 10 * WIDTH
 NO_CHILD = np.int32(-1)  # link of a missing child: a leaf without triangles
 
 
+Reach = tuple[np.float32, np.float32, np.float32]
+"""The largest magnitude of a coordinate along each axis."""
+
+
 class WideBvh(NamedTuple):
     """A wide BVH, and the `Bvh` it was made from. Node 0 is the root and always exists.
 
@@ -335,7 +340,7 @@ class WideBvh(NamedTuple):
     links: NDArray[np.int32]  # (n_nodes, 64) int32, the same memory
     groups: NDArray[np.float32]  # (n_groups, 80) float32, 64-byte aligned; at least one
     slots: NDArray[np.int32]  # (n_groups, 8) int32: lane -> slot of the binary BVH; -1 in unused lanes
-    reach: np.float32  # largest magnitude of a coordinate of the root's boxes; 0 without triangles
+    reach: Reach  # of the root's boxes; 0 without triangles
     bvh: Bvh  # the binary BVH
 
 
@@ -348,7 +353,7 @@ class WideTree(NamedTuple):
     slots: I32Ptr  # int32 *, 8 per group
     prim_ids: I32Ptr  # int32 *, slot -> triangle index
     corners: F32Ptr  # float32 *, 9 per slot
-    reach: np.float32
+    reach: Reach
     binary: Tree  # of the binary BVH
 
 

@@ -40,6 +40,7 @@ from .nodes import (
     NODE_WORDS,
     WIDTH,
     Bvh,
+    Reach,
     WideBvh,
     aligned_empty,
     box_at,
@@ -277,12 +278,17 @@ def wide_cost(wide: WideBvh, threads: int) -> float:
     return 1.0 + float(sums.sum() / area) if area > 0.0 else 1.0
 
 
-def _reach(nodes: NDArray[np.float32]) -> np.float32:
+def reach_of(boxes: NDArray[np.float32]) -> Reach:
+    """The `Reach` of boxes, (n, 2, 3) float32; 0 without boxes."""
+    x, y, z = np.abs(boxes).max(axis=(0, 1), initial=np.float32(0.0))
+    return x, y, z
+
+
+def _reach(nodes: NDArray[np.float32]) -> Reach:
     """`WideBvh.reach`."""
     planes = nodes[0, :LINKS].reshape(3, 2, WIDTH)
     is_child = planes[0, 0] <= planes[0, 1]
-    reach: np.float32 = np.abs(planes[:, :, is_child]).max(initial=np.float32(0.0))
-    return reach
+    return reach_of(planes[:, :, is_child].T)
 
 
 def refit_wide(wide: WideBvh, bvh: Bvh, threads: int, pool: ArrayPool) -> WideBvh:

@@ -18,9 +18,10 @@ The test is conservative in float32. A bound is fma(plane, r, k) with r = 1 / d 
 
 - Rounding d and r adds an error of 3u |plane r|, at most 3u (|t| + |k|).
 - Rounding k adds 4u |k|, and the fma adds u |t|.
-- `_PAD` = 12u of (1 + |k|), added to k once, outwards, covers these errors for all t up to 1.
-- *Endless* shafts have no upper limit of t. They add 12u |k| to k, and multiply r and k of an exit by `GROW`, which
-  covers the errors 7u |t| of an entry and 9u |t| of an exit.
+- `_PAD` = 12u of |k|, added to k once, outwards, covers the errors in |k|. No error is a fixed share of the shaft's
+  length, which may exceed the boxes by far.
+- r and k are multiplied by `GROW` for an exit, and by `_SHRINK` for an entry, which covers the errors 7u |t| of an
+  entry and 9u |t| of an exit. A box behind the origin is not entered, whichever way its negative t is rounded.
 
 A tiny |d| is replaced by a limit, with the sign that bounds t from below. The bound is never tighter than the exact
 one.
@@ -57,7 +58,7 @@ from .triangle_tests import fetch
 # --- Slab tests of 16 shafts ------------------------------------------------------------------------------------------
 
 
-GROW = np.float32(1.0 + 2.0**-19)  # 32u
+GROW, _SHRINK = np.float32(1.0 + 2.0**-19), np.float32(1.0 - 2.0**-19)  # 32u
 _PAD = np.float32(12 * 2.0**-24)
 _LOW = np.float32(1e-7)  # directions below this fraction of the longest count as zero
 _ZERO, _ONE, _INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
@@ -106,12 +107,12 @@ class Mixed(NamedTuple):
 
 
 @inlined
-def _bounds(o, d, endless):
+def _bounds(o, d):
     """The lower and the upper `Bound` t = (plane - o) / d."""
     r = _ONE / d
     k = -o * r
-    pad = fma(absolute(k), splat16(_PAD), splat16(_ZERO if endless else _PAD))
-    return Bound(r, k - pad), Bound(r * GROW, (k + pad) * GROW) if endless else Bound(r, k + pad)
+    pad = absolute(k) * _PAD
+    return Bound(r * _SHRINK, (k - pad) * _SHRINK), Bound(r * GROW, (k + pad) * GROW)
 
 
 @inlined
@@ -126,9 +127,9 @@ def mixed_axis(o_low, o_high, d_low, d_high, limit, endless):
     # Eq. (1) of docs/design/multifrusta.md
     end = _INFINITE if endless else _ONE
     up, down = d_high > -limit, d_low < limit
-    low, high = _bounds(o_high, select(up, maximum(d_high, limit), d_high), endless)
+    low, high = _bounds(o_high, select(up, maximum(d_high, limit), d_high))
     near_low, far_low = _choose(up, low, _ZERO), _choose(~up, high, end)
-    low, high = _bounds(o_low, select(down, minimum(d_low, -limit), d_low), endless)
+    low, high = _bounds(o_low, select(down, minimum(d_low, -limit), d_low))
     return Mixed(near_low, _choose(down, low, _ZERO), far_low, _choose(~down, high, end))
 
 
@@ -141,7 +142,7 @@ def direction_sign(d_low, d_high, limit, lanes):
 
 
 @inlined
-def uniform_axis(o_low, o_high, d_low, d_high, limit, sign, endless):
+def uniform_axis(o_low, o_high, d_low, d_high, limit, sign):
     """`Uniform` of one axis; sign: its `direction_sign`, 1 or -1."""
     # Eq. (1) of docs/design/multifrusta.md
     up = sign > 0
@@ -149,7 +150,7 @@ def uniform_axis(o_low, o_high, d_low, d_high, limit, sign, endless):
     high, low = maximum(absolute(d_high), limit), maximum(absolute(d_low), limit)
     first, last = (o_high, o_low) if up else (o_low, o_high)
     enters, leaves = (high, low) if up else (-low, -high)
-    t_near, t_far = _bounds(first, enters, endless)[0], _bounds(last, leaves, endless)[1]
+    t_near, t_far = _bounds(first, enters)[0], _bounds(last, leaves)[1]
     return Uniform(t_near, t_far, 0 if up else 2, 2 if up else 0)
 
 
@@ -278,9 +279,9 @@ def _slabs(s, alive, endless):
     wz = direction_sign(s.dz_low, s.dz_high, limit, alive)
     return Slabs(
         wx != 0 and wy != 0 and wz != 0,
-        uniform_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit, wx, endless),
-        uniform_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit, wy, endless),
-        uniform_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit, wz, endless),
+        uniform_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit, wx),
+        uniform_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit, wy),
+        uniform_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit, wz),
         mixed_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit, endless),
         mixed_axis(s.oy_low, s.oy_high, s.dy_low, s.dy_high, limit, endless),
         mixed_axis(s.oz_low, s.oz_high, s.dz_low, s.dz_high, limit, endless),

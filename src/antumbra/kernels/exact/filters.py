@@ -332,7 +332,7 @@ class FilterTriangles(NamedTuple):
 def error_unit(tame, dx, dy, dz, reach):
     """(unit, floor) of `FilterRays`, as vectors.
 
-    tame : mask of the lanes where |d|_inf and reach are at most 2^40, so that no product of three overflows
+    tame : mask of the lanes where no product of three overflows, see `wide_traversal.triangles_fit`
     reach : upper bound of the magnitudes of all coordinates
     """
     span = absolute(dx) + absolute(dy) + absolute(dz) + (reach + reach)

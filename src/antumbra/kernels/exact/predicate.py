@@ -283,6 +283,31 @@ def trivially_misses(ray, corners, i):
     )
 
 
+_WIDEN = np.float64(2.0**-48)  # more than the relative error of a quotient, and of t rounded to float64
+_NEVER = np.float64(np.inf), np.float64(-np.inf)  # an empty interval of t
+
+
+@inlined
+def _narrowed(near, far, o, d, corners, at):
+    """The interval (near, far) of t, narrowed to a triangle's bounds along an axis. Empty: near > far."""
+    a, b, c = np.float64(get(corners, at)), np.float64(get(corners, at + 3)), np.float64(get(corners, at + 6))
+    low, high = min(a, min(b, c)) - o, max(a, max(b, c)) - o
+    if d == 0.0:  # exact, as the signs of `low` and `high` are
+        return (near, far) if low <= 0.0 and high >= 0.0 else _NEVER
+    first, last = (low / d, high / d) if d > 0.0 else (high / d, low / d)
+    return max(near, first - abs(first) * _WIDEN), min(far, last + abs(last) * _WIDEN)
+
+
+@inlined
+def misses_bounds(ray, corners, i):
+    """Whether a ray surely misses the bounds of triangle i. This takes float64 divisions, and no exact arithmetic."""
+    k = 9 * i
+    near, far = _narrowed(ray.tmin, ray.tmax, ray.ox, ray.dx, corners, k)
+    near, far = _narrowed(near, far, ray.oy, ray.dy, corners, k + 1)
+    near, far = _narrowed(near, far, ray.oz, ray.dz, corners, k + 2)
+    return near > far
+
+
 @kernel
 def _set_t_difference(work, ray, corners, i, t, t_low):
     """Set the sum to T - (t + t_low) D, and return its length. Its sign, times that of D, shows which t is smaller."""

@@ -42,7 +42,8 @@ PLACES = 2 * MAX_TILES
 WAITING = TREE + 1  # a leaf and its lanes, to be tested next
 BLOCKERS = WAITING + 2  # a tree's number, then blocks that blocked all segments of a lane, most recent first
 N_BLOCKERS = 4
-AT = BLOCKERS + 1 + N_BLOCKERS
+TRIED = BLOCKERS + 1 + N_BLOCKERS  # how many of these blocks have been tested, or are in WAITING, in this traversal
+AT = TRIED + 1
 DEFERRED_INTS = deferred_ints(MAX_TILES)
 
 
@@ -67,7 +68,7 @@ class Scratch(NamedTuple):
     valid: I32Ptr  # int32: bits of each tile's receivers
     parts: I32Ptr  # int32, see `tile_clusters.TileParts`
     places: I32Ptr  # int32: y and x of each tile's first pixel
-    at: I32Ptr  # int32: a traversal saved by `descent.save`, then the data at TREE, WAITING and BLOCKERS
+    at: I32Ptr  # int32: a traversal saved by `descent.save`, then the data at TREE, WAITING, BLOCKERS and TRIED
     deferred: I32Ptr  # int32, see `triangle_tests.deferred_ints`
     trials: F32Ptr  # float32, see `tile_clusters.choose_group`
 
@@ -249,13 +250,11 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
     Blocks that blocked all segments of a lane of earlier bundles are tested first.
     """
     link, mask, blocks = get(scratch.at, WAITING), get(scratch.at, WAITING + 1), False
-    known, n_deferred = np.int64(N_BLOCKERS), get(scratch.deferred, 0)
-    if at.place == -1:
-        known = 0
-        if get(scratch.at, BLOCKERS) != get(scratch.at, TREE):
-            reset_blockers(scratch, get(scratch.at, TREE))
+    tried, n_deferred = get(scratch.at, TRIED), get(scratch.deferred, 0)
+    if get(scratch.at, BLOCKERS) != get(scratch.at, TREE):
+        reset_blockers(scratch, get(scratch.at, TREE))
     while True:
-        if known >= N_BLOCKERS:
+        if tried >= N_BLOCKERS:
             at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
             if at.mask != 0:
                 prefetch(tree.bounds, bounds_at(block_leaf(at.link).block))
@@ -263,19 +262,21 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
             if get(scratch.deferred, 0) > DEFERRED:
                 put(scratch.at, WAITING, link)
                 put(scratch.at, WAITING + 1, mask)
+                put(scratch.at, TRIED, tried)
                 return at, alive, True
             done, any_ = _leaf(tree, link, mask & alive, job.chunk, job.bundle, scratch, counters)
             blocks |= any_
             if done != 0:
                 _record_blocker(scratch, link)
                 alive &= ~done
-        if alive == 0 or (known >= N_BLOCKERS and at.mask == 0):
+        if alive == 0 or (tried >= N_BLOCKERS and at.mask == 0):
             put(scratch.at, WAITING + 1, 0)
+            put(scratch.at, TRIED, 0)
             return not_started(), alive, blocks or get(scratch.deferred, 0) != n_deferred
-        if known < N_BLOCKERS:
-            link = get(scratch.at, BLOCKERS + 1 + known)
+        if tried < N_BLOCKERS:
+            link = get(scratch.at, BLOCKERS + 1 + tried)
             mask = alive if is_leaf(link) else 0
-            known += 1
+            tried += 1
         else:
             link, mask = at.link, at.mask if block_leaf(at.link).count != 0 else 0
             at = after_leaf(at)
@@ -297,6 +298,7 @@ def trace_lanes(tree_list, y, x, alive, chunk, bundle, scratch, counters):
     i, end = list_of(tree_list, y, x, 0)
     save(scratch.at, not_started())
     put(scratch.at, WAITING + 1, 0)
+    put(scratch.at, TRIED, 0)
     put(scratch.at, TREE, 0)
     while True:
         if i < end and alive != 0:

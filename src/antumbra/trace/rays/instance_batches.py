@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.instance_trees import CORNERS, GROUPS, MESH_WORDS, NODES, InstanceTrees, instance_pointers
-from ...bvh.nodes import GROUP_WORDS, NODE_WORDS, WIDTH, wide_leaf
+from ...bvh.nodes import EMPTY, GROUP_WORDS, NODE_WORDS, WIDTH, wide_leaf
 from ...kernels.exact.filters import lines_may_pass
 from ...kernels.jit import I32Ptr, I64Ptr, inlined, kernel
 from ...kernels.parallel import STOP, items, new_ticket, run, thread_count
@@ -204,7 +204,7 @@ def _walk(scene, blocks, alive, query, hits, rays):
             prefetch(ptr_at(scene.nodes, link * NODE_WORDS if link >= 0 else 0), 0)
             alive &= ~(np.int64(not more) << i)
             outer |= np.int64(more and link >= 0) << i
-            copies |= np.int64(more and link < 0) << i
+            copies |= np.int64(more and link < 0 and link != EMPTY) << i
     return blocked
 
 

@@ -74,9 +74,9 @@ def fill_column(scene, blocks, i, copy, start, hits, frames):
     """Write the column of ray i in a copy, from t = `start` on, or from its tmin."""
     ray = ray_of(block_of(blocks, i // LANES), i % LANES)
     r, rows = map_ray(scene, copy, ray, max(ray.tmin, start)), ptr_at(blocks.rows, WORLD + column_of(i))
-    tame, along, pad = slab_margins(r.o, r.d, r.reach, r.shift)
+    fits, along, pad = slab_margins(r.o, r.d, r.reach, r.shift)
     for k in range(3):
-        inverse, near, far = slab(r.o[k], r.d[k], along, pad, tame)
+        inverse, near, far = slab(r.o[k], r.d[k], along, pad, fits)
         put(rows, INVERSE + LANES * k, inverse)
         put(rows, NEAR + LANES * k, near)
         put(rows, FAR + LANES * k, far)

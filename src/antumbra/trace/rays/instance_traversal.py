@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.instance_trees import mesh_pointers, mesh_reach
-from ...bvh.nodes import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH, wide_leaf
+from ...bvh.nodes import EMPTY, GROUP_WORDS, LINKS, NODE_WORDS, WIDTH, wide_leaf
 from ...kernels.exact.filters import (
     BEYOND,
     FilterRays,
@@ -41,7 +41,7 @@ from ...kernels.simd import (
 from ...scene.scene_bounds import NEAREST
 from ..counters import BOX_TESTS, NODES, count
 from .ray_traversal import triangle_hit
-from .wide_traversal import LANE, STACK, WideSlabs, enter, group_of, sorted_keys
+from .wide_traversal import LANE, STACK, WideSlabs, boxes_fit, enter, group_of, largest_of, sorted_keys
 
 # --- Rays in frames ---------------------------------------------------------------------------------------------------
 
@@ -58,12 +58,12 @@ _NEAREST = np.float32(NEAREST)
 
 
 @inlined
-def slab(o, d, along, pad, tame):
+def slab(o, d, along, pad, fits):
     """(inverse, near offset, far offset) of one axis, see `wide_traversal.prepare`."""
     steep = d if abs(d) > along else along
     inverse = _ONE / steep
     offset, grow = -(o * inverse), pad * abs(inverse)
-    if tame:
+    if fits:
         return inverse, offset - grow, offset + grow
     return _ZERO, -_INF, _INF
 
@@ -78,8 +78,8 @@ def is_tame(d, reach, shift):
 @inlined
 def slab_margins(o, d, reach, shift):
     """(whether float32 suffices, smallest component of the direction, distance by which planes are moved outwards)."""
-    reach = max(max_magnitude(o), reach)
-    return is_tame(d, reach, shift), max_magnitude(d) * _ALONG, reach * _PAD + shift
+    reach, largest = max(max_magnitude(o), reach), max_magnitude(d)
+    return boxes_fit(largest, reach) and shift < _LARGE, largest * _ALONG, reach * _PAD + shift
 
 
 @inlined
@@ -88,10 +88,10 @@ def _slabs(o, d, tmin, reach, shift):
 
     reach : largest magnitude of the coordinates of boxes
     """
-    tame, along, pad = slab_margins(o, d, reach, shift)
-    ix, near_x, far_x = slab(o[0], d[0], along, pad, tame)
-    iy, near_y, far_y = slab(o[1], d[1], along, pad, tame)
-    iz, near_z, far_z = slab(o[2], d[2], along, pad, tame)
+    fits, along, pad = slab_margins(o, d, reach, shift)
+    ix, near_x, far_x = slab(o[0], d[0], along, pad, fits)
+    iy, near_y, far_y = slab(o[1], d[1], along, pad, fits)
+    iz, near_z, far_z = slab(o[2], d[2], along, pad, fits)
     upper = np.int64(WIDTH)
     return WideSlabs(
         splat8(ix), splat8(iy), splat8(iz), splat8(near_x), splat8(near_y), splat8(near_z), splat8(far_x),
@@ -363,14 +363,14 @@ def walk_instances(scene, ray, query, hit, counters):
     put(hit.ids, 0, np.int64(-1))
     f = np.float32
     o, d = (f(ray.ox), f(ray.oy), f(ray.oz)), (f(ray.dx), f(ray.dy), f(ray.dz))
-    slabs, start = _slabs(o, d, f(ray.tmin), scene.reach, _ZERO), ray.tmin
+    slabs, start = _slabs(o, d, f(ray.tmin), largest_of(scene.reach), _ZERO), ray.tmin
     while True:
         limit = get(hit.t, 0) * BEYOND
         if link >= 0:
             count(counters, NODES, 1)
             count(counters, BOX_TESTS, WIDTH)
             top = _push_sorted(scene.nodes, scene.links, link, slabs, f(limit), stack, top)
-        elif walk_copy(scene, ~link, ray, start, query, hit, counters):
+        elif link != EMPTY and walk_copy(scene, ~link, ray, start, query, hit, counters):
             return
         top = _pop_before(stack, top, limit)
         if top == 0:

@@ -61,8 +61,11 @@ from .wide_traversal import (
     LOWER,
     NEAR,
     OX,
+    PAD,
+    SMALL,
     STACK,
     TMIN,
+    TURN,
     UNIT,
     Query,
     block_of,
@@ -73,6 +76,7 @@ from .wide_traversal import (
     filter_rays16,
     first_block,
     hits_of,
+    largest_of,
     rays_in,
     rays_of_block,
     slabs_of,
@@ -83,7 +87,7 @@ from .wide_traversal import (
 # --- Box tests of a packet --------------------------------------------------------------------------------------------
 
 
-_PAD = np.float32(2.0**-19)  # moves planes outwards for the roundings of intervals, as `wide_traversal.prepare` does
+_TWICE = np.float32(2.0)  # planes are moved twice as far as by `wide_traversal.prepare`, for the roundings of intervals
 _INF = np.float32(np.inf)
 
 
@@ -148,22 +152,23 @@ def _focus_of(rows, alive):
 
 
 @inlined
-def _axis(rows, alive, k, origin, reach):
-    """The `PacketAxis` k of a packet; reach: the largest coordinate magnitude of the rays, the tree and `origin`."""
+def _axis(rows, alive, k, origin, tree_reach, turn):
+    """The `PacketAxis` k of a packet; turn: TURN of the largest coordinate of the rays, the tree and x0 on any axis."""
     lows, highs, nears, fars = splat16(_INF), splat16(-_INF), splat16(_INF), splat16(-_INF)
+    sizes = splat16(max(abs(origin), tree_reach[k]))
     while alive:
         j = first_block(alive)
         alive &= ~rays_of_block(j)
         b = j * BLOCK_WORDS + LANES * k
-        inverse = load16(rows, INVERSE + b)
-        offset = (splat16(origin) - load16(rows, OX + b)) * inverse
+        inverse, start = load16(rows, INVERSE + b), load16(rows, OX + b)
+        offset, sizes = (splat16(origin) - start) * inverse, maximum(sizes, absolute(start))
         lows, highs = minimum(lows, inverse), maximum(highs, inverse)
         nears, fars = minimum(nears, offset), maximum(fars, offset)
     low, high = reduce_min(lows), reduce_max(highs)
     if low < 0.0 and high > 0.0:  # the axis does not restrict t
         zero = np.float32(0.0)
         return PacketAxis(origin, zero, zero, -_INF, _INF, np.int64(2 * WIDTH * k))
-    grow = _PAD * reach * (-low if low < 0 else high)
+    grow = (reduce_max(sizes) * PAD + turn) * _TWICE * (-low if low < 0 else high)
     word = np.int64(2 * WIDTH * k) + (np.int64(WIDTH) if low < 0 else 0)
     return PacketAxis(origin, low, high, reduce_min(nears) - grow, reduce_max(fars) + grow, word)
 
@@ -178,8 +183,10 @@ def packet_of(tree, rows, alive):
         b = j * BLOCK_WORDS
         tmins, limits = minimum(tmins, load16(rows, TMIN + b)), maximum(limits, load16(rows, LIMIT + b))
     f = _focus_of(rows, alive)
-    reach = max(f.size, np.float32(tree.reach))
-    x, y, z = _axis(rows, alive, 0, f.x, reach), _axis(rows, alive, 1, f.y, reach), _axis(rows, alive, 2, f.z, reach)
+    turn = max(f.size, largest_of(tree.reach)) * TURN
+    x = _axis(rows, alive, 0, f.x, tree.reach, turn)
+    y = _axis(rows, alive, 1, f.y, tree.reach, turn)
+    z = _axis(rows, alive, 2, f.z, tree.reach, turn)
     mixed = x.high * x.low <= 0.0 or y.high * y.low <= 0.0 or z.high * z.low <= 0.0
     return RayPacket(x, y, z, reduce_min(tmins), mixed), reduce_max(limits)
 
@@ -270,16 +277,19 @@ def is_coherent_with(rows, first, j, tree_reach, any_hit):
 
     Their origins are within 1/32 of the tree's reach from that of the packet's first ray, and components of their
     directions differ from its own by at most a quarter of its largest one. For any-hit segments, it is enough that they
-    end close together.
+    end close together. Directions beyond 2^-40 .. 2^40 are never coherent, since intervals could overflow.
     """
     a, b = first * BLOCK_WORDS, j * BLOCK_WORDS
-    distance, limit = splat16(_NEAR_ENDS * tree_reach), load16(rows, LIMIT + b)
+    distance, limit = splat16(_NEAR_ENDS * largest_of(tree_reach)), load16(rows, LIMIT + b)
     widest, first_limit = np.float32(0.0), get(rows, LIMIT + a)
     for k in range(3):
         size = abs(get(rows, DX + LANES * k + a))
         widest = size if size > widest else widest
     turn = splat16(_NEAR_DIRECTIONS * widest)
-    tame = load16(rows, UNIT + b) < np.float32(np.inf)
+    length = splat16(np.float32(0.0))
+    for k in range(3):
+        length = maximum(length, absolute(load16(rows, DX + LANES * k + b)))
+    tame = (length > SMALL) & (length < LARGE) & (load16(rows, UNIT + b) < np.float32(np.inf))
     start, stop = tame, tame if any_hit else ~tame & tame
     for k in range(3):
         o, d = load16(rows, OX + LANES * k + b), load16(rows, DX + LANES * k + b)

@@ -39,7 +39,7 @@ from ...kernels.exact.filters import (
     volumes32,
     volumes64,
 )
-from ...kernels.exact.predicate import exact_meets
+from ...kernels.exact.predicate import exact_meets, misses_bounds
 from ...kernels.jit import F32x4, I32Ptr, inlined, kernel, overload
 from ...kernels.simd import (
     as_i32,
@@ -140,7 +140,8 @@ class Ordered(NamedTuple):
 
 _STACK = 2 * MAX_DEPTH
 _TINY = np.float32(1e-20)  # a direction's component below this fraction of the largest one counts as zero
-_SHORT = np.float32(1e-15)  # rays with shorter directions visit every node, because the reciprocals could overflow
+_LEAST = np.float32(1e-35)  # so does a component below this, whose reciprocal could overflow
+_SHORT = np.float32(1e-28)  # rays with shorter directions visit every node, because _LEAST would turn them
 _GROW = np.float32(1.0 + 2.0**-20)  # more than the 8 roundings between the two ends of a slab interval
 _PAD = np.float32(2.0**-21)  # fraction of the largest coordinate, see `_slab`
 
@@ -187,7 +188,7 @@ def box_ray(nodes, ray):
     ox, oy, oz = f(ray.ox), f(ray.oy), f(ray.oz)
     dx, dy, dz = f(ray.dx), f(ray.dy), f(ray.dz)
     largest = max_magnitude((dx, dy, dz))
-    limit = _TINY * largest
+    limit = max(_TINY * largest, _LEAST)
     pad = f(0.0)
     if abs(dx) <= limit or abs(dy) <= limit or abs(dz) <= limit:
         pad = _PAD * _reach(nodes, max_magnitude((ox, oy, oz)))
@@ -208,10 +209,13 @@ def box_ray(nodes, ray):
 
 @kernel
 def settle(ray, corners, slot, counters):
-    """Decide a ray-triangle test that is undecided in float32: in float64, then in exact arithmetic.
+    """Decide a ray-triangle test that is undecided in float32: by the triangle's bounds, in float64, then exactly.
 
-    Not inlined, to keep this code out of hot loops.
+    The bounds come first, because rays far longer than a scene is wide pass the boxes of many small triangles in
+    float32. Not inlined, to keep this code out of hot loops.
     """
+    if misses_bounds(ray, corners, slot):
+        return 0
     count(counters, UNCERTAIN, 1)
     side = verdict(volumes64(ray, corners, slot), ray.tmin, ray.tmax)
     if side == UNSURE:

@@ -61,9 +61,12 @@ ENDS, DIRECTION, REMAINDER = (
 )  # float64 rows of `RayBlock.precise`: tmin, tmax; three rows each: x, y, z
 PRECISE_WORDS = 8 * LANES
 
-_SMALL, LARGE = np.float32(2.0**-40), np.float32(2.0**40)
+SMALL, LARGE = np.float32(2.0**-40), np.float32(2.0**40)
+_LEAST_REACH, _LEAST_LENGTH, _MOST = np.float32(2.0**-100), np.float32(2.0**-80), np.float32(2.0**120)
+_LEAST_T, _MOST_T = np.float32(2.0**-100), np.float32(2.0**80)
 _ALONG = np.float32(2.0**-40)  # a direction's components are raised to at least this fraction of the largest one
-_PAD = np.float32(2.0**-20)  # planes are moved outwards by this fraction of the largest coordinate involved
+PAD = np.float32(2.0**-20)  # planes are moved outwards by this fraction of the largest coordinate along their axis,
+TURN = np.float32(2.0**-38)  # and by this fraction of the largest one, since components of a direction are raised
 _INF = np.float32(np.inf)
 
 
@@ -115,22 +118,46 @@ def ray_of(rays, i):
 
 
 @inlined
+def largest_of(reach):
+    """The largest component of a `Reach`."""
+    return max(max(reach[0], reach[1]), reach[2])
+
+
+@inlined
+def boxes_fit(largest, reach):
+    """Where float32 suffices for box tests, so that no product of an inverse overflows or vanishes. False for NaN.
+
+    largest, reach : largest component of the direction, and largest coordinate; scalars or vectors
+    """
+    # Eq. (6) of docs/design/wide.md
+    tame = (largest > _LEAST_LENGTH) & (largest < _MOST) & (reach > _LEAST_REACH) & (reach < _MOST)
+    return tame & (reach < largest * _MOST_T) & (reach > largest * _LEAST_T)
+
+
+@inlined
+def triangles_fit(largest, reach):
+    """Where no product of three factors in a triangle's test overflows; arguments as in `boxes_fit`. False for NaN."""
+    return (reach > SMALL) & (reach < LARGE) & (largest > _LEAST_LENGTH) & (largest * reach * reach < _MOST)
+
+
+@inlined
 def prepare(block, tree_reach):
     """Fill the rows from INVERSE on. Rays too long, too short or too far away for float32 enter every box."""
     ox, oy, oz = load16(block, OX), load16(block, OY), load16(block, OZ)
     dx, dy, dz = load16(block, DX), load16(block, DY), load16(block, DZ)
     largest = maximum(maximum(absolute(dx), absolute(dy)), absolute(dz))
-    reach = maximum(maximum(maximum(absolute(ox), absolute(oy)), absolute(oz)), splat16(tree_reach))
-    tame = (largest > _SMALL) & (largest < LARGE) & (reach > _SMALL) & (reach < LARGE)
-    along, pad = largest * _ALONG, reach * _PAD
+    reach = maximum(maximum(maximum(absolute(ox), absolute(oy)), absolute(oz)), splat16(largest_of(tree_reach)))
+    tame, fits = triangles_fit(largest, reach), boxes_fit(largest, reach)
+    along, turn = largest * _ALONG, reach * TURN
     for k in range(3):
         o, d = load16(block, OX + LANES * k), load16(block, DX + LANES * k)
+        pad = fma(maximum(absolute(o), splat16(tree_reach[k])), splat16(PAD), turn)
         steep = select(absolute(d) > along, d, along)
         inverse = splat16(np.float32(1.0)) / steep
         offset, grow = -(o * inverse), pad * absolute(inverse)
-        store(block, INVERSE + LANES * k, select(tame, inverse, np.float32(0.0)))
-        store(block, NEAR + LANES * k, select(tame, offset - grow, -_INF))
-        store(block, FAR + LANES * k, select(tame, offset + grow, _INF))
+        store(block, INVERSE + LANES * k, select(fits, inverse, np.float32(0.0)))
+        store(block, NEAR + LANES * k, select(fits, offset - grow, -_INF))
+        store(block, FAR + LANES * k, select(fits, offset + grow, _INF))
     unit, floor = error_unit(tame, dx, dy, dz, reach)
     store(block, UNIT, unit)
     store(block, FLOOR, floor)
