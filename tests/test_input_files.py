@@ -29,7 +29,7 @@ def test_a_url_or_a_virtual_path_is_refused_with_the_command_that_downloads_it(t
 
 @pytest.mark.parametrize("text", ["a.tif", "data/https/a.tif", "C:/a.tif", "vsizip/a.tif"])
 def test_a_missing_local_file_is_no_url(text):
-    with pytest.raises(at.InputError, match="a.tif: no such file; check the path"):
+    with pytest.raises(at.InputError, match=r"a\.tif: no such file; check the path"):
         checked_file(Path(text), "a.tif")
 
 

@@ -137,7 +137,7 @@ def test_data_arrays_with_unknown_dimensions_are_refused_with_the_known_names(di
     xarray = pytest.importorskip("xarray")
     array = xarray.DataArray(HEIGHTS, dims=dims, coords=dict(zip(dims, map(np.arange, HEIGHTS.shape))))
     words = f"which of the dimensions {dims[0]}, {dims[1]} is x. rename them to x/y, easting/northing, "
-    with pytest.raises(InputError, match=f"{words}longitude/latitude, or set their CF axis"):
+    with pytest.raises(InputError, match=rf"{words}longitude/latitude, or set their CF axis"):
         at.from_raster(array)
 
 
@@ -151,7 +151,7 @@ def test_longitudes_and_latitudes_of_data_arrays_are_refused_as_degrees_without_
         array["x"].attrs["standard_name"] = "longitude"
     if named == "units":
         array["y"].attrs["units"] = "degrees_north"
-    with pytest.raises(InputError, match="EPSG:4326, is in degrees.*gdalwarp -t_srs EPSG:32631"):
+    with pytest.raises(InputError, match=r"EPSG:4326, is in degrees.*gdalwarp -t_srs EPSG:32631"):
         at.from_raster(array)
 
 

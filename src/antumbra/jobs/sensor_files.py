@@ -21,7 +21,8 @@ from ..kernels.parallel import thread_count
 from ..scene.crs import check_horizontal_crs, checked_crs
 from .ground_areas import AreaLike, area_sensors
 from .raster_grid import SUFFIXES as RASTERS
-from .sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
+from .sensors import Sensors, face_sensors, point_sensors, raster_sensors, vertex_sensors
+from .surface_grid import grid_sensors
 
 FORMS = (
     "face, vertex, grid:SPACING, raster[:SPACING][+HEIGHT|@HEIGHT], raster:FILE.tif, "

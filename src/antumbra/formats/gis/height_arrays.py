@@ -141,7 +141,7 @@ def _on_map(raster: Any, where: str) -> Any:
 
 
 def _axis_of(raster: Any, dimension: Any) -> str | None:
-    """ "x" or "y", from the CF axis of a dimension's coordinates, their standard name or units, or its name; else None."""
+    """Whether a dimension is "x" or "y", by the CF axis, standard name or units of its coordinates, or its own name."""
     words = _words(raster, dimension)
     return next((axis for word in words for axis, names in _AXES.items() if word in names), None)
 

@@ -18,7 +18,8 @@ from ...query.shadow_query import count_occluded
 from ...scene.lights import SphereLight
 from ..result_table import Column, Table
 from ..sensor_files import sensors_of
-from ..sensors import Sensors, grid_sensors, point_sensors, sensors_from, sightline_ends
+from ..sensors import Sensors, point_sensors, sensors_from, sightline_ends
+from ..surface_grid import grid_sensors
 from .visibility_matrix import TileTracer
 
 _PAIRS = 1 << 24  # sightlines at a time
