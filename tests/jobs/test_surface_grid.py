@@ -8,6 +8,7 @@ import antumbra as at
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 FACES = np.array([tri for a, b, c, d in QUADS for tri in ((a, b, c), (a, c, d))])
 BOX = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+STRAIGHT = np.eye(3)
 TURN = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
 HILL = [[[-5, -5, 0], [40, -5, 2], [40, 30, 4]], [[-5, -5, 0], [40, 30, 4], [-5, 30, 1.5]]]
 PLACES = {"at zero": (0.0, 0.0, 0.0), "on a map": (584321.375, 5746123.9375, 1.25)}
@@ -20,7 +21,7 @@ MAKERS = {
 }
 
 
-def box(low, size, turn=np.eye(3)):
+def box(low, size, turn=STRAIGHT):
     """(12, 3, 3): a box, with corners that float32 represents in any frame."""
     corners = np.array(low) + np.round(BOX * size @ turn.T * 1024.0) / 1024.0
     return corners[FACES]

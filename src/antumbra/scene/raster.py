@@ -31,7 +31,7 @@ class Raster(NamedTuple):
 
         Rasters with edges at multiples of the spacing have the same centres where they overlap, to the last bit.
         """
-        columns, rows = np.arange(self.columns) + 0.5, np.arange(self.rows) + 0.5
+        columns, rows = (np.arange(count, dtype=np.float64) + 0.5 for count in (self.columns, self.rows))
         return _steps(self.west, self.spacing, columns), _steps(self.north, self.spacing, -rows)
 
     def places(self, cells: NDArray[np.integer], up: str) -> NDArray[np.float64]:
