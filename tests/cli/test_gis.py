@@ -56,10 +56,10 @@ def test_least_heights_and_roads_are_written_to_the_cells(cli, dem, tmp_path):
 
 
 def test_the_visible_share_of_a_turbine_is_written_to_the_cells(cli, dem):
-    turbine = "--turbine", "100020,449980,0", "--hub-height", "12", "--rotor", "8"
+    turbine = "--turbine", "100020,449980,8.5", "--hub-height", "4.5", "--rotor", "8"
     told = cli("visible", "dem.tif", "--sensors", "raster+1.6", *turbine, "-o", "share.tif", "--json").json()
     assert told["sensors"] == 500 and told["samples"] == 64 and 0 < told["seen_entirely"] < told["seen"]
-    share = at.visible_share(at.load(dem), "raster+1.6", at.Turbine((100020, 449980, 0), 12, 8))["share"]
+    share = at.visible_share(at.load(dem), "raster+1.6", at.Turbine((100020, 449980, 8.5), 4.5, 8))["share"]
     with rasterio.open("share.tif") as file:
         assert (file.read(1).reshape(-1) == share).all()
     assert grid("share.tif") == grid("dem.tif")

@@ -62,11 +62,12 @@ def test_a_tower_elsewhere_moves_no_sensor(kind, place, tower, up):
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_grids_of_level_faces_and_of_walls_along_axes_lie_between_multiples_of_the_spacing(place):
+def test_grids_of_level_faces_and_of_walls_along_axes_lie_beside_the_middles_of_world_cells(place):
     sensors = at.grid_sensors(at.Scene.from_arrays(box((0, 0, 0), (10, 6, 3)) + PLACES[place], up="z"), 0.5)
     steps = sensors.points / 0.5
     flat = sensors.normals == 0.0
-    assert len(sensors) > 800 and (steps[flat] % 1.0 == 0.5).all()
+    beside = np.abs(steps[flat] % 1.0 - 0.5)
+    assert len(sensors) == 4 * (2 * 60 + 2 * 30 + 2 * 18) and (beside == 2.0**-7).all()
 
 
 @pytest.mark.parametrize("spacing", [0.5, 0.7])

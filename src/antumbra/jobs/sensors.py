@@ -262,22 +262,34 @@ def areas_of(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return across / length[:, None], length / 2.0
 
 
-def face_sensors(scene: SceneLike, time: float = 0.0) -> Sensors:
-    """One sensor at the centre of each face with an area, on the side from which its corners run counterclockwise."""
-    scene = scene_of(scene)
+def face_sensors(scene: SceneLike, time: float = 0.0, *, lift: float = 0.0) -> Sensors:
+    """One sensor at the centre of each face with an area, on the side from which its corners run counterclockwise.
+
+    lift : float
+        World units along the normal, off the surface: more than the distance at which other surfaces are drawn on it.
+    """
+    scene, lift = scene_of(scene), checked_lift(lift)
     corners = corners_of(scene, time)
     normals, areas = areas_of(corners)
     faces = np.flatnonzero(areas > 0.0)
-    return Sensors(corners[faces].mean(1), normals[faces], areas[faces], faces, "face")
+    return Sensors(corners[faces].mean(1) + lift * normals[faces], normals[faces], areas[faces], faces, "face")
 
 
-def vertex_sensors(scene: SceneLike, time: float = 0.0) -> Sensors:
+def checked_lift(lift: float) -> float:
+    """The lift of sensors, if it is a finite number that is not negative; otherwise an InputError."""
+    return number(lift, "the lift of sensors", 0.0, np.inf, "[)")
+
+
+def vertex_sensors(scene: SceneLike, time: float = 0.0, *, lift: float = 0.0) -> Sensors:
     """One sensor at each distinct corner position, with the angle-weighted mean normal of its faces.
 
     Normals that cancel out (both sides of a sheet) are replaced by the normal of one of the faces. A sensor's area is a
     third of its faces' areas.
+
+    lift : float
+        As for `face_sensors`.
     """
-    scene = scene_of(scene)
+    scene, lift = scene_of(scene), checked_lift(lift)
     corners = corners_of(scene, time)
     normals, areas = areas_of(corners)
     sound = np.flatnonzero(areas > 0.0)
@@ -295,7 +307,8 @@ def vertex_sensors(scene: SceneLike, time: float = 0.0) -> Sensors:
     sums[opposed], length[opposed] = normals[one_face[opposed]], 1.0
     every = np.full((len(corners), 3), -1, np.int64)
     every[sound] = index
-    return Sensors(places, sums / length[:, None], shares, one_face, "vertex", corners=every)
+    means = sums / length[:, None]
+    return Sensors(places + lift * means, means, shares, one_face, "vertex", corners=every)
 
 
 def _angles(corners: np.ndarray) -> np.ndarray:

@@ -12,24 +12,29 @@ from numpy.typing import NDArray
 from ..checks import number
 from ..engine.scene_loading import SceneLike, scene_of
 from .raster_grid import check_count
-from .sensors import Sensors, areas_of, corners_of
+from .sensors import Sensors, areas_of, checked_lift, corners_of
 
 _BLOCK = 256.0
 """Spacings between the anchors of lattices: far from its anchor, a lattice would magnify the rounding of its axes."""
 
+_PHASE = 0.5 + 2.0**-7
+"""Spacings from an anchor to the lattice: not half a spacing, since many edges lie at round coordinates."""
 
-def grid_sensors(scene: SceneLike, spacing: float, time: float = 0.0) -> Sensors:
+
+def grid_sensors(scene: SceneLike, spacing: float, time: float = 0.0, *, lift: float = 0.0) -> Sensors:
     """A square grid of sensors on every surface; a face without a grid point gets one sensor at its centre.
 
-    Rows are horizontal. The grid of a horizontal face, or of a wall along an axis, lies half a spacing beside the
-    multiples of the spacing in world coordinates; faces in another plane share a grid with those nearby. A face keeps
+    Rows are horizontal. The grid of a horizontal face, or of a wall along an axis, lies half a spacing and 1/128 beside
+    the multiples of the spacing in world coordinates; faces in another plane share a grid with those nearby. A face keeps
     its sensors, up to the rounding of its corners to float32, when other geometry is added or removed. Its area is
     divided among its sensors.
 
     spacing : float
         World units between neighbours.
+    lift : float
+        As for `face_sensors`.
     """
-    scene = scene_of(scene)
+    scene, lift = scene_of(scene), checked_lift(lift)
     spacing = number(spacing, "the spacing of sensors", 0.0, np.inf)
     corners = corners_of(scene, time)
     anchors = _anchors(corners, spacing)
@@ -45,7 +50,7 @@ def grid_sensors(scene: SceneLike, spacing: float, time: float = 0.0) -> Sensors
     face, places = np.concatenate([face, empty]), np.concatenate([places, flat[empty].mean(1)])
     order = np.argsort(face, kind="stable")
     face, places = face[order], places[order]
-    height = (corners[:, 0] * normals).sum(-1)
+    height = (corners[:, 0] * normals).sum(-1) + lift
     at = spacing * (places[:, :1] * across[face] + places[:, 1:] * along[face]) + height[face, None] * normals[face]
     share = areas / np.bincount(face, minlength=len(sound))
     return Sensors(at + anchors[sound][face], normals[face], share[face], sound[face], "grid")
@@ -72,11 +77,11 @@ def _plane_axes(normals: np.ndarray, up: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _lattice(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The points (i + 1/2, j + 1/2) in triangles: (m,) triangle indices and (m, 2) points.
+    """The points (i + _PHASE, j + _PHASE) in triangles: (m,) triangle indices and (m, 2) points.
 
     flat : (n, 3, 2) float64, corners in the plane
     """
-    low, high = np.ceil(flat.min(1) - 0.5), np.floor(flat.max(1) - 0.5)
+    low, high = np.ceil(flat.min(1) - _PHASE), np.floor(flat.max(1) - _PHASE)
     counts = np.maximum(high - low + 1.0, 0.0).astype(np.int64)
     faces, places = list[np.ndarray](), list[np.ndarray]()
     total = np.cumsum(counts.prod(1))
@@ -85,7 +90,7 @@ def _lattice(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         face = np.repeat(np.arange(first, last), n)
         k = np.arange(len(face)) - np.repeat(np.cumsum(n) - n, n)
         columns = counts[face, 0]
-        at = low[face] + np.stack([k % columns, k // columns], -1) + 0.5
+        at = low[face] + np.stack([k % columns, k // columns], -1) + _PHASE
         inside = _inside(flat[face], at)
         faces.append(face[inside])
         places.append(at[inside])
