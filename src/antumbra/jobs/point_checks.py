@@ -198,7 +198,8 @@ def depths_below_ground(
 ) -> NDArray[np.float64]:
     """(n,) float64: how deep points, (n, 3) world, lie below the ground or in a solid; 0 elsewhere.
 
-    The first surface above is then seen from its back, and so is the first one below, if there is any.
+    The first surface above is then seen from its back, and so is the first one below, if there is any. Sheets with a
+    face on each side are no solids.
     """
     axis = "xyz".index(scene.up)
     if (surface := terrain_of(scene.data)) is not None:
@@ -206,11 +207,11 @@ def depths_below_ground(
         return np.nan_to_num(np.maximum(tops - at[:, axis], 0.0))
     upward = np.eye(3)[axis]
 
-    def first(direction: NDArray[np.float64], cull_faces: str | None = None) -> NDArray[np.float64]:
-        return scene.closest_hit(at, direction, cull_faces=cull_faces, time=time, threads=threads).t
+    def first(direction: NDArray[np.float64], others: str) -> NDArray[np.float64]:
+        return scene.closest_hit(at, direction, cull_faces=others, time=time, threads=threads).t
 
-    above, below = first(upward), first(-upward)
-    in_ground = (above < first(upward, "back")) & ((below == np.inf) | (below < first(-upward, "back")))
+    above = first(upward, "front")
+    in_ground = (above < first(upward, "back")) & (first(-upward, "front") <= first(-upward, "back"))
     out: NDArray[np.float64] = np.where(in_ground, above, 0.0)
     return out
 
