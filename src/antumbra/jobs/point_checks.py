@@ -184,7 +184,7 @@ def on_surface(
         tops = np.where(faces >= 0, tops, np.nan)
     words = f"are to be placed on a surface, and lie beside {scene.name} or on a hole"
     if missing := _note(what, np.isnan(tops), at, words):
-        raise InputError(f"{missing[0]}; move them, or leave them out")
+        raise InputError(f"{missing[0]}; move them, or give their heights without on_surface")
     placed = at.copy()
     placed[:, "xyz".index(scene.up)] = tops
     return placed
