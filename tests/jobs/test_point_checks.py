@@ -139,6 +139,20 @@ def test_cameras_in_degrees_are_refused(tmp_path):
         at.dataset(raster(), tmp_path / "frames", [camera], spp=1)
 
 
+def test_trees_in_degrees_are_refused(tmp_path):
+    (tmp_path / "trees.csv").write_text("x,y,height,radius,base\n84050,446950,5,2,5\n4.36,52.01,5,2,5\n")
+    with pytest.raises(at.InputError, match=r"the trees of trees\.csv are in degrees \(4\.36,52\.01\), and terrain"):
+        at.from_trees(tmp_path / "trees.csv", scene=raster(), base="base")
+
+
+def test_areas_and_bounds_in_degrees_are_refused():
+    corners = [(4.36, 52.01), (4.37, 52.01), (4.37, 52.02)]
+    with pytest.raises(at.InputError, match="sensors are in degrees"):
+        at.sun_hours(raster(), "raster:0.001@9", "2026-06-21", areas=[corners], place=DELFT)
+    with pytest.raises(at.InputError, match="sensors are in degrees"):
+        at.sky_view(raster(), at.raster_sensors(raster(), 0.001, bounds=(corners[0], corners[2])), directions=16)
+
+
 def test_points_far_beside_a_mesh_are_noted_and_those_near_it_are_not():
     scene = meshed()
     near, far = [[WEST + 150.0, NORTH - 50.0, 30.0]], [[WEST + 350.0, NORTH - 50.0, 30.0]]
@@ -281,6 +295,17 @@ def test_party_walls_are_not_noted():
     assert not noted(lambda: at.sky_view(scene, "face", directions=16))
     same = at.Scene.from_arrays(corners, [[0, 2, 1], [0, 3, 2], [4, 6, 5], [4, 7, 6]], up="z")
     assert noted(lambda: at.sky_view(same, "face", directions=16))[0].startswith("2 of 4 sensors")
+
+
+@pytest.mark.parametrize("side", ["front", "back"])
+def test_faces_closely_behind_others_are_noted_in_view_factors(side):
+    square = np.array([[0, 0, 0], [4, 0, 0], [4, 0, 3], [0, 0, 3]], float)
+    quads = np.array([[0, 1, 2], [0, 2, 3]])
+    quads = quads if side == "front" else quads[:, ::-1]
+    near, far = (at.Scene.from_arrays(np.r_[square, square - (0, d, 0)], np.r_[quads, quads + 4]) for d in (0.001, 0.1))
+    (note,) = noted(lambda: at.view_factors(near, "face", samples=64, side=side))
+    assert note.startswith("2 of 4 faces have another one less than 0.005 in front, which hides them")
+    assert not noted(lambda: at.view_factors(far, "face", samples=64, side=side))
 
 
 @pytest.mark.parametrize("form", ["face", "vertex", "grid:0.5"])

@@ -8,7 +8,6 @@ beside the scene, below the ground, on a surface without a normal, and behind a 
 import sys
 import warnings
 from collections.abc import Sequence
-from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +16,15 @@ from ..engine.scene import AnyScene
 from ..engine.terrain_shadows import terrain_of
 from ..errors import InputError
 from ..query.receivers import SHIFT, Receivers
-from ..scene.crs import reproject
+from ..scene.map_degrees import check_no_degrees
 from .raster_grid import plan_of
-from .sensors import Sensors, on_top
+from .sensors import Sensors, face_sensors, on_top
 
 NEAR = 0.005
 """World units: another surface less than this in front of a sensor is drawn on the sensor's own, as windows are."""
 
 _PARALLEL = 0.9  # cosine between the normals of such surfaces
 _BESIDE = 1e-6  # widths of a raster of heights: points closer to its bounds lie on them, up to rounding
-_WORLD = "EPSG:4326"
 _BELOW = "lie below the ground or inside a solid"
 
 # --- Notes ------------------------------------------------------------------------------------------------------------
@@ -76,7 +74,7 @@ def notes_on_sensors(
         return notes
     if sensors.normals is None:
         return notes + notes_on_bare_points(scene, sensors.points[free], what, time, threads)
-    behind = _closely_covered(scene, sensors, time, threads)
+    behind = _closely_covered(scene, sensors.points, sensors.normals, time, threads)
     words = (
         f"have another surface less than {NEAR:g} in front, which may hide them, as a wall hides windows drawn on it"
     )
@@ -143,27 +141,7 @@ def _rounding(scene: AnyScene, at: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def check_degrees(scene: AnyScene, at: NDArray[np.float64], what: str) -> None:
     """Raise an InputError if points, (n, 3) world, are longitudes and latitudes, and the scene is far from them."""
-    if not scene.crs:
-        return
-    (low, high), plan = plan_of(scene), _plan(scene, at)
-    width = float((high - low).max())
-    wrong = (np.abs(plan) <= [180.0, 90.0]).all(1) | (np.abs(plan) <= [90.0, 180.0]).all(1)
-    wrong &= ((plan < low - width) | (plan > high + width)).any(1)
-    if wrong.any():
-        first = plan[wrong.argmax()]
-        x, y = _projected(scene, first)
-        words = f"{what} are in degrees ({first[0]:.10g},{first[1]:.10g}), and {scene.name} is in {scene.crs}"
-        raise InputError(f"{words}; project them: this one is at {x:.2f},{y:.2f}")
-
-
-def _projected(scene: AnyScene, place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(2,) float64: a longitude and a latitude, in the order that is nearer to the scene, in the scene's CRS."""
-    found = list[NDArray[np.float64]]()
-    for degrees in (place, place[::-1]):
-        with suppress(InputError):
-            found.append(reproject(degrees[None], _WORLD, str(scene.crs))[0])
-    middle = plan_of(scene).mean(0)
-    return min(found, key=lambda point: float(np.abs(point - middle).max()), default=np.full(2, np.nan))
+    check_no_degrees(_plan(scene, at), what, scene.name, scene.crs, plan_of(scene))
 
 
 def on_surface(
@@ -219,17 +197,29 @@ def depths_below_ground(
 # --- Behind a surface drawn on their own ------------------------------------------------------------------------------
 
 
-def _closely_covered(scene: AnyScene, sensors: Sensors, time: float, threads: int | None) -> NDArray[np.bool_]:
-    """(n,) bool: whether a surface that faces the same way lies less than `NEAR` in front of each sensor.
+def notes_on_faces(scene: AnyScene, sign: float, time: float = 0.0, threads: int | None = None) -> list[str]:
+    """Notes on faces of a scene whose centre lies closely behind another face; sign: -1 for their backs."""
+    centres = face_sensors(scene, time)
+    assert centres.normals is not None
+    behind = _closely_covered(scene, centres.points, sign * centres.normals, time, threads, sign)
+    words = f"have another one less than {NEAR:g} in front, which hides them, as a wall hides windows drawn on it"
+    return _note("faces", behind, centres.points, f"{words}; cut the wall around them in the model")
+
+
+def _closely_covered(
+    scene: AnyScene, at: NDArray[np.float64], normals: NDArray[np.float64], time: float, threads: int | None,
+    sign: float = 1.0,
+) -> NDArray[np.bool_]:  # fmt: skip
+    """(n,) bool: whether a surface that faces the same way lies less than `NEAR` in front of each point.
+
+    sign : -1 if surfaces face backwards
 
     Surfaces that face each other, such as party walls, hide each other rightly.
     """
-    assert sensors.normals is not None
-    origins = Receivers.on_surface(sensors.points, sensors.normals, scene.origin).origins[0] + scene.origin
-    normals = sensors.normals
+    origins = Receivers.on_surface(at, normals, scene.origin).origins[0] + scene.origin
     covered = np.asarray(scene.occluded(origins, normals, tmax=NEAR, time=time, threads=threads))
     places = np.flatnonzero(covered)
     if len(places):
         hits = scene.closest_hit(origins[places], normals[places], tmax=NEAR, time=time, threads=threads)
-        covered[places] = (hits.normal * normals[places]).sum(1) > _PARALLEL
+        covered[places] = sign * (hits.normal * normals[places]).sum(1) > _PARALLEL
     return covered
