@@ -67,7 +67,7 @@ def _anchors(corners: np.ndarray, spacing: float) -> NDArray[np.float64]:
 
 def _plane_axes(normals: np.ndarray, up: int) -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors in the planes with these normals: a horizontal one, and one perpendicular to it."""
-    north = np.eye(3)[(up + 2) % 3 if up == 2 else 0]
+    north = np.array([0.0, 1.0, 0.0] if up == 2 else [0.0, 0.0, -1.0])
     across = np.cross(np.eye(3)[up], normals)
     length = np.linalg.norm(across, axis=1, keepdims=True)
     level = length[:, 0] < 1e-3  # (nearly) horizontal planes share one direction
