@@ -276,7 +276,12 @@ JOBS_ON_FACES = {
     "visible_share": lambda scene, form: at.visible_share(scene, form, [scene.bounds[1] + 9.0]),
     "target": lambda scene, form: at.visible_share(scene, [scene.bounds[1] + 9.0], at.sensors_of(form, scene)),
     "skyline": lambda scene, form: at.skyline(scene, form, step=30.0),
+    "line_of_sight": lambda scene, form: sightlines(scene, at.sensors_of(form, scene)),
 }
+
+
+def sightlines(scene, sensors):
+    return at.line_of_sight(scene, sensors.points, scene.bounds[1] + 9.0, normals=sensors.normals)
 
 
 @pytest.mark.parametrize("form", ["face", "vertex", "grid:0.8"])

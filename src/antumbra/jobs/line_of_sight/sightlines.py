@@ -17,7 +17,7 @@ from ...progress import Progress, with_progress
 from ...query.receivers import Receivers
 from ..executors import LocalExecutor
 from ..false_colours import ColouredMesh, coloured_glb
-from ..point_checks import notes_on_bare_points, notes_on_points, tell
+from ..point_checks import notes_on_points, notes_on_sensors, tell
 from ..result_table import Column, Table
 from ..sensor_files import SUFFIXES, check_point_file, read_array, read_columns
 from ..sensors import Sensors, corners_of, point_sensors
@@ -158,11 +158,12 @@ def _checked(scene: AnyScene, begin: _Ends, end: _Ends) -> tuple[_Pairs, tuple[i
 
 def _notes(scene: AnyScene, ends: _Ends, what: str, time: float, threads: int) -> list[str]:
     """Notes on checked ends, before they are paired."""
-    at = np.unique(as_array(ends.points, what).astype(np.float64).reshape(-1, 3), axis=0)
-    notes = notes_on_points(scene, at, what, time, threads)
-    if ends.normals is None and ends.faces is None:
-        notes += notes_on_bare_points(scene, at, what, time, threads)
-    return notes
+    parts = [as_array(each, what).astype(np.float64) for each in (ends.points, ends.normals) if each is not None]
+    rows = np.unique(np.concatenate(np.broadcast_arrays(*parts), -1).reshape(-1, 3 * len(parts)), axis=0)
+    if ends.normals is None and ends.faces is not None:
+        return notes_on_points(scene, rows, what, time, threads)
+    some = point_sensors(rows[:, :3], None if ends.normals is None else rows[:, 3:])
+    return notes_on_sensors(scene, some, what, time, threads)
 
 
 def _as_normals(normals: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
