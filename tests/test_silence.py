@@ -55,12 +55,14 @@ CALLS = {
 
 PRELUDE = """
 from datetime import UTC, date
+import warnings
 import geopandas
 import numpy as np
 import pandas
 import shapely
 import trimesh
 import antumbra as at
+warnings.simplefilter("ignore", UserWarning)  # notes about the scene and the points
 index = pandas.date_range("2026-06-21", periods=4, freq="6h", tz="UTC")
 scene = at.procedural("atrium", triangles=1000)
 camera, light = scene.cameras[0].resized(16, 16), at.PointLight((0, 2, 0))

@@ -39,13 +39,14 @@ if typing.TYPE_CHECKING:
     from .jobs.line_of_sight.visibility_matrix import VisibilityMatrix, visibility_matrix
     from .jobs.result_table import Column, Table
     from .jobs.sensor_files import sensors_of
-    from .jobs.sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
+    from .jobs.sensors import Sensors, face_sensors, point_sensors, raster_sensors, vertex_sensors
     from .jobs.shadow.shadow import shadow
     from .jobs.shadow.shadow_polygons import Shadow
     from .jobs.skyline.skyline import Skyline, skyline
     from .jobs.sun.location import Place, place_of
     from .jobs.sun.sun_hours import sky_view, sun_hours
     from .jobs.sun.sun_positions import Suns, suns_of, times_of
+    from .jobs.surface_grid import grid_sensors
     from .jobs.view_factors.view_factor_matrix import ViewFactors
     from .jobs.view_factors.view_factors import view_factors
     from .picture.frame import Frame
@@ -217,7 +218,7 @@ _HOME = {
     "from_footprints": "engine.gis_scenes",
     "from_raster": "engine.gis_scenes",
     "from_trees": "engine.tree_scenes",
-    "grid_sensors": "jobs.sensors",
+    "grid_sensors": "jobs.surface_grid",
     "line_of_sight": "jobs.line_of_sight.sightlines",
     "load": "engine.scene_loading",
     "place_of": "jobs.sun.location",

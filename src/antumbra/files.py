@@ -40,17 +40,36 @@ from .errors import InputError
 
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
+_REMOTE = re.compile(r"(?:.*?/)?(https?|ftp|s3|gs):/+(.+?\.(?:zip|tgz|tar|gz)(?=/)|.+)", re.I)  # `Path` joins slashes
+_BUCKET = re.compile(r"/vsi(s3|gs)(?:_streaming)?/+(.+)", re.I)
+_VIRTUAL = re.compile(r"/vsi[a-z0-9_]+/|[a-z][a-z0-9+.-]+:/", re.I)  # of GDAL, or a URL; a drive's letter is one letter
+_DOWNLOADS = {"s3": "aws s3 cp {} .", "gs": "gcloud storage cp {} ."}
 
 
 def checked_file(path: Path, where: str) -> Path:
-    """`path` if it is a regular, non-empty file. A pipe or device could block forever."""
+    """`path` if it is a regular, non-empty file. A pipe or device could block forever.
+
+    Nothing is read from the network or from archives; a URL is refused with the command that downloads it.
+    """
     if not path.exists():
-        raise InputError(f"{where}: no such file; check the path")
+        raise InputError(f"{where}: {_cure_of_virtual(path) or 'no such file; check the path'}")
     if not path.is_file():
         raise InputError(f"{where}: not a regular file; name a scene file")
     if path.stat().st_size == 0:
         raise InputError(f"{where}: the file is empty; export or copy it again")
     return path
+
+
+def _cure_of_virtual(path: Path) -> str | None:
+    """How to make a local file of a URL, or of a path in one of GDAL's virtual file systems; None for other paths."""
+    name = path.as_posix()
+    if not _VIRTUAL.match(name):
+        return None
+    if remote := _BUCKET.match(name) or _REMOTE.match(name):
+        scheme = remote[1].lower()
+        command = _DOWNLOADS.get(scheme, "curl -LO {}").format(f"{scheme}://{remote[2]}")
+        return f"is not a local file; download it first: {command}"
+    return "is not a local file; download or unpack it first, and give the path of the file itself"
 
 
 @contextmanager

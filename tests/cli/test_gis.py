@@ -1,5 +1,7 @@
 """Rasters of heights and footprints on the command line."""
 
+import json
+
 import numpy as np
 import pytest
 import rasterio
@@ -56,10 +58,10 @@ def test_least_heights_and_roads_are_written_to_the_cells(cli, dem, tmp_path):
 
 
 def test_the_visible_share_of_a_turbine_is_written_to_the_cells(cli, dem):
-    turbine = "--turbine", "100020,449980,0", "--hub-height", "12", "--rotor", "8"
+    turbine = "--turbine", "100020,449980,8.5", "--hub-height", "4.5", "--rotor", "8"
     told = cli("visible", "dem.tif", "--sensors", "raster+1.6", *turbine, "-o", "share.tif", "--json").json()
     assert told["sensors"] == 500 and told["samples"] == 64 and 0 < told["seen_entirely"] < told["seen"]
-    share = at.visible_share(at.load(dem), "raster+1.6", at.Turbine((100020, 449980, 0), 12, 8))["share"]
+    share = at.visible_share(at.load(dem), "raster+1.6", at.Turbine((100020, 449980, 8.5), 4.5, 8))["share"]
     with rasterio.open("share.tif") as file:
         assert (file.read(1).reshape(-1) == share).all()
     assert grid("share.tif") == grid("dem.tif")
@@ -179,3 +181,44 @@ def test_names_of_files_survive_in_the_text_of_a_scene(cli, dem, tmp_path, house
     text = scene_text("b.gpkg?layer=b", "h", ["a&b c.tif"])
     assert text.startswith("b.gpkg?layer=b&height=h&terrain=")
     assert cli("info", text, "--json").json()["city"]["objects"] == {"Building": 3, "TINRelief": 1}
+
+
+def test_notes_on_points_are_lines_of_the_command_and_not_of_a_quiet_one(cli, dem, tmp_path):
+    (tmp_path / "eyes.csv").write_text("x,y,z\n100020,449980,30\n100020,449980,-5\n100900,449980,30\n")
+    viewshed = "viewshed", "dem.tif", "--observers", "eyes.csv", "-o", "seen.json"
+    loud, quiet = cli(*viewshed), cli(*viewshed, "--quiet")
+    below = "1 of 3 observers lie below the ground or inside a solid; the first is 100020,449980,-5"
+    beside = "1 of 3 observers lie beside dem; the first is 100900,449980,30"
+    assert loud.code == quiet.code == 0 and quiet.err == "" and loud.err.count("note: ") == 2
+    assert f"antumbra: note: {below}\n" in loud.err and f"antumbra: note: {beside}\n" in loud.err
+    assert sorted(json.loads((tmp_path / "seen.json").read_text())["about"]["warnings"]) == sorted([below, beside])
+
+
+DEGREES = {
+    "viewshed": ("--observer", "4.36,52.01,30"),
+    "los": ("--from", "4.36,52.01,30", "--to", "100020,449980,30"),
+    "skyline": ("--at", "4.36,52.01,30"),
+    "visible": ("--turbine", "4.36,52.01,30", "--hub-height", "9", "--rotor", "4"),
+    "render": (
+        "--camera",
+        "4.36,52.01,30:4.37,52.02,5",
+    ),
+}
+
+
+@pytest.mark.parametrize("command", DEGREES)
+def test_degrees_over_a_map_are_refused_before_any_file_is_written(cli, dem, command):
+    output = "seen.png" if command == "render" else "seen.csv"
+    cli(command, "dem.tif", *DEGREES[command], "-o", output).refused("are in degrees (4.36,52.01)", "project them")
+    assert not list(dem.parent.glob("seen*"))
+
+
+def test_points_to_be_placed_on_a_hole_are_refused(cli, dem):
+    heights = hills(20, 25)
+    heights[8:12, 8:12] = -9999
+    write_raster(dem.with_name("hole.tif"), heights, nodata=-9999)
+    for command, option in (("viewshed", "--observer"), ("skyline", "--at")):
+        placed = cli(
+            command, "hole.tif", option, "100020,449980,0", "--on-surface", "--eye-height", "1.7", "-o", "a.csv"
+        )
+        placed.refused("1 of 1", "are to be placed on a surface, and lie beside hole or on a hole", "100020,449980,0")

@@ -107,6 +107,54 @@ def test_data_arrays(tmp_path, reference):
         at.from_raster(plain.drop_vars("x"))
 
 
+AXES = [
+    (("y", "x"), {}),
+    (("Y", "X"), {}),
+    (("northing", "easting"), {}),
+    (("Northings", "Eastings"), {}),
+    (("row", "x"), {}),
+    (("y", "column"), {}),
+    (("j", "i"), {"j": {"axis": "Y"}, "i": {"axis": "X"}}),
+    (("rlat", "rlon"), {"rlon": {"standard_name": "projection_x_coordinate"}}),
+    (("x", "y"), {"x": {"axis": "Y"}, "y": {"axis": "X"}}),  # the convention is more binding than the name
+]
+
+
+@pytest.mark.parametrize("dims, attributes", AXES, ids=lambda value: ",".join(value))
+@pytest.mark.parametrize("turned", [False, True], ids=["northing first", "easting first"])
+def test_the_dimensions_of_data_arrays_are_found_by_name_in_either_order(dims, attributes, turned, reference):
+    xarray = pytest.importorskip("xarray")
+    x, y = 100001.0 + 2.0 * np.arange(9), 449999.0 - 2.0 * np.arange(7)
+    array = xarray.DataArray(HEIGHTS[None, ..., None], dims=("band", *dims, "time"), coords={dims[0]: y, dims[1]: x})
+    for name, values in attributes.items():
+        array[name].attrs |= values
+    same(at.from_raster(array.transpose(..., *dims[::-1]) if turned else array, crs=CRS), reference)
+    same(at.from_raster(array.squeeze().T if turned else array.squeeze(), crs=CRS), reference)
+
+
+@pytest.mark.parametrize("dims", [("a", "b"), ("x", "easting"), ("dim_0", "dim_1")])
+def test_data_arrays_with_unknown_dimensions_are_refused_with_the_known_names(dims):
+    xarray = pytest.importorskip("xarray")
+    array = xarray.DataArray(HEIGHTS, dims=dims, coords=dict(zip(dims, map(np.arange, HEIGHTS.shape))))
+    words = f"which of the dimensions {dims[0]}, {dims[1]} is x. rename them to x/y, easting/northing, "
+    with pytest.raises(InputError, match=rf"{words}longitude/latitude, or set their CF axis"):
+        at.from_raster(array)
+
+
+@pytest.mark.parametrize("named", ["name", "standard name", "units"])
+def test_longitudes_and_latitudes_of_data_arrays_are_refused_as_degrees_without_a_crs_too(named):
+    xarray = pytest.importorskip("xarray")
+    dims = ("lat", "lon") if named == "name" else ("y", "x")
+    x, y = 4.3 + 0.001 * np.arange(9), 52.1 - 0.001 * np.arange(7)
+    array = xarray.DataArray(HEIGHTS, dims=dims, coords={dims[0]: y, dims[1]: x})
+    if named == "standard name":
+        array["x"].attrs["standard_name"] = "longitude"
+    if named == "units":
+        array["y"].attrs["units"] = "degrees_north"
+    with pytest.raises(InputError, match=r"EPSG:4326, is in degrees.*gdalwarp -t_srs EPSG:32631"):
+        at.from_raster(array)
+
+
 def test_tiles_join_without_cracks(tmp_path, reference):
     places = [(2.0, 0.0, 100000.0 + 2.0 * j, 0.0, -2.0, 450000.0 - 2.0 * i) for i in (0, 3) for j in (0, 5)]
     parts = HEIGHTS[:3, :5], HEIGHTS[:3, 5:], HEIGHTS[3:, :5], HEIGHTS[3:, 5:]

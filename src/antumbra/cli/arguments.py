@@ -299,6 +299,9 @@ def make_camera(
         return scene.default_camera(*size, spec.kind, time=fitted_to)
     up, instead = ((0, 0, 1), (0, 1, 0)) if scene.up == "z" else ((0, 1, 0), (0, 0, -1))
     assert spec.target is not None  # given with the position
+    from ..jobs.point_checks import check_degrees
+
+    check_degrees(scene, np.stack([spec.position, spec.target]), "the ends of --camera")
     view = spec.target - spec.position
     with np.errstate(over="ignore", invalid="ignore"):  # `Camera` rejects positions that are too far away
         steep = np.linalg.norm(np.cross(view, up)) <= 1e-6 * np.linalg.norm(view)

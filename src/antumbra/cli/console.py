@@ -14,6 +14,7 @@ import shutil
 import sys
 import textwrap
 import threading
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from contextvars import ContextVar
@@ -235,7 +236,8 @@ class ProgressDisplay:
     """A progress line on standard error while the block runs longer than `delay` seconds.
 
     A timer starts the line, so it appears even during a single long call (reading a file, building a BVH). If standard
-    error is not a terminal, lines mark the start and end of long work instead. `quiet` suppresses both.
+    error is not a terminal, lines mark the start and end of long work instead. Warnings are printed as notes. `quiet`
+    suppresses all of them.
     """
 
     def __init__(self, quiet: bool = False, delay: float = DELAY):
@@ -244,11 +246,13 @@ class ProgressDisplay:
         self._bar: Progress | None = None
         self._quiet, self._closed = quiet, quiet or not sys.stderr.isatty()
         self._heard: AbstractContextManager[None] | None = None
+        self._notes = _notes(quiet)
         self._timer = None if self._closed else threading.Timer(delay, self._start)
 
     def __enter__(self) -> "ProgressDisplay":
         self._heard = _logged() if self._closed and not self._quiet else progress_listener(self.say)
         self._heard.__enter__()
+        self._notes.__enter__()
         if self._timer is not None:
             self._timer.daemon = True
             self._timer.start()
@@ -259,6 +263,7 @@ class ProgressDisplay:
             self._timer.cancel()
         if self._heard is not None:
             self._heard.__exit__(None, None, None)
+        self._notes.__exit__(None, None, None)
         with self._lock:
             self._closed = True
             if self._bar is not None:
@@ -294,6 +299,23 @@ class ProgressDisplay:
 
     def _update(self, bar: "Progress") -> None:
         bar.update(self._task, description=self._text, completed=self._done, total=self._total or None)
+
+
+@contextmanager
+def _notes(quiet: bool) -> Iterator[None]:
+    """Print warnings for the user as lines, each once; other warnings as ever."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore" if quiet else "once", UserWarning)
+        show = warnings.showwarning
+
+        def show_note(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
+            if issubclass(category, UserWarning):
+                say(f"note: {message}")
+            else:
+                show(message, category, *where, **more)
+
+        warnings.showwarning = show_note
+        yield
 
 
 @contextmanager

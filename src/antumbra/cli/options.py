@@ -368,9 +368,9 @@ ExposureOption = Annotated[
 
 
 SENSORS_HELP = (
-    "Sensor locations: face, vertex, grid:SPACING on every surface, raster:SPACING[+HEIGHT|@HEIGHT], raster:FILE.tif "
-    "(its cells), raster[+HEIGHT] (the cells of the scene's own raster), or a file of points (.csv, .parquet, .npy, "
-    ".npz)."
+    "Sensor locations: face, vertex, grid:SPACING on every surface, each with +LIFT off it; "
+    "raster:SPACING[+HEIGHT|@HEIGHT], raster:FILE.tif (its cells), raster[+HEIGHT] (the cells of the scene's own "
+    "raster), or a file of points (.csv, .parquet, .npy, .npz)."
 )
 SensorsOption = Annotated[str, typer.Option(help=SENSORS_HELP)]
 OutputsOption = Annotated[list[Path] | None, tables("Output file", "--output", "-o")]

@@ -35,7 +35,8 @@ def from_raster(
     ----------
     raster : str, path-like, DataArray, tuple, or list of these
         - A file that rasterio reads, such as a GeoTIFF.
-        - A DataArray of xarray or rioxarray, with coordinates for its two dimensions.
+        - A DataArray of xarray or rioxarray, with coordinates for its two dimensions, in either order: x and y, easting
+          and northing, longitude and latitude, or any names with the axis or standard name of the CF conventions.
         - (array, transform) or (array, transform, crs): heights (rows, columns), where NaN and masked cells have no
           data; the affine transform of rasterio; and a CRS.
         - A list of tiles in one grid, which are joined without cracks. Where they overlap, the first one that has a

@@ -11,6 +11,8 @@ from ..errors import InputError
 from ..formats.gis.tree_table import TreeOptions, Trees, TreesLike, read_trees
 from ..scene.crs import checked_crs, in_one_unit
 from ..scene.joined_scenes import join_data
+from ..scene.map_degrees import check_no_degrees
+from ..scene.scene_bounds import plan_bounds
 from ..scene.scene_data import MemoryData, group_notes
 from ..scene.tree_crowns import TreeMeshes
 from .scene import AnyScene, Scene
@@ -96,6 +98,9 @@ def from_trees(
         raise InputError(f"{below.name}: trees are added to scenes in memory; load it with instances=False, or a file")
     table = read_trees(trees, options, None if below is None else below.crs)
     up = "z" if below is None else below.up
+    if below is not None:
+        bounds = plan_bounds(below.bounds, up)
+        check_no_degrees(table.plan, f"the trees of {table.file}", below.name, below.crs, bounds)
     source = TreeMeshes(_feet(table, below, up), table.shapes, table.ids, table.file, up)
     title = table.file.rpartition(".")[0] or "trees"
     title = (title if below is None else below.name) if name is None else text(name, "name")

@@ -12,6 +12,7 @@ from ..extras import import_extra
 from ..files import checked_file
 from ..formats.reprojection import WARP
 from ..scene.raster import Raster
+from ..scene.scene_bounds import plan_bounds
 
 SUFFIXES = (".tif", ".tiff", ".vrt", ".asc")
 """Suffixes of raster files that `raster_of_file` reads."""
@@ -36,8 +37,7 @@ def checked_raster(raster: Raster) -> Raster:
 
 def plan_of(scene: AnyScene) -> NDArray[np.float64]:
     """(2, 2) float64: the scene's lower and upper bounds, in easting and northing."""
-    (x0, y0, z0), (x1, y1, z1) = scene.bounds.tolist()
-    return np.array([[x0, y0], [x1, y1]] if scene.up == "z" else [[x0, -z1], [x1, -z0]])
+    return plan_bounds(scene.bounds, scene.up)
 
 
 def aligned_raster(plan: np.ndarray, spacing: float) -> Raster:

@@ -22,15 +22,16 @@ from ..scene.crs import check_horizontal_crs, checked_crs
 from .ground_areas import AreaLike, area_sensors
 from .measured_scenes import measured_scene
 from .raster_grid import SUFFIXES as RASTERS
-from .sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
+from .sensors import Sensors, face_sensors, point_sensors, raster_sensors, vertex_sensors
+from .surface_grid import grid_sensors
 
 FORMS = (
-    "face, vertex, grid:SPACING, raster[:SPACING][+HEIGHT|@HEIGHT], raster:FILE.tif, "
+    "face[+LIFT], vertex[+LIFT], grid:SPACING[+LIFT], raster[:SPACING][+HEIGHT|@HEIGHT], raster:FILE.tif, "
     "or a .csv, .parquet, .npy or .npz file"
 )
 SUFFIXES = (".csv", ".parquet", ".npy", ".npz")
 
-_GRID = re.compile(r"grid:([0-9.eE+-]+)")
+_ON_FACES = re.compile(r"(?:(face|vertex)|grid:([0-9.]+(?:[eE][+-]?[0-9]+)?|[0-9.eE-]+))(?:\+([0-9.eE+-]+))?")
 _RASTER = re.compile(r"raster(?::([0-9.]+(?:[eE][0-9-]+)?|.+\.(?:tif|tiff|vrt|asc)))?(?:([+@])([0-9.eE+-]+))?", re.I)
 CSV_ROWS = 1 << 16  # lines of a CSV file held as lists at a time
 _NUMBER_BYTES = 8  # maximum size of a number in a Parquet column
@@ -45,7 +46,7 @@ def check_sensors(text: str, option: str = "sensors", areas: bool = False) -> No
     if areas and not _RASTER.fullmatch(text):
         forms = "raster[:SPACING][+HEIGHT|@HEIGHT] or raster:FILE.tif"
         raise InputError(f"{option} is {quoted(text)}; in areas it must be {forms}")
-    if text in ("face", "vertex") or _GRID.fullmatch(text):
+    if _ON_FACES.fullmatch(text):
         return
     if _RASTER.fullmatch(text):
         if file := raster_file(text):
@@ -83,6 +84,7 @@ def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas: A
 
     - ``face``, ``vertex``: one for each face, or for each distinct corner position
     - ``grid:1.5``: a grid on every surface
+    - ``face+0.01``, ``vertex+0.01``, ``grid:1.5+0.01``: the same, lifted 0.01 off the surfaces along their normals
     - ``raster:2``, ``raster:2+1.6``, ``raster:2@30``: a horizontal raster on the highest surfaces, 1.6 above them,
       or at the coordinate 30; its cells begin at multiples of 2
     - ``raster``, ``raster+1.6``: the cells of the raster of heights that is the scene or its ground
@@ -91,12 +93,11 @@ def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas: A
     """
     check_sensors(text, areas=areas is not None)
     scene, threads = measured_scene(scene), thread_count(threads)
-    if text == "face":
-        return face_sensors(scene)
-    if text == "vertex":
-        return vertex_sensors(scene)
-    if grid := _GRID.fullmatch(text):
-        return grid_sensors(scene, _number(grid[1], text))
+    if on := _ON_FACES.fullmatch(text):
+        lift = _number(on[3], text) if on[3] else 0.0
+        if on[2]:
+            return grid_sensors(scene, _number(on[2], text), lift=lift)
+        return face_sensors(scene, lift=lift) if on[1] == "face" else vertex_sensors(scene, lift=lift)
     if raster := _RASTER.fullmatch(text):
         height = _number(raster[3], text) if raster[3] else 0.0
         cells = raster_file(text) or (_number(raster[1], text) if raster[1] else None)

@@ -4,7 +4,6 @@ Sensors lie on faces, at vertices, on surface grids, in horizontal rasters, or a
 once, when a `Sensors` is created.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from os import PathLike
 from typing import NamedTuple
@@ -14,8 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array, choice, flag, items, number, path_of, points, unit_vectors, whole_number
 from ..checks import points as checked_points
-from ..engine.scene import AnyScene
+from ..engine.scene import AnyScene, Scene
 from ..engine.scene_loading import SceneLike, scene_of
+from ..engine.terrain_shadows import terrain_of
 from ..errors import InputError
 from ..kernels.elementary import acos
 from ..kernels.parallel import thread_count
@@ -24,7 +24,7 @@ from ..scene.crs import check_horizontal_crs
 from ..scene.raster import Raster
 from ..scene.scene_data import MemoryData
 from ..scene.terrain import TerrainSurfaces
-from .raster_grid import aligned_raster, check_count, checked_raster, plan_of, raster_in, raster_of_file
+from .raster_grid import aligned_raster, checked_raster, plan_of, raster_in, raster_of_file
 
 # --- Checked fields of `Sensors` --------------------------------------------------------------------------------------
 
@@ -32,6 +32,8 @@ from .raster_grid import aligned_raster, check_count, checked_raster, plan_of, r
 NEEDED = {"face": "faces", "grid": "faces", "vertex": "corners", "raster": "raster"}
 """Kind of sensors -> the field that it requires."""
 
+_STEEP = 1e-3  # slope of a normal below which a face is nearly upright
+_ROWS = 1 << 18  # positions at a time
 _UNIT = 1e-5  # tolerance of a unit length, from float32 rounding
 
 
@@ -252,7 +254,7 @@ def corners_of(scene: AnyScene, time: float = 0.0) -> NDArray[np.float64]:
     return np.asarray(triangles.vertices.astype(np.float64) + triangles.origin)
 
 
-def _areas(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def areas_of(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit normals, NaN for faces without area; and areas."""
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(across, axis=1)
@@ -260,24 +262,36 @@ def _areas(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return across / length[:, None], length / 2.0
 
 
-def face_sensors(scene: SceneLike, time: float = 0.0) -> Sensors:
-    """One sensor at the centre of each face with an area, on the side from which its corners run counterclockwise."""
-    scene = scene_of(scene)
+def face_sensors(scene: SceneLike, time: float = 0.0, *, lift: float = 0.0) -> Sensors:
+    """One sensor at the centre of each face with an area, on the side from which its corners run counterclockwise.
+
+    lift : float
+        World units along the normal, off the surface: more than the distance at which other surfaces are drawn on it.
+    """
+    scene, lift = scene_of(scene), checked_lift(lift)
     corners = corners_of(scene, time)
-    normals, areas = _areas(corners)
+    normals, areas = areas_of(corners)
     faces = np.flatnonzero(areas > 0.0)
-    return Sensors(corners[faces].mean(1), normals[faces], areas[faces], faces, "face")
+    return Sensors(corners[faces].mean(1) + lift * normals[faces], normals[faces], areas[faces], faces, "face")
 
 
-def vertex_sensors(scene: SceneLike, time: float = 0.0) -> Sensors:
+def checked_lift(lift: float) -> float:
+    """The lift of sensors, if it is a finite number that is not negative; otherwise an InputError."""
+    return number(lift, "the lift of sensors", 0.0, np.inf, "[)")
+
+
+def vertex_sensors(scene: SceneLike, time: float = 0.0, *, lift: float = 0.0) -> Sensors:
     """One sensor at each distinct corner position, with the angle-weighted mean normal of its faces.
 
     Normals that cancel out (both sides of a sheet) are replaced by the normal of one of the faces. A sensor's area is a
     third of its faces' areas.
+
+    lift : float
+        As for `face_sensors`.
     """
-    scene = scene_of(scene)
+    scene, lift = scene_of(scene), checked_lift(lift)
     corners = corners_of(scene, time)
-    normals, areas = _areas(corners)
+    normals, areas = areas_of(corners)
     sound = np.flatnonzero(areas > 0.0)
     places, index = np.unique(corners[sound].reshape(-1, 3), axis=0, return_inverse=True)
     index = index.reshape(-1, 3)
@@ -293,7 +307,8 @@ def vertex_sensors(scene: SceneLike, time: float = 0.0) -> Sensors:
     sums[opposed], length[opposed] = normals[one_face[opposed]], 1.0
     every = np.full((len(corners), 3), -1, np.int64)
     every[sound] = index
-    return Sensors(places, sums / length[:, None], shares, one_face, "vertex", corners=every)
+    means = sums / length[:, None]
+    return Sensors(places + lift * means, means, shares, one_face, "vertex", corners=every)
 
 
 def _angles(corners: np.ndarray) -> np.ndarray:
@@ -301,88 +316,6 @@ def _angles(corners: np.ndarray) -> np.ndarray:
     after, before = np.roll(corners, -1, 1) - corners, np.roll(corners, 1, 1) - corners
     cosines = (after * before).sum(-1) / (np.linalg.norm(after, axis=-1) * np.linalg.norm(before, axis=-1))
     return np.asarray(acos(np.clip(cosines, -1.0, 1.0)))
-
-
-def grid_sensors(scene: SceneLike, spacing: float, time: float = 0.0) -> Sensors:
-    """A square grid of sensors on every surface; a face without a grid point gets one sensor at its centre.
-
-    Faces in one plane share a grid, whose rows are horizontal. A face's area is divided among its sensors.
-
-    spacing : float
-        World units between neighbours.
-    """
-    scene = scene_of(scene)
-    spacing = number(spacing, "the spacing of sensors", 0.0, np.inf)
-    corners = corners_of(scene, time) - scene.origin  # far from zero, plane axes would need more than float64
-    normals, areas = _areas(corners)
-    sound = np.flatnonzero(areas > 0.0)
-    corners, normals, areas = corners[sound], normals[sound], areas[sound]
-    check_count(areas.sum() / spacing / spacing + len(sound), spacing)
-    across, along = _plane_axes(normals, "xyz".index(scene.up))
-    flat = np.stack([(corners * axis[:, None]).sum(-1) for axis in (across, along)], -1) / spacing
-    face, places = _lattice(flat)
-    empty = np.setdiff1d(np.arange(len(sound)), face)
-    face, places = np.concatenate([face, empty]), np.concatenate([places, flat[empty].mean(1)])
-    order = np.argsort(face, kind="stable")
-    face, places = face[order], places[order]
-    height = (corners[:, 0] * normals).sum(-1)
-    at = spacing * (places[:, :1] * across[face] + places[:, 1:] * along[face]) + height[face, None] * normals[face]
-    share = areas / np.bincount(face, minlength=len(sound))
-    return Sensors(at + scene.origin, normals[face], share[face], sound[face], "grid")
-
-
-def _plane_axes(normals: np.ndarray, up: int) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors in the planes with these normals: a horizontal one, and one perpendicular to it."""
-    north = np.eye(3)[(up + 2) % 3 if up == 2 else 0]
-    across = np.cross(np.eye(3)[up], normals)
-    length = np.linalg.norm(across, axis=1, keepdims=True)
-    level = length[:, 0] < 1e-3  # (nearly) horizontal planes share one direction
-    across[level] = np.cross(north, normals[level])
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    return across, np.cross(normals, across)
-
-
-def _lattice(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The points (i + 1/2, j + 1/2) in triangles: (m,) triangle indices and (m, 2) points.
-
-    flat : (n, 3, 2) float64, corners in the plane
-    """
-    low, high = np.ceil(flat.min(1) - 0.5), np.floor(flat.max(1) - 0.5)
-    counts = np.maximum(high - low + 1.0, 0.0).astype(np.int64)
-    faces, places = list[np.ndarray](), list[np.ndarray]()
-    total = np.cumsum(counts.prod(1))
-    for first, last in _blocks(total, 1 << 22):
-        n = counts[first:last].prod(1)
-        face = np.repeat(np.arange(first, last), n)
-        k = np.arange(len(face)) - np.repeat(np.cumsum(n) - n, n)
-        columns = counts[face, 0]
-        at = low[face] + np.stack([k % columns, k // columns], -1) + 0.5
-        inside = _inside(flat[face], at)
-        faces.append(face[inside])
-        places.append(at[inside])
-    return np.concatenate([np.empty(0, np.int64), *faces]), np.concatenate([np.empty((0, 2)), *places])
-
-
-def _blocks(total: NDArray[np.int64], most: int) -> Iterator[tuple[int, int]]:
-    """Yield ranges (first, last) of items with about `most` points; `total`: cumulative number of points."""
-    first = 0
-    while first < len(total):
-        before = total[first - 1] if first else 0
-        last = max(int(np.searchsorted(total, before + most)), first + 1)
-        yield first, last
-        first = last
-
-
-def _inside(triangles: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Whether points lie in triangles. A point on an edge shared by two triangles lies in exactly one of them."""
-    sides = []
-    for k in range(3):
-        a, b = triangles[:, k], triangles[:, (k + 1) % 3]
-        edge = b - a
-        side = edge[:, 0] * (at[:, 1] - a[:, 1]) - edge[:, 1] * (at[:, 0] - a[:, 0])
-        first = (edge[:, 1] > 0.0) | ((edge[:, 1] == 0.0) & (edge[:, 0] < 0.0))
-        sides.append((side > 0.0) | ((side == 0.0) & first))
-    return np.asarray(sides[0] & sides[1] & sides[2])
 
 
 def raster_sensors(
@@ -502,7 +435,25 @@ def _first_surface(
     begin[:, up], along[up] = start, sign
     hit = scene.closest_hit(begin, along, time=time, threads=threads)
     heights = np.where(hit.mask, start + sign * np.where(hit.mask, hit.t, 0.0), scene.bounds[0, up])
+    if isinstance(scene, Scene) and terrain_of(scene.data) is None:  # whose triangles are in memory
+        triangles, face = hit.surfaces()
+        hits = np.flatnonzero(hit.mask)
+        for some in np.split(hits, range(_ROWS, len(hits), _ROWS)):
+            corners = triangles.vertices[face[some]].astype(np.float64) + triangles.origin
+            heights[some] = _heights_on(corners, at[some], heights[some], up)
     return heights, hit.face.astype(np.int64)
+
+
+def _heights_on(corners: np.ndarray, at: np.ndarray, heights: np.ndarray, up: int) -> NDArray[np.float64]:
+    """(n,) float64: the heights of faces, (n, 3, 3), at positions: in float64, independent of the scene's frame.
+
+    heights : those from rays in float32, which stay for faces that are nearly upright
+    """
+    away, normals = at - corners[:, 0], np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    plan = [axis for axis in range(3) if axis != up]
+    steep = np.abs(normals[:, up]) < _STEEP * np.abs(normals[:, plan]).max(1)
+    rise = -(away[:, plan] * normals[:, plan]).sum(1) / np.where(steep, 1.0, normals[:, up])
+    return np.where(steep, heights, np.clip(corners[:, 0, up] + rise, corners[..., up].min(1), corners[..., up].max(1)))
 
 
 def point_sensors(at: ArrayLike, normals: ArrayLike | None = None, areas: ArrayLike | None = None) -> Sensors:

@@ -60,6 +60,12 @@ def bounds_of_points(points: np.ndarray) -> np.ndarray:
     return np.array([[column.min() for column in columns], [column.max() for column in columns]])
 
 
+def plan_bounds(bounds: NDArray[np.float64], up: str) -> NDArray[np.float64]:
+    """(2, 2) float64: lower and upper easting and northing of bounds, (2, 3)."""
+    (x0, y0, z0), (x1, y1, z1) = bounds.tolist()
+    return np.array([[x0, y0], [x1, y1]] if up == "z" else [[x0, -z1], [x1, -z0]])
+
+
 def faces_of(piece: Piece) -> int:
     """The number of faces per copy."""
     return piece.vertices.shape[1] // 3 if piece.faces is None else len(piece.faces)

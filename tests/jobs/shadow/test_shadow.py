@@ -109,6 +109,12 @@ def test_a_shadow_without_anything_above_the_plane_is_empty():
     assert len(shadow.polygons) == 0 and shadow.area == 0.0 and len(shadow.frame()) == 0
 
 
+@pytest.mark.parametrize("by", ["shadow", "object"])
+def test_terrain_alone_casts_no_shadow_on_a_plane(by):
+    scene = at.from_raster((np.eye(3), (5.0, 0.0, 84000.0, 0.0, -5.0, 447000.0), "EPSG:28992"))
+    assert len(at.shadow(scene, at="2026-06-21T12:00", plane=-9.0, by=by).polygons) == 0
+
+
 def test_moments_of_all_kinds_are_the_same():
     scene = scene_of(box((0, 0, 0), (1, 1, 1)))
     utc = datetime(2026, 6, 21, 11, 40, tzinfo=UTC)

@@ -28,7 +28,17 @@ RasterLike: TypeAlias = "str | PathLike[str] | tuple[Any, ...] | Any"
 
 FORMS = "a raster file, a DataArray, (array, transform) or (array, transform, crs), or a list of these"
 
+_WORLD = "EPSG:4326"  # CRS of longitudes and latitudes that name none
 _UNEVEN = 1e-3  # cells: coordinates of a DataArray, which may be float32, differ by less from even ones
+_DEGREES = {
+    "x": ("lon", "long", "lng", "longitude", "degree_east", "degrees_east"),
+    "y": ("lat", "latitude", "degree_north", "degrees_north"),
+}
+_AXES = {
+    "x": ("x", "e", "east", "easting", "eastings", *_DEGREES["x"], "projection_x_coordinate"),
+    "y": ("y", "n", "north", "northing", "northings", *_DEGREES["y"], "projection_y_coordinate"),
+}
+"""Axis -> the names of its dimensions, and its standard names and units in the CF conventions, in lower case."""
 
 
 def height_grid(raster: "RasterLike | Sequence[RasterLike]", options: HeightOptions) -> tuple[HeightGrid, list[str]]:
@@ -93,14 +103,13 @@ def _checked_array(array: Any, options: HeightOptions, where: str, offset: float
 def _of_data_array(raster: Any, options: HeightOptions) -> tuple[HeightGrid, list[str]]:
     """Heights of a DataArray, whose coordinates are those of its values."""
     where = f"the DataArray {raster.name}" if getattr(raster, "name", None) else "the DataArray"
-    for dimension in [d for d in raster.dims if raster.sizes[d] == 1 and len(raster.dims) > 2]:
-        raster = raster.isel({dimension: 0})
-    if len(raster.dims) != 2:
-        raise InputError(f"{where}: has the dimensions {', '.join(map(str, raster.dims))}; select two, y and x")
+    raster = _on_map(raster, where)
     y, x = (_coordinates(raster, dimension, where) for dimension in raster.dims)
     grid = GridPoints(float(x.min()), float(y.max()), _step(x), _step(y), len(y), len(x))
     attributes = {**getattr(raster, "encoding", {}), **raster.attrs}
     system = _system_of(raster) if options.crs is None else crs_of(options.crs)
+    if system is None and any(set(_words(raster, d)) & {*_DEGREES["x"], *_DEGREES["y"]} for d in raster.dims):
+        system = crs_of(_WORLD)
     check_projected(system, where, grid)
     nodata = attributes.get("_FillValue", attributes.get("nodata")) if options.nodata is None else options.nodata
     if nodata is None and "rio" in dir(raster) and hasattr(raster, "rio"):
@@ -114,6 +123,34 @@ def _of_data_array(raster: Any, options: HeightOptions) -> tuple[HeightGrid, lis
     name = str(raster.name) if getattr(raster, "name", None) else "terrain"
     checked, more = checked_heights(HeightGrid(name, grid, text, np.ascontiguousarray(heights)), where)
     return checked, [*notes, *more]
+
+
+def _on_map(raster: Any, where: str) -> Any:
+    """A DataArray with the dimensions of its northings and eastings, in this order."""
+    axes = {dimension: _axis_of(raster, dimension) for dimension in raster.dims}
+    single = [d for d in raster.dims if axes[d] is None and raster.sizes[d] == 1]  # such as band or time
+    raster = raster.isel(dict.fromkeys(single, 0)) if len(raster.dims) > 2 else raster
+    found = ", ".join(map(str, raster.dims))
+    if len(raster.dims) != 2:
+        raise InputError(f"{where}: has the dimensions {found}; select two, y and x")
+    first, second = (axes[dimension] for dimension in raster.dims)
+    if first == second:
+        names = ", ".join(f"{x}/{y}" for x, y in (("x", "y"), ("easting", "northing"), ("longitude", "latitude")))
+        raise InputError(f"{where}: which of the dimensions {found} is x? rename them to {names}, or set their CF axis")
+    return raster.transpose() if first == "x" or second == "y" else raster
+
+
+def _axis_of(raster: Any, dimension: Any) -> str | None:
+    """Whether a dimension is "x" or "y", by the CF axis, standard name or units of its coordinates, or its own name."""
+    words = _words(raster, dimension)
+    return next((axis for word in words for axis, names in _AXES.items() if word in names), None)
+
+
+def _words(raster: Any, dimension: Any) -> list[str]:
+    """What names the axis of a dimension, in lower case; the most binding first."""
+    attributes = raster.coords[dimension].attrs if dimension in raster.coords else {}
+    words = attributes.get("axis"), attributes.get("standard_name"), dimension, attributes.get("units")
+    return [str(word).lower() for word in words]
 
 
 def _coordinates(raster: Any, dimension: Any, where: str) -> NDArray[np.float64]:

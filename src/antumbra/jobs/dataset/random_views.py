@@ -20,6 +20,7 @@ from ...scene.default_picture import Room
 from ...scene.instance_data import InstanceData
 from ...scene.lights import DirectionalLight, Light, SphereLight, check_lights
 from ...scene.triangles import Hit
+from ..point_checks import check_degrees
 from ..scene_records import Record, camera_record
 from .dataset_options import MOST_FRAMES, MOST_LIGHTS, DatasetOptions
 
@@ -245,7 +246,9 @@ def camera_set(scene: AnyScene, cameras: Sequence[Camera] | None, options: Datas
     elif cameras is None:
         cameras = [scene.camera(i, time).resized(*size) for i in range(len(scene.cameras))]
         cameras = cameras or [scene.default_camera(*size)]
-    views = CameraSet(items(cameras, Camera, "a camera"), orbit, random, options.seed, size)
+    given = items(cameras, Camera, "a camera")
+    check_degrees(scene, np.array([camera.position for camera in given]).reshape(-1, 3), "cameras")
+    views = CameraSet(given, orbit, random, options.seed, size)
     if not 1 <= views.total <= MOST_FRAMES:
         raise InputError(f"{views.total} cameras; a data set has 1 to {MOST_FRAMES:,}, give cameras, orbit or random")
     return views

@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import as_array, number, quoted
+from ...checks import as_array, number, path_of, quoted
 from ...errors import InputError
 from ...extras import import_extra
+from ...files import checked_file
 from ...scene.crs import check_horizontal_crs
 from ..sensor_files import read_columns
 
@@ -66,7 +67,7 @@ def points_along(
 def _lines(lines: Any, crs: str | None) -> list[Any]:
     """The vertices of each line."""
     if isinstance(lines, (str, PathLike)):
-        path = Path(lines)
+        path = checked_file(path_of(lines, "lines"), Path(lines).name)
         return [_table_vertices(path)] if path.suffix.lower() == ".csv" else _file_lines(path, crs)
     if isinstance(lines, np.ndarray):
         return [lines]

@@ -18,6 +18,7 @@ from ...query.receivers import Receivers
 from ..executors import LocalExecutor
 from ..false_colours import ColouredMesh, coloured_glb
 from ..measured_scenes import measured_scene
+from ..point_checks import notes_on_points, notes_on_sensors, tell
 from ..result_table import Column, Table
 from ..sensor_files import SUFFIXES, check_point_file, read_array, read_columns
 from ..sensors import Sensors, corners_of, point_sensors
@@ -99,7 +100,12 @@ def line_of_sight(
     Raises
     ------
     InputError
-        If shapes do not broadcast, a number is NaN or infinite, or a normal is zero.
+        If shapes do not broadcast, a number is NaN or infinite, a normal is zero, or points are in degrees.
+
+    Warns
+    -----
+    UserWarning
+        If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
 
     Notes
     -----
@@ -109,6 +115,8 @@ def line_of_sight(
     scene, threads = measured_scene(scene), thread_count(threads)
     begin, end = _Ends(observers, normals, faces), _Ends(targets, target_normals, target_faces)
     pairs, shape = _checked(scene, begin, end)
+    for each, what in ((begin, "observers"), (end, "targets")):
+        tell(_notes(scene, each, what, time, threads))
     n = len(pairs.begin)
     work = lambda first, last: _blocks(pairs.part(first, last), scene.engine, time, threads)
     parts = Parts(f"{n} lines of sight", n, _PART, work)
@@ -147,6 +155,16 @@ def _checked(scene: AnyScene, begin: _Ends, end: _Ends) -> tuple[_Pairs, tuple[i
         units.append(None if normals is None else receivers.normals[0])
         face_lists.append(_as_faces(np.broadcast_to(face, shape).ravel(), scene.n_triangles))
     return _Pairs(*ends, *units, *face_lists), shape
+
+
+def _notes(scene: AnyScene, ends: _Ends, what: str, time: float, threads: int) -> list[str]:
+    """Notes on checked ends, before they are paired."""
+    parts = [as_array(each, what).astype(np.float64) for each in (ends.points, ends.normals) if each is not None]
+    rows = np.unique(np.concatenate(np.broadcast_arrays(*parts), -1).reshape(-1, 3 * len(parts)), axis=0)
+    if ends.normals is None and ends.faces is not None:
+        return notes_on_points(scene, rows, what, time, threads)
+    some = point_sensors(rows[:, :3], None if ends.normals is None else rows[:, 3:])
+    return notes_on_sensors(scene, some, what, time, threads)
 
 
 def _as_normals(normals: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:

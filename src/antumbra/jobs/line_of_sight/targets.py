@@ -17,9 +17,11 @@ from ...query.receivers import Receivers
 from ...query.shadow_query import count_occluded
 from ...scene.lights import SphereLight
 from ..measured_scenes import measured_scene
+from ..point_checks import depths_below_ground, notes_on_points, notes_on_sensors, tell
 from ..result_table import Column, Table
 from ..sensor_files import sensors_of
-from ..sensors import Sensors, grid_sensors, point_sensors, sensors_from, sightline_ends
+from ..sensors import Sensors, point_sensors, sensors_from, sightline_ends
+from ..surface_grid import grid_sensors
 from .visibility_matrix import TileTracer
 
 _PAIRS = 1 << 24  # sightlines at a time
@@ -65,8 +67,9 @@ def _rotor(turbine: Turbine, up: str) -> SphereLight:
 
 
 def surface_points(
-    scene: SceneLike, spacing: float, *, objects: str | list[str] | None = None, types: str | list[str] | None = None
-) -> Sensors:
+    scene: SceneLike, spacing: float, *, objects: str | list[str] | None = None,
+    types: str | list[str] | None = None, lift: float = 0.0,
+) -> Sensors:  # fmt: skip
     """Points on a part of a scene, such as a facade, as a target: those of `grid_sensors` on some objects or surfaces.
 
     Parameters
@@ -78,6 +81,8 @@ def surface_points(
         Names of objects. In a city model, an object includes its parts. None: all.
     types : str or list of str, optional
         Types of semantic surfaces, such as "WallSurface". None: all.
+    lift : float
+        As for `face_sensors`.
 
     Raises
     ------
@@ -85,7 +90,7 @@ def surface_points(
         If the scene has no such object or surface, or no semantic surfaces.
     """
     scene = measured_scene(scene)
-    sensors = grid_sensors(scene, spacing)
+    sensors = grid_sensors(scene, spacing, lift=lift)
     faces, chosen = np.asarray(sensors.faces), np.ones(len(sensors), bool)
     if objects is not None:
         names = _texts(objects, "objects")
@@ -194,21 +199,31 @@ def visible_share(
     Raises
     ------
     InputError
-        If an argument is invalid, or the target has no points.
+        If an argument is invalid, the target has no points or is in degrees, or the rotor of a turbine reaches below
+        the ground.
+
+    Warns
+    -----
+    UserWarning
+        If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
     """
     scene, threads = measured_scene(scene), thread_count(threads)
     moment, samples = scene.clamped(time), whole_number(samples, "samples", 1, 1024)
     checked = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
     places = sensors_from(scene, checked, None, "sensors")
     ends = sightline_ends(scene, places)
+    notes = notes_on_sensors(scene, places, "sensors", moment, threads)
     if isinstance(target, Turbine):
+        notes += _notes_on_turbine(scene, target, moment, threads)
         total = samples
         marks = np.array([_rotor(target, scene.up).center])
     else:
         on_target = sensors_from(scene, target, None, "the target")
         if not len(on_target):
             raise InputError("the target has no points; give at least one")
+        notes += notes_on_sensors(scene, on_target, "points of the target", moment, threads)
         total, marks = len(on_target), on_target.points.mean(0, keepdims=True)
+    warned = tell(notes)
     counts, step = np.zeros(len(places), np.int32), max(1024, _PAIRS // total)
     tracing = TileTracer(scene, plan, moment, threads, len(places) * total)
     with report_progress(f"{len(places)} sensors, {total} points of the target") as report:
@@ -224,7 +239,22 @@ def visible_share(
         "share": Column((counts / total).astype(np.float32), "", "visible share of the target"),
         "visible": Column(counts, "", f"visible sample points, of {total}"),
     }
-    return Table(places, columns, {"job": "visible share", "samples": total}, scene, marks=marks)
+    return Table(places, columns, {"job": "visible share", "samples": total, **warned}, scene, marks=marks)
+
+
+def _notes_on_turbine(scene: AnyScene, turbine: Turbine, time: float, threads: int) -> list[str]:
+    """Notes on the foot of a turbine. Raises InputError if its rotor reaches below the ground."""
+    foot, up = np.array(turbine.position), np.eye(3)["xyz".index(scene.up)]
+    lowest = turbine.hub_height - turbine.rotor_diameter / 2.0
+    notes = notes_on_points(scene, foot[None], "turbines", time, threads)
+    (depth, reach) = depths_below_ground(scene, np.stack([foot, foot + lowest * up]), time, threads)
+    if reach > 0.0:
+        ground = foot @ up + depth
+        cure = (
+            f"the ground there is at {ground:.6g}" if depth > 0.0 else f"its lowest point is {lowest:g} above its foot"
+        )
+        raise InputError(f"the turbine's rotor reaches {reach:.6g} below the ground; {cure}")
+    return notes
 
 
 def _seen_of_rotor(

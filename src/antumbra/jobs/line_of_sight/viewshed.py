@@ -24,9 +24,10 @@ from ...scene.lights import MAX_SPP
 from ...scene.map_point import on_earth
 from ..bit_matrices import unpack_bits, words_of
 from ..measured_scenes import earth_radius_of, measured_scene
+from ..point_checks import notes_on_bare_points, notes_on_points, notes_on_sensors, on_surface, tell
 from ..result_table import Column, Table
 from ..sensor_files import sensors_of
-from ..sensors import Sensors, corners_of, on_top, point_sensors, sensors_from, sightline_ends
+from ..sensors import Sensors, corners_of, point_sensors, sensors_from, sightline_ends
 from .least_heights import check_own_cells, least_heights_of
 from .line_points import LinePoints
 from .viewshed_options import ViewshedOptions
@@ -213,8 +214,14 @@ def viewshed(
     Raises
     ------
     InputError
-        If an argument is invalid, there is no observer, bits would take more than 2 GiB, or `least_height` is requested
-        for anything but the cells of a scene that is a single raster of heights.
+        If an argument is invalid, there is no observer or no surface to place one on, points are in degrees, bits
+        would take more than 2 GiB, or `least_height` is requested for anything but the cells of a scene that is a
+        single raster of heights.
+
+    Warns
+    -----
+    UserWarning
+        If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
 
     Notes
     -----
@@ -235,6 +242,9 @@ def viewshed(
     targets = sensors_from(scene, checked, None, "sensors")
     along = observers if isinstance(observers, LinePoints) else None
     eyes = _eyes(below, observers if along is None else along.points, options)
+    notes = notes_on_sensors(below, targets, "sensors", time, threads)
+    notes += notes_on_points(below, eyes, "observers", time, threads)
+    warned = tell(notes + notes_on_bare_points(below, eyes, "observers", time, threads))
     if options.least_height:
         check_own_cells(scene, targets)
     n, k = len(targets), len(eyes)
@@ -259,7 +269,7 @@ def viewshed(
             _straight(state, scene, TileTracer(scene, options.plan, time, threads, n * k), report)
         if sight.least_height is not None:
             _find_least_heights(state, sight.least_height, scene, threads)
-    about = {"job": "viewshed", "observers": k, **{name: getattr(options, name) for name in recorded}}
+    about = {"job": "viewshed", "observers": k, **{name: getattr(options, name) for name in recorded}, **warned}
     columns = _columns(sight, k, scene.unit.name)
     return Viewshed(Table(targets, columns, about, scene, marks=eyes), eyes, visibility_bits)
 
@@ -279,12 +289,7 @@ def _eyes(scene: AnyScene, observers: ArrayLike, options: ViewshedOptions) -> ND
         raise InputError("there is no observer; give at least one")
     up = "xyz".index(scene.up)
     if options.on_surface:
-        if (surface := terrain_of(scene.data)) is not None:
-            tops = surface.at_cells(*surface.grid.cells_of(eyes[:, :2]).T)
-        else:
-            tops, faces = on_top(scene, eyes, scene.clamped(options.time), thread_count(options.threads))
-            tops = np.where(faces >= 0, tops, np.nan)
-        eyes[:, up] = np.where(np.isnan(tops), eyes[:, up], tops)
+        eyes = on_surface(scene, eyes, "observers", scene.clamped(options.time), thread_count(options.threads))
     eyes[:, up] += options.eye_height
     return eyes
 

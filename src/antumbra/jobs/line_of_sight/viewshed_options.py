@@ -39,7 +39,7 @@ class ViewshedOptions:
     )
     """Height of the eyes above the observers, world units."""
     on_surface: bool = option(False, flag, "First place each observer on the highest surface at its position.")
-    """First move each observer to the highest surface above or below it. Observers beside the scene are not moved."""
+    """First move each observer to the highest surface above or below it. Without a surface, it is an error."""
     min_distance: float = option(
         0.0, RealNumber(0.0, np.inf, "[)"), "Least distance of visible sensors, in world units."
     )

@@ -40,6 +40,7 @@ from ..bit_matrices import (
 )
 from ..executors import Keep, checked_keep, executor_of
 from ..measured_scenes import measured_scene
+from ..point_checks import notes_on_sensors, tell
 from ..scene_records import scene_digest
 from ..sensor_files import sensors_of
 from ..sensors import Sensors, sensors_from, sightline_ends
@@ -208,7 +209,12 @@ def visibility_matrix(
     Raises
     ------
     InputError
-        If an argument is invalid, or a matrix in memory would take more than 2 GiB.
+        If an argument is invalid, points are in degrees, or a matrix in memory would take more than 2 GiB.
+
+    Warns
+    -----
+    UserWarning
+        If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
     """
     scene, threads = measured_scene(scene), thread_count(threads)
     time, keep = scene.clamped(time), checked_keep(keep)
@@ -225,6 +231,8 @@ def visibility_matrix(
         raise InputError(f"a matrix of {n} x {m} bits takes {n * m / 8e9:.1f} GB; give an output to stream it to")
     if path is not None:
         check_disk_space(path, row_file_size((n, words_of(m))))
+    for each, what in ((sources, "sensors"), *([] if others is None else [(others, "targets")])):
+        tell(notes_on_sensors(scene, each, what, time, threads))
     rows = sightline_ends(scene, sources)
     grid = _grid(rows, rows if others is None else sightline_ends(scene, others), others is None)
     if keep is None and path is not None:

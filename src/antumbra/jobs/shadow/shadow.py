@@ -149,7 +149,7 @@ def _on_plane(scene: AnyScene, moment: _Moment, options: ShadowOptions) -> Shado
                 rows.append((shape, name, kind))
             report(k + 1, len(groups))
     about = {**moment.about, "height": height}
-    casters = corners[np.concatenate([faces for _, _, faces in groups])]
+    casters = corners[np.concatenate([np.empty(0, np.int64), *(faces for _, _, faces in groups)])]
     plan = casters[(casters[..., 2] > height).any(1), :, :2]
     shapes = [shape for shape, _, _ in rows]
     if apart:

@@ -26,8 +26,9 @@ from ...scene.map_point import map_point, on_earth
 from ...trace.rays.ray_hits import intersections
 from ..map_page import MAP_SUFFIXES, check_map, checked_title, save_page
 from ..measured_scenes import measured_scene, middle_of
+from ..point_checks import notes_on_sensors, on_surface, tell
 from ..sensor_files import check_sensors, sensors_of
-from ..sensors import Sensors, on_top, sensors_from, sightline_ends
+from ..sensors import Sensors, sensors_from, sightline_ends
 from ..sun.location import Place, place_of_crs
 from .edge_projection import Compass, Slopes, compass_of, raise_slopes
 from .horizon_diagram import horizon_figure
@@ -294,7 +295,13 @@ def skyline(
     Raises
     ------
     InputError
-        If an argument is invalid, the scene is in a store, or pyproj is missing for the CRS of the scene.
+        If an argument is invalid, the scene is in a store, points are in degrees or have no surface to be placed on, or
+        pyproj is missing for the CRS of the scene.
+
+    Warns
+    -----
+    UserWarning
+        If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
     """
     options, scene = SkylineOptions(**keywords), measured_scene(scene)
     if isinstance(scene, PagedScene):
@@ -305,6 +312,7 @@ def skyline(
         check_sensors(points, "points")
         points = sensors_of(points, below, threads)
     sensors = _raised(below, sensors_at(below, points, normals), options)
+    warned = tell(notes_on_sensors(below, sensors, "points", time, threads))
     north, place = options.north, None
     if north is None:
         place = place_of_crs(scene.crs, scene.bounds, scene.up) if scene.crs and on_earth(scene.crs) else None
@@ -313,7 +321,7 @@ def skyline(
     compass = compass_of(options.count, scene.up, north)
     slopes = _slopes_of(scene, sensors, compass, time, threads)
     azimuth = np.arange(options.count) * (360.0 / options.count)
-    about: dict[str, Any] = {"job": "skyline", "scene": scene.name, "step": options.step, "north": north}
+    about: dict[str, Any] = {"job": "skyline", "scene": scene.name, "step": options.step, "north": north, **warned}
     if scene.crs:
         about["crs"] = scene.crs
     if place is not None:
@@ -337,8 +345,7 @@ def _raised(scene: AnyScene, sensors: Sensors, options: SkylineOptions) -> Senso
         return sensors
     up, eyes = "xyz".index(scene.up), sensors.points.copy()
     if options.on_surface:
-        tops, faces = on_top(scene, eyes, scene.clamped(options.time), thread_count(options.threads))
-        eyes[:, up] = np.where(faces >= 0, tops, eyes[:, up])
+        eyes = on_surface(scene, eyes, "points", scene.clamped(options.time), thread_count(options.threads))
     if options.eye_height == 0.0:  # on the surface itself
         return sensors_from(scene, eyes, np.eye(3)[up], "points")
     eyes[:, up] += options.eye_height

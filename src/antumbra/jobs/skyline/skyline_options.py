@@ -39,7 +39,7 @@ class SkylineOptions:
     eye_height: float = option(0.0, RealNumber(-np.inf, np.inf), "Height of the eyes above the points, in world units.")
     """Height of the eyes above the points, world units."""
     on_surface: bool = option(False, flag, "First place each point on the highest surface at its position.")
-    """First move each point to the highest surface above or below it. Points beside the scene are not moved."""
+    """First move each point to the highest surface above or below it. Without a surface, it is an error."""
     time: float = same_option(RenderOptions, "time")
     threads: int | None = same_option(EngineOptions, "threads")
 

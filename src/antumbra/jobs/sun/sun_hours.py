@@ -23,6 +23,7 @@ from ..bit_matrices import row_file_size
 from ..executors import Keep, checked_keep, executor_of
 from ..ground_areas import AreaLike, default_cells
 from ..measured_scenes import measured_scene
+from ..point_checks import notes_on_sensors, tell
 from ..result_table import Column, Table
 from ..sensor_files import sensors_of
 from ..sensors import Sensors, sensors_from
@@ -91,19 +92,25 @@ def sky_view(
     Raises
     ------
     InputError
-        If a text is malformed or a number is out of range.
+        If a text is malformed, a number is out of range, or points are in degrees.
+
+    Warns
+    -----
+    UserWarning
+        If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
     """
     count = whole_number(directions, "directions", 1, MOST_DIRECTIONS)
     scene, threads = measured_scene(scene), thread_count(threads)
     parse_plan(DEFAULT_PLAN if plan is None else plan)
     checked = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
     sensors = sensors_from(scene, checked, None, "sensors")
+    warned = tell(notes_on_sensors(scene, sensors, "sensors", 0.0, threads))
     tally = sum_suns(sky_query(scene, sensors, count, plan, threads), what="sky")
     columns = {
         "sky_view": Column(share_of_sky(tally), "", SKY_VIEW_ABOUT),
         "sky_share": Column(tally.hours / count, "", "share of the sky's hemisphere that is visible"),
     }
-    return Table(sensors, columns, {"job": "sky view", "directions": count}, scene)
+    return Table(sensors, columns, {"job": "sky view", "directions": count, **warned}, scene)
 
 
 def sky_query(
@@ -199,8 +206,13 @@ def sun_hours(
     Raises
     ------
     InputError
-        If the place or the days are unknown, a text is malformed, a package is missing (``antumbra[sun]``), or no sun
-        is above the horizon.
+        If the place or the days are unknown, a text is malformed, points are in degrees, a package is missing
+        (``antumbra[sun]``), or no sun is above the horizon.
+
+    Warns
+    -----
+    UserWarning
+        If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
     """
     options, keep, scene = SunOptions(days=days, **keywords), checked_keep(keep), measured_scene(scene)
     plan, threads, samples = options.plan, thread_count(options.threads), options.samples
@@ -218,6 +230,7 @@ def sun_hours(
     north = study.place.north
     sensors = chosen_sensors(scene, sensors, options.surfaces, cast(Facing | None, options.facing), north)
     target = None if matrix is None else checked_output(matrix, (".npy",))
+    warned = tell(notes_on_sensors(scene, sensors, "sensors", 0.0, threads))
     suns, bins = study.suns, _Bins(study)
     direct = None if suns.dni is None else suns.dni * suns.hours
     query = sun_query(
@@ -238,7 +251,7 @@ def sun_hours(
     if not executor.finish(job):
         return None  # type: ignore[return-value]  # a shard, of a command
     tally, *sky_tallies = [each.tally() for each in sums]
-    table = Table(sensors, _columns(study, bins, tally), _about(study, options), scene)
+    table = Table(sensors, _columns(study, bins, tally), _about(study, options) | warned, scene)
     if sensors.zone is not None:
         table.about["areas"] = area_records(sensors, tally.hours, study.rule, table)
     if skies:

@@ -13,6 +13,7 @@ from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...progress import Progress, report_progress, with_progress
 from ..measured_scenes import measured_scene
+from ..point_checks import notes_on_faces, tell
 from ..surface_groups import Grouping, SurfaceGroups, surface_groups
 from .hemisphere_rays import REPLICATES, HemisphereRays
 from .view_factor_matrix import OUTSIDE, ViewFactors
@@ -69,6 +70,11 @@ def view_factors(
     InputError
         If an argument is invalid, no surface has an area, or the scene is in a store.
 
+    Warns
+    -----
+    UserWarning
+        If faces lie closely behind others that face the same way.
+
     Notes
     -----
     A surface sees itself if it is not convex: its own factor F_ii is then positive. Alpha masks and panes block rays as
@@ -81,7 +87,9 @@ def view_factors(
     time = scene.clamped(time)
     if isinstance(scene, PagedScene):
         raise scene.refusal()
-    sampling = _Sampling.of(scene, surfaces, samples, side, seed, time)
+    sign = -1.0 if side == "back" else 1.0
+    sampling = _Sampling.of(scene, surfaces, samples, sign, seed, time)
+    warned = tell(notes_on_faces(scene, sign, time, threads))
     n, counts = len(sampling.groups.names), list[_Counts]()
     step = max(1, _RAYS // samples)
     with report_progress(f"view factors: {n:,} surfaces x {samples:,} rays") as report:
@@ -89,7 +97,7 @@ def view_factors(
             counts.append(_counts(scene, sampling, first, min(first + step, n), time, threads))
             report(min(first + step, n), n)
     about = {"job": "view factors", "scene": scene.name, "samples": samples, "side": side, "seed": seed, "time": time}
-    about |= {"surfaces": surfaces if isinstance(surfaces, str) else "numbers"}
+    about |= {"surfaces": surfaces if isinstance(surfaces, str) else "numbers", **warned}
     return _result(sampling, counts, about, scene.unit.square_metres)
 
 
