@@ -88,7 +88,7 @@ def view_factors(
     if isinstance(scene, PagedScene):
         raise scene.refusal()
     sign = -1.0 if side == "back" else 1.0
-    sampling = _Sampling.of(scene, surfaces, samples, sign, seed, time)
+    sampling = _Sampling.of(scene, surfaces, samples, side, seed, time)
     warned = tell(notes_on_faces(scene, sign, time, threads))
     n, counts = len(sampling.groups.names), list[_Counts]()
     step = max(1, _RAYS // samples)
