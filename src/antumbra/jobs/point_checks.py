@@ -17,6 +17,7 @@ from ..engine.terrain_shadows import terrain_of
 from ..errors import InputError
 from ..query.receivers import SHIFT, Receivers
 from ..scene.map_degrees import check_no_degrees
+from ..scene.scene_bounds import plan_points
 from .raster_grid import plan_of
 from .sensors import Sensors, face_sensors, on_top
 
@@ -100,7 +101,7 @@ def notes_on_points(
     if not len(at):
         return []
     check_degrees(scene, at, what)
-    (low, high), plan = plan_of(scene), _plan(scene, at)
+    (low, high), plan = plan_of(scene), plan_points(at, scene.up)
     margin, words = float(np.ptp(scene.bounds, axis=0).max()), f"lie far beside {scene.name}"
     if scene.raster is not None:
         margin, words = _BESIDE * margin, f"lie beside {scene.name}"
@@ -125,11 +126,6 @@ def notes_on_bare_points(
     return _note(what, on, at, words)
 
 
-def _plan(scene: AnyScene, at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 2) float64: eastings and northings."""
-    return at[:, :2] if scene.up == "z" else at[:, [0, 2]] * [1.0, -1.0]
-
-
 def _rounding(scene: AnyScene, at: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) float64: the distance to a surface that float32 rounding explains, as that by which receivers are moved."""
     x, y, z = np.abs(at - scene.origin).T  # NumPy reduces short rows slowly
@@ -143,7 +139,7 @@ def _rounding(scene: AnyScene, at: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def check_degrees(scene: AnyScene, at: NDArray[np.float64], what: str) -> None:
     """Raise an InputError if points, (n, 3) world, are longitudes and latitudes, and the scene is far from them."""
-    check_no_degrees(_plan(scene, at), what, scene.name, scene.crs, plan_of(scene))
+    check_no_degrees(plan_points(at, scene.up), what, scene.name, scene.crs, plan_of(scene))
 
 
 def on_surface(
