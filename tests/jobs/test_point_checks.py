@@ -137,6 +137,8 @@ def test_cameras_in_degrees_are_refused(tmp_path):
     camera = at.Camera((4.36, 52.01, 9.0), (4.37, 52.02, 5.0), (0, 0, 1), 60.0, 8, 8)
     with pytest.raises(at.InputError, match=r"cameras are in degrees \(4.36,52.01\)"):
         at.dataset(raster(), tmp_path / "frames", [camera], spp=1)
+    with pytest.raises(at.InputError, match=r"camera positions are in degrees \(4.36,52.01\)"):
+        at.render(raster(), camera, spp=1)
 
 
 def test_trees_in_degrees_are_refused(tmp_path):

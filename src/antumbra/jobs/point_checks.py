@@ -17,6 +17,7 @@ from ..engine.terrain_shadows import terrain_of
 from ..errors import InputError
 from ..query.receivers import SHIFT, Receivers
 from ..scene.map_degrees import check_no_degrees
+from ..scene.scene_bounds import plan_points
 from .raster_grid import plan_of
 from .sensors import Sensors, face_sensors, on_top
 
@@ -102,7 +103,7 @@ def notes_on_points(
     if not len(at):
         return []
     check_degrees(scene, at, what)
-    (low, high), plan = plan_of(scene), _plan(scene, at)
+    (low, high), plan = plan_of(scene), plan_points(at, scene.up)
     margin, words = float(np.ptp(scene.bounds, axis=0).max()), f"lie far beside {scene.name}"
     if scene.raster is not None:
         margin, words = _BESIDE * margin, f"lie beside {scene.name}"
@@ -118,22 +119,19 @@ def notes_on_bare_points(
     """Notes on points without normals and faces, (n, 3) world, that lie on a surface, which may hide them."""
     if not len(at):
         return []
-    on = np.zeros(len(at), bool)
-    for axis in np.eye(3):  # a surface crosses one of three short segments
-        step = _rounding(scene, at)[:, None] * axis
+    on, reach = np.zeros(len(at), bool), _rounding(scene, at)
+    for axis in range(3):  # a surface crosses one of three short segments
+        step = np.zeros_like(at)
+        step[:, axis] = reach
         on |= np.asarray(scene.occluded(at - step, targets=at + step, time=time, threads=threads))
     words = "lie on a surface and have no normal, so the surface may hide them; give normals, or move them off it"
     return _note(what, on, at, words)
 
 
-def _plan(scene: AnyScene, at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 2) float64: eastings and northings."""
-    return at[:, :2] if scene.up == "z" else at[:, [0, 2]] * [1.0, -1.0]
-
-
 def _rounding(scene: AnyScene, at: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) float64: the distance to a surface that float32 rounding explains, as that by which receivers are moved."""
-    size = np.maximum(np.abs(at - scene.origin), np.ptp(scene.bounds, axis=0)).max(1, initial=0.0)
+    x, y, z = np.abs(at - scene.origin).T  # NumPy reduces short rows slowly
+    size = np.maximum(np.maximum(x, y), np.maximum(z, np.ptp(scene.bounds, axis=0).max()))
     out: NDArray[np.float64] = np.maximum(SHIFT * size, np.finfo(np.float32).tiny)
     return out
 
@@ -143,7 +141,7 @@ def _rounding(scene: AnyScene, at: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def check_degrees(scene: AnyScene, at: NDArray[np.float64], what: str) -> None:
     """Raise an InputError if points, (n, 3) world, are longitudes and latitudes, and the scene is far from them."""
-    check_no_degrees(_plan(scene, at), what, scene.name, scene.crs, plan_of(scene))
+    check_no_degrees(plan_points(at, scene.up), what, scene.name, scene.crs, plan_of(scene))
 
 
 def on_surface(
@@ -185,14 +183,18 @@ def depths_below_ground(
     if (surface := terrain_of(scene.data)) is not None:
         tops = surface.at_cells(*surface.grid.cells_of(at[:, :2]).T)
         return np.nan_to_num(np.maximum(tops - at[:, axis], 0.0))
-    upward = np.eye(3)[axis]
+    upward, out = np.eye(3)[axis], np.zeros(len(at))
+    hit = scene.closest_hit(at, upward, time=time, threads=threads)
+    if not hit.mask.any():
+        return out
+    some = np.flatnonzero(np.nan_to_num(hit.normal[:, axis]) > 0.0)
 
     def first(direction: NDArray[np.float64], others: str) -> NDArray[np.float64]:
-        return scene.closest_hit(at, direction, cull_faces=others, time=time, threads=threads).t
+        return scene.closest_hit(at[some], direction, cull_faces=others, time=time, threads=threads).t
 
     above = first(upward, "front")
     in_ground = (above < first(upward, "back")) & (first(-upward, "front") <= first(-upward, "back"))
-    out: NDArray[np.float64] = np.where(in_ground, above, 0.0)
+    out[some] = np.where(in_ground, above, 0.0)
     return out
 
 

@@ -17,6 +17,8 @@ from ..progress import ProgressCallback, show_progress, with_quiet_progress
 from ..query.gbuffer import GBuffer
 from ..scene.camera import Camera
 from ..scene.lights import Light, check_lights
+from ..scene.map_degrees import check_no_degrees
+from ..scene.scene_bounds import plan_bounds, plan_points
 from ..scene.triangles import Triangles
 from .frame import Frame, TracedBits
 from .frame_passes import render_frame
@@ -160,7 +162,7 @@ class Renderer:
         Raises
         ------
         InputError
-            If a value is out of range, or an argument is not a camera or a light.
+            If a value is out of range, the camera's position is in degrees, or an argument is not a camera or a light.
         """
         request = self.request(camera, lights, options_of(options, keywords))
         with show_progress("tracing", progress) as report:
@@ -228,7 +230,10 @@ def _check_view(scene: AnyScene, camera: Any, lights: Any) -> tuple[Camera, list
     """Check the camera and the lights, and their order."""
     if isinstance(lights, Camera) or (isinstance(camera, (Light, list, tuple)) and not isinstance(camera, Camera)):
         raise InputError("camera and lights are in the wrong order; write render(scene, camera, lights)")
-    return checked_instance(camera, Camera, "camera"), check_lights(lights, scene.up)
+    camera = checked_instance(camera, Camera, "camera")
+    plan = plan_points(camera.position[None], scene.up)
+    check_no_degrees(plan, "camera positions", scene.name, scene.crs, plan_bounds(scene.bounds, scene.up))
+    return camera, check_lights(lights, scene.up)
 
 
 @_render_function(RenderKeywords)
@@ -268,7 +273,8 @@ def render(
     Raises
     ------
     InputError
-        If a value is out of range, the plan is unknown, or an argument is not a camera or a light.
+        If a value is out of range, the plan is unknown, the camera's position is in degrees, or an argument is not a
+        camera or a light.
     """
     of_renderer, of_picture = split_keywords(keywords, EngineOptions)
     picture_options, scene = options_of(options, of_picture), scene_of(scene)

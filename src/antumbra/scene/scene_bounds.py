@@ -66,6 +66,11 @@ def plan_bounds(bounds: NDArray[np.float64], up: str) -> NDArray[np.float64]:
     return np.array([[x0, y0], [x1, y1]] if up == "z" else [[x0, -z1], [x1, -z0]])
 
 
+def plan_points(points: NDArray[np.float64], up: str) -> NDArray[np.float64]:
+    """(n, 2) float64: eastings and northings of points, (n, 3)."""
+    return points[:, :2] if up == "z" else points[:, [0, 2]] * [1.0, -1.0]
+
+
 def faces_of(piece: Piece) -> int:
     """The number of faces per copy."""
     return piece.vertices.shape[1] // 3 if piece.faces is None else len(piece.faces)
