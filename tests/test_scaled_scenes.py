@@ -7,6 +7,8 @@ are scaled by a power of two, so even the bits are equal.
 import csv
 import inspect
 import json
+import tempfile
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +17,7 @@ import pytest
 
 import antumbra as at
 from antumbra.scene.units import LengthUnit
-from baked_files import box
+from baked_files import Glb, box
 
 ORIGIN = (85_000.0, 447_000.0)  # metres
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
@@ -82,7 +84,6 @@ FINDS = {}
 """Name of a public function -> ``(frame, scene) -> (exact results, close results)``, in metres, m2 and kWh."""
 
 OTHERS = {
-    "bake": "light and occlusion of glTF files, which are in metres",
     "build_store": "keeps the unit, as the tests of units find",
     "dataset": "pictures",
     "from_trees": "lengths of its table are in world units",
@@ -184,6 +185,20 @@ def _lines(frame, scene):
 def _view_factors(frame, scene):
     found = at.view_factors(scene, "face", samples=64)
     return {"n": len(found)}, {"areas": found.areas}
+
+
+@finds("bake")
+def _bake(frame, scene):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "out.glb"
+        at.bake(scene, path, "ao", radius=frame.length(15.0), attribute="_AO", spp=16, keep_hidden=True)
+        glb = Glb(path)
+        node = next(i for i, node in enumerate(glb.json["nodes"]) if "mesh" in node)
+        values, bounds = glb.attribute("_AO", node), at.load(path).bounds
+    size = np.ptp(bounds, axis=0)
+    if frame.turned:  # directions around normals do not turn along
+        return {}, {"size": size[[2, 1, 0]]}
+    return {"n": len(values)}, {"values": values, "size": size}
 
 
 @finds("pvlib_shading")

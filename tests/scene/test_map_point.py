@@ -11,12 +11,29 @@ def transformed(crs, longitude, latitude):
     return pyproj.Transformer.from_crs("EPSG:4326", crs, always_xy=True).transform(longitude, latitude)
 
 
+def curvatures(latitude):
+    """The radii of curvature of the meridian and of the prime vertical of WGS 84."""
+    a, f = 6378137.0, 1.0 / 298.257223563
+    e2, sine = f * (2.0 - f), np.sin(np.radians(latitude))
+    return a * (1.0 - e2) / (1.0 - e2 * sine**2) ** 1.5, a / np.sqrt(1.0 - e2 * sine**2)
+
+
 @pytest.mark.parametrize("latitude", [0.0, 30.0, 52.0, -60.0])
 def test_web_mercator_stretches_by_the_secant_of_the_latitude(latitude):
-    """On the sphere; on the ellipsoid, the radius of curvature of the meridian differs by up to 1 percent."""
+    """A sphere of the equatorial radius a over an ellipsoid: a / (M cos) along the meridian, where it is greatest."""
     point = map_point("EPSG:3857", *transformed("EPSG:3857", 4.0, latitude))
-    assert point.scale == pytest.approx(1.0 / np.cos(np.radians(latitude)), rel=0.01)
+    m, n = curvatures(latitude)
+    assert m < n and point.scale == pytest.approx(6378137.0 / (m * np.cos(np.radians(latitude))), rel=1e-7)
     assert (point.longitude, point.latitude) == pytest.approx((4.0, latitude)) and point.convergence == 0.0
+
+
+@pytest.mark.parametrize("latitude", [0.0, 35.0, 60.0])
+@pytest.mark.parametrize("units", ["m", "us-ft", "km"])
+def test_equal_areas_have_reciprocal_scales(latitude, units):
+    """The cylindrical equal-area map: cos along the meridian and its reciprocal along the parallel, on a sphere."""
+    crs = f"+proj=cea +R=6371000 +units={units}"
+    scale = map_point(crs, *transformed(crs, 4.0, latitude)).scale
+    assert scale == pytest.approx(1.0 / np.cos(np.radians(latitude)), rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -36,9 +53,7 @@ def test_the_central_meridian_of_utm():
 
 @pytest.mark.parametrize("latitude", [0.0, 35.0, 52.0, 89.0])
 def test_the_radius_is_the_geometric_mean_of_both_curvatures(latitude):
-    a, f = 6378137.0, 1.0 / 298.257223563
-    e2, sine = f * (2.0 - f), np.sin(np.radians(latitude))
-    m, n = a * (1.0 - e2) / (1.0 - e2 * sine**2) ** 1.5, a / np.sqrt(1.0 - e2 * sine**2)
+    m, n = curvatures(latitude)
     crs = f"+proj=stere +lat_0={latitude} +lon_0=3 +datum=WGS84"
     assert map_point(crs, 0.0, 0.0).radius == pytest.approx(np.sqrt(m * n), rel=1e-12)
 

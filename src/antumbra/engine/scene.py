@@ -29,7 +29,7 @@ from ..scene.mesh import MeshInfo, ObjectInfo, Source
 from ..scene.raster import Raster
 from ..scene.scene_data import CityModel, MemoryData, SceneData
 from ..scene.triangles import AllHits, Hit, Triangles
-from ..scene.units import METRE, LengthUnit
+from ..scene.units import LengthUnit
 
 # --- The interface of scenes ------------------------------------------------------------------------------------------
 
@@ -472,7 +472,7 @@ class AnyScene:
             "objects": f"{len(self.objects):,}",
             "size": f"{size}, {self.up} up",
             **({"crs": self.crs} if self.crs else {}),
-            **({} if self.unit == METRE else {"unit": self.unit.name}),
+            **({} if self.data.given_unit is None else {"unit": self.data.given_unit.name}),
             "cameras, lights": f"{len(self.cameras)}, {len(self.lights)}",
             **({"duration": f"{self.duration:g} s"} if self.animated else {}),
             **({"left out": "; ".join(self.notes)} if self.notes else {}),

@@ -10,7 +10,6 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.paged_scene import PagedScene
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike, load
 from ...files import temporary_folder
@@ -26,6 +25,7 @@ from ...scene.default_picture import sun
 from ...scene.light_lists import without_interleave
 from ...scene.lights import DirectionalLight, Light
 from ...scene.mesh import Piece
+from ..measured_scenes import measured_scene
 from .bake_options import BakeOptions
 from .gltf_primitives import NodePrimitive, read_primitives
 from .surface_meter import MeterSettings
@@ -99,14 +99,15 @@ def open_source(source: BakeSource, time: float) -> BakeScene:
     Raises
     ------
     InputError
-        If the file cannot be read, or the scene is in a store.
+        If the file cannot be read, the scene is in a store, or its coordinates are no lengths.
     """
-    file, scene = source.file, source.scene
+    file, scene = source.file, measured_scene(source.scene)
     if not isinstance(scene, Scene):
-        raise cast(PagedScene, scene).refusal()
+        raise scene.refusal()
     if file is None:
         asset = scene_to_asset(scene, time)
         parts = read_primitives(_scene_of_asset(asset, scene.name), asset, time)
+        _scale_to_metres(asset, scene.unit.metres)
         return BakeScene(
             scene, asset, parts if scene.up == "y" else [_in_scene_frame(part, axes(scene.up)) for part in parts]
         )
@@ -115,6 +116,14 @@ def open_source(source: BakeSource, time: float) -> BakeScene:
         _expand_instances(asset, file)
         read = _scene_of_asset(asset, scene.name)
     return BakeScene(scene, asset, read_primitives(read, asset, time))
+
+
+def _scale_to_metres(asset: Asset, metres: float) -> None:
+    """Put the nodes of a file under one that scales them from a unit to metres, which glTF prescribes."""
+    scene = asset.json["scenes"][0]
+    if metres != 1.0:
+        roots, scene["nodes"] = scene["nodes"], []
+        asset.add_root({"name": "metres", "scale": [metres] * 3, "children": roots})
 
 
 def _scene_of_asset(asset: Asset, name: str) -> Scene:
