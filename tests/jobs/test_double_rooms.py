@@ -142,6 +142,19 @@ def test_pictures_have_the_colours_and_normals_of_the_visible_side(order, turn):
         assert (image[:, 0 if is_outside else 2] > image[:, 2 if is_outside else 0]).all()
 
 
+@pytest.mark.parametrize("order, turn", CASES)
+def test_pictures_inside_a_double_room_are_those_of_a_single_one(order, turn):
+    middle = single_room(turn).vertices.mean(0)
+    camera = at.Camera(middle, middle + (1, 0.3, 0.1), (0, 0, 1), 100, width=32, height=24)
+    lights = [at.PointLight(tuple(middle + 0.3)), at.AmbientOcclusion(1.0)]
+    single, double = (
+        at.render(_scene(r), camera, lights, spp=8) for r in (single_room(turn), double_room(order, turn))
+    )
+    for mine, other in zip((*double.bits, double.image), (*single.bits, single.image)):
+        np.testing.assert_array_equal(mine, other)
+    assert single.bits[1].any()
+
+
 def _baked(folder, room, *arguments, **options):
     """Values at the three vertices of each face of a room, (n, 3)."""
     upright = room.corners[..., [0, 2, 1]].astype(np.float32)[:, ::-1].reshape(-1, 3)  # glTF has +y up

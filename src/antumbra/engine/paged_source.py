@@ -113,7 +113,7 @@ def _regions(rows: float) -> int:
 _MIN_EXPONENT = 0  # shorter directions are scaled up
 
 
-RAY_BYTES = 160
+RAY_BYTES = 168
 """Memory of a ray while it is traced."""
 
 MIN_BATCH = 1 << 16

@@ -89,10 +89,10 @@ def _grid_pixels(request: Request) -> int:
 
 
 # Bytes per pixel
-PASS_BYTES = 48  # a pass of diffuse rays: directions, hits, cells, triangle indices
+PASS_BYTES = 56  # a pass of diffuse rays: directions, hits, cells, triangle indices
 SURFACE_BYTES = 48  # the surfaces that a pass meets
 LIGHT_BYTES = 44  # a shadow query with one word of bits, and its share
-_PICTURE_BYTES = 72  # rays, hits, surfaces, receivers, visible triangles, the image and its inputs
+_PICTURE_BYTES = 80  # rays, hits, surfaces, receivers, visible triangles, the image and its inputs
 _BAND_BYTES = 40  # surfaces of bands, while they are concatenated
 _SMOOTH_BYTES = 64
 _EDGE_BYTES = 40  # smoothed edges: their boundaries, and the shares of neighbours
