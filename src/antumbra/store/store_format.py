@@ -170,6 +170,8 @@ def meta_from_json(data: bytes) -> StoreMeta:
     record["box"] = np.array(record["box"], np.float32)
     record["cameras"] = [Camera(**values) for values in record["cameras"]]
     record["lights"] = [_light(values) for values in record["lights"]]
+    if not isinstance(record["notes"], list):
+        raise ValueError(f"its notes are {quoted(record['notes'])}")
     record["notes"] = tuple(record["notes"])
     if "raster" in record:
         record["raster"] = Raster(*record["raster"])

@@ -75,7 +75,8 @@ def streamed_terrain(tiles: Sequence[tuple[Path, HeightOptions]]) -> StreamedTer
         If a file cannot be read, or tiles do not share a grid.
     """
     files = [HeightFile(path, checked_options(options)) for path, options in tiles]
-    return StreamedTerrain(files[0] if len(files) == 1 else TiledHeights(files), colour=SURFACE)
+    surface = files[0] if len(files) == 1 else TiledHeights(files)
+    return StreamedTerrain(surface, lambda: [note for file in files for note in file.notes()], SURFACE)
 
 
 def footprint_data(
