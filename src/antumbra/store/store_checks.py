@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..bvh.nodes import BACK_TO_FRONT, ORDER, UNORDERED, Bvh, boxes_of
 from ..bvh.tree_quality import tree_fault
 from ..checks import quoted
-from ..scene.scene_bounds import NEAREST, check_extent, flush_to_zero, frame_origin
+from ..scene.scene_bounds import NEAREST, flush_to_zero, frame_origin
 from ..scene.triangle_setup import rows_with_area
 from .store_format import (
     COUNTS,
@@ -119,7 +119,6 @@ def _frame_fault(meta: StoreMeta, boxes: NDArray[np.float32]) -> str:
         return "its bounds have other than three axes"
     if not (np.isfinite(bounds).all() and (bounds[0] <= bounds[1]).all()):
         return f"its bounds are {bounds.tolist()}"
-    check_extent(bounds, "the scene")
     if not np.array_equal(origin, frame_origin(*bounds)):
         return "its origin does not follow from its bounds"
     limits = flush_to_zero((bounds - origin).astype(np.float32))  # wider than the box if a mesh has unused vertices
