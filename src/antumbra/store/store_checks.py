@@ -161,7 +161,8 @@ def chunk_fault(chunk: Chunk, root: NDArray[np.float32], n_triangles: int) -> st
         areas is not None and (np.delete(bvh.prim_ids, areas) != 0).any()
     ):  # the scene's first triangle stays in any case
         return "it has a triangle without area"
-    if not np.array_equal(np.unique(chunk.palette_rows), np.arange(len(chunk.palette))):
+    rows, colours = chunk.palette_rows, len(chunk.palette)
+    if int(rows.max()) >= colours or not np.bincount(rows, minlength=colours).all():
         return "its colours are not those of its palette"
     if not (chunk.palette >= 0.0).all() or not np.isfinite(chunk.palette).all():
         return "a colour is negative, NaN or infinite"
