@@ -240,6 +240,13 @@ door("CityModel.surface_attribute faces", FACES % 3, lambda a: CITY.surface_attr
 NONE = csr_array((2, 5))
 door("ViewFactors areas", np.array([1.0, 2.0]), lambda a: at.ViewFactors(["a", "b"], ["", ""], a, NONE, NONE).areas)
 
+# --- Rasters
+
+PLACE = np.array([2.0, 0.0, 10.0, 0.0, -2.0, 20.0])
+HEIGHTS = multiples(5, 7, low=0)
+door("from_raster heights", HEIGHTS, lambda a: at.from_raster((a, PLACE)).triangles()[:2])
+door("from_raster transform", PLACE, lambda a: at.from_raster((HEIGHTS, a)).triangles()[:2])
+
 # --- Drop-in replacements
 
 if find_spec("trimesh"):
@@ -269,8 +276,8 @@ PLAIN = (
 )
 """Records that the package makes, and methods for its own layers, whose arrays are those of the package."""
 
-FLAGS = {"Sensors.on_raster values"}
-"""Doors that accept bool."""
+FLAGS, MASKED = {"Sensors.on_raster values"}, {"from_raster heights"}
+"""Doors that accept bool, and masked numbers, which are holes."""
 
 ELSEWHERE = {
     "PagedScene": "the methods of Scene",
@@ -431,8 +438,9 @@ def test_what_is_no_number_is_refused(name):
     nothing.reshape(-1)[0] = None
     masked = np.ma.MaskedArray(numbers, np.zeros(numbers.shape, bool))
     masked[(0,) * numbers.ndim] = np.ma.masked
+    holes = [] if name in MASKED else [masked]
     flags = [] if name in FLAGS else [numbers.astype(bool)]
-    for wrong in (*flags, numbers.astype(complex), numbers.astype(str), nothing, masked):
+    for wrong in (*flags, numbers.astype(complex), numbers.astype(str), nothing, *holes):
         with pytest.raises(at.InputError) as caught:
             DOORS[name].ask(wrong)
         assert str(caught.value).isprintable()

@@ -58,6 +58,7 @@ REFUSED = {
     "CityJSON: many instances of a template of many triangles": "4,000 instances of templates have 80,000,000 polygons",
     "CityJSON: a chain of objects within one another": "more than 100 CityObjects contain",
     "PLY: many properties": "PLY header has 40,004 lines of property, more than 1,000; export x, y, z",
+    "PLY: vertices without properties": "PLY header gives the element 'vertex' no properties; export",
     "PLY: many elements": "PLY header has 20,002 lines of element, more than 1,000",
 }
 

@@ -22,6 +22,7 @@ from .obj_file import MeshNames
 from .text_numbers import parsed_numbers
 
 _PLY_ELEMENT = re.compile(rb"^element\s+(\S+)\s+(\d+)", re.MULTILINE)
+_PLY_EMPTY = re.compile(rb"^element\s+(\S+)\s+0*[1-9]\d*\s*(?=^element\b|\Z)", re.MULTILINE)
 _PLY_LINE = re.compile(rb"^(element|property)\s+(.+?)\s*$", re.MULTILINE)
 _PLY_TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -258,6 +259,9 @@ def _check_ply(data: bytes, file: str) -> None:
                 f"{file}: PLY header has {count:,} lines of {kind.decode()}, more than {_MOST_PROPERTIES:,}; "
                 "export x, y, z, colours and faces only"
             )
+    if (empty := _PLY_EMPTY.search(head)) is not None:
+        name = empty[1].decode("ascii", "replace")
+        raise InputError(f"{file}: PLY header gives the element {name!r} no properties; export the file again")
     counts = {name: int(count) for name, count in _PLY_ELEMENT.findall(head)}
     available = len(body.split(b"\n")) if b"format ascii" in head else len(body)
     declared = sum(counts.values())
