@@ -166,23 +166,58 @@ def path_of(value: Any, what: str) -> Path:
 # --- Arrays -----------------------------------------------------------------------------------------------------------
 
 
-def as_array(value: Any, what: str) -> NDArray[Any]:
-    """A NumPy view (or copy) of numbers, or of another library's array in host memory.
+def as_array(value: Any, what: str, *, strided: bool = False) -> NDArray[Any]:
+    """Numbers in the form that kernels take, from an array of any layout, type and library in host memory.
+
+    The array is C-contiguous, in the byte order of this machine, and float32, float64 or an integer: float16 becomes
+    float32, while long double and Python numbers in object arrays become float64. It is `value` itself, or a view of
+    it, where nothing has to change.
 
     Arrays are converted by their ``numpy()``, or else through DLPack, which takes Open3D a second for a million rays.
+
+    strided : True: the layout may stay as it is, such as that of a broadcast array
+
+    Raises
+    ------
+    InputError
+        If `value` is not numbers (bool is not), or has masked ones.
     """
-    if type(value) is np.ndarray and value.dtype.kind in "fiu":
-        return value
+    array = value if type(value) is np.ndarray else _plain_array(value, what)
+    dtype = array.dtype
+    if dtype.kind not in "fiu":
+        array = _numbers_of(array, value, what)
+    elif not dtype.isnative or (dtype.kind == "f" and dtype.itemsize not in (4, 8)):
+        with np.errstate(over="ignore"):  # of long doubles, which become infinite
+            array = array.astype(_NATIVE.get((dtype.kind, dtype.itemsize), dtype.newbyteorder("=")))
+    return array if strided or array.flags.c_contiguous else np.asarray(array, order="C")
+
+
+_NATIVE: dict[tuple[str, int], np.dtype[Any]] = {
+    ("f", size): np.dtype(np.float32 if size < 8 else np.float64) for size in (2, 4, 8, 10, 12, 16)
+}
+"""(kind, bytes) -> the type in which kernels take numbers."""
+
+
+def _plain_array(value: Any, what: str) -> NDArray[Any]:
+    """A value as an array of NumPy itself; an array of None if it is none."""
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        count = int(np.ma.count_masked(value))
+        raise InputError(f"{what} have {count} masked numbers; leave these rows out, or fill them: array.filled(0.0)")
     if not isinstance(value, np.ndarray):
         value = _of_library(value, what)
     try:
-        array = np.asarray(value)
+        return np.asarray(value)
     except (TypeError, ValueError, OverflowError):
-        array = np.asarray(None)
-    if array.dtype.kind not in "fiu":
-        kind = f"{array.dtype}" if isinstance(value, np.ndarray) else quoted(value)
-        raise InputError(f"{what} must be numbers (float32 or float64), not {kind}")
-    return array
+        return np.asarray(None)
+
+
+def _numbers_of(array: NDArray[Any], value: Any, what: str) -> NDArray[np.float64]:
+    """(...) float64 from an object array of real numbers; InputError for anything else."""
+    if array.dtype == object and array.ndim and all(map(is_number, array.flat)):
+        with suppress(TypeError, ValueError, OverflowError):
+            return np.array([float(each) for each in array.flat]).reshape(array.shape)
+    kind = f"{array.dtype}" if isinstance(value, np.ndarray) else quoted(value)
+    raise InputError(f"{what} must be numbers (float32 or float64), not {kind}")
 
 
 def _of_library(value: Any, what: str) -> Any:

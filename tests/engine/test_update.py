@@ -351,7 +351,7 @@ def test_transforms_apply_to_the_latest_vertices(parts):
     scene, _ = parts
     given_vertices = scene.triangles().vertices.astype(np.float64) + scene.origin + (0, 7, 0)
     scene.update(given_vertices)
-    rest = scene.triangles().vertices + scene.origin
+    rest = given_vertices
     chosen = np.isin(scene.object_of_face, [k for k, each in enumerate(scene.objects) if "wheel" in each.name])
     for seed in (0, 1):
         scene.update(objects="wheel*", transform=matrix(seed))
@@ -361,6 +361,46 @@ def test_transforms_apply_to_the_latest_vertices(parts):
     new = new_scene(np.where(chosen[:, None, None], place(matrix(1), rest), rest), scene)
     new.data._object_of_face = scene.object_of_face
     assert_like_new(scene, new, rays_in(scene))
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    far=st.sampled_from([0.0, 0.3, 1e3 + 0.3, -1e6 + 0.7, 1e9 + 0.3, 2.0**40]),
+    dtype=st.sampled_from([np.float64, np.float32]),
+    indexed=st.booleans(),
+    pickled=st.booleans(),
+    seed=st.integers(0, 3),
+)
+def test_a_transform_applies_to_the_vertices_as_they_were_given(far, dtype, indexed, pickled, seed):
+    """In float64, however far from the frame, and however often; not to vertices that were rounded in the frame."""
+    corners = soup(seed, 20)
+    vertices, faces = corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
+    scene = at.Scene.from_arrays(vertices, faces)
+    moved_vertices = (vertices[::-1] + [far, -far, 0.0]).astype(dtype)
+    argument = moved_vertices.copy() if indexed else moved_vertices.reshape(-1, 3, 3).copy()
+    scene.update(argument)
+    argument[...] = 0.0  # the caller's array may change
+    if pickled:
+        scene = pickle.loads(pickle.dumps(scene))
+    back = matrix(seed)
+    back[:3, 3] -= back[:3, :3] @ [far, -far, 0.0]
+    for transform in (matrix(1), back, np.eye(4), back):
+        scene.update(transform=transform)
+        rest = moved_vertices.astype(np.float64).reshape(-1, 3, 3)
+        expected = flush_to_zero((place(transform, rest) - scene.origin).astype(np.float32))
+        np.testing.assert_array_equal(scene.triangles().vertices, expected)
+        world = expected.reshape(-1, 3).astype(np.float64)
+        np.testing.assert_array_equal(scene.bounds, np.stack([world.min(0), world.max(0)]) + scene.origin)
+
+
+def test_vertices_that_the_frame_holds_exactly_take_no_memory_of_their_own():
+    """Only vertices that lose bits in the frame are copied."""
+    grid = np.round(soup(1) * 256.0) / 256.0
+    scene = at.Scene.from_arrays(grid)
+    scene.update(grid + 0.25)
+    assert scene.data._movable._rest is None
+    scene.update(grid + 0.3)
+    assert sum(piece.vertices.nbytes for piece in scene.data._movable._rest) == grid.nbytes
 
 
 def test_objects_that_share_a_piece():

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 import antumbra as at
+import gis_files
 from antumbra.engine.scene import Scene
 from antumbra.engine.store_building import build_store
+from antumbra.formats.format_registry import FORMATS
 from antumbra.generate import city as stream
 from antumbra.generate.generated_scene import StreamedCity
 from antumbra.scene.light_lists import PointLights
@@ -22,6 +24,7 @@ from antumbra.store.staging_files import palette_of
 from antumbra.store.store_file import open_store
 from antumbra.store.store_format import StoreMeta, meta_from_json, meta_to_json
 from bvh_scenes import HAZARDS, scattered, terrain
+from formats.test_format_registry import sample
 from stores import CHUNK, built, check_whole, contents, mesh_piece, same_bits, scene_of, soup_scene
 
 RNG = np.random.default_rng(5)
@@ -237,3 +240,53 @@ def test_textures_become_mean_colours_with_a_note(tmp_path):
     check_whole(store, scene)
     assert store.meta.notes == ("leaves: a store keeps the mean colour of each face, without textures and normals",)
     assert len(np.unique(scene.colours, axis=0)) > 5
+
+
+def written_as_it_is(tmp_path, path):
+    """Check that the store of a file has the name, the frame and the bounds of its scene, and its triangles."""
+    scene = at.load(path)
+    with built(tmp_path, path, name="store.antumbra") as store:
+        check_whole(store, scene)
+    paged = at.load(tmp_path / "store.antumbra")
+    for field in ("name", "up", "crs", "raster", "n_triangles"):
+        assert getattr(paged, field) == getattr(scene, field), field
+    assert paged.notes[: len(scene.notes)] == scene.notes  # then those of the build
+    assert same_bits(paged.bounds, scene.bounds) and same_bits(paged.origin, scene.origin)
+
+
+@pytest.mark.parametrize("suffix", [suffix for each in FORMATS for suffix in each.suffixes or ("",)])
+def test_a_store_of_any_file_has_the_bounds_of_its_scene(tmp_path, suffix):
+    written_as_it_is(tmp_path, sample(suffix, tmp_path))
+
+
+def averaged(path, heights, shape):
+    """A virtual raster of `shape` that averages the cells of a raster; GDAL averages by the window that is read."""
+    pytest.importorskip("rasterio", reason="rasters need antumbra[gis]: NOT checked")
+    gis_files.write_raster(path.with_suffix(".tif"), heights)
+    size = f'xOff="0" yOff="0" xSize="{heights.shape[1]}" ySize="{heights.shape[0]}"'
+    whole = f'xOff="0" yOff="0" xSize="{shape[1]}" ySize="{shape[0]}"'
+    path.write_text(
+        f'<VRTDataset rasterXSize="{shape[1]}" rasterYSize="{shape[0]}"><SRS>{gis_files.CRS}</SRS>'
+        "<GeoTransform>100000,2,0,450000,0,-2</GeoTransform>"
+        '<VRTRasterBand dataType="Float64" band="1"><SimpleSource resampling="average">'
+        f'<SourceFilename relativeToVRT="1">{path.stem}.tif</SourceFilename><SourceBand>1</SourceBand>'
+        f"<SrcRect {size}/><DstRect {whole}/></SimpleSource></VRTRasterBand></VRTDataset>"
+    )
+    return path
+
+
+@pytest.mark.parametrize("heights", ["averaged", "holes", "scaled", "south up", "undeclared nodata"])
+def test_a_store_of_any_raster_has_the_bounds_of_its_scene(tmp_path, monkeypatch, heights):
+    hills, path = RNG.random((300, 40)) * 100, tmp_path / "a.tif"
+    if heights == "averaged":
+        monkeypatch.setattr("antumbra.scene.terrain._HIGH", 37)
+        return written_as_it_is(tmp_path, averaged(tmp_path / "a.vrt", hills, (431, 31)))
+    if heights == "holes":
+        hills[:, :3], hills[200:], hills[50:60, 10:20] = np.nan, np.nan, np.nan
+        hills[250, 20] = 1e6  # a lonely height, of which no triangle is made
+    elif heights == "undeclared nodata":
+        hills[40:50] = -9999.0
+    more = {"scales": (0.01,), "offsets": (0.3,)} if heights == "scaled" else {}
+    place = (2.0, 0.0, 1e5, 0.0, 2.0, 45e4) if heights == "south up" else gis_files.PLACE
+    written = hills.astype(np.int16) if heights == "scaled" else hills
+    return written_as_it_is(tmp_path, gis_files.write_raster(path, written, place, **more))

@@ -181,14 +181,24 @@ def validate(bvh: Bvh, vertices: NDArray[np.float32]) -> None:
         raise ValueError(
             f"slot {slot}: triangle {bvh.prim_ids[slot]} does not exist, is in two slots, or has other corners (or NaN)"
         )
-    reached, used = np.zeros(len(bvh.nodes), np.bool_), np.zeros(n, np.bool_)
+    if fault := tree_fault(bvh):
+        raise ValueError(fault)
+
+
+def tree_fault(bvh: Bvh) -> str:
+    """The first fault of the links and boxes of a tree, as `validate` defines them; "" if there is none.
+
+    The corners and any links may have been read from a file; nothing outside the arrays is touched.
+    """
+    reached, used = np.zeros(len(bvh.nodes), np.bool_), np.zeros(len(bvh.prim_ids), np.bool_)
     fault, node, side = _check_tree(bvh, reached, used)
     if fault != _OK:
         link, side_name = bvh.links[node, LINK + side], ("left", "right")[side]
-        raise ValueError(_FAULTS[fault].format(node=node, side=side_name, link=link, max_depth=MAX_DEPTH))
+        return _FAULTS[fault].format(node=node, side=side_name, link=link, max_depth=MAX_DEPTH)
     for name, marks in (("node", reached), ("slot", used)):
         if not marks.all():
-            raise ValueError(f"{name} {int(np.argmin(marks))}: it is not in the tree")
+            return f"{name} {int(np.argmin(marks))}: it is not in the tree"
+    return ""
 
 
 @kernel

@@ -289,7 +289,7 @@ class Engine:
 
     def contains(self, points: "ArrayLike", time: float = 0.0, *, threads: int | None = None) -> NDArray[np.bool_]:
         """(...) bool: whether points are inside; `antumbra.Scene.contains` documents the parameters."""
-        array, up = as_array(points, "points"), np.eye(3)["xyz".index(self.data.up)]
+        array, up = as_array(points, "points", strided=True), np.eye(3)["xyz".index(self.data.up)]
         if array.ndim < 1 or array.shape[-1] != 3:
             raise InputError(f"points must have shape (..., 3), not {array.shape}")
         if not np.abs(array).max(initial=0.0) < MAX_COORDINATE:

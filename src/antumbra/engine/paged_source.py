@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.nodes import CHILDREN, EMPTY, MAX_DEPTH, Bvh, aligned_empty, bvh_leaf, bvh_link
+from ..bvh.tree_quality import tree_fault
 from ..checks import byte_count
 from ..errors import InputError
 from ..kernels.exact.filters import single_weights
@@ -219,6 +220,7 @@ def paged_job() -> Job:
         number_hits(hits, first, np.zeros(1 << 20, np.int32), faces, 2)
         ray_hits(scheduled, rays, np.tile([0.0, 1.0], (h * w, 1)), 0, False, 2)
         weights(HitBatch(np.arange(h * w), rays, hits, scene.triangles(), hits.face.reshape(-1)), 2)
+        tree_fault(BUILDERS["bsah"].build(scene.triangles().vertices, 2))  # as of each chunk that is read
 
     return fixed_job("scenes in a store", work)
 
@@ -515,15 +517,22 @@ def explained_tree(paged: Paged, queries: Sequence[ShadowQuery]) -> tuple[Bvh, n
             f"{paged.scene.name}: the trees that these rays may enter take {need >> 20}M of memory; give at least as "
             "much, or a smaller view"
         )
-    bvh, ids = joined_tree(store, reached)
-    if leaf_depths(bvh).max(initial=0) > MAX_DEPTH:
-        raise InputError(f"{paged.scene.name}: its tree has more than {MAX_DEPTH} levels; steps cannot be counted")
-    return bvh, ids
+    return joined_tree(store, reached)
 
 
 def joined_tree(store: Store, numbers: np.ndarray) -> tuple[Bvh, np.ndarray]:
-    """The tree over some chunks of a store: (Bvh, index in the whole scene of each of its triangles)."""
+    """The tree over some chunks of a store: (Bvh, index in the whole scene of each of its triangles).
+
+    Raises
+    ------
+    InputError
+        If the tree is deeper than a stack of the tracers.
+    """
     chunks = [store.chunk(int(k)) for k in numbers]
+    top = Bvh(*store.top, np.arange(len(store), dtype=np.int32), np.empty((0, 9), np.float32))
+    above = leaf_depths(top) * (len(store) > 1)  # a single chunk needs no top tree
+    if any(above[k] + leaf_depths(chunk.bvh).max() > MAX_DEPTH for k, chunk in zip(numbers, chunks)):
+        raise InputError(f"{store.meta.name}: its tree has more than {MAX_DEPTH} levels; steps cannot be counted")
     ids = np.unique(np.concatenate([chunk.bvh.prim_ids for chunk in chunks])) if chunks else np.empty(0, np.int32)
     return _join_trees(store.top.nodes, len(store), numbers, chunks, ids), ids
 

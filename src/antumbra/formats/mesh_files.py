@@ -6,6 +6,7 @@ Importing trimesh takes longer than reading a million triangles.
 
 import io
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,6 +22,7 @@ from .obj_file import MeshNames
 from .text_numbers import parsed_numbers
 
 _PLY_ELEMENT = re.compile(rb"^element\s+(\S+)\s+(\d+)", re.MULTILINE)
+_PLY_EMPTY = re.compile(rb"^element\s+(\S+)\s+0*[1-9]\d*\s*(?=^element\b|\Z)", re.MULTILINE)
 _PLY_LINE = re.compile(rb"^(element|property)\s+(.+?)\s*$", re.MULTILINE)
 _PLY_TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -36,7 +38,8 @@ _RGBA, _NORMAL = ("red", "green", "blue", "alpha"), ("nx", "ny", "nz")
 _KNOWN = {*"xyz", *_NORMAL, *_RGBA}
 _PLY_INDICES = ("vertex_indices", "vertex_index")
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_SOLID = re.compile(rb"^[ \t]*solid\b([^\n]*)\n(.*?)^[ \t]*endsolid", re.MULTILINE | re.DOTALL | re.IGNORECASE)
+_SOLID = re.compile(rb"^[ \t]*(?:solid\b([^\n]*)\n|endsolid)", re.MULTILINE | re.IGNORECASE)
+_MOST_PROPERTIES = 1000  # of a PLY file, and its elements
 _STL_HEADER = 84  # bytes: a text, and the number of facets
 
 
@@ -69,8 +72,8 @@ def _read_facets(data: bytes, name: str, where: str) -> list[Mesh] | None:
 def _read_solids(data: bytes, path: Path) -> list[Mesh] | None:
     """The solids of an STL file of text; None if their vertices are not numbers."""
     solids = [
-        (each[1].decode("utf-8", "replace").strip(), parsed_numbers(_vertices_in(each[2]), np.float64))
-        for each in _SOLID.finditer(data)
+        (label.decode("utf-8", "replace").strip(), parsed_numbers(_vertices_in(body), np.float64))
+        for label, body in _solids_in(data)
     ]
     if not solids or any(numbers is None or len(numbers) % 9 for _, numbers in solids):
         return None
@@ -80,6 +83,17 @@ def _read_solids(data: bytes, path: Path) -> list[Mesh] | None:
             name = path.stem if len(solids) == 1 else names.of(label)
             meshes.append(make_mesh(name, numbers.reshape(-1, 3), None, None, f'{path.name}: mesh "{name}"'))
     return meshes
+
+
+def _solids_in(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """(name, text up to the next "endsolid") of each solid; one that does not end is left out."""
+    begin: re.Match[bytes] | None = None
+    for line in _SOLID.finditer(data):
+        if line[1] is not None:
+            begin = begin or line
+        elif begin is not None:
+            yield begin[1], data[begin.end() : line.start()]
+            begin = None
 
 
 def _vertices_in(solid: bytes) -> bytes:
@@ -239,6 +253,15 @@ def _check_ply(data: bytes, file: str) -> None:
     head, end, body = data.partition(b"end_header")
     if not data.startswith(b"ply") or not end:
         raise InputError(f"{file}: no PLY header; is this a PLY file?")
+    for kind in (b"element", b"property"):
+        if (count := len(re.findall(rb"^" + kind, head, re.MULTILINE))) > _MOST_PROPERTIES:
+            raise InputError(
+                f"{file}: PLY header has {count:,} lines of {kind.decode()}, more than {_MOST_PROPERTIES:,}; "
+                "export x, y, z, colours and faces only"
+            )
+    if (empty := _PLY_EMPTY.search(head)) is not None:
+        name = empty[1].decode("ascii", "replace")
+        raise InputError(f"{file}: PLY header gives the element {name!r} no properties; export the file again")
     counts = {name: int(count) for name, count in _PLY_ELEMENT.findall(head)}
     available = len(body.split(b"\n")) if b"format ascii" in head else len(body)
     declared = sum(counts.values())

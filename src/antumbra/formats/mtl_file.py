@@ -109,8 +109,10 @@ def _read_textures(names: list[tuple[str, str]], files: SideFiles) -> dict[tuple
         return None
 
     usable = [pair for pair in names if any(data.get(name) for name in pair)]
-    textures = {pair: texture(*pair) for pair in usable}
-    errors = dict(zip(usable, map_in_threads(error_of, textures.values())))
+    of_bytes = dict[tuple[bytes | None, bytes | None], Texture]()  # files may have several names
+    textures = {pair: of_bytes.setdefault((data.get(pair[0]), data.get(pair[1])), texture(*pair)) for pair in usable}
+    found = dict(zip(of_bytes, map_in_threads(error_of, of_bytes.values())))
+    errors = {pair: found[data.get(pair[0]), data.get(pair[1])] for pair in usable}
     for pair in [pair for pair, error in errors.items() if error is not None]:
         for name in pair:  # find the file that cannot be decoded
             if data.get(name) and (error := error_of(texture(name, ""))) is not None:

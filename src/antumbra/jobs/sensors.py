@@ -89,10 +89,10 @@ def check_on_scene(sensors: "Sensors", scene: AnyScene) -> None:
 
 
 def _checked_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> np.ndarray:
-    array = as_array(values, f"{name} of sensors")
+    array = as_array(values, f"{name} of sensors", strided=True)
     if array.shape != shape:
         raise InputError(f"{name} of {shape[0]} sensors must be numbers {shape}, not {array.dtype} {array.shape}")
-    return array
+    return array if 0 in array.strides else np.asarray(array, order="C")  # one normal of all takes no memory
 
 
 # --- Sensors ----------------------------------------------------------------------------------------------------------

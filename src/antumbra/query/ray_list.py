@@ -171,7 +171,7 @@ def rays_of(
     n_faces : number of faces of the scene
     """
     tmin, tmax, skip_face, cull_faces = hits
-    origins, target_name = as_array(origins, "origins"), "directions" if targets is None else "targets"
+    origins, target_name = as_array(origins, "origins", strided=True), "directions" if targets is None else "targets"
     if targets is not None:
         directions, tmax = _segment_ends(directions, tmin, tmax, targets)
     elif directions is None:
@@ -180,7 +180,7 @@ def rays_of(
                 f"rays must have shape (..., 6), or origins and directions (..., 3) each; got {origins.shape}"
             )
         origins, directions = origins[..., :3], origins[..., 3:]
-    directions = as_array(directions, target_name)
+    directions = as_array(directions, target_name, strided=True)
     for array, name in ((origins, "origins"), (directions, target_name)):
         if array.ndim < 1 or array.shape[-1] != 3:
             raise InputError(f"{name} must have shape (..., 3), not {array.shape}")
@@ -205,13 +205,13 @@ def segments_between(begin: np.ndarray, end: np.ndarray, skip: np.ndarray) -> Ra
 
 
 def _number_or_array(value: ArrayLike, what: str) -> np.ndarray | float:
-    return value if type(value) is float else as_array(value, what)
+    return value if type(value) is float else as_array(value, what, strided=True)
 
 
 def _skip(skip_face: ArrayLike | None, n_faces: int) -> np.ndarray | float:
     if skip_face is None:
         return -1.0
-    skip = as_array(skip_face, "skip_face")
+    skip = as_array(skip_face, "skip_face", strided=True)
     if skip.dtype.kind == "f":
         raise InputError(f"skip_face must hold integers, not {skip.dtype}")
     if skip.size and (skip.min() < -1 or skip.max() >= n_faces):

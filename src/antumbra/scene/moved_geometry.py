@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..kernels.array_pool import ArrayPool
 from .materials import MeshAppearance
 from .mesh import WHITE, ObjectInfo, Piece, Source, check_finite
-from .scene_bounds import faces_of
+from .scene_bounds import faces_of, flush_to_zero
 from .triangle_setup import gather, transformed
 
 _MOST_NAMES = 12  # in errors
@@ -49,9 +49,7 @@ class MovedMeshes:
 
     def pieces(self, time: float) -> Generator[Piece, None, None]:
         for piece, rows in _rows_of(self._loaded.pieces(0.0)):
-            copies, n = len(piece.vertices), faces_of(piece)
-            corners = self._vertices[rows].reshape(copies, 3 * n, 3) + self._origin
-            yield piece._replace(vertices=corners, faces=None, look=_look_of_corners(piece), towards=None, share=0.0)
+            yield _at_corners(piece, self._vertices[rows] + self._origin, _look_of_corners(piece))
 
     def cameras(self, time: float) -> list[Any]:
         return self._loaded.cameras(time)
@@ -67,6 +65,12 @@ def _rows_of(pieces: Iterable[Piece]) -> Iterator[tuple[Piece, slice]]:
         last = first + len(piece.vertices) * faces_of(piece)
         yield piece, slice(first, last)
         first = last
+
+
+def _at_corners(piece: Piece, corners: NDArray[Any], look: MeshAppearance | None) -> Piece:
+    """A piece with three vertices of its own per face, the corners, (m, 3, 3) world, of the faces of all copies."""
+    vertices = corners.reshape(len(piece.vertices), -1, 3)
+    return piece._replace(vertices=vertices, faces=None, look=look, towards=None, share=0.0)
 
 
 def _look_of_corners(piece: Piece) -> MeshAppearance | None:
@@ -94,7 +98,8 @@ class Placement(NamedTuple):
 class MovableMeshes:
     """Moves the geometry of a static source within a fixed frame.
 
-    Transforms apply to the *rest geometry*: the meshes as they were loaded, or the latest vertices that replaced them.
+    Transforms apply to the *rest geometry*: the meshes as they were loaded, or the latest vertices that replaced them,
+    in the precision in which they were given.
 
     loaded : Source
     origin : (3,) float64, world
@@ -113,35 +118,55 @@ class MovableMeshes:
         """The source of moved triangles."""
         return MovedMeshes(self.loaded, vertices, self._origin)
 
-    def rest_on(self, vertices: NDArray[np.float32]) -> None:
-        """Make these triangles the rest geometry."""
-        self._rest_source, self._rest = self.source_of(vertices), None
+    def rest_on(self, given: NDArray[Any], vertices: NDArray[np.float32]) -> None:
+        """Make these triangles, which have the `given` vertices, the rest geometry.
 
-    def replaced(self, vertices: "ArrayLike", threads: int) -> NDArray[np.float32]:
-        """(n, 3, 3) float32, in the frame: the triangles with new vertices.
+        The given vertices are copied only if they cannot be restored from those in the frame.
+        """
+        if _restorable(given, self._origin):
+            self._rest_source, self._rest = self.source_of(vertices), None
+        else:
+            self._rest = [piece._replace(look=None) for piece in self._with_vertices(np.array(given))]
 
-        vertices : (n, 3, 3), or (v, 3) for the vertices from which the scene was made; world
+    def given(self, vertices: "ArrayLike") -> NDArray[Any]:
+        """New vertices as an array: (n, 3, 3), or (v, 3) for the vertices from which the scene was made; world.
 
         Raises
         ------
         InputError
-            If the shape is wrong, or a vertex is NaN, infinite, or too far from the frame.
+            If the shape is wrong.
         """
         points = as_array(vertices, f"{self.name}: vertices")
-        out = self._pool.empty((self._n_triangles, 3, 3), np.float32)
-        if points.shape == out.shape:
-            self._gather([Piece(points.reshape(1, -1, 3), None, WHITE, self.name)], out, threads)
-            return out
-        pieces = list(self.loaded.pieces(0.0))
-        counts = [_n_given(piece) for piece in pieces]
-        if points.shape != (sum(counts), 3):
+        if points.shape == (self._n_triangles, 3, 3):
+            return points
+        count = sum(_n_given(piece) for piece in self.loaded.pieces(0.0))
+        if points.shape != (count, 3):
             raise InputError(
                 f"{self.name}: vertices have shape {points.shape}; give ({self._n_triangles}, 3, 3), the corners of "
-                f"the triangles, or ({sum(counts)}, 3), the vertices in the order of the arrays or of the scene's mesh"
+                f"the triangles, or ({count}, 3), the vertices in the order of the arrays or of the scene's mesh"
             )
-        parts = np.split(points, np.cumsum(counts)[:-1])
-        self._gather([_with_vertices(piece, part) for piece, part in zip(pieces, parts)], out, threads)
+        return points
+
+    def replaced(self, points: NDArray[Any], threads: int) -> NDArray[np.float32]:
+        """(n, 3, 3) float32, in the frame: the triangles with new vertices, as from `given`.
+
+        Raises
+        ------
+        InputError
+            If a vertex is NaN, infinite, or too far from the frame.
+        """
+        out = self._pool.empty((self._n_triangles, 3, 3), np.float32)
+        whole = [Piece(points.reshape(1, -1, 3), None, WHITE, self.name)]  # many small pieces would take longer
+        self._gather(whole if points.shape == out.shape else self._with_vertices(points), out, threads)
         return out
+
+    def _with_vertices(self, points: NDArray[Any]) -> list[Piece]:
+        """The pieces of the scene with new vertices, as from `given`."""
+        pieces = list(self.loaded.pieces(0.0))
+        if points.shape == (self._n_triangles, 3, 3):
+            return [_at_corners(piece, points[rows], None) for piece, rows in _rows_of(pieces)]
+        parts = np.split(points, np.cumsum([_n_given(piece) for piece in pieces])[:-1])
+        return [_with_vertices(piece, part) for piece, part in zip(pieces, parts)]
 
     def placed(self, vertices: NDArray[np.float32], placement: Placement, threads: int) -> NDArray[np.float32]:
         """(n, 3, 3) float32, in the frame: triangles in which some objects have moved to new places.
@@ -200,6 +225,19 @@ def _with_vertices(piece: Piece, vertices: np.ndarray) -> Piece:
     """A piece with new vertices, in the order of the file or array."""
     positions = vertices.reshape(len(piece.vertices), -1, 3)
     return piece._replace(vertices=positions if piece.used is None else positions[:, piece.used])
+
+
+_AT_A_TIME = 1 << 13  # vertices
+
+
+def _restorable(given: NDArray[Any], origin: NDArray[np.float64]) -> bool:
+    """Whether rounding to float32 in the frame at `origin` loses nothing of world coordinates, (..., 3)."""
+    points = given.reshape(-1, 3)
+    for first in range(0, len(points), _AT_A_TIME):  # most coordinates lose bits, which the first ones show
+        part = points[first : first + _AT_A_TIME]
+        if not np.array_equal(flush_to_zero((part - origin).astype(np.float32)) + origin, part):
+            return False
+    return True
 
 
 # --- Choices of objects -----------------------------------------------------------------------------------------------

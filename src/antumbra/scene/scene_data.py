@@ -455,15 +455,16 @@ class MemoryData(SceneData):
         threads = thread_count(threads)
         if self._movable is None:
             self._movable = MovableMeshes(self._loaded, self.origin, self.n_triangles, self.name)
-        if transform is None:
-            assert vertices is not None
-            corners = self._movable.replaced(vertices, threads)
+        given = None if vertices is None else self._movable.given(vertices)
+        if given is not None:
+            corners = self._movable.replaced(given, threads)
         else:
+            assert transform is not None
             placement = placement_of(self.objects, objects, transform, self.name)
             corners = self._movable.placed(self.triangles(0.0, threads).vertices, placement, threads)
         moved, bounds = self._moved_triangles(corners, threads)
-        if transform is None:
-            self._movable.rest_on(corners)
+        if given is not None:
+            self._movable.rest_on(given, corners)
         self.bounds, self.source = bounds, self._movable.source_of(corners)
         self.moved = moved  # last: caches compare it
 

@@ -6,7 +6,7 @@ have heights, so cells without data leave holes. Triangles are never stored: the
 heights, which take 4 bytes per cell where the triangles take about 100.
 """
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
@@ -287,11 +287,11 @@ class StreamedTerrain(TerrainSurfaces):
     appearance = None
 
     def __init__(
-        self, surface: Heights, notes: tuple[str, ...] = (), colour: NDArray[np.float32] = WHITE,
+        self, surface: Heights, notes: Callable[[], Iterable[str]], colour: NDArray[np.float32] = WHITE,
         unit: LengthUnit | None = None,
     ):  # fmt: skip
         super().__init__([surface], surface.name, [colour])
-        self.name, self.crs, self.notes = surface.name, surface.crs, notes
+        self.name, self.crs, self._notes = surface.name, surface.crs, notes
         self.raster = surface.grid.raster(surface.crs)
         self._grid, self.given_unit = surface.grid, unit
 
@@ -304,6 +304,11 @@ class StreamedTerrain(TerrainSurfaces):
     def n_triangles(self) -> int:
         """An upper bound of the number of triangles, reached without holes."""
         return 2 * (self._grid.rows - 1) * (self._grid.columns - 1)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The notes about the heights read so far; about all of them once the pieces have been read."""
+        return tuple(self._notes())
 
     @property
     def source(self) -> "StreamedTerrain":

@@ -1,6 +1,7 @@
 """Stores: scenes larger than memory, each in a file of chunks that are read when rays reach them.
 
 - `store_format`: the layout of the file, and its metadata
+- `store_checks`: check the structure of what a file says
 - `store_file`: read and write store files, `StoreData`
 - `store_build`: build a file from scenes of any size
 - `staging_files`: temporary files of a build

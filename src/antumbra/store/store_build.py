@@ -23,12 +23,12 @@ from ..scene.terrain import StreamedTerrain
 from ..scene.units import METRE, LengthUnit
 from .chunk_sorting import SortSettings, chunks_of, grid_over, sorted_groups
 from .staging_files import MAX_FACES, StagingFile, gather_triangles
+from .store_checks import MAX_TRIANGLES
 from .store_file import StoreData, StoreWriter, top_tree
 from .store_format import StoreMeta
 from .system_resources import check_disk_space
 
 MIN_MEMORY = 384 << 20
-MAX_TRIANGLES = 2**31 - 1  # so that int32 holds their indices
 CHUNK = 65536
 
 StreamedScene = StreamedCity | StreamedTerrain

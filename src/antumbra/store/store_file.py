@@ -20,7 +20,7 @@ from ..bvh import binned_sah
 from ..bvh.nodes import CHILDREN, EMPTY, Bvh, aligned_empty, boxes_of, bvh_leaf, bvh_link
 from ..bvh.reinsertion import reinsert
 from ..checks import quoted
-from ..errors import InputError
+from ..errors import InputError, one_line
 from ..files import checked_file
 from ..scene.camera import Camera
 from ..scene.lights import Light
@@ -28,6 +28,7 @@ from ..scene.mesh import MeshInfo, ObjectInfo
 from ..scene.scene_bounds import check_extent
 from ..scene.scene_data import SceneData
 from ..scene.triangles import Triangles
+from .store_checks import chunk_fault, counts_fault, directory_fault
 from .store_format import (
     COMPLETE,
     COUNTS,
@@ -41,6 +42,7 @@ from .store_format import (
     Chunk,
     Chunks,
     StoreMeta,
+    TopTree,
     chunk_places,
     chunk_views,
     meta_from_json,
@@ -49,13 +51,6 @@ from .store_format import (
 )
 
 # --- The top tree -----------------------------------------------------------------------------------------------------
-
-
-class TopTree(NamedTuple):
-    """A tree whose leaves are chunks. Nodes are as in `Bvh`, but a link < 0 is ``~(8 * chunk)`` or EMPTY."""
-
-    nodes: NDArray[np.float32]  # (m, 16), 64-byte aligned
-    links: NDArray[np.int32]  # (m, 16), the same memory
 
 
 def top_tree(boxes: np.ndarray, threads: int) -> TopTree:
@@ -212,8 +207,8 @@ class Store:
         Raises
         ------
         InputError
-            If a byte has changed, the file is truncated, or it cannot be read. The message names the file and the
-            chunk.
+            If a byte has changed, the file is truncated, it cannot be read, or its arrays contradict each other. The
+            message names the file and the chunk.
         """
         c = self.chunks
         size = int(c.bytes[k])
@@ -226,7 +221,10 @@ class Store:
             raise self._damaged(k, "is cut short")
         if zlib.crc32(data.data) != c.crc[k]:
             raise self._damaged(k, "is damaged")
-        return chunk_views(data, int(c.triangles[k]), int(c.nodes[k]), int(c.colours[k]))
+        chunk = chunk_views(data, int(c.triangles[k]), int(c.nodes[k]), int(c.colours[k]))
+        if fault := chunk_fault(chunk, c.root[k], self.n_triangles):
+            raise self._damaged(k, f"is not consistent ({fault})")
+        return chunk
 
     def check(self, k: int, memory: np.ndarray | None = None) -> None:
         """Raise the InputError of `chunk` if chunk `k` is damaged."""
@@ -282,8 +280,8 @@ def open_store(path: str | os.PathLike[str]) -> Store:
     Raises
     ------
     InputError
-        If the file is missing, is not a store, has another version, is incomplete or truncated, or has a damaged header
-        or directory.
+        If the file is missing, is not a store, has another version, is incomplete or truncated, or has a header or a
+        directory that is damaged or contradicts itself.
     """
     path = Path(path)
     checked_file(path, path.name or str(path))
@@ -291,22 +289,34 @@ def open_store(path: str | os.PathLike[str]) -> Store:
     try:
         offset, size, crc = _read_header(stream.read(PAGE), os.fstat(stream.fileno()).st_size, path.name)
         stream.seek(offset)
+        if fault := counts_fault(stream.read(COUNTS.size), offset, size):
+            raise InputError(f"{path.name}: its chunk directory is damaged ({fault}); {_REMEDY}")
+        stream.seek(offset)
         directory = stream.read(size)
         if zlib.crc32(directory) != crc:
             raise InputError(f"{path.name}: its chunk directory is damaged; {_REMEDY}")
-        return Store(path, stream, _decode_directory_of(path.name, directory), hashlib.sha256(directory).hexdigest())
+        return Store(path, stream, _directory_of(path.name, directory, offset), hashlib.sha256(directory).hexdigest())
     except BaseException:
         stream.close()
         raise
 
 
-def _decode_directory_of(name: str, data: bytes) -> Directory:
-    """The directory from intact bytes; InputError if it describes the scene with fields that this release lacks."""
+def _directory_of(name: str, data: bytes, offset: int) -> Directory:
+    """The checked directory, which is at `offset`, from its bytes.
+
+    InputError if it contradicts itself or the file, or describes the scene with fields that this release lacks.
+    """
     try:
-        return decode_directory(data)
+        directory = decode_directory(data)
+        fault = directory_fault(directory.meta, directory.chunks, directory.top, offset)
     except (AttributeError, KeyError, TypeError):  # of a later release, since the checksum is right
         line = "describes its scene in a way that this antumbra does not know; upgrade antumbra, or build it again"
         raise InputError(f"{name}: {line}") from None
+    except (ValueError, OverflowError, RecursionError) as error:
+        fault = str(error)
+    if fault:
+        raise InputError(f"{name}: its directory is not consistent ({one_line(fault)}); {_REMEDY}")
+    return directory
 
 
 def _reopen(absolute: Path, path: Path, digest: str) -> Store:
@@ -338,6 +348,8 @@ def _read_header(header: bytes, actual: int, name: str) -> tuple[int, int, int]:
     if actual != size:
         wrong = "is cut short" if actual < size else "has extra bytes after its end"
         raise InputError(f"{name}: {wrong} ({actual} bytes instead of {size}); {_REMEDY}")
+    if offset % PAGE or offset < 2 * PAGE or offset + length != size:
+        raise InputError(f"{name}: its header places the directory at {offset}, {length} bytes long; {_REMEDY}")
     return offset, length, crc
 
 

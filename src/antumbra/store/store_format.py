@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.nodes import Bvh
-from ..scene import lights as lights_module
+from ..checks import quoted
 from ..scene.camera import Camera
 from ..scene.light_lists import DirectionalLights, PointLights
-from ..scene.lights import Light
+from ..scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
 from ..scene.raster import Raster
 from ..scene.units import LengthUnit
 
@@ -68,6 +68,13 @@ class Chunks(NamedTuple):
     crc: NDArray[np.uint32]  # (k,): CRC-32 of all bytes of the chunk
     box: NDArray[np.float32]  # (k, 6): lower, then upper corner; the exact bounds of the chunk's triangles
     root: NDArray[np.float32]  # (k, 16): a copy of the chunk's root node
+
+
+class TopTree(NamedTuple):
+    """A tree whose leaves are chunks. Nodes are as in `Bvh`, but a link < 0 is ``~(8 * chunk)`` or EMPTY."""
+
+    nodes: NDArray[np.float32]  # (m, 16), 64-byte aligned
+    links: NDArray[np.int32]  # (m, 16), the same memory
 
 
 class Chunk(NamedTuple):
@@ -165,12 +172,19 @@ def meta_from_json(data: bytes) -> StoreMeta:
     record["box"] = np.array(record["box"], np.float32)
     record["cameras"] = [Camera(**values) for values in record["cameras"]]
     record["lights"] = [_light(values) for values in record["lights"]]
+    if not isinstance(record["notes"], list):
+        raise ValueError(f"its notes are {quoted(record['notes'])}")
     record["notes"] = tuple(record["notes"])
     if "raster" in record:
         record["raster"] = Raster(*record["raster"])
     if "unit" in record:
         record["unit"] = LengthUnit(*record["unit"])
     return StoreMeta(**record)
+
+
+_KINDS: dict[str, Any] = {each.__name__: each for each in (
+    AmbientOcclusion, DirectionalLight, DirectionalLights, DiskLight, PointLight, PointLights, QuadLight, SphereLight,
+)}  # fmt: skip
 
 
 def _plain(value: object) -> object:
@@ -184,8 +198,11 @@ def _light_fields(light: Light) -> dict[str, Any]:
 
 def _light(values: dict[str, Any]) -> Light:
     kind, name, values["colour"] = values.pop("type"), values.pop("name", ""), tuple(values["colour"])
-    kinds = {kind.__name__: kind for kind in (PointLights, DirectionalLights)}
-    light: Light = (kinds.get(kind) or getattr(lights_module, kind))(**values)
+    light: Light = _KINDS[kind](**values)
     for key, value in values.items():  # overwrite: normalising a direction again could change its last bit
-        object.__setattr__(light, key, np.array(value) if isinstance(getattr(light, key), np.ndarray) else value)
+        if isinstance(checked := getattr(light, key), np.ndarray):
+            value = np.array(value, np.float64)
+            if value.shape != checked.shape or not np.allclose(value, checked, rtol=1e-12, atol=1e-12):
+                raise ValueError(f"a {kind} has the {key} {quoted(values[key])}")
+        object.__setattr__(light, key, value)
     return light.named(name)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import path_of, quoted
+from ...checks import as_array, path_of, quoted
 from ...checks import text as checked_text
 from ...errors import InputError
 from ...files import atomic_output, checked_file, checked_output
@@ -104,13 +104,11 @@ def _vector_areas(mesh: Mesh) -> NDArray[np.float64]:
 
 
 def _means(name: str, face_values: ArrayLike, city: CityModel, vectors: np.ndarray) -> _Means:
-    try:
-        values = np.asarray(face_values)
-    except ValueError:  # rows of several lengths
-        values = np.asarray(None)
     if not isinstance(name, str) or not name or name in RESERVED:
         raise InputError(f"attribute {name!r} cannot be written; choose another name")
-    if values.shape != city.object_of_face.shape or values.dtype.kind not in "fiub":
+    flags = isinstance(face_values, np.ndarray) and face_values.dtype.kind == "b"  # whose means are shares
+    values = as_array(np.asarray(face_values, np.uint8) if flags else face_values, f"attribute {name!r}")
+    if values.shape != city.object_of_face.shape:
         raise InputError(
             f"attribute {name!r} is {values.dtype} {values.shape}; it must be numbers, one for each of "
             f"{len(city.object_of_face)} faces"

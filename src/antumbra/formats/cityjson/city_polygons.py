@@ -199,12 +199,44 @@ def iter_polygons(
             yield (*path, i), inner, value
 
 
+_MOST_POLYGONS, _MOST_PER_INSTANCE = 1_000_000, 1_000
+"""Polygons that instances of templates may have in any case, and on average."""
+
+_MANY_CORNERS, _DISTINCT = 1024, 0.25  # of polygons with more corners, at least this share must be distinct
+_DEEPEST = 100  # objects within one another
+
+
 def polygons_of(document: CityDocument, chosen: list[ChosenGeometry]) -> Polygons:
-    """The polygons of geometries, in their order."""
+    """The polygons of geometries, in their order.
+
+    Raises
+    ------
+    InputError
+        If a geometry is damaged, or a small file expands to a huge scene.
+    """
+    _check_expansion(document, chosen)
     collector = _Collector(document)
     for choice in chosen:
         collector.add(choice)
     return collector.polygons()
+
+
+def _check_expansion(document: CityDocument, chosen: list[ChosenGeometry]) -> None:
+    """Raise an InputError if instances have far more polygons than a scene needs."""
+    placed = [choice.geometry for choice in chosen if choice.instance is not None]
+    counts = dict[int, int]()  # id of a template -> its polygons
+    for template in placed:
+        if id(template) not in counts:
+            counts[id(template)] = 0
+            with suppress(TypeError, ValueError):  # reported when its polygons are added
+                polygons = iter_polygons(template.get("boundaries") or [], None, DEPTHS[template["type"]])
+                counts[id(template)] = sum(1 for _ in polygons)
+    total = sum(counts[id(template)] for template in placed)
+    if total > _MOST_POLYGONS + _MOST_PER_INSTANCE * len(placed):
+        raise InputError(
+            f"{document.file}: {len(placed):,} instances of templates have {total:,} polygons, more than "
+            f"{_MOST_PER_INSTANCE:,} each; take simpler templates"
+        )
 
 
 def containers(part: CityPart) -> dict[str, str]:
@@ -230,9 +262,17 @@ def _ids(city_object: dict[str, Any], key: str) -> list[str]:
 
 
 def containers_of(name: str, above: dict[str, str]) -> list[str]:
-    """Ids of the objects that contain an object, from the inside out. A loop of parents ends where it closes."""
+    """Ids of the objects that contain an object, from the inside out. A loop of parents ends where it closes.
+
+    Raises
+    ------
+    InputError
+        If more than `_DEEPEST` objects contain it.
+    """
     path = [name]
     while (parent := above.get(path[-1])) is not None and parent not in path:
+        if len(path) > _DEEPEST:
+            raise InputError(f"more than {_DEEPEST} CityObjects contain {name[:60]!r}; export the file again")
         path.append(parent)
     return path[1:]
 
@@ -289,6 +329,8 @@ class _Collector:
         n_polygons = len(self._rings_in)
         try:
             self._add_polygons(choice)
+        except InputError:
+            raise
         except (TypeError, ValueError):
             raise InputError(f"{where}.boundaries are not nested lists, as its type demands; export it again") from None
         n_added = len(self._rings_in) - n_polygons
@@ -358,9 +400,11 @@ class _Collector:
         if len(bad):
             k = owner[bad[0]]
             raise self._bad(k, f"uses vertex {corners[bad[0]]}, but there are {limit[k]} vertices")
+        vertices, rings = np.concatenate(self._blocks), Rings(corners + base[owner], sizes, rings_in)
+        self._check_distinct(vertices, rings, owner)
         return Polygons(
-            np.concatenate(self._blocks),
-            Rings(corners + base[owner], sizes, rings_in),
+            vertices,
+            rings,
             np.array(self._surface, np.int32),
             np.array(self._mirrored, bool),
             self._surfaces,
@@ -369,6 +413,19 @@ class _Collector:
             self._parents,
             self._attributes,
         )
+
+    def _check_distinct(self, vertices: np.ndarray, rings: Rings, owner: np.ndarray) -> None:
+        """Raise an InputError for a large polygon that passes the same corners again and again.
+
+        Ear clipping takes quadratic time for it. Corners that repeat their predecessor do not count.
+        """
+        counts = np.bincount(owner, minlength=len(rings.rings_in))
+        for k in np.flatnonzero(counts > _MANY_CORNERS).tolist():
+            points = vertices[rings.corners[slice(*np.searchsorted(owner, [k, k + 1]))]]
+            passed = 1 + int((points[1:] != points[:-1]).any(1).sum())
+            distinct = len(np.unique(points, axis=0))
+            if passed > _MANY_CORNERS and distinct < _DISTINCT * passed:
+                raise self._bad(k, f"has a polygon that passes {distinct:,} points {passed:,} times")
 
     def _corner_arrays(self) -> tuple[np.ndarray, np.ndarray]:
         """(number of corners of each ring, vertices of all rings), (r,) and (c,) int64."""

@@ -76,8 +76,9 @@ def streamed_terrain(tiles: Sequence[tuple[Path, HeightOptions]]) -> StreamedTer
         If a file cannot be read, or tiles do not share a grid.
     """
     files = [HeightFile(path, checked_options(options)) for path, options in tiles]
-    notes = tuple(note for file in files for note in file.notes)
-    return StreamedTerrain(files[0] if len(files) == 1 else TiledHeights(files), notes, SURFACE, _unit_of(tiles))
+    surface = files[0] if len(files) == 1 else TiledHeights(files)
+    notes = lambda: [note for file in files for note in file.notes()]
+    return StreamedTerrain(surface, notes, SURFACE, _unit_of(tiles))
 
 
 def _unit_of(tiles: Sequence[tuple[Path, HeightOptions]]) -> LengthUnit | None:

@@ -27,6 +27,7 @@ SUFFIXES = (".tif", ".tiff", ".vrt", ".asc")
 
 _SQUARE_TURN = 1e-9  # rotation of a raster, relative to its cells, that rounding explains
 _MOST_CELLS = 1 << 30  # 2^31 triangles
+_BAND = 256  # rows read at a time
 _EXACT = "float32", "int16", "uint16", "int8", "uint8"  # types whose values float32 represents
 _NO_DATA = (-9999.0, -32768.0, -32767.0)  # common marks, which some files do not declare
 
@@ -123,7 +124,6 @@ class HeightFile:
     name : of the file, without suffix
     grid : the points of the heights
     crs : str, or None if the file has none
-    notes : list of str
     """
 
     def __init__(self, path: Path, options: HeightOptions):
@@ -138,21 +138,45 @@ class HeightFile:
             self.grid, self._south_up = grid_of(file.transform, file.height, file.width, options.values_at, path.name)
             check_projected(system, path.name, self.grid)
             k = self._band - 1
-            scale, self.crs, self.notes = height_scale(file.units[k], system, options, path.name)
+            scale, self.crs, self._unit_notes = height_scale(file.units[k], system, options, path.name)
             self._scale, self._offset = file.scales[k] * scale, file.offsets[k] * scale
             plain = (self._scale, self._offset) == (1.0, 0.0) and file.dtypes[k] in _EXACT
             self.dtype = np.dtype(np.float32 if plain else np.float64)
+        self._last_band: tuple[int, NDArray[Any]] | None = None  # the last one that was read, and its number
+        self._lowest = np.inf  # height read so far
 
     def rows(self, first: int, last: int) -> NDArray[Any]:
         """Heights of some rows, (last - first, columns) `dtype`; NaN: no data."""
-        from rasterio.windows import Window
-
         if self._south_up:
             first, last = self.grid.rows - last, self.grid.rows - first
+        heights, at = np.empty((last - first, self.grid.columns), self.dtype), first
         with self._open() as file:
-            values = file.read(self._band, window=Window(0, first, self.grid.columns, last - first), masked=True)
-        heights = heights_of(values, self._nodata, self._scale, self._offset, self.dtype)
+            while at < last:
+                band = at // _BAND
+                part = self._band_rows(file, band)[at - band * _BAND :][: last - at]
+                heights[at - first : at - first + len(part)] = part
+                at += len(part)
         return heights[::-1] if self._south_up else heights
+
+    def _band_rows(self, file: Any, band: int) -> NDArray[Any]:
+        """The heights of `_BAND` rows of the file.
+
+        A virtual raster that averages its sources gives other values for other windows, so windows never depend on the
+        rows that a caller wants; the last one is kept, since blocks of terrain share a row.
+        """
+        from rasterio.windows import Window
+
+        if self._last_band is None or self._last_band[0] != band:
+            window = Window(0, band * _BAND, self.grid.columns, min(_BAND, self.grid.rows - band * _BAND))
+            values = file.read(self._band, window=window, masked=True)
+            heights = heights_of(values, self._nodata, self._scale, self._offset, self.dtype)
+            self._lowest = min(self._lowest, _range_of(heights, self.path.name)[0])
+            self._last_band = band, heights
+        return self._last_band[1]
+
+    def notes(self) -> list[str]:
+        """Notes about the unit of the heights, and about the rows that have been read so far."""
+        return [*self._unit_notes, *_notes_of(self._lowest, self.path.name)]
 
     @contextmanager
     def _open(self) -> Iterator[Any]:
@@ -199,19 +223,27 @@ def read_heights(path: Path, options: HeightOptions) -> tuple[HeightGrid, list[s
     """The heights of a file, and notes about them. Raises InputError if it cannot be read."""
     file = HeightFile(path, options)
     heights = np.ascontiguousarray(file.rows(0, file.grid.rows))
-    grid, notes = checked_heights(HeightGrid(file.name, file.grid, file.crs, heights), path.name)
-    return grid, [*file.notes, *notes]
+    grid, _ = checked_heights(HeightGrid(file.name, file.grid, file.crs, heights), path.name)
+    return grid, file.notes()
 
 
 def checked_heights(grid: HeightGrid, where: str) -> tuple[HeightGrid, list[str]]:
     """Heights, and notes about them. Raises InputError if they are infinite, or all missing."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of nothing but holes
-        lowest, highest = float(np.nanmin(grid.heights)), float(np.nanmax(grid.heights))
-    if np.isnan(lowest):
+    lowest, highest = _range_of(grid.heights, where)
+    if lowest > highest:
         raise InputError(f"{where}: no cell has a height; check nodata and the band")
+    return grid, _notes_of(lowest, where)
+
+
+def _range_of(heights: NDArray[Any], where: str) -> tuple[float, float]:
+    """The lowest and the highest of some heights; inf and -inf if all are missing. InputError if any are infinite."""
+    lowest, highest = float(np.fmin.reduce(heights, None)), float(np.fmax.reduce(heights, None))
     if np.isinf(lowest) or np.isinf(highest):
         raise InputError(f"{where}: has infinite heights; declare them as nodata: nodata=float('inf')")
+    return (np.inf, -np.inf) if np.isnan(lowest) else (lowest, highest)
+
+
+def _notes_of(lowest: float, where: str) -> list[str]:
     if lowest in _NO_DATA:
-        return grid, [f"{where}: its lowest height is {lowest:g}; if that means no data, pass nodata={lowest:g}"]
-    return grid, []
+        return [f"{where}: its lowest height is {lowest:g}; if that means no data, pass nodata={lowest:g}"]
+    return []

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +62,7 @@ class Materials:
         self._bad: set[int] = set()
         self._cache: dict[_TextureKey, Texture] = {}
         self._ahead: dict[_TextureKey, Texture] = {}  # from `decode_ahead`
+        self._first_with: dict[tuple[Any, ...], int] = {}  # place of an image's bytes -> the first such image
         self.notes: list[str] = []
 
     def of_primitive(self, primitive: Fields) -> MappedMaterial:
@@ -139,10 +140,19 @@ class Materials:
         index = source.whole("source", None, high=len(self._images))
         if index is None:
             return None
+        with suppress(InputError):  # reported when it is decoded
+            index = self._first_with.setdefault(self._place(self._images[index]), index)
         number = texture.whole("sampler", None, high=len(self._samplers))
         sampler = Fields({}, texture.where) if number is None else self._samplers[number]
         wrap_s, wrap_t = (_WRAPS.get(sampler.whole(key, 10497), REPEAT) for key in ("wrapS", "wrapT"))
         return index, wrap_s, wrap_t, sampler.whole("magFilter", 0) == _NEAREST, has_alpha
+
+    def _place(self, image: Fields) -> tuple[Any, ...]:
+        """Where the bytes of an image are: images of the same bytes are decoded once."""
+        if (uri := image.text("uri", None)) is not None:
+            return (uri,)
+        view = self._views[image.whole("bufferView", high=len(self._views))]
+        return tuple(view.whole(name, 0) for name in ("buffer", "byteOffset", "byteLength"))
 
     def _new_texture(self, key: _TextureKey) -> Texture:
         index, wrap_s, wrap_t, nearest, has_alpha = key

@@ -56,6 +56,7 @@ class ViewFactors:
         areas = as_array(self.areas, "areas of view factors")
         if areas.ndim != 1 or not (np.isfinite(areas) & (areas > 0.0)).all():
             raise InputError("areas of view factors must be (n,) positive numbers")
+        object.__setattr__(self, "areas", areas.astype(np.float64, copy=False))  # the class is frozen
         n = len(areas)
         for name in ("names", "types"):
             if len(items(getattr(self, name), str, f"{name} of view factors")) != n:
