@@ -6,5 +6,7 @@
 - `surface_meter`: rays from all receivers, and values from their occlusion bits
 - `baked_values`: values at vertices and texels, receivers inside solids, and texture images
 - `texture_atlas`: UV sets or a new atlas, and conservative texel coverage
+- `chart_process`: the charts of an atlas, by xatlas in a process of its own
+- `bent_surfaces`: finely tessellated smooth surfaces, which xatlas would fold
 - `gltf_primitives`: primitives at their nodes, and edits of attributes and materials
 """

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...extras import import_extra
 from ...formats.gltf.accessors import Accessors
 from ...progress import report_progress
+from .bent_surfaces import directions_of_bent
+from .chart_process import ChartMesh, charts_of
 from .gltf_primitives import NodePrimitive
 
 # --- Conservative coverage --------------------------------------------------------------------------------------------
@@ -191,23 +192,43 @@ class Sheet(NamedTuple):
 
 
 def atlas(parts: Sequence[NodePrimitive], size: int) -> list[Sheet]:
-    """One sheet with all parts, which xatlas divides into charts. Texels have about the same size everywhere."""
-    xatlas = import_extra("xatlas", "an atlas (--texture without --uv)", "bake")
-    packing, middle = xatlas.Atlas(), np.mean([p.positions.mean(0) for p in parts], 0)
-    for part in parts:
-        packing.add_mesh((part.positions - middle).astype(np.float32), part.faces.astype(np.uint32))
-    options = xatlas.PackOptions()
-    options.resolution, options.padding, options.bilinear, options.create_image = size, PADDING, True, False
+    """One sheet with all parts, which xatlas divides into charts. Texels have about the same size everywhere.
+
+    Raises InputError if xatlas cannot divide them.
+    """
+    middle = np.mean([p.positions.mean(0) for p in parts], 0)
     with report_progress("unwrapping"):
-        packing.generate(pack_options=options)
-    scale = np.array([packing.width, packing.height], np.float64) / max(packing.width, packing.height, 1)
-    unwrapped = []
-    for i, part in enumerate(parts):
-        source, faces, uv = packing[i]
-        unwrapped.append(
-            Unwrapped(part, uv.astype(np.float64) * scale, faces.astype(np.int64), source.astype(np.int64))
-        )
+        pieces = [_pieces(part, middle) for part in parts]
+        charts = iter(charts_of([piece.mesh for each in pieces for piece in each], size, PADDING))
+        unwrapped = [_joined(part, each, [next(charts) for _ in each]) for part, each in zip(parts, pieces)]
     return [Sheet(list(range(len(parts))), unwrapped, _cover_sheet(unwrapped, size))]
+
+
+class _Piece(NamedTuple):
+    """Faces of a part that are unwrapped as one mesh."""
+
+    faces: NDArray[np.int64]  # indices of the part's faces
+    vertices: NDArray[np.int64]  # indices of the part's vertices
+    mesh: tuple[NDArray[np.float32], NDArray[np.uint32]]  # positions and faces
+
+
+def _pieces(part: NodePrimitive, middle: NDArray[np.float64]) -> list[_Piece]:
+    direction, pieces = directions_of_bent(part.positions, part.faces), []
+    for each in np.unique(direction):
+        faces = np.flatnonzero(direction == each)
+        vertices, corners = np.unique(part.faces[faces], return_inverse=True)
+        positions = (part.positions[vertices] - middle).astype(np.float32)
+        pieces.append(_Piece(faces, vertices, (positions, corners.reshape(-1, 3).astype(np.uint32))))
+    return pieces
+
+
+def _joined(part: NodePrimitive, pieces: Sequence[_Piece], charts: Sequence[ChartMesh]) -> Unwrapped:
+    starts = np.cumsum([0, *(len(chart.uv) for chart in charts)])
+    faces = np.empty((len(part.faces), 3), np.int64)
+    for piece, chart, start in zip(pieces, charts, starts):
+        faces[piece.faces] = chart.faces + start
+    source = np.concatenate([piece.vertices[chart.source] for piece, chart in zip(pieces, charts)])
+    return Unwrapped(part, np.concatenate([chart.uv for chart in charts]), faces, source)
 
 
 def uv_set_sheets(parts: Sequence[NodePrimitive], accessors: Accessors, uv_set: int, size: int) -> list[Sheet]:
