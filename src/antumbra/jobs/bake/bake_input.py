@@ -5,7 +5,7 @@ The file is the input itself, or a new one created from any other kind of scene.
 
 import os
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from ...scene.light_lists import without_interleave
 from ...scene.lights import DirectionalLight, Light
 from ...scene.mesh import Piece
 from .bake_options import BakeOptions
-from .gltf_primitives import NodePrimitive, read_primitives
+from .gltf_primitives import NodePrimitive, primitive_json, read_primitives
 from .surface_meter import MeterSettings
 
 # --- Settings that depend on the scene ------------------------------------------------------------------------------
@@ -50,12 +50,12 @@ def meter_settings(options: BakeOptions, scene: Scene) -> MeterSettings:
 
 
 def exposure_of(values: NDArray[np.float32], options: BakeOptions) -> float:
-    """The factor on light, from the measured values ((n, c), NaN for hidden points)."""
+    """The factor on light, from the measured values, (n, c)."""
     if options.exposure is not None:
         return options.exposure
     if options.what != "light":
         return 1.0
-    return automatic_exposure(values[None], np.isfinite(values[None, :, 0]))
+    return automatic_exposure(values[None], np.ones((1, len(values)), bool))
 
 
 # --- The scene and its glTF file --------------------------------------------------------------------------------------
@@ -79,6 +79,7 @@ class BakeScene(NamedTuple):
     scene: Scene  # the original scene: all rays are traced in it, so lights are in its frame
     asset: Asset
     parts: list[NodePrimitive]  # of the asset, in the frame of the scene
+    double_sided: NDArray[np.bool_]  # (n,) bool: the faces of the scene whose material in the file is double-sided
 
 
 def bake_source(scene: SceneLike, up: str | None = None) -> BakeSource:
@@ -108,14 +109,25 @@ def open_source(source: BakeSource, time: float) -> BakeScene:
     if file is None:
         asset = scene_to_asset(scene, time)
         parts = read_primitives(_scene_of_asset(asset, scene.name), asset, time)
-        return BakeScene(
-            scene, asset, parts if scene.up == "y" else [_in_scene_frame(part, axes(scene.up)) for part in parts]
-        )
+        parts = parts if scene.up == "y" else [_in_scene_frame(part, axes(scene.up)) for part in parts]
+        return BakeScene(scene, asset, parts, np.ones(scene.n_triangles, bool))  # as `_material` writes them
     asset, read = open_asset(file), scene
+    double_sided = _double_sided_faces(scene, asset, time)
     if _has_instancing(asset):
         _expand_instances(asset, file)
         read = _scene_of_asset(asset, scene.name)
-    return BakeScene(scene, asset, read_primitives(read, asset, time))
+    return BakeScene(scene, asset, read_primitives(read, asset, time), double_sided)
+
+
+def _double_sided_faces(scene: Scene, asset: Asset, time: float) -> NDArray[np.bool_]:
+    """(n,) bool: the faces of a scene whose material in its glTF file is double-sided."""
+    materials, counts, flags = asset.json.get("materials", []), list[int](), list[bool]()
+    source: Any = scene.source  # of a glTF file
+    for placed in source.placed(scene.clamped(time)):
+        material = primitive_json(asset, placed).get("material")
+        counts.append(placed.primitive.triangles * len(placed.vertices))
+        flags.append(material is not None and bool(materials[material].get("doubleSided")))
+    return np.repeat(np.array(flags, bool), counts)
 
 
 def _scene_of_asset(asset: Asset, name: str) -> Scene:

@@ -30,7 +30,7 @@ from ...scene.materials import decode_image, linear_of, linear_to_srgb
 from ..executors import Executor, Keep, executor_of
 from .bake_input import BakeScene, BakeSource, bake_source, exposure_of, meter_settings, open_source
 from .bake_options import BakeKeywords, BakeOptions
-from .baked_values import Solids, Texels, image_of, replace_hidden, sample_bilinear, seam_differences, vertex_receivers
+from .baked_values import Texels, image_of, replace_hidden, sample_bilinear, seam_differences, vertex_receivers
 from .gltf_primitives import (
     NodePrimitive,
     Remapper,
@@ -41,6 +41,7 @@ from .gltf_primitives import (
     unshared_primitives,
     write_colours,
 )
+from .solids import Solids
 from .surface_meter import Measurement, Meter, curve_blocks
 from .texture_atlas import Sheet, Unwrapped, atlas, corners_of, uv_set_sheets
 
@@ -60,7 +61,7 @@ class Baked(NamedTuple):
     receivers: int  # vertices or texels measured
     hidden: int  # receivers inside solids
     rays: int  # shadow rays traced
-    mean: float  # mean of all measured values, without the NaN of hidden texels
+    mean: float  # mean of all measured values, without those of hidden texels
     exposure: float  # factor on light in colours and textures, which range from 0 to 1; not in custom attributes or EXR
     seam: float | None  # 99th percentile of the difference across seams; None: no texture, or no seams
     seconds: dict[str, float]  # per phase: read, unwrap, trace, write
@@ -167,7 +168,7 @@ def bake_textures(
     source: BakeScene, options: BakeOptions, output: Path, clock: PhaseClock, executor: Executor
 ) -> Baked | None:
     """Measure the texels of all sheets and write the files; None if the executor leaves texels to other shards."""
-    scene, asset, parts = source
+    scene, asset, parts, double_sided = source
     accessors, size = accessors_of(asset, scene.name), options.texture
     assert size is not None
     sheets = atlas(parts, size) if options.uv is None else uv_set_sheets(parts, accessors, options.uv, size)
@@ -177,13 +178,14 @@ def bake_textures(
     job = [each.parts for each in texels]
     if not executor.finish(job):
         return None
-    solids = None if options.keep_hidden else Solids(scene, options.time, options.threads)
+    solids = None if options.keep_hidden else Solids(scene, double_sided, options.time, options.threads)
     measured = [each.values(solids) for each in texels]
     if options.what == "bent-normal":
         measured = [(_local_texels(sheet, values), hidden) for sheet, (values, hidden) in zip(sheets, measured)]
     clock.lap("trace")
-    all_values = np.concatenate([values for values, _ in measured])
-    exposure = exposure_of(all_values, options)
+    all_values, hidden = (np.concatenate(arrays) for arrays in zip(*measured))
+    seen = all_values if hidden.all() else all_values[~hidden]
+    exposure = exposure_of(seen, options)
     originals = [dict(part.json, attributes=dict(part.json["attributes"])) for part in parts]
     primitives, images, seams = unshared_primitives(asset, parts), list[tuple[Path, np.ndarray]](), list[np.ndarray]()
     remapper = Remapper(asset, accessors)
@@ -218,9 +220,9 @@ def bake_textures(
         attribute=None,
         parts=len(parts),
         receivers=len(all_values),
-        hidden=sum(hidden for _, hidden in measured),
+        hidden=int(hidden.sum()),
         rays=meter.rays,
-        mean=float(np.nanmean(all_values)),
+        mean=float(seen.mean()),
         exposure=exposure,
         seam=float(np.percentile(seam, 99)) if len(seam) else None,
         seconds=clock.seconds,
@@ -249,7 +251,7 @@ def _material_image(
         return np.asarray(0.5 + 0.5 * image_of(sheet.cover, values))
     base = base_texels(asset, accessors, sheet, originals)
     base[:, :3] *= np.clip(values, 0.0, 1.0)
-    image = image_of(sheet.cover, np.where(np.isnan(values[:, :1]), np.nan, base))
+    image = image_of(sheet.cover, base)
     return image[..., :3] if (base[:, 3] == 1.0).all() else image
 
 
@@ -286,13 +288,13 @@ def bake_vertices(
     source: BakeScene, options: BakeOptions, output: Path, clock: PhaseClock, executor: Executor
 ) -> Baked | None:
     """Measure the vertices of all parts and write the file; None if the executor leaves vertices to other shards."""
-    scene, asset, parts = source
+    scene, asset, parts, double_sided = source
     meter = Meter(scene, meter_settings(options, scene), sum(len(p.positions) for p in parts))
     receivers = vertex_receivers(parts)
     measurement = Measurement(meter, receivers, curve_blocks(receivers.positions), False, executor.folder)
     if not executor.finish([measurement.parts]):
         return None
-    solids = None if options.keep_hidden else Solids(scene, options.time, options.threads)
+    solids = None if options.keep_hidden else Solids(scene, double_sided, options.time, options.threads)
     values = measurement.result()
     hidden = replace_hidden(values, receivers, parts, meter, solids)
     clock.lap("trace")
