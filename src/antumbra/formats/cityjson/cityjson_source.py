@@ -10,8 +10,10 @@ from ...errors import InputError
 from ...scene.materials import srgb_to_linear
 from ...scene.mesh import Mesh, MeshInfo, ObjectInfo, Piece, StaticMeshes, make_mesh
 from ...scene.scene_data import CityModel, SemanticSurface
+from ..repeated_faces import repeated_faces_notes
+from .city_geometries import chosen_geometries
 from .city_polygons import Polygons, Triangulation, polygons_of, triangulate
-from .cityjson_file import chosen_geometries, many_lists, open_cityjson
+from .cityjson_file import many_lists, open_cityjson
 
 # --- Pale colours of semantic surfaces and city objects ---------------------------------------------------------------
 
@@ -107,7 +109,8 @@ class CityFile(NamedTuple):
 def read_cityjson(path: Path, lod: str | None = None) -> CityFile:
     """Read a .json or .jsonl file. Faces are in the order of the file.
 
-    lod : level of detail, such as "2.2"; None: the highest of each object
+    lod : level of detail, such as "2.2"; None: the highest of each object. Of several geometries of an object at this
+        level, one is read; see `city_geometries`.
 
     Raises
     ------
@@ -116,8 +119,8 @@ def read_cityjson(path: Path, lod: str | None = None) -> CityFile:
     """
     with many_lists():
         document = open_cityjson(path)
-        chosen, lods = chosen_geometries(document, lod)
-        polygons = polygons_of(document, chosen)
+        choice = chosen_geometries(document, lod)
+        polygons = polygons_of(document, choice.geometries)
     cut = triangulate(polygons.vertices, polygons.rings)
     faces = np.where(polygons.mirrored[cut.polygon, None], cut.faces[:, ::-1], cut.faces)
     surface = polygons.surface[cut.polygon]
@@ -128,8 +131,9 @@ def read_cityjson(path: Path, lod: str | None = None) -> CityFile:
     if not len(faces):
         raise InputError(f"{document.file}: no object has a surface with an area; take a file with such geometry")
     mesh = make_mesh(document.file, polygons.vertices, faces, colours[surface], document.file)
-    city = CityModel(document.crs, ids, owner, surface, used.surfaces, types, parents, lods, attributes)
-    return CityFile(CityMeshes(mesh, document.file, city), document.notes + _notes(document.file, cut), city)
+    city = CityModel(document.crs, ids, owner, surface, used.surfaces, types, parents, choice.levels, attributes)
+    notes = document.notes + choice.notes + _notes(document.file, cut) + repeated_faces_notes(mesh, document.file)
+    return CityFile(CityMeshes(mesh, document.file, city), notes, city)
 
 
 class _UsedParts(NamedTuple):
