@@ -6,6 +6,7 @@
 - `surface_meter`: rays from all receivers, and values from their occlusion bits
 - `solids`: which receivers are inside solids
 - `baked_values`: values at vertices and texels, and texture images
+- `base_colours`: base colours of texels, and what their textures lose
 - `texture_atlas`: UV sets or a new atlas, and conservative texel coverage
 - `chart_process`: the charts of an atlas, by xatlas in a process of its own
 - `bent_surfaces`: finely tessellated smooth surfaces, which xatlas would fold

@@ -80,6 +80,8 @@ class BakeScene(NamedTuple):
     asset: Asset
     parts: list[NodePrimitive]  # of the asset, in the frame of the scene
     double_sided: NDArray[np.bool_]  # (n,) bool: the faces of the scene whose material in the file is double-sided
+    is_new: bool  # the file is created from the scene, so its COLOR_0 are base colours
+    notes: list[str]  # what the file loses
 
 
 def bake_source(scene: SceneLike, up: str | None = None) -> BakeSource:
@@ -110,13 +112,22 @@ def open_source(source: BakeSource, time: float) -> BakeScene:
         asset = scene_to_asset(scene, time)
         parts = read_primitives(_scene_of_asset(asset, scene.name), asset, time)
         parts = parts if scene.up == "y" else [_in_scene_frame(part, axes(scene.up)) for part in parts]
-        return BakeScene(scene, asset, parts, np.ones(scene.n_triangles, bool))  # as `_material` writes them
+        double_sided = np.ones(scene.n_triangles, bool)  # as `_material` writes them
+        return BakeScene(scene, asset, parts, double_sided, True, _conversion_notes(scene))
     asset, read = open_asset(file), scene
     double_sided = _double_sided_faces(scene, asset, time)
     if _has_instancing(asset):
         _expand_instances(asset, file)
         read = _scene_of_asset(asset, scene.name)
-    return BakeScene(scene, asset, read_primitives(read, asset, time), double_sided)
+    return BakeScene(scene, asset, read_primitives(read, asset, time), double_sided, False, [])
+
+
+def _conversion_notes(scene: Scene) -> list[str]:
+    """What a scene loses when it becomes a new glTF file."""
+    n = 0 if scene.appearance is None else len(scene.appearance.textures)
+    if not n:
+        return []
+    return [f"{scene.name}: {n} textures become the mean colours of faces; to keep them, bake the path of a glTF file"]
 
 
 def _double_sided_faces(scene: Scene, asset: Asset, time: float) -> NDArray[np.bool_]:

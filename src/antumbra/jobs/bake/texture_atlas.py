@@ -255,6 +255,19 @@ def uv_set_sheets(parts: Sequence[NodePrimitive], accessors: Accessors, uv_set: 
     return sheets
 
 
+def sheet_notes(sheets: Sequence[Sheet], uv_set: int | None) -> list[str]:
+    """Notes on faces that share texels.
+
+    uv_set : the UV set of the file; None: an atlas
+    """
+    name = "the atlas" if uv_set is None else f"TEXCOORD_{uv_set}"
+    shared = sum(round(sheet.cover.overlap * len(sheet.cover.texel)) for sheet in sheets)
+    if not shared:
+        return []
+    cure = "raise texture" if uv_set is None else "leave uv out for an atlas"
+    return [f"faces overlap in {shared} texels of {name}, which have the light of one of them; {cure}"]
+
+
 def corners_of(unwrapped: Sequence[Unwrapped], values: Sequence[np.ndarray]) -> np.ndarray:
     """(f, 3, k): vertex values of parts, gathered at the corners of all their faces."""
     return np.concatenate([rows[one.source][one.faces] for one, rows in zip(unwrapped, values)])
