@@ -1,5 +1,7 @@
 """The normals of vertices: every reader hands them to the bake, which measures with them and writes them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -44,13 +46,15 @@ def write_obj(folder, vertices, faces, normals):
     return folder / "pit.obj"
 
 
-def write_ply(folder, vertices, faces, normals, binary=False):
+def write_ply(folder, vertices, faces, normals, binary=False, coloured=False):
     names = [f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")]
     kind = "binary_little_endian" if binary else "ascii"
     head = ["ply", f"format {kind} 1.0", f"element vertex {len(vertices)}", *names]
-    head += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header\n"]
+    channels = ("red", "green", "blue") if coloured else ()
+    head += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+    head += [*(f"property uchar {channel}" for channel in channels), "end_header\n"]
     rows = np.hstack([vertices, normals]).astype("<f4")
-    table = np.empty(len(faces), [("n", "u1"), ("corners", "<i4", 3)])
+    table = np.zeros(len(faces), [("n", "u1"), ("corners", "<i4", 3), *((channel, "u1") for channel in channels)])
     table["n"], table["corners"] = 3, faces
     lines = [" ".join(map(str, row)) for row in rows.tolist()] + ["3 {} {} {}".format(*face) for face in faces]
     body = rows.tobytes() + table.tobytes() if binary else "\n".join(lines).encode()
@@ -66,12 +70,38 @@ def moved(folder, vertices, faces, normals):
     return scene
 
 
+def open3d_mesh(_, vertices, faces, normals):
+    """An object that looks like a mesh of Open3D."""
+    return SimpleNamespace(
+        vertices=vertices,
+        triangles=faces,
+        vertex_normals=normals,
+        has_vertex_normals=lambda: True,
+        has_vertex_colors=lambda: False,
+    )
+
+
+def pyvista_mesh(_, vertices, faces, normals):
+    """An object that looks like a mesh of PyVista."""
+    rows = np.column_stack([np.full(len(faces), 3), faces]).reshape(-1)
+    made = SimpleNamespace(points=vertices, faces=rows, n_cells=len(faces), strips=None)
+    made.point_data, made.cell_data = {"Normals": normals}, {}
+    made.triangulate = made.extract_surface = lambda: made
+    return made
+
+
 READERS = {
     "gltf": write_gltf,
     "gltf scene": lambda *pit: at.load(write_gltf(*pit), up="y"),
     "obj": write_obj,
     "ply": write_ply,
     "binary ply": lambda *pit: write_ply(*pit, binary=True),
+    "coloured ply": lambda *pit: write_ply(*pit, binary=True, coloured=True),
+    "coloured arrays": lambda _, vertices, faces, normals: at.Scene.from_arrays(
+        vertices, faces, np.full((len(faces), 3), 0.5), normals=normals
+    ),
+    "open3d": open3d_mesh,
+    "pyvista": pyvista_mesh,
     "arrays": lambda _, vertices, faces, normals: at.Scene.from_arrays(vertices, faces, normals=normals),
     "moved": moved,
 }
