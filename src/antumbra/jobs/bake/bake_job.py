@@ -28,7 +28,7 @@ from ...scene.materials import linear_to_srgb
 from ..executors import Executor, Keep, executor_of
 from .bake_input import BakeScene, BakeSource, bake_source, exposure_of, meter_settings, open_source
 from .bake_options import BakeKeywords, BakeOptions
-from .baked_values import Texels, image_of, replace_hidden, seam_differences, vertex_receivers
+from .baked_values import Texels, image_of, replace_hidden, seam_differences, sheet_notes, vertex_receivers
 from .base_colours import BaseColours
 from .gltf_primitives import (
     NodePrimitive,
@@ -42,7 +42,7 @@ from .gltf_primitives import (
 )
 from .solids import Solids
 from .surface_meter import Measurement, Meter, curve_blocks
-from .texture_atlas import Sheet, Unwrapped, atlas, sheet_notes, uv_set_sheets
+from .texture_atlas import Sheet, Unwrapped, atlas, uv_set_sheets
 
 _P = ParamSpec("_P")
 

@@ -317,18 +317,38 @@ def _smoothed(
     smooth = filter_fractions(surfaces, picture(counts, np.int32(0)), spp, meter.settings.threads).reshape(-1)[
         cover.texel
     ]
-    return np.where(_beside_others(sheet), np.float32(1.0) - counts / np.float32(spp), smooth).astype(np.float32)
+    return np.where(_beside_others(sheet, _REACH), np.float32(1.0) - counts / np.float32(spp), smooth).astype(
+        np.float32
+    )
 
 
-def _beside_others(sheet: Sheet) -> np.ndarray:
-    """(n,) bool: texels with another chart within the radius of the filter."""
+def sheet_notes(sheets: Sequence[Sheet], uv_set: int | None) -> list[str]:
+    """Notes on texels that belong to several faces or charts.
+
+    uv_set : the UV set of the file; None: an atlas
+    """
+    name, cure = "the atlas", "raise texture"
+    if uv_set is not None:
+        name, cure = f"TEXCOORD_{uv_set}", "leave uv out for an atlas"
+    shared = sum(round(sheet.cover.overlap * len(sheet.cover.texel)) for sheet in sheets)
+    close = 0 if uv_set is None else sum(int(_beside_others(sheet, 1).sum()) for sheet in sheets)
+    notes = [
+        (shared, f"faces overlap in {shared} texels of {name}, which have the light of one of them; {cure}"),
+        (close, f"charts of {name} touch at {close} texels, where light bleeds from one to another; raise texture"),
+    ]
+    return [note for count, note in notes if count]
+
+
+def _beside_others(sheet: Sheet, reach: int) -> np.ndarray:
+    """(n,) bool: texels with another chart within `reach` texels."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
     cover = sheet.cover
     charts = chart_of_faces(sheet.unwrapped)[cover.face]
-    shape, window = (cover.size, cover.size), 2 * _REACH + 1
+    shape, window = (cover.size, cover.size), 2 * reach + 1
+    above = int(charts.max(initial=-1)) + 1  # scipy computes in float64, so no greatest int64
     most = maximum_filter(_scattered(cover, charts, -1, shape), window, mode="nearest")
-    least = minimum_filter(_scattered(cover, charts, np.iinfo(np.int64).max, shape), window, mode="nearest")
+    least = minimum_filter(_scattered(cover, charts, above, shape), window, mode="nearest")
     return np.asarray((most != least).reshape(-1)[cover.texel])
 
 

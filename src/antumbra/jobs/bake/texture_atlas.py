@@ -255,32 +255,20 @@ def uv_set_sheets(parts: Sequence[NodePrimitive], accessors: Accessors, uv_set: 
     return sheets
 
 
-def sheet_notes(sheets: Sequence[Sheet], uv_set: int | None) -> list[str]:
-    """Notes on faces that share texels.
-
-    uv_set : the UV set of the file; None: an atlas
-    """
-    name = "the atlas" if uv_set is None else f"TEXCOORD_{uv_set}"
-    shared = sum(round(sheet.cover.overlap * len(sheet.cover.texel)) for sheet in sheets)
-    if not shared:
-        return []
-    cure = "raise texture" if uv_set is None else "leave uv out for an atlas"
-    return [f"faces overlap in {shared} texels of {name}, which have the light of one of them; {cure}"]
-
-
 def corners_of(unwrapped: Sequence[Unwrapped], values: Sequence[np.ndarray]) -> np.ndarray:
     """(f, 3, k): vertex values of parts, gathered at the corners of all their faces."""
     return np.concatenate([rows[one.source][one.faces] for one, rows in zip(unwrapped, values)])
 
 
 def chart_of_faces(unwrapped: Sequence[Unwrapped]) -> NDArray[np.int64]:
-    """(f,) int64: the chart of each face; faces of a chart are connected by vertices on the sheet."""
+    """(f,) int64: the chart of each face; faces of a chart are connected by vertices on the sheet and in space."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     charts, start = [], 0
     for one in unwrapped:
-        _, same = np.unique(one.uv, axis=0, return_inverse=True)
+        places = np.concatenate([one.uv, one.part.positions[one.source]], 1)  # charts may touch on the sheet alone
+        _, same = np.unique(places, axis=0, return_inverse=True)
         faces, n = same.reshape(-1)[one.faces], int(same.max()) + 1
         edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
         count, labels = connected_components(coo_array((np.ones(len(edges), bool), edges.T), (n, n)), directed=False)
