@@ -18,7 +18,7 @@ from ...scene.lights import AmbientOcclusion
 from .gltf_primitives import NodePrimitive, face_vectors
 from .solids import Solids
 from .surface_meter import SIDE, Measurement, Meter, ReceiverPoints, curve_order
-from .texture_atlas import Cover, Sheet, Unwrapped, chart_of_faces, closest_weights, corners_of
+from .texture_atlas import OVERLAP, Cover, Sheet, Unwrapped, chart_of_faces, closest_weights, corners_of
 
 # --- Vertices ---------------------------------------------------------------------------------------------------------
 
@@ -330,7 +330,9 @@ def sheet_notes(sheets: Sequence[Sheet], uv_set: int | None) -> list[str]:
     name, cure = "the atlas", "raise texture"
     if uv_set is not None:
         name, cure = f"TEXCOORD_{uv_set}", "leave uv out for an atlas"
-    shared = sum(round(sheet.cover.overlap * len(sheet.cover.texel)) for sheet in sheets)
+    least = OVERLAP if uv_set is None else 0.0  # in an atlas, rounding folds triangles smaller than a texel
+    overlaps = [(sheet.cover.overlap, len(sheet.cover.texel)) for sheet in sheets if sheet.cover.overlap > least]
+    shared = sum(round(overlap * count) for overlap, count in overlaps)
     close = 0 if uv_set is None else sum(int(_beside_others(sheet, 1).sum()) for sheet in sheets)
     notes = [
         (shared, f"faces overlap in {shared} texels of {name}, which have the light of one of them; {cure}"),

@@ -171,7 +171,8 @@ PADDING = 4
 """Texels between the charts of an atlas: more than the radius of the filter and of bilinear lookups."""
 
 _OUTSIDE = 1e-4
-_OVERLAP = 0.005  # tolerated share of a sheet's texels: exporters let charts touch, and rounding makes them overlap
+OVERLAP = 0.005
+"""Tolerated share of a sheet's texels in which faces overlap: charts touch, and rounding makes them overlap."""
 
 
 class Unwrapped(NamedTuple):
@@ -241,12 +242,12 @@ def uv_set_sheets(parts: Sequence[NodePrimitive], accessors: Accessors, uv_set: 
     """
     unwrapped = [_set_of(part, accessors, uv_set) for part in parts]
     together = _cover_sheet(unwrapped, size)
-    if together.overlap <= _OVERLAP:
+    if together.overlap <= OVERLAP:
         return [Sheet(list(range(len(parts))), unwrapped, together)]
     sheets = []
     for i, one in enumerate(unwrapped):
         alone = _cover_sheet([one], size)
-        if alone.overlap > _OVERLAP:
+        if alone.overlap > OVERLAP:
             raise InputError(
                 f"{one.part.where}: TEXCOORD_{uv_set} overlaps itself in {100 * alone.overlap:.1f} % of its texels; "
                 "choose another --uv, or leave it out for an atlas"
