@@ -138,9 +138,10 @@ def test_a_building_on_two_lines_is_read_once(tmp_path):
     # the same id at another place is another building
 
 
-def test_damaged_geometries_are_still_reported(tmp_path):
-    broken = {"type": "MultiSurface", "lod": "2", "boundaries": [[["x", 1, 2]]]}
-    with pytest.raises(at.InputError, match="export the file again"):
+@pytest.mark.parametrize("boundaries", [[[["x", 1, 2]]], [[[0, 1, 2**70]]], [[[0, 1, 99]]], 7, "roof"])
+def test_damaged_geometries_are_still_reported(tmp_path, boundaries):
+    broken = {"type": "MultiSurface", "lod": "2", "boundaries": boundaries}
+    with pytest.raises(at.InputError, match=r"export .* again"):
         at.load(put(tmp_path, city({"a": building(solid("2"), broken)})))
 
 

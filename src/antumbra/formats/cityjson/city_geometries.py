@@ -146,7 +146,7 @@ _Box = NDArray[np.float64] | None
 
 
 def _box(document: CityDocument, found: Iterable[ChosenGeometry]) -> _Box:
-    with suppress(TypeError, ValueError, IndexError, KeyError):
+    with suppress(TypeError, ValueError, IndexError, KeyError, OverflowError, RecursionError):
         points = np.concatenate([_points(document, each) for each in found])
         return np.stack([points.min(0), points.max(0)])
     return None
