@@ -232,6 +232,20 @@ def test_sub_pixels_show_textures_too():
     assert np.corrcoef(shown.ravel(), once.image[edge].ravel())[0, 1] > 0.9
 
 
+def test_colours_of_faces_and_smooth_normals_go_together():
+    colours = np.array([[0.9, 0.1, 0.2], [0.2, 0.8, 0.4]])
+    tilted = np.tile([0.6, 0.0, 0.8], (4, 1))
+    made = at.Scene.from_arrays(QUAD, np.array([[0, 1, 2], [0, 2, 3]]), colours, normals=tilted)
+    flat = at.Scene.from_arrays(QUAD, np.array([[0, 1, 2], [0, 2, 3]]), colours)
+    surfaces, shown = colours_in(made)
+    seen = surfaces.ids >= 0
+    assert seen.any() and (made.colours == flat.colours).all()
+    np.testing.assert_array_equal(shown[seen], colours.astype(np.float32)[surfaces.ids[seen]])
+    images = [at.render(scene, CAMERA, SUN).image[seen] for scene in (made, flat)]
+    ratio = images[0][images[1] > 0.05] / images[1][images[1] > 0.05]
+    np.testing.assert_allclose(ratio, 0.8, atol=0.01)  # the cosine of the tilted normal
+
+
 @pytest.mark.parametrize(
     "given, words",
     [

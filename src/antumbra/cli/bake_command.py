@@ -123,6 +123,8 @@ def bake(args: BakeArguments) -> int:
         console.print_json(result._asdict())
     elif not args.quiet:
         console.print_fields(_fields(result))
+        for note in result.notes:
+            console.say(f"note: {note}")
     return 0
 
 

@@ -587,7 +587,7 @@ class Scene(AnyScene):
         texture : (h, w, 3) or (h, w, 4) uint8, optional
             An sRGB image, for `uv`. It is multiplied by vertex colours.
         normals : (v, 3) float, optional
-            Normal of each vertex, for shading only.
+            Normal of each vertex, for shading and bakes; visibility does not depend on it.
         name : str
             Name of the scene, also in errors.
         up : "y" or "z"

@@ -55,7 +55,8 @@ def load(
         and for meshes of other libraries. A store has its own axis.
     lod : str, optional
         Level of detail of CityJSON, such as "2.2". None: the highest of each object. Objects whose parts have a higher
-        one, such as a Building with BuildingParts, are represented by these parts.
+        one, such as a Building with BuildingParts, are represented by these parts. Of several geometries of an object
+        at the same place, one is read, a Solid before a MultiSurface; `Scene.notes` has the number of the others.
     cutouts : bool
         True: rays pass through the holes of faces whose material has alpha mode MASK, and some of the light through
         those with BLEND or KHR_materials_transmission; see `Scene.set_transmittance` for what it counts in. False: all

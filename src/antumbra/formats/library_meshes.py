@@ -45,6 +45,7 @@ class ForeignMesh(NamedTuple):
     vertex_colours: Any = None  # per vertex
     material: Material = PLAIN
     uv: Any = None  # (v, 2) numbers: texture coordinates, v down
+    normals: Any = None  # (v, 3) numbers: of the vertices
 
 
 _Reader = Callable[[Any, str, list[str]], Iterator[ForeignMesh]]
@@ -87,10 +88,9 @@ def _mesh(foreign: ForeignMesh, where: str) -> Mesh:
     precision = np.float32 if vertices.dtype in (np.float16, np.float32) else np.float64
     colours = None if foreign.colours is None else linear_colours(foreign.colours, where)
     mesh = make_mesh(foreign.name, vertices.astype(precision), faces, colours, where)
-    if foreign.colours is not None:
-        return mesh
-    attributes = VertexAttributes(foreign.uv, foreign.vertex_colours)
-    return textured_mesh(mesh, faces, len(vertices), foreign.material, where, attributes)
+    material = foreign.material if foreign.colours is None else None
+    attributes = VertexAttributes(foreign.uv, foreign.vertex_colours, foreign.normals)
+    return textured_mesh(mesh, faces, len(vertices), material, where, attributes)
 
 
 def _reader(obj: object) -> _Reader | None:
@@ -167,7 +167,10 @@ def _material(material: Any, name: str) -> Material:
 
 def _open3d(mesh: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     colours = _from_srgb(mesh.vertex_colors) if mesh.has_vertex_colors() else None
-    yield ForeignMesh(name, np.asarray(mesh.vertices), np.asarray(mesh.triangles), vertex_colours=colours)
+    has_normals = getattr(mesh, "has_vertex_normals", lambda: False)()
+    normals = np.asarray(mesh.vertex_normals) if has_normals else None
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+    yield ForeignMesh(name, vertices, faces, vertex_colours=colours, normals=normals)
 
 
 def _open3d_tensors(mesh: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
@@ -189,8 +192,15 @@ def _pyvista(data: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
         surface = (data if hasattr(data, "strips") else data.extract_surface()).triangulate()
     faces = np.asarray(surface.faces).reshape(-1, 4)[:, 1:]
     of_faces = _named_colours(surface.cell_data) if len(faces) == surface.n_cells else None
-    of_points = _named_colours(surface.point_data)
-    yield ForeignMesh(name, surface.points, faces, None if of_points is not None else of_faces, of_points)
+    of_points, normals = _named_colours(surface.point_data), _point_normals(surface.point_data)
+    of_faces = None if of_points is not None else of_faces
+    yield ForeignMesh(name, surface.points, faces, of_faces, of_points, normals=normals)
+
+
+def _point_normals(data: Any) -> np.ndarray | None:
+    """(v, 3) float: the array that VTK names Normals; None without it."""
+    normals = np.asarray(data["Normals"]) if "Normals" in list(data) else None
+    return normals if normals is not None and normals.dtype.kind == "f" and normals.shape[1:] == (3,) else None
 
 
 def _pyvista_blocks(blocks: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
@@ -266,11 +276,10 @@ def data_of_arrays(
     positions = positions.reshape(-1, 3)
     mesh = make_mesh(name, positions, indices, colours, name)
     if any(attribute is not None for attribute in (vertex_colours, uv, texture, normals)):
-        if colours is not None:
-            raise InputError(
-                f"{name}: colours and vertex_colours, uv, texture or normals exclude each other; leave colours out"
-            )
-        material = PLAIN if texture is None else Material(texture=picture_texture(texture, name))
+        if colours is not None and any(each is not None for each in (vertex_colours, uv, texture)):
+            raise InputError(f"{name}: colours and vertex_colours, uv or texture exclude each other; leave colours out")
+        textured = None if texture is None else Material(texture=picture_texture(texture, name))
+        material = None if colours is not None else textured or PLAIN
         attributes = VertexAttributes(uv, vertex_colours, normals)
         mesh = textured_mesh(mesh, indices, len(positions), material, name, attributes)
     system = None if crs is None else checked_crs(crs)

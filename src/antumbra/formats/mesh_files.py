@@ -110,12 +110,9 @@ def _read_triangles(data: bytes, name: str, where: str) -> Mesh | None:
     vertices, faces = rows
     of_faces, of_vertices = _colours(faces), _colours(vertices)
     mesh = make_mesh(name, _columns(vertices, *"xyz"), faces["corners"], of_faces, where)
-    if of_faces is not None:
-        return mesh
-    normals = _columns(vertices, "nx", "ny", "nz") if "nx" in (vertices.dtype.names or ()) else None
-    return textured_mesh(
-        mesh, faces["corners"], len(vertices), PLAIN, where, VertexAttributes(None, of_vertices, normals)
-    )
+    normals = _columns(vertices, *_NORMAL) if "nx" in (vertices.dtype.names or ()) else None
+    material, attributes = PLAIN if of_faces is None else None, VertexAttributes(None, of_vertices, normals)
+    return textured_mesh(mesh, faces["corners"], len(vertices), material, where, attributes)
 
 
 def _colours(rows: np.ndarray) -> np.ndarray | None:
@@ -236,12 +233,11 @@ def _mesh(name: str, part: Any, file: str) -> Mesh:
         raise InputError(f"{where} has vertices of {positions.shape[-1]} numbers; a vertex is x y z")
     colours = np.asarray(part.visual.face_colors) if part.visual.kind == "face" else None
     mesh = make_mesh(name, positions, faces, colours, where)  # checks the indices
-    if colours is not None:
-        return mesh
     of_vertices = np.asarray(part.visual.vertex_colors) if part.visual.kind == "vertex" else None
     uv = flip_v(getattr(part.visual, "uv", None), len(positions))
     normals = part.vertex_normals if "vertex_normals" in part._cache else None  # only if from the file
-    return textured_mesh(mesh, faces, len(positions), PLAIN, where, VertexAttributes(uv, of_vertices, normals))
+    material = PLAIN if colours is None else None
+    return textured_mesh(mesh, faces, len(positions), material, where, VertexAttributes(uv, of_vertices, normals))
 
 
 def _is_text(stl: bytes) -> bool:

@@ -168,3 +168,22 @@ def normals_in_frames(corners: NDArray[np.float64], normals: NDArray[np.float64]
     upright = across / np.sqrt(np.where(area > 0.0, area, 1.0))[:, None]  # g |e1 x e2|^(1/2)
     out: NDArray[np.float32] = product(normals, np.stack([e1, e2, upright], 2)).astype(np.float32)
     return out
+
+
+def normals_from_frames(corners: NDArray[np.float64], frames: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(f, 3, 3) float64: unit corner normals of triangles, the inverse of `normals_in_frames`.
+
+    They are 0 where the frame is 0, and in triangles without area.
+
+    corners, frames : (f, 3, 3)
+    """
+    e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = np.cross(e1, e2)
+    squared = (across * across).sum(1)[:, None]
+    safe = np.where(squared > 0.0, squared, 1.0)
+    area = np.sqrt(safe)
+    # the dual basis of e1, e2 and the scaled normal
+    basis = np.stack([np.cross(e2, across) / safe, np.cross(across, e1) / safe, across / (area * np.sqrt(area))], 1)
+    normals = product(frames.astype(np.float64), basis)
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    return np.asarray(normals / np.where(length > 0.0, length, 1.0))

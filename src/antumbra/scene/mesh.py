@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array
 from ..errors import InputError
-from .materials import BYTE_TO_LINEAR, Material, MeshAppearance, Texture, look_of, mean_colours
+from .materials import BYTE_TO_LINEAR, PLAIN, Material, MeshAppearance, Texture, look_of, mean_colours
 
 # --- Indexed triangles and their checks -------------------------------------------------------------------------------
 
@@ -207,13 +207,14 @@ def textured_mesh(
     mesh: Mesh,
     faces: ArrayLike | None,
     n_vertices: int,
-    material: Material,
+    material: Material | None,
     where: str,
     attributes: VertexAttributes,
 ) -> Mesh:
     """A mesh from `make_mesh`, with the vertex attributes of its file or library.
 
     faces, n_vertices : the original faces and vertex count, since `make_mesh` drops unused vertices
+    material : None: the faces keep their colours, so normals are the only attributes that count
 
     Raises
     ------
@@ -233,6 +234,12 @@ def textured_mesh(
         if colours.ndim != 2 or len(colours) != n_vertices:
             raise InputError(f"{where}: vertex_colours of {n_vertices} vertices have shape {colours.shape}")
     normals = _checked_attribute(attributes.normals, (n_vertices, 3), f"{where}: normals")
+    if material is None:
+        if normals is None:
+            return mesh
+        of_face = np.full(n_faces(mesh.positions, mesh.faces), -1, np.int32)
+        look = look_of(PLAIN, normals=rows(normals), rest_positions=mesh.positions)
+        return mesh._replace(look=None if look is None else look._replace(material_of_face=of_face))
     uv, colours = rows(_checked_attribute(attributes.uv, (n_vertices, 2), f"{where}: uv")), rows(colours)
     look = look_of(material, uv, colours, rows(normals), mesh.positions)
     return mesh._replace(colour=mean_colours(material, mesh.faces, uv, colours), look=look)

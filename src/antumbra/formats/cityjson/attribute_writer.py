@@ -17,8 +17,9 @@ from ...errors import InputError
 from ...files import atomic_output, checked_file, checked_output
 from ...scene.mesh import Mesh
 from ...scene.scene_data import CityModel, SemanticSurface
+from .city_geometries import DEPTHS, INSTANCE
 from .city_polygons import RESERVED
-from .cityjson_file import DEPTHS, INSTANCE, SUFFIXES, lines_of, many_lists
+from .cityjson_file import SUFFIXES, lines_of, many_lists
 from .cityjson_source import read_cityjson
 
 _BUILT = ("Building", "Bridge", "Tunnel", "OtherConstruction")

@@ -19,7 +19,8 @@ from ...extras import import_extra
 from ...kernels.small_matrices import determinant, product
 from ...scene.scene_data import SemanticSurface
 from ..json_fields import Fields
-from .cityjson_file import DEPTHS, ChosenGeometry, CityDocument, CityPart
+from .city_geometries import DEPTHS, ChosenGeometry, containers
+from .cityjson_file import CityDocument
 
 # --- Triangulation of polygons in space, possibly with holes and not exactly planar -----------------------------------
 
@@ -166,9 +167,6 @@ def _doubled_areas(points: NDArray[np.float64], triangles: np.ndarray) -> NDArra
 # --- Polygons of boundaries, with their semantic surfaces -------------------------------------------------------------
 
 
-GROUP = "CityObjectGroup"
-"""Type of objects whose members do not count as their parts."""
-
 RESERVED = "type", "parent", "children"
 """Members of a semantic surface that are not attributes."""
 
@@ -237,28 +235,6 @@ def _check_expansion(document: CityDocument, chosen: list[ChosenGeometry]) -> No
             f"{document.file}: {len(placed):,} instances of templates have {total:,} polygons, more than "
             f"{_MOST_PER_INSTANCE:,} each; take simpler templates"
         )
-
-
-def containers(part: CityPart) -> dict[str, str]:
-    """Id of each object in another one -> id of that object. Groups do not count.
-
-    Objects name the others in "parents". Some files have only "children".
-    """
-    out: dict[str, str] = {}
-    for name, city_object in part.objects.items():
-        for child in _ids(city_object, "children") if city_object.get("type") != GROUP else ():
-            out.setdefault(child, name)
-    for name, city_object in part.objects.items():
-        above = (p for p in _ids(city_object, "parents") if p in part.objects and part.objects[p].get("type") != GROUP)
-        parent = next(above, None)
-        if parent is not None:
-            out[name] = parent
-    return out
-
-
-def _ids(city_object: dict[str, Any], key: str) -> list[str]:
-    ids = city_object.get(key)
-    return [each for each in ids if isinstance(each, str)] if isinstance(ids, list) else []
 
 
 def containers_of(name: str, above: dict[str, str]) -> list[str]:

@@ -11,8 +11,10 @@ from ...scene.crs import in_one_unit, parts_of_crs
 from ...scene.materials import srgb_to_linear
 from ...scene.mesh import Mesh, MeshInfo, ObjectInfo, Piece, StaticMeshes, make_mesh
 from ...scene.scene_data import CityModel, SemanticSurface
+from ..repeated_faces import repeated_faces_notes
+from .city_geometries import chosen_geometries
 from .city_polygons import Polygons, Triangulation, polygons_of, triangulate
-from .cityjson_file import CityDocument, chosen_geometries, many_lists, open_cityjson
+from .cityjson_file import CityDocument, many_lists, open_cityjson
 
 # --- Pale colours of semantic surfaces and city objects ---------------------------------------------------------------
 
@@ -110,7 +112,8 @@ def read_cityjson(path: Path, lod: str | None = None, crs: str | None = None) ->
 
     Heights in another unit than the plan, by the CRS, are converted to that of the plan.
 
-    lod : level of detail, such as "2.2"; None: the highest of each object
+    lod : level of detail, such as "2.2"; None: the highest of each object. Of several geometries of an object at this
+        level, one is read; see `city_geometries`.
     crs : instead of that of the file
 
     Raises
@@ -120,9 +123,9 @@ def read_cityjson(path: Path, lod: str | None = None, crs: str | None = None) ->
     """
     with many_lists():
         document = open_cityjson(path)
-        chosen, lods = chosen_geometries(document, lod)
-        polygons = polygons_of(document, chosen)
-    polygons, notes = _in_one_unit(polygons, document, crs or document.crs)
+        choice = chosen_geometries(document, lod)
+        polygons = polygons_of(document, choice.geometries)
+    polygons, converted = _in_one_unit(polygons, document, crs or document.crs)
     cut = triangulate(polygons.vertices, polygons.rings)
     faces = np.where(polygons.mirrored[cut.polygon, None], cut.faces[:, ::-1], cut.faces)
     surface = polygons.surface[cut.polygon]
@@ -133,8 +136,10 @@ def read_cityjson(path: Path, lod: str | None = None, crs: str | None = None) ->
     if not len(faces):
         raise InputError(f"{document.file}: no object has a surface with an area; take a file with such geometry")
     mesh = make_mesh(document.file, polygons.vertices, faces, colours[surface], document.file)
-    city = CityModel(document.crs, ids, owner, surface, used.surfaces, types, parents, lods, attributes)
-    return CityFile(CityMeshes(mesh, document.file, city), document.notes + notes + _notes(document.file, cut), city)
+    city = CityModel(document.crs, ids, owner, surface, used.surfaces, types, parents, choice.levels, attributes)
+    notes = document.notes + choice.notes + converted + _notes(document.file, cut)
+    notes += repeated_faces_notes(mesh, document.file)
+    return CityFile(CityMeshes(mesh, document.file, city), notes, city)
 
 
 def _in_one_unit(polygons: Polygons, document: CityDocument, crs: str | None) -> tuple[Polygons, list[str]]:

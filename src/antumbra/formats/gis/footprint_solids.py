@@ -16,6 +16,7 @@ from ...scene.scene_data import CityModel, SemanticSurface
 from ...scene.terrain import TERRAIN_TYPE, HeightGrid, TerrainSurfaces, terrain_blocks
 from ..cityjson.city_polygons import Rings, triangulate
 from ..cityjson.cityjson_source import CityMeshes, colours_of
+from ..repeated_faces import repeated_faces_notes
 from .footprint_bases import lowest_under
 from .footprint_table import Footprints, PolygonRings
 
@@ -115,7 +116,7 @@ def solids_of(footprints: Footprints, terrain: HeightGrid | None) -> tuple[Build
     source = BuildingSolids(mesh, footprints.file, city, terrain)
     if terrain is not None:
         city = _with_terrain(city, terrain.name, source.meshes[-1].triangles)
-    return source, city, footprints.notes
+    return source, city, footprints.notes + repeated_faces_notes(mesh, footprints.file)
 
 
 def _with_terrain(city: CityModel, name: str, triangles: int) -> CityModel:

@@ -147,6 +147,12 @@ class GltfSource:
             first += n * int(counts.sum())
         return instance_set(meshes, mesh, matrices, starts)
 
+    def repeated_nodes(self) -> int:
+        """The number of nodes with the mesh and the transform of another one, if nothing is animated."""
+        world, single = self._pose(0.0)[0], [draw for draw in self._draws if draw.skin is None and draw.copies is None]
+        keys = {(id(draw.primitives), world[draw.node].tobytes()) for draw in single if draw.primitives}
+        return 0 if self._tracks else sum(bool(draw.primitives) for draw in single) - len(keys)
+
     def cameras(self, time: float) -> list[Camera]:
         return self._views.cameras(self._pose(time)[0])
 
@@ -180,6 +186,9 @@ def read_gltf(path: Path) -> tuple[GltfSource, list[str]]:
     _check_size(document.file, draws)
     _check_transforms(nodes, draws, tracks, views)
     source = GltfSource(document.file, *_info(meshes, mesh_of_node, nodes, draws), nodes, draws, tracks, views)
+    repeated = source.repeated_nodes()
+    if repeated:
+        notes.append(f"{document.file}: {repeated} nodes repeat another with the same mesh at the same place")
     return source, notes + materials.notes + views.notes + ignored_fields(root)
 
 

@@ -134,16 +134,24 @@ class GltfWriter:
         }
 
     def primitive(
-        self, positions: np.ndarray, indices: np.ndarray | None = None, colours: ArrayLike | None = None, **fields: Any
+        self,
+        positions: np.ndarray,
+        indices: np.ndarray | None = None,
+        colours: ArrayLike | None = None,
+        normals: np.ndarray | None = None,
+        **fields: Any,
     ) -> Json:
         """Append the arrays of a primitive, and return it.
 
         positions : (v, 3), stored as float32
         indices : whole numbers of any shape, stored as uint32; None: all positions in order
         colours : (v, 3), linear, stored as float32
+        normals : (v, 3), unit, stored as float32
         fields : further fields, such as the material
         """
         attributes = {"POSITION": self.accessor(np.asarray(positions, "<f4"), bounds=True)}
+        if normals is not None:
+            attributes["NORMAL"] = self.accessor(np.asarray(normals, "<f4"))
         if colours is not None:
             attributes["COLOR_0"] = self.accessor(np.asarray(colours, "<f4"))
         primitive: Json = {"attributes": attributes}

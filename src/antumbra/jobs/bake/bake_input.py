@@ -5,7 +5,7 @@ The file is the input itself, or a new one created from any other kind of scene.
 
 import os
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from ...formats.gltf.gltf_file import open_gltf
 from ...formats.gltf.gltf_writer import Json, up_axis_transform
 from ...kernels.small_matrices import product
 from ...picture.image_files import automatic_exposure
+from ...scene.appearance import normals_from_frames
 from ...scene.camera import axes
 from ...scene.default_picture import sun
 from ...scene.light_lists import without_interleave
@@ -27,7 +28,7 @@ from ...scene.lights import DirectionalLight, Light
 from ...scene.mesh import Piece
 from ..measured_scenes import measured_scene
 from .bake_options import BakeOptions
-from .gltf_primitives import NodePrimitive, read_primitives
+from .gltf_primitives import NodePrimitive, primitive_json, read_primitives
 from .surface_meter import MeterSettings
 
 # --- Settings that depend on the scene ------------------------------------------------------------------------------
@@ -49,12 +50,12 @@ def meter_settings(options: BakeOptions, scene: Scene) -> MeterSettings:
 
 
 def exposure_of(values: NDArray[np.float32], options: BakeOptions) -> float:
-    """The factor on light, from the measured values ((n, c), NaN for hidden points)."""
+    """The factor on light, from the measured values, (n, c)."""
     if options.exposure is not None:
         return options.exposure
     if options.what != "light":
         return 1.0
-    return automatic_exposure(values[None], np.isfinite(values[None, :, 0]))
+    return automatic_exposure(values[None], np.ones((1, len(values)), bool))
 
 
 # --- The scene and its glTF file --------------------------------------------------------------------------------------
@@ -78,6 +79,9 @@ class BakeScene(NamedTuple):
     scene: Scene  # the original scene: all rays are traced in it, so lights are in its frame
     asset: Asset
     parts: list[NodePrimitive]  # of the asset, in the frame of the scene
+    double_sided: NDArray[np.bool_]  # (n,) bool: the faces of the scene whose material in the file is double-sided
+    is_new: bool  # the file is created from the scene, so its COLOR_0 are base colours
+    notes: list[str]  # what the file loses
 
 
 def bake_source(scene: SceneLike, up: str | None = None) -> BakeSource:
@@ -108,14 +112,34 @@ def open_source(source: BakeSource, time: float) -> BakeScene:
         asset = scene_to_asset(scene, time)
         parts = read_primitives(_scene_of_asset(asset, scene.name), asset, time)
         _scale_to_metres(asset, scene.unit.metres)
-        return BakeScene(
-            scene, asset, parts if scene.up == "y" else [_in_scene_frame(part, axes(scene.up)) for part in parts]
-        )
+        parts = parts if scene.up == "y" else [_in_scene_frame(part, axes(scene.up)) for part in parts]
+        double_sided = np.ones(scene.n_triangles, bool)  # as `_material` writes them
+        return BakeScene(scene, asset, parts, double_sided, True, _conversion_notes(scene))
     asset, read = open_asset(file), scene
+    double_sided = _double_sided_faces(scene, asset, time)
     if _has_instancing(asset):
         _expand_instances(asset, file)
         read = _scene_of_asset(asset, scene.name)
-    return BakeScene(scene, asset, read_primitives(read, asset, time))
+    return BakeScene(scene, asset, read_primitives(read, asset, time), double_sided, False, [])
+
+
+def _conversion_notes(scene: Scene) -> list[str]:
+    """What a scene loses when it becomes a new glTF file."""
+    n = 0 if scene.appearance is None else len(scene.appearance.textures)
+    if not n:
+        return []
+    return [f"{scene.name}: {n} textures become the mean colours of faces; to keep them, bake the path of a glTF file"]
+
+
+def _double_sided_faces(scene: Scene, asset: Asset, time: float) -> NDArray[np.bool_]:
+    """(n,) bool: the faces of a scene whose material in its glTF file is double-sided."""
+    materials, counts, flags = asset.json.get("materials", []), list[int](), list[bool]()
+    source: Any = scene.source  # of a glTF file
+    for placed in source.placed(scene.clamped(time)):
+        material = primitive_json(asset, placed).get("material")
+        counts.append(placed.primitive.triangles * len(placed.vertices))
+        flags.append(material is not None and bool(materials[material].get("doubleSided")))
+    return np.repeat(np.array(flags, bool), counts)
 
 
 def _scale_to_metres(asset: Asset, metres: float) -> None:
@@ -141,7 +165,10 @@ def _in_scene_frame(part: NodePrimitive, frame: np.ndarray) -> NodePrimitive:
 
 
 def scene_to_asset(scene: Scene, time: float) -> Asset:
-    """A scene in memory as glTF: its triangles at a time, with base colours. A scene with +Z up is rotated."""
+    """A scene in memory as glTF: its triangles at a time, with base colours and the normals of its vertices.
+
+    A scene with +Z up is rotated.
+    """
     asset = Asset()
     root: Json = {"name": scene.name, "translation": scene.origin.tolist(), "children": []}
     if scene.up == "z":
@@ -149,6 +176,7 @@ def scene_to_asset(scene: Scene, time: float) -> Asset:
     else:
         asset.add_root(root)
     materials: dict[bytes, int] = {}
+    first, frames = 0, None if scene.appearance is None else scene.appearance.normals
     for piece in scene.source.pieces(scene.clamped(time)):
         vertices = (
             piece.vertices
@@ -156,29 +184,80 @@ def scene_to_asset(scene: Scene, time: float) -> Asset:
             else ((1.0 - piece.share) * piece.vertices + piece.share * piece.towards)
         )
         for copy in vertices:
-            local = (copy.astype(np.float64) - scene.origin).astype(np.float32)
-            faces = np.arange(len(local)).reshape(-1, 3) if piece.faces is None else piece.faces
+            faces = np.arange(len(copy)).reshape(-1, 3) if piece.faces is None else piece.faces
+            rows = slice(first, first + len(faces))
+            shape = _Shape(
+                (copy.astype(np.float64) - scene.origin).astype(np.float32),
+                faces,
+                _normals_of(piece, copy, faces, None if frames is None else frames[rows]),
+                np.broadcast_to(piece.colour, (len(faces), 3)),
+            )
             name = piece.where.rpartition('mesh "')[2].rstrip('"') or scene.name
-            mesh = asset.add("meshes", {"name": name, "primitives": _primitives(asset, local, faces, piece, materials)})
+            mesh = asset.add("meshes", {"name": name, "primitives": _primitives(asset, shape, materials)})
             root["children"].append(asset.add("nodes", {"name": name, "mesh": mesh}))
+            first = rows.stop
     return asset
 
 
-def _primitives(
-    asset: Asset, vertices: np.ndarray, faces: np.ndarray, piece: Piece, materials: dict[bytes, int]
-) -> list[Json]:
-    """A primitive for each colour of a piece."""
-    colours = np.broadcast_to(piece.colour, (len(faces), 3))
-    kinds, of_face = np.unique(colours, axis=0, return_inverse=True)
+class _Shape(NamedTuple):
+    """Triangles to write."""
+
+    vertices: NDArray[np.float32]  # (v, 3)
+    faces: NDArray[np.integer]  # (f, 3)
+    normals: NDArray[np.float32] | None  # (v, 3) unit, 0: none
+    colours: NDArray[np.float32]  # (f, 3), linear
+
+    def part(self, faces: NDArray[np.integer] | NDArray[np.bool_]) -> "_Shape":
+        """Some of the faces, with the vertices that they use."""
+        used, corners = np.unique(self.faces[faces], return_inverse=True)
+        normals = None if self.normals is None else self.normals[used]
+        return _Shape(self.vertices[used], corners.reshape(-1, 3), normals, self.colours[faces])
+
+
+def _normals_of(
+    piece: Piece, vertices: np.ndarray, faces: NDArray[np.integer], frames: NDArray[np.float32] | None
+) -> NDArray[np.float32] | None:
+    """(v, 3) float32: unit normals of a copy's vertices; 0 where there is none. None: no vertex has one.
+
+    frames : `Appearance.normals` of the copy's faces, which move with them
+    """
+    look = piece.look
+    if frames is None or look is None or look.normals is None or look.rest_positions is None:
+        return None
+    if piece.linear is None and np.array_equal(vertices, look.rest_positions):
+        normals = look.normals.astype(np.float64)
+    else:  # the mean over the corners at a vertex, which agree where nothing bends
+        corners, normals = normals_from_frames(vertices[faces].astype(np.float64), frames), np.zeros(vertices.shape)
+        np.add.at(normals, faces.reshape(-1), corners.reshape(-1, 3))
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(normals / np.where(length > 0.0, length, 1.0), np.float32)
+
+
+def _primitives(asset: Asset, shape: _Shape, materials: dict[bytes, int]) -> list[Json]:
+    """A primitive for each colour, once with normals and once for the faces without."""
+    if shape.normals is None:
+        return _coloured_primitives(asset, shape, materials)
+    has_normals = (shape.normals[shape.faces] != 0.0).any(2).all(1)
+    parts = shape.part(has_normals), shape.part(~has_normals)._replace(normals=None)
+    return [
+        primitive for part in parts if len(part.faces) for primitive in _coloured_primitives(asset, part, materials)
+    ]
+
+
+def _coloured_primitives(asset: Asset, shape: _Shape, materials: dict[bytes, int]) -> list[Json]:
+    """A primitive for each colour of the faces."""
+    kinds, of_face = np.unique(shape.colours, axis=0, return_inverse=True)
     of_face = of_face.reshape(-1)
     if len(kinds) > _MOST_MATERIALS:  # vertex colours instead; a vertex with several colours is duplicated
-        keys, corners = np.unique(faces.astype(np.int64) * len(kinds) + of_face[:, None], return_inverse=True)
-        colours, white = kinds[keys % len(kinds)], _material(asset, np.ones(3), materials)
-        return [asset.primitive(vertices[keys // len(kinds)], corners, colours, material=white)]
+        keys, corners = np.unique(shape.faces.astype(np.int64) * len(kinds) + of_face[:, None], return_inverse=True)
+        vertex, white = keys // len(kinds), _material(asset, np.ones(3), materials)
+        normals = None if shape.normals is None else shape.normals[vertex]
+        return [asset.primitive(shape.vertices[vertex], corners, kinds[keys % len(kinds)], normals, material=white)]
     primitives = []
     for k, colour in enumerate(kinds):
-        used, corners = np.unique(faces[of_face == k], return_inverse=True)
-        primitives.append(asset.primitive(vertices[used], corners, material=_material(asset, colour, materials)))
+        part = shape.part(of_face == k)
+        material = _material(asset, colour, materials)
+        primitives.append(asset.primitive(part.vertices, part.faces, normals=part.normals, material=material))
     return primitives
 
 

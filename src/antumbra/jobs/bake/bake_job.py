@@ -1,10 +1,10 @@
 """`antumbra.bake`: bake visibility or light into the textures or vertex attributes of a glTF file.
 
-A bake into textures also needs PNG and EXR images, and base colours to multiply with baked light. `Baked` is the
-report.
+A bake into textures also needs PNG and EXR images. `Baked` is the report.
 """
 
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from os import PathLike
@@ -18,19 +18,18 @@ from ...checks import choice
 from ...engine.scene_loading import SceneLike
 from ...files import atomic_output, checked_output
 from ...formats.format_registry import GLB
-from ...formats.gltf.accessors import Accessors
-from ...formats.gltf.gltf_asset import Asset, image_of_texture
+from ...formats.gltf.gltf_asset import Asset
 from ...formats.gltf.gltf_writer import Json
-from ...kernels.elementary import cos, sin
 from ...picture.image_files import write_exr
 from ...picture.option_fields import with_keywords
 from ...picture.png_files import SMALL, png_file
 from ...progress import PhaseClock, Progress, with_progress
-from ...scene.materials import decode_image, linear_of, linear_to_srgb
+from ...scene.materials import linear_to_srgb
 from ..executors import Executor, Keep, executor_of
 from .bake_input import BakeScene, BakeSource, bake_source, exposure_of, meter_settings, open_source
 from .bake_options import BakeKeywords, BakeOptions
-from .baked_values import Solids, Texels, image_of, replace_hidden, sample_bilinear, seam_differences, vertex_receivers
+from .baked_values import Texels, image_of, replace_hidden, seam_differences, sheet_notes, vertex_receivers
+from .base_colours import BaseColours
 from .gltf_primitives import (
     NodePrimitive,
     Remapper,
@@ -41,8 +40,9 @@ from .gltf_primitives import (
     unshared_primitives,
     write_colours,
 )
+from .solids import Solids
 from .surface_meter import Measurement, Meter, curve_blocks
-from .texture_atlas import Sheet, Unwrapped, atlas, corners_of, uv_set_sheets
+from .texture_atlas import Sheet, Unwrapped, atlas, uv_set_sheets
 
 _P = ParamSpec("_P")
 
@@ -60,10 +60,11 @@ class Baked(NamedTuple):
     receivers: int  # vertices or texels measured
     hidden: int  # receivers inside solids
     rays: int  # shadow rays traced
-    mean: float  # mean of all measured values, without the NaN of hidden texels
+    mean: float  # mean of all measured values, without those of hidden texels
     exposure: float  # factor on light in colours and textures, which range from 0 to 1; not in custom attributes or EXR
     seam: float | None  # 99th percentile of the difference across seams; None: no texture, or no seams
     seconds: dict[str, float]  # per phase: read, unwrap, trace, write
+    notes: tuple[str, ...] = ()  # what the file loses, and how to keep it
 
 
 # --- Image files ------------------------------------------------------------------------------------------------------
@@ -86,80 +87,6 @@ def save_float_exr(image: NDArray[np.float32], path: Path) -> None:
     write_exr(channels, path, None)
 
 
-# --- Base colours -----------------------------------------------------------------------------------------------------
-
-
-_TRANSFORM = "KHR_texture_transform"
-
-
-def base_texels(asset: Asset, accessors: Accessors, sheet: Sheet, primitives: Sequence[Json]) -> NDArray[np.float32]:
-    """(n, 4) float32: linear base colour and alpha of the covered texels, without the materials' factors.
-
-    primitives : original JSON of each member of the sheet
-    """
-    cover, out, start = sheet.cover, np.ones((len(sheet.cover.texel), 4), np.float32), 0
-    images: dict[int, np.ndarray | None] = {}
-    for one, primitive in zip(sheet.unwrapped, primitives):
-        inside = (cover.face >= start) & (cover.face < start + len(one.faces))
-        start += len(one.faces)
-        texture = _base_texture(asset, primitive)
-        if texture is None or not inside.any():
-            continue
-        source = image_of_texture(asset.json["textures"][texture["index"]])
-        if source is None:
-            continue
-        if source not in images:
-            images[source] = _decode_image(asset, source)
-        transform = texture.get("extensions", {}).get(_TRANSFORM, {})
-        name = f"TEXCOORD_{transform.get('texCoord', texture.get('texCoord', 0))}"
-        image = images[source]
-        if image is None or name not in primitive["attributes"]:
-            continue
-        uv = accessors.finite(primitive["attributes"][name], "VEC2")[one.part.rows]
-        corners = corners_of([one], [uv])[cover.face[inside] - (start - len(one.faces))]
-        points = np.einsum("nk,nki->ni", cover.weights[inside], corners)
-        out[inside] = _sample_repeated(image, _transform_uv(points, texture))
-    return out
-
-
-def _base_texture(asset: Asset, primitive: Json) -> Json | None:
-    if "material" not in primitive:
-        return None
-    material = asset.json["materials"][primitive["material"]]
-    texture: Json | None = material.get("pbrMetallicRoughness", {}).get("baseColorTexture")
-    return texture
-
-
-def _decode_image(asset: Asset, index: int) -> NDArray[np.float32] | None:
-    """(h, w, 4) float32, linear; None if the image cannot be read."""
-    try:
-        data = asset.image_bytes(index)
-        return None if data is None else linear_of(decode_image(data))
-    except ValueError:
-        return None
-
-
-def _transform_uv(uv: NDArray[np.float64], texture: Json) -> NDArray[np.float64]:
-    """Texture coordinates under KHR_texture_transform."""
-    transform = texture.get("extensions", {}).get(_TRANSFORM, {})
-    angle, scale, offset = (
-        transform.get("rotation", 0.0),
-        transform.get("scale", (1, 1)),
-        transform.get("offset", (0, 0)),
-    )
-    x, y = uv[:, 0] * scale[0], uv[:, 1] * scale[1]
-    c, s = cos(angle), sin(angle)
-    return np.stack([c * x + s * y + offset[0], -s * x + c * y + offset[1]], 1)
-
-
-def _sample_repeated(image: NDArray[np.float32], uv: NDArray[np.float64]) -> np.ndarray:
-    """(n, 4): bilinear samples with wrap mode REPEAT, the mode of most textures."""
-    ring = np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="wrap")
-    h, w = image.shape[:2]
-    inside = uv - np.floor(uv)
-    return sample_bilinear(ring, (inside * (w, h) + 1.0) / (w + 2, h + 2))
-
-
 # --- Baking into textures ---------------------------------------------------------------------------------------------
 
 
@@ -167,7 +94,7 @@ def bake_textures(
     source: BakeScene, options: BakeOptions, output: Path, clock: PhaseClock, executor: Executor
 ) -> Baked | None:
     """Measure the texels of all sheets and write the files; None if the executor leaves texels to other shards."""
-    scene, asset, parts = source
+    scene, asset, parts, double_sided, _, notes = source
     accessors, size = accessors_of(asset, scene.name), options.texture
     assert size is not None
     sheets = atlas(parts, size) if options.uv is None else uv_set_sheets(parts, accessors, options.uv, size)
@@ -177,23 +104,22 @@ def bake_textures(
     job = [each.parts for each in texels]
     if not executor.finish(job):
         return None
-    solids = None if options.keep_hidden else Solids(scene, options.time, options.threads)
+    solids = None if options.keep_hidden else Solids(scene, double_sided, options.time, options.threads)
     measured = [each.values(solids) for each in texels]
     if options.what == "bent-normal":
         measured = [(_local_texels(sheet, values), hidden) for sheet, (values, hidden) in zip(sheets, measured)]
     clock.lap("trace")
-    all_values = np.concatenate([values for values, _ in measured])
-    exposure = exposure_of(all_values, options)
+    all_values, hidden = (np.concatenate(arrays) for arrays in zip(*measured))
+    seen = all_values if hidden.all() else all_values[~hidden]
+    exposure = exposure_of(seen, options)
     originals = [dict(part.json, attributes=dict(part.json["attributes"])) for part in parts]
     primitives, images, seams = unshared_primitives(asset, parts), list[tuple[Path, np.ndarray]](), list[np.ndarray]()
-    remapper = Remapper(asset, accessors)
+    remapper, base = Remapper(asset, accessors), BaseColours(asset, accessors)
     for i, (sheet, (values, _)) in enumerate(zip(sheets, measured)):
         image = image_of(sheet.cover, values)
         images.append((_exr_path(output, i, len(sheets)), image))
         seams.append(seam_differences(sheet, image))
-        texture_image = _material_image(
-            asset, accessors, sheet, values * exposure, [originals[k] for k in sheet.members], options
-        )
+        texture_image = _material_image(base, sheet, values * exposure, [originals[k] for k in sheet.members], options)
         pixels = encode_pixels(texture_image, options.bits, options.is_light)
         png = png_file(pixels, is_srgb=False, level=SMALL)  # glTF says which textures are sRGB
         texture = asset.texture(png, options.what)
@@ -211,6 +137,7 @@ def bake_textures(
     executor.end(job)
     clock.lap("write")
     seam = np.concatenate(seams)
+    notes = [*notes, *sheet_notes(sheets, options.uv), *base.notes(size)]
     return Baked(
         path=output,
         images=[path for path, _ in images],
@@ -218,12 +145,13 @@ def bake_textures(
         attribute=None,
         parts=len(parts),
         receivers=len(all_values),
-        hidden=sum(hidden for _, hidden in measured),
+        hidden=int(hidden.sum()),
         rays=meter.rays,
-        mean=float(np.nanmean(all_values)),
+        mean=float(seen.mean()),
         exposure=exposure,
         seam=float(np.percentile(seam, 99)) if len(seam) else None,
         seconds=clock.seconds,
+        notes=tuple(notes),
     )
 
 
@@ -238,19 +166,18 @@ def _uv_set(one: Unwrapped, primitive: Json, remapper: Remapper, asset: Asset, u
 
 
 def _material_image(
-    asset: Asset, accessors: Accessors, sheet: Sheet, values: NDArray[np.floating], originals: list[Json],
-    options: BakeOptions,
-) -> NDArray[np.float32]:  # fmt: skip
+    base: BaseColours, sheet: Sheet, values: NDArray[np.floating], originals: list[Json], options: BakeOptions
+) -> NDArray[np.float32]:
     """(size, size, c) float32: the material's texture, ambient occlusion or light times the base colour."""
     what = options.what
     if what == "ao":
         return image_of(sheet.cover, values)
     if what == "bent-normal":
         return np.asarray(0.5 + 0.5 * image_of(sheet.cover, values))
-    base = base_texels(asset, accessors, sheet, originals)
-    base[:, :3] *= np.clip(values, 0.0, 1.0)
-    image = image_of(sheet.cover, np.where(np.isnan(values[:, :1]), np.nan, base))
-    return image[..., :3] if (base[:, 3] == 1.0).all() else image
+    colours = base.texels(sheet, originals)
+    colours[:, :3] *= np.clip(values, 0.0, 1.0)
+    image = image_of(sheet.cover, colours)
+    return image[..., :3] if (colours[:, 3] == 1.0).all() else image
 
 
 def _set_texture(asset: Asset, texture: int, options: BakeOptions, material: Json, uv_set: int) -> None:
@@ -286,25 +213,29 @@ def bake_vertices(
     source: BakeScene, options: BakeOptions, output: Path, clock: PhaseClock, executor: Executor
 ) -> Baked | None:
     """Measure the vertices of all parts and write the file; None if the executor leaves vertices to other shards."""
-    scene, asset, parts = source
+    scene, asset, parts, double_sided, is_new, notes = source
     meter = Meter(scene, meter_settings(options, scene), sum(len(p.positions) for p in parts))
     receivers = vertex_receivers(parts)
     measurement = Measurement(meter, receivers, curve_blocks(receivers.positions), False, executor.folder)
     if not executor.finish([measurement.parts]):
         return None
-    solids = None if options.keep_hidden else Solids(scene, options.time, options.threads)
+    solids = None if options.keep_hidden else Solids(scene, double_sided, options.time, options.threads)
     values = measurement.result()
     hidden = replace_hidden(values, receivers, parts, meter, solids)
     clock.lap("trace")
     exposure = exposure_of(values, options)
     name, accessors = options.vertex_attribute, accessors_of(asset, scene.name)
+    multiply, replaced = options.multiply or is_new, sum(name in part.json["attributes"] for part in parts)
+    if replaced and not multiply:
+        cure = "multiply keeps it" if name == "COLOR_0" else "choose another attribute to keep it"
+        notes = [*notes, f"{scene.name}: {name} of {replaced} parts is replaced; {cure}"]
     primitives = unshared_primitives(asset, parts)
     for part, primitive, part_values in zip(parts, primitives, _split(values, parts)):
         if options.what == "bent-normal":
             part_values = to_local(part_values, part)
         if name == "COLOR_0":
             colours = 0.5 + 0.5 * part_values if options.what == "bent-normal" else part_values * exposure
-            write_colours(asset, accessors, primitive, all_rows(part, colours), options.multiply)
+            write_colours(asset, accessors, primitive, all_rows(part, colours), multiply)
         else:
             rows = all_rows(part, part_values)
             primitive["attributes"][name] = asset.accessor(rows[:, 0] if rows.shape[1] == 1 else rows)
@@ -327,6 +258,7 @@ def bake_vertices(
         exposure=exposure,
         seam=None,
         seconds=clock.seconds,
+        notes=tuple(notes),
     )
 
 
@@ -391,12 +323,19 @@ def bake(
     ------
     InputError
         If an argument is invalid, or the scene cannot be read or written. No file is left behind.
+
+    Warns
+    -----
+    UserWarning
+        Once for each of `Baked.notes`, such as textures that lose detail.
     """
     path, executor = checked_output(output, GLB.suffixes), executor_of(keep)
     choice(up, "up", (None, "y", "z"))
     options = BakeOptions(what=what, **keywords)
     clock = PhaseClock()
     report = bake_file(bake_source(scene, up), options, path, clock, executor)
+    for note in () if report is None else report.notes:
+        warnings.warn(note, UserWarning, stacklevel=4)
     return report  # type: ignore[return-value]  # None: a shard, of a command
 
 

@@ -1,7 +1,6 @@
 """Baked values at vertices and texels, with values inside solids replaced, and the images of texels.
 
-A receiver is inside a solid if the rays of its hemisphere hit back faces first, so solids are defined by the
-orientation of faces. Such points are never visible, but interpolation would spread their darkness.
+Points inside solids are never visible, but interpolation would spread their darkness.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,56 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.scene import Scene
 from ...picture.discontinuity_filter import filter_fractions
 from ...progress import report_progress
-from ...query.light_samples import light_samples
 from ...query.receivers import NOTHING
 from ...query.surface_links import PictureSurfaces
 from ...scene.lights import AmbientOcclusion
-from ..surface_groups import tangents_of
 from .gltf_primitives import NodePrimitive
 from .smooth_normals import face_vectors
+from .solids import Solids
 from .surface_meter import SIDE, Measurement, Meter, ReceiverPoints, curve_order
-from .texture_atlas import Cover, Sheet, Unwrapped, chart_of_faces, closest_weights, corners_of
-
-# --- Points inside solids ---------------------------------------------------------------------------------------------
-
-
-_RAYS, _ENOUGH = 16, 15  # one ray may leak through a gap
-_BATCH = 1 << 16
-_LIFT = 2.0**-20  # offset from the surface, in units of the largest coordinate
-
-
-class Solids:
-    """The solids of a scene at a time."""
-
-    def __init__(self, scene: Scene, time: float, threads: int | None):
-        triangles = scene.triangles(time, threads)
-        a, b, c = (triangles.vertices[:, k].astype(np.float64) for k in range(3))
-        self._scene, self._time, self._threads = scene, time, threads
-        self._outward = np.cross(b - a, c - a)
-        self._samples = light_samples(AmbientOcclusion(), _RAYS, "larcher-pillichshammer")[0]
-
-    def contain(self, receivers: ReceiverPoints) -> NDArray[np.bool_]:
-        """(n,) bool: which receivers are inside a solid."""
-        inside = np.zeros(len(receivers.positions), bool)
-        for start in range(0, len(inside), _BATCH):
-            part = slice(start, start + _BATCH)
-            inside[part] = self._contain(receivers.at(part))
-        return inside
-
-    def _contain(self, receivers: ReceiverPoints) -> NDArray[np.bool_]:
-        local = receivers.positions - self._scene.origin
-        far = np.abs(local).max(-1, keepdims=True)
-        origins = receivers.positions + _LIFT * far * receivers.normals
-        u, v = tangents_of(receivers.normals)
-        a, b, c = (self._samples[:, k, None] for k in range(3))
-        directions = a * u[:, None] + b * v[:, None] + c * receivers.normals[:, None]
-        face = self._scene.closest_hit(origins[:, None], directions, time=self._time, threads=self._threads).face
-        from_behind = (self._outward[face] * directions).sum(-1) > 0.0
-        return np.asarray(((face >= 0) & from_behind).sum(1) >= _ENOUGH)
-
+from .texture_atlas import OVERLAP, Cover, Sheet, Unwrapped, chart_of_faces, closest_weights, corners_of
 
 # --- Vertices ---------------------------------------------------------------------------------------------------------
 
@@ -197,21 +156,26 @@ class Texels:
         )
         self.parts = self._measurement.parts
 
-    def values(self, solids: Solids | None) -> tuple[NDArray[np.float32], int]:
-        """((n, c) float32 values of the covered texels, number of hidden texels), once all parts are done.
+    def values(self, solids: Solids | None) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """((n, c) float32 values of the covered texels, (n,) bool: which are hidden), once all parts are done.
 
-        A texel inside a solid is sampled elsewhere in its square. If the whole square is inside, its value is NaN.
+        A texel inside a solid is sampled elsewhere in its square. If the whole square is inside, it is hidden, and
+        takes the value of the nearest visible texel of its chart. A chart without visible texels keeps its own values.
         """
         values, receivers = self._measurement.result(), self._measurement.receivers
         sheet, surface, meter = self._sheet, self._surface, self._meter
         if self._denoise:
             values = np.mean([_smoothed(sheet, surface, receivers, c, meter) for c in values.T], 0)[:, None]
+        hidden = np.zeros(len(values), bool)
         if solids is None:
-            return values, 0
+            return values, hidden
         with report_progress("moving hidden texels"):
-            hidden = np.flatnonzero(may_be_hidden(values, meter))
-            hidden = hidden[solids.contain(receivers.at(hidden))]
-            return values, _push_out(values, hidden, sheet.cover, surface, meter, solids)
+            candidates = np.flatnonzero(may_be_hidden(values, meter))
+            hidden[candidates] = solids.contain(receivers.at(candidates))
+            if hidden.any() and not hidden.all():  # all: a room whose walls face outward
+                _push_out(values, hidden, sheet.cover, surface, meter, solids)
+                _fill_hidden(values, hidden, sheet)
+        return values, hidden
 
 
 def texel_blocks(cover: Cover, positions: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -225,15 +189,14 @@ def texel_blocks(cover: Cover, positions: NDArray[np.float64]) -> NDArray[np.int
 
 
 def image_of(cover: Cover, values: NDArray[np.floating]) -> NDArray[np.float32]:
-    """(size, size, c) float32: the values as an image; empty texels take the value of the nearest one that has one."""
+    """(size, size, c) float32: the values as an image; empty texels take the value of the nearest covered one."""
     from scipy.ndimage import distance_transform_edt
 
-    texels = np.full((cover.size * cover.size, values.shape[1]), np.nan, np.float32)
-    texels[cover.texel] = values
-    image = texels.reshape(cover.size, cover.size, -1)
-    empty = np.isnan(image[..., 0])
-    if empty.all():
-        return np.ones_like(image)
+    shape = cover.size, cover.size
+    image = _scattered(cover, np.asarray(values, np.float32), 1.0, shape)
+    if not len(cover.texel):
+        return image
+    empty = _scattered(cover, np.zeros(len(cover.texel), bool), True, shape)
     y, x = distance_transform_edt(empty, return_distances=False, return_indices=True)
     return np.asarray(image[y, x])
 
@@ -293,31 +256,38 @@ def _corner_normals(one: Unwrapped) -> np.ndarray:
 
 def _push_out(
     values: np.ndarray, hidden: np.ndarray, cover: Cover, surface: SheetSurface, meter: Meter, solids: Solids
-) -> int:
+) -> None:
     """Sample hidden texels beside visible ones elsewhere in their squares, starting closest to the centre.
 
-    Texels that stay hidden become NaN; return their number.
+    hidden : (n,) bool, changed: texels with such a sample are not hidden
     """
-    inside = np.zeros(len(values), bool)
-    inside[hidden] = True
-    if inside.all():  # a room whose walls face outward
-        return len(values)
-    hidden = np.flatnonzero(inside & _beside(cover, ~inside))
+    chosen = np.flatnonzero(hidden & _beside(cover, ~hidden))
     dx, dy = np.meshgrid(_PLACES, _PLACES)
     offsets = np.stack([dx.ravel(), dy.ravel()], 1)
     offsets = offsets[np.argsort((offsets**2).sum(1), kind="stable")][1:]
     for offset in offsets:
-        if not len(hidden):
-            break
-        texel, face = cover.texel[hidden], cover.face[hidden]
+        if not len(chosen):
+            return
+        texel, face = cover.texel[chosen], cover.face[chosen]
         places = np.stack([texel % cover.size, texel // cover.size], 1) + 0.5 + offset
         points = texel_receivers(surface, face, closest_weights(places, surface.uv[face]))
         visible = ~solids.contain(points)
-        values[hidden[visible]] = meter.values(points.at(visible))
-        inside[hidden[visible]] = False
-        hidden = hidden[~visible]
-    values[inside] = np.nan
-    return int(inside.sum())
+        values[chosen[visible]] = meter.values(points.at(visible))
+        hidden[chosen[visible]] = False
+        chosen = chosen[~visible]
+
+
+def _fill_hidden(values: np.ndarray, hidden: np.ndarray, sheet: Sheet) -> None:
+    """Give hidden texels the value of the nearest visible texel of their chart, if it has one."""
+    from scipy.spatial import cKDTree
+
+    size, texel = sheet.cover.size, sheet.cover.texel
+    chart = chart_of_faces(sheet.unwrapped)[sheet.cover.face]
+    places = np.stack([texel % size, texel // size, 4 * size * chart], 1)  # other charts are farther than the diagonal
+    visible = np.flatnonzero(~hidden)
+    distance, nearest = cKDTree(places[visible]).query(places[hidden], distance_upper_bound=2 * size)
+    found = np.isfinite(distance)
+    values[np.flatnonzero(hidden)[found]] = values[visible[nearest[found]]]
 
 
 def _beside(cover: Cover, which: np.ndarray) -> np.ndarray:
@@ -348,18 +318,40 @@ def _smoothed(
     smooth = filter_fractions(surfaces, picture(counts, np.int32(0)), spp, meter.settings.threads).reshape(-1)[
         cover.texel
     ]
-    return np.where(_beside_others(sheet), np.float32(1.0) - counts / np.float32(spp), smooth).astype(np.float32)
+    return np.where(_beside_others(sheet, _REACH), np.float32(1.0) - counts / np.float32(spp), smooth).astype(
+        np.float32
+    )
 
 
-def _beside_others(sheet: Sheet) -> np.ndarray:
-    """(n,) bool: texels with another chart within the radius of the filter."""
+def sheet_notes(sheets: Sequence[Sheet], uv_set: int | None) -> list[str]:
+    """Notes on texels that belong to several faces or charts.
+
+    uv_set : the UV set of the file; None: an atlas
+    """
+    name, cure = "the atlas", "raise texture"
+    if uv_set is not None:
+        name, cure = f"TEXCOORD_{uv_set}", "leave uv out for an atlas"
+    least = OVERLAP if uv_set is None else 0.0  # in an atlas, rounding folds triangles smaller than a texel
+    overlaps = [(sheet.cover.overlap, len(sheet.cover.texel)) for sheet in sheets if sheet.cover.overlap > least]
+    shared = sum(round(overlap * count) for overlap, count in overlaps)
+    close = 0 if uv_set is None else sum(int(_beside_others(sheet, 1).sum()) for sheet in sheets)
+    notes = [
+        (shared, f"faces overlap in {shared} texels of {name}, which have the light of one of them; {cure}"),
+        (close, f"charts of {name} touch at {close} texels, where light bleeds from one to another; raise texture"),
+    ]
+    return [note for count, note in notes if count]
+
+
+def _beside_others(sheet: Sheet, reach: int) -> np.ndarray:
+    """(n,) bool: texels with another chart within `reach` texels."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
     cover = sheet.cover
     charts = chart_of_faces(sheet.unwrapped)[cover.face]
-    shape, window = (cover.size, cover.size), 2 * _REACH + 1
+    shape, window = (cover.size, cover.size), 2 * reach + 1
+    above = int(charts.max(initial=-1)) + 1  # scipy computes in float64, so no greatest int64
     most = maximum_filter(_scattered(cover, charts, -1, shape), window, mode="nearest")
-    least = minimum_filter(_scattered(cover, charts, np.iinfo(np.int64).max, shape), window, mode="nearest")
+    least = minimum_filter(_scattered(cover, charts, above, shape), window, mode="nearest")
     return np.asarray((most != least).reshape(-1)[cover.texel])
 
 

@@ -12,6 +12,7 @@ from ...engine.scene import Scene
 from ...formats.gltf.accessors import Accessors
 from ...formats.gltf.gltf_asset import Asset
 from ...formats.gltf.gltf_file import GltfDocument
+from ...formats.gltf.gltf_source import PlacedPrimitive
 from ...formats.gltf.gltf_writer import Json
 from ...formats.json_fields import Fields
 from ...kernels.small_matrices import inverse, product
@@ -42,13 +43,11 @@ def read_primitives(scene: Scene, asset: Asset, time: float) -> list[NodePrimiti
 
     asset : the same file
     """
-    accessors = accessors_of(asset, scene.name)
-    meshes, nodes = asset.json.get("meshes", []), asset.json.get("nodes", [])
-    parts = []
+    accessors, parts = accessors_of(asset, scene.name), []
     source: Any = scene.source  # of a glTF file
     for placed in source.placed(scene.clamped(time)):
         primitive, (positions,) = placed.primitive, placed.vertices
-        json = meshes[nodes[placed.node]["mesh"]]["primitives"][primitive.place]
+        json = primitive_json(asset, placed)
         count = asset.json["accessors"][json["attributes"]["POSITION"]]["count"]
         rows = np.arange(count) if primitive.used is None else np.flatnonzero(primitive.used)
         faces = primitive.mesh.faces
@@ -85,6 +84,13 @@ def read_primitives(scene: Scene, asset: Asset, time: float) -> list[NodePrimiti
             )
         )
     return parts
+
+
+def primitive_json(asset: Asset, placed: PlacedPrimitive) -> Json:
+    """The JSON of a primitive at a node."""
+    meshes, nodes = asset.json["meshes"], asset.json["nodes"]
+    primitive: Json = meshes[nodes[placed.node]["mesh"]]["primitives"][placed.primitive.place]
+    return primitive
 
 
 def accessors_of(asset: Asset, name: str) -> Accessors:

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...extras import import_extra
 from ...formats.gltf.accessors import Accessors
 from ...progress import report_progress
+from .bent_surfaces import directions_of_bent
+from .chart_process import ChartMesh, charts_of
 from .gltf_primitives import NodePrimitive
 
 # --- Conservative coverage --------------------------------------------------------------------------------------------
@@ -170,7 +171,8 @@ PADDING = 4
 """Texels between the charts of an atlas: more than the radius of the filter and of bilinear lookups."""
 
 _OUTSIDE = 1e-4
-_OVERLAP = 0.005  # tolerated share of a sheet's texels: exporters let charts touch, and rounding makes them overlap
+OVERLAP = 0.005
+"""Tolerated share of a sheet's texels in which faces overlap: charts touch, and rounding makes them overlap."""
 
 
 class Unwrapped(NamedTuple):
@@ -191,23 +193,43 @@ class Sheet(NamedTuple):
 
 
 def atlas(parts: Sequence[NodePrimitive], size: int) -> list[Sheet]:
-    """One sheet with all parts, which xatlas divides into charts. Texels have about the same size everywhere."""
-    xatlas = import_extra("xatlas", "an atlas (--texture without --uv)", "bake")
-    packing, middle = xatlas.Atlas(), np.mean([p.positions.mean(0) for p in parts], 0)
-    for part in parts:
-        packing.add_mesh((part.positions - middle).astype(np.float32), part.faces.astype(np.uint32))
-    options = xatlas.PackOptions()
-    options.resolution, options.padding, options.bilinear, options.create_image = size, PADDING, True, False
+    """One sheet with all parts, which xatlas divides into charts. Texels have about the same size everywhere.
+
+    Raises InputError if xatlas cannot divide them.
+    """
+    middle = np.mean([p.positions.mean(0) for p in parts], 0)
     with report_progress("unwrapping"):
-        packing.generate(pack_options=options)
-    scale = np.array([packing.width, packing.height], np.float64) / max(packing.width, packing.height, 1)
-    unwrapped = []
-    for i, part in enumerate(parts):
-        source, faces, uv = packing[i]
-        unwrapped.append(
-            Unwrapped(part, uv.astype(np.float64) * scale, faces.astype(np.int64), source.astype(np.int64))
-        )
+        pieces = [_pieces(part, middle) for part in parts]
+        charts = iter(charts_of([piece.mesh for each in pieces for piece in each], size, PADDING))
+        unwrapped = [_joined(part, each, [next(charts) for _ in each]) for part, each in zip(parts, pieces)]
     return [Sheet(list(range(len(parts))), unwrapped, _cover_sheet(unwrapped, size))]
+
+
+class _Piece(NamedTuple):
+    """Faces of a part that are unwrapped as one mesh."""
+
+    faces: NDArray[np.int64]  # indices of the part's faces
+    vertices: NDArray[np.int64]  # indices of the part's vertices
+    mesh: tuple[NDArray[np.float32], NDArray[np.uint32]]  # positions and faces
+
+
+def _pieces(part: NodePrimitive, middle: NDArray[np.float64]) -> list[_Piece]:
+    direction, pieces = directions_of_bent(part.positions, part.faces), []
+    for each in np.unique(direction):
+        faces = np.flatnonzero(direction == each)
+        vertices, corners = np.unique(part.faces[faces], return_inverse=True)
+        positions = (part.positions[vertices] - middle).astype(np.float32)
+        pieces.append(_Piece(faces, vertices, (positions, corners.reshape(-1, 3).astype(np.uint32))))
+    return pieces
+
+
+def _joined(part: NodePrimitive, pieces: Sequence[_Piece], charts: Sequence[ChartMesh]) -> Unwrapped:
+    starts = np.cumsum([0, *(len(chart.uv) for chart in charts)])
+    faces = np.empty((len(part.faces), 3), np.int64)
+    for piece, chart, start in zip(pieces, charts, starts):
+        faces[piece.faces] = chart.faces + start
+    source = np.concatenate([piece.vertices[chart.source] for piece, chart in zip(pieces, charts)])
+    return Unwrapped(part, np.concatenate([chart.uv for chart in charts]), faces, source)
 
 
 def uv_set_sheets(parts: Sequence[NodePrimitive], accessors: Accessors, uv_set: int, size: int) -> list[Sheet]:
@@ -220,12 +242,12 @@ def uv_set_sheets(parts: Sequence[NodePrimitive], accessors: Accessors, uv_set: 
     """
     unwrapped = [_set_of(part, accessors, uv_set) for part in parts]
     together = _cover_sheet(unwrapped, size)
-    if together.overlap <= _OVERLAP:
+    if together.overlap <= OVERLAP:
         return [Sheet(list(range(len(parts))), unwrapped, together)]
     sheets = []
     for i, one in enumerate(unwrapped):
         alone = _cover_sheet([one], size)
-        if alone.overlap > _OVERLAP:
+        if alone.overlap > OVERLAP:
             raise InputError(
                 f"{one.part.where}: TEXCOORD_{uv_set} overlaps itself in {100 * alone.overlap:.1f} % of its texels; "
                 "choose another --uv, or leave it out for an atlas"
@@ -240,13 +262,14 @@ def corners_of(unwrapped: Sequence[Unwrapped], values: Sequence[np.ndarray]) -> 
 
 
 def chart_of_faces(unwrapped: Sequence[Unwrapped]) -> NDArray[np.int64]:
-    """(f,) int64: the chart of each face; faces of a chart are connected by vertices on the sheet."""
+    """(f,) int64: the chart of each face; faces of a chart are connected by vertices on the sheet and in space."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     charts, start = [], 0
     for one in unwrapped:
-        _, same = np.unique(one.uv, axis=0, return_inverse=True)
+        places = np.concatenate([one.uv, one.part.positions[one.source]], 1)  # charts may touch on the sheet alone
+        _, same = np.unique(places, axis=0, return_inverse=True)
         faces, n = same.reshape(-1)[one.faces], int(same.max()) + 1
         edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
         count, labels = connected_components(coo_array((np.ones(len(edges), bool), edges.T), (n, n)), directed=False)
