@@ -14,6 +14,7 @@ import shutil
 import sys
 import textwrap
 import threading
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from contextvars import ContextVar
@@ -328,7 +329,7 @@ def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
     debug = "--debug" in before or os.environ.get("ANTUMBRA_DEBUG", "") not in ("", "0")
     arguments = [a for a in before if a != "--debug"] + arguments[len(before) :]
     try:
-        with _log_lines():
+        with _log_lines(), _note_lines("--quiet" in before or "-q" in before):
             code = run(arguments)
         sys.stdout.flush()
         code = code if isinstance(code, int) else 0
@@ -399,6 +400,20 @@ def _log_lines() -> Iterator[None]:
         yield
     finally:
         log.removeHandler(lines)
+
+
+@contextmanager
+def _note_lines(quiet: bool) -> Iterator[None]:
+    """Print what the library warns of as lines on standard error, unless `quiet`."""
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        say(f"note: {message}")
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore" if quiet else "always", UserWarning)  # also where Python makes them errors
+        if not quiet:
+            warnings.showwarning = show
+        yield
 
 
 # Typer's messages about values, in pydantic's wording -> this package's messages.

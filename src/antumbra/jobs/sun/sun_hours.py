@@ -1,6 +1,7 @@
 """`sun_hours` and `sky_view`: tables of the direct sun, and of the share of the sky, that reaches each sensor."""
 
 import os
+import warnings
 from collections.abc import Callable, Iterable
 from datetime import date
 from typing import Any, NamedTuple, ParamSpec, Protocol, cast
@@ -27,10 +28,11 @@ from ..sensor_files import sensors_of
 from ..sensors import Sensors, sensors_from
 from ..surface_columns import Facing, chosen_sensors, per_group, surface_columns
 from .daylight_rules import Rule, meets_rule, rule_named, weights_of
+from .epw_file import TYPICAL_YEAR, read_epw
 from .location import Place, place_of
-from .solar_radiation import TYPICAL_YEAR, Weather, clear_sky, on_days, read_epw
+from .solar_radiation import Weather, clear_sky, on_days
 from .sun_options import MOST_DIRECTIONS, SunKeywords, SunOptions
-from .sun_positions import Suns, checked_step, months_of, suns_of, times_of, zone_of
+from .sun_positions import Suns, checked_step, months_of, suns_of, times_of, zone_notes, zone_of
 from .sun_tally import Tally
 from .sun_visibility import NO_DATE, SunQuery, SunSums, seasons_of, sum_suns, sun_query
 
@@ -135,6 +137,7 @@ class Study(NamedTuple):
     diffuse: np.ndarray | None  # (12,) float64, Wh/m2 of diffuse light on a horizontal plane in each month
     by: tuple[str, ...]
     step: float  # minutes
+    notes: tuple[str, ...]  # what may be wrong with the time and the weather
 
 
 class SunFunction(Protocol[_P]):
@@ -200,11 +203,19 @@ def sun_hours(
     InputError
         If the place or the days are unknown, a text is malformed, a package is missing (``antumbra[sun]``), or no sun
         is above the horizon.
+
+    Warns
+    -----
+    UserWarning
+        If the radiation of the EPW file does not fit the sun in its time zone, the file is from elsewhere or lacks some
+        of the days, or the time zone of the place is not one of its longitude. The notes are in ``about["warnings"]``.
     """
     options, keep, scene = SunOptions(days=days, **keywords), checked_keep(keep), scene_of(scene)
     plan, threads, samples = options.plan, thread_count(options.threads), options.samples
     in_areas = areas is not None or (isinstance(sensors, Sensors) and sensors.zone is not None)
     study = study_of(options, scene, in_areas)
+    for note in study.notes:
+        warnings.warn(note, UserWarning, stacklevel=4)  # of the caller, above the two decorators
     if sensors is None:
         sensors = "face" if areas is None else f"raster:{SPACING:g}"
     if isinstance(sensors, str):
@@ -266,7 +277,7 @@ def study_of(options: SunOptions, scene: AnyScene, areas: bool) -> Study:
     options.check_rule(areas)
     step = options.step or (60.0 if rule is None else checked_step(rule.step))
     place = options.place or place_of(scene)
-    weather, diffuse = None, None
+    weather, diffuse, notes = None, None, tuple[str, ...]()
     if options.epw is not None:
         weather, place = read_epw(options.epw, place)
     if place is None:
@@ -275,6 +286,7 @@ def study_of(options: SunOptions, scene: AnyScene, areas: bool) -> Study:
         days = rule.days(TYPICAL_YEAR)
     if weather is not None:
         weather = weather if days is None else on_days(weather, days)
+        notes = weather.notes
         suns = suns_of(place, weather.times, scene.up, weather.dni)
         diffuse = _sum_months(weather)
     else:
@@ -287,7 +299,7 @@ def study_of(options: SunOptions, scene: AnyScene, areas: bool) -> Study:
             diffuse = _sum_months(clear)
     if not len(suns.hours):
         raise InputError("no sun is above the horizon on these days; check the days and the place")
-    return Study(place, suns, rule, diffuse, tuple(options.by), step)
+    return Study(place, suns, rule, diffuse, tuple(options.by), step, (*notes, *zone_notes(place, suns.times[0])))
 
 
 def _sum_months(weather: Weather) -> NDArray[np.float64]:
@@ -400,6 +412,7 @@ def _about(study: Study, options: SunOptions) -> dict[str, Any]:
     about |= {"hours": float(suns.hours.sum()), "step": study.step, "samples": options.samples}
     about |= {"surfaces": list(options.surfaces)} if options.surfaces is not None else {}
     about |= {"facing": list(options.facing)} if options.facing is not None else {}
+    about |= {"warnings": list(study.notes)} if study.notes else {}
     if rule is not None:
         about |= {"rule": rule.name, "citation": rule.citation, "text": rule.text, "notes": rule.notes}
     return about
