@@ -1,6 +1,6 @@
 """The command line, ``antumbra``: one module per group of commands.
 
-- `app`: the program, its commands, and the option groups in their help
+- `app`: the program, its commands, and the option groups in their help; `command_parsing`: how their words are parsed
 - `render_command`: ``antumbra render``; `picture_spec`: its arguments and the picture they specify; `picture_report`:
   summaries and HTML pages of rendered pictures
 - `compare_command`: ``antumbra compare``, plans side by side

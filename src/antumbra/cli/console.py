@@ -17,7 +17,6 @@ import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
-from contextvars import ContextVar
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -33,9 +32,6 @@ if TYPE_CHECKING:
     from ..scene.camera import Camera
     from ..techniques.srdh.representative_rays import SrdhRays
 
-
-command_line: ContextVar[tuple[str, ...]] = ContextVar("words", default=())
-"""The words of the command line."""
 
 # --- Output as Markdown -----------------------------------------------------------------------------------------------
 
@@ -406,13 +402,17 @@ def _log_lines() -> Iterator[None]:
 def _note_lines(quiet: bool) -> Iterator[None]:
     """Print what the library warns of as lines on standard error, unless `quiet`."""
 
-    def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        say(f"note: {message}")
+    before = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
+        if issubclass(category, UserWarning):
+            say(f"note: {message}")
+        else:
+            before(message, category, *rest, **more)
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore" if quiet else "always", UserWarning)  # also where Python makes them errors
-        if not quiet:
-            warnings.showwarning = show
+        warnings.showwarning = show
         yield
 
 
