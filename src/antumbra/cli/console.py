@@ -401,7 +401,6 @@ def _log_lines() -> Iterator[None]:
 @contextmanager
 def _note_lines(quiet: bool) -> Iterator[None]:
     """Print what the library warns of as lines on standard error, unless `quiet`."""
-
     before = warnings.showwarning
 
     def show(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:

@@ -15,6 +15,7 @@ from ...errors import InputError
 from ...extras import import_extra
 from ...files import checked_file
 from ...scene.crs import check_horizontal_crs, checked_crs
+from ..foreign_formats import cure_of
 from .vector_table import TableRows, given_numbers, id_column, read_layer
 
 SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb", ".parquet")
@@ -126,7 +127,8 @@ def _frame_of(table: FootprintsLike, layer: str | None) -> tuple[Any, str]:
     path = path_of(table, "footprints")
     checked_file(path, path.name)
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path.name}: unknown format of footprints; use one of {', '.join(SUFFIXES)}")
+        cure = cure_of(path) or f"unknown format of footprints; use one of {', '.join(SUFFIXES)}"
+        raise InputError(f"{path.name}: {cure}")
     return read_layer(path, layer, "footprints", lambda kind: "Point" not in kind and "Line" not in kind), path.name
 
 

@@ -19,6 +19,7 @@ from ...files import checked_file
 from ...scene.crs import check_horizontal_crs, checked_crs, reproject
 from ...scene.materials import MONTHS
 from ...scene.tree_crowns import SHAPES, TreeShapes
+from ..foreign_formats import cure_of
 from .vector_table import MOST_NAMES, TableRows, given_numbers, id_column, read_layer
 
 SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb", ".parquet", ".csv")
@@ -123,7 +124,8 @@ def checked_tree_file(table: str | PathLike[str]) -> Path:
     """The path of a file that may hold trees, by its suffix; otherwise an InputError."""
     path = path_of(table, "trees")
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path.name}: unknown format of trees; use one of {', '.join(SUFFIXES)}")
+        cure = cure_of(path) or f"unknown format of trees; use one of {', '.join(SUFFIXES)}"
+        raise InputError(f"{path.name}: {cure}")
     return checked_file(path, path.name)
 
 
