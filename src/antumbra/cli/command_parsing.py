@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from .console import broken_pipes
+from .interruption import set_working
 
 parsed_words: ContextVar[tuple[str, ...]] = ContextVar("words", default=())
 """The words of the command in one form, whatever the order of its options and the spelling of their values."""
@@ -27,6 +29,15 @@ class ParsedOnce:
         parsed_words.set((ctx.info_name, *_words_of(self.params, given)))  # type: ignore[attr-defined]
         rest: list[str] = super().parse_args(ctx, args)  # type: ignore[misc]
         return rest
+
+    def make_context(self, *words: Any, **more: Any) -> Any:
+        with broken_pipes():
+            return super().make_context(*words, **more)  # type: ignore[misc]
+
+    def invoke(self, ctx: Any) -> Any:
+        set_working(True)
+        with broken_pipes():
+            return super().invoke(ctx)  # type: ignore[misc]
 
     def get_params(self, ctx: Any) -> list[Any]:
         params: list[Any] = super().get_params(ctx)  # type: ignore[misc]

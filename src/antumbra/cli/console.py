@@ -10,6 +10,7 @@ import logging
 import math
 import os
 import re
+import select
 import shutil
 import sys
 import textwrap
@@ -24,6 +25,7 @@ import typer
 
 from ..errors import InputError, one_line
 from ..progress import LOG, progress_listener, split_progress
+from .interruption import interruption
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -307,7 +309,7 @@ def _logged() -> Iterator[None]:
 # --- Errors: one line on standard error, and an exit code -------------------------------------------------------------
 
 
-UNFORESEEN, BAD_INPUT, INTERRUPTED = 1, 2, 130
+UNFORESEEN, BAD_INPUT, INTERRUPTED, NO_READER = 1, 2, 130, 141  # the last two: 128 + SIGINT, 128 + SIGPIPE
 
 # Typer does not export the base class of its usage errors, whose module depends on Typer's version.
 _UsageError: Any = typer.BadParameter.__mro__[1]
@@ -332,22 +334,55 @@ def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
         if code == INTERRUPTED:
             raise KeyboardInterrupt
         return code
-    except BrokenPipeError:  # the reader of the output has exited
-        _drop_output()
-        return UNFORESEEN
     except BaseException as error:
-        if isinstance(error, SystemExit):
+        if isinstance(error, PipeError):
+            error = error.error
+        if isinstance(error, BrokenPipeError) and _reader_is_gone():
+            _drop_output()
+            return NO_READER
+        ended = interruption()  # a library may have turned its exception into another one
+        if isinstance(error, SystemExit) and not ended:
             raise
-        if debug and not isinstance(error, (_UsageError, KeyboardInterrupt, typer.Abort)):
+        if debug and not ended and not isinstance(error, (_UsageError, KeyboardInterrupt, typer.Abort)):
             raise
         if isinstance(error, OSError):
             _drop_output()
-        line, code = explained(error)
+        line, code = ended or explained(error)
         say(line)
         if "--json" in before:
             with suppress(OSError, ValueError):
                 print(json.dumps({"error": line}), flush=True)
         return code
+
+
+class PipeError(Exception):
+    """A BrokenPipeError, which Typer would turn into a silent exit, whichever pipe it is."""
+
+    def __init__(self, error: BrokenPipeError):
+        super().__init__(error)
+        self.error = error
+
+
+@contextmanager
+def broken_pipes() -> Iterator[None]:
+    """Raise `PipeError` instead of BrokenPipeError."""
+    try:
+        yield
+    except BrokenPipeError as error:
+        raise PipeError(error) from error
+
+
+def _reader_is_gone() -> bool:
+    """Whether the reader of standard output has exited, rather than that of another pipe."""
+    try:
+        number = sys.stdout.fileno()
+    except (AttributeError, OSError, ValueError):  # a stream in memory
+        return False
+    if not hasattr(select, "poll"):  # Windows
+        return True
+    poll = select.poll()
+    poll.register(number, select.POLLOUT)
+    return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
 
 
 def _drop_output() -> None:
