@@ -20,6 +20,7 @@ from ...scene.crs import check_horizontal_crs, checked_crs, reproject
 from ...scene.materials import MONTHS
 from ...scene.tree_crowns import SHAPES, TreeShapes
 from ..foreign_formats import cure_of
+from .length_texts import LENGTH_FORMS, lengths_in
 from .vector_table import MOST_NAMES, TableRows, given_numbers, id_column, read_layer
 
 SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb", ".parquet", ".csv")
@@ -72,6 +73,13 @@ class _TreeRows(NamedTuple):
     @property
     def names(self) -> TableRows:
         return TableRows(self.file, "tree", len(self.plan))
+
+    @property
+    def metres(self) -> float:
+        """Metres per unit of the coordinates."""
+        if self.crs is None:
+            return 1.0
+        return float(import_extra("pyproj", "crs", "gis").CRS(self.crs).axis_info[0].unit_conversion_factor)
 
 
 def read_trees(table: TreesLike, options: TreeOptions, crs: str | None = None) -> Trees:
@@ -192,10 +200,14 @@ def _numbers(value: Any, what: str, rows: _TreeRows) -> NDArray[np.float64]:
     numbers = given_numbers(value, what, rows.columns, rows.names)
     if numbers is not None:
         return numbers
-    try:
-        return rows.columns[value].astype(np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{rows.file}: the column {value!r} for {what} does not hold numbers; name another") from None
+    lengths, unread = lengths_in(rows.columns[value], rows.metres)
+    bad = [text for text in unread.tolist() if text is not None]
+    if bad:
+        raise InputError(
+            f"{rows.file}: {len(bad)} of {len(unread)} rows of the column {value!r} for {what} are no numbers, such as "
+            f"{bad[0][:20]!r}; write {LENGTH_FORMS}"
+        )
+    return lengths
 
 
 def _radii(radius: Any, rows: _TreeRows) -> NDArray[np.float64]:
