@@ -29,6 +29,7 @@ from .false_colours import coloured_model, column_values, false_colours
 from .map_page import check_map, checked_title
 from .map_scale import MapScale, map_scale
 from .map_sheet import save_map
+from .point_attributes import with_attributes
 from .qgis_style import RasterStyle, VectorStyle, write_style
 from .sensors import Sensors, check_on_scene
 
@@ -414,7 +415,10 @@ class Table:
             return np.bincount(faces, areas * self[name][on], scene.n_triangles) / total
 
     def rows(self) -> dict[str, np.ndarray]:
-        """Name -> (n,) values: the sensors' columns (x, y, z, nx, ny, nz, area, face), then the results."""
+        """Name -> (n,) values: the sensors' columns (x, y, z, nx, ny, nz, area, face), attributes, then the results.
+
+        An attribute whose name is that of another column gets ``_given`` after it.
+        """
         sensors = self.sensors
         columns = dict(zip("xyz", sensors.points.T))
         if sensors.normals is not None:
@@ -423,4 +427,5 @@ class Table:
             columns["area"] = sensors.areas
         if sensors.faces is not None:
             columns["face"] = sensors.faces
-        return columns | {name: column.values for name, column in self.columns.items()}
+        results = {name: column.values for name, column in self.columns.items()}
+        return with_attributes(columns, sensors.attributes, results)

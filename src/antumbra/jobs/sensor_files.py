@@ -3,8 +3,9 @@
 import csv
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from ..formats.array_files import check_expansion, mapped_array, npz_arrays
 from ..kernels.parallel import thread_count
 from ..scene.crs import check_horizontal_crs, checked_crs
 from .ground_areas import AreaLike, area_sensors
+from .point_attributes import Attributes, read_attributes
 from .raster_grid import SUFFIXES as RASTERS
 from .sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
 
@@ -127,7 +129,8 @@ def _number(text: str, sensors: str) -> float:
 def read_points(path: Path) -> Sensors:
     """Read points from a file.
 
-    - CSV with a header, Parquet, NPZ: columns or arrays x, y, z, and optionally nx, ny, nz, and area
+    - CSV with a header, Parquet, NPZ: columns or arrays x, y, z, and optionally nx, ny, nz, and area; others become
+      `Sensors.attributes`, which come through to the results
     - NPY: (n, 3) points, or (n, 6) points and normals
 
     Raises
@@ -142,7 +145,14 @@ def read_points(path: Path) -> Sensors:
     if missing:
         raise InputError(f"{path.name}: column {missing[0]!r} is missing; points need the columns x, y and z")
     normals = np.stack([columns[n] for n in _NORMAL], 1) if all(n in columns for n in _NORMAL) else None
-    return point_sensors(np.stack([columns[n] for n in _POSITION], 1), normals, columns.get("area"))
+    sensors = point_sensors(np.stack([columns[n] for n in _POSITION], 1), normals, columns.get("area"))
+    return replace(sensors, attributes=attributes_of(path, columns, len(sensors)))
+
+
+def attributes_of(path: Path, used: Collection[str], n: int) -> Attributes:
+    """The columns of a file of n rows besides those with these lower-case names, of which `read_attributes` tells."""
+    with _reader_errors(path):
+        return read_attributes(path, used, n)
 
 
 def read_array(path: Path) -> np.ndarray:
