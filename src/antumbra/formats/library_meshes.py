@@ -26,6 +26,8 @@ from ..scene.mesh import (
     picture_texture,
     textured_mesh,
 )
+from ..scene.rounded_coordinates import rounding_notes
+from ..scene.scene_bounds import sampled_faces
 from ..scene.scene_data import MemoryData
 
 KNOWN = "a mesh of trimesh, pyvista, meshio or Open3D"
@@ -279,7 +281,10 @@ def data_of_mesh(mesh: object, *, name: str | None = None, up: str = "y", crs: o
     name = type(mesh).__name__.lower() if name is None else text(name, "name")
     meshes, notes = meshes_of(mesh, name)
     crs = None if crs is None else checked_crs(crs)
-    return MemoryData(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes), crs=crs)
+    data = MemoryData(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes), crs=crs)
+    rounded = rounding_notes(name, data.bounds, lambda: sampled_faces(data.source, data.n_triangles))
+    data.notes = (*data.notes, *rounded)
+    return data
 
 
 def positions_of(vertices: object, name: str) -> np.ndarray:

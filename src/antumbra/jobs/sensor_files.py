@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import warnings
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -20,6 +21,8 @@ from ..files import checked_file
 from ..formats.array_files import check_expansion, mapped_array, npz_arrays
 from ..kernels.parallel import thread_count
 from ..scene.crs import check_horizontal_crs, checked_crs
+from ..scene.rounded_coordinates import rounding_notes
+from ..scene.scene_bounds import bounds_of_points
 from .ground_areas import AreaLike, area_sensors
 from .point_attributes import Attributes, read_attributes
 from .raster_grid import SUFFIXES as RASTERS
@@ -146,6 +149,7 @@ def read_points(path: Path) -> Sensors:
         raise InputError(f"{path.name}: column {missing[0]!r} is missing; points need the columns x, y and z")
     normals = np.stack([columns[n] for n in _NORMAL], 1) if all(n in columns for n in _NORMAL) else None
     sensors = point_sensors(np.stack([columns[n] for n in _POSITION], 1), normals, columns.get("area"))
+    _warn_of_rounding(sensors, path.name)
     return replace(sensors, attributes=attributes_of(path, columns, len(sensors)))
 
 
@@ -192,7 +196,17 @@ def _from_array(array: np.ndarray, name: str) -> Sensors:
         raise InputError(
             f"{name}: the array is {array.dtype} {array.shape}; points are (n, 3), points and normals (n, 6)"
         )
-    return point_sensors(array[:, :3], array[:, 3:] if array.shape[1] == 6 else None)
+    sensors = point_sensors(array[:, :3], array[:, 3:] if array.shape[1] == 6 else None)
+    _warn_of_rounding(sensors, name)
+    return sensors
+
+
+def _warn_of_rounding(sensors: Sensors, file: str) -> None:
+    """A note if float32 has rounded the points of a file."""
+    if len(sensors) > 1:
+        points = sensors.points
+        for note in rounding_notes(file, bounds_of_points(points), lambda: points, "write it in float64"):
+            warnings.warn(note, UserWarning, stacklevel=3)
 
 
 def _csv(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]:
