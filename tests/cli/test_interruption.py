@@ -9,6 +9,7 @@ import pytest
 
 from antumbra.cli import interruption, scene_commands
 from antumbra.cli.app import COMMANDS
+from antumbra.kernels.toolchain import compile_pool
 from cli.test_faces import ARGUMENTS
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are different on Windows")
@@ -200,3 +201,18 @@ def test_another_pipe_that_breaks_is_an_error(cli, monkeypatch):
 
     monkeypatch.setattr(scene_commands, "open_scene", load)
     assert cli("info", SCENE) == (1, "", "antumbra: the system reports: [Errno 32] Broken pipe\n")
+
+
+def test_compiling_processes_end_with_the_command(caught, monkeypatch):
+    started, begin = [], subprocess.Popen
+
+    def popen(*words, **more):
+        started.append(begin(*words, **more))
+        return started[-1]
+
+    monkeypatch.setattr(compile_pool.subprocess, "Popen", popen)
+    monkeypatch.setattr(compile_pool, "_wait", lambda *_: os.kill(os.getpid(), signal.SIGTERM))
+    interruption.set_working(True)
+    with pytest.raises(KeyboardInterrupt):
+        compile_pool.compile_kernels([compile_pool.KernelRequest("none:a", key) for key in "ab"], processes=2)
+    assert [process.poll() for process in started] == [-signal.SIGKILL] * 2
