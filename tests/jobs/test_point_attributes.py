@@ -37,20 +37,48 @@ def test_other_files_have_the_same_columns(points, tmp_path):
     frame = pandas.read_csv(points, dtype={"code": str})
     frame["when"], frame["list"] = pandas.to_datetime(["2026-01-01", "2026-01-02"]), [[1], [2]]
     frame.to_parquet(tmp_path / "a.parquet")
-    with pytest.warns(UserWarning, match=r"^a\.parquet: the column list is not a value per point, and left out$"):
+    with pytest.warns(
+        UserWarning, match=r"^a\.parquet: left out the column list, without a plain value for each point$"
+    ):
         read = read_points(tmp_path / "a.parquet").attributes
     assert list(read) == ["id", "name", "code", "floor", "rent", "sun_hours", "fid", "when"]
     assert read["code"].tolist() == ["007", "012"] and read["when"].dtype.kind == "M"
     xyz = dict.fromkeys("xyz", np.zeros(2))
     np.savez(tmp_path / "a.npz", **xyz, floor=np.array([2, 3], np.uint8), size=np.ones(3), name=np.array(["a", "b"]))
-    with pytest.warns(UserWarning, match=r"the columns name, size is not a value per point|size"):
+    with pytest.warns(UserWarning, match=r"^a\.npz: left out the columns name, size, without"):
         read = read_points(tmp_path / "a.npz").attributes
     assert list(read) == ["floor"] and read["floor"].tolist() == [2, 3]
 
 
+def test_texts_and_categories_of_parquet(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="needs pyarrow: .parquet is NOT checked")
+    import pyarrow
+
+    n = 1000
+    columns = {axis: np.arange(float(n)) for axis in "xyz"}
+    columns["street"] = pyarrow.array([None, "High St", "Low St", ""] * (n // 4))
+    columns["use"] = pyarrow.array(["home", None] * (n // 2)).dictionary_encode()
+    columns["long"] = pyarrow.array([str(k) for k in range(n)], pyarrow.large_string())
+    columns["step"] = pyarrow.array(range(n), pyarrow.int16())
+    columns["level"] = pyarrow.array([1, None] * (n // 2))
+    columns["open"] = pyarrow.array([True, None] * (n // 2))
+    columns["codes"] = pyarrow.array([1, 2] * (n // 2)).dictionary_encode()
+    columns["blob"] = pyarrow.array([b"a"] * n)
+    parquet.write_table(pyarrow.table(columns), tmp_path / "a.parquet", row_group_size=300)
+    with pytest.warns(UserWarning, match="left out the columns open, blob, without"):
+        read = read_points(tmp_path / "a.parquet").attributes
+    assert list(read) == ["street", "use", "long", "step", "level", "codes"]
+    assert read["street"][:5].tolist() == ["", "High St", "Low St", "", ""] and read["use"][-2:].tolist() == [
+        "home",
+        "",
+    ]
+    assert read["long"][999] == "999" and read["step"][999] == 999 and read["step"].dtype == np.int64
+    assert read["level"][0] == 1.0 and np.isnan(read["level"][1])
+
+
 def test_a_repeated_column_is_named(tmp_path):
     (tmp_path / "a.csv").write_text("x,y,z,a,b,a\n1,2,3,4,5,6\n")
-    with pytest.warns(UserWarning, match=r"^a\.csv: the column a is not a value per point"):
+    with pytest.warns(UserWarning, match=r"^a\.csv: left out the column a, without"):
         assert list(read_points(tmp_path / "a.csv").attributes) == ["b"]
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..extras import import_extra
-from ..formats.array_files import npz_arrays
+from ..formats.array_files import check_expansion, npz_arrays
 
 Attributes = dict[str, NDArray[Any]]
 """Name -> one value per point: numbers, times, bool, or object for texts."""
@@ -38,9 +38,8 @@ def read_attributes(path: Path, used: Collection[str], n: int) -> Attributes:
     columns = {name: _plain(values) for name, values in columns.items()}
     left_out += [name for name, values in columns.items() if values.shape != (n,)]
     if left_out:
-        warnings.warn(
-            f"{path.name}: {_names(left_out)} is not a value per point, and left out", UserWarning, stacklevel=3
-        )
+        note = f"{path.name}: left out {_names(left_out)}, without a plain value for each point"
+        warnings.warn(note, UserWarning, stacklevel=3)
     return {name: values for name, values in columns.items() if name not in left_out}
 
 
@@ -90,7 +89,7 @@ def _csv(path: Path, used: Collection[str]) -> tuple[Attributes, list[str]]:
         header = [name.strip() for name in next(rows, [])]
         places = {name: k for k, name in reversed(list(enumerate(header))) if name and name.lower() not in used}
         texts: dict[str, list[str]] = {name: [] for name in header if name in places}
-        for row in rows:
+        for row in rows if texts else ():
             if row:
                 for name, values in texts.items():
                     values.append(row[places[name]].strip() if places[name] < len(row) else "")
@@ -112,29 +111,48 @@ def _values(texts: list[str]) -> NDArray[Any]:
 
 def _parquet(path: Path, used: Collection[str]) -> tuple[Attributes, list[str]]:
     import_extra("pyarrow", ".parquet", "gis")
+    import pyarrow
     import pyarrow.parquet
 
-    columns, left_out = Attributes(), list[str]()
-    with pyarrow.parquet.ParquetFile(path) as file:
-        schema = file.schema_arrow
-        geometries = b"geo" in (schema.metadata or {})
-        for name in schema.names:
-            if name.lower() in used or (geometries and pyarrow.types.is_binary(schema.field(name).type)):
-                continue  # points have a geometry of their own in the results
-            kind = schema.field(name).type
-            plain = kind.to_pandas_dtype()
-            if pyarrow.types.is_string(kind) or pyarrow.types.is_large_string(kind):
-                texts = file.read(columns=[name])[name].to_pylist()
-                columns[name] = np.array([text or "" for text in texts], object)
-            elif not isinstance(plain, type | np.dtype) or np.dtype(plain).kind not in _KINDS:
-                left_out.append(name)
-            else:
-                values = np.asarray(file.read(columns=[name])[name].to_numpy())
-                if values.dtype.kind in _KINDS:  # unlike bool with missing values
-                    columns[name] = values
-                else:
-                    left_out.append(name)
-    return columns, left_out
+    schema = pyarrow.parquet.read_schema(path)
+    geometries = b"geo" in (schema.metadata or {})  # points have a geometry of their own in the results
+    names = [name for name in schema.names if name.lower() not in used]
+    names = [name for name in names if not (geometries and pyarrow.types.is_binary(schema.field(name).type))]
+    kinds = {name: _kind_of(schema.field(name).type) for name in names}
+    texts = [name for name, kind in kinds.items() if kind is str]
+    numbers = [name for name, kind in kinds.items() if kind is not str and _is_plain(kind)]
+    columns = Attributes()
+    with pyarrow.parquet.ParquetFile(path, read_dictionary=texts) as file:  # equal texts are stored once
+        meta = file.metadata
+        check_expansion(path, sum(meta.row_group(k).total_byte_size for k in range(meta.num_row_groups)))
+        for name in texts + numbers:
+            values = file.read(columns=[name])[name].unify_dictionaries().combine_chunks()
+            columns[name] = _texts_of(values) if name in texts else np.asarray(values.to_numpy(zero_copy_only=False))
+    plain = [name for name in names if name in texts or (name in numbers and _is_plain(columns[name].dtype))]
+    return {name: columns[name] for name in plain}, [name for name in names if name not in plain]
+
+
+def _kind_of(kind: Any) -> Any:
+    """The NumPy type of an Arrow type; str for texts, None for other types that NumPy lacks."""
+    import pyarrow
+
+    if str(kind.value_type if pyarrow.types.is_dictionary(kind) else kind) in ("string", "large_string"):
+        return str
+    try:
+        return kind.to_pandas_dtype()
+    except NotImplementedError:
+        return None
+
+
+def _is_plain(kind: Any) -> bool:
+    """Whether values of a type are numbers or times, unlike bool with missing values."""
+    return isinstance(kind, type | np.dtype) and np.dtype(kind).kind in _KINDS
+
+
+def _texts_of(values: Any) -> NDArray[Any]:
+    """(n,) of texts in a dictionary of Arrow; missing ones are empty."""
+    known = np.array([*(text or "" for text in values.dictionary.to_pylist()), ""], object)
+    return np.asarray(known[values.indices.fill_null(-1).to_numpy(zero_copy_only=False)])
 
 
 def _npz(path: Path, used: Collection[str]) -> tuple[Attributes, list[str]]:
