@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array, choice, flag, items, number, path_of, points, unit_vectors, whole_number
+from ..checks import as_array, choice, flag, items, number, path_of, points, quoted, unit_vectors, whole_number
 from ..checks import points as checked_points
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
@@ -178,6 +178,8 @@ class Sensors:
             self._set("corners", checked_corners(self.corners, n))
         if self.zone is not None:
             self._set("zone", checked_indices(self.zone, (n,), "zone", 0, len(self.zones)))
+        if not isinstance(self.attributes, dict) or not all(isinstance(name, str) for name in self.attributes):
+            raise InputError(f"attributes of sensors are {quoted(self.attributes)}; they must be a dict of arrays")
         for name, values in self.attributes.items():
             if not isinstance(values, np.ndarray) or values.shape != (n,):
                 raise InputError(f"the attribute {name!r} of sensors must be an array of {n} values, one for each")
