@@ -7,13 +7,11 @@
 (64, 64)
 """
 
-import importlib
-import typing
-
-from .field_docs import describe as _describe
 from .version import VERSION as _VERSION
 
-if typing.TYPE_CHECKING:
+TYPE_CHECKING = False  # as type checkers know it: importing typing would delay the handling of Ctrl-C
+
+if TYPE_CHECKING:
     from . import cluster, examples
     from .engine.engine import Engine
     from .engine.gis_scenes import from_footprints, from_raster
@@ -250,18 +248,25 @@ _HOME = {
 }
 _MODULES = "cluster", "examples"  # public names that are modules
 
-if not typing.TYPE_CHECKING:  # hidden from type checkers, so that unknown names are errors
+if not TYPE_CHECKING:  # hidden from type checkers, so that unknown names are errors
 
     def __getattr__(name):
+        from importlib import import_module
+
         if name in _MODULES:
-            return importlib.import_module(f"{__name__}.{name}")
+            return import_module(f"{__name__}.{name}")
         if name not in _HOME:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+        value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
         if hasattr(value, "_fields"):
-            _describe(value)
+            from .field_docs import describe
+
+            describe(value)
         globals()[name] = value
         return value
+
+
+del TYPE_CHECKING
 
 
 def __dir__() -> list[str]:

@@ -116,6 +116,12 @@ NO_VALUES = "merge", "warmup", "plans", "scenes", "formats"
 """Commands without a scene, or without options that take a checked value."""
 
 
+def _others(words: list[str], param) -> list[str]:
+    """Words without an option that takes one value, and its value."""
+    place = next((k for k, word in enumerate(words) if word in param.opts and not param.multiple), len(words))
+    return words[:place] + words[place + 2 :]
+
+
 @pytest.mark.parametrize(
     "name", [name for name in COMMANDS if name not in ("merge", "warmup", "plans", "scenes", "formats")]
 )
@@ -126,7 +132,7 @@ def test_wrong_values_of_options(name, cli, square_obj):
         if param.param_type_name != "option" or param.is_flag or param.name in ANYTHING | {"help"}:
             continue
         option = next(text for text in param.opts if text.startswith("--"))
-        done = cli(name, square_obj, *ARGUMENTS.get(name, []), f"{option}=facade")
+        done = cli(name, square_obj, *_others(ARGUMENTS.get(name, []), param), f"{option}=facade")
         done.refused("facade")
         told = done.err.removeprefix("antumbra: ")
         assert told.startswith((option, "plan", "rule", "days")), told

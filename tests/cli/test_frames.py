@@ -38,11 +38,13 @@ def moving(tmp_path):
 
 @pytest.fixture
 def film(cli, moving):
-    """Renders frames 0 to 3, one a second, to f.##.png; further arguments are added."""
+    """Renders frames 0 to 3, one a second, to f.##.png with 4 rays; further arguments are added."""
 
     def run(*arguments, numbers="0:3"):
         view = "--size", "24", "--camera", "0,6,0.1:0,0,0", "--light", "sphere:0,4,0:0.3@50"
-        return cli("render", moving, *view, "--frames", numbers, "--fps", 1, "-o", "f.##.png", "--spp", 4, *arguments)
+        usual = {"-o": "f.##.png", "--spp": 4}
+        words = [word for name, value in usual.items() if name not in arguments for word in (name, value)]
+        return cli("render", moving, *view, "--frames", numbers, "--fps", 1, *words, *arguments)
 
     return run
 

@@ -126,13 +126,25 @@ def test_a_shard_goes_on_and_says_what_it_did(run, tmp_path, small_parts):
     assert "1/2" in told.out and "were already done" in told.out and "antumbra merge a.shards" in told.out
 
 
+def test_shards_may_have_their_options_in_any_order_and_spelling(run, tmp_path, small_parts):
+    run("whole", *JOBS["sun"], "--quiet")
+    run("a", *JOBS["sun"], "--shard", "0/2", "--quiet")
+    scene, options = CITY, dict(zip(SUN[2::2], SUN[3::2]))
+    words = ["-o", "./a.csv", *(f"{name}={value}" for name, value in reversed(options.items())), "--output", "a.png"]
+    run("a", "sun", *words, "--by=month", scene, "--shard", "1/2", code=2).refused("another command")
+    run("a", "sun", "--threads", 1, *words, scene, "--shard", "1/2", "--json")
+    run("a", "merge", "a.shards", "--quiet")
+    shutil.rmtree(tmp_path / "a" / "a.shards")
+    assert contents(tmp_path / "a") == contents(tmp_path / "whole")
+
+
 def test_foreign_and_stale_shards_are_refused_by_name(run, tmp_path, small_parts):
     (tmp_path / "a").mkdir()
     model = tmp_path / "a" / "model.obj"
     model.write_text("v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nv 0 1 0\nf 3 2 1\nf 4 3 1\nf 1 2 5\n")
     words = ("sun", "model.obj", *SUN[2:-1], "raster:0.1", "-o", "a.csv")
     run("a", *words, "--shard", "0/1", "-q")
-    run("a", *words, "--step", 60, "--shard", "0/1", code=2).refused("a.shards", "another command")
+    run("a", *words, "--energy", "--shard", "0/1", code=2).refused("a.shards", "another command")
     model.write_text(model.read_text().replace("v 0 1 0", "v 0 2 0"))
     told = run("a", "merge", "a.shards", code=2)
     told.refused("a.shards/", "stale", "scene as it was before")

@@ -25,7 +25,7 @@ def test_missing_files(tmp_path, name):
     assert message_of(str(tmp_path / name)) == f"{name}: no such file; check the path"
 
 
-@pytest.mark.parametrize("name", ["a.fbx", "a.txt", "nosuffix", ".glb"])
+@pytest.mark.parametrize("name", ["a.zzz", "a.txt", "nosuffix", ".glb"])
 def test_unknown_formats(tmp_path, name):
     (tmp_path / name).write_bytes(single().glb())
     message = message_of(tmp_path / name)

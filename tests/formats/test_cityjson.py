@@ -325,7 +325,7 @@ def broken(**changes):
 @pytest.mark.parametrize(
     "document, words",
     [
-        ({"type": "FeatureCollection"}, ["not a CityJSON file (its type is 'FeatureCollection')"]),
+        ({"type": "FeatureCollection"}, ["is GeoJSON; rename it to a.city.geojson"]),
         ({}, ["not a CityJSON file (its type is None)"]),
         ([1], ["a list of 1; it must be a JSON object"]),
         ('{"type": "CityJSON"', ["JSON cannot be read"]),

@@ -249,7 +249,7 @@ BOW = shapely.Polygon([(0, 0), (2, 2), (2, 0), (0, 2)])
         (faulty(height=np.nan), "'b' has no height"),
         (faulty(height=0.0), "'b' has a height of 0 or less"),
         (faulty(height=-3.0), "'b' has a height of 0 or less"),
-        (buildings(height=["3", "tall", "8"]), "'b' has no height"),
+        (buildings(height=["3", None, "8"]), "'b' has no height"),
     ],
 )
 def test_faulty_footprints_are_named_or_left_out_and_counted(table, words):

@@ -91,9 +91,9 @@ def test_only_cityjson_has_levels_of_detail(suffix, tmp_path):
 
 
 def test_an_unknown_suffix_is_answered_with_all(tmp_path):
-    (tmp_path / "a.fbx").write_bytes(b"Kaydara")
+    (tmp_path / "a.zzz").write_bytes(b"Kaydara")
     with pytest.raises(InputError, match=f"use one of {', '.join(SCENE_SUFFIXES)}, or a folder"):
-        load(tmp_path / "a.fbx")
+        load(tmp_path / "a.zzz")
 
 
 def test_the_documentation_of_load_names_all_suffixes():

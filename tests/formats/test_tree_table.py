@@ -100,7 +100,11 @@ def test_files_and_layers_that_cannot_be_read(tmp_path):
     for name, text, words in (
         ("b.csv", "a,b\n1,2\n", "no columns x and y"),
         ("c.csv", "x,y,height,radius\n", "has no trees"),
-        ("d.csv", "x,y,height,radius\n1,2,tall,3\n", "does not hold numbers"),
+        (
+            "d.csv",
+            "x,y,height,radius\n1,2,tall,3\n",
+            "1 of 1 rows of the column 'height' for height are no numbers, such as 'tall'",
+        ),
         ("e.csv", "x,y,height,radius\n1,,4,3\n", "has no place"),
     ):
         (tmp_path / name).write_text(text)

@@ -1,6 +1,6 @@
 """The command line, ``antumbra``: one module per group of commands.
 
-- `app`: the program, its commands, and the option groups in their help
+- `app`: the program, its commands, and the option groups in their help; `command_parsing`: how their words are parsed
 - `render_command`: ``antumbra render``; `picture_spec`: its arguments and the picture they specify; `picture_report`:
   summaries and HTML pages of rendered pictures
 - `compare_command`: ``antumbra compare``, plans side by side
@@ -16,28 +16,35 @@
 - `gis_options`: rasters of heights and footprints, and the options that every command has for them
 - `tree_options`: ``--trees``, a file of trees that commands add to a scene
 - `arguments`: parses arguments and opens the scene; `options`: shared options, and checks of the files they name
+- `interruption`: signals that end the command
 - `console`: progress and errors on standard error; answers on standard output, also as Markdown
 """
 
 import gc
 import sys
 
+from .interruption import catch_signals, set_working
+
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line on `arguments` (None: those of the process) and return the exit code.
 
-    0: success. 1: unexpected error. 2: unusable input. 130: interrupted.
+    0: success. 1: unexpected error. 2: unusable input. 128 and more: ended by a signal, 130 by Ctrl-C.
     """
-    if arguments is None:
-        arguments = sys.argv[1:]
-        # Importing Numba and reading its cache creates a million objects that live as long as the process. Traversing
-        # them again and again would cost the garbage collector a sixth of the time of a small rendering.
-        gc.set_threshold(200_000, 20, 20)
+    if arguments is not None:
+        return _run(arguments)
+    catch_signals()
+    # Importing Numba and reading its cache creates a million objects that live as long as the process. Traversing
+    # them again and again would cost the garbage collector a sixth of the time of a small rendering.
+    gc.set_threshold(200_000, 20, 20)
     try:
-        from .app import run
-        from .console import guarded
+        return _run(sys.argv[1:])
+    finally:
+        set_working(False)
 
-        return guarded(run, arguments)
-    except KeyboardInterrupt:  # during the imports
-        print("antumbra: interrupted", file=sys.stderr)
-        return 130
+
+def _run(arguments: list[str]) -> int:
+    from .app import run
+    from .console import guarded
+
+    return guarded(run, arguments)

@@ -14,9 +14,9 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from ..errors import InputError
-from .console import command_line
+from .command_parsing import ParsedOnce
 
-# --- Commands: late conversion, and option groups of the help, which is plain text without Rich -----------------------
+# --- Commands: option groups of the help, which is plain text without Rich --------------------------------------------
 
 
 PANELS: dict[str, tuple[str, ...]] = {
@@ -34,41 +34,11 @@ PANELS: dict[str, tuple[str, ...]] = {
 _LEAST = 12  # least number of options that are grouped
 
 
-class LateConversion:
-    """A command that converts only values that need it, because Typer imports pydantic to convert, which is slow."""
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        params: list[Any] = super().get_params(ctx)  # type: ignore[misc]
-        for param in params:
-            if "process_value" not in vars(param):
-                param.process_value = _late_conversion(param)
-        return params
-
-
-def _late_conversion(param: Any) -> Callable[[Any, Any], Any]:
-    """The `process_value` of a parameter that takes its default, and text that is to remain text, as they are."""
-    convert, default = param.process_value, param.default
-    is_choice = (
-        type(getattr(param, "type", None)).__name__ == "Choice"
-    )  # older Typers: an enumeration's default is text
-    is_text = getattr(getattr(param, "type_descriptor", None), "annotation", None) is str
-    is_list = param.multiple or param.nargs != 1
-
-    def process_value(context: Any, value: Any) -> Any:
-        is_default = value is default and not is_choice and not (value is None and param.required)
-        if not is_default and not (is_text and isinstance(value, str)):
-            return convert(context, value)
-        value = () if is_list and value is None else value
-        return value if param.callback is None else param.callback(context, param, value)
-
-    return process_value
-
-
-class Program(LateConversion, TyperGroup):
+class Program(ParsedOnce, TyperGroup):
     """The program."""
 
 
-class Command(LateConversion, TyperCommand):
+class Command(ParsedOnce, TyperCommand):
     """A command."""
 
 
@@ -226,7 +196,6 @@ def _top(
 
 def run(arguments: list[str]) -> object:
     """Run the command named by the arguments; return its exit code or its return value."""
-    command_line.set(tuple(arguments))
     names = (
         None if "merge" in arguments else frozenset({*COMMANDS, _BENCH[0]}.intersection(arguments))
     )  # it runs others

@@ -135,6 +135,8 @@ def parse_scene(text: str) -> SceneSpec:
         if geographic := split_options(text):
             return SceneSpec(geographic[0], gis=geographic[1])
         match = _LOD.fullmatch(text)
+        if match and "&" in match[2]:
+            raise InputError(f"{text}: lod is repeated, or another option follows; write FILE?lod=N")
         return SceneSpec(Path(match[1]), lod=match[2]) if match else SceneSpec(Path(text))
     name, _, query = text[len(PROCEDURAL) :].partition("?")
     options: dict[str, int] = {}
@@ -147,14 +149,20 @@ def parse_scene(text: str) -> SceneSpec:
 
 def _with_options(spec: SceneSpec, query: str, text: str) -> SceneSpec:
     """The scene of a file with the options of a query, such as ``cutouts=off&transmittance=NAME:SHARE``."""
-    for key, value in parse_qsl(query, keep_blank_values=True):
+    pairs = parse_qsl(query, keep_blank_values=True)
+    for key, value in pairs:
+        if key != "transmittance" and [each for each, _ in pairs].count(key) > 1:
+            raise InputError(f"{text}: {key} is repeated; write it once")
         if key in ("cutouts", "instances"):
             if value not in ("on", "off"):
                 raise InputError(f"{text}: {key} is {value!r}; it must be on or off")
             switch: dict[str, Any] = {key: value == "on"}
             spec = spec._replace(**switch)
         elif key == "transmittance":
-            spec = spec._replace(transmittance=(*spec.transmittance, _parse_transmittance(value, text)))
+            share = _parse_transmittance(value, text)
+            if share[0] in dict(spec.transmittance):
+                raise InputError(f"{text}: the transmittance of {share[0]!r} is repeated; write it once")
+            spec = spec._replace(transmittance=(*spec.transmittance, share))
         else:
             raise InputError(f"{text}: {key!r} is unknown; use cutouts=off, instances=on or transmittance=NAME:SHARE")
     return spec

@@ -18,13 +18,14 @@ from time import monotonic
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from ..errors import InputError
 from ..extras import plugins_of
 from ..files import atomic_output, checked_output
 from . import console
 from .arguments import check_plot
+from .command_parsing import ParsedOnce
 from .console import UNFORESEEN, ProgressDisplay, Record, explained, say
 from .options import Json, Quiet, writes_folder
 
@@ -236,10 +237,14 @@ class _EntryPointGroup(TyperGroup):
         return _loaded(cmd_name) if cmd_name in plugins_of(_GROUP) else super().get_command(ctx, cmd_name)
 
 
+class BenchCommand(ParsedOnce, TyperCommand):
+    """A command of ``antumbra bench``."""
+
+
 def _loaded(name: str) -> Any:
     """The registered command of this name."""
     alone = typer.Typer(rich_markup_mode=None, add_completion=False)
-    alone.command(name)(plugins_of(_GROUP)[name].load())
+    alone.command(name, cls=BenchCommand)(plugins_of(_GROUP)[name].load())
     return typer.main.get_command(alone)
 
 
@@ -251,7 +256,7 @@ def _bench() -> None:
     """Reproduce the tables and plots of the papers on this machine, beside the published figures."""
 
 
-@app.command("all")
+@app.command("all", cls=BenchCommand)
 def all_(
     quick: Annotated[bool, typer.Option("--quick", help="Measure less: ten minutes in all on two cores.")] = False,
     output: OutputOption = None,

@@ -10,6 +10,7 @@ import logging
 import math
 import os
 import re
+import select
 import shutil
 import sys
 import textwrap
@@ -17,7 +18,6 @@ import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
-from contextvars import ContextVar
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -25,6 +25,7 @@ import typer
 
 from ..errors import InputError, one_line
 from ..progress import LOG, progress_listener, split_progress
+from .interruption import interruption
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -33,9 +34,6 @@ if TYPE_CHECKING:
     from ..scene.camera import Camera
     from ..techniques.srdh.representative_rays import SrdhRays
 
-
-command_line: ContextVar[tuple[str, ...]] = ContextVar("words", default=())
-"""The words of the command line."""
 
 # --- Output as Markdown -----------------------------------------------------------------------------------------------
 
@@ -332,7 +330,7 @@ def _logged() -> Iterator[None]:
 # --- Errors: one line on standard error, and an exit code -------------------------------------------------------------
 
 
-UNFORESEEN, BAD_INPUT, INTERRUPTED = 1, 2, 130
+UNFORESEEN, BAD_INPUT, INTERRUPTED, NO_READER = 1, 2, 130, 141  # the last two: 128 + SIGINT, 128 + SIGPIPE
 
 # Typer does not export the base class of its usage errors, whose module depends on Typer's version.
 _UsageError: Any = typer.BadParameter.__mro__[1]
@@ -350,29 +348,62 @@ def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
     debug = "--debug" in before or os.environ.get("ANTUMBRA_DEBUG", "") not in ("", "0")
     arguments = [a for a in before if a != "--debug"] + arguments[len(before) :]
     try:
-        with _log_lines():
+        with _log_lines(), _note_lines("--quiet" in before or "-q" in before):
             code = run(arguments)
         sys.stdout.flush()
         code = code if isinstance(code, int) else 0
         if code == INTERRUPTED:
             raise KeyboardInterrupt
         return code
-    except BrokenPipeError:  # the reader of the output has exited
-        _drop_output()
-        return UNFORESEEN
     except BaseException as error:
-        if isinstance(error, SystemExit):
+        if isinstance(error, PipeError):
+            error = error.error
+        if isinstance(error, BrokenPipeError) and _reader_is_gone():
+            _drop_output()
+            return NO_READER
+        ended = interruption()  # a library may have turned its exception into another one
+        if isinstance(error, SystemExit) and not ended:
             raise
-        if debug and not isinstance(error, (_UsageError, KeyboardInterrupt, typer.Abort)):
+        if debug and not ended and not isinstance(error, (_UsageError, KeyboardInterrupt, typer.Abort)):
             raise
         if isinstance(error, OSError):
             _drop_output()
-        line, code = explained(error)
+        line, code = ended or explained(error)
         say(line)
         if "--json" in before:
             with suppress(OSError, ValueError):
                 print(json.dumps({"error": line}), flush=True)
         return code
+
+
+class PipeError(Exception):
+    """A BrokenPipeError, which Typer would turn into a silent exit, whichever pipe it is."""
+
+    def __init__(self, error: BrokenPipeError):
+        super().__init__(error)
+        self.error = error
+
+
+@contextmanager
+def broken_pipes() -> Iterator[None]:
+    """Raise `PipeError` instead of BrokenPipeError."""
+    try:
+        yield
+    except BrokenPipeError as error:
+        raise PipeError(error) from error
+
+
+def _reader_is_gone() -> bool:
+    """Whether the reader of standard output has exited, rather than that of another pipe."""
+    try:
+        number = sys.stdout.fileno()
+    except (AttributeError, OSError, ValueError):  # a stream in memory
+        return False
+    if not hasattr(select, "poll"):  # Windows
+        return True
+    poll = select.poll()
+    poll.register(number, select.POLLOUT)
+    return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
 
 
 def _drop_output() -> None:
@@ -421,6 +452,23 @@ def _log_lines() -> Iterator[None]:
         yield
     finally:
         log.removeHandler(lines)
+
+
+@contextmanager
+def _note_lines(quiet: bool) -> Iterator[None]:
+    """Print what the library warns of as lines on standard error, unless `quiet`."""
+    before = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
+        if issubclass(category, UserWarning):
+            say(f"note: {message}")
+        else:
+            before(message, category, *rest, **more)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore" if quiet else "always", UserWarning)  # also where Python makes them errors
+        warnings.showwarning = show
+        yield
 
 
 # Typer's messages about values, in pydantic's wording -> this package's messages.

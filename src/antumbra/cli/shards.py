@@ -12,6 +12,7 @@ import typer
 
 from ..errors import InputError
 from . import console
+from .command_parsing import parsed_words
 from .options import Json, Quiet
 
 # --- The options and their executors ----------------------------------------------------------------------------------
@@ -47,8 +48,7 @@ node_executor: ContextVar["UnitCollector | None"] = ContextVar("node_executor", 
 
 _OUTPUTS = "output", "city_output", "matrix", "sparse", "counts"
 _LEFT_OUT = "sheet", "html"  # pictures that need the whole job
-_VALUED = "--ray", "--shard", "--merge", "--threads"  # options with a value that do not affect results
-_FLAGS = "--json", "--quiet", "-q", "--debug"
+_NEUTRAL = "--ray", "--shard", "--merge", "--threads", "--json", "--quiet"  # options that do not affect results
 
 
 def parse_shard(text: str | None) -> "ShardIndex | None":
@@ -71,16 +71,8 @@ def shards_folder(output: Path) -> Path:
 
 
 def command_words() -> list[str]:
-    """The words of the command line that determine the results."""
-    words, remaining = [], iter(console.command_line.get())
-    for word in remaining:
-        name = word.partition("=")[0]
-        if name in _VALUED:
-            if "=" not in word:
-                next(remaining, None)
-        elif word not in _FLAGS:
-            words.append(word)
-    return words
+    """The words of the command that determine the results."""
+    return [word for word in parsed_words.get() if word.partition("=")[0] not in _NEUTRAL]
 
 
 def executor_for(args: Any, output: Path) -> "Executor | None":

@@ -135,7 +135,7 @@ def los(args: SightArguments) -> int:
         opened = add_trees(in_memory(open_scene(spec, args.up, args.quiet, args.crs)), trees)
         check_file_crs(opened, args.observers, args.targets, Path(args.pairs))
         start = perf_counter()
-        sightlines = line_of_sight(opened, **pair_list._asdict(), time=args.time, threads=args.threads)
+        sightlines = line_of_sight(opened, **pair_list.keywords(), time=args.time, threads=args.threads)
         seconds = perf_counter() - start
         display.say("writing the results")
         for path, write in zip(outputs, writers):
@@ -275,6 +275,7 @@ def viewshed(args: ViewshedArguments) -> int:
     from ..jobs.line_of_sight.line_points import points_along
     from ..jobs.line_of_sight.viewshed import viewshed as compute_viewshed
     from ..jobs.map_page import check_map
+    from ..jobs.point_attributes import warn_of_lost
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of
 
@@ -288,6 +289,8 @@ def viewshed(args: ViewshedArguments) -> int:
         check_map(path)
     bits = args.bits
     eyes = points_or_file(args.observer, args.observers, "--observer", "--observers")
+    if eyes is not None and args.observers is not None:
+        warn_of_lost(args.observers.name, eyes.attributes)
     if eyes is None and args.along is None:
         raise InputError("there is no observer: give --observer X,Y,Z, --observers FILE or --along FILE")
     if args.along is not None:
@@ -415,6 +418,7 @@ def matrix(args: MatrixArguments) -> int:
     spec = arguments.parse_scene(args.scene)
 
     from ..jobs.line_of_sight.visibility_matrix import visibility_matrix
+    from ..jobs.point_attributes import warn_of_lost
     from ..jobs.result_table import Column, Table
     from ..jobs.sensor_files import check_sensors
 
@@ -433,6 +437,7 @@ def matrix(args: MatrixArguments) -> int:
         sensors, others = sensors_below_trees(args.sensors, bare, opened, args.threads), None
         if args.targets is not None:
             others = sensors_below_trees(args.targets, bare, opened, args.threads)
+            warn_of_lost(args.targets, others.attributes)
         start = perf_counter()
         result = visibility_matrix(
             opened, sensors, others, output=bits, plan=args.plan, time=args.time, threads=args.threads, keep=executor

@@ -128,10 +128,13 @@ def skyline(args: SkylineArguments) -> int:
 
 
 def _points(args: SkylineArguments, bare: "AnyScene", scene: "AnyScene") -> "Sensors":
+    from ..jobs.point_attributes import warn_of_lost
     from ..jobs.sensors import point_sensors
 
     if args.points is not None:
-        return sensors_below_trees(args.points, bare, scene, args.threads)
+        points = sensors_below_trees(args.points, bare, scene, args.threads)
+        warn_of_lost(args.points, points.attributes)
+        return points
     return point_sensors([arguments.parse_point(text, "--at") for text in args.at or []])
 
 

@@ -147,6 +147,7 @@ def visible(args: VisibleArguments) -> int:
 def _target(args: VisibleArguments, scene: "AnyScene", foot: "NDArray[np.float64] | None") -> "Turbine | Sensors":
     """The target that the options name; `foot`: that of the turbine."""
     from ..jobs.line_of_sight.targets import Turbine, polygon_points, surface_points
+    from ..jobs.point_attributes import warn_of_lost
     from ..jobs.sensor_files import read_points
 
     spacing = scene.unit.of_metres(_SPACING) if args.spacing is None else args.spacing
@@ -160,9 +161,10 @@ def _target(args: VisibleArguments, scene: "AnyScene", foot: "NDArray[np.float64
                 raise InputError(f"--object {name}: {scene.name} has no such object; {hint}see antumbra info")
         types = None if args.surfaces is None else args.surfaces.split(",")
         return surface_points(arguments.in_memory(scene), spacing, objects=args.object, types=types)
-    if args.polygon is not None:
-        return polygon_points(read_points(args.polygon).points, spacing)
-    return read_points(args.points or Path())
+    path = args.polygon or args.points or Path()
+    points = read_points(path)
+    warn_of_lost(path.name, points.attributes)
+    return points if args.polygon is None else polygon_points(points.points, spacing)
 
 
 def _print_summary(args: VisibleArguments, name: str, table: "Table", seconds: float) -> None:

@@ -112,7 +112,8 @@ def from_footprints(
         file, or a GeoDataFrame of geopandas.
     height : str, float, or (n,) float, optional
         The height of each roof above the base, in the unit of the coordinates: a column, or numbers. None: the column
-        ``height``.
+        ``height``. Columns of text may have the units of OpenStreetMap: "12 m", "40 ft", "5'3\"". A column whose name
+        ends with ``levels`` counts storeys of 3 m.
     base : str, float, (n,) float, or a raster
         The height of each floor: a column, numbers, or a raster of heights in any form that `from_raster` takes. On a
         raster, a building stands on the lowest point of the surface under its footprint, and the surface is part of the

@@ -9,6 +9,7 @@ import numpy as np
 from ..checks import flag, path_of, text
 from ..errors import InputError
 from ..files import checked_file
+from ..formats.foreign_formats import cure_of
 from ..formats.format_registry import CITYJSON, FORMATS, FRAMES, GLB, GLTF, Format, ReadOptions, format_of
 from ..formats.library_meshes import KNOWN, data_of_mesh, is_mesh
 from ..scene.scene_data import SceneData, check_up_axis
@@ -73,6 +74,8 @@ def _read(path: Path, options: ReadOptions) -> SceneData:
         raise InputError(f"{name}: lod is for CityJSON files; leave it out")
     if file_format not in (FRAMES, STORE):
         checked_file(path, name)
+    if (cure := cure_of(path)) and not path.is_dir():
+        raise InputError(f"{name}: {cure}")
     if file_format is None:
         description = f"format {path.suffix.lower()!r}" if path.suffix else "format, no suffix"
         raise InputError(f"{name}: unknown {description}; use one of {', '.join(SCENE_SUFFIXES)}, or a folder")

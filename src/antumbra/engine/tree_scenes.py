@@ -15,6 +15,7 @@ from ..scene.map_degrees import check_no_degrees
 from ..scene.scene_bounds import plan_bounds
 from ..scene.scene_data import MemoryData, group_notes
 from ..scene.tree_crowns import TreeMeshes
+from ..scene.units import checked_unit
 from .scene import AnyScene, Scene
 from .scene_loading import SceneLike, scene_of
 
@@ -92,8 +93,12 @@ def from_trees(
     So the share does not depend on the distance inside the crown; a point inside one is behind half of it, in terms of
     logarithms. The shares of several crowns multiply. Sections at the widest place have the area of the circle.
     """
-    options = TreeOptions(height, radius, transmittance, shape, base, crown_base, trunk_radius, id, layer, crs)
     below = None if scene is None else scene_of(scene)
+    given = below.data.given_unit if below is not None and unit is None else unit
+    of_length = None if given is None else checked_unit(given)
+    options = TreeOptions(
+        height, radius, transmittance, shape, base, crown_base, trunk_radius, id, layer, crs, of_length
+    )
     if below is not None and not isinstance(below.data, MemoryData):
         raise InputError(f"{below.name}: trees are added to scenes in memory; load it with instances=False, or a file")
     table = read_trees(trees, options, None if below is None else below.crs)
@@ -104,9 +109,8 @@ def from_trees(
     source = TreeMeshes(_feet(table, below, up), table.shapes, table.ids, table.file, up)
     title = table.file.rpartition(".")[0] or "trees"
     title = (title if below is None else below.name) if name is None else text(name, "name")
-    given = below.data.given_unit if below is not None and unit is None else unit
     system = None if table.crs is None else in_one_unit(checked_crs(table.crs))[0]  # heights are in the plan's unit
-    data = MemoryData(source, name=title, up=up, crs=system, unit=given)
+    data = MemoryData(source, name=title, up=up, crs=system, unit=of_length)
     if below is None:
         return Scene.of_data(data)
     assert isinstance(below.data, MemoryData)

@@ -18,6 +18,7 @@ from ..scene.instance_data import InstanceData, wants_instances
 from ..scene.instances import InstancedSource
 from ..scene.mesh import Source
 from ..scene.palette_scene import PaletteScene
+from ..scene.rounded_coordinates import rounding_notes
 from ..scene.scene_bounds import guess_z_up, sampled_faces
 from ..scene.scene_data import MemoryData, SceneData
 from ..scene.units import LengthUnit
@@ -72,6 +73,7 @@ def _data_of(source: Source, notes: list[str], name: str, options: ReadOptions) 
     else:
         scene = MemoryData(source, name=name, up=up, notes=tuple(notes))
         sample = partial(sampled_faces, source, scene.n_triangles)
+    scene.notes = (*scene.notes, *rounding_notes(source.file, scene.bounds, sample))
     if options.up is None and guess_z_up(sample()):
         scene.up, scene.notes = "z", (*scene.notes, f'{source.file}: seems to have z up; pass up="y" to override')
     return scene

@@ -26,6 +26,8 @@ from ..scene.mesh import (
     picture_texture,
     textured_mesh,
 )
+from ..scene.rounded_coordinates import rounding_notes
+from ..scene.scene_bounds import sampled_faces
 from ..scene.scene_data import MemoryData
 from ..scene.units import LengthUnit, unit_named
 
@@ -296,7 +298,10 @@ def data_of_mesh(
     own = getattr(mesh, "units", None)  # of trimesh
     if unit is None and crs is None and isinstance(own, str):
         unit = unit_named(own)
-    return MemoryData(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes), crs=crs, unit=unit)
+    data = MemoryData(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes), crs=crs, unit=unit)
+    rounded = rounding_notes(name, data.bounds, lambda: sampled_faces(data.source, data.n_triangles))
+    data.notes = (*data.notes, *rounded)
+    return data
 
 
 def positions_of(vertices: object, name: str) -> np.ndarray:

@@ -7,7 +7,8 @@ name of the column that pictures show. A style of QGIS is written beside files w
 import io
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -29,6 +30,7 @@ from .false_colours import coloured_model, column_values, false_colours
 from .map_page import check_map, checked_title
 from .map_scale import MapScale, map_scale
 from .map_sheet import save_map
+from .point_attributes import with_attributes
 from .qgis_style import RasterStyle, VectorStyle, write_style
 from .sensors import Sensors, check_on_scene
 
@@ -38,6 +40,7 @@ from .sensors import Sensors, check_on_scene
 _ROWS = 1 << 16  # rows converted to text at a time
 _NO_UNIT = "1"  # in GeoTIFF, where readers fill in the unit of heights of a compound CRS if there is none
 _NO_CRS = 'LOCAL_CS["Undefined Cartesian SRS"]'  # in GeoPackage
+_DATE = "OGR_CURRENT_DATE"
 _POINT_Z = 1001  # well-known binary: a point with three coordinates
 
 
@@ -114,13 +117,26 @@ def _geopackage(table: "Table", path: Path, column: str) -> None:
     geometry = np.empty(len(table), object)
     geometry[:] = _well_known(_on_map(table))
     crs = table.about.get("crs")
-    raw.write(
-        memory, geometry, [_in_milliseconds(values) for values in rows.values()], list(rows), driver="GPKG",
-        layer=path.stem, geometry_type="Point Z", crs=checked_crs(crs) if crs else _NO_CRS,
-    )  # fmt: skip
+    with undated():
+        raw.write(
+            memory, geometry, [_in_milliseconds(values) for values in rows.values()], list(rows), driver="GPKG",
+            layer=path.stem, geometry_type="Point Z", crs=checked_crs(crs) if crs else _NO_CRS,
+        )  # fmt: skip
     with atomic_output(path) as temporary:
         temporary.write_bytes(memory.getvalue())
     _write_style(table, path, column)
+
+
+@contextmanager
+def undated() -> Iterator[None]:
+    """Let GDAL write a fixed date instead of that of today, so that equal results have equal bytes."""
+    pyogrio = import_extra("pyogrio", ".gpkg", "gis")
+    before = pyogrio.get_gdal_config_option(_DATE)
+    pyogrio.set_gdal_config_options({_DATE: "1970-01-01T00:00:00.000Z"})
+    try:
+        yield
+    finally:
+        pyogrio.set_gdal_config_options({_DATE: before})
 
 
 def _write_style(table: "Table", path: Path, column: str) -> None:
@@ -408,7 +424,10 @@ class Table:
             return np.bincount(faces, areas * self[name][on], scene.n_triangles) / total
 
     def rows(self) -> dict[str, np.ndarray]:
-        """Name -> (n,) values: the sensors' columns (x, y, z, nx, ny, nz, area, face), then the results."""
+        """Name -> (n,) values: the sensors' columns (x, y, z, nx, ny, nz, area, face), attributes, then the results.
+
+        An attribute whose name is that of another column gets ``_given`` after it.
+        """
         sensors = self.sensors
         columns = dict(zip("xyz", sensors.points.T))
         if sensors.normals is not None:
@@ -417,4 +436,5 @@ class Table:
             columns["area"] = sensors.areas
         if sensors.faces is not None:
             columns["face"] = sensors.faces
-        return columns | {name: column.values for name, column in self.columns.items()}
+        results = {name: column.values for name, column in self.columns.items()}
+        return with_attributes(columns, sensors.attributes, results)

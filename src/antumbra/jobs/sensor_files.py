@@ -3,8 +3,10 @@
 import csv
 import json
 import re
-from collections.abc import Iterator
+import warnings
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +21,11 @@ from ..files import checked_file
 from ..formats.array_files import check_expansion, mapped_array, npz_arrays
 from ..kernels.parallel import thread_count
 from ..scene.crs import check_horizontal_crs, checked_crs
+from ..scene.rounded_coordinates import rounding_notes
+from ..scene.scene_bounds import bounds_of_points
 from .ground_areas import AreaLike, area_sensors
 from .measured_scenes import measured_scene
+from .point_attributes import Attributes, read_attributes
 from .raster_grid import SUFFIXES as RASTERS
 from .sensors import Sensors, face_sensors, point_sensors, raster_sensors, vertex_sensors
 from .surface_grid import grid_sensors
@@ -129,7 +134,8 @@ def _number(text: str, sensors: str) -> float:
 def read_points(path: Path) -> Sensors:
     """Read points from a file.
 
-    - CSV with a header, Parquet, NPZ: columns or arrays x, y, z, and optionally nx, ny, nz, and area
+    - CSV with a header, Parquet, NPZ: columns or arrays x, y, z, and optionally nx, ny, nz, and area; others become
+      `Sensors.attributes`, which come through to the results
     - NPY: (n, 3) points, or (n, 6) points and normals
 
     Raises
@@ -144,7 +150,15 @@ def read_points(path: Path) -> Sensors:
     if missing:
         raise InputError(f"{path.name}: column {missing[0]!r} is missing; points need the columns x, y and z")
     normals = np.stack([columns[n] for n in _NORMAL], 1) if all(n in columns for n in _NORMAL) else None
-    return point_sensors(np.stack([columns[n] for n in _POSITION], 1), normals, columns.get("area"))
+    sensors = point_sensors(np.stack([columns[n] for n in _POSITION], 1), normals, columns.get("area"))
+    _warn_of_rounding(sensors, path.name)
+    return replace(sensors, attributes=attributes_of(path, columns, len(sensors)))
+
+
+def attributes_of(path: Path, used: Collection[str], n: int) -> Attributes:
+    """The columns of a file of n rows besides those with these lower-case names, of which `read_attributes` tells."""
+    with _reader_errors(path):
+        return read_attributes(path, used, n)
 
 
 def read_array(path: Path) -> np.ndarray:
@@ -184,7 +198,17 @@ def _from_array(array: np.ndarray, name: str) -> Sensors:
         raise InputError(
             f"{name}: the array is {array.dtype} {array.shape}; points are (n, 3), points and normals (n, 6)"
         )
-    return point_sensors(array[:, :3], array[:, 3:] if array.shape[1] == 6 else None)
+    sensors = point_sensors(array[:, :3], array[:, 3:] if array.shape[1] == 6 else None)
+    _warn_of_rounding(sensors, name)
+    return sensors
+
+
+def _warn_of_rounding(sensors: Sensors, file: str) -> None:
+    """A note if float32 has rounded the points of a file."""
+    if len(sensors) > 1:
+        points = sensors.points
+        for note in rounding_notes(file, bounds_of_points(points), lambda: points, "write it in float64"):
+            warnings.warn(note, UserWarning, stacklevel=3)
 
 
 def _csv(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]:

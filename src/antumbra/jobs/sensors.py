@@ -4,14 +4,14 @@ Sensors lie on faces, at vertices, on surface grids, in horizontal rasters, or a
 once, when a `Sensors` is created.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array, choice, flag, items, number, path_of, points, unit_vectors, whole_number
+from ..checks import as_array, choice, flag, items, number, path_of, points, quoted, unit_vectors, whole_number
 from ..checks import points as checked_points
 from ..engine.scene import AnyScene, Scene
 from ..engine.scene_loading import SceneLike, scene_of
@@ -138,6 +138,9 @@ class Sensors:
         For sensors in areas: the area of each, an index into `zones`.
     zones : tuple of Zone
         The areas.
+    attributes : dict of str to (n,) array
+        Other columns of the user's table: numbers, times, bool, or object for texts. They come through to tables of
+        results.
 
     Raises
     ------
@@ -156,6 +159,7 @@ class Sensors:
     cells: np.ndarray | None = None
     zone: np.ndarray | None = None
     zones: tuple[Zone, ...] = ()
+    attributes: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         positions = points(self.points, "points of sensors")
@@ -176,6 +180,11 @@ class Sensors:
             self._set("corners", checked_corners(self.corners, n))
         if self.zone is not None:
             self._set("zone", checked_indices(self.zone, (n,), "zone", 0, len(self.zones)))
+        if not isinstance(self.attributes, dict) or not all(isinstance(name, str) for name in self.attributes):
+            raise InputError(f"attributes of sensors are {quoted(self.attributes)}; they must be a dict of arrays")
+        for name, values in self.attributes.items():
+            if not isinstance(values, np.ndarray) or values.shape != (n,):
+                raise InputError(f"the attribute {name!r} of sensors must be an array of {n} values, one for each")
         self._check_cells()
 
     def _set(self, name: str, value: object) -> None:
@@ -237,15 +246,22 @@ class Sensors:
         fields = self.normals, self.areas, self.faces, self.zone
         normals, areas, faces, zone = (None if array is None else array[index] for array in fields)
         return Sensors(
-            self.points[index], normals, areas, faces, self.kind, self.raster, corners, cells, zone, self.zones
-        )
+            self.points[index], normals, areas, faces, self.kind, self.raster, corners, cells, zone, self.zones,
+            self._attributes(index),
+        )  # fmt: skip
 
     def part(self, first: int, last: int) -> "Sensors":
         """The sensors from `first` to `last`, exclusive, as single points."""
         first, last = (whole_number(each, "a number of sensors", 0, len(self)) for each in (first, last))
         fields = self.normals, self.areas, self.faces, self.zone
         normals, areas, faces, zone = (None if array is None else array[first:last] for array in fields)
-        return Sensors(self.points[first:last], normals, areas, faces, "points", zone=zone, zones=self.zones)
+        attributes = self._attributes(slice(first, last))
+        return Sensors(
+            self.points[first:last], normals, areas, faces, "points", zone=zone, zones=self.zones, attributes=attributes
+        )
+
+    def _attributes(self, which: NDArray[np.integer] | slice) -> dict[str, np.ndarray]:
+        return {name: values[which] for name, values in self.attributes.items()}
 
 
 def corners_of(scene: AnyScene, time: float = 0.0) -> NDArray[np.float64]:

@@ -390,6 +390,7 @@ _CODECS = {
 # Without these options, players take small films for BT.601 and show wrong colours.
 _COLOURS = ["-vf", "scale=out_color_matrix=bt709:out_range=tv"]
 _COLOURS += [word for name in ("colorspace", "color_primaries", "color_trc") for word in (f"-{name}", "bt709")]
+_SAME_BYTES = ["-fflags", "+bitexact"]  # no random identifiers
 _TICK = 0.01  # seconds: GIF files count hundredths
 _PALETTE_PICTURES = 8  # pictures from which the palette of a GIF is computed, at most
 
@@ -448,7 +449,7 @@ def _encode(
         codec=codec,
         macro_block_size=1,
         quality=None,
-        output_params=[*_COLOURS, *options],
+        output_params=[*_COLOURS, *options, *_SAME_BYTES],
         ffmpeg_log_level="error",
     )
     with closing(writer):

@@ -6,7 +6,7 @@ far plane. This module is independent of the browser.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import datetime
+from datetime import datetime, timedelta
 from typing import NamedTuple
 
 import numpy as np
@@ -342,10 +342,11 @@ class Model:
         if self.place is None:
             raise InputError("the location of the scene is unknown; give --latitude and --longitude, or --crs")
         try:
-            midnight = datetime.fromisoformat(day).replace(tzinfo=zone_of(self.place))
+            midnight = datetime.fromisoformat(day).replace(tzinfo=None)
         except ValueError:
             raise InputError(f"the day is {day[:30]!r}; write one such as 2026-06-21") from None
-        instant = np.array([round(midnight.timestamp() + 3600.0 * hour)], "datetime64[s]")
+        local = (midnight + timedelta(hours=hour)).replace(tzinfo=zone_of(self.place))  # also while clocks change
+        instant = np.array([round(local.timestamp())], "datetime64[s]")
         altitude, azimuth = solar_angles(self.place, instant)
         bearing, elevation = float(azimuth[0] + self.place.north) % 360.0, float(altitude[0])
         self.aim_sun(bearing, elevation)

@@ -8,7 +8,7 @@ import pytest
 
 import antumbra as at
 from antumbra.jobs.sun.location import Place
-from antumbra.jobs.sun.sun_positions import month_days, parse_days, zone_of
+from antumbra.jobs.sun.sun_positions import instant_of, month_days, parse_days, zone_notes, zone_of
 
 AMSTERDAM = ZoneInfo("Europe/Amsterdam")
 
@@ -147,3 +147,39 @@ def test_zones_of_places():
 def test_days_of_the_year_as_numbers():
     local = np.array(["2026-01-01T00:00", "2024-02-29T23:59", "2026-12-31T12:00", "1969-03-21"], "datetime64[s]")
     np.testing.assert_array_equal(month_days(local), [101, 229, 1231, 321])
+
+
+def test_local_times_that_clocks_skip_or_repeat_are_refused():
+    for text, what in (("2026-03-29T02:30", "does not exist"), ("2026-10-25T02:30", "is there twice")):
+        with pytest.raises(at.InputError, match=f"^{text} {what}.* in Europe/Amsterdam; add the offset"):
+            instant_of(datetime.fromisoformat(text), AMSTERDAM)
+        assert instant_of(datetime.fromisoformat(text + "+01:00"), AMSTERDAM).hour == 1
+    for text, hour in (("2026-03-29T01:59", 0), ("2026-03-29T03:00", 1), ("2026-10-25T03:00", 2)):
+        assert instant_of(datetime.fromisoformat(text), AMSTERDAM).hour == hour
+
+
+@pytest.mark.parametrize(
+    "longitude, zone, noted",
+    [
+        (4.4, "Europe/Amsterdam", False),
+        (76.0, "Asia/Shanghai", False),  # 3 h ahead of the sun
+        (-157.4, "Pacific/Kiritimati", False),  # a day ahead
+        (-8.5, "Europe/Madrid", False),
+        (103.8, "Europe/Amsterdam", True),
+        (4.4, "America/New_York", True),
+    ],
+)
+def test_a_time_zone_of_elsewhere_is_noted(longitude, zone, noted):
+    notes = zone_notes(Place(10.0, longitude, timezone=zone), np.datetime64("2026-06-21T12:00", "s"))
+    assert len(notes) == noted and all(zone in note and "check the time zone" in note for note in notes)
+
+
+def test_studies_and_shadows_warn_of_a_time_zone_of_elsewhere():
+    tower = at.Scene.from_arrays([[[-1, -1, 0], [1, -1, 0], [0, 1, 9.0]]], up="z")
+    place = Place(1.35, 103.8, timezone="America/New_York")
+    for ask in (
+        lambda: at.sun_hours(tower, [[0.0, 0.0, 20.0]], "2026-06-21", place=place),
+        lambda: at.shadow(tower, at="2026-06-21T02:00", place=place),
+    ):
+        with pytest.warns(UserWarning, match="noon at the longitude 103.8 is at about 01:00"):
+            ask()

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ..foreign_formats import cure_of_json
 from ..json_fields import Fields, parse
 
 # --- Files, objects and vertices --------------------------------------------------------------------------------------
@@ -89,6 +90,8 @@ def _check_head(head: Fields, path: Path) -> None:
     if kind == "CityJSONFeature":
         raise InputError(f"{path.name}: begins with a CityJSONFeature; put the line of type CityJSON before it")
     if kind != "CityJSON":
+        if cure := cure_of_json(path, kind, head.data):
+            raise InputError(f"{path.name}: {cure}")
         raise InputError(
             f"{path.name}: not a CityJSON file (its type is {kind!r}); of {path.suffix} files, only CityJSON is read"
         )

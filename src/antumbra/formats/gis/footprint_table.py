@@ -14,8 +14,10 @@ from ...checks import choice, path_of, quoted
 from ...errors import InputError
 from ...extras import import_extra
 from ...files import checked_file
-from ...scene.crs import check_horizontal_crs, checked_crs, in_one_unit
+from ...scene.crs import check_horizontal_crs, checked_crs, in_one_unit, unit_of_crs
 from ...scene.units import LengthUnit
+from ..foreign_formats import cure_of
+from .length_texts import LENGTH_FORMS, STOREY, counts_storeys, lengths_in
 from .vector_table import TableRows, given_numbers, id_column, read_layer
 
 SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb", ".parquet")
@@ -26,6 +28,7 @@ FootprintsLike: TypeAlias = "str | PathLike[str] | Any"
 
 _HEIGHT = "height"  # default column of heights
 _IDS = "id", "identificatie", "gml_id", "osm_id", "fid"  # columns that name footprints, in this order
+_LONGEST = 20  # characters of a text in a message
 _POLYGON, _MULTIPOLYGON = 3, 6  # geometry types of shapely
 
 
@@ -94,11 +97,16 @@ def read_footprints(table: FootprintsLike, options: FootprintOptions) -> Footpri
     columns = {str(name): frame[name] for name in frame.columns if name != frame.geometry.name}
     height = _HEIGHT if options.height is None else options.height
     rows = TableRows(file, "footprint", len(frame))
-    heights, bases = _numbers(height, "height", columns, rows), np.zeros(len(frame))
+    metres = unit_of_crs(None if frame.crs is None else checked_crs(frame.crs), options.unit).metres
+    heights, unread = _lengths(height, "height", columns, rows, metres)
+    bases, unread_bases = np.zeros(len(frame)), np.full(len(frame), None, object)
     if options.base is not None:
-        bases = _numbers(options.base, "base", columns, rows)
+        bases, unread_bases = _lengths(options.base, "base", columns, rows, metres)
     ids = _ids(options.id, columns, frame, rows)
     faults = _faults(shapes, heights, bases)
+    for what, texts in (("base", unread_bases), ("height", unread)):
+        for k in np.flatnonzero(texts != None).tolist():  # noqa: E711 - of each element
+            faults[k] = f"has the {what} {texts[k][:_LONGEST]!r}, which is no length; write {LENGTH_FORMS}"
     bad = np.flatnonzero(faults != "")
     if len(bad) and options.invalid == "raise":
         raise InputError(_message(file, ids, faults, bad))
@@ -106,8 +114,10 @@ def read_footprints(table: FootprintsLike, options: FootprintOptions) -> Footpri
         raise InputError(f"{file}: no footprint is valid; the first one, {ids[0]!r}, {faults[0]}")
     good = np.flatnonzero(faults == "")
     notes = list[str]()
+    if isinstance(height, str) and counts_storeys(height):
+        notes = [f"{file}: each storey of the column {height!r} is taken to be {STOREY:g} m high"]
     if len(bad):
-        notes = [f"{file}: {len(bad)} footprints are left out; the first one, {ids[bad[0]]!r}, {faults[bad[0]]}"]
+        notes += [f"{file}: {len(bad)} footprints are left out; the first one, {ids[bad[0]]!r}, {faults[bad[0]]}"]
     attributes = {name: _values(column)[good] for name, column in columns.items()}
     crs = None if frame.crs is None else in_one_unit(checked_crs(frame.crs))[0]  # heights are in the unit of the plan
     rings = _rings_of(shapes[good])
@@ -128,7 +138,8 @@ def _frame_of(table: FootprintsLike, layer: str | None) -> tuple[Any, str]:
     path = path_of(table, "footprints")
     checked_file(path, path.name)
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path.name}: unknown format of footprints; use one of {', '.join(SUFFIXES)}")
+        cure = cure_of(path) or f"unknown format of footprints; use one of {', '.join(SUFFIXES)}"
+        raise InputError(f"{path.name}: {cure}")
     return read_layer(path, layer, "footprints", lambda kind: "Point" not in kind and "Line" not in kind), path.name
 
 
@@ -146,13 +157,18 @@ def _projected(frame: Any, crs: str | None, file: str) -> Any:
     return frame.to_crs(crs)
 
 
-def _numbers(value: Any, what: str, columns: dict[str, Any], rows: TableRows) -> NDArray[np.float64]:
-    """(n,) float64 from a number, an array or the name of a column; NaN: missing."""
+def _lengths(
+    value: Any, what: str, columns: dict[str, Any], rows: TableRows, metres: float
+) -> tuple[NDArray[np.float64], NDArray[np.object_]]:
+    """Lengths from a number, an array or the name of a column, NaN: missing; and the texts that are no lengths.
+
+    metres : per unit of the coordinates
+    """
     numbers = given_numbers(value, what, columns, rows)
-    if numbers is None:
-        column = import_extra("pandas", "footprints", "gis").to_numeric(columns[value], errors="coerce")
-        numbers = np.asarray(column.to_numpy(np.float64, na_value=np.nan))
-    return numbers
+    if numbers is not None:
+        return numbers, np.full(rows.n, None, object)
+    lengths, unread = lengths_in(_values(columns[value]), metres)
+    return lengths * (STOREY / metres if counts_storeys(value) else 1.0), unread
 
 
 def _values(column: Any) -> NDArray[Any]:

@@ -16,10 +16,13 @@ from ...checks import choice, is_number, number, parts_of, path_of, quoted
 from ...errors import InputError
 from ...extras import import_extra
 from ...files import checked_file
-from ...scene.crs import check_horizontal_crs, checked_crs, reproject
+from ...scene.crs import check_horizontal_crs, checked_crs, reproject, unit_of_crs
 from ...scene.materials import MONTHS
 from ...scene.tree_crowns import SHAPES, TreeShapes
+from ...scene.units import LengthUnit
+from ..foreign_formats import cure_of
 from ..reprojection import projected_crs, vector_command
+from .length_texts import LENGTH_FORMS, lengths_in
 from .vector_table import MOST_NAMES, TableRows, given_numbers, id_column, read_layer
 
 SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb", ".parquet", ".csv")
@@ -47,6 +50,7 @@ class TreeOptions(NamedTuple):
     id: str | None = None
     layer: str | None = None
     crs: str | None = None
+    unit: LengthUnit | None = None  # of the coordinates, if no CRS names it
 
 
 class Trees(NamedTuple):
@@ -68,10 +72,16 @@ class _TreeRows(NamedTuple):
     areas: NDArray[np.float64] | None  # (n,) of the outlines; None: the layer has points
     columns: dict[str, NDArray[Any]]  # (n,) each
     crs: str | None
+    unit: LengthUnit | None = None  # of the coordinates, if no CRS names it
 
     @property
     def names(self) -> TableRows:
         return TableRows(self.file, "tree", len(self.plan))
+
+    @property
+    def metres(self) -> float:
+        """Metres per unit of the coordinates."""
+        return unit_of_crs(self.crs, self.unit).metres
 
 
 def read_trees(table: TreesLike, options: TreeOptions, crs: str | None = None) -> Trees:
@@ -83,7 +93,7 @@ def read_trees(table: TreesLike, options: TreeOptions, crs: str | None = None) -
         If the table cannot be read, a column is missing, a number is out of range, or a CRS differs or is in degrees.
     """
     choice(options.shape, "shape", SHAPES)
-    rows = _projected(_table_of(table, options.layer), options.crs, crs)
+    rows = _projected(_table_of(table, options.layer), options.crs, crs)._replace(unit=options.unit)
     n, file = len(rows.plan), rows.file
     if not n:
         raise InputError(f"{file}: has no trees")
@@ -124,7 +134,8 @@ def checked_tree_file(table: str | PathLike[str]) -> Path:
     """The path of a file that may hold trees, by its suffix; otherwise an InputError."""
     path = path_of(table, "trees")
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path.name}: unknown format of trees; use one of {', '.join(SUFFIXES)}")
+        cure = cure_of(path) or f"unknown format of trees; use one of {', '.join(SUFFIXES)}"
+        raise InputError(f"{path.name}: {cure}")
     return checked_file(path, path.name)
 
 
@@ -193,10 +204,14 @@ def _numbers(value: Any, what: str, rows: _TreeRows) -> NDArray[np.float64]:
     numbers = given_numbers(value, what, rows.columns, rows.names)
     if numbers is not None:
         return numbers
-    try:
-        return rows.columns[value].astype(np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{rows.file}: the column {value!r} for {what} does not hold numbers; name another") from None
+    lengths, unread = lengths_in(rows.columns[value], rows.metres)
+    bad = [text for text in unread.tolist() if text is not None]
+    if bad:
+        raise InputError(
+            f"{rows.file}: {len(bad)} of {len(unread)} rows of the column {value!r} for {what} are no numbers, such as "
+            f"{bad[0][:20]!r}; write {LENGTH_FORMS}"
+        )
+    return lengths
 
 
 def _radii(radius: Any, rows: _TreeRows) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """`line_of_sight`: sightlines between pairs of points, and what blocks them; pair files, result tables and models."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,9 +19,10 @@ from ...query.receivers import Receivers
 from ..executors import LocalExecutor
 from ..false_colours import ColouredMesh, coloured_glb
 from ..measured_scenes import measured_scene
+from ..point_attributes import Attributes
 from ..point_checks import notes_on_points, notes_on_sensors, tell
 from ..result_table import Column, Table
-from ..sensor_files import SUFFIXES, check_point_file, read_array, read_columns
+from ..sensor_files import SUFFIXES, attributes_of, check_point_file, read_array, read_columns
 from ..sensors import Sensors, corners_of, point_sensors
 from ..work_parts import Parts
 
@@ -220,7 +222,7 @@ _INDICES = "from", "to"
 
 
 class PairList(NamedTuple):
-    """Pairs of points: arguments of `line_of_sight`."""
+    """Pairs of points: keywords of `line_of_sight`, and what their rows say besides."""
 
     observers: np.ndarray  # (n, 3) float64
     targets: np.ndarray  # (n, 3) float64
@@ -228,6 +230,11 @@ class PairList(NamedTuple):
     target_normals: np.ndarray | None
     faces: np.ndarray | None  # (n,) int64
     target_faces: np.ndarray | None
+    attributes: Attributes | None = None  # other columns of the tables of points or pairs, (n,) each
+
+    def keywords(self) -> dict[str, Any]:
+        """Those of `line_of_sight`."""
+        return {name: value for name, value in self._asdict().items() if name != "attributes"}
 
 
 def check_pairs(text: str) -> None:
@@ -265,7 +272,8 @@ def read_pairs(path: Path) -> PairList:
     observers, targets = _vectors(columns, _ENDS[:3]), _vectors(columns, _ENDS[3:])
     assert observers is not None and targets is not None
     normals, target_normals = _vectors(columns, _NORMALS[:3]), _vectors(columns, _NORMALS[3:])
-    return PairList(observers, targets, normals, target_normals, first, second)
+    others = attributes_of(path, columns, len(observers))
+    return PairList(observers, targets, normals, target_normals, first, second, others)
 
 
 def _vectors(columns: dict[str, np.ndarray], names: tuple[str, ...]) -> NDArray[np.float64] | None:
@@ -278,6 +286,7 @@ def pairs_of(text: str, observers: Sensors, targets: Sensors) -> PairList:
 
     The file has the columns ``from`` and ``to``, or is a .npy file of (n, 2) integers; indices start at 0.
     """
+    own: Attributes = {}
     if text == "all":
         first, second = (index.ravel() for index in np.indices((len(observers), len(targets))))
     elif text == "zip":
@@ -286,9 +295,13 @@ def pairs_of(text: str, observers: Sensors, targets: Sensors) -> PairList:
         first = second = np.arange(len(observers))
     else:
         first, second = _indices(Path(text), len(observers), len(targets))
+        own = attributes_of(Path(text), _INDICES, len(first))
     fields = (observers.normals, first), (targets.normals, second), (observers.faces, first), (targets.faces, second)
-    optional = [None if array is None else array[indices] for array, indices in fields]
-    return PairList(observers.points[first], targets.points[second], *optional)
+    normals, target_normals, faces, target_faces = (None if array is None else array[k] for array, k in fields)
+    sides = ("from", observers, first), ("to", targets, second)
+    others = own | {f"{side}_{name}": v[k] for side, ends, k in sides for name, v in ends.attributes.items()}
+    ends = observers.points[first], targets.points[second]
+    return PairList(*ends, normals, target_normals, faces, target_faces, others)
 
 
 def _indices(path: Path, observers: int, targets: int) -> tuple[np.ndarray, np.ndarray]:
@@ -328,7 +341,8 @@ def sight_table(scene: AnyScene, pairs: PairList, sightlines: Sightlines) -> Tab
     }
     for name, values in zip(("px", "py", "pz"), sightlines.point.T):
         columns[name] = Column(values, "", f"{name[1]} of the point that blocks")
-    return Table(point_sensors(pairs.observers), columns, {"job": "los"}, scene)
+    observers = replace(point_sensors(pairs.observers), attributes=pairs.attributes or {})
+    return Table(observers, columns, {"job": "los"}, scene)
 
 
 def _city_columns(scene: AnyScene, sightlines: Sightlines) -> dict[str, Column]:

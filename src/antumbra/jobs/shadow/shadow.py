@@ -1,7 +1,8 @@
 """`shadow`: the shadow on the ground at a moment, or the hours of shadow of days, as polygons."""
 
+import warnings
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import datetime
 from fnmatch import fnmatchcase
 from typing import Any, NamedTuple, ParamSpec, Protocol
 
@@ -19,7 +20,7 @@ from ..result_table import Column, Table
 from ..sensors import Sensors, raster_sensors
 from ..sun.location import Place, place_in
 from ..sun.sun_hours import sun_hours
-from ..sun.sun_positions import Suns, directions_of, months_of, solar_angles, zone_of
+from ..sun.sun_positions import Suns, directions_of, instant_of, months_of, solar_angles, zone_notes, zone_of
 from ..sun.sun_visibility import sum_suns, sun_query
 from .plane_projection import Projection, polygons_of, projection_of, shadow_union, union_of
 from .shadow_options import ShadowOptions
@@ -112,8 +113,11 @@ class _Moment(NamedTuple):
 def _moment_of(scene: AnyScene, place: Place, options: ShadowOptions) -> _Moment:
     when = options.at
     assert isinstance(when, datetime)
-    when = when.replace(tzinfo=zone_of(place)) if when.tzinfo is None else when
-    instant = np.array([when.astimezone(UTC).replace(tzinfo=None)], "datetime64[s]")
+    zone = zone_of(place)
+    instant = np.array([instant_of(when, zone).replace(tzinfo=None)], "datetime64[s]")
+    when = when.replace(tzinfo=zone) if when.tzinfo is None else when
+    for note in zone_notes(place, instant[0]):
+        warnings.warn(note, UserWarning, stacklevel=4)
     altitude, azimuth = solar_angles(place, instant)
     if not altitude[0] > 0.0:
         raise InputError(

@@ -18,7 +18,7 @@ from ...scene.raster import Raster
 from ..map_page import check_map, checked_title, save_page
 from ..map_scale import range_scale
 from ..qgis_style import VectorStyle, write_style
-from ..result_table import Table, raster_style
+from ..result_table import Table, raster_style, undated
 from .shadow_map import shadow_figure
 
 if TYPE_CHECKING:
@@ -91,9 +91,9 @@ class Shadow(NamedTuple):
         if suffix == ".parquet":
             frame.to_parquet(data, compression="zstd")
         else:
-            layer = {"layer": _LAYER} if suffix == ".gpkg" else {}
-            with warnings.catch_warnings(action="ignore", category=UserWarning):  # of a missing CRS
-                import_extra("pyogrio", suffix, "gis").write_dataframe(frame, data, driver=VECTORS[suffix], **layer)
+            pyogrio = import_extra("pyogrio", suffix, "gis")
+            with undated(), warnings.catch_warnings(action="ignore", category=UserWarning):  # of a missing CRS
+                pyogrio.write_dataframe(frame, data, driver=VECTORS[suffix], layer=_LAYER)
         with atomic_output(target) as temporary:
             temporary.write_bytes(data.getvalue())
         if frame.crs is not None:

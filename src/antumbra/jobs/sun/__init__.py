@@ -4,7 +4,7 @@
 - `sun_options`: options of `sun_hours`, with their checks
 - `location`: latitude, longitude, time zone and true north of a scene
 - `sun_positions`: time intervals and the sun position of each
-- `solar_radiation`: EPW files and clear skies
+- `solar_radiation`: weather and clear skies; `epw_file`: EPW files
 - `daylight_rules`: rules on sun hours
 - `sun_visibility`: visible suns of each sensor
 - `sun_tally`: sums over visible suns

@@ -29,10 +29,11 @@ from ..sensor_files import sensors_of
 from ..sensors import Sensors, sensors_from
 from ..surface_columns import Facing, chosen_sensors, per_group, surface_columns
 from .daylight_rules import Rule, meets_rule, rule_named, weights_of
+from .epw_file import TYPICAL_YEAR, read_epw
 from .location import Place, place_in
-from .solar_radiation import TYPICAL_YEAR, Weather, clear_sky, on_days, read_epw
+from .solar_radiation import Weather, clear_sky, on_days
 from .sun_options import MOST_DIRECTIONS, SunKeywords, SunOptions
-from .sun_positions import Suns, checked_step, months_of, suns_of, times_of, zone_of
+from .sun_positions import Suns, checked_step, months_of, suns_of, times_of, zone_notes, zone_of
 from .sun_tally import Tally
 from .sun_visibility import NO_DATE, SunQuery, SunSums, seasons_of, sum_suns, sun_query
 
@@ -143,6 +144,7 @@ class Study(NamedTuple):
     diffuse: np.ndarray | None  # (12,) float64, Wh/m2 of diffuse light on a horizontal plane in each month
     by: tuple[str, ...]
     step: float  # minutes
+    notes: tuple[str, ...]  # what may be wrong with the time and the weather
 
 
 class SunFunction(Protocol[_P]):
@@ -212,7 +214,10 @@ def sun_hours(
     Warns
     -----
     UserWarning
-        If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
+        If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one;
+        if the radiation of the EPW file does not fit the sun in its time zone, or the file is from elsewhere or lacks
+        some of the days; or if the time zone of the place is not one of its longitude. The notes are in
+        ``about["warnings"]``.
     """
     options, keep, scene = SunOptions(days=days, **keywords), checked_keep(keep), measured_scene(scene)
     plan, threads, samples = options.plan, thread_count(options.threads), options.samples
@@ -230,7 +235,7 @@ def sun_hours(
     north = study.place.north
     sensors = chosen_sensors(scene, sensors, options.surfaces, cast(Facing | None, options.facing), north)
     target = None if matrix is None else checked_output(matrix, (".npy",))
-    warned = tell(notes_on_sensors(scene, sensors, "sensors", 0.0, threads))
+    warned = tell([*study.notes, *notes_on_sensors(scene, sensors, "sensors", 0.0, threads)])
     suns, bins = study.suns, _Bins(study)
     direct = None if suns.dni is None else suns.dni * suns.hours
     query = sun_query(
@@ -280,7 +285,7 @@ def study_of(options: SunOptions, scene: AnyScene, areas: bool) -> Study:
     options.check_rule(areas)
     step = options.step or (60.0 if rule is None else checked_step(rule.step))
     place = place_in(scene, options.place)
-    weather, diffuse = None, None
+    weather, diffuse, notes = None, None, tuple[str, ...]()
     if options.epw is not None:
         weather, place = read_epw(options.epw, place)
     if place is None:
@@ -289,6 +294,7 @@ def study_of(options: SunOptions, scene: AnyScene, areas: bool) -> Study:
         days = rule.days(TYPICAL_YEAR)
     if weather is not None:
         weather = weather if days is None else on_days(weather, days)
+        notes = weather.notes
         suns = suns_of(place, weather.times, scene.up, weather.dni)
         diffuse = _sum_months(weather)
     else:
@@ -301,7 +307,7 @@ def study_of(options: SunOptions, scene: AnyScene, areas: bool) -> Study:
             diffuse = _sum_months(clear)
     if not len(suns.hours):
         raise InputError("no sun is above the horizon on these days; check the days and the place")
-    return Study(place, suns, rule, diffuse, tuple(options.by), step)
+    return Study(place, suns, rule, diffuse, tuple(options.by), step, (*notes, *zone_notes(place, suns.times[0])))
 
 
 def _sum_months(weather: Weather) -> NDArray[np.float64]:

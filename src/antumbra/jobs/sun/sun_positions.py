@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable
-from datetime import date, datetime, time, timedelta, timezone, tzinfo
+from datetime import UTC, date, datetime, time, timedelta, timezone, tzinfo
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ YEARS = 1900, 2199
 
 _MOST_MINUTES = 24 * 60
 _DAYS_AT_MOST = 366 * 100
+_MOST_ZONE_ERROR = 4.0  # hours from solar time: clocks in the west of China are 3.3 h ahead
 
 
 class Times(NamedTuple):
@@ -95,8 +96,7 @@ def checked_days(days: Iterable[date], instead: str = "") -> list[date]:
 def intervals(starts: np.ndarray, ends: np.ndarray, zone: tzinfo) -> Times:
     """`Times` of intervals in seconds since 1970 UTC ((n,) int64)."""
     middle = starts + (ends - starts) // 2
-    offsets = [datetime.fromtimestamp(second, zone).utcoffset() or timedelta() for second in middle.tolist()]
-    local = middle + np.array([int(offset.total_seconds()) for offset in offsets], np.int64)
+    local = middle + np.array([_offset(second, zone) for second in middle.tolist()], np.int64)
     return Times(middle.astype("datetime64[s]"), local.astype("datetime64[s]"), (ends - starts) / 3600.0)
 
 
@@ -130,6 +130,40 @@ def zone_of(place: Place) -> tzinfo:
     return parse_zone(place.timezone)
 
 
+def zone_notes(place: Place, instant: np.datetime64) -> list[str]:
+    """A note if the place's clocks are further from solar time than those of any country.
+
+    instant : datetime64[s], UTC
+    """
+    offset = _offset(int(instant.astype(np.int64)), zone_of(place))
+    hours = (offset / 3600.0 - place.longitude / 15.0 + 12.0) % 24.0 - 12.0
+    if abs(hours) <= _MOST_ZONE_ERROR:
+        return []
+    noon = round(12.0 + hours) % 24
+    return [
+        f"noon at the longitude {place.longitude:g} is at about {noon:02d}:00 in the time zone {place.timezone}; check "
+        "the time zone and the place"
+    ]
+
+
+def instant_of(when: datetime, zone: tzinfo) -> datetime:
+    """A moment in UTC; without an offset of its own it is local time in `zone`.
+
+    Raises
+    ------
+    InputError
+        If clocks skip this local time, or show it twice.
+    """
+    if when.tzinfo is not None:
+        return when.astimezone(UTC)
+    first, second = (when.replace(tzinfo=zone, fold=fold) for fold in (0, 1))
+    if first.utcoffset() != second.utcoffset():
+        skipped = first.astimezone(UTC).astimezone(zone).replace(tzinfo=None) != when.replace(fold=0)
+        what = "does not exist, since clocks skip it" if skipped else "is there twice, since clocks are set back"
+        raise InputError(f"{when.isoformat(timespec='minutes')} {what} in {zone}; add the offset, such as +02:00")
+    return first.astimezone(UTC)
+
+
 def months_of(local: NDArray[np.datetime64]) -> NDArray[np.int64]:
     """(n,) int64: the months of (n,) datetime64, 0 to 11."""
     return np.asarray(local.astype("datetime64[M]").astype(np.int64) % 12)
@@ -140,6 +174,11 @@ def month_days(local: NDArray[np.datetime64]) -> NDArray[np.int64]:
     months = local.astype("datetime64[M]")
     days = (local.astype("datetime64[D]") - months.astype("datetime64[D]")).astype(np.int64) + 1
     return np.asarray(100 * (months_of(local) + 1) + days)
+
+
+def _offset(second: int, zone: tzinfo) -> int:
+    """Seconds that local time is ahead of UTC, at an instant in seconds since 1970."""
+    return int((datetime.fromtimestamp(second, zone).utcoffset() or timedelta()).total_seconds())
 
 
 def _midnight(day: date, zone: tzinfo) -> int:
