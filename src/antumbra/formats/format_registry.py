@@ -20,8 +20,8 @@ from ..scene.scene_data import MemoryData, SceneData
 from .cityjson.cityjson_file import SUFFIXES as CITYJSON_SUFFIXES
 from .gis.footprint_table import SUFFIXES as FOOTPRINT_SUFFIXES
 from .gis.footprint_table import FootprintOptions
-from .gis.height_files import SUFFIXES as HEIGHT_SUFFIXES
 from .gis.height_files import HeightOptions
+from .gis.raster_files import SUFFIXES as HEIGHT_SUFFIXES
 
 
 class ReadOptions(NamedTuple):

@@ -14,13 +14,14 @@ from ..checks import quoted, spelling_hint
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
-from ..extras import import_extra
 from ..files import checked_file
-from ..formats.array_files import check_expansion, mapped_array, npz_arrays
+from ..formats.array_files import mapped_array, npz_arrays
+from ..formats.gis.raster_files import SUFFIXES as RASTERS
+from ..formats.gis.vector_files import check_columns, open_parquet
 from ..kernels.parallel import thread_count
+from ..memory import check_reading
 from ..scene.crs import check_horizontal_crs, checked_crs
 from .ground_areas import AreaLike, area_sensors
-from .raster_grid import SUFFIXES as RASTERS
 from .sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
 
 FORMS = (
@@ -28,11 +29,11 @@ FORMS = (
     "or a .csv, .parquet, .npy or .npz file"
 )
 SUFFIXES = (".csv", ".parquet", ".npy", ".npz")
+_COPIES = 2  # of an array: as stored, and as float64
 
 _GRID = re.compile(r"grid:([0-9.eE+-]+)")
 _RASTER = re.compile(r"raster(?::([0-9.]+(?:[eE][0-9-]+)?|.+\.(?:tif|tiff|vrt|asc)))?(?:([+@])([0-9.eE+-]+))?", re.I)
 CSV_ROWS = 1 << 16  # lines of a CSV file held as lists at a time
-_NUMBER_BYTES = 8  # maximum size of a number in a Parquet column
 _WORLD = "OGC:CRS84"  # CRS of GeoParquet that names none
 _POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
 
@@ -148,7 +149,9 @@ def read_points(path: Path) -> Sensors:
 def read_array(path: Path) -> np.ndarray:
     """The array in a .npy file. Raises InputError if it cannot be read."""
     with _reader_errors(path):
-        return np.array(mapped_array(path, path.name))
+        array = mapped_array(path, path.name)
+        check_reading(_COPIES * array.nbytes, path.name)
+        return np.array(array)
 
 
 def read_columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -206,24 +209,19 @@ def _csv(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]:
 
 
 def _parquet(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    import_extra("pyarrow", ".parquet", "gis")
-    import pyarrow.parquet
-
-    with pyarrow.parquet.ParquetFile(path) as file:
+    with open_parquet(path) as file:
         names = [name for name in file.schema_arrow.names if name.lower() in column_names]
         for name in names:
             _check_kind(np.dtype(file.schema_arrow.field(name).type.to_pandas_dtype()), name, path)
-        check_expansion(path, file.metadata.num_rows * len(names) * _NUMBER_BYTES)
+        check_columns(file, names, path)
         table = file.read(columns=names)
     return {name.lower(): _numbers(table[name].to_numpy(), name, path) for name in names}
 
 
 def _crs_of(path: Path) -> str | None:
     """The CRS of GeoParquet's primary geometry; None if it has none, or the file is plain Parquet."""
-    import_extra("pyarrow", ".parquet", "gis")
-    import pyarrow.parquet
-
-    metadata = (pyarrow.parquet.read_schema(path).metadata or {}).get(b"geo")
+    with open_parquet(path) as file:
+        metadata = (file.schema_arrow.metadata or {}).get(b"geo")
     if metadata is None:
         return None
     geo = json.loads(metadata)

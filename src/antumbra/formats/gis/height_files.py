@@ -5,8 +5,6 @@ scale plus its offset, in the unit of its coordinates.
 """
 
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,11 +14,9 @@ from numpy.typing import NDArray
 from ...checks import quoted
 from ...errors import InputError
 from ...extras import import_extra
-from ...files import checked_file
+from ...memory import check_reading
 from ...scene.terrain import GridPoints, HeightGrid
-
-SUFFIXES = (".tif", ".tiff", ".vrt", ".asc")
-"""Suffixes of raster files of heights."""
+from .raster_files import RasterFile
 
 METRES = {
     "m": 1.0,
@@ -42,6 +38,7 @@ METRES = {
 
 _SQUARE_TURN = 1e-9  # rotation of a raster, relative to its cells, that rounding explains
 _MOST_CELLS = 1 << 30  # 2^31 triangles
+_MASK_BYTES = 2  # per cell: masks of the file and of nodata
 _EXACT = "float32", "int16", "uint16", "int8", "uint8"  # types whose values float32 represents
 _NO_DATA = (-9999.0, -32768.0, -32767.0)  # common marks, which some files do not declare
 
@@ -120,10 +117,9 @@ class HeightFile:
     """
 
     def __init__(self, path: Path, options: HeightOptions):
-        checked_file(path, path.name)
-        import_extra("rasterio", path.suffix, "gis")
         self.path, self.name, self._nodata = path, path.stem, options.nodata
-        with self._open() as file:
+        self._file = RasterFile(path)
+        with self._file.open() as file:
             self._band = _band_of(file, options.band, path.name)
             system = file.crs if options.crs is None else crs_of(options.crs)
             if file.crs is None and file.transform.is_identity:
@@ -137,6 +133,7 @@ class HeightFile:
             self._scale, self._offset = file.scales[k] * scale, file.offsets[k] * scale
             plain = (self._scale, self._offset) == (1.0, 0.0) and file.dtypes[k] in _EXACT
             self.dtype = np.dtype(np.float32 if plain else np.float64)
+            self._cell_bytes = 2 * self.dtype.itemsize + np.dtype(file.dtypes[k]).itemsize + _MASK_BYTES
 
     def rows(self, first: int, last: int) -> NDArray[Any]:
         """Heights of some rows, (last - first, columns) `dtype`; NaN: no data."""
@@ -144,23 +141,12 @@ class HeightFile:
 
         if self._south_up:
             first, last = self.grid.rows - last, self.grid.rows - first
-        with self._open() as file:
+        size = self._cell_bytes * float(self.grid.columns) * (last - first)
+        check_reading(size, f"{self.path.name}: a raster of {self.grid.columns} x {self.grid.rows} cells", self._file.stored)
+        with self._file.open() as file:
             values = file.read(self._band, window=Window(0, first, self.grid.columns, last - first), masked=True)
         heights = heights_of(values, self._nodata, self._scale, self._offset, self.dtype)
         return heights[::-1] if self._south_up else heights
-
-    @contextmanager
-    def _open(self) -> Iterator[Any]:
-        import rasterio
-
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-                with rasterio.open(self.path) as file:
-                    yield file
-        except rasterio.errors.RasterioError as error:
-            reason = " ".join(str(error).split())[:120]
-            raise InputError(f"{self.path.name}: cannot be read ({reason}); is it a raster?") from None
 
 
 def _band_of(file: Any, band: int | None, where: str) -> int:
