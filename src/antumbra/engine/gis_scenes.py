@@ -3,10 +3,12 @@
 import warnings
 from typing import Any
 
+from ..checks import byte_count
 from ..formats.gis.footprint_table import FootprintOptions, FootprintsLike
 from ..formats.gis.gis_data import footprint_data, terrain_data
 from ..formats.gis.height_arrays import RasterLike, is_raster
 from ..formats.gis.height_files import HeightOptions
+from ..memory import reading_limit
 from ..scene.crs import checked_crs
 from ..scene.scene_data import MemoryData, group_notes
 from .scene import Scene
@@ -22,6 +24,7 @@ def from_raster(
     band: int | None = None,
     crs: str | None = None,
     name: str | None = None,
+    max_memory: int | None = None,
 ) -> Scene:
     """The triangulated surface of a raster of heights, such as a digital elevation model (DEM). Z is up.
 
@@ -55,6 +58,8 @@ def from_raster(
         CRS of the coordinates, such as "EPSG:28992", instead of that of the raster.
     name : str, optional
         Name of the scene. None: that of the file or array.
+    max_memory : int, optional
+        Limit in bytes on the memory that reading takes, as for `antumbra.load`.
 
     Returns
     -------
@@ -80,7 +85,9 @@ def from_raster(
     """
     system = None if crs is None else checked_crs(crs)
     options = HeightOptions(band, nodata, z_scale, values_at, system)
-    return _scene(terrain_data(raster, options, ground, name))
+    with reading_limit(None if max_memory is None else byte_count(max_memory, "max_memory", 1)):
+        data = terrain_data(raster, options, ground, name)
+    return _scene(data)
 
 
 def from_footprints(
@@ -94,6 +101,7 @@ def from_footprints(
     invalid: str = "raise",
     crs: str | None = None,
     name: str | None = None,
+    max_memory: int | None = None,
 ) -> Scene:
     """Buildings from footprints with heights: closed solids with a flat roof, walls and a floor. Z is up.
 
@@ -124,6 +132,8 @@ def from_footprints(
         of the terrain or the footprints.
     name : str, optional
         Name of the scene. None: that of the file.
+    max_memory : int, optional
+        Limit in bytes on the memory that reading takes, as for `antumbra.load`.
 
     Returns
     -------
@@ -151,7 +161,9 @@ def from_footprints(
         base, terrain = 0.0, base
     system = None if crs is None else checked_crs(crs)
     options = FootprintOptions(height, base, id, layer, invalid, system)
-    return _scene(footprint_data(footprints, options, terrain, name))
+    with reading_limit(None if max_memory is None else byte_count(max_memory, "max_memory", 1)):
+        data = footprint_data(footprints, options, terrain, name)
+    return _scene(data)
 
 
 def _scene(data: MemoryData) -> Scene:

@@ -142,7 +142,9 @@ class HeightFile:
         if self._south_up:
             first, last = self.grid.rows - last, self.grid.rows - first
         size = self._cell_bytes * float(self.grid.columns) * (last - first)
-        check_reading(size, f"{self.path.name}: a raster of {self.grid.columns} x {self.grid.rows} cells", self._file.stored)
+        check_reading(
+            size, f"{self.path.name}: a raster of {self.grid.columns} x {self.grid.rows} cells", self._file.stored
+        )
         with self._file.open() as file:
             values = file.read(self._band, window=Window(0, first, self.grid.columns, last - first), masked=True)
         heights = heights_of(values, self._nodata, self._scale, self._offset, self.dtype)
