@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple, TypeAlias, cast
 
 from ..files import checked_output
+from ..memory import check_reading
 from ..scene.instance_data import InstanceData, wants_instances
 from ..scene.instances import InstancedSource
 from ..scene.mesh import Source
@@ -55,6 +56,9 @@ class Format(NamedTuple):
 # --- Readers and writers ----------------------------------------------------------------------------------------------
 
 
+_TRIANGLE_BYTES = 60  # of a scene in memory, without trees
+
+
 def _data_of(source: Source, notes: list[str], name: str, options: ReadOptions) -> SceneData:
     """A scene whose up axis, unless given, is guessed from its faces."""
     scene: MemoryData | InstanceData
@@ -63,6 +67,7 @@ def _data_of(source: Source, notes: list[str], name: str, options: ReadOptions) 
         scene = InstanceData(cast(InstancedSource, source), name=name, up=up, notes=tuple(notes))
         sample = scene.sampled_faces
     else:
+        check_reading(_TRIANGLE_BYTES * sum(mesh.triangles * mesh.instances for mesh in source.meshes), source.file)
         scene = MemoryData(source, name=name, up=up, notes=tuple(notes))
         sample = partial(sampled_faces, source, scene.n_triangles)
     if options.up is None and guess_z_up(sample()):
