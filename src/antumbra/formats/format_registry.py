@@ -4,6 +4,7 @@ Scene loading, exports, their error messages, the help of commands and ``antumbr
 writers are imported when called: importing trimesh alone takes longer than loading most scenes.
 """
 
+import os
 from collections.abc import Callable, Iterable
 from functools import partial
 from os import PathLike
@@ -199,7 +200,7 @@ SCENE_WRITERS = {suffix: each.write for each in FORMATS if each.write is not Non
 
 def format_of(path: Path, formats: Iterable[Format] = FORMATS) -> Format | None:
     """The format of a path among `formats`, by its suffix in any case; for a folder, `FRAMES`; None if unknown."""
-    if path.is_dir():
+    if os.path.isdir(path):  # False for names that the system refuses
         return FRAMES
     suffix = path.suffix.lower()
     return next((each for each in formats if suffix in each.suffixes), None)

@@ -16,6 +16,7 @@ from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..files import checked_file
 from ..formats.array_files import mapped_array, npz_arrays
+from ..formats.csv_rows import check_fields, check_header
 from ..formats.gis.raster_files import SUFFIXES as RASTERS
 from ..formats.gis.vector_files import check_columns, open_parquet
 from ..kernels.parallel import thread_count
@@ -193,10 +194,12 @@ def _csv(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]:
         rows = csv.reader(file)
         header = [name.strip().lower() for name in next(rows, [])]
         columns = [(k, name) for k, name in enumerate(header) if name in column_names]
+        check_header([name for _, name in columns], path.name)
         tables, values = list[np.ndarray](), list[list[float]]()
         for line, row in enumerate(rows, 2):
             if not row:
                 continue
+            check_fields(len(row), len(header), line, path.name)
             try:
                 values.append([float(row[k]) for k, _ in columns])
             except (ValueError, IndexError):

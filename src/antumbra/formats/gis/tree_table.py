@@ -19,6 +19,7 @@ from ...files import checked_file
 from ...scene.crs import check_horizontal_crs, checked_crs, reproject
 from ...scene.materials import MONTHS
 from ...scene.tree_crowns import SHAPES, TreeShapes
+from ..csv_rows import check_fields, check_header
 from .vector_table import MOST_NAMES, TableRows, given_numbers, id_column, read_layer
 
 SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb", ".parquet", ".csv")
@@ -132,9 +133,14 @@ def _csv_table(path: Path) -> _TreeRows:
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file)
-            names, lines = list(reader.fieldnames or ()), list(reader)
+            names, lines = list(reader.fieldnames or ()), list[dict[str, str]]()
+            for line in reader:
+                more = line.pop(None, ())  # fields beyond the header
+                check_fields(len(names) + len(more), len(names), reader.line_num, path.name)
+                lines.append(line)
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path.name}: cannot be read ({error}); save it as CSV in UTF-8") from None
+    check_header(names, path.name)
     if not {"x", "y"} <= set(names):
         raise InputError(f"{path.name}: has no columns x and y; there are {', '.join(names[:MOST_NAMES]) or 'none'}")
     columns = {name: _column([line[name] or "" for line in lines]) for name in names}
