@@ -261,10 +261,12 @@ def with_reading_limit(command: Callable[..., Any]) -> Callable[..., Any]:
     parameters = dict(inspect.signature(command).parameters)
     if parameters.keys().isdisjoint(("scene", "scenes")):
         return command
+    default = parameters[_LIMIT].default if _LIMIT in parameters else None  # of a build, not of reading
 
     def run(**values: Any) -> Any:
         size = values[_LIMIT] if _LIMIT in parameters else values.pop(_LIMIT)
-        with reading_limit(None if size is None else parse_bytes(size, "--max-memory")):
+        limit = None if size in (None, default) else parse_bytes(size, "--max-memory")
+        with reading_limit(limit):
             return command(**values)
 
     wrapper: Any = update_wrapper(run, command)

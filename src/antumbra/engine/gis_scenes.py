@@ -35,7 +35,7 @@ def from_raster(
     Parameters
     ----------
     raster : str, path-like, DataArray, tuple, or list of these
-        - A file that rasterio reads, such as a GeoTIFF.
+        - A GeoTIFF, an ASCII grid (.asc), or a virtual raster (.vrt) of these in its folder.
         - A DataArray of xarray or rioxarray, with coordinates for its two dimensions.
         - (array, transform) or (array, transform, crs): heights (rows, columns), where NaN and masked cells have no
           data; the affine transform of rasterio; and a CRS.
