@@ -124,6 +124,26 @@ def test_world_files_and_projections_still_count(folder):
     assert at.load(folder / "c.asc").crs == at.load(folder / "a.tif").crs
 
 
+@pytest.mark.parametrize("form", ["http://{}/crs", "/vsicurl/http://{}/crs", "{}"])
+def test_a_crs_is_neither_fetched_nor_read_from_a_file(folder, address, secret, form, capfd):
+    """The CRS of a DataArray may come from a file of anybody."""
+    import xarray
+
+    (secret.parent / "crs.wkt").write_text("EPSG:28992")
+    crs = form.format(secret.parent / "crs.wkt" if form == "{}" else address)
+    heights = xarray.DataArray(
+        np.zeros((3, 3)), {"y": [3.0, 2.0, 1.0], "x": [1.0, 2.0, 3.0]}, ("y", "x"), attrs={"crs": crs}
+    )
+    place = (1, 0, 0, 0, -1, 0)
+    for read in (
+        lambda: at.from_raster(heights), lambda: at.from_raster((np.zeros((3, 3)), place, crs)),
+        lambda: at.load(folder / "a.tif", crs=crs), lambda: at.from_raster(folder / "a.tif", crs=crs),
+    ):  # fmt: skip
+        with pytest.raises(at.InputError, match="is unknown"):
+            read()
+    assert capfd.readouterr() == ("", "")
+
+
 # --- Virtual rasters that are read ------------------------------------------------------------------------------------
 
 

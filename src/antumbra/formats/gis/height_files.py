@@ -15,6 +15,7 @@ from ...checks import quoted
 from ...errors import InputError
 from ...extras import import_extra
 from ...memory import check_reading
+from ...scene.crs import checked_crs
 from ...scene.terrain import GridPoints, HeightGrid
 from .raster_files import RasterFile
 
@@ -81,8 +82,10 @@ def crs_of(crs: Any) -> Any:
         return None
     rasterio = import_extra("rasterio", "crs", "gis")
     try:
+        if isinstance(crs, str):  # GDAL would open the file or the address that it may name
+            checked_crs(crs)
         return rasterio.CRS.from_user_input(crs)
-    except (rasterio.errors.CRSError, TypeError, ValueError):
+    except (rasterio.errors.CRSError, TypeError, ValueError):  # an InputError is a ValueError
         raise InputError(f"crs {quoted(crs)} is unknown; write an EPSG code such as EPSG:28992") from None
 
 
