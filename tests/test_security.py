@@ -45,6 +45,7 @@ PROMISES = {
         "tests/formats/test_cut_text.py::test_lists_of_binary_ply_files_name_their_length",
         "tests/jobs/test_readsensors.py::test_files_that_expand_are_refused_before_they_do",
         f"{HERE}::test_many_primitives_on_one_accessor_are_counted",
+        f"{HERE}::test_many_textures_are_counted_before_they_are_decoded",
     ],
     "By default, the limit": [
         "tests/test_memory.py::test_a_file_may_take_what_is_available_and_a_multiple_of_its_size",
@@ -166,6 +167,32 @@ def test_many_primitives_on_one_accessor_are_counted(tmp_path):
     (tmp_path / "a.glb").write_bytes(made.glb())
     with pytest.raises(InputError, match=r"meshes\[0\] and what precedes it takes about .* raise max_memory"):
         at.load(tmp_path / "a.glb")
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".obj"])
+def test_many_textures_are_counted_before_they_are_decoded(tmp_path, suffix):
+    import io
+
+    from PIL import Image
+
+    from gltf_files import Gltf
+
+    stream, made = io.BytesIO(), Gltf()
+    Image.new("L", (2000, 2000)).save(stream, "PNG")
+    points = made.accessor(np.eye(3, dtype=np.float32))
+    lines, n = ["v 0 0 0", "v 1 0 0", "v 0 1 0", "vt 0 0", "mtllib a.mtl"], 80
+    for k in range(n):
+        texture = made.add("textures", source=made.add("images", bufferView=made.view(stream.getvalue())))
+        look = {"baseColorTexture": {"index": texture}}
+        material = made.add("materials", pbrMetallicRoughness=look)
+        primitive = {"attributes": {"POSITION": points, "TEXCOORD_0": points}, "material": material}
+        made.node(mesh=made.add("meshes", primitives=[primitive]))
+        (tmp_path / f"{k}.png").write_bytes(stream.getvalue())
+        lines += [f"usemtl m{k}", "f 1/1 2/1 3/1"]
+    (tmp_path / "a.mtl").write_text("".join(f"newmtl m{k}\nmap_Kd {k}.png\n" for k in range(n)))
+    (tmp_path / f"a{suffix}").write_bytes(made.glb() if suffix == ".glb" else "\n".join(lines).encode())
+    with pytest.raises(InputError, match=f"a{suffix}: its textures takes? about 1.9 GB of memory, .* raise max_memory"):
+        at.load(tmp_path / f"a{suffix}")
 
 
 def test_no_variable_names_a_folder_of_libraries():

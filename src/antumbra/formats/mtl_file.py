@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InputError
 from ..files import checked_file, sibling
 from ..kernels.parallel import map_in_threads
-from ..scene.materials import BLEND, MASK, OPAQUE, Material, Texture, without_texture
+from ..scene.materials import BLEND, MASK, OPAQUE, Material, Texture, check_textures, without_texture
 
 _MAX_BYTES = 1 << 28
 _OPTIONS = re.compile(r"^(?:-(?:[ost]\s+\S+\s+\S+\s+\S+|mm\s+\S+\s+\S+|\w+\s+\S+)\s+)+")  # before a texture's name
@@ -110,6 +110,7 @@ def _read_textures(names: list[tuple[str, str]], files: SideFiles) -> dict[tuple
 
     usable = [pair for pair in names if any(data.get(name) for name in pair)]
     textures = {pair: texture(*pair) for pair in usable}
+    check_textures(textures.values(), files.file)
     errors = dict(zip(usable, map_in_threads(error_of, textures.values())))
     for pair in [pair for pair, error in errors.items() if error is not None]:
         for name in pair:  # find the file that cannot be decoded
