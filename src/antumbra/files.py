@@ -51,13 +51,32 @@ def checked_file(path: Path, where: str) -> Path:
 
     Nothing is read from the network or from archives; a URL is refused with the command that downloads it.
     """
-    if not path.exists():
-        raise InputError(f"{where}: {_cure_of_virtual(path) or 'no such file; check the path'}")
-    if not path.is_file():
+    try:
+        status = path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"{where}: {_why_missing(path)}") from None
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            where = f"{where[:40]}..." if len(where) > 80 else where
+            raise InputError(f"{where}: the name is too long for this system; shorten it") from None
+        if error.errno == errno.ELOOP:
+            raise InputError(f"{where}: {_LOOP}") from None
+        raise InputError(f"{where}: cannot be read ({_reason(error)}); check the permissions") from None
+    if not stat.S_ISREG(status.st_mode):
         raise InputError(f"{where}: not a regular file; name a scene file")
-    if path.stat().st_size == 0:
+    if status.st_size == 0:
         raise InputError(f"{where}: the file is empty; export or copy it again")
     return path
+
+
+_LOOP = "symbolic links lead in a circle; name the file itself"
+
+
+def _why_missing(path: Path) -> str:
+    """Why a path leads to no file, and what to do."""
+    if path.is_symlink():
+        return "is a symbolic link to a file that does not exist; name the file itself"
+    return _cure_of_virtual(path) or "no such file; check the path"
 
 
 def _cure_of_virtual(path: Path) -> str | None:

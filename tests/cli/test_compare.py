@@ -168,7 +168,7 @@ def test_bits_that_differ(compare, monkeypatch, tmp_path, plan, code):
         (("--plan", "srdh+single", "--srdh-rays", "last-frame"), ["last-frame", "animations"]),
         (("--ao", "1", "--bounce", "2"), ["--ao", "--bounce"]),
         (("--exposure", "-1"), ["exposure"]),
-        (("--max-memory", "1G"), ["--max-memory"]),
+        (("--max-memory", "much"), ["--max-memory"]),
         (("-o", "a.exr"), [".exr", ".png"]),
         (("-o", "none/a.png"), ["none", "does not exist"]),
         (("--html", "a.txt"), [".txt", ".html"]),

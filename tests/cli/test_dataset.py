@@ -71,7 +71,7 @@ def test_other_settings_need_overwrite(cli):
         (("-o", "set", "--light", "bulb:1"), ("--light", "bulb")),
         (("-o", "set", "--orbit", "-1"), ("--orbit",)),
         (("-o", "set", "--sheet", "s.jpg"), ("s.jpg", ".png")),
-        (("-o", "set", "--max-memory", "1G"), ("--max-memory",)),
+        (("-o", "set", "--max-memory", "much"), ("--max-memory",)),
         ((), ("--output",)),
     ],
 )

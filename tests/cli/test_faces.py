@@ -29,8 +29,8 @@ TWINS = {
 """Command -> the function that does the same."""
 
 OF_COMMANDS = {
-    "up": "load() takes it", "height": "from_footprints", "terrain": "from_footprints and from_raster",
-    "unit": "load() takes it",
+    "up": "load() takes it", "unit": "load() takes it", "max_memory": "load() takes it",
+    "height": "from_footprints", "terrain": "from_footprints and from_raster",
     "json": "output", "quiet": "output", "html": "output", "sheet": "output", "explain_plan": "output",
     "output": "results are returned, and have save()", "column": "Table.save takes it",
     "map": "Table.save_map", "trees": "from_trees",
@@ -57,7 +57,7 @@ OF_FUNCTIONS = {
 """Parameter that no command has -> how the command gives it."""
 
 BY_COMMAND = {
-    "sun": {"max_memory"}, "viewshed": {"camera", "along", "spacing"},
+    "viewshed": {"camera", "along", "spacing"},
     "dataset": {"camera"}, "skyline": {"at", "highest"},
 }  # fmt: skip
 """Options of one command that its function gets otherwise: of the scene, of the table, or as points."""

@@ -7,13 +7,15 @@ import pytest
 
 from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
+from antumbra.formats.gis.tree_table import TreeOptions, read_trees
 from antumbra.formats.gltf import gltf_source
+from antumbra.jobs.sensor_files import read_points
 from gltf_files import single
 
 
-def message_of(path) -> str:
+def message_of(path, read=load) -> str:
     with pytest.raises(InputError) as caught:
-        load(path)
+        read(path)
     message = str(caught.value)
     assert "\n" not in message
     return message
@@ -77,3 +79,26 @@ def test_what_no_check_foresees_still_becomes_one_line(tmp_path, monkeypatch, er
         load(path)
     assert str(caught.value).startswith("made.glb: ") and "\n" not in str(caught.value)
     assert caught.value.__cause__ is error
+
+
+@pytest.mark.skipif(not hasattr(os, "symlink"), reason="no symbolic links on this system")
+@pytest.mark.parametrize("suffix", [".glb", ".obj", ".tif", ".asc", ".gpkg", ".antumbra", ".city.json", ".csv"])
+def test_why_a_path_leads_nowhere_is_said(tmp_path, suffix):
+    loop, dangling = (tmp_path / f"{name}{suffix}" for name in ("loop", "dangling"))
+    loop.symlink_to(loop.name)
+    dangling.symlink_to("gone" + suffix)
+    (tmp_path / "file").write_text("x")
+    readers = [load] if suffix != ".csv" else [read_trees_of, read_points]
+    for read in readers:
+        for path, words in (
+            (loop, "symbolic links lead in a circle; name the file itself"),
+            (dangling, "is a symbolic link to a file that does not exist; name the file itself"),
+            (tmp_path / ("x" * 300 + suffix), "the name is too long for this system; shorten it"),
+            (tmp_path / ("x/" * 3000 + "a" + suffix), "the name is too long for this system; shorten it"),
+            (tmp_path / "file" / f"a{suffix}", "no such file; check the path"),
+        ):
+            assert words in message_of(path, read)
+
+
+def read_trees_of(path):
+    return read_trees(path, TreeOptions())

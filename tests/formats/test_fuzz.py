@@ -3,25 +3,35 @@
 import base64
 import io
 import json
+import os
 import resource
 import signal
+import time
 import tracemalloc
 import warnings
 import zlib
 from contextlib import contextmanager
 
+import hypothesis
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 import city_files
 from antumbra.engine.scene_loading import load
+from antumbra.engine.scene_reading import SCENE_SUFFIXES
 from antumbra.errors import InputError
+from antumbra.formats.gis.tree_table import SUFFIXES as TREE_SUFFIXES
 from antumbra.formats.gltf.gltf_file import split_glb
+from antumbra.jobs.sensor_files import SUFFIXES as POINT_SUFFIXES
+from antumbra.scene.sky import ENVIRONMENT_SUFFIXES
 from formats.test_frames import FRAMES
 from formats.test_mesh_files import obj_text, ply_binary, ply_text, stl_binary, stl_text
 from gltf_files import TETRAHEDRON_FACES, Gltf, everything
+from reader_seeds import SEEDS
 from repository import ROOT
 from scenes import scene_path
 
@@ -370,3 +380,103 @@ def several_odd_values(base: bytes, rng) -> bytes:
 def test_damaged_cities(tmp_path, seeds):
     counts = run(tmp_path / "a.city.jsonl", bases()["a.city.json"], seeds, several_odd_values)
     assert counts["error"] > 20 and counts["scene"] > 5
+
+
+# --- All readers, with changes that Hypothesis shrinks ----------------------------------------------------------------
+
+
+PIECES = [
+    b"", b"\0", b"-1", b"0", b"9" * 20, b"1e400", b"nan", b"-2147483648", b"2147483648", b"\xff\xff\xff\xff",
+    b"\x00\x00\x00\x80",
+    b"<", b">", b"{", b"[", b'"', b"..", b"/", b"\n", b" ", b",", b"\xef\xbb\xbf", b"x",
+]  # fmt: skip
+CHANGES = st.lists(
+    st.tuples(
+        st.sampled_from(["replace", "insert", "cut", "repeat", "flip", "end"]),
+        st.floats(0, 1, exclude_max=True),
+        st.integers(0, 40),
+        st.one_of(st.sampled_from(PIECES), st.binary(max_size=8)),
+    ),
+    min_size=1,
+    max_size=4,
+)
+"""What to do, where (a share of the file), over how many bytes, and with which bytes."""
+
+BUDGET = float(os.environ.get("ANTUMBRA_FUZZ_SECONDS", "300"))
+"""Seconds of `test_all_readers_at_length`."""
+
+
+def changed(data: bytes, changes) -> bytes:
+    """The bytes after changes of `CHANGES`."""
+    for kind, share, length, piece in changes:
+        a = int(share * len(data))
+        b = a + length
+        match kind:
+            case "replace":
+                data = data[:a] + piece + data[a + len(piece) :]
+            case "insert":
+                data = data[:a] + piece + data[a:]
+            case "cut":
+                data = data[:a] + data[b:]
+            case "repeat":
+                data = data[:b] + data[a:b] * 3 + data[b:]
+            case "flip":
+                data = data[:a] + bytes([data[a] ^ (1 << length % 8)]) + data[a + 1 :] if data else data
+            case _:
+                data = data[:a]
+    return data
+
+
+def check_reader(folder, name, examples, number=0):
+    """Damage a seed, and read it: the result is a value or an InputError of one line."""
+    each = SEEDS[name]
+    each.write(folder)
+    target = folder / (each.damaged or each.path)
+    good = target.read_bytes()
+    counts = {"read": 0, "refused": 0}
+
+    @hypothesis.seed(number)
+    @settings(max_examples=examples, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+    @given(CHANGES)
+    def read(changes):
+        target.write_bytes(changed(good, changes))
+        with limits(trace=False), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                each.read(folder / each.path)
+                counts["read"] += 1
+            except InputError as error:
+                assert "\n" not in str(error) and len(str(error)) < 600
+                counts["refused"] += 1
+
+    read()
+    return counts
+
+
+def test_every_reader_has_a_seed():
+    seeds = {(each.damaged or each.path) for each in SEEDS.values()}
+    for suffix in {*SCENE_SUFFIXES, *POINT_SUFFIXES, *ENVIRONMENT_SUFFIXES, *TREE_SUFFIXES}:
+        assert any(name.endswith(suffix) for name in seeds), suffix
+
+
+@pytest.mark.parametrize("name", SEEDS)
+def test_all_readers(tmp_path, name):
+    SEEDS[name].write(tmp_path)
+    SEEDS[name].read(tmp_path / SEEDS[name].path)
+    assert sum(check_reader(tmp_path, name, 25).values()) >= 20
+
+
+@pytest.mark.slow
+def test_all_readers_at_length(tmp_path):
+    """For an hour: ``ANTUMBRA_FUZZ_SECONDS=3600 pytest -n 0 -m slow tests/formats/test_fuzz.py -k all_readers``."""
+    end, number, counts = time.monotonic() + BUDGET, 1, {"read": 0, "refused": 0}
+    while time.monotonic() < end:
+        for name in SEEDS:
+            folder = tmp_path / f"{number} {name}"
+            folder.mkdir()
+            for kind, count in check_reader(folder, name, 50, number).items():
+                counts[kind] += count
+            if time.monotonic() > end:
+                break
+        number += 1
+    assert counts["read"] > 0 and counts["refused"] > 0

@@ -94,7 +94,7 @@ def test_files_and_layers_that_cannot_be_read(tmp_path):
     with pytest.raises(at.InputError, match="unknown format of trees; use one of"):
         read_trees(tmp_path / "a.xlsx", TreeOptions())
     broken = tmp_path / "a.gpkg"
-    broken.write_bytes(b"no database")
+    broken.write_bytes(b"SQLite format 3\0 and no database")
     with pytest.raises(at.InputError, match="is it a file of trees"):
         read_trees(broken, TreeOptions())
     for name, text, words in (

@@ -9,7 +9,7 @@ import pyarrow.parquet
 import pytest
 
 import antumbra as at
-from antumbra.formats import array_files as arrayfile
+from antumbra import memory
 from antumbra.jobs import sensor_files as readsensors
 from antumbra.jobs.sensor_files import check_sensors, kind_of, read_points, sensors_of
 from mutations import mutated
@@ -90,7 +90,8 @@ def test_unknown_forms(text):
         ("a.csv", "", "empty"),
         ("a.npy", "no array", "not a numpy array file"),
         ("a.npz", "no archive", "cannot be read"),
-        ("a.parquet", "no table", "cannot be read"),
+        ("a.parquet", "no table", "does not begin as a .parquet file"),
+        ("a.parquet", "PAR1, and no table", "cannot be read"),
     ],
 )
 def test_bad_files(tmp_path, name, text, words):
@@ -187,10 +188,10 @@ def bomb(path, suffix, n=1 << 27):
 
 def test_files_that_expand_are_refused_before_they_do(tmp_path, monkeypatch):
     bomb(tmp_path / "a.npz", ".npz")
-    refused(tmp_path / "a.npz", r"its 0.0 MB expand to 3.2 GB; split it")
-    monkeypatch.setattr(arrayfile, "MAX_EXPANDED_BYTES", 1 << 16)
+    refused(tmp_path / "a.npz", "takes about 9.7 GB of memory, more than .* raise max_memory")
+    monkeypatch.setattr(memory, "LEAST_LIMIT", 1 << 16)
     bomb(tmp_path / "a.parquet", ".parquet", 1 << 17)
-    refused(tmp_path / "a.parquet", "expand to 0.0 GB; split it")
+    refused(tmp_path / "a.parquet", "of memory, more than files of .* need at most")
 
 
 def test_a_checksum_that_is_wrong(tmp_path):

@@ -110,7 +110,7 @@ def test_a_tree_follows_once_it_pays_off_and_fits(monkeypatch):
     auto, shadows = parse_plan("auto"), terrain_shadows.TerrainShadows(scene.data)
     some = Receivers.in_space([[84003.3, 445997.0, 1.0]], scene.origin), [at.PointLight((0.0, 0.0, 9.0))]
     assert shadows.serves(auto, *some, 4 * 128) and not shadows.serves(auto, *some, 1)
-    monkeypatch.setattr("antumbra.store.system_resources.available_memory", lambda: 1000)
+    monkeypatch.setattr("antumbra.engine.terrain_shadows.available_memory", lambda: 1000)
     shadows = terrain_shadows.TerrainShadows(scene.data)
     assert shadows.serves(auto, *some, 4 * 128) and shadows.serves(auto, *some, 1)
     assert not shadows.serves(parse_plan(TREE), *some, 0)

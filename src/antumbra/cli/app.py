@@ -79,9 +79,10 @@ class CommandEntry(NamedTuple):
     def function(self, name: str) -> Callable[..., Any]:
         """The command's function, whose module is imported, with the options of all scenes."""
         from .gis_options import with_gis_options
+        from .options import with_reading_limit
 
         module = import_module(f"{__package__}.{self.module}")
-        return with_gis_options(getattr(module, name.replace("-", "_")))
+        return with_reading_limit(with_gis_options(getattr(module, name.replace("-", "_"))))
 
 
 COMMANDS = {

@@ -517,14 +517,17 @@ def quietly() -> Iterator[None]:
         yield
 
 
-def limit_memory(scene: "AnyScene", max_memory: int | None) -> None:
-    """Limit the memory used by queries of a scene in a store; InputError if the scene is in memory."""
+def limit_memory(scene: "AnyScene", max_memory: int | None) -> int | None:
+    """Limit the memory used by queries of a scene in a store, and return the limit; None for a scene in memory.
+
+    A scene in memory has been read within the limit, and its queries have none.
+    """
     from ..engine.paged_scene import PagedScene
 
     if isinstance(scene, PagedScene):
         scene.max_memory = max_memory
-    elif max_memory is not None:
-        raise InputError(f"--max-memory is for scenes in a store, and {scene.name} is in memory; leave it out")
+        return max_memory
+    return None
 
 
 def in_memory(scene: "AnyScene") -> "AnyScene":

@@ -442,12 +442,12 @@ def compare(args: CompareArguments) -> int:
         start = perf_counter()
         scene = spec.open()
         load = perf_counter() - start
-        limit_memory(scene, spec.engine.max_memory)
+        engine = replace(spec.engine, max_memory=limit_memory(scene, spec.engine.max_memory))
         time = scene.clamped(args.time or 0.0)
         moment = TimeSample(time, spec.view(scene, time), spec.all_lights(scene, time))
         display.say("preparing")
         options = replace(spec.picture, time=time, antialias=False)  # smoothing would spread differing pixels
-        comparison = compare_plans(scene, moment, plans, options, spec.engine, rounds=args.rounds, say=display.say)
+        comparison = compare_plans(scene, moment, plans, options, engine, rounds=args.rounds, say=display.say)
         display.say("writing the picture")
         shot = Shot(moment.camera, moment.lights, options, comparison.frame)
         report = ComparisonReport(

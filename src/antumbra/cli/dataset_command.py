@@ -124,7 +124,7 @@ def dataset(args: DatasetArguments) -> int:
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
         scene = open_scene(parsed.spec, args.up, args.quiet)
-        limit_memory(scene, parsed.memory)
+        parsed = parsed._replace(memory=limit_memory(scene, parsed.memory))
         display.say("preparing")
         try:
             result = _dataset(args, parsed, scene, display)

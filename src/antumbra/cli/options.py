@@ -9,6 +9,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import MISSING, Field, field, fields, make_dataclass
 from enum import Enum, StrEnum
+from functools import update_wrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, get_args
 
@@ -17,9 +18,10 @@ import typer
 from ..checks import alternatives
 from ..engine.scene_reading import SCENE_SUFFIXES
 from ..errors import InputError
+from ..memory import reading_limit
 from ..picture.option_fields import Choice, CommandOption, WholeNumber, option_of
 from ..picture.render_options import RenderKeywords
-from .arguments import parse_point
+from .arguments import parse_bytes, parse_point
 
 if TYPE_CHECKING:
     from ..jobs.sensors import Sensors
@@ -240,6 +242,40 @@ SrdhRaysOption = Annotated[
     ),
 ]
 MaxMemoryOption = Annotated[str | None, derived_option("max_memory")]
+
+_ReadingLimit = Annotated[
+    str | None,
+    typer.Option(
+        "--max-memory",
+        help="Memory limit of reading files: in bytes, or with M or G, such as 512M.  [default: what is available]",
+        metavar="SIZE",
+        show_default=False,
+        rich_help_panel="Scene",
+    ),
+]
+_LIMIT = "max_memory"
+
+
+def with_reading_limit(command: Callable[..., Any]) -> Callable[..., Any]:
+    """A command that takes scenes, with ``--max-memory``, which limits what reading takes; others are unchanged."""
+    parameters = dict(inspect.signature(command).parameters)
+    if parameters.keys().isdisjoint(("scene", "scenes")):
+        return command
+    default = parameters[_LIMIT].default if _LIMIT in parameters else None  # of a build, not of reading
+
+    def run(**values: Any) -> Any:
+        size = values[_LIMIT] if _LIMIT in parameters else values.pop(_LIMIT)
+        limit = None if size in (None, default) else parse_bytes(size, "--max-memory")
+        with reading_limit(limit):
+            return command(**values)
+
+    wrapper: Any = update_wrapper(run, command)
+    existing = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in parameters.values()]
+    limit = inspect.Parameter(_LIMIT, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=_ReadingLimit)
+    wrapper.__signature__ = inspect.Signature(existing if _LIMIT in parameters else [*existing, limit])
+    wrapper.__annotations__ = {name: each.annotation for name, each in wrapper.__signature__.parameters.items()}
+    return run
+
 
 SCENE_HELP = (
     f"A {alternatives(SCENE_SUFFIXES)} file, a folder of vertex frames, example:NAME, or "

@@ -193,8 +193,7 @@ class PictureSpec(NamedTuple):
         from .. import Renderer
         from ..engine.plan import DEFAULT_PLAN, parse_plan, with_sample
 
-        limit_memory(scene, self.engine.max_memory)
-        settings = field_values(self.engine)
+        settings = field_values(self.engine) | {"max_memory": limit_memory(scene, self.engine.max_memory)}
         if self.srdh_rays is not None:
             (settings["plan"],) = with_sample([parse_plan(self.engine.plan or DEFAULT_PLAN)], self.srdh_rays)
         return Renderer(scene, **settings)

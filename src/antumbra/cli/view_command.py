@@ -102,7 +102,7 @@ def view(args: ViewArguments) -> int:
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
         opened = open_scene(spec, args.up, args.quiet, args.crs)
-        limit_memory(opened, memory)
+        memory = limit_memory(opened, memory)
         place = _place_of(opened, position)
         if place is None and (args.north is not None or args.timezone is not None):
             raise InputError("--north and --timezone need a place; give --latitude and --longitude, or --crs")

@@ -3,10 +3,12 @@
 import warnings
 from typing import Any
 
+from ..checks import byte_count
 from ..formats.gis.footprint_table import FootprintOptions, FootprintsLike
 from ..formats.gis.gis_data import footprint_data, terrain_data
 from ..formats.gis.height_arrays import RasterLike, is_raster
 from ..formats.gis.height_files import HeightOptions
+from ..memory import reading_limit
 from ..scene.crs import checked_crs
 from ..scene.scene_data import MemoryData, group_notes
 from ..scene.units import checked_unit
@@ -24,6 +26,7 @@ def from_raster(
     crs: str | None = None,
     unit: str | None = None,
     name: str | None = None,
+    max_memory: int | None = None,
 ) -> Scene:
     """The triangulated surface of a raster of heights, such as a digital elevation model (DEM). Z is up.
 
@@ -34,7 +37,7 @@ def from_raster(
     Parameters
     ----------
     raster : str, path-like, DataArray, tuple, or list of these
-        - A file that rasterio reads, such as a GeoTIFF.
+        - A GeoTIFF, an ASCII grid (.asc), or a virtual raster (.vrt) of these in its folder.
         - A DataArray of xarray or rioxarray, with coordinates for its two dimensions, in either order: x and y, easting
           and northing, longitude and latitude, or any names with the axis or standard name of the CF conventions.
         - (array, transform) or (array, transform, crs): heights (rows, columns), where NaN and masked cells have no
@@ -61,6 +64,8 @@ def from_raster(
         metres. See `Scene.unit`.
     name : str, optional
         Name of the scene. None: that of the file or array.
+    max_memory : int, optional
+        Limit in bytes on the memory that reading takes, as for `antumbra.load`.
 
     Returns
     -------
@@ -87,7 +92,9 @@ def from_raster(
     """
     system = None if crs is None else checked_crs(crs)
     options = HeightOptions(band, nodata, z_scale, values_at, system, None if unit is None else checked_unit(unit))
-    return _scene(terrain_data(raster, options, ground, name))
+    with reading_limit(None if max_memory is None else byte_count(max_memory, "max_memory", 1)):
+        data = terrain_data(raster, options, ground, name)
+    return _scene(data)
 
 
 def from_footprints(
@@ -102,6 +109,7 @@ def from_footprints(
     crs: str | None = None,
     unit: str | None = None,
     name: str | None = None,
+    max_memory: int | None = None,
 ) -> Scene:
     """Buildings from footprints with heights: closed solids with a flat roof, walls and a floor. Z is up.
 
@@ -136,6 +144,8 @@ def from_footprints(
         metres. See `Scene.unit`.
     name : str, optional
         Name of the scene. None: that of the file.
+    max_memory : int, optional
+        Limit in bytes on the memory that reading takes, as for `antumbra.load`.
 
     Returns
     -------
@@ -164,7 +174,9 @@ def from_footprints(
     system = None if crs is None else checked_crs(crs)
     length = None if unit is None else checked_unit(unit)
     options = FootprintOptions(height, base, id, layer, invalid, system, length)
-    return _scene(footprint_data(footprints, options, terrain, name))
+    with reading_limit(None if max_memory is None else byte_count(max_memory, "max_memory", 1)):
+        data = footprint_data(footprints, options, terrain, name)
+    return _scene(data)
 
 
 def _scene(data: MemoryData) -> Scene:

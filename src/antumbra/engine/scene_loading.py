@@ -5,8 +5,9 @@ import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
-from ..checks import flag
+from ..checks import byte_count, flag
 from ..formats.format_registry import ReadOptions
+from ..memory import reading_limit
 from ..scene.crs import checked_crs, in_one_unit
 from ..scene.instance_data import InstanceData
 from ..scene.materials import Transmittance
@@ -32,6 +33,7 @@ def load(
     crs: str | None = None,
     unit: str | None = None,
     instances: bool | None = None,
+    max_memory: int | None = None,
 ) -> "Scene | PagedScene":
     """Read a scene from a file, or convert a mesh of another library.
 
@@ -77,6 +79,11 @@ def load(
         ``wide`` traces instances; others flatten the scene. Instances have one colour per face. None: if the copies
         would take more than 1 GiB, the scene is static and no material lets light pass.
 
+    max_memory : int, optional
+        Limit in bytes on the memory that reading takes. A file that would take more is refused before any is allocated.
+        None: what is available, but at most 1 GiB or a hundred times the size of the file, whichever is larger. For a
+        store, the limit on the memory of queries, see `PagedScene.max_memory`.
+
     Returns
     -------
     Scene or PagedScene
@@ -99,7 +106,11 @@ def load(
         instances = False
     length = None if unit is None else checked_unit(unit)
     options = ReadOptions(up, lod, instances, flag(cutouts, "cutouts"), given_crs, length)
-    scene = _scene_of_data(read_scene_data(path, options))
+    limit = None if max_memory is None else byte_count(max_memory, "max_memory", 1)
+    with reading_limit(limit):
+        scene = _scene_of_data(read_scene_data(path, options))
+    if limit is not None and not isinstance(scene, Scene):
+        scene.max_memory = limit
     if not cutouts and isinstance(scene, Scene):
         scene.ignore_alpha()
     if transmittance is not None:

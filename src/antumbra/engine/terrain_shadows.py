@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..formats.gis.gis_data import terrain_data
 from ..formats.gis.height_files import HeightOptions
+from ..memory import available_memory
 from ..progress import ProgressCallback
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
@@ -79,8 +80,6 @@ class TerrainShadows:
 
     def _has_room_for_tree(self) -> bool:
         if self._has_room is None:
-            from ..store.system_resources import available_memory  # scenes in memory need no stores
-
             self._has_room = _TREE_BYTES * self._data.n_triangles <= _SHARE * (available_memory() or 0)
         return self._has_room
 

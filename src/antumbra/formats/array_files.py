@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files import checked_file
+from ..memory import check_reading
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..scene.mesh import MeshInfo, ObjectInfo, Piece, check_finite, face_colours, used_faces
@@ -27,8 +28,7 @@ from ..scene.mesh import MeshInfo, ObjectInfo, Piece, check_finite, face_colours
 
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 _METHODS = zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED
-MAX_EXPANDED_BYTES = 1 << 30
-_RATIO = 20  # a file may expand to this multiple of its size, even beyond MAX_EXPANDED_BYTES
+_COPIES = 3  # of an array while it is read: compressed, expanded, and as float64
 _ENCRYPTED = 1  # flag bit of a zip entry
 
 
@@ -58,17 +58,11 @@ def npz_arrays(path: Path, names: Iterable[str]) -> dict[str, np.ndarray]:
     with zipfile.ZipFile(path) as archive:
         entries = {entry.filename.removesuffix(".npy").lower(): entry for entry in archive.infolist()}
         entries = {name: entry for name, entry in entries.items() if name in requested}
-        check_expansion(path, sum(entry.file_size for entry in entries.values()))
+        expanded = sum(entry.file_size for entry in entries.values())
+        check_reading(_COPIES * expanded, path.name, path.stat().st_size)
         for name, entry in entries.items():
             arrays[name] = _array_of(archive, entry, f"{path.name}, array {name!r}")
     return arrays
-
-
-def check_expansion(path: Path, size: int) -> None:
-    """Raise InputError if the expanded size that a file declares, in bytes, is far larger than the file."""
-    file_size = path.stat().st_size
-    if size > max(MAX_EXPANDED_BYTES, _RATIO * file_size):
-        raise InputError(f"{path.name}: its {file_size / 1e6:,.1f} MB expand to {size / 1e9:,.1f} GB; split it")
 
 
 def _array_of(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, where: str) -> np.ndarray:

@@ -4,6 +4,7 @@ Scene loading, exports, their error messages, the help of commands and ``antumbr
 writers are imported when called: importing trimesh alone takes longer than loading most scenes.
 """
 
+import os
 from collections.abc import Callable, Iterable
 from functools import partial
 from os import PathLike
@@ -13,6 +14,7 @@ from typing import NamedTuple, TypeAlias, cast
 import numpy as np
 
 from ..files import checked_output
+from ..memory import check_reading
 from ..scene.crs import in_one_unit
 from ..scene.instance_data import InstanceData, wants_instances
 from ..scene.instances import InstancedSource
@@ -25,8 +27,8 @@ from ..scene.units import LengthUnit
 from .cityjson.cityjson_file import SUFFIXES as CITYJSON_SUFFIXES
 from .gis.footprint_table import SUFFIXES as FOOTPRINT_SUFFIXES
 from .gis.footprint_table import FootprintOptions
-from .gis.height_files import SUFFIXES as HEIGHT_SUFFIXES
 from .gis.height_files import HeightOptions
+from .gis.raster_files import SUFFIXES as HEIGHT_SUFFIXES
 
 
 class ReadOptions(NamedTuple):
@@ -63,6 +65,9 @@ _TALLEST = 2000.0  # metres: higher than any building
 # --- Readers and writers ----------------------------------------------------------------------------------------------
 
 
+_TRIANGLE_BYTES = 60  # of a scene in memory, without trees
+
+
 def _data_of(source: Source, notes: list[str], name: str, options: ReadOptions) -> SceneData:
     """A scene whose up axis, unless given, is guessed from its faces."""
     scene: MemoryData | InstanceData
@@ -71,6 +76,7 @@ def _data_of(source: Source, notes: list[str], name: str, options: ReadOptions) 
         scene = InstanceData(cast(InstancedSource, source), name=name, up=up, notes=tuple(notes))
         sample = scene.sampled_faces
     else:
+        check_reading(_TRIANGLE_BYTES * sum(mesh.triangles * mesh.instances for mesh in source.meshes), source.file)
         scene = MemoryData(source, name=name, up=up, notes=tuple(notes))
         sample = partial(sampled_faces, source, scene.n_triangles)
     scene.notes = (*scene.notes, *rounding_notes(source.file, scene.bounds, sample))
@@ -215,7 +221,7 @@ SCENE_WRITERS = {suffix: each.write for each in FORMATS if each.write is not Non
 
 def format_of(path: Path, formats: Iterable[Format] = FORMATS) -> Format | None:
     """The format of a path among `formats`, by its suffix in any case; for a folder, `FRAMES`; None if unknown."""
-    if path.is_dir():
+    if os.path.isdir(path):  # False for names that the system refuses
         return FRAMES
     suffix = path.suffix.lower()
     return next((each for each in formats if suffix in each.suffixes), None)

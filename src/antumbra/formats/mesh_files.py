@@ -19,26 +19,18 @@ from ..scene.materials import PLAIN, linear_to_srgb
 from ..scene.mesh import Mesh, StaticMeshes, VertexAttributes, flip_v, make_mesh, textured_mesh
 from ..scene.palette_scene import PaletteScene
 from .obj_file import MeshNames
+from .ply_rows import INDICES, PlyProperty, check_rows, elements_of
 from .text_numbers import parsed_numbers
 
 _PLY_ELEMENT = re.compile(rb"^element\s+(\S+)\s+(\d+)", re.MULTILINE)
 _PLY_EMPTY = re.compile(rb"^element\s+(\S+)\s+0*[1-9]\d*\s*(?=^element\b|\Z)", re.MULTILINE)
 _PLY_LINE = re.compile(rb"^(element|property)\s+(.+?)\s*$", re.MULTILINE)
-_PLY_TYPES = {
-    **dict.fromkeys(("char", "int8"), "i1"),
-    **dict.fromkeys(("uchar", "uint8"), "u1"),
-    **dict.fromkeys(("short", "int16"), "i2"),
-    **dict.fromkeys(("ushort", "uint16"), "u2"),
-    **dict.fromkeys(("int", "int32"), "i4"),
-    **dict.fromkeys(("uint", "uint32"), "u4"),
-    **dict.fromkeys(("float", "float32"), "f4"),
-    **dict.fromkeys(("double", "float64"), "f8"),
-}
 _RGBA, _NORMAL = ("red", "green", "blue", "alpha"), ("nx", "ny", "nz")
 _KNOWN = {*"xyz", *_NORMAL, *_RGBA}
-_PLY_INDICES = ("vertex_indices", "vertex_index")
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_SOLID = re.compile(rb"^[ \t]*(?:solid\b([^\n]*)\n|endsolid)", re.MULTILINE | re.IGNORECASE)
+_SOLID = re.compile(rb"^[ \t]*(?:solid\b([^\n]*)\n|endsolid[^\n]*)", re.MULTILINE | re.IGNORECASE)
+_STL_WORD, _STL_FACET = re.compile(rb"endfacet|facet|vertex"), [b"facet", b"vertex", b"vertex", b"vertex", b"endfacet"]
+_TEXTURE = re.compile(rb"^comment\s+TextureFile\s+(.+?)\s*$", re.MULTILINE | re.IGNORECASE)
 _MOST_PROPERTIES = 1000  # of a PLY file, and its elements
 _STL_HEADER = 84  # bytes: a text, and the number of facets
 
@@ -50,60 +42,84 @@ def read_mesh_file(path: Path) -> tuple[StaticMeshes, list[str]]:
     """(source, notes) for a .ply or .stl file. The notes list everything left out."""
     data, file = path.read_bytes(), path.name
     where = f'{file}: mesh "{path.stem}"'
-    if path.suffix.lower() == ".ply":
-        _check_ply(data, file)
-        mesh = _read_triangles(data, path.stem, where)
-        meshes = None if mesh is None else [mesh]
-    else:
-        _check_stl(data, file)
-        meshes = _read_solids(data, path) if _is_text(data) else _read_facets(data, path.stem, where)
-    return StaticMeshes(_read_by_trimesh(data, path) if meshes is None else meshes, file), []
+    if path.suffix.lower() == ".stl":
+        is_text = _is_text(data)
+        return StaticMeshes(_read_solids(data, path) if is_text else _read_facets(data, path.stem, where), file), []
+    _check_ply(data, file)
+    mesh = _read_triangles(data, path.stem, where)
+    if mesh is not None:
+        return StaticMeshes([mesh], file), []
+    notes = check_rows(data, file)
+    return StaticMeshes(_read_by_trimesh(data, path), file), notes + _ignored_textures(data, file)
 
 
-def _read_facets(data: bytes, name: str, where: str) -> list[Mesh] | None:
-    """The mesh of a binary STL file; None if its size is not that of its header."""
+def _read_facets(data: bytes, name: str, where: str) -> list[Mesh]:
+    """The mesh of a binary STL file."""
     count = int.from_bytes(data[80:_STL_HEADER], "little")
-    if len(data) != _STL_HEADER + count * _FACET.itemsize:
-        return None
+    needed, file = _STL_HEADER + count * _FACET.itemsize, where.partition(":")[0]
+    if len(data) != needed:
+        raise InputError(f"{file}: STL header needs {needed} bytes, there are {len(data)}; copy the file again")
     facets = np.frombuffer(data, _FACET, count, _STL_HEADER)
     return [make_mesh(name, facets["corners"].reshape(-1, 3), None, None, where)]
 
 
-def _read_solids(data: bytes, path: Path) -> list[Mesh] | None:
-    """The solids of an STL file of text; None if their vertices are not numbers."""
-    solids = [
-        (label.decode("utf-8", "replace").strip(), parsed_numbers(_vertices_in(body), np.float64))
-        for label, body in _solids_in(data)
-    ]
-    if not solids or any(numbers is None or len(numbers) % 9 for _, numbers in solids):
-        return None
+def _read_solids(data: bytes, path: Path) -> list[Mesh]:
+    """The solids of an STL file of text."""
+    solids = list(_solids_in(data, path.name))
     meshes, names = list[Mesh](), MeshNames("geometry", True)
-    for label, numbers in solids:
-        if numbers is not None and len(numbers):
-            name = path.stem if len(solids) == 1 else names.of(label)
+    for label, body in solids:
+        numbers = _corners_of(body, path.name)
+        if len(numbers):
+            name = path.stem if len(solids) == 1 else names.of(label.decode("utf-8", "replace").strip())
             meshes.append(make_mesh(name, numbers.reshape(-1, 3), None, None, f'{path.name}: mesh "{name}"'))
     return meshes
 
 
-def _solids_in(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """(name, text up to the next "endsolid") of each solid; one that does not end is left out."""
+def _solids_in(data: bytes, file: str) -> Iterator[tuple[bytes, bytes]]:
+    """(name, text up to the next "endsolid") of each solid.
+
+    Raises
+    ------
+    InputError
+        If there is text outside of solids, such as the last one of a file that is cut.
+    """
     begin: re.Match[bytes] | None = None
+    end = 0  # of the last solid
     for line in _SOLID.finditer(data):
         if line[1] is not None:
             begin = begin or line
         elif begin is not None:
+            _check_blank(data[end : begin.start()], file)
             yield begin[1], data[begin.end() : line.start()]
-            begin = None
+            begin, end = None, line.end()
+    _check_blank(data[end:], file)
+
+
+def _check_blank(text: bytes, file: str) -> None:
+    if text.strip():
+        raise InputError(f"{file}: has a solid without endsolid; the file is cut short, copy it again")
+
+
+def _corners_of(solid: bytes, file: str) -> np.ndarray:
+    """(9 n,) float64: the corners of the facets of a solid."""
+    text = solid.lower()
+    numbers = parsed_numbers(_vertices_in(text), np.float64)
+    if numbers is None:
+        raise InputError(f"{file}: has a vertex of something other than numbers; export the mesh again")
+    n_facets = text.count(b"endfacet")
+    if len(numbers) != 9 * n_facets or _STL_WORD.findall(text) != _STL_FACET * n_facets:
+        raise InputError(f"{file}: has a facet that is not three vertices of x y z; export the mesh again")
+    return numbers
 
 
 def _vertices_in(solid: bytes) -> bytes:
     """The rest of each line after "vertex"."""
-    return b" ".join(rest.partition(b"\n")[0] for rest in solid.lower().split(b"vertex")[1:])
+    return b" ".join(rest.partition(b"\n")[0] for rest in solid.split(b"vertex")[1:])
 
 
 def _read_triangles(data: bytes, name: str, where: str) -> Mesh | None:
     """The mesh of a PLY file with only vertices and triangles, without texture coordinates; None for others."""
-    layout = _ply_layout(data)
+    layout = _ply_layout(data, where.partition(":")[0])
     rows = None if layout is None else layout.text_rows(data) if layout.is_text else layout.rows(data)
     if rows is None or not (rows[1]["n"] == 3).all():
         return None
@@ -161,17 +177,11 @@ class _PlyLayout(NamedTuple):
         return (vertices, faces) if (faces["corners"] == table[:, 1:4]).all() else None
 
 
-def _ply_layout(data: bytes) -> _PlyLayout | None:
+def _ply_layout(data: bytes, file: str) -> _PlyLayout | None:
     """The layout of a PLY file; None if it is unusual."""
     head, _, _ = data.partition(b"end_header")
     order = ">" if b"format binary_big_endian" in head else "<"
-    elements = list[tuple[str, int, list[list[str]]]]()
-    for kind, line in _PLY_LINE.findall(head):
-        words = line.decode("ascii", "replace").split()
-        if kind == b"element":
-            elements.append((words[0], int(words[1]), []))
-        elif elements:
-            elements[-1][2].append(words)
+    elements = elements_of(head, file)
     if [name for name, _, _ in elements] != ["vertex", "face"]:
         return None
     (_, n_vertices, of_vertex), (_, n_faces, of_face) = elements
@@ -188,23 +198,23 @@ def _ply_layout(data: bytes) -> _PlyLayout | None:
     return _PlyLayout(start, n_vertices, vertex, n_faces, face, b"format ascii" in head)
 
 
-def _numpy_type(properties: list[list[str]], order: str) -> np.dtype | None:
+def _numpy_type(properties: list[PlyProperty], order: str) -> np.dtype | None:
     """The type of rows of numbers; None unless they are known, in the usual order of channels, which are bytes."""
-    fields = [(words[-1], order + _PLY_TYPES.get(words[0], "")) for words in properties if len(words) == 2]
+    fields = [(each.name, order + each.kind) for each in properties if each.of_count is None]
     names = [name for name, _ in fields]
     if len(fields) != len(properties) or len(set(names)) != len(names) or not set(names) <= _KNOWN:
         return None
     channels = [(name, kind[1:]) for name, kind in fields if name in _RGBA]
-    if channels not in ([], *([(name, "u1") for name in _RGBA[:n]] for n in (3, 4))) or order in dict(fields).values():
+    if channels not in ([], *([(name, "u1") for name in _RGBA[:n]] for n in (3, 4))):
         return None
     return np.dtype(fields) if set(names).isdisjoint(_NORMAL) or set(names).issuperset(_NORMAL) else None
 
 
-def _face_type(properties: list[list[str]], order: str) -> np.dtype | None:
+def _face_type(properties: list[PlyProperty], order: str) -> np.dtype | None:
     """The type of triangles with optional colours; None for other faces."""
-    if not properties or len(properties[0]) != 4 or properties[0][0] != "list" or properties[0][3] not in _PLY_INDICES:
+    if not properties or properties[0].of_count is None or properties[0].name not in INDICES:
         return None
-    of_count, of_index = (_PLY_TYPES.get(word, "f4") for word in properties[0][1:3])
+    of_count, of_index = properties[0].of_count, properties[0].kind
     colours = _numpy_type(properties[1:], order)
     names = () if colours is None else colours.names or ()
     if "f" in of_count + of_index or colours is None or not set(names) <= set(_RGBA):
@@ -219,7 +229,8 @@ def _has_colour(rows: np.dtype) -> bool:
 def _read_by_trimesh(data: bytes, path: Path) -> list[Mesh]:
     trimesh = import_extra("trimesh", f"{path.name}, which is not plain triangles,", "meshes")
     try:
-        loaded = trimesh.load(io.BytesIO(data), file_type=path.suffix.lower()[1:], process=False)
+        # from memory and without a resolver, so that nothing else is read; names of textures would be logged
+        loaded = trimesh.load(io.BytesIO(data), file_type="ply", process=False, skip_materials=True)
     except IndexError as error:
         raise InputError(f"{path.name}: a face uses a missing vertex ({error}); export the mesh again") from error
     parts = loaded.geometry if isinstance(loaded, trimesh.Scene) else {path.stem: loaded}
@@ -241,7 +252,14 @@ def _mesh(name: str, part: Any, file: str) -> Mesh:
 
 
 def _is_text(stl: bytes) -> bool:
-    return stl.lstrip().startswith(b"solid") and b"facet" in stl
+    if len(stl) == _STL_HEADER + int.from_bytes(stl[80:_STL_HEADER], "little") * _FACET.itemsize:
+        return False  # the header of a binary file may begin with any word
+    return stl.lstrip()[:5].lower() == b"solid" and b"facet" in stl.lower()
+
+
+def _ignored_textures(data: bytes, file: str) -> list[str]:
+    names = [name.decode("utf-8", "replace")[:60] for name in _TEXTURE.findall(data.partition(b"end_header")[0])]
+    return [f"{file}: its texture {names[0]!r} is not shown"] if names else []
 
 
 def _check_ply(data: bytes, file: str) -> None:
@@ -265,15 +283,6 @@ def _check_ply(data: bytes, file: str) -> None:
         raise InputError(
             f"{file}: PLY header declares {declared} elements, but there is room for {available}; copy it again"
         )
-
-
-def _check_stl(data: bytes, file: str) -> None:
-    """Raise InputError if a binary STL is shorter than its header declares. trimesh would read it as empty ASCII."""
-    if _is_text(data):
-        return
-    needed = _STL_HEADER + _FACET.itemsize * int.from_bytes(data[80:_STL_HEADER], "little")
-    if len(data) < needed:
-        raise InputError(f"{file}: STL header needs {needed} bytes, there are {len(data)}; copy the file again")
 
 
 # --- Writing ----------------------------------------------------------------------------------------------------------

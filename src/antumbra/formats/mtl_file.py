@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InputError
 from ..files import checked_file, sibling
 from ..kernels.parallel import map_in_threads
-from ..scene.materials import BLEND, MASK, OPAQUE, Material, Texture, without_texture
+from ..scene.materials import BLEND, MASK, OPAQUE, Material, Texture, check_textures, without_texture
 
 _MAX_BYTES = 1 << 28
 _OPTIONS = re.compile(r"^(?:-(?:[ost]\s+\S+\s+\S+\s+\S+|mm\s+\S+\s+\S+|\w+\s+\S+)\s+)+")  # before a texture's name
@@ -111,6 +111,7 @@ def _read_textures(names: list[tuple[str, str]], files: SideFiles) -> dict[tuple
     usable = [pair for pair in names if any(data.get(name) for name in pair)]
     of_bytes = dict[tuple[bytes | None, bytes | None], Texture]()  # files may have several names
     textures = {pair: of_bytes.setdefault((data.get(pair[0]), data.get(pair[1])), texture(*pair)) for pair in usable}
+    check_textures(of_bytes.values(), files.file)
     found = dict(zip(of_bytes, map_in_threads(error_of, of_bytes.values())))
     errors = {pair: found[data.get(pair[0]), data.get(pair[1])] for pair in usable}
     for pair in [pair for pair, error in errors.items() if error is not None]:

@@ -25,6 +25,12 @@ _SPACE, _NEWLINE, _SLASH = b" \n/"
 _PREFIXES = {"v": b"v  ", "vt": b"vt ", "vn": b"vn ", "f": b"f  "}
 _IRREGULAR = b"\t", b"\v", b"\f", b"\r", b"\n "  # white space that `_lines_of` replaces
 _CURE = "export the mesh again"
+_NUMBERS = {"v": 3, "vt": 2, "vn": 3}  # that lines of a kind have, unless all have fewer
+_OTHERS = list(b"\n#!$lpsguom")  # first bytes of comments, lines, points, groups and names
+_WORDS = {
+    *b"vp cstype deg bmat step curv curv2 surf parm trim hole scrv sp end con bevel c_interp d_interp lod".split(),
+    *b"shadow_obj trace_obj ctech stech csh call bzp bsp cdc cdp res".split(),
+}  # that begin other lines
 
 
 def read_obj(path: Path) -> tuple[StaticMeshes, list[str]]:
@@ -34,8 +40,9 @@ def read_obj(path: Path) -> tuple[StaticMeshes, list[str]]:
     heads = _Heads.of_lines(lines, path.name)
     materials = read_materials(heads.libraries, files)
     rows = {kind: lines.rows(prefix) for kind, prefix in _PREFIXES.items()}
-    vertices, uv, normals = (_numbers(lines, rows[kind], path.name) for kind in ("v", "vt", "vn"))
+    vertices, uv, normals = (_numbers(lines, rows[kind], kind, path.name) for kind in ("v", "vt", "vn"))
     triangles = _triangles(lines, rows, path.name)
+    notes = [*_left_out(lines, rows, triangles, path.name), *_dangling(triangles, uv, normals, path.name)]
     if len(vertices) and len(triangles.line) and vertices.shape[1] < 3:
         raise InputError(f"{path.name}: has vertices of {vertices.shape[1]} numbers; a vertex is x y z")
     attributes = _Attributes(vertices[:, :3], vertices[:, 3:6], uv[:, :2], normals, path.name)
@@ -44,7 +51,32 @@ def read_obj(path: Path) -> tuple[StaticMeshes, list[str]]:
     for material, chosen in groups:
         name = names.of(material) if len(groups) > 1 else path.stem
         meshes.append(attributes.mesh(name, triangles.corners[chosen], materials.get(material)))
-    return StaticMeshes(meshes, path.name), files.notes
+    return StaticMeshes(meshes, path.name), files.notes + notes
+
+
+def _left_out(lines: "_Lines", rows: dict[str, NDArray[np.int64]], triangles: "_Triangles", file: str) -> Iterator[str]:
+    """Notes on faces without three corners, and on lines that begin with none of the words of OBJ files."""
+    n_thin = len(rows["f"]) - len(np.unique(triangles.line))
+    if n_thin:
+        yield f"{file}: {n_thin} faces with fewer than 3 corners are left out"
+    known = np.zeros(len(lines.starts), bool)
+    known[np.concatenate(list(rows.values()))] = True
+    known |= np.isin(lines.data[lines.starts], _OTHERS)
+    words = [(row + 1, lines.line(row).split(b" ")[0]) for row in np.flatnonzero(~known).tolist()]
+    unknown = [(row, word.decode("utf-8", "replace")) for row, word in words if word not in _WORDS]
+    if unknown:
+        row, word = unknown[0]
+        yield f"{file}: {len(unknown)} lines of unknown words are left out; line {row} begins with {word[:20]!r}"
+
+
+def _dangling(
+    triangles: "_Triangles", uv: NDArray[np.float64], normals: NDArray[np.float64], file: str
+) -> Iterator[str]:
+    """Notes on texture coordinates and normals that faces use and that the file lacks."""
+    for column, attributes, what in ((1, uv, "texture coordinates"), (2, normals, "normals")):
+        used = triangles.corners[..., column]
+        if used.size and used.max() >= len(attributes):
+            yield f"{file}: faces use {what} that the file lacks; these are left out"
 
 
 # --- Lines and numbers ------------------------------------------------------------------------------------------------
@@ -91,19 +123,32 @@ def _lines_of(data: bytes) -> _Lines:
     return _Lines(data_bytes, np.append(0, ends[:-1] + 1), ends)
 
 
-def _numbers(lines: _Lines, rows: NDArray[np.int64], file: str) -> NDArray[np.float64]:
-    """(n, k) float64: the numbers on lines, k of the shortest one."""
+def _numbers(lines: _Lines, rows: NDArray[np.int64], kind: str, file: str) -> NDArray[np.float64]:
+    """(n, k) float64: the numbers on lines of a kind, k of the shortest one."""
     text = lines.text(rows)
     columns = len(text[: text.find(b"\n")].split())
     values = parsed_numbers(text, np.float64)
-    if values is not None and len(values) == len(rows) * columns:
+    if values is not None and len(values) == len(rows) * columns and (_words_per_line(text) == columns).all():
         return values.reshape(len(rows), columns)
     words = [line.partition(b"#")[0].split() for line in text.splitlines()]
-    columns = min(map(len, words))
+    lengths = [*map(len, words)]
+    columns = min(lengths)
+    if columns < max(lengths) and columns < _NUMBERS[kind]:
+        row = rows[lengths.index(columns)] + 1
+        raise InputError(f"{file}: line {row}, of {kind}, has {columns} numbers, and others {max(lengths)}; {_CURE}")
     try:
         return np.array([[float(word) for word in row[:columns]] for row in words], np.float64)
     except ValueError as error:
         raise InputError(f"{file}: cannot be read ({error}); {_CURE}") from None
+
+
+def _words_per_line(text: bytes) -> NDArray[np.int64]:
+    """(n,) int64: the number of words on each line of a text without other white space than spaces."""
+    data = np.frombuffer(text, np.uint8)
+    is_newline = data == _NEWLINE
+    inside = (data != _SPACE) & ~is_newline
+    starts = np.cumsum(inside & ~np.append(False, inside[:-1]))
+    return np.asarray(np.diff(starts[is_newline], prepend=0))
 
 
 # --- Objects, materials and groups of faces ---------------------------------------------------------------------------

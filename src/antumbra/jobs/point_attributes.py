@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..extras import import_extra
-from ..formats.array_files import check_expansion, npz_arrays
+from ..formats.array_files import npz_arrays
+from ..formats.gis.vector_files import check_columns, open_parquet
 
 Attributes = dict[str, NDArray[Any]]
 """Name -> one value per point: numbers, times, bool, or object for texts."""
@@ -110,11 +110,10 @@ def _values(texts: list[str]) -> NDArray[Any]:
 
 
 def _parquet(path: Path, used: Collection[str]) -> tuple[Attributes, list[str]]:
-    import_extra("pyarrow", ".parquet", "gis")
-    import pyarrow
-    import pyarrow.parquet
+    with open_parquet(path) as file:
+        schema = file.schema_arrow
+    import pyarrow  # after the door has found it
 
-    schema = pyarrow.parquet.read_schema(path)
     geometries = b"geo" in (schema.metadata or {})  # points have a geometry of their own in the results
     names = [name for name in schema.names if name.lower() not in used]
     names = [name for name in names if not (geometries and pyarrow.types.is_binary(schema.field(name).type))]
@@ -122,9 +121,8 @@ def _parquet(path: Path, used: Collection[str]) -> tuple[Attributes, list[str]]:
     texts = [name for name, kind in kinds.items() if kind is str]
     numbers = [name for name, kind in kinds.items() if kind is not str and _is_plain(kind)]
     columns = Attributes()
-    with pyarrow.parquet.ParquetFile(path, read_dictionary=texts) as file:  # equal texts are stored once
-        meta = file.metadata
-        check_expansion(path, sum(meta.row_group(k).total_byte_size for k in range(meta.num_row_groups)))
+    with open_parquet(path, texts) as file:
+        check_columns(file, texts + numbers, path)
         for name in texts + numbers:
             values = file.read(columns=[name])[name].unify_dictionaries().combine_chunks()
             columns[name] = _texts_of(values) if name in texts else np.asarray(values.to_numpy(zero_copy_only=False))

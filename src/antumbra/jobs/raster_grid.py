@@ -8,14 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import as_array, checked_instance, number, points, text, whole_number
 from ..engine.scene import AnyScene
 from ..errors import InputError
-from ..extras import import_extra
-from ..files import checked_file
+from ..formats.gis.raster_files import RasterFile
 from ..formats.reprojection import WARP
 from ..scene.raster import Raster
 from ..scene.scene_bounds import plan_bounds
-
-SUFFIXES = (".tif", ".tiff", ".vrt", ".asc")
-"""Suffixes of raster files that `raster_of_file` reads."""
 
 _MOST = 200_000_000  # sensors: more than this is treated as a mistake in the spacing
 _SAME = 1e-6  # cells: edges closer than this coincide, up to rounding
@@ -94,13 +90,8 @@ def raster_of_file(path: Path) -> Raster:
     InputError
         If the file cannot be read, or its cells are not square with north up.
     """
-    checked_file(path, path.name)
-    rasterio = import_extra("rasterio", path.suffix, "gis")
-    try:
-        with rasterio.open(path) as file:
-            shape, place, crs = file.shape, file.transform, file.crs
-    except rasterio.errors.RasterioError as error:
-        raise InputError(f"{path.name}: cannot be read ({' '.join(str(error).split())[:120]})") from None
+    with RasterFile(path).open() as file:
+        shape, place, crs = file.shape, file.transform, file.crs
     if not (place.b == place.d == 0.0 and place.a > 0.0 and abs(place.a + place.e) < _SAME * place.a):
         command = f"{WARP} -tr SIZE SIZE FILE OUT.tif"
         raise InputError(f"{path.name}: its cells are not square with north up; warp it with: {command}")

@@ -83,7 +83,9 @@ def _units(table: "Table") -> dict[str, dict[str, str]]:
     known |= {f"n{name}": ("", f"{name} of its normal") for name in "xyz"}
     known |= {"area": (f"{length}2", "area that it represents"), "face": ("", "the face on which it lies; -1: none")}
     known |= {name: (column.unit, column.about) for name, column in table.columns.items()}
-    return {name: {"unit": known[name][0], "about": known[name][1]} for name in table.rows()}
+    of_user = "", "of the table of sensors"
+    columns = {name: known.get(name, of_user) for name in table.rows()}
+    return {name: {"unit": unit, "about": about} for name, (unit, about) in columns.items()}
 
 
 def _npz(table: "Table", path: Path, column: str) -> None:

@@ -16,17 +16,19 @@ from ..checks import quoted, spelling_hint
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike
 from ..errors import InputError
-from ..extras import import_extra
 from ..files import checked_file
-from ..formats.array_files import check_expansion, mapped_array, npz_arrays
+from ..formats.array_files import mapped_array, npz_arrays
+from ..formats.csv_rows import check_fields, check_header
+from ..formats.gis.raster_files import SUFFIXES as RASTERS
+from ..formats.gis.vector_files import check_columns, open_parquet
 from ..kernels.parallel import thread_count
+from ..memory import check_reading
 from ..scene.crs import check_horizontal_crs, checked_crs
 from ..scene.rounded_coordinates import rounding_notes
 from ..scene.scene_bounds import bounds_of_points
 from .ground_areas import AreaLike, area_sensors
 from .measured_scenes import measured_scene
 from .point_attributes import Attributes, read_attributes
-from .raster_grid import SUFFIXES as RASTERS
 from .sensors import Sensors, face_sensors, point_sensors, raster_sensors, vertex_sensors
 from .surface_grid import grid_sensors
 
@@ -35,11 +37,11 @@ FORMS = (
     "or a .csv, .parquet, .npy or .npz file"
 )
 SUFFIXES = (".csv", ".parquet", ".npy", ".npz")
+_COPIES = 2  # of an array: as stored, and as float64
 
 _ON_FACES = re.compile(r"(?:(face|vertex)|grid:([0-9.]+(?:[eE][+-]?[0-9]+)?|[0-9.eE-]+))(?:\+([0-9.eE+-]+))?")
 _RASTER = re.compile(r"raster(?::([0-9.]+(?:[eE][0-9-]+)?|.+\.(?:tif|tiff|vrt|asc)))?(?:([+@])([0-9.eE+-]+))?", re.I)
 CSV_ROWS = 1 << 16  # lines of a CSV file held as lists at a time
-_NUMBER_BYTES = 8  # maximum size of a number in a Parquet column
 _WORLD = "OGC:CRS84"  # CRS of GeoParquet that names none
 _POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
 
@@ -164,7 +166,9 @@ def attributes_of(path: Path, used: Collection[str], n: int) -> Attributes:
 def read_array(path: Path) -> np.ndarray:
     """The array in a .npy file. Raises InputError if it cannot be read."""
     with _reader_errors(path):
-        return np.array(mapped_array(path, path.name))
+        array = mapped_array(path, path.name)
+        check_reading(_COPIES * array.nbytes, path.name)
+        return np.array(array)
 
 
 def read_columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -216,10 +220,12 @@ def _csv(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]:
         rows = csv.reader(file)
         header = [name.strip().lower() for name in next(rows, [])]
         columns = [(k, name) for k, name in enumerate(header) if name in column_names]
+        check_header([name for _, name in columns], path.name)
         tables, values = list[np.ndarray](), list[list[float]]()
         for line, row in enumerate(rows, 2):
             if not row:
                 continue
+            check_fields(len(row), len(header), line, path.name)
             try:
                 values.append([float(row[k]) for k, _ in columns])
             except (ValueError, IndexError):
@@ -232,24 +238,19 @@ def _csv(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]:
 
 
 def _parquet(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    import_extra("pyarrow", ".parquet", "gis")
-    import pyarrow.parquet
-
-    with pyarrow.parquet.ParquetFile(path) as file:
+    with open_parquet(path) as file:
         names = [name for name in file.schema_arrow.names if name.lower() in column_names]
         for name in names:
             _check_kind(np.dtype(file.schema_arrow.field(name).type.to_pandas_dtype()), name, path)
-        check_expansion(path, file.metadata.num_rows * len(names) * _NUMBER_BYTES)
+        check_columns(file, names, path)
         table = file.read(columns=names)
     return {name.lower(): _numbers(table[name].to_numpy(), name, path) for name in names}
 
 
 def _crs_of(path: Path) -> str | None:
     """The CRS of GeoParquet's primary geometry; None if it has none, or the file is plain Parquet."""
-    import_extra("pyarrow", ".parquet", "gis")
-    import pyarrow.parquet
-
-    metadata = (pyarrow.parquet.read_schema(path).metadata or {}).get(b"geo")
+    with open_parquet(path) as file:
+        metadata = (file.schema_arrow.metadata or {}).get(b"geo")
     if metadata is None:
         return None
     geo = json.loads(metadata)

@@ -497,7 +497,7 @@ def _pixels(path: Path) -> NDArray[np.uint8]:
     """(H, W, 3) uint8."""
     from PIL import Image
 
-    with Image.open(path) as image:
+    with Image.open(path, formats=("PNG", "JPEG")) as image:  # those that this program has written
         return np.asarray(image.convert("RGB"))
 
 

@@ -278,10 +278,10 @@ class EngineOptions:
     max_memory: int | None = option(
         None,
         unchecked,
-        "Memory limit for scenes in a store: in bytes, or with M or G, such as 512M.",
+        "Memory limit of reading files, and of scenes in a store: in bytes, or with M or G, such as 512M.",
         panel="Speed",
         kind=str | None,
-        note="4G",
+        note="what is available; 4G for stores",
         metavar="SIZE",
         literal=False,
     )

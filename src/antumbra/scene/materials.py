@@ -6,7 +6,7 @@ Also the conversions between sRGB and linear light.
 import io
 import threading
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -18,6 +18,7 @@ from ..extras import MissingPackage
 from ..forks import hold_during_fork
 from ..kernels.elementary import log2, power
 from ..kernels.small_matrices import product
+from ..memory import check_reading
 from .ktx2_images import decode_ktx2, is_ktx2, ktx2_size
 
 if TYPE_CHECKING:
@@ -190,6 +191,7 @@ OPAQUE, MASK, BLEND = "OPAQUE", "MASK", "BLEND"
 """Alpha modes, as in glTF: alpha is ignored; a hole below the cutoff; the share of light that the surface blocks."""
 
 _PREVIEW = 256  # pixels of a side that suffice for mean colours
+_BYTES_PER_PIXEL = 6  # of a decoded image with its mip levels
 _MOST_BYTES = 1 << 22  # of an image that stays decoded before anybody needs its pixels
 
 
@@ -237,6 +239,30 @@ class Texture:
         else:
             pixels = decode_image(picture, side) if isinstance(picture, bytes) else picture
         return pixels if opacity is None else _with_opaque_alpha(pixels, opacity)
+
+
+def check_textures(textures: Iterable[Texture], file: str) -> None:
+    """Raise an InputError if textures take too much memory once a picture needs all their pixels.
+
+    Pixels are counted from the headers of images, before any is decoded.
+    """
+    images = [each for t in textures for each in (t.picture, t.opacity) if isinstance(each, bytes)]
+    size = sum(_BYTES_PER_PIXEL * _pixel_count(image) for image in images)
+    check_reading(size, f"{file}: its textures", sum(map(len, images)))
+
+
+def _pixel_count(image: bytes) -> int:
+    """The pixels of an image; 0 if decoding it will fail."""
+    try:
+        if is_ktx2(image):
+            size = ktx2_size(image)
+        else:
+            with _open_image(image) as opened:
+                size = opened.size
+        _check_size(size, len(image))
+    except Exception:  # Pillow's decoders raise a dozen error types on damaged files
+        return 0
+    return size[0] * size[1]
 
 
 def _is_jpeg(picture: "bytes | np.ndarray | None") -> bool:

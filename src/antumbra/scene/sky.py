@@ -19,6 +19,7 @@ from ..extras import import_extra
 from ..files import checked_file, without_output
 from ..kernels.elementary import cos, exp2, power, sin
 from ..kernels.small_matrices import dot, product
+from ..memory import check_reading
 from .camera import axes
 from .light_lists import N_SETS, LightList
 from .lights import DIRECTIONAL, MAX_SPP, Light, LightPatch, check_distance
@@ -27,7 +28,9 @@ from .lights import DIRECTIONAL, MAX_SPP, Light, LightPatch, check_distance
 
 
 ENVIRONMENT_SUFFIXES = (".hdr", ".exr")
-_MOST_PIXELS = 1 << 27
+_PIXEL_BYTES = 100  # of memory while a map is read: as stored, as float64, and while these are combined
+_CHANNEL_BYTES = 8  # of memory per pixel for each channel of an EXR file
+_LEAST_ROW, _LONGEST_RUN = 4, 127  # of run-length encoded rows: bytes before the runs, and pixels
 
 
 def read_environment(path: Path) -> np.ndarray:
@@ -47,6 +50,8 @@ def read_environment(path: Path) -> np.ndarray:
     try:
         with without_output():
             image = readers[path.suffix.lower()](path)
+    except InputError:
+        raise
     except Exception as error:  # libraries raise various exceptions for bad files
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{path.name}: cannot be read ({reason}); is the file damaged?") from error
@@ -58,6 +63,9 @@ def read_environment(path: Path) -> np.ndarray:
 def _read_exr(path: Path) -> np.ndarray:
     import OpenEXR
 
+    with OpenEXR.File(str(path), header_only=True) as file:
+        (x0, y0), (x1, y1) = (np.asarray(corner, np.float64) for corner in file.header()["dataWindow"])
+        _check_size(x1 - x0 + 1.0, y1 - y0 + 1.0, path, len(file.header().get("channels", ())))
     with OpenEXR.File(str(path), separate_channels=True) as file:
         channels = file.channels()
         missing = [name for name in "RGB" if name not in channels]
@@ -77,10 +85,16 @@ def _read_hdr(path: Path) -> np.ndarray:
     if words[0] != b"-Y" or words[2] != b"+X":
         raise ValueError("its rows do not run from top to bottom and left to right")
     h, w = int(words[1]), int(words[3])
-    if not 0 < h * w <= _MOST_PIXELS:
-        raise ValueError(f"{w}x{h} pixels")
+    if h <= 0 or w <= 0 or h * (_LEAST_ROW + 8 * -(-w // _LONGEST_RUN)) > len(body) < 4 * h * w:
+        raise ValueError(f"{w}x{h} pixels do not fit in {len(body)} bytes")
+    _check_size(float(w), float(h), path)
     rgbe = _rows(np.frombuffer(body, np.uint8), h, w).astype(np.float64)
     return np.where(rgbe[..., 3:] > 0, (rgbe[..., :3] + 0.5) * exp2(rgbe[..., 3:] - 136.0), 0.0)
+
+
+def _check_size(w: float, h: float, path: Path, channels: int = 0) -> None:
+    size = w * h * (_PIXEL_BYTES + _CHANNEL_BYTES * channels)
+    check_reading(size, f"{path.name}: an image of {w:.0f} x {h:.0f} pixels", path.stat().st_size)
 
 
 def _rows(data: np.ndarray, h: int, w: int) -> NDArray[np.uint8]:

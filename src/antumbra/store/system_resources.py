@@ -63,13 +63,6 @@ def resident_memory() -> int:
         return peak_resident_memory() or 0
 
 
-def available_memory() -> int | None:
-    """Bytes of memory that processes can use without swapping; None if the system does not say."""
-    with suppress(OSError, StopIteration), open("/proc/meminfo") as stream:
-        return next(1024 * int(line.split()[1]) for line in stream if line.startswith("MemAvailable:"))
-    return None
-
-
 def release_freed() -> None:
     """Return freed memory that the C library still holds to the system, where that is possible (glibc)."""
     with suppress(AttributeError, OSError, TypeError):

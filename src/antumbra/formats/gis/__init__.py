@@ -1,6 +1,8 @@
 """Geographic data: rasters of heights, building footprints, and trees.
 
-- `height_files`: rasters of heights in the files that rasterio reads
+- `raster_files`, `vrt_files`: the door to GDAL's rasters, and virtual rasters
+- `vector_files`: the door to vector files and tables
+- `height_files`: rasters of heights in files
 - `height_arrays`: heights from arrays and from the DataArrays of xarray
 - `height_tiles`: tiles of one grid as a single surface
 - `footprint_table`: footprints with heights, from files that geopandas reads

@@ -11,7 +11,6 @@ from ...checks import as_array, path_of, quoted
 from ...errors import InputError
 from ...scene.terrain import GridPoints, HeightGrid
 from .height_files import (
-    SUFFIXES,
     HeightOptions,
     check_projected,
     checked_heights,
@@ -22,6 +21,7 @@ from .height_files import (
     read_heights,
 )
 from .height_tiles import joined_heights
+from .raster_files import SUFFIXES
 
 RasterLike: TypeAlias = "str | PathLike[str] | tuple[Any, ...] | Any"
 """A raster of heights: a path, a DataArray, or (array, transform) or (array, transform, crs)."""

@@ -4,9 +4,6 @@
 scale plus its offset, in the unit of its coordinates.
 """
 
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,18 +13,17 @@ from numpy.typing import NDArray
 from ...checks import quoted
 from ...errors import InputError
 from ...extras import import_extra
-from ...files import checked_file
-from ...scene.crs import in_one_unit, parts_of_crs, unit_of_crs
+from ...memory import check_reading
+from ...scene.crs import checked_crs, in_one_unit, parts_of_crs, unit_of_crs
 from ...scene.terrain import GridPoints, HeightGrid
 from ...scene.units import METRE, LengthUnit, unit_named
 from ..reprojection import WARP, projected_crs, warp_command
-
-SUFFIXES = (".tif", ".tiff", ".vrt", ".asc")
-"""Suffixes of raster files of heights."""
+from .raster_files import RasterFile
 
 _SQUARE_TURN = 1e-9  # rotation of a raster, relative to its cells, that rounding explains
 _MOST_CELLS = 1 << 30  # 2^31 triangles
 _BAND = 256  # rows read at a time
+_MASK_BYTES = 2  # per cell: masks of the file and of nodata
 _EXACT = "float32", "int16", "uint16", "int8", "uint8"  # types whose values float32 represents
 _NO_DATA = (-9999.0, -32768.0, -32767.0)  # common marks, which some files do not declare
 
@@ -71,8 +67,10 @@ def crs_of(crs: Any) -> Any:
         return None
     rasterio = import_extra("rasterio", "crs", "gis")
     try:
+        if isinstance(crs, str):  # GDAL would open the file or the address that it may name
+            checked_crs(crs)
         return rasterio.CRS.from_user_input(crs)
-    except (rasterio.errors.CRSError, TypeError, ValueError):
+    except (rasterio.errors.CRSError, TypeError, ValueError):  # an InputError is a ValueError
         raise InputError(f"crs {quoted(crs)} is unknown; write an EPSG code such as EPSG:28992") from None
 
 
@@ -127,10 +125,9 @@ class HeightFile:
     """
 
     def __init__(self, path: Path, options: HeightOptions):
-        checked_file(path, path.name)
-        import_extra("rasterio", path.suffix, "gis")
         self.path, self.name, self._nodata = path, path.stem, options.nodata
-        with self._open() as file:
+        self._file = RasterFile(path)
+        with self._file.open() as file:
             self._band = _band_of(file, options.band, path.name)
             system = file.crs if options.crs is None else crs_of(options.crs)
             if file.crs is None and file.transform.is_identity:
@@ -142,6 +139,7 @@ class HeightFile:
             self._scale, self._offset = file.scales[k] * scale, file.offsets[k] * scale
             plain = (self._scale, self._offset) == (1.0, 0.0) and file.dtypes[k] in _EXACT
             self.dtype = np.dtype(np.float32 if plain else np.float64)
+            self._cell_bytes = 2 * self.dtype.itemsize + np.dtype(file.dtypes[k]).itemsize + _MASK_BYTES
         self._last_band: tuple[int, NDArray[Any]] | None = None  # the last one that was read, and its number
         self._lowest = np.inf  # height read so far
 
@@ -149,8 +147,11 @@ class HeightFile:
         """Heights of some rows, (last - first, columns) `dtype`; NaN: no data."""
         if self._south_up:
             first, last = self.grid.rows - last, self.grid.rows - first
+        size = self._cell_bytes * float(self.grid.columns) * (last - first)
+        where = f"{self.path.name}: a raster of {self.grid.columns} x {self.grid.rows} cells"
+        check_reading(size, where, self._file.stored)
         heights, at = np.empty((last - first, self.grid.columns), self.dtype), first
-        with self._open() as file:
+        with self._file.open() as file:
             while at < last:
                 band = at // _BAND
                 part = self._band_rows(file, band)[at - band * _BAND :][: last - at]
@@ -177,19 +178,6 @@ class HeightFile:
     def notes(self) -> list[str]:
         """Notes about the unit of the heights, and about the rows that have been read so far."""
         return [*self._unit_notes, *_notes_of(self._lowest, self.path.name)]
-
-    @contextmanager
-    def _open(self) -> Iterator[Any]:
-        import rasterio
-
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-                with rasterio.open(self.path) as file:
-                    yield file
-        except rasterio.errors.RasterioError as error:
-            reason = " ".join(str(error).split())[:120]
-            raise InputError(f"{self.path.name}: cannot be read ({reason}); is it a raster?") from None
 
 
 def _band_of(file: Any, band: int | None, where: str) -> int:

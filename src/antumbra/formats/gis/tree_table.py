@@ -20,6 +20,7 @@ from ...scene.crs import check_horizontal_crs, checked_crs, reproject, unit_of_c
 from ...scene.materials import MONTHS
 from ...scene.tree_crowns import SHAPES, TreeShapes
 from ...scene.units import LengthUnit
+from ..csv_rows import check_fields, check_header
 from ..foreign_formats import cure_of
 from ..reprojection import projected_crs, vector_command
 from .length_texts import LENGTH_FORMS, lengths_in
@@ -144,9 +145,14 @@ def _csv_table(path: Path) -> _TreeRows:
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file)
-            names, lines = list(reader.fieldnames or ()), list(reader)
+            names, lines = list(reader.fieldnames or ()), list[dict[str, str]]()
+            for line in reader:
+                more = line.pop(None, ())  # fields beyond the header
+                check_fields(len(names) + len(more), len(names), reader.line_num, path.name)
+                lines.append(line)
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path.name}: cannot be read ({error}); save it as CSV in UTF-8") from None
+    check_header(names, path.name)
     if not {"x", "y"} <= set(names):
         raise InputError(f"{path.name}: has no columns x and y; there are {', '.join(names[:MOST_NAMES]) or 'none'}")
     columns = {name: _column([line[name] or "" for line in lines]) for name in names}

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...checks import as_array, is_number, number, spelling_hint, text
 from ...errors import InputError
-from ...extras import import_extra
+from .vector_files import layers_of, read_vectors
 
 MOST_NAMES = 12
 """Columns that an error lists."""
@@ -30,24 +30,13 @@ def read_layer(path: Path, layer: str | None, things: str, fits: Callable[[str],
     things : what its rows are, such as "trees", for errors
     fits : whether a layer's kind of geometry, such as "Multi Polygon", may be that of such rows
     """
-    geopandas = import_extra("geopandas", things, "gis")
-    try:
-        if path.suffix.lower() == ".parquet":
-            return geopandas.read_parquet(path)
-        return geopandas.read_file(path, engine="pyogrio", layer=_layer_of(path, layer, things, fits))
-    except InputError:
-        raise
-    except Exception as error:  # GDAL, pyarrow and geopandas raise many kinds of errors for damaged files
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(f"{path.name}: cannot be read ({reason}); is it a file of {things}?") from None
+    if path.suffix.lower() == ".parquet":
+        return read_vectors(path, things)
+    return read_vectors(path, things, _layer_of(path, layer, things, fits))
 
 
 def _layer_of(path: Path, layer: str | None, things: str, fits: Callable[[str], bool]) -> str:
-    kinds = {
-        str(name): str(kind)
-        for name, kind in import_extra("pyogrio", things, "gis").list_layers(path)
-        if kind is not None
-    }
+    kinds = layers_of(path, things)
     if layer is not None:
         if layer not in kinds:
             hint = spelling_hint(layer, kinds)

@@ -4,6 +4,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...extras import import_extra
+from ...memory import check_reading
 from ..json_fields import Fields
 from .gltf_file import CURE, GltfDocument
 
@@ -11,6 +12,9 @@ from .gltf_file import CURE, GltfDocument
 
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_STEP = 1 << 22  # bytes between two checks
+_MOST_COUNT = 1 << 40
+_VALUE_BYTES = 12  # of memory per number: as stored, selected, and as it is kept
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
@@ -23,6 +27,8 @@ class Accessors:
         self._views = document.root.objects("bufferViews")
         self._available = sum(len(b) for b in document.buffers if b is not None)
         self._decoded: dict[int, np.ndarray] = {}
+        self._finite: dict[int, np.ndarray] = {}
+        self._reserved = self._checked = 0  # bytes that the document takes so far, and at the last check
 
     def __len__(self) -> int:
         return len(self._fields)
@@ -38,6 +44,34 @@ class Accessors:
         if values.shape != shape:
             raise InputError(f"{fields.where} says {shape}, the compressed data are {values.shape}; export it again")
         self._decoded[index] = values.astype(self._dtype(fields))
+        self._finite.pop(index, None)
+
+    def reserve(self, size: int, where: str) -> None:
+        """Count memory of the document that is about to be taken; InputError if it takes too much.
+
+        Many primitives may share an accessor, and many nodes a list of instances, so a small file can take much.
+        """
+        self._reserved += size
+        if self._reserved >= self._checked + _STEP:
+            self._checked = self._reserved
+            check_reading(self._reserved, f"{where} and what precedes it", self._available)
+
+    def reserve_primitives(self, primitives: list[Fields], where: str) -> None:
+        """`reserve` what the attributes, indices and morph targets of primitives take."""
+        for primitive in primitives:
+            holders = [primitive.data.get("attributes"), *(target.data for target in primitive.objects("targets"))]
+            indices = [index for each in holders if isinstance(each, dict) for index in each.values()]
+            most = _MOST_COUNT if primitive.extension(DRACO_EXTENSION) else self._available
+            sizes = [self._size(index, most) for index in (primitive.data.get("indices"), *indices)]
+            self.reserve(sum(sizes), where)
+
+    def _size(self, index: object, most: int) -> int:
+        """Bytes of memory for an accessor's values; 0 if reading it will fail, since it has more than `most`."""
+        if not isinstance(index, int) or not 0 <= index < len(self._fields):
+            return 0
+        fields = self._fields[index].data
+        count, width = fields.get("count"), WIDTHS.get(str(fields.get("type")), 0)
+        return _VALUE_BYTES * width * count if isinstance(count, int) and 0 <= count <= most else 0
 
     def view_bytes(self, holder: Fields, key: str) -> bytes:
         """The bytes of the bufferView that a field refers to."""
@@ -61,11 +95,13 @@ class Accessors:
         return np.maximum(scaled, -1.0)
 
     def finite(self, index: int, *kinds: str) -> np.ndarray:
-        """`floats` as float64. Raises InputError on NaN or infinity."""
-        values = self.floats(index, *kinds).astype(np.float64)
-        if not np.isfinite(values).all():
-            raise InputError(f"{self._fields[index].where} holds NaN or infinity; export the file again")
-        return values
+        """`floats` as float64, shared by all who ask for the accessor. Raises InputError on NaN or infinity."""
+        values = self.floats(index, *kinds)
+        if index not in self._finite:
+            if not np.isfinite(values).all():
+                raise InputError(f"{self._fields[index].where} holds NaN or infinity; export the file again")
+            self._finite[index] = values.astype(np.float64)
+        return self._finite[index]
 
     def whole(self, index: int, *kinds: str) -> np.ndarray:
         """(count, width) unsigned integers."""

@@ -14,7 +14,19 @@ from ...files import checked_file, sibling
 from ...kernels.elementary import cos, sin
 from ...kernels.parallel import map_in_threads
 from ...kernels.small_matrices import product
-from ...scene.materials import BLEND, CLAMP, MASK, MIRROR, OPAQUE, PLAIN, REPEAT, Material, Texture, without_texture
+from ...scene.materials import (
+    BLEND,
+    CLAMP,
+    MASK,
+    MIRROR,
+    OPAQUE,
+    PLAIN,
+    REPEAT,
+    Material,
+    Texture,
+    check_textures,
+    without_texture,
+)
 from ..json_fields import Fields
 from .gltf_file import GltfDocument, data_uri_bytes, is_data_uri
 
@@ -90,6 +102,7 @@ class Materials:
             with suppress(ValueError):
                 texture.preview_levels  # noqa: B018
 
+        check_textures(self._ahead.values(), self._document.file)
         map_in_threads(decode, self._ahead.values())
 
     def _read(self, fields: Fields) -> MappedMaterial:

@@ -183,11 +183,12 @@ def read_tracks(
     first one in the file wins, as in viewers that play the first clip.
     """
     tracks: dict[tuple[int, str], Track] = {}
+    unit_keys = _UnitKeys()
     left_out: list[str] = []
     for number, animation in enumerate(root.objects("animations")):
         samplers, conflict = animation.objects("samplers"), False
         for channel in animation.objects("channels"):
-            track = _track(channel, samplers, accessors, nodes, n_weights)
+            track = _track(channel, samplers, accessors, nodes, n_weights, unit_keys)
             if track is not None:
                 conflict |= tracks.setdefault((track.node, track.path), track) is not track
         if conflict:
@@ -249,7 +250,12 @@ def _hermite(
 
 
 def _track(
-    channel: Fields, samplers: list[Fields], accessors: Accessors, nodes: Nodes, n_weights: list[int]
+    channel: Fields,
+    samplers: list[Fields],
+    accessors: Accessors,
+    nodes: Nodes,
+    n_weights: list[int],
+    unit_keys: "_UnitKeys",
 ) -> Track | None:
     target = channel.object("target")
     path = None if target is None else target.text("path", None)
@@ -280,12 +286,25 @@ def _track(
         )
     values = output.reshape(shape)
     if path == "rotation":
-        values = _unit_keys(values, sampler)
+        values = unit_keys.of(values, sampler)
     return Track(node, path, interpolation, times, values)
 
 
+class _UnitKeys:
+    """Normalised rotation keys. Nodes that turn alike share them."""
+
+    def __init__(self) -> None:
+        self._known = dict[tuple[int, tuple[int, ...]], np.ndarray]()  # address and shape of the keys in the file
+
+    def of(self, values: np.ndarray, sampler: Fields) -> np.ndarray:
+        key = values.__array_interface__["data"][0], values.shape
+        if key not in self._known:
+            self._known[key] = _unit_keys(values, sampler)
+        return self._known[key]
+
+
 def _unit_keys(values: np.ndarray, sampler: Fields) -> np.ndarray:
-    """Normalised rotation keys. Spline tangents are not changed."""
+    """Rotation keys of length 1. Spline tangents are not changed."""
     values = values.copy()
     keys = values[:, 1] if values.ndim == 3 else values
     lengths = np.linalg.norm(keys, axis=1, keepdims=True)

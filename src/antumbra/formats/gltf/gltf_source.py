@@ -6,7 +6,7 @@ Each node with a mesh becomes a `MeshNode`. At every time, its primitives are de
 from collections.abc import Generator, Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +70,9 @@ class MeshNode(NamedTuple):
         return 1 if self.copies is None else len(self.copies)
 
 
+_COPY_BYTES = 600  # of memory per instance: its transform, object and name
+
+
 class PlacedPrimitive(NamedTuple):
     """A primitive of a mesh at a node, at one moment, in world space."""
 
@@ -80,6 +83,9 @@ class PlacedPrimitive(NamedTuple):
     vertices: NDArray[np.float64]  # (k, v, 3) float64, world; k copies
     first: int  # object index of the first copy
     linear: NDArray[np.float64] | None  # (k, 3, 3) float64: linear parts of the copies' transforms; None: skinned
+
+
+_Pose: TypeAlias = tuple[NDArray[np.float64], dict[int, NDArray[np.float64]]]
 
 
 class GltfSource:
@@ -101,6 +107,10 @@ class GltfSource:
         self.file, self.meshes, self.objects = file, meshes, objects
         self.duration = max([0.0, *(float(t.times[-1]) for t in tracks)])
         self._nodes, self._draws, self._tracks, self._views = nodes, draws, tracks, views
+        self._posed: tuple[float, _Pose] | None = None  # the last pose: deep hierarchies take long to pose
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_posed": None}
 
     def pieces(self, time: float) -> Generator[Piece, None, None]:
         for placed in self._placed(time, merge_runs=True):
@@ -159,9 +169,15 @@ class GltfSource:
     def lights(self, time: float) -> list[Light]:
         return self._views.lights(self._pose(time)[0])
 
-    def _pose(self, time: float) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+    def _pose(self, time: float) -> _Pose:
         """(world matrices of the nodes, (n, 4, 4); {node: animated morph weights})."""
-        nodes, weights = self._nodes, {}
+        posed = self._posed
+        if posed is None or posed[0] != time:
+            self._posed = posed = time, self._new_pose(time)
+        return posed[1]
+
+    def _new_pose(self, time: float) -> _Pose:
+        nodes, weights = self._nodes, dict[int, NDArray[np.float64]]()
         pose = {p: getattr(nodes, p).copy() for p in ("translation", "rotation", "scale")}
         for track in self._tracks:
             value = sample_track(track, time)
@@ -220,6 +236,7 @@ class _Mesh:
 
     def primitives(self, accessors: Accessors, materials: Materials) -> list[Primitive]:
         if self._primitives is None:
+            accessors.reserve_primitives(self.parts, self.fields.where)
             read = [read_primitive(p, self.name, accessors, materials, i) for i, p in enumerate(self.parts)]
             self._primitives = [p for p in read if p is not None]
         return self._primitives
@@ -279,6 +296,7 @@ def _copies(node: Fields, accessors: Accessors) -> np.ndarray | None:
     if len(counts) != 1:
         raise InputError(f"{extension.where} needs TRANSLATION, ROTATION or SCALE, all with the same count")
     (k,) = counts
+    accessors.reserve(_COPY_BYTES * k, extension.where)
     rotation = values.get("ROTATION", np.broadcast_to((0.0, 0.0, 0.0, 1.0), (k, 4)))
     rotation = rotation / np.linalg.norm(rotation, axis=1, keepdims=True)
     copies = local_matrices(values.get("TRANSLATION", np.zeros((k, 3))), rotation, values.get("SCALE", np.ones((k, 3))))
@@ -325,10 +343,11 @@ def _info(
     mesh_of_draw = [mesh for draw in draws if (mesh := mesh_of_node[draw.node]) is not None]  # that is, of each draw
     mesh_ids = sorted(set(mesh_of_draw))
     row, instances = {mesh: i for i, mesh in enumerate(mesh_ids)}, [0] * len(mesh_ids)
+    names = _closest_names(nodes)
     objects: list[ObjectInfo] = []
     for draw, mesh_id in zip(draws, mesh_of_draw):
         mesh = row[mesh_id]
-        name = _object_name(nodes, draw.node, meshes[mesh_id])
+        name = _object_name(names, draw.node, meshes[mesh_id])
         for k in range(draw.n_copies):
             object_name = name if draw.copies is None else f"{name}[{k}]"
             objects.append(ObjectInfo(object_name, mesh, instances[mesh]))
@@ -336,15 +355,29 @@ def _info(
     return [MeshInfo(meshes[m].name, meshes[m].count(), n) for m, n in zip(mesh_ids, instances)], objects
 
 
-def _object_name(nodes: Nodes, node: int, mesh: _Mesh) -> str:
+class _NodeName(NamedTuple):
+    """The name of a node, and that of its closest ancestor with a name; None: there is none."""
+
+    own: str | None
+    inherited: str | None
+
+
+def _closest_names(nodes: Nodes) -> list[_NodeName]:
+    """The names of all nodes."""
+    names = [_NodeName(None, None)] * len(nodes.fields)
+    for node in (int(node) for level in nodes.levels for node in level):
+        above = names[nodes.parent[node]] if nodes.parent[node] >= 0 else _NodeName(None, None)
+        names[node] = _NodeName(nodes.fields[node].text("name", None) or None, above.own or above.inherited)
+    return names
+
+
+def _object_name(names: list[_NodeName], node: int, mesh: _Mesh) -> str:
     """The name of a node, else of its mesh, else of its closest ancestor with a name.
 
     gltfpack moves meshes to children without names, whose scale undoes the quantization.
     """
-    name: str | None = nodes.fields[node].text("name", None) or mesh.fields.text("name", None)
-    while not name and (node := int(nodes.parent[node])) >= 0:
-        name = nodes.fields[node].text("name", None)
-    return name or mesh.name
+    own, inherited = names[node]
+    return own or mesh.fields.text("name", None) or inherited or mesh.name
 
 
 def _check_size(file: str, draws: list[MeshNode]) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...extras import MissingPackage, import_extra
 from ...kernels.parallel import map_in_threads
+from ...memory import check_reading
 from ..json_fields import Fields
 
 MESHOPT_EXTENSIONS = "EXT_meshopt_compression", "KHR_meshopt_compression"
@@ -67,7 +68,13 @@ def decompress_views(root: Fields, buffers: Buffers) -> tuple[Fields, Buffers]:
         if any(out[i] is None for i in packed):
             raise
     else:
-        compressed = [_compressed_view(views[i], extension, buffers) for i, extension in packed.items()]
+        stored = sum(len(buffer) for buffer in buffers if buffer is not None)  # views may share it
+        compressed, expanded = list[CompressedView](), 0
+        for i, extension in packed.items():
+            view = _compressed_view(views[i], extension, buffers)
+            compressed.append(view)
+            expanded += len(view.data) + view.n_elements * view.stride
+            check_reading(expanded, f"{root.where} its compressed data", stored)
         for i, data in zip(packed, map_in_threads(partial(_decode, library), compressed)):
             out[i] = data
     return Fields(_plain_json(root.data), root.where), out

@@ -12,6 +12,7 @@ from ...checks import as_array, number, path_of, quoted
 from ...errors import InputError
 from ...extras import import_extra
 from ...files import checked_file
+from ...formats.gis.vector_files import read_vectors
 from ...scene.crs import check_horizontal_crs
 from ..sensor_files import read_columns
 
@@ -114,12 +115,8 @@ def _table_vertices(path: Path) -> NDArray[np.float64]:
 
 def _file_lines(path: Path, crs: str | None) -> list[NDArray[np.float64]]:
     """The lines of a vector file."""
-    geopandas = import_extra("geopandas", "lines of vector files", "gis")
     shapely = import_extra("shapely", "lines of vector files", "gis")
-    try:
-        table = geopandas.read_file(path)
-    except Exception as error:  # GDAL raises many kinds
-        raise InputError(f"{path} cannot be read as lines: {error}") from None
+    table = read_vectors(path, "lines")
     if table.crs is not None:
         check_horizontal_crs(path.name, table.crs.to_wkt(), crs)
     parts = [part for shape in table.geometry if shape is not None for part in getattr(shape, "geoms", [shape])]
