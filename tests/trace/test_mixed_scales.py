@@ -116,7 +116,7 @@ def _answers(name):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_every_plan_has_the_bits_of_real_arithmetic(name):
-    """The oracle judges some of the points: it takes minutes for those of all ground that rounding puts in one plane."""
+    """The oracle judges some of the points, because it takes minutes for ground that rounding puts in one plane."""
     scene, query = _asked(name)
     n = 1 if name == "raster, 1e+15" else 32
     ends, above = (each[0, :n] for each in segments(query))
