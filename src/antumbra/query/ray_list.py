@@ -302,7 +302,9 @@ class RayArrays(NamedTuple):
         origins, directions = self.local()
         for array, name in ((origins, "origins"), (directions, "targets" if self.segments else "directions")):
             _require(np.isfinite(array).all(1), f"{name} hold NaN, infinity or numbers beyond float32 (ray {{}})")
-        _require(directions.any(1) | self.segments, "direction of ray {} is zero in float32; give every ray a direction")
+        _require(
+            directions.any(1) | self.segments, "direction of ray {} is zero in float32; give every ray a direction"
+        )
         _require((self.tmin >= 0).all(1) & (self.tmin < np.inf).all(1), "tmin must be finite and not negative (ray {})")
         _require(~np.isnan(self.tmax).any(1), "tmax is NaN (ray {})")
 
