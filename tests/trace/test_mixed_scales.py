@@ -16,7 +16,7 @@ from antumbra.query.receivers import Receivers
 from antumbra.query.shadow_query import segments
 from antumbra.trace.counters import as_dict, new_counters
 from antumbra.trace.rays.ray_batches import RayTracer
-from asking import answer
+from asking import answer, query_of
 
 MOST = 10  # times the work of the best plan
 PLANS = covering_plans()
@@ -189,3 +189,28 @@ def test_a_long_axis_does_not_widen_boxes_along_the_others():
         tracer.trace(rays, False, hit_arrays(64, False), 1, counters)
         works.append(as_dict(counters)["triangle_tests"])
     assert 0 < works[1] < MOST * works[0]
+
+
+# --- Pictures ---------------------------------------------------------------------------------------------------------
+
+
+A_RAY = 100  # nanoseconds; `single` takes less where the blocker of one ray blocks the next one too
+PICTURES = {"soup": (_soup, 2), "raster, 1e+06": (lambda seed: _raster(seed, 1e6), 1)}
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_pictures_have_the_same_bits_by_all_plans_and_no_plan_does_ten_times_the_work(name):
+    make, seed = PICTURES[name]
+    scene = at.Scene.from_arrays(make(seed)[0])
+    triangles, query = query_of(scene, scene.default_camera(24, 16), scene.default_light(), 8)
+    assert (query.sides != 0).sum() > 24
+    answers, works = [], {}
+    for plan in PLANS:
+        counters = new_counters()
+        answers.append(answer(plan, triangles, query, 1, counters))
+        works[str(plan)] = work_of(counters, plan)
+    assert answers[0].any()
+    for bits in answers[1:]:
+        np.testing.assert_array_equal(bits, answers[0])
+    best = max(min(works.values()), A_RAY * np.count_nonzero(query.sides) * 8)
+    assert {plan: work / best for plan, work in works.items() if work > MOST * best} == {}

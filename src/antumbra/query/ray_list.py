@@ -301,7 +301,7 @@ class RayArrays(NamedTuple):
         """Raise an InputError for the first invalid ray, if there is one."""
         origins, directions = self.local()
         for array, name in ((origins, "origins"), (directions, "targets" if self.segments else "directions")):
-            _require(np.isfinite(array).all(1), f"{name} hold NaN, infinity or numbers beyond float32 (ray {{}})")
+            _require(np.isfinite(array).all(1), f"{name} hold NaN or infinity, or are beyond float32 (ray {{}})")
         _require(
             directions.any(1) | self.segments, "direction of ray {} is zero in float32; give every ray a direction"
         )
