@@ -127,7 +127,7 @@ def test_a_power_of_two_as_unit_changes_no_answer(source, exponent, folder):
 
 
 @pytest.mark.parametrize("unit", [1.0, 2.0**-30, 2.0**44])
-@pytest.mark.parametrize("distance", [2.0**20, 2.0**43, 2.0**60, 2.0**78])
+@pytest.mark.parametrize("distance", [2.0**20, 2.0**43, 2.0**60, 2.0**72])
 def test_far_ends_and_origins_give_instances_the_answers_of_their_copies(unit, distance):
     """Also where float32 rounds the ends, so that the answer is not that of nearer ends."""
     (inside, flat), (origins, directions) = _copies(unit), _rays("instances")

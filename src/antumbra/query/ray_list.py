@@ -301,8 +301,10 @@ class RayArrays(NamedTuple):
         """Raise an InputError for the first invalid ray, if there is one."""
         origins, directions = self.local()
         for array, name in ((origins, "origins"), (directions, "targets" if self.segments else "directions")):
-            _require(np.isfinite(array).all(1), f"{name} hold NaN or infinity (ray {{}})")
-        _require(directions.any(1) | self.segments, "direction of ray {} is zero; give every ray a direction")
+            _require(np.isfinite(array).all(1), f"{name} hold NaN or infinity, or are beyond float32 (ray {{}})")
+        _require(
+            directions.any(1) | self.segments, "direction of ray {} is zero in float32; give every ray a direction"
+        )
         _require((self.tmin >= 0).all(1) & (self.tmin < np.inf).all(1), "tmin must be finite and not negative (ray {})")
         _require(~np.isnan(self.tmax).any(1), "tmax is NaN (ray {})")
 

@@ -31,7 +31,8 @@ COUNTERS = (
 
 - rays of the query; rays that their receiver's own surface blocks
 - inner nodes visited; boxes tested; triangles tested
-- tests undecided in float32, repeated in float64; tests undecided in float64, repeated in exact arithmetic
+- tests undecided in float32, repeated in float64 unless the ray misses the triangle's bounds; tests undecided in
+  float64, repeated in exact arithmetic
 - rays blocked by the same triangle as the previous ray
 
 Tracers of many rays at once also count:

@@ -18,8 +18,8 @@ The test is conservative in float32. A bound is fma(plane, r, k) with r = 1 / d 
 
 - Rounding d and r adds an error of 3u |plane r|, at most 3u (|t| + |k|).
 - Rounding k adds 4u |k|, and the fma adds u |t|.
-- `_PAD` = 12u of |k|, added to k once, outwards, covers the errors in |k|. No error is a fixed share of the shaft's
-  length, which may exceed the boxes by far.
+- `_PAD` = 12u of |k|, added to k once, outwards, covers the errors in |k|. Only underflow is a fixed share of the
+  shaft's length, which may exceed the boxes by far.
 - r and k are multiplied by `GROW` for an exit, and by `_SHRINK` for an entry, which covers the errors 7u |t| of an
   entry and 9u |t| of an exit. A box behind the origin is not entered, whichever way its negative t is rounded.
 
@@ -60,6 +60,7 @@ from .triangle_tests import fetch
 
 GROW, _SHRINK = np.float32(1.0 + 2.0**-19), np.float32(1.0 - 2.0**-19)  # 32u
 _PAD = np.float32(12 * 2.0**-24)
+_VANISHING = np.float32(1e-37)  # more than what underflow takes from a bound
 _LOW = np.float32(1e-7)  # directions below this fraction of the longest count as zero
 _ZERO, _ONE, _INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 
@@ -111,7 +112,7 @@ def _bounds(o, d):
     """The lower and the upper `Bound` t = (plane - o) / d."""
     r = _ONE / d
     k = -o * r
-    pad = absolute(k) * _PAD
+    pad = fma(absolute(k), splat16(_PAD), splat16(_VANISHING))
     return Bound(r * _SHRINK, (k - pad) * _SHRINK), Bound(r * GROW, (k + pad) * GROW)
 
 
