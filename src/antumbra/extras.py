@@ -24,7 +24,7 @@ EXTRAS = {
     "sun": "positions of the sun, weather files and clear skies",
     "gis": "rasters, footprints, CityJSON, Parquet, and coordinate reference systems",
     "bake": "textures by antumbra bake",
-    "meshes": "unusual PLY and STL files, such as polygons with texture coordinates",
+    "meshes": "unusual PLY files, such as polygons with texture coordinates",
     "exr": "reading and writing .exr files, which data sets consist of",
     "sparse": "visibility matrices as scipy.sparse arrays",
     "compressed": "glTF files compressed with Draco or meshopt, and KTX2 textures",

@@ -185,7 +185,7 @@ PLY = Format(
     "meshes",
     "points and lines; when written: cameras, lights, and colours beyond 8 bits",
 )
-STL = Format("STL", (".stl",), _read_mesh_file, None, "meshes", "colours")
+STL = Format("STL", (".stl",), _read_mesh_file, None, None, "colours")
 CITYJSON = Format(
     "CityJSON, CityJSONSeq",
     CITYJSON_SUFFIXES,

@@ -1,6 +1,6 @@
-"""PLY and STL files: files of triangles are read at once, unusual ones by trimesh; PLY output with face colours.
+"""PLY and STL files: triangles are read at once, unusual PLY files by trimesh; PLY output with face colours.
 
-Headers, sizes and vertex indices that trimesh would misread are checked beforehand, the resulting arrays afterwards.
+Rows that trimesh would misread are checked beforehand (`ply_rows`), the resulting arrays afterwards.
 Importing trimesh takes longer than reading a million triangles.
 """
 
