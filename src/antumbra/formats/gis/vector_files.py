@@ -34,7 +34,7 @@ _CRS = re.compile(rb"[\"'](?:c|\\u00[46]3)(?:r|\\u00[57]2)(?:s|\\u00[57]3)[\"']"
 _AFTER = re.compile(rb"\s*(?:[,}\]]|:\s*(?=[^\s/{])|:\s*(\{))")  # what may follow the text "crs"
 _LONGEST = 1 << 12  # bytes of a CRS
 _PLAIN = {"name", "epsg"}  # types of a CRS, in lower case, that are no links
-_EXPANSION = 12  # bytes of memory per byte of a file, of features with a few corners
+_OF_TEXT, _OF_BINARY = 12, 2  # bytes of memory per byte of a file, of features with a few corners
 _ROW_BYTES = 200  # least memory of a row
 
 
@@ -48,7 +48,7 @@ def check_vector_file(path: Path) -> None:
         head = stream.read(HEAD)
     if not re.match(STARTS[suffix], head) or DESCRIPTIONS.search(head):
         raise InputError(f"{path.name}: does not begin as a {suffix} file; is it one?")
-    check_reading(_EXPANSION * path.stat().st_size, path.name)
+    check_reading((_OF_TEXT if suffix == ".geojson" else _OF_BINARY) * path.stat().st_size, path.name)
     if suffix == ".geojson":
         _check_crs(path)
     if suffix == ".shp":
