@@ -78,6 +78,7 @@ def test_a_file_that_is_missing_is_missing(suffix, tmp_path):
     "document, told",
     [
         ({"asset": {"version": "1.0"}, "root": {}}, "a tileset of 3D Tiles, which is not read; name one of its tiles"),
+        ({"asset": {"version": "1.1"}}, "a tileset of 3D Tiles"),
         ({"type": "FeatureCollection", "features": []}, "GeoJSON; rename it to a.geojson"),
         ({"type": "Model", "rooms": []}, "a model of Ladybug Tools, which is not read; pass its Face3D"),
         ({"asset": {"version": "2.0"}, "meshes": []}, "glTF; rename it to a.gltf"),

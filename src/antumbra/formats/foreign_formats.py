@@ -95,16 +95,17 @@ _OF_JSON = {
     "FeatureCollection": "GeoJSON; rename it to {stem}.geojson",
     "Model": "a model of Ladybug Tools, which is not read; "
     + next(each.cure for each in FOREIGN_FORMATS if ".hbjson" in each.suffixes),
-    "root": "a tileset of 3D Tiles, which is not read; name one of its tiles: .glb, or .b3dm after: "
-    "npx 3d-tiles-tools b3dmToGlb -i TILE.b3dm -o TILE.glb",
     "meshes": "glTF; rename it to {stem}.gltf",
+    "asset": "a tileset of 3D Tiles, which is not read; name one of its tiles: .glb, or .b3dm after: "
+    "npx 3d-tiles-tools b3dmToGlb -i TILE.b3dm -o TILE.glb",
 }
-"""Type, or name of a member, of a JSON file -> what it is, and its cure."""
+"""Type, or name of a member, of a JSON file -> what it is, and its cure. The first one decides."""
 
 
 def cure_of_json(path: Path, kind: str | None, names: Iterable[str]) -> str | None:
     """As `cure_of`, for a JSON file by its type and the names of its members."""
-    known = next((_OF_JSON[each] for each in (kind, *names) if each in _OF_JSON), None)
+    present = {kind, *names}
+    known = next((words for name, words in _OF_JSON.items() if name in present), None)
     return None if known is None else f"is {known.format(stem=_joined(path.stem))}"
 
 
