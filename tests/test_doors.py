@@ -41,7 +41,7 @@ READERS = {
             "jobs/dataset/dataset_files.py": "files that this program has written, to make a contact sheet",
         },
     ),
-    "xatlas": ({"Atlas", "parametrize"}, {"jobs/bake/texture_atlas.py": "the door: arrays that were checked"}),
+    "xatlas": ({"Atlas", "parametrize"}, {"jobs/bake/chart_process.py": "the door: a process of its own"}),
     "DracoPy": ({"decode"}, {"formats/gltf/accessors.py": "the door"}),
     "meshopt": ({"decode_gltf_buffer"}, {"formats/gltf/meshopt_views.py": "the door"}),
     "opengl_basisu": ({"open"}, {"scene/ktx2_images.py": "the door; `materials` has compared the size"}),

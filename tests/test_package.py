@@ -67,7 +67,8 @@ def test_version():
 
 NAMES_OF_IMPORTS = {"PIL": "pillow", "imageio_ffmpeg": "imageio-ffmpeg"}
 OPTIONAL = {"embreex", "matplotlib", "pvlib", "pandas", "pyproj", "pyarrow", "rasterio", "xatlas", "mitsuba", "open3d"}
-OPTIONAL |= {"viser", "websockets", "imageio-ffmpeg", "ray", "DracoPy", "drjit", "pyvista"}  # drjit comes with mitsuba
+OPTIONAL |= {"viser", "websockets", "msgspec", "imageio-ffmpeg", "ray", "DracoPy", "pyvista"}
+OPTIONAL |= {"drjit"}  # of mitsuba
 OPTIONAL |= {"numba", "llvmlite", "ziglang", "scipy", "OpenEXR", "geopandas", "pyogrio", "shapely"}
 
 

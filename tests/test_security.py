@@ -15,7 +15,7 @@ from repository import ROOT
 TEXT = (ROOT / "SECURITY.md").read_text()
 
 HERE, FUZZ, DOORS = "tests/test_security.py", "tests/formats/test_fuzz.py", "tests/test_doors.py"
-GIS = "tests/formats/test_gis_doors.py"
+GIS, STORE = "tests/formats/test_gis_doors.py", "tests/store/test_forged.py"
 PRIVATE, LIBRARY, GUARD = "tests/kernels/test_private.py", "tests/kernels/test_library.py", "tests/viewer/test_guard.py"
 
 PROMISES = {
@@ -71,6 +71,11 @@ PROMISES = {
     ],
     "With `--host`, the address": [f"{GUARD}::test_a_page_for_other_machines_needs_its_token"],
     "Checksums of stores": ["tests/kernels/test_cache.py::test_a_record_with_any_byte_changed_is_nothing"],
+    "The structure of a store is checked": [
+        f"{STORE}::test_forged_counts",
+        f"{STORE}::test_forged_nodes_of_a_chunk",
+        f"{STORE}::test_forged_metadata",
+    ],
     "Plugins are Python packages": ["tests/test_plugins.py::test_commands_come_by_name"],
     "Files on PyPI carry": [f"{HERE}::test_the_workflow_of_releases_attests"],
     "`SHA256SUMS` of a release": ["tests/test_release.py::test_checksums_are_those_of_sha256sum"],
@@ -82,7 +87,7 @@ PROMISES = {
 """Start of a sentence -> the tests of what it promises."""
 
 WARNINGS = [
-    "Please do not open", "The latest release gets", "A scene can still be", "A forged store can",
+    "Please do not open", "The latest release gets", "A scene can still be",
     "They run with your rights", "A Ray cluster trusts", "Run it in a network", "Whoever can write",
 ]  # fmt: skip
 """Starts of sentences that promise nothing: requests, policy, and what is not defended."""
@@ -182,12 +187,13 @@ def test_many_textures_are_counted_before_they_are_decoded(tmp_path, suffix):
     points = made.accessor(np.eye(3, dtype=np.float32))
     lines, n = ["v 0 0 0", "v 1 0 0", "v 0 1 0", "vt 0 0", "mtllib a.mtl"], 80
     for k in range(n):
-        texture = made.add("textures", source=made.add("images", bufferView=made.view(stream.getvalue())))
+        image = stream.getvalue() + k.to_bytes(1, "little")  # equal ones are decoded once
+        texture = made.add("textures", source=made.add("images", bufferView=made.view(image)))
         look = {"baseColorTexture": {"index": texture}}
         material = made.add("materials", pbrMetallicRoughness=look)
         primitive = {"attributes": {"POSITION": points, "TEXCOORD_0": points}, "material": material}
         made.node(mesh=made.add("meshes", primitives=[primitive]))
-        (tmp_path / f"{k}.png").write_bytes(stream.getvalue())
+        (tmp_path / f"{k}.png").write_bytes(image)
         lines += [f"usemtl m{k}", "f 1/1 2/1 3/1"]
     (tmp_path / "a.mtl").write_text("".join(f"newmtl m{k}\nmap_Kd {k}.png\n" for k in range(n)))
     (tmp_path / f"a{suffix}").write_bytes(made.glb() if suffix == ".glb" else "\n".join(lines).encode())

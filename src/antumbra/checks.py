@@ -200,8 +200,8 @@ _NATIVE: dict[tuple[str, int], np.dtype[Any]] = {
 
 def _plain_array(value: Any, what: str) -> NDArray[Any]:
     """A value as an array of NumPy itself; an array of None if it is none."""
-    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
-        count = int(np.ma.count_masked(value))
+    mask = getattr(value, "mask", None) if isinstance(value, np.ndarray) else None  # of numpy.ma, slow to import
+    if mask is not None and (count := int(np.count_nonzero(mask))):
         raise InputError(f"{what} have {count} masked numbers; leave these rows out, or fill them: array.filled(0.0)")
     if not isinstance(value, np.ndarray):
         value = _of_library(value, what)

@@ -160,7 +160,7 @@ def test_usual_lines_of_obj_files_give_no_notes(tmp_path):
 TABLES = {
     "decimal commas": ("x,y,z\n1,5,2,0,3,0\n", "line 2: has 6 fields, and the header 3; write decimal points"),
     "a column twice": ("x,y,z,x\n1,2,3,4\n", "has two columns 'x'"),
-    "a word": ("x,y,z\n1,2,a\n", "lacks a number|no place|not hold numbers"),
+    "a word": ("x,y,z\n1,2,a\n", "lacks a number|no place|are no numbers"),
     "an empty field": ("x,y,z\n1,,3\n", "lacks a number|no place"),
     "a field too few": ("x,y,z\n1\n", "lacks a number|no place"),
 }

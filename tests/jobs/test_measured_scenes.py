@@ -15,21 +15,20 @@ from baked_files import box
 from city_files import CUBE, city
 from gis_files import write_buildings, write_raster
 
-EYE = np.array([[0.0, 0.0, 30.0]])
 PLACE = at.Place(52.0, 4.0)
 
 JOBS = {
     "sun_hours": lambda scene: at.sun_hours(scene, "face", "2026-06-21", place=PLACE),
     "sky_view": lambda scene: at.sky_view(scene, "face", directions=16),
     "shadow": lambda scene: at.shadow(scene, at="2026-06-21T12:00", place=PLACE),
-    "skyline": lambda scene: at.skyline(scene, EYE, north=0.0, step=90.0),
-    "viewshed": lambda scene: at.viewshed(scene, "face", EYE),
+    "skyline": lambda scene: at.skyline(scene, eye(scene), north=0.0, step=90.0),
+    "viewshed": lambda scene: at.viewshed(scene, "face", eye(scene)),
     "visibility_matrix": lambda scene: at.visibility_matrix(scene, "face"),
-    "visible_share": lambda scene: at.visible_share(scene, "face", EYE),
-    "line_of_sight": lambda scene: at.line_of_sight(scene, EYE, EYE + 1.0),
+    "visible_share": lambda scene: at.visible_share(scene, "face", eye(scene)),
+    "line_of_sight": lambda scene: at.line_of_sight(scene, eye(scene), eye(scene) + 1.0),
     "view_factors": lambda scene: at.view_factors(scene, "face", samples=64),
     "pvlib_shading": lambda scene: at.pvlib_shading(
-        scene, EYE, pandas.date_range("2026-06-21", periods=3, freq="h", tz="UTC"), place=PLACE, samples=1
+        scene, eye(scene), pandas.date_range("2026-06-21", periods=3, freq="h", tz="UTC"), place=PLACE, samples=1
     ),
     "bake": lambda scene: baked(scene),
     "surface_points": lambda scene: at.surface_points(scene, 5.0),
@@ -37,6 +36,11 @@ JOBS = {
     "sensors_of": lambda scene: at.sensors_of("face", scene),
 }
 """Name of a public function that measures lengths -> a call of it."""
+
+
+def eye(scene):
+    """(1, 3): a point above the middle of a scene."""
+    return scene.bounds.mean(0)[None] + 30.0 * np.eye(3)["xyz".index(scene.up)]
 
 
 def baked(scene):
@@ -116,8 +120,8 @@ def test_every_job_takes_scenes_on_maps_of_a_country(job):
 def test_the_scene_below_trees_is_measured_too():
     good, bad = tower((0, 0)), FAULTS["web mercator"][0]()
     calls = {
-        "viewshed": lambda: at.viewshed(good, "face", EYE, surface=bad),
-        "skyline": lambda: at.skyline(good, EYE, surface=bad),
+        "viewshed": lambda: at.viewshed(good, "face", eye(good), surface=bad),
+        "skyline": lambda: at.skyline(good, eye(good), surface=bad),
         "shadow": lambda: at.shadow(good, at="2026-06-21T12:00", place=PLACE, surface=bad),
     }
     for call in calls.values():
@@ -302,5 +306,5 @@ def test_the_sun_is_refused_on_the_moon():
             at.InputError, match=r"IAU_2015:30110 is not on the earth \(Moon .*\); positions of the sun"
         ):
             call()
-    found = at.skyline(moon, EYE)
+    found = at.skyline(moon, eye(moon))
     assert found.about["north"] == 0.0 and "latitude" not in found.about

@@ -14,7 +14,7 @@ from antumbra.kernels.toolchain import kernel_cache as cache
 from antumbra.kernels.toolchain.kernel_cache import KernelCode
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="this system has no owners of files: Windows")
-CODE = KernelCode("module:kernel", "i", ["module:Pair", ["i"]], b"machine code " * 50)
+CODE = KernelCode("module:kernel", "i", ["module:Pair", ["i"]], b"machine code of antumbra_digest " * 50)
 STRANGER = 65534
 
 

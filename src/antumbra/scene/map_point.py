@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..extras import import_extra
+from ..kernels.elementary import cos, sin
 from .crs import parts_of_crs
 from .units import METRE, LengthUnit
 
@@ -40,7 +41,7 @@ def map_point(crs: str, easting: float, northing: float) -> MapPoint:
     a, b = plan.ellipsoid.semi_major_metre, plan.ellipsoid.semi_minor_metre
     if not np.isfinite([longitude, latitude]).all():
         return MapPoint(np.nan, np.nan, False, np.nan, np.nan, float(np.sqrt(a * b)))
-    squared, sine = 1.0 - (b / a) ** 2, np.sin(np.radians(latitude))
+    squared, sine = 1.0 - (b / a) ** 2, float(sin(np.radians(latitude)))
     radius = float(b / (1.0 - squared * sine * sine))  # with w^2 = 1 - e^2 sin^2: M = a (1 - e^2) / w^3, N = a / w
     scale = _scale(project, plan.get_geod(), (easting, northing), parts.unit or METRE)
     convergence = project.get_factors(longitude, latitude).meridian_convergence
@@ -58,7 +59,7 @@ def _scale(project: Any, ellipsoid: Any, place: tuple[float, float], unit: Lengt
     longitudes, latitudes = (np.asarray(each) for each in project(*ends.T, inverse=True))
     first, last, lengths = ellipsoid.inv(longitudes[:2], latitudes[:2], longitudes[2:], latitudes[2:])
     bearings = first + (last - first) % 360.0 / 2.0 - 90.0  # in the middle; `last` looks back
-    ground = np.stack([lengths * np.sin(np.radians(bearings)), lengths * np.cos(np.radians(bearings))]) / _STEP
+    ground = np.stack([lengths * sin(np.radians(bearings)), lengths * cos(np.radians(bearings))]) / _STEP
     if not np.isfinite(ground).all():
         return float("nan")
     scales = 1.0 / np.linalg.svd(ground, compute_uv=False)  # of the axes of Tissot's ellipse

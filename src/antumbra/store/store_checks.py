@@ -8,7 +8,7 @@ to a node, every tree ends, every count fits its array, and every box is exact.
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bvh.nodes import BACK_TO_FRONT, ORDER, UNORDERED, Bvh, boxes_of
+from ..bvh.nodes import BACK_TO_FRONT, EMPTY, LINK, ORDER, UNORDERED, Bvh, boxes_of, bvh_leaf
 from ..bvh.tree_quality import tree_fault
 from ..checks import quoted
 from ..scene.scene_bounds import NEAREST, flush_to_zero, frame_origin
@@ -85,8 +85,8 @@ def _top_fault(top: TopTree, boxes: NDArray[np.float32]) -> str:
     numbers = np.arange(len(boxes), dtype=np.int32)
     bvh = Bvh(top.nodes, top.links, numbers, diagonals)
     fault = tree_fault(bvh) or _order_fault(bvh)
-    ends = top.links[:, 12:14]
-    if not fault and (~ends[ends < 0] & 7)[ends[ends < 0] != -(2**31)].any():
+    ends = top.links[:, LINK : LINK + 2]
+    if not fault and (bvh_leaf(ends[(ends < 0) & (ends != EMPTY)]).count > 1).any():
         fault = "a leaf has several chunks"
     return f"tree over the chunks: {fault}" if fault else ""
 

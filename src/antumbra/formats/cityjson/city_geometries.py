@@ -25,6 +25,9 @@ _PREFERENCE = ("Solid", "CompositeSolid", "MultiSolid", "CompositeSurface", "Mul
 _COVERED = 0.5  # share of a box along each axis
 _TOLERANCE = 0.01  # of a box's longest side: heights differ between models of one building
 
+_MOST_POLYGONS, _MOST_PER_INSTANCE = 1_000_000, 1_000
+"""Polygons that instances of templates may have in any case, and on average."""
+
 
 class ChosenGeometry(NamedTuple):
     """A geometry to read."""
@@ -74,7 +77,30 @@ def chosen_geometries(document: CityDocument, lod: str | None) -> Choice:
         }
     shapes = {key: [c for c in every[key] if lod_of(c.geometry) == level] for key, level in level_of.items()}
     shapes = {key: found for key, found in shapes.items() if found}
+    _check_expansion(document, [c for found in shapes.values() for c in found])
     return _without_repeats(document, shapes, levels, replaced=lod is None)
+
+
+def _check_expansion(document: CityDocument, chosen: list[ChosenGeometry]) -> None:
+    """Raise an InputError if instances have far more polygons than a scene needs."""
+    placed = [choice.geometry for choice in chosen if choice.instance is not None]
+    counts = dict[int, int]()  # id of a template -> its polygons
+    for template in placed:
+        if id(template) not in counts:
+            counts[id(template)] = _polygon_count(template.get("boundaries"), DEPTHS[template["type"]])
+    total = sum(counts[id(template)] for template in placed)
+    if total > _MOST_POLYGONS + _MOST_PER_INSTANCE * len(placed):
+        raise InputError(
+            f"{document.file}: {len(placed):,} instances of templates have {total:,} polygons, more than "
+            f"{_MOST_PER_INSTANCE:,} each; take simpler templates"
+        )
+
+
+def _polygon_count(nested: Any, depth: int) -> int:
+    """The polygons in the boundaries of a geometry; anything but lists is reported when they are read."""
+    if not isinstance(nested, list):
+        return 0
+    return len(nested) if depth == 0 else sum(_polygon_count(each, depth - 1) for each in nested)
 
 
 _Key = tuple[int, str]
@@ -89,9 +115,10 @@ def _without_repeats(
     shapes : those of each object, of one level
     replaced : whether parts replace an object of a lower level
     """
-    alone = {key: _distinct(document, found) for key, found in shapes.items()}
+    boxes = _Boxes(document)
+    alone = {key: _distinct(boxes, found) for key, found in shapes.items()}
     n_repeats = sum(len(found) - len(alone[key]) for key, found in shapes.items())
-    listed = _listed_once(document, alone)
+    listed = _listed_once(boxes, alone)
     n_twice, alone = len(alone) - len(listed), listed
     parts_of = [_parts_of(part) for part in document.parts]
     kept, n_wholes, n_beside = list[ChosenGeometry](), 0, 0
@@ -101,39 +128,44 @@ def _without_repeats(
         same = [c for part in parts for c in part if _rank(lod_of(c.geometry)) == level]
         if replaced and any(_rank(lod_of(part[0].geometry)) > level for part in parts):
             continue
-        if same and _covers(_box(document, same), _box(document, found)):
+        if same and _covers(boxes.of(same), boxes.of(found)):
             n_wholes += 1
             continue
         n_beside += bool(same)
         kept += found
     others = f"; choose another level of {', '.join(levels)} with lod" if len(levels) > 1 else ""
     notes = [
-        (n_repeats, f"geometries that repeat another of their object are left out; a Solid comes first{others}"),
-        (n_wholes, f"geometries of objects whose parts repeat them are left out{others}"),
-        (n_beside, "objects have a geometry beside those of their parts, and all are read; areas may count twice"),
-        (n_twice, "objects that an earlier line has at the same place are left out"),
+        (n_repeats, f"geometries left out that repeat another one of their object (a Solid is preferred){others}"),
+        (n_wholes, f"geometries left out, of objects whose parts repeat them{others}"),
+        (n_beside, "objects with a geometry beside those of their parts; all are read, so areas may count twice"),
+        (n_twice, "objects left out that an earlier line has at the same place"),
     ]
-    return Choice(kept, levels, [f"{document.file}: {count} {text}" for count, text in notes if count])
+    return Choice(kept, levels, [f"{document.file}: {text}: {count}" for count, text in notes if count])
 
 
-def _distinct(document: CityDocument, found: list[ChosenGeometry]) -> list[ChosenGeometry]:
+def _distinct(boxes: "_Boxes", found: list[ChosenGeometry]) -> list[ChosenGeometry]:
     """The geometries of an object without those that repeat a preferred one, in the order of the file."""
     if len(found) == 1:
         return found
-    kept = list[ChosenGeometry]()
+    kept, places = list[ChosenGeometry](), np.empty((len(found), 2, 3))
+    n_places = 0
     for each in sorted(found, key=lambda c: _PREFERENCE.index(c.geometry["type"])):
-        box = _box(document, [each])
-        if not any(_same_place(_box(document, [other]), box) for other in kept):
+        box = boxes.of([each])
+        if box is None:
             kept.append(each)
+        elif not _same_place(places[:n_places], box).any():
+            kept.append(each)
+            places[n_places], n_places = box, n_places + 1
     return sorted(kept, key=lambda c: c.place)
 
 
-def _listed_once(document: CityDocument, alone: dict[_Key, list[ChosenGeometry]]) -> dict[_Key, list[ChosenGeometry]]:
+def _listed_once(boxes: "_Boxes", alone: dict[_Key, list[ChosenGeometry]]) -> dict[_Key, list[ChosenGeometry]]:
     """The objects without those that an earlier line lists at the same place, under the same id."""
     first, kept = dict[str, list[ChosenGeometry]](), dict[_Key, list[ChosenGeometry]]()
     for (k, name), found in alone.items():
         earlier = first.setdefault(name, found)
-        if earlier is found or not _same_place(_box(document, earlier), _box(document, found)):
+        a, b = (None, None) if earlier is found else (boxes.of(earlier), boxes.of(found))
+        if a is None or b is None or not _same_place(a, b):
             kept[k, name] = found
     return kept
 
@@ -141,25 +173,34 @@ def _listed_once(document: CityDocument, alone: dict[_Key, list[ChosenGeometry]]
 # --- Boxes ------------------------------------------------------------------------------------------------------------
 
 
-_Box = NDArray[np.float64] | None
-"""(2, 3) float64: lower and upper corner; None: the geometries are damaged, which reading them reports."""
+_Box = NDArray[np.float64]
+"""(..., 2, 3) float64: lower and upper corners."""
 
 
-def _box(document: CityDocument, found: Iterable[ChosenGeometry]) -> _Box:
-    with suppress(TypeError, ValueError, IndexError, KeyError, OverflowError, RecursionError):
-        points = np.concatenate([_points(document, each) for each in found])
-        return np.stack([points.min(0), points.max(0)])
-    return None
+class _Boxes:
+    """The bounding boxes of geometries. Those of templates are flattened once."""
 
+    def __init__(self, document: CityDocument) -> None:
+        self._document, self._corners = document, dict[int, list[Any]]()
 
-def _points(document: CityDocument, choice: ChosenGeometry) -> NDArray[np.float64]:
-    """(n, 3) float64, world: the corners of a geometry."""
-    corners = list(_flattened(choice.geometry["boundaries"]))
-    if choice.instance is None:
-        return np.asarray(choice.part.vertices[corners])
-    matrix = np.array(choice.instance["transformationMatrix"], np.float64).reshape(4, 4)
-    anchor = choice.part.vertices[choice.instance["boundaries"][0]]
-    return np.asarray(product(document.template_vertices[corners], matrix[:3, :3].T) + matrix[:3, 3] + anchor)
+    def of(self, found: Iterable[ChosenGeometry]) -> _Box | None:
+        """(2, 3) float64; None: the geometries are damaged, which reading them reports."""
+        with suppress(TypeError, ValueError, IndexError, KeyError, OverflowError, RecursionError):
+            points = np.concatenate([self._points(each) for each in found])
+            return np.stack([points.min(0), points.max(0)])
+        return None
+
+    def _points(self, choice: ChosenGeometry) -> NDArray[np.float64]:
+        """(n, 3) float64, world: the corners of a geometry."""
+        if choice.instance is None:
+            return np.asarray(choice.part.vertices[list(_flattened(choice.geometry["boundaries"]))])
+        corners = self._corners.get(id(choice.geometry))
+        if corners is None:
+            corners = self._corners[id(choice.geometry)] = list(_flattened(choice.geometry["boundaries"]))
+        matrix = np.array(choice.instance["transformationMatrix"], np.float64).reshape(4, 4)
+        anchor = choice.part.vertices[choice.instance["boundaries"][0]]
+        vertices = self._document.template_vertices[corners]
+        return np.asarray(product(vertices, matrix[:3, :3].T) + matrix[:3, 3] + anchor)
 
 
 def _flattened(nested: Any) -> Iterator[Any]:
@@ -170,22 +211,20 @@ def _flattened(nested: Any) -> Iterator[Any]:
             yield each
 
 
-def _same_place(a: _Box, b: _Box) -> bool:
-    """Whether two boxes share most of the smaller one."""
-    if a is None or b is None:
-        return False
-    return _is_covered(a, b, np.minimum(a[1] - a[0], b[1] - b[0]))
+def _same_place(a: _Box, b: _Box) -> NDArray[np.bool_]:
+    """Whether boxes share most of the smaller one; `a`: any number of them."""
+    return _is_covered(a, b, np.minimum(a[..., 1, :] - a[..., 0, :], b[1] - b[0]))
 
 
-def _covers(a: _Box, b: _Box) -> bool:
+def _covers(a: _Box | None, b: _Box | None) -> bool:
     """Whether box `a` covers most of box `b`."""
-    return a is not None and b is not None and _is_covered(a, b, b[1] - b[0])
+    return a is not None and b is not None and bool(_is_covered(a, b, b[1] - b[0]))
 
 
-def _is_covered(a: NDArray[np.float64], b: NDArray[np.float64], sides: NDArray[np.float64]) -> bool:
-    """Whether boxes overlap, along each axis, by most of a length ((3,))."""
-    common = np.minimum(a[1], b[1]) - np.maximum(a[0], b[0])
-    return bool((common >= _COVERED * sides - _TOLERANCE * (b[1] - b[0]).max()).all())
+def _is_covered(a: _Box, b: _Box, sides: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether boxes overlap, along each axis, by most of a length ((..., 3))."""
+    common = np.minimum(a[..., 1, :], b[1]) - np.maximum(a[..., 0, :], b[0])
+    return np.asarray((common >= _COVERED * sides - _TOLERANCE * (b[1] - b[0]).max()).all(-1))
 
 
 # --- Levels of detail -------------------------------------------------------------------------------------------------

@@ -197,9 +197,6 @@ def iter_polygons(
             yield (*path, i), inner, value
 
 
-_MOST_POLYGONS, _MOST_PER_INSTANCE = 1_000_000, 1_000
-"""Polygons that instances of templates may have in any case, and on average."""
-
 _MANY_CORNERS, _DISTINCT = 1024, 0.25  # of polygons with more corners, at least this share must be distinct
 _DEEPEST = 100  # objects within one another
 
@@ -210,31 +207,12 @@ def polygons_of(document: CityDocument, chosen: list[ChosenGeometry]) -> Polygon
     Raises
     ------
     InputError
-        If a geometry is damaged, or a small file expands to a huge scene.
+        If a geometry is damaged.
     """
-    _check_expansion(document, chosen)
     collector = _Collector(document)
     for choice in chosen:
         collector.add(choice)
     return collector.polygons()
-
-
-def _check_expansion(document: CityDocument, chosen: list[ChosenGeometry]) -> None:
-    """Raise an InputError if instances have far more polygons than a scene needs."""
-    placed = [choice.geometry for choice in chosen if choice.instance is not None]
-    counts = dict[int, int]()  # id of a template -> its polygons
-    for template in placed:
-        if id(template) not in counts:
-            counts[id(template)] = 0
-            with suppress(TypeError, ValueError):  # reported when its polygons are added
-                polygons = iter_polygons(template.get("boundaries") or [], None, DEPTHS[template["type"]])
-                counts[id(template)] = sum(1 for _ in polygons)
-    total = sum(counts[id(template)] for template in placed)
-    if total > _MOST_POLYGONS + _MOST_PER_INSTANCE * len(placed):
-        raise InputError(
-            f"{document.file}: {len(placed):,} instances of templates have {total:,} polygons, more than "
-            f"{_MOST_PER_INSTANCE:,} each; take simpler templates"
-        )
 
 
 def containers_of(name: str, above: dict[str, str]) -> list[str]:

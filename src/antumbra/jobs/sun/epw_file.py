@@ -12,6 +12,7 @@ from ...checks import path_of
 from ...errors import InputError
 from ...extras import import_extra
 from ...files import checked_file
+from ...kernels.elementary import asin, atan2, cos, sin
 from .location import Place, checked_place
 from .solar_radiation import Weather
 from .sun_positions import intervals, solar_angles, zone_of
@@ -205,14 +206,14 @@ def _clock_error(lit: NDArray[np.datetime64], longitude: float) -> float:
     day_of_year = (day - lit.astype("datetime64[Y]")).astype(np.int64) + 1
     minutes = np.asarray(equation_of_time_spencer71(day_of_year))
     angle = 2.0 * np.pi * ((second % _DAY) / _DAY - 0.5 + longitude / 360.0 + minutes / 1440.0)
-    return float(np.arctan2(np.sin(angle).sum(), np.cos(angle).sum()) * 12.0 / np.pi)
+    return float(atan2(sin(angle).sum(), cos(angle).sum()) * 12.0 / np.pi)
 
 
 def _distance_notes(place: Place, measured_at: Place, file: str) -> list[str]:
     """A note if the place is not that of the weather."""
     (a, along), (b, other) = (np.radians((each.latitude, each.longitude)) for each in (place, measured_at))
-    half = np.sin((b - a) / 2.0) ** 2 + np.cos(a) * np.cos(b) * np.sin((other - along) / 2.0) ** 2
-    distance = 2.0 * _EARTH * np.arcsin(np.sqrt(min(half, 1.0)))
+    half = float(sin((b - a) / 2.0) ** 2 + cos(a) * cos(b) * sin((other - along) / 2.0) ** 2)
+    distance = 2.0 * _EARTH * float(asin(np.sqrt(min(half, 1.0))))
     if distance <= _FAR:
         return []
     where = f"{measured_at.latitude:g}, {measured_at.longitude:g}"
