@@ -94,7 +94,7 @@ def test_trees_of_animated_scenes_are_refitted_once_it_pays(monkeypatch, tmp_pat
         named = at.render(scene, camera, [LAMP], time=time, plan="bsah+single")
         np.testing.assert_array_equal(frame.bits[0], named.bits[0])
     memory = renderer.accelerator.memory
-    assert memory.updated is not None and frame.plan.startswith(f"{GOOD}+")
+    assert memory.updated is not None and frame.plan.startswith(f"{GOOD}+refit+")
     _builds(monkeypatch, 0.0, 0.0)
     optimised = renderer.render(camera, [LAMP], time=0.5)
     updated = memory.updated

@@ -122,6 +122,24 @@ def test_a_memory_starts_frames_and_notes_new_triangles(asked):
     assert memory.expected == (5, 7) and memory.patience == 0
 
 
+def test_a_refitted_tree_keeps_its_builder_over_a_culled_frame(costs, monkeypatch, tmp_path):
+    """The culled tree of the frame in between is a quick one; the refitted tree is still a good one."""
+    rng = np.random.default_rng(0)
+    still = rng.normal(size=(3000, 3))
+    np.save(tmp_path / "frames.npy", np.stack([still, still + 0.01 * rng.normal(size=still.shape)]))
+    np.save(tmp_path / "faces.npy", np.arange(3000).reshape(-1, 3))
+    renderer, camera = Renderer(at.load(tmp_path)), at.Camera((0, 0, 1), (1, 0, 0), width=24, height=20)
+    monkeypatch.setattr(auto_accelerator, "refit_seconds", lambda n, strategy: 1e6)
+    lamp, plans = at.PointLight((1.0, 0.2, 0.8)), []
+    for time, seconds in ((0.0, {"good": 0.0}), (0.01, {"good": 0.0}), (0.02, {"culling": 0.0}), (0.03, {"good": 0.0})):
+        costs(**seconds)
+        frame = renderer.render(camera, [lamp], time=time)
+        plans.append(frame.plan.rpartition("+")[0])
+        truth = at.render(renderer.scene, camera, [lamp], time=time, plan="bsah+single")
+        np.testing.assert_array_equal(frame.bits[0], truth.bits[0])
+    assert plans == [GOOD, f"{GOOD}+refit", f"{CULLER}+{QUICK}", f"{GOOD}+refit"]
+
+
 def test_an_updated_tree_names_the_choice_it_was_built_by(asked):
     """A tree of another choice in between, such as a culled one, does not change what the updated tree is."""
     triangles, _ = asked
