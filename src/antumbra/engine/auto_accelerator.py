@@ -107,12 +107,16 @@ class Forecast(NamedTuple):
     receivers: int
 
 
+# --- The reasons of choices, see `TreeChoice.why` ---------------------------------------------------------------------
+
 FEW_RAYS = "too few rays for a better tree"
 MANY_RAYS = "rays would lose more than it costs"
 LONG_RUN = "rays have lost what it costs"
 MOVING = "triangles move, and it can be updated"
 UPGRADED = "a query would have lost more"
 ONE_APEX = "one apex, many rays per triangle"
+
+# --- The accelerator --------------------------------------------------------------------------------------------------
 
 
 class AutoAccelerator(Accelerator):
