@@ -135,6 +135,7 @@ def test_a_refitted_tree_keeps_its_builder_over_a_culled_frame(costs, monkeypatc
         costs(**seconds)
         frame = renderer.render(camera, [lamp], time=time)
         plans.append(frame.plan.rpartition("+")[0])
+        assert str(parse_plan(frame.plan)) == str(frame.tree) == frame.plan
         truth = at.render(renderer.scene, camera, [lamp], time=time, plan="bsah+single")
         np.testing.assert_array_equal(frame.bits[0], truth.bits[0])
     assert plans == [GOOD, f"{GOOD}+refit", f"{CULLER}+{QUICK}", f"{GOOD}+refit"]
