@@ -103,15 +103,16 @@ class Ours:
         accelerator, query = self._new_accelerator(), frame_input.query
         accelerator.begin(query.sides.size)
         start = perf_counter()
-        culled = accelerator.cull(frame_input.triangles, [query])
-        cut = perf_counter()
-        ready = accelerator.build(frame_input.triangles, culled)
+        cut = {"cull": start}
+        ready = accelerator.tree_for(
+            frame_input.triangles, [query], lap=lambda step: cut.update({step: perf_counter()})
+        )
         ready.begin()
         built = perf_counter()
         bits = accelerator.answer(ready, query)
         end = perf_counter()
-        self.how = str(accelerator.executed_plan(ready))
-        return {"cull": cut - start, "build": built - cut, "trace": end - built}, bits
+        self.how = str(accelerator.executed(ready))
+        return {"cull": cut["cull"] - start, "build": built - cut["cull"], "trace": end - built}, bits
 
 
 class _Embree:

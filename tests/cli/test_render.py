@@ -56,11 +56,24 @@ def test_the_summary_as_json(render):
     assert [light["type"] for light in told["lights"]] == ["QuadLight"]
     assert (told["spp"], told["plan"], told["gbuffer"], told["threads"]) == (4, "auto", "auto", None)
     assert told["ran"].startswith("lbvh+") and [choice["rays"] for choice in told["choices"]] == [told["rays"]]
+    tree = told["tree"]
+    assert (tree["culler"], tree["builder"], tree["why"]) == (None, "lbvh", "too few rays for a better tree")
     assert told["rays"] == 4 * told["seen"] == told["counters"]["rays"] > 0
     assert 0.0 < told["lit"][0] < 1.0
     assert {"evaluate", "gbuffer", "build", "trace", "shade", "total"} <= told["timings"].keys()
     assert min(told["load"], told["save"], told["mrays_per_second"]) > 0.0
     assert told["uncertain_fraction"] == told["counters"]["uncertain"] / told["counters"]["triangle_tests"] < 1e-2
+
+
+@pytest.mark.parametrize("size", ["8x8", "64x48"])
+def test_the_choices_of_a_picture_are_listed_with_their_reasons(render, size):
+    """However few its rays are: pictures of up to 256 rays are not worth a choice of strategy."""
+    done = render("--spp", 1, "--size", size, "--explain-plan")
+    rows = [line.split() for line in done.out.splitlines()]
+    (tree,) = [row for row in rows if row[:1] == ["tree"]]
+    (query,) = [row for row in rows if row[:1] == ["QuadLight"]]
+    assert done.code == 0 and "lbvh" in tree and "too few rays for a better tree" in " ".join(tree)
+    assert (" ".join(query[3:5]) == "few rays") == (size == "8x8")
 
 
 def test_cull_faces(render):

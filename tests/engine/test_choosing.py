@@ -93,14 +93,15 @@ def test_trees_of_animated_scenes_are_refitted_once_it_pays(monkeypatch, tmp_pat
         frame = renderer.render(camera, [LAMP], time=time)
         named = at.render(scene, camera, [LAMP], time=time, plan="bsah+single")
         np.testing.assert_array_equal(frame.bits[0], named.bits[0])
-    assert renderer.accelerator.updater is not None and frame.plan.startswith(f"{GOOD}+")
+    memory = renderer.accelerator.memory
+    assert memory.updated is not None and frame.plan.startswith(f"{GOOD}+refit+")
     _builds(monkeypatch, 0.0, 0.0)
     optimised = renderer.render(camera, [LAMP], time=0.5)
-    updater, memory = renderer.accelerator.updater, renderer.accelerator.memory
+    updated = memory.updated
     _builds(monkeypatch, 0.0)
     refitted = renderer.render(camera, [LAMP], time=0.75)
     assert optimised.plan.startswith(f"{BEST}+") and refitted.plan == optimised.plan
-    assert renderer.accelerator.updater is updater and memory.in_good == 0.0
+    assert memory.updated is updated and memory.strategies.in_good == 0.0
     named = at.render(scene, camera, [LAMP], time=0.75, plan="bsah+single")
     np.testing.assert_array_equal(refitted.bits[0], named.bits[0])
 

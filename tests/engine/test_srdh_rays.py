@@ -260,7 +260,7 @@ def test_hits_of_a_frame_of_other_triangles_are_not_shown(scene, moving, given):
     cellar, asked = query_of(scene, scene.cameras[0].resized(*SIZE), scene.lights[0], 1)
     soup, other = query_of(moving, CAMERA, LIGHT, 1)
     for triangles, query in ((cellar, asked), (soup, other), (cellar, asked)):
-        one.accelerator.build(triangles, None, one.accelerator.sample_rays(triangles, [query]))
+        one.accelerator.tree_for(triangles, [query])
         vertices, rays = given[-1]
         assert len(vertices) == solid_count(triangles) > rays.prims.max() >= 0
         assert rows(rays.origins, rays.ends) <= rows(*_segments(query))

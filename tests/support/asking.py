@@ -36,5 +36,5 @@ def true_occlusion(triangles, query):
 def answer(plan, triangles, query, threads=2, counters=None):
     """(h, w, spp) bool: a plan's answer to a query."""
     make = accelerator_of(parse_plan(plan), threads)
-    ready = make.build(triangles, make.cull(triangles, [query]), make.sample_rays(triangles, [query]))
+    ready = make.tree_for(triangles, [query])
     return unpack(make.answer(ready, query, counters), query.samples.shape[1])

@@ -148,6 +148,7 @@ def shot_answer(shot: "Shot", saved: SavedPicture) -> dict[str, Any]:
         "rays": frame.rays,
         "mrays_per_second": _speed(frame),
         "ran": frame.plan,
+        "tree": None if frame.tree is None else frame.tree._asdict(),
         "choices": None if frame.choices is None else [choice._asdict() for choice in frame.choices],
         "timings": frame.timings,
         "save": saved.seconds,
@@ -263,27 +264,26 @@ def _uncertain(frame: "Frame") -> float | None:
 
 
 _WIDTH = 110  # characters of a line
-_REASONS = {"prediction": "predicted", "earlier query": "as in an earlier query"}
+_REASONS = {"prediction": "predicted", "earlier query": "as in an earlier query", "few rays": "few rays"}
 
 
 def print_choices(shot: "Shot", scene: "AnyScene") -> None:
     """Print a row for the tree and one per query; for a plan that chooses nothing, its name. Instances come first."""
     from ..engine.auto.cost_model import build_seconds, machine_rates
-    from ..engine.plan import parse_plan
 
     frame, triangles = shot.frame, scene.n_triangles
     _print_instances(scene, frame.plan)
-    if frame.choices is None:
+    if frame.choices is None or frame.tree is None:
         print(f"The plan {frame.plan} specifies its methods; nothing was chosen.")
         return
-    built, builder = frame.timings["build"], parse_plan(frame.plan).build
-    rows = []
-    if builder in machine_rates().builds:
-        predicted = console.duration(build_seconds(builder, triangles))
-        rows.append(("tree", f"{triangles:,}", builder, "predicted rays", predicted, console.duration(built)))
+    tree, predicted = frame.tree, ""
+    if tree.tree in machine_rates().builds and not (tree.culler or tree.updater):
+        predicted = console.duration(build_seconds(tree.tree, triangles))
+    methods, measured = str(tree._replace(tracer="")) or "none", console.duration(frame.timings["build"])
+    rows = [("tree", f"{triangles:,}", methods, tree.why, predicted, measured)]
     names = [type(light).__name__ for light in shot.lights]
     for i, choice in enumerate(frame.choices):
-        times = console.duration(choice.predicted), console.duration(choice.seconds)
+        times = console.duration(choice.predicted) if choice.predicted else "", console.duration(choice.seconds)
         strategy = choice.strategy + ", sorted" * choice.sorted
         rows.append(
             (names[i] if i < len(names) else "more rays", f"{choice.rays:,}", strategy, _reason(choice), *times)

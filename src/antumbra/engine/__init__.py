@@ -11,7 +11,9 @@
 - `scene_reading`: the data of a file, folder or mesh
 - `store_building`: `build_store`
 - `point_visibility`: `visibility`
-- `accelerator`: trees by plan, the builder choice of `auto`, cached trees
+- `tree_choice`: what is built for some queries, and what outlives it
+- `accelerator`: trees by plan, cached trees
+- `auto_accelerator`: the choice of trees by `auto`
 - `frame_tracer`: `RenderSource`, `FrameTracer`, memory estimates
 - `in_memory_source`: scenes in memory, and their ray lists
 - `refitted_rays`: the tree of ray lists while users move the geometry

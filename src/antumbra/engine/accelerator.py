@@ -6,6 +6,7 @@ of the plan `auto`, which also chooses what to build.
 
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,10 +25,12 @@ from ..techniques.chcrt.chc_rt import ChcRtState
 from ..techniques.culling.pre_bvh_culling import CullResult, solid_of, solid_tree, soup_of
 from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, RepresentativeRaySelector, SrdhRays
 from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree
+from ..trace.rays.ray_hits import Intersections
 from ..trace.transmission import Transmission, transmission
 from .auto.strategies import AutoTracer, ConeTracer
-from .method_registry import BUILDERS, CULLERS, OPTIMISERS, UPDATERS, Builder, Optimiser
+from .method_registry import BUILDERS, CULLERS
 from .plan import Plan
+from .tree_choice import ExpectedRays, TreeChoice, TreeMemory, UpdatedTree, new_tree
 
 # --- Acceleration by a plan -------------------------------------------------------------------------------------------
 
@@ -40,6 +43,7 @@ class Accelerated(NamedTuple):
     prepared: Any  # the tracer's input: the BVH, a structure made from it, or a `Soup` of the triangles left by culling
     cutouts: CutoutTree | None = None  # alpha-masked faces, which are not in the BVH; None: there are none
     partial: bool = False  # whether culling has dropped triangles that other queries may need
+    choice: TreeChoice | None = None  # what was built, and why; None: not built by an `Accelerator`
 
     @property
     def scheduled(self) -> ChcRtState | None:
@@ -57,33 +61,38 @@ class Accelerated(NamedTuple):
             self.prepared.begin()
 
 
+def no_lap(step: str) -> None:
+    """A `lap` of `Accelerator.tree_for` that measures nothing."""
+
+
 class Accelerator:
-    """Builds the input of a plan's tracer and answers queries with it. It also holds the state of updaters.
+    """Builds the input of a plan's tracer and answers queries with it.
 
     Parameters
     ----------
     plan : Plan
     threads : int
+    memory : TreeMemory, optional
+        What earlier trees have taught, and the tree of an updater; None: nothing yet.
 
     Attributes
     ----------
+    choice : TreeChoice
+        The methods that the plan names.
     ray_selector : RepresentativeRaySelector or None
         Selects the sample rays of a ray-guided builder; None: the plan has none.
     one_tree : bool
         Whether shadow rays and camera rays share a BVH.
-    updater : Updater or None
-        Updates the tree of moving triangles; None: each moment gets a new tree.
     """
 
-    def __init__(self, plan: Plan, threads: int):
-        self.plan, self.threads = plan, threads
+    def __init__(self, plan: Plan, threads: int, memory: TreeMemory | None = None):
+        self.plan, self.threads, self.memory = plan, threads, TreeMemory() if memory is None else memory
+        self.choice = TreeChoice(plan.cull, plan.build, plan.optimise, plan.update, plan.trace, "named by the plan")
         self.ray_selector = RepresentativeRaySelector(plan.sample or SrdhRays(), threads) if plan.wants_rays else None
         self.one_tree = plan.tracer.builds and self.ray_selector is None
-        self.updater = UPDATERS[plan.update].keep(self.new_tree) if plan.update else None
-        self._updated: tuple[Triangles, Bvh] | None = None  # the triangles of the last update, and their BVH
-        self._state: ChcRtState | None = None  # the state over the last updated tree
+        if plan.update and self.memory.updated is None:
+            self.memory.updated = UpdatedTree(plan.update)
         self._cutouts: tuple[Triangles, CutoutTree | None] | None = None  # the latest ones
-        self._rays: Callable[[Any, Bvh | None], Any] | None = None  # (vertices, their BVH) -> Intersections, in a build
 
     def begin(self, rays: int, later: int = 0) -> None:
         """Begin a frame or a point query.
@@ -91,37 +100,57 @@ class Accelerator:
         rays : estimated number of rays in the queries for which a tree is built
         later : estimated number of further rays in the same tree
         """
+        self.memory.begin(ExpectedRays(rays, later))
 
     @property
     def culls(self) -> bool:
         """Whether the tree of the next queries may depend on their segments, so that they must be known first."""
         return bool(self.plan.cull)
 
-    @property
-    def builder(self) -> str:
-        """The name of the builder of the next tree."""
-        assert self.plan.build is not None
-        return self.plan.build
-
-    @property
-    def optimiser(self) -> str | None:
-        """The name of the optimiser of the next tree; None: no optimisation."""
-        return self.plan.optimise
-
-    def executed_plan(self, accelerated: Accelerated) -> Plan:
-        """The plan with the methods that actually ran in a frame with this tree."""
-        return self.plan
+    def executed(self, accelerated: Accelerated) -> TreeChoice:
+        """The methods that actually ran in a frame with this tree."""
+        return self.choice
 
     def needs_rebuild(self, accelerated: Accelerated) -> bool:
         """Whether rebuilding a cached tree with a better builder now pays off."""
         return False
 
-    def cull(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> CullResult | None:
-        """The triangles that segments of these queries can hit; None if nothing is culled. `build` follows."""
-        if not self.plan.cull:
-            return None
-        result: CullResult = CULLERS[self.plan.cull].cull(triangles, queries, self.threads)
-        return result
+    def tree_for(
+        self,
+        triangles: Triangles,
+        queries: Sequence[ShadowQuery],
+        sample: RepresentativeRays | None = None,
+        lap: Callable[[str], None] = no_lap,
+    ) -> Accelerated:
+        """Choose the methods for these queries, and cull and build by them. `Accelerated.choice` is the choice.
+
+        Parameters
+        ----------
+        triangles : Triangles
+            All triangles of the scene.
+        queries : sequence of ShadowQuery
+        sample : RepresentativeRays or None
+            The rays for a ray-guided builder, from `sample_rays`; None: a sample of these queries.
+        lap : function of str, optional
+            Called with "cull" once triangles have been culled.
+        """
+        culled: CullResult | None = None
+        if self.plan.cull:
+            culled = CULLERS[self.plan.cull].cull(triangles, queries, self.threads)
+            lap("cull")
+        if sample is None:
+            sample = self.sample_rays(triangles, queries)
+        return self.execute(self.choice, triangles, culled, sample)
+
+    def build(self, triangles: Triangles, sample: RepresentativeRays | None = None) -> Accelerated:
+        """Prepare all triangles for tracing queries that are not known yet; `sample`: for a ray-guided builder.
+
+        Raises
+        ------
+        InputError
+            If the builder is ray-guided and `sample` is None.
+        """
+        return self.execute(self.choice, triangles, None, sample)
 
     def sample_rays(
         self,
@@ -133,72 +162,59 @@ class Accelerator:
         """Sample rays of these queries for a ray-guided builder; None for others. See `RepresentativeRaySelector`."""
         return self.ray_selector.show(queries, triangles, bvh, bounce) if self.ray_selector else None
 
-    def build(
-        self, triangles: Triangles, culled: CullResult | None = None, sample_rays: RepresentativeRays | None = None
+    def execute(
+        self,
+        choice: TreeChoice,
+        triangles: Triangles,
+        culled: CullResult | None = None,
+        sample: RepresentativeRays | None = None,
     ) -> Accelerated:
-        """Prepare all or the unculled triangles for tracing; build a BVH unless the tracer uses none.
+        """Prepare all or the unculled triangles for tracing by a choice; build a BVH unless the tracer uses none.
 
         Parameters
         ----------
+        choice : TreeChoice
         triangles : Triangles
             All triangles of the scene.
         culled : CullResult or None
             The triangles left by culling; None: all.
-        sample_rays : RepresentativeRays or None
+        sample : RepresentativeRays or None
             Rays for a ray-guided builder.
 
         Raises
         ------
         InputError
-            If the builder is ray-guided and `sample_rays` is None.
+            If the builder is ray-guided and `sample` is None.
         """
         solid = solid_of(triangles, culled, self.threads)
-        if not self.plan.tracer.builds:
-            return self.prepare(triangles, None, solid)
-        if self.ray_selector is not None:
-            if sample_rays is None:
-                raise InputError(
-                    f"plan {str(self.plan)!r}: its builder needs sample rays; render an image or query points"
-                )
-            indices = triangles.solid if solid is None or self.updater is not None else solid.kept
-            self._rays = lambda vertices, bvh: sample_rays.among(vertices, indices, self.threads, bvh)
-        try:
-            bvh = self._updated_tree(triangles, culled) if self.updater is not None else self._tree(triangles, solid)
-        finally:
-            self._rays = None
+        if choice.builder is None:
+            return self.prepare(choice, triangles, None, solid)
+        if self.ray_selector is not None and sample is None:
+            raise InputError(f"plan {str(self.plan)!r}: its builder needs sample rays; render an image or query points")
+        bvh = self._tree(choice, triangles, solid, sample)
+        if culled is not None and solid is not None and choice.updater:
+            bvh = filter_tree(bvh, solid.kept, self.threads)
         if self.ray_selector is not None:
             self.ray_selector.built(bvh)
-        return self.prepare(triangles, bvh, solid)
+        return self.prepare(choice, triangles, bvh, solid)
 
-    def _tree(self, triangles: Triangles, culled: CullResult | None) -> Bvh:
-        """A new BVH of all triangles, or of those left by culling."""
-        if culled is None:
-            return self.new_tree(triangles.vertices, self.threads)
-        bvh = self.new_tree(culled.vertices, self.threads)
-        return bvh._replace(prim_ids=culled.kept[bvh.prim_ids])
+    def _tree(
+        self, choice: TreeChoice, triangles: Triangles, solid: CullResult | None, sample: RepresentativeRays | None
+    ) -> Bvh:
+        """The BVH of these triangles; an updater's has all solid ones.
 
-    def _updated_tree(self, triangles: Triangles, culled: CullResult | None) -> Bvh:
-        """The updater's BVH of all solid triangles, filtered to those left by culling."""
-        assert self.updater is not None
-        if self._updated is None or self._updated[0] is not triangles:  # otherwise a further query of the same frame
-            self._updated = triangles, solid_tree(self.updater.update, triangles, self.threads)
-        bvh = self._updated[1]
-        solid = solid_of(triangles, culled, self.threads) if culled is not None else None
-        return bvh if solid is None else filter_tree(bvh, solid.kept, self.threads)
-
-    def new_tree(self, vertices: np.ndarray, threads: int) -> Bvh:
-        """A new BVH of triangles, (n, 3, 3) float32, by the builder and the optimiser."""
-        builder, name = BUILDERS[self.builder], self.optimiser
-        bvh: Bvh = builder.build(vertices, threads, **self._ray_arguments(builder, vertices))
-        if name is not None:
-            bvh = OPTIMISERS[name].optimise(bvh, threads, **self._ray_arguments(OPTIMISERS[name], vertices, bvh))
-        return bvh
-
-    def _ray_arguments(
-        self, method: Builder | Optimiser, vertices: np.ndarray, bvh: Bvh | None = None
-    ) -> dict[str, Any]:
-        """The extra arguments of a ray-guided method; empty for others. `bvh`: a BVH of the triangles, if any."""
-        return {"rays": self._rays(vertices, bvh)} if method.wants_rays and self._rays else {}
+        solid : the solid triangles, or those that culling left; None: all triangles
+        """
+        ids, rays = triangles.solid if solid is None or choice.updater else solid.kept, None
+        if sample is not None:
+            rays = partial(_meetings, sample, ids, self.threads)
+        if choice.updater:
+            assert self.memory.updated is not None
+            return self.memory.updated.at(triangles, self.threads, choice, rays)
+        if solid is None:
+            return new_tree(choice, triangles.vertices, self.threads, rays)
+        bvh = new_tree(choice, solid.vertices, self.threads, rays)
+        return bvh._replace(prim_ids=solid.kept[bvh.prim_ids])
 
     def prepare_all(self, triangles: Triangles) -> Accelerated:
         """All triangles, prepared for camera rays: in the plan's BVH or a separate one."""
@@ -219,18 +235,20 @@ class Accelerator:
         """The light of samples that comes through cut-outs; `bits`: the query's answer. None if there is none."""
         return transmission(self.cutouts_of(triangles), query, bits, self.threads)
 
-    def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: CullResult | None = None) -> Accelerated:
+    def prepare(
+        self, choice: TreeChoice, triangles: Triangles, bvh: Bvh | None, solid: CullResult | None = None
+    ) -> Accelerated:
         """Convert the BVH, or the triangles if the tracer uses no BVH, to the input of this plan's tracer.
 
-        `culled`: the triangles left by culling; None: all.
+        solid : the solid triangles, or those that culling left; None: all
         """
-        geometry = soup_of(triangles, culled, self.threads) if bvh is None else bvh
-        prepared = self.plan.tracer.prepare(geometry, self.threads)
-        if self.updater is not None and isinstance(prepared, ChcRtState):
-            if self._state is not None:
-                prepared.continue_from(self._state)
-            self._state = prepared
-        return Accelerated(triangles, bvh, prepared, self.cutouts_of(triangles), bool(self.plan.cull))
+        geometry = soup_of(triangles, solid, self.threads) if bvh is None else bvh
+        prepared, updated = self.plan.tracer.prepare(geometry, self.threads), self.memory.updated
+        if updated is not None and isinstance(prepared, ChcRtState):
+            if updated.state is not None:
+                prepared.continue_from(updated.state)
+            updated.state = prepared
+        return Accelerated(triangles, bvh, prepared, self.cutouts_of(triangles), bool(choice.culler), choice)
 
     def answer(
         self,
@@ -269,6 +287,17 @@ class Accelerator:
             for query, words in zip(queries, bits):
                 add_shadows(accelerated.cutouts, query, words, self.threads)
         return bits
+
+
+def _meetings(
+    sample: RepresentativeRays,
+    ids: NDArray[np.int32] | None,
+    threads: int,
+    vertices: NDArray[np.float32],
+    bvh: Bvh | None,
+) -> Intersections:
+    """What sample rays meet among the triangles `ids`; None: all."""
+    return sample.among(vertices, ids, threads, bvh)
 
 
 # --- The cached triangles and trees of a scene in memory --------------------------------------------------------------
@@ -324,7 +353,9 @@ class SceneTrees:
                     else next((t for p, t in self._accelerated.items() if p.tree == plan.tree), None)
                 )
                 accelerated = (
-                    accelerator.build(triangles) if sibling is None else accelerator.prepare(triangles, sibling.bvh)
+                    accelerator.build(triangles)
+                    if sibling is None
+                    else accelerator.prepare(accelerator.choice, triangles, sibling.bvh)
                 )
                 self._accelerated[plan] = accelerated
             return accelerated

@@ -17,7 +17,6 @@ The tracer `auto` then chooses the strategy of each query (`auto.strategies`).
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import cache, partial
 from typing import ClassVar, NamedTuple
 
@@ -44,8 +43,7 @@ from ..techniques.srdh.representative_rays import (
     RepresentativeRaySelector,
     SrdhRays,
 )
-from ..trace.rays.ray_hits import Intersections
-from .accelerator import Accelerated, Accelerator
+from .accelerator import Accelerated, Accelerator, no_lap
 from .auto.cost_model import (
     BEST,
     GOOD,
@@ -62,15 +60,15 @@ from .auto.cost_model import (
     tree_seconds,
 )
 from .auto.query_features import features_of, is_scattered, size_of
-from .auto.strategies import AutoTracer, ConeTracer, SceneExtent, StrategyMemory, TreeUpgrade, suitable_strategies
-from .method_registry import BUILDERS, OPTIMISERS, TRACERS, UPDATERS
-from .plan import Plan, parse_plan
+from .auto.strategies import AutoTracer, ConeTracer, SceneExtent, TreeUpgrade, suitable_strategies
+from .method_registry import BUILDERS, OPTIMISERS, TRACERS
+from .plan import Plan
 from .precompilation import Job, are_on_disk, fixed_job, precompile, small_scene
+from .tree_choice import FIRST_SHARE, NO_RAYS, TreeChoice, TreeMemory, UpdatedTree
 
 CULLER = "grid32"
 """The culler of `auto`."""
 
-_FIRST_SHARE = 0.3  # of the triangles: expected to remain after culling, before anything is known
 _PATIENCE = 16  # frames without a new try after culling was abandoned
 _CONE_SHARE = 0.03  # triangles per ray up to which cones are the faster ones
 _CONE_SAVING = 0.25  # of the time of the rays
@@ -109,243 +107,242 @@ class Forecast(NamedTuple):
     receivers: int
 
 
+# --- The reasons of choices, see `TreeChoice.why` ---------------------------------------------------------------------
+
+FEW_RAYS = "too few rays for a better tree"
+MANY_RAYS = "rays would lose more than it costs"
+LONG_RUN = "rays have lost what it costs"
+MOVING = "triangles move, and it can be updated"
+UPGRADED = "a query would have lost more"
+ONE_APEX = "one apex, many rays per triangle"
+
+# --- The accelerator --------------------------------------------------------------------------------------------------
+
+
 class AutoAccelerator(Accelerator):
     """An `Accelerator` that chooses what to build by the number of rays."""
 
-    def __init__(self, plan: Plan, threads: int):
-        super().__init__(plan, threads)
-        self.memory = StrategyMemory()
-        self._tree_name = self._next_name = QUICK  # of later trees of all triangles, and of the next tree
-        self._built_name = QUICK  # of the last tree
-        self._rays_soon = self._later = 0  # predicted numbers of rays: of the coming queries, and of later ones
-        self._share, self._patience = _FIRST_SHARE, 0
-        self._tried: Triangles | None = None  # the triangles of the last try of culling
-        self._by_cones = False  # whether the next queries go to cones
-        self._latest: Triangles | None = None  # of the last tree
-        self._moves = False  # whether they have changed between trees
-        self._extent: SceneExtent | None = None  # of the scene with the triangles of the last queries
-        self._sample: RepresentativeRays | None = None  # rays of the present queries, for a GUIDED tree
+    def __init__(self, plan: Plan, threads: int, memory: TreeMemory | None = None):
+        super().__init__(plan, threads, memory)
         self._selector = RepresentativeRaySelector(SrdhRays(), threads)
-
-    def begin(self, rays: int, later: int = 0) -> None:
-        self.memory.begin()
-        self._rays_soon, self._later = rays, later
-        self._patience = max(self._patience - 1, 0)
 
     @property
     def culls(self) -> bool:
-        return self._later == 0
+        return self.memory.expected.later == 0
 
-    @property
-    def builder(self) -> str:
-        return self._next_name.partition("+")[0]
+    def executed(self, accelerated: Accelerated) -> TreeChoice:
+        choice, chosen = accelerated.choice, accelerated.chosen
+        assert choice is not None and chosen is not None
+        if isinstance(chosen, ConeTracer):
+            return choice
+        if chosen.builder is not None and chosen.builder != choice.tree:
+            choice = choice.with_tree(chosen.builder, UPGRADED)
+        tracers = {each.strategy if each.strategy in TRACERS else "multifrusta" for each in chosen.choices}
+        return choice._replace(tracer=tracers.pop()) if len(tracers) == 1 else choice
 
-    @property
-    def optimiser(self) -> str | None:
-        return self._next_name.partition("+")[2] or None
-
-    def executed_plan(self, accelerated: Accelerated) -> Plan:
-        assert accelerated.chosen is not None
-        tracers = {choice.strategy if choice.strategy in TRACERS else "multifrusta" for choice in self.memory.choices}
-        if isinstance(accelerated.chosen, ConeTracer):
-            return Plan(CULLER if accelerated.chosen.culled else None, trace="cones")
-        cull = CULLER if accelerated.partial else None
-        tree = parse_plan(f"{accelerated.chosen.builder}+{self.plan.trace}")
-        return replace(tree, trace=tracers.pop() if len(tracers) == 1 else self.plan.trace, cull=cull)
-
-    def cull(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> CullResult | None:
-        """Choose the builder for these queries, and cull if that pays."""
-        n, box = solid_count(triangles), np.stack(bounds(triangles.vertices, self.threads))
-        self._extent = SceneExtent(n, box)
-        forecast, serves_once = self._forecast(queries), self._serves_once(triangles)
-        culled = self._try_culling(triangles, queries, forecast) if serves_once else None
-        remaining = n if culled is None else len(culled.kept)
-        self._by_cones = serves_once and self._cones_pay(remaining, queries, forecast)
+    def tree_for(
+        self,
+        triangles: Triangles,
+        queries: Sequence[ShadowQuery],
+        sample: RepresentativeRays | None = None,
+        lap: Callable[[str], None] = no_lap,
+    ) -> Accelerated:
+        memory, n = self.memory, solid_count(triangles)
+        extent = SceneExtent(n, np.stack(bounds(triangles.vertices, self.threads)))
+        forecast = forecast_of(queries, extent)
+        serves_once = memory.first_sight(triangles) and self.culls
+        culled = self._try_culling(triangles, queries, forecast, extent) if serves_once else None
         if culled is not None:
-            self._next_name = self._builder_for(len(culled.kept), forecast.lost)
+            lap("cull")
+            tree = self._builder_for(len(culled.kept), forecast.lost)
         else:
-            self._choose(self.memory.lost + self._loss(self._later) + forecast.lost, n)
-            self._rays_soon = self._later = 0
-            self._next_name = self._tree_name
-        self._take_sample(triangles, queries)
-        return culled
+            self._upgrade_builder(memory.strategies.lost + _loss(memory.expected.later) + forecast.lost, n)
+            memory.expected = NO_RAYS
+        remaining = n if culled is None else len(culled.kept)
+        if serves_once and _cones_pay(remaining, queries, forecast):
+            memory.moved(triangles)
+            return self._by_cones(triangles, culled)
+        if culled is None:
+            return self._whole_tree(triangles, queries)
+        memory.moved(triangles)
+        why = f"used once; {len(culled.kept):,} triangles matter"
+        choice = self._choice(tree, why, CULLER)
+        solid = solid_of(triangles, culled, self.threads)
+        return self._prepare(choice, triangles, self._sampled_tree(choice, triangles, solid, queries), solid, extent)
 
-    def _forecast(self, queries: Sequence[ShadowQuery]) -> Forecast:
-        """Predictions for these queries."""
-        assert self._extent is not None
-        n, box = self._extent
-        total, lost, most, main, rays = 0.0, 0.0, -1.0, "", 0
-        receivers: dict[int, int] = {}  # those of queries that share their receivers count once
-        for query in queries:
-            features = features_of(query, n, box)
-            receivers[id(query.origins)] = features.receivers
-            rays += features.rays
-            rate, strategy = min((predicted_rate(name, features), name) for name in suitable_strategies(query, box))
-            seconds = rate * features.rays
-            total += seconds
-            lost += seconds * lost_share(strategy)
-            if seconds > most:
-                most, main = seconds, strategy
-        return Forecast(main, total, lost, rays, sum(receivers.values()))
-
-    def _serves_once(self, triangles: Triangles) -> bool:
-        """Whether the next tree may serve the present queries only: no later ones have used these triangles yet."""
-        serves_once = self.culls and triangles is not self._tried
-        self._tried = triangles
-        return serves_once
-
-    def _cones_pay(self, n: int, queries: Sequence[ShadowQuery], forecast: Forecast) -> bool:
-        """Whether cones are likely to answer the queries faster than rays in a tree of n triangles."""
-        fits = all(has_one_apex(query) and query.samples.shape[1] <= _MAX_CONE_SAMPLES for query in queries)
-        if not fits or n > _CONE_SHARE * forecast.rays or not is_compiled("cones (raster)"):
-            return False
-        return _loads.pays("cones", _CONE_SAVING * forecast.seconds)
-
-    def _try_culling(
-        self, triangles: Triangles, queries: Sequence[ShadowQuery], forecast: Forecast
-    ) -> CullResult | None:
-        """The triangles that segments can meet; None if finding them costs more than it saves."""
-        assert self._extent is not None
-        n, size = self._extent.triangles, size_of(self._extent.box)
-        if self._patience or any(query.light.kind == AMBIENT and query.light.radius >= size for query in queries):
-            return None  # segments reach everything
-        if all(is_scattered(query, self._extent.box) for query in queries):
-            return None  # so do those of points everywhere
-        direct = tree_seconds(n, forecast.lost, forecast.strategy, self._guided)
-        if self.updater is not None:
-            direct = min(direct, refit_seconds(n, forecast.strategy))
-        tree = partial(tree_seconds, lost=forecast.lost, strategy=forecast.strategy, guided=self._guided)
-        select, mark = select_seconds(n), mark_seconds(forecast.receivers, len(queries))
-        if not _loads.pays("culling", direct - mark - select - tree(round(self._share * n))):
-            return None
-        marking = mark_segments(triangles, queries, self.threads)
-        self._share = relevant_share(triangles, marking)
-        if select + tree(round(self._share * n)) > direct:
-            self._patience, self._share = _PATIENCE, _FIRST_SHARE
-            return None
-        return select_relevant(triangles, marking, self.threads)
-
-    def _loss(self, rays: int) -> float:
-        """Seconds that unknown rays would lose in a QUICK tree."""
-        return rays * RAY_SECONDS * lost_share("")
+    def build(self, triangles: Triangles, sample: RepresentativeRays | None = None) -> Accelerated:
+        expected = self.memory.expected
+        self._upgrade_builder(_loss(expected.soon + expected.later), solid_count(triangles))
+        return self._whole_tree(triangles, [])
 
     def needs_rebuild(self, accelerated: Accelerated) -> bool:
-        chosen = accelerated.chosen
+        chosen, memory = accelerated.chosen, self.memory
         if not isinstance(chosen, AutoTracer):
             return False
         if chosen.builder == QUICK:
-            self._choose(chosen.memory.lost, chosen.forms.triangles)
-            return self._tree_name != QUICK
-        expected = self._later * chosen.memory.ray_seconds
+            self._upgrade_builder(chosen.memory.lost, chosen.forms.triangles)
+            return memory.builder != QUICK
+        expected = memory.expected.later * chosen.memory.ray_seconds
         if chosen.builder == GOOD and best_pays(chosen.memory.in_good + expected, chosen.forms.triangles):
             self._optimise()
             return True
         return False
 
+    # --- what to build
+
+    def _choice(self, tree: str, why: str, culler: str | None = None, updater: str | None = None) -> TreeChoice:
+        return TreeChoice(culler, None, None, updater, self.plan.trace, why).with_tree(tree, why)
+
+    def _choice_of_all(self, n: int, moved: bool, has_queries: bool) -> TreeChoice:
+        """The choice of a tree of all n triangles.
+
+        moved : whether the last tree had other triangles
+        has_queries : whether the queries are known, and so a sample of their rays
+        """
+        memory, why = self.memory, MANY_RAYS
+        good_pays = choose_builder(n, memory.strategies.lost, False) != QUICK
+        if memory.builder != QUICK and memory.updated is None and moved and good_pays:
+            memory.builder, memory.updated = GOOD, UpdatedTree("refit")
+        if memory.updated is not None and best_pays(memory.strategies.in_good, n):
+            self._optimise()
+            memory.updated = UpdatedTree("refit")
+        tree = GOOD if memory.builder == GUIDED and not has_queries else memory.builder
+        if memory.updated is not None:
+            why = MOVING
+        elif tree in (QUICK, BEST):
+            why = FEW_RAYS if tree == QUICK else LONG_RUN
+        return self._choice(tree, why, updater=None if memory.updated is None else "refit")
+
+    def _try_culling(
+        self, triangles: Triangles, queries: Sequence[ShadowQuery], forecast: Forecast, extent: SceneExtent
+    ) -> CullResult | None:
+        """The triangles that segments can meet; None if finding them costs more than it saves."""
+        n, size, memory = extent.triangles, size_of(extent.box), self.memory
+        if memory.patience or any(query.light.kind == AMBIENT and query.light.radius >= size for query in queries):
+            return None  # segments reach everything
+        if all(is_scattered(query, extent.box) for query in queries):
+            return None  # so do those of points everywhere
+        tree = partial(tree_seconds, lost=forecast.lost, strategy=forecast.strategy, guided=_is_guided())
+        direct = tree(n)
+        if memory.updated is not None:
+            direct = min(direct, refit_seconds(n, forecast.strategy))
+        select, mark = select_seconds(n), mark_seconds(forecast.receivers, len(queries))
+        if not _loads.pays("culling", direct - mark - select - tree(round(memory.share * n))):
+            return None
+        marking = mark_segments(triangles, queries, self.threads)
+        memory.share = relevant_share(triangles, marking)
+        if select + tree(round(memory.share * n)) > direct:
+            memory.patience, memory.share = _PATIENCE, FIRST_SHARE
+            return None
+        return select_relevant(triangles, marking, self.threads)
+
     def _builder_for(self, n: int, lost: float) -> str:
         """The builder for n triangles, if rays lose `lost` seconds in a QUICK tree."""
-        name = choose_builder(n, lost, self._guided)
+        name = choose_builder(n, lost, _is_guided())
         if name != GUIDED:
             return name
         gain = tree_seconds(n, lost, "", False) - tree_seconds(n, lost, "", True)
         return name if _loads.pays(GUIDED, gain) else choose_builder(n, lost, False)
 
+    def _upgrade_builder(self, lost: float, triangles: int) -> None:
+        """Choose a better builder than QUICK for later trees, if rays that lose `lost` seconds pay for it."""
+        if self.memory.builder == QUICK:
+            self.memory.builder = self._builder_for(triangles, lost)
+
     def _optimise(self) -> None:
         """Make the next tree a BEST one. Later trees are GOOD again, until they have lost the cost of another BEST."""
         precompile(best_tree_job)
-        self._tree_name, self.updater = BEST, None
-        self.memory.in_good = 0.0
+        self.memory.builder, self.memory.updated = BEST, None
+        self.memory.strategies.in_good = 0.0
 
-    def _choose(self, lost: float, triangles: int) -> None:
-        if self._tree_name == QUICK:
-            self._tree_name = self._builder_for(triangles, lost)
+    # --- building it
 
-    @property
-    def _guided(self) -> bool:
-        """Whether the kernels of GUIDED trees are on disk."""
-        return is_compiled(f"{GUIDED}+single (raster)")
+    def _by_cones(self, triangles: Triangles, culled: CullResult | None) -> Accelerated:
+        """The triangles without a tree."""
+        solid = None if culled is None else solid_of(triangles, culled, self.threads)
+        choice = TreeChoice(None if culled is None else CULLER, None, None, None, "cones", ONE_APEX)
+        tracer = ConeTracer(soup_of(triangles, solid, self.threads), self.memory.strategies, culled is not None)
+        return Accelerated(triangles, None, tracer, self.cutouts_of(triangles), True, choice)
 
-    def build(
-        self, triangles: Triangles, culled: CullResult | None = None, sample_rays: RepresentativeRays | None = None
+    def _whole_tree(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> Accelerated:
+        """A tree of all triangles; `queries`: those to be traced in it, empty if they are not known."""
+        memory = self.memory
+        choice = self._choice_of_all(solid_count(triangles), memory.moved(triangles), bool(queries))
+        bvh = self._sampled_tree(choice, triangles, solid_of(triangles, None, self.threads), queries)
+        if choice.tree == memory.builder == BEST:
+            memory.builder = GOOD
+        if memory.updated is not None and memory.updated.built is not None:
+            choice = choice.with_tree(memory.updated.built.tree, choice.why)
+        return self._prepare(choice, triangles, bvh, None, None)
+
+    def _sampled_tree(
+        self, choice: TreeChoice, triangles: Triangles, solid: CullResult | None, queries: Sequence[ShadowQuery]
+    ) -> Bvh:
+        """The BVH of a choice, a GUIDED one for a sample of the queries' rays. The queries themselves are not kept."""
+        sample = self._selector.show(queries, triangles) if choice.tree == GUIDED else None
+        return self._tree(choice, triangles, solid, sample)
+
+    def _prepare(
+        self,
+        choice: TreeChoice,
+        triangles: Triangles,
+        bvh: Bvh,
+        culled: CullResult | None,
+        extent: SceneExtent | None,
     ) -> Accelerated:
-        try:
-            self._moves = self._latest is not None and self._latest is not triangles
-            self._latest = triangles
-            solid = solid_of(triangles, culled, self.threads) if culled is not None else None
-            self._rays = self._rays_among(triangles.solid if solid is None else solid.kept)
-            if self._by_cones:
-                self._by_cones = False
-                tracer = ConeTracer(soup_of(triangles, solid, self.threads), self.memory, culled is not None)
-                return Accelerated(triangles, None, tracer, self.cutouts_of(triangles), True)
-            if solid is not None:
-                return self._prepare(triangles, self._tree(triangles, solid), solid)
-            self._choose_for_all(solid_count(triangles))
-            return super().build(triangles, None, sample_rays)
-        finally:
-            self._rays = self._sample = None
+        """Prepare a tree for the tracer.
 
-    def _rays_among(self, ids: NDArray[np.int32] | None) -> Callable[[NDArray[np.float32], Bvh | None], Intersections]:
-        """A function that finds what the sample rays meet among the triangles `ids`; None: all."""
-
-        def rays(vertices: NDArray[np.float32], bvh: Bvh | None) -> Intersections:
-            assert self._sample is not None
-            return self._sample.among(vertices, ids, self.threads, bvh)
-
-        return rays
-
-    def _choose_for_all(self, n: int) -> None:
-        """Choose the next tree of all triangles, and whether to refit it."""
-        self._choose(self._loss(self._rays_soon + self._later), n)
-        good_pays = choose_builder(n, self.memory.lost, False) != QUICK
-        if self._tree_name != QUICK and self.updater is None and self._moves and good_pays:
-            self._tree_name = GOOD
-            self._start_refitting()
-        if self.updater is not None and best_pays(self.memory.in_good, n):
-            self._optimise()
-            self._start_refitting()
-        self._next_name = GOOD if self._tree_name == GUIDED and self._sample is None else self._tree_name
-
-    def _start_refitting(self) -> None:
-        """Build a new tree at the next time sample, and refit it at later ones."""
-        self.updater, self._updated = UPDATERS["refit"].keep(self.new_tree), None
-
-    def new_tree(self, vertices: NDArray[np.float32], threads: int) -> Bvh:
-        tree = super().new_tree(vertices, threads)
-        self._built_name = self._next_name
-        if self._tree_name == BEST == self._next_name:
-            self._tree_name = self._next_name = GOOD
-        return tree
-
-    def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: CullResult | None = None) -> Accelerated:
-        assert bvh is not None
-        return self._prepare(triangles, bvh, None)
-
-    def _prepare(self, triangles: Triangles, bvh: Bvh, culled: CullResult | None) -> Accelerated:
-        """Prepare a tree for the tracer; `culled`: the solid triangles that culling left; None: nothing is culled."""
-        is_partial = culled is not None
-        upgrades = self._built_name == QUICK and (is_partial or self.updater is None)
-        upgrade = TreeUpgrade(partial(self._upgrade, triangles, culled), self._guided) if upgrades else None
-        extent = self._extent if is_partial else None
-        tracer = AutoTracer(bvh, self.threads, self.memory, self._built_name, upgrade, extent)
-        return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles), is_partial)
+        culled : the solid triangles that culling left; None: nothing is culled
+        extent : of the scene, if triangles are culled
+        """
+        upgrades = choice.tree == QUICK and choice.updater is None
+        upgrade = TreeUpgrade(partial(self._upgrade, triangles, culled), _is_guided()) if upgrades else None
+        tracer = AutoTracer(bvh, self.threads, self.memory.strategies, choice.tree, upgrade, extent)
+        return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles), culled is not None, choice)
 
     def _upgrade(self, triangles: Triangles, culled: CullResult | None, query: ShadowQuery) -> tuple[Bvh, str]:
         """A better tree of the same triangles, for a query that turns out to need it, and its builder."""
-        self._next_name = GUIDED if self._guided and _loads.pays(GUIDED, math.inf) else GOOD
+        choice = self._choice(GUIDED if _is_guided() and _loads.pays(GUIDED, math.inf) else GOOD, UPGRADED)
         if culled is None:
-            self._tree_name = self._next_name
+            self.memory.builder = choice.tree
         solid = culled or solid_of(triangles, None, self.threads)
-        self._take_sample(triangles, [query])
-        try:
-            self._rays = self._rays_among(None if solid is None else solid.kept)
-            return self._tree(triangles, solid), self._next_name
-        finally:
-            self._rays = self._sample = None
+        return self._sampled_tree(choice, triangles, solid, [query]), choice.tree
 
-    def _take_sample(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> None:
-        """Sample the rays of queries if the next tree is a GUIDED one. The queries themselves are not kept."""
-        if self._next_name == GUIDED:
-            self._sample = self._selector.show(queries, triangles)
+
+def forecast_of(queries: Sequence[ShadowQuery], extent: SceneExtent) -> Forecast:
+    """Predictions for these queries."""
+    n, box = extent
+    total, lost, most, main, rays = 0.0, 0.0, -1.0, "", 0
+    receivers: dict[int, int] = {}  # those of queries that share their receivers count once
+    for query in queries:
+        features = features_of(query, n, box)
+        receivers[id(query.origins)] = features.receivers
+        rays += features.rays
+        rate, strategy = min((predicted_rate(name, features), name) for name in suitable_strategies(query, box))
+        seconds = rate * features.rays
+        total += seconds
+        lost += seconds * lost_share(strategy)
+        if seconds > most:
+            most, main = seconds, strategy
+    return Forecast(main, total, lost, rays, sum(receivers.values()))
+
+
+def _cones_pay(n: int, queries: Sequence[ShadowQuery], forecast: Forecast) -> bool:
+    """Whether cones are likely to answer the queries faster than rays in a tree of n triangles."""
+    fits = all(has_one_apex(query) and query.samples.shape[1] <= _MAX_CONE_SAMPLES for query in queries)
+    if not fits or n > _CONE_SHARE * forecast.rays or not is_compiled("cones (raster)"):
+        return False
+    return _loads.pays("cones", _CONE_SAVING * forecast.seconds)
+
+
+def _loss(rays: int) -> float:
+    """Seconds that unknown rays would lose in a QUICK tree."""
+    return rays * RAY_SECONDS * lost_share("")
+
+
+def _is_guided() -> bool:
+    """Whether the kernels of GUIDED trees are on disk."""
+    return is_compiled(f"{GUIDED}+single (raster)")
 
 
 def best_tree(vertices: NDArray[np.float32], threads: int) -> Bvh:

@@ -446,9 +446,7 @@ class Engine:
             triangles, accelerated = source.for_points(self._moment(time))
             queries = self._queries(triangles, receivers, lights, samples, facing)
             if accelerated is None:  # the tree depends on the queries
-                accelerated = accelerator.build(
-                    triangles, accelerator.cull(triangles, queries), accelerator.sample_rays(triangles, queries)
-                )
+                accelerated = accelerator.tree_for(triangles, queries)
                 source.keep_for_points(accelerated)
             accelerated.begin()
             if accelerated.cutouts is not None:

@@ -24,6 +24,7 @@ from ..trace.transmission import TracedQuery
 from .accelerator import Accelerated, Accelerator
 from .auto.strategies import StrategyChoice
 from .plan import Plan
+from .tree_choice import TreeChoice
 
 # --- Memory estimates -------------------------------------------------------------------------------------------------
 
@@ -179,6 +180,7 @@ class FrameMethods(NamedTuple):
     """The methods that ran in a frame."""
 
     plan: str
+    tree: TreeChoice | None  # of the plan `auto`
     choices: list[StrategyChoice] | None  # of the plan `auto`, one per query
     statistics: list[dict[str, Any]] | None  # of CHC+RT, one `visibility_fronts.Statistics` per query
 
@@ -284,12 +286,8 @@ class FrameTracer:
     def _prepare(
         self, queries: Sequence[ShadowQuery], accelerated: Accelerated | None, lap: Callable[[str], None]
     ) -> None:
-        accelerator = self._accelerator
-        if accelerated is None or accelerated.partial or accelerator.plan.cull:
-            culled = accelerator.cull(self.triangles, queries)
-            if culled is not None:
-                lap("cull")
-            accelerated = accelerator.build(self.triangles, culled, self._sample_rays)
+        if accelerated is None or accelerated.partial or self.plan.cull:
+            accelerated = self._accelerator.tree_for(self.triangles, queries, self._sample_rays, lap)
         self._accelerated = accelerated
         lap("build")
 
@@ -318,7 +316,7 @@ class FrameTracer:
             accelerator = self._accelerator
             if self._accelerated is None or self._accelerated.partial:
                 shadow_tree = self._full_tree if accelerator.one_tree else None
-                self._accelerated = shadow_tree or accelerator.build(self.triangles, None, self._sample_rays)
+                self._accelerated = shadow_tree or accelerator.build(self.triangles, self._sample_rays)
             tree = (
                 self._accelerated if accelerator.one_tree else self._full_tree or accelerator.for_camera(self.triangles)
             )
@@ -332,9 +330,11 @@ class FrameTracer:
         """The methods that ran."""
         assert self._accelerated is not None
         chosen, scheduled = self._accelerated.chosen, self._accelerated.scheduled
-        plan = str(self._accelerator.executed_plan(self._accelerated))
-        choices = None if chosen is None else chosen.choices
-        return FrameMethods(plan, choices, None if scheduled is None else scheduled.statistics)
+        executed = self._accelerator.executed(self._accelerated)
+        statistics = None if scheduled is None else scheduled.statistics
+        if chosen is None:
+            return FrameMethods(str(executed), None, None, statistics)
+        return FrameMethods(str(executed), executed, chosen.choices, statistics)
 
     def paging(self) -> dict[str, int] | None:
         """Counts of chunks read and evicted since `begin`; None if the scene is in memory."""

@@ -7,6 +7,7 @@ with such a plan flattens the scene.
 import sys
 import threading
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import ClassVar, cast
 
 import numpy as np
@@ -46,6 +47,7 @@ from .frame_tracer import FrameMemory
 from .plan import Plan, parse_plan
 from .precompilation import Job, fixed_job, precompile, small_scene, small_view
 from .primary_visibility import RAYS
+from .tree_choice import new_tree
 
 # --- Trees that engines share -----------------------------------------------------------------------------------------
 
@@ -78,7 +80,7 @@ class SharedInstances:
         with self._lock:
             key = accelerator.plan.tree
             if key not in self._trees:
-                self._trees[key] = InstanceTrees(self._data, accelerator.new_tree, accelerator.threads)
+                self._trees[key] = InstanceTrees(self._data, partial(new_tree, accelerator.choice), accelerator.threads)
             return self._trees[key]
 
     def flat(self) -> SceneTrees:

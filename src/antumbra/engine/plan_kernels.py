@@ -99,10 +99,7 @@ def trace_small(plan: Plan, view: tuple[Camera, list[Light]], spp: int = 1) -> N
     queries = shadow_queries(triangles, primary_visibility(triangles, camera, None, 2), lights, samples, 0, 2)
     if accelerator.ray_selector is None:  # all triangles: culling leaves too few to reach every kernel of a builder
         accelerator.build(triangles)
-    accelerator.answer_all(
-        accelerator.build(triangles, accelerator.cull(triangles, queries), accelerator.sample_rays(triangles, queries)),
-        queries,
-    )
+    accelerator.answer_all(accelerator.tree_for(triangles, queries), queries)
 
 
 def trace_all_strategies(counters: bool) -> None:

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..engine.auto.strategies import StrategyChoice
 from ..engine.engine import Engine
+from ..engine.tree_choice import TreeChoice
 from ..kernels.small_matrices import dot
 from ..progress import PhaseClock
 from ..query.gbuffer import GBuffer
@@ -79,6 +80,7 @@ class Frame(NamedTuple):
     scheduled: list[dict[str, Any]] | None = None  # CHC+RT only: statistics of each query, see `Statistics.as_dict`
     paging: dict[str, int] | None = None  # stores only: chunks read and evicted, see `store.chunk_residency.Paging`
     plan: str = ""  # the methods that ran; for the plan "auto", those that it chose
+    tree: TreeChoice | None = None  # the plan "auto" only: what was built for the frame, and why
     choices: list[StrategyChoice] | None = None  # the plan "auto" only: the method of each query, and why it was chosen
     divided: NDArray[np.float32] | None = None  # (H, W): share of each pixel that shows surfaces; None: unsmoothed
     names: tuple[str, ...] = ()  # unique names of the lights: their own, or their kinds, such as "sun"

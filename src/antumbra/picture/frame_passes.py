@@ -185,7 +185,7 @@ def _render_frame(state: FrameState) -> Frame:
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
     counters = None if state.tally is None else as_dict(state.tally)
     tracer = state.tracer
-    methods = tracer.methods() if state.known is None else FrameMethods(str(tracer.plan), None, None)
+    methods = tracer.methods() if state.known is None else FrameMethods(str(tracer.plan), None, None, None)
     return Frame(
         image=image,
         visibility=visibility,
@@ -199,6 +199,7 @@ def _render_frame(state: FrameState) -> Frame:
         scheduled=methods.statistics,
         paging=tracer.paging(),
         plan=methods.plan,
+        tree=methods.tree,
         choices=methods.choices,
         divided=coverage,
         names=tuple(light_names(request.lights)),

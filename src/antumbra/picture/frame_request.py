@@ -178,5 +178,4 @@ def build_for(accelerator: Accelerator, picture: PictureQueries) -> Accelerated:
     """Cull and build for the queries of a scene in memory, as a frame does."""
     _, triangles, gbuffer, lights, samples, queries = picture
     bounce = bounced_queries(accelerator.ray_selector, triangles, gbuffer, lights, samples)
-    training_rays = accelerator.sample_rays(triangles, queries, bounce=bounce)
-    return accelerator.build(triangles, accelerator.cull(triangles, queries), training_rays)
+    return accelerator.tree_for(triangles, queries, accelerator.sample_rays(triangles, queries, bounce=bounce))

@@ -289,7 +289,7 @@ def _traced(
 ) -> tuple[float, float]:
     """(seconds to build a BVH of the remaining triangles, seconds to trace the queries)."""
     start = perf_counter()
-    ready = accelerator.build(triangles, culled)
+    ready = accelerator.execute(accelerator.choice, triangles, culled)
     built = perf_counter()
     for query in queries:
         accelerator.answer(ready, query)
