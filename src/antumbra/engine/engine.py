@@ -385,9 +385,6 @@ class Engine:
         checked_instance(receivers, Receivers, "receivers")
         lights = [without_interleave(light) for light in check_lights(lights, self.data.up)]
         samples = [light_samples(light, spp, sampler) for light in lights]
-        for light in lights:
-            if light.domain == "hemisphere" and not receivers.normals.size and receivers.n:
-                raise InputError(f"{type(light).__name__} needs surface normals; give the points' normals")
         with show_progress("tracing shadow rays", progress) as callback:
             answers = self.shadows(receivers, lights, samples, cull_value(cull_faces), time, progress=callback)
         return visibility_of(answers)
@@ -432,8 +429,12 @@ class Engine:
         Raises
         ------
         InputError
-            If points or lights are too far from the scene, or memory is too small.
+            If points or lights are too far from the scene, a light needs normals that the receivers lack, or memory is
+            too small.
         """
+        for light in lights:
+            if light.domain == "hemisphere" and not receivers.normals.size and receivers.n:
+                raise InputError(f"{type(light).__name__} needs surface normals; give the points' normals")
         with self.lock:
             if self.terrain.serves(self.plan, receivers, lights, receivers.n * sum(each.shape[1] for each in samples)):
                 return self.terrain.shadows(receivers, lights, samples, facing, self.threads, progress)
