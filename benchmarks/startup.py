@@ -36,12 +36,12 @@ print(time.perf_counter() - start)
 """
 EDITS = {
     "picture/shading.py": (
-        "tests/picture/test_shade.py",
+        "tests/picture/test_shading.py",
         "    h, w = face.shape\n",
         "    if len(tints) == -{i}:\n        return\n",
     ),
     "trace/frusta/multi_frusta.py": (
-        "tests/trace/frusta/test_tilegroup.py",
+        "tests/trace/frusta/test_tile_group.py",
         "    scratch = Scratch(\n",
         "    if n_samples == -{i}:\n        return\n",
     ),

@@ -1,7 +1,7 @@
 """Digests of what must have the same bits on every processor level, system and Python.
 
 Run it as a program, with the package on the path. It needs NumPy and Pillow, and prints lines of JSON: pairs of a name
-and a digest. `scripts/cross_bits.py` and `tests/kernels/test_levels.py` compare them.
+and a digest. `scripts/cross_bits.py` and `tests/kernels/test_processor.py` compare them.
 
 ``--threads N`` asks from N threads at once; their answers must agree. ``--image FILE`` takes the kernels from an image
 of another system's library, beside whose list it is.

@@ -288,7 +288,7 @@ ELSEWHERE = {
     "pvlib.pvlib_shading": "arguments of sun_hours",
     "pvlib_shading": "arguments of sun_hours",
     "pyvista.DatasetAccessor": "directions of lights, points of lights",
-    "write_attributes": "tests/formats/test_cityjson_write.py",
+    "write_attributes": "tests/formats/cityjson/test_attribute_writer.py",
 }
 """Functions that hand their arrays to others of the list."""
 

@@ -9,7 +9,7 @@ from PIL import Image
 
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, single
 
-SCRIPT = Path(__file__).parents[1] / "scripts" / "montage.py"
+SCRIPT = Path(__file__).parents[2] / "scripts" / "montage.py"
 
 
 @pytest.fixture(scope="module")

@@ -14,9 +14,9 @@ from repository import ROOT
 
 TEXT = (ROOT / "SECURITY.md").read_text()
 
-HERE, FUZZ, DOORS = "tests/test_security.py", "tests/formats/test_fuzz.py", "tests/test_doors.py"
-GIS, STORE = "tests/formats/test_gis_doors.py", "tests/store/test_forged.py"
-PRIVATE, LIBRARY, GUARD = "tests/kernels/test_private.py", "tests/kernels/test_library.py", "tests/viewer/test_guard.py"
+HERE, FUZZ, DOORS = "tests/project/test_security.py", "tests/formats/test_format_registry_fuzz.py", "tests/project/test_doors.py"
+GIS, STORE = "tests/formats/test_gis_doors.py", "tests/store/test_store_checks.py"
+PRIVATE, LIBRARY, GUARD = "tests/kernels/toolchain/test_kernel_cache_private.py", "tests/kernels/toolchain/test_kernel_library.py", "tests/viewer/test_request_guard.py"
 
 PROMISES = {
     "Report it privately": [f"{HERE}::test_reports_go_to_the_page_of_the_project"],
@@ -34,7 +34,7 @@ PROMISES = {
         f"{GIS}::test_no_vector_file_reads_other_files_or_addresses",
         f"{GIS}::test_the_crs_of_geojson_is_not_fetched",
         "tests/formats/test_mesh_files.py::test_material_files_outside_the_folder_are_not_read",
-        "tests/formats/test_bad_gltf.py::test_uris_that_leave_the_folder",
+        "tests/formats/gltf/test_gltf_asset_damaged.py::test_uris_that_leave_the_folder",
     ],
     "Libraries that choose a reader": [
         f"{DOORS}::test_a_library_reads_files_in_its_door_only",
@@ -42,8 +42,8 @@ PROMISES = {
     ],
     "Declared sizes are compared": [
         f"{GIS}::test_files_that_expand_are_refused_before_they_do",
-        "tests/formats/test_cut_text.py::test_lists_of_binary_ply_files_name_their_length",
-        "tests/jobs/test_readsensors.py::test_files_that_expand_are_refused_before_they_do",
+        "tests/formats/test_format_registry_cut_text.py::test_lists_of_binary_ply_files_name_their_length",
+        "tests/jobs/test_sensor_files.py::test_files_that_expand_are_refused_before_they_do",
         f"{HERE}::test_many_primitives_on_one_accessor_are_counted",
         f"{HERE}::test_many_textures_are_counted_before_they_are_decoded",
     ],
@@ -70,19 +70,19 @@ PROMISES = {
         f"{HERE}::test_the_viewer_listens_on_this_machine_only",
     ],
     "With `--host`, the address": [f"{GUARD}::test_a_page_for_other_machines_needs_its_token"],
-    "Checksums of stores": ["tests/kernels/test_cache.py::test_a_record_with_any_byte_changed_is_nothing"],
+    "Checksums of stores": ["tests/kernels/toolchain/test_kernel_cache.py::test_a_record_with_any_byte_changed_is_nothing"],
     "The structure of a store is checked": [
         f"{STORE}::test_forged_counts",
         f"{STORE}::test_forged_nodes_of_a_chunk",
         f"{STORE}::test_forged_metadata",
     ],
-    "Plugins are Python packages": ["tests/test_plugins.py::test_commands_come_by_name"],
+    "Plugins are Python packages": ["tests/test_extras_plugins.py::test_commands_come_by_name"],
     "Files on PyPI carry": [f"{HERE}::test_the_workflow_of_releases_attests"],
-    "`SHA256SUMS` of a release": ["tests/test_release.py::test_checksums_are_those_of_sha256sum"],
+    "`SHA256SUMS` of a release": ["tests/project/test_release.py::test_checksums_are_those_of_sha256sum"],
     "The sdist and the wheels": [
-        "tests/test_release.py::test_packages_have_the_same_bytes_when_they_are_built_again_elsewhere"
+        "tests/project/test_release.py::test_packages_have_the_same_bytes_when_they_are_built_again_elsewhere"
     ],
-    "The bill of materials": ["tests/test_release.py::test_a_release_for_this_system"],
+    "The bill of materials": ["tests/project/test_release.py::test_a_release_for_this_system"],
 }
 """Start of a sentence -> the tests of what it promises."""
 

@@ -1,4 +1,4 @@
-"""Depths of leaves, and counted steps. `tests/picture/test_explanation.py` tests the figures derived from them."""
+"""Depths of leaves, and counted steps. `tests/picture/test_traversal_steps.py` tests the figures derived from them."""
 
 import numpy as np
 import pytest
