@@ -10,7 +10,7 @@ import pytest
 from antumbra.cli import interruption, scene_commands
 from antumbra.cli.app import COMMANDS
 from antumbra.kernels.toolchain import compile_pool
-from cli.test_faces import ARGUMENTS
+from cli.test_app_keywords import ARGUMENTS
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are different on Windows")
 

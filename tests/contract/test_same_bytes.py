@@ -8,7 +8,7 @@ import sys
 import pytest
 
 import city_files
-from cli.test_outputs import OUTPUTS
+from cli.test_app_outputs import OUTPUTS
 
 CITY = "a.city.json"
 TABLES = [f"a{suffix}" for suffix in (".csv", ".parquet", ".gpkg", ".json", ".npz", ".png", ".glb", ".tif")]

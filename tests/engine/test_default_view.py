@@ -8,7 +8,7 @@ import antumbra as at
 from antumbra.engine.default_view import _hull_planes, innermost_box
 from antumbra.engine.primary_visibility import primary_visibility
 from antumbra.scene.default_picture import KINDS
-from scene.test_default_view import block, blocks
+from scene.test_scene_bounds_views import block, blocks
 
 SIZES = (64, 64), (1024, 1024), (400, 1000), (1600, 200)
 MAP = np.concatenate([blocks(200, (40, 40, 30)), block((-40, -1, -30), (40, 0, 30))])

@@ -68,7 +68,7 @@ MANY = """
 import gc, os, sys
 from pathlib import Path
 import antumbra as at
-from test_memory_growth import QUERIES
+from test_engine_memory import QUERIES
 
 def resident():
     gc.collect()

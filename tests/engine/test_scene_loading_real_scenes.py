@@ -14,7 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from antumbra.engine.scene_loading import load
-from formats.test_animation import hermite, linear, step
+from formats.gltf.test_gltf_nodes_animation import hermite, linear, step
 from gltf_files import assert_at, moved, trs, world
 from scenes import scene_folder, scene_path
 

@@ -21,7 +21,7 @@ from antumbra.formats.format_registry import (
     write_scene,
 )
 from antumbra.generate.procedural_scenes import generate
-from formats import test_frames
+from engine import test_scene_loading_frames
 from formats.test_mesh_files import obj_text, ply_binary, stl_binary
 from gltf_files import single
 from repository import ROOT
@@ -46,7 +46,7 @@ def sample(suffix, folder):
         at.build_store(at.procedural("atrium", triangles=2000), path)
         return path
     if suffix == "":
-        return test_frames.write(path)
+        return test_scene_loading_frames.write(path)
     data = {".obj": obj_text(), ".ply": ply_binary(), ".stl": stl_binary()}[suffix]
     path.write_bytes(data if isinstance(data, bytes) else data.encode())
     return path

@@ -28,7 +28,7 @@ from antumbra.formats.gis.tree_table import SUFFIXES as TREE_SUFFIXES
 from antumbra.formats.gltf.gltf_file import split_glb
 from antumbra.jobs.sensor_files import SUFFIXES as POINT_SUFFIXES
 from antumbra.scene.sky import ENVIRONMENT_SUFFIXES
-from formats.test_frames import FRAMES
+from engine.test_scene_loading_frames import FRAMES
 from formats.test_mesh_files import obj_text, ply_binary, ply_text, stl_binary, stl_text
 from gltf_files import TETRAHEDRON_FACES, Gltf, everything
 from reader_seeds import SEEDS
@@ -359,7 +359,7 @@ def draco_change(base: bytes, rng) -> bytes:
 @pytest.mark.parametrize("seeds", [range(60), pytest.param(range(1000, 8000), marks=pytest.mark.slow)], ids=len)
 def test_damaged_draco(tmp_path, seeds):
     pytest.importorskip("DracoPy", reason="no DracoPy: damaged Draco files are NOT tested")
-    from formats.test_draco import textured
+    from formats.gltf.test_gltf_meshes_draco import textured
 
     counts = run(tmp_path / "a.glb", textured(True).glb(), seeds, draco_change)
     assert counts["error"] > 10 and counts["scene"] > 10

@@ -10,7 +10,7 @@ import pytest
 from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
 from antumbra.formats import mesh_files
-from formats.test_gltf_colours import linear
+from formats.gltf.test_gltf_materials import linear
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at, png
 
 SOLID = TETRAHEDRON[TETRAHEDRON_FACES]

@@ -93,7 +93,7 @@ def _lines(folder: Path) -> None:
 
 
 def _frames(folder: Path) -> None:
-    from formats.test_frames import FRAMES
+    from engine.test_scene_loading_frames import FRAMES
 
     (folder / "walk").mkdir(exist_ok=True)
     np.save(folder / "walk" / "frames.npy", FRAMES)

@@ -9,7 +9,7 @@ import pytest
 import antumbra as at
 from antumbra.formats.gltf.gltf_asset import prune, used_in
 from baked_files import KIND, WIDTH, Glb, box, grid, primitive
-from formats.test_draco import EXTENSION, textured
+from formats.gltf.test_gltf_meshes_draco import EXTENSION, textured
 from gltf_files import Gltf, everything, png
 
 BAKES = [{}, {"texture": 32}, {"what": "light", "texture": 32}, {"texture": 32, "uv": 0}]

@@ -8,7 +8,7 @@ from antumbra.engine.primary_visibility import primary_visibility
 from antumbra.jobs.dataset import random_views as drawn
 from antumbra.jobs.dataset.random_views import orbit_camera, random_camera, random_light, sampling_region
 from antumbra.scene.camera import bounding_sphere
-from engine.test_wrapping import BOXES, MAP
+from engine.test_default_view import BOXES, MAP
 
 ATRIUM = sampling_region(at.procedural("atrium", triangles=2000), 0.0, None)
 SIZE = 16, 12
