@@ -10,7 +10,7 @@ from hypothesis import settings
 from antumbra.engine.method_registry import add_plugins
 from antumbra.engine.precompilation import compile_missing, missing_of
 from antumbra.generate.procedural_scenes import load_plugin_scenes
-from antumbra.kernels.toolchain import kernel_manifest as needs
+from antumbra.kernels.toolchain import kernel_manifest
 
 pytest_plugins = ["command_line"]
 load_plugin_scenes()
@@ -27,5 +27,9 @@ def pytest_configure(config):
     all_tests = config.args_source is pytest.Config.ArgsSource.TESTPATHS
     if getattr(config.option, "numprocesses", None) and all_tests:
         own = "not papers" in config.option.markexpr
-        if missing := missing_of((needs.read_manifests(needs.MANIFEST) if own else needs.recorded_kernels()).kernels):
+        if missing := missing_of(
+            (
+                kernel_manifest.read_manifests(kernel_manifest.MANIFEST) if own else kernel_manifest.recorded_kernels()
+            ).kernels
+        ):
             compile_missing(missing)

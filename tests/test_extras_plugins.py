@@ -3,7 +3,7 @@
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 
-from antumbra import extras as plugins
+from antumbra import extras
 
 
 class Point:
@@ -15,7 +15,7 @@ class Point:
     def load(self):
         def add():
             before = self.calls
-            plugins.load_plugins("a test's")  # looking something up while adding asks again
+            extras.load_plugins("a test's")  # looking something up while adding asks again
             self.calls = before + 1
 
         return add
@@ -23,11 +23,11 @@ class Point:
 
 def test_threads_that_ask_at_once_add_once(monkeypatch):
     point, start = Point(), Barrier(8)
-    monkeypatch.setattr(plugins, "plugins_of", lambda group: {"one": point} if group == "a test's" else {})
+    monkeypatch.setattr(extras, "plugins_of", lambda group: {"one": point} if group == "a test's" else {})
 
     def ask(_):
         start.wait()
-        plugins.load_plugins("a test's")
+        extras.load_plugins("a test's")
         return point.calls
 
     with ThreadPoolExecutor(8) as pool:
@@ -35,5 +35,5 @@ def test_threads_that_ask_at_once_add_once(monkeypatch):
 
 
 def test_commands_come_by_name():
-    found = plugins.plugins_of("antumbra.bench")
+    found = extras.plugins_of("antumbra.bench")
     assert list(found) == sorted(found) and {"srdh", "multi-frusta"} <= set(found)

@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from antumbra import InputError
-from antumbra import files as temporary
+from antumbra import files as files_module
 from antumbra.files import atomic_output, remove_abandoned, temporary_folder, temporary_name
 from repository import ROOT
 
@@ -104,7 +104,7 @@ def test_many_at_once(tmp_path):
 
 def test_removed_before_it_is_locked(tmp_path, monkeypatch):
     """Another writer removes a new lock before it is locked. Then the maker takes another name."""
-    lock, seen = temporary.lock, []
+    lock, seen = files_module.lock, []
 
     def late(descriptor):
         if not seen:
@@ -115,7 +115,7 @@ def test_removed_before_it_is_locked(tmp_path, monkeypatch):
         lock(descriptor)
 
     with monkeypatch.context() as patched:
-        patched.setattr(temporary, "lock", late)
+        patched.setattr(files_module, "lock", late)
         remove_abandoned(str(tmp_path))  # so that `temporary_name` does not
         with temporary_name(tmp_path) as path:
             assert len(seen) == 1 and files(tmp_path) == [path.with_suffix(".lock").name] != seen
@@ -124,7 +124,7 @@ def test_removed_before_it_is_locked(tmp_path, monkeypatch):
 
 def test_seen_to_while_it_is_not_yet_locked(tmp_path, monkeypatch):
     """Another writer has locked the new lock and will remove it. Then the maker takes another name."""
-    lock, held = temporary.lock, []
+    lock, held = files_module.lock, []
 
     def late(descriptor):
         if not held:
@@ -132,7 +132,7 @@ def test_seen_to_while_it_is_not_yet_locked(tmp_path, monkeypatch):
             fcntl.flock(held[0], fcntl.LOCK_EX)
         lock(descriptor)
 
-    monkeypatch.setattr(temporary, "lock", late)
+    monkeypatch.setattr(files_module, "lock", late)
     with temporary_name(tmp_path) as path:
         assert held and path.suffix == ".tmp" and files(tmp_path) == [path.with_suffix(".lock").name]
     os.close(held[0])
@@ -238,17 +238,17 @@ def test_folders_of_killed_processes_are_removed_and_those_of_others_stay(tmp_pa
     (left,) = tmp_path.iterdir()
     assert files(left) == [".lock", "model.glb"]
     (tmp_path / "antumbra-theirs00").mkdir()  # without a lock
-    monkeypatch.setattr(temporary.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(files_module.tempfile, "tempdir", str(tmp_path))
     os.utime(left / ".lock", (0.0, 0.0))  # a young folder's owner may be about to lock it
-    temporary.remove_abandoned_folders.cache_clear()
+    files_module.remove_abandoned_folders.cache_clear()
     with temporary_folder() as folder:
         os.utime(folder / ".lock", (0.0, 0.0))
         assert set(files(tmp_path)) == {folder.name, "antumbra-theirs00"} and folder.stat().st_mode & 0o777 == 0o700
-        temporary.remove_abandoned_folders.cache_clear()
+        files_module.remove_abandoned_folders.cache_clear()
         with temporary_folder() as other:
             assert folder.exists() and other != folder
     assert files(tmp_path) == ["antumbra-theirs00"]
-    temporary.remove_abandoned_folders.cache_clear()
+    files_module.remove_abandoned_folders.cache_clear()
 
 
 def test_no_other_module_makes_folders_that_outlive_a_killed_process():

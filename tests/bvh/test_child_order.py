@@ -10,7 +10,7 @@ from antumbra.bvh.nodes import LEFT_FIRST, LINKS, NO_CHILD, WIDTH
 from antumbra.bvh.tree_quality import validate
 from antumbra.bvh.wide_bvh import widen
 from antumbra.engine.method_registry import BUILDERS
-from antumbra.techniques.srdh import srdh_builder as srdh
+from antumbra.techniques.srdh import srdh_builder
 from bvh_scenes import HAZARDS, scattered, terrain
 from shadow_rays import met_in, nested
 
@@ -116,7 +116,7 @@ def test_rtsah_of_hazards():
 
 def test_a_tree_of_blocks_keeps_the_order_that_a_builder_chose():
     vertices = terrain(6000)
-    bvh = srdh.build(vertices, 1, rays=met_in(vertices, 600))
+    bvh = srdh_builder.build(vertices, 1, rays=met_in(vertices, 600))
     free = bvh._replace(nodes=bvh.nodes.copy())
     free = free._replace(links=free.nodes.view(np.int32))
     free.links[:, 14] = 0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import antumbra
-from antumbra.bvh import nodes as links
+from antumbra.bvh import nodes
 from antumbra.bvh.block_tree import BLOCK
 from antumbra.bvh.nodes import EMPTY, MAX_LEAF, NO_CHILD, WIDTH
 from antumbra.kernels.jit import kernel
@@ -15,15 +15,15 @@ from antumbra.kernels.jit import kernel
 SOURCES = Path(antumbra.__file__).parent
 MOST = (1 << 26) - 1  # fits every layout
 LAYOUTS = [
-    (links.bvh_leaf, links.bvh_link, range(1, MAX_LEAF + 1)),
-    (links.block_leaf, links.block_link, range(BLOCK + 1)),
-    (links.wide_leaf, links.wide_link, range(WIDTH + 1)),
+    (nodes.bvh_leaf, nodes.bvh_link, range(1, MAX_LEAF + 1)),
+    (nodes.block_leaf, nodes.block_link, range(BLOCK + 1)),
+    (nodes.wide_leaf, nodes.wide_link, range(WIDTH + 1)),
 ]
 
 
 @kernel
 def decode(link):
-    return links.bvh_leaf(link), links.block_leaf(link), links.wide_leaf(link)
+    return nodes.bvh_leaf(link), nodes.block_leaf(link), nodes.wide_leaf(link)
 
 
 # --- formulas ----------------------------------------------------------------------------------------------------
@@ -34,7 +34,7 @@ def test_a_link_holds_its_leaf(leaf_of, link_of, counts):
     for first in (0, 1, 1000, MOST):
         for count in counts:
             link = link_of(first, count)
-            assert links.is_leaf(link) and link >= np.iinfo(np.int32).min and leaf_of(link) == (first, count)
+            assert nodes.is_leaf(link) and link >= np.iinfo(np.int32).min and leaf_of(link) == (first, count)
 
 
 @pytest.mark.parametrize("leaf_of, link_of, counts", LAYOUTS)
@@ -46,36 +46,36 @@ def test_arrays_give_the_same_as_numbers(leaf_of, link_of, counts):
 
 
 def test_kernels_give_the_same_as_python():
-    for link in (-1, -2, -1000, int(EMPTY), int(links.bvh_link(MOST, 3)), int(links.block_link(MOST, 16))):
-        assert decode(link) == (links.bvh_leaf(link), links.block_leaf(link), links.wide_leaf(link))
+    for link in (-1, -2, -1000, int(EMPTY), int(nodes.bvh_link(MOST, 3)), int(nodes.block_link(MOST, 16))):
+        assert decode(link) == (nodes.bvh_leaf(link), nodes.block_leaf(link), nodes.wide_leaf(link))
 
 
 def test_a_missing_child_of_a_wide_node_has_no_triangles():
-    assert links.is_leaf(NO_CHILD) and links.wide_leaf(NO_CHILD).count == 0
+    assert nodes.is_leaf(NO_CHILD) and nodes.wide_leaf(NO_CHILD).count == 0
 
 
 def test_words_of_a_node():
     for node in (0, 5):
         for side in (0, 1):
-            word = links.link_at(node, side)
-            assert word // 16 == node and word % 16 == links.LINK + side
-            assert links.sibling_at(word) == links.link_at(node, 1 - side)
-            assert links.box_of_link_at(word) == links.box_at(node, side) == links.line_at(node) + side
-        assert links.order_at(node) == links.line_at(node) + links.ORDER
+            word = nodes.link_at(node, side)
+            assert word // 16 == node and word % 16 == nodes.LINK + side
+            assert nodes.sibling_at(word) == nodes.link_at(node, 1 - side)
+            assert nodes.box_of_link_at(word) == nodes.box_at(node, side) == nodes.line_at(node) + side
+        assert nodes.order_at(node) == nodes.line_at(node) + nodes.ORDER
 
 
 def test_elements_of_a_block():
-    rows, slots = np.arange(3 * links.ROWS * 16).reshape(3, links.ROWS, 16), np.arange(3 * 16).reshape(3, 16)
-    assert links.rows_at(2) == rows[2, 0, 0] and links.row_at(2, 4) == rows[2, 4, 0]
-    assert links.slots_at(2) == slots[2, 0] and links.slot_at(2, 7) == slots[2, 7]
-    assert links.bounds_at(2) == 16
+    rows, slots = np.arange(3 * nodes.ROWS * 16).reshape(3, nodes.ROWS, 16), np.arange(3 * 16).reshape(3, 16)
+    assert nodes.rows_at(2) == rows[2, 0, 0] and nodes.row_at(2, 4) == rows[2, 4, 0]
+    assert nodes.slots_at(2) == slots[2, 0] and nodes.slot_at(2, 7) == slots[2, 7]
+    assert nodes.bounds_at(2) == 16
 
 
 # --- nobody else ---------------------------------------------------------------------------------------------------
 
 _WIDTHS, _MASKS, _SIZES = {3, 4, 5}, {7, 15, 31}, {8, 16, 32}  # of counts
 _SUMS = ast.Add, ast.Sub, ast.Mult
-_WORDS = {links.LINK, links.LINK + 1, links.ORDER}
+_WORDS = {nodes.LINK, nodes.LINK + 1, nodes.ORDER}
 
 
 def constant(node, values) -> bool:
@@ -165,7 +165,7 @@ def test_the_rules_pass_other_bits(line):
 
 
 def test_only_links_knows_how_links_are_packed():
-    files = [path for path in SOURCES.rglob("*.py") if path != Path(links.__file__)]
+    files = [path for path in SOURCES.rglob("*.py") if path != Path(nodes.__file__)]
     assert len(files) > 300
     found = [f"{path.relative_to(SOURCES)}:{line}" for path in files for line in by_hand(ast.parse(path.read_text()))]
     assert not found, found

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from antumbra.bvh import binned_sah
-from antumbra.bvh import tree_layout as cutting
+from antumbra.bvh import binned_sah, tree_layout
 from antumbra.bvh.refit import LIMIT, DeformingTree, refit
 from antumbra.bvh.tree_quality import sah_cost, validate
 from antumbra.engine.method_registry import BUILDERS
@@ -33,7 +32,7 @@ def test_any_soup_that_moves(soup, name, max_leaf, seed):
 
 @pytest.mark.parametrize("name", [n for n in HAZARDS if n != "largest allowed"])
 def test_hazards(name, monkeypatch):
-    monkeypatch.setattr(cutting, "PART", 100)
+    monkeypatch.setattr(tree_layout, "PART", 100)
     vertices = np.ascontiguousarray(HAZARDS[name], np.float32)
     bvh = binned_sah.build(vertices)
     validate(refit(bvh, moved(vertices), 2), moved(vertices))

@@ -5,9 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from antumbra.bvh import binned_sah
-from antumbra.bvh import refit as kept
-from antumbra.bvh import tree_layout as cutting
+from antumbra.bvh import binned_sah, refit, tree_layout
 from antumbra.bvh.nodes import MAX_LEAF
 from antumbra.bvh.refit import filter_tree
 from antumbra.bvh.tree_quality import validate
@@ -37,8 +35,8 @@ def test_any_part_of_any_soup(soup, name, max_leaf, seed, share):
 
 @pytest.mark.parametrize("name", [n for n in HAZARDS if n != "largest allowed"])
 def test_hazards(name, monkeypatch):
-    monkeypatch.setattr(cutting, "PART", 100)
-    monkeypatch.setattr(kept, "NODES_PER_SHARE", 64)
+    monkeypatch.setattr(tree_layout, "PART", 100)
+    monkeypatch.setattr(refit, "NODES_PER_SHARE", 64)
     vertices = np.ascontiguousarray(HAZARDS[name], np.float32)
     bvh = binned_sah.build(vertices)
     check(bvh, vertices, np.arange(0, len(vertices), 3, dtype=np.int32), 2)

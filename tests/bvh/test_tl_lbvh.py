@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from antumbra.bvh import lbvh
-from antumbra.bvh import tree_layout as cutting
+from antumbra.bvh import lbvh, tree_layout
 from antumbra.bvh.nodes import MAX_DEPTH
 from antumbra.bvh.tl_lbvh import LEAVES, build, restructure
 from antumbra.bvh.tree_quality import sah_cost, statistics, validate
@@ -40,7 +39,7 @@ def test_rounds_never_make_a_tree_worse(vertices):
 @pytest.mark.parametrize("name", HAZARDS)
 def test_parts_and_top(name, monkeypatch):
     """With parts of at most 20 nodes, most treelets are in the top."""
-    monkeypatch.setattr(cutting, "PART", 20)
+    monkeypatch.setattr(tree_layout, "PART", 20)
     vertices = np.ascontiguousarray(HAZARDS[name][:3000], np.float32)
     for threads in (1, 3):
         validate(build(vertices, threads), vertices)
@@ -48,7 +47,7 @@ def test_parts_and_top(name, monkeypatch):
 
 def test_parts_cost_little_quality(monkeypatch):
     whole = sah_cost(build(terrain(4000)))
-    monkeypatch.setattr(cutting, "PART", 100)
+    monkeypatch.setattr(tree_layout, "PART", 100)
     assert sah_cost(build(terrain(4000))) < 1.02 * whole
 
 

@@ -6,7 +6,7 @@ import hypothesis.strategies as st
 import numpy as np
 from hypothesis import given, settings
 
-from antumbra.bvh import tree_layout as cutting
+from antumbra.bvh import tree_layout
 from antumbra.bvh.binned_sah import build
 from antumbra.bvh.nodes import aligned_empty
 from antumbra.bvh.tree_layout import PART, cheapest_leaves, cut_tree, relayout
@@ -17,7 +17,7 @@ from strategies import soups
 
 
 def relaid(bvh, max_leaf=4, threads=1, largest=PART):
-    with patch.object(cutting, "PART", largest):
+    with patch.object(tree_layout, "PART", largest):
         pieces = cut_tree(bvh)
     return relayout(bvh, pieces, cheapest_leaves(bvh, pieces, max_leaf, threads), threads)
 
@@ -36,7 +36,7 @@ def test_any_tree_and_cut(soup, max_leaf, largest, name):
 
 def test_parts_hold_all_nodes_and_no_more_than_allowed():
     bvh = build(terrain(5000))
-    with patch.object(cutting, "PART", 50):
+    with patch.object(tree_layout, "PART", 50):
         pieces = cut_tree(bvh)
     counts = [end - root for root, end, _ in pieces.parts if root >= 0]
     assert sum(counts) + len(pieces.numbers) == len(bvh.nodes) and max(counts) <= 50

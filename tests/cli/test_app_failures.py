@@ -8,7 +8,7 @@ import pytest
 import typer
 
 import antumbra as at
-from antumbra.cli import scene_commands as info_command
+from antumbra.cli import scene_commands
 from antumbra.cli.console import explained
 
 ANTUMBRA = [sys.executable, "-m", "antumbra"]
@@ -22,7 +22,7 @@ def failing(monkeypatch):
         def boom(*_, **__):
             raise error
 
-        monkeypatch.setattr(info_command, "open_scene", boom)
+        monkeypatch.setattr(scene_commands, "open_scene", boom)
 
     return raise_in_info
 

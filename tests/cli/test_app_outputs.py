@@ -11,11 +11,10 @@ import pytest
 
 import antumbra as at
 import city_files
-from antumbra.cli import bench_command as bench
-from antumbra.cli import options as outputs
+from antumbra.cli import bench_command, options
 from antumbra.cli.app import program
 from antumbra.extras import plugins_of
-from antumbra.jobs import result_table as formats
+from antumbra.jobs import result_table
 from small_disk import fill, small_disk
 
 READ = {"terrain", "areas", "epw", "observers", "along", "targets", "polygon", "points", "merge", "folders", "store"}
@@ -43,7 +42,7 @@ def commands():
     """(words, function) of all commands."""
     for command in program().registered_commands:
         yield (command.name,), command.callback
-    for command in bench.app.registered_commands:
+    for command in bench_command.app.registered_commands:
         yield ("bench", command.name), command.callback
     for name, entry in plugins_of("antumbra.bench").items():
         yield ("bench", name), entry.load()
@@ -78,7 +77,7 @@ def test_help_lists_what_an_option_takes(output):
 
 
 def test_tables_have_the_suffixes_of_their_writers():
-    assert set(outputs.TABLES) == set(formats.WRITERS)
+    assert set(options.TABLES) == set(result_table.WRITERS)
 
 
 def ask(cli, output, path):

@@ -8,9 +8,7 @@ from typing import NamedTuple
 import pytest
 import typer
 
-from antumbra.cli import bench_command as bench
-from antumbra.cli import console as report
-from antumbra.cli import installation_commands as about
+from antumbra.cli import bench_command, console, installation_commands
 from antumbra.cli.bench_command import BenchResult, BenchRun, benchmark
 from antumbra.cli.console import Record
 from antumbra.cli.options import Json
@@ -33,8 +31,8 @@ class Options(NamedTuple):
 def good(run: BenchRun, options: Options) -> BenchResult:
     def print_tables():
         print(f"Rounds of {options.scene}")
-        report.print_table(("what", "n"), [("rounds | *all*", str(options.rounds))], right=(1,))
-        report.print_fields([("bits", "the same")])
+        console.print_table(("what", "n"), [("rounds | *all*", str(options.rounds))], right=(1,))
+        console.print_fields([("bits", "the same")])
 
     return BenchResult({"rounds": options.rounds}, print_tables)
 
@@ -60,7 +58,7 @@ def benches(monkeypatch):
 
     def announce(**commands):
         points = {name: Point(command) for name, command in commands.items()}
-        monkeypatch.setattr(bench, "plugins_of", lambda group: points)
+        monkeypatch.setattr(bench_command, "plugins_of", lambda group: points)
 
     announce(bad=bad, good=good, plain=plain)
     return announce
@@ -139,19 +137,19 @@ def test_text_outside_tables_is_kept():
     record = Record(None)
     with redirect_stdout(record):
         print("One line\n\n  and <another>")
-        report.print_fields([("a", "b")])
+        console.print_fields([("a", "b")])
         print("the end")
     assert record.markdown() == "One line\n\nand \\<another\\>\n\n- **a**: b\n\nthe end\n"
     assert not record.isatty() and not isinstance(sys.stdout, Record)
 
 
 def test_the_commit_is_known_only_in_a_checkout(tmp_path, monkeypatch):
-    assert about.about().keys() - {"commit", "memory"} == {
+    assert installation_commands.about().keys() - {"commit", "memory"} == {
         "antumbra", "python", "numpy", "numba", "system", "processor", "cores"
     }  # fmt: skip
     (tmp_path / "about.py").write_text("")
-    monkeypatch.setattr(about, "__file__", str(tmp_path / "about.py"))
-    assert "commit" not in about.about()
+    monkeypatch.setattr(installation_commands, "__file__", str(tmp_path / "about.py"))
+    assert "commit" not in installation_commands.about()
 
 
 def test_typer_sees_the_types_of_the_parameters():

@@ -2,7 +2,7 @@
 
 import pytest
 
-from antumbra.engine import precompilation as ready
+from antumbra.engine import precompilation
 from antumbra.engine.method_registry import KINDS, own_methods
 from antumbra.engine.plan import DEFAULT_PLAN, all_plans, covering_plans, parse_plan
 from antumbra.jobs.job_kernels import all_jobs
@@ -40,7 +40,7 @@ def done(monkeypatch):
         names.extend(job.name for job in jobs)
         return 3
 
-    monkeypatch.setattr(ready, "precompile_all", precompile_all)
+    monkeypatch.setattr(precompilation, "precompile_all", precompile_all)
     return names
 
 

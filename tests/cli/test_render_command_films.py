@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from antumbra.picture import image_files as save
+from antumbra.picture import image_files
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, single
 
 
@@ -43,7 +43,7 @@ def test_an_mp4_at_the_speed_of_the_scene(cli, moving, tmp_path):
 
 
 def test_an_interrupted_film_goes_on_with_its_frames(cli, moving, tmp_path, monkeypatch):
-    write, seen = save.write_png, []
+    write, seen = image_files.write_png, []
 
     def stopped(*arguments):
         seen.append(1)
@@ -51,7 +51,7 @@ def test_an_interrupted_film_goes_on_with_its_frames(cli, moving, tmp_path, monk
             raise KeyboardInterrupt
         write(*arguments)
 
-    monkeypatch.setattr(save, "write_png", stopped)
+    monkeypatch.setattr(image_files, "write_png", stopped)
     assert cli(*moving, "-o", "a.gif").code not in (0, 2)
     assert sorted(os.listdir(tmp_path)) == ["a.gif.frames", "made.glb"]
     assert sorted(os.listdir(tmp_path / "a.gif.frames")) == ["000000.png", "000001.png"]
@@ -63,7 +63,7 @@ def test_an_interrupted_film_goes_on_with_its_frames(cli, moving, tmp_path, monk
 
 
 def test_a_failed_frame_makes_no_film(cli, moving, tmp_path, monkeypatch):
-    write, seen = save.write_png, []
+    write, seen = image_files.write_png, []
 
     def full(*arguments):
         seen.append(1)
@@ -71,7 +71,7 @@ def test_a_failed_frame_makes_no_film(cli, moving, tmp_path, monkeypatch):
             raise OSError(28, "No space left on device")
         write(*arguments)
 
-    monkeypatch.setattr(save, "write_png", full)
+    monkeypatch.setattr(image_files, "write_png", full)
     done = cli(*moving, "-o", "a.gif")
     assert done.code == 2 and "No space" in done.err and "not written" in done.out
     assert sorted(os.listdir(tmp_path)) == ["a.gif.frames", "made.glb"]

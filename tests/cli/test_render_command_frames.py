@@ -7,8 +7,7 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from antumbra.cli import picture_spec as asked
-from antumbra.cli import render_command as frames
+from antumbra.cli import picture_spec, render_command
 from antumbra.cli.arguments import FrameSequence, parse_frames
 from antumbra.cli.console import ProgressDisplay
 from antumbra.picture.image_files import note_of
@@ -85,8 +84,8 @@ def test_numbers_and_moments():
     assert list(parse_frames("0:4").numbers) == [0, 1, 2, 3, 4] and parse_frames("0:4").fps == 24
     assert list(parse_frames("3:8:2").numbers) == [3, 5, 7] and list(parse_frames("7:7").numbers) == [7]
     assert FrameSequence(range(1), 24.0).time(12) == 0.5
-    assert str(frames.numbered(Path("a#/f.###.v##.png"), 7)) == os.path.join("a#", "f.###.v07.png")
-    assert frames.numbered(Path("f#.exr"), 123).name == "f123.exr"
+    assert str(render_command.numbered(Path("a#/f.###.v##.png"), 7)) == os.path.join("a#", "f.###.v07.png")
+    assert render_command.numbered(Path("f#.exr"), 123).name == "f123.exr"
 
 
 def test_the_end_of_the_animation_is_held_and_said(film):
@@ -165,9 +164,9 @@ def test_a_frame_that_fails_is_named_and_the_others_go_on(film, moving):
 
 
 def test_a_full_disk_fails_the_frame(film, monkeypatch, tmp_path):
-    from antumbra.picture import image_files as save
+    from antumbra.picture import image_files
 
-    write_png, calls = save.write_png, []
+    write_png, calls = image_files.write_png, []
 
     def full_once(*arguments):
         calls.append(arguments)
@@ -175,7 +174,7 @@ def test_a_full_disk_fails_the_frame(film, monkeypatch, tmp_path):
             raise OSError(28, "No space left on device")
         write_png(*arguments)
 
-    monkeypatch.setattr(save, "write_png", full_once)
+    monkeypatch.setattr(image_files, "write_png", full_once)
     done = film("--json")
     assert states(done, code=2) == ["rendered", "failed", "rendered", "rendered"]
     assert done.err.startswith("antumbra: frame 1: f.01.png: ") and "No space left" in done.err
@@ -183,12 +182,12 @@ def test_a_full_disk_fails_the_frame(film, monkeypatch, tmp_path):
 
 
 def test_a_bug_in_one_frame_is_told_and_the_others_go_on(film, monkeypatch):
-    shot = asked.PictureSpec.shot
+    shot = picture_spec.PictureSpec.shot
 
     def stumbling(self, scene, renderer, time, *more):
         return shot(self, scene, renderer, time, *more) if time != 2 else 1 / 0
 
-    monkeypatch.setattr(asked.PictureSpec, "shot", stumbling)
+    monkeypatch.setattr(picture_spec.PictureSpec, "shot", stumbling)
     done = film("--json")
     assert states(done, code=1) == ["rendered", "rendered", "failed", "rendered"]
     assert "frame 2: unexpected ZeroDivisionError" in done.err and "--debug" in done.err

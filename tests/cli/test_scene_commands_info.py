@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.cli import scene_commands as command
+from antumbra.cli import scene_commands
 from city_files import building, city, put, solid, surfaces
 from gltf_files import single
 
@@ -117,5 +117,5 @@ def test_lights_with_names(cli, tmp_path):
 ], ids=lambda light: type(light).__name__)  # fmt: skip
 def test_every_light_has_words(light):
     for each in (light, light.named("lamp")):
-        told = command.light_text(each)
+        told = scene_commands.light_text(each)
         assert told.startswith(type(light).__name__) and ("lamp" in told) == (each is not light)

@@ -43,15 +43,15 @@ JOBS = {
 @pytest.fixture
 def small_parts(monkeypatch):
     """Parts so small that the jobs of these tests have several."""
-    from antumbra.jobs import work_parts as bands
-    from antumbra.jobs.bake import surface_meter as measure
-    from antumbra.jobs.line_of_sight import visibility_matrix as matrix
-    from antumbra.jobs.sun import sun_visibility as hours
+    from antumbra.jobs import work_parts
+    from antumbra.jobs.bake import surface_meter
+    from antumbra.jobs.line_of_sight import visibility_matrix
+    from antumbra.jobs.sun import sun_visibility
 
-    monkeypatch.setattr(hours, "SENSORS_PER_PART", 100)
-    monkeypatch.setattr(measure, "BLOCKS_PER_PART", 60)
-    monkeypatch.setattr(bands, "BAND", 16)
-    monkeypatch.setattr(matrix, "STRIP", 128)
+    monkeypatch.setattr(sun_visibility, "SENSORS_PER_PART", 100)
+    monkeypatch.setattr(surface_meter, "BLOCKS_PER_PART", 60)
+    monkeypatch.setattr(work_parts, "BAND", 16)
+    monkeypatch.setattr(visibility_matrix, "STRIP", 128)
 
 
 def contents(folder) -> dict[str, bytes]:

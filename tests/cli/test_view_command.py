@@ -69,9 +69,9 @@ def test_a_scene_in_degrees_is_shown_without_dates(cli, interrupted, monkeypatch
 def test_options_reach_the_page(cli, interrupted, monkeypatch):
     opened = Opened(monkeypatch)
     made = []
-    from antumbra.viewer import viewer_page as show
+    from antumbra.viewer import viewer_page
 
-    monkeypatch.setattr(show, "prepare", lambda model: made.append(model))
+    monkeypatch.setattr(viewer_page, "prepare", lambda model: made.append(model))
     position = "--latitude", "52", "--longitude", "4.4", "--timezone", "+01:00"
     told = cli("view", SCENE, "--port", "0", "--no-browser", "--quiet", "--sky", "white", "--plan", "bsah+wide",
                "--camera=0,2,5:0,1,0:40", *position)  # fmt: skip

@@ -11,13 +11,11 @@ import pytest
 import rasterio
 
 import antumbra as at
-from antumbra.cli import shards as sharing
+from antumbra.cli import shards
 from antumbra.cli.app import program
 from antumbra.cli.sight_commands import MatrixArguments
 from antumbra.cli.sun_command import SunArguments
-from antumbra.cluster import node_files as inputs
-from antumbra.cluster import ray_executor as calls
-from antumbra.cluster import ray_workers as node
+from antumbra.cluster import node_files, ray_executor, ray_workers
 from antumbra.cluster.node_files import INPUTS, files_in, with_files
 
 
@@ -61,17 +59,17 @@ def told(tmp_path, monkeypatch):
 
         def read(path, offset):
             fetched.append(Path(path).name)
-            return inputs.piece_of(path.removeprefix("/gone"), offset)
+            return node_files.piece_of(path.removeprefix("/gone"), offset)
 
-        wanted = {name: inputs.input_of(Path(path)) for name, path in paths.items()}
+        wanted = {name: node_files.input_of(Path(path)) for name, path in paths.items()}
         if lost:
             wanted = {name: each._replace(path=f"/gone{each.path}") for name, each in wanted.items()}
         with monkeypatch.context() as patched:
-            patched.setattr(inputs.tempfile, "tempdir", str(tmp_path))
-            patched.setattr(node, "precompile_plan_kernels", lambda plan: None)
+            patched.setattr(node_files.tempfile, "tempdir", str(tmp_path))
+            patched.setattr(ray_workers, "precompile_plan_kernels", lambda plan: None)
             patched.chdir(tmp_path)
-            worker = node.Node(1)
-            found = worker.begin(node.NodeJob(prepare, wanted, "bsah+single", "a.shards"), read)
+            worker = ray_workers.Node(1)
+            found = worker.begin(ray_workers.NodeJob(prepare, wanted, "bsah+single", "a.shards"), read)
             worker.leave()
         return found, fetched
 
@@ -91,7 +89,7 @@ def test_rasters_of_sensors_are_fetched(tmp_path, monkeypatch, told, given, home
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     put_raster(tmp_path / "here")
-    prepare = partial(sharing.begin, home, replace(given, quiet=True))
+    prepare = partial(shards.begin, home, replace(given, quiet=True))
     paths = {name: str(path) for name, path in files_in(vars(given)).items()}
     far, fetched = told(prepare, paths)
     assert fetched == ["dem.tif"] and far[0][1]
@@ -105,8 +103,8 @@ def test_files_of_calls_are_fetched(tmp_path, monkeypatch, told):
     at.build_store(at.procedural("city", triangles=1000), "city.antumbra")
     given = {"days": "2026-03-21", "place": at.Place(52.0, 4.36), "plan": "bsah+chcrt"}
     args = ("raster:dem.tif+1.6",)
-    named = calls.named_arguments(at.sun_hours, Path("city.antumbra"), args, given)
-    prepare = partial(calls.prepare_call, ("antumbra.jobs.sun.sun_hours", "sun_hours"), args, given)
+    named = ray_executor.named_arguments(at.sun_hours, Path("city.antumbra"), args, given)
+    prepare = partial(ray_executor.prepare_call, ("antumbra.jobs.sun.sun_hours", "sun_hours"), args, given)
     found, fetched = told(prepare, files_in(named))
     assert set(fetched) == {"city.antumbra", "dem.tif"} and found[0][0] >= 1
     with pytest.raises(at.InputError, match="sun_hours: got an unexpected keyword argument 'dayz'"):
@@ -115,9 +113,9 @@ def test_files_of_calls_are_fetched(tmp_path, monkeypatch, told):
 
 def test_a_raster_of_other_files_is_not_fetched(tmp_path):
     (tmp_path / "dem.vrt").write_text("<VRTDataset/>")
-    wanted = inputs.input_of(tmp_path / "dem.vrt")._replace(path="/gone/dem.vrt")
+    wanted = node_files.input_of(tmp_path / "dem.vrt")._replace(path="/gone/dem.vrt")
     with pytest.raises(at.InputError, match=r"dem\.vrt: is not on node .*, and names other files; share it"):
-        inputs.local_path(wanted, inputs.piece_of, tmp_path)
+        node_files.local_path(wanted, node_files.piece_of, tmp_path)
 
 
 def test_all_arguments_that_name_files_are_inputs():

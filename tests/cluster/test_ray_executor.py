@@ -137,10 +137,10 @@ class Disturbing:
 
 
 def on_a_disturbed_cluster(same, monkeypatch, disturb) -> Disturbing:
-    from antumbra.cli import console as progress
+    from antumbra.cli import console
 
     heard = Disturbing(disturb)
-    monkeypatch.setattr(progress.ProgressDisplay, "say", lambda self, *said: heard(*said, *[0] * (3 - len(said))))
+    monkeypatch.setattr(console.ProgressDisplay, "say", lambda self, *said: heard(*said, *[0] * (3 - len(said))))
     told = same(*FRAMES, "-q")
     assert heard.disturb is None, "nothing was killed"
     assert max(heard.totals) == 12
@@ -197,28 +197,28 @@ def test_nothing_is_left_running(nodes, same):
 
 
 def test_a_scene_that_nodes_lack_is_fetched_once(cli, tmp_path, monkeypatch, nodes):
-    from antumbra.cluster import node_files as inputs
+    from antumbra.cluster import node_files
 
     scene = at.procedural("city", triangles=3000)
     at.build_store(scene, tmp_path / "city.antumbra")
-    wanted = inputs.input_of(tmp_path / "city.antumbra")
+    wanted = node_files.input_of(tmp_path / "city.antumbra")
     asked = []
 
     def read(path, offset):
         asked.append(offset)
-        return inputs.piece_of(path, offset)
+        return node_files.piece_of(path, offset)
 
-    assert inputs.local_path(wanted, read) == wanted.path and not asked  # by path
+    assert node_files.local_path(wanted, read) == wanted.path and not asked  # by path
     elsewhere = wanted._replace(path=str(tmp_path / "gone" / "city.antumbra"))
-    monkeypatch.setattr(inputs, "PIECE", 1 << 16)
-    found = inputs.local_path(elsewhere, lambda _, offset: read(wanted.path, offset), tmp_path / "kept")
+    monkeypatch.setattr(node_files, "PIECE", 1 << 16)
+    found = node_files.local_path(elsewhere, lambda _, offset: read(wanted.path, offset), tmp_path / "kept")
     assert Path(found).read_bytes() == (tmp_path / "city.antumbra").read_bytes() and len(asked) > 2
     before = len(asked)
-    assert inputs.local_path(elsewhere, read, tmp_path / "kept") == found and len(asked) == before
+    assert node_files.local_path(elsewhere, read, tmp_path / "kept") == found and len(asked) == before
     with pytest.raises(at.InputError, match="changed while it was fetched"):
-        inputs.local_path(elsewhere._replace(sha256="0" * 64), lambda _, o: read(wanted.path, o), tmp_path / "kept")
+        node_files.local_path(elsewhere._replace(sha256="0" * 64), lambda _, o: read(wanted.path, o), tmp_path / "kept")
     with pytest.raises(at.InputError, match="names other files"):
-        inputs.local_path(elsewhere._replace(path="/nowhere/a.gltf"), read, tmp_path / "kept")
+        node_files.local_path(elsewhere._replace(path="/nowhere/a.gltf"), read, tmp_path / "kept")
 
 
 def test_python(tmp_path, nodes):

@@ -9,7 +9,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine import auto_accelerator, calibration
-from antumbra.engine.auto import cost_model as rates
+from antumbra.engine.auto import cost_model
 from antumbra.engine.auto.cost_model import BEST, GOOD, GUIDED, QUICK
 from antumbra.engine.auto.strategies import STRATEGIES
 from antumbra.picture.renderer import Renderer
@@ -26,7 +26,7 @@ def scene():
 def _builds(monkeypatch, good, best=1e6, guided=1e6):
     """Let trees of GOOD, BEST and GUIDED take so many seconds, and one of QUICK none."""
     seconds = {QUICK: 0.0, GOOD: good, BEST: best, GUIDED: guided}
-    monkeypatch.setattr(rates, "build_seconds", lambda tree, n: seconds[tree])
+    monkeypatch.setattr(cost_model, "build_seconds", lambda tree, n: seconds[tree])
 
 
 @pytest.fixture(autouse=True)
@@ -153,26 +153,30 @@ def test_few_rays_count_towards_a_better_tree(monkeypatch):
 
 
 def test_what_is_measured_is_kept_and_scales_the_rates(tmp_path, monkeypatch):
-    monkeypatch.setattr(rates, "machine_rates_file", lambda: tmp_path / "kernels" / "rates.json")
-    rates.machine_rates.cache_clear()
+    monkeypatch.setattr(cost_model, "machine_rates_file", lambda: tmp_path / "kernels" / "rates.json")
+    cost_model.machine_rates.cache_clear()
     try:
-        assert rates.machine_rates() == rates.SHIPPED
+        assert cost_model.machine_rates() == cost_model.SHIPPED
         measured = calibration.calibrate(triangles=2000, size=(16, 16))
-        assert set(measured.slower) == set(STRATEGIES) == set(rates.reference())
+        assert set(measured.slower) == set(STRATEGIES) == set(cost_model.reference())
         assert set(measured.builds) == {QUICK, GOOD, GUIDED, BEST}
         assert all(0.0 < x < 1e6 for found in measured for x in found.values())
-        assert rates.machine_rates() == measured
+        assert cost_model.machine_rates() == measured
         (tmp_path / "kernels" / "rates.json").write_text(json.dumps({"of another": "version"}))
-        rates.machine_rates.cache_clear()
-        assert rates.machine_rates() == rates.SHIPPED
+        cost_model.machine_rates.cache_clear()
+        assert cost_model.machine_rates() == cost_model.SHIPPED
     finally:
-        rates.machine_rates.cache_clear()
+        cost_model.machine_rates.cache_clear()
 
 
 def test_nothing_pays_twice():
-    assert rates.choose_builder(1000, 0.0, True) == QUICK and rates.choose_builder(1000, 1.0, True) == GUIDED
-    assert rates.choose_builder(1000, 1.0, False) == GOOD
-    assert not rates.best_pays(0.0, 1000) and rates.best_pays(1.0, 1000) and not rates.best_pays(1e9, 1 << 25)
+    assert cost_model.choose_builder(1000, 0.0, True) == QUICK and cost_model.choose_builder(1000, 1.0, True) == GUIDED
+    assert cost_model.choose_builder(1000, 1.0, False) == GOOD
+    assert (
+        not cost_model.best_pays(0.0, 1000)
+        and cost_model.best_pays(1.0, 1000)
+        and not cost_model.best_pays(1e9, 1 << 25)
+    )
 
 
 # --- culling and guided trees -----------------------------------------------------------------------------------------
@@ -206,7 +210,7 @@ def test_a_first_frame_is_culled_and_later_ones_keep_a_tree_of_everything(scene,
 def test_culling_is_abandoned_if_nearly_everything_remains(scene, monkeypatch):
     monkeypatch.setattr(auto_accelerator, "mark_seconds", lambda receivers, lights: 0.0)
     monkeypatch.setattr(auto_accelerator, "select_seconds", lambda triangles: 5e-5)
-    monkeypatch.setattr(rates, "build_seconds", lambda tree, n: 1e-7 * n)
+    monkeypatch.setattr(cost_model, "build_seconds", lambda tree, n: 1e-7 * n)
     monkeypatch.setattr(auto_accelerator, "relevant_share", lambda triangles, marking: 0.98)
     frame = Renderer(scene).render(scene.cameras[0].resized(48, 40), [LAMP])
     assert "grid32" not in frame.plan
@@ -223,7 +227,7 @@ def test_frames_with_further_rays_are_not_culled(scene, monkeypatch, options):
 def test_first_points_are_culled_and_later_ones_keep_a_tree_of_everything(monkeypatch):
     scene = at.procedural("atrium", triangles=3000)
     _builds(monkeypatch, 1e6)
-    monkeypatch.setattr(rates, "form_seconds", lambda strategy, triangles: 1e-6 * triangles)
+    monkeypatch.setattr(cost_model, "form_seconds", lambda strategy, triangles: 1e-6 * triangles)
     _cheap_culling(monkeypatch)
     points = np.random.default_rng(1).uniform((-1, 0.1, -1), (1, 2, 1), (300, 3))
     light = at.PointLight((0.5, 1.5, 0.2))
@@ -243,7 +247,7 @@ def test_moving_scenes_are_culled_frame_by_frame(monkeypatch, tmp_path):
     np.save(tmp_path / "faces.npy", np.arange(3000).reshape(-1, 3))
     scene = at.load(tmp_path)
     _builds(monkeypatch, 1e6)
-    monkeypatch.setattr(rates, "form_seconds", lambda strategy, triangles: 1e-6 * triangles)
+    monkeypatch.setattr(cost_model, "form_seconds", lambda strategy, triangles: 1e-6 * triangles)
     _cheap_culling(monkeypatch)
     renderer, camera = Renderer(scene), at.Camera((0, 0, 1), (1, 0, 0), width=24, height=20)
     lamp = at.PointLight((1.0, 0.2, 0.8))
@@ -288,7 +292,7 @@ def test_a_first_query_without_segments_leaves_no_empty_tree(monkeypatch, by_poi
     """Culling then drops every triangle. Later queries once kept that tree, and saw no shadow."""
     scene = at.procedural("atrium", triangles=3000)
     _builds(monkeypatch, 1e6)
-    monkeypatch.setattr(rates, "form_seconds", lambda strategy, triangles: 1e-6 * triangles)
+    monkeypatch.setattr(cost_model, "form_seconds", lambda strategy, triangles: 1e-6 * triangles)
     _cheap_culling(monkeypatch)
     light = at.PointLight((0.5, 1.5, 0.2))
     if by_points:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.auto import cost_model as rates
+from antumbra.engine.auto import cost_model
 from antumbra.engine.in_memory_source import RAY_PLANS
 from antumbra.engine.plan import parse_plan
 from forked import held_elsewhere
@@ -37,7 +37,7 @@ def _rays(n=500):
 
 
 def _price(monkeypatch, seconds):
-    monkeypatch.setattr(rates, "build_seconds", lambda tree, n: seconds)
+    monkeypatch.setattr(cost_model, "build_seconds", lambda tree, n: seconds)
 
 
 @pytest.mark.parametrize("seconds", [0.0, 1e6])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine import primary_visibility as looking
+from antumbra.engine import primary_visibility
 from antumbra.engine.auto_accelerator import AutoAccelerator
 from antumbra.engine.primary_visibility import RASTER, RAYS, PrimaryMethodChooser
 
@@ -19,8 +19,8 @@ def scene():
 @pytest.fixture
 def compiled(monkeypatch):
     """All kernels are compiled; trees are kept, however slow the machine, and have the form that camera rays walk."""
-    monkeypatch.setattr(looking, "rays_are_compiled", lambda: True)
-    monkeypatch.setattr(looking, "has_blocks", lambda whole: True)
+    monkeypatch.setattr(primary_visibility, "rays_are_compiled", lambda: True)
+    monkeypatch.setattr(primary_visibility, "has_blocks", lambda whole: True)
     monkeypatch.setattr(AutoAccelerator, "needs_rebuild", lambda self, accelerated: False)
 
 
@@ -52,7 +52,7 @@ def test_later_frames_try_rays_and_have_the_same_surfaces(scene, monkeypatch, co
 
 
 def test_rays_wait_until_their_kernels_are_compiled(scene, monkeypatch):
-    monkeypatch.setattr(looking, "rays_are_compiled", lambda: False)
+    monkeypatch.setattr(primary_visibility, "rays_are_compiled", lambda: False)
     used, renderer = _used(monkeypatch), at.Renderer(scene)
     for _ in range(4):
         renderer.render(scene.cameras[0].resized(24, 20), LAMP, spp=4)
@@ -73,18 +73,18 @@ def test_moving_scenes_have_no_tree_in_time(tmp_path, monkeypatch, compiled):
 @pytest.mark.parametrize("slow, fast", [(RASTER, RAYS), (RAYS, RASTER)])
 def test_the_faster_method_is_used_and_the_other_tried_again(monkeypatch, slow, fast):
     clock = [0.0]
-    monkeypatch.setattr(looking, "perf_counter", lambda: clock[0])
-    monkeypatch.setattr(looking, "rays_are_compiled", lambda: True)
-    monkeypatch.setattr(looking, "has_blocks", lambda whole: True)
+    monkeypatch.setattr(primary_visibility, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(primary_visibility, "rays_are_compiled", lambda: True)
+    monkeypatch.setattr(primary_visibility, "has_blocks", lambda whole: True)
     chooser, used = PrimaryMethodChooser(), []
 
     def look(method):
         clock[0] += 100.0 * (method not in used) + {slow: 2.0, fast: 1.0}[method]  # first calls take much longer
 
-    for _ in range(4 + looking.RETRY_PERIOD):
+    for _ in range(4 + primary_visibility.RETRY_PERIOD):
         method = chooser.choose(object())
         chooser.timed(method, 10, lambda method=method: look(method))
         used.append(method)
     assert used[:4] == [RASTER, RASTER, RAYS, RAYS]
-    assert used[4:-1] == [fast] * (looking.RETRY_PERIOD - 1) and used[-1] == slow
+    assert used[4:-1] == [fast] * (primary_visibility.RETRY_PERIOD - 1) and used[-1] == slow
     assert PrimaryMethodChooser().choose(None) == RASTER

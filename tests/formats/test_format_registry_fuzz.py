@@ -468,7 +468,7 @@ def test_all_readers(tmp_path, name):
 
 @pytest.mark.slow
 def test_all_readers_at_length(tmp_path):
-    """For an hour: ``ANTUMBRA_FUZZ_SECONDS=3600 pytest -n 0 -m slow tests/formats/test_format_registry_fuzz.py -k all_readers``."""
+    """For an hour: ``ANTUMBRA_FUZZ_SECONDS=3600 pytest -n 0 -m slow FILE -k all_readers``, where FILE is this one."""
     end, number, counts = time.monotonic() + BUDGET, 1, {"read": 0, "refused": 0}
     while time.monotonic() < end:
         for name in SEEDS:

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from antumbra.errors import InputError
-from antumbra.generate import atrium as build
-from antumbra.generate import city as houses
-from antumbra.generate import props, shapes
-from antumbra.generate import props as plants
-from antumbra.generate import props as trees
+from antumbra.generate import atrium, city, props, shapes
 from antumbra.generate.procedural_scenes import (
     MAX_TRIANGLES,
     MIN_TRIANGLES,
@@ -20,11 +16,7 @@ from antumbra.generate.procedural_scenes import (
     generate,
 )
 from antumbra.generate.shapes import PaletteMesh, assemble, count, fitted, place_copies
-from antumbra.papers.scenes import bedroom as window
-from antumbra.papers.scenes import furnishings as bedding
-from antumbra.papers.scenes import furnishings as furniture
-from antumbra.papers.scenes import furnishings as toys
-from antumbra.papers.scenes import museum_halls as sculptures
+from antumbra.papers.scenes import bedroom, furnishings, museum_halls
 from antumbra.scene.camera import Camera
 from antumbra.scene.lights import QuadLight
 
@@ -134,53 +126,56 @@ def _nearest(origin, directions, triangles):
 
 def _solids():
     rng = np.random.default_rng(0)
-    flat = houses.Style(3.0, 0.5, False, 0, 8, 0.3)
+    flat = city.Style(3.0, 0.5, False, 0, 8, 0.3)
     for detail in (0.2, 1.0, 2.0):
-        yield f"baluster {detail}", build.baluster(0.8, detail)
-        yield f"column {detail}", build.column(4.0, 0.35, 12, round(2 * detail))
+        yield f"baluster {detail}", atrium.baluster(0.8, detail)
+        yield f"column {detail}", atrium.column(4.0, 0.35, 12, round(2 * detail))
         yield f"vase {detail}", props.vase(1.0, detail)
         yield f"pot {detail}", props.pot(0.5, 0.4, detail)
         yield f"barrel {detail}", props.barrel(1.0, 0.4, detail)
-        yield f"bush {detail}", plants.bush(rng, 1.0, detail)
-        yield f"trunk {detail}", trees.bare_tree(rng, 8.0, detail).wood
-        yield f"car {detail}", houses.car(0, detail)
-        yield f"lamp {detail}", houses.lamp(detail)
-        yield f"bed {detail}", bedding.bed(1.7, 2.0, detail, rng)
-        yield f"armchair {detail}", bedding.armchair(detail, rng)
-        yield f"drawers {detail}", furniture.drawers(1.2, 0.8, 0.4, 3, 2, detail)
-        yield f"table lamp {detail}", furniture.table_lamp(0.5, detail)
-        yield f"book {detail}", furniture.book(detail, 8)
-        yield f"door {detail}", furniture.door(0.9, 2.0, detail)
-        yield f"bookcase {detail}", assemble(furniture.bookcase(1.2, 2.0, 0.3, 5, detail, rng))
-        yield f"chandelier {detail}", assemble(furniture.chandelier(0.6, detail))
-        yield f"blind {detail}", assemble(window.panel(1.1, 2.3, -0.3, detail, rng))
-        yield f"curtains {detail}", assemble(window.curtains(2.6, 0, detail, rng))
-        yield f"toys {detail}", shapes.merge(*(toy(detail) for toy in (toys.blocks, toys.rings, toys.train)))
-        yield f"bear {detail}", toys.bear(0.5, detail)
-        yield f"beach ball {detail}", toys.beach_ball(0.2, detail)
+        yield f"bush {detail}", props.bush(rng, 1.0, detail)
+        yield f"trunk {detail}", props.bare_tree(rng, 8.0, detail).wood
+        yield f"car {detail}", city.car(0, detail)
+        yield f"lamp {detail}", city.lamp(detail)
+        yield f"bed {detail}", furnishings.bed(1.7, 2.0, detail, rng)
+        yield f"armchair {detail}", furnishings.armchair(detail, rng)
+        yield f"drawers {detail}", furnishings.drawers(1.2, 0.8, 0.4, 3, 2, detail)
+        yield f"table lamp {detail}", furnishings.table_lamp(0.5, detail)
+        yield f"book {detail}", furnishings.book(detail, 8)
+        yield f"door {detail}", furnishings.door(0.9, 2.0, detail)
+        yield f"bookcase {detail}", assemble(furnishings.bookcase(1.2, 2.0, 0.3, 5, detail, rng))
+        yield f"chandelier {detail}", assemble(furnishings.chandelier(0.6, detail))
+        yield f"blind {detail}", assemble(bedroom.panel(1.1, 2.3, -0.3, detail, rng))
+        yield f"curtains {detail}", assemble(bedroom.curtains(2.6, 0, detail, rng))
+        yield (
+            f"toys {detail}",
+            shapes.merge(*(toy(detail) for toy in (furnishings.blocks, furnishings.rings, furnishings.train))),
+        )
+        yield f"bear {detail}", furnishings.bear(0.5, detail)
+        yield f"beach ball {detail}", furnishings.beach_ball(0.2, detail)
     for triangles in (50, 3000):
-        yield f"knot {triangles}", sculptures.knot(triangles)
-        yield f"blob {triangles}", sculptures.blob(triangles, rng)
-        yield f"twist {triangles}", sculptures.twist(triangles)
-        yield f"ammonite {triangles}", sculptures.ammonite(triangles)
-        yield f"ribbon {triangles}", sculptures.ribbon(triangles)
+        yield f"knot {triangles}", museum_halls.knot(triangles)
+        yield f"blob {triangles}", museum_halls.blob(triangles, rng)
+        yield f"twist {triangles}", museum_halls.twist(triangles)
+        yield f"ammonite {triangles}", museum_halls.ammonite(triangles)
+        yield f"ribbon {triangles}", museum_halls.ribbon(triangles)
     yield "box", shapes.box((1, 2, 3))
     yield "bevelled box", shapes.box((1, 2, 3), bevel=0.2)
     yield "moulding", shapes.frame_ring([(0, 0), (0.2, 0), (0.2, 0.3), (0, 0.3)], 5, 9)
-    yield "arch", build.arch(1.6, 2.2, 0.6, 9)
-    yield "doorway", build.doorway(5.0, 0.8, 2.0, 3.5, 0.5, 9)
-    yield "voussoirs", build.voussoirs(1.6, 0.3, 0.7, 9, 2)
-    yield "vault", build.vault(1.75, 1.9, 2.2, 5)
-    yield "wall", build.ashlar(4.0, 3.0, 0.4, 0.5, rng)
-    yield "wall with a window", window.pierced((-3.0, 0.0), (3.0, 2.8), 0.3)
-    yield "stairs", build.stairs(9, 1.5, 0.2, 0.25)
+    yield "arch", atrium.arch(1.6, 2.2, 0.6, 9)
+    yield "doorway", atrium.doorway(5.0, 0.8, 2.0, 3.5, 0.5, 9)
+    yield "voussoirs", atrium.voussoirs(1.6, 0.3, 0.7, 9, 2)
+    yield "vault", atrium.vault(1.75, 1.9, 2.2, 5)
+    yield "wall", atrium.ashlar(4.0, 3.0, 0.4, 0.5, rng)
+    yield "wall with a window", bedroom.pierced((-3.0, 0.0), (3.0, 2.8), 0.3)
+    yield "stairs", atrium.stairs(9, 1.5, 0.2, 0.25)
     yield "crate", props.crate((1.0, 0.8, 0.7), 4)
     yield "curtain", props.cloth((2.0, 3.0), (20, 12), rng, sway=1.0)
-    yield "painting", sculptures.painting(2.0, 1.5, 6, rng)
-    yield "house", houses.house(9.0, 8.0, 2, flat, rng)
-    yield "round tower", houses.round_tower(6.0, 5, 12, rng)
+    yield "painting", museum_halls.painting(2.0, 1.5, 6, rng)
+    yield "house", city.house(9.0, 8.0, 2, flat, rng)
+    yield "round tower", city.round_tower(6.0, 5, 12, rng)
     for relief in (False, True):
-        yield f"tower {relief}", houses.tower(12.0, 9.0, 4, flat._replace(relief=relief), rng)
+        yield f"tower {relief}", city.tower(12.0, 9.0, 4, flat._replace(relief=relief), rng)
 
 
 @pytest.mark.parametrize("name, mesh", list(_solids()), ids=lambda x: x if isinstance(x, str) else "")
@@ -218,9 +213,9 @@ def test_tower_cost_is_exact():
     rng = np.random.default_rng(0)
     for relief in (False, True):
         for ledge in (0.0, 0.3):
-            style = houses.Style(3.0, 0.5, relief, 0, 8, ledge)
-            mesh = houses.tower(13.0, 8.0, 5, style, rng)
-            assert len(mesh.faces) == houses.tower_cost(13.0, 8.0, 5, style)
+            style = city.Style(3.0, 0.5, relief, 0, 8, ledge)
+            mesh = city.tower(13.0, 8.0, 5, style, rng)
+            assert len(mesh.faces) == city.tower_cost(13.0, 8.0, 5, style)
 
 
 def test_parts_are_counted_placed_and_shaded():

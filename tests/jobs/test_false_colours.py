@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from antumbra.jobs import false_colours as picture_module
+from antumbra.jobs import false_colours
 from antumbra.jobs.false_colours import column_scale, column_values, project_points
 from antumbra.jobs.result_table import Column
 from antumbra.picture.heat_maps import heat_colours
@@ -40,7 +40,7 @@ def test_a_map_has_the_colours_of_its_cells_north_up(tmp_path):
 def test_each_column_has_its_own_title_and_legend(tmp_path, monkeypatch):
     told = []
     monkeypatch.setattr(
-        picture_module, "panel_sheet", lambda panels, bar: told.append((panels, bar)) or np.zeros((4, 4, 3), "u1")
+        false_colours, "panel_sheet", lambda panels, bar: told.append((panels, bar)) or np.zeros((4, 4, 3), "u1")
     )
     made = table("raster")
     made.columns["hours"] = Column(np.linspace(0.0, 12.0, 120), "h", "hours of direct sun")

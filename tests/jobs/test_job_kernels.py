@@ -8,13 +8,13 @@ import pytest
 
 from antumbra.engine.plan import Plan, covering_plans, parse_plan
 from antumbra.engine.precompilation import missing_of
-from antumbra.jobs import job_kernels as warm
+from antumbra.jobs import job_kernels
 from antumbra.kernels.marshalling import import_object
-from antumbra.kernels.toolchain import kernel_manifest as needs
+from antumbra.kernels.toolchain import kernel_manifest
 from antumbra.kernels.toolchain.compile_pool import KernelRequest
 from antumbra.picture.render_kernels import rendering_job
 
-NAMES = [job.name for job in warm.all_jobs(papers=True)]
+NAMES = [job.name for job in job_kernels.all_jobs(papers=True)]
 CALLED = """
 import json, sys
 from antumbra.kernels.toolchain.kernel_loading import events
@@ -31,24 +31,24 @@ print(json.dumps(told))
 
 
 def test_jobs_are_recorded():
-    assert set(NAMES) == set(needs.recorded_kernels().jobs)
-    assert len(NAMES) == len(set(NAMES)) and not [name for name in NAMES if not needs.kernels_of_job(name)]
+    assert set(NAMES) == set(kernel_manifest.recorded_kernels().jobs)
+    assert len(NAMES) == len(set(NAMES)) and not [name for name in NAMES if not kernel_manifest.kernels_of_job(name)]
 
 
 def test_recorded_kernels_exist():
-    kernels = needs.recorded_kernels().kernels
+    kernels = kernel_manifest.recorded_kernels().kernels
     assert len(kernels) > 100 and not [each for each in kernels if not callable(import_object(each.kernel))]
 
 
-OWN = [job.name for job in warm.all_jobs()]
+OWN = [job.name for job in job_kernels.all_jobs()]
 PARTS = [OWN[i::3] for i in range(3)]
 PARTS += [pytest.param([name for name in NAMES if name not in OWN], marks=pytest.mark.papers)]
 
 
 def test_libraries_have_the_kernels_of_all_methods_once():
-    packed = [(each.kernel, each.key) for each in needs.package_manifest().kernels]
-    assert set(packed) == {(each.kernel, each.key) for each in needs.recorded_kernels().kernels}
-    assert len(set(packed)) == len(packed) > len(needs.read_manifests(needs.MANIFEST).kernels)
+    packed = [(each.kernel, each.key) for each in kernel_manifest.package_manifest().kernels]
+    assert set(packed) == {(each.kernel, each.key) for each in kernel_manifest.recorded_kernels().kernels}
+    assert len(set(packed)) == len(packed) > len(kernel_manifest.read_manifests(kernel_manifest.MANIFEST).kernels)
 
 
 @pytest.mark.parametrize("names", PARTS)
@@ -60,7 +60,7 @@ def test_jobs_call_what_is_recorded(names):
     missing = {
         name: [f"{kernel} {key}" for kernel, key in called if (kernel, key) not in known]
         for name, called in told.items()
-        for known in [{(each.kernel, each.key) for each in needs.kernels_of_job(name)}]
+        for known in [{(each.kernel, each.key) for each in kernel_manifest.kernels_of_job(name)}]
     }
     missing = {name: kernels for name, kernels in missing.items() if kernels}
     assert not missing, f"run scripts/record_kernels.py: {missing}"
@@ -72,15 +72,15 @@ def test_a_plan_that_nobody_recorded_is_put_together():
     found = rendering_job(plan).kernels()
     names = {each.kernel.partition(":")[0].removeprefix("antumbra.") for each in found}
     assert {"bvh.lbvh", "techniques.culling.pre_bvh_culling", "trace.packets.packet16"} <= names
-    assert found < {each for name in NAMES for each in needs.kernels_of_job(name)}
-    assert rendering_job(Plan()).kernels() == needs.kernels_of_job("bsah+multifrusta (raster)")
+    assert found < {each for name in NAMES for each in kernel_manifest.kernels_of_job(name)}
+    assert rendering_job(Plan()).kernels() == kernel_manifest.kernels_of_job("bsah+multifrusta (raster)")
 
 
 def test_the_size_of_kernels_is_as_recorded(capsys):
     """Lowers three kernels and compares their sizes. ``scripts/record_kernels.py`` measures all kernels again."""
     from antumbra.kernels.toolchain import compiling
 
-    said = json.loads(needs.MANIFEST.read_text())["kernels"]
+    said = json.loads(kernel_manifest.MANIFEST.read_text())["kernels"]
     rows = [row for row in said if row[0].endswith(("_shade_rows", "place", "_move_kernel"))]
     assert len(rows) >= 3
     for name, key, size in rows:
@@ -95,7 +95,7 @@ def test_the_default_plan_stays_within_its_budget(capsys):
 
     A change that needs a larger budget states the reason in docs/design/kernels.md.
     """
-    job = json.loads(needs.MANIFEST.read_text())
+    job = json.loads(kernel_manifest.MANIFEST.read_text())
     sizes = [job["kernels"][i][2] for i in job["jobs"]["auto (raster)"]]
     total = {name: round(sum(size[name] for size in sizes), 1) for name in ("functions", "instructions", "seconds")}
     with capsys.disabled():
@@ -106,6 +106,6 @@ def test_the_default_plan_stays_within_its_budget(capsys):
 def test_a_record_of_other_sources_is_no_error():
     """A developer renames a kernel or a type, and runs a job before its kernels are recorded again."""
     kernel, key = "antumbra.bvh.lbvh:no_such_kernel", "A[i8,1,C] antumbra.bvh.nodes:NoSuchType( i )"
-    real = next(iter(needs.read_manifests(needs.MANIFEST).kernels))
+    real = next(iter(kernel_manifest.read_manifests(kernel_manifest.MANIFEST).kernels))
     requests = [KernelRequest(kernel, "i"), KernelRequest(real.kernel, key), KernelRequest("antumbra.none:f", "i")]
     assert missing_of(requests) == set()

@@ -9,7 +9,7 @@ from PIL import Image
 
 import antumbra as at
 from antumbra import InputError
-from antumbra.picture import image_files as save
+from antumbra.picture import image_files
 from antumbra.picture.image_files import to_srgb8
 
 
@@ -43,8 +43,8 @@ def test_png_says_that_it_is_srgb(frame, tmp_path):
 
 def test_png_without_exposure_has_the_automatic_one(frame, tmp_path):
     frame.save(tmp_path / "a.png")
-    frame.save(str(tmp_path / "b.png"), exposure=save.frame_exposure(frame))
-    frame.save(tmp_path / "c.PNG", exposure=4.0 * save.frame_exposure(frame))
+    frame.save(str(tmp_path / "b.png"), exposure=image_files.frame_exposure(frame))
+    frame.save(tmp_path / "c.PNG", exposure=4.0 * image_files.frame_exposure(frame))
     data = [(tmp_path / name).read_bytes() for name in ("a.png", "b.png", "c.PNG")]
     assert data[0] == data[1] != data[2]
 
@@ -91,7 +91,7 @@ def test_other_suffixes_are_refused(frame, tmp_path, name):
     with pytest.raises(InputError, match=r"suffix.*use \.png or \.exr"):
         frame.save(tmp_path / name)
     with pytest.raises(InputError, match=r"suffix"):
-        save.check_output(tmp_path / name)
+        image_files.check_output(tmp_path / name)
     assert entries(tmp_path) == []
 
 
@@ -119,7 +119,7 @@ def test_an_interrupted_save_leaves_no_file(frame, tmp_path, monkeypatch, writer
         path.write_bytes(b"half")
         raise error
 
-    monkeypatch.setattr(save, writer, interrupted)
+    monkeypatch.setattr(image_files, writer, interrupted)
     with pytest.raises(error):
         frame.save(tmp_path / f"a{suffix}")
     assert entries(tmp_path) == []
@@ -128,19 +128,19 @@ def test_an_interrupted_save_leaves_no_file(frame, tmp_path, monkeypatch, writer
 @pytest.mark.parametrize("name", ["a.png", "a.exr"])
 def test_a_note_is_kept_and_read_without_the_pixels(frame, tmp_path, name):
     path = tmp_path / name
-    save.save_frame(frame, path, 1.0, "a note")
-    assert save.note_of(path) == "a note"
+    image_files.save_frame(frame, path, 1.0, "a note")
+    assert image_files.note_of(path) == "a note"
     path.write_bytes(path.read_bytes()[: 300 if name == "a.png" else 1000])
-    save.note_of(path)  # it must not fail on a partial picture
+    image_files.note_of(path)  # it must not fail on a partial picture
     frame.save(path)
-    assert save.note_of(path) is None
+    assert image_files.note_of(path) is None
 
 
 def test_what_is_no_picture_has_no_note(tmp_path, capfd):
     for name in ("a.png", "a.exr"):
-        assert save.note_of(tmp_path / name) is None
+        assert image_files.note_of(tmp_path / name) is None
         (tmp_path / name).write_bytes(b"something else")
-        assert save.note_of(tmp_path / name) is None
+        assert image_files.note_of(tmp_path / name) is None
     assert capfd.readouterr() == ("", "")
 
 
@@ -170,19 +170,19 @@ def test_exr_holds_each_light_by_its_name(tmp_path):
 def test_an_exr_without_layers_is_smaller(tmp_path):
     scene = at.procedural("atrium", triangles=2000)
     frame = at.render(scene, scene.cameras[0].resized(40, 30), spp=4)
-    assert frame.layers is None and not [name for name in save.exr_channels(frame) if name.startswith("light.")]
+    assert frame.layers is None and not [name for name in image_files.exr_channels(frame) if name.startswith("light.")]
 
 
 def test_an_exr_is_compressed_in_threads_that_end_with_it(frame, tmp_path, monkeypatch):
     """Threads of OpenEXR do not survive a fork, and a child that waited for them would hang."""
     counts, set_count = [], OpenEXR.set_global_thread_count
     monkeypatch.setattr(OpenEXR, "set_global_thread_count", lambda n: counts.append(n) or set_count(n))
-    monkeypatch.setattr(save, "thread_count", lambda threads: 3)
+    monkeypatch.setattr(image_files, "thread_count", lambda threads: 3)
     frame.save(tmp_path / "a.exr")
     assert counts == [3, 0] and OpenEXR.global_thread_count() == 0
     with pytest.raises(OSError, match=r"."):
-        save.write_exr(save.exr_channels(frame), tmp_path / "missing" / "a.exr", None)
+        image_files.write_exr(image_files.exr_channels(frame), tmp_path / "missing" / "a.exr", None)
     assert counts == [3, 0, 3, 0]
-    monkeypatch.setattr(save, "thread_count", lambda threads: 1)
+    monkeypatch.setattr(image_files, "thread_count", lambda threads: 1)
     frame.save(tmp_path / "b.exr")
     assert counts[4:] == [0, 0] and (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from antumbra.picture import image_files as tonemap
+from antumbra.picture import image_files
 from antumbra.picture.image_files import automatic_exposure, percentiles, roll_off, to_srgb8
 from antumbra.scene.materials import linear_to_srgb
 
@@ -24,7 +24,7 @@ def expected_srgb8(image, exposure):
 
 
 def test_the_curve_shows_dark_and_middle_light_as_it_is():
-    x = np.linspace(0.0, tonemap.SHOULDER, 50)
+    x = np.linspace(0.0, image_files.SHOULDER, 50)
     assert (roll_off(x) == x).all()
     # IEC 61966-2-1: sRGB 128 / 255 is linear 0.21586; the linear part ends at 0.0031308 -> 0.04045
     np.testing.assert_allclose(
@@ -66,7 +66,7 @@ def test_automatic_exposure_shows_bright_parts_bright_but_not_clipped():
     for scale in (1e-6, 1.0, 1e6):
         scaled = (image * scale).astype(np.float32)
         shown = to_srgb8(scaled, automatic_exposure(scaled, everywhere(image)))
-        assert 200 < np.percentile(shown, tonemap.PERCENTILE) < 250
+        assert 200 < np.percentile(shown, image_files.PERCENTILE) < 250
         assert shown.max() < 255
         assert np.abs(shown.astype(int) - to_srgb8(image, automatic_exposure(image, everywhere(image)))).max() <= 1
 
@@ -82,12 +82,12 @@ def test_exposure_looks_only_at_pixels_that_see_something():
     image = grey([0.0] * 99 + [0.5])
     seen = np.zeros((1, 100), bool)
     seen[0, 99] = True
-    assert automatic_exposure(image, seen) == pytest.approx(tonemap.BRIGHT / 0.5)
+    assert automatic_exposure(image, seen) == pytest.approx(image_files.BRIGHT / 0.5)
 
 
 def test_exposure_of_a_picture_that_is_dark_but_for_a_spot():
     image = grey([0.0] * 999 + [0.25])
-    assert automatic_exposure(image, everywhere(image)) == pytest.approx(tonemap.BRIGHT / 0.25)
+    assert automatic_exposure(image, everywhere(image)) == pytest.approx(image_files.BRIGHT / 0.25)
 
 
 @pytest.mark.parametrize("values", [[0.0, 0.0], [np.nan, np.inf], [-1.0, 0.0]])

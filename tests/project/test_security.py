@@ -14,9 +14,17 @@ from repository import ROOT
 
 TEXT = (ROOT / "SECURITY.md").read_text()
 
-HERE, FUZZ, DOORS = "tests/project/test_security.py", "tests/formats/test_format_registry_fuzz.py", "tests/project/test_doors.py"
+HERE, FUZZ, DOORS = (
+    "tests/project/test_security.py",
+    "tests/formats/test_format_registry_fuzz.py",
+    "tests/project/test_doors.py",
+)
 GIS, STORE = "tests/formats/test_gis_doors.py", "tests/store/test_store_checks.py"
-PRIVATE, LIBRARY, GUARD = "tests/kernels/toolchain/test_kernel_cache_private.py", "tests/kernels/toolchain/test_kernel_library.py", "tests/viewer/test_request_guard.py"
+PRIVATE, LIBRARY, GUARD = (
+    "tests/kernels/toolchain/test_kernel_cache_private.py",
+    "tests/kernels/toolchain/test_kernel_library.py",
+    "tests/viewer/test_request_guard.py",
+)
 
 PROMISES = {
     "Report it privately": [f"{HERE}::test_reports_go_to_the_page_of_the_project"],
@@ -70,7 +78,9 @@ PROMISES = {
         f"{HERE}::test_the_viewer_listens_on_this_machine_only",
     ],
     "With `--host`, the address": [f"{GUARD}::test_a_page_for_other_machines_needs_its_token"],
-    "Checksums of stores": ["tests/kernels/toolchain/test_kernel_cache.py::test_a_record_with_any_byte_changed_is_nothing"],
+    "Checksums of stores": [
+        "tests/kernels/toolchain/test_kernel_cache.py::test_a_record_with_any_byte_changed_is_nothing"
+    ],
     "The structure of a store is checked": [
         f"{STORE}::test_forged_counts",
         f"{STORE}::test_forged_nodes_of_a_chunk",

@@ -12,7 +12,7 @@ from antumbra.engine.store_building import build_store
 from antumbra.errors import InputError
 from antumbra.query.light_samples import light_samples
 from antumbra.query.query_bounds import MOST_RATIO, place
-from antumbra.scene import scene_bounds as survey
+from antumbra.scene import scene_bounds
 from antumbra.scene.scene_bounds import MIN_EXTENT, NEAREST, flush_to_zero
 from receivers import receivers_of
 
@@ -36,7 +36,7 @@ def test_a_store_of_such_a_scene(tmp_path):
 def test_a_store_of_an_earlier_version(tmp_path, monkeypatch):
     """Earlier versions wrote stores of narrower scenes. They are refused when they are opened."""
     with monkeypatch.context() as earlier:
-        earlier.setattr(survey, "MIN_EXTENT", 0.0)
+        earlier.setattr(scene_bounds, "MIN_EXTENT", 0.0)
         build_store(at.Scene.from_arrays(SOUP * 2.0**-106), tmp_path / "a.antumbra")
         at.load(tmp_path / "a.antumbra")
     with pytest.raises(InputError, match=r"a\.antumbra: the scene is .* units wide; float32 does not hold"):

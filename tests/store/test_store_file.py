@@ -13,13 +13,12 @@ import gis_files
 from antumbra.engine.scene import Scene
 from antumbra.engine.store_building import build_store
 from antumbra.formats.format_registry import FORMATS
-from antumbra.generate import city as stream
+from antumbra.generate import city
 from antumbra.generate.generated_scene import StreamedCity
 from antumbra.scene.light_lists import PointLights
 from antumbra.scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, PointLight, QuadLight, SphereLight
 from antumbra.scene.mesh import Piece
-from antumbra.store import staging_files as spool_module
-from antumbra.store import store_build as build_module
+from antumbra.store import staging_files, store_build
 from antumbra.store.staging_files import palette_of
 from antumbra.store.store_file import open_store
 from antumbra.store.store_format import StoreMeta, meta_from_json, meta_to_json
@@ -91,9 +90,9 @@ def test_neither_memory_nor_threads_change_a_byte(tmp_path, monkeypatch, name):
     path = built(tmp_path, SCENES[name], threads=1).path
     once = path.read_bytes()
     assert built(tmp_path, SCENES[name], threads=3).path.read_bytes() == once
-    monkeypatch.setattr(spool_module, "MAX_FACES", 7)  # so that large pieces are split ...
-    monkeypatch.setattr(build_module, "MAX_FACES", 50)
-    monkeypatch.setattr(build_module, "TRIANGLE_MEMORY", 1 << 40)  # ... and few triangles are distributed at a time
+    monkeypatch.setattr(staging_files, "MAX_FACES", 7)  # so that large pieces are split ...
+    monkeypatch.setattr(store_build, "MAX_FACES", 50)
+    monkeypatch.setattr(store_build, "TRIANGLE_MEMORY", 1 << 40)  # ... and few triangles are distributed at a time
     assert built(tmp_path, SCENES[name]).path.read_bytes() == once
     assert built(tmp_path, SCENES[name], chunk=CHUNK + 1).path.read_bytes() != once
 
@@ -122,7 +121,7 @@ def test_a_store_of_a_streamed_city(tmp_path):
 def test_processes_that_make_a_city_end_with_who_reads(monkeypatch):
     started = []
     monkeypatch.setattr(
-        stream, "start_worker", lambda *a, start=stream.start_worker: started.append(start(*a)) or started[-1]
+        city, "start_worker", lambda *a, start=city.start_worker: started.append(start(*a)) or started[-1]
     )
     pieces = StreamedCity(5_000_000, processes=2).pieces(0.0)
     next(pieces)
@@ -134,7 +133,7 @@ def test_processes_that_make_a_city_end_with_who_reads(monkeypatch):
 @pytest.mark.parametrize("code", ["raise SystemExit(3)", "import os; os.write(1, bytes([9] + 15 * [0]))"])
 def test_a_process_that_fails_is_no_end_of_the_city(monkeypatch, code):
     command = [sys.executable, "-c", code]
-    monkeypatch.setattr(stream, "start_worker", lambda *_: subprocess.Popen(command, stdout=subprocess.PIPE))
+    monkeypatch.setattr(city, "start_worker", lambda *_: subprocess.Popen(command, stdout=subprocess.PIPE))
     with pytest.raises(RuntimeError, match=r"has failed|ended too early"):
         list(StreamedCity(20_000).pieces(0.0))
 

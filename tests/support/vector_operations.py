@@ -433,12 +433,12 @@ def _add_min_select(a, b, out):
 
 def assembly():
     """The machine code of ``x + y``, ``minimum`` and ``select`` on f32x8 for the processor compiled for."""
-    from antumbra.kernels import machine_code as machine
+    from antumbra.kernels import machine_code
     from antumbra.kernels.processor import level
     from antumbra.kernels.toolchain import compiling
 
     module, _ = compiling.lower_kernel(_add_min_select, " ".join(3 * ["A[f4,1,C]"]), "add_min_select")
-    return machine.emit_assembly(machine.optimise(module, level()), level())
+    return machine_code.emit_assembly(machine_code.optimise(module, level()), level())
 
 
 if __name__ == "__main__":

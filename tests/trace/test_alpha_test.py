@@ -1,6 +1,6 @@
 """Alpha masks from the file to the bits: glTF materials, textures and samplers against an oracle of their own.
 
-`tests/trace/test_alpha_test_cutouts.py` gives masks to a scene. Here nothing of the package says which texel a ray meets, or
+`test_alpha_test_cutouts.py` gives masks to a scene. Here nothing of the package says which texel a ray meets, or
 whether it is solid: the oracle reads the pixels that were written, in rational arithmetic.
 """
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from antumbra.viewer import progressive_pictures as viewings
+from antumbra.viewer import progressive_pictures
 from antumbra.viewer.progressive_pictures import PICTURE_STEPS, ClientView, TaskQueue, pose_of
 from antumbra.viewer.viewer_model import Model
 from pages import CAMERA, SUN, box_on_floor
@@ -38,8 +38,8 @@ def looking(x=0.0, width=64, height=48):
 
 @pytest.fixture
 def viewing(monkeypatch):
-    monkeypatch.setattr(viewings, "REST_DELAY", 0.02)
-    monkeypatch.setattr(viewings, "DISPLAY_DELAY", 0.0)
+    monkeypatch.setattr(progressive_pictures, "REST_DELAY", 0.02)
+    monkeypatch.setattr(progressive_pictures, "DISPLAY_DELAY", 0.0)
     worker, drawn, browser = TaskQueue(lambda error: drawn.append(error)), [], Browser()
     made = ClientView(Model(box_on_floor(), SUN, CAMERA), worker, browser, drawn.append)
     made.worker, made.drawn, made.browser = worker, drawn, browser
@@ -88,11 +88,11 @@ def test_the_stand_in_is_seen_while_the_camera_moves(viewing):
     viewing.put_proxy(b"")
     assert viewing.browser.standin.visible is False
     viewing.browser.got.clear()
-    viewings.REST_DELAY = 1000.0
+    progressive_pictures.REST_DELAY = 1000.0
     for x in (1.0, 2.0, 3.0):
         asyncio.run(viewing.look(looking(x)))
     assert viewing.browser.standin.visible is True and viewing.browser.got == [None]
-    viewings.REST_DELAY = 0.0
+    progressive_pictures.REST_DELAY = 0.0
     asyncio.run(viewing.look(looking(4.0)))
     assert viewing.worker.wait(60.0) and len(viewing.browser.got) == 1 + len(PICTURE_STEPS)
     for _ in range(200):

@@ -5,7 +5,7 @@ import pytest
 
 from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
-from antumbra.formats.gltf import gltf_meshes as runs
+from antumbra.formats.gltf import gltf_meshes
 from antumbra.formats.gltf.gltf_meshes import MAX_RUN_VERTICES
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, everything, png
 
@@ -73,7 +73,7 @@ def told(path):
 def test_runs_change_nothing(tmp_path, monkeypatch, made):
     path = made().write(tmp_path)
     joined = told(path)
-    monkeypatch.setattr(runs, "MAX_RUN_VERTICES", 0)
+    monkeypatch.setattr(gltf_meshes, "MAX_RUN_VERTICES", 0)
     apart = told(path)
     fewer = joined.pop("pieces") < apart.pop("pieces")
     assert joined.keys() == apart.keys() and len(joined["colours"]) > 10 and fewer == (made is mixed)

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 import antumbra as at
-from antumbra.jobs.bake import texture_atlas as charts
+from antumbra.jobs.bake import texture_atlas
 from antumbra.jobs.bake.bent_surfaces import directions_of_bent
 from antumbra.jobs.bake.gltf_primitives import NodePrimitive
 from baked_files import Glb
@@ -30,7 +30,7 @@ def part_of(mesh, turn):
 @pytest.mark.parametrize("shape", FINE)
 def test_each_texel_belongs_to_one_face_of_a_smooth_surface(shape, turn):
     part = part_of(FINE[shape](), turn)
-    (sheet,) = charts.atlas([part], 256)
+    (sheet,) = texture_atlas.atlas([part], 256)
     assert sheet.cover.overlap < 2e-3 and len(sheet.cover.texel) > 256 * 256 // 3
     (one,) = sheet.unwrapped
     np.testing.assert_array_equal(one.source[one.faces], part.faces)

@@ -9,8 +9,7 @@ import trimesh
 
 import antumbra as at
 from antumbra.formats.gltf.gltf_asset import open_asset
-from antumbra.jobs.bake import baked_values as textures
-from antumbra.jobs.bake import texture_atlas as charts
+from antumbra.jobs.bake import baked_values, texture_atlas
 from antumbra.jobs.bake.gltf_primitives import NodePrimitive, accessors_of, read_primitives
 from antumbra.jobs.bake.surface_meter import Meter, MeterSettings
 from antumbra.jobs.bake.texture_atlas import cover
@@ -88,17 +87,19 @@ def test_one_large_face_covers_its_texels_in_batches():
 
 def test_bilinear_lookups_meet_no_background():
     """Each chart has a value of its own. Lookups anywhere on a chart give exactly this value, up to its edges."""
-    (sheet,) = charts.atlas([part_of(trimesh.creation.icosphere(3)), part_of(trimesh.creation.box((1, 2, 3)))], 128)
-    own = charts.chart_of_faces(sheet.unwrapped)
+    (sheet,) = texture_atlas.atlas(
+        [part_of(trimesh.creation.icosphere(3)), part_of(trimesh.creation.box((1, 2, 3)))], 128
+    )
+    own = texture_atlas.chart_of_faces(sheet.unwrapped)
     assert own.max() > 5
-    image = textures.image_of(sheet.cover, own[sheet.cover.face].astype(np.float32)[:, None])
+    image = baked_values.image_of(sheet.cover, own[sheet.cover.face].astype(np.float32)[:, None])
     assert np.isfinite(image).all()
     rng = np.random.default_rng(3)
     uv = np.concatenate([one.uv[one.faces] for one in sheet.unwrapped])
     weights = rng.dirichlet((0.3, 0.3, 0.3), (50, len(uv)))  # many near edges and corners
     for w in weights:
         points = np.einsum("nk,nki->ni", w, uv)
-        np.testing.assert_array_equal(textures.sample_bilinear(image, points)[:, 0], own)
+        np.testing.assert_array_equal(baked_values.sample_bilinear(image, points)[:, 0], own)
 
 
 def test_both_sides_of_a_seam_agree(tmp_path):
@@ -130,9 +131,9 @@ def test_a_texture_of_a_wall_has_the_closed_form_everywhere(tmp_path):
     assert (exr(tmp_path / "open.exr") == 1.0).all()
     asset = open_asset(path)
     parts = read_primitives(at.load(path), asset, 0.0)
-    (sheet,) = charts.uv_set_sheets(parts, accessors_of(asset, "x"), 0, 64)
+    (sheet,) = texture_atlas.uv_set_sheets(parts, accessors_of(asset, "x"), 0, 64)
     meter = Meter(wall, MeterSettings("ao", [at.AmbientOcclusion()], 1024, "hammersley", None, 0.0, None), 4096)
-    texels = textures.Texels(sheet, meter, True)
+    texels = baked_values.Texels(sheet, meter, True)
     LocalExecutor().finish([texels.parts])
     values, hidden = texels.values(None)
     d = 0.2 + 4.0 * (sheet.cover.texel % 64 + 0.5) / 64
@@ -220,7 +221,7 @@ def test_an_own_uv_set(tmp_path):
 
 def test_only_other_charts_stop_the_filter():
     """Texels at the edge of a chart beside the background are smoothed; those next to another chart are not."""
-    (sheet,) = charts.atlas([part_of(trimesh.creation.icosphere(2))], 64)
-    alone = textures._beside_others(sheet, 1)
-    assert not alone.any() and charts.chart_of_faces(sheet.unwrapped).max() > 0
-    assert textures._beside_others(sheet, charts.PADDING + 2).any()
+    (sheet,) = texture_atlas.atlas([part_of(trimesh.creation.icosphere(2))], 64)
+    alone = baked_values._beside_others(sheet, 1)
+    assert not alone.any() and texture_atlas.chart_of_faces(sheet.unwrapped).max() > 0
+    assert baked_values._beside_others(sheet, texture_atlas.PADDING + 2).any()

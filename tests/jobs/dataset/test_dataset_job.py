@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from antumbra.jobs.dataset import dataset_job as make
+from antumbra.jobs.dataset import dataset_job
 from antumbra.jobs.dataset.dataset_files import contact_sheet
 from antumbra.picture.option_fields import deciding_fields
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf
@@ -298,7 +298,7 @@ def test_progress_counts_frames(tmp_path):
     told = []
     at.dataset(SCENE, tmp_path / "set", **ASKED, progress=lambda *said: told.append(said))
     assert told == [("frames", k, 3) for k in (1, 2, 3)]
-    assert make.MANIFEST in os.listdir(tmp_path / "set")
+    assert dataset_job.MANIFEST in os.listdir(tmp_path / "set")
 
 
 def test_cameras_that_are_not_perspective_record_their_projection(tmp_path):

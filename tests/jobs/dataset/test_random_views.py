@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.primary_visibility import primary_visibility
-from antumbra.jobs.dataset import random_views as drawn
+from antumbra.jobs.dataset import random_views
 from antumbra.jobs.dataset.random_views import orbit_camera, random_camera, random_light, sampling_region
 from antumbra.scene.camera import bounding_sphere
 from engine.test_default_view import BOXES, MAP
@@ -69,8 +69,8 @@ def test_cameras_stand_outside_solids_and_inside_rooms(inward):
 
 
 def test_no_view_is_an_error_that_names_the_cure(monkeypatch):
-    monkeypatch.setattr(drawn, "TRIES", 4)
-    monkeypatch.setattr(drawn, "MIN_HIT_SHARE", 2.0)
+    monkeypatch.setattr(random_views, "TRIES", 4)
+    monkeypatch.setattr(random_views, "MIN_HIT_SHARE", 2.0)
     with pytest.raises(at.InputError, match=r"no view for random camera 5 in 4 tries \(4 see little\).*--camera"):
         random_camera(ATRIUM, 0, 5, SIZE)
     solid = sampling_region(at.Scene.from_arrays(box((0, 0, 0), (2, 3, 4))), 0.0, None)

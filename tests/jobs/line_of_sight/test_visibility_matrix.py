@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 import antumbra as at
 from antumbra.engine.plan import covering_plans
-from antumbra.jobs import bit_matrices as bitrows
-from antumbra.jobs.line_of_sight import visibility_matrix as matrix
+from antumbra.jobs import bit_matrices
+from antumbra.jobs.line_of_sight import visibility_matrix
 from antumbra.jobs.line_of_sight.mutual_horizons import hidden_by_horizons
 from antumbra.jobs.line_of_sight.visibility_matrix import TileTracer
 from sight_scenes import expected, scene_of
@@ -18,20 +18,20 @@ from sight_scenes import expected, scene_of
 @pytest.fixture
 def small_strips(monkeypatch):
     """Strips of 64 points and lists of 64 lights, so that small matrices have many tiles."""
-    monkeypatch.setattr(matrix, "STRIP", 64)
-    monkeypatch.setattr(matrix, "MAX_SPP", 64)
+    monkeypatch.setattr(visibility_matrix, "STRIP", 64)
+    monkeypatch.setattr(visibility_matrix, "MAX_SPP", 64)
 
 
 @pytest.mark.parametrize("columns", [1, 63, 64, 65, 130])
 def test_bits_are_packed_unpacked_and_transposed(columns):
     rows = np.random.default_rng(columns).random((77, columns)) < 0.5
-    words = bitrows.pack_bits(rows)
-    assert words.shape == (77, bitrows.words_of(columns)) and words.dtype == np.uint64
-    assert np.array_equal(bitrows.unpack_bits(words, columns), rows)
-    assert np.array_equal(bitrows.unpack_bits(bitrows.transpose_bits(words, columns), 77), rows.T)
+    words = bit_matrices.pack_bits(rows)
+    assert words.shape == (77, bit_matrices.words_of(columns)) and words.dtype == np.uint64
+    assert np.array_equal(bit_matrices.unpack_bits(words, columns), rows)
+    assert np.array_equal(bit_matrices.unpack_bits(bit_matrices.transpose_bits(words, columns), 77), rows.T)
     assert words[0, -1] < 2 ** ((columns - 1) % 64 + 1)
     order = np.random.default_rng(0).permutation(columns)
-    assert np.array_equal(bitrows.unpack_bits(bitrows.reorder_bits(words, order), columns), rows[:, order])
+    assert np.array_equal(bit_matrices.unpack_bits(bit_matrices.reorder_bits(words, order), columns), rows[:, order])
 
 
 @settings(max_examples=10, deadline=None)
@@ -82,7 +82,7 @@ def test_pairs_are_hidden_by_either_horizon(sides):
     normals = [np.eye(3)[rng.integers(0, 3, len(each))] if sides in ("both", name) else None
                for each, name in zip(ends, ("rows", "columns"))]  # fmt: skip
     a, b = (at.Receivers.of(each, n, np.zeros(3)) for each, n in zip(ends, normals))
-    found = bitrows.unpack_bits(hidden_by_horizons(a, b), 130)
+    found = bit_matrices.unpack_bits(hidden_by_horizons(a, b), 130)
     away, want = b.origins[0][None].astype(float) - a.origins[0][:, None], np.zeros((37, 130), bool)
     if normals[0] is not None:
         want |= np.einsum("ijk,ik->ij", away, normals[0]) <= 0.0

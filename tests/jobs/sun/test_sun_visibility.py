@@ -191,9 +191,9 @@ def test_bundles_are_a_permutation_in_close_groups(count):
 
 
 def test_an_interrupted_job_goes_on(tmp_path, monkeypatch):
-    from antumbra.jobs.sun import sun_visibility as hours
+    from antumbra.jobs.sun import sun_visibility
 
-    monkeypatch.setattr(hours, "SENSORS_PER_PART", 256)
+    monkeypatch.setattr(sun_visibility, "SENSORS_PER_PART", 256)
     scene, suns = town(), suns_of()
     sensors = at.raster_sensors(scene, 2.0)
     make = lambda: sun_query(scene, sensors, suns, np.empty((len(suns.hours), 0)), 1)
@@ -220,13 +220,13 @@ def test_an_interrupted_job_goes_on(tmp_path, monkeypatch):
 
 
 def test_parts_of_another_scene_are_not_taken(tmp_path, monkeypatch):
-    from antumbra.jobs.sun import sun_visibility as hours
+    from antumbra.jobs.sun import sun_visibility
 
-    monkeypatch.setattr(hours, "SENSORS_PER_PART", 256)
+    monkeypatch.setattr(sun_visibility, "SENSORS_PER_PART", 256)
     scenes, suns = [town(), town(1)], suns_of()
     sensors = at.raster_sensors(scenes[0], 2.0, 1.0, follow=False)
     make = lambda scene: sun_query(scene, sensors, suns, np.empty((len(suns.hours), 0)), 1)
-    monkeypatch.setattr(hours.Parts, "clear", lambda self: None)  # as if the first job had been interrupted
+    monkeypatch.setattr(sun_visibility.Parts, "clear", lambda self: None)  # as if the first job had been interrupted
     sum_suns(make(scenes[0]), tmp_path)
     assert list(tmp_path.glob("*/*.npz"))
     found, true = sum_suns(make(scenes[1]), tmp_path).hours, sum_suns(make(scenes[1])).hours

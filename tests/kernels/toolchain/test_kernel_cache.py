@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import sample_package as sample
-from antumbra.kernels.toolchain import kernel_cache as cache
+from antumbra.kernels.toolchain import kernel_cache
 from antumbra.kernels.toolchain.kernel_cache import KernelCode, from_record
 
 CODE = KernelCode("module:kernel", "i A[f4,1,C]", ["module:Pair", ["i", "n"]], b"machine code " * 50)
@@ -109,7 +109,7 @@ def swapped(file, other):
 
 def other_json(file, other):
     body = (9).to_bytes(4, "little") + b'{"a": [1]' + b"not zlib"
-    file.write_bytes(cache._MAGIC + blake2b(body, digest_size=cache._SUM).digest() + body)
+    file.write_bytes(kernel_cache._MAGIC + blake2b(body, digest_size=kernel_cache._SUM).digest() + body)
 
 
 def pipe(file, other):
@@ -151,11 +151,11 @@ def test_a_folder_that_cannot_be_written_is_told_once(package, tmp_path):
 
 
 def test_pruning_removes_what_nobody_uses(tmp_path):
-    folder = cache.KernelFolder(tmp_path, "some-level")
-    codes = {name: CODE._replace(machine=cache.symbol_of(name).encode()) for name in ("old", "new", "used")}
+    folder = kernel_cache.KernelFolder(tmp_path, "some-level")
+    codes = {name: CODE._replace(machine=kernel_cache.symbol_of(name).encode()) for name in ("old", "new", "used")}
     for digest, code in codes.items():
         folder.put(digest, code)
-    long_ago = time.time() - (cache.UNUSED_DAYS + 1) * 86400
+    long_ago = time.time() - (kernel_cache.UNUSED_DAYS + 1) * 86400
     for digest in "old", "used":
         os.utime(folder.path / f"{digest}.kernel", (long_ago, long_ago))
     other = tmp_path / "kernels" / "an-older-toolchain" / "some-level" / "x.kernel"
@@ -168,7 +168,7 @@ def test_pruning_removes_what_nobody_uses(tmp_path):
     folder.prune()
     assert {file.stem for file in kernels_in(tmp_path)} == {"new", "used"}
     assert {path.name for path in tmp_path.iterdir()} == {"kernels", "mine"}
-    assert [path.name for path in (tmp_path / "kernels").iterdir()] == [cache.toolchain()]
+    assert [path.name for path in (tmp_path / "kernels").iterdir()] == [kernel_cache.toolchain()]
 
 
 # --- several processes -------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import pytest
 
 import sample_package as sample
 from antumbra import files
-from antumbra.kernels.toolchain import kernel_cache as cache
+from antumbra.kernels.toolchain import kernel_cache
 from antumbra.kernels.toolchain.kernel_cache import KernelCode
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="this system has no owners of files: Windows")
@@ -90,7 +90,7 @@ def fault_of(kind):
 
 @pytest.mark.parametrize("kind", ["pipe", "link", "writable", "foreign"])
 def test_a_file_that_is_not_ours_is_missing_and_is_replaced(own, kind):
-    folder = cache.KernelFolder(own, "some-level")
+    folder = kernel_cache.KernelFolder(own, "some-level")
     folder.put("digest", CODE)
     assert folder.get("digest") == CODE and folder.has("digest")
     fault_of(kind)(folder.path / "digest.kernel")
@@ -128,23 +128,23 @@ def open_inside(folder):
 
 @pytest.mark.parametrize("spoil", [open_to_all, open_inside, give_away])
 def test_folders_of_kernels_that_others_can_change(own, spoil):
-    cache.check_cache(own)
-    cache.check_cache(own / "missing")
+    kernel_cache.check_cache(own)
+    kernel_cache.check_cache(own / "missing")
     spoil(own)
     with pytest.raises(files.Untrusted, match=str(own)):
-        cache.check_cache(own)
+        kernel_cache.check_cache(own)
 
 
 @pytest.mark.parametrize("spoil, trusted", [(open_to_all, False), (give_away, False), (open_inside, True)])
 def test_measured_rates_come_from_a_folder_that_others_cannot_change(own, spoil, trusted, monkeypatch):
     """They need no kernels, whose folders are therefore not checked."""
     monkeypatch.setenv("ANTUMBRA_CACHE", str(own))
-    cache.cache_root.cache_clear()
+    kernel_cache.cache_root.cache_clear()
     try:
         spoil(own)
-        assert (cache.cache_root() == own) == trusted
+        assert (kernel_cache.cache_root() == own) == trusted
     finally:
-        cache.cache_root.cache_clear()
+        kernel_cache.cache_root.cache_clear()
 
 
 def test_kernels_are_then_compiled_in_a_private_folder(package, own, tmp_path):
@@ -179,14 +179,14 @@ print(wrong, is_on_disk(import_object("antumbra.sample.top:alone"), "i"))
 
 @pytest.mark.parametrize("spoil", [open_to_all, give_away, lambda folder: folder.rmdir() or folder.write_bytes(b"")])
 def test_a_folder_of_inputs_that_others_made(tmp_path, monkeypatch, caplog, spoil):
-    from antumbra.cluster import node_files as inputs
+    from antumbra.cluster import node_files
 
-    monkeypatch.setattr(inputs.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(node_files.tempfile, "tempdir", str(tmp_path))
     files.private_folder.cache_clear()
-    own = inputs.user_temporary_folder()
+    own = node_files.user_temporary_folder()
     assert own == tmp_path / f"antumbra-{os.getuid()}" and own.stat().st_mode & 0o777 == 0o700
-    assert inputs.user_temporary_folder() == own and not caplog.records
+    assert node_files.user_temporary_folder() == own and not caplog.records
     spoil(own)
-    other = inputs.user_temporary_folder()
-    assert other != own and other.stat().st_mode & 0o777 == 0o700 and inputs.user_temporary_folder() == other
+    other = node_files.user_temporary_folder()
+    assert other != own and other.stat().st_mode & 0o777 == 0o700 and node_files.user_temporary_folder() == other
     assert caplog.messages[0].endswith(": files are fetched for this process alone")

@@ -6,7 +6,7 @@ import pytest
 
 import sample_package as sample
 from antumbra.kernels import simd
-from antumbra.kernels.toolchain import kernel_digest as definitions
+from antumbra.kernels.toolchain import kernel_digest
 
 BEFORE = {
     "alone": 101, "by_call": 4, "by_constant": 6, "by_module": 6, "by_overload": 6, "by_field": 5,
@@ -49,7 +49,7 @@ EDITS = {
 
 def test_names_that_one_statement_defines_are_told_apart():
     names = [name for name in simd.__all__ if name != "__all__"]
-    digests = {definitions.definition_digest(f.module, f.name) for f in (getattr(simd, name) for name in names)}
+    digests = {kernel_digest.definition_digest(f.module, f.name) for f in (getattr(simd, name) for name in names)}
     assert len(digests) == len(names) > 50
 
 

@@ -6,7 +6,7 @@ import pytest
 from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
 from antumbra.papers.benchmark_views import scene_view
-from antumbra.papers.chc_rt import chcrt_figures as coverage
+from antumbra.papers.chc_rt import chcrt_figures
 from antumbra.papers.chc_rt.chcrt_figures import (
     FIGURES,
     culling_state,
@@ -37,13 +37,13 @@ def shown(core):
 
 @pytest.fixture(scope="module")
 def columns(shown):
-    return coverage.columns_of(shown.parts)
+    return chcrt_figures.columns_of(shown.parts)
 
 
 @pytest.mark.parametrize("kind", ["camera", "short", "long"])
 def test_pairs_cover_each_ray_and_triangle_once(shown, columns, kind):
     seen = getattr(shown, kind)
-    found = coverage.rectangles(seen.fronts, columns, shown.shape)
+    found = chcrt_figures.rectangles(seen.fronts, columns, shown.shape)
     edges = [np.unique(spans) for spans in (found.rays, found.triangles)]
     assert [(e[0], e[-1]) for e in edges] == [(0, SIZE[0] * SIZE[1]), (0, shown.triangles)]
     covered = np.zeros([len(e) - 1 for e in edges], int)
@@ -55,8 +55,8 @@ def test_pairs_cover_each_ray_and_triangle_once(shown, columns, kind):
 @pytest.mark.parametrize("kind", ["camera", "short", "long"])
 def test_hits_lie_in_visible_pairs(shown, columns, kind):
     seen = getattr(shown, kind)
-    found = coverage.rectangles(seen.fronts, columns, shown.shape)
-    rows, places = coverage.crossings(seen.hits, seen.fronts.tiles, columns)
+    found = chcrt_figures.rectangles(seen.fronts, columns, shown.shape)
+    rows, places = chcrt_figures.crossings(seen.hits, seen.fronts.tiles, columns)
     assert len(rows) == np.count_nonzero(seen.hits.face >= 0) > 0
     rays, triangles = found.rays[found.visible], found.triangles[found.visible]
     inside = (rays[:, :1] <= rows) & (rows < rays[:, 1:]) & (triangles[:, :1] <= places) & (places < triangles[:, 1:])
@@ -77,7 +77,7 @@ def test_columns_are_the_triangles_part_by_part(shown, columns):
 
 def test_rows_are_the_rays_in_squares_of_squares(shown):
     tiles = shown.camera.fronts.tiles
-    rows = coverage.rows_of_rays(tiles, shown.shape)
+    rows = chcrt_figures.rows_of_rays(tiles, shown.shape)
     assert (np.sort(rows.ravel()) == np.arange(rows.size)).all()
     side = 2 * tiles.pixels
     assert sorted(rows[:side, :side].ravel()) == list(range(side * side))
@@ -86,14 +86,14 @@ def test_rows_are_the_rays_in_squares_of_squares(shown):
 
 def test_numbers_of_tiles(shown, columns):
     fronts, tiles = shown.camera.fronts, shown.camera.fronts.tiles
-    lists, pairs = coverage.list_lengths(fronts), coverage.overdraw(fronts)
+    lists, pairs = chcrt_figures.list_lengths(fronts), chcrt_figures.overdraw(fronts)
     assert tiles.smallest == 5 * 4 and (lists <= pairs).all() and lists.max() > lists.min()
-    assert coverage.covered(tiles)[-1].all()
+    assert chcrt_figures.covered(tiles)[-1].all()
     for tile in range(tiles.smallest):
-        mine = coverage.tile_of_pixels(tiles, shown.shape) == tile
+        mine = chcrt_figures.tile_of_pixels(tiles, shown.shape) == tile
         part = shown.camera.hits.part[mine]
         assert lists[tile] >= len(np.unique(part[part >= 0]))
-    short, long = (coverage.reachable(seen.fronts, columns) for seen in (shown.short, shown.long))
+    short, long = (chcrt_figures.reachable(seen.fronts, columns) for seen in (shown.short, shown.long))
     assert 0 < short.sum() < long.sum() and long.max() <= shown.triangles
     assert (shown.short.hits.t[shown.short.hits.face >= 0] <= shown.length / 50).all()
     assert (long > shown.many).any() and (short < shown.many).any()

@@ -7,10 +7,13 @@ from antumbra.engine.scene_loading import load
 from antumbra.engine.store_building import build_store
 from antumbra.errors import InputError
 from antumbra.papers.benchmark_views import scene_view
-from antumbra.papers.chc_rt import chcrt_measurements, mapped_tree
-from antumbra.papers.chc_rt import chcrt_published as published
-from antumbra.papers.chc_rt import store_walkthroughs as paging
-from antumbra.papers.chc_rt import walkthrough_timing as measure
+from antumbra.papers.chc_rt import (
+    chcrt_measurements,
+    chcrt_published,
+    mapped_tree,
+    store_walkthroughs,
+    walkthrough_timing,
+)
 from antumbra.papers.chc_rt.chcrt_plots import moved_points, shares, speedup_points
 from antumbra.papers.chc_rt.chcrt_published import ChcrtTable
 from antumbra.papers.chc_rt.store_walkthroughs import StoreCase
@@ -84,7 +87,7 @@ def test_variants_change_what_they_say(core):
 def told(core, walk, changed, name, frames):
     """A statistic of primary rays in each frame of a walk, with some options changed."""
     methods, pace = [core.culling_by("some", changed)], PACE._replace(frames=frames)
-    turns = measure.walk_through(core, walk, methods, (PRIMARY,), "halton:36", pace, quiet)
+    turns = walkthrough_timing.walk_through(core, walk, methods, (PRIMARY,), "halton:36", pace, quiet)
     return [t.statistics[name] for t in turns]
 
 
@@ -115,7 +118,10 @@ def test_ablation_in_memory(core):
     assert all(t.differs == 0 and t.view == "near" for t in turns)
 
     def of(name, value):
-        return sum(measure.typical(measure.of(turns, method=name, kind=kind), value) for kind in (AO, DIFFUSE, SOFT))
+        return sum(
+            walkthrough_timing.typical(walkthrough_timing.of(turns, method=name, kind=kind), value)
+            for kind in (AO, DIFFUSE, SOFT)
+        )
 
     assert of("no temporal coherence", "queries") > of(chcrt_measurements.BASELINE, "queries") > 0
     assert of("no pull-up", "pairs") >= of(chcrt_measurements.BASELINE, "pairs") > 0
@@ -142,10 +148,12 @@ def test_bytes_read_are_of_nodes_and_of_geometry(place):
     found, same = chcrt_measurements.measure_out_of_core(StoreCase(place, 2), run)
     turns = found[ChcrtTable.store]
     assert {t.method for t in turns} == {"lru"} and same is None
-    begun = measure.of(turns, kind="primary", frame=0)
+    begun = walkthrough_timing.of(turns, kind="primary", frame=0)
     assert all(0 < t.statistics["bvh_bytes"] < t.statistics["bytes"] for t in begun)
     for t in turns:
-        assert measure.value_of(t, "geometry_bytes") == t.statistics["bytes"] - t.statistics["bvh_bytes"] >= 0
+        assert (
+            walkthrough_timing.value_of(t, "geometry_bytes") == t.statistics["bytes"] - t.statistics["bvh_bytes"] >= 0
+        )
     assert sum(shares(begun).values()) == pytest.approx(1.0)
 
 
@@ -153,8 +161,8 @@ def test_the_mapped_tree_is_the_stores_tree(place, tmp_path):
     """The rival gives the answers of CHC+RT, and in later frames, it reads nothing that it has read before."""
     case, pace = StoreCase(place, 2), PACE._replace(frames=2)
     mapped_tree.write_tree(mapped_tree.whole_tree(case.store), tmp_path, 2)
-    ours = list(paging.out_of_core(case, pace, ["lru"], quiet))
-    theirs = list(paging.map_through(case, tmp_path, pace, quiet))
+    ours = list(store_walkthroughs.out_of_core(case, pace, ["lru"], quiet))
+    theirs = list(store_walkthroughs.map_through(case, tmp_path, pace, quiet))
     for (turns, digests), (others, hits) in zip(ours, theirs, strict=True):
         assert [(t.view, t.kind, t.frame, t.rays) for t in turns] == [(t.view, t.kind, t.frame, t.rays) for t in others]
         assert {t.method for t in others} == {mapped_tree.NAME} and len(hits) == 2 * len(KINDS)
@@ -167,25 +175,29 @@ def test_the_mapped_tree_is_the_stores_tree(place, tmp_path):
 def test_paths_of_several_bounces_have_the_hits_of_the_tree_in_memory(place):
     case = StoreCase(place, 2, share=0.1)
     bvh = mapped_tree.whole_tree(case.store)
-    for turns in paging.bounce_through(case, bvh, PACE._replace(most=2), quiet):
-        kinds = [paging.bounce_kind(bounce) for bounce in range(paging.BOUNCES + 1)]
+    for turns in store_walkthroughs.bounce_through(case, bvh, PACE._replace(most=2), quiet):
+        kinds = [store_walkthroughs.bounce_kind(bounce) for bounce in range(store_walkthroughs.BOUNCES + 1)]
         assert [(t.frame, t.kind) for t in turns] == [(frame, kind) for frame in range(2) for kind in kinds]
         assert all(t.differs == 0 and t.rays > 0 for t in turns)
         assert all(t.statistics["bytes"] > 0 for t in turns[: len(kinds)])
         rays = [t.rays for t in turns[1 : len(kinds)]]
         assert rays == sorted(rays, reverse=True) and rays[0] > rays[-1]
     other = bvh._replace(corners=bvh.corners + 0.5)
-    (turns, *_) = paging.bounce_through(case, other, PACE._replace(most=1), quiet)
+    (turns, *_) = store_walkthroughs.bounce_through(case, other, PACE._replace(most=1), quiet)
     assert sum(t.differs for t in turns) > 0
 
 
 def test_a_share_limits_the_chunks_in_memory(place):
     few, whole = (
-        [t for turns, _ in paging.out_of_core(StoreCase(place, 2, share=share), PACE, ["lru"], quiet) for t in turns]
+        [
+            t
+            for turns, _ in store_walkthroughs.out_of_core(StoreCase(place, 2, share=share), PACE, ["lru"], quiet)
+            for t in turns
+        ]
         for share in (0.1, 1.0)
     )
-    later = [sum(t.statistics["bytes"] for t in measure.later(turns)) for turns in (few, whole)]
-    assert later[0] > later[1] and paging.hit_rate(few) < paging.hit_rate(whole)
+    later = [sum(t.statistics["bytes"] for t in walkthrough_timing.later(turns)) for turns in (few, whole)]
+    assert later[0] > later[1] and store_walkthroughs.hit_rate(few) < store_walkthroughs.hit_rate(whole)
 
 
 def test_a_temporary_store_is_measured_and_removed(tmp_path, monkeypatch):
@@ -196,7 +208,7 @@ def test_a_temporary_store_is_measured_and_removed(tmp_path, monkeypatch):
     rows, same = chcrt_measurements.measure_scenes([], 20_000, (SIZE, SIZE), run)
     assert same and {*rows} == {ChcrtTable.scenes, ChcrtTable.store, ChcrtTable.bounces}
     (size,) = rows[ChcrtTable.scenes]
-    assert size.share == published.MODELS["City-200"][-1] / 100 and 15_000 < size.triangles < 25_000
+    assert size.share == chcrt_published.MODELS["City-200"][-1] / 100 and 15_000 < size.triangles < 25_000
     assert sum(t.statistics["bytes"] for t in rows[ChcrtTable.store]) > size.total / 4
     assert not list(tmp_path.iterdir())
 
@@ -205,8 +217,12 @@ def test_the_overview_has_our_points_and_the_papers(core, place):
     turns = []
     for walk in core.place.walks:
         methods = [core.culling(), *core.plain()]
-        turns += measure.walk_through(core, walk, methods, KINDS, "halton:36", PACE._replace(frames=2), quiet)
-    stored = [t for turns, _ in paging.out_of_core(StoreCase(place, 2), PACE, ["lru"], quiet) for t in turns]
+        turns += walkthrough_timing.walk_through(
+            core, walk, methods, KINDS, "halton:36", PACE._replace(frames=2), quiet
+        )
+    stored = [
+        t for turns, _ in store_walkthroughs.out_of_core(StoreCase(place, 2), PACE, ["lru"], quiet) for t in turns
+    ]
     points = speedup_points([*turns, *stored])
     assert [(len(ours), len(theirs)) for ours, theirs in points.values()] == [(2, 6)] * 3 + [(2, 0)]
     moved = moved_points([*turns, *stored], {place.name: 10_000_000})
@@ -220,7 +236,7 @@ def test_walkthroughs_are_shown_when_they_have_ended(core, capsys):
     run = chcrt_measurements.ChcrtRun(tables, 2, PACE._replace(frames=2), quiet, shown.append)
     found, same = chcrt_measurements.measure_in_memory([core.place], run)
     assert same and [t for turns in shown for t in turns] == found[ChcrtTable.times] + found[ChcrtTable.randomisation]
-    assert len(shown) == 2 + len(measure.SAMPLERS) and found[ChcrtTable.scenes][0].triangles > 0
+    assert len(shown) == 2 + len(walkthrough_timing.SAMPLERS) and found[ChcrtTable.scenes][0].triangles > 0
     chcrt_measurements.show_medians(shown[0])
     told = capsys.readouterr()
     assert told.out == "" and [line.split(":")[0] for line in told.err.splitlines()] == [
@@ -230,12 +246,12 @@ def test_walkthroughs_are_shown_when_they_have_ended(core, capsys):
 
 
 def test_published_bytes_add_up_or_are_noted():
-    for name, (_, _, moved) in published.STATISTICS.items():
+    for name, (_, _, moved) in chcrt_published.STATISTICS.items():
         for v in range(2):
             for k in range(3):
-                parts = sum(split[v][k] for split in published.MOVED[name])
+                parts = sum(split[v][k] for split in chcrt_published.MOVED[name])
                 assert parts == pytest.approx(moved[v][k], rel=0.01, abs=0.02) or (name, v) == ("City-200", 1)
-    for *_, total, bvh, geometry, _ in published.MODELS.values():
+    for *_, total, bvh, geometry, _ in chcrt_published.MODELS.values():
         assert bvh + geometry == pytest.approx(total, rel=0.05)
 
 

@@ -8,9 +8,7 @@ from antumbra.engine.scene_loading import load
 from antumbra.engine.store_building import build_store
 from antumbra.errors import InputError
 from antumbra.papers.benchmark_views import scene_view
-from antumbra.papers.chc_rt import chcrt_published as published_chcrt
-from antumbra.papers.chc_rt import store_walkthroughs
-from antumbra.papers.chc_rt import walkthrough_timing as chcrt
+from antumbra.papers.chc_rt import chcrt_published, store_walkthroughs, walkthrough_timing
 from antumbra.papers.chc_rt.store_walkthroughs import StoreCase
 from antumbra.papers.chc_rt.walkthrough_timing import CHCRT, InCore, Pace, Turn
 from antumbra.papers.chc_rt.walkthroughs import DIFFUSE, PRIMARY, SOFT, differing, place_of
@@ -52,10 +50,12 @@ def test_an_own_camera_walks_ahead():
 def test_methods_have_their_turns_and_agree(core):
     near = core.place.walks[0]
     methods = [core.culling(), *core.plain()]
-    turns = chcrt.walk_through(core, near, methods, (PRIMARY, SOFT), "halton:36", Pace(4, 1, 60.0), lambda text: None)
-    assert [t.frame for t in chcrt.of(turns, method=CHCRT, kind=SOFT)] == [0, 1, 2, 3]
+    turns = walkthrough_timing.walk_through(
+        core, near, methods, (PRIMARY, SOFT), "halton:36", Pace(4, 1, 60.0), lambda text: None
+    )
+    assert [t.frame for t in walkthrough_timing.of(turns, method=CHCRT, kind=SOFT)] == [0, 1, 2, 3]
     for kind, plans in ((PRIMARY, ["single", "multifrusta"]), (SOFT, [m.name for m in methods[1:]])):
-        others = [t for t in chcrt.of(turns, kind=kind) if t.method != CHCRT]
+        others = [t for t in walkthrough_timing.of(turns, kind=kind) if t.method != CHCRT]
         assert [(t.method, t.frame) for t in others] == [(plan, 1) for plan in plans]
     assert all(t.differs == 0 and t.rays > 0 for t in turns)
 
@@ -70,7 +70,7 @@ def test_what_differs_is_counted():
 
 def test_a_walk_ends_at_its_limit(core):
     near = core.place.walks[0]
-    turns = chcrt.walk_through(
+    turns = walkthrough_timing.walk_through(
         core, near, [core.culling()], (PRIMARY,), "halton:36", Pace(50, 1, 0.0), lambda text: None
     )
     assert [t.frame for t in turns] == [0, 1]
@@ -79,8 +79,10 @@ def test_a_walk_ends_at_its_limit(core):
 def test_pictures_of_neglected_rays_are_compared(core):
     far = core.place.walks[1]
     methods = [core.culling(), core.culling(200)]
-    turns = chcrt.walk_through(core, far, methods, (DIFFUSE,), "halton:36", Pace(2, 1, 60.0), lambda text: None)
-    exact, other = (chcrt.of(turns, method=m.name) for m in methods)
+    turns = walkthrough_timing.walk_through(
+        core, far, methods, (DIFFUSE,), "halton:36", Pace(2, 1, 60.0), lambda text: None
+    )
+    exact, other = (walkthrough_timing.of(turns, method=m.name) for m in methods)
     assert all(t.error is None and t.differs == 0 for t in exact)
     assert all(0.0 < t.error <= 255.0 and t.differs > 0 for t in other)
 
@@ -103,7 +105,9 @@ def test_cameras_that_see_nothing_are_refused(core):
     away = Camera((1e4, 1e4, 1e4), (2e4, 2e4, 2e4), width=SIZE, height=SIZE)
     walk = core.place.walks[0]._replace(first=away, last=away)
     with pytest.raises(InputError, match="city: the near camera sees nothing"):
-        chcrt.walk_through(core, walk, [core.culling()], (PRIMARY,), "halton:36", Pace(2, 1, 1.0), lambda text: None)
+        walkthrough_timing.walk_through(
+            core, walk, [core.culling()], (PRIMARY,), "halton:36", Pace(2, 1, 1.0), lambda text: None
+        )
 
 
 def made(method, frame, seconds, told=None):
@@ -111,15 +115,19 @@ def made(method, frame, seconds, told=None):
 
 
 def test_medians_leave_out_the_first_frame():
-    phases = dict.fromkeys(chcrt.PHASES, 0.25)
+    phases = dict.fromkeys(walkthrough_timing.PHASES, 0.25)
     ours = [made(CHCRT, k, s, {**phases, "queries": 10 * k}) for k, s in enumerate((9.0, 1.0, 2.0, 4.0))]
     theirs = [made("single", k, s) for k, s in ((1, 4.0), (3, 6.0))]
-    assert chcrt.first(ours) == 9.0 and chcrt.first(theirs) is None
-    assert chcrt.typical(ours) == 2.0 and chcrt.typical(ours, "queries") == 20 and chcrt.typical(ours, "bytes") == 0
-    assert chcrt.typical(ours, "before") == 1.25
-    assert chcrt.speedup(ours, theirs) == 2.0  # in frames 1 and 3
-    assert chcrt.typical(ours[:1]) == 9.0
-    assert chcrt.rows_of([*ours, *theirs], "method") == [{"method": CHCRT}, {"method": "single"}]
+    assert walkthrough_timing.first(ours) == 9.0 and walkthrough_timing.first(theirs) is None
+    assert (
+        walkthrough_timing.typical(ours) == 2.0
+        and walkthrough_timing.typical(ours, "queries") == 20
+        and walkthrough_timing.typical(ours, "bytes") == 0
+    )
+    assert walkthrough_timing.typical(ours, "before") == 1.25
+    assert walkthrough_timing.speedup(ours, theirs) == 2.0  # in frames 1 and 3
+    assert walkthrough_timing.typical(ours[:1]) == 9.0
+    assert walkthrough_timing.rows_of([*ours, *theirs], "method") == [{"method": CHCRT}, {"method": "single"}]
 
 
 def test_speedups_are_of_the_same_kind():
@@ -128,17 +136,17 @@ def test_speedups_are_of_the_same_kind():
         (SOFT, CHCRT, 1, 1.0), (SOFT, "single", 1, 4.0), (SOFT, "packet16", 1, 9.0),
     )]  # fmt: skip
     turns += [t._replace(view="far", seconds=2 * t.seconds if t.method == CHCRT else t.seconds) for t in turns]
-    assert chcrt.speedups(turns) == {PRIMARY: [1.5, 0.75], SOFT: [4.0, 2.0]}
-    assert chcrt.speedups([t for t in turns if t.method == CHCRT]) == {PRIMARY: [], SOFT: []}
-    assert [len(published_chcrt.speedups(k)) for k in range(3)] == [6, 6, 6]
-    assert max(published_chcrt.speedups(0)) == pytest.approx(5.5) and min(published_chcrt.speedups(2)) < 0.9
-    assert published_chcrt.moved(2)[:3] == [383 / 7890, 1.73 / 7890, 0.55 / 11400]
+    assert walkthrough_timing.speedups(turns) == {PRIMARY: [1.5, 0.75], SOFT: [4.0, 2.0]}
+    assert walkthrough_timing.speedups([t for t in turns if t.method == CHCRT]) == {PRIMARY: [], SOFT: []}
+    assert [len(chcrt_published.speedups(k)) for k in range(3)] == [6, 6, 6]
+    assert max(chcrt_published.speedups(0)) == pytest.approx(5.5) and min(chcrt_published.speedups(2)) < 0.9
+    assert chcrt_published.moved(2)[:3] == [383 / 7890, 1.73 / 7890, 0.55 / 11400]
 
 
 @pytest.mark.parametrize("size, tile", [((640, 360), 128), ((320, 200), 64), ((192, 108), 32)])
 def test_there_are_pairs_to_query(size, tile):
     place = place_of(scene_view("city", procedural("city", triangles=1000), size))
-    options = chcrt.options_of(place)
+    options = walkthrough_timing.options_of(place)
     assert options.tile == tile and -(-size[0] // tile) * -(-size[1] // tile) >= 8
     assert place.scene.n_triangles // options.triangles >= 16 and options.weight == ChcRtOptions().weight
 
@@ -146,8 +154,8 @@ def test_there_are_pairs_to_query(size, tile):
 def test_the_papers_best_is_in_its_table():
     ratios = [
         glsl / ours
-        for methods in published_chcrt.TIMES.values()
+        for methods in chcrt_published.TIMES.values()
         for near_far in zip(methods["GLSL"], methods["CHC+RT"])
         for glsl, ours in zip(*near_far)
     ]
-    assert max(ratios) == pytest.approx(published_chcrt.BEST, abs=0.03)
+    assert max(ratios) == pytest.approx(chcrt_published.BEST, abs=0.03)

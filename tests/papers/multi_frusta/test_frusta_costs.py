@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from antumbra.papers.multi_frusta import frusta_published as paper
+from antumbra.papers.multi_frusta import frusta_published
 from antumbra.papers.multi_frusta.frusta_costs import (
     OPERATIONS,
     explain,
@@ -41,7 +41,7 @@ def test_costs_are_never_negative():
 def test_the_papers_rows_are_explained_by_costs():
     packets, frusta = published_costs(False), published_costs(True)
     assert max(map(abs, packets.errors)) < 0.2 and max(map(abs, frusta.errors)) < 0.2
-    of_packets, of_frusta = (published_counts(row) for row in paper.pairs("S")[0])
+    of_packets, of_frusta = (published_counts(row) for row in frusta_published.pairs("S")[0])
     more = {"candidates": 0.0, "uncertain": 0.0}
     both = {**of_packets, **more}, {**of_frusta, **more}
     found = explain(*both, (packets, frusta), 4.05)
@@ -49,8 +49,12 @@ def test_the_papers_rows_are_explained_by_costs():
 
 
 def test_the_published_rows_give_the_published_factors():
-    assert len(paper.TABLE1) == 16 and len(paper.pairs("P")) == len(paper.pairs("S")) == 4
-    factors = {packets.scene: packets.cycles / frusta.cycles for packets, frusta in paper.pairs("S")}
+    assert (
+        len(frusta_published.TABLE1) == 16 and len(frusta_published.pairs("P")) == len(frusta_published.pairs("S")) == 4
+    )
+    factors = {packets.scene: packets.cycles / frusta.cycles for packets, frusta in frusta_published.pairs("S")}
     assert factors == pytest.approx({"T-Rex": 4.05, "Fern": 3.34, "Saloon": 6.11, "Fairy Forest": 3.97}, rel=0.01)
-    shaded = {packets.scene: packets.with_shading / frusta.with_shading for packets, frusta in paper.pairs("P")}
+    shaded = {
+        packets.scene: packets.with_shading / frusta.with_shading for packets, frusta in frusta_published.pairs("P")
+    }
     assert shaded == pytest.approx({"T-Rex": 3.52, "Fern": 2.98, "Saloon": 6.09, "Fairy Forest": 3.52}, rel=0.01)

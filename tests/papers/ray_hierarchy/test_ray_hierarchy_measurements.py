@@ -11,8 +11,7 @@ from antumbra.engine.plan import parse_plan
 from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
 from antumbra.papers.benchmark_views import agree, scene_view
-from antumbra.papers.ray_hierarchy import ray_hierarchy_measurements as bench
-from antumbra.papers.ray_hierarchy import ray_hierarchy_published as published
+from antumbra.papers.ray_hierarchy import ray_hierarchy_measurements, ray_hierarchy_published
 from antumbra.papers.ray_hierarchy.ray_hierarchy_measurements import PLANS, Cost, Measured, PictureRays
 from antumbra.papers.ray_hierarchy.ray_hierarchy_plot import write_plot
 from antumbra.papers.ray_hierarchy.ray_hierarchy_tables import print_tables
@@ -169,30 +168,42 @@ def silent(text: str) -> None:
 
 
 def test_all_variants_answer_the_same(picture):
-    measured = bench.measure_all([picture], bench.Effort(2, 2, math.inf), silent)
+    measured = ray_hierarchy_measurements.measure_all(
+        [picture], ray_hierarchy_measurements.Effort(2, 2, math.inf), silent
+    )
     ((seen,), costs) = measured
-    assert [c.variant for c in costs] == list(PLANS) == [bench.OURS, *published.VARIANTS]
+    assert (
+        [c.variant for c in costs]
+        == list(PLANS)
+        == [ray_hierarchy_measurements.OURS, *ray_hierarchy_published.VARIANTS]
+    )
     assert 0 < seen.blocked < seen.rays == SIZE * SIZE
     assert len(measured.answers()) == 1 + len(PLANS) and agree(measured.answers())
     assert all(c.nodes > 0 and c.tests > 0 and c.seconds > 0 for c in costs)
-    assert bench.never_more(measured, "Precise", "Spheres") == (1, 1)
+    assert ray_hierarchy_measurements.never_more(measured, "Precise", "Spheres") == (1, 1)
 
 
 def test_face_culling_drops_nodes_and_keeps_answers_the_same(picture):
-    measured = bench.measure_all([picture], bench.Effort(2, 1, None, "back"), silent)
+    measured = ray_hierarchy_measurements.measure_all(
+        [picture], ray_hierarchy_measurements.Effort(2, 1, None, "back"), silent
+    )
     assert agree(measured.answers()) and all(0 < c.passed < c.nodes for c in measured.costs)
-    both = bench.measure(picture, bench.Effort(2, 1, None), silent)[1]
+    both = ray_hierarchy_measurements.measure(picture, ray_hierarchy_measurements.Effort(2, 1, None), silent)[1]
     assert sum(c.nodes for c in measured.costs) < sum(c.nodes for c in both)
-    rows = bench.relative_costs(measured, published.FIGURE7)
-    assert [r.variant for r in rows] == list(published.FIGURE7) and rows[0].nodes == rows[0].passed == 1.0
+    rows = ray_hierarchy_measurements.relative_costs(measured, ray_hierarchy_published.FIGURE7)
+    assert [r.variant for r in rows] == list(ray_hierarchy_published.FIGURE7) and rows[0].nodes == rows[0].passed == 1.0
 
 
 def test_what_would_take_too_long_is_not_run(picture, capsys):
-    measured = bench.measure_all([picture], bench.Effort(2, 1, 0.0), silent)
+    measured = ray_hierarchy_measurements.measure_all([picture], ray_hierarchy_measurements.Effort(2, 1, 0.0), silent)
     assert [c.variant for c in measured.costs] == list(PLANS)
     assert all((c.nodes, c.passed, c.tests, c.seconds, c.bits) == (None,) * 5 for c in measured.costs)
     assert measured.answers() == [("cellar", measured.pictures[0].bits)]
-    assert bench.claims(measured) == bench.relative_costs(measured, published.FIGURE7) == []
+    assert (
+        ray_hierarchy_measurements.claims(measured)
+        == ray_hierarchy_measurements.relative_costs(measured, ray_hierarchy_published.FIGURE7)
+        == []
+    )
     print_tables(measured, Measured([], []), [], [], [])
     out = capsys.readouterr().out
     assert "not run: predicted" in out and "about" not in out and "fewest nodes of Table 1" in out
@@ -201,11 +212,13 @@ def test_what_would_take_too_long_is_not_run(picture, capsys):
 def test_pictures_of_nothing_are_refused(picture):
     away = Camera((1e4, 1e4, 1e4), (2e4, 2e4, 2e4), width=SIZE, height=SIZE)
     with pytest.raises(InputError, match="cellar: the camera sees nothing"):
-        bench.measure(picture._replace(camera=away), bench.Effort(2, 1, 1.0), silent)
+        ray_hierarchy_measurements.measure(
+            picture._replace(camera=away), ray_hierarchy_measurements.Effort(2, 1, 1.0), silent
+        )
 
 
 def test_variants_are_plans():
-    for plans in PLANS, bench.CULLING_PLANS:
+    for plans in PLANS, ray_hierarchy_measurements.CULLING_PLANS:
         assert [str(parse_plan(plan)) for plan in plans.values()] == list(plans.values())
 
 
@@ -234,7 +247,7 @@ VIEWS = {
 
 
 def test_claims_compare_like_with_like():
-    found = {c.text: c for c in bench.claims(made(VIEWS, MUSEUM))}
+    found = {c.text: c for c in ray_hierarchy_measurements.claims(made(VIEWS, MUSEUM))}
     nodes = found["sorting, Spheres: fewer nodes"]
     assert (nodes.ours, nodes.picture) == (20.0, "museum, 2")
     assert nodes.published == pytest.approx(2199.22 / 6.60)
@@ -246,53 +259,62 @@ def test_claims_compare_like_with_like():
 
 
 def test_claims_need_all_views_of_the_museum():
-    found = {c.text for c in bench.claims(made({**VIEWS, "museum, 3": {"Spheres": None}}, MUSEUM))}
+    found = {c.text for c in ray_hierarchy_measurements.claims(made({**VIEWS, "museum, 3": {"Spheres": None}}, MUSEUM))}
     assert found == {
         "sorting, Precise: fewer nodes", "sorting, Precise: less time", "precise test: fewer nodes, rays sorted"
     }  # fmt: skip
-    assert bench.claims(made(VIEWS)) == []  # of another scene
+    assert ray_hierarchy_measurements.claims(made(VIEWS)) == []  # of another scene
 
 
 def test_the_claim_about_the_wall():
-    (claim,) = bench.claims(made({"corridor": {}, WALL_PICTURE: {"Spheres": 1000, "Precise": 10}}, ROBOTS))
+    (claim,) = ray_hierarchy_measurements.claims(
+        made({"corridor": {}, WALL_PICTURE: {"Spheres": 1000, "Precise": 10}}, ROBOTS)
+    )
     assert (claim.ours, claim.published, claim.picture) == (100.0, 250_000.0, WALL_PICTURE)
-    assert bench.claims(made({WALL_PICTURE: {"Spheres": None}}, ROBOTS)) == []
+    assert ray_hierarchy_measurements.claims(made({WALL_PICTURE: {"Spheres": None}}, ROBOTS)) == []
 
 
 def test_fewest_nodes():
     measured = made({"a": {"PreciseSorted": 2, "PreciseSEATP": 1, "Spheres": None}})
-    assert bench.fewest(measured, "a", published.MEASURED) == "PreciseSorted"
-    assert bench.fewest(measured, "a", PLANS) == "PreciseSEATP"
-    assert bench.fewest(measured, "a", ("Spheres",)) == ""
+    assert ray_hierarchy_measurements.fewest(measured, "a", ray_hierarchy_published.MEASURED) == "PreciseSorted"
+    assert ray_hierarchy_measurements.fewest(measured, "a", PLANS) == "PreciseSEATP"
+    assert ray_hierarchy_measurements.fewest(measured, "a", ("Spheres",)) == ""
 
 
 def test_how_often_a_variant_tests_no_more_nodes():
     measured = made({"a": {"Spheres": 18}, "b": {"Spheres": 2}, "c": {"Spheres": None}, "d": {"Spheres": 20}})
-    assert bench.never_more(measured, "Precise", "Spheres") == (2, 3)
+    assert ray_hierarchy_measurements.never_more(measured, "Precise", "Spheres") == (2, 3)
 
 
 def test_spreads_are_those_of_animations():
     film = made({"1": {"Precise": 2}, "2": {"Precise": 4}, "3": {"Precise": 6}}, frames=True)
-    found = {s.variant: s for s in bench.spreads(film)}
+    found = {s.variant: s for s in ray_hierarchy_measurements.spreads(film)}
     assert set(found) == set(PLANS) and {s.of for s in found.values()} == {"film"}
     varied = found["Precise"]
     assert (varied.frames, varied.nodes, varied.most_nodes, varied.passed) == (3, 4, 6, 2)
     assert (varied.median, varied.ratio, varied.quartiles) == (4.0, 3.0, 2.0)
     assert varied.deviation == pytest.approx(math.sqrt(8 / 3) / 4)
     assert found["cones"].ratio == 1.0 and found["cones"].deviation == 0.0
-    assert bench.spreads(made({"1": {}}, frames=True)) == []
+    assert ray_hierarchy_measurements.spreads(made({"1": {}}, frames=True)) == []
 
 
 def test_the_plot_has_gaps_where_variants_were_not_run(tmp_path):
     pytest.importorskip("matplotlib")
     measured = made({**VIEWS, "museum, 3": {"Spheres": None}, "museum, 4": {}}, MUSEUM)
-    write_plot(measured, Measured([], []), bench.claims(measured), tmp_path / "with.png")
+    write_plot(measured, Measured([], []), ray_hierarchy_measurements.claims(measured), tmp_path / "with.png")
     write_plot(made({"a": {}}), made({"1": {}, "2": {}}, frames=True), [], tmp_path / "without.png")
     assert all((tmp_path / f"{name}.png").stat().st_size > 10_000 for name in ("with", "without"))
 
 
 def test_the_reports_ratios_are_what_its_text_says():
-    assert max(published.ratios("Precise", "PreciseSorted")) > 1000  # "up to three orders of magnitude fewer nodes"
-    times = published.ratios("Precise", "PreciseSorted", published.MILLISECONDS)
+    assert (
+        max(ray_hierarchy_published.ratios("Precise", "PreciseSorted")) > 1000
+    )  # "up to three orders of magnitude fewer nodes"
+    times = ray_hierarchy_published.ratios("Precise", "PreciseSorted", ray_hierarchy_published.MILLISECONDS)
     assert max(times) > 100  # "over two orders of magnitude faster"
-    assert set(published.NODES) == set(published.MILLISECONDS) == set(published.MEASURED) < set(published.VARIANTS)
+    assert (
+        set(ray_hierarchy_published.NODES)
+        == set(ray_hierarchy_published.MILLISECONDS)
+        == set(ray_hierarchy_published.MEASURED)
+        < set(ray_hierarchy_published.VARIANTS)
+    )

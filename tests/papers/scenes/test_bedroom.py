@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.papers.scenes import bedroom as window
+from antumbra.papers.scenes import bedroom as bedroom_module
 from antumbra.papers.scenes.bedroom import HALF_X, HALF_Z, HEIGHT
 
 
@@ -22,8 +22,8 @@ def corners(bedroom):
 @pytest.fixture(scope="module")
 def of_blinds(corners):
     """(n,) bool: whether each triangle lies where the blinds hang: in the opening, between the frame and the room."""
-    behind = np.abs(corners[..., 0] + HALF_X + window.HANG) < 0.09
-    inside = (np.abs(corners[..., 2]) < window.WIDTH / 2) & (corners[..., 1] > window.SILL)
+    behind = np.abs(corners[..., 0] + HALF_X + bedroom_module.HANG) < 0.09
+    inside = (np.abs(corners[..., 2]) < bedroom_module.WIDTH / 2) & (corners[..., 1] > bedroom_module.SILL)
     return (behind & inside).all(axis=1)
 
 
@@ -35,11 +35,11 @@ def test_light_comes_through_the_window_only(corners, of_blinds):
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     out = ~at.Scene.from_arrays(corners[~of_blinds]).occluded(start, way, tmax=50.0)
     assert 300 < out.sum() < n / 4
-    for x in (-HALF_X, -HALF_X - window.WALL):  # both ends of the opening
+    for x in (-HALF_X, -HALF_X - bedroom_module.WALL):  # both ends of the opening
         crossing = start[out] + way[out] * ((x - start[out, 0]) / way[out, 0])[:, None]
         assert (way[out, 0] < 0.0).all()
-        assert (np.abs(crossing[:, 2]) < window.WIDTH / 2).all()
-        assert (crossing[:, 1] > window.SILL).all() and (crossing[:, 1] < window.LINTEL).all()
+        assert (np.abs(crossing[:, 2]) < bedroom_module.WIDTH / 2).all()
+        assert (crossing[:, 1] > bedroom_module.SILL).all() and (crossing[:, 1] < bedroom_module.LINTEL).all()
 
 
 def test_most_light_is_stopped_and_mostly_by_the_blinds(bedroom, corners, of_blinds):

@@ -10,10 +10,9 @@ from antumbra.bvh import binned_sah
 from antumbra.bvh.tree_quality import validate
 from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
-from antumbra.papers import benchmark_views as views
+from antumbra.papers import benchmark_views
 from antumbra.papers.benchmark_views import BenchmarkView, scene_view
-from antumbra.papers.srdh import srdh_measurements as srdh
-from antumbra.papers.srdh import srdh_published as published_srdh
+from antumbra.papers.srdh import srdh_measurements, srdh_published
 from antumbra.papers.srdh.srdh_measurements import (
     CONSTANT,
     METHODS,
@@ -95,8 +94,8 @@ def test_files_without_notes_have_default_lights(scenes, tmp_path):
 
 
 def test_procedural_scenes_have_their_own(monkeypatch):
-    whole = views.procedural
-    monkeypatch.setattr(views, "procedural", lambda name: whole(name, triangles=2000))
+    whole = benchmark_views.procedural
+    monkeypatch.setattr(benchmark_views, "procedural", lambda name: whole(name, triangles=2000))
     view = SCENES.view("cellar", (40, 30))
     assert view.scene.name == "cellar" and (view.camera.width, view.camera.height) == (40, 30)
 
@@ -119,7 +118,7 @@ def view() -> BenchmarkView:
 
 @pytest.fixture(scope="module")
 def rows(view):
-    return srdh.count_view(Workload(view, PRERENDER_SPP, None), lambda text: None, (8, SIZE))[0]
+    return srdh_measurements.count_view(Workload(view, PRERENDER_SPP, None), lambda text: None, (8, SIZE))[0]
 
 
 def test_all_methods_find_the_same_rays_blocked(rows):
@@ -144,7 +143,7 @@ def test_as_many_pixels_as_the_picture_has_are_all_rays(rows):
 
 
 def test_trees_for_shadow_rays_are_cheaper(rows):
-    assert all(srdh.saved(rows, of(rows, "cellar", m)) > 0.1 for m in METHODS)
+    assert all(srdh_measurements.saved(rows, of(rows, "cellar", m)) > 0.1 for m in METHODS)
 
 
 def test_rays_start_at_what_is_seen_and_at_what_bounces_meet(view, rows):
@@ -186,12 +185,12 @@ def test_shares():
         made_row(PUBLISHED, (8, 7, 25)), made_row(PUBLISHED, (8, 9, 25), 16),
     ]  # fmt: skip
     best, sparse = rows[2:]
-    assert srdh.relative(rows, best) == 0.4
-    assert srdh.saved(rows, best) == 0.6 and srdh.saved(rows, best, "rtsah") == 0.5
-    assert srdh.saved_unoccluded(rows, best) == 0.5
-    assert srdh.beyond_all(rows, sparse) == pytest.approx(0.05)
-    assert srdh.scenes_of(rows) == ["room"]
-    assert srdh.saved_unoccluded([made_row("random", (1, 1, 0))], made_row(CONSTANT, (1, 1, 0))) == 0.0
+    assert srdh_measurements.relative(rows, best) == 0.4
+    assert srdh_measurements.saved(rows, best) == 0.6 and srdh_measurements.saved(rows, best, "rtsah") == 0.5
+    assert srdh_measurements.saved_unoccluded(rows, best) == 0.5
+    assert srdh_measurements.beyond_all(rows, sparse) == pytest.approx(0.05)
+    assert srdh_measurements.scenes_of(rows) == ["room"]
+    assert srdh_measurements.saved_unoccluded([made_row("random", (1, 1, 0))], made_row(CONSTANT, (1, 1, 0))) == 0.0
 
 
 def test_ratios_of_build_times():
@@ -201,8 +200,8 @@ def test_ratios_of_build_times():
 
 
 def test_the_papers_mean_is_what_its_text_says():
-    assert round(published_srdh.both_over_sah(16), 1) == 2.4
-    assert published_srdh.both_over_sah(32) > published_srdh.both_over_sah(16)
+    assert round(srdh_published.both_over_sah(16), 1) == 2.4
+    assert srdh_published.both_over_sah(32) > srdh_published.both_over_sah(16)
 
 
 # --- RTSAH saves box tests of evenly spread lines, and the opposite order wastes some ---------------------------------

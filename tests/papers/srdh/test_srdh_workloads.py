@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.errors import InputError
 from antumbra.papers.benchmark_views import BenchmarkView, scene_view
-from antumbra.papers.srdh import srdh_measurements as srdh
+from antumbra.papers.srdh import srdh_measurements
 from antumbra.papers.srdh.srdh_published import Lighting
 from antumbra.papers.srdh.srdh_workloads import NAMES, RELIT, lit_view, workloads
 from antumbra.scene.lights import AmbientOcclusion
@@ -68,32 +68,36 @@ def test_default_and_chosen_lightings(view):
 @pytest.fixture(scope="module")
 def rows(view):
     views = workloads([view], [Lighting.own, Lighting.opposed, Lighting.ambient])
-    return srdh.measure(views, srdh.SrdhEffort(1, (16, 16), 1, 2), lambda text: None, None)
+    return srdh_measurements.measure(views, srdh_measurements.SrdhEffort(1, (16, 16), 1, 2), lambda text: None, None)
 
 
 def test_further_lightings_have_fewer_pixels_and_pre_renders(rows):
     names = ["atrium", "atrium, two opposed lights", "atrium, ambient occlusion"]
-    assert srdh.scenes_of(rows.counts) == names == [check.scene for check in rows.rtsah]
+    assert srdh_measurements.scenes_of(rows.counts) == names == [check.scene for check in rows.rtsah]
     assert [row.scene for row in rows.memory] == ["atrium"]
     assert [row.scene for row in rows.builds[::2]] == names == list(dict.fromkeys(row.scene for row in rows.renders))
     pixels = {name: {row.pixels for row in rows.counts if row.scene == name} for name in names}
-    assert pixels["atrium"] == {None, *srdh.PIXELS} and pixels[names[1]] == pixels[names[2]] == {None, 16}
-    rays = [srdh.of(rows.counts, name, srdh.BASE).rays for name in names]
+    assert pixels["atrium"] == {None, *srdh_measurements.PIXELS} and pixels[names[1]] == pixels[names[2]] == {None, 16}
+    rays = [srdh_measurements.of(rows.counts, name, srdh_measurements.BASE).rays for name in names]
     assert rays[1] > rays[2] and rays[0] > 2 * rays[2]  # two lights and one, with a quarter of the pixels
-    assert len({(gain.scene, gain.tracer) for gain in srdh.gains(rows.renders)}) == 3 * len(srdh.TRACERS)
+    assert len({(gain.scene, gain.tracer) for gain in srdh_measurements.gains(rows.renders)}) == 3 * len(
+        srdh_measurements.TRACERS
+    )
 
 
 def test_kernel_gains(rows):
-    gains = srdh.kernel_gains(rows.counts, rows.trees)
-    assert [gain.scene for gain in gains] == srdh.scenes_of(rows.counts)
-    first, total = gains[0], lambda method: srdh.of(rows.counts, "atrium", method).total
-    assert first.distance == total(srdh.DISTANCE) / total(srdh.CONSTANT) - 1 != 0
-    assert first.both == total(srdh.PUBLISHED) / total(srdh.CONSTANT) - 1
+    gains = srdh_measurements.kernel_gains(rows.counts, rows.trees)
+    assert [gain.scene for gain in gains] == srdh_measurements.scenes_of(rows.counts)
+    first, total = gains[0], lambda method: srdh_measurements.of(rows.counts, "atrium", method).total
+    assert first.distance == total(srdh_measurements.DISTANCE) / total(srdh_measurements.CONSTANT) - 1 != 0
+    assert first.both == total(srdh_measurements.PUBLISHED) / total(srdh_measurements.CONSTANT) - 1
     assert all(0 < gain.chosen < 1 for gain in gains)
 
 
 def test_savings(rows):
-    saved = srdh.savings(rows.counts)
+    saved = srdh_measurements.savings(rows.counts)
     assert len(saved) == 3 * 2 and all(-1 < row["beyond_all"] < 1 and row["random"] < 1 for row in saved)
-    ours = next(row for row in saved if (row["scene"], row["method"]) == ("atrium", srdh.OURS))
-    assert ours["rtsah"] == srdh.saved(rows.counts, srdh.of(rows.counts, "atrium", srdh.OURS), "rtsah")
+    ours = next(row for row in saved if (row["scene"], row["method"]) == ("atrium", srdh_measurements.OURS))
+    assert ours["rtsah"] == srdh_measurements.saved(
+        rows.counts, srdh_measurements.of(rows.counts, "atrium", srdh_measurements.OURS), "rtsah"
+    )

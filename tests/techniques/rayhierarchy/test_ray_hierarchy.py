@@ -12,7 +12,7 @@ from antumbra.engine.plan import parse_plan
 from antumbra.papers.ray_hierarchy.cone_hierarchy import CONES, Cones, combination
 from antumbra.query.shadow_query import segments
 from antumbra.techniques.culling.pre_bvh_culling import Soup, soup_of
-from antumbra.techniques.rayhierarchy import ray_hierarchy as trace
+from antumbra.techniques.rayhierarchy import ray_hierarchy
 from antumbra.techniques.rayhierarchy.ray_hierarchy import trace_shadow
 from antumbra.techniques.tracer_options import FASTEST_RAY_HIERARCHY, RayHierarchyOptions
 from antumbra.trace.counters import as_dict, new_counters
@@ -108,11 +108,11 @@ def test_numbers_of_samples(light, spp):
 def test_queries_that_are_cut_into_parts(light, shape, segments_held, monkeypatch):
     triangles, query = on_surfaces(8, light, shape, n=40, spp=3)
     whole = _bits(triangles, query, FASTEST_RAY_HIERARCHY)
-    monkeypatch.setattr(trace, "SEGMENTS", segments_held)
+    monkeypatch.setattr(ray_hierarchy, "SEGMENTS", segments_held)
     for name in ("cones", "cones:precise:sorted", "cones:SpheresSorted"):
         np.testing.assert_array_equal(_bits(triangles, query, combination(name) or CONES[name][0]), whole)
     assert whole.any() and not whole.all()
-    assert len(trace.query_parts(query, np.zeros((*shape, 1), np.uint64))) > (1 if segments_held < 1000 else 0)
+    assert len(ray_hierarchy.query_parts(query, np.zeros((*shape, 1), np.uint64))) > (1 if segments_held < 1000 else 0)
 
 
 # Hazards, by name.

@@ -5,13 +5,13 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from antumbra.techniques.rayhierarchy import ray_leaves as memory
+from antumbra.techniques.rayhierarchy import ray_leaves
 from antumbra.techniques.rayhierarchy.ray_leaves import borrowed
 
 
 @pytest.fixture(autouse=True)
 def nothing_spare(monkeypatch):
-    monkeypatch.setattr(memory, "spare_buffers", [])
+    monkeypatch.setattr(ray_leaves, "spare_buffers", [])
 
 
 def test_the_next_call_gets_the_same_memory():
@@ -52,24 +52,24 @@ def test_the_best_fit_is_taken():
 
 
 def test_no_more_is_kept_than_may_be_and_the_last_used_first(monkeypatch):
-    monkeypatch.setattr(memory, "KEPT", 2500)
+    monkeypatch.setattr(ray_leaves, "KEPT", 2500)
     with borrowed() as empty:
         old = empty(2000, np.uint8)
     with borrowed() as empty:
         new = empty(600, np.uint8)
-    assert sum(map(len, memory.spare_buffers)) <= 2500
+    assert sum(map(len, ray_leaves.spare_buffers)) <= 2500
     with borrowed() as empty:
         assert np.shares_memory(empty(600, np.uint8), new) and not np.shares_memory(empty(2000, np.uint8), old)
     with borrowed() as empty:
         empty(10_000, np.uint8)
-    assert all(len(spare) < 10_000 for spare in memory.spare_buffers)
+    assert all(len(spare) < 10_000 for spare in ray_leaves.spare_buffers)
 
 
 def test_an_error_gives_memory_back():
     with pytest.raises(KeyError), borrowed() as empty:
         empty(100, np.uint8)
         raise KeyError
-    assert len(memory.spare_buffers) == 1
+    assert len(ray_leaves.spare_buffers) == 1
 
 
 def test_threads_never_share():

@@ -9,9 +9,7 @@ import antumbra as at
 from antumbra.engine.plan import parse_plan
 from antumbra.papers.ray_hierarchy.cone_hierarchy import Cones, combination
 from antumbra.techniques.culling.pre_bvh_culling import soup_of
-from antumbra.techniques.rayhierarchy import ray_hierarchy as trace
-from antumbra.techniques.rayhierarchy import ray_hierarchy as wide
-from antumbra.techniques.rayhierarchy import shaft_hierarchy as clusters
+from antumbra.techniques.rayhierarchy import ray_hierarchy, shaft_hierarchy
 from antumbra.techniques.rayhierarchy.ray_hierarchy import trace_shadow
 from antumbra.techniques.tracer_options import FASTEST_RAY_HIERARCHY, RayHierarchyOptions
 from antumbra.trace.counters import as_dict, new_counters
@@ -35,25 +33,25 @@ def _bits(triangles, query, options=FASTEST_RAY_HIERARCHY, threads=2, counters=N
 def _no_probe_is_left_out():
     """Probe scenes of few triangles too."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(wide, "LEAST", 0)
-        patch.setattr(wide, "PROBE", 16)
+        patch.setattr(ray_hierarchy, "LEAST", 0)
+        patch.setattr(ray_hierarchy, "PROBE", 16)
         yield
 
 
 @pytest.fixture(scope="module")
 def always_shafts():
     """Use shafts at any cost. The list counts their traversals."""
-    used, before = [], clusters.trace_clusters
+    used, before = [], shaft_hierarchy.trace_clusters
 
     def spied(ticket, *arguments):
         used.append(ticket)
         before(ticket, *arguments)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(clusters, "trace_clusters", spied)
-        patch.setattr(wide, "CHEAP", 0.0)
-        patch.setattr(wide, "WORTH", 0.0)
-        patch.setattr(wide, "CLUSTERED", -np.inf)
+        patch.setattr(shaft_hierarchy, "trace_clusters", spied)
+        patch.setattr(ray_hierarchy, "CHEAP", 0.0)
+        patch.setattr(ray_hierarchy, "WORTH", 0.0)
+        patch.setattr(ray_hierarchy, "CLUSTERED", -np.inf)
         yield used
 
 
@@ -122,7 +120,7 @@ def test_any_rays_and_triangles(always_shafts, seed, light, receivers, scale):
 def test_queries_that_are_cut_into_parts(light, segments_held, monkeypatch, shafts_always):
     triangles, query = on_surfaces(8, light, (23, 18), n=40, spp=3)
     whole = _bits(triangles, query, RayHierarchyOptions(nodes=Cones, shared=True))
-    monkeypatch.setattr(trace, "SEGMENTS", segments_held)
+    monkeypatch.setattr(ray_hierarchy, "SEGMENTS", segments_held)
     np.testing.assert_array_equal(_bits(triangles, query), whole)
     assert whole.any() and not whole.all() and shafts_always
 

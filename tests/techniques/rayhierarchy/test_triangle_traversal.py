@@ -9,8 +9,7 @@ from antumbra.kernels.parallel import new_ticket
 from antumbra.kernels.simd import ptr, ptr_at, stack_array, stack_f32
 from antumbra.papers.ray_hierarchy.cone_hierarchy import TABLE_1, Cones
 from antumbra.techniques.culling.pre_bvh_culling import Soup, soup_of
-from antumbra.techniques.rayhierarchy import ray_hierarchy as trace
-from antumbra.techniques.rayhierarchy import triangle_traversal as occluders
+from antumbra.techniques.rayhierarchy import ray_hierarchy, triangle_traversal
 from antumbra.techniques.rayhierarchy.box_nodes import Boxes
 from antumbra.techniques.rayhierarchy.light_beams import beams_of, view_of
 from antumbra.techniques.rayhierarchy.ray_leaves import leaves_of
@@ -132,9 +131,9 @@ def test_queues_never_hold_more_than_they_may(kind, ways, early_accept):
 def test_the_smallest_queues_give_the_same_bits(options, monkeypatch):
     triangles, query = on_surfaces(4, "quad", (33, 40), n=200, spp=3)
     bits = [np.zeros((33, 40, 1), np.uint64) for _ in range(2)]
-    trace.trace_shadow(soup_of(triangles), query, bits[0], 2, None, None, options)
-    monkeypatch.setattr(trace, "PAIRS", BATCH)
-    trace.trace_shadow(soup_of(triangles), query, bits[1], 2, None, None, options)
+    ray_hierarchy.trace_shadow(soup_of(triangles), query, bits[0], 2, None, None, options)
+    monkeypatch.setattr(ray_hierarchy, "PAIRS", BATCH)
+    ray_hierarchy.trace_shadow(soup_of(triangles), query, bits[1], 2, None, None, options)
     np.testing.assert_array_equal(bits[0], bits[1])
     assert bits[0].any() and not (bits[0] == 7).all()
 
@@ -209,22 +208,22 @@ def test_two_passes_give_the_same_bits_whatever_goes_first(rule, light, monkeypa
     triangles, query = on_surfaces(9, light, (20, 30), n=120, spp=3)
     blank = lambda: np.zeros((20, 30, 1), np.uint64)
     plain, bits = blank(), blank()
-    trace.trace_shadow(soup_of(triangles), query, plain, 1, None, None, RayHierarchyOptions(nodes=Cones))
-    monkeypatch.setattr(occluders, "SHARE", 0.25)
+    ray_hierarchy.trace_shadow(soup_of(triangles), query, plain, 1, None, None, RayHierarchyOptions(nodes=Cones))
+    monkeypatch.setattr(triangle_traversal, "SHARE", 0.25)
     picked = []
 
     def chosen(soup, beam, threads):
         picked.append(occluders_first(soup, beam, threads, RULES[rule]))
         return picked[-1]
 
-    monkeypatch.setattr(trace, "occluders_first", chosen)
+    monkeypatch.setattr(ray_hierarchy, "occluders_first", chosen)
     for options in (
         RayHierarchyOptions(nodes=Cones, two_pass=True),
         FASTEST_RAY_HIERARCHY._replace(two_pass=True),
         TABLE_1["PreciseSEATP"],
     ):
         bits[:] = 0
-        trace.trace_shadow(soup_of(triangles), query, bits, 2, None, None, options)
+        ray_hierarchy.trace_shadow(soup_of(triangles), query, bits, 2, None, None, options)
         np.testing.assert_array_equal(bits, plain)
     assert unpack(plain, 3).any() and not unpack(plain, 3).all()
     for first, rest in picked:
@@ -233,7 +232,7 @@ def test_two_passes_give_the_same_bits_whatever_goes_first(rule, light, monkeypa
 
 
 def test_the_rules_choose_what_they_say(monkeypatch):
-    monkeypatch.setattr(occluders, "SHARE", 0.34)
+    monkeypatch.setattr(triangle_traversal, "SHARE", 0.34)
     near_small = np.array([[0.0, 0, 1], [0.1, 0, 1], [0, 0.1, 1]])
     far_huge = np.array([[0.0, 0, 100], [30, 0, 100], [0, 30, 100]])
     edge_on = np.array([[0.0, 0, 3], [0, 0, 9], [8, 0, 9]])
@@ -261,6 +260,6 @@ def test_threads_share_a_hierarchy():
     for options in (FASTEST_RAY_HIERARCHY, RayHierarchyOptions(nodes=Cones, early_accept=True, sorted=True)):
         for threads in (1, 2, 3):
             bits = np.zeros((1, 2000, 1), np.uint64)
-            trace.trace_shadow(soup_of(triangles), query, bits, threads, None, None, options)
+            ray_hierarchy.trace_shadow(soup_of(triangles), query, bits, threads, None, None, options)
             np.testing.assert_array_equal(unpack(bits, 1)[0], truth)
     assert 0 < truth.mean() < 1

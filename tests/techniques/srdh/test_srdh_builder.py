@@ -12,14 +12,14 @@ from antumbra.bvh.refit import refit
 from antumbra.bvh.tree_quality import statistics, validate
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.errors import InputError
-from antumbra.techniques.srdh import srdh_builder as srdh
+from antumbra.techniques.srdh import srdh_builder
 from antumbra.techniques.srdh.srdh_builder import KERNELS, SrdhOptions
 from antumbra.trace.rays.ray_hits import Intersections
 from antumbra.trace.rays.ray_traversal import BUILT, RANDOM, SRDH
 from antumbra.trace.rays.single_rays import leaf_depths
 from bvh_scenes import HAZARDS, nested_clusters, scattered, terrain
 from reference_srdh import FAR, LEFT, NEAR, RIGHT, candidates, ray_sets, scene_of
-from reference_srdh import srdh as heuristic
+from reference_srdh import srdh_builder as heuristic
 from shadow_rays import met, met_in, nested, segments_in, walked
 from strategies import point_arrays, soups
 
@@ -53,7 +53,7 @@ def words(bvh):
 )
 def test_any_soup_and_rays(vertices, max_leaf, kernels, prior, linear, reorder, m, seed):
     rays = met_in(vertices, m, seed)
-    bvh = srdh.build(vertices, 1, max_leaf, rays=rays, options=SrdhOptions(kernels, prior, linear, reorder))
+    bvh = srdh_builder.build(vertices, 1, max_leaf, rays=rays, options=SrdhOptions(kernels, prior, linear, reorder))
     validate(bvh, vertices)
     assert statistics(bvh).leaf_sizes[max_leaf + 1 :].sum() == 0
     assert words(bvh) <= WORDS[kernels] | {UNORDERED}
@@ -65,7 +65,7 @@ def test_any_soup_and_rays(vertices, max_leaf, kernels, prior, linear, reorder, 
 def test_hazards(name, max_leaf, options, monkeypatch):
     monkeypatch.setattr(top_down, "MIN_PARALLEL_RANGE", 200)
     vertices = np.ascontiguousarray(HAZARDS[name], np.float32)
-    bvh = srdh.build(vertices, 2, max_leaf, rays=met_in(vertices), options=options)
+    bvh = srdh_builder.build(vertices, 2, max_leaf, rays=met_in(vertices), options=options)
     validate(bvh, vertices)
     assert statistics(bvh).depth <= MAX_DEPTH
 
@@ -94,7 +94,7 @@ def test_odd_rays(name, kernels, monkeypatch):
     rays = met(vertices, *RAYS[name](vertices))
     assert (len(rays.prims) > 0) == (name not in ("without length", "far outside", "huge"))
     for prior in (0.0, 16.0):
-        bvh = srdh.build(vertices, 2, rays=rays, options=SrdhOptions(kernels, prior))
+        bvh = srdh_builder.build(vertices, 2, rays=rays, options=SrdhOptions(kernels, prior))
         validate(bvh, vertices)
         assert (words(bvh) == {UNORDERED}) == (len(rays.prims) == 0)
 
@@ -105,7 +105,7 @@ def test_a_ray_that_meets_everything(max_leaf, monkeypatch):
     vertices, *segment = _one_ray_through_all(3000)
     rays = met(vertices, *segment)
     assert len(rays.prims) == 3000
-    bvh = srdh.build(vertices, 2, max_leaf, rays=rays)
+    bvh = srdh_builder.build(vertices, 2, max_leaf, rays=rays)
     validate(bvh, vertices)
     prim, _, tests = walked(bvh, SRDH, *segment)
     assert prim[0] >= 0 and tests[0] <= 2 * statistics(bvh).depth + 2
@@ -121,9 +121,9 @@ def test_ranges_that_find_no_room_for_their_rays_go_on_by_the_sah(monkeypatch):
     shift = np.float32([0.5, 0.5, 0])
     rays = met(vertices, np.concatenate([origins, origins - shift]), np.concatenate([ends, ends - shift]))
     assert len(rays.prims) == 60 * n
-    roomy = srdh.build(vertices, 1, rays=rays)
-    monkeypatch.setattr(srdh, "MAX_WAITING_RAYS", 0)
-    cramped = srdh.build(vertices, 1, rays=rays)
+    roomy = srdh_builder.build(vertices, 1, rays=rays)
+    monkeypatch.setattr(srdh_builder, "MAX_WAITING_RAYS", 0)
+    cramped = srdh_builder.build(vertices, 1, rays=rays)
     validate(cramped, vertices)
     assert not same(cramped, roomy) and words(cramped) == words(roomy) == {UNORDERED, LEFT_FIRST}
 
@@ -133,7 +133,7 @@ def test_deep_trees_end_in_time():
     vertices = (sizes[:, None, None] * (1 + np.random.default_rng(0).random((len(sizes), 3, 3)))).astype(np.float32)
     for soup in (vertices, nested_clusters()):
         for linear in (False, True):
-            bvh = srdh.build(soup, 1, 1, rays=met_in(soup, 200), options=SrdhOptions(prior=0.0, linear=linear))
+            bvh = srdh_builder.build(soup, 1, 1, rays=met_in(soup, 200), options=SrdhOptions(prior=0.0, linear=linear))
             validate(bvh, soup)
             assert statistics(bvh).depth <= MAX_DEPTH
 
@@ -147,11 +147,11 @@ def test_same_bits_for_any_number_of_threads(kernels, small, monkeypatch):
     monkeypatch.setattr(top_down, "MIN_PARALLEL_RANGE", small)
     vertices = terrain(20_000) if small == 4096 else scattered(4000)
     rays = met_in(vertices, 500)
-    first = srdh.build(vertices, 1, rays=rays, options=SrdhOptions(kernels))
+    first = srdh_builder.build(vertices, 1, rays=rays, options=SrdhOptions(kernels))
     validate(first, vertices)
     assert words(first) >= WORDS[kernels] and not same(first, binned_sah.build(vertices, 1))
     for threads in (1, 2, 5):
-        assert same(first, srdh.build(vertices, threads, rays=rays, options=SrdhOptions(kernels)))
+        assert same(first, srdh_builder.build(vertices, threads, rays=rays, options=SrdhOptions(kernels)))
 
 
 def test_a_top_of_all_threads_changes_no_triangle_of_a_leaf(monkeypatch):
@@ -160,7 +160,7 @@ def test_a_top_of_all_threads_changes_no_triangle_of_a_leaf(monkeypatch):
     rays = met_in(vertices, 300)
     for small in (100, 4096):
         monkeypatch.setattr(top_down, "MIN_PARALLEL_RANGE", small)
-        trees.append(srdh.build(vertices, 2, rays=rays, options=SrdhOptions("all")))
+        trees.append(srdh_builder.build(vertices, 2, rays=rays, options=SrdhOptions("all")))
     one, other = (
         [sorted(t.prim_ids[~k >> 3 :][: (~k & 7) + 1]) for k in t.links[:, 12:14].flat if k < 0] for t in trees
     )
@@ -179,21 +179,21 @@ def test_without_rays_the_tree_is_that_of_bsah(name):
 def test_rays_that_come_to_nothing_leave_the_tree_to_the_sah():
     vertices = terrain(3000)
     away = np.full((5, 3), 1e3, np.float32), np.full((5, 3), 2e3, np.float32)
-    far = srdh.build(vertices, 1, rays=met(vertices, *away))
+    far = srdh_builder.build(vertices, 1, rays=met(vertices, *away))
     assert words(far) == {UNORDERED}
     validate(far, vertices)
 
 
 def test_left_children_come_right_behind_their_parents():
     vertices = terrain(20_000)
-    left = srdh.build(vertices, rays=met_in(vertices, 500)).links[:, 12]
+    left = srdh_builder.build(vertices, rays=met_in(vertices, 500)).links[:, 12]
     inner = np.flatnonzero(left >= 0)
     assert len(inner) > 100 and np.array_equal(left[inner], inner + 1)
 
 
 def test_refitting_keeps_the_orders():
     vertices = terrain(6000)
-    bvh = srdh.build(vertices, 2, rays=met_in(vertices, 500), options=SrdhOptions("all"))
+    bvh = srdh_builder.build(vertices, 2, rays=met_in(vertices, 500), options=SrdhOptions("all"))
     moved = (vertices * np.float32(1.5)).astype(np.float32)
     for threads in (1, 3):
         after = refit(bvh, moved, threads)
@@ -204,7 +204,7 @@ def test_refitting_keeps_the_orders():
 @pytest.mark.parametrize("kernels", ["", "constants", None, 3])
 def test_unknown_kernels(kernels):
     with pytest.raises(InputError, match="choose one of constant, distance, all"):
-        srdh.build(scattered(3), options=SrdhOptions(kernels))
+        srdh_builder.build(scattered(3), options=SrdhOptions(kernels))
 
 
 # Good trees
@@ -219,7 +219,7 @@ def test_every_node_is_split_as_the_paper_says(kernels, prior, linear, small, mo
     vertices = scattered(260, 5)
     origins, ends = segments_in(vertices, 40, 6)
     options = SrdhOptions(kernels, prior, linear, reorder=False)
-    bvh = srdh.build(vertices, 2, 1, rays=met(vertices, origins, ends), options=options)
+    bvh = srdh_builder.build(vertices, 2, 1, rays=met(vertices, origins, ends), options=options)
     scene, checked = scene_of(vertices, origins, ends, oracle.all_hits(vertices, origins, ends)), []
 
     def ids_of(tree):

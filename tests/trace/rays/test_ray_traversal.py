@@ -12,7 +12,7 @@ from antumbra.bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDER
 from antumbra.bvh.tree_quality import validate
 from antumbra.engine.method_registry import BUILDERS, TRACERS
 from antumbra.papers.published_methods import ORDERS
-from antumbra.techniques.srdh import srdh_builder as srdh
+from antumbra.techniques.srdh import srdh_builder
 from antumbra.trace.rays.ray_traversal import BUILT, CLOSEST, NEAREST, RANDOM, SRDH, Ordered
 from antumbra.trace.rays.single_rays import leaf_depths
 from bvh_scenes import scattered, terrain
@@ -38,7 +38,7 @@ def test_every_order_is_a_tracer_of_its_own():
 def test_any_hit_equals_the_oracle(vertices, seed, kernels):
     origins, ends = segments_in(vertices, 100, seed)
     shown = met(vertices, origins[:20], ends[:20]) if kernels else None
-    bvh = srdh.build(vertices, 1, rays=shown, options=srdh.SrdhOptions(kernels or "constant"))
+    bvh = srdh_builder.build(vertices, 1, rays=shown, options=srdh_builder.SrdhOptions(kernels or "constant"))
     truth = oracle.all_hits(vertices, origins, ends)
     for name, value in VALUES.items():
         tree = ORDERS[name].prepare(bvh) if name in ORDERS else bvh
@@ -187,7 +187,7 @@ def test_the_word_of_a_node_is_what_is_done():
 def test_the_closest_hit_does_not_look_at_orders():
     vertices = terrain(1500)
     origins, ends = segments_in(vertices, 400, 8)
-    bvh = srdh.build(vertices, 1, rays=met(vertices, origins, ends), options=srdh.SrdhOptions("all"))
+    bvh = srdh_builder.build(vertices, 1, rays=met(vertices, origins, ends), options=srdh_builder.SrdhOptions("all"))
     assert len(np.unique(bvh.links[:, 14])) > 2
     found = walked(bvh, CLOSEST, origins, ends)
     bvh.links[:, 14] = UNORDERED

@@ -1,0 +1,133 @@
+"""Tests are where one looks for them: a file is named after a module, in the folder of the same name."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+from repository import ROOT
+
+SOURCES, TESTS = ROOT / "src" / "antumbra", ROOT / "tests"
+
+ACROSS = {
+    "benchmarks": "the scripts in benchmarks/, small",
+    "contract": "properties of all functions, plans or scenes at once",
+    "project": "what surrounds the package: documents, scripts, packages, releases",
+}
+"""Folder of tests that mirrors no folder of the package -> what it tests."""
+
+THROUGH = {
+    "pictures, rays and points of all plans, whose bits are compared with the oracle": """
+        trace/descent trace/horizon trace/shafts trace/frusta/bundle trace/frusta/multi_frusta
+        trace/frusta/reverse_frusta trace/frusta/shaft_culling trace/frusta/tile_lanes
+        trace/primary/pixel_hits trace/primary/pixel_tests trace/rays/hit_reports
+        trace/rays/interleaved_rays trace/rays/ray_packet techniques/chcrt/nearest_hits
+    """,
+    "scenes of instances, which have the bits of their flattened copies": """
+        bvh/instance_trees scene/instance_bounds trace/rays/instance_batches trace/rays/instance_columns
+        trace/rays/instance_rays trace/rays/instance_traversal trace/rays/local_rays formats/instance_arrays
+    """,
+    "trees of all builders": """
+        bvh/top_levels kernels/transposition
+    """,
+    "loops of kernels in threads": """
+        kernels/ticket_loops
+    """,
+    "frames, points and rays of an engine": """
+        engine/paged_hits engine/plan_kernels engine/refitted_rays engine/visibility picture/frame_passes
+        picture/culling_picture
+    """,
+    "files and arrays that load, from_raster, from_footprints and from_trees read": """
+        engine/gis_scenes formats/array_files formats/csv_rows formats/json_fields formats/ply_rows
+        formats/reprojection formats/cityjson/cityjson_file formats/gis/footprint_solids
+        formats/gis/gis_data formats/gis/height_arrays formats/gis/height_tiles formats/gis/vector_table
+        formats/gis/vrt_files formats/gltf/accessors
+    """,
+    "procedural scenes": """
+        generate/forest generate/palette scene/palette_scene
+    """,
+    "scenes that are loaded, joined and updated": """
+        scene/joined_scenes scene/map_degrees scene/moved_geometry scene/raster
+    """,
+    "stores that are built and read": """
+        store/chunk_sorting store/system_resources
+    """,
+    "the study of the folder": """
+        jobs/line_of_sight/line_points jobs/shadow/plane_projection jobs/shadow/shadow_polygons
+        jobs/skyline/edge_projection jobs/skyline/skyline_options jobs/surface_columns
+    """,
+    "commands": """
+        cli/picture_report cli/visible_command version
+    """,
+    "the measurements of the paper": """
+        papers/chc_rt/chcrt_tables papers/multi_frusta/frusta_areas papers/multi_frusta/frusta_measurements
+        papers/multi_frusta/frusta_plots papers/multi_frusta/frusta_tables papers/multi_frusta/hit_intervals
+        papers/multi_frusta/large_packets papers/pre_bvh_culling/culling_charts
+        papers/pre_bvh_culling/culling_tables papers/scenes/cellar papers/srdh/srdh_tables
+    """,
+}
+"""Through what modules are tested that no test imports -> these modules."""
+
+UNNAMED = {module: reason for reason, names in THROUGH.items() for module in names.split()}
+
+
+def modules() -> set[str]:
+    """The modules and folders of the package, as paths without a suffix."""
+    paths = [path for path in SOURCES.rglob("*") if path.suffix == ".py" or path.is_dir()]
+    names = {path.relative_to(SOURCES).with_suffix("").as_posix() for path in paths}
+    return {name for name in names if not name.endswith(("__", "__pycache__", "libraries"))}
+
+
+def files_of_tests() -> list[Path]:
+    return sorted(path.relative_to(TESTS) for path in TESTS.rglob("test_*.py"))
+
+
+def module_of(test: Path) -> str | None:
+    """The module whose name a test file bears: ``test_MODULE.py`` or ``test_MODULE_ASPECT.py``; None: no module."""
+    words = test.stem.removeprefix("test_").split("_")
+    known, folder = modules(), test.parent
+    names = ("_".join(words[:count]) for count in range(len(words), 0, -1))
+    return next((name for name in names if (folder / name).as_posix() in known), None)
+
+
+def test_each_file_bears_the_name_of_a_module_in_its_folder():
+    tests = [test for test in files_of_tests() if test.parts[0] not in ACROSS]
+    assert len(tests) > 250
+    assert [str(test) for test in tests if module_of(test) is None] == []
+
+
+def test_folders_across_the_package_are_those_with_a_reason():
+    assert ACROSS.keys() <= {path.name for path in TESTS.iterdir()}
+    assert not ACROSS.keys() & {path.name for path in SOURCES.iterdir()} - {"benchmarks"}
+
+
+def imported(tree: ast.AST) -> Iterator[str]:
+    """The modules of the package that a file imports, as paths."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("antumbra"):
+            module = node.module.removeprefix("antumbra").strip(".").replace(".", "/")
+            yield module
+            yield from (f"{module}/{alias.name}".lstrip("/") for alias in node.names)
+
+
+def test_each_module_is_imported_by_a_test_or_has_a_reason():
+    tests = [path for path in TESTS.rglob("*.py") if "data" not in path.parts]
+    named = {name for path in tests for name in imported(ast.parse(path.read_text()))}
+    named |= {(test.parent / module).as_posix() for test in files_of_tests() if (module := module_of(test))}
+    files = {name for name in modules() if (SOURCES / f"{name}.py").exists()}
+    assert files - named == UNNAMED.keys()
+
+
+def test_no_test_renames_a_module():
+    """A module has one name, also in tests; beside a variable of this name, it is NAME_module."""
+    renamed = []
+    for path in TESTS.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("antumbra"):
+                folder = node.module.removeprefix("antumbra").strip(".").replace(".", "/")
+                names = [a for a in node.names if a.asname and f"{folder}/{a.name}".lstrip("/") in modules()]
+                renamed += [
+                    f"{path.relative_to(TESTS)}: {a.name} as {a.asname}"
+                    for a in names
+                    if a.asname not in (a.name, f"{a.name}_module")
+                ]
+    assert renamed == []
