@@ -7,12 +7,13 @@ from hypothesis import strategies as st
 
 import antumbra as at
 from antumbra.cli import arguments
+from antumbra.cli.scene_arguments import DEFAULT_SCENE, SceneSpec, parse_scene
 
 
 def test_scenes():
-    assert arguments.parse_scene("a/b.glb") == arguments.SceneSpec(Path("a/b.glb"))
-    assert arguments.parse_scene("procedural:city") == (None, "city", None, 0, None, True, (), None, (), None)
-    assert arguments.parse_scene("procedural:city?triangles=100k&seed=3") == (
+    assert parse_scene("a/b.glb") == SceneSpec(Path("a/b.glb"))
+    assert parse_scene("procedural:city") == (None, "city", None, 0, None, True, (), None, (), (), None, None, None)
+    assert parse_scene("procedural:city?triangles=100k&seed=3") == (
         None,
         "city",
         100_000,
@@ -22,13 +23,17 @@ def test_scenes():
         (),
         None,
         (),
+        (),
+        None,
+        None,
         None,
     )
-    assert arguments.parse_scene("a/b.city.json?lod=2.2") == arguments.SceneSpec(Path("a/b.city.json"), lod="2.2")
-    assert arguments.parse_scene("a/b.city.json?lod=2.2&unit=ft")[4:] == ("2.2", *arguments.SceneSpec(None)[5:-1], "ft")
-    assert arguments.parse_scene("a.gpkg?unit=us-ft&height=h").gis == (("height", "h"),)
-    assert arguments.parse_scene("b.glb?lod=2.2").path == Path("b.glb?lod=2.2")
-    assert arguments.parse_scene(arguments.DEFAULT_SCENE).name == "atrium"
+    assert parse_scene("a/b.city.json?lod=2.2") == SceneSpec(Path("a/b.city.json"), lod="2.2")
+    both = SceneSpec(Path("a/b.city.json"), lod="2.2", unit="ft")
+    assert parse_scene("a/b.city.json?lod=2.2&unit=ft") == both
+    assert parse_scene("a.gpkg?unit=us-ft&height=h").gis == (("height", "h"),)
+    assert parse_scene("b.glb?lod=2.2").path == Path("b.glb?lod=2.2")
+    assert parse_scene(DEFAULT_SCENE).name == "atrium"
 
 
 def test_the_picture_is_named_after_the_scene(tmp_path, monkeypatch):
@@ -43,7 +48,7 @@ def test_the_picture_is_named_after_the_scene(tmp_path, monkeypatch):
         (".", "bart.robots"),
         ("/", "antumbra"),
     ]:
-        assert arguments.parse_scene(text).stem == stem
+        assert parse_scene(text).stem == stem
 
 
 @pytest.mark.parametrize(
@@ -52,7 +57,7 @@ def test_the_picture_is_named_after_the_scene(tmp_path, monkeypatch):
 )
 def test_bad_scenes(text):
     with pytest.raises(at.InputError):
-        arguments.parse_scene(text)
+        parse_scene(text)
 
 
 @pytest.mark.parametrize(
@@ -264,8 +269,8 @@ def test_lights_of_the_scene(floor):
 
 @given(st.text(max_size=40))
 def test_any_text_is_understood_or_refused_in_one_line(text):
-    kinds = "scene", "size", "camera", "light", "srdh_rays"
-    for parse in (getattr(arguments, f"parse_{kind}") for kind in kinds):
+    kinds = "size", "camera", "light", "srdh_rays"
+    for parse in (parse_scene, *(getattr(arguments, f"parse_{kind}") for kind in kinds)):
         try:
             parse(text)
         except at.InputError as error:

@@ -11,7 +11,6 @@ import typer
 from ..errors import InputError
 from ..jobs.bake.bake_options import BakeOptions
 from . import arguments, console
-from .arguments import open_scene, quietly
 from .console import ProgressDisplay
 from .options import (
     SCENE_HELP,
@@ -25,6 +24,7 @@ from .options import (
     takes,
     writes,
 )
+from .scene_arguments import open_scene, quietly
 from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def bake(args: BakeArguments) -> int:
         raise InputError("--vertex and --texture exclude each other; leave one of them out")
     if args.sky is not None and args.what != "light":
         raise InputError("--sky belongs to --what light; leave it out")
-    spec = arguments.parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
     specs = [arguments.parse_light(text) for text in args.light or []]
 
     from ..jobs.bake.bake_input import BakeSource, is_gltf
@@ -111,7 +111,7 @@ def bake(args: BakeArguments) -> int:
     options = BakeOptions(**literal(args, BakeOptions), lights=[a for a in specs if not isinstance(a, int)] or None)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(spec, args.up, args.quiet)
+        scene = open_scene(spec, args.quiet)
         lights = _lights(args, specs, scene)
         source = BakeSource(scene, spec.path if spec.path is not None and is_gltf(spec.path) else None)
         start, keep = perf_counter(), executor_of(executor or args.output.with_suffix(".parts"))

@@ -9,7 +9,7 @@ import typer
 
 from ..jobs.dataset.dataset_options import DatasetOptions
 from . import arguments, console
-from .arguments import CameraSpec, SceneSpec, limit_memory, open_scene
+from .arguments import CameraSpec
 from .console import ProgressDisplay, say
 from .options import (
     SCENE_HELP,
@@ -25,6 +25,7 @@ from .options import (
     writes,
     writes_folder,
 )
+from .scene_arguments import SceneSpec, limit_memory, open_scene
 from .shards import MergeOption, RayOption, ShardOption, executor_for, parse_shard
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ class DatasetArguments(_Options):  # type: ignore[misc] # made from the options 
     def parsed(self) -> "_Parsed":
         """The arguments that need parsing, checked before a scene is read."""
         return _Parsed(
-            arguments.parse_scene(self.scene),
+            self.spec_of(self.scene),
             arguments.parse_size(self.size),
             [arguments.parse_camera(text) for text in self.camera or []],
             [arguments.parse_light(text) for text in self.light or []],
@@ -123,7 +124,7 @@ def dataset(args: DatasetArguments) -> int:
 
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(parsed.spec, args.up, args.quiet)
+        scene = open_scene(parsed.spec, args.quiet)
         parsed = parsed._replace(memory=limit_memory(scene, parsed.memory))
         display.say("preparing")
         try:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from . import arguments, console
-from .arguments import in_memory, limit_memory, open_scene
 from .console import ProgressDisplay
 from .options import (
     SCENE_HELP,
@@ -29,6 +28,7 @@ from .options import (
     takes,
     writes,
 )
+from .scene_arguments import DEFAULT_SCENE, SceneArguments, in_memory, limit_memory, open_scene
 
 if TYPE_CHECKING:
     from ..picture.traversal_steps import Explanation, PlanSteps
@@ -44,10 +44,10 @@ _CAPTION = "box tests of the rays of a pixel; black: no rays"
 
 
 @dataclass(frozen=True)
-class ExplainArguments:
+class ExplainArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
     output: Annotated[
         Path | None,
         typer.Option(
@@ -107,7 +107,7 @@ def explain(args: ExplainArguments) -> int:
       antumbra explain robot.glb --time 2 --before 0.04 --plan bsah+single --plan bsah+refit+single
       antumbra explain city.glb --light sun:1,-0.5,-1 --plan bsah+single --plan bsah+multifrusta --json
     """
-    spec, width_height = arguments.parse_scene(args.scene), arguments.parse_size(args.size)
+    spec, width_height = args.spec_of(args.scene), arguments.parse_size(args.size)
     camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
     light_specs = [arguments.parse_light(text) for text in args.light or []]
     if args.before is not None and not 0.0 < args.before <= 1e9:
@@ -130,7 +130,7 @@ def explain(args: ExplainArguments) -> int:
     memory = None if args.max_memory is None else arguments.parse_bytes(args.max_memory, "--max-memory")
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, args.up, args.quiet)
+        opened = open_scene(spec, args.quiet)
         of_store = isinstance(opened, PagedScene)
         limit_memory(opened, memory)
         plans = with_sample(plans or explained_plans(_STORE_PLANS if of_store else _PLANS), rays)
@@ -154,7 +154,7 @@ def explain(args: ExplainArguments) -> int:
     if args.json:
         settings = {
             "output": str(path),
-            "scene": args.scene,
+            "scene": args.record_of(args.scene),
             "triangles": opened.n_triangles,
             "time": moments[-1].time,
             "before": args.before,
@@ -169,7 +169,7 @@ def explain(args: ExplainArguments) -> int:
         console.print_fields(
             [
                 ("picture", str(path)),
-                ("scene", f"{args.scene}, {opened.n_triangles:,} triangles"),
+                ("scene", f"{args.record_of(args.scene)}, {opened.n_triangles:,} triangles"),
                 *_fields(explanation),
             ]
         )
@@ -271,10 +271,10 @@ def _depth(value: float) -> str:
 
 
 @dataclass(frozen=True)
-class CullingArguments:
+class CullingArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
     output: Annotated[
         Path | None,
         typer.Option(
@@ -311,7 +311,7 @@ def culling(args: CullingArguments) -> int:
       antumbra culling "procedural:cellar?triangles=1M" -o cellar.png
       antumbra culling city.glb --light sun:1,-0.5,-1 --culler grid64 --json
     """
-    spec, width_height = arguments.parse_scene(args.scene), arguments.parse_size(args.size)
+    spec, width_height = args.spec_of(args.scene), arguments.parse_size(args.size)
     camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
     light_specs = [arguments.parse_light(text) for text in args.light or []]
 
@@ -327,7 +327,7 @@ def culling(args: CullingArguments) -> int:
         raise InputError(f"culler {args.culler!r} is unknown; {hint}choose one of {', '.join(CULLERS)}")
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = in_memory(open_scene(spec, args.up, args.quiet))
+        opened = in_memory(open_scene(spec, args.quiet))
         view = arguments.make_camera(camera_spec, opened, args.time, width_height)
         lights = arguments.make_lights(light_specs, opened, args.time)
         display.say("preparing")
@@ -355,7 +355,7 @@ def culling(args: CullingArguments) -> int:
         console.print_fields(
             [
                 ("picture", str(path)),
-                ("scene", f"{args.scene}, {opened.n_triangles:,} triangles"),
+                ("scene", f"{args.record_of(args.scene)}, {opened.n_triangles:,} triangles"),
                 ("kept", f"{picture.kept:,} triangles, {100 * share:.3g} %"),
                 ("cells", cells),
                 ("time", console.duration(picture.seconds)),

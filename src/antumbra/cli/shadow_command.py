@@ -10,7 +10,6 @@ import typer
 from ..jobs.shadow.shadow_options import ShadowOptions
 from ..picture.option_fields import field_values
 from . import console
-from .arguments import in_memory, open_scene, parse_scene
 from .console import ProgressDisplay
 from .options import (
     SCENE_HELP,
@@ -28,6 +27,7 @@ from .options import (
     tables,
     takes,
 )
+from .scene_arguments import in_memory, open_scene
 from .tree_options import TreesOption, add_trees, parse_trees
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def shadow(args: ShadowArguments) -> int:
       antumbra shadow city.city.json --at 2026-12-21T12:00 --map sheet.pdf
       antumbra shadow house.glb --latitude 52 --longitude 4.36 --at 2026-12-21T12:00+01:00 -o shadow.geojson
     """
-    spec = parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
 
     from ..jobs.map_page import check_map
     from ..jobs.measured_scenes import measured_scene
@@ -103,7 +103,7 @@ def shadow(args: ShadowArguments) -> int:
         check_shadow_output(path, not options.on_plane)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        bare = open_scene(spec, args.up, args.quiet, args.crs)
+        bare = open_scene(spec, args.quiet)
         scene = measured_scene(add_trees(in_memory(bare) if options.on_plane else bare, trees))
         place = place_of(scene, **position)
         start = perf_counter()

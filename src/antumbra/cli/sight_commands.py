@@ -11,7 +11,6 @@ from ..errors import InputError
 from ..jobs.line_of_sight.viewshed_options import ViewshedOptions
 from ..picture.option_fields import field_values
 from . import arguments, console
-from .arguments import in_memory, open_scene
 from .console import ProgressDisplay
 from .options import (
     SCENE_HELP,
@@ -36,6 +35,7 @@ from .options import (
     takes,
     writes,
 )
+from .scene_arguments import DEFAULT_SCENE, SceneArguments, in_memory, open_scene
 from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
 from .tree_options import TreesOption, add_trees, parse_trees, sensors_below_trees
 
@@ -56,10 +56,10 @@ _COLUMNS = "observer", "target", "visible", "blocked_by", "face", "distance"  # 
 
 
 @dataclass(frozen=True)
-class SightArguments:
+class SightArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
     observer: Annotated[
         list[str] | None,
         typer.Option("--from", help="An observer; may be repeated.", metavar="X,Y,Z", show_default=False),
@@ -105,7 +105,7 @@ def los(args: SightArguments) -> int:
       antumbra los city.glb --up z --observers people.csv --targets signs.csv -o lines.glb -o lines.parquet
       antumbra los hall.glb --pairs pairs.csv -o result.csv --json
     """
-    spec = arguments.parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
 
     from ..files import atomic_output
     from ..jobs.line_of_sight.sightlines import (
@@ -132,7 +132,7 @@ def los(args: SightArguments) -> int:
     pair_list = read_pairs(Path(args.pairs)) if begin is None or end is None else pairs_of(args.pairs, begin, end)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = add_trees(in_memory(open_scene(spec, args.up, args.quiet, args.crs)), trees)
+        opened = add_trees(in_memory(open_scene(spec, args.quiet)), trees)
         check_file_crs(opened, args.observers, args.targets, Path(args.pairs))
         start = perf_counter()
         sightlines = line_of_sight(opened, **pair_list.keywords(), time=args.time, threads=args.threads)
@@ -200,7 +200,7 @@ _Options: Any = arguments_of("viewshed", ViewshedOptions)
 class ViewshedArguments(_Options):  # type: ignore[misc] # made from the options of a viewshed
     """The command-line arguments and options, besides those derived from `ViewshedOptions`."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
     sensors: Annotated[
         str | None,
         typer.Option(help=SENSORS_HELP + "  [default: face; on a raster of heights: raster]", show_default=False),
@@ -261,7 +261,7 @@ def viewshed(args: ViewshedArguments) -> int:
       antumbra viewshed dem.tif --observer 85000,446000,90 --least-height -o hidden.tif
       antumbra viewshed hills.ply --up z --observer 0,0,900 --curvature --azimuth 350:10 -o seen.parquet
     """
-    spec = arguments.parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
     options = ViewshedOptions(
         **literal(args, ViewshedOptions),
         azimuth=arguments.parse_interval(args.azimuth, "--azimuth"),
@@ -301,7 +301,7 @@ def viewshed(args: ViewshedArguments) -> int:
         raise InputError("--along FILE and --spacing DISTANCE need each other")
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        bare = open_scene(spec, args.up, args.quiet, args.crs)
+        bare = open_scene(spec, args.quiet)
         check_file_crs(bare, args.observers)
         opened = add_trees(bare, trees)
         display.say("preparing")
@@ -360,10 +360,10 @@ _BITS, _SPARSE = ".npy", ".npz"
 
 
 @dataclass(frozen=True)
-class MatrixArguments:
+class MatrixArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
     sensors: SensorsOption = "face"
     targets: Annotated[
         str | None,
@@ -415,7 +415,7 @@ def matrix(args: MatrixArguments) -> int:
       antumbra matrix city.glb --up z --sensors people.csv --targets face -o seen.npy --sparse seen.npz
       antumbra matrix city.glb --up z --sensors raster:5+1.6 --trees "trees.gpkg?height=h&radius=r" -o seen.npy
     """
-    spec = arguments.parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
 
     from ..jobs.line_of_sight.visibility_matrix import visibility_matrix
     from ..jobs.point_attributes import warn_of_lost
@@ -431,7 +431,7 @@ def matrix(args: MatrixArguments) -> int:
     executor = executor_for(args, outputs[0])
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        bare = open_scene(spec, args.up, args.quiet, args.crs)
+        bare = open_scene(spec, args.quiet)
         opened = add_trees(bare, trees)
         display.say("preparing")
         sensors, others = sensors_below_trees(args.sensors, bare, opened, args.threads), None

@@ -12,7 +12,6 @@ from ..errors import InputError
 from ..jobs.skyline.skyline_options import SkylineOptions
 from ..picture.option_fields import field_values
 from . import arguments, console
-from .arguments import in_memory, open_scene
 from .console import ProgressDisplay
 from .options import (
     SCENE_HELP,
@@ -27,6 +26,7 @@ from .options import (
     tables,
     takes,
 )
+from .scene_arguments import DEFAULT_SCENE, in_memory, open_scene
 from .tree_options import TreesOption, add_trees, parse_trees, sensors_below_trees
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ _Options: Any = arguments_of("skyline", SkylineOptions)
 class SkylineArguments(_Options):  # type: ignore[misc] # made from the options of a skyline
     """The command-line arguments and options, besides those derived from `SkylineOptions`."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
     at: Annotated[
         list[str] | None, typer.Option(help="A point; may be repeated.", metavar="X,Y,Z", show_default=False)
     ] = None
@@ -89,7 +89,7 @@ def skyline(args: SkylineArguments) -> int:
       antumbra skyline city.city.json --points roofs.csv --trees "trees.gpkg?height=h&radius=r" -o skylines.csv
       antumbra skyline city.glb --up z --north 0.81 --points raster:10 --eye-height 1.6 -o skylines.json
     """
-    spec = arguments.parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
     options, trees = SkylineOptions(**literal(args, SkylineOptions)), parse_trees(args.trees)
     if trees is not None:
         trees.check_solid("a skyline is the edge of solid things, and crowns count as solid")
@@ -108,7 +108,7 @@ def skyline(args: SkylineArguments) -> int:
         check_map(path)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        bare = in_memory(open_scene(spec, args.up, args.quiet, args.crs))
+        bare = in_memory(open_scene(spec, args.quiet))
         opened = add_trees(bare, trees)
         points = _points(args, bare, opened)
         for path in [*outputs, *maps]:

@@ -14,7 +14,7 @@ from ..formats.format_registry import CITYJSON
 from ..jobs.sun.sun_options import SunOptions
 from ..picture.option_fields import field_values
 from . import console
-from .arguments import SceneSpec, limit_memory, open_scene, parse_bytes, parse_scene
+from .arguments import parse_bytes
 from .console import ProgressDisplay
 from .options import (
     SCENE_HELP,
@@ -36,6 +36,7 @@ from .options import (
     takes,
     writes,
 )
+from .scene_arguments import SceneSpec, limit_memory, open_scene
 from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
 from .tree_options import TreesOption, add_trees, parse_trees, sensors_below_trees
 
@@ -145,7 +146,7 @@ def sun(args: SunArguments) -> int:
     from ..jobs.sun.location import place_of, position_fields
     from ..jobs.sun.sun_hours import sun_hours
 
-    spec, trees = parse_scene(args.scene), parse_trees(args.trees)
+    spec, trees = args.spec_of(args.scene), parse_trees(args.trees)
     names = "latitude", "longitude", "north", "timezone"
     position = position_fields(**{name: getattr(args, name) for name in names})
     in_areas = args.areas is not None
@@ -164,7 +165,7 @@ def sun(args: SunArguments) -> int:
         _check_city(spec, args.city_output)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        bare = open_scene(spec, args.up, args.quiet, args.crs)
+        bare = open_scene(spec, args.quiet)
         scene = measured_scene(add_trees(bare, trees))
         limit_memory(scene, memory)
         if in_areas and args.sensors is None:
@@ -182,7 +183,7 @@ def sun(args: SunArguments) -> int:
         if table is None:
             return report_shard(executor, args, seconds)
         plan = args.plan or default_plan_of(scene.data)
-        table.about |= {"scene": args.scene, "sensors": sensor_form, "plan": str(plan)}
+        table.about |= {"scene": args.record_of(args.scene), "sensors": sensor_form, "plan": str(plan)}
         if args.trees is not None:
             table.about["trees"] = args.trees
         display.say("writing")

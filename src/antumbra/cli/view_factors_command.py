@@ -10,9 +10,9 @@ import typer
 from ..checks import alternatives
 from ..errors import InputError
 from . import console
-from .arguments import DEFAULT_SCENE, in_memory, open_scene, parse_scene
 from .console import ProgressDisplay
 from .options import SCENE_HELP, CrsOption, Json, Quiet, Threads, TimeOption, UpOption, takes, writes
+from .scene_arguments import DEFAULT_SCENE, SceneArguments, in_memory, open_scene
 
 if TYPE_CHECKING:
     from ..jobs.view_factors.view_factor_matrix import ViewFactors
@@ -22,7 +22,7 @@ _MOST = 20  # most surfaces that are printed
 
 
 @dataclass(frozen=True)
-class ViewFactorsArguments:
+class ViewFactorsArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
@@ -78,7 +78,7 @@ def view_factors(args: ViewFactorsArguments) -> int:
       antumbra view-factors city.city.json --surfaces building -o factors.npz
       antumbra view-factors car.glb --surfaces object --reciprocal -o factors.npz -o factors.csv
     """
-    spec = parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
     outputs = args.output or []
     if not outputs and not args.json and args.quiet:
         raise InputError("there is nothing to write: give --output, --json, or leave --quiet out")
@@ -87,7 +87,7 @@ def view_factors(args: ViewFactorsArguments) -> int:
 
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        scene = in_memory(open_scene(spec, args.up, args.quiet, args.crs))
+        scene = in_memory(open_scene(spec, args.quiet))
         start = perf_counter()
         result = compute_view_factors(
             scene, args.surfaces, samples=args.samples, side=args.side, seed=args.seed, time=args.time,

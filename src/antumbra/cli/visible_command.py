@@ -10,7 +10,6 @@ import typer
 from ..checks import spelling_hint
 from ..errors import InputError
 from . import arguments, console
-from .arguments import open_scene
 from .console import ProgressDisplay
 from .options import (
     SCENE_HELP,
@@ -26,6 +25,7 @@ from .options import (
     UpOption,
     takes,
 )
+from .scene_arguments import DEFAULT_SCENE, SceneArguments, in_memory, open_scene
 from .tree_options import TreesOption, add_trees, parse_trees, sensors_below_trees
 
 if TYPE_CHECKING:
@@ -42,10 +42,10 @@ _WAYS = "--turbine X,Y,Z, --object NAME, --polygon FILE or --points FILE"
 
 
 @dataclass(frozen=True, kw_only=True)
-class VisibleArguments:
+class VisibleArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
     sensors: Annotated[
         str | None,
         typer.Option(help=SENSORS_HELP + "  [default: face; on a raster of heights: raster]", show_default=False),
@@ -105,7 +105,7 @@ def visible(args: VisibleArguments) -> int:
       antumbra visible city.city.json --sensors raster:2+1.6 --object Pand.1 --surfaces WallSurface -o share.tif
       antumbra visible city.glb --up z --sensors people.csv --polygon facade.csv --spacing 0.5 -o share.csv
     """
-    spec = arguments.parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
 
     from ..jobs.line_of_sight.targets import visible_share
     from ..jobs.result_table import writer_of
@@ -126,7 +126,7 @@ def visible(args: VisibleArguments) -> int:
         raise InputError("--turbine needs --hub-height and --rotor")
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        bare = open_scene(spec, args.up, args.quiet, args.crs)
+        bare = open_scene(spec, args.quiet)
         opened = add_trees(bare, trees)
         check_file_crs(opened, args.polygon, args.points)
         display.say("preparing")
@@ -160,7 +160,7 @@ def _target(args: VisibleArguments, scene: "AnyScene", foot: "NDArray[np.float64
                 hint = spelling_hint(name, known)
                 raise InputError(f"--object {name}: {scene.name} has no such object; {hint}see antumbra info")
         types = None if args.surfaces is None else args.surfaces.split(",")
-        return surface_points(arguments.in_memory(scene), spacing, objects=args.object, types=types)
+        return surface_points(in_memory(scene), spacing, objects=args.object, types=types)
     path = args.polygon or args.points or Path()
     points = read_points(path)
     warn_of_lost(path.name, points.attributes)
