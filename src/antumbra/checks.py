@@ -1,6 +1,7 @@
 """Argument checks for the public API: each function returns the value in one form, or raises an `InputError`."""
 
 import os
+import sys
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
@@ -200,8 +201,9 @@ _NATIVE: dict[tuple[str, int], np.dtype[Any]] = {
 
 def _plain_array(value: Any, what: str) -> NDArray[Any]:
     """A value as an array of NumPy itself; an array of None if it is none."""
-    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
-        count = int(np.ma.count_masked(value))
+    masked = sys.modules.get("numpy.ma")  # its import takes long, and without it there is no masked array
+    if masked is not None and isinstance(value, masked.MaskedArray) and masked.is_masked(value):
+        count = int(masked.count_masked(value))
         raise InputError(f"{what} have {count} masked numbers; leave these rows out, or fill them: array.filled(0.0)")
     if not isinstance(value, np.ndarray):
         value = _of_library(value, what)

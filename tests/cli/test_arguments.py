@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,57 +5,7 @@ from hypothesis import strategies as st
 
 import antumbra as at
 from antumbra.cli import arguments
-from antumbra.cli.scene_arguments import DEFAULT_SCENE, SceneSpec, parse_scene
-
-
-def test_scenes():
-    assert parse_scene("a/b.glb") == SceneSpec(Path("a/b.glb"))
-    assert parse_scene("procedural:city") == (None, "city", None, 0, None, True, (), None, (), (), None, None, None)
-    assert parse_scene("procedural:city?triangles=100k&seed=3") == (
-        None,
-        "city",
-        100_000,
-        3,
-        None,
-        True,
-        (),
-        None,
-        (),
-        (),
-        None,
-        None,
-        None,
-    )
-    assert parse_scene("a/b.city.json?lod=2.2") == SceneSpec(Path("a/b.city.json"), lod="2.2")
-    both = SceneSpec(Path("a/b.city.json"), lod="2.2", unit="ft")
-    assert parse_scene("a/b.city.json?lod=2.2&unit=ft") == both
-    assert parse_scene("a.gpkg?unit=us-ft&height=h").gis == (("height", "h"),)
-    assert parse_scene("b.glb?lod=2.2").path == Path("b.glb?lod=2.2")
-    assert parse_scene(DEFAULT_SCENE).name == "atrium"
-
-
-def test_the_picture_is_named_after_the_scene(tmp_path, monkeypatch):
-    folder = tmp_path / "bart.robots"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    for text, stem in [
-        ("procedural:city", "antumbra"),
-        ("a/sponza.v2.glb", "sponza.v2"),
-        ("a/delft.city.json?lod=1", "delft"),
-        (str(folder), "bart.robots"),
-        (".", "bart.robots"),
-        ("/", "antumbra"),
-    ]:
-        assert parse_scene(text).stem == stem
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["", "procedural:city?size=3", "procedural:city?seed=1&seed=2", "procedural:city?seed=", "procedural:c?seed=-1"],
-)
-def test_bad_scenes(text):
-    with pytest.raises(at.InputError):
-        parse_scene(text)
+from antumbra.cli.scene_arguments import parse_scene
 
 
 @pytest.mark.parametrize(

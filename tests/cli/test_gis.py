@@ -9,7 +9,7 @@ import rasterio
 
 import antumbra as at
 from antumbra.cli.app import COMMANDS
-from antumbra.cli.scene_arguments import SceneArguments, parse_scene
+from antumbra.cli.scene_arguments import SceneArguments
 from gis_files import buildings, hills, write_buildings, write_raster
 
 
@@ -180,30 +180,6 @@ def test_names_of_files_survive_in_the_text_of_a_scene(cli, dem, tmp_path, house
     text = SceneArguments(height="h", terrain=[Path("a&b c.tif")]).record_of("b.gpkg?layer=b")
     assert text.startswith("b.gpkg?layer=b&height=h&terrain=")
     assert cli("info", text, "--json").json()["city"]["objects"] == {"Building": 3, "TINRelief": 1}
-
-
-@pytest.mark.parametrize(
-    "text, options",
-    [
-        ("b.gpkg?layer=b", {"height": "h", "terrain": [Path("a&b c.tif"), Path("d.tif")], "unit": "ft"}),
-        ("b.gpkg", {"height": "3.5"}),
-        ("dem.tif?band=2", {"terrain": [Path("d.tif")]}),
-        ("a.city.json?lod=2.2", {"unit": "us-ft"}),
-        ("example:hills", {"terrain": [Path("d.tif")], "unit": "m"}),
-    ],
-)
-def test_options_of_the_command_and_of_the_text_make_one_scene(text, options):
-    given = SceneArguments(**options)
-    assert given.spec_of(text) == parse_scene(given.record_of(text)) != parse_scene(text)
-    assert SceneArguments().spec_of(text) == parse_scene(text) and SceneArguments().record_of(text) == text
-
-
-def test_an_option_in_the_text_and_of_the_command_is_refused(cli, houses):
-    cli("info", "b.gpkg?height=h", "--height", "4").refused("b.gpkg?height=h&height=4: height is empty or repeated")
-    cli("info", "b.gpkg?unit=m", "--unit", "ft").refused("b.gpkg?unit=m&unit=ft: unit is empty or repeated")
-    cli("info", "b.gpkg", "--height", "").refused("b.gpkg?height=: height is empty or repeated")
-    cli("info", "b.gpkg", "--unit", "").refused("b.gpkg?unit=: unit is empty or repeated")
-    cli("info", "procedural:city", "--unit", "m").refused("--unit m is for files")
 
 
 def test_notes_on_points_are_lines_of_the_command_and_not_of_a_quiet_one(cli, dem, tmp_path):

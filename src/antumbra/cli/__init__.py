@@ -9,6 +9,7 @@
 - `view_command`: ``antumbra view``, a scene in the browser
 - `sun_command`, `sight_commands` (``los``, ``viewshed``, ``matrix``), `skyline_command`, `shadow_command`,
   `dataset_command`: the jobs
+- `study_run`: the steps that the commands of all studies share
 - `shards`: the options --shard and --ray, and ``antumbra merge``
 - `scene_commands`: ``antumbra info``, ``scenes``, ``formats`` and ``build``
 - `installation_commands`: ``antumbra doctor``, ``warmup`` and ``plans``

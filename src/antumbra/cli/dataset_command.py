@@ -10,7 +10,7 @@ import typer
 from ..jobs.dataset.dataset_options import DatasetOptions
 from . import arguments, console
 from .arguments import CameraSpec
-from .console import ProgressDisplay, say
+from .console import say
 from .options import (
     SCENE_HELP,
     AoOption,
@@ -25,8 +25,9 @@ from .options import (
     writes,
     writes_folder,
 )
-from .scene_arguments import SceneSpec, limit_memory, open_scene
+from .scene_arguments import SceneSpec, limit_memory
 from .shards import MergeOption, RayOption, ShardOption, executor_for, parse_shard
+from .study_run import StudyRun
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -122,13 +123,11 @@ def dataset(args: DatasetArguments) -> int:
     """
     parsed = args.parsed()
 
-    with ProgressDisplay(args.quiet) as display:
-        display.say("reading the scene")
-        scene = open_scene(parsed.spec, args.quiet)
+    with StudyRun(args) as run:
+        scene, _ = run.open(parsed.spec)
         parsed = parsed._replace(memory=limit_memory(scene, parsed.memory))
-        display.say("preparing")
         try:
-            result = _dataset(args, parsed, scene, display)
+            result = _dataset(args, parsed, scene, run)
         except KeyboardInterrupt:
             say("finished frames are kept; run the same command again to continue")
             raise
@@ -137,14 +136,11 @@ def dataset(args: DatasetArguments) -> int:
             from ..picture.image_files import save_png
 
             save_png(contact_sheet(result.folder), args.sheet)
-    if args.json:
-        console.print_json({**result._asdict(), "folder": str(result.folder), "scene": scene.name})
-    elif not args.quiet:
-        console.print_fields(_fields(result, scene, parsed.shard))
-    return 0
+    answer = {**result._asdict(), "folder": str(result.folder), "scene": scene.name}
+    return run.report(answer, _fields(result, scene, parsed.shard))
 
 
-def _dataset(args: DatasetArguments, parsed: "_Parsed", scene: "AnyScene", display: ProgressDisplay) -> "Dataset":
+def _dataset(args: DatasetArguments, parsed: "_Parsed", scene: "AnyScene", run: StudyRun) -> "Dataset":
     from ..jobs.dataset.dataset_job import dataset as make_dataset
 
     keeps_lights = parsed.ambient and not args.random_lights  # adding only ambient light keeps the scene's lights
@@ -158,7 +154,7 @@ def _dataset(args: DatasetArguments, parsed: "_Parsed", scene: "AnyScene", displ
         size=parsed.size,
         max_memory=parsed.memory,
         keep=executor_for(args, args.output),
-        progress=display.say,
+        progress=run.say,
     )
 
 

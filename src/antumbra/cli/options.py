@@ -421,6 +421,7 @@ CrsOption = Annotated[
     str | None,
     typer.Option(help="Coordinate reference system, such as EPSG:28992.  [default: the file's]", show_default=False),
 ]
+_POSITION = "latitude", "longitude", "north", "timezone"
 DegreesOption = Annotated[float | None, typer.Option(help="Degrees, WGS 84.", show_default=False)]
 NorthOption = Annotated[
     float | None,
@@ -436,6 +437,13 @@ TimezoneOption = Annotated[
         show_default=False,
     ),
 ]
+
+
+def position_of(arguments: Any) -> dict[str, Any]:
+    """The values of --latitude, --longitude, --north and --timezone that are given, checked."""
+    from ..jobs.sun.location import position_fields
+
+    return position_fields(**{name: getattr(arguments, name) for name in _POSITION})
 
 
 def points_or_file(texts: list[str] | None, file: Path | None, one: str, many: str) -> "Sensors | None":

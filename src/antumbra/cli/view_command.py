@@ -25,6 +25,7 @@ from .options import (
     TimeOption,
     TimezoneOption,
     UpOption,
+    position_of,
     takes,
 )
 from .scene_arguments import DEFAULT_SCENE, SceneArguments, limit_memory, open_scene
@@ -91,14 +92,12 @@ def view(args: ViewArguments) -> int:
     memory = None if args.max_memory is None else arguments.parse_bytes(args.max_memory, "--max-memory")
 
     from ..extras import import_extra
-    from ..jobs.sun.location import position_fields
     from ..viewer.viewer_page import checked_port
     from ..viewer.viewer_page import view as open_viewer
 
     import_extra("viser", "antumbra view", "view")
     port = checked_port(args.host, args.port)
-    names = "latitude", "longitude", "north", "timezone"
-    position = position_fields(**{name: getattr(args, name) for name in names})
+    position = position_of(args)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
         opened = open_scene(spec, args.quiet)
