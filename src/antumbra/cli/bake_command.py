@@ -11,11 +11,11 @@ from ..errors import InputError
 from ..jobs.bake.bake_options import BakeOptions
 from . import arguments, console
 from .options import (
-    SCENE_HELP,
     Before,
     Json,
     PictureLightOption,
     Quiet,
+    SceneArgument,
     UpOption,
     arguments_of,
     literal,
@@ -39,7 +39,7 @@ _Options: Any = arguments_of("bake", BakeOptions)
 class BakeArguments(_Options):  # type: ignore[misc] # made from the options of a bake
     """The arguments of the command line, besides those derived from `BakeOptions`."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
+    scene: SceneArgument
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The .glb file to write.", metavar="FILE", callback=writes(".glb"))
     ]

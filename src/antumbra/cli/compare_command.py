@@ -19,7 +19,6 @@ from . import arguments, console, picture_report
 from .console import UNFORESEEN, ProgressDisplay, say
 from .installation_commands import about
 from .options import (
-    SCENE_HELP,
     AoOption,
     CameraOption,
     ExposureOption,
@@ -28,6 +27,7 @@ from .options import (
     Preset,
     PresetOption,
     Quiet,
+    SceneArgument,
     SkyOption,
     SrdhRaysOption,
     UpOption,
@@ -59,7 +59,7 @@ class CompareArguments(_Options):  # type: ignore[misc] # made from the options 
     The base class adds the options derived from `RenderOptions` and `EngineOptions`.
     """
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     plan: Annotated[
         list[str] | None,
         typer.Option(

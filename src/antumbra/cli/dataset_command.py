@@ -12,12 +12,12 @@ from . import arguments, console
 from .arguments import CameraSpec
 from .console import say
 from .options import (
-    SCENE_HELP,
     AoOption,
     Before,
     Json,
     PictureLightOption,
     Quiet,
+    SceneArgument,
     UpOption,
     arguments_of,
     literal,
@@ -43,7 +43,7 @@ _Options: Any = arguments_of("dataset", DatasetOptions)
 class DatasetArguments(_Options):  # type: ignore[misc] # made from the options of a data set
     """The command-line arguments and options, besides those derived from `DatasetOptions`."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
+    scene: SceneArgument
     output: Annotated[
         Path,
         typer.Option(

@@ -264,6 +264,7 @@ SCENE_HELP = (
     "for each month; FILE?instances=on keeps copies of meshes as instances. FILE?band=2 selects a band of a raster of "
     "heights; FILE?layer=NAME a layer of footprints, and FILE?invalid=skip leaves out faulty ones."
 )
+SceneArgument = Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
 
 
 def fields_of(arguments: type) -> list[Field[Any]]:

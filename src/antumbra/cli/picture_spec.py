@@ -21,7 +21,6 @@ from . import arguments, console
 from .arguments import CameraSpec
 from .options import (
     QUALITIES,
-    SCENE_HELP,
     AoOption,
     CameraOption,
     ExposureOption,
@@ -30,6 +29,7 @@ from .options import (
     Preset,
     PresetOption,
     Quiet,
+    SceneArgument,
     SkyOption,
     SrdhRaysOption,
     UpOption,
@@ -352,7 +352,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
     The base class adds the options derived from `RenderOptions` and `EngineOptions`.
     """
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     output: Annotated[
         Path | None,
         typer.Option(

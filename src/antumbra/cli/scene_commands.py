@@ -20,7 +20,7 @@ from ..formats.array_files import FILES
 from ..formats.format_registry import SCENE_WRITERS, check_output, write_scene
 from . import arguments, console
 from .console import ProgressDisplay
-from .options import SCENE_HELP, Json, Quiet, Threads, UpOption, takes, writes
+from .options import SCENE_HELP, Json, Quiet, SceneArgument, Threads, UpOption, takes, writes
 from .scene_arguments import SceneArguments, SceneSpec, is_raster, open_scene, stream_rasters
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ _MOST_MESHES = 20
 class InfoArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
+    scene: SceneArgument
     up: UpOption = None
     check: Annotated[bool, typer.Option("--check", help="Read a whole store and verify its checksums.")] = False
     json: Json = False

@@ -4,13 +4,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from ..jobs.shadow.shadow_options import ShadowOptions
 from ..picture.option_fields import field_values
 from . import console
 from .options import (
-    SCENE_HELP,
     Before,
     CrsOption,
     DegreesOption,
@@ -18,6 +15,7 @@ from .options import (
     MapOption,
     NorthOption,
     Quiet,
+    SceneArgument,
     TimezoneOption,
     UpOption,
     arguments_of,
@@ -42,7 +40,7 @@ _Options: Any = arguments_of("shadow", ShadowOptions)
 class ShadowArguments(_Options):  # type: ignore[misc] # made from the options of a shadow
     """The command-line arguments and options, besides those derived from `ShadowOptions`."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
+    scene: SceneArgument
     trees: Annotated[TreesOption, Before("plan")] = None
     crs: CrsOption = None
     latitude: DegreesOption = None

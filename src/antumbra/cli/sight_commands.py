@@ -11,7 +11,6 @@ from ..jobs.line_of_sight.viewshed_options import ViewshedOptions
 from ..picture.option_fields import field_values
 from . import arguments, console
 from .options import (
-    SCENE_HELP,
     SENSORS_HELP,
     Before,
     CameraOption,
@@ -22,6 +21,7 @@ from .options import (
     OutputsOption,
     PlanOption,
     Quiet,
+    SceneArgument,
     SensorsOption,
     Threads,
     TimeOption,
@@ -58,7 +58,7 @@ _COLUMNS = "observer", "target", "visible", "blocked_by", "face", "distance"  # 
 class SightArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     observer: Annotated[
         list[str] | None,
         typer.Option("--from", help="An observer; may be repeated.", metavar="X,Y,Z", show_default=False),
@@ -193,7 +193,7 @@ _Options: Any = arguments_of("viewshed", ViewshedOptions)
 class ViewshedArguments(_Options):  # type: ignore[misc] # made from the options of a viewshed
     """The command-line arguments and options, besides those derived from `ViewshedOptions`."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     sensors: Annotated[
         str | None,
         typer.Option(help=SENSORS_HELP + "  [default: face; on a raster of heights: raster]", show_default=False),
@@ -343,7 +343,7 @@ _BITS, _SPARSE = ".npy", ".npz"
 class MatrixArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     sensors: SensorsOption = "face"
     targets: Annotated[
         str | None,

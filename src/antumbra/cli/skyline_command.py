@@ -12,12 +12,12 @@ from ..jobs.skyline.skyline_options import SkylineOptions
 from ..picture.option_fields import field_values
 from . import arguments, console
 from .options import (
-    SCENE_HELP,
     Before,
     CrsOption,
     Json,
     MapOption,
     Quiet,
+    SceneArgument,
     UpOption,
     arguments_of,
     literal,
@@ -43,7 +43,7 @@ _Options: Any = arguments_of("skyline", SkylineOptions)
 class SkylineArguments(_Options):  # type: ignore[misc] # made from the options of a skyline
     """The command-line arguments and options, besides those derived from `SkylineOptions`."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     at: Annotated[
         list[str] | None, typer.Option(help="A point; may be repeated.", metavar="X,Y,Z", show_default=False)
     ] = None

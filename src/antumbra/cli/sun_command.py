@@ -15,7 +15,6 @@ from ..picture.option_fields import field_values
 from . import console
 from .arguments import parse_bytes
 from .options import (
-    SCENE_HELP,
     SENSORS_HELP,
     Before,
     ColumnOption,
@@ -27,6 +26,7 @@ from .options import (
     NorthOption,
     OutputsOption,
     Quiet,
+    SceneArgument,
     TimezoneOption,
     UpOption,
     arguments_of,
@@ -53,7 +53,7 @@ _Options: Any = arguments_of("sun", SunOptions)
 class SunArguments(_Options):  # type: ignore[misc] # made from the options of a study
     """The command-line arguments and options, besides those derived from `SunOptions`."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
+    scene: SceneArgument
     sensors: Annotated[
         str | None,
         typer.Option(

@@ -11,7 +11,6 @@ from ..errors import InputError
 from . import arguments
 from .console import ProgressDisplay, say
 from .options import (
-    SCENE_HELP,
     CameraOption,
     CrsOption,
     DegreesOption,
@@ -20,6 +19,7 @@ from .options import (
     PictureLightOption,
     PlanOption,
     Quiet,
+    SceneArgument,
     SkyOption,
     Threads,
     TimeOption,
@@ -41,7 +41,7 @@ _SIZE = 1024, 1024  # of the camera until the browser reports its size
 class ViewArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     port: Annotated[int, typer.Option(help="Port of the page; 0: any free port.", min=0, max=65535)] = 8080
     host: Annotated[
         str,

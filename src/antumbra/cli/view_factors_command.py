@@ -9,7 +9,7 @@ import typer
 from ..checks import alternatives
 from ..errors import InputError
 from . import console
-from .options import SCENE_HELP, CrsOption, Json, Quiet, Threads, TimeOption, UpOption, takes, writes
+from .options import CrsOption, Json, Quiet, SceneArgument, Threads, TimeOption, UpOption, takes, writes
 from .scene_arguments import DEFAULT_SCENE, SceneArguments
 from .study_run import StudyRun
 
@@ -25,7 +25,7 @@ _MOST = 20  # most surfaces that are printed
 class ViewFactorsArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     surfaces: Annotated[
         Literal["face", "surface", "object", "building"],
         typer.Option(

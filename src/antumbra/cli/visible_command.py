@@ -10,7 +10,6 @@ from ..checks import spelling_hint
 from ..errors import InputError
 from . import arguments
 from .options import (
-    SCENE_HELP,
     SENSORS_HELP,
     ColumnOption,
     CrsOption,
@@ -18,6 +17,7 @@ from .options import (
     OutputsOption,
     PlanOption,
     Quiet,
+    SceneArgument,
     Threads,
     TimeOption,
     UpOption,
@@ -44,7 +44,7 @@ _WAYS = "--turbine X,Y,Z, --object NAME, --polygon FILE or --points FILE"
 class VisibleArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     sensors: Annotated[
         str | None,
         typer.Option(help=SENSORS_HELP + "  [default: face; on a raster of heights: raster]", show_default=False),
