@@ -11,7 +11,7 @@ import time
 from playwright.sync_api import sync_playwright
 
 import antumbra as at
-from antumbra.cli.arguments import open_scene, parse_scene
+from antumbra.cli.scene_arguments import open_scene, parse_scene
 
 SIZE = {"width": 1280, "height": 800}
 SOFTWARE_GL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]

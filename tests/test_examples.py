@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.cli.arguments import parse_scene
+from antumbra.cli.scene_arguments import parse_scene
 from antumbra.errors import InputError
 from antumbra.examples import EXAMPLES
 from repository import ROOT, tool
@@ -87,7 +87,7 @@ def test_the_invented_data_are_those_of_the_script(tmp_path):
 def test_examples_on_the_command_line(cli):
     assert parse_scene("example:temple").path == at.examples.file_of("temple")
     assert parse_scene("example:village?lod=2.2") == parse_scene(f"{at.examples.file_of('village')}?lod=2.2")
-    assert parse_scene("example:hills?band=1").gis == (("band", "1"),)
+    assert parse_scene("example:hills?band=1").gis == (("band", 1),)
     told = cli("info", "example:town", "--json").json()
     assert told["triangles"] == 75_784
     listed = cli("scenes", "--json").json()["examples"]

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,52 +5,7 @@ from hypothesis import strategies as st
 
 import antumbra as at
 from antumbra.cli import arguments
-
-
-def test_scenes():
-    assert arguments.parse_scene("a/b.glb") == arguments.SceneSpec(Path("a/b.glb"))
-    assert arguments.parse_scene("procedural:city") == (None, "city", None, 0, None, True, (), None, (), None)
-    assert arguments.parse_scene("procedural:city?triangles=100k&seed=3") == (
-        None,
-        "city",
-        100_000,
-        3,
-        None,
-        True,
-        (),
-        None,
-        (),
-        None,
-    )
-    assert arguments.parse_scene("a/b.city.json?lod=2.2") == arguments.SceneSpec(Path("a/b.city.json"), lod="2.2")
-    assert arguments.parse_scene("a/b.city.json?lod=2.2&unit=ft")[4:] == ("2.2", *arguments.SceneSpec(None)[5:-1], "ft")
-    assert arguments.parse_scene("a.gpkg?unit=us-ft&height=h").gis == (("height", "h"),)
-    assert arguments.parse_scene("b.glb?lod=2.2").path == Path("b.glb?lod=2.2")
-    assert arguments.parse_scene(arguments.DEFAULT_SCENE).name == "atrium"
-
-
-def test_the_picture_is_named_after_the_scene(tmp_path, monkeypatch):
-    folder = tmp_path / "bart.robots"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    for text, stem in [
-        ("procedural:city", "antumbra"),
-        ("a/sponza.v2.glb", "sponza.v2"),
-        ("a/delft.city.json?lod=1", "delft"),
-        (str(folder), "bart.robots"),
-        (".", "bart.robots"),
-        ("/", "antumbra"),
-    ]:
-        assert arguments.parse_scene(text).stem == stem
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["", "procedural:city?size=3", "procedural:city?seed=1&seed=2", "procedural:city?seed=", "procedural:c?seed=-1"],
-)
-def test_bad_scenes(text):
-    with pytest.raises(at.InputError):
-        arguments.parse_scene(text)
+from antumbra.cli.scene_arguments import parse_scene
 
 
 @pytest.mark.parametrize(
@@ -264,8 +217,8 @@ def test_lights_of_the_scene(floor):
 
 @given(st.text(max_size=40))
 def test_any_text_is_understood_or_refused_in_one_line(text):
-    kinds = "scene", "size", "camera", "light", "srdh_rays"
-    for parse in (getattr(arguments, f"parse_{kind}") for kind in kinds):
+    kinds = "size", "camera", "light", "srdh_rays"
+    for parse in (parse_scene, *(getattr(arguments, f"parse_{kind}") for kind in kinds)):
         try:
             parse(text)
         except at.InputError as error:

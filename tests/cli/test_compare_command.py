@@ -5,6 +5,7 @@ import io
 import os
 import shlex
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -125,6 +126,9 @@ def test_the_command_is_given_again():
         *("--plan", "bsah+single", "--plan", "cones", "--camera=-1,0,0:0,0,0", "--light", "0", "--light=-1"),
         *("--filter", "--adaptive-spp", "8"),
     ]
+    houses = CompareArguments("b.gpkg", ["cones"], height="h", terrain=[Path("a b.tif"), Path("c.tif")])
+    options = ["--height", "h", "--terrain", "a b.tif", "--terrain", "c.tif", "--plan", "cones"]
+    assert shlex.split(houses.command())[2:] == ["b.gpkg", *options]
 
 
 def test_a_moment_of_an_animation_and_nothing_seen(compare):

@@ -373,7 +373,7 @@ def test_bad_scenes(cli, render, tmp_path):
 
 
 def test_what_is_wrong_is_said_before_the_scene_is_read(render, monkeypatch):
-    monkeypatch.setattr("antumbra.cli.arguments.open_scene", lambda *_: pytest.fail("the scene was read"))
+    monkeypatch.setattr("antumbra.cli.picture_spec.open_scene", lambda *_: pytest.fail("the scene was read"))
     for bad in (
         ("--spp", 0), ("--plan", "x"), ("--sampler", "x"), ("-o", "a.b"), ("-o", "none/a.png"), ("--light", "x"),
         ("--camera", "x"), ("--exposure", -1), ("--srdh-rays", "16"),

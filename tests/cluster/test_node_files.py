@@ -13,8 +13,8 @@ import rasterio
 import antumbra as at
 from antumbra.cli import shards
 from antumbra.cli.app import program
-from antumbra.cli.sight_commands import MatrixArguments
-from antumbra.cli.sun_command import SunArguments
+from antumbra.cli.sight_commands import MatrixArguments, matrix
+from antumbra.cli.sun_command import SunArguments, sun
 from antumbra.cluster import node_files, ray_executor, ray_workers
 from antumbra.cluster.node_files import INPUTS, files_in, with_files
 
@@ -50,6 +50,17 @@ def test_files_in_arguments(tmp_path, monkeypatch, argument, path, there):
     assert with_files(argument, {each: "/n/x.tif" for each in found}) == ({} if path is None else {name: there})
 
 
+def test_each_file_of_a_list_is_replaced(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("west.tif", "east.tif"):
+        Path(name).touch()
+    given = {"terrain": [Path("west.tif"), Path("none.tif"), Path("east.tif")], "height": "h"}
+    found = files_in(given)
+    assert found == {"terrain 0": Path("west.tif"), "terrain 2": Path("east.tif")}
+    there = with_files(given, {key: f"/n/{path}" for key, path in found.items()})
+    assert there == {"terrain": [Path("/n/west.tif"), Path("none.tif"), Path("/n/east.tif")]}
+
+
 @pytest.fixture
 def told(tmp_path, monkeypatch):
     """Begins a job on a node that has none of the files of the driver; gives the units and the fetched files."""
@@ -82,19 +93,28 @@ SUN = SunArguments(scene=CITY, sensors="raster:dem.tif+1.6", days="2026-03-21", 
 MATRIX = MatrixArguments(CITY, "raster:dem.tif+1.6", output=Path("a.npy"), plan="bsah+single")
 
 
-@pytest.mark.parametrize(
-    "given, home", [(SUN, ("antumbra.cli.sun_command", "sun")), (MATRIX, ("antumbra.cli.sight_commands", "matrix"))]
-)
-def test_rasters_of_sensors_are_fetched(tmp_path, monkeypatch, told, given, home):
+@pytest.mark.parametrize("given, command", [(SUN, sun), (MATRIX, matrix)])
+def test_rasters_of_sensors_are_fetched(tmp_path, monkeypatch, told, given, command):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     put_raster(tmp_path / "here")
-    prepare = partial(shards.begin, home, replace(given, quiet=True))
+    prepare = partial(shards.begin, command, replace(given, quiet=True))
     paths = {name: str(path) for name, path in files_in(vars(given)).items()}
     far, fetched = told(prepare, paths)
     assert fetched == ["dem.tif"] and far[0][1]
     near, fetched = told(prepare, paths, lost=False)
     assert not fetched and far == near  # units have digests of the sensors in their names
+
+
+def test_rasters_of_the_ground_are_fetched(tmp_path, monkeypatch, told):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    put_raster(tmp_path / "here")
+    put_raster(tmp_path / "here", "roofs.tif")
+    given = replace(SUN, scene="roofs.tif", terrain=[Path("dem.tif")], sensors="raster", quiet=True)
+    paths = {name: str(path) for name, path in files_in(vars(given)).items()}
+    found, fetched = told(partial(shards.begin, sun, given), paths)
+    assert set(fetched) == {"roofs.tif", "dem.tif"} and found[0][1]
 
 
 def test_files_of_calls_are_fetched(tmp_path, monkeypatch, told):

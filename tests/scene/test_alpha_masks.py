@@ -7,7 +7,7 @@ from PIL import Image
 from trimesh.visual.material import PBRMaterial
 
 import antumbra as at
-from antumbra.cli.arguments import parse_scene
+from antumbra.cli.scene_arguments import parse_scene
 from antumbra.scene.alpha_masks import find_cutouts
 from antumbra.scene.appearance import Appearance
 from antumbra.scene.materials import BLEND, MASK, OPAQUE, Material, Texture

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.cli.arguments import parse_scene
+from antumbra.cli.scene_arguments import parse_scene
 from antumbra.scene.instance_data import InstanceData
 from antumbra.scene.scene_bounds import sampled_faces
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, png

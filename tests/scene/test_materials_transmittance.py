@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.cli.arguments import parse_scene
+from antumbra.cli.scene_arguments import parse_scene
 from antumbra.scene.alpha_masks import channels_of, find_cutouts
 from antumbra.scene.appearance import Appearance
 from antumbra.scene.materials import Material, Texture, srgb_to_linear

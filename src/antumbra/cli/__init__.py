@@ -9,13 +9,14 @@
 - `view_command`: ``antumbra view``, a scene in the browser
 - `sun_command`, `sight_commands` (``los``, ``viewshed``, ``matrix``), `skyline_command`, `shadow_command`,
   `dataset_command`: the jobs
+- `study_run`: the steps that the commands of all studies share
 - `shards`: the options --shard and --ray, and ``antumbra merge``
 - `scene_commands`: ``antumbra info``, ``scenes``, ``formats`` and ``build``
 - `installation_commands`: ``antumbra doctor``, ``warmup`` and ``plans``
 - `bench_command`: ``antumbra bench``, whose commands come from other packages, and the files of their results
-- `gis_options`: rasters of heights and footprints, and the options that every command has for them
 - `tree_options`: ``--trees``, a file of trees that commands add to a scene
-- `arguments`: parses arguments and opens the scene; `options`: shared options, and checks of the files they name
+- `scene_arguments`: the argument SCENE with its options, and opening the scene; `arguments`: parses other texts
+- `options`: shared options, checks of the files they name, and the signatures of commands
 - `interruption`: signals that end the command
 - `console`: progress and errors on standard error; answers on standard output, also as Markdown
 """

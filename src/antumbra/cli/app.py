@@ -77,12 +77,9 @@ class CommandEntry(NamedTuple):
     grouped: bool = True  # whether its help groups its options if there are many
 
     def function(self, name: str) -> Callable[..., Any]:
-        """The command's function, whose module is imported, with the options of all scenes."""
-        from .gis_options import with_gis_options
-        from .options import with_reading_limit
-
-        module = import_module(f"{__package__}.{self.module}")
-        return with_reading_limit(with_gis_options(getattr(module, name.replace("-", "_"))))
+        """The command's function, whose module is imported."""
+        function: Callable[..., Any] = getattr(import_module(f"{__package__}.{self.module}"), name.replace("-", "_"))
+        return function
 
 
 COMMANDS = {

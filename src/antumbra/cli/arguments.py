@@ -1,26 +1,21 @@
-"""Parse command-line arguments, and open the scene they name.
+"""Parse the texts of command-line arguments: numbers, sizes, frames, cameras and lights.
 
 All arguments are checked before a scene is loaded.
 """
 
 import math
 import re
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
-from urllib.parse import parse_qsl
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..extras import import_extra
-from ..scene.materials import MONTHS, Transmittance, srgb_to_linear
-from ..scene.scene_data import group_notes
-from .console import say
-from .gis_options import Options, is_footprints, is_raster, open_gis_scene, split_options, split_unit
+from ..scene.materials import srgb_to_linear
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -32,17 +27,11 @@ if TYPE_CHECKING:
 # --- Parsing of arguments ---------------------------------------------------------------------------------------------
 
 
-PROCEDURAL = "procedural:"
-EXAMPLE = "example:"
-DEFAULT_SCENE = PROCEDURAL + "atrium"
-
 _COUNT = re.compile(r"(\d+(?:\.\d+)?)([kKmM]?)")
 _BYTES = re.compile(r"(\d+(?:\.\d+)?)([kKmMgGtT]?)(?:i?[bB])?")
 _SIZE = re.compile(r"(\d+)(?:[xX](\d+))?")
 _FRAMES = re.compile(r"(\d{1,9}):(\d{1,9})(?::(\d{1,9}))?")
 _INDEX = re.compile(r"\s*-?\d{1,9}\s*")
-_LOD = re.compile(r"(.+\.jsonl?)\?lod=(.*)", re.IGNORECASE)
-_MESH_OPTIONS = re.compile(r"(.+\.(?:glb|gltf|obj|ply))\?((?:cutouts|transmittance|instances)=.*)", re.IGNORECASE)
 _WHOLE = re.compile(r"[0-9]{1,9}")
 _MAX_SIZE = 32768
 
@@ -60,34 +49,6 @@ CAMERA_KINDS = {"ortho": "orthographic", "top": "top", "panorama": "panoramic"}
 
 CAMERA_FORMS = "ortho[:POSITION:TARGET:HEIGHT]", "top", "panorama[:POSITION:TARGET]"
 """Syntax of these cameras."""
-
-
-class SceneSpec(NamedTuple):
-    """A scene to open: a path, or the name of a procedural scene."""
-
-    path: Path | None
-    name: str = ""
-    triangles: int | None = None
-    seed: int = 0
-    lod: str | None = None  # level of detail of a CityJSON file
-    cutouts: bool = True  # False: alpha cuts no holes
-    transmittance: tuple[tuple[str, Transmittance], ...] = ()  # the light that materials or objects let pass
-    instances: bool | None = None  # whether copies of meshes stay instances; None: if that saves much memory
-    gis: Options = ()  # of a raster of heights, or of footprints
-    unit: str | None = None  # of the coordinates
-
-    @property
-    def on_raster(self) -> bool:
-        """Whether the scene is a raster of heights, or stands on one."""
-        return is_raster(self.path) or any(name == "terrain" for name, _ in self.gis)
-
-    @property
-    def stem(self) -> str:
-        """The default name of the scene's pictures, without suffix."""
-        if self.path is None:
-            return "antumbra"
-        folder = self.path.is_dir()
-        return (self.path.resolve().name if folder else self.path.stem.removesuffix(".city")) or "antumbra"
 
 
 class CameraSpec(NamedTuple):
@@ -109,79 +70,6 @@ class FrameSequence(NamedTuple):
     def time(self, number: int) -> float:
         """The time of a frame, in seconds."""
         return number / self.fps
-
-
-def parse_scene(text: str) -> SceneSpec:
-    """Parse a path, which may have options, an example scene, or a procedural scene.
-
-    ``city.json?lod=2.2``, ``tree.glb?cutouts=off``, ``tree.glb?transmittance=leaf:0.3&transmittance=glass:0.9,1,0.9``,
-    ``tree.glb?transmittance=leaf:0.7/0.7/0.6/0.4/0.3/0.2/0.2/0.2/0.3/0.5/0.6/0.7``,
-    ``forest.glb?instances=on``, ``buildings.gpkg?height=h&terrain=dem.tif``, ``dem.tif?band=2``,
-    ``house.obj?unit=mm``, ``example:NAME``, ``procedural:NAME?triangles=100k&seed=3``.
-    """
-    if not text:
-        raise InputError(f"SCENE is empty; name a file, a folder or {DEFAULT_SCENE}")
-    if text.startswith(EXAMPLE):
-        from ..examples import file_of
-
-        example, mark, query = text[len(EXAMPLE) :].partition("?")
-        text = f"{file_of(example)}{mark}{query}"
-    if not text.startswith(PROCEDURAL):
-        text, unit = split_unit(text)
-        if unit is not None:
-            return parse_scene(text)._replace(unit=unit)
-        if match := _MESH_OPTIONS.fullmatch(text):
-            return _with_options(SceneSpec(Path(match[1])), match[2], text)
-        if geographic := split_options(text):
-            return SceneSpec(geographic[0], gis=geographic[1])
-        match = _LOD.fullmatch(text)
-        if match and "&" in match[2]:
-            raise InputError(f"{text}: lod is repeated, or another option follows; write FILE?lod=N")
-        return SceneSpec(Path(match[1]), lod=match[2]) if match else SceneSpec(Path(text))
-    name, _, query = text[len(PROCEDURAL) :].partition("?")
-    options: dict[str, int] = {}
-    for key, value in parse_qsl(query, keep_blank_values=True):
-        if key not in ("triangles", "seed") or key in options:
-            raise InputError(f"{text}: {key!r} is unknown or repeated; use triangles=... and seed=...")
-        options[key] = parse_count(value, f"{text}: {key}")
-    return SceneSpec(None, name, options.get("triangles"), options.get("seed", 0))
-
-
-def _with_options(spec: SceneSpec, query: str, text: str) -> SceneSpec:
-    """The scene of a file with the options of a query, such as ``cutouts=off&transmittance=NAME:SHARE``."""
-    pairs = parse_qsl(query, keep_blank_values=True)
-    for key, value in pairs:
-        if key != "transmittance" and [each for each, _ in pairs].count(key) > 1:
-            raise InputError(f"{text}: {key} is repeated; write it once")
-        if key in ("cutouts", "instances"):
-            if value not in ("on", "off"):
-                raise InputError(f"{text}: {key} is {value!r}; it must be on or off")
-            switch: dict[str, Any] = {key: value == "on"}
-            spec = spec._replace(**switch)
-        elif key == "transmittance":
-            share = _parse_transmittance(value, text)
-            if share[0] in dict(spec.transmittance):
-                raise InputError(f"{text}: the transmittance of {share[0]!r} is repeated; write it once")
-            spec = spec._replace(transmittance=(*spec.transmittance, share))
-        else:
-            raise InputError(f"{text}: {key!r} is unknown; use cutouts=off, instances=on or transmittance=NAME:SHARE")
-    return spec
-
-
-def _parse_transmittance(value: str, text: str) -> tuple[str, Transmittance]:
-    """Parse ``NAME:SHARE`` or ``NAME:RED,GREEN,BLUE``, or such shares of the twelve months, separated by slashes."""
-    name, colon, shares = value.rpartition(":")
-    months = [
-        tuple(_number(each, f"{text}: transmittance") for each in month.split(","))
-        for month in (shares.split("/") if colon else ())
-    ]
-    if not name or len(months) not in (1, len(MONTHS)) or any(len(month) not in (1, 3) for month in months):
-        raise InputError(
-            f"{text}: transmittance is {value!r}; write NAME:SHARE, NAME:RED,GREEN,BLUE, or twelve such shares for the "
-            "months, NAME:JAN/FEB/.../DEC"
-        )
-    values = [month if len(month) == 3 else month[0] for month in months]
-    return name, values[0] if len(values) == 1 else tuple(values)
 
 
 def parse_count(text: str, what: str) -> int:
@@ -269,7 +157,7 @@ def parse_camera(text: str) -> int | CameraSpec:
             forms = "  ".join(CAMERA_FORMS)
             raise InputError(f"write an index, POSITION:TARGET[:VFOV] such as 0,1.7,8:0,1,0:60, or one of {forms}")
         position, target = _vector(parts[0], "position"), _vector(parts[1], "target")
-        return CameraSpec(position, target, _number(parts[2], "vfov") if parts[2:] else 60.0)
+        return CameraSpec(position, target, parse_number(parts[2], "vfov") if parts[2:] else 60.0)
 
 
 def _other_camera(word: str, fields: list[str]) -> CameraSpec:
@@ -281,7 +169,7 @@ def _other_camera(word: str, fields: list[str]) -> CameraSpec:
     if not fields:
         return CameraSpec(None, None, kind=kind)
     position, target = _vector(fields[0], "position"), _vector(fields[1], "target")
-    extent = _number(fields[2], "height") if fields[2:] else None
+    extent = parse_number(fields[2], "height") if fields[2:] else None
     return CameraSpec(position, target, kind=kind, extent=extent)
 
 
@@ -333,7 +221,7 @@ def parse_interval(text: str, option: str) -> tuple[float, float]:
     with _named(f"{option} {text}"):
         if not colon:
             raise InputError("write FROM:TO, such as 350:10")
-        return _number(first, "the first number"), _number(last, "the second number")
+        return parse_number(first, "the first number"), parse_number(last, "the second number")
 
 
 def parse_light(text: str) -> "int | Light":
@@ -348,7 +236,7 @@ def parse_light(text: str) -> "int | Light":
         form = LIGHT_FORMS[kind]
         if not form.count(":") - form.count("[:") <= len(fields) <= form.count(":"):
             raise InputError(f"write {form}, optionally followed by @INTENSITY")
-        return _light(kind, fields, {"intensity": _number(strength, "intensity")} if at else {})
+        return _light(kind, fields, {"intensity": parse_number(strength, "intensity")} if at else {})
 
 
 def parse_ambient(text: str) -> "AmbientOcclusion":
@@ -357,9 +245,9 @@ def parse_ambient(text: str) -> "AmbientOcclusion":
 
     radius, at, strength = text.partition("@")
     with _named(f"--ao {text}"):
-        intensity = _number(strength, "intensity") if at else 1.0
+        intensity = parse_number(strength, "intensity") if at else 1.0
         return AmbientOcclusion(
-            None if radius.strip().lower() == "inf" else _number(radius, "radius"), intensity=intensity
+            None if radius.strip().lower() == "inf" else parse_number(radius, "radius"), intensity=intensity
         )
 
 
@@ -431,10 +319,10 @@ def _light(kind: str, fields: list[str], more: dict[str, Any]) -> "Light":
         return lights.QuadLight(centre - (u + v) / 2.0, u, v, **more)
     if kind == "disk":
         centre, normal = _vector(fields[0], "centre"), _vector(fields[1], "normal")
-        return lights.DiskLight(centre, normal, _number(fields[2], "radius"), **more)
+        return lights.DiskLight(centre, normal, parse_number(fields[2], "radius"), **more)
     if kind == "sphere":
-        return lights.SphereLight(_vector(fields[0], "centre"), _number(fields[1], "radius"), **more)
-    width = [_number(f, "angular diameter") for f in fields[1:]]
+        return lights.SphereLight(_vector(fields[0], "centre"), parse_number(fields[1], "radius"), **more)
+    width = [parse_number(f, "angular diameter") for f in fields[1:]]
     return lights.DirectionalLight(_vector(fields[0], "direction"), *width, **more)
 
 
@@ -451,7 +339,8 @@ def _vector(text: str, name: str) -> NDArray[np.float64]:
     return np.array(_numbers(text, 3, name, "three finite numbers separated by commas"))
 
 
-def _number(text: str, name: str) -> float:
+def parse_number(text: str, name: str) -> float:
+    """Parse a finite number."""
     return _numbers(text, 1, name, "a finite number")[0]
 
 
@@ -463,77 +352,3 @@ def _numbers(text: str, n: int, name: str, requirement: str) -> list[float]:
     if len(values) != n or not all(map(math.isfinite, values)):
         raise InputError(f"{name} is {text!r}; it must be {requirement}")
     return values
-
-
-# --- Opening of scenes ------------------------------------------------------------------------------------------------
-
-
-_MOST_NOTES = 5
-
-
-def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, crs: str | None = None) -> "AnyScene":
-    """Open the scene that a `SceneSpec` names, in a CRS. The loader's notes are printed on standard error."""
-    if spec.path is None:
-        from .. import procedural
-
-        if up is not None or crs is not None:
-            raise InputError("--up and --crs are for files; procedural scenes have +Y up and no CRS, leave them out")
-        return procedural(spec.name, triangles=spec.triangles, seed=spec.seed)
-    from .. import load
-    from ..store.store_format import STORE_SUFFIX
-
-    if up is not None and spec.path.suffix.lower() == STORE_SUFFIX:
-        raise InputError(f"{spec.path.name}: a store has its own up axis; leave --up out")
-    scene: AnyScene
-    with quietly():  # the notes are printed below
-        shares = dict(spec.transmittance) or None
-        if is_raster(spec.path) or is_footprints(spec.path):
-            scene = open_gis_scene(spec.path, spec.gis, up, crs, spec.unit)
-        else:
-            scene = load(
-                spec.path,
-                up=up,
-                lod=spec.lod,
-                cutouts=spec.cutouts,
-                transmittance=shares,
-                crs=crs,
-                unit=spec.unit,
-                instances=spec.instances,
-            )
-    if not quiet:
-        notes = group_notes(scene.notes, "antumbra info shows all")
-        for note in notes[:_MOST_NOTES]:
-            say(f"note: {note}")
-        if len(notes) > _MOST_NOTES:
-            say(f"note: {len(notes) - _MOST_NOTES} more kinds of notes; antumbra info shows all of them")
-    return scene
-
-
-@contextmanager
-def quietly() -> Iterator[None]:
-    """Hide the loader's notes, which are warnings."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        yield
-
-
-def limit_memory(scene: "AnyScene", max_memory: int | None) -> int | None:
-    """Limit the memory used by queries of a scene in a store, and return the limit; None for a scene in memory.
-
-    A scene in memory has been read within the limit, and its queries have none.
-    """
-    from ..engine.paged_scene import PagedScene
-
-    if isinstance(scene, PagedScene):
-        scene.max_memory = max_memory
-        return max_memory
-    return None
-
-
-def in_memory(scene: "AnyScene") -> "AnyScene":
-    """The scene; InputError if it is in a store."""
-    from ..engine.paged_scene import PagedScene
-
-    if isinstance(scene, PagedScene):
-        raise scene.refusal()
-    return scene

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -11,21 +10,21 @@ import typer
 from ..errors import InputError
 from ..jobs.bake.bake_options import BakeOptions
 from . import arguments, console
-from .arguments import open_scene, quietly
-from .console import ProgressDisplay
 from .options import (
-    SCENE_HELP,
     Before,
     Json,
     PictureLightOption,
     Quiet,
+    SceneArgument,
     UpOption,
     arguments_of,
     literal,
     takes,
     writes,
 )
+from .scene_arguments import quietly
 from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
+from .study_run import StudyRun
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -40,7 +39,7 @@ _Options: Any = arguments_of("bake", BakeOptions)
 class BakeArguments(_Options):  # type: ignore[misc] # made from the options of a bake
     """The arguments of the command line, besides those derived from `BakeOptions`."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
+    scene: SceneArgument
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The .glb file to write.", metavar="FILE", callback=writes(".glb"))
     ]
@@ -99,7 +98,7 @@ def bake(args: BakeArguments) -> int:
         raise InputError("--vertex and --texture exclude each other; leave one of them out")
     if args.sky is not None and args.what != "light":
         raise InputError("--sky belongs to --what light; leave it out")
-    spec = arguments.parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
     specs = [arguments.parse_light(text) for text in args.light or []]
 
     from ..jobs.bake.bake_input import BakeSource, is_gltf
@@ -109,22 +108,18 @@ def bake(args: BakeArguments) -> int:
 
     executor = executor_for(args, args.output)
     options = BakeOptions(**literal(args, BakeOptions), lights=[a for a in specs if not isinstance(a, int)] or None)
-    with ProgressDisplay(args.quiet) as display:
-        display.say("reading the scene")
-        scene = open_scene(spec, args.up, args.quiet)
+    with StudyRun(args) as run:
+        scene, _ = run.open(spec)
         lights = _lights(args, specs, scene)
         source = BakeSource(scene, spec.path if spec.path is not None and is_gltf(spec.path) else None)
-        start, keep = perf_counter(), executor_of(executor or args.output.with_suffix(".parts"))
+        keep, options = executor_of(executor or args.output.with_suffix(".parts")), replace(options, lights=lights)
         with quietly():
-            result = bake_file(source, replace(options, lights=lights), args.output, PhaseClock(), keep)
+            result = run.timed(bake_file, source, options, args.output, PhaseClock(), keep)
         if result is None:
-            return report_shard(executor, args, perf_counter() - start)
-    if args.json:
-        console.print_json(result._asdict())
-    elif not args.quiet:
-        console.print_fields(_fields(result))
-        for note in result.notes:
-            console.say(f"note: {note}")
+            return report_shard(executor, args, run.seconds)
+    run.report(result._asdict(), _fields(result))
+    for note in () if args.json or args.quiet else result.notes:
+        console.say(f"note: {note}")
     return 0
 
 

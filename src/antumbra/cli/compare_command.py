@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..picture.render_options import GBufferBy
 from . import arguments, console, picture_report
-from .arguments import limit_memory
 from .console import UNFORESEEN, ProgressDisplay, say
 from .installation_commands import about
 from .options import (
-    SCENE_HELP,
     AoOption,
     CameraOption,
     ExposureOption,
@@ -29,6 +27,7 @@ from .options import (
     Preset,
     PresetOption,
     Quiet,
+    SceneArgument,
     SkyOption,
     SrdhRaysOption,
     UpOption,
@@ -39,6 +38,7 @@ from .options import (
     writes,
 )
 from .picture_spec import PictureSpec, RenderArguments, Shot
+from .scene_arguments import DEFAULT_SCENE, limit_memory
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -59,7 +59,7 @@ class CompareArguments(_Options):  # type: ignore[misc] # made from the options 
     The base class adds the options derived from `RenderOptions` and `EngineOptions`.
     """
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     plan: Annotated[
         list[str] | None,
         typer.Option(

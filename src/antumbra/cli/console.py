@@ -19,7 +19,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, Self, TextIO
 
 import typer
 
@@ -247,7 +247,7 @@ class ProgressDisplay:
         self._notes = _notes(quiet)
         self._timer = None if self._closed else threading.Timer(delay, self._start)
 
-    def __enter__(self) -> "ProgressDisplay":
+    def __enter__(self) -> Self:
         self._heard = _logged() if self._closed and not self._quiet else progress_listener(self.say)
         self._heard.__enter__()
         self._notes.__enter__()

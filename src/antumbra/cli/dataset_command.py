@@ -9,15 +9,15 @@ import typer
 
 from ..jobs.dataset.dataset_options import DatasetOptions
 from . import arguments, console
-from .arguments import CameraSpec, SceneSpec, limit_memory, open_scene
-from .console import ProgressDisplay, say
+from .arguments import CameraSpec
+from .console import say
 from .options import (
-    SCENE_HELP,
     AoOption,
     Before,
     Json,
     PictureLightOption,
     Quiet,
+    SceneArgument,
     UpOption,
     arguments_of,
     literal,
@@ -25,7 +25,9 @@ from .options import (
     writes,
     writes_folder,
 )
+from .scene_arguments import SceneSpec, limit_memory
 from .shards import MergeOption, RayOption, ShardOption, executor_for, parse_shard
+from .study_run import StudyRun
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -41,7 +43,7 @@ _Options: Any = arguments_of("dataset", DatasetOptions)
 class DatasetArguments(_Options):  # type: ignore[misc] # made from the options of a data set
     """The command-line arguments and options, besides those derived from `DatasetOptions`."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
+    scene: SceneArgument
     output: Annotated[
         Path,
         typer.Option(
@@ -80,7 +82,7 @@ class DatasetArguments(_Options):  # type: ignore[misc] # made from the options 
     def parsed(self) -> "_Parsed":
         """The arguments that need parsing, checked before a scene is read."""
         return _Parsed(
-            arguments.parse_scene(self.scene),
+            self.spec_of(self.scene),
             arguments.parse_size(self.size),
             [arguments.parse_camera(text) for text in self.camera or []],
             [arguments.parse_light(text) for text in self.light or []],
@@ -121,13 +123,11 @@ def dataset(args: DatasetArguments) -> int:
     """
     parsed = args.parsed()
 
-    with ProgressDisplay(args.quiet) as display:
-        display.say("reading the scene")
-        scene = open_scene(parsed.spec, args.up, args.quiet)
+    with StudyRun(args) as run:
+        scene, _ = run.open(parsed.spec)
         parsed = parsed._replace(memory=limit_memory(scene, parsed.memory))
-        display.say("preparing")
         try:
-            result = _dataset(args, parsed, scene, display)
+            result = _dataset(args, parsed, scene, run)
         except KeyboardInterrupt:
             say("finished frames are kept; run the same command again to continue")
             raise
@@ -136,14 +136,11 @@ def dataset(args: DatasetArguments) -> int:
             from ..picture.image_files import save_png
 
             save_png(contact_sheet(result.folder), args.sheet)
-    if args.json:
-        console.print_json({**result._asdict(), "folder": str(result.folder), "scene": scene.name})
-    elif not args.quiet:
-        console.print_fields(_fields(result, scene, parsed.shard))
-    return 0
+    answer = {**result._asdict(), "folder": str(result.folder), "scene": scene.name}
+    return run.report(answer, _fields(result, scene, parsed.shard))
 
 
-def _dataset(args: DatasetArguments, parsed: "_Parsed", scene: "AnyScene", display: ProgressDisplay) -> "Dataset":
+def _dataset(args: DatasetArguments, parsed: "_Parsed", scene: "AnyScene", run: StudyRun) -> "Dataset":
     from ..jobs.dataset.dataset_job import dataset as make_dataset
 
     keeps_lights = parsed.ambient and not args.random_lights  # adding only ambient light keeps the scene's lights
@@ -157,7 +154,7 @@ def _dataset(args: DatasetArguments, parsed: "_Parsed", scene: "AnyScene", displ
         size=parsed.size,
         max_memory=parsed.memory,
         keep=executor_for(args, args.output),
-        progress=display.say,
+        progress=run.say,
     )
 
 

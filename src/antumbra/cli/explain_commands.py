@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from . import arguments, console
-from .arguments import in_memory, limit_memory, open_scene
-from .console import ProgressDisplay
 from .options import (
-    SCENE_HELP,
     CameraOption,
     Json,
     LightOption,
     MaxMemoryOption,
     Quiet,
+    SceneArgument,
     SppOption,
     SrdhRaysOption,
     Threads,
@@ -29,6 +27,8 @@ from .options import (
     takes,
     writes,
 )
+from .scene_arguments import DEFAULT_SCENE, SceneArguments, limit_memory
+from .study_run import StudyRun
 
 if TYPE_CHECKING:
     from ..picture.traversal_steps import Explanation, PlanSteps
@@ -44,10 +44,10 @@ _CAPTION = "box tests of the rays of a pixel; black: no rays"
 
 
 @dataclass(frozen=True)
-class ExplainArguments:
+class ExplainArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     output: Annotated[
         Path | None,
         typer.Option(
@@ -107,7 +107,7 @@ def explain(args: ExplainArguments) -> int:
       antumbra explain robot.glb --time 2 --before 0.04 --plan bsah+single --plan bsah+refit+single
       antumbra explain city.glb --light sun:1,-0.5,-1 --plan bsah+single --plan bsah+multifrusta --json
     """
-    spec, width_height = arguments.parse_scene(args.scene), arguments.parse_size(args.size)
+    spec, width_height = args.spec_of(args.scene), arguments.parse_size(args.size)
     camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
     light_specs = [arguments.parse_light(text) for text in args.light or []]
     if args.before is not None and not 0.0 < args.before <= 1e9:
@@ -128,9 +128,8 @@ def explain(args: ExplainArguments) -> int:
     plans = explained_plans(args.plan or [])
     with_sample(plans or explained_plans(_PLANS), rays)
     memory = None if args.max_memory is None else arguments.parse_bytes(args.max_memory, "--max-memory")
-    with ProgressDisplay(args.quiet) as display:
-        display.say("reading the scene")
-        opened = open_scene(spec, args.up, args.quiet)
+    with StudyRun(args) as run:
+        opened, _ = run.open(spec)
         of_store = isinstance(opened, PagedScene)
         limit_memory(opened, memory)
         plans = with_sample(plans or explained_plans(_STORE_PLANS if of_store else _PLANS), rays)
@@ -140,21 +139,13 @@ def explain(args: ExplainArguments) -> int:
             return TimeSample(opened.clamped(at), view, arguments.make_lights(light_specs, opened, at))
 
         moments = [moment(at) for at in ([args.time] if args.before is None else [args.time - args.before, args.time])]
-        display.say("preparing")
-        explanation = explained(
-            opened,
-            moments,
-            plans,
-            spp=args.spp,
-            threads=args.threads,
-            say=lambda name, i: display.say(f"counting the steps of {name}", i, len(plans)),
-        )
-        display.say("writing the picture")
-        save_png(_picture(explanation), path)
+        say = lambda name, i: run.say(f"counting the steps of {name}", i, len(plans))
+        explanation = explained(opened, moments, plans, spp=args.spp, threads=args.threads, say=say)
+        run.save(lambda path: save_png(_picture(explanation), path), [path])
     if args.json:
         settings = {
             "output": str(path),
-            "scene": args.scene,
+            "scene": args.record_of(args.scene),
             "triangles": opened.n_triangles,
             "time": moments[-1].time,
             "before": args.before,
@@ -169,7 +160,7 @@ def explain(args: ExplainArguments) -> int:
         console.print_fields(
             [
                 ("picture", str(path)),
-                ("scene", f"{args.scene}, {opened.n_triangles:,} triangles"),
+                ("scene", f"{args.record_of(args.scene)}, {opened.n_triangles:,} triangles"),
                 *_fields(explanation),
             ]
         )
@@ -271,10 +262,10 @@ def _depth(value: float) -> str:
 
 
 @dataclass(frozen=True)
-class CullingArguments:
+class CullingArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     output: Annotated[
         Path | None,
         typer.Option(
@@ -311,7 +302,7 @@ def culling(args: CullingArguments) -> int:
       antumbra culling "procedural:cellar?triangles=1M" -o cellar.png
       antumbra culling city.glb --light sun:1,-0.5,-1 --culler grid64 --json
     """
-    spec, width_height = arguments.parse_scene(args.scene), arguments.parse_size(args.size)
+    spec, width_height = args.spec_of(args.scene), arguments.parse_size(args.size)
     camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
     light_specs = [arguments.parse_light(text) for text in args.light or []]
 
@@ -325,15 +316,12 @@ def culling(args: CullingArguments) -> int:
     if find_method("cull", args.culler) is None:
         hint = spelling_hint(args.culler, CULLERS)
         raise InputError(f"culler {args.culler!r} is unknown; {hint}choose one of {', '.join(CULLERS)}")
-    with ProgressDisplay(args.quiet) as display:
-        display.say("reading the scene")
-        opened = in_memory(open_scene(spec, args.up, args.quiet))
+    with StudyRun(args) as run:
+        opened, _ = run.open(spec, to_memory=True)
         view = arguments.make_camera(camera_spec, opened, args.time, width_height)
         lights = arguments.make_lights(light_specs, opened, args.time)
-        display.say("preparing")
         picture = culling_picture(opened, view, lights, args.culler, spp=args.spp, time=args.time, threads=args.threads)
-        display.say("writing the picture")
-        save_png(to_srgb8(picture.image, 1.0), path)
+        run.save(lambda path: save_png(to_srgb8(picture.image, 1.0), path), [path])
     share = picture.kept / max(1, opened.n_triangles)
     answer = {
         "output": str(path),
@@ -347,18 +335,12 @@ def culling(args: CullingArguments) -> int:
         "targets": picture.targets,
         "seconds": picture.seconds,
     }
-    if args.json:
-        console.print_json(answer)
-    elif not args.quiet:
-        cells = f"{picture.marked:,} of {picture.cells:,} marked, between {picture.sources:,} boxes of receivers "
-        cells += f"and {picture.targets:,} of lights"
-        console.print_fields(
-            [
-                ("picture", str(path)),
-                ("scene", f"{args.scene}, {opened.n_triangles:,} triangles"),
-                ("kept", f"{picture.kept:,} triangles, {100 * share:.3g} %"),
-                ("cells", cells),
-                ("time", console.duration(picture.seconds)),
-            ]
-        )
-    return 0
+    cells = f"{picture.marked:,} of {picture.cells:,} marked, between {picture.sources:,} boxes of receivers "
+    fields = [
+        ("picture", str(path)),
+        ("scene", f"{args.record_of(args.scene)}, {opened.n_triangles:,} triangles"),
+        ("kept", f"{picture.kept:,} triangles, {100 * share:.3g} %"),
+        ("cells", f"{cells}and {picture.targets:,} of lights"),
+        ("time", console.duration(picture.seconds)),
+    ]
+    return run.report(answer, fields)

@@ -22,6 +22,7 @@ from ..memory import reading_limit
 from ..picture.option_fields import Choice, CommandOption, WholeNumber, option_of
 from ..picture.render_options import RenderKeywords
 from .arguments import parse_bytes, parse_point
+from .scene_arguments import SceneArguments
 
 if TYPE_CHECKING:
     from ..jobs.sensors import Sensors
@@ -167,7 +168,7 @@ def derived_option(name: str, start: Any = None) -> Any:
 
 
 def arguments_of(command: str, kind: type = RenderKeywords, **starts: Any) -> Any:
-    """A base class for the arguments of a command (see `takes`), with a field for each derived option.
+    """A base class for the arguments of a command with a scene (see `takes`), with a field for each derived option.
 
     starts : defaults that differ from those of the fields
     """
@@ -179,7 +180,7 @@ def arguments_of(command: str, kind: type = RenderKeywords, **starts: Any) -> An
     members = [
         (each.name, Annotated[each.kind, each.option(start(each))], field(default=start(each))) for each in options
     ]
-    return make_dataclass(f"Options of {command}", members, frozen=True, kw_only=True)
+    return make_dataclass(f"Options of {command}", members, bases=(SceneArguments,), frozen=True, kw_only=True)
 
 
 class Before(NamedTuple):
@@ -256,27 +257,6 @@ _ReadingLimit = Annotated[
 _LIMIT = "max_memory"
 
 
-def with_reading_limit(command: Callable[..., Any]) -> Callable[..., Any]:
-    """A command that takes scenes, with ``--max-memory``, which limits what reading takes; others are unchanged."""
-    parameters = dict(inspect.signature(command).parameters)
-    if parameters.keys().isdisjoint(("scene", "scenes")):
-        return command
-    default = parameters[_LIMIT].default if _LIMIT in parameters else None  # of a build, not of reading
-
-    def run(**values: Any) -> Any:
-        size = values[_LIMIT] if _LIMIT in parameters else values.pop(_LIMIT)
-        limit = None if size in (None, default) else parse_bytes(size, "--max-memory")
-        with reading_limit(limit):
-            return command(**values)
-
-    wrapper: Any = update_wrapper(run, command)
-    existing = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in parameters.values()]
-    limit = inspect.Parameter(_LIMIT, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=_ReadingLimit)
-    wrapper.__signature__ = inspect.Signature(existing if _LIMIT in parameters else [*existing, limit])
-    wrapper.__annotations__ = {name: each.annotation for name, each in wrapper.__signature__.parameters.items()}
-    return run
-
-
 SCENE_HELP = (
     f"A {alternatives(SCENE_SUFFIXES)} file, a folder of vertex frames, example:NAME, or "
     "procedural:NAME?triangles=N&seed=N. FILE?lod=N selects a level of detail of CityJSON; FILE?cutouts=off ignores "
@@ -284,18 +264,24 @@ SCENE_HELP = (
     "for each month; FILE?instances=on keeps copies of meshes as instances. FILE?band=2 selects a band of a raster of "
     "heights; FILE?layer=NAME a layer of footprints, and FILE?invalid=skip leaves out faulty ones."
 )
+SceneArgument = Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
 
 
 def fields_of(arguments: type) -> list[Field[Any]]:
-    """The fields of an arguments dataclass in the order of the help: own ones first, except where `Before` says."""
+    """The fields of an arguments dataclass in the order of the help.
+
+    Own ones come first, except where `Before` says, and those of `SceneArguments` follow the scene.
+    """
     own = vars(arguments).get("__annotations__", {})
+    shared = fields(SceneArguments) if issubclass(arguments, SceneArguments) else ()
     groups: dict[str | None, list[Field[Any]]] = {None: []}
     place = None
     for each in fields(arguments):
         if each.name in own:
             place = next((m.name for m in get_args(each.type) if isinstance(m, Before)), place)
-            groups.setdefault(place, []).append(each)
-    derived = [each for each in fields(arguments) if each.name not in own]
+            groups.setdefault(place, []).extend((each, *shared) if each.name in ("scene", "scenes") else (each,))
+    known = own.keys() | {each.name for each in shared}
+    derived = [each for each in fields(arguments) if each.name not in known]
     moved = [part for each in derived for part in (*groups.get(each.name, []), each)]
     return [*groups[None], *moved, *groups.get("", [])]
 
@@ -303,25 +289,31 @@ def fields_of(arguments: type) -> list[Field[Any]]:
 def takes(arguments: type) -> Callable[[Callable[[Any], int]], Callable[..., int]]:
     """Decorator of a command ``f(args)``: Typer gets each field of the dataclass `arguments` as a parameter.
 
-    Fields without a default are required. The help has them in the order of `fields_of`.
+    Fields without a default are required. The help has them in the order of `fields_of`. A command with a scene also
+    has ``--max-memory``, within which files are read, if it has no such field of its own.
     """
-
-    def default(field: Field[Any]) -> Any:
-        return inspect.Parameter.empty if field.default is MISSING else field.default
+    members = fields_of(arguments)
+    kinds: dict[str, Any] = {f.name: Annotated[get_args(f.type)[:2]] for f in members}  # without `Before`
+    defaults = {f.name: inspect.Parameter.empty if f.default is MISSING else f.default for f in members}
+    keeps_limit, usual = _LIMIT in kinds, defaults.get(_LIMIT)
+    if issubclass(arguments, SceneArguments) and not keeps_limit:
+        kinds[_LIMIT], defaults[_LIMIT] = _ReadingLimit, None
 
     def wrap(command: Callable[[Any], int]) -> Any:
         def run(**values: Any) -> int:
-            return command(arguments(**values))
+            size = values.get(_LIMIT) if keeps_limit else values.pop(_LIMIT, None)
+            limit = None if size in (None, usual) else parse_bytes(size, "--max-memory")  # the usual is not of reading
+            with reading_limit(limit):
+                return command(arguments(**values))
 
-        wrapper: Any = run
-        kind, members = inspect.Parameter.KEYWORD_ONLY, fields_of(arguments)
-        kinds = {f.name: Annotated[get_args(f.type)[:2]] for f in members}  # without `Before`
+        wrapper: Any = update_wrapper(run, command)  # so that a node of a cluster finds it by name
+        kind = inspect.Parameter.KEYWORD_ONLY
         wrapper.__signature__ = inspect.Signature(
-            [inspect.Parameter(f.name, kind, default=default(f), annotation=kinds[f.name]) for f in members]
+            [inspect.Parameter(name, kind, default=defaults[name], annotation=each) for name, each in kinds.items()]
         )
         wrapper.__annotations__ = kinds
-        wrapper.__doc__, wrapper.__name__ = command.__doc__, command.__name__
-        wrapper.command, arguments.home = command, (command.__module__, command.__name__)  # type: ignore[attr-defined]
+        wrapper.command = command
+        arguments.run = wrapper  # type: ignore[attr-defined]
         return wrapper
 
     return wrap
@@ -430,6 +422,7 @@ CrsOption = Annotated[
     str | None,
     typer.Option(help="Coordinate reference system, such as EPSG:28992.  [default: the file's]", show_default=False),
 ]
+_POSITION = "latitude", "longitude", "north", "timezone"
 DegreesOption = Annotated[float | None, typer.Option(help="Degrees, WGS 84.", show_default=False)]
 NorthOption = Annotated[
     float | None,
@@ -445,6 +438,13 @@ TimezoneOption = Annotated[
         show_default=False,
     ),
 ]
+
+
+def position_of(arguments: Any) -> dict[str, Any]:
+    """The values of --latitude, --longitude, --north and --timezone that are given, checked."""
+    from ..jobs.sun.location import position_fields
+
+    return position_fields(**{name: getattr(arguments, name) for name in _POSITION})
 
 
 def points_or_file(texts: list[str] | None, file: Path | None, one: str, many: str) -> "Sensors | None":

@@ -18,10 +18,9 @@ from ..picture.option_fields import deciding_fields, field_values
 from ..picture.render_options import EngineOptions, RenderOptions
 from ..scene.lights import MAX_SPP
 from . import arguments, console
-from .arguments import CameraSpec, SceneSpec, limit_memory
+from .arguments import CameraSpec
 from .options import (
     QUALITIES,
-    SCENE_HELP,
     AoOption,
     CameraOption,
     ExposureOption,
@@ -30,6 +29,7 @@ from .options import (
     Preset,
     PresetOption,
     Quiet,
+    SceneArgument,
     SkyOption,
     SrdhRaysOption,
     UpOption,
@@ -40,6 +40,7 @@ from .options import (
     pictures,
     writes,
 )
+from .scene_arguments import DEFAULT_SCENE, SceneSpec, limit_memory, open_scene
 from .shards import MergeOption, RayOption, ShardOption
 from .tree_options import TreesOption, TreeSpec, add_trees, parse_trees
 
@@ -137,9 +138,8 @@ Progress = Callable[[str, int], Callable[[int, int], object]]
 class PictureSpec(NamedTuple):
     """The picture specified by the arguments of ``antumbra render`` or ``compare``."""
 
-    source: str  # the argument SCENE
+    source: str  # the argument SCENE, with its options
     scene_spec: SceneSpec
-    up: str | None
     size: tuple[int, int]  # width, height
     camera: int | CameraSpec | None
     lights: "list[int | Light]"  # lights, or indices of the scene's lights
@@ -174,7 +174,7 @@ class PictureSpec(NamedTuple):
 
     def open(self) -> "AnyScene":
         """The scene, with its trees."""
-        return add_trees(arguments.open_scene(self.scene_spec, self.up, self.quiet), self.trees)
+        return add_trees(open_scene(self.scene_spec, self.quiet), self.trees)
 
     def scene_digest(self) -> str:
         """A digest that identifies the scene and its trees."""
@@ -352,7 +352,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
     The base class adds the options derived from `RenderOptions` and `EngineOptions`.
     """
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     output: Annotated[
         Path | None,
         typer.Option(
@@ -461,9 +461,8 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
         wide = isinstance(camera, arguments.CameraSpec) and camera.kind == "panoramic"
         memory = optional(self.max_memory, arguments.parse_bytes, "--max-memory")
         spec = PictureSpec(
-            source=self.scene,
-            scene_spec=arguments.parse_scene(self.scene),
-            up=self.up,
+            source=self.record_of(self.scene),
+            scene_spec=self.spec_of(self.scene),
             size=arguments.parse_size(self.size or ("2048x1024" if wide else "1024x1024")),
             camera=camera,
             lights=[arguments.parse_light(text) for text in self.light or []],

@@ -5,6 +5,7 @@ They describe a scene, list and export procedural scenes, list file formats, and
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from time import perf_counter
@@ -18,10 +19,9 @@ from ..errors import InputError
 from ..formats.array_files import FILES
 from ..formats.format_registry import SCENE_WRITERS, check_output, write_scene
 from . import arguments, console
-from .arguments import SceneSpec, open_scene
 from .console import ProgressDisplay
-from .gis_options import is_raster, is_streamed, stream_rasters
-from .options import SCENE_HELP, Json, Quiet, Threads, UpOption, writes
+from .options import SCENE_HELP, Json, Quiet, SceneArgument, Threads, UpOption, takes, writes
+from .scene_arguments import SceneArguments, SceneSpec, is_raster, open_scene, stream_rasters
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -40,12 +40,18 @@ TRIANGLE_BYTES = 3 * 3 * 4 + 4 + 3 * 4  # corners, face_id, colour of `Triangles
 _MOST_MESHES = 20
 
 
-def info(
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")],
-    up: UpOption = None,
-    check: Annotated[bool, typer.Option("--check", help="Read a whole store and verify its checksums.")] = False,
-    json: Json = False,
-) -> None:
+@dataclass(frozen=True)
+class InfoArguments(SceneArguments):
+    """The command-line arguments and options, one per field."""
+
+    scene: SceneArgument
+    up: UpOption = None
+    check: Annotated[bool, typer.Option("--check", help="Read a whole store and verify its checksums.")] = False
+    json: Json = False
+
+
+@takes(InfoArguments)
+def info(args: InfoArguments) -> int:
     """Show the contents of SCENE.
 
     It lists meshes, triangles, instances, bounds, cameras, lights, animation, memory, and the loader's notes about
@@ -57,22 +63,23 @@ def info(
       antumbra info procedural:city --json
       antumbra info city.antumbra --check
     """
-    spec = arguments.parse_scene(scene)
+    spec = args.spec_of(args.scene)
     with ProgressDisplay() as display:
         display.say("reading the scene")
         start = perf_counter()
-        opened = open_scene(spec, up, quiet=True)
+        opened = open_scene(spec, quiet=True)
         seconds = perf_counter() - start
         store = getattr(opened, "store", None)
-        if check:
-            _check(store, scene, display)
-    if json:
-        console.print_json(_answer(scene, opened, seconds) | ({} if store is None else _store_answer(store, check)))
-        return
+        if args.check:
+            _check(store, args.record_of(args.scene), display)
+    if args.json:
+        answer = _answer(args.record_of(args.scene), opened, seconds)
+        console.print_json(answer | ({} if store is None else _store_answer(store, args.check)))
+        return 0
     console.print_fields(_info_fields(opened, seconds))
     if store is not None:
-        console.print_fields(_store_fields(store, check))
-        return
+        console.print_fields(_store_fields(store, args.check))
+        return 0
     meshes = opened.meshes
     largest = sorted(meshes, key=lambda m: -m.triangles * m.instances)[:_MOST_MESHES]
     console.print_table(
@@ -82,6 +89,7 @@ def info(
     )
     if len(meshes) > len(largest):
         print(f"... and {len(meshes) - len(largest)} smaller meshes (--json lists all)")
+    return 0
 
 
 def _check(store: "Store | None", source: str, display: ProgressDisplay) -> None:
@@ -330,22 +338,28 @@ def formats(json: Json = False) -> None:
 # --- ``antumbra build`` -----------------------------------------------------------------------------------------------
 
 
-def build(
-    scenes: Annotated[list[str], typer.Argument(help=SCENE_HELP, metavar="SCENE...")],
+@dataclass(frozen=True)
+class BuildArguments(SceneArguments):
+    """The command-line arguments and options, one per field."""
+
+    scenes: Annotated[list[str], typer.Argument(help=SCENE_HELP, metavar="SCENE...")]
     output: Annotated[
         Path,
         typer.Option(
             "--output", "-o", help="The store to write: *.antumbra.", metavar="FILE", callback=writes(".antumbra")
         ),
-    ],
+    ]
     max_memory: Annotated[
         str, typer.Option(help="Memory limit of the build, in bytes or with a suffix: 512M, 4G.", metavar="SIZE")
-    ] = "4G",
-    up: UpOption = None,
-    threads: Threads = None,
-    json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+    ] = "4G"
+    up: UpOption = None
+    threads: Threads = None
+    json: Json = False
+    quiet: Quiet = False
+
+
+@takes(BuildArguments)
+def build(args: BuildArguments) -> int:
     """Combine SCENEs in one store, which may exceed memory.
 
     A store holds the triangles in chunks, each with its BVH and checksums. Several scenes are merged in the given
@@ -362,46 +376,47 @@ def build(
       antumbra build west.tif east.tif -o dem.antumbra
       antumbra info city.antumbra --check
     """
-    specs = [spec for text in scenes for spec in _tiles_of(arguments.parse_scene(text))]
-    memory = arguments.parse_bytes(max_memory, "--max-memory")
+    specs = [spec for text in args.scenes for spec in _tiles_of(args.spec_of(text))]
+    memory = arguments.parse_bytes(args.max_memory, "--max-memory")
 
     from ..engine.store_building import build_store
     from ..store.system_resources import peak_resident_memory
 
-    with ProgressDisplay(quiet) as display:
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading")
-        opened = _opened(specs, up, threads, quiet)
-        report = build_store(opened, output, max_memory=memory, threads=threads, progress=display.say)
+        opened = _opened(specs, args.threads, args.quiet)
+        report = build_store(opened, args.output, max_memory=memory, threads=args.threads, progress=display.say)
     peak = peak_resident_memory()
-    if json:
+    if args.json:
         console.print_json({**report._asdict(), "path": str(report.path), "max_memory": memory, "peak_resident": peak})
-    elif not quiet:
+    elif not args.quiet:
         console.print_fields(_build_fields(report, peak))
+    return 0
 
 
 def _tiles_of(spec: SceneSpec) -> list[SceneSpec]:
     """The scene, or the rasters of heights in a folder, by name; a folder of vertex frames is a scene."""
     if spec.path is None or not spec.path.is_dir() or any((spec.path / name).exists() for name in FILES):
         return [spec]
-    return [SceneSpec(path, unit=spec.unit) for path in sorted(spec.path.iterdir()) if is_raster(path)] or [spec]
+    return [spec._replace(path=path) for path in sorted(spec.path.iterdir()) if is_raster(path)] or [spec]
 
 
 def _opened(
-    specs: list[SceneSpec], up: str | None, threads: int | None, quiet: bool
+    specs: list[SceneSpec], threads: int | None, quiet: bool
 ) -> "Iterator[AnyScene | StreamedCity | StreamedTerrain]":
     """Yield the scenes one by one. Cities and rasters of heights are streams of blocks, which are made later."""
     from ..generate.generated_scene import StreamedCity
     from ..kernels.parallel import thread_count
 
-    for streamed, group in groupby(specs, lambda spec: is_streamed(spec.path, spec.gis)):
+    for streamed, group in groupby(specs, lambda spec: spec.is_streamed):
         if streamed:
-            yield stream_rasters([(spec.path, spec.gis, spec.unit) for spec in group if spec.path is not None], up)
+            yield stream_rasters(list(group))
             continue
         for spec in group:
-            if spec.path is None and spec.name == "city" and up is None:
+            if spec.path is None and spec.name == "city" and spec.up is None:
                 yield StreamedCity(spec.triangles, spec.seed, thread_count(threads))
             else:
-                yield open_scene(spec, up, quiet)
+                yield open_scene(spec, quiet)
 
 
 def _build_fields(report: "BuildReport", peak: int | None) -> Iterator[tuple[str, str]]:

@@ -2,18 +2,12 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
 
 from ..jobs.shadow.shadow_options import ShadowOptions
 from ..picture.option_fields import field_values
 from . import console
-from .arguments import in_memory, open_scene, parse_scene
-from .console import ProgressDisplay
 from .options import (
-    SCENE_HELP,
     Before,
     CrsOption,
     DegreesOption,
@@ -21,14 +15,17 @@ from .options import (
     MapOption,
     NorthOption,
     Quiet,
+    SceneArgument,
     TimezoneOption,
     UpOption,
     arguments_of,
     literal,
+    position_of,
     tables,
     takes,
 )
-from .tree_options import TreesOption, add_trees, parse_trees
+from .study_run import StudyRun
+from .tree_options import TreesOption, parse_trees
 
 if TYPE_CHECKING:
     from ..jobs.shadow.shadow_polygons import Shadow
@@ -43,7 +40,7 @@ _Options: Any = arguments_of("shadow", ShadowOptions)
 class ShadowArguments(_Options):  # type: ignore[misc] # made from the options of a shadow
     """The command-line arguments and options, besides those derived from `ShadowOptions`."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
+    scene: SceneArgument
     trees: Annotated[TreesOption, Before("plan")] = None
     crs: CrsOption = None
     latitude: DegreesOption = None
@@ -80,16 +77,15 @@ def shadow(args: ShadowArguments) -> int:
       antumbra shadow city.city.json --at 2026-12-21T12:00 --map sheet.pdf
       antumbra shadow house.glb --latitude 52 --longitude 4.36 --at 2026-12-21T12:00+01:00 -o shadow.geojson
     """
-    spec = parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
 
     from ..jobs.map_page import check_map
     from ..jobs.measured_scenes import measured_scene
     from ..jobs.shadow.shadow import shadow as find_shadow
     from ..jobs.shadow.shadow_polygons import check_shadow_output
-    from ..jobs.sun.location import place_of, position_fields
+    from ..jobs.sun.location import place_of
 
-    names = "latitude", "longitude", "north", "timezone"
-    position = position_fields(**{name: getattr(args, name) for name in names})
+    position = position_of(args)
     options = ShadowOptions(**literal(args, ShadowOptions))
     options.check_moment()
     trees = parse_trees(args.trees)
@@ -101,29 +97,24 @@ def shadow(args: ShadowArguments) -> int:
         check_map(path)
     for path in outputs:
         check_shadow_output(path, not options.on_plane)
-    with ProgressDisplay(args.quiet) as display:
-        display.say("reading the scene")
-        bare = open_scene(spec, args.up, args.quiet, args.crs)
-        scene = measured_scene(add_trees(in_memory(bare) if options.on_plane else bare, trees))
-        place = place_of(scene, **position)
-        start = perf_counter()
-        result = find_shadow(scene, surface=bare, **field_values(replace(options, place=place)))
-        seconds = perf_counter() - start
-        display.say("writing")
+    with StudyRun(args) as run:
+        bare, planted = run.open(spec, trees, to_memory=options.on_plane)
+        scene = measured_scene(planted)
+        options = replace(options, place=place_of(scene, **position))
+        result = run.timed(find_shadow, scene, surface=bare, **field_values(options))
         if args.trees is not None:
             result.about["trees"] = args.trees
-        for path in outputs:
-            result.save(path)
-        for path in maps:
-            result.save_map(path)
-    _print_summary(args, result, seconds, [str(path) for path in [*outputs, *maps]])
+        run.save(result.save, outputs)
+        run.save(result.save_map, maps)
+    _print_summary(args, run, result)
     return 0
 
 
-def _print_summary(args: ShadowArguments, shadow: "Shadow", seconds: float, written: list[str]) -> None:
+def _print_summary(args: ShadowArguments, run: StudyRun, shadow: "Shadow") -> None:
     about, rows = shadow.about, {name: column.tolist() for name, column in shadow.columns.items()}
     if args.json:
-        answer = {**about, "polygons": len(shadow.polygons), "area": shadow.area, "seconds": seconds, "files": written}
+        answer = {**about, "polygons": len(shadow.polygons), "area": shadow.area}
+        answer |= {"seconds": run.seconds, "files": run.written}
         console.print_json(answer | ({"rows": rows} if len(shadow.polygons) <= _MOST_ROWS else {}))
     elif not args.quiet:
         fields = [
@@ -135,8 +126,7 @@ def _print_summary(args: ShadowArguments, shadow: "Shadow", seconds: float, writ
         else:
             fields.append(("days", f"{about['days']}, {about['hours']:.1f} h of daylight"))
         fields.append(("area", f"{shadow.area:,.1f} m2 in {len(shadow.polygons):,} polygons"))
-        fields.append(("time", console.duration(seconds)))
-        console.print_fields(fields + [("written", path) for path in written])
+        console.print_fields(fields + run.rows())
         if len(rows) > 1 and len(shadow.polygons) <= _MOST_ROWS:
             console.print_table(
                 [name.replace("_", " ") for name in rows],

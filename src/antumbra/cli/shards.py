@@ -4,7 +4,6 @@ import re
 from contextvars import ContextVar
 from dataclasses import replace
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -95,17 +94,17 @@ def executor_for(args: Any, output: Path) -> "Executor | None":
 
         if share is not None:
             raise InputError("--ray splits the work itself; leave it or --shard out")
-        prepare = partial(begin, type(args).home, replace(args, json=False, quiet=True, ray=None))
+        prepare = partial(begin, type(args).run, replace(args, json=False, quiet=True, ray=None))
         plan = getattr(args, "plan", None)
         say = (lambda line: None) if args.quiet else None
         return Cluster(folder, args.ray, prepare, files_in(vars(args)), plan, say)
     return None if share is None else ShardExecutor(folder, share, command_words())
 
 
-def begin(home: tuple[str, str], args: Any, paths: dict[str, str], threads: int, executor: "UnitCollector") -> None:
+def begin(run: Any, args: Any, paths: dict[str, str], threads: int, executor: "UnitCollector") -> None:
     """Start a command on a cluster node and pass its units to the executor. Results go to the current folder.
 
-    home : module and name of the command
+    run : the command, made by `takes`
     paths : field -> path of its file on this node
     """
     from ..cluster.node_files import with_files
@@ -118,8 +117,7 @@ def begin(home: tuple[str, str], args: Any, paths: dict[str, str], threads: int,
     changed |= with_files(vars(args), paths)
     token = node_executor.set(executor)
     try:
-        command = getattr(import_module(home[0]), home[1]).command
-        command(replace(args, threads=args.threads or threads, **changed))
+        run.command(replace(args, threads=args.threads or threads, **changed))
     finally:
         node_executor.reset(token)
 

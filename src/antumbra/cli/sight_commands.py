@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -11,10 +10,7 @@ from ..errors import InputError
 from ..jobs.line_of_sight.viewshed_options import ViewshedOptions
 from ..picture.option_fields import field_values
 from . import arguments, console
-from .arguments import in_memory, open_scene
-from .console import ProgressDisplay
 from .options import (
-    SCENE_HELP,
     SENSORS_HELP,
     Before,
     CameraOption,
@@ -25,6 +21,7 @@ from .options import (
     OutputsOption,
     PlanOption,
     Quiet,
+    SceneArgument,
     SensorsOption,
     Threads,
     TimeOption,
@@ -36,8 +33,10 @@ from .options import (
     takes,
     writes,
 )
+from .scene_arguments import DEFAULT_SCENE, SceneArguments
 from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
-from .tree_options import TreesOption, add_trees, parse_trees, sensors_below_trees
+from .study_run import StudyRun
+from .tree_options import TreesOption, parse_trees, sensors_below_trees
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -56,10 +55,10 @@ _COLUMNS = "observer", "target", "visible", "blocked_by", "face", "distance"  # 
 
 
 @dataclass(frozen=True)
-class SightArguments:
+class SightArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     observer: Annotated[
         list[str] | None,
         typer.Option("--from", help="An observer; may be repeated.", metavar="X,Y,Z", show_default=False),
@@ -105,7 +104,7 @@ def los(args: SightArguments) -> int:
       antumbra los city.glb --up z --observers people.csv --targets signs.csv -o lines.glb -o lines.parquet
       antumbra los hall.glb --pairs pairs.csv -o result.csv --json
     """
-    spec = arguments.parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
 
     from ..files import atomic_output
     from ..jobs.line_of_sight.sightlines import (
@@ -122,7 +121,7 @@ def los(args: SightArguments) -> int:
     trees = parse_trees(args.trees)
     check_pairs(args.pairs)
     outputs = args.output or []
-    writers = [writer_of(path, "points") for path in outputs]
+    writers = {path: writer_of(path, "points") for path in outputs}
     begin = points_or_file(args.observer, args.observers, "--from", "--observers")
     end = points_or_file(args.target, args.targets, "--to", "--targets")
     if (begin is None) != (end is None):
@@ -130,34 +129,28 @@ def los(args: SightArguments) -> int:
     if begin is None and args.pairs in ("all", "zip"):
         raise InputError("there are no points: give --from and --to, --observers and --targets, or a file of --pairs")
     pair_list = read_pairs(Path(args.pairs)) if begin is None or end is None else pairs_of(args.pairs, begin, end)
-    with ProgressDisplay(args.quiet) as display:
-        display.say("reading the scene")
-        opened = add_trees(in_memory(open_scene(spec, args.up, args.quiet, args.crs)), trees)
+    with StudyRun(args) as run:
+        _, opened = run.open(spec, trees, to_memory=True)
         check_file_crs(opened, args.observers, args.targets, Path(args.pairs))
-        start = perf_counter()
-        sightlines = line_of_sight(opened, **pair_list.keywords(), time=args.time, threads=args.threads)
-        seconds = perf_counter() - start
-        display.say("writing the results")
-        for path, write in zip(outputs, writers):
+        keywords: dict[str, Any] = {**pair_list.keywords(), "time": args.time, "threads": args.threads}
+        sightlines = run.timed(line_of_sight, opened, **keywords)
+
+        def write(path: Path) -> None:
             if path.suffix.lower() == _MODEL:
                 with atomic_output(path) as temporary:
                     temporary.write_bytes(sight_model(opened, pair_list, sightlines))
             else:
-                write(sight_table(opened, pair_list, sightlines), path, "visible")
+                writers[path](sight_table(opened, pair_list, sightlines), path, "visible")
+
+        run.save(write, outputs)
     n, visible = len(pair_list.observers), int(sightlines.visible.sum())
-    if args.json:
-        answer = {"scene": opened.name, "pairs": n, "visible": visible, "seconds": seconds}
-        answer["outputs"] = [str(path) for path in outputs]
-        if n <= _MOST_LINES:
-            answer["lines"] = _lines(opened, pair_list, sightlines)
-        console.print_json(answer)
-    elif not args.quiet:
-        if n <= _MOST_LINES:
-            rows = [[str(line[name]) for name in _COLUMNS] for line in _lines(opened, pair_list, sightlines)]
+    answer = {"scene": opened.name, "pairs": n, "visible": visible, "seconds": run.seconds, "outputs": run.written}
+    if n <= _MOST_LINES:
+        answer["lines"] = lines = _lines(opened, pair_list, sightlines)
+        if not (args.json or args.quiet):
+            rows = [[str(line[name]) for name in _COLUMNS] for line in lines]
             console.print_table([name.replace("_", " ") for name in _COLUMNS], rows)
-        fields = [("visible", f"{visible:,} of {n:,} pairs"), ("time", console.duration(seconds))]
-        console.print_fields(fields + [("written", str(path)) for path in outputs])
-    return 0
+    return run.report(answer, [("visible", f"{visible:,} of {n:,} pairs"), *run.rows()])
 
 
 def _lines(scene: "AnyScene", pairs: "PairList", sightlines: "Sightlines") -> list[dict[str, Any]]:
@@ -200,7 +193,7 @@ _Options: Any = arguments_of("viewshed", ViewshedOptions)
 class ViewshedArguments(_Options):  # type: ignore[misc] # made from the options of a viewshed
     """The command-line arguments and options, besides those derived from `ViewshedOptions`."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     sensors: Annotated[
         str | None,
         typer.Option(help=SENSORS_HELP + "  [default: face; on a raster of heights: raster]", show_default=False),
@@ -261,7 +254,7 @@ def viewshed(args: ViewshedArguments) -> int:
       antumbra viewshed dem.tif --observer 85000,446000,90 --least-height -o hidden.tif
       antumbra viewshed hills.ply --up z --observer 0,0,900 --curvature --azimuth 350:10 -o seen.parquet
     """
-    spec = arguments.parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
     options = ViewshedOptions(
         **literal(args, ViewshedOptions),
         azimuth=arguments.parse_interval(args.azimuth, "--azimuth"),
@@ -287,7 +280,6 @@ def viewshed(args: ViewshedArguments) -> int:
         writer_of(path, kind_of(sensor_form))
     for path in args.map or ():
         check_map(path)
-    bits = args.bits
     eyes = points_or_file(args.observer, args.observers, "--observer", "--observers")
     if eyes is not None and args.observers is not None:
         warn_of_lost(args.observers.name, eyes.attributes)
@@ -299,37 +291,25 @@ def viewshed(args: ViewshedArguments) -> int:
         raise InputError("--along excludes --observer and --observers; give one of them")
     if (args.along is None) != (args.spacing is None):
         raise InputError("--along FILE and --spacing DISTANCE need each other")
-    with ProgressDisplay(args.quiet) as display:
-        display.say("reading the scene")
-        bare = open_scene(spec, args.up, args.quiet, args.crs)
+    with StudyRun(args) as run:
+        bare, opened = run.open(spec, trees)
         check_file_crs(bare, args.observers)
-        opened = add_trees(bare, trees)
-        display.say("preparing")
         observers: Any = None if eyes is None else eyes.points
         if args.along is not None:
             observers = points_along(args.along, args.spacing or 0.0, crs=opened.crs)
         sensors = sensors_below_trees(sensor_form, bare, opened, args.threads)
         camera = None if camera_spec is None else arguments.make_camera(camera_spec, opened, args.time, _SIZE)
-        start = perf_counter()
-        result = compute_viewshed(opened, sensors, observers, surface=bare, **field_values(options))
-        seconds = perf_counter() - start
-        display.say("writing the results")
-        table = result.table
+        result = run.timed(compute_viewshed, opened, sensors, observers, surface=bare, **field_values(options))
+        table, seen = result.table, result.bits
         table.camera = camera
-        for path in outputs:
-            table.save(path, args.column)
-        for path in args.map or ():
-            table.save_map(path, args.column)
-        if bits is not None and result.bits is not None:
-            with atomic_output(bits) as temporary:
-                write_rows(temporary, result.bits)
-    answer = _answer(table, len(result.observers), seconds)
-    written = [str(path) for path in [*outputs, *(args.map or ()), *([bits] if bits else [])]]
-    if args.json:
-        console.print_json({"scene": opened.name, **answer, "outputs": written})
-    elif not args.quiet:
-        console.print_fields([*_fields(answer), *(("written", path) for path in written)])
-    return 0
+        run.save(lambda path: table.save(path, args.column), outputs)
+        run.save(lambda path: table.save_map(path, args.column), args.map)
+        if args.bits is not None and seen is not None:
+            with atomic_output(args.bits) as temporary:
+                write_rows(temporary, seen)
+            run.written.append(str(args.bits))
+    answer = _answer(table, len(result.observers), run.seconds)
+    return run.report({"scene": opened.name, **answer, "outputs": run.written}, [*_fields(answer), *run.rows()])
 
 
 def _answer(table: "Table", observers: int, seconds: float) -> dict[str, Any]:
@@ -350,7 +330,7 @@ def _fields(answer: dict[str, Any]) -> list[tuple[str, str]]:
     fields.append(("seen by any", f"{visible:,} ({100.0 * visible / max(n, 1):.1f} %)"))
     if "area" in answer:
         fields.append(("area seen", f"{answer['area_seen']:,.6g} of {answer['area']:,.6g} m2"))
-    return [*fields, ("time", console.duration(answer["seconds"]))]
+    return fields
 
 
 # --- ``antumbra matrix`` ----------------------------------------------------------------------------------------------
@@ -360,10 +340,10 @@ _BITS, _SPARSE = ".npy", ".npz"
 
 
 @dataclass(frozen=True)
-class MatrixArguments:
+class MatrixArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     sensors: SensorsOption = "face"
     targets: Annotated[
         str | None,
@@ -415,7 +395,7 @@ def matrix(args: MatrixArguments) -> int:
       antumbra matrix city.glb --up z --sensors people.csv --targets face -o seen.npy --sparse seen.npz
       antumbra matrix city.glb --up z --sensors raster:5+1.6 --trees "trees.gpkg?height=h&radius=r" -o seen.npy
     """
-    spec = arguments.parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
 
     from ..jobs.line_of_sight.visibility_matrix import visibility_matrix
     from ..jobs.point_attributes import warn_of_lost
@@ -429,30 +409,22 @@ def matrix(args: MatrixArguments) -> int:
     bits, pairs, counts = _checked_outputs(args)
     outputs = [path for path in (bits, pairs, *counts) if path is not None]
     executor = executor_for(args, outputs[0])
-    with ProgressDisplay(args.quiet) as display:
-        display.say("reading the scene")
-        bare = open_scene(spec, args.up, args.quiet, args.crs)
-        opened = add_trees(bare, trees)
-        display.say("preparing")
+    with StudyRun(args) as run:
+        bare, opened = run.open(spec, trees)
         sensors, others = sensors_below_trees(args.sensors, bare, opened, args.threads), None
         if args.targets is not None:
             others = sensors_below_trees(args.targets, bare, opened, args.threads)
             warn_of_lost(args.targets, others.attributes)
-        start = perf_counter()
-        result = visibility_matrix(
-            opened, sensors, others, output=bits, plan=args.plan, time=args.time, threads=args.threads, keep=executor
-        )
-        seconds = perf_counter() - start
+        options: dict[str, Any] = {"plan": args.plan, "time": args.time, "threads": args.threads}
+        result = run.timed(visibility_matrix, opened, sensors, others, output=bits, keep=executor, **options)
         if result is None:
-            return report_shard(executor, args, seconds)
-        display.say("writing the results")
-        if pairs is not None:
-            result.save(pairs)
+            return report_shard(executor, args, run.seconds)
+        if bits is not None:
+            run.written.append(str(bits))
+        run.save(result.save, [] if pairs is None else [pairs])
         column = Column(result.counts, "", f"visible targets, of {result.columns}")
-        for path in counts:
-            Table(sensors, {"seen": column}, {"job": "matrix"}, opened).save(path)
-    _print_summary(args, opened.name, result, seconds, [str(path) for path in outputs])
-    return 0
+        run.save(Table(sensors, {"seen": column}, {"job": "matrix"}, opened).save, counts)
+    return _report(run, opened.name, result)
 
 
 def _checked_outputs(args: MatrixArguments) -> tuple[Path | None, Path | None, list[Path]]:
@@ -468,16 +440,10 @@ def _checked_outputs(args: MatrixArguments) -> tuple[Path | None, Path | None, l
     return args.output, args.sparse, counts
 
 
-def _print_summary(
-    args: MatrixArguments, name: str, result: "VisibilityMatrix", seconds: float, written: list[str]
-) -> None:
+def _report(run: StudyRun, name: str, result: "VisibilityMatrix") -> int:
     rows, columns = result.shape
     visible = int(result.counts.sum())
-    if args.json:
-        answer = {"scene": name, "rows": rows, "columns": columns, "visible": visible, "seconds": seconds}
-        console.print_json({**answer, "outputs": written})
-    elif not args.quiet:
-        share = 100.0 * visible / max(rows * columns, 1)
-        fields = [("matrix", f"{rows:,} x {columns:,}"), ("visible", f"{visible:,} pairs ({share:.2f} %)")]
-        fields.append(("time", console.duration(seconds)))
-        console.print_fields([*fields, *(("written", path) for path in written)])
+    share = 100.0 * visible / max(rows * columns, 1)
+    answer = {"scene": name, "rows": rows, "columns": columns, "visible": visible, "seconds": run.seconds}
+    fields = [("matrix", f"{rows:,} x {columns:,}"), ("visible", f"{visible:,} pairs ({share:.2f} %)")]
+    return run.report({**answer, "outputs": run.written}, [*fields, *run.rows()])

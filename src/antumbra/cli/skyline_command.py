@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -12,22 +11,22 @@ from ..errors import InputError
 from ..jobs.skyline.skyline_options import SkylineOptions
 from ..picture.option_fields import field_values
 from . import arguments, console
-from .arguments import in_memory, open_scene
-from .console import ProgressDisplay
 from .options import (
-    SCENE_HELP,
     Before,
     CrsOption,
     Json,
     MapOption,
     Quiet,
+    SceneArgument,
     UpOption,
     arguments_of,
     literal,
     tables,
     takes,
 )
-from .tree_options import TreesOption, add_trees, parse_trees, sensors_below_trees
+from .scene_arguments import DEFAULT_SCENE
+from .study_run import StudyRun
+from .tree_options import TreesOption, parse_trees, sensors_below_trees
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -44,7 +43,7 @@ _Options: Any = arguments_of("skyline", SkylineOptions)
 class SkylineArguments(_Options):  # type: ignore[misc] # made from the options of a skyline
     """The command-line arguments and options, besides those derived from `SkylineOptions`."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     at: Annotated[
         list[str] | None, typer.Option(help="A point; may be repeated.", metavar="X,Y,Z", show_default=False)
     ] = None
@@ -89,7 +88,7 @@ def skyline(args: SkylineArguments) -> int:
       antumbra skyline city.city.json --points roofs.csv --trees "trees.gpkg?height=h&radius=r" -o skylines.csv
       antumbra skyline city.glb --up z --north 0.81 --points raster:10 --eye-height 1.6 -o skylines.json
     """
-    spec = arguments.parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
     options, trees = SkylineOptions(**literal(args, SkylineOptions)), parse_trees(args.trees)
     if trees is not None:
         trees.check_solid("a skyline is the edge of solid things, and crowns count as solid")
@@ -106,25 +105,17 @@ def skyline(args: SkylineArguments) -> int:
     outputs, maps = args.output or [], args.map or []
     for path in maps:
         check_map(path)
-    with ProgressDisplay(args.quiet) as display:
-        display.say("reading the scene")
-        bare = in_memory(open_scene(spec, args.up, args.quiet, args.crs))
-        opened = add_trees(bare, trees)
+    with StudyRun(args) as run:
+        bare, opened = run.open(spec, trees, to_memory=True)
         points = _points(args, bare, opened)
         for path in [*outputs, *maps]:
             check_skyline_output(path, len(points))
-        start = perf_counter()
-        result = find_skylines(opened, points, surface=bare, **field_values(options))
-        seconds = perf_counter() - start
-        display.say("writing the results")
+        result = run.timed(find_skylines, opened, points, surface=bare, **field_values(options))
         if args.trees is not None:
             result.about["trees"] = args.trees
-        for path in outputs:
-            result.save(path, highest=args.highest)
-        for path in maps:
-            result.save_map(path)
-    _print_summary(args, opened.name, result, seconds)
-    return 0
+        run.save(lambda path: result.save(path, highest=args.highest), outputs)
+        run.save(result.save_map, maps)
+    return _report(args, run, opened.name, result)
 
 
 def _points(args: SkylineArguments, bare: "AnyScene", scene: "AnyScene") -> "Sensors":
@@ -138,8 +129,8 @@ def _points(args: SkylineArguments, bare: "AnyScene", scene: "AnyScene") -> "Sen
     return point_sensors([arguments.parse_point(text, "--at") for text in args.at or []])
 
 
-def _print_summary(args: SkylineArguments, name: str, skyline: "Skyline", seconds: float) -> None:
-    outputs, factors = [str(path) for path in [*(args.output or []), *(args.map or [])]], skyline.sky_view_factor()
+def _report(args: SkylineArguments, run: StudyRun, name: str, skyline: "Skyline") -> int:
+    factors = skyline.sky_view_factor()
     rows = [
         {
             "point": ",".join(f"{c:.9g}" for c in point),
@@ -152,14 +143,12 @@ def _print_summary(args: SkylineArguments, name: str, skyline: "Skyline", second
             skyline.points[:_MOST_POINTS], skyline.elevation, skyline.highest, factors
         )
     ]
-    if args.json:
-        answer = {"scene": name, "points": len(skyline.points), "azimuths": len(skyline.azimuth), "seconds": seconds}
-        answer |= {"north": skyline.about["north"], "sky_view_factor": float(np.mean(factors)), "outputs": outputs}
-        console.print_json(answer | ({"skylines": rows} if len(skyline.points) <= _MOST_POINTS else {}))
-    elif not args.quiet:
-        if len(skyline.points) <= _MOST_POINTS:
-            names = [name.replace("_", " ") for name in rows[0]]
-            console.print_table(names, [[str(value) for value in row.values()] for row in rows])
-        fields = [("skylines", f"{len(skyline.points):,} points x {len(skyline.azimuth):,} azimuths")]
-        fields.append(("time", console.duration(seconds)))
-        console.print_fields(fields + [("written", path) for path in outputs])
+    n, azimuths = len(skyline.points), len(skyline.azimuth)
+    few = n <= _MOST_POINTS
+    answer = {"scene": name, "points": n, "azimuths": azimuths, "seconds": run.seconds, "north": skyline.about["north"]}
+    answer |= {"sky_view_factor": float(np.mean(factors)), "outputs": run.written}
+    if few and not (args.json or args.quiet):
+        names = [name.replace("_", " ") for name in rows[0]]
+        console.print_table(names, [[str(value) for value in row.values()] for row in rows])
+    fields = [("skylines", f"{n:,} points x {azimuths:,} azimuths"), *run.rows()]
+    return run.report(answer | ({"skylines": rows} if few else {}), fields)

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -14,10 +13,8 @@ from ..formats.format_registry import CITYJSON
 from ..jobs.sun.sun_options import SunOptions
 from ..picture.option_fields import field_values
 from . import console
-from .arguments import SceneSpec, limit_memory, open_scene, parse_bytes, parse_scene
-from .console import ProgressDisplay
+from .arguments import parse_bytes
 from .options import (
-    SCENE_HELP,
     SENSORS_HELP,
     Before,
     ColumnOption,
@@ -29,15 +26,19 @@ from .options import (
     NorthOption,
     OutputsOption,
     Quiet,
+    SceneArgument,
     TimezoneOption,
     UpOption,
     arguments_of,
     literal,
+    position_of,
     takes,
     writes,
 )
+from .scene_arguments import SceneSpec, limit_memory
 from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
-from .tree_options import TreesOption, add_trees, parse_trees, sensors_below_trees
+from .study_run import StudyRun
+from .tree_options import TreesOption, parse_trees, sensors_below_trees
 
 if TYPE_CHECKING:
     from ..jobs.result_table import Table
@@ -52,7 +53,7 @@ _Options: Any = arguments_of("sun", SunOptions)
 class SunArguments(_Options):  # type: ignore[misc] # made from the options of a study
     """The command-line arguments and options, besides those derived from `SunOptions`."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
+    scene: SceneArgument
     sensors: Annotated[
         str | None,
         typer.Option(
@@ -142,12 +143,11 @@ def sun(args: SunArguments) -> int:
     from ..jobs.ground_areas import check_areas, default_cells
     from ..jobs.measured_scenes import measured_scene
     from ..jobs.sensor_files import check_sensors
-    from ..jobs.sun.location import place_of, position_fields
+    from ..jobs.sun.location import place_of
     from ..jobs.sun.sun_hours import sun_hours
 
-    spec, trees = parse_scene(args.scene), parse_trees(args.trees)
-    names = "latitude", "longitude", "north", "timezone"
-    position = position_fields(**{name: getattr(args, name) for name in names})
+    spec, trees = args.spec_of(args.scene), parse_trees(args.trees)
+    position = position_of(args)
     in_areas = args.areas is not None
     default = "raster" if spec.on_raster else "face"
     sensor_form = args.sensors or ("raster" if in_areas else default)
@@ -162,38 +162,32 @@ def sun(args: SunArguments) -> int:
     executor = executor_for(args, first)
     if args.city_output is not None:
         _check_city(spec, args.city_output)
-    with ProgressDisplay(args.quiet) as display:
-        display.say("reading the scene")
-        bare = open_scene(spec, args.up, args.quiet, args.crs)
-        scene = measured_scene(add_trees(bare, trees))
+    with StudyRun(args) as run:
+        bare, planted = run.open(spec, trees)
+        scene = measured_scene(planted)
         limit_memory(scene, memory)
         if in_areas and args.sensors is None:
             sensor_form = default_cells(scene)
         place = place_of(scene, **position)
         sensors = sensors_below_trees(sensor_form, bare, scene, args.threads, args.areas)
-        display.say("preparing")
-        run = partial(sun_hours, scene, **field_values(replace(options, place=place)))
+        study = partial(sun_hours, scene, **field_values(replace(options, place=place)))
         if args.column is not None:
-            run(sensors=sensors.part(0, 0)).shown(args.column)  # reports an unknown column before the long work
-        start = perf_counter()
+            study(sensors=sensors.part(0, 0)).shown(args.column)  # reports an unknown column before the long work
         keep = executor or first.with_suffix(".parts")
-        table = run(sensors=sensors, matrix=args.matrix, keep=keep)
-        seconds = perf_counter() - start
+        table = run.timed(study, sensors=sensors, matrix=args.matrix, keep=keep)
         if table is None:
-            return report_shard(executor, args, seconds)
+            return report_shard(executor, args, run.seconds)
         plan = args.plan or default_plan_of(scene.data)
-        table.about |= {"scene": args.scene, "sensors": sensor_form, "plan": str(plan)}
+        table.about |= {"scene": args.record_of(args.scene), "sensors": sensor_form, "plan": str(plan)}
         if args.trees is not None:
             table.about["trees"] = args.trees
-        display.say("writing")
-        for path in outputs:
-            table.save(path, args.column)
-        for path in args.map or ():
-            table.save_map(path, args.column)
+        run.save(lambda path: table.save(path, args.column), outputs)
+        run.save(lambda path: table.save_map(path, args.column), args.map)
         if args.city_output is not None:
-            _write_city(table, spec, args.city_output, bare.n_triangles)
-    written = [str(path) for path in (*outputs, *(args.map or ()), args.city_output, args.matrix) if path is not None]
-    _print_summary(args, table, seconds, written)
+            run.save(lambda path: _write_city(table, spec, path, bare.n_triangles), [args.city_output])
+    if args.matrix is not None:
+        run.written.append(str(args.matrix))
+    _print_summary(args, run, table)
     return 0
 
 
@@ -238,15 +232,16 @@ def _results(table: "Table") -> list[str]:
     return [name for name, column in table.columns.items() if column.values.dtype.kind in "fiub" and name not in NAMES]
 
 
-def _print_summary(args: SunArguments, table: "Table", seconds: float, written: list[str]) -> None:
+def _print_summary(args: SunArguments, run: StudyRun, table: "Table") -> None:
     sensors = len(table) if args.per == "sensor" else int(table["sensors"].sum())
     rays = sensors * table.about["suns"] * table.about["samples"]
     covered = table.sensors.covered
     hours = table["sun_hours"][covered]
-    numbers = {"sensors": sensors, "rows": len(table), "suns": table.about["suns"], "rays": rays, "seconds": seconds}
+    numbers = {"sensors": sensors, "rows": len(table), "suns": table.about["suns"], "rays": rays}
+    numbers["seconds"] = run.seconds
     if args.json:
         means = {name: float(table[name][covered].mean()) for name in _results(table)} if covered.any() else {}
-        console.print_json({**table.about, **numbers, "means": means, "files": written})
+        console.print_json({**table.about, **numbers, "means": means, "files": run.written})
     elif not args.quiet:
         about = table.about
         least, middle, most = np.percentile(hours, (0, 50, 100)) if len(hours) else (0.0, 0.0, 0.0)
@@ -259,9 +254,7 @@ def _print_summary(args: SunArguments, table: "Table", seconds: float, written: 
         ]
         if "passes" in table.columns and "areas" not in about and args.per == "sensor":
             rows.append((about["rule"], f"{table['passes'][covered].mean():.1%} of the sensors on surfaces pass"))
-        rows.append(("time", f"{console.duration(seconds)}, {rays / 1e6 / max(seconds, 1e-9):,.1f} Mrays/s"))
-        rows += [("written", path) for path in written]
-        console.print_fields(rows)
+        console.print_fields(rows + run.rows(rays))
         if "areas" in about:
             console.print_table(*_areas(about["areas"]), right=(1, 2, 3, 4))
 

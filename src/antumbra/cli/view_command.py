@@ -9,10 +9,8 @@ import typer
 
 from ..errors import InputError
 from . import arguments
-from .arguments import limit_memory, open_scene
 from .console import ProgressDisplay, say
 from .options import (
-    SCENE_HELP,
     CameraOption,
     CrsOption,
     DegreesOption,
@@ -21,13 +19,16 @@ from .options import (
     PictureLightOption,
     PlanOption,
     Quiet,
+    SceneArgument,
     SkyOption,
     Threads,
     TimeOption,
     TimezoneOption,
     UpOption,
+    position_of,
     takes,
 )
+from .scene_arguments import DEFAULT_SCENE, SceneArguments, limit_memory, open_scene
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -37,10 +38,10 @@ _SIZE = 1024, 1024  # of the camera until the browser reports its size
 
 
 @dataclass(frozen=True)
-class ViewArguments:
+class ViewArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     port: Annotated[int, typer.Option(help="Port of the page; 0: any free port.", min=0, max=65535)] = 8080
     host: Annotated[
         str,
@@ -84,24 +85,22 @@ def view(args: ViewArguments) -> int:
       antumbra view city.city.json --timezone Europe/Amsterdam
       antumbra view city.antumbra --max-memory 2G --no-browser
     """
-    spec = arguments.parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
     camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
     light_specs = [arguments.parse_light(text) for text in args.light or []]
     sky = None if args.sky is None else arguments.parse_sky(args.sky)
     memory = None if args.max_memory is None else arguments.parse_bytes(args.max_memory, "--max-memory")
 
     from ..extras import import_extra
-    from ..jobs.sun.location import position_fields
     from ..viewer.viewer_page import checked_port
     from ..viewer.viewer_page import view as open_viewer
 
     import_extra("viser", "antumbra view", "view")
     port = checked_port(args.host, args.port)
-    names = "latitude", "longitude", "north", "timezone"
-    position = position_fields(**{name: getattr(args, name) for name in names})
+    position = position_of(args)
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, args.up, args.quiet, args.crs)
+        opened = open_scene(spec, args.quiet)
         memory = limit_memory(opened, memory)
         place = _place_of(opened, position)
         if place is None and (args.north is not None or args.timezone is not None):

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -10,11 +9,12 @@ import typer
 from ..checks import alternatives
 from ..errors import InputError
 from . import console
-from .arguments import DEFAULT_SCENE, in_memory, open_scene, parse_scene
-from .console import ProgressDisplay
-from .options import SCENE_HELP, CrsOption, Json, Quiet, Threads, TimeOption, UpOption, takes, writes
+from .options import CrsOption, Json, Quiet, SceneArgument, Threads, TimeOption, UpOption, takes, writes
+from .scene_arguments import DEFAULT_SCENE, SceneArguments
+from .study_run import StudyRun
 
 if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
     from ..jobs.view_factors.view_factor_matrix import ViewFactors
 
 _SUFFIXES = ".npz", ".csv"  # as in `jobs.view_factors.view_factor_matrix`, which is slow to import
@@ -22,10 +22,10 @@ _MOST = 20  # most surfaces that are printed
 
 
 @dataclass(frozen=True)
-class ViewFactorsArguments:
+class ViewFactorsArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     surfaces: Annotated[
         Literal["face", "surface", "object", "building"],
         typer.Option(
@@ -78,39 +78,35 @@ def view_factors(args: ViewFactorsArguments) -> int:
       antumbra view-factors city.city.json --surfaces building -o factors.npz
       antumbra view-factors car.glb --surfaces object --reciprocal -o factors.npz -o factors.csv
     """
-    spec = parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
     outputs = args.output or []
     if not outputs and not args.json and args.quiet:
         raise InputError("there is nothing to write: give --output, --json, or leave --quiet out")
 
     from ..jobs.view_factors.view_factors import view_factors as compute_view_factors
 
-    with ProgressDisplay(args.quiet) as display:
-        display.say("reading the scene")
-        scene = in_memory(open_scene(spec, args.up, args.quiet, args.crs))
-        start = perf_counter()
-        result = compute_view_factors(
+    def study(scene: "AnyScene") -> "tuple[ViewFactors, float]":
+        factors = compute_view_factors(
             scene, args.surfaces, samples=args.samples, side=args.side, seed=args.seed, time=args.time,
             threads=args.threads,
         )  # fmt: skip
-        sampled = result.reciprocity_error
-        if args.reciprocal:
-            result = result.reciprocal()
-        seconds = perf_counter() - start
-        display.say("writing")
-        for path in outputs:
-            result.save(path)
+        return factors.reciprocal() if args.reciprocal else factors, factors.reciprocity_error
+
+    with StudyRun(args) as run:
+        scene, _ = run.open(spec, to_memory=True)
+        result, sampled = run.timed(study, scene)
+        run.save(result.save, outputs)
     rays = len(result) * result.about["samples"]
     if args.json:
         answer = {**result.about, "n": len(result), "area": float(result.areas.sum()), "rays": rays}
-        answer |= {"factors": result.factors.nnz, "sampled_reciprocity_error": sampled, "seconds": seconds}
-        console.print_json({**answer, "outputs": [str(path) for path in outputs]})
+        answer |= {"factors": result.factors.nnz, "sampled_reciprocity_error": sampled, "seconds": run.seconds}
+        console.print_json({**answer, "outputs": run.written})
     elif not args.quiet:
-        _print(result, sampled, rays, seconds, outputs)
+        _print(result, sampled, run.rows(rays))
     return 0
 
 
-def _print(result: "ViewFactors", sampled: float, rays: int, seconds: float, outputs: list[Path]) -> None:
+def _print(result: "ViewFactors", sampled: float, rows_of_run: list[tuple[str, str]]) -> None:
     names = "surface", "area, m2", "surfaces", "sky", "ground", "other"
     inside = result.factors.sum(axis=1)
     columns = result.areas, inside, result.sky, result.ground, result.other
@@ -123,5 +119,4 @@ def _print(result: "ViewFactors", sampled: float, rays: int, seconds: float, out
     fields.append(
         ("reciprocity error", f"{sampled:.2%} before, 0 after" if "reciprocal" in result.about else f"{sampled:.2%}")
     )
-    fields.append(("time", f"{console.duration(seconds)}, {rays / 1e6 / max(seconds, 1e-9):,.1f} Mrays/s"))
-    console.print_fields(fields + [("written", str(path)) for path in outputs])
+    console.print_fields(fields + rows_of_run)

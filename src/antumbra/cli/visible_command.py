@@ -2,18 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ..checks import spelling_hint
 from ..errors import InputError
-from . import arguments, console
-from .arguments import open_scene
-from .console import ProgressDisplay
+from . import arguments
 from .options import (
-    SCENE_HELP,
     SENSORS_HELP,
     ColumnOption,
     CrsOption,
@@ -21,12 +17,15 @@ from .options import (
     OutputsOption,
     PlanOption,
     Quiet,
+    SceneArgument,
     Threads,
     TimeOption,
     UpOption,
     takes,
 )
-from .tree_options import TreesOption, add_trees, parse_trees, sensors_below_trees
+from .scene_arguments import DEFAULT_SCENE, SceneArguments, in_memory
+from .study_run import StudyRun
+from .tree_options import TreesOption, parse_trees, sensors_below_trees
 
 if TYPE_CHECKING:
     import numpy as np
@@ -42,10 +41,10 @@ _WAYS = "--turbine X,Y,Z, --object NAME, --polygon FILE or --points FILE"
 
 
 @dataclass(frozen=True, kw_only=True)
-class VisibleArguments:
+class VisibleArguments(SceneArguments):
     """The command-line arguments and options, one per field."""
 
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    scene: SceneArgument = DEFAULT_SCENE
     sensors: Annotated[
         str | None,
         typer.Option(help=SENSORS_HELP + "  [default: face; on a raster of heights: raster]", show_default=False),
@@ -105,7 +104,7 @@ def visible(args: VisibleArguments) -> int:
       antumbra visible city.city.json --sensors raster:2+1.6 --object Pand.1 --surfaces WallSurface -o share.tif
       antumbra visible city.glb --up z --sensors people.csv --polygon facade.csv --spacing 0.5 -o share.csv
     """
-    spec = arguments.parse_scene(args.scene)
+    spec = args.spec_of(args.scene)
 
     from ..jobs.line_of_sight.targets import visible_share
     from ..jobs.result_table import writer_of
@@ -124,24 +123,15 @@ def visible(args: VisibleArguments) -> int:
     foot = None if args.turbine is None else arguments.parse_point(args.turbine, "--turbine")
     if foot is not None and (args.hub_height is None or args.rotor is None):
         raise InputError("--turbine needs --hub-height and --rotor")
-    with ProgressDisplay(args.quiet) as display:
-        display.say("reading the scene")
-        bare = open_scene(spec, args.up, args.quiet, args.crs)
-        opened = add_trees(bare, trees)
+    with StudyRun(args) as run:
+        bare, opened = run.open(spec, trees)
         check_file_crs(opened, args.polygon, args.points)
-        display.say("preparing")
         target = _target(args, bare, foot)
         sensors = sensors_below_trees(sensor_form, bare, opened, args.threads)
-        start = perf_counter()
-        table = visible_share(
-            opened, sensors, target, samples=args.samples, plan=args.plan, time=args.time, threads=args.threads
-        )
-        seconds = perf_counter() - start
-        display.say("writing the results")
-        for path in outputs:
-            table.save(path, args.column)
-    _print_summary(args, opened.name, table, seconds)
-    return 0
+        options: dict[str, Any] = {"samples": args.samples, "plan": args.plan, "time": args.time}
+        table = run.timed(visible_share, opened, sensors, target, threads=args.threads, **options)
+        run.save(lambda path: table.save(path, args.column), outputs)
+    return _report(run, opened.name, table)
 
 
 def _target(args: VisibleArguments, scene: "AnyScene", foot: "NDArray[np.float64] | None") -> "Turbine | Sensors":
@@ -160,22 +150,18 @@ def _target(args: VisibleArguments, scene: "AnyScene", foot: "NDArray[np.float64
                 hint = spelling_hint(name, known)
                 raise InputError(f"--object {name}: {scene.name} has no such object; {hint}see antumbra info")
         types = None if args.surfaces is None else args.surfaces.split(",")
-        return surface_points(arguments.in_memory(scene), spacing, objects=args.object, types=types)
+        return surface_points(in_memory(scene), spacing, objects=args.object, types=types)
     path = args.polygon or args.points or Path()
     points = read_points(path)
     warn_of_lost(path.name, points.attributes)
     return points if args.polygon is None else polygon_points(points.points, spacing)
 
 
-def _print_summary(args: VisibleArguments, name: str, table: "Table", seconds: float) -> None:
+def _report(run: StudyRun, name: str, table: "Table") -> int:
     counted = table.sensors.covered
-    share, written = table["share"][counted], [str(path) for path in args.output or []]
-    answer: dict[str, Any] = {"sensors": int(counted.sum()), "samples": table.about["samples"], "seconds": seconds}
+    share = table["share"][counted]
+    answer: dict[str, Any] = {"sensors": int(counted.sum()), "samples": table.about["samples"], "seconds": run.seconds}
     answer |= {"seen": int((share > 0).sum()), "seen_entirely": int((share == 1).sum())}
-    if args.json:
-        console.print_json({"scene": name, **answer, "outputs": written})
-    elif not args.quiet:
-        fields = [("sensors", f"{answer['sensors']:,}"), ("points of the target", f"{answer['samples']:,}")]
-        fields.append(("see it", f"{answer['seen']:,}, {answer['seen_entirely']:,} entirely"))
-        fields.append(("time", console.duration(seconds)))
-        console.print_fields([*fields, *(("written", path) for path in written)])
+    fields = [("sensors", f"{answer['sensors']:,}"), ("points of the target", f"{answer['samples']:,}")]
+    fields.append(("see it", f"{answer['seen']:,}, {answer['seen_entirely']:,} entirely"))
+    return run.report({"scene": name, **answer, "outputs": run.written}, [*fields, *run.rows()])

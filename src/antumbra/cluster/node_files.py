@@ -135,26 +135,38 @@ def _sum(path: Path) -> str:
 # --- Files in arguments -----------------------------------------------------------------------------------------------
 
 
-INPUTS = "scene", "sensors", "targets", "areas", "epw", "sky", "trees"
+INPUTS = "scene", "terrain", "sensors", "targets", "areas", "epw", "sky", "trees"
 """Arguments of jobs, on the command line or in Python, that may name an input file or folder."""
 
 
 def files_in(named: Mapping[str, Any]) -> dict[str, Path]:
-    """Argument -> the existing file or folder that it names."""
-    paths = {name: _path_in(named.get(name)) for name in INPUTS}
-    return {name: Path(path) for name, path in paths.items() if path and Path(path).exists()}
+    """Argument -> the existing file or folder that it names; those of a list are numbered: "terrain 0"."""
+    paths = {key: _path_in(each) for name in INPUTS for key, each in _numbered(name, named.get(name))}
+    return {key: Path(path) for key, path in paths.items() if path and Path(path).exists()}
 
 
 def with_files(named: Mapping[str, Any], paths: Mapping[str, str]) -> dict[str, Any]:
     """The arguments that name files, with the paths replaced.
 
-    paths : argument -> path
+    paths : argument, numbered as by `files_in` -> path
     """
-    return {
-        name: value.replace(_path_in(value), paths[name], 1) if isinstance(value, str) else Path(paths[name])
-        for name, value in named.items()
-        if name in paths
-    }
+
+    def moved(key: str, value: Any) -> Any:
+        if key not in paths:
+            return value
+        return value.replace(_path_in(value), paths[key], 1) if isinstance(value, str) else Path(paths[key])
+
+    found = dict[str, Any]()
+    for name, value in named.items():
+        pairs = _numbered(name, value)
+        if any(key in paths for key, _ in pairs):
+            values = [moved(*pair) for pair in pairs]
+            found[name] = values if isinstance(value, list) else values[0]
+    return found
+
+
+def _numbered(name: str, value: Any) -> list[tuple[str, Any]]:
+    return [(f"{name} {i}", each) for i, each in enumerate(value)] if isinstance(value, list) else [(name, value)]
 
 
 def _path_in(value: Any) -> str:

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..cli.arguments import PROCEDURAL as PREFIX
-from ..cli.arguments import open_scene, parse_scene
+from ..cli.scene_arguments import PROCEDURAL as PREFIX
+from ..cli.scene_arguments import open_scene, parse_scene
 from ..engine.scene import AnyScene, procedural
 from ..engine.scene_loading import load
 from ..errors import InputError

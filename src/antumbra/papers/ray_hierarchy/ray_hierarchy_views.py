@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cli.arguments import quietly
+from ...cli.scene_arguments import quietly
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import load
 from ...scene.camera import Camera

@@ -1,6 +1,7 @@
 """Rasters of heights and footprints on the command line."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import rasterio
 
 import antumbra as at
 from antumbra.cli.app import COMMANDS
-from antumbra.cli.gis_options import scene_text, with_gis_options
+from antumbra.cli.scene_arguments import SceneArguments
 from gis_files import buildings, hills, write_buildings, write_raster
 
 
@@ -171,14 +172,12 @@ def test_every_command_with_a_scene_has_the_options(cli):
         assert "--height" in words and "--terrain" in words, name
     words = cli("formats").out
     assert ".gpkg" in words and ".tif" in words
-    plain = lambda: None
-    assert with_gis_options(plain) is plain
     assert "--terrain" not in cli("plans", "--help").out and "plans" in COMMANDS
 
 
 def test_names_of_files_survive_in_the_text_of_a_scene(cli, dem, tmp_path, houses):
     (tmp_path / "a&b c.tif").write_bytes(dem.read_bytes())
-    text = scene_text("b.gpkg?layer=b", "h", ["a&b c.tif"])
+    text = SceneArguments(height="h", terrain=[Path("a&b c.tif")]).record_of("b.gpkg?layer=b")
     assert text.startswith("b.gpkg?layer=b&height=h&terrain=")
     assert cli("info", text, "--json").json()["city"]["objects"] == {"Building": 3, "TINRelief": 1}
 
