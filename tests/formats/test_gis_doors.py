@@ -5,8 +5,11 @@ import resource
 import socket
 import sqlite3
 import time
+from contextlib import suppress
 
 import numpy as np
+import pyarrow
+import pyarrow.parquet
 import pytest
 
 import antumbra as at
@@ -14,6 +17,7 @@ import gis_bombs
 from antumbra.formats.gis.raster_files import SUFFIXES, RasterFile
 from antumbra.formats.gis.vector_files import STARTS
 from antumbra.jobs.raster_grid import raster_of_file
+from antumbra.jobs.sensor_files import read_points
 from gis_bombs import source, vrt
 from gis_files import buildings, hills, write_buildings, write_raster
 
@@ -286,3 +290,18 @@ def test_a_grid_that_is_changed_is_checked_again(tmp_path):
     time.sleep(0.01)
     path.write_text(f"{HEAD}1 2 3\n4 5 x\n")
     assert "is not a number" in refusal(path)
+
+
+def test_damaged_metadata_of_parquet_do_not_end_the_process(tmp_path):
+    """Arrow aborts where statistics of a column do not fit its type, if it is asked for them."""
+    columns = {name: np.arange(50, dtype=float) for name in "xyz"} | {"name": [f"a{k % 3}" for k in range(50)]}
+    pyarrow.parquet.write_table(pyarrow.table(columns), tmp_path / "a.parquet")
+    whole, read = (tmp_path / "a.parquet").read_bytes(), 0
+    first, random = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little"), np.random.default_rng(0)
+    for place in range(first, len(whole) - 8):
+        damaged = bytearray(whole)
+        damaged[place] = random.choice([0, 1, 2, 127, 255])
+        (tmp_path / "b.parquet").write_bytes(damaged)
+        with suppress(at.InputError):
+            read += len(read_points(tmp_path / "b.parquet")) == 50
+    assert 10 < read < len(whole) - first - 10
