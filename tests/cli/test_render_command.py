@@ -66,9 +66,9 @@ def test_the_summary_as_json(render):
 
 
 @pytest.mark.parametrize("size", ["8x8", "64x48"])
-def test_the_choices_of_a_picture_are_listed_with_their_reasons(render, size):
+def test_the_choices_of_a_picture_are_listed_with_their_reasons(cli, size):
     """However few its rays are: pictures of up to 256 rays are not worth a choice of strategy."""
-    done = render("--spp", 1, "--size", size, "--explain-plan")
+    done = cli("render", "procedural:atrium?triangles=2000", "--spp", 1, "--size", size, "--explain-plan")
     rows = [line.split() for line in done.out.splitlines()]
     (tree,) = [row for row in rows if row[:1] == ["tree"]]
     (query,) = [row for row in rows if row[:1] == ["QuadLight"]]

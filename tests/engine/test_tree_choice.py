@@ -9,7 +9,7 @@ from antumbra.engine.auto import cost_model
 from antumbra.engine.auto.cost_model import BEST, GOOD, GUIDED, QUICK
 from antumbra.engine.auto_accelerator import CULLER, accelerator_of
 from antumbra.engine.plan import covering_plans, parse_plan
-from antumbra.engine.tree_choice import NO_RAYS, ExpectedRays, TreeMemory, UpdatedTree
+from antumbra.engine.tree_choice import NO_RAYS, ExpectedRays, LearnedTrees, UpdatedTree
 from antumbra.picture.renderer import Renderer
 from support.asking import query_of
 
@@ -114,7 +114,7 @@ def test_accelerators_that_share_a_memory_learn_from_each_other(asked, costs):
 
 
 def test_a_memory_starts_frames_and_notes_new_triangles(asked):
-    triangles, memory = asked[0], TreeMemory()
+    triangles, memory = asked[0], LearnedTrees()
     assert memory.expected == NO_RAYS and memory.first_sight(triangles) and not memory.first_sight(triangles)
     assert not memory.moved(triangles) and not memory.moved(triangles) and memory.moved(triangles._replace())
     memory.patience = 1

@@ -30,7 +30,7 @@ from ..trace.transmission import Transmission, transmission
 from .auto.strategies import AutoTracer, ConeTracer
 from .method_registry import BUILDERS, CULLERS
 from .plan import Plan
-from .tree_choice import ExpectedRays, TreeChoice, TreeMemory, UpdatedTree, new_tree
+from .tree_choice import ExpectedRays, LearnedTrees, TreeChoice, UpdatedTree, new_tree
 
 # --- Acceleration by a plan -------------------------------------------------------------------------------------------
 
@@ -72,7 +72,7 @@ class Accelerator:
     ----------
     plan : Plan
     threads : int
-    memory : TreeMemory, optional
+    memory : LearnedTrees, optional
         What earlier trees have taught, and the tree of an updater; None: nothing yet.
 
     Attributes
@@ -85,8 +85,8 @@ class Accelerator:
         Whether shadow rays and camera rays share a BVH.
     """
 
-    def __init__(self, plan: Plan, threads: int, memory: TreeMemory | None = None):
-        self.plan, self.threads, self.memory = plan, threads, TreeMemory() if memory is None else memory
+    def __init__(self, plan: Plan, threads: int, memory: LearnedTrees | None = None):
+        self.plan, self.threads, self.memory = plan, threads, LearnedTrees() if memory is None else memory
         self.choice = TreeChoice(plan.cull, plan.build, plan.optimise, plan.update, plan.trace, "named by the plan")
         self.ray_selector = RepresentativeRaySelector(plan.sample or SrdhRays(), threads) if plan.wants_rays else None
         self.one_tree = plan.tracer.builds and self.ray_selector is None

@@ -64,7 +64,7 @@ from .auto.strategies import AutoTracer, ConeTracer, SceneExtent, TreeUpgrade, s
 from .method_registry import BUILDERS, OPTIMISERS, TRACERS
 from .plan import Plan
 from .precompilation import Job, are_on_disk, fixed_job, precompile, small_scene
-from .tree_choice import FIRST_SHARE, NO_RAYS, TreeChoice, TreeMemory, UpdatedTree
+from .tree_choice import FIRST_SHARE, NO_RAYS, LearnedTrees, TreeChoice, UpdatedTree
 
 CULLER = "grid32"
 """The culler of `auto`."""
@@ -122,7 +122,7 @@ ONE_APEX = "one apex, many rays per triangle"
 class AutoAccelerator(Accelerator):
     """An `Accelerator` that chooses what to build by the number of rays."""
 
-    def __init__(self, plan: Plan, threads: int, memory: TreeMemory | None = None):
+    def __init__(self, plan: Plan, threads: int, memory: LearnedTrees | None = None):
         super().__init__(plan, threads, memory)
         self._selector = RepresentativeRaySelector(SrdhRays(), threads)
 

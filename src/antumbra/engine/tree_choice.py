@@ -1,6 +1,6 @@
 """What is built for some queries, and what choices learn from one query to the next.
 
-`TreeChoice` names the methods of one tree, with the reason. It is final: what outlives the tree is in `TreeMemory`.
+`TreeChoice` names the methods of one tree, with the reason. It is final: what outlives the tree is in `LearnedTrees`.
 """
 
 from collections.abc import Callable
@@ -114,7 +114,7 @@ class ExpectedRays(NamedTuple):
 NO_RAYS = ExpectedRays(0, 0)
 
 
-class TreeMemory:
+class LearnedTrees:
     """What outlives the trees of an engine: measurements, and the state of earlier choices.
 
     Attributes

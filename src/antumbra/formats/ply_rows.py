@@ -81,7 +81,7 @@ def check_rows(data: bytes, file: str) -> list[str]:
     head, body = data[: end.start()], data[end.end() :]
     elements = elements_of(head, file)
     if b"format ascii" in head:
-        rows: _Rows = _TextRows(_numbers_of(body, file), file)
+        rows: _PlyRows = _TextRows(_numbers_of(body, file), file)
     else:
         rows = _BinaryRows(body, ">" if b"format binary_big_endian" in head else "<", file)
     n_thin = 0
@@ -109,7 +109,7 @@ def _numbers_of(body: bytes, file: str) -> NDArray[np.float64]:
     return numbers
 
 
-class _Rows:
+class _PlyRows:
     """Reads properties one after another. `left` says what has not been read, "" at the end."""
 
     left: str
@@ -129,7 +129,7 @@ def _checked_length(length: float, where: str, name: str) -> int:
     return int(length)
 
 
-class _TextRows(_Rows):
+class _TextRows(_PlyRows):
     def __init__(self, numbers: NDArray[np.float64], file: str):
         self._numbers, self._at, self._file = numbers, 0, file
 
@@ -159,7 +159,7 @@ class _TextRows(_Rows):
         return length
 
 
-class _BinaryRows(_Rows):
+class _BinaryRows(_PlyRows):
     def __init__(self, data: bytes, order: str, file: str):
         self._data, self._order, self._at, self._file = data, order, 0, file
 

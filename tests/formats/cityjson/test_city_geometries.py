@@ -53,7 +53,7 @@ def test_one_geometry_per_object_and_level(tmp_path, worse, first, turn):
     order = [worse, better] if first else [better, worse]
     scene, notes = loaded(tmp_path, {"a": building(*(TYPES[name] for name in order))}, CUBE @ turn.T)
     assert area(scene) == 6.0 and {s.geometry for s in scene.city.surfaces} == {order.index(better)}
-    assert notes == ["1 geometries that repeat another of their object are left out; a Solid comes first"]
+    assert notes == ["geometries left out that repeat another one of their object (a Solid is preferred): 1"]
 
 
 def test_roof_area_and_energy_count_once(tmp_path):
@@ -112,7 +112,7 @@ def test_parts_that_repeat_a_building_are_read_instead_of_it(tmp_path, lod, list
         objects[name] = building(part, kind="BuildingPart", **back)
     scene, notes = loaded(tmp_path, objects, row(2), lod=lod)
     assert [each.name for each in scene.objects] == ["b", "c"] and area(scene) == 12.0
-    assert notes == ["1 geometries of objects whose parts repeat them are left out"]
+    assert notes == ["geometries left out, of objects whose parts repeat them: 1"]
 
 
 def test_a_building_without_geometry_in_its_parts_keeps_its_own(tmp_path):
@@ -126,7 +126,7 @@ def test_a_building_beside_its_annexe_is_read_with_it(tmp_path):
     objects = {"a": building(solid("2"), children=["b"]), "b": building(annexe, kind="BuildingPart", parents=["a"])}
     scene, notes = loaded(tmp_path, objects, row(2))
     assert [each.name for each in scene.objects] == ["a", "b"]
-    assert notes == ["1 objects have a geometry beside those of their parts, and all are read; areas may count twice"]
+    assert notes == ["objects with a geometry beside those of their parts; all are read, so areas may count twice: 1"]
 
 
 def test_a_building_on_two_lines_is_read_once(tmp_path):

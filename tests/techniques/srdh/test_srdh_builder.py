@@ -19,7 +19,7 @@ from antumbra.trace.rays.ray_traversal import BUILT, RANDOM, SRDH
 from antumbra.trace.rays.single_rays import leaf_depths
 from bvh_scenes import HAZARDS, nested_clusters, scattered, terrain
 from reference_srdh import FAR, LEFT, NEAR, RIGHT, candidates, ray_sets, scene_of
-from reference_srdh import srdh_builder as heuristic
+from reference_srdh import srdh as heuristic
 from shadow_rays import met, met_in, nested, segments_in, walked
 from strategies import point_arrays, soups
 

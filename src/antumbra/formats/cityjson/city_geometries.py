@@ -39,7 +39,7 @@ class ChosenGeometry(NamedTuple):
     instance: dict[str, Any] | None  # the `GeometryInstance`; None: no instance
 
 
-class Choice(NamedTuple):
+class ChosenGeometries(NamedTuple):
     """The result of `chosen_geometries`."""
 
     geometries: list[ChosenGeometry]
@@ -47,7 +47,7 @@ class Choice(NamedTuple):
     notes: list[str]
 
 
-def chosen_geometries(document: CityDocument, lod: str | None) -> Choice:
+def chosen_geometries(document: CityDocument, lod: str | None) -> ChosenGeometries:
     """Geometries at the given level of detail, or at the highest of each object.
 
     An object is left out if one of its parts, such as a BuildingPart, has a higher level, or the same one and the parts
@@ -109,7 +109,7 @@ _Key = tuple[int, str]
 
 def _without_repeats(
     document: CityDocument, shapes: dict[_Key, list[ChosenGeometry]], levels: list[str], replaced: bool
-) -> Choice:
+) -> ChosenGeometries:
     """The geometries without those that others repeat.
 
     shapes : those of each object, of one level
@@ -140,7 +140,7 @@ def _without_repeats(
         (n_beside, "objects with a geometry beside those of their parts; all are read, so areas may count twice"),
         (n_twice, "objects left out that an earlier line has at the same place"),
     ]
-    return Choice(kept, levels, [f"{document.file}: {text}: {count}" for count, text in notes if count])
+    return ChosenGeometries(kept, levels, [f"{document.file}: {text}: {count}" for count, text in notes if count])
 
 
 def _distinct(boxes: "_Boxes", found: list[ChosenGeometry]) -> list[ChosenGeometry]:

@@ -67,11 +67,11 @@ def read_vrt(path: Path, check: Callable[[RasterSource], object]) -> tuple[str, 
         If the file is no virtual raster, holds elements that are not read, or names files outside its folder, itself,
         or too many sources.
     """
-    expanded = _Reader(path.name, check).expand(path, path.name, ())
+    expanded = _VrtReader(path.name, check).expand(path, path.name, ())
     return expanded.text, expanded.sources
 
 
-class _Reader:
+class _VrtReader:
     """Reads a .vrt file and those that are sources of it, each once."""
 
     def __init__(self, file: str, check: Callable[[RasterSource], object]):

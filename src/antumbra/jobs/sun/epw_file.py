@@ -83,7 +83,7 @@ def read_epw(path: str | PathLike[str], place: Place | None = None) -> tuple[Wea
     return weather._replace(notes=tuple(notes)), place
 
 
-class _Rows(NamedTuple):
+class _EpwRows(NamedTuple):
     """The columns of n rows, as they are written."""
 
     year: NDArray[np.int64]
@@ -94,7 +94,7 @@ class _Rows(NamedTuple):
     dhi: NDArray[np.float64]
 
 
-def _parsed(path: Path) -> tuple[_Rows, Place]:
+def _parsed(path: Path) -> tuple[_EpwRows, Place]:
     """The rows of a file, and its place."""
     data = path.read_bytes()
     try:
@@ -111,10 +111,10 @@ def _parsed(path: Path) -> tuple[_Rows, Place]:
             raise ValueError("fractions of an hour")
     except (ValueError, IndexError, OverflowError) as error:  # InputError is a ValueError
         raise InputError(f"{path.name}: not an EPW file ({str(error)[:100]}); download it again") from None
-    return _Rows(*whole.T, *table[:, 4:].T), place
+    return _EpwRows(*whole.T, *table[:, 4:].T), place
 
 
-def _check(rows: _Rows, file: str) -> None:
+def _check(rows: _EpwRows, file: str) -> None:
     hours = np.stack(rows[1:4], 1)
     if len(np.unique(np.stack(rows[:4], 1), axis=0)) < len(hours) or not ((rows.hour >= 1) & (rows.hour <= 24)).all():
         raise InputError(f"{file}: there is not one row for each hour; use an hourly EPW file")
@@ -130,7 +130,7 @@ def _check(rows: _Rows, file: str) -> None:
 # --- Time -------------------------------------------------------------------------------------------------------------
 
 
-def _starts(rows: _Rows, offset: int, file: str) -> NDArray[np.int64]:
+def _starts(rows: _EpwRows, offset: int, file: str) -> NDArray[np.int64]:
     """(n,) int64: start of each row's hour, in seconds since 1970 UTC; `offset`: seconds ahead of UTC."""
     year, month, day, hour, *_ = rows
     turn = np.diff(month) < 0  # from December to January
