@@ -24,7 +24,6 @@ from time import monotonic
 
 import numpy as np
 
-from antumbra.cli import render_command as render
 from antumbra.cli.shards import begin
 from antumbra.cluster import Cluster, connected
 from antumbra.jobs.executors import UnitCollector, numbered
@@ -49,10 +48,10 @@ def measured(words: list[str], nodes: int, folder: Path) -> dict:
     cluster.wait_for_nodes()
     try:
         with connected(cluster.address):
-            home, render = command_arguments(words)
-            request = UnitCollector(folder / f"{nodes}.shards")
-            begin(home, render, {}, 1, request)
-            engine = Cluster(request.folder, cluster.address, partial(begin, home, render), {}, render.plan)
+            given = command_arguments(words)
+            request, prepare = UnitCollector(folder / f"{nodes}.shards"), partial(begin, type(given).run, given)
+            prepare({}, 1, request)
+            engine = Cluster(request.folder, cluster.address, prepare, {}, given.plan)
             start = monotonic()
             engine.finish(request.job)
     finally:
@@ -66,12 +65,13 @@ def measured(words: list[str], nodes: int, folder: Path) -> dict:
 
 
 def command_arguments(words: list[str]):
-    """The home and the arguments of ``antumbra render`` with these words."""
+    """The arguments of ``antumbra render`` with these words."""
+    from antumbra.cli import render_command  # noqa: F401 - gives the arguments their command
     from antumbra.cli.picture_spec import RenderArguments
 
     names = dict(zip(words[1::2], words[2::2]))
     values = {"scene": words[0], "size": names["--size"], "spp": int(names["--spp"]), "output": Path("a.exr")}
-    return (render.__name__, "render"), RenderArguments(**values, quiet=True)
+    return RenderArguments(**values, quiet=True)
 
 
 def simulated(parts: list[float], nodes: int, store: float, seed: int = 1) -> dict:

@@ -41,8 +41,11 @@ def eyes_of(scene, count: int):
     up = "xyz".index(scene.up)
     low, high = scene.bounds
     points = np.random.default_rng(1).uniform(low, high, (count, 3))
-    points = at.skyline(scene, points, on_surface=True, eye_height=HEIGHT, step=90.0).points
-    points[:, up] = np.maximum(points[:, up], low[up] + HEIGHT)
+    points[:, up], height = high[up] + HEIGHT, float(high[up] - low[up])
+    below = scene.closest_hit(points, -np.eye(3)[up], tmax=height + 2.0 * HEIGHT)
+    points[:, up] -= (
+        np.where(below.mask, below.t, height + HEIGHT) - HEIGHT
+    )  # beside the surfaces: above the lowest one
     return (points - scene.origin).astype(np.float32).astype(np.float64) + scene.origin
 
 
