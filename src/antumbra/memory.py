@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 
+from .checks import byte_count
 from .errors import InputError
 
 LEAST_LIMIT = 1 << 30
@@ -25,8 +26,14 @@ _CGROUP = Path("/sys/fs/cgroup")
 
 @contextmanager
 def reading_limit(max_memory: int | None) -> Iterator[None]:
-    """Within the context, reading may take `max_memory` bytes; None: the limit stays as it is."""
-    token = _given.set(_given.get() if max_memory is None else max_memory)
+    """Within the context, reading may take `max_memory` bytes; None: the limit stays as it is.
+
+    Raises
+    ------
+    InputError
+        If `max_memory` is not a number of bytes.
+    """
+    token = _given.set(_given.get() if max_memory is None else byte_count(max_memory, "max_memory", 1))
     try:
         yield
     finally:

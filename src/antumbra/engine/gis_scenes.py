@@ -3,7 +3,6 @@
 import warnings
 from typing import Any
 
-from ..checks import byte_count
 from ..formats.gis.footprint_table import FootprintOptions, FootprintsLike
 from ..formats.gis.gis_data import footprint_data, terrain_data
 from ..formats.gis.height_arrays import RasterLike, is_raster
@@ -92,7 +91,7 @@ def from_raster(
     """
     system = None if crs is None else checked_crs(crs)
     options = HeightOptions(band, nodata, z_scale, values_at, system, None if unit is None else checked_unit(unit))
-    with reading_limit(None if max_memory is None else byte_count(max_memory, "max_memory", 1)):
+    with reading_limit(max_memory):
         data = terrain_data(raster, options, ground, name)
     return _scene(data)
 
@@ -174,7 +173,7 @@ def from_footprints(
     system = None if crs is None else checked_crs(crs)
     length = None if unit is None else checked_unit(unit)
     options = FootprintOptions(height, base, id, layer, invalid, system, length)
-    with reading_limit(None if max_memory is None else byte_count(max_memory, "max_memory", 1)):
+    with reading_limit(max_memory):
         data = footprint_data(footprints, options, terrain, name)
     return _scene(data)
 

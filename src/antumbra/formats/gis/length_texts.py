@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...scene.units import UNITS
+
 _NUMBER = r"(\d+(?:\.\d*)?|\.\d+)"
 _PLAIN = re.compile(rf"[+-]?{_NUMBER}(?:[eE][+-]?\d+)?|[+-]?(?:inf|infinity|nan)", re.IGNORECASE)
 _WITH_UNIT = re.compile(rf"([+-]?){_NUMBER}\s*(m|cm|km|ft|in)")
 _FEET = re.compile(rf"([+-]?){_NUMBER}\s*'(?:\s*{_NUMBER}\s*(?:\"|''))?")
-_METRES = {"m": 1.0, "cm": 0.01, "km": 1000.0, "ft": 0.3048, "in": 0.0254}
 
 LENGTH_FORMS = "12.5, 12.5 m, 40 ft or 5'3\""
 """What `lengths_in` reads."""
@@ -65,10 +66,10 @@ def _length(text: str, metres: float) -> float | None:
         return float(text)
     if match := _WITH_UNIT.fullmatch(text):
         sign, number, unit = match.groups()
-        length = float(number) * _METRES[unit]
+        length = float(number) * UNITS[unit].metres
     elif match := _FEET.fullmatch(text):
         sign, feet, inches = match.groups()
-        length = float(feet) * _METRES["ft"] + float(inches or 0.0) * _METRES["in"]
+        length = float(feet) * UNITS["ft"].metres + float(inches or 0.0) * UNITS["in"].metres
     else:
         return None
     return (-length if sign == "-" else length) / metres

@@ -13,6 +13,7 @@ from ...errors import InputError
 from ...extras import import_extra
 from ...files import checked_file
 from ...kernels.elementary import asin, atan2, cos, sin
+from ...scene.map_point import MEAN_RADIUS
 from .location import Place, checked_place
 from .solar_radiation import Weather
 from .sun_positions import intervals, solar_angles, zone_of
@@ -35,7 +36,6 @@ _DARK = -9.0  # degrees: the sun stays below the horizon for an hour around an a
 _MOST_CLOCK_ERROR = 0.4  # hours: less than the half hour by which time zones differ
 _MOST_IN_THE_DARK = 0.01  # of the radiation, in hours without sun
 _FAR = 100.0  # km between a scene and its weather
-_EARTH = 6371.0  # km
 
 
 def read_epw(path: str | PathLike[str], place: Place | None = None) -> tuple[Weather, Place]:
@@ -213,7 +213,7 @@ def _distance_notes(place: Place, measured_at: Place, file: str) -> list[str]:
     """A note if the place is not that of the weather."""
     (a, along), (b, other) = (np.radians((each.latitude, each.longitude)) for each in (place, measured_at))
     half = float(sin((b - a) / 2.0) ** 2 + cos(a) * cos(b) * sin((other - along) / 2.0) ** 2)
-    distance = 2.0 * _EARTH * float(asin(np.sqrt(min(half, 1.0))))
+    distance = 2.0 * MEAN_RADIUS / 1000.0 * float(asin(np.sqrt(min(half, 1.0))))
     if distance <= _FAR:
         return []
     where = f"{measured_at.latitude:g}, {measured_at.longitude:g}"
