@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ..extras import EXTRAS
+from ..base.extras import EXTRAS
 from ..version import VERSION
 from . import console
 from .console import ProgressDisplay
@@ -259,11 +259,11 @@ def warmup(
     from ..engine.calibration import calibrate
     from ..engine.plan import covering_plans, parse_plan
     from ..engine.precompilation import precompile_all
-    from ..jobs.job_kernels import all_jobs
     from ..kernels.toolchain.kernel_cache import user_cache
+    from ..work.warm_ups import all_warm_ups
 
     plans = [parse_plan(text) for text in plan] if plan else covering_plans()
-    jobs = all_jobs(plans)
+    jobs = all_warm_ups(plans)
     start = perf_counter()
     with ProgressDisplay(quiet):
         compiled = precompile_all(jobs)

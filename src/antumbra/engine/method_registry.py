@@ -8,12 +8,13 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
-from .. import extras as plugins
-from ..bvh import binned_sah, lbvh, refit, reinsertion, sweep_sah, tl_lbvh
+from ..base import extras as plugins
+from ..base.progress import ProgressCallback
+from ..bvh import binned_sah, lbvh, refit, reinsertion
 from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
 from ..bvh.wide_bvh import widen
-from ..progress import ProgressCallback
+from ..lab.builders import sweep_sah, tl_lbvh
 from ..query.shadow_query import ShadowQuery
 from ..techniques.culling.pre_bvh_culling import CullResult, Soup, cull
 from ..techniques.srdh import srdh_builder as srdh

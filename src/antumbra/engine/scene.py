@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import choice, whole_number
-from ..forks import free_lock, renew_after_fork
+from ..base.checks import choice, whole_number
+from ..base.forks import free_lock, renew_after_fork
 from ..formats.instance_arrays import data_of_instances
 from ..formats.library_meshes import data_of_arrays, data_of_mesh
 from ..generate.generated_scene import procedural_data

@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .. import extras as plugins
-from ..checks import quoted, spelling_hint
-from ..errors import InputError
+from ..base import extras as plugins
+from ..base.checks import quoted, spelling_hint
+from ..base.errors import InputError
 from ..scene.palette_scene import PaletteScene
 from .atrium import atrium
 from .city import city, city_blocks, city_view

@@ -21,9 +21,9 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import NamedTuple
 
-from ... import files as locks
-from ...files import Untrusted, check_trusted, make_folder, private_folder, read_trusted
-from ...progress import LOG
+from ...base import files as locks
+from ...base.files import Untrusted, check_trusted, make_folder, private_folder, read_trusted
+from ...base.progress import LOG
 from ..marshalling import Spec
 from ..processor import level
 from . import kernel_digest as definitions
