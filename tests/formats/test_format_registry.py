@@ -9,17 +9,10 @@ import antumbra as at
 import city_files
 import gis_files
 from antumbra.base.errors import InputError
+from antumbra.city.city_formats import CITYJSON, FOOTPRINTS, HEIGHTS
 from antumbra.engine.scene_loading import load
 from antumbra.engine.scene_reading import SCENE_FORMATS, SCENE_SUFFIXES
-from antumbra.formats.format_registry import (
-    CITYJSON,
-    FOOTPRINTS,
-    FRAMES,
-    HEIGHTS,
-    SCENE_WRITERS,
-    format_of,
-    write_scene,
-)
+from antumbra.formats.format_registry import FRAMES, SCENE_WRITERS, format_of, write_scene
 from antumbra.generate.procedural_scenes import generate
 from engine import test_scene_loading_frames
 from formats.test_mesh_files import obj_text, ply_binary, stl_binary

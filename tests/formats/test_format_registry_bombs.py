@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 import antumbra as at
-from antumbra.formats.format_registry import CITYJSON, FOOTPRINTS, FORMATS, FRAMES, GLB, GLTF, HEIGHTS, OBJ, PLY, STL
+from antumbra.city.city_formats import CITYJSON, FOOTPRINTS, HEIGHTS
+from antumbra.formats.format_registry import FORMATS, FRAMES, GLB, GLTF, OBJ, PLY, STL
 from bombs import BOMBS, MAX_BYTES
 from forked import in_child
 

@@ -13,9 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..city.sensors.surface_groups import tangents_of
 from ..engine.scene import Scene
 from ..kernels.elementary import cos, sin
+from ..kernels.small_matrices import tangents_of
 from ..query.light_samples import light_samples
 from ..scene.lights import AmbientOcclusion
 from .surface_meter import ReceiverPoints

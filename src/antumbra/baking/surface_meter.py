@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.plan import Plan
-from ..engine.scene import AnyScene
+from ..engine.precompilation import WarmUp, fixed_warm_up, small_scene
+from ..engine.scene import AnyScene, Scene
 from ..picture.irradiance import pixel_normals
 from ..picture.light_visibility import irradiance_shares, unoccluded_directions
 from ..picture.shading import arriving_irradiance
@@ -20,7 +21,7 @@ from ..query.light_samples import light_samples
 from ..query.query_bounds import morton_codes
 from ..query.receivers import NOTHING, Receivers
 from ..query.shadow_query import ShadowQuery
-from ..scene.lights import Light
+from ..scene.lights import Light, PointLight
 from ..trace.transmission import TracedQuery, lit_fraction, occluded_count
 from ..work.scene_records import light_record, scene_digest
 from ..work.work_parts import Parts, about_parts, inexact_plan
@@ -207,3 +208,18 @@ def _directions(sums: np.ndarray, normals: np.ndarray) -> NDArray[np.float32]:
     """Sums of directions, normalized; the normal where all directions are occluded."""
     length = np.linalg.norm(sums, axis=-1, keepdims=True)
     return np.where(length > 1e-6, sums / np.maximum(length, 1e-6), normals).astype(np.float32)
+
+
+def points_warm_up() -> WarmUp:
+    """The warm-up of baked light, without tracing."""
+
+    def work() -> None:
+        scene, light, up = Scene.of_data(small_scene()), PointLight((0.0, 2.0, 0.0)), np.array([[0.0, 1.0, 0.0]])
+        for what in ("light", "bent-normal"):
+            settings = MeterSettings(what, [light], 1, "larcher-pillichshammer", "bsah+single", 0.0, 1)
+            Meter(scene, settings, 1).values(ReceiverPoints(np.zeros((1, 3)), up))
+
+    return fixed_warm_up("points", work)
+
+
+WARM_UPS = (points_warm_up,)

@@ -13,6 +13,7 @@ from typing import Annotated, Any, NamedTuple
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from ..base import wings
 from ..base.errors import InputError
 from .command_parsing import ParsedOnce
 
@@ -169,9 +170,7 @@ def program(names: frozenset[str] | None = None) -> typer.Typer:
         function = entry.function(name) if names is None or name in names else _listed
         app.command(name, cls=Grouped if entry.grouped else Command, help=_help_of(function, entry))(function)
     if names is None or _BENCH[0] in names:
-        from ..lab import bench_command
-
-        app.add_typer(bench_command.app, name=_BENCH[0])
+        app.add_typer(wings.named(wings.BENCH), name=_BENCH[0])
     else:
         app.command(_BENCH[0], help=_BENCH[1])(_listed)
     app.callback(invoke_without_command=True)(_top)

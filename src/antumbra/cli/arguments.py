@@ -195,7 +195,7 @@ def make_camera(
         return scene.default_camera(*size, spec.kind, time=fitted_to)
     up, instead = ((0, 0, 1), (0, 1, 0)) if scene.up == "z" else ((0, 1, 0), (0, 0, -1))
     assert spec.target is not None  # given with the position
-    from ..city.sensors.point_checks import check_degrees
+    from ..engine.measured_scenes import check_degrees
 
     check_degrees(scene, np.stack([spec.position, spec.target]), "the ends of --camera")
     view = spec.target - spec.position

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, get_args
 
 import typer
 
+from ..base import wings
 from ..base.checks import alternatives
 from ..base.errors import InputError
 from ..base.memory import reading_limit
@@ -25,7 +26,7 @@ from .arguments import parse_bytes, parse_point
 from .scene_arguments import SceneArguments
 
 if TYPE_CHECKING:
-    from ..city.sensors.sensors import Sensors
+    from .. import Sensors
 
 
 # --- Options that name output files or folders ------------------------------------------------------------------------
@@ -452,13 +453,10 @@ def points_or_file(texts: list[str] | None, file: Path | None, one: str, many: s
     if texts and file is not None:
         raise InputError(f"{one} and {many} exclude each other; give one of them")
     if texts:
-        from ..city.sensors.sensors import point_sensors
+        from .. import point_sensors
 
         return point_sensors([parse_point(text, one) for text in texts])
     if file is None:
         return None
-    from ..city.sensors.sensor_files import SUFFIXES, read_points
-
-    if file.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{many} is {str(file)!r}; it must be a {', '.join(SUFFIXES)} file")
-    return read_points(file)
+    points: Sensors = wings.named(wings.POINTS_OF_FILE)(file, many)
+    return points

@@ -17,7 +17,8 @@ import typer
 
 from ..base.checks import spelling_hint
 from ..base.errors import InputError
-from ..formats.format_registry import FOOTPRINTS, HEIGHTS
+from ..formats.format_registry import format_of, suffixes_of
+from ..formats.scene_format import Contents, Tile, check_z_up
 from ..scene.materials import MONTHS, Transmittance
 from ..scene.scene_data import group_notes
 from ..scene.units import checked_unit
@@ -79,12 +80,12 @@ class SceneSpec(NamedTuple):
 
 def is_raster(path: Path | None) -> bool:
     """Whether a path has the suffix of a raster of heights."""
-    return path is not None and path.suffix.lower() in HEIGHTS.suffixes
+    return path is not None and path.suffix.lower() in suffixes_of(Contents.HEIGHTS)
 
 
 def is_footprints(path: Path | None) -> bool:
     """Whether a path has the suffix of a file of footprints."""
-    return path is not None and path.suffix.lower() in FOOTPRINTS.suffixes
+    return path is not None and path.suffix.lower() in suffixes_of(Contents.FOOTPRINTS)
 
 
 # --- The text of a scene ----------------------------------------------------------------------------------------------
@@ -279,7 +280,7 @@ class SceneArguments:
         spec, record = parse_scene(text), self.record_of(text)
         if self.height is not None:
             if not is_footprints(spec.path):
-                suffixes = ", ".join(FOOTPRINTS.suffixes)
+                suffixes = ", ".join(suffixes_of(Contents.FOOTPRINTS))
                 raise InputError(f"--height {self.height} is for footprints ({suffixes}), unlike {text}; leave it out")
             spec = _with_gis(spec, "height", self.height, record)
         for file in self.terrain or ():
@@ -330,7 +331,6 @@ def _open_file(spec: SceneSpec, path: Path) -> "AnyScene":
     place: dict[str, Any] = {"crs": spec.crs, "unit": spec.unit}
     if is_raster(path) or is_footprints(path):
         from .. import from_footprints, from_raster
-        from ..city.gis.gis_data import check_z_up
 
         check_z_up(spec.up, path.name)
         terrain, keywords = list(spec.terrain) or None, dict[str, Any](spec.gis)
@@ -350,16 +350,14 @@ def _open_file(spec: SceneSpec, path: Path) -> "AnyScene":
 
 def stream_rasters(tiles: Sequence[SceneSpec]) -> "StreamedTerrain":
     """The single surface of rasters, read piece by piece."""
-    from ..city.gis.gis_data import check_z_up, streamed_terrain
-    from ..city.gis.height_files import HeightOptions
-
-    files = list[tuple[Path, HeightOptions]]()
+    files = list[Tile]()
     for spec in tiles:
         assert spec.path is not None  # procedural scenes are no rasters
-        check_z_up(spec.up, spec.path.name)
         length = None if spec.unit is None else checked_unit(spec.unit)
-        files.append((spec.path, HeightOptions(**dict[str, Any](spec.gis), unit=length)))
-    return streamed_terrain(files)
+        files.append((spec.path, {**dict(spec.gis), "unit": length, "up": spec.up}))
+    raster = format_of(files[0][0])
+    assert raster is not None and raster.stream is not None
+    return raster.stream(files)
 
 
 @contextmanager

@@ -13,14 +13,13 @@ from urllib.parse import parse_qsl
 import numpy as np
 import typer
 
+from ..base import wings
 from ..base.checks import spelling_hint
 from ..base.errors import InputError
-from ..city.vegetation.vegetation_table import checked_vegetation_file
 from ..scene.materials import MONTHS
 
 if TYPE_CHECKING:
-    from ..city.sensors.ground_areas import AreaLike
-    from ..city.sensors.sensors import Sensors
+    from .. import Sensors
     from ..engine.scene import AnyScene
 
 VegetationOption = Annotated[
@@ -78,26 +77,26 @@ def parse_vegetation(text: str | None) -> VegetationSpec | None:
         if not value or name in keywords:
             raise InputError(f"--trees {text}: {name} is empty or repeated; write FILE?{name}=VALUE")
         keywords[name] = _shares(value) if name == _SHARE else value if name in _TEXTS else _number_or_text(value)
-    return VegetationSpec(checked_vegetation_file(file), keywords)
+    return VegetationSpec(wings.named(wings.VEGETATION_FILE)(file), keywords)
 
 
 def add_vegetation(scene: "AnyScene", spec: VegetationSpec | None) -> "AnyScene":
     """A scene with the trees of a file; the scene itself if there are none."""
     if spec is None:
         return scene
-    from ..city.vegetation.vegetation_scenes import from_trees
+    from .. import from_trees
 
     return from_trees(spec.path, scene=scene, **spec.keywords)
 
 
 def sensors_below_plants(
-    text: str, bare: "AnyScene", scene: "AnyScene", threads: int | None = None, areas: "AreaLike | None" = None
+    text: str, bare: "AnyScene", scene: "AnyScene", threads: int | None = None, areas: Any = None
 ) -> "Sensors":
     """The sensors that a text names on a scene without its trees, for the scene with them.
 
     bare, scene : without and with the trees, which follow all other faces
     """
-    from ..city.sensors.sensor_files import sensors_of
+    from .. import sensors_of
 
     sensors = sensors_of(text, bare, threads, areas)
     if sensors.corners is None or scene is bare:

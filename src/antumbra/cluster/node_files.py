@@ -13,10 +13,10 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..base import wings
 from ..base.errors import InputError
 from ..base.files import atomic_output, check_trusted, file_lock, make_folder, private_folder
 from ..base.progress import LOG
-from ..city.sensors.sensor_files import raster_file
 from ..store.store_format import STORE_SUFFIX
 
 # --- Files on a node --------------------------------------------------------------------------------------------------
@@ -172,5 +172,6 @@ def _numbered(name: str, value: Any) -> list[tuple[str, Any]]:
 def _path_in(value: Any) -> str:
     """The path in an argument; empty if it is neither a path nor a string."""
     if isinstance(value, str):
-        return raster_file(value) or value.partition("?")[0]
+        named = (wings.named(place)(value) for place in wings.FILES_IN_TEXTS)
+        return next(filter(None, named), value.partition("?")[0])
     return fspath(value) if isinstance(value, PathLike) else ""

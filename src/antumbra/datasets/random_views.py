@@ -11,7 +11,7 @@ import numpy as np
 
 from ..base.checks import items
 from ..base.errors import InputError
-from ..city.sensors.point_checks import check_degrees
+from ..engine.measured_scenes import check_degrees
 from ..engine.paged_scene import PagedScene
 from ..engine.scene import AnyScene
 from ..kernels.elementary import asin, atan, cos, sin, tan

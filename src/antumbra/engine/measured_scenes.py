@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.errors import InputError
-from ..formats.format_registry import CITYJSON, FOOTPRINTS
-from ..formats.reprojection import city_command, projected_crs, vector_command, warp_command
+from ..formats.format_registry import format_of
+from ..formats.reprojection import projected_crs, warp_command
 from ..scene.crs import in_one_unit, parts_of_crs
+from ..scene.map_degrees import check_no_degrees
 from ..scene.map_point import MEAN_RADIUS, map_point
+from ..scene.scene_bounds import plan_bounds, plan_points
 from ..scene.terrain import TERRAIN_TYPE
 from .scene_loading import SceneLike, scene_of
 
@@ -76,6 +79,12 @@ def measuring_fault(scene: "AnyScene") -> str | None:
     return f"{stretched}, and heights have 1; {_remedy(scene, (point.longitude, point.latitude))}"
 
 
+def check_degrees(scene: "AnyScene", at: NDArray[np.float64], what: str) -> None:
+    """Raise an InputError if points, (n, 3) world, are longitudes and latitudes, and the scene is far from them."""
+    bounds = plan_bounds(scene.bounds, scene.up)
+    check_no_degrees(plan_points(at, scene.up), what, scene.name, scene.crs, bounds)
+
+
 def earth_radius_of(scene: "AnyScene") -> float:
     """The mean radius of curvature of the ellipsoid of a scene's CRS at its middle; without one, that of the earth.
 
@@ -131,10 +140,9 @@ def _remedy(scene: "AnyScene", position: tuple[float, float]) -> str:
     """The command that reprojects the file of a scene, or the CRS to which its coordinates are to be reprojected."""
     target = projected_crs(scene.crs, *position)
     suffix = Path(getattr(getattr(scene.data, "source", None), "file", "")).suffix.lower()
-    if suffix in CITYJSON.suffixes:
-        command = city_command(target, "" if scene.crs else "EPSG_CODE")
-    elif suffix in FOOTPRINTS.suffixes:
-        command = vector_command(target)
+    file_format = format_of(Path(f"file{suffix}"))
+    if file_format is not None and file_format.reproject is not None:
+        command = file_format.reproject(target, bool(scene.crs))
     elif scene.city is None and any(each.type == TERRAIN_TYPE for each in scene.objects):
         command = warp_command(target)
     else:

@@ -9,12 +9,12 @@ from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 from ..base import extras as plugins
+from ..base import wings
 from ..base.progress import ProgressCallback
 from ..bvh import binned_sah, lbvh, refit, reinsertion
 from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
 from ..bvh.wide_bvh import widen
-from ..lab.builders import sweep_sah, tl_lbvh
 from ..query.shadow_query import ShadowQuery
 from ..techniques.culling.pre_bvh_culling import CullResult, Soup, cull
 from ..techniques.srdh import srdh_builder as srdh
@@ -128,7 +128,7 @@ BUILDERS: dict[str, Builder] = {
         "Wald 2007, On fast construction of SAH-based bounding volume hierarchies",
     ),
     "sweep-sah": Builder(
-        sweep_sah.build,
+        wings.later(wings.SWEEP_SAH),
         "full sweep surface area heuristic: the quality reference",
         "MacDonald and Booth 1990, Heuristics for ray tracing using space subdivision",
     ),
@@ -143,7 +143,7 @@ BUILDERS: dict[str, Builder] = {
         "Karras 2012, Maximizing parallelism in the construction of BVHs, octrees, and k-d trees",
     ),
     "tl-lbvh": Builder(
-        tl_lbvh.build,
+        wings.later(wings.TL_LBVH),
         "lbvh with restructured treelets: builds as fast as bsah, and better trees in most scenes",
         "Karras and Aila 2013, Fast parallel construction of high-quality bounding volume hierarchies",
     ),

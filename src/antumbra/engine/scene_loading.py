@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from ..base.checks import byte_count, flag
 from ..base.memory import reading_limit
-from ..formats.format_registry import ReadOptions
+from ..formats.scene_format import ReadOptions
 from ..scene.crs import checked_crs, in_one_unit
 from ..scene.instance_data import InstanceData
 from ..scene.materials import Transmittance

@@ -10,8 +10,9 @@ from ..base.checks import flag, path_of, text
 from ..base.errors import InputError
 from ..base.files import checked_file
 from ..formats.foreign_formats import cure_of
-from ..formats.format_registry import CITYJSON, FORMATS, FRAMES, GLB, GLTF, Format, ReadOptions, format_of
+from ..formats.format_registry import FORMATS, FRAMES, GLB, GLTF, format_of
 from ..formats.library_meshes import KNOWN, data_of_mesh, is_mesh
+from ..formats.scene_format import Contents, Format, ReadOptions
 from ..scene.scene_data import SceneData, check_up_axis
 from ..store.store_format import STORE_SUFFIX
 
@@ -70,7 +71,7 @@ def _scene_in(path: Path, options: ReadOptions) -> SceneData:
 
 def _read(path: Path, options: ReadOptions) -> SceneData:
     name, file_format = path.name or str(path), format_of(path, SCENE_FORMATS)
-    if options.lod is not None and file_format is not CITYJSON:
+    if options.lod is not None and (file_format is None or file_format.contents is not Contents.CITY):
         raise InputError(f"{name}: lod is for CityJSON files; leave it out")
     if file_format not in (FRAMES, STORE):
         checked_file(path, name)

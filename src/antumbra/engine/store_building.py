@@ -9,10 +9,9 @@ from ..base.checks import byte_count, path_of, quoted, whole_number
 from ..base.errors import InputError
 from ..base.files import checked_output, temporary_folder
 from ..base.progress import Progress, show_progress, with_progress
-from ..city.gis.gis_data import streamed_terrain
-from ..city.gis.height_files import HeightOptions
-from ..formats.format_registry import HEIGHTS
+from ..formats.format_registry import format_of
 from ..formats.library_meshes import is_mesh
+from ..formats.scene_format import Stream
 from ..kernels.parallel import thread_count
 from ..scene.scene_data import SceneData
 from ..store.store_build import CHUNK, MIN_MEMORY, BuildReport, StreamedScene, write_store
@@ -85,33 +84,37 @@ def _scene_data_of_all(scenes: Any) -> Iterator[SceneData | StreamedScene]:
 
 
 class _Tiles(NamedTuple):
-    """Raster files of heights that are tiles of one surface."""
+    """Files that are tiles of one surface, as rasters of heights."""
 
+    stream: Stream
     paths: list[Path]
 
 
 def _with_tiles(scenes: "Iterable[SceneLike | StreamedScene]") -> "Iterator[SceneLike | StreamedScene | _Tiles]":
-    """The scenes, with `_Tiles` of the raster files of heights that follow one another."""
-    tiles, others = list[Path](), list[Any]()
+    """The scenes, with `_Tiles` of the files of one format with a stream that follow one another."""
+    tiles, others = list[_Tiles](), list[Any]()
     for scene in scenes:
         path = path_of(scene, "scene") if isinstance(scene, (str, os.PathLike)) else None
-        if path is not None and path.suffix.lower() in HEIGHTS.suffixes:
-            tiles.append(path)
+        file_format = None if path is None else format_of(path)
+        if path is not None and file_format is not None and file_format.stream is not None:
+            if tiles and tiles[0].stream is not file_format.stream:
+                yield tiles.pop()
+            tiles = tiles or [_Tiles(file_format.stream, [])]
+            tiles[0].paths.append(path)
             continue
         if tiles:
-            yield _Tiles(tiles)
-            tiles = []
+            yield tiles.pop()
         others.append(scene)
         del scene
         yield others.pop()  # so that no reference is left
     if tiles:
-        yield _Tiles(tiles)
+        yield tiles.pop()
 
 
 def _scene_data(scene: "SceneLike | StreamedScene | _Tiles") -> SceneData | StreamedScene:
-    """The data of a scene; rasters of heights are streamed from their files."""
+    """The data of a scene; tiles are streamed from their files."""
     if isinstance(scene, _Tiles):
-        return streamed_terrain([(path, HeightOptions()) for path in scene.paths])
+        return scene.stream([(path, {}) for path in scene.paths])
     return scene if isinstance(scene, StreamedScene) else scene_of(scene).data
 
 

@@ -5,22 +5,17 @@ writers are imported when called: importing trimesh alone takes longer than load
 """
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import NamedTuple, TypeAlias, cast
+from typing import cast
 
 import numpy as np
 
+from ..base import wings
 from ..base.files import checked_output
 from ..base.memory import check_reading
-from ..city.cityjson.cityjson_file import SUFFIXES as CITYJSON_SUFFIXES
-from ..city.gis.footprint_table import SUFFIXES as FOOTPRINT_SUFFIXES
-from ..city.gis.footprint_table import FootprintOptions
-from ..city.gis.height_files import HeightOptions
-from ..city.gis.raster_files import SUFFIXES as HEIGHT_SUFFIXES
-from ..scene.crs import in_one_unit
 from ..scene.instance_data import InstanceData, wants_instances
 from ..scene.instances import InstancedSource
 from ..scene.mesh import Source
@@ -28,37 +23,7 @@ from ..scene.palette_scene import PaletteScene
 from ..scene.rounded_coordinates import rounding_notes
 from ..scene.scene_bounds import guess_z_up, sampled_faces
 from ..scene.scene_data import MemoryData, SceneData
-from ..scene.units import LengthUnit
-
-
-class ReadOptions(NamedTuple):
-    """Options of reading a scene; `antumbra.load` documents them."""
-
-    up: str | None = None  # the axis that points up; None: that of the format, or a guess
-    lod: str | None = None  # level of detail
-    instances: bool | None = None  # whether copies of meshes stay instances; None: if that saves much memory
-    cutouts: bool = True  # False: all faces are solid
-    crs: str | None = None  # instead of that of the file; to which footprints in degrees are projected
-    unit: LengthUnit | None = None  # of the coordinates, if no CRS names it
-
-
-Reader: TypeAlias = Callable[[Path, ReadOptions], SceneData]
-"""(path, options) -> the data of a scene."""
-
-Writer: TypeAlias = Callable[[PaletteScene, str, Path], list[Path]]
-"""(scene, name of its mesh, path) -> the files written."""
-
-
-class Format(NamedTuple):
-    """A file format of scenes."""
-
-    name: str  # in the list of formats
-    suffixes: tuple[str, ...]  # in lower case; () for a folder
-    read: Reader
-    write: Writer | None  # None: scenes are not exported to this format
-    extra: str | None  # of this package, which installs what some files or all need
-    lost: str  # what reading or writing leaves out
-
+from .scene_format import Contents, Format, ReadOptions
 
 _TALLEST = 2000.0  # metres: higher than any building
 
@@ -130,31 +95,6 @@ def _write_ply(scene: PaletteScene, name: str, path: Path) -> list[Path]:
     return write_ply(scene, path)
 
 
-def _read_cityjson(path: Path, options: ReadOptions) -> SceneData:
-    from ..city.cityjson.cityjson_source import read_cityjson
-
-    source, notes, city = read_cityjson(path, options.lod, options.crs)
-    name, crs = path.stem.removesuffix(".city"), options.crs or city.crs
-    return MemoryData(
-        source, name=name, up=options.up or "z", notes=tuple(notes), city=city,
-        crs=None if crs is None else in_one_unit(crs)[0], unit=options.unit,
-    )  # fmt: skip
-
-
-def _read_heights(path: Path, options: ReadOptions) -> SceneData:
-    from ..city.gis.gis_data import check_z_up, terrain_data
-
-    check_z_up(options.up, path.name)
-    return terrain_data(path, HeightOptions(crs=options.crs, unit=options.unit))
-
-
-def _read_footprints(path: Path, options: ReadOptions) -> SceneData:
-    from ..city.gis.gis_data import check_z_up, footprint_data
-
-    check_z_up(options.up, path.name)
-    return footprint_data(path, FootprintOptions(crs=options.crs, unit=options.unit))
-
-
 def _read_frames(path: Path, options: ReadOptions) -> SceneData:
     from .array_files import read_frames
 
@@ -186,33 +126,17 @@ PLY = Format(
     "points and lines; when written: cameras, lights, and colours beyond 8 bits",
 )
 STL = Format("STL", (".stl",), _read_mesh_file, None, None, "colours")
-CITYJSON = Format(
-    "CityJSON, CityJSONSeq",
-    CITYJSON_SUFFIXES,
-    _read_cityjson,
-    None,
-    "gis",
-    "points and lines, appearances, other levels of detail",
-)
-HEIGHTS = Format(
-    "raster of heights",
-    HEIGHT_SUFFIXES,
-    _read_heights,
-    None,
-    "gis",
-    "other bands, colour tables, cells without data (holes)",
-)
-FOOTPRINTS = Format(
-    "footprints with heights",
-    FOOTPRINT_SUFFIXES,
-    _read_footprints,
-    None,
-    "gis",
-    "points and lines, heights of vertices, other layers",
-)
 FRAMES = Format("folder of vertex frames", (), _read_frames, None, None, "alpha of face colours")
 
-FORMATS = GLB, GLTF, OBJ, PLY, STL, CITYJSON, HEIGHTS, FOOTPRINTS, FRAMES
+FORMATS: tuple[Format, ...] = (
+    GLB,
+    GLTF,
+    OBJ,
+    PLY,
+    STL,
+    *(each for place in wings.FORMATS for each in wings.named(place)),
+    FRAMES,
+)
 """Formats of scenes in memory, in display order."""
 
 SCENE_WRITERS = {suffix: each.write for each in FORMATS if each.write is not None for suffix in each.suffixes}
@@ -225,6 +149,11 @@ def format_of(path: Path, formats: Iterable[Format] = FORMATS) -> Format | None:
         return FRAMES
     suffix = path.suffix.lower()
     return next((each for each in formats if suffix in each.suffixes), None)
+
+
+def suffixes_of(contents: Contents) -> tuple[str, ...]:
+    """The suffixes of formats with such contents."""
+    return tuple(suffix for each in FORMATS if each.contents == contents for suffix in each.suffixes)
 
 
 def check_output(path: str | PathLike[str]) -> Path:

@@ -51,3 +51,12 @@ def inverse(m: ArrayLike) -> NDArray[np.float64]:
     a, b, c = m[..., 0, :], m[..., 1, :], m[..., 2, :]
     columns = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], -1)
     return np.asarray(columns / determinant(m)[..., None, None])
+
+
+def tangents_of(normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Two unit vectors perpendicular to each of the unit vectors, (n, 3), and to each other [Duff et al. 2017]."""
+    x, y, z = normals.T
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], 1), np.stack([b, sign + y * y * a, -y], 1)

@@ -11,6 +11,7 @@ from ..base.progress import ProgressCallback, show_progress, with_quiet_progress
 from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.engine import Engine
 from ..engine.frame_tracer import RenderSource
+from ..engine.measured_scenes import check_degrees
 from ..engine.plan import Plan
 from ..engine.primary_visibility import AUTO, METHODS, precompiled_method, primary_visibility
 from ..engine.scene import AnyScene
@@ -18,8 +19,6 @@ from ..engine.scene_loading import SceneLike, scene_of
 from ..query.gbuffer import GBuffer
 from ..scene.camera import Camera
 from ..scene.lights import Light, check_lights
-from ..scene.map_degrees import check_no_degrees
-from ..scene.scene_bounds import plan_bounds, plan_points
 from ..scene.triangles import Triangles
 from .frame import Frame, TracedBits
 from .frame_passes import render_frame
@@ -231,8 +230,7 @@ def _check_view(scene: AnyScene, camera: Any, lights: Any) -> tuple[Camera, list
     if isinstance(lights, Camera) or (isinstance(camera, (Light, list, tuple)) and not isinstance(camera, Camera)):
         raise InputError("camera and lights are in the wrong order; write render(scene, camera, lights)")
     camera = checked_instance(camera, Camera, "camera")
-    plan = plan_points(camera.position[None], scene.up)
-    check_no_degrees(plan, "camera positions", scene.name, scene.crs, plan_bounds(scene.bounds, scene.up))
+    check_degrees(scene, camera.position[None], "camera positions")
     return camera, check_lights(lights, scene.up)
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..baking.surface_meter import points_warm_up
 from ..base.checks import flag, items, quoted, text, whole_number
 from ..base.errors import InputError
 from ..base.extras import import_extra
@@ -26,7 +27,6 @@ from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..scene.triangles import Triangles
 from ..sun.location import Place
-from ..work.warm_ups import points_warm_up
 from .control_panel import Controls
 from .gizmos import Gizmos, probe
 from .progressive_pictures import CLICK, MESH, Check, ClientView, Step, TaskQueue, TracedPicture, trace_picture

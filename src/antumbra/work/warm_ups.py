@@ -1,21 +1,13 @@
-"""All compile jobs for ahead-of-time compilation: those of rendering and those of `jobs`."""
+"""All warm-ups for ahead-of-time compilation: those of pictures, of bakes and of the wings."""
 
 from collections.abc import Iterable
 
-import numpy as np
-
-from ..baking.surface_meter import Meter, MeterSettings, ReceiverPoints
-from ..city.sight.least_heights import least_heights_warm_up
-from ..city.sight.mutual_horizons import hidden_by_horizons
-from ..city.skyline.skyline import skyline_warm_up
-from ..city.sun.sun_tally import tally_warm_up
-from ..city.tables.bit_matrices import reorder_bits
+from ..base import wings
 from ..engine.auto_accelerator import best_tree_warm_up
 from ..engine.plan import Plan, covering_plans
 from ..engine.plan_kernels import wide_lights_warm_up
-from ..engine.precompilation import WarmUp, fixed_warm_up, small_scene
+from ..engine.precompilation import WarmUp
 from ..engine.primary_visibility import camera_rays_warm_up, cutouts_warm_up
-from ..engine.scene import Scene
 from ..engine.sources.in_memory_source import all_hits_warm_up, rays_warm_up, update_warm_up
 from ..engine.sources.instanced_source import instances_warm_up
 from ..engine.sources.paged_hits import paged_hits_warm_up
@@ -33,18 +25,16 @@ from ..picture.render_kernels import (
     rendering_warm_up,
 )
 from ..picture.traversal_steps import steps_warm_up
-from ..query.receivers import Receivers
-from ..scene.lights import PointLight
 
 
 def rendering_warm_ups(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[WarmUp]:
-    """The jobs of some plans, and those common to all plans.
+    """The warm-ups of some plans, and those common to all plans.
 
     plans : None: enough plans to cover every method
     papers : also cover the methods that packages add; they come last
     """
     plans = list(dict.fromkeys(covering_plans(papers) if plans is None else plans))
-    jobs = [
+    warm_ups = [
         rays_warm_up(),
         all_hits_warm_up(),
         best_tree_warm_up(),
@@ -58,7 +48,7 @@ def rendering_warm_ups(plans: Iterable[Plan] | None = None, papers: bool = False
         indirect_warm_up("raster"),
         indirect_warm_up("rays"),
     ]
-    jobs += [
+    warm_ups += [
         steps_warm_up(),
         store_warm_up(),
         paged_warm_up(),
@@ -66,37 +56,17 @@ def rendering_warm_ups(plans: Iterable[Plan] | None = None, papers: bool = False
         cutouts_warm_up(),
         instances_warm_up(),
     ]
-    jobs += [terrain_warm_up(), terrain_rays_warm_up()]
-    jobs += [wide_lights_warm_up()] if any(plan.trace == "cones" for plan in plans) else []
-    jobs += [bounce_warm_up()] if any(plan.wants_rays for plan in plans) else []
+    warm_ups += [terrain_warm_up(), terrain_rays_warm_up()]
+    warm_ups += [wide_lights_warm_up()] if any(plan.trace == "cones" for plan in plans) else []
+    warm_ups += [bounce_warm_up()] if any(plan.wants_rays for plan in plans) else []
     for plan in plans:
         for gbuffer in ("raster", "rays"):
             for counters in (False, True)[: 1 + plan.tracer.counts_apart]:
-                jobs.append(rendering_warm_up(plan, gbuffer, counters))
-    return jobs
+                warm_ups.append(rendering_warm_up(plan, gbuffer, counters))
+    return warm_ups
 
 
 def all_warm_ups(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[WarmUp]:
-    """The jobs of `rendering_warm_ups` and those of this folder; arguments as for `rendering_warm_ups`."""
-    return [
-        tally_warm_up(),
-        points_warm_up(),
-        skyline_warm_up(),
-        least_heights_warm_up(),
-        *rendering_warm_ups(plans, papers),
-    ]
-
-
-def points_warm_up() -> WarmUp:
-    """The job of baked light and visibility matrices, without tracing."""
-
-    def work() -> None:
-        scene, light, up = Scene.of_data(small_scene()), PointLight((0.0, 2.0, 0.0)), np.array([[0.0, 1.0, 0.0]])
-        for what in ("light", "bent-normal"):
-            settings = MeterSettings(what, [light], 1, "larcher-pillichshammer", "bsah+single", 0.0, 1)
-            Meter(scene, settings, 1).values(ReceiverPoints(np.zeros((1, 3)), up))
-        ends = Receivers.on_surface(np.zeros((1, 3)), up, np.zeros(3))
-        hidden_by_horizons(ends, ends, 1)
-        reorder_bits(np.zeros((1, 1), np.uint64), np.zeros(1, np.int64), 1)
-
-    return fixed_warm_up("points", work)
+    """The warm-ups of bakes and of the wings, and those of `rendering_warm_ups`, whose arguments these are."""
+    others = [make() for place in wings.WARM_UPS for make in wings.named(place)]
+    return [*others, *rendering_warm_ups(plans, papers)]

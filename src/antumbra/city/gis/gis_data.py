@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.checks import choice, number, quoted, text, whole_number
+from ...base.checks import choice, number, text, whole_number
 from ...base.errors import InputError
 from ...scene.crs import check_horizontal_crs
 from ...scene.materials import srgb_to_linear
@@ -115,9 +115,3 @@ def footprint_data(
     )  # fmt: skip
     data.raster = None if grid is None else grid.grid.raster(grid.crs)
     return data
-
-
-def check_z_up(up: str | None, name: str) -> None:
-    """Raise an InputError if another up axis is given than that of geographic data."""
-    if up not in (None, "z"):
-        raise InputError(f"{name}: has z up, as all geographic data; up is {quoted(up)}, leave it out")

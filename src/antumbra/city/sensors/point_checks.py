@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import InputError
+from ...engine.measured_scenes import check_degrees
 from ...engine.scene import AnyScene
 from ...engine.sources.terrain_shadows import terrain_of
 from ...query.receivers import SHIFT, Receivers
-from ...scene.map_degrees import check_no_degrees
 from ...scene.scene_bounds import plan_points
 from .raster_grid import plan_of
 from .sensors import Sensors, face_sensors, on_top
@@ -137,11 +137,6 @@ def _rounding(scene: AnyScene, at: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 # --- Degrees, and places without a surface ----------------------------------------------------------------------------
-
-
-def check_degrees(scene: AnyScene, at: NDArray[np.float64], what: str) -> None:
-    """Raise an InputError if points, (n, 3) world, are longitudes and latitudes, and the scene is far from them."""
-    check_no_degrees(plan_points(at, scene.up), what, scene.name, scene.crs, plan_of(scene))
 
 
 def on_surface(

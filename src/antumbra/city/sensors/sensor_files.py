@@ -133,6 +133,13 @@ def _number(text: str, sensors: str) -> float:
     return value
 
 
+def points_of_file(file: Path, option: str) -> Sensors:
+    """The points of a file that an option names. Raises InputError if its suffix is unknown."""
+    if file.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{option} is {str(file)!r}; it must be a {', '.join(SUFFIXES)} file")
+    return read_points(file)
+
+
 def read_points(path: Path) -> Sensors:
     """Read points from a file.
 

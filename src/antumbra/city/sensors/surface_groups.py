@@ -135,15 +135,6 @@ def unit_normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.divide(across, length, out=np.zeros_like(across), where=length > 0.0))
 
 
-def tangents_of(normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Two unit vectors perpendicular to each of the unit vectors, (n, 3), and to each other [Duff et al. 2017]."""
-    x, y, z = normals.T
-    sign = np.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    return np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], 1), np.stack([b, sign + y * y * a, -y], 1)
-
-
 def azimuths(normals: NDArray[np.float64], up: str, north: float = 0.0) -> NDArray[np.float64]:
     """(n,) float64 in [0, 360): the direction that surfaces face, degrees clockwise from true north.
 

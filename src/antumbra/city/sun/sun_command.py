@@ -37,7 +37,7 @@ from ...cli.scene_arguments import SceneSpec, limit_memory
 from ...cli.shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
 from ...cli.study_run import StudyRun
 from ...cli.vegetation_options import VegetationOption, parse_vegetation, sensors_below_plants
-from ...formats.format_registry import CITYJSON
+from ..city_formats import CITYJSON
 from .sun_options import SunOptions
 
 if TYPE_CHECKING:

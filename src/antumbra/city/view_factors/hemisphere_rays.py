@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...kernels.elementary import sin_cos
+from ...kernels.small_matrices import tangents_of
 from ...query.receivers import SHIFT, point_receivers
 from ...scene.triangles import Triangles
-from ..sensors.surface_groups import tangents_of, unit_normals
+from ..sensors.surface_groups import unit_normals
 
 REPLICATES = 8
 """Independent samples of each group, whose spread gives the error."""

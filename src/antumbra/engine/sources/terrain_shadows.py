@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from ...base.memory import available_memory
 from ...base.progress import ProgressCallback
-from ...city.gis.gis_data import terrain_data
-from ...city.gis.height_files import HeightOptions
 from ...query.light_samples import light_samples
 from ...query.query_bounds import place, reach_of
 from ...query.ray_list import HitArrays, HitFilter, RayArguments, changed_error, hit_arrays, rays_of
@@ -27,7 +25,7 @@ from ...scene.light_lists import DirectionalLights
 from ...scene.lights import DIRECTIONAL, Light
 from ...scene.scene_bounds import flush_to_zero
 from ...scene.scene_data import MemoryData, SceneData
-from ...scene.terrain import HeightGrid, TerrainSurfaces, faces_of_squares
+from ...scene.terrain import GridPoints, HeightGrid, TerrainSurfaces, faces_of_squares
 from ...trace.rays.local_rays import are_valid, local_rays
 from ...trace.terrain.terrain_lanes import trace_stencils
 from ...trace.terrain.terrain_ray_lists import MOST_EXTENTS, trace_rays
@@ -180,11 +178,19 @@ def _follows_rows(receivers: Receivers, surface: HeightGrid) -> bool:
     return 2 * int(next_to.sum()) > len(next_to)
 
 
+def small_terrain() -> MemoryData:
+    """A raster of 3 x 3 heights, for warm-ups."""
+    grid = GridPoints(0.5, -0.5, 1.0, 1.0, 3, 3)
+    return MemoryData(
+        TerrainSurfaces([HeightGrid("small", grid, None, np.zeros((3, 3)))], "small"), name="small", up="z"
+    )
+
+
 def terrain_warm_up() -> WarmUp:
     """The job of shadow queries over terrain."""
 
     def work() -> None:
-        data = terrain_data((np.zeros((3, 3)), (1.0, 0.0, 0.0, 0.0, -1.0, 0.0)), HeightOptions())
+        data = small_terrain()
         light = DirectionalLights(np.array([(0.5, 0.3, -1.0)]))
         for points in ([[0.7, -1.0, 1.0]], [[0.5, -0.5, 1.0], [1.5, -0.5, 1.0], [2.5, -0.5, 1.0]]):
             receivers = Receivers.in_space(np.array(points), data.origin)
@@ -197,7 +203,7 @@ def terrain_rays_warm_up() -> WarmUp:
     """The job of ray lists over terrain."""
 
     def work() -> None:
-        data = terrain_data((np.zeros((3, 3)), (1.0, 0.0, 0.0, 0.0, -1.0, 0.0)), HeightOptions())
+        data = small_terrain()
         rays = rays_of(np.zeros((1, 3)), np.ones(3), HitFilter(), (0.0, 0.0, 0.0), data.n_triangles)
         trace_rays(TerrainShadows(data).tree, None, local_rays(rays.arrays(), 0), hit_arrays(1, True), 1)
 

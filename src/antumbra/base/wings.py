@@ -1,0 +1,42 @@
+"""What the wings, `city` and `lab`, add to the core: named here, and imported when it is first used.
+
+The core imports no wing, also not inside functions. Its registries read these places instead, so that without a wing
+they would just be shorter. Commands are named in the table of commands, and public names in that of the package.
+"""
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+FORMATS = ("antumbra.city.city_formats:FORMATS",)
+"""Lists of `formats.scene_format.Format`, in display order."""
+
+FILES_IN_TEXTS = ("antumbra.city.sensors.sensor_files:raster_file",)
+"""Functions of an argument's text that return the path of a file in it, or None."""
+
+WARM_UPS = "antumbra.baking.surface_meter:WARM_UPS", "antumbra.city.city_warm_ups:WARM_UPS"
+"""Lists of functions that return a warm-up."""
+
+
+VEGETATION_FILE = "antumbra.city.vegetation.vegetation_table:checked_vegetation_file"
+"""The function that checks the path of a file of plants."""
+
+POINTS_OF_FILE = "antumbra.city.sensors.sensor_files:points_of_file"
+"""The function that reads the points that an option names."""
+
+SWEEP_SAH, TL_LBVH = "antumbra.lab.builders.sweep_sah:build", "antumbra.lab.builders.tl_lbvh:build"
+"""Builders."""
+
+BENCH = "antumbra.lab.bench_command:app"
+"""The commands of ``antumbra bench``."""
+
+
+def later(place: str) -> Callable[..., Any]:
+    """A function that a place names, which is imported when it is called."""
+    return lambda *arguments, **keywords: named(place)(*arguments, **keywords)
+
+
+def named(place: str) -> Any:
+    """What a place, such as "antumbra.city.city_formats:FORMATS", names."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
