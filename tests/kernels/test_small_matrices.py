@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from antumbra.kernels.small_matrices import determinant, dot, inverse, length, product
+from antumbra.kernels.small_matrices import determinant, dot, inverse, length, product, tangents_of
 
 RNG = np.random.default_rng(8)
 
@@ -40,3 +42,12 @@ def test_float32_is_widened():
 @pytest.mark.parametrize("n, k, m", [(2, 0, 3), (0, 3, 2), (4, 1, 0)])
 def test_empty_matrices(n, k, m):
     assert product(np.ones((n, k)), np.ones((k, m))).tolist() == np.full((n, m), float(k)).tolist()
+
+
+@given(st.integers(0, 1 << 32))
+def test_tangents_are_orthonormal(seed):
+    normals = np.random.default_rng(seed).normal(size=(8, 3))
+    normals[:3] = np.eye(3) * (-1) ** (seed % 2)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    frames = np.stack([*tangents_of(normals), normals], 1)
+    np.testing.assert_allclose(frames @ frames.transpose(0, 2, 1), np.broadcast_to(np.eye(3), (8, 3, 3)), atol=1e-14)

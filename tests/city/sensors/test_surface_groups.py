@@ -11,7 +11,6 @@ from antumbra.city.sensors.surface_groups import (
     azimuths,
     faces_between,
     surface_groups,
-    tangents_of,
     tilts,
     unit_normals,
 )
@@ -84,15 +83,6 @@ def test_ranges_of_azimuths():
     assert faces_between(every, 350, 10).tolist() == [True, True, False, True]
     assert faces_between(every, 150, 210).tolist() == [False, False, True, False]
     assert faces_between(every, 0, 360).all() and not faces_between(every, 20, 30).any()
-
-
-@given(st.integers(0, 1 << 32))
-def test_tangents_are_orthonormal(seed):
-    normals = np.random.default_rng(seed).normal(size=(8, 3))
-    normals[:3] = np.eye(3) * (-1) ** (seed % 2)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    frames = np.stack([*tangents_of(normals), normals], 1)
-    np.testing.assert_allclose(frames @ frames.transpose(0, 2, 1), np.broadcast_to(np.eye(3), (8, 3, 3)), atol=1e-14)
 
 
 def test_normals_of_faces_without_area_are_zero():
