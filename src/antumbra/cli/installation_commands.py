@@ -161,11 +161,11 @@ def _kernels() -> dict[str, Any]:
     """Where compiled kernels are, in the package or in the user's cache, and how many of those that jobs need exist."""
     from ..engine.precompilation import missing_of
     from ..kernels.processor import LIBRARIES
-    from ..kernels.toolchain import kernel_manifest as needs
+    from ..kernels.toolchain import kernel_manifest
     from ..kernels.toolchain.kernel_cache import user_cache
     from ..kernels.toolchain.kernel_library import installed_library
 
-    kernels = needs.read_manifests(needs.MANIFEST).kernels
+    kernels = kernel_manifest.read_manifests(kernel_manifest.MANIFEST).kernels
     folder = user_cache().path if installed_library() is None else LIBRARIES
     above = next(path for path in (folder, *folder.parents) if path.exists())
     missing = len(missing_of(kernels))

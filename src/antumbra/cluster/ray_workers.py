@@ -19,7 +19,7 @@ from ..base.files import atomic_output, file_lock, temporary_folder
 from ..base.progress import ignore_progress, progress_listener, report_progress
 from ..engine.plan import DEFAULT_PLAN, parse_plan
 from ..engine.precompilation import compile_missing, missing_of
-from ..kernels.toolchain import kernel_manifest as needs
+from ..kernels.toolchain import kernel_manifest
 from ..kernels.toolchain.kernel_cache import user_cache
 from ..version import VERSION
 from ..work.executors import UnitCollector, Units, numbered
@@ -321,7 +321,7 @@ class _RemoteReader:
 
 def about_node() -> dict[str, Any]:
     """The resources of this machine: cores, memory and disk space in GiB, package version, missing kernels."""
-    kernels = needs.read_manifests(needs.MANIFEST).kernels
+    kernels = kernel_manifest.read_manifests(kernel_manifest.MANIFEST).kernels
     facts: dict[str, Any] = {"host": platform.node(), "cores": os.cpu_count(), "memory": _memory()}
     facts |= {"room": shutil.disk_usage(tempfile.gettempdir()).free / 2**30, "antumbra": VERSION}
     return {**facts, "missing": len(missing_of(kernels)), "cache": str(user_cache().path)}

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.toolchain import kernel_manifest as needs
+from ..kernels.toolchain import kernel_manifest
 from ..kernels.toolchain.compile_pool import KernelRequest
 from ..query.light_samples import light_samples
 from ..query.shadow_query import shadow_queries
@@ -64,13 +64,13 @@ def recorded(plan: Plan, gbuffer: str, counters: bool) -> Callable[[], set[Kerne
     """
 
     def without_counters(p: Plan) -> set[KernelRequest]:
-        return needs.kernels_of_warm_up(record_name(p, gbuffer, False)) or set()
+        return kernel_manifest.kernels_of_warm_up(record_name(p, gbuffer, False)) or set()
 
     def kernels() -> set[KernelRequest] | None:
-        record = needs.kernels_of_warm_up(record_name(plan, gbuffer, counters))
+        record = kernel_manifest.kernels_of_warm_up(record_name(plan, gbuffer, counters))
         if record is not None:
             return record
-        tracing = needs.kernels_of_warm_up(record_name(Plan(trace=plan.trace), gbuffer, counters))
+        tracing = kernel_manifest.kernels_of_warm_up(record_name(Plan(trace=plan.trace), gbuffer, counters))
         if tracing is None:
             return None
         base = without_counters(Plan(trace="single"))

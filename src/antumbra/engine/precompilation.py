@@ -16,7 +16,7 @@ import numpy as np
 from ..base.progress import report_progress
 from ..formats.library_meshes import data_of_arrays
 from ..kernels.marshalling import import_object
-from ..kernels.toolchain import kernel_manifest as needs
+from ..kernels.toolchain import kernel_manifest
 from ..kernels.toolchain.compile_pool import KernelRequest, compile_kernels
 from ..kernels.toolchain.kernel_cache import user_cache
 from ..kernels.toolchain.kernel_loading import events, has_compiler, is_on_disk
@@ -38,7 +38,7 @@ class WarmUp(NamedTuple):
 
 def fixed_warm_up(name: str, work: Callable[[], object]) -> WarmUp:
     """A job whose kernels are recorded under its name."""
-    return WarmUp(name, work, lambda: needs.kernels_of_warm_up(name))
+    return WarmUp(name, work, lambda: kernel_manifest.kernels_of_warm_up(name))
 
 
 @cache

@@ -21,8 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...bvh import lbvh
-from ...bvh import tree_layout as cutting
+from ...bvh import lbvh, tree_layout
 from ...bvh.nodes import MAX_DEPTH, Bvh, box_at, line_at, link_at, sides
 from ...bvh.tree_layout import PART, LeafChoice, cut_tree, relayout
 from ...bvh.triangle_bounds import area_scale_of, checked_vertices
@@ -512,7 +511,7 @@ def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
     if len(pieces.numbers):
         numbers = np.empty((4, n), np.int32)  # most of it stays untouched
         longer = rules._replace(rounds=np.int64(_TOP * rounds))
-        _restructure_top(work, pieces.numbers, cutting.PART + 2, longer, numbers)
+        _restructure_top(work, pieces.numbers, tree_layout.PART + 2, longer, numbers)
         pieces = cut_tree(bvh, work.facts[:, COUNT])
     roots = pieces.parts[:, 0]
     sizes = np.where(roots[:, None] < 0, [0, 1], work.facts[np.maximum(roots, 0)][:, [NODES, COUNT]])

@@ -55,20 +55,20 @@ def multi_frusta(run: BenchRun, options: FrustaOptions) -> BenchResult:
 
     primary_size = arguments.parse_size(options.primary_size, "--primary-size")
 
-    from .multi_frusta import frusta_measurements as bench
+    from .multi_frusta import frusta_measurements
     from .multi_frusta.frusta_plots import write_plot
     from .multi_frusta.frusta_tables import MeasuredScene, print_tables
 
     scenes: list[MeasuredScene] = []
-    for view in bench.SCENES.open(options.scene, size, run.say):
-        case = bench.case_of(view, options.cull_faces.side, primary_size)
-        tables = bench.tables(case, options.rounds, run.say)
-        scenes.append(MeasuredScene(case, tables, bench.measure_quality(case, run.say)))
+    for view in frusta_measurements.SCENES.open(options.scene, size, run.say):
+        case = frusta_measurements.case_of(view, options.cull_faces.side, primary_size)
+        tables = frusta_measurements.tables(case, options.rounds, run.say)
+        scenes.append(MeasuredScene(case, tables, frusta_measurements.measure_quality(case, run.say)))
     rows = {
         case.name: {**tables, "figure 5": quality.rows, "figure 7": {"edges": quality.edges}}
         for case, tables, quality in scenes
     }
-    costs = bench.fitted_costs([scene.tables["costs"] for scene in scenes])
+    costs = frusta_measurements.fitted_costs([scene.tables["costs"] for scene in scenes])
     answer = {"size": size, "primary_size": primary_size, "rounds": options.rounds}
     answer |= {"cull_faces": options.cull_faces.side, "rows": rows}
     answer |= {"costs": {tracer: fitted._asdict() for tracer, fitted in costs.items()}}
@@ -128,19 +128,21 @@ def ray_hierarchy(run: BenchRun, options: RayHierarchyBenchOptions) -> BenchResu
 
     from ...kernels.parallel import thread_count
     from .benchmark_views import agree
-    from .ray_hierarchy import ray_hierarchy_measurements as bench
+    from .ray_hierarchy import ray_hierarchy_measurements
     from .ray_hierarchy.ray_hierarchy_plot import write_plot
     from .ray_hierarchy.ray_hierarchy_published import FIGURE7
     from .ray_hierarchy.ray_hierarchy_tables import print_tables
     from .ray_hierarchy.ray_hierarchy_views import film, open_views, pictures
 
-    effort = bench.Effort(thread_count(options.threads), options.rounds, options.limit, options.cull_faces.side)
+    effort = ray_hierarchy_measurements.Effort(
+        thread_count(options.threads), options.rounds, options.limit, options.cull_faces.side
+    )
     views = open_views(options.scene, size, run.say)
-    large = bench.measure_all([p for view in views for p in pictures(view)], effort, run.say)
+    large = ray_hierarchy_measurements.measure_all([p for view in views for p in pictures(view)], effort, run.say)
     frames = [p for view in views for p in film(view, options.frames, frame_size)]
-    small = bench.measure_all(frames, effort._replace(limit=None, rounds=1), run.say)
-    claims, spreads = bench.claims(large), bench.spreads(small)
-    relative = bench.relative_costs(small if small.pictures else large, FIGURE7)
+    small = ray_hierarchy_measurements.measure_all(frames, effort._replace(limit=None, rounds=1), run.say)
+    claims, spreads = ray_hierarchy_measurements.claims(large), ray_hierarchy_measurements.spreads(small)
+    relative = ray_hierarchy_measurements.relative_costs(small if small.pictures else large, FIGURE7)
     answer = {"size": size, "frames": options.frames, "frame_size": frame_size, **effort._asdict()}
     answer |= {"pictures": records(large.pictures), "costs": records(large.costs), "claims": records(claims)}
     answer |= {"film": {"pictures": records(small.pictures), "costs": records(small.costs)}}
@@ -196,21 +198,20 @@ def srdh(run: BenchRun, options: SrdhBenchOptions) -> BenchResult:
     from ...kernels.parallel import thread_count
     from .benchmark_views import agree
     from .comparison_chart import comparison_writer
-    from .srdh import srdh_measurements as bench
-    from .srdh import srdh_tables
+    from .srdh import srdh_measurements, srdh_tables
     from .srdh.srdh_workloads import SCENES, workloads
 
-    effort = bench.SrdhEffort(options.spp, timed, options.rounds, thread_count(options.threads))
+    effort = srdh_measurements.SrdhEffort(options.spp, timed, options.rounds, thread_count(options.threads))
     views = workloads(SCENES.open(options.scene, size, run.say), options.lighting)
-    rows = bench.measure(views, effort, run.say, run.pictures())
+    rows = srdh_measurements.measure(views, effort, run.say, run.pictures())
     answer: dict[str, Any] = {"size": size, **effort._asdict()}
-    relative = ({"relative": bench.relative(rows.counts, row)} for row in rows.counts)
+    relative = ({"relative": srdh_measurements.relative(rows.counts, row)} for row in rows.counts)
     answer |= {"counts": [record | more for record, more in zip(records(rows.counts), relative)]}
-    answer |= {"saved": bench.savings(rows.counts), "trees": records(rows.trees)}
-    answer |= {"kernel_gains": records(bench.kernel_gains(rows.counts, rows.trees))}
+    answer |= {"saved": srdh_measurements.savings(rows.counts), "trees": records(rows.trees)}
+    answer |= {"kernel_gains": records(srdh_measurements.kernel_gains(rows.counts, rows.trees))}
     answer |= {"memory": records(rows.memory, "growth", "growth_shared"), "rtsah": records(rows.rtsah)}
     answer |= {"builds": records(rows.builds, "both", "instead"), "renders": records(rows.renders)}
-    answer |= {"gains": records(bench.gains(rows.renders))}
+    answer |= {"gains": records(srdh_measurements.gains(rows.renders))}
     same = agree((row.scene, row.bits) for row in rows.renders)
     plot, compared = partial(srdh_tables.write_plot, rows.counts), srdh_tables.comparison(rows)
     tables = partial(srdh_tables.print_tables, rows)
@@ -289,24 +290,29 @@ def pre_bvh_culling(run: BenchRun, options: CullingOptions) -> BenchResult:
         _check_tracer(name)
 
     from .benchmark_views import agree
-    from .pre_bvh_culling import culling_measurements as bench
-    from .pre_bvh_culling import culling_views
+    from .pre_bvh_culling import culling_measurements, culling_views
     from .pre_bvh_culling.culling_charts import write_charts, write_pictures
     from .pre_bvh_culling.culling_tables import CullingRows, print_tables
 
-    effort = bench.CullingEffort(thread_count(options.threads), options.rounds, options.limit, run.say)
+    effort = culling_measurements.CullingEffort(thread_count(options.threads), options.rounds, options.limit, run.say)
     run.say("making the scenes")
     sponza = culling_views.sponza_scene(options.sponza)
     views = culling_views.culling_views(sponza, size, cellar)
     cameras = culling_views.random_views(sponza, options.cameras, size) if sponza else []
     frames = culling_views.video_views(video, options.frames, size)
-    figures = [bench.figure_times(view, tracers[-1], effort) for view in views]
+    figures = [culling_measurements.figure_times(view, tracers[-1], effort) for view in views]
     rows = CullingRows(
-        times=[t for view in views for name in tracers for t in bench.times_to_image(view, name, effort)],
+        times=[
+            t for view in views for name in tracers for t in culling_measurements.times_to_image(view, name, effort)
+        ],
         figures=[t for times, _ in figures for t in times],
-        grids=[row for view in views for row in bench.grid_rows(view, bench.USUAL, (), effort)],
-        shares=bench.random_shares(cameras, effort),
-        video=bench.video_rows(frames, tracers, options.finest, effort),
+        grids=[
+            row
+            for view in views
+            for row in culling_measurements.grid_rows(view, culling_measurements.USUAL, (), effort)
+        ],
+        shares=culling_measurements.random_shares(cameras, effort),
+        video=culling_measurements.video_rows(frames, tracers, options.finest, effort),
     )
     folder = run.pictures()
     if folder is not None:

@@ -26,14 +26,13 @@ from ...engine.method_registry import (
     register_family,
     unchanged,
 )
-from ...kernels.toolchain import kernel_manifest as needs
+from ...kernels.toolchain import kernel_manifest
 from ...techniques.culling.pre_bvh_culling import cull
-from ...techniques.srdh import srdh_builder as srdh
+from ...techniques.srdh import srdh_builder
 from ...techniques.tracer_options import ChcRtOptions
 from ...trace.rays.ray_traversal import NEAREST, RANDOM, SRDH, Ordered
 from ...trace.rays.single_rays import trace_shadow
-from .multi_frusta import large_packets, moeller_trumbore, sample_frusta
-from .multi_frusta import published_frusta as frusta
+from .multi_frusta import large_packets, moeller_trumbore, published_frusta, sample_frusta
 from .pre_bvh_culling.cell_marking import LINES
 from .pre_bvh_culling.convex_region import CONVEX
 from .ray_hierarchy.cone_hierarchy import CONES, find_combination
@@ -96,19 +95,19 @@ ORDERS: dict[str, TraversalOrder] = {
 
 BUILDERS = {
     "srdh:distance": Builder(
-        partial(srdh.build, options=srdh.SrdhOptions("distance")),
+        partial(srdh_builder.build, options=srdh_builder.SrdhOptions("distance")),
         "as srdh, but each node is traversed front to back or back to front",
         f"{FELTMAN}, Sec. 4.3",
         wants_rays=True,
     ),
     "srdh:all": Builder(
-        partial(srdh.build, options=srdh.SrdhOptions("all")),
+        partial(srdh_builder.build, options=srdh_builder.SrdhOptions("all")),
         "as srdh, with the best of all orders at each node",
         f"{FELTMAN}, Sec. 4.3",
         wants_rays=True,
     ),
     "srdh:paper": Builder(
-        partial(srdh.build, max_leaf=1, options=srdh.PUBLISHED),
+        partial(srdh_builder.build, max_leaf=1, options=srdh_builder.PUBLISHED),
         "as published: all orders, one triangle per leaf, linear costs, and rays alone decide wherever there are any",
         FELTMAN,
         wants_rays=True,
@@ -148,7 +147,7 @@ CULLERS = {
     ),
 }
 
-_shallow = partial(block_tree, block=frusta.BLOCK)  # one object, so that its tracers can share a tree
+_shallow = partial(block_tree, block=published_frusta.BLOCK)  # one object, so that its tracers can share a tree
 
 _BENTHIN = BENTHIN.partition(",")[0]
 
@@ -156,25 +155,25 @@ TRACERS = {
     **{f"single:{name}": in_order(order) for name, order in ORDERS.items()},
     "multifrusta:paper": Tracer(
         _shallow,
-        frusta.as_published,
+        published_frusta.as_published,
         "16 frusta of 16 rays at once, one receiver each; corner rays cull triangles at leaves",
         f"{_BENTHIN}, Sec. 4",
     ),
     "multifrusta:leaf-boxes": Tracer(
         _shallow,
-        frusta.with_leaf_boxes,
+        published_frusta.with_leaf_boxes,
         "as multifrusta:paper, plus ray-box tests at leaves",
         f"{_BENTHIN}, Sec. 5.3, Ray-AABB",
     ),
     "multifrusta:corners": Tracer(
         _shallow,
-        frusta.with_corners,
+        published_frusta.with_corners,
         "as multifrusta:paper, with corner rays that shrink to the active rays",
         f"{_BENTHIN}, Sec. 5.3, CR",
     ),
     "multifrusta:full": Tracer(
         _shallow,
-        frusta.with_all,
+        published_frusta.with_all,
         "as multifrusta:paper, with corner rays and bounds that shrink to the active rays",
         f"{_BENTHIN}, Sec. 5.3, FS",
     ),
@@ -207,4 +206,4 @@ def add() -> None:
             register(field, name, method)
     register_family("cones", find_combination)
     register_family("chcrt", find_aggressive)
-    needs.add_manifest(NEEDS)
+    kernel_manifest.add_manifest(NEEDS)

@@ -27,7 +27,7 @@ from ....techniques.tracer_options import ChcRtOptions
 from ....trace.tree_list import ROOT, Hits
 from ..bench_runner import Say, save_sheet
 from ..published_methods import tracer_name
-from . import chcrt_published as published
+from . import chcrt_published
 from .walkthrough_timing import SAMPLERS, InCore, colour_bleeding, error_of
 from .walkthroughs import DIFFUSE, SAMPLER, Culling, FrameRays, timed
 
@@ -444,7 +444,9 @@ def _draw_bleeding(state: CullingState) -> Any:
     differences, times = differences_of(state)
     error, differ = error_of(state.exact, state.neglecting), np.count_nonzero(differences)
     _show(panels[0], state.exact, "chcrt: exact")
-    _show(panels[1], state.neglecting, f"chcrt:{ERROR}: mean absolute error {error:.2f} (paper: {published.ERROR})")
+    _show(
+        panels[1], state.neglecting, f"chcrt:{ERROR}: mean absolute error {error:.2f} (paper: {chcrt_published.ERROR})"
+    )
     title = f"differences x {times}, black on white: {differ:,} of {differences.size:,} pixels"
     _show(panels[2], times * differences, title, cmap="gray_r", vmin=0, vmax=255)
     panels[2].set_axis_on()

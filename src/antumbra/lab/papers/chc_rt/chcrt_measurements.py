@@ -21,8 +21,7 @@ from ....store.store_format import chunk_places
 from ....techniques.tracer_options import WHOLE_SCREEN
 from ..bench_runner import Say
 from ..benchmark_views import agree, scene_view
-from . import store_walkthroughs as paging
-from . import walkthrough_timing as bench
+from . import store_walkthroughs, walkthrough_timing
 from .chcrt_published import IN_CORE, PAGED, WALKED, ChcrtTable
 from .mapped_tree import whole_tree, write_tree
 from .store_walkthroughs import Digests, StoreCase
@@ -87,7 +86,7 @@ def ablate_in_memory(core: InCore, pace: Pace, say: Say) -> Iterator[list[Turn]]
     """Measure all variants in the near walkthrough, alternating within each frame."""
     methods = [core.culling_by(name, changed) for name, changed in VARIANTS.items()]
     pace = pace.shorter()._replace(most=_MOST)
-    yield bench.walk_through(core, core.place.walks[0], methods, (AO, DIFFUSE, SOFT), SAMPLER, pace, say)
+    yield walkthrough_timing.walk_through(core, core.place.walks[0], methods, (AO, DIFFUSE, SOFT), SAMPLER, pace, say)
 
 
 def ablate_out_of_core(case: StoreCase, pace: Pace, say: Say) -> Iterator[tuple[list[Turn], Digests]]:
@@ -100,10 +99,10 @@ def ablate_out_of_core(case: StoreCase, pace: Pace, say: Say) -> Iterator[tuple[
     for name, changed in VARIANTS.items():
         if {"triangles", "build"} & changed.keys():
             continue
-        with paging.opened(case) as paged:
+        with store_walkthroughs.opened(case) as paged:
             scheduled = paged.accelerated.prepared
             scheduled.options = scheduled.options._replace(**changed)
-            turns, digests = paging.walk_through_store(case, case.place.walks[0], paged, name, pace, say)
+            turns, digests = store_walkthroughs.walk_through_store(case, case.place.walks[0], paged, name, pace, say)
         pace = pace._replace(most=1 + turns[-1].frame, limit=inf)
         yield turns, digests
 
@@ -118,10 +117,10 @@ TableRows = dict[ChcrtTable, list[Any]]
 
 def show_medians(turns: list[Turn]) -> None:
     """Print a line per method and ray kind to standard error, above the progress line."""
-    for row in bench.rows_of(turns, "scene", "view", "sampler", "kind", "method"):
-        mine = bench.of(turns, **row)
+    for row in walkthrough_timing.rows_of(turns, "scene", "view", "sampler", "kind", "method"):
+        mine = walkthrough_timing.of(turns, **row)
         names = [value for value in row.values() if value != SAMPLER]
-        text = f"{', '.join(names)}: {1e3 * bench.typical(mine):,.1f} ms per frame ({len(mine)} frames)"
+        text = f"{', '.join(names)}: {1e3 * walkthrough_timing.typical(mine):,.1f} ms per frame ({len(mine)} frames)"
         print(text, file=sys.stderr, flush=True)
 
 
@@ -150,9 +149,9 @@ def measure_in_memory(places: Iterable[WalkPlace], run: ChcrtRun) -> tuple[Table
         if ChcrtTable.scenes in tables:
             rows.setdefault(ChcrtTable.scenes, []).append(size_in_memory(core))
         walks: dict[ChcrtTable, Iterable[list[Turn]]] = {
-            ChcrtTable.times: bench.times(core, pace, ChcrtTable.times in tables, say),
-            ChcrtTable.randomisation: bench.randomisation(core, pace, say),
-            ChcrtTable.aggressive: bench.aggressive(core, pace, say),
+            ChcrtTable.times: walkthrough_timing.times(core, pace, ChcrtTable.times in tables, say),
+            ChcrtTable.randomisation: walkthrough_timing.randomisation(core, pace, say),
+            ChcrtTable.aggressive: walkthrough_timing.aggressive(core, pace, say),
             ChcrtTable.ablation: ablate_in_memory(core, pace, say),
         }
         for name, each in walks.items():
@@ -177,19 +176,23 @@ def measure_out_of_core(case: StoreCase, run: ChcrtRun) -> tuple[TableRows, bool
         rows[ChcrtTable.scenes] = [size_of_store(case)]
     if (WALKED | {ChcrtTable.mapped}).intersection(tables):
         policies = POLICIES if ChcrtTable.store in tables else POLICIES[:1]
-        rows[ChcrtTable.store] = _gathered(_without(digests, paging.out_of_core(case, pace, policies, say)), run)
+        rows[ChcrtTable.store] = _gathered(
+            _without(digests, store_walkthroughs.out_of_core(case, pace, policies, say)), run
+        )
     if ChcrtTable.mapped in tables and whole:
         with temporary_folder() as folder:
             say(f"{case.place.name}, writing the tree to be mapped")
             write_tree(whole_tree(case.store), folder, case.threads)
             frames = pace._replace(most=1 + max(t.frame for t in rows[ChcrtTable.store]))
-            walks = paging.map_through(case, folder, frames, say)
+            walks = store_walkthroughs.map_through(case, folder, frames, say)
             rows[ChcrtTable.mapped] = _gathered(_without(digests, walks), run)
     if ChcrtTable.bounces in tables:
         bvh = whole_tree(case.store) if whole else None
-        rows[ChcrtTable.bounces] = _gathered(paging.bounce_through(case, bvh, pace._replace(most=2), say), run)
+        rows[ChcrtTable.bounces] = _gathered(
+            store_walkthroughs.bounce_through(case, bvh, pace._replace(most=2), say), run
+        )
     if ChcrtTable.aggressive in tables:
-        rows[ChcrtTable.aggressive] = _gathered(paging.aggressive_out_of_core(case, pace, say), run)
+        rows[ChcrtTable.aggressive] = _gathered(store_walkthroughs.aggressive_out_of_core(case, pace, say), run)
     if ChcrtTable.ablation in tables:
         rows[ChcrtTable.ablation] = _gathered(_without(digests, ablate_out_of_core(case, pace, say)), run)
     compared = {ChcrtTable.store, ChcrtTable.ablation, ChcrtTable.mapped}.intersection(tables)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ....store.chunk_residency import POLICIES
 from ..bench_runner import plot_sheet
-from . import chcrt_published as published
+from . import chcrt_published
 from .walkthrough_timing import PHASES, Turn, later, of, rows_of, speedup, speedups, typical, value_of
 from .walkthroughs import SINGLE
 
@@ -29,7 +29,7 @@ _TIMES, _SHARES = (
 def speedup_points(turns: list[Turn]) -> dict[str, tuple[list[float], list[float]]]:
     """Kind -> the speedups over plain tracing from the root: (ours, the paper's), one per scene and view."""
     ours = speedups(turns)
-    theirs = dict(zip(published.KINDS, map(published.speedups, range(len(published.KINDS)))))
+    theirs = dict(zip(chcrt_published.KINDS, map(chcrt_published.speedups, range(len(chcrt_published.KINDS)))))
     return {kind: (ours.get(kind, []), theirs.get(kind, [])) for kind in (ours or theirs)}
 
 
@@ -40,9 +40,9 @@ def moved_points(turns: list[Turn], sizes: Mapping[str, int]) -> dict[str, tuple
     """
     paged = [t for t in turns if "bytes" in t.statistics and t.method == POLICIES[0] and t.scene in sizes]
     walks, points = rows_of(paged, "scene", "view"), {}
-    for k, kind in enumerate(published.KINDS):
+    for k, kind in enumerate(chcrt_published.KINDS):
         mine = [typical(of(paged, kind=kind, **walk), "bytes") / sizes[walk["scene"]] for walk in walks]
-        points[kind] = mine, published.moved(k)
+        points[kind] = mine, chcrt_published.moved(k)
     return points
 
 

@@ -7,9 +7,7 @@ from typing import Any
 
 from ....store.chunk_residency import POLICIES
 from ..bench_runner import TableColumn, columns_of, item, label, ms, print_notes, print_table
-from . import chcrt_published as paper
-from . import mapped_tree
-from . import walkthrough_timing as bench
+from . import chcrt_published, mapped_tree, walkthrough_timing
 from .chcrt_measurements import BASELINE, SceneSize, TableRows
 from .chcrt_published import ChcrtTable
 from .store_walkthroughs import hit_rate
@@ -38,22 +36,22 @@ def _by_turns(
 
 def _typical(head: str, value: str = "seconds", published: Callable[[Any], str] | None = None) -> TableColumn:
     """A column of a value's median, in milliseconds."""
-    return _by_turns(head, lambda turns: ms(bench.typical(turns, value)), published)
+    return _by_turns(head, lambda turns: ms(walkthrough_timing.typical(turns, value)), published)
 
 
 def _count(group: Group, name: str) -> str:
     """The median of a statistic."""
-    return f"{bench.typical(group[1], name):,.0f}"
+    return f"{walkthrough_timing.typical(group[1], name):,.0f}"
 
 
-_FIRST = _by_turns("first frame", lambda turns: ms(bench.first(turns)))
+_FIRST = _by_turns("first frame", lambda turns: ms(walkthrough_timing.first(turns)))
 _FRAMES = _by_turns("frames", lambda turns: f"{len(turns)}")
 _PUBLISHED_ROW = (_named("scene", 0), _named("view", 1), _named("kind", 2))
 
 
 def _groups(turns: list[Turn], *fields: str) -> list[Group]:
     """The turns by the values of these fields."""
-    return [(row, bench.of(turns, **row)) for row in bench.rows_of(turns, *fields)]
+    return [(row, walkthrough_timing.of(turns, **row)) for row in walkthrough_timing.rows_of(turns, *fields)]
 
 
 def _with_statistics(turns: list[Turn]) -> list[Group]:
@@ -67,7 +65,7 @@ def _published(figures: Iterable[tuple[str, Callable[[int, int], tuple[Any, ...]
         (f"(paper: {name})", view, kind, *of(v, k))
         for name, of in figures
         for v, view in enumerate(("near", "far"))
-        for k, kind in enumerate(paper.KINDS)
+        for k, kind in enumerate(chcrt_published.KINDS)
     ]
 
 
@@ -88,7 +86,7 @@ def _print_scenes(sizes: list[SceneSize]) -> None:
         TableColumn("memory limit, %", lambda s: f"{100 * s.share:.0f}", figure(4)),
     )
     title = "Scene sizes, in memory or in a store's file, and the memory limit (Table 1)"
-    print_table(title, columns, sizes, paper.MODELS.items())
+    print_table(title, columns, sizes, chcrt_published.MODELS.items())
 
 
 def _print_paged_times(turns: list[Turn]) -> None:
@@ -101,7 +99,9 @@ def _print_paged_times(turns: list[Turn]) -> None:
         _typical("chcrt", published=item(3)),
         _FRAMES,
     )
-    published = ((name, lambda v, k, ms=times: (f"{ms[v][k]:,}",)) for name, times in paper.PAGED_TIMES.items())
+    published = (
+        (name, lambda v, k, ms=times: (f"{ms[v][k]:,}",)) for name, times in chcrt_published.PAGED_TIMES.items()
+    )
     title = "Milliseconds per frame, out of core (Table 2)"
     print_table(title, columns, _with_statistics(turns), _published(published))
 
@@ -110,25 +110,29 @@ def _print_times(turns: list[Turn]) -> None:
     """Print Table 2 in memory."""
     by = {
         (name, *row.values()): mine
-        for name in (bench.CHCRT, *TRACERS)
-        for row, mine in _groups(bench.of(turns, method=name), *_ROW)
+        for name in (walkthrough_timing.CHCRT, *TRACERS)
+        for row, mine in _groups(walkthrough_timing.of(turns, method=name), *_ROW)
     }
-    ours = lambda group: by[bench.CHCRT, *group[0].values()]
+    ours = lambda group: by[walkthrough_timing.CHCRT, *group[0].values()]
     theirs = lambda group, name: by.get((name, *group[0].values()))
 
     def tracer_columns(k: int, name: str) -> tuple[TableColumn, TableColumn]:
         time, ratio = (item(4 + 2 * k), item(5 + 2 * k)) if k < 2 else (None, None)
-        speedup = lambda group, other: f"{bench.speedup(ours(group), other):.2f}"
+        speedup = lambda group, other: f"{walkthrough_timing.speedup(ours(group), other):.2f}"
         return (
-            TableColumn(name, lambda group: ms(bench.typical(other)) if (other := theirs(group, name)) else "", time),
+            TableColumn(
+                name,
+                lambda group: ms(walkthrough_timing.typical(other)) if (other := theirs(group, name)) else "",
+                time,
+            ),
             TableColumn("ratio", lambda group: speedup(group, other) if (other := theirs(group, name)) else "", ratio),
         )
 
     columns = (
         *_PUBLISHED_ROW,
         TableColumn("rays", lambda group: f"{ours(group)[-1].rays:,}"),
-        TableColumn("first frame", lambda group: ms(bench.first(ours(group)))),
-        TableColumn("chcrt", lambda group: ms(bench.typical(ours(group))), item(3)),
+        TableColumn("first frame", lambda group: ms(walkthrough_timing.first(ours(group)))),
+        TableColumn("chcrt", lambda group: ms(walkthrough_timing.typical(ours(group))), item(3)),
         *(column for k, name in enumerate(TRACERS) for column in tracer_columns(k, name)),
         TableColumn("frames", lambda group: f"{len(ours(group))}"),
         _by_turns("differ", lambda mine: f"{sum(t.differs for t in mine)}"),
@@ -138,7 +142,7 @@ def _print_times(turns: list[Turn]) -> None:
         glsl, chc, cuda = (methods[m][v][k] for m in ("GLSL", "CHC+RT", "CUDA"))
         return f"{chc:,}", f"{glsl:,}", f"{glsl / chc:.2f}", f"{cuda:,}", f"{cuda / chc:.2f}"
 
-    published = _published((name, partial(figures, methods)) for name, methods in paper.TIMES.items())
+    published = _published((name, partial(figures, methods)) for name, methods in chcrt_published.TIMES.items())
     title = f"Milliseconds per frame in one tree ({BUILD}), and their ratio to chcrt in the same frames (Table 2)"
     print_table(title, columns, _groups(turns, *_ROW), published)
     print("(paper: the first of the other tracers is GLSL, from the root; the second is CUDA)")
@@ -156,20 +160,20 @@ def _print_speedups(turns: list[Turn]) -> None:
         TableColumn("the paper's", lambda row: middle(row[2])),
         TableColumn("scenes and views", lambda row: spread(row[2])),
     )
-    rows = [(kind, ours, published_speedups(kind)) for kind, ours in bench.speedups(turns).items()]
+    rows = [(kind, ours, published_speedups(kind)) for kind, ours in walkthrough_timing.speedups(turns).items()]
     print_table(f"Speedup of chcrt over {SINGLE}, from the root: medians over scenes and views, by kind", columns, rows)
-    print_notes([("the abstract's", f"{paper.BEST} is the paper's largest, of diffuse rays in one view")])
+    print_notes([("the abstract's", f"{chcrt_published.BEST} is the paper's largest, of diffuse rays in one view")])
 
 
 def published_speedups(kind: str) -> list[float]:
     """The paper's speedups for a ray kind; it has none for soft shadows."""
-    return paper.speedups(paper.KINDS.index(kind)) if kind in paper.KINDS else []
+    return chcrt_published.speedups(chcrt_published.KINDS.index(kind)) if kind in chcrt_published.KINDS else []
 
 
 def _print_phases(turns: list[Turn]) -> None:
     """Print Fig. 8 as a table."""
     columns = [_named(name) for name in (*_ROW, "method")]
-    columns += [_typical(phase, phase) for phase in (*bench.PHASES, "before")]
+    columns += [_typical(phase, phase) for phase in (*walkthrough_timing.PHASES, "before")]
     where = "out of core" if _is_paged(turns) else "in memory"
     title = f"Milliseconds per frame by phase, {where}: previously visible, queries, newly visible (Figure 8)"
     print_table(title, [*columns, _typical("all")], _with_statistics(turns))
@@ -182,7 +186,9 @@ _COUNTS = {"queries": "queries", "multi_queries": "multi-queries"} | {
 
 def _rate(published: Callable[[Any], str] | None = None) -> TableColumn:
     """A column of millions of rays per second."""
-    return _by_turns("M rays/s", lambda mine: f"{mine[-1].rays / bench.typical(mine) / 1e6:.2f}", published)
+    return _by_turns(
+        "M rays/s", lambda mine: f"{mine[-1].rays / walkthrough_timing.typical(mine) / 1e6:.2f}", published
+    )
 
 
 def _print_queries(turns: list[Turn]) -> None:
@@ -203,23 +209,26 @@ def _print_paged_queries(turns: list[Turn]) -> None:
     )
 
     def figures(name: str, v: int, k: int) -> tuple[str, ...]:
-        rates, queries, megabytes = paper.STATISTICS[name]
-        moved = (f"{mb[v][k]:,.2f}" for mb in (megabytes, *paper.MOVED[name]))
+        rates, queries, megabytes = chcrt_published.STATISTICS[name]
+        moved = (f"{mb[v][k]:,.2f}" for mb in (megabytes, *chcrt_published.MOVED[name]))
         return f"{rates[v][k]:.2f}", f"{queries[v][k]:,.0f}", *moved
 
-    published = _published((name, partial(figures, name)) for name in paper.STATISTICS)
+    published = _published((name, partial(figures, name)) for name in chcrt_published.STATISTICS)
     title = "Rays, queries, pairs, and bytes read from a store, per frame (Table 3)"
     print_table(title, columns, _with_statistics(turns), published)
 
 
 def _megabytes(group: Group, name: str) -> str:
     """The median of a number of bytes, in MB."""
-    return f"{bench.typical(group[1], name) / 1e6:,.2f}"
+    return f"{walkthrough_timing.typical(group[1], name) / 1e6:,.2f}"
 
 
 def _print_randomisation(turns: list[Turn]) -> None:
     """Print Table 5."""
-    times = lambda group: [bench.typical(bench.of(group[1], sampler=sampler)) for sampler in bench.SAMPLERS]
+    times = lambda group: [
+        walkthrough_timing.typical(walkthrough_timing.of(group[1], sampler=sampler))
+        for sampler in walkthrough_timing.SAMPLERS
+    ]
     ratio = lambda seconds: f"{seconds[-1] / seconds[0]:.2f}"
     heads = dict(enumerate(("none", "18 degrees", "36 degrees", "full")))
     columns = (
@@ -228,7 +237,7 @@ def _print_randomisation(turns: list[Turn]) -> None:
         *columns_of(heads, lambda group, k: ms(times(group)[k]), lambda row, k: f"{row[2][k]:,}"),
         TableColumn("full / none", lambda group: ratio(times(group)), lambda row: ratio(row[2])),
     )
-    published = [(f"(paper: {name})", kind, theirs) for (name, kind), theirs in paper.RANDOMISATION.items()]
+    published = [(f"(paper: {name})", kind, theirs) for (name, kind), theirs in chcrt_published.RANDOMISATION.items()]
     title = "Milliseconds per frame, near walk, by rotation of directions between pixels (Table 5)"
     print_table(title, columns, _groups(turns, *_ROW), published)
 
@@ -237,8 +246,8 @@ def _print_aggressive(turns: list[Turn]) -> None:
     """Print Table 4."""
 
     def ratio(group: Group) -> str:
-        exact = bench.of(turns, **{**group[0], "method": bench.CHCRT})
-        return f"{bench.typical(exact) / bench.typical(group[1]):.2f}"
+        exact = walkthrough_timing.of(turns, **{**group[0], "method": walkthrough_timing.CHCRT})
+        return f"{walkthrough_timing.typical(exact) / walkthrough_timing.typical(group[1]):.2f}"
 
     def missed(mine: list[Turn]) -> str:
         return f"{100 * sum(t.differs for t in mine) / max(sum(t.rays for t in mine), 1):.3f}"
@@ -251,25 +260,25 @@ def _print_aggressive(turns: list[Turn]) -> None:
         TableColumn("speedup", ratio, item(4)),
         _by_turns("% rays that differ", lambda mine: "" if _is_paged(mine) else missed(mine)),
         _by_turns("error", lambda mine: f"{fmean(t.error or 0.0 for t in mine):.3f}"),
-        _by_turns("MB read", lambda m: f"{bench.typical(m, 'bytes') / 1e6:,.1f}" if _is_paged(m) else ""),
+        _by_turns("MB read", lambda m: f"{walkthrough_timing.typical(m, 'bytes') / 1e6:,.1f}" if _is_paged(m) else ""),
     )
     published = [
         (f"(paper: {name})", view, f"{threshold} pixels", f"{times[v]:,}", f"{thresholds[0][v] / times[v]:.2f}")
-        for name, thresholds in paper.AGGRESSIVE.items()
+        for name, thresholds in chcrt_published.AGGRESSIVE.items()
         for v, view in enumerate(("near", "far"))
         for threshold, times in thresholds.items()
     ]
     title = "Diffuse rays in aggressive mode (Table 4); error: mean absolute difference on a scale of 0 to 255"
     print_table(title, columns, _groups(turns, "scene", "view", "method"), published)
-    print_notes([("the paper's error", f"{paper.ERROR} with 20 pixels")])
+    print_notes([("the paper's error", f"{chcrt_published.ERROR} with 20 pixels")])
 
 
 def _print_ablation(turns: list[Turn]) -> None:
     """Print the ablation."""
 
     def ratio(group: Group) -> str:
-        base = bench.of(turns, **{**group[0], "method": BASELINE})
-        return f"{bench.typical(group[1]) / bench.typical(base):.2f}"
+        base = walkthrough_timing.of(turns, **{**group[0], "method": BASELINE})
+        return f"{walkthrough_timing.typical(group[1]) / walkthrough_timing.typical(base):.2f}"
 
     counts = {"queries": "queries", "traced pairs": "traced pairs", "visible": "visible pairs"}
     total = lambda mine: f"{sum(t.statistics['bytes'] for t in mine) / 1e6:,.1f}" if _is_paged(mine) else ""
@@ -285,13 +294,13 @@ def _print_ablation(turns: list[Turn]) -> None:
     )
     title = "Ablation: CHC+RT without single features or with other parameters, per frame; ratio of times to default"
     print_table(title, columns, _with_statistics(turns))
-    claim = f"the screen hierarchy makes Powerplant {paper.SCREEN_HIERARCHY} times as fast (Section 6)"
+    claim = f"the screen hierarchy makes Powerplant {chcrt_published.SCREEN_HIERARCHY} times as fast (Section 6)"
     print_notes([("in the paper", claim)])
 
 
 def _print_store(turns: list[Turn]) -> None:
     """Print the chunks and bytes read under both eviction policies."""
-    mean = lambda mine, name: fmean(t.statistics[name] for t in bench.later(mine))
+    mean = lambda mine, name: fmean(t.statistics[name] for t in walkthrough_timing.later(mine))
     columns = (
         *map(_named, _ROW),
         _named("eviction", name="method"),
@@ -300,7 +309,7 @@ def _print_store(turns: list[Turn]) -> None:
         _FIRST._replace(head="ms first"),
         _typical("ms"),
         _by_turns("chunks requested", lambda mine: f"{mean(mine, 'wanted'):,.1f}"),
-        _by_turns("% resident", lambda mine: f"{100 * hit_rate(bench.later(mine)):.2f}"),
+        _by_turns("% resident", lambda mine: f"{100 * hit_rate(walkthrough_timing.later(mine)):.2f}"),
         _by_turns("chunks read", lambda mine: f"{mean(mine, 'loaded'):,.1f}"),
         _by_turns("MB read", lambda mine: f"{mean(mine, 'bytes') / 1e6:,.2f}"),
     )
@@ -310,14 +319,14 @@ def _print_store(turns: list[Turn]) -> None:
 
 def _print_mapped(turns: list[Turn]) -> None:
     """Print CHC+RT beside the memory-mapped tree, cold and warm."""
-    first = lambda mine: bench.of(mine, frame=0)
+    first = lambda mine: walkthrough_timing.of(mine, frame=0)
     read = lambda mine, value: f"{value / 1e6:,.1f}" if _is_paged(mine) else ""
     columns = (
         *map(_named, _ROW),
         _named("method"),
         _by_turns("MB read first", lambda mine: read(mine, sum(t.statistics.get("bytes", 0) for t in first(mine)))),
         _FIRST._replace(head="ms first"),
-        _by_turns("MB read", lambda mine: read(mine, bench.typical(mine, "bytes"))),
+        _by_turns("MB read", lambda mine: read(mine, walkthrough_timing.typical(mine, "bytes"))),
         _typical("ms"),
         _FRAMES,
     )
@@ -380,7 +389,10 @@ def print_tables(tables: Iterable[ChcrtTable], rows: TableRows) -> None:
         if table in OTHERS:
             printers.append((OTHERS[table], rows.get(table, [])))
         if table == ChcrtTable.mapped:
-            ours = [turn._replace(method=bench.CHCRT) for turn in bench.of(paged, method=POLICIES[0])]
+            ours = [
+                turn._replace(method=walkthrough_timing.CHCRT)
+                for turn in walkthrough_timing.of(paged, method=POLICIES[0])
+            ]
             printers.append((_print_mapped, ours + rows.get(table, [])))
         for printer, turns in printers:
             if turns:

@@ -30,7 +30,7 @@ from ....scene.camera import Camera, CameraRays
 from ....scene.lights import AmbientOcclusion, Light
 from ....techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, trace_shadow
 from ....trace.primary.primary_rays import trace_primary
-from ....trace.rays import ray_hits as bounce
+from ....trace.rays import ray_hits
 from ..benchmark_views import BenchmarkScenes, BenchmarkView, square
 
 # --- Walkthroughs -----------------------------------------------------------------------------------------------------
@@ -261,7 +261,7 @@ class Plain:
             face, t = trace_primary(self.tree, query, self.threads)
             return [(face.reshape(-1), t.reshape(-1))]
         rays = _camera_pass(query, self.threads) if isinstance(query, CameraRays) else query
-        return [bounce.nearest_hits(self.bvh, *rays, self.threads)]
+        return [ray_hits.nearest_hits(self.bvh, *rays, self.threads)]
 
 
 Method = Culling | Plain

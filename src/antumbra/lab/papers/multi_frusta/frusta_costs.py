@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from . import frusta_published as paper
+from . import frusta_published
 
 OPERATIONS = {
     "packets": "16 rays",
@@ -81,9 +81,9 @@ def non_negative_solution(a: NDArray[np.float64]) -> NDArray[np.float64]:
     return best
 
 
-def published_counts(row: paper.PublishedRow) -> dict[str, float]:
+def published_counts(row: frusta_published.PublishedRow) -> dict[str, float]:
     """The operations of a row of Table 1: packets of S rows are primary and shadow rays."""
-    rays = paper.PIXELS * (1 if row.rays == "P" else 1 + paper.SPP)
+    rays = frusta_published.PIXELS * (1 if row.rays == "P" else 1 + frusta_published.SPP)
     thousands = {"nodes": row.box_tests / 2, "triangles": row.triangles, "candidates": row.candidates}
     thousands["triangle_tests"] = row.triangle_tests
     return {"packets": rays / 16, **{name: 1e3 * value for name, value in thousands.items()}}
@@ -91,7 +91,7 @@ def published_counts(row: paper.PublishedRow) -> dict[str, float]:
 
 def published_costs(frusta: bool) -> FittedCosts:
     """The cycles of the paper's operations, fitted to the eight rows of Table 1 of frusta, or of packets."""
-    rows = [row for row in paper.TABLE1 if row.frusta == frusta]
+    rows = [row for row in frusta_published.TABLE1 if row.frusta == frusta]
     return fit([published_counts(row) for row in rows], [1e6 * row.cycles for row in rows], PUBLISHED_OPERATIONS)
 
 
@@ -120,6 +120,6 @@ def explain(
 
 def _mean_counts(frusta: bool) -> dict[str, float]:
     """The paper's mean counts per 16 rays over its scenes, with shadows; nothing is undecided there."""
-    rows = [published_counts(row) for row in paper.TABLE1 if row.frusta == frusta and row.rays == "S"]
+    rows = [published_counts(row) for row in frusta_published.TABLE1 if row.frusta == frusta and row.rays == "S"]
     mean = {name: float(np.mean([row[name] / row["packets"] for row in rows])) for name in rows[0]}
     return {**mean, "uncertain": 0.0}

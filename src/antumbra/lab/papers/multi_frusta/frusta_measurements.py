@@ -47,7 +47,7 @@ from ....trace.counters import as_dict, new_counters
 from ....trace.primary.primary_rays import trace_primary
 from ..bench_runner import Say, interleave
 from ..benchmark_views import BenchmarkScenes, BenchmarkView, diagonal_of, square
-from . import frusta_published as paper
+from . import frusta_published
 from .frusta_costs import FittedCosts, fit, operations_of
 from .moeller_trumbore import deep_tree, trace_packets
 from .primary_frusta import trace_frusta
@@ -56,7 +56,7 @@ from .published_frusta import BLOCK
 # --- Cases ------------------------------------------------------------------------------------------------------------
 
 
-SPP = paper.SPP
+SPP = frusta_published.SPP
 BASELINES = ("packet16:paper", "packet16", "packet16:samples")
 TABLE1 = (*BASELINES, "packet256", "multifrusta:paper", "multifrusta")
 PRIMARY: dict[str, Callable[..., tuple[np.ndarray, np.ndarray]]] = {
@@ -66,7 +66,7 @@ PRIMARY: dict[str, Callable[..., tuple[np.ndarray, np.ndarray]]] = {
     "multifrusta": trace_primary,
 }
 HARD = ("packet16", "multifrusta:by-sample", "multifrusta")
-TABLE2 = tuple(paper.TABLE2)
+TABLE2 = tuple(frusta_published.TABLE2)
 FIGURE6 = ("multifrusta:paper", "multifrusta")
 COSTED = ("packet16:paper", "multifrusta:paper", "multifrusta")
 SIZES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ..bench_runner import plot_sheet
-from . import frusta_published as paper
+from . import frusta_published
 from .frusta_measurements import FIGURE6, Rows
 from .frusta_tables import MeasuredScene
 
@@ -38,7 +38,7 @@ def write_plot(scenes: Sequence[MeasuredScene], path: Path) -> None:
 
 def _draw_speedups(panel: Any, kind: str, scenes: Sequence[MeasuredScene]) -> None:
     """Draw how much faster than the paper's packets frusta are: a bar per scene, the paper's first."""
-    theirs = {packets.scene: packets.cycles / frusta.cycles for packets, frusta in paper.pairs(kind)}
+    theirs = {packets.scene: packets.cycles / frusta.cycles for packets, frusta in frusta_published.pairs(kind)}
     panel.bar(list(theirs), list(theirs.values()), 0.8, color="0.6", label="the paper")
     table, tracers = _BARS[kind]
     for k, tracer in enumerate(tracers):

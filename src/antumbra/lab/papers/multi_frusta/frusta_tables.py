@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ..bench_runner import TableColumn, columns_of, item, label, ms, print_notes, print_table
-from . import frusta_published as paper
+from . import frusta_published
 from .frusta_costs import (
     OPERATIONS,
     FittedCosts,
@@ -58,7 +58,7 @@ def _print_scene(scene: MeasuredScene) -> None:
     print_table(title, _FIGURE5, quality.rows.items())
     _print_figure6(case, tables["figure 6"])
     _print_lights(case, tables["section 6.1"])
-    ours, theirs = f"{100 * quality.edges:.1f} %", f"{100 * paper.EDGES:.1f} % in Saloon"
+    ours, theirs = f"{100 * quality.edges:.1f} %", f"{100 * frusta_published.EDGES:.1f} % in Saloon"
     print(f"Figure 7, {name}: {ours} of the pixels are at edges (the paper: {theirs})\n")
 
 
@@ -69,11 +69,11 @@ def _thousands(row: Mapping[str, float], counter: str) -> str:
     return f"{row[counter] / 1e3:,.0f}K"
 
 
-def _published_thousands(row: paper.PublishedRow, counter: str) -> str:
+def _published_thousands(row: frusta_published.PublishedRow, counter: str) -> str:
     return f"{getattr(row, counter):,}K"
 
 
-def _published_time(row: paper.PublishedRow) -> str:
+def _published_time(row: frusta_published.PublishedRow) -> str:
     return f"{row.cycles / 1e3:.4f}"  # cycles of 1 GHz
 
 
@@ -82,7 +82,7 @@ def _print_counts(title: str, case: Case, rows: Rows) -> None:
     rays = next(iter(rows.values()))["rays"]
     columns = [
         label("tracer", item(0), lambda row: f"{row.scene}, {row.name}"),
-        *columns_of(paper.COUNTERS, lambda row, counter: _thousands(row[1], counter), _published_thousands),
+        *columns_of(frusta_published.COUNTERS, lambda row, counter: _thousands(row[1], counter), _published_thousands),
         TableColumn("seconds", item(1, lambda row: f"{row['seconds']:.4f}"), _published_time),
     ]
     kind = "P" if "shaded" in next(iter(rows.values())) else "S"
@@ -91,20 +91,20 @@ def _print_counts(title: str, case: Case, rows: Rows) -> None:
         columns.append(TableColumn("with shading", item(1, lambda row: f"{row['shaded']:.4f}"), shaded))
     columns.append(TableColumn("M rays/s", item(1, lambda row: f"{rays / row['seconds'] / 1e6:.2f}")))
     size = f"{len(case.triangles.vertices):,} triangles, {rays / 1e6:.2f} M rays"
-    published = [row for row in paper.TABLE1 if row.rays == kind] if "Table 1" in title else []
+    published = [row for row in frusta_published.TABLE1 if row.rays == kind] if "Table 1" in title else []
     print_table(f"{title}: {size}", columns, rows.items(), published)
 
 
 def _print_reduction(rows: Rows, base: str, tracers: Sequence[str], kind: str) -> None:
     """Print by what factor the tracers reduce the counts and time of `base`, and the paper's factors in each scene."""
-    names = {**paper.COUNTERS, "seconds": "seconds", **({"shaded": "with shading"} if kind == "P" else {})}
+    names = {**frusta_published.COUNTERS, "seconds": "seconds", **({"shaded": "with shading"} if kind == "P" else {})}
     ratio = lambda row, name: f"{rows[base][name] / max(row[1][name], 1e-9):.2f}"
     columns = [label("tracer", item(0), lambda pair: pair[0].scene), *columns_of(names, ratio, _published_ratio)]
     title = f"Reduction factor over {base} (Table 1, and the paper's factors)"
-    print_table(title, columns, [(tracer, rows[tracer]) for tracer in tracers], paper.pairs(kind))
+    print_table(title, columns, [(tracer, rows[tracer]) for tracer in tracers], frusta_published.pairs(kind))
 
 
-def _published_ratio(pair: tuple[paper.PublishedRow, paper.PublishedRow], name: str) -> str:
+def _published_ratio(pair: tuple[frusta_published.PublishedRow, frusta_published.PublishedRow], name: str) -> str:
     field = {"seconds": "cycles", "shaded": "with_shading"}.get(name, name)
     return f"{getattr(pair[0], field) / getattr(pair[1], field):.2f}"
 
@@ -124,8 +124,10 @@ _FIGURE5 = (
 def _print_packet256(rows: Rows) -> None:
     """Print the comparison of Sec. 5.2. The paper counts a box once for all 256 rays, as this counts nodes."""
     many, frusta, packets = (rows[t] for t in ("packet256", "multifrusta:paper", "packet16:paper"))
-    change = f"{100 * (many['nodes'] / max(frusta['nodes'], 1) - 1):+.0f} % (the paper: {paper.PACKET256[0]})"
-    speed = f"{frusta['seconds'] / many['seconds']:.2f} (the paper: {paper.PACKET256[1]})"
+    change = (
+        f"{100 * (many['nodes'] / max(frusta['nodes'], 1) - 1):+.0f} % (the paper: {frusta_published.PACKET256[0]})"
+    )
+    speed = f"{frusta['seconds'] / many['seconds']:.2f} (the paper: {frusta_published.PACKET256[1]})"
     over_packets = f"{packets['seconds'] / many['seconds']:.2f} (the paper: in some cases less than 1)"
     print("Packets of 256 rays compared with multifrusta:paper (Sec. 5.2)")
     print_notes([("nodes", change), ("speedup", speed), ("speedup over packet16:paper", over_packets)])
@@ -136,7 +138,7 @@ def _print_table2(case: Case, rows: Rows) -> None:
     columns = (
         label("tracer", item(0)),
         *_per_counter(lambda row, counter: f"{100 * (row[counter] / max(none[counter], 1) - 1):+.1f}"),
-        label("the paper", item(0, paper.TABLE2.__getitem__)),
+        label("the paper", item(0, frusta_published.TABLE2.__getitem__)),
         TableColumn("shrinks", item(1, lambda row: f"{row['shrinks'] / 1e3:,.0f}K")),
         TableColumn("speedup", item(1, lambda row: f"{none['seconds'] / row['seconds']:.2f}")),
     )
@@ -145,7 +147,7 @@ def _print_table2(case: Case, rows: Rows) -> None:
 
 def _per_counter(cell: Callable[[dict[str, float], str], str]) -> list[TableColumn]:
     """A column per counter. Rows are (tracer, counters)."""
-    return columns_of(paper.COUNTERS, lambda row, counter: cell(row[1], counter))
+    return columns_of(frusta_published.COUNTERS, lambda row, counter: cell(row[1], counter))
 
 
 def _print_figure6(case: Case, sizes: dict[str, Rows]) -> None:
@@ -154,9 +156,9 @@ def _print_figure6(case: Case, sizes: dict[str, Rows]) -> None:
     title = f"Figure 6, {case.name}: #tris and #isec in thousands, by edge length of the light (area: its square)"
     print_table(title, [label("tracer", str), *columns], FIGURE6)
     for tracer in FIGURE6:
-        powers = {paper.COUNTERS[c]: exponents(sizes, tracer, c) for c in ("triangles", "triangle_tests")}
+        powers = {frusta_published.COUNTERS[c]: exponents(sizes, tracer, c) for c in ("triangles", "triangle_tests")}
         text = ", ".join(f"{name} edge^{edge:.2f} or area^{area:.2f}" for name, (edge, area) in powers.items())
-        print_notes([(f"{tracer} grows as", f"{text} (the paper: {paper.FIGURE6})")])
+        print_notes([(f"{tracer} grows as", f"{text} (the paper: {frusta_published.FIGURE6})")])
 
 
 # --- Sec. 6.1 ---------------------------------------------------------------------------------------------------------
@@ -172,7 +174,7 @@ def _print_lights(case: Case, lights: dict[str, Rows]) -> None:
     columns = [
         label("light", item(0)),
         label("tracer", item(1)),
-        *columns_of(paper.COUNTERS, lambda row, counter: _thousands(row[2], counter)),
+        *columns_of(frusta_published.COUNTERS, lambda row, counter: _thousands(row[2], counter)),
         TableColumn("ms", item(2, lambda row: ms(row["seconds"]))),
         TableColumn("speedup", lambda row: f"{row[3]['seconds'] / row[2]['seconds']:.2f}"),
     ]
@@ -228,9 +230,13 @@ def _per_16_rays() -> list[TableColumn]:
 
 
 def _published_rows() -> list[tuple[str, str, dict[str, float]]]:
-    return [(row.scene, f"the paper, {row.name}", published_counts(row)) for row in paper.TABLE1 if row.rays == "S"]
+    return [
+        (row.scene, f"the paper, {row.name}", published_counts(row))
+        for row in frusta_published.TABLE1
+        if row.rays == "S"
+    ]
 
 
 def _published_speedups() -> str:
-    factors = [packets.cycles / frusta.cycles for packets, frusta in paper.pairs("S")]
+    factors = [packets.cycles / frusta.cycles for packets, frusta in frusta_published.pairs("S")]
     return f"{min(factors):.1f} to {max(factors):.1f}"

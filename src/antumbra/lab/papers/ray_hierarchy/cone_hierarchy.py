@@ -23,7 +23,7 @@ from ....kernels.exact.filters import dot as dot3
 from ....kernels.jit import inlined, kernel, overload
 from ....kernels.simd import absolute, bits, fma, get, load16, maximum, put, select, splat16, square_root
 from ....kernels.vec3 import Vec3, dot, rows
-from ....techniques.rayhierarchy import ray_tree as names
+from ....techniques.rayhierarchy import ray_tree
 from ....techniques.rayhierarchy.light_beams import relative
 from ....techniques.rayhierarchy.ray_leaves import block_of
 from ....techniques.rayhierarchy.shadow_planes import (
@@ -320,49 +320,49 @@ def _cone_of_nodes(children, alive, ways, group, lane):
     _put_cone(group, ways, lane, w, c, s, shortest, longest)
 
 
-@overload(names.union_of)
+@overload(ray_tree.union_of)
 def _union_of(nodes, block, lanes, union):
     if nodes.instance_class is Cones:
         return lambda nodes, block, lanes, union: False
 
 
-@overload(names.meet_union)
+@overload(ray_tree.meet_union)
 def _meet_union(nodes, group, union, ways):
     if nodes.instance_class is Cones:
         return lambda nodes, group, union, ways: np.int64(0)
 
 
-@overload(names.bound_leaf)
+@overload(ray_tree.bound_leaf)
 def _bound_leaf(nodes, view, face, leaves, leaf, group, lane):
     if nodes.instance_class is Cones:
         return lambda nodes, view, face, leaves, leaf, group, lane: _cone_of_leaf(view, leaves, leaf, group, lane)
 
 
-@overload(names.bound_node)
+@overload(ray_tree.bound_node)
 def _bound_node(nodes, children, alive, ways, group, lane):
     if nodes.instance_class is Cones:
         return lambda nodes, children, alive, ways, group, lane: _cone_of_nodes(children, alive, ways, group, lane)
 
 
-@overload(names.write_row)
+@overload(ray_tree.write_row)
 def _write_row(nodes, view, face, ways, shape, spheres, row):
     if nodes.instance_class is Cones:
         return lambda nodes, view, face, ways, shape, spheres, row: write_cone_row(view, shape, row)
 
 
-@overload(names.writes_sixteen)
+@overload(ray_tree.writes_sixteen)
 def _writes_sixteen(nodes):
     if nodes.instance_class is Cones:
         return lambda nodes: False
 
 
-@overload(names.possible)
+@overload(ray_tree.possible)
 def _possible(nodes, group, row, ways, alive, spheres):
     if nodes.instance_class is Cones:
         return lambda nodes, group, row, ways, alive, spheres: possible_cones(group, row, ways, alive, spheres)
 
 
-@overload(names.covered)
+@overload(ray_tree.covered)
 def _covered(nodes, group, row, ways, among):
     if nodes.instance_class is Cones:
         return lambda nodes, group, row, ways, among: covered_cones(group, row, ways) & among

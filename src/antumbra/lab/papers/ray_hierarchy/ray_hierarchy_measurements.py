@@ -17,7 +17,7 @@ from ....picture.frame import Frame
 from ....picture.renderer import Renderer
 from ..bench_runner import Say, interleave
 from ..benchmark_views import digest
-from . import ray_hierarchy_published as published
+from . import ray_hierarchy_published
 from .cone_hierarchy import with_culling
 from .ray_hierarchy_published import VARIANTS
 from .ray_hierarchy_views import MUSEUM, WALL_PICTURE, PictureCase
@@ -255,13 +255,13 @@ def claims(measured: Measured) -> list[Claim]:
     rows = [claim for kind in ("Spheres", "Precise") for claim in _sorting_claims(measured, kind)]
     for suffix, rays in (("", "in image order"), ("Sorted", "sorted")):
         slow, fast = f"Spheres{suffix}", f"Precise{suffix}"
-        theirs = geometric_mean(published.ratios(slow, fast))
+        theirs = geometric_mean(ray_hierarchy_published.ratios(slow, fast))
         if both := _museum(measured, slow, fast):
             ours = geometric_mean([_ratio(a, b, "passed") for a, b in both])
             rows.append(Claim(f"precise test: fewer nodes, rays {rays}", theirs, ours, "museum, mean of four views"))
     walls = [s.picture for s in measured.pictures if s.picture == WALL_PICTURE]
     for a, b in measured.pairs("Spheres", "Precise", walls):
-        theirs = published.WALL_NODES["Spheres"] / published.WALL_NODES["Precise"]
+        theirs = ray_hierarchy_published.WALL_NODES["Spheres"] / ray_hierarchy_published.WALL_NODES["Precise"]
         rows.append(Claim("precise test: fewer nodes at a wall", theirs, _ratio(a, b, "passed"), a.picture))
     return rows
 
@@ -270,13 +270,18 @@ def _sorting_claims(measured: Measured, kind: str) -> list[Claim]:
     """The largest reductions of nodes and of time by sorting, in the views of the museum."""
     rows, both = [], _museum(measured, kind, f"{kind}Sorted")
     for what, field, table in (
-        ("fewer nodes", "passed", published.NODES),
-        ("less time", "seconds", published.MILLISECONDS),
+        ("fewer nodes", "passed", ray_hierarchy_published.NODES),
+        ("less time", "seconds", ray_hierarchy_published.MILLISECONDS),
     ):
         if both:
             ours, picture = max((_ratio(a, b, field), a.picture) for a, b in both)
             rows.append(
-                Claim(f"sorting, {kind}: {what}", max(published.ratios(kind, f"{kind}Sorted", table)), ours, picture)
+                Claim(
+                    f"sorting, {kind}: {what}",
+                    max(ray_hierarchy_published.ratios(kind, f"{kind}Sorted", table)),
+                    ours,
+                    picture,
+                )
             )
     return rows
 

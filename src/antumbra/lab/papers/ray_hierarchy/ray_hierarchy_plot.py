@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..bench_runner import plot_sheet
-from . import ray_hierarchy_published as published
+from . import ray_hierarchy_published
 from .ray_hierarchy_measurements import OURS, PLANS, Claim, Cost, Measured
 from .ray_hierarchy_views import MOMENTS, MUSEUM, ROBOTS
 
@@ -58,10 +58,17 @@ def _draw_museum(panel: Any, measured: Measured) -> None:
     if not places:
         panel.set_axis_off()
         return
-    for k, variant in enumerate(published.MEASURED):
+    for k, variant in enumerate(ray_hierarchy_published.MEASURED):
         ours = [measured.of(place, variant).passed for place in places]
         style = {"color": f"C{k + 1}", "marker": _MARKERS[k + 1]}
-        panel.plot(range(len(places)), published.NODES[variant], fillstyle="none", linestyle="--", alpha=0.6, **style)
+        panel.plot(
+            range(len(places)),
+            ray_hierarchy_published.NODES[variant],
+            fillstyle="none",
+            linestyle="--",
+            alpha=0.6,
+            **style,
+        )
         panel.plot(range(len(places)), [float("nan") if n is None else n for n in ours], label=variant, **style)
     panel.plot([], [], "--o", color=_GREY, fillstyle="none", label="report")
     panel.set_xticks(range(len(places)), places, fontsize=9)
@@ -76,8 +83,8 @@ def _draw_museum(panel: Any, measured: Measured) -> None:
 
 
 _FIGURES = (
-    ("Figure 6: spheres, precise test and sorting", (OURS, *published.MEASURED)),
-    ("Figure 7: early accept, two passes", published.FIGURE7),
+    ("Figure 6: spheres, precise test and sorting", (OURS, *ray_hierarchy_published.MEASURED)),
+    ("Figure 7: early accept, two passes", ray_hierarchy_published.FIGURE7),
 )
 """(title, variants) of the rows of the plot."""
 

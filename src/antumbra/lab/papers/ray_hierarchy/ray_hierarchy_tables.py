@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from ..bench_runner import TableColumn, beside, columns_of, label, ms, print_notes, print_table
-from . import ray_hierarchy_published as published
+from . import ray_hierarchy_published
 from .ray_hierarchy_measurements import (
     BEST,
     OURS,
@@ -89,14 +89,14 @@ def _print_museum(measured: Measured) -> None:
     def print_places(title: str, cell: Callable[[Cost, int], str]) -> None:
         columns = columns_of(heads, lambda variant, k: cell(measured.of(places[k], variant), k))
         title = f"{title} (Table 2; in brackets the report's, for frames that it does not name, on a GPU)"
-        print_table(title, [label("variant", str), *columns], published.MEASURED)
+        print_table(title, [label("variant", str), *columns], ray_hierarchy_published.MEASURED)
 
     def nodes(cost: Cost, k: int) -> str:
         counts = NOT_RUN if cost.nodes is None else f"{_millions(cost.nodes)}, {_millions(cost.passed)}"
-        return beside(counts, published.NODES[cost.variant][k] / 1e6, 2)
+        return beside(counts, ray_hierarchy_published.NODES[cost.variant][k] / 1e6, 2)
 
     def times(cost: Cost, k: int) -> str:
-        return beside(_milliseconds(cost.seconds), published.MILLISECONDS[cost.variant][k])
+        return beside(_milliseconds(cost.seconds), ray_hierarchy_published.MILLISECONDS[cost.variant][k])
 
     print_places("Nodes tested and passed, millions", nodes)
     print_places("Shadows, ms", times)
@@ -156,8 +156,8 @@ def _print_notes(measured: Measured, film: Measured, spreads: list[Spread]) -> N
         frames = f", and {small} small frames" if counts[1][1] else ""
         rows.append((f"{one} tests no more nodes than {other}", f"in {large} pictures{frames} (report: {theirs})"))
     for title, among in (
-        ("of Figure 6", published.MEASURED),
-        ("of Table 1", published.VARIANTS),
+        ("of Figure 6", ray_hierarchy_published.MEASURED),
+        ("of Table 1", ray_hierarchy_published.VARIANTS),
         (f"with {OURS}", tuple(PLANS)),
     ):
         best = [fewest(measured, s.picture, among) for s in measured.pictures]

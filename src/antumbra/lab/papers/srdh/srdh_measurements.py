@@ -35,7 +35,7 @@ from ....scene.camera import Camera
 from ....scene.light_lists import PointLights
 from ....scene.lights import MAX_SPP
 from ....scene.triangles import Triangles
-from ....techniques.srdh import srdh_builder as srdh
+from ....techniques.srdh import srdh_builder
 from ....techniques.srdh.representative_rays import (
     RepresentativeRays,
     RepresentativeRaySelector,
@@ -68,9 +68,9 @@ PRERENDER_SPP = 4
 _paper = BUILDERS["srdh:paper"].build
 METHODS: dict[str, tuple[Callable[..., Bvh], int]] = {
     PUBLISHED: (_paper, SRDH),
-    CONSTANT: (partial(_paper, options=srdh.PUBLISHED._replace(kernels="constant")), SRDH),
-    DISTANCE: (partial(_paper, options=srdh.PUBLISHED._replace(kernels="distance")), SRDH),
-    OURS: (partial(srdh.build, max_leaf=1), BUILT),
+    CONSTANT: (partial(_paper, options=srdh_builder.PUBLISHED._replace(kernels="constant")), SRDH),
+    DISTANCE: (partial(_paper, options=srdh_builder.PUBLISHED._replace(kernels="distance")), SRDH),
+    OURS: (partial(srdh_builder.build, max_leaf=1), BUILT),
 }
 """Method -> (build function, traversal order). The last one is the builder `srdh`."""
 
@@ -398,7 +398,7 @@ def _build_once(work: Workload, alone: Workload, pixels: int) -> tuple[dict[str,
     rays = timed("rays_by_sah", lambda: alone.representative_rays(pixels, alone.sah).among(vertices, None, 1))
     timed("published", lambda: BUILDERS["srdh:paper"].build(vertices, 1, rays=rays))
     rays = timed("rays_by_lbvh", lambda: work.representative_rays(pixels, None).among(vertices, None, threads))
-    timed("srdh", lambda: srdh.build(vertices, threads, rays=rays))
+    timed("srdh", lambda: srdh_builder.build(vertices, threads, rays=rays))
     return seconds, (len(rays.origins), len(rays.prims))
 
 

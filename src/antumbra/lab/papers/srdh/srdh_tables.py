@@ -9,7 +9,7 @@ import numpy as np
 from ....trace.rays.single_rays import FALSE, PATH, UNOCCLUDED
 from ..bench_runner import TableColumn, columns_of, label, ms, percent, plot_sheet, print_notes, print_table
 from ..comparison_chart import ComparedValue, ComparisonPanel, range_of
-from . import srdh_measurements as bench
+from . import srdh_measurements
 from .srdh_measurements import (
     BUILD_PIXELS,
     BUILDS,
@@ -53,14 +53,14 @@ def print_tables(rows: SrdhRows) -> None:
     _print_memory(rows.memory)
     _print_rtsah(rows.rtsah)
     _print_pixels(rows.counts)
-    _print_kernels(rows.counts, bench.kernel_gains(rows.counts, rows.trees))
+    _print_kernels(rows.counts, srdh_measurements.kernel_gains(rows.counts, rows.trees))
     _print_builds(rows.builds)
     _print_renders(rows.renders)
 
 
 def _print_orders(rows: list[BoxTests]) -> None:
     """Print ray counts, and Figure 2 as a table."""
-    base = lambda row: of(rows, row.scene, bench.BASE)
+    base = lambda row: of(rows, row.scene, srdh_measurements.BASE)
     sizes = (
         label("scene", "scene"),
         TableColumn("triangles", lambda r: f"{r.triangles:,}"),
@@ -68,7 +68,7 @@ def _print_orders(rows: list[BoxTests]) -> None:
         TableColumn("% blocked", lambda r: percent(r.blocked / r.rays)),
     )
     title = "Counted shadow rays; further lightings of a scene have a quarter of the pixels"
-    print_table(title, sizes, [of(rows, name, bench.BASE) for name in scenes_of(rows)])
+    print_table(title, sizes, [of(rows, name, srdh_measurements.BASE) for name in scenes_of(rows)])
     columns = (
         label("scene", "scene"),
         label("method", "method"),
@@ -91,15 +91,19 @@ def _print_saved(rows: list[BoxTests]) -> None:
         label("scene", "scene", lambda p: f"(paper: {p[0]})"),
         *columns_of(
             {order: f"vs. {order}" for order in SAH_ORDERS},
-            lambda r, order: percent(bench.saved(rows, r, order)),
+            lambda r, order: percent(srdh_measurements.saved(rows, r, order)),
             lambda p, order: p[1].get(order, ""),
         ),
-        TableColumn("unoccluded rays", lambda r: percent(bench.saved_unoccluded(rows, r)), lambda p: p[1].get("", "")),
+        TableColumn(
+            "unoccluded rays",
+            lambda r: percent(srdh_measurements.saved_unoccluded(rows, r)),
+            lambda p: p[1].get("", ""),
+        ),
     )
     published = (
         ("BEDROOM", {order: percent(share) for order, share in BEDROOM.items()}),
         *((name, {"": percent(share)}) for name, share in PUBLISHED_UNOCCLUDED.items()),
-        ("all scenes", {bench.BASE: " to ".join(map(percent, REDUCTION))}),
+        ("all scenes", {srdh_measurements.BASE: " to ".join(map(percent, REDUCTION))}),
     )
     title = "Box tests saved by SRDH, as published with all rays as representative rays, % (Section 4.1)"
     print_table(title, columns, [of(rows, name, PUBLISHED) for name in scenes_of(rows)], published)
@@ -151,7 +155,7 @@ def _print_rtsah(rows: list[RtsahCheck]) -> None:
 def _print_pixels(rows: list[BoxTests]) -> None:
     """Print Figure 4 as a table. Its rows are those of the trees for all rays."""
     counted = {(r.scene, r.method, r.pixels): r for r in rows}
-    sixteen = lambda r: bench.beyond_all(rows, of(rows, r.scene, r.method, 16))
+    sixteen = lambda r: srdh_measurements.beyond_all(rows, of(rows, r.scene, r.method, 16))
 
     def share(row: BoxTests, pixels: int | None) -> str:
         sparse = counted.get((row.scene, row.method, pixels))
@@ -172,7 +176,11 @@ def _print_pixels(rows: list[BoxTests]) -> None:
 
 def _print_kernels(rows: list[BoxTests], gains: list[KernelGain]) -> None:
     """Print Figure 5 as a table."""
-    heads = {bench.CONSTANT: bench.CONSTANT, bench.DISTANCE: bench.DISTANCE, PUBLISHED: "all kernels"}
+    heads = {
+        srdh_measurements.CONSTANT: srdh_measurements.CONSTANT,
+        srdh_measurements.DISTANCE: srdh_measurements.DISTANCE,
+        PUBLISHED: "all kernels",
+    }
     columns = (
         label("scene", "scene"),
         *columns_of(heads, lambda gain, method: f"{100 * relative(rows, of(rows, gain.scene, method)):.1f}"),
@@ -229,7 +237,7 @@ def _print_renders(times: list[RenderTimes]) -> None:
         TableColumn("M rays/s", lambda gain: f"{speed(gain).rays / speed(gain).traced / 1e6:.1f}"),
     )
     title = f"Direct light on visible surfaces, {SPP} samples, ms: srdh and bsah"
-    print_table(title, columns, bench.gains(times))
+    print_table(title, columns, srdh_measurements.gains(times))
 
 
 # --- Our values beside the paper's ------------------------------------------------------------------------------------
@@ -237,17 +245,19 @@ def _print_renders(times: list[RenderTimes]) -> None:
 
 def comparison(rows: SrdhRows) -> list[ComparisonPanel]:
     """The values of the chart on the paper's page, as published with all rays unless it says otherwise."""
-    savings = [row for row in bench.savings(rows.counts) if row["method"] == PUBLISHED]
+    savings = [row for row in srdh_measurements.savings(rows.counts) if row["method"] == PUBLISHED]
     blinds = [row for row in savings if row["scene"].startswith("blinds")][:1]
     share = lambda values: range_of(100 * value for value in values)
     ours = lambda column, among: share(row[column] for row in among)
     saved = [
-        ComparedValue("all scenes, vs. random", (100 * REDUCTION[0], 100 * REDUCTION[1]), ours(bench.BASE, savings)),
+        ComparedValue(
+            "all scenes, vs. random", (100 * REDUCTION[0], 100 * REDUCTION[1]), ours(srdh_measurements.BASE, savings)
+        ),
         *(ComparedValue(f"blinds, vs. {order}", 100 * part, ours(order, blinds)) for order, part in BEDROOM.items()),
         ComparedValue("unoccluded rays", share(PUBLISHED_UNOCCLUDED.values()), ours("unoccluded", savings)),
     ]
     sparse = [ComparedValue("trees for 16 x 16 pixels", (0.0, 100 * WITHIN), ours("beyond_all", savings))]
-    kernels = bench.kernel_gains(rows.counts, rows.trees)
+    kernels = srdh_measurements.kernel_gains(rows.counts, rows.trees)
     opposed = [gain.distance for gain in kernels if NAMES[Lighting.opposed] in gain.scene]
     sparse.append(ComparedValue("all kernels vs. constant", None, share(gain.both for gain in kernels)))
     sparse.append(ComparedValue("distance kernels, opposed lights", None, share(opposed)))
