@@ -53,13 +53,13 @@ def measured(words: list[str], nodes: int, folder: Path) -> dict:
             prepare({}, 1, request)
             engine = Cluster(request.folder, cluster.address, prepare, {}, given.plan)
             start = monotonic()
-            engine.finish(request.job)
+            engine.finish(request.work)
     finally:
         cluster.shutdown()
     log = engine.log
     end = max(log.written)
     work = sum(end - moment for moment in log.ready.values())
-    parts = [log.seconds[number] for number, _, _ in numbered(request.job)]
+    parts = [log.seconds[number] for number, _, _ in numbered(request.work)]
     ready = sorted(moment - start for moment in log.ready.values())
     return {"nodes": nodes, "ready": ready, "work": work, "parts": parts, "of_ideal": sum(parts) / work}
 

@@ -2,7 +2,7 @@
 
 - `ray_executor`: the executor that distributes units over a cluster, and `run`, which calls a function with it
 - `ray_workers`: the worker of a node, the pool that assigns units to workers and replaces lost ones, and `survey`
-- `node_files`: the input files of a job on a node, opened by path or fetched
+- `node_files`: the input files of some work on a node, opened by path or fetched
 """
 
 from .ray_executor import Cluster, connected, run

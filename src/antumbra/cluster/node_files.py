@@ -1,4 +1,4 @@
-"""The input files of a job on a node: found in the arguments, opened by path, or fetched once to the node's disk.
+"""The input files of some work on a node: found in the arguments, opened by path, or fetched once to the node's disk.
 
 Arguments name files by a path, or in text such as ``city.json?lod=2.2`` or ``raster:dem.tif+1.6``.
 """
@@ -29,7 +29,7 @@ _REFERRING = ".gltf", ".obj", ".vrt"  # suffixes of files that may refer to othe
 
 
 class Input(NamedTuple):
-    """A file that a job reads, as it is on the driver."""
+    """A file that some work reads, as it is on the driver."""
 
     path: str  # absolute
     size: int  # bytes; -1: a folder
@@ -49,7 +49,7 @@ def input_of(path: Path) -> Input:
 def local_path(source: Input, read: Callable[[str, int], bytes], folder: Path | None = None) -> str:
     """The path of an input on this node.
 
-    If the same file exists at its path, it is used; otherwise it is fetched, unless an earlier job did so.
+    If the same file exists at its path, it is used; otherwise it is fetched, unless earlier work did so.
 
     read : function of (path, offset) that returns up to `PIECE` bytes of the driver's file
     folder : folder for fetched files; None: in the folder for temporary files

@@ -1,4 +1,4 @@
-"""The executor that distributes the units of a job over a Ray cluster, and `run`, which calls a function with it."""
+"""The executor that distributes units over a Ray cluster, and `run`, which calls a function with it."""
 
 import inspect
 import os
@@ -33,12 +33,12 @@ _HOST_PORT = re.compile(r"\[?([^\[\]]+)\]?:(\d{1,5})")  # HOST:PORT
 
 
 class Cluster:
-    """Runs the units of a job on the nodes of a Ray cluster, and writes the files they return.
+    """Runs the units of some work on the nodes of a Ray cluster, and writes the files they return.
 
     folder : folder for intermediate units
     address : "local": a cluster of this machine alone; "auto" or HOST:PORT: a running cluster
-    prepare : starts the job on a node, see `ray_workers.Prepare`
-    inputs : the files that the job reads, by the names that `prepare` uses
+    prepare : starts the work on a node, see `ray_workers.Prepare`
+    inputs : the files that the work reads, by the names that `prepare` uses
     plan : plan whose kernels are compiled before the first unit
     say : function that prints a line for the user; None: logs it to ``antumbra``
     """
@@ -55,13 +55,13 @@ class Cluster:
         import_extra("ray", "a cluster", "ray")
         self.folder, self.address, self._say = folder, address, say or LOG.info
         self._prepare, self._inputs, self._plan = prepare, inputs, plan
-        self.log: Log | None = None  # of the last job
+        self.log: Log | None = None  # of the last run
 
-    def finish(self, job: Sequence[Units]) -> bool:
+    def finish(self, work: Sequence[Units]) -> bool:
         from .ray_workers import NodeWork, WorkerPool
 
         todo = []
-        for number, units, k in numbered(job):
+        for number, units, k in numbered(work):
             if units.done(k):
                 units.found(k)
             else:
@@ -70,13 +70,13 @@ class Cluster:
             inputs = {name: input_of(path) for name, path in self._inputs.items()}
             node_work = NodeWork(self._prepare, inputs, self._plan, self.folder.name)
             with connected(self.address) as ray:
-                pool = WorkerPool(ray, job, node_work, self._say)
+                pool = WorkerPool(ray, work, node_work, self._say)
                 pool.do(todo)
                 self.log = pool.log
         return True
 
-    def end(self, job: Sequence[Units]) -> None:
-        for units in job:
+    def end(self, work: Sequence[Units]) -> None:
+        for units in work:
             units.clear()
 
 

@@ -26,15 +26,15 @@ from ..work.executors import UnitCollector, Units, numbered
 from ..work.warm_ups import all_warm_ups
 from .node_files import Input, local_path, piece_of, user_temporary_folder
 
-# --- The worker of a node: one process with all its cores, which opens the scene once and does units of a job ---------
+# --- The worker of a node: one process with all its cores, which opens the scene once and does units of some work -----
 
 
 Prepare = Callable[[dict[str, str], int, UnitCollector], Any]
-"""prepare(paths of inputs by name, threads, executor): start a job and pass its units to the executor."""
+"""prepare(paths of inputs by name, threads, executor): start some work and pass its units to the executor."""
 
 
 class NodeWork(NamedTuple):
-    """A job as sent to nodes."""
+    """Some work, as sent to nodes."""
 
     prepare: Prepare
     inputs: dict[str, Input]
@@ -49,9 +49,9 @@ class UnitResult(NamedTuple):
     seconds: float
 
 
-def signature(job: Sequence[Units]) -> list[tuple[int, list[str]]]:
-    """The identity of a job: numbers of units, and file names, which contain digests."""
-    return [(len(units), units.files(0) if len(units) else []) for units in job]
+def signature(work: Sequence[Units]) -> list[tuple[int, list[str]]]:
+    """The identity of some work: numbers of units, and file names, which contain digests."""
+    return [(len(units), units.files(0) if len(units) else []) for units in work]
 
 
 class Node:
@@ -64,19 +64,19 @@ class Node:
         )  # that of a killed worker is removed by the next one
         self._units: list[tuple[Units, int]] = []
 
-    def begin(self, job: NodeWork, read: Callable[[str, int], bytes]) -> list[tuple[int, list[str]]]:
-        """Open the inputs, compile missing kernels, and prepare the job; return its `signature`.
+    def begin(self, work: NodeWork, read: Callable[[str, int], bytes]) -> list[tuple[int, list[str]]]:
+        """Open the inputs, compile missing kernels, and prepare the work; return its `signature`.
 
         read : reads a piece of a file on the driver, see `node_files.local_path`
         """
         with progress_listener(ignore_progress):
-            paths = {name: local_path(each, read, None) for name, each in job.inputs.items()}
-            os.chdir(self.folder)  # results of a job have relative paths
-            precompile_plan_kernels(job.plan)
-            collector = UnitCollector(Path(job.folder))
-            job.prepare(paths, self._threads, collector)
-        self._units = [(units, k) for _, units, k in numbered(collector.job)]
-        return signature(collector.job)
+            paths = {name: local_path(each, read, None) for name, each in work.inputs.items()}
+            os.chdir(self.folder)  # results have relative paths
+            precompile_plan_kernels(work.plan)
+            collector = UnitCollector(Path(work.folder))
+            work.prepare(paths, self._threads, collector)
+        self._units = [(units, k) for _, units, k in numbered(collector.work)]
+        return signature(collector.work)
 
     def do(self, number: int) -> UnitResult:
         """Do a unit."""
@@ -101,7 +101,7 @@ class Node:
 
 def precompile_plan_kernels(plan: str | None) -> None:
     """Compile the missing kernels of a plan on this machine. Its other workers wait for them."""
-    kernels = {each for job in all_warm_ups([parse_plan(plan or DEFAULT_PLAN)]) for each in job.kernels() or ()}
+    kernels = {each for warm_up in all_warm_ups([parse_plan(plan or DEFAULT_PLAN)]) for each in warm_up.kernels() or ()}
     if missing_of(kernels):
         with file_lock(user_temporary_folder() / "warm.lock"):
             if missing := missing_of(kernels):
@@ -135,15 +135,15 @@ class NodeWorker:
 
 
 class WorkerPool:
-    """Runs units of a job on the nodes of a cluster, one worker per node.
+    """Runs units of some work on the nodes of a cluster, one worker per node.
 
     ray : the module, connected
     say : function that prints a line for the user
     """
 
-    def __init__(self, ray: Any, job: Sequence[Units], node_work: NodeWork, say: Callable[[str], None]):
-        self._ray, self._job, self._node_work, self._say = ray, job, node_work, say
-        self._units = [(units, k) for _, units, k in numbered(job)]
+    def __init__(self, ray: Any, work: Sequence[Units], node_work: NodeWork, say: Callable[[str], None]):
+        self._ray, self._work, self._node_work, self._say = ray, work, node_work, say
+        self._units = [(units, k) for _, units, k in numbered(work)]
         self._todo = deque[int]()
         self._pending: dict[Any, tuple[NodeWorker, int | None]] = {}  # call -> its worker, and the unit; None: begin
         self._workers: dict[str, NodeWorker] = {}
@@ -159,7 +159,7 @@ class WorkerPool:
         missing, since = set(numbers), monotonic()
         self._start_reader()
         try:
-            with report_progress(f"{self._job[0].what or 'frames'}, on a cluster") as progress:
+            with report_progress(f"{self._work[0].what or 'frames'}, on a cluster") as progress:
                 while missing:
                     self._start_workers()
                     self._assign()
@@ -256,7 +256,7 @@ class WorkerPool:
             raise InputError(f"part {often[0]} was lost {_TRIES} times with its worker; the nodes may lack memory")
 
     def _check(self, worker: NodeWorker, answer: list[tuple[int, list[str]]]) -> None:
-        if answer != signature(self._job):
+        if answer != signature(self._work):
             raise InputError(
                 f"{worker.host} would do different work than this machine; install the same version of antumbra there"
             )

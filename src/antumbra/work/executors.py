@@ -1,6 +1,6 @@
-"""Executors, which run the units of a job: all of them locally, one shard of them, or none, only to collect them.
+"""Executors, which run the units of some work: all of them locally, one shard of them, or none, only to collect them.
 
-A unit produces one or a few files. It depends only on the job and the unit's number, so it may run twice, and on any
+A unit produces one or a few files. It depends only on the work and the unit's number, so it may run twice, and on any
 machine. docs/design/shards.md gives the reasons.
 """
 
@@ -58,18 +58,18 @@ class Units(Protocol):
 
 
 class Executor(Protocol):
-    """Runs the units of a job."""
+    """Runs the units of some work."""
 
     @property
     def folder(self) -> Path | None:
         """Folder of intermediate units; None: in memory, if there is room."""
 
-    def finish(self, job: Sequence[Units]) -> bool:
-        """Run this executor's share; return whether all units are done, so that the job can end."""
+    def finish(self, work: Sequence[Units]) -> bool:
+        """Run this executor's share; return whether all units are done, so that the work can end."""
         ...
 
-    def end(self, job: Sequence[Units]) -> None:
-        """Called after the job's results have been written."""
+    def end(self, work: Sequence[Units]) -> None:
+        """Called after the work's results have been written."""
 
 
 Keep: TypeAlias = str | os.PathLike[str] | Executor | None
@@ -97,13 +97,13 @@ class LocalExecutor:
     def __init__(self, folder: Path | None = None):
         self.folder = folder
 
-    def finish(self, job: Sequence[Units]) -> bool:
-        for units in job:
+    def finish(self, work: Sequence[Units]) -> bool:
+        for units in work:
             do_missing(units, range(len(units)))
         return True
 
-    def end(self, job: Sequence[Units]) -> None:
-        for units in job:
+    def end(self, work: Sequence[Units]) -> None:
+        for units in work:
             units.clear()
 
 
@@ -124,7 +124,7 @@ def do_missing(units: Units, numbers: Sequence[int]) -> int:
 
 
 class ShardIndex(NamedTuple):
-    """Shard `number` of `of`: the units number, number + of, number + 2 of, ... of a job."""
+    """Shard `number` of `of`: the units number, number + of, number + 2 of, ... of some work."""
 
     number: int  # from 0
     of: int
@@ -143,20 +143,20 @@ def checked_shard(shard: tuple[int, int]) -> ShardIndex:
 
 
 class ShardExecutor:
-    """Runs one shard of a job.
+    """Runs one shard of some work.
 
     folder : stores the shard's units
-    command : the words of the command, which identify the job and which a merge repeats
+    command : the words of the command, which identify the work and which a merge repeats
     """
 
     def __init__(self, folder: Path, share: ShardIndex, command: Sequence[str]):
         self.folder, self.share, self._command = folder, share, list(command)
         self.units = self.did = 0  # units of this shard, and those of them that this run did
 
-    def finish(self, job: Sequence[Units]) -> bool:
+    def finish(self, work: Sequence[Units]) -> bool:
         write_shard_record(self.folder, self._command, self.share.of)
         start = 0
-        for units in job:
+        for units in work:
             first = (self.share.number - start) % self.share.of
             numbers = range(first, len(units), self.share.of)
             self.did += do_missing(units, numbers)
@@ -164,22 +164,22 @@ class ShardExecutor:
             start += len(units)
         return False
 
-    def end(self, job: Sequence[Units]) -> None:
+    def end(self, work: Sequence[Units]) -> None:
         raise AssertionError("a shard writes no results")
 
 
 class UnitCollector:
-    """Collects the units of a job without running them, so that a caller can run them one by one."""
+    """Collects the units of some work without running them, so that a caller can run them one by one."""
 
     def __init__(self, folder: Path):
         self.folder = folder
-        self.job: list[Units] = []
+        self.work: list[Units] = []
 
-    def finish(self, job: Sequence[Units]) -> bool:
-        self.job = list(job)
+    def finish(self, work: Sequence[Units]) -> bool:
+        self.work = list(work)
         return False
 
-    def end(self, job: Sequence[Units]) -> None:
+    def end(self, work: Sequence[Units]) -> None:
         raise AssertionError("a collector writes no results")
 
 
@@ -228,10 +228,10 @@ def read_shard_record(folder: Path) -> ShardRecord:
     raise InputError(f"{folder}: {known}; use the version that wrote them, or remove the folder")
 
 
-def numbered(job: Sequence[Units]) -> Iterator[tuple[int, Units, int]]:
-    """Yield (number in the job, units, number among these units) of each unit of a job."""
+def numbered(work: Sequence[Units]) -> Iterator[tuple[int, Units, int]]:
+    """Yield (number in the work, units, number among these units) of each unit of some work."""
     total = 0
-    for units in job:
+    for units in work:
         for k in range(len(units)):
             yield total, units, k
             total += 1

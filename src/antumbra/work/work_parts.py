@@ -1,8 +1,8 @@
-"""Resumable parts of long work, merging the shards of a job, and pictures rendered in row bands.
+"""Resumable parts of long work, merging the shards of some work, and pictures rendered in row bands.
 
 A part is a range of items. Its results depend only on the settings and the range, so parts may be done in any order and
-on any machine. Finished parts are stored in a folder, from which an interrupted job resumes. A merge checks that each
-unit is present exactly once and belongs to the job.
+on any machine. Finished parts are stored in a folder, from which interrupted work resumes. A merge checks that each
+unit is present exactly once and belongs to the work.
 """
 
 import hashlib
@@ -177,7 +177,7 @@ class FinishedUnit(NamedTuple):
 class ShardMerge:
     """An executor that runs no unit: it collects finished ones from folders of shards.
 
-    folder : receives the units, from which the job writes its results
+    folder : receives the units, from which the work writes its results
     sources : folders of shards; `folder` may be one of them
     """
 
@@ -186,21 +186,21 @@ class ShardMerge:
         self._sources = {path.resolve(): path for path in sources}
         self._recorded = [read_shard_record(path) for path in sources]
 
-    def finish(self, job: Sequence[Units]) -> bool:
+    def finish(self, work: Sequence[Units]) -> bool:
         self._check_commands()
         for source in self._sources.values():
-            _check_folder(source, job)
-        for unit in self._places(job):
+            _check_folder(source, work)
+        for unit in self._places(work):
             target = unit.units.root
             if target is not None and unit.root.resolve() != target.resolve():
                 _copy(unit, target)
             unit.units.found(unit.k)
         return True
 
-    def end(self, job: Sequence[Units]) -> None:
+    def end(self, work: Sequence[Units]) -> None:
         """Remove the copied units, unless `folder` is itself a source."""
         if self.folder.resolve() not in self._sources:
-            for units in job:
+            for units in work:
                 units.clear()
 
     def _check_commands(self) -> None:
@@ -211,10 +211,10 @@ class ShardMerge:
                     f"{path}: has shards of another command than {first_source}: {shlex.join(recorded.command)}"
                 )
 
-    def _places(self, job: Sequence[Units]) -> list[FinishedUnit]:
+    def _places(self, work: Sequence[Units]) -> list[FinishedUnit]:
         """Locate each unit. Raises InputError if one is missing or present twice."""
         finished, missing_units = list[FinishedUnit](), list[tuple[int, str]]()
-        for number, units, k in numbered(job):
+        for number, units, k in numbered(work):
             roots = [root for root in self._roots(units) if units.done(k, root)]
             if len(roots) > 1:
                 name = units.files(k)[0]
@@ -253,16 +253,16 @@ class ShardMerge:
         return f"{what}, {len(missing)} of {total} parts lack{why}; run {again}"
 
 
-def _check_folder(folder: Path, job: Sequence[Units]) -> None:
-    """Raise an InputError if a folder has parts that are stale or belong to another job."""
-    about_by_name = {units.name: units.about for units in job if isinstance(units, Parts)}
+def _check_folder(folder: Path, work: Sequence[Units]) -> None:
+    """Raise an InputError if a folder has parts that are stale or belong to other work."""
+    about_by_name = {units.name: units.about for units in work if isinstance(units, Parts)}
     for path in sorted(folder.iterdir()):
         if path.is_dir() and path.name not in about_by_name:
             raise InputError(f"{path}: {_difference(path, list(about_by_name.values()))}; remove it, and merge again")
 
 
 def _difference(path: Path, expected: list[dict[str, str]]) -> str:
-    """Describe how the parts in a folder differ from those of this job."""
+    """Describe how the parts in a folder differ from those of this work."""
     try:
         about = json.loads((path / ABOUT).read_text())
         same = next(each for each in expected if each["what"] == about["what"])
