@@ -31,8 +31,8 @@ import numpy as np
 
 import antumbra as at
 from antumbra.engine.engine import Engine
-from antumbra.engine.frame_tracer import FrameMemory
 from antumbra.engine.plan import DEFAULT_PLAN, parse_plan
+from antumbra.engine.source_protocols import FrameMemory, moment_of
 from antumbra.jobs.dataset.random_views import SamplingRegion, random_camera, sampling_region
 from antumbra.kernels.parallel import thread_count
 from antumbra.papers.benchmark_views import BenchmarkScenes, square
@@ -252,7 +252,7 @@ def receivers_of(case: Case) -> at.Receivers:
 def trace_points(engine: Engine, case: Case, clock: Clock) -> tuple[float, list[np.ndarray]]:
     """(seconds, bits) of a query of points."""
     receivers, lights = receivers_of(case), lights_of(case, region_of(case.scene))
-    engine.source.moment(0.0)
+    moment_of(engine.source, 0.0)
     start = clock()
     answer = engine.visibility(receivers, lights, spp=case.spp)
     return clock() - start, [answer.bits]

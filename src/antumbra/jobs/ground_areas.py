@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import flag, number, path_of
-from ..engine.paged_scene import PagedScene
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike
 from ..errors import InputError
@@ -102,8 +101,7 @@ def _leaves_solid(scene: AnyScene, begin: np.ndarray, rays: np.ndarray, walls: b
     rays : (_RAYS, 3) float64, unit vectors
     walls : count only steep faces
     """
-    if isinstance(scene, PagedScene):
-        raise scene.refusal()
+    scene.data.check_resident()
     ready = scene.engine.with_options(_PLAN, threads, None).accelerated(0.0)
     assert ready.bvh is not None
     corners = ready.triangles.vertices.astype(np.float64)

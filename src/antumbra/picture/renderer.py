@@ -7,11 +7,11 @@ from typing import Any, ParamSpec, Protocol
 from ..checks import checked_instance, choice
 from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.engine import Engine
-from ..engine.frame_tracer import RenderSource
 from ..engine.plan import Plan
 from ..engine.primary_visibility import AUTO, METHODS, precompiled_method, primary_visibility
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
+from ..engine.source_protocols import RenderSource
 from ..errors import InputError
 from ..progress import ProgressCallback, show_progress, with_quiet_progress
 from ..query.gbuffer import GBuffer
@@ -190,7 +190,7 @@ class Renderer:
         """The height of the shadow-catcher plane; None: no plane."""
         if options.ground is False:
             return None
-        if self.source.in_store:
+        if self.source.memory is not None:
             raise InputError(
                 f"{self.scene.name} is in a store, and ground works only for scenes in memory; leave it out"
             )

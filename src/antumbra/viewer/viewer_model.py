@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import checked_instance, number
-from ..engine.scene import AnyScene, Scene
+from ..engine.scene import AnyScene
 from ..errors import InputError
 from ..jobs.dataset.dataset_layers import has_centre, towards_centre
 from ..jobs.sun.location import Place, checked_place
@@ -286,7 +286,7 @@ class Model:
     @property
     def in_memory(self) -> bool:
         """Whether the triangles are in memory, as the proxy mesh requires."""
-        return isinstance(self.scene, Scene)
+        return self.scene.data.resident
 
     def first_camera(self, width: int, height: int) -> Camera:
         """The camera of a new page."""

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import as_array, points
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike
-from ...engine.terrain_shadows import terrain_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...picture.option_fields import with_keywords
@@ -316,7 +315,7 @@ def _straight(
     """Trace all observers in lists, and skip sensors beyond the reach of a list."""
     ends, eyes = sightline_ends(scene, state.sensors), sightline_ends(scene, point_sensors(state.eyes))
     order, curve = np.argsort(morton_codes(eyes.origins[0]), kind="stable"), np.arange(ends.n)
-    in_rows = state.sensors.kind == "raster" and terrain_of(scene.data) is not None  # terrain is traced fastest so
+    in_rows = state.sensors.kind == "raster" and tracing.prefers_rows
     if not in_rows:
         curve = np.argsort(morton_codes(ends.origins[0]), kind="stable")
     for first in range(0, len(order), MAX_SPP):

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...bvh.nodes import Bvh
 from ...checks import as_array, checked_instance, flag, number, whole_number
-from ...engine.paged_scene import PagedScene
 from ...engine.precompilation import Job, fixed_job, precompile, small_scene
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike
@@ -304,8 +303,7 @@ def skyline(
         If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
     """
     options, scene = SkylineOptions(**keywords), measured_scene(scene)
-    if isinstance(scene, PagedScene):
-        raise scene.refusal()
+    scene.data.check_resident()
     threads, time = thread_count(options.threads), scene.clamped(options.time)
     below = scene if surface is None else measured_scene(surface)
     if isinstance(points, str):

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...checks import choice, whole_number
-from ...engine.paged_scene import PagedScene
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
 from ...errors import InputError
@@ -85,8 +84,7 @@ def view_factors(
     choice(side, "side", SIDES)
     seed = whole_number(seed, "seed", 0, (1 << 63) - 1)
     time = scene.clamped(time)
-    if isinstance(scene, PagedScene):
-        raise scene.refusal()
+    scene.data.check_resident()
     sign = -1.0 if side == "back" else 1.0
     sampling = _Sampling.of(scene, surfaces, samples, side, seed, time)
     warned = tell(notes_on_faces(scene, sign, time, threads))
