@@ -35,9 +35,11 @@ class FrameMethods(NamedTuple):
 class FrameTracer:
     """Finds the surfaces of a frame and traces its shadow rays. Create it by `Engine.frame_tracer`.
 
-    Call `begin` first. Then, for each band of `bands`, call `surfaces`, `prepare` and `trace`.
+    Call `begin` first. Then, for each band of `bands`, call `surfaces` and `prepare`, and trace queries in `tree`.
 
     scene : SceneData
+    accelerator : Accelerator
+        Answers queries in `tree`.
     plan : Plan
     memory : Memory or None
         If there is one, each band of an image has triangles of its own. None: there is one band.
@@ -52,7 +54,7 @@ class FrameTracer:
 
     def __init__(self, source: RenderSource, accelerator: Accelerator):
         self.scene, self.plan, self.memory = source.scene, accelerator.plan, source.memory
-        self._source, self._accelerator = source, accelerator
+        self._source, self.accelerator = source, accelerator
         self._seen: CameraView | None = None  # by the latest `surfaces`
         self._full_tree: Accelerated | None = None  # a tree of all triangles, possibly for camera rays only
         self._accelerated: Accelerated | None = None  # the tree of the queries prepared last
@@ -72,14 +74,14 @@ class FrameTracer:
         """
         if self.memory is not None:
             self.memory.begin(memory)
-        self._accelerator.begin(rays, later)
+        self.accelerator.begin(rays, later)
         self.triangles, self._full_tree = moment_of(self._source, time)
 
     def build_for_camera(self, camera: Camera) -> bool:
         """Build a tree of all triangles if the camera's rays need one. Returns whether one was built."""
         needed = self._full_tree is None and (self._source.gbuffer == RAYS or camera.listed)
         if needed:
-            self._full_tree = self._accelerator.prepare_all(self.triangles)
+            self._full_tree = self.accelerator.prepare_all(self.triangles)
         return needed
 
     def bands(self, height: int) -> Iterator[slice]:
@@ -109,7 +111,7 @@ class FrameTracer:
         facing: int,
     ) -> None:
         """Select the sample rays of a ray-guided builder from an image's queries. No-op for other builders."""
-        accelerator, tree = self._accelerator, self._full_tree
+        accelerator, tree = self.accelerator, self._full_tree
         bounce = bounced_queries(accelerator.ray_selector, self.triangles, gbuffer, lights, samples, facing)
         self._sample_rays = accelerator.sample_rays(self.triangles, queries, None if tree is None else tree.bvh, bounce)
 
@@ -118,7 +120,7 @@ class FrameTracer:
 
         lap : called with the name of each finished step, "cull" or "build"
         """
-        self._prepare(queries, self._full_tree if self._accelerator.one_tree else None, lap)
+        self._prepare(queries, self._full_tree if self.accelerator.one_tree else None, lap)
         if self._source.geometry is not None and self._accelerated is not None:
             self._source.geometry.keep(self._accelerated)
 
@@ -130,24 +132,23 @@ class FrameTracer:
         self, queries: Sequence[ShadowQuery], accelerated: Accelerated | None, lap: Callable[[str], None]
     ) -> None:
         if accelerated is None or accelerated.partial or self.plan.cull:
-            accelerated = self._accelerator.tree_for(self.triangles, queries, self._sample_rays, lap)
+            accelerated = self.accelerator.tree_for(self.triangles, queries, self._sample_rays, lap)
         self._accelerated = accelerated
         lap("build")
 
-    def trace(
-        self, queries: Sequence[ShadowQuery], tally: np.ndarray | None, progress: ProgressCallback | None
-    ) -> list[NDArray[np.uint64]]:
-        """The bits of each query, (h, w, ceil(n / 64)) uint64. The receivers of all have the same shape."""
+    @property
+    def tree(self) -> Accelerated:
+        """The tree of the queries prepared last, in which `accelerator` answers them."""
         assert self._accelerated is not None
-        return self._accelerator.answer_all(self._accelerated, queries, tally, progress)
+        return self._accelerated
 
     def traced_query(self, query: ShadowQuery, bits: NDArray[np.uint64]) -> TracedQuery:
         """A query with its bits, and with the light that comes through cut-outs."""
-        return TracedQuery(query, bits, self._accelerator.transmission(self.triangles, query, bits))
+        return TracedQuery(query, bits, self.accelerator.transmission(self.triangles, query, bits))
 
     def reuse_tree(self) -> None:
         """Trace the next band of the image in this band's tree, if the plan allows it."""
-        accelerator = self._accelerator
+        accelerator = self.accelerator
         if self._accelerated is not None and accelerator.one_tree and not self._accelerated.partial:
             self._full_tree = None if accelerator.needs_rebuild(self._accelerated) else self._accelerated
         if self._full_tree is not None:
@@ -156,7 +157,7 @@ class FrameTracer:
     def closest_hits(self, lap: Callable[[str], None]) -> Nearest:
         """A closest-hit function over all triangles. Later shadow queries use a tree of all triangles, too."""
         if self._bounce_state is None:
-            accelerator = self._accelerator
+            accelerator = self.accelerator
             if self._accelerated is None or self._accelerated.partial:
                 shadow_tree = self._full_tree if accelerator.one_tree else None
                 self._accelerated = shadow_tree or accelerator.build(self.triangles, self._sample_rays)
@@ -166,16 +167,15 @@ class FrameTracer:
             assert tree is not None and self._accelerated is not None
             lap("build")
             fixed = self._source.fixed
-            nearest = nearest_in(tree, self._accelerator.threads) if fixed is None else fixed.nearest
+            nearest = nearest_in(tree, self.accelerator.threads) if fixed is None else fixed.nearest
             self._bounce_state = nearest, self._accelerated
         nearest, self._accelerated = self._bounce_state
         return nearest
 
     def methods(self) -> FrameMethods:
         """The methods that ran."""
-        assert self._accelerated is not None
-        chosen, scheduled = self._accelerated.chosen, self._accelerated.scheduled
-        executed = self._accelerator.executed(self._accelerated)
+        chosen, scheduled = self.tree.chosen, self.tree.scheduled
+        executed = self.accelerator.executed(self.tree)
         statistics = None if scheduled is None else scheduled.statistics
         if chosen is None:
             return FrameMethods(str(executed), None, None, statistics)

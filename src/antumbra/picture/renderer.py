@@ -20,7 +20,7 @@ from ..scene.lights import Light, check_lights
 from ..scene.map_degrees import check_no_degrees
 from ..scene.scene_bounds import plan_bounds, plan_points
 from ..scene.triangles import Triangles
-from .frame import Frame, TracedBits
+from .frame import Frame, FrameState, TracedBits
 from .frame_passes import render_frame
 from .frame_request import Request, request_of
 from .option_fields import split_keywords, with_keywords
@@ -164,9 +164,7 @@ class Renderer:
         InputError
             If a value is out of range, the camera's position is in degrees, or an argument is not a camera or a light.
         """
-        request = self.request(camera, lights, options_of(options, keywords))
-        with show_progress("tracing", progress) as report:
-            return render_frame(self.engine, request._replace(progress=report))
+        return _drawn(self.engine, self.request(camera, lights, options_of(options, keywords)), progress)
 
     def rows(self, request: Request) -> RowBands:
         """Render a request in bands of rows, which can be traced in any order and in any process."""
@@ -174,7 +172,8 @@ class Renderer:
 
     def from_rows(self, request: Request, traced: TracedBits) -> Frame:
         """The frame of a request whose rays were traced before, as from `render`, but without the time of tracing."""
-        frame = render_frame(self.engine, request, traced)
+        with self.engine.lock:
+            frame = render_frame(FrameState(self.engine, request, traced))
         return frame._replace(timings={**frame.timings, "trace": 0.0})
 
     def request(self, camera: Camera, lights: Sequence[Light] | Light, options: RenderOptions | None = None) -> Request:
@@ -224,6 +223,12 @@ class Renderer:
     def see(self, triangles: Triangles, camera: Camera, accelerated: Accelerated | None = None) -> GBuffer:
         """The G-buffer of a camera: by rays through `accelerated`; by rasterisation if it is None."""
         return primary_visibility(triangles, camera, accelerated, self.threads)
+
+
+def _drawn(engine: Engine, request: Request, progress: ProgressCallback | bool | None) -> Frame:
+    """The frame of a request whose kernels are compiled."""
+    with show_progress("tracing", progress) as report, engine.lock:
+        return render_frame(FrameState(engine, request._replace(progress=report)))
 
 
 def _check_view(scene: AnyScene, camera: Any, lights: Any) -> tuple[Camera, list[Light]]:
@@ -282,4 +287,5 @@ def render(
         camera = scene.default_camera(time=picture_options.time)
     if lights is None:
         lights = scene.default_lights(picture_options.time)
-    return Renderer(scene, **of_renderer).render(camera, lights, options=picture_options, progress=progress)
+    renderer = Renderer(scene, **of_renderer)
+    return _drawn(renderer.engine, renderer.request(camera, lights, picture_options), progress)
