@@ -14,13 +14,15 @@
 - `tree_choice`: what is built for some queries, and what outlives it
 - `accelerator`: trees by plan, cached trees
 - `auto_accelerator`: the choice of trees by `auto`
-- `frame_tracer`: `RenderSource`, `FrameTracer`, memory estimates
+- `source_protocols`: what an engine needs of a scene, a protocol per concern
+- `frame_tracer`: `FrameTracer`, the surfaces, trees and bits of one frame
+- `point_shadows`: shadow rays of points through trees
 - `in_memory_source`: scenes in memory, and their ray lists
 - `refitted_rays`: the tree of ray lists while users move the geometry
 - `instanced_source`: scenes of instances
 - `paged_source`: scenes in stores: bands, ray lists, trees
 - `paged_hits`: all hits of ray lists in stores
-- `terrain_shadows`: queries at points over rasters of heights, without a tree
+- `terrain_shadows`: rasters of heights, a source of shadow rays and ray lists without a tree
 - `primary_visibility`: the surfaces that a camera sees
 - `default_view`: what default pictures show
 - `precompilation`: compile jobs, run before anything is timed

@@ -33,7 +33,7 @@ from .frame_tracer import FrameTracer
 from .in_memory_source import RayLists, SharedMemory, update_job
 from .instanced_source import SharedInstances
 from .plan import DEFAULT_PLAN, Plan, parse_plan
-from .point_shadows import PlanKernels, SceneFrame, TreeShadows, queries_of
+from .point_shadows import PlanKernels, TreeShadows, queries_in
 from .precompilation import precompile
 from .primary_visibility import AUTO, METHODS, RAYS
 from .scene_reading import data_of
@@ -45,7 +45,6 @@ from .source_protocols import (
     PointSource,
     SharedTrees,
     SourceSettings,
-    box_of,
     moment_of,
 )
 from .terrain_shadows import TerrainShadows
@@ -414,9 +413,7 @@ class Engine:
         """The queries of `shadows`, without their bits."""
         points = PointQuery(receivers, lights, samples, facing, self._moment(time))
         with self.lock:
-            triangles, _ = moment_of(self.source, points.time)
-            frame = SceneFrame(triangles.origin, box_of(self.source, triangles))
-            return queries_of(points, frame, triangles.vertices.reshape(-1, 9), self.threads)
+            return queries_in(self.source, moment_of(self.source, points.time)[0], points, self.threads)
 
     @property
     def prefers_rows(self) -> bool:

@@ -61,17 +61,18 @@ class TreeShadows:
             triangles, accelerated = moment_of(self._source, points.time)
         else:
             triangles, accelerated = geometry.for_points(points.time)
-        queries = self.queries(triangles, points)
+        queries = queries_in(self._source, triangles, points, self._accelerator.threads)
         if accelerated is None:  # the tree depends on the queries
             accelerated = self._accelerator.tree_for(triangles, queries)
             if geometry is not None:
                 geometry.keep_for_points(accelerated)
         return accelerated, queries
 
-    def queries(self, triangles: Triangles, points: PointQuery) -> list[ShadowQuery]:
-        """The shadow query of each light, for the triangles of a moment."""
-        frame = SceneFrame(triangles.origin, box_of(self._source, triangles))
-        return queries_of(points, frame, triangles.vertices.reshape(-1, 9), self._accelerator.threads)
+
+def queries_in(source: RenderSource, triangles: Triangles, points: PointQuery, threads: int) -> list[ShadowQuery]:
+    """The shadow query of each light, for the triangles of a moment."""
+    frame = SceneFrame(triangles.origin, box_of(source, triangles))
+    return queries_of(points, frame, triangles.vertices.reshape(-1, 9), threads)
 
 
 class SceneFrame(NamedTuple):
