@@ -20,7 +20,8 @@
 - `in_memory_source`: scenes in memory, and their ray lists
 - `refitted_rays`: the tree of ray lists while users move the geometry
 - `instanced_source`: scenes of instances
-- `paged_source`: scenes in stores: bands, ray lists, trees
+- `paged_source`: scenes in stores: bands, ray lists, memory
+- `joined_store_tree`: the tree of a store as one BVH
 - `paged_hits`: all hits of ray lists in stores
 - `terrain_shadows`: rasters of heights, a source of shadow rays and ray lists without a tree
 - `primary_visibility`: the surfaces that a camera sees

@@ -223,7 +223,7 @@ def _count_plan_in_store(accelerator: Accelerator, picture: PictureQueries) -> _
 
     `_CountedTrace.ids` are the scene indices of the triangles in the chunks that rays may enter.
     """
-    from ..engine.paged_source import explained_tree
+    from ..engine.joined_store_tree import explained_tree
 
     bvh, ids = explained_tree(picture.source, picture.queries)
     accelerated = picture.source.accelerated
