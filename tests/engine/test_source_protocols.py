@@ -100,6 +100,59 @@ def test_a_query_of_rays_reaches_its_kernel_in_five_calls():
     ]
 
 
+def test_a_picture_reaches_the_kernel_of_its_shadow_rays_in_thirteen_calls():
+    scene = at.procedural("atrium", triangles=2000)
+    camera, lights = scene.cameras[0].resized(64, 64), scene.lights
+    at.render(scene, camera, lights, spp=16)
+    chains = calls_to_kernels(lambda: at.render(scene, camera, lights, spp=16))
+    names = [[name for _, name in chain] for chain in chains]
+    traced = [chain for chain in names if "Accelerator.answer_all" in chain and chain[-1] == "run"]
+    assert 0 < min(map(len, traced)) <= 13
+
+
+COPIES = [np.eye(4), np.eye(4) + np.eye(4, k=3) * 3.0]
+PLACE = 2.0, 0.0, 84000.0, 0.0, -2.0, 446000.0
+
+
+def kinds(folder):
+    """A scene of each kind."""
+    random, atrium = np.random.default_rng(0), at.procedural("atrium", triangles=2000)
+    return {
+        "memory": atrium,
+        "instances": at.Scene.from_instances([random.random((20, 3, 3))], [COPIES], instances=True),
+        "store": at.load(built(folder, atrium).path),
+        "terrain": at.from_raster((random.integers(0, 40, (9, 12)) / 4.0, PLACE)),
+    }
+
+
+def test_data_and_engines_say_what_they_offer(tmp_path):
+    for kind, scene in kinds(tmp_path).items():
+        data, source = scene.data, scene.engine.source
+        assert data.resident == (kind != "store") and data.instanced == (kind == "instances")
+        assert (data.terrain is not None) == (data.cell_tops() is not None) == (kind == "terrain")
+        assert (scene.engine.terrain is not None) == scene.engine.prefers_rows == (kind == "terrain")
+        assert (source.geometry is not None) == (source.fixed is None) == (kind in ("memory", "terrain"))
+        assert (source.memory is not None) == (data.sampled_faces() is None) == (kind == "store")
+        if kind == "store":
+            with pytest.raises(at.InputError, match="never all in memory"):
+                data.check_resident()
+        else:
+            data.check_resident()
+            np.testing.assert_array_equal(data.every(3, 0.0), data.triangles().vertices[::3])
+
+
+def test_contents_differ_where_scenes_do(tmp_path):
+    scenes = kinds(tmp_path)
+    contents = {kind: b"".join(map(bytes, scene.data.content(0.0))) for kind, scene in scenes.items()}
+    assert len(set(contents.values())) == 4 and all(contents.values())
+    for kind, scene in scenes.items():
+        assert b"".join(map(bytes, scene.data.content(0.0, 1))) == contents[kind]
+    moved = scenes["terrain"]
+    moved.update(transform=np.diag([1.0, 1.0, 2.0, 1.0]))
+    assert moved.data.terrain is None and not moved.engine.prefers_rows
+    assert b"".join(map(bytes, moved.data.content(0.0))) != contents["terrain"]
+
+
 def test_points_and_what_they_need_of_memory(tmp_path):
     scene = at.procedural("atrium", triangles=2000)
     paged = at.load(built(tmp_path, scene).path)
