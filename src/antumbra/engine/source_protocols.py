@@ -7,7 +7,7 @@
   which no plan builds and time does not change.
 - `Memory`: a limit on memory, within which frames are traced in bands and rays in batches.
 
-A `RenderSource` says by its attributes which of them it offers; nobody looks at its type. An engine traces ray lists
+A `RenderSource` says by its attributes which of them it offers; no code looks at its type. An engine traces ray lists
 and points by the first of a chain of sources, each of which hands over to the next what it does not answer itself:
 terrain is one that goes before triangles in memory, and a device with a memory of its own fits in as another.
 """

@@ -47,26 +47,28 @@ _NO_CORNERS = np.empty((0, 9), np.float32)
 
 
 class TerrainPyramid:
-    """The surface of a raster of heights, with a pyramid of its greatest heights, made when they are first needed."""
+    """The surface of a raster of heights, with a pyramid of its greatest heights, made when they are first needed.
+
+    It stays what it was when it was made, also while users move the scene.
+
+    data : SceneData
+        A scene that is a single raster of heights.
+    """
 
     def __init__(self, data: SceneData):
-        self._data = data
+        surface = data.terrain
+        assert surface is not None
+        self.surface, self._bounds = surface, data.bounds
+        self._frame = SceneFrame(data.origin, flush_to_zero((data.bounds - data.origin).astype(np.float32)))
         self._tree: TerrainTree | None = None
         self._relief: Relief | None = None  # made with the first stencils
         self._squares: NDArray[np.int32] | None = None  # made for the first nearest hits
 
     @property
-    def surface(self) -> HeightGrid:
-        """The surface; only while the scene is a single raster of heights."""
-        surface = self._data.terrain
-        assert surface is not None
-        return surface
-
-    @property
     def tree(self) -> TerrainTree:
         """The surface with its pyramid."""
         if self._tree is None:
-            self._tree = terrain_tree(self.surface, self._data.origin)
+            self._tree = terrain_tree(self.surface, self._frame.origin)
         return self._tree
 
     @property
@@ -77,6 +79,11 @@ class TerrainPyramid:
         return self.tree, self._relief
 
     @property
+    def extent(self) -> float:
+        """The longer side of the surface."""
+        return float(np.ptp(self._bounds, axis=0)[:2].max())
+
+    @property
     def squares(self) -> NDArray[np.int32]:
         """The face of each square, for nearest hits."""
         if self._squares is None:
@@ -85,9 +92,8 @@ class TerrainPyramid:
 
     def shadows(self, points: PointQuery, threads: int, progress: ProgressCallback | None) -> list[TracedQuery]:
         """The shadow query of each light, with its answer."""
-        data, traced, in_rows = self._data, [], self.has_stencils(points, any)
-        frame = SceneFrame(data.origin, flush_to_zero((data.bounds - data.origin).astype(np.float32)))
-        for query in queries_of(points, frame, _NO_CORNERS, threads):
+        traced, in_rows = [], self.has_stencils(points, any)
+        for query in queries_of(points, self._frame, _NO_CORNERS, threads):
             bits, stencils = new_bits(query), self._stencils(query) if in_rows else None
             if stencils is None:
                 trace_terrain(self.tree, query, bits, threads, progress)
@@ -185,7 +191,7 @@ class TerrainShadows:
         if not are_valid(local):
             rays.arrays().check()
             raise changed_error()
-        reach = MOST_EXTENTS * float(np.ptp(self._data.bounds, axis=0)[:2].max())
+        reach = MOST_EXTENTS * self.pyramid.extent
         ends = (local.origins, local.directions) if rays.segments else (local.origins,)
         if any(each.size and float(np.abs(each).max()) > reach for each in ends):
             return None
