@@ -104,7 +104,7 @@ class CameraView(NamedTuple):
     camera: Camera
     triangles: Triangles  # of `Geometry.moment`, or of `FixedTree.accelerated`
     tree: Accelerated | None  # of all triangles; never None if `gbuffer` is "rays", or `camera.listed`
-    rows: slice  # a band of the image; all rows unless the source has a `Memory`, or its rays are cheap to divide
+    rows: slice  # a band of the image; a source with `Geometry` always sees all rows
     progress: ProgressCallback | None = None  # of sources whose `looks` is 1
 
 
