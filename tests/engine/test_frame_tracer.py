@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.in_memory_source import InMemory
-from antumbra.engine.paged_source import Paged
-from antumbra.engine.source_protocols import (
+from antumbra.engine.sources.in_memory_source import InMemory
+from antumbra.engine.sources.paged_source import Paged
+from antumbra.engine.sources.source_protocols import (
     CameraSource,
     FixedTree,
     Geometry,

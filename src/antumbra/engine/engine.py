@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array, byte_count, checked_instance, choice, whole_number
-from ..errors import InputError
-from ..forks import is_stuck, renew_after_fork
+from ..base.checks import as_array, byte_count, checked_instance, choice, whole_number
+from ..base.errors import InputError
+from ..base.forks import is_stuck, renew_after_fork
+from ..base.progress import ProgressCallback, show_progress
 from ..kernels.parallel import thread_count
-from ..progress import ProgressCallback, show_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.ray_list import HitFilter, cull_value, rays_of, segments_between
@@ -30,14 +30,14 @@ from ..trace.transmission import TracedQuery
 from .accelerator import Accelerated, Accelerator
 from .auto_accelerator import accelerator_of
 from .frame_tracer import FrameTracer
-from .in_memory_source import RayLists, SharedMemory, update_job
-from .instanced_source import SharedInstances
 from .plan import DEFAULT_PLAN, Plan, parse_plan
-from .point_shadows import PlanKernels, TreeShadows, queries_in
 from .precompilation import precompile
 from .primary_visibility import AUTO, METHODS, RAYS
 from .scene_reading import data_of
-from .source_protocols import (
+from .sources.in_memory_source import RayLists, SharedMemory, update_warm_up
+from .sources.instanced_source import SharedInstances
+from .sources.point_shadows import PlanKernels, TreeShadows, queries_in
+from .sources.source_protocols import (
     CameraView,
     FrameMemory,
     HitSource,
@@ -47,7 +47,7 @@ from .source_protocols import (
     SourceSettings,
     moment_of,
 )
-from .terrain_shadows import TerrainShadows
+from .sources.terrain_shadows import TerrainShadows
 from .visibility import Visibility, visibility_of
 
 if TYPE_CHECKING:
@@ -313,7 +313,7 @@ class Engine:
     ) -> None:
         """Move the geometry of the scene; `antumbra.Scene.update` documents the parameters."""
         if self.source.geometry is not None:
-            precompile(update_job)
+            precompile(update_warm_up)
         with self._updates:
             self.data.update(vertices, objects, transform, self.threads if threads is None else threads)
 
@@ -445,7 +445,7 @@ def default_plan_of(data: SceneData) -> str:
 def _shared_kind(data: SceneData) -> type[SharedTrees]:
     """What the engines of a scene share. The store's sources load late: scenes in memory start faster without them."""
     if not data.resident:
-        from .paged_source import SharedStore
+        from .sources.paged_source import SharedStore
 
         return SharedStore
     return SharedInstances if data.instanced else SharedMemory

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..progress import ProgressCallback
+from ..base.progress import ProgressCallback
 from ..query.gbuffer import GBuffer
 from ..query.shadow_query import ShadowQuery, Surfaces
 from ..scene.camera import Camera, CameraRays, ExplicitRays
@@ -19,7 +19,7 @@ from ..trace.transmission import TracedQuery
 from .accelerator import Accelerated, Accelerator
 from .auto.strategies import StrategyChoice
 from .primary_visibility import RAYS, nearest_in
-from .source_protocols import CameraView, FrameMemory, RenderSource, box_of, moment_of
+from .sources.source_protocols import CameraView, FrameMemory, RenderSource, box_of, moment_of
 from .tree_choice import TreeChoice
 
 

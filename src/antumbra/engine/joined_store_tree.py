@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..base.errors import InputError
 from ..bvh.nodes import CHILDREN, EMPTY, MAX_DEPTH, Bvh, aligned_empty, bvh_leaf, bvh_link
-from ..errors import InputError
 from ..query.shadow_query import ShadowQuery, new_bits
 from ..store.store_file import Store
 from ..store.store_format import Chunk
@@ -13,7 +13,7 @@ from ..store.system_resources import resident_memory
 from ..techniques.chcrt.occlusion_queries import Pairs, answer_queries
 from ..techniques.chcrt.picture_ray_sets import SegmentRaySets, segments_of
 from ..trace.rays.single_rays import leaf_depths
-from .paged_source import Paged
+from .sources.paged_source import Paged
 
 _TRIANGLE_BYTES = 140  # memory of a triangle while the tree is joined
 

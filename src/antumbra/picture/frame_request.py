@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..base.progress import ProgressCallback
 from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.plan import Plan
 from ..engine.primary_visibility import primary_visibility
 from ..engine.scene import AnyScene
-from ..engine.source_protocols import CELL_BYTES, CameraView, FrameMemory, moment_of, ray_set_count
-from ..progress import ProgressCallback
+from ..engine.sources.source_protocols import CELL_BYTES, CameraView, FrameMemory, moment_of, ray_set_count
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.pixel_refinement import FinerSamples, finer_samples
