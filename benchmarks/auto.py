@@ -32,8 +32,8 @@ import numpy as np
 import antumbra as at
 from antumbra.datasets.random_views import SamplingRegion, random_camera, sampling_region
 from antumbra.engine.engine import Engine
-from antumbra.engine.frame_tracer import FrameMemory
 from antumbra.engine.plan import DEFAULT_PLAN, parse_plan
+from antumbra.engine.sources.source_protocols import FrameMemory, moment_of
 from antumbra.kernels.parallel import thread_count
 from antumbra.lab.papers.benchmark_views import BenchmarkScenes, square
 from antumbra.picture.render_kernels import precompile_plan
@@ -205,7 +205,7 @@ def trace_frame(engine: Engine, case: Case, time: float, clock: Clock) -> tuple[
         start = clock()
         tracer.sample(surfaces.gbuffer, queries, lights, samples, 0)
         tracer.prepare(queries, lambda step: None)
-        bits = tracer.trace(queries, None, None)
+        bits = engine.accelerator.answer_all(tracer.tree, queries)
         seconds = clock() - start
     return seconds, bits
 
@@ -235,7 +235,7 @@ def trace_kept(engine: Engine, case: Case, clock: Clock) -> tuple[float, list[np
     seconds = []
     for _ in range(2):
         start = clock()
-        bits = tracer.trace(queries, None, None)
+        bits = engine.accelerator.answer_all(tracer.tree, queries)
         seconds.append(clock() - start)
     return min(seconds), bits
 
@@ -252,7 +252,7 @@ def receivers_of(case: Case) -> at.Receivers:
 def trace_points(engine: Engine, case: Case, clock: Clock) -> tuple[float, list[np.ndarray]]:
     """(seconds, bits) of a query of points."""
     receivers, lights = receivers_of(case), lights_of(case, region_of(case.scene))
-    engine.source.moment(0.0)
+    moment_of(engine.source, 0.0)
     start = clock()
     answer = engine.visibility(receivers, lights, spp=case.spp)
     return clock() - start, [answer.bits]

@@ -27,8 +27,8 @@ from antumbra.engine.auto.strategies import (
 )
 from antumbra.engine.calibration import ray_times, small_queries
 from antumbra.engine.engine import Engine
-from antumbra.engine.frame_tracer import FrameMemory
 from antumbra.engine.method_registry import BUILDERS, TRACERS
+from antumbra.engine.sources.source_protocols import FrameMemory
 from antumbra.query.light_samples import light_samples
 from antumbra.query.query_bounds import bounds
 from antumbra.query.shadow_query import ShadowQuery, new_bits, ray_count, surface_queries

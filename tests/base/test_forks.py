@@ -59,7 +59,7 @@ def test_chunks_of_a_store_are_read_in_the_child(both):
 LOCKS = {
     "scene": lambda scene: scene._lock,
     "engine": lambda scene: scene.engine.lock,
-    "trees": lambda scene: scene.engine._trees._lock,
+    "trees": lambda scene: scene.engine._shared.flat()._lock,
     "ray lists": lambda scene: scene.engine.source.ray_lists._lock,
 }
 
@@ -115,8 +115,8 @@ def test_forks_while_other_threads_build_and_trace(atrium, plan):
 
     def work():
         while not stop.is_set():
-            with engine._trees._lock:
-                engine._trees.clear()
+            with engine._shared.flat()._lock:
+                engine._shared.clear()
             try:
                 same(answers(engine), expected)
             except Exception as error:
@@ -155,7 +155,7 @@ def test_pickles_of_used_scenes_engines_and_stores_answer(both):
 
 def test_a_moment_that_fails_leaves_no_triangles_of_another(atrium):
     """The triangles of an earlier moment must not stand for one that cannot be evaluated."""
-    trees, calls = at.Engine(atrium)._trees, []
+    trees, calls = at.Engine(atrium)._shared.flat(), []
     first = trees.triangles(0.0, 1)
 
     class Fails:

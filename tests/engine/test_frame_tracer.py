@@ -7,9 +7,17 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.frame_tracer import RenderSource
 from antumbra.engine.sources.in_memory_source import InMemory
 from antumbra.engine.sources.paged_source import Paged
+from antumbra.engine.sources.source_protocols import (
+    CameraSource,
+    FixedTree,
+    Geometry,
+    HitSource,
+    Memory,
+    RayListSource,
+    RenderSource,
+)
 from antumbra.picture.renderer import Renderer
 from stores import built
 
@@ -21,12 +29,24 @@ def both(tmp_path_factory):
     return scene, at.load(built(tmp_path_factory.mktemp("sources"), scene).path)
 
 
+def names_of(*protocols):
+    """The public members of protocols."""
+    names = {name for each in protocols for name in {*vars(each), *each.__annotations__} if name[0] != "_"}
+    assert names
+    return names
+
+
 def test_both_sources_have_all_of_the_protocol(both):
-    names = {name for name in {*vars(RenderSource), *RenderSource.__annotations__} if name[0] != "_"}
     for scene, kind in zip(both, (InMemory, Paged)):
         source = Renderer(scene).source
-        assert type(source) is kind and names <= set(dir(source)) and len(names) > 10
+        assert type(source) is kind and names_of(RenderSource, CameraSource) <= set(dir(source))
         assert source.scene is scene.data and str(Renderer(scene).plan) == kind.default_plan
+        assert (source.geometry is None) == (source.fixed is not None) == (source.memory is not None) == (kind is Paged)
+        offers = {RayListSource: source.ray_lists, HitSource: source.ray_lists}
+        offers |= {Geometry: source.geometry} if source.fixed is None else {FixedTree: source.fixed}
+        offers |= {} if source.memory is None else {Memory: source.memory}
+        for protocol, offered in offers.items():
+            assert names_of(protocol) <= set(dir(offered)), protocol
 
 
 def test_only_stores_count_what_the_camera_sees_and_what_is_read(both):

@@ -105,9 +105,8 @@ def open_source(source: BakeSource, time: float) -> BakeScene:
     InputError
         If the file cannot be read, the scene is in a store, or its coordinates are no lengths.
     """
-    file, scene = source.file, measured_scene(source.scene)
-    if not isinstance(scene, Scene):
-        raise scene.refusal()
+    file, scene = source.file, cast(Scene, measured_scene(source.scene))
+    scene.data.check_resident()
     if file is None:
         asset = scene_to_asset(scene, time)
         parts = read_primitives(_scene_of_asset(asset, scene.name), asset, time)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..engine.plan import Plan
     from ..engine.scene import AnyScene
     from ..picture.frame import Frame
+    from ..scene.instance_data import InstanceData
     from ..scene.lights import Light
     from .picture_spec import PictureSpec, Shot
 
@@ -296,11 +297,11 @@ def _print_instances(scene: "AnyScene", plan: str) -> None:
     """Print whether the plan traced a scene's instances or their flattened copies."""
     from ..engine.plan import parse_plan
     from ..engine.sources.instanced_source import Instanced, traces_instances
-    from ..scene.instance_data import InstanceData
 
-    if not isinstance(scene.data, InstanceData):
+    if not scene.data.instanced:
         return
-    copies = f"{len(scene.data.instances.mesh):,} copies of {len(scene.data.instances.meshes):,} meshes"
+    instances = cast("InstanceData", scene.data).instances
+    copies = f"{len(instances.mesh):,} copies of {len(instances.meshes):,} meshes"
     if traces_instances(parse_plan(plan)):
         print(f"The plan {plan} traced {copies} as instances.")
     else:

@@ -82,13 +82,11 @@ def ground_of(setting: str | float, scene: "AnyScene", camera: "Camera", time: f
     setting : from `parse_ground`
     time : seconds; None: the ground suits all frames of an animation
     """
-    from ..engine.scene import Scene
-
     if setting == "off":
         return None
     if setting == "auto" and not _suits(scene, camera):
         return None
-    if not isinstance(scene, Scene):
+    if not scene.data.resident:
         raise InputError(f"--ground {setting}: {scene.name} is in a store, which has no ground; leave it out")
     return scene.ground_height(time) if isinstance(setting, str) else setting
 
@@ -98,9 +96,7 @@ def _suits(scene: "AnyScene", camera: "Camera") -> bool:
 
     The scene may already contain ground, whose shadows then continue beyond its edge.
     """
-    from ..engine.scene import Scene
-
-    if not isinstance(scene, Scene) or camera.projection == "panoramic":
+    if not scene.data.resident or camera.projection == "panoramic":
         return False
     if ((camera.position > scene.bounds[0]) & (camera.position < scene.bounds[1])).all():
         return False
@@ -119,10 +115,8 @@ ROOM_LIGHT: dict[str, Any] = {"bounce": 32, "bounce_step": 4}
 
 def is_closed_room(scene: "AnyScene") -> bool:
     """Whether a scene in memory is shown from inside a room that is lit by a lamp instead of the sun."""
-    from ..engine.scene import Scene
-
     try:
-        room = scene.view.room if isinstance(scene, Scene) else None
+        room = scene.view.room if scene.data.resident else None
     except InputError:  # at some time the scene has no triangles: that frame reports the error
         return False
     return room is not None and not room.open

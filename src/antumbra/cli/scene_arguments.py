@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, cast
 from urllib.parse import parse_qsl, quote, unquote
 
 import typer
@@ -26,6 +26,7 @@ from .arguments import parse_count, parse_number
 from .console import say
 
 if TYPE_CHECKING:
+    from ..engine.paged_scene import PagedScene
     from ..engine.scene import AnyScene
     from ..scene.terrain import StreamedTerrain
 
@@ -373,18 +374,13 @@ def limit_memory(scene: "AnyScene", max_memory: int | None) -> int | None:
 
     A scene in memory has been read within the limit, and its queries have none.
     """
-    from ..engine.paged_scene import PagedScene
-
-    if isinstance(scene, PagedScene):
-        scene.max_memory = max_memory
-        return max_memory
-    return None
+    if scene.data.resident:
+        return None
+    cast("PagedScene", scene).max_memory = max_memory
+    return max_memory
 
 
 def in_memory(scene: "AnyScene") -> "AnyScene":
     """The scene; InputError if it is in a store."""
-    from ..engine.paged_scene import PagedScene
-
-    if isinstance(scene, PagedScene):
-        raise scene.refusal()
+    scene.data.check_resident()
     return scene

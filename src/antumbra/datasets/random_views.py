@@ -12,13 +12,11 @@ import numpy as np
 from ..base.checks import items
 from ..base.errors import InputError
 from ..engine.measured_scenes import check_degrees
-from ..engine.paged_scene import PagedScene
 from ..engine.scene import AnyScene
 from ..kernels.elementary import asin, atan, cos, sin, tan
 from ..kernels.small_matrices import length
 from ..scene.camera import AZIMUTH, Camera, axes, bounding_sphere, default_camera
 from ..scene.default_picture import Room
-from ..scene.instance_data import InstanceData
 from ..scene.lights import DirectionalLight, Light, SphereLight, check_lights
 from ..scene.triangles import Hit
 from ..work.scene_records import Record, camera_record
@@ -83,13 +81,9 @@ def sampling_region(scene: AnyScene, time: float, threads: int | None) -> Sampli
     They contain all face centres but 2 % on each side, enlarged by a tenth. For scenes of few faces, and for stores,
     they are the scene's bounds.
     """
-    if scene.n_triangles < _MANY or isinstance(scene, PagedScene):
+    if scene.n_triangles < _MANY or not scene.data.resident:
         return SamplingRegion(scene, time, threads, scene.bounds)
-    step = -(-scene.n_triangles // _ENOUGH)
-    if isinstance(scene.data, InstanceData):
-        sample = scene.data.some_triangles(np.arange(0, scene.n_triangles, step, dtype=np.int32)).vertices
-    else:
-        sample = scene.triangles(time, threads).vertices[::step]
+    sample = scene.data.every(-(-scene.n_triangles // _ENOUGH), time, threads)
     centres = sample.mean(axis=1, dtype=np.float64) + scene.origin
     lower, upper = np.percentile(centres, _MOST_FACES, axis=0, method="nearest")
     margin = _MORE * (upper - lower)

@@ -14,8 +14,9 @@
 - `tree_choice`: what is built for some queries, and what outlives it
 - `accelerator`: trees by plan, cached trees
 - `auto_accelerator`: the choice of trees by `auto`
-- `frame_tracer`: `RenderSource`, `FrameTracer`, memory estimates
+- `frame_tracer`: `FrameTracer`, the surfaces, trees and bits of one frame
 - `refitted_rays`: the tree of ray lists while users move the geometry
+- `joined_store_tree`: the tree of a store as one BVH
 - `primary_visibility`: the surfaces that a camera sees
 - `default_view`: what default pictures show
 - `precompilation`: warm-ups, run before anything is timed

@@ -18,17 +18,14 @@ from ..kernels.small_matrices import dot, product
 from ..kernels.small_matrices import length as length_of
 from ..scene.camera import VFOV, Camera, axes, bounding_sphere, fitted_camera
 from ..scene.default_picture import DefaultView, Room, exit_distance, view_of_bounds
-from ..scene.instance_data import InstanceData
 from ..scene.lights import tangents
 from ..scene.scene_bounds import (
     MAX_SAMPLED_FACES,
     bounds_of_points,
     corners_within,
     detail_box,
-    moving_faces,
-    sampled_faces,
 )
-from ..scene.scene_data import MemoryData, SceneData
+from ..scene.scene_data import SceneData
 from ..scene.triangles import Triangles
 from .primary_visibility import primary_visibility
 
@@ -260,7 +257,7 @@ class _Panorama(NamedTuple):
     facing: NDArray[np.bool_]  # (m,): whether the front side is hit
 
 
-def room_of(scene: MemoryData, outside: Camera, box: np.ndarray, threads: int | None = None) -> Room | None:
+def room_of(scene: SceneData, outside: Camera, box: np.ndarray, threads: int | None = None) -> Room | None:
     """The room that a scene encloses at time 0; None if the view from outside is better.
 
     outside : a camera that shows the scene's detail; box : (2, 3) float64, the extent of this detail
@@ -297,9 +294,11 @@ def _content_only(panorama: _Panorama, triangles: Triangles, enclosing: Enclosin
     return panorama._replace(facing=panorama.facing & inside[panorama.faces])
 
 
-def _moving_corners(scene: MemoryData) -> NDArray[np.float64]:
+def _moving_corners(scene: SceneData) -> NDArray[np.float64]:
     """(k, 3) float64, recentred: corners of a sample of faces, at several times."""
-    corners: NDArray[np.float64] = moving_faces(scene.source, scene.n_triangles).reshape(-1, 3) - scene.origin
+    faces = scene.sampled_faces()
+    assert faces is not None
+    corners: NDArray[np.float64] = faces.reshape(-1, 3) - scene.origin
     return corners
 
 
@@ -391,21 +390,19 @@ def view_of(data: SceneData) -> DefaultView:
 
     A scene in a store is shown by its bounds. Instances are shown from outside.
     """
-    if isinstance(data, InstanceData):
-        faces = data.sampled_faces()
-        return DefaultView(corners_within(faces, detail_box(faces)), data.up, None)
-    if not isinstance(data, MemoryData):
+    faces = data.sampled_faces()
+    if faces is None:
         return view_of_bounds(data.bounds, data.up)
-    faces = moving_faces(data.source, data.n_triangles)
     box = detail_box(faces)
     view = DefaultView(corners_within(faces, box), data.up, None)
+    if data.instanced:
+        return view
     room = room_of(data, view.camera(1, 1), box)
     return view._replace(room=room, points=view.points if room is None or room.points is None else room.points)
 
 
 def view_at(data: SceneData, view: DefaultView, time: float) -> DefaultView:
     """The view of an animated scene at one time, given its view over the whole animation."""
-    if not isinstance(data, MemoryData) or not data.animated or view.room is not None:
+    if not data.animated or view.room is not None or (faces := data.sampled_faces(time)) is None:
         return view
-    faces = sampled_faces(data.source, data.n_triangles, time)
     return view._replace(points=corners_within(faces, detail_box(faces)))

@@ -4,9 +4,8 @@ The kernels of a plan are compiled before its first query.
 """
 
 import threading
-from collections.abc import Callable, Sequence
-from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, cast
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,39 +13,45 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.checks import as_array, byte_count, checked_instance, choice, whole_number
 from ..base.errors import InputError
 from ..base.forks import is_stuck, renew_after_fork
-from ..base.progress import ProgressCallback, show_progress, split_progress
+from ..base.progress import ProgressCallback, show_progress
 from ..kernels.parallel import thread_count
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
-from ..query.query_bounds import place, reach_of
-from ..query.ray_list import HitFilter, RayArguments, TracedRays, cull_value, rays_of, segments_between
+from ..query.ray_list import HitFilter, cull_value, rays_of, segments_between
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery
 from ..scene.camera import Camera
-from ..scene.instance_data import InstanceData
 from ..scene.light_lists import without_interleave
 from ..scene.lights import Light, check_lights
-from ..scene.scene_data import MemoryData, SceneData
-from ..scene.triangles import AllHits, Hit, HitFaces, Triangles
+from ..scene.scene_data import SceneData
+from ..scene.triangles import AllHits, Hit, HitFaces
 from ..trace.rays.all_hits import INSIDE, ON_SURFACE, SURFACES, TRIANGLES
-from ..trace.transmission import TracedQuery, transmission
-from .accelerator import Accelerated, Accelerator, SceneTrees
+from ..trace.transmission import TracedQuery
+from .accelerator import Accelerated, Accelerator
 from .auto_accelerator import accelerator_of
-from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
-from .plan import Plan, parse_plan
-from .plan_kernels import warm_up
+from .frame_tracer import FrameTracer
+from .plan import DEFAULT_PLAN, Plan, parse_plan
 from .precompilation import precompile
-from .primary_visibility import AUTO, METHODS, precompiled_method
+from .primary_visibility import AUTO, METHODS, RAYS
 from .scene_reading import data_of
-from .sources.in_memory_source import InMemory, update_warm_up
-from .sources.instanced_source import Instanced, SharedInstances, traces_instances
+from .sources.in_memory_source import RayLists, SharedMemory, update_warm_up
+from .sources.instanced_source import SharedInstances
+from .sources.point_shadows import PlanKernels, TreeShadows, queries_in
+from .sources.source_protocols import (
+    CameraView,
+    FrameMemory,
+    HitSource,
+    PointQuery,
+    PointSource,
+    SharedTrees,
+    SourceSettings,
+    moment_of,
+)
 from .sources.terrain_shadows import TerrainShadows
 from .visibility import Visibility, visibility_of
 
 if TYPE_CHECKING:
     from ..scene.moved_geometry import ObjectChoice
-    from ..store.store_file import StoreData
-    from .sources.paged_source import Paged
 
 
 _MAX_OTHER_ENGINES = 8  # engines of other plans that an engine caches
@@ -59,8 +64,6 @@ MAX_COORDINATE = 1e38
 
 MERGES = {"none": TRIANGLES, "surface": SURFACES}
 """Rules by which hits are counted."""
-
-_T = TypeVar("_T")
 
 _Options: TypeAlias = tuple[Plan, int, int | None]
 """Plan, threads and memory limit."""
@@ -110,19 +113,19 @@ class Engine:
         data = data_of(scene)
         choice(gbuffer, "gbuffer", METHODS)
         limit = getattr(scene, "max_memory", None) if max_memory is None else max_memory
-        self._start(data, _trees_of(data), plan, threads, limit, gbuffer)
+        self._start(data, _shared_kind(data)(data), plan, threads, limit, gbuffer)
 
     def __getstate__(self) -> _State:
         """Pickle the settings; everything else is rebuilt."""
         return self.data, self.plan, self.threads, self.max_memory, self.source.gbuffer
 
     def __setstate__(self, state: _State) -> None:
-        self._start(state[0], _trees_of(state[0]), *state[1:])
+        self._start(state[0], _shared_kind(state[0])(state[0]), *state[1:])
 
     def _start(
         self,
         data: SceneData,
-        trees: SceneTrees | SharedInstances | None,
+        shared: SharedTrees,
         plan: str | Plan | None,
         threads: int | None,
         max_memory: int | None,
@@ -130,34 +133,29 @@ class Engine:
     ) -> None:
         self.data, self.threads = data, thread_count(threads)
         self.plan = parse_plan(default_plan_of(data) if plan is None else plan)
-        self.max_memory, self._trees, self.lock = max_memory, trees, threading.RLock()
+        self.max_memory, self._shared, self.lock = max_memory, shared, threading.RLock()
         self._updates = threading.Lock()  # held while the geometry is moved; queries do not wait for it
-        self.accelerator: Accelerator = accelerator_of(self.plan, self.threads)
-        self.source: RenderSource = self._new_source(gbuffer)
-        self.terrain = TerrainShadows(data)
-        self._frame, self._n_faces = tuple(data.origin.tolist()), data.n_triangles
         self._others: dict[_Options, Engine] = {}  # least recently used first
-        self._warm = False  # whether its kernels are compiled
+        self._frame, self._n_faces = tuple(data.origin.tolist()), data.n_triangles
+        self.accelerator: Accelerator = accelerator_of(self.plan, self.threads)
+        self.source = shared.source(
+            self.accelerator, SourceSettings(gbuffer, max_memory, self.lock, self._others.clear)
+        )
+        self._kernels = PlanKernels(self.source, self.accelerator)
+        self._rays: HitSource = self.source.ray_lists  # the first of the chain of sources, see `source_protocols`
+        self._points: PointSource = TreeShadows(self.source, self.accelerator, self._kernels)
+        self.terrain: TerrainShadows | None = None
+        if data.terrain is not None and str(self.plan) == DEFAULT_PLAN:
+            ray_lists = cast(RayLists, self._rays)  # terrain is in memory
+            self.terrain = TerrainShadows(data, ray_lists, self._points, self.threads)
+            self._rays = self._points = self.terrain
         renew_after_fork(self)
 
     def _after_fork(self) -> None:
         """Start again without the trees that a query in another thread was using or changing."""
         if is_stuck(self.lock):
-            if self._trees is not None:
-                self._trees.clear()
-            self._start(self.data, self._trees, self.plan, self.threads, self.max_memory, self.source.gbuffer)
-
-    def _new_source(self, gbuffer: str) -> RenderSource:
-        if self._trees is None:
-            return _paged()(cast("StoreData", self.data), self.accelerator, self.max_memory)
-        if self.max_memory is not None:
-            raise InputError(f"max_memory is for scenes in a store, and {self.data.name} is in memory; leave it out")
-        if isinstance(self._trees, SceneTrees):
-            return InMemory(cast(MemoryData, self.data), self.accelerator, self._trees, gbuffer)
-        data = cast(InstanceData, self.data)
-        if traces_instances(self.plan):
-            return Instanced(data, self.accelerator, self._trees)
-        return InMemory(data.flattened(), self.accelerator, self._trees.flat(), gbuffer)
+            self._shared.clear()
+            self._start(self.data, self._shared, self.plan, self.threads, self.max_memory, self.source.gbuffer)
 
     def with_options(self, plan: str | Plan | None, threads: int | None, max_memory: int | None) -> "Engine":
         """An engine with another plan, thread count or memory limit, which shares this one's triangles and trees.
@@ -175,16 +173,16 @@ class Engine:
         )
         with self.lock:
             if requested == current:
-                if self.source.in_store:
+                if self.source.memory is not None:
                     self._others.clear()
                 return self
             engine = self._others.pop(requested, None)
-            if self.source.in_store:
+            if self.source.memory is not None:
                 self._others.clear()
-                self.source.release()
+                self.source.memory.release()
             if engine is None:
                 engine = Engine.__new__(Engine)
-                engine._start(self.data, self._trees, *requested, AUTO)
+                engine._start(self.data, self._shared, *requested, AUTO)
             self._others[requested] = engine
             if len(self._others) > _MAX_OTHER_ENGINES:
                 self._others.pop(next(iter(self._others)))
@@ -205,8 +203,8 @@ class Engine:
     ) -> NDArray[np.bool_]:
         """(...) bool: whether a triangle blocks each ray; `antumbra.Scene.occluded` documents the parameters."""
         hits = HitFilter(tmin, tmax, skip_face, cull_faces)
-        rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets)
-        return self._traced(rays, True, time, threads).hits.blocked.reshape(rays.shape)
+        rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets, self._moment(time))
+        return self._rays.trace_rays(rays, True, self._count(threads)).hits.blocked.reshape(rays.shape)
 
     def closest_hit(
         self,
@@ -222,11 +220,12 @@ class Engine:
     ) -> Hit:
         """The nearest hits of rays; `antumbra.Scene.closest_hit` documents the parameters."""
         hit_filter = HitFilter(tmin, tmax, skip_face, cull_faces)
-        rays = rays_of(origins, directions, hit_filter, self._frame, self._n_faces)
-        hits, triangles = self._traced(rays, False, time, threads)
+        rays = rays_of(origins, directions, hit_filter, self._frame, self._n_faces, None, self._moment(time))
+        hits, find = self._rays.trace_rays(rays, False, self._count(threads))
         faces = HitFaces(*(array.reshape(rays.shape) for array in (hits.t, hits.face, hits.u, hits.v)))
+        assert find is not None
         data = self.data
-        return Hit.of_scene(faces, self._finder(rays, faces.face, triangles, time), lambda: data.object_of_face)
+        return Hit.of_scene(faces, find, lambda: data.object_of_face)
 
     def all_hits(
         self,
@@ -246,9 +245,8 @@ class Engine:
         if max_hits is not None:
             max_hits = whole_number(max_hits, "max_hits", 1, MAX_HITS)
         hits = HitFilter(tmin, tmax, skip_face, cull_faces)
-        rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets)
-        moment = self._moment(time)
-        return self._ask(threads, lambda source: source.all_hits(rays, max_hits, TRIANGLES, moment, threads))
+        rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets, self._moment(time))
+        return self.source.ray_lists.all_hits(rays, max_hits, TRIANGLES, self._count(threads))
 
     def count_hits(
         self,
@@ -267,9 +265,8 @@ class Engine:
         """(...) int64: the number of hits of each ray; `antumbra.Scene.count_hits` documents the parameters."""
         rule = MERGES[choice(merge, "merge", MERGES)]
         hits = HitFilter(tmin, tmax, skip_face, cull_faces)
-        rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets)
-        moment = self._moment(time)
-        return self._ask(threads, lambda source: source.count_hits(rays, rule, moment, threads)).reshape(rays.shape)
+        rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets, self._moment(time))
+        return self.source.ray_lists.count_hits(rays, rule, self._count(threads)).reshape(rays.shape)
 
     def segment_hits(
         self,
@@ -284,8 +281,8 @@ class Engine:
         begin, end : (n, 3) float32, in the frame of the scene's triangles
         skip_face : (n,) int, a face to ignore, or -1
         """
-        segments, moment = segments_between(begin, end, skip_face), self._moment(time)
-        return self._ask(threads, lambda source: source.all_hits(segments, None, TRIANGLES, moment, threads))
+        segments = segments_between(begin, end, skip_face, self._moment(time))
+        return self.source.ray_lists.all_hits(segments, None, TRIANGLES, self._count(threads))
 
     def contains(self, points: "ArrayLike", time: float = 0.0, *, threads: int | None = None) -> NDArray[np.bool_]:
         """(...) bool: whether points are inside; `antumbra.Scene.contains` documents the parameters."""
@@ -295,49 +292,14 @@ class Engine:
         if not np.abs(array).max(initial=0.0) < MAX_COORDINATE:
             first = int(np.argmin((np.abs(array) < MAX_COORDINATE).reshape(-1, 3).all(1)))
             raise InputError(f"points are NaN, infinite or beyond float32 (point {first})")
-        rays = rays_of(array, up, HitFilter(0.0, np.inf), self._frame, self._n_faces)
-        moment = self._moment(time)
-        counts = self._ask(threads, lambda source: source.count_hits(rays, INSIDE, moment, threads))
+        rays = rays_of(array, up, HitFilter(0.0, np.inf), self._frame, self._n_faces, None, self._moment(time))
+        counts = self.source.ray_lists.count_hits(rays, INSIDE, self._count(threads))
         inside: NDArray[np.bool_] = (counts >= ON_SURFACE) | (counts % 2 == 1)
         return inside.reshape(rays.shape)
 
-    def _ask(self, threads: int | None, query: Callable[[RenderSource], _T]) -> _T:
-        """The answer of the source to a query of rays by some threads. A store is locked meanwhile."""
-        if not self.source.in_store:
-            return query(self.source)
-        engine = self.with_options(None, threads, None)
-        with engine.lock:
-            engine.source.warm_up()
-            return query(engine.source)
-
-    def _finder(
-        self, rays: RayArguments, face: np.ndarray, triangles: Triangles | None, time: float
-    ) -> Callable[[], tuple[Triangles, np.ndarray]]:
-        """A function that returns the triangles of hits: those in memory, or those found in a store by a new query."""
-        if isinstance(self.source, Instanced):
-            return partial(self.source.triangles_hit, rays, face.copy(), self._moment(time))
-        if triangles is not None:
-            hit = triangles, face
-            return lambda: hit
-        moment = self._moment(time)
-        if isinstance(self.source, InMemory):  # over terrain, triangles are made only if they are asked for
-            return lambda: (cast(SceneTrees, self._trees).triangles(moment, self.threads), face)
-        copy, source = rays.copied(), cast("Paged", self.source)
-
-        def find() -> tuple[Triangles, np.ndarray]:
-            with self.lock:
-                return source.triangles_hit(copy, face, moment)
-
-        return find
-
-    def _traced(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None) -> TracedRays:
-        moment = self._moment(time)
-        threads = self.threads if threads is None else thread_count(threads)
-        if isinstance(self.source, InMemory) and self.source.ray_lists.plan is None:
-            hits = self.terrain.trace_rays(self.plan, rays, any_hit, threads)
-            if hits is not None:
-                return TracedRays(hits, None)
-        return self._ask(threads, lambda source: source.trace_rays(rays, any_hit, moment, threads))
+    def _count(self, threads: int | None) -> int:
+        """The number of threads of a query."""
+        return self.threads if threads is None else thread_count(threads)
 
     def _moment(self, time: float) -> float:
         return 0.0 if type(time) is float and time == 0.0 else self.data.clamped(time)
@@ -350,7 +312,7 @@ class Engine:
         threads: int | None = None,
     ) -> None:
         """Move the geometry of the scene; `antumbra.Scene.update` documents the parameters."""
-        if not self.source.in_store:
+        if self.source.geometry is not None:
             precompile(update_warm_up)
         with self._updates:
             self.data.update(vertices, objects, transform, self.threads if threads is None else threads)
@@ -359,12 +321,13 @@ class Engine:
         """The G-buffer of a camera at a time in seconds: the visible surface at each pixel."""
         checked_instance(camera, Camera, "camera")
         with self.lock:
-            self._warm_up()
-            self.source.begin(FrameMemory(0, 0, 0))
-            triangles, tree = self.source.moment(self._moment(time))
-            if tree is None and (camera.listed or self.source.gbuffer == "rays"):
+            self._kernels.make_ready()
+            if self.source.memory is not None:
+                self.source.memory.begin(FrameMemory(0, 0, 0))
+            triangles, tree = moment_of(self.source, self._moment(time))
+            if tree is None and (camera.listed or self.source.gbuffer == RAYS):
                 tree = self.accelerator.prepare_all(triangles)
-            surfaces = self.source.look(camera, triangles, tree)
+            surfaces = self.source.look(CameraView(camera, triangles, tree, slice(0, camera.height)))
             return surfaces.gbuffer._replace(face=surfaces.ids)
 
     def visibility(
@@ -435,29 +398,9 @@ class Engine:
         for light in lights:
             if light.domain == "hemisphere" and not receivers.normals.size and receivers.n:
                 raise InputError(f"{type(light).__name__} needs surface normals; give the points' normals")
+        points = PointQuery(receivers, lights, samples, facing, self._moment(time), later, whole, month, known)
         with self.lock:
-            if self.terrain.serves(self.plan, receivers, lights, receivers.n * sum(each.shape[1] for each in samples)):
-                return self.terrain.shadows(receivers, lights, samples, facing, self.threads, progress)
-            accelerator, source = self.accelerator, self.source
-            self._warm_up()
-            if source.in_store:
-                needs = [points_memory(receivers.n, *each) for each in zip(lights, samples)]
-                source.begin(FrameMemory(*map(sum, zip(*needs))))
-            accelerator.begin(receivers.n * sum(each.shape[1] for each in samples), later)
-            triangles, accelerated = source.for_points(self._moment(time))
-            queries = self._queries(triangles, receivers, lights, samples, facing)
-            if accelerated is None:  # the tree depends on the queries
-                accelerated = accelerator.tree_for(triangles, queries)
-                source.keep_for_points(accelerated)
-            accelerated.begin()
-            if accelerated.cutouts is not None:
-                cutouts = accelerated.cutouts.in_month(month)
-                accelerated = accelerated._replace(cutouts=cutouts.as_holes() if whole else cutouts)
-            steps = split_progress(progress, len(queries))
-            bits = accelerator.answer_all(accelerated, queries, None, steps, known)
-            return [
-                TracedQuery(q, b, transmission(accelerated.cutouts, q, b, self.threads)) for q, b in zip(queries, bits)
-            ]
+            return self._points.shadows(points, progress)
 
     def queries(
         self,
@@ -468,8 +411,14 @@ class Engine:
         time: float = 0.0,
     ) -> list[ShadowQuery]:
         """The queries of `shadows`, without their bits."""
+        points = PointQuery(receivers, lights, samples, facing, self._moment(time))
         with self.lock:
-            return self._queries(self.source.moment(self._moment(time))[0], receivers, lights, samples, facing)
+            return queries_in(self.source, moment_of(self.source, points.time)[0], points, self.threads)
+
+    @property
+    def prefers_rows(self) -> bool:
+        """Whether points in rows of a raster are traced faster than in any other order."""
+        return self._points.prefers_rows
 
     def frame_tracer(self) -> FrameTracer:
         """A tracer for the rays of one frame. Hold `lock` from the first call of its methods to the last."""
@@ -483,52 +432,20 @@ class Engine:
         InputError
             If the scene is in a store.
         """
-        if self._trees is None:
-            raise cast("StoreData", self.data).refusal()
-        trees = self._trees.flat() if isinstance(self._trees, SharedInstances) else self._trees
+        trees = self._shared.flat()
         with self.lock:
             return trees.of(self.accelerator, self._moment(time))
-
-    def _queries(
-        self,
-        triangles: Triangles,
-        receivers: Receivers,
-        lights: Sequence[Light],
-        samples: Sequence[NDArray[np.float64]],
-        facing: int,
-    ) -> list[ShadowQuery]:
-        origins, sides, normals = receivers
-        box = self.source.box(triangles)
-        reach = reach_of(box, origins, self.threads) if origins.size else 1.0
-        corners, no_faces = triangles.vertices.reshape(-1, 9), np.full(sides.shape, -1, np.int32)
-        placed = [place(light, triangles.origin, box, reach) for light in lights]
-        return [
-            ShadowQuery(origins, no_faces, sides, normals, corners, light, sets, facing, no_faces)
-            for light, sets in zip(placed, samples)
-        ]
-
-    def _warm_up(self) -> None:
-        """Compile the kernels of this plan at its first query."""
-        if not self._warm:
-            warm_up(self.plan, precompiled_method(self.source.gbuffer))
-            self.source.warm_up()
-            self._warm = True
 
 
 def default_plan_of(data: SceneData) -> str:
     """The plan of an engine if none is given."""
-    if isinstance(data, InstanceData):
-        return Instanced.default_plan
-    return InMemory.default_plan if isinstance(data, MemoryData) else _paged().default_plan
+    return _shared_kind(data).default_plan
 
 
-def _trees_of(data: SceneData) -> SceneTrees | SharedInstances | None:
-    if isinstance(data, InstanceData):
-        return SharedInstances(data)
-    return SceneTrees(data) if isinstance(data, MemoryData) else None
+def _shared_kind(data: SceneData) -> type[SharedTrees]:
+    """What the engines of a scene share. The store's sources load late: scenes in memory start faster without them."""
+    if not data.resident:
+        from .sources.paged_source import SharedStore
 
-
-def _paged() -> "type[Paged]":
-    from .sources.paged_source import Paged  # imported late: scenes in memory start faster without it
-
-    return Paged
+        return SharedStore
+    return SharedInstances if data.instanced else SharedMemory

@@ -9,9 +9,8 @@ from ..base.checks import byte_count, flag
 from ..base.memory import reading_limit
 from ..formats.scene_format import ReadOptions
 from ..scene.crs import checked_crs, in_one_unit
-from ..scene.instance_data import InstanceData
 from ..scene.materials import Transmittance
-from ..scene.scene_data import MemoryData, SceneData, group_notes
+from ..scene.scene_data import SceneData, group_notes
 from ..scene.units import checked_unit
 from .scene import AnyScene, Scene
 from .scene_reading import read_scene_data
@@ -109,14 +108,14 @@ def load(
     limit = None if max_memory is None else byte_count(max_memory, "max_memory", 1)
     with reading_limit(limit):
         scene = _scene_of_data(read_scene_data(path, options))
-    if limit is not None and not isinstance(scene, Scene):
-        scene.max_memory = limit
-    if not cutouts and isinstance(scene, Scene):
+    if limit is not None and not scene.data.resident:
+        cast("PagedScene", scene).max_memory = limit
+    if not cutouts:
         scene.ignore_alpha()
     if transmittance is not None:
         scene.data.set_transmittance(transmittance)
     if given_crs is not None:
-        converted = scene.crs is not None and isinstance(scene, Scene)  # readers with a CRS convert heights
+        converted = scene.crs is not None and scene.data.resident  # readers with a CRS convert heights
         scene.crs = in_one_unit(given_crs)[0] if converted else given_crs
     scene.data.unit = length or scene.data.given_unit
     for note in group_notes(scene.notes):
@@ -147,7 +146,7 @@ def scene_of(value: SceneLike, stacklevel: int = 3) -> "Scene | PagedScene":
 
 def _scene_of_data(data: SceneData) -> "Scene | PagedScene":
     """The scene with this data."""
-    if isinstance(data, MemoryData | InstanceData):
+    if data.resident:
         return Scene.of_data(data)
     from .paged_scene import PagedScene  # imported late: scenes in memory start sooner without it
 

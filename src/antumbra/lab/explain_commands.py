@@ -117,7 +117,6 @@ def explain(args: ExplainArguments) -> int:
         raise InputError("--srdh-rays last-frame needs an earlier frame; add --before SECONDS")
 
     from ..base.files import checked_output
-    from ..engine.paged_scene import PagedScene
     from ..engine.plan import with_sample
     from ..picture.frame_request import TimeSample
     from ..picture.image_files import save_png
@@ -130,7 +129,7 @@ def explain(args: ExplainArguments) -> int:
     memory = None if args.max_memory is None else arguments.parse_bytes(args.max_memory, "--max-memory")
     with StudyRun(args) as run:
         opened, _ = run.open(spec)
-        of_store = isinstance(opened, PagedScene)
+        of_store = not opened.data.resident
         limit_memory(opened, memory)
         plans = with_sample(plans or explained_plans(_STORE_PLANS if of_store else _PLANS), rays)
 

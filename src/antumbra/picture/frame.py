@@ -190,7 +190,10 @@ def trace_query(state: FrameState, query: ShadowQuery) -> TracedQuery:
 
 def trace_queries(state: FrameState, queries: list[ShadowQuery]) -> list[TracedQuery]:
     """Trace several queries of pictures of the same shape."""
-    return with_known_bits(state, queries, state.tracer.trace(queries, state.tally, state.request.progress))
+    tracer, request = state.tracer, state.request
+    return with_known_bits(
+        state, queries, tracer.accelerator.answer_all(tracer.tree, queries, state.tally, request.progress)
+    )
 
 
 def with_known_bits(state: FrameState, queries: list[ShadowQuery], bits: list[np.ndarray]) -> list[TracedQuery]:

@@ -7,7 +7,6 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.engine import Engine
 from ..engine.frame_tracer import FrameMethods
 from ..query.pixel_refinement import BLOCK, block_copies, block_means, edges, picture_of
 from ..query.ray_passes import diffuse_rays
@@ -25,7 +24,6 @@ from .frame import (
     FrameState,
     Ground,
     Layers,
-    TracedBits,
     arriving_light,
     edge_colours,
     queries_of,
@@ -38,7 +36,7 @@ from .frame import (
     with_appearance,
     with_known_bits,
 )
-from .frame_request import LIGHT_BYTES, PASS_BYTES, SURFACE_BYTES, Request, edge_bytes, frame_memory, ray_counts
+from .frame_request import LIGHT_BYTES, PASS_BYTES, SURFACE_BYTES, edge_bytes, frame_memory, ray_counts
 from .light_visibility import LightFractions, finer_query, light_fractions, refine_fractions, without_equal_samples
 from .morphological_antialiasing import mixture
 from .shading import Illumination, ambient_light, shade
@@ -151,16 +149,8 @@ def _batches(items: Iterable[_T], n: int) -> Iterator[list[_T]]:
 # --- The passes -------------------------------------------------------------------------------------------------------
 
 
-def render_frame(engine: Engine, request: Request, known: TracedBits | None = None) -> Frame:
-    """Render a frame. Compile its kernels first, or compilation counts in the timings.
-
-    known : results of the rays, if they were traced before; no tree is built then
-    """
-    with engine.lock:
-        return _render_frame(FrameState(engine, request, known))
-
-
-def _render_frame(state: FrameState) -> Frame:
+def render_frame(state: FrameState) -> Frame:
+    """Render a frame. Compile its kernels first, or compilation counts in the timings; and hold the engine's lock."""
     request = state.request
     evaluate(state)
     surfaces, traced = find_and_trace(state)

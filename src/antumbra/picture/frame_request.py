@@ -10,10 +10,10 @@ import numpy as np
 
 from ..base.progress import ProgressCallback
 from ..engine.accelerator import Accelerated, Accelerator
-from ..engine.frame_tracer import CELL_BYTES, FrameMemory, ray_set_count
 from ..engine.plan import Plan
 from ..engine.primary_visibility import primary_visibility
 from ..engine.scene import AnyScene
+from ..engine.sources.source_protocols import CELL_BYTES, CameraView, FrameMemory, moment_of, ray_set_count
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.pixel_refinement import FinerSamples, finer_samples
@@ -158,7 +158,7 @@ def picture_queries(
     plan : the plan for whose tracer a store is prepared; None: the default
     """
     request = request_of(moment.camera, moment.lights, replace(options, adaptive=None, bounce=None))
-    if scene.engine.source.in_store:
+    if scene.engine.source.memory is not None:
         return _picture_of_store(scene, request, threads, plan)
     triangles = scene.triangles(moment.time, threads)
     gbuffer = primary_visibility(triangles, moment.camera, None, threads)
@@ -168,8 +168,10 @@ def picture_queries(
 
 def _picture_of_store(scene: AnyScene, request: Request, threads: int, plan: Plan | None) -> PictureQueries:
     source = scene.engine.with_options(plan, threads, None).source
-    source.begin(frame_memory(request))
-    surfaces = source.look(request.camera, *source.moment(0.0))
+    assert source.memory is not None
+    source.memory.begin(frame_memory(request))
+    camera, (triangles, tree) = request.camera, moment_of(source, 0.0)
+    surfaces = source.look(CameraView(camera, triangles, tree, slice(0, camera.height)))
     queries = surface_queries(surfaces, request.lights, request.samples, request.facing, threads)
     return PictureQueries(source, surfaces.triangles, surfaces.gbuffer, request.lights, request.samples, queries)
 

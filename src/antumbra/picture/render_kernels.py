@@ -12,6 +12,7 @@ from ..engine.precompilation import WarmUp, fixed_warm_up, precompile, small_sce
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..techniques.srdh.representative_rays import SrdhRays
+from .frame import FrameState
 from .frame_passes import render_frame
 from .frame_request import request_of
 from .render_options import RenderOptions
@@ -137,4 +138,5 @@ def _render_small(
         engine.accelerator.ray_selector is None
     ):  # build over all triangles: culling leaves too few to run every builder kernel
         engine.accelerator.build(scene.triangles(0.0, 2))
-    render_frame(engine, request)
+    with engine.lock:
+        render_frame(FrameState(engine, request))

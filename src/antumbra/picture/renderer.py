@@ -10,17 +10,17 @@ from ..base.option_fields import split_keywords, with_keywords
 from ..base.progress import ProgressCallback, show_progress, with_quiet_progress
 from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.engine import Engine
-from ..engine.frame_tracer import RenderSource
 from ..engine.measured_scenes import check_degrees
 from ..engine.plan import Plan
 from ..engine.primary_visibility import AUTO, METHODS, precompiled_method, primary_visibility
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
+from ..engine.sources.source_protocols import RenderSource
 from ..query.gbuffer import GBuffer
 from ..scene.camera import Camera
 from ..scene.lights import Light, check_lights
 from ..scene.triangles import Triangles
-from .frame import Frame, TracedBits
+from .frame import Frame, FrameState, TracedBits
 from .frame_passes import render_frame
 from .frame_request import Request, request_of
 from .render_kernels import (
@@ -163,9 +163,7 @@ class Renderer:
         InputError
             If a value is out of range, the camera's position is in degrees, or an argument is not a camera or a light.
         """
-        request = self.request(camera, lights, options_of(options, keywords))
-        with show_progress("tracing", progress) as report:
-            return render_frame(self.engine, request._replace(progress=report))
+        return _drawn(self.engine, self.request(camera, lights, options_of(options, keywords)), progress)
 
     def rows(self, request: Request) -> RowBands:
         """Render a request in bands of rows, which can be traced in any order and in any process."""
@@ -173,7 +171,8 @@ class Renderer:
 
     def from_rows(self, request: Request, traced: TracedBits) -> Frame:
         """The frame of a request whose rays were traced before, as from `render`, but without the time of tracing."""
-        frame = render_frame(self.engine, request, traced)
+        with self.engine.lock:
+            frame = render_frame(FrameState(self.engine, request, traced))
         return frame._replace(timings={**frame.timings, "trace": 0.0})
 
     def request(self, camera: Camera, lights: Sequence[Light] | Light, options: RenderOptions | None = None) -> Request:
@@ -189,7 +188,7 @@ class Renderer:
         """The height of the shadow-catcher plane; None: no plane."""
         if options.ground is False:
             return None
-        if self.source.in_store:
+        if self.source.memory is not None:
             raise InputError(
                 f"{self.scene.name} is in a store, and ground works only for scenes in memory; leave it out"
             )
@@ -223,6 +222,12 @@ class Renderer:
     def see(self, triangles: Triangles, camera: Camera, accelerated: Accelerated | None = None) -> GBuffer:
         """The G-buffer of a camera: by rays through `accelerated`; by rasterisation if it is None."""
         return primary_visibility(triangles, camera, accelerated, self.threads)
+
+
+def _drawn(engine: Engine, request: Request, progress: ProgressCallback | bool | None) -> Frame:
+    """The frame of a request whose kernels are compiled."""
+    with show_progress("tracing", progress) as report, engine.lock:
+        return render_frame(FrameState(engine, request._replace(progress=report)))
 
 
 def _check_view(scene: AnyScene, camera: Any, lights: Any) -> tuple[Camera, list[Light]]:
@@ -280,4 +285,5 @@ def render(
         camera = scene.default_camera(time=picture_options.time)
     if lights is None:
         lights = scene.default_lights(picture_options.time)
-    return Renderer(scene, **of_renderer).render(camera, lights, options=picture_options, progress=progress)
+    renderer = Renderer(scene, **of_renderer)
+    return _drawn(renderer.engine, renderer.request(camera, lights, picture_options), progress)

@@ -74,7 +74,7 @@ class RowBands:
 
     def _surfaces_of(self, rows: slice) -> Surfaces:
         state = self._state
-        if state.tracer.in_store:
+        if state.tracer.memory is not None:
             return find_surfaces(state, rows)
         if self._surfaces is None:
             self._surfaces = find_surfaces(state, slice(0, state.request.camera.height))

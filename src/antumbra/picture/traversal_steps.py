@@ -140,12 +140,12 @@ def explain(
     """
     parsed = explained_plans(plans)
     source = scene.engine.source
-    for plan in parsed if source.in_store else ():
+    for plan in parsed if source.memory is not None else ():
         Engine(scene, plan, threads)  # rejects plans that build another tree than the store's
     moments = [moment._replace(lights=check_lights(moment.lights, scene.up)) for moment in moments]
     for plan in parsed:
-        precompile_plan(plan, "rays" if source.in_store else "raster")
-    if source.in_store:
+        precompile_plan(plan, "raster" if source.memory is None else "rays")
+    if source.memory is not None:
         source.warm_up()
     precompile(steps_warm_up)
     if any(plan.sample is not None and plan.sample.bounce for plan in parsed):
@@ -223,7 +223,7 @@ def _count_plan_in_store(accelerator: Accelerator, picture: PictureQueries) -> _
 
     `_CountedTrace.ids` are the scene indices of the triangles in the chunks that rays may enter.
     """
-    from ..engine.sources.paged_source import explained_tree
+    from ..engine.joined_store_tree import explained_tree
 
     bvh, ids = explained_tree(picture.source, picture.queries)
     accelerated = picture.source.accelerated

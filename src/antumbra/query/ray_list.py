@@ -4,8 +4,9 @@ Shapes and dtypes are checked before tracing; numbers are checked while rays are
 in float64 before they are rounded to float32.
 """
 
+from collections.abc import Callable
 from math import prod
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
@@ -70,11 +71,15 @@ class HitArrays(NamedTuple):
         return _HITS.pack(0, 0, 1, *pointers)
 
 
+FoundTriangles: TypeAlias = Callable[[], tuple[Triangles, np.ndarray]]
+"""Returns triangles, and for each ray the index (int) of the one that it hits, or -1, in the shape of the rays."""
+
+
 class TracedRays(NamedTuple):
-    """Hits of rays, with the triangles in which they were traced."""
+    """Hits of rays."""
 
     hits: HitArrays
-    triangles: Triangles | None  # of the whole scene, by face; None: not all are in memory
+    find: FoundTriangles | None  # the triangles hit, which may be made only then; None: for any-hit
 
 
 _NONE = HitArrays(*(np.empty(0, dtype) for dtype in (np.bool_, np.int32, np.float64, np.float32, np.float32)))
@@ -106,6 +111,7 @@ class RayArguments(NamedTuple):
     cull_faces: int  # a value of CULL_FACES
     segments: bool
     frame: tuple[float, float, float]  # world position of the origin of the scene's frame
+    time: float = 0.0  # at which they are traced, within 0 .. `duration`
 
     @property
     def n(self) -> int:
@@ -165,10 +171,12 @@ def rays_of(
     frame: tuple[float, float, float],
     n_faces: int,
     targets: ArrayLike | None = None,
+    time: float = 0.0,
 ) -> RayArguments:
     """The checked arguments of `Scene.occluded` and `Scene.closest_hit`.
 
     n_faces : number of faces of the scene
+    time : within 0 .. `duration`
     """
     tmin, tmax, skip_face, cull_faces = hits
     origins, target_name = as_array(origins, "origins", strided=True), "directions" if targets is None else "targets"
@@ -190,7 +198,7 @@ def rays_of(
         sizes = ", ".join(f"{name} {np.shape(x)}" for name, x in (("tmin", tmin), ("tmax", tmax), ("skip_face", skip)))
         raise InputError(f"shapes do not broadcast: origins {origins.shape}, {target_name} {directions.shape}, {sizes}")
     facing = 0 if cull_faces is None else cull_value(cull_faces)
-    return RayArguments(origins, directions, tmin, tmax, skip, shape, facing, targets is not None, frame)
+    return RayArguments(origins, directions, tmin, tmax, skip, shape, facing, targets is not None, frame, time)
 
 
 def rays_in_frame(rays: RayPass) -> RayArguments:
@@ -199,9 +207,9 @@ def rays_in_frame(rays: RayPass) -> RayArguments:
     return RayArguments(rays.origins, rays.directions, 0.0, np.inf, rays.skip, shape, 0, False, (0.0, 0.0, 0.0))
 
 
-def segments_between(begin: np.ndarray, end: np.ndarray, skip: np.ndarray) -> RayArguments:
+def segments_between(begin: np.ndarray, end: np.ndarray, skip: np.ndarray, time: float) -> RayArguments:
     """Segments between points in the scene's frame, (n, 3) float32 each; skip : (n,) int."""
-    return RayArguments(begin, end, 0.0, 1.0, skip, (len(begin),), 0, True, (0.0, 0.0, 0.0))
+    return RayArguments(begin, end, 0.0, 1.0, skip, (len(begin),), 0, True, (0.0, 0.0, 0.0), time)
 
 
 def _number_or_array(value: ArrayLike, what: str) -> np.ndarray | float:

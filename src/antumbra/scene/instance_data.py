@@ -1,9 +1,9 @@
 """Scene data of instances: meshes and transforms in memory, but not the triangles of the copies."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cached_property
-from typing import Any, NamedTuple, cast
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -106,6 +106,8 @@ class InstanceData(SceneData):
     boxes : (k, 2, 3) float64, world
         Exact bounds of each copy.
     """
+
+    instanced: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -251,10 +253,22 @@ class InstanceData(SceneData):
             out[at] = colour if colour.ndim == 1 else colour[triangle[at]]
         return out
 
-    def sampled_faces(self) -> NDArray[np.float64]:
-        """(m, 3, 3) float64, world: as from `scene_bounds.sampled_faces`."""
+    def sampled_faces(self, time: float | None = None) -> NDArray[np.float64]:
+        """(m, 3, 3) float64, world: as from `scene_bounds.sampled_faces`. Instances never move."""
         step = -(-self.n_triangles // MAX_SAMPLED_FACES)
         return self.world_corners(np.arange(0, self.n_triangles, step))
+
+    def every(self, step: int, time: float, threads: int | None = None) -> NDArray[np.float32]:
+        return self.some_triangles(np.arange(0, self.n_triangles, step, dtype=np.int32)).vertices
+
+    def content(self, time: float, threads: int | None = None) -> Iterator[memoryview | bytes]:
+        """The meshes and the transforms of their copies."""
+        copies = self.instances
+        for mesh in copies.meshes:
+            for array in mesh.positions, mesh.faces, mesh.colour:
+                yield np.ascontiguousarray(array).data
+        for array in copies.mesh, copies.matrices, copies.starts:
+            yield array.data
 
 
 _OVERFLOW = 1e250

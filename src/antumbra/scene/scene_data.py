@@ -6,11 +6,11 @@
 import json
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from fnmatch import fnmatchcase
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +25,8 @@ from .lights import Light
 from .materials import MONTHS, LightShare, Transmittance
 from .mesh import MeshInfo, ObjectInfo, Source
 from .raster import Raster
-from .scene_bounds import Survey, faces_of, frame_origin, objects_of
+from .scene_bounds import Survey, faces_of, frame_origin, moving_faces, objects_of, sampled_faces
+from .terrain import HeightGrid
 from .triangles import Triangles
 from .units import LengthUnit, checked_unit
 
@@ -155,8 +156,13 @@ _GAP = 1e-5  # between scene and ground, relative to the scene's size: invisible
 
 
 class SceneData(ABC):
-    """Name, bounds, cameras, lights and triangles of a scene. `engine.scene.Scene` documents the attributes."""
+    """Name, bounds, cameras, lights and triangles of a scene. `engine.scene.Scene` documents the attributes.
 
+    What a kind of scene offers, its attributes say: `resident`, `instanced`, `terrain`, `sampled_faces`, `cell_tops`.
+    """
+
+    resident: ClassVar[bool] = True  # False: the triangles are in a store, and never all in memory
+    instanced: ClassVar[bool] = False  # whether the triangles are those of copies of meshes, made where they are needed
     name: str
     up: str  # "y" or "z"
     notes: tuple[str, ...]
@@ -190,6 +196,39 @@ class SceneData(ABC):
     @property
     @abstractmethod
     def n_triangles(self) -> int: ...
+
+    @property
+    def terrain(self) -> HeightGrid | None:
+        """The raster of heights that is the whole scene, solid and where it was read; None for all other scenes."""
+        return None
+
+    def cell_tops(self) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
+        """The height and the face at each cell of a scene that is one raster of heights, as `TerrainSurfaces.tops`."""
+        return None
+
+    def sampled_faces(self, time: float | None = None) -> NDArray[np.float64] | None:
+        """(m, 3, 3) float64, world: some of the faces at a time; None for a store. No time: at several times."""
+        return None
+
+    def every(self, step: int, time: float, threads: int | None = None) -> NDArray[np.float32]:
+        """(m, 3, 3) float32, recentred: the corners of every step-th face at a time. InputError for a store."""
+        return self.triangles(time, threads).vertices[::step]
+
+    def content(self, time: float, threads: int | None = None) -> Iterator[memoryview | bytes]:
+        """What determines the triangles at a time, with colours, alpha masks and objects: the input of digests."""
+        triangles = self.triangles(time, threads)
+        arrays = triangles.vertices, triangles.origin, triangles.colour, self.object_of_face
+        for array in *arrays, *(triangles.cutouts or ()):
+            yield np.ascontiguousarray(array).data
+
+    def check_resident(self) -> None:
+        """Check that all triangles can be in memory at once. Raises InputError for a store."""
+        if not self.resident:
+            raise self.refusal()
+
+    def refusal(self) -> InputError:
+        """The error raised by what needs all triangles, if they are never all in memory."""
+        return InputError(f"{self.name}: its triangles are never all in memory; use a scene in memory for this")
 
     @property
     def appearance(self) -> Appearance | None:
@@ -328,6 +367,27 @@ class MemoryData(SceneData):
     @property
     def n_triangles(self) -> int:
         return len(self.colours)
+
+    @property
+    def terrain(self) -> HeightGrid | None:
+        grid: HeightGrid | None = getattr(self.source, "height_grid", None)
+        return None if grid is None or self.moved is not None or self.cutouts is not None else grid
+
+    def cell_tops(self) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
+        find = getattr(self.source, "tops", None)
+        return None if find is None else cast("tuple[NDArray[np.float64], NDArray[np.int32]] | None", find(self.origin))
+
+    def sampled_faces(self, time: float | None = None) -> NDArray[np.float64]:
+        if time is None:
+            return moving_faces(self.source, self.n_triangles)
+        return sampled_faces(self.source, self.n_triangles, time)
+
+    def content(self, time: float, threads: int | None = None) -> Iterator[memoryview | bytes]:
+        if (terrain := self.terrain) is None:
+            yield from super().content(time, threads)
+        else:
+            yield repr((terrain.grid, self.origin.tolist())).encode()
+            yield np.ascontiguousarray(terrain.heights).data
 
     def _lowest(self, time: float | None) -> float:
         if not self.animated:

@@ -96,6 +96,10 @@ class HeightGrid(NamedTuple):
         """Heights of some rows, a view."""
         return self.heights[first:last]
 
+    def at(self, plan: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) float64: the height of the surface at places, (n, 2) world; NaN where there is none."""
+        return self.at_cells(*self.grid.cells_of(plan).T)
+
     def at_cells(self, column: NDArray[np.float64], row: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) float64: the height of the surface at fractional columns and rows; NaN where there is none."""
         rows, columns = self.heights.shape
@@ -256,6 +260,11 @@ class TerrainSurfaces:
     def surface(self) -> Heights | None:
         """The surface, if there is only one."""
         return self._surfaces[0] if len(self._surfaces) == 1 else None
+
+    @property
+    def height_grid(self) -> HeightGrid | None:
+        """The surface, if there is only one and its heights are in memory."""
+        return self.surface if isinstance(self.surface, HeightGrid) else None
 
     def tops(self, origin: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
         """(cells,) float64 heights, as rounded in the frame at `origin`, and (cells,) int32 faces, of all cells.

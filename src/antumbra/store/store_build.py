@@ -13,18 +13,17 @@ from ..base.files import atomic_output
 from ..base.progress import ProgressListener
 from ..generate.generated_scene import StreamedCity
 from ..scene.camera import Camera
-from ..scene.instance_data import InstanceData
 from ..scene.lights import Light
 from ..scene.mesh import Source
 from ..scene.raster import Raster
 from ..scene.scene_bounds import frame_origin
-from ..scene.scene_data import MemoryData, SceneData
+from ..scene.scene_data import SceneData
 from ..scene.terrain import StreamedTerrain
 from ..scene.units import METRE, LengthUnit
 from .chunk_sorting import SortSettings, chunks_of, grid_over, sorted_groups
 from .staging_files import MAX_FACES, StagingFile, gather_triangles
 from .store_checks import MAX_TRIANGLES
-from .store_file import StoreData, StoreWriter, top_tree
+from .store_file import StoreWriter, top_tree
 from .store_format import StoreMeta
 from .system_resources import check_disk_space
 
@@ -107,14 +106,13 @@ class _Build:
         units, given = set[LengthUnit](), set[LengthUnit]()
         cameras, lights, notes = list[Camera](), list[Light](), list[str]()
         for scene in scenes:
-            if isinstance(scene, StoreData):
-                raise scene.refusal()
-            if not isinstance(scene, MemoryData | InstanceData | StreamedScene):
+            source: Source | None = getattr(scene, "source", None)  # InputError if it is in a store
+            if source is None:
                 raise InputError(f"a scene is {type(scene).__name__}; it must be a Scene, as returned by antumbra.load")
             check_disk_space(
                 self.folder, staging.survey.file, staging.survey.n_triangles + scene.n_triangles, staging.size
             )
-            self._stage(scene.source, staging)
+            self._stage(source, staging)
             names.append(scene.name)
             ups.add(scene.up)
             if (crs := getattr(scene, "crs", None)) is not None:  # a streamed city has none
@@ -124,8 +122,8 @@ class _Build:
                 given.add(unit)
             if (raster := getattr(scene, "raster", None)) is not None:
                 rasters.add(raster)
-            cameras += scene.source.cameras(0.0)
-            lights += scene.source.lights(0.0)
+            cameras += source.cameras(0.0)
+            lights += source.lights(0.0)
             notes += scene.notes
             if scene.appearance is not None:
                 notes.append(f"{scene.name}: a store keeps the mean colour of each face, without textures and normals")

@@ -7,11 +7,11 @@ is open.
 import hashlib
 import os
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from io import FileIO
 from pathlib import Path
 from threading import Lock
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from ..bvh.nodes import CHILDREN, EMPTY, Bvh, aligned_empty, boxes_of, bvh_leaf,
 from ..bvh.reinsertion import reinsert
 from ..scene.camera import Camera
 from ..scene.lights import Light
-from ..scene.mesh import MeshInfo, ObjectInfo
+from ..scene.mesh import MeshInfo, ObjectInfo, Source
 from ..scene.scene_bounds import check_extent
 from ..scene.scene_data import SceneData
 from ..scene.triangles import Triangles
@@ -359,6 +359,8 @@ def _read_header(header: bytes, actual: int, name: str) -> tuple[int, int, int]:
 class StoreData(SceneData):
     """Name, bounds, cameras and lights of a scene whose triangles are in a store. It is static."""
 
+    resident: ClassVar[bool] = False
+
     def __init__(self, store: Store):
         if not isinstance(store, Store):
             raise InputError(f"store is {quoted(store)}; antumbra.load opens a store by its path")
@@ -385,9 +387,19 @@ class StoreData(SceneData):
         """Always raises InputError: the colours are in the chunks of the store."""
         raise self.refusal()
 
+    @property
+    def source(self) -> Source:
+        """Always raises InputError: what the store was built from is not known."""
+        raise self.refusal()
+
     def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
         """Always raises InputError: the triangles are never all in memory."""
         raise self.refusal()
+
+    def content(self, time: float, threads: int | None = None) -> Iterator[memoryview | bytes]:
+        """The first page of the file, which contains the checksum of the checksums of all chunks."""
+        with self.store.path.open("rb") as stream:
+            yield stream.read(PAGE)
 
     def refusal(self) -> InputError:
         """The error raised by methods that need all triangles."""

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.checks import checked_instance, number
 from ..base.errors import InputError
 from ..datasets.dataset_layers import has_centre, towards_centre
-from ..engine.scene import AnyScene, Scene
+from ..engine.scene import AnyScene
 from ..picture.frame import Frame
 from ..picture.image_files import frame_exposure
 from ..picture.render_options import EngineOptions
@@ -286,7 +286,7 @@ class Model:
     @property
     def in_memory(self) -> bool:
         """Whether the triangles are in memory, as the proxy mesh requires."""
-        return isinstance(self.scene, Scene)
+        return self.scene.data.resident
 
     def first_camera(self, width: int, height: int) -> Camera:
         """The camera of a new page."""

@@ -11,19 +11,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..engine.paged_scene import PagedScene
 from ..engine.scene import AnyScene
-from ..engine.sources.terrain_shadows import terrain_of
 from ..scene.camera import Camera
-from ..scene.instance_data import InstanceData
 from ..scene.lights import Light
 from ..scene.mesh import ObjectInfo
 from ..scene.units import METRE
 
 # --- Scene digest -----------------------------------------------------------------------------------------------------
-
-
-_STORE_HEADER = 4096  # bytes of a store's first page, which contains the checksum of all chunk checksums
 
 
 def scene_digest(scene: AnyScene, time: float, threads: int | None = None) -> str:
@@ -33,26 +27,8 @@ def scene_digest(scene: AnyScene, time: float, threads: int | None = None) -> st
     raster, that of its heights.
     """
     digest = hashlib.sha256()
-    if isinstance(scene, PagedScene):
-        with scene.store.path.open("rb") as stream:
-            digest.update(stream.read(_STORE_HEADER))
-        return digest.hexdigest()
-    if isinstance(scene.data, InstanceData):
-        copies = scene.data.instances
-        for mesh in copies.meshes:
-            for array in mesh.positions, mesh.faces, mesh.colour:
-                digest.update(np.ascontiguousarray(array).data)
-        for array in copies.mesh, copies.matrices, copies.starts:
-            digest.update(array.data)
-        return digest.hexdigest()
-    if (surface := terrain_of(scene.data)) is not None:
-        digest.update(repr((surface.grid, scene.origin.tolist())).encode())
-        digest.update(np.ascontiguousarray(surface.heights).data)
-        return digest.hexdigest()
-    triangles = scene.triangles(time, threads)
-    arrays = triangles.vertices, triangles.origin, triangles.colour, scene.object_of_face
-    for array in *arrays, *(triangles.cutouts or ()):
-        digest.update(np.ascontiguousarray(array).data)
+    for part in scene.data.content(time, threads):
+        digest.update(part)
     return digest.hexdigest()
 
 

@@ -129,10 +129,10 @@ def test_rows_of_sensors_are_traced_without_trees(monkeypatch):
     monkeypatch.setattr(terrain_shadows, "_RAYS_PER_TRIANGLE", 0)
     cells, lights = cells_of(scene), at.DirectionalLights(-suns(np.random.default_rng(1), 9))
     at.visibility(scene, cells, lights)
-    assert scene.engine.terrain._relief is not None
+    assert scene.engine.terrain.pyramid._relief is not None
     other = at.from_raster((np.random.default_rng(0).integers(0, 40, (30, 40)) / 4.0, PLACE))
     at.visibility(other, cells[::2], lights)
-    assert other.engine.terrain._tree is None
+    assert other.engine.terrain.pyramid._tree is None
 
 
 def test_sun_hours_do_not_depend_on_the_order_of_sensors():
@@ -140,4 +140,4 @@ def test_sun_hours_do_not_depend_on_the_order_of_sensors():
     scene = at.from_raster((heights, (2.0, 0.0, 84000.0, 0.0, -2.0, 446000.0), "EPSG:28992"))
     hours, expected = (at.sun_hours(scene, "raster", "2026-03-21", plan=plan)["sun_hours"] for plan in (None, TREE))
     assert (hours == expected).all() and len(np.unique(hours)) > 3
-    assert scene.engine.terrain._relief is not None
+    assert scene.engine.terrain.pyramid._relief is not None

@@ -85,7 +85,7 @@ def hills():
 def test_both_outcomes_occur_and_one_ray_is_a_question_too():
     scene = hills()
     blocked = scene.occluded(*rays_in(scene, np.random.default_rng(1), 2000))
-    assert 300 < blocked.sum() < 1700 and scene.engine.terrain._tree is not None
+    assert 300 < blocked.sum() < 1700 and scene.engine.terrain.pyramid._tree is not None
     high = [84050.0, 445960.0, 90.0]
     assert scene.occluded(high, [0.0, 0.0, -1e-30]) and not scene.occluded(high, [0.0, 0.0, 1e30])
     assert not scene.occluded(high, [0.0, 0.0, -1.0], tmax=80.0) and not scene.occluded(high, [0.0, 1.0, 0.0])
@@ -109,14 +109,14 @@ def test_trees_answer_what_the_pyramid_does_not(monkeypatch):
     for name, ask in at_once.items():
         other = hills()
         ask(other)
-        assert other.engine.terrain._tree is None, name
+        assert other.engine.terrain.pyramid._tree is None, name
     monkeypatch.setattr(terrain_shadows, "_LISTED", 150)
     for seconds in np.inf, 0.0:
         monkeypatch.setattr(terrain_shadows, "build_seconds", lambda *_, seconds=seconds: seconds)
         scene = hills()
         for _ in range(2):
             assert (scene.occluded(*rays) == expected).all()
-        assert scene.engine.terrain._tree is not None  # the first rays at least
+        assert scene.engine.terrain.pyramid._tree is not None  # the first rays at least
         assert (scene.engine.source.ray_lists.plan is None) == (seconds > 0.0)
     monkeypatch.setattr(terrain_shadows, "_SHARE", 0.0)  # no room for a tree
     scene = hills()

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 import antumbra as at
 import oracle
-from antumbra.engine.plan import parse_plan
 from antumbra.engine.sources import terrain_shadows
+from antumbra.engine.sources.source_protocols import PointQuery
 from antumbra.query.receivers import Receivers
 from antumbra.trace.terrain.terrain_rays import terrain_tree
 from terrain_scenes import PLACE, rasters, scene_of
@@ -48,7 +48,7 @@ def test_bits_are_those_of_trees_for_distant_lights(heights, seed):
                 for plan in (None, TREE)
             )
             assert (bits == trees).all()
-    assert scene.engine.terrain._tree is not None
+    assert scene.engine.terrain.pyramid._tree is not None
 
 
 @settings(deadline=None, max_examples=40)
@@ -107,16 +107,20 @@ def test_jobs_have_the_results_of_trees():
 def test_a_tree_follows_once_it_pays_off_and_fits(monkeypatch):
     scene = at.from_raster((np.zeros((9, 9)), PLACE))
     monkeypatch.setattr(terrain_shadows, "_RAYS_PER_TRIANGLE", 4)
-    auto, shadows = parse_plan("auto"), terrain_shadows.TerrainShadows(scene.data)
-    some = Receivers.in_space([[84003.3, 445997.0, 1.0]], scene.origin), [at.PointLight((0.0, 0.0, 9.0))]
-    assert shadows.serves(auto, *some, 4 * 128) and not shadows.serves(auto, *some, 1)
+    receiver, light = Receivers.in_space([[84003.3, 445997.0, 1.0]], scene.origin), at.PointLight((0.0, 0.0, 9.0))
+
+    def some(rays):
+        return PointQuery(receiver, [light], [np.zeros((16, rays, 3))])
+
+    shadows = at.Engine(scene).terrain
+    assert shadows.serves(some(4 * 128)) and not shadows.serves(some(1))
     monkeypatch.setattr("antumbra.engine.sources.terrain_shadows.available_memory", lambda: 1000)
-    shadows = terrain_shadows.TerrainShadows(scene.data)
-    assert shadows.serves(auto, *some, 4 * 128) and shadows.serves(auto, *some, 1)
-    assert not shadows.serves(parse_plan(TREE), *some, 0)
+    shadows = at.Engine(scene).terrain
+    assert shadows.serves(some(4 * 128)) and shadows.serves(some(1))
+    assert at.Engine(scene, TREE).terrain is None
     scene.update(transform=np.eye(4))
-    assert not shadows.serves(auto, *some, 0)
-    assert not terrain_shadows.TerrainShadows(at.procedural("atrium", triangles=2000).data).serves(auto, *some, 0)
+    assert not shadows.serves(some(0))
+    assert at.procedural("atrium", triangles=2000).engine.terrain is None
 
 
 def test_moved_terrain_is_traced_where_it_is():
@@ -136,7 +140,7 @@ def test_terrain_that_lets_light_pass_is_not_solid():
     points, light = at.sensors_of("raster+1", scene).points, at.DirectionalLight((1, 1, -0.3), angular_diameter=0.0)
     expected = at.visibility(scene, points, light, spp=1, plan=TREE)
     assert (at.visibility(scene, points, light, spp=1).bits == expected.bits).all()
-    assert terrain_shadows.terrain_of(scene.data) is None
+    assert scene.data.terrain is None
 
 
 def test_the_pyramid_holds_the_greatest_heights():

@@ -20,7 +20,6 @@ from ...base.checks import flag, number, path_of
 from ...base.errors import InputError
 from ...base.files import checked_file
 from ...engine.measured_scenes import measured_scene
-from ...engine.paged_scene import PagedScene
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
 from ...kernels.elementary import cos, sin
@@ -102,8 +101,7 @@ def _leaves_solid(scene: AnyScene, begin: np.ndarray, rays: np.ndarray, walls: b
     rays : (_RAYS, 3) float64, unit vectors
     walls : count only steep faces
     """
-    if isinstance(scene, PagedScene):
-        raise scene.refusal()
+    scene.data.check_resident()
     ready = scene.engine.with_options(_PLAN, threads, None).accelerated(0.0)
     assert ready.bvh is not None
     corners = ready.triangles.vertices.astype(np.float64)

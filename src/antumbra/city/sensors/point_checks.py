@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from ...base.errors import InputError
 from ...engine.measured_scenes import check_degrees
 from ...engine.scene import AnyScene
-from ...engine.sources.terrain_shadows import terrain_of
 from ...query.receivers import SHIFT, Receivers
 from ...scene.scene_bounds import plan_points
 from .raster_grid import plan_of
@@ -150,8 +149,8 @@ def on_surface(
         If points are in degrees, or lie beside the scene or on a hole. The message has their number.
     """
     check_degrees(scene, at, what)
-    if (surface := terrain_of(scene.data)) is not None:
-        tops = surface.at_cells(*surface.grid.cells_of(at[:, :2]).T)
+    if (terrain := scene.data.terrain) is not None:
+        tops = terrain.at(at[:, :2])
     else:
         tops, faces = on_top(scene, at, time, threads)
         tops = np.where(faces >= 0, tops, np.nan)
@@ -175,8 +174,8 @@ def depths_below_ground(
     face on each side are no solids.
     """
     axis = "xyz".index(scene.up)
-    if (surface := terrain_of(scene.data)) is not None:
-        tops = surface.at_cells(*surface.grid.cells_of(at[:, :2]).T)
+    if (terrain := scene.data.terrain) is not None:
+        tops = terrain.at(at[:, :2])
         return np.nan_to_num(np.maximum(tops - at[:, axis], 0.0))
     upward, out = np.eye(3)[axis], np.zeros(len(at))
     hit = scene.closest_hit(at, upward, time=time, threads=threads)

@@ -14,16 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from ...base.checks import as_array, choice, flag, items, number, path_of, points, quoted, unit_vectors, whole_number
 from ...base.checks import points as checked_points
 from ...base.errors import InputError
-from ...engine.scene import AnyScene, Scene
+from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
-from ...engine.sources.terrain_shadows import terrain_of
 from ...kernels.elementary import acos
 from ...kernels.parallel import thread_count
 from ...query.receivers import Receivers, receivers_above
 from ...scene.crs import check_horizontal_crs
 from ...scene.raster import Raster
-from ...scene.scene_data import MemoryData
-from ...scene.terrain import TerrainSurfaces
 from .raster_grid import aligned_raster, checked_raster, plan_of, raster_in, raster_of_file
 
 # --- Checked fields of `Sensors` --------------------------------------------------------------------------------------
@@ -409,8 +406,7 @@ def _tops_of_own_cells(scene: AnyScene) -> tuple[NDArray[np.float64], NDArray[np
 
     A cell's height is that of a vertex, so the result is the same up to the rounding of rays.
     """
-    source = scene.data.source if isinstance(scene.data, MemoryData) else None
-    if not isinstance(source, TerrainSurfaces) or (tops := source.tops(scene.origin)) is None:
+    if (tops := scene.data.cell_tops()) is None:
         return None
     heights, faces = tops
     return np.where(faces >= 0, heights, scene.bounds[0, 2]), faces.astype(np.int64)
@@ -451,7 +447,7 @@ def _first_surface(
     begin[:, up], along[up] = start, sign
     hit = scene.closest_hit(begin, along, time=time, threads=threads)
     heights = np.where(hit.mask, start + sign * np.where(hit.mask, hit.t, 0.0), scene.bounds[0, up])
-    if isinstance(scene, Scene) and terrain_of(scene.data) is None:  # whose triangles are in memory
+    if scene.data.resident and scene.data.terrain is None:  # whose triangles would be made for this
         triangles, face = hit.surfaces()
         hits = np.flatnonzero(hit.mask)
         for some in np.split(hits, range(_ROWS, len(hits), _ROWS)):

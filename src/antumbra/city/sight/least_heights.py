@@ -11,7 +11,7 @@ blocks of cells are skipped if all their heights are below it, since they cannot
 below the surface through a hole do not count.
 """
 
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +20,10 @@ from ...base.errors import InputError
 from ...base.progress import ProgressCallback
 from ...engine.precompilation import WarmUp, fixed_warm_up, precompile
 from ...engine.scene import AnyScene
-from ...engine.sources.terrain_shadows import TerrainShadows, terrain_of
+from ...engine.sources.terrain_shadows import TerrainPyramid
 from ...kernels.jit import F32Ptr, I64Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
 from ...kernels.simd import get, ptr
-from ...scene.terrain import HeightGrid
 from ...trace.terrain.terrain_rays import TerrainTree
 from ...trace.terrain.terrain_stencils import BLOCKS, COLUMN_PAD, ROW_PAD, Relief
 from ..gis.gis_data import terrain_data
@@ -251,8 +250,8 @@ def least_heights(
 
 def check_own_cells(scene: AnyScene, sensors: Sensors) -> None:
     """Raise an InputError unless sensors are all cells of a scene that is a single raster of heights."""
-    surface = terrain_of(scene.data)
-    if surface is None or sensors.kind != "raster" or sensors.cells is not None or sensors.raster != scene.raster:
+    own = sensors.kind == "raster" and sensors.cells is None and sensors.raster == scene.raster
+    if not own or scene.data.terrain is None or scene.engine.terrain is None:
         raise InputError(
             "least_height needs a scene that is a single raster of heights, and its own cells; "
             'use a raster such as dem.tif, and the sensors "raster"'
@@ -268,9 +267,10 @@ def least_heights_of(scene: AnyScene, eye: NDArray[np.float64], drop: float, thr
     NaN where there is no surface, and inf everywhere if the eye is below the surface.
     """
     precompile(least_heights_warm_up)
-    surface = cast(HeightGrid, terrain_of(scene.data))
+    surface, terrain = scene.data.terrain, scene.engine.terrain
+    assert surface is not None and terrain is not None
     (column, row), grid = surface.grid.cells_of(eye[None, :2])[0], surface.grid
-    tree, relief = scene.engine.terrain.relief
+    tree, relief = terrain.pyramid.relief
     here = ReliefEye(float(column), float(row), float(eye[2] - scene.origin[2]), drop, grid.dx, grid.dy)
     heights = least_heights(tree, relief, here, threads).reshape(-1)
     ground = surface.at_cells(np.array([column]), np.array([row]))[0]
@@ -282,6 +282,6 @@ def least_heights_warm_up() -> WarmUp:
 
     def work() -> None:
         data = terrain_data((np.zeros((3, 3)), (1.0, 0.0, 0.0, 0.0, -1.0, 0.0)), HeightOptions())
-        least_heights(*TerrainShadows(data).relief, ReliefEye(1.0, 1.0, 1.0, 0.0, 1.0, 1.0), 1)
+        least_heights(*TerrainPyramid(data).relief, ReliefEye(1.0, 1.0, 1.0, 0.0, 1.0, 1.0), 1)
 
     return fixed_warm_up("least heights", work)

@@ -18,7 +18,6 @@ from ...base.progress import Progress, report_progress, with_progress
 from ...engine.measured_scenes import earth_radius_of, measured_scene
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike
-from ...engine.sources.terrain_shadows import terrain_of
 from ...kernels.parallel import thread_count
 from ...query.query_bounds import morton_codes
 from ...scene.lights import MAX_SPP
@@ -316,7 +315,7 @@ def _straight(
     """Trace all observers in lists, and skip sensors beyond the reach of a list."""
     ends, eyes = sightline_ends(scene, state.sensors), sightline_ends(scene, point_sensors(state.eyes))
     order, curve = np.argsort(morton_codes(eyes.origins[0]), kind="stable"), np.arange(ends.n)
-    in_rows = state.sensors.kind == "raster" and terrain_of(scene.data) is not None  # terrain is traced fastest so
+    in_rows = state.sensors.kind == "raster" and tracing.prefers_rows
     if not in_rows:
         curve = np.argsort(morton_codes(ends.origins[0]), kind="stable")
     for first in range(0, len(order), MAX_SPP):

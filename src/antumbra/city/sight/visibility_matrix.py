@@ -67,6 +67,11 @@ class TileTracer:
     def __init__(self, scene: AnyScene, plan: str | Plan | None, time: float, threads: int | None, sightlines: int):
         self._engine, self._time, self._sightlines = scene.engine.with_options(plan, threads, None), time, sightlines
 
+    @property
+    def prefers_rows(self) -> bool:
+        """Whether points in rows of a raster are traced faster than in any other order."""
+        return self._engine.prefers_rows
+
     def visible(self, rows: Receivers, columns: Receivers) -> NDArray[np.uint64]:
         """(n, words of m) uint64: bit j of row i is set where points i and j see each other."""
         hidden = hidden_by_horizons(rows, columns, self._engine.threads)

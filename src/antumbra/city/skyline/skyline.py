@@ -17,7 +17,6 @@ from ...base.option_fields import with_keywords
 from ...base.progress import Progress, report_progress, with_progress
 from ...bvh.nodes import Bvh
 from ...engine.measured_scenes import measured_scene, middle_of
-from ...engine.paged_scene import PagedScene
 from ...engine.precompilation import WarmUp, fixed_warm_up, precompile, small_scene
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike
@@ -304,8 +303,7 @@ def skyline(
         If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
     """
     options, scene = SkylineOptions(**keywords), measured_scene(scene)
-    if isinstance(scene, PagedScene):
-        raise scene.refusal()
+    scene.data.check_resident()
     threads, time = thread_count(options.threads), scene.clamped(options.time)
     below = scene if surface is None else measured_scene(surface)
     if isinstance(points, str):

@@ -11,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
+from ...engine.plan import Plan
 from ...engine.precompilation import precompile
-from ...engine.scene import AnyScene, Scene
-from ...engine.sources.terrain_shadows import terrain_of
+from ...engine.scene import AnyScene
 from ...kernels.elementary import acos, cos, sin, tan
 from ...kernels.small_matrices import dot
 from ...query.light_samples import light_samples
@@ -166,8 +165,7 @@ def _receivers(scene: AnyScene, sensors: Sensors) -> Receivers:
 
 def seasons_of(scene: AnyScene, months: np.ndarray) -> NDArray[np.int64]:
     """(k,) int64: for each month, the first one in which the scene lets the same light pass; `NO_DATE` stays."""
-    cutouts = scene.cutouts if isinstance(scene, Scene) else None
-    seasons = np.zeros(len(MONTHS), np.int64) if cutouts is None else cutouts.seasons
+    seasons = np.zeros(len(MONTHS), np.int64) if scene.cutouts is None else scene.cutouts.seasons
     out: NDArray[np.int64] = np.append(seasons, NO_DATE)[months]
     return out
 
@@ -240,9 +238,10 @@ class SunSums:
 
 
 def _in_rows(query: SunQuery) -> bool:
-    """Whether the sensors stay in rows, along which terrain is traced fastest."""
-    surface = terrain_of(query.scene.data) if query.sensors.kind == "raster" else None
-    return surface is not None and parse_plan(query.plan or DEFAULT_PLAN) == parse_plan(DEFAULT_PLAN)
+    """Whether the sensors stay in rows, since the engine traces these fastest."""
+    if query.sensors.kind != "raster":
+        return False
+    return query.scene.engine.with_options(query.plan, query.threads, None).prefers_rows
 
 
 def sum_suns(query: SunQuery, folder: Path | None = None, what: str = "suns") -> Tally:
@@ -263,7 +262,7 @@ _PASSING_BYTES = 1 << 26  # of `SunLight.passing` at a time
 
 def _transmits(scene: AnyScene) -> bool:
     """Whether some surfaces let a part of the light pass."""
-    cutouts = scene.cutouts if isinstance(scene, Scene) else None
+    cutouts = scene.cutouts
     return cutouts is not None and (channels_of(cutouts.depths) > 0 or len(cutouts.months) > 0)
 
 

@@ -1,7 +1,7 @@
 """`from_trees`: trees from geographic data, alone or added to a scene."""
 
 import warnings
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +99,7 @@ def from_trees(
     options = VegetationOptions(
         height, radius, transmittance, shape, base, crown_base, trunk_radius, id, layer, crs, of_length
     )
-    if below is not None and not isinstance(below.data, MemoryData):
+    if below is not None and (below.data.instanced or not below.data.resident):
         raise InputError(f"{below.name}: trees are added to scenes in memory; load it with instances=False, or a file")
     table = read_vegetation(trees, options, None if below is None else below.crs)
     up = "z" if below is None else below.up
@@ -113,8 +113,7 @@ def from_trees(
     data = MemoryData(source, name=title, up=up, crs=system, unit=of_length)
     if below is None:
         return Scene.of_data(data)
-    assert isinstance(below.data, MemoryData)
-    joined = join_data(below.data, data, title)
+    joined = join_data(cast(MemoryData, below.data), data, title)
     for note in group_notes(data.notes):
         warnings.warn(note, UserWarning, stacklevel=2)
     return Scene.of_data(joined)

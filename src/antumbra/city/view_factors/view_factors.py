@@ -9,7 +9,6 @@ from ...base.checks import choice, whole_number
 from ...base.errors import InputError
 from ...base.progress import Progress, report_progress, with_progress
 from ...engine.measured_scenes import measured_scene
-from ...engine.paged_scene import PagedScene
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
 from ...kernels.parallel import thread_count
@@ -85,8 +84,7 @@ def view_factors(
     choice(side, "side", SIDES)
     seed = whole_number(seed, "seed", 0, (1 << 63) - 1)
     time = scene.clamped(time)
-    if isinstance(scene, PagedScene):
-        raise scene.refusal()
+    scene.data.check_resident()
     sign = -1.0 if side == "back" else 1.0
     sampling = _Sampling.of(scene, surfaces, samples, side, seed, time)
     warned = tell(notes_on_faces(scene, sign, time, threads))

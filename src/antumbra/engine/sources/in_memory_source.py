@@ -6,34 +6,29 @@ as that rebuild costs (the ski-rental rule), so the total loss is at most twice 
 `refitted_rays` decides by the same rule when to start again with a GOOD one.
 """
 
-import sys
 import threading
-from collections.abc import Iterator
 from time import perf_counter
-from typing import ClassVar, NamedTuple, TypeVar
+from typing import ClassVar, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.errors import InputError
 from ...base.forks import is_stuck, renew_after_fork
-from ...base.progress import ProgressCallback
 from ...bvh.wide_bvh import widen
 from ...query.pixel_refinement import subpixel_rays
 from ...query.query_bounds import bounds
 from ...query.ray_list import HitFilter, RayArguments, TracedRays, changed_error, hit_arrays, rays_of
 from ...query.shadow_query import Surfaces, surfaces_of
-from ...scene.camera import Camera, CameraRays, ExplicitRays
-from ...scene.scene_data import MemoryData
+from ...scene.scene_data import MemoryData, SceneData
 from ...scene.triangles import AllHits, Triangles
 from ...trace.alpha_cutouts import CutoutTree, add_hits, cutout_tree, without_holes
 from ...trace.rays.all_hits import INSIDE, TRIANGLES, RayHits, count_all, find_all, merge_triangles, unsigned
 from ...trace.rays.local_rays import local_rays
 from ...trace.rays.ray_batches import RayTracer
-from ...trace.rays.ray_hits import Nearest
 from ..accelerator import Accelerated, Accelerator, SceneTrees
 from ..auto.cost_model import BEST, GOOD, seconds_before_best
 from ..auto_accelerator import best_tree_warm_up
-from ..frame_tracer import FrameMemory
 from ..plan import DEFAULT_PLAN, Plan, parse_plan
 from ..precompilation import WarmUp, fixed_warm_up, precompile, small_scene, small_scene_with_cutouts
 from ..primary_visibility import (
@@ -46,6 +41,7 @@ from ..primary_visibility import (
     subpixel_visibility,
 )
 from ..refitted_rays import RayTreeRefit
+from .source_protocols import CameraView, SourceSettings
 
 # --- Ray lists --------------------------------------------------------------------------------------------------------
 
@@ -65,7 +61,7 @@ class _RayTree(NamedTuple):
 
 
 class RayLists:
-    """Traces the ray lists of a scene in memory. It is thread-safe.
+    """Traces the ray lists of a scene in memory, a `RayListSource`. It is thread-safe.
 
     spent : float
         Seconds of all threads, spent on rays since the latest GOOD tree was built.
@@ -84,15 +80,9 @@ class RayLists:
         if is_stuck(self._lock):  # the tree that was being built is not in `_ready` yet
             self._lock = threading.RLock()
 
-    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> TracedRays:
-        """The hits of rays at a time within 0 .. `duration`.
-
-        Raises
-        ------
-        InputError
-            If a ray is invalid: NaN, infinity, a zero direction, ...
-        """
-        ready = self._ready_at(time, rays)
+    def trace_rays(self, rays: RayArguments, any_hit: bool, threads: int) -> TracedRays:
+        """The hits of rays. InputError if a ray is invalid."""
+        ready = self._ready_at(rays)
         out, start = hit_arrays(rays.n, any_hit), perf_counter()
         valid = ready.tracer.trace(rays, any_hit, out, threads)
         self._count(start, threads)
@@ -100,20 +90,21 @@ class RayLists:
             _of_valid(rays, None)
         if ready.accelerated.cutouts is not None:
             add_hits(ready.accelerated.cutouts, rays.arrays(), rays.cull_faces, any_hit, out, threads)
-        return TracedRays(out, ready.accelerated.triangles)
+        if any_hit:
+            return TracedRays(out, None)
+        found = ready.accelerated.triangles, out.face.reshape(rays.shape)
+        return TracedRays(out, lambda: found)
 
-    def _count(self, start: float, threads: int | None) -> None:
+    def _count(self, start: float, threads: int) -> None:
         """Count the computing time of rays, traced since `start`."""
-        seconds = (perf_counter() - start) * (threads or self._threads)
+        seconds = (perf_counter() - start) * threads
         self.spent += seconds
         self._refit.add(seconds)
 
-    def all_hits(
-        self, rays: RayArguments, max_hits: int | None, rule: int, time: float, threads: int | None = None
-    ) -> AllHits:
+    def all_hits(self, rays: RayArguments, max_hits: int | None, rule: int, threads: int) -> AllHits:
         """All hits of rays, or the first `max_hits` of each; `rule`: TRIANGLES or SURFACES."""
         precompile(all_hits_warm_up)
-        ready, start = self._ready_at(time, rays), perf_counter()
+        ready, start = self._ready_at(rays), perf_counter()
         hits = _of_valid(rays, find_all(ready.tracer, rays, max_hits, rule, threads))
         self._count(start, threads)
         cutouts = ready.accelerated.cutouts
@@ -124,10 +115,10 @@ class RayLists:
         every_ray = np.arange(rays.n)
         return merge_triangles([RayHits(every_ray, hits), RayHits(every_ray, on_cutouts)], rays.n, max_hits)
 
-    def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
+    def count_hits(self, rays: RayArguments, rule: int, threads: int) -> NDArray[np.int64]:
         """(n,) int64: the number of hits of each ray, by a rule of `trace.rays.all_hits`. INSIDE sees no holes."""
         precompile(all_hits_warm_up)
-        ready, start = self._ready_at(time, rays), perf_counter()
+        ready, start = self._ready_at(rays), perf_counter()
         counts = _of_valid(rays, count_all(ready.tracer, rays, rule, threads))
         self._count(start, threads)
         cutouts = ready.accelerated.cutouts
@@ -151,14 +142,18 @@ class RayLists:
         """The plan of the latest rays."""
         return None if self._ready is None else self._ready.plan
 
-    def _ready_at(self, time: float, rays: RayArguments) -> _RayTree:
-        """The tree for rays at a time."""
-        ready = self._ready
-        if ready is None or not self._is_current(ready, time):
-            return self._make_ready(time, rays)
-        return ready if self.spent <= ready.upgrade_after else self._upgraded(ready, rays)
+    def triangles(self, time: float) -> Triangles:
+        """The triangles at a time within 0 .. `duration`."""
+        return self._trees.triangles(time, self._threads)
 
-    def _upgraded(self, ready: _RayTree, rays: RayArguments) -> _RayTree:
+    def _ready_at(self, rays: RayArguments) -> _RayTree:
+        """The tree for rays at their time."""
+        ready = self._ready
+        if ready is None or not self._is_current(ready, rays.time):
+            return self._make_ready(rays.time, rays.n)
+        return ready if self.spent <= ready.upgrade_after else self._upgraded(ready, rays.n)
+
+    def _upgraded(self, ready: _RayTree, rays: int) -> _RayTree:
         """The better tree; or this one while another thread builds the better one, so that only one call waits."""
         if not self._lock.acquire(blocking=False):
             return ready
@@ -172,12 +167,12 @@ class RayLists:
         moved = self._data.moved
         return ready.time == time and (moved is None or moved is ready.accelerated.triangles)
 
-    def _make_ready(self, time: float, rays: RayArguments) -> _RayTree:
+    def _make_ready(self, time: float, rays: int) -> _RayTree:
         with self._lock:
             ready = self._ready
             begins = ready is None or ready.time != time
             if ready is not None and not (begins or self._is_current(ready, time) or self.spent > ready.upgrade_after):
-                refitted = self._refitted(ready, rays.n)
+                refitted = self._refitted(ready, rays)
                 if refitted is not None:
                     self._ready = refitted
                     return refitted
@@ -200,7 +195,7 @@ class RayLists:
     def _refitted(self, ready: _RayTree, rays: int) -> _RayTree | None:
         """The tree with the triangles of the latest update; None if another one must be built."""
         accelerator = Accelerator(ready.plan, self._threads)
-        triangles = self._trees.triangles(ready.time, self._threads)
+        triangles = self.triangles(ready.time)
         accelerated = self._refit.refit(accelerator, ready.accelerated, triangles, rays)
         if accelerated is None:
             return None
@@ -266,7 +261,7 @@ def update_warm_up() -> WarmUp:
 
 
 class InMemory:
-    """A scene whose triangles are in memory; `RenderSource` documents the methods.
+    """A scene whose triangles are in memory: a `RenderSource` with `Geometry`.
 
     Parameters
     ----------
@@ -277,11 +272,16 @@ class InMemory:
         Shared with other engines of the scene.
     gbuffer : "raster", "rays" or "auto"
         The method of primary visibility; "auto": the faster one, see `primary_visibility`.
+
+    Attributes
+    ----------
+    ray_lists : RayLists
+        Traces ray lists, through a tree of its own.
     """
 
     default_plan: ClassVar[str] = DEFAULT_PLAN
-    in_store: ClassVar[bool] = False
     looks: ClassVar[int] = 0
+    fixed = memory = None
 
     def __init__(self, data: MemoryData, accelerator: Accelerator, trees: SceneTrees, gbuffer: str = AUTO):
         self.scene, self.gbuffer, self._method_chooser, self._trees = data, gbuffer, PrimaryMethodChooser(), trees
@@ -290,21 +290,13 @@ class InMemory:
         self.ray_lists = RayLists(data, trees, self.threads)
         self._last: Accelerated | None = None  # the tree of earlier frames, if later frames can reuse it
 
+    @property
+    def geometry(self) -> "InMemory":
+        return self
+
     def warm_up(self) -> None:
         if self.scene.cutouts is not None:
             precompile(cutouts_warm_up)
-
-    def begin(self, memory: FrameMemory) -> None:
-        pass
-
-    def release(self) -> None:
-        pass
-
-    def together(self, size: int) -> int:
-        return 1
-
-    def at_once(self, size: int) -> int:
-        return sys.maxsize
 
     def moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
         triangles, last = self._trees.triangles(time, self.threads), self._last
@@ -333,57 +325,56 @@ class InMemory:
         if plan.tracer.keeps and not (self.scene.animated or accelerated.partial or plan.wants_rays):
             self._last = accelerated
 
-    def bands(self, height: int) -> Iterator[slice]:
-        yield slice(0, height)
-
-    def look(
-        self,
-        camera: Camera,
-        triangles: Triangles,
-        tree: Accelerated | None,
-        progress: ProgressCallback | None = None,
-        rows: slice | None = None,
-    ) -> Surfaces:
-        """The surfaces visible to a camera; `progress` and `rows` are not used."""
-        cutouts = self._accelerator.cutouts_of(triangles)
-
-        def surfaces(by_rays: bool) -> Surfaces:
-            gbuffer = primary_visibility(triangles, camera, tree if by_rays else None, self.threads, cutouts)
-            return surfaces_of(gbuffer, triangles)
-
-        if camera.listed or self.gbuffer != AUTO:
-            return surfaces(camera.listed or self.gbuffer == RAYS)
-        method = self._method_chooser.choose(tree)
-        return self._method_chooser.timed(method, camera.width * camera.height, lambda: surfaces(method == RAYS))
-
-    def nearest_in(self, tree: Accelerated) -> Nearest:
-        return nearest_in(tree, self.threads)
-
-    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> TracedRays:
-        return self.ray_lists.trace_rays(rays, any_hit, time, threads)
-
-    def all_hits(
-        self, rays: RayArguments, max_hits: int | None, rule: int, time: float, threads: int | None = None
-    ) -> AllHits:
-        return self.ray_lists.all_hits(rays, max_hits, rule, time, threads)
-
-    def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
-        return self.ray_lists.count_hits(rays, rule, time, threads)
-
-    def subpixels(
-        self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, tree: Accelerated | None
-    ) -> Surfaces:
-        if isinstance(view, ExplicitRays):
-            assert tree is not None
-            rays, shape = subpixel_rays(view, edge, self.threads)
-            return next(self.nearest_in(tree)([rays], shape))
-        cutouts = self._accelerator.cutouts_of(triangles)
-        return surfaces_of(subpixel_visibility(triangles, view, edge, self.threads, cutouts), triangles)
-
     def box(self, triangles: Triangles) -> np.ndarray:
         if self._box is None or self._box[0] is not triangles:
             self._box = triangles, np.stack(bounds(triangles.vertices, self.threads))
         return self._box[1]
 
-    def paging(self) -> None:
-        return None
+    def look(self, view: CameraView) -> Surfaces:
+        """The surfaces visible to a camera, always in all rows."""
+        camera, cutouts = view.camera, self._accelerator.cutouts_of(view.triangles)
+
+        def surfaces(by_rays: bool) -> Surfaces:
+            tree = view.tree if by_rays else None
+            return surfaces_of(primary_visibility(view.triangles, camera, tree, self.threads, cutouts), view.triangles)
+
+        if camera.listed or self.gbuffer != AUTO:
+            return surfaces(camera.listed or self.gbuffer == RAYS)
+        method = self._method_chooser.choose(view.tree)
+        return self._method_chooser.timed(method, camera.width * camera.height, lambda: surfaces(method == RAYS))
+
+    def subpixels(self, view: CameraView, edge: NDArray[np.bool_]) -> Surfaces:
+        triangles = view.triangles
+        if view.camera.listed:
+            assert view.tree is not None
+            rays, shape = subpixel_rays(view.camera.view(triangles.origin), edge, self.threads)
+            return next(nearest_in(view.tree, self.threads)([rays], shape))
+        camera_rays, cutouts = view.camera.rays(triangles.origin), self._accelerator.cutouts_of(triangles)
+        return surfaces_of(subpixel_visibility(triangles, camera_rays, edge, self.threads, cutouts), triangles)
+
+
+class SharedMemory:
+    """The triangles and trees of a scene in memory, shared by its engines: `SharedTrees`."""
+
+    default_plan: ClassVar[str] = InMemory.default_plan
+
+    def __init__(self, data: SceneData):
+        self._data = cast(MemoryData, data)
+        self._trees = SceneTrees(self._data)
+
+    def source(self, accelerator: Accelerator, settings: SourceSettings) -> InMemory:
+        """The source of an engine. InputError if there is a limit on memory."""
+        check_no_limit(self._data, settings)
+        return InMemory(self._data, accelerator, self._trees, settings.gbuffer)
+
+    def flat(self) -> SceneTrees:
+        return self._trees
+
+    def clear(self) -> None:
+        self._trees.clear()
+
+
+def check_no_limit(data: SceneData, settings: SourceSettings) -> None:
+    """Raise an InputError if there is a limit on the memory of a scene in memory."""
+    if settings.max_memory is not None:
+        raise InputError(f"max_memory is for scenes in a store, and {data.name} is in memory; leave it out")

@@ -4,7 +4,6 @@ The plan ``wide`` traces instances, with any builder and optimiser. Other plans 
 with such a plan flattens the scene.
 """
 
-import sys
 import threading
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -14,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.forks import is_stuck, renew_after_fork
-from ...base.progress import ProgressCallback
 from ...bvh.instance_trees import InstanceTrees
 from ...query.gbuffer import from_hits
 from ...query.light_samples import light_samples
@@ -32,24 +30,30 @@ from ...query.ray_list import (
 )
 from ...query.ray_passes import RayPass, camera_pass, rays_through
 from ...query.shadow_query import Surfaces, surface_queries
-from ...scene.camera import Camera, CameraRays, ExplicitRays
+from ...scene.camera import ExplicitRays
 from ...scene.instance_data import InstanceData
 from ...scene.instances import InstancedMeshes
 from ...scene.mesh import make_mesh
 from ...scene.scene_bounds import flush_to_zero
+from ...scene.scene_data import SceneData
 from ...scene.triangles import AllHits, Triangles
 from ...trace.rays.all_hits import TRIANGLES
 from ...trace.rays.instance_batches import trace_list
 from ...trace.rays.instance_rays import InstanceForest, count_all, find_all
-from ...trace.rays.ray_hits import Nearest, hit_surfaces
+from ...trace.rays.ray_hits import hit_surfaces
 from ..accelerator import Accelerated, Accelerator, SceneTrees
-from ..frame_tracer import FrameMemory
 from ..plan import Plan, parse_plan
 from ..precompilation import WarmUp, fixed_warm_up, precompile, small_scene, small_view
 from ..primary_visibility import RAYS
 from ..tree_choice import new_tree
+from .in_memory_source import InMemory, check_no_limit
+from .source_protocols import CameraView, SourceSettings
 
 # --- Trees that engines share -----------------------------------------------------------------------------------------
+
+
+INSTANCED_PLAN = "bsah+wide"
+"""The plan of an engine without an explicit plan."""
 
 
 def traces_instances(plan: Plan) -> bool:
@@ -58,10 +62,12 @@ def traces_instances(plan: Plan) -> bool:
 
 
 class SharedInstances:
-    """The trees of a scene of instances, and those of its flattened triangles, shared by engines. It is thread-safe."""
+    """The trees of a scene of instances, and those of its flattened triangles: `SharedTrees`. It is thread-safe."""
 
-    def __init__(self, data: InstanceData):
-        self._data, self._lock = data, threading.RLock()
+    default_plan: ClassVar[str] = INSTANCED_PLAN
+
+    def __init__(self, data: SceneData):
+        self._data, self._lock = cast(InstanceData, data), threading.RLock()
         self.clear()
         renew_after_fork(self)
 
@@ -82,6 +88,13 @@ class SharedInstances:
             if key not in self._trees:
                 self._trees[key] = InstanceTrees(self._data, partial(new_tree, accelerator.choice), accelerator.threads)
             return self._trees[key]
+
+    def source(self, accelerator: Accelerator, settings: SourceSettings) -> "Instanced | InMemory":
+        """The source of an engine: flattened if the plan needs all triangles."""
+        check_no_limit(self._data, settings)
+        if traces_instances(accelerator.plan):
+            return Instanced(self._data, accelerator, self)
+        return InMemory(self._data.flattened(), accelerator, self.flat(), settings.gbuffer)
 
     def flat(self) -> SceneTrees:
         """The trees of the flattened scene.
@@ -104,7 +117,7 @@ _NOTHING = Triangles(np.zeros((1, 3, 3), np.float32), np.zeros(3), np.zeros(1, n
 
 
 class Instanced:
-    """A scene of instances; `RenderSource` documents the methods.
+    """A scene of instances: a `RenderSource` with a `FixedTree`, which traces its own `RayListSource`.
 
     Parameters
     ----------
@@ -115,10 +128,10 @@ class Instanced:
         Shared with other engines of the scene.
     """
 
-    default_plan: ClassVar[str] = "bsah+wide"
-    in_store: ClassVar[bool] = False
+    default_plan: ClassVar[str] = INSTANCED_PLAN
     looks: ClassVar[int] = 0
     gbuffer = RAYS
+    geometry = memory = None
 
     def __init__(self, data: InstanceData, accelerator: Accelerator, shared: SharedInstances):
         self.scene, self.threads = data, accelerator.threads
@@ -127,49 +140,33 @@ class Instanced:
             origin=data.origin.copy()
         )  # never empty, since kernels may read the first entry
 
+    @property
+    def fixed(self) -> "Instanced":
+        return self
+
+    @property
+    def ray_lists(self) -> "Instanced":
+        return self
+
     def warm_up(self) -> None:
         precompile(instances_warm_up)
-
-    def begin(self, memory: FrameMemory) -> None:
-        pass
-
-    def release(self) -> None:
-        pass
-
-    def together(self, size: int) -> int:
-        return 1
-
-    def at_once(self, size: int) -> int:
-        return sys.maxsize
 
     @property
     def trees(self) -> InstanceTrees:
         """The trees of the engine's plan."""
         return self._shared.trees(self._accelerator)
 
-    def moment(self, time: float) -> tuple[Triangles, Accelerated]:
-        return self._empty, Accelerated(self._empty, None, InstanceForest(self.trees.arrays))
+    @property
+    def accelerated(self) -> Accelerated:
+        return Accelerated(self._empty, None, InstanceForest(self.trees.arrays))
 
-    for_points = moment
+    @property
+    def bounds(self) -> NDArray[np.float32]:
+        return flush_to_zero((self.scene.bounds - self.scene.origin).astype(np.float32))
 
-    def keep(self, accelerated: Accelerated) -> None:
-        pass
-
-    keep_for_points = keep
-
-    def bands(self, height: int) -> Iterator[slice]:
-        yield slice(0, height)
-
-    def look(
-        self,
-        camera: Camera,
-        triangles: Triangles | None = None,
-        tree: Accelerated | None = None,
-        progress: ProgressCallback | None = None,
-        rows: slice | None = None,
-    ) -> Surfaces:
-        """The surfaces visible to a camera; the other parameters but `rows` are not used."""
-        rows = rows or slice(0, camera.height)
+    def look(self, view: CameraView) -> Surfaces:
+        """The surfaces visible to a camera."""
+        camera, rows = view.camera, view.rows
         shape = rows.stop - rows.start, camera.width
         if camera.listed:
             return next(self.nearest([camera_pass(cast(ExplicitRays, camera.view(self.scene.origin)), rows)], shape))
@@ -178,7 +175,7 @@ class Instanced:
         hits = self._hits(rays_through(rays, mask, self.threads))
         visible, face = self._visible(hits.face.reshape(shape))
         gbuffer = from_hits(face, hits.t.reshape(shape), visible, rays, self.threads, rows.start)
-        return Surfaces(gbuffer, visible, hits.face.reshape(shape), self.box(visible))
+        return Surfaces(gbuffer, visible, hits.face.reshape(shape), self.bounds)
 
     def _hits(self, rays: RayPass) -> HitArrays:
         """The nearest hits of a pass. Rays of length 0, which stand for pixels without a ray, miss."""
@@ -202,32 +199,31 @@ class Instanced:
         index = np.where(faces >= 0, np.searchsorted(ids, faces), -1).astype(np.int32)
         return self.scene.some_triangles(ids), index
 
-    def nearest_in(self, tree: Accelerated) -> Nearest:
-        return self.nearest
-
     def nearest(self, passes: Sequence[RayPass], shape: tuple[int, int]) -> Iterator[Surfaces]:
         """The first surfaces hit by each of several passes of rays; `shape`: (H, W) of the image."""
         for rays in passes:
             hits = self._hits(rays)
             visible, face = self._visible(hits.face)
             gbuffer = hit_surfaces(rays, face, hits.t, shape, visible, self.threads)
-            yield Surfaces(gbuffer, visible, hits.face.reshape(shape), self.box(visible))
+            yield Surfaces(gbuffer, visible, hits.face.reshape(shape), self.bounds)
 
-    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> TracedRays:
+    def subpixels(self, view: CameraView, edge: NDArray[np.bool_]) -> Surfaces:
+        rays, shape = subpixel_rays(view.camera.view(self.scene.origin), edge, self.threads)
+        return next(self.nearest([rays], shape))
+
+    def trace_rays(self, rays: RayArguments, any_hit: bool, threads: int) -> TracedRays:
         self.warm_up()
         out = hit_arrays(rays.n, any_hit)
-        if not trace_list(self.trees, rays, any_hit, out, threads or self.threads):
+        if not trace_list(self.trees, rays, any_hit, out, threads):
             rays.arrays().check()
             raise changed_error()
-        return TracedRays(out, None)
+        return TracedRays(out, None if any_hit else partial(self._visible, out.face.reshape(rays.shape).copy()))
 
-    def all_hits(
-        self, rays: RayArguments, max_hits: int | None, rule: int, time: float, threads: int | None = None
-    ) -> AllHits:
-        return find_all(self.trees, self._checked(rays), rays.cull_faces, rule, max_hits, threads or self.threads)
+    def all_hits(self, rays: RayArguments, max_hits: int | None, rule: int, threads: int) -> AllHits:
+        return find_all(self.trees, self._checked(rays), rays.cull_faces, rule, max_hits, threads)
 
-    def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
-        return count_all(self.trees, self._checked(rays), rays.cull_faces, rule, threads or self.threads)
+    def count_hits(self, rays: RayArguments, rule: int, threads: int) -> NDArray[np.int64]:
+        return count_all(self.trees, self._checked(rays), rays.cull_faces, rule, threads)
 
     def _checked(self, rays: RayArguments) -> RayArrays:
         """The rays as arrays. Raises InputError for the first invalid one; compiles kernels."""
@@ -235,21 +231,6 @@ class Instanced:
         arrays = rays.arrays()
         arrays.check()
         return arrays
-
-    def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
-        return self._visible(face)
-
-    def subpixels(
-        self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, tree: Accelerated | None = None
-    ) -> Surfaces:
-        rays, shape = subpixel_rays(view, edge, self.threads)
-        return next(self.nearest([rays], shape))
-
-    def box(self, triangles: Triangles) -> np.ndarray:
-        return flush_to_zero((self.scene.bounds - self.scene.origin).astype(np.float32))
-
-    def paging(self) -> None:
-        return None
 
 
 # --- Precompilation ---------------------------------------------------------------------------------------------------
@@ -273,7 +254,9 @@ def instances_warm_up() -> WarmUp:
         for any_hit in True, False:
             trace_list(source.trees, rays, any_hit, hit_arrays(2, any_hit), 2)
         find_all(source.trees, rays.arrays(), 0, TRIANGLES, threads=2)
-        queries = surface_queries(source.look(camera), lights, [light_samples(light, 1) for light in lights], 0, 2)
-        accelerator.answer_all(source.moment(0.0)[1], queries)
+        tree = source.accelerated
+        surfaces = source.look(CameraView(camera, tree.triangles, tree, slice(0, camera.height)))
+        queries = surface_queries(surfaces, lights, [light_samples(light, 1) for light in lights], 0, 2)
+        accelerator.answer_all(tree, queries)
 
     return fixed_warm_up("instances", work)

@@ -1,7 +1,7 @@
 """Scenes in a store: chunks are read when rays reach them, and evicted to stay within a memory budget.
 
 Images are traced in bands of rows, and ray lists in batches of coherent rays, so that each chunk is read once per band
-or batch. For `antumbra explain`, `explained_tree` joins the part of a store's tree that segments can reach.
+or batch.
 
 A flight over a large city needs more chunks than fit in memory. If all camera rays were traced before all shadow rays,
 both would read every chunk. The chunks of a band fit in memory, so its shadow rays reuse those of its camera rays
@@ -9,6 +9,7 @@ both would read every chunk. The chunks of a band fit in memory, so its shadow r
 """
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import ClassVar, NamedTuple, cast
 
 import numpy as np
@@ -16,8 +17,6 @@ from numpy.typing import NDArray
 
 from ...base.checks import byte_count
 from ...base.errors import InputError
-from ...base.progress import ProgressCallback
-from ...bvh.nodes import CHILDREN, EMPTY, MAX_DEPTH, Bvh, aligned_empty, bvh_leaf, bvh_link
 from ...bvh.tree_quality import tree_fault
 from ...kernels.exact.filters import single_weights
 from ...kernels.exact.predicate import ray_along
@@ -28,30 +27,28 @@ from ...query.pixel_refinement import subpixel_rays
 from ...query.query_bounds import morton_codes
 from ...query.ray_list import RayArguments, RayArrays, TracedRays, changed_error, hit_arrays
 from ...query.ray_passes import RayPass, camera_pass
-from ...query.shadow_query import ShadowQuery, Surfaces, new_bits
-from ...scene.camera import Camera, CameraRays, ExplicitRays
+from ...query.shadow_query import Surfaces
+from ...scene.camera import ExplicitRays
+from ...scene.scene_data import SceneData
 from ...scene.triangles import AllHits, Triangles, concatenate
 from ...store.chunk_residency import Paging, Residency, TriangleCopies, hit_slots, slot_starts
-from ...store.store_file import Store, StoreData
-from ...store.store_format import Chunk
+from ...store.store_file import StoreData
 from ...store.system_resources import release_freed, resident_memory
 from ...techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, prepare, ray_hits
 from ...techniques.chcrt.nearest_hits import mark_hits, number_hits
-from ...techniques.chcrt.occlusion_queries import Pairs, answer_queries
-from ...techniques.chcrt.picture_ray_sets import SegmentRaySets, segments_of
 from ...techniques.chcrt.tree_parts import parts_of_chunks
 from ...techniques.tracer_options import ChcRtOptions
 from ...trace.primary.primary_rays import primary_picture, sign_hits
 from ...trace.rays.local_rays import LocalRays, local_rays
-from ...trace.rays.ray_hits import Nearest, hit_surfaces
-from ...trace.rays.single_rays import leaf_depths
+from ...trace.rays.ray_hits import hit_surfaces
 from ...trace.tree_list import Hits, no_hits
-from ..accelerator import Accelerated, Accelerator
-from ..frame_tracer import FrameMemory
+from ..accelerator import Accelerated, Accelerator, SceneTrees
 from ..method_registry import BUILDERS
 from ..plan import Plan
 from ..precompilation import WarmUp, fixed_warm_up, precompile, small_scene, small_view
+from ..primary_visibility import RAYS
 from .paged_hits import all_hits, count_hits, paged_hits_warm_up
+from .source_protocols import CameraView, FrameMemory, SourceSettings
 
 # --- Bands of rows ----------------------------------------------------------------------------------------------------
 
@@ -131,10 +128,18 @@ class HitBatch(NamedTuple):
     faces: NDArray[np.int32]  # (n,): index of each hit's triangle in `triangles`, or -1
 
 
-def trace_batches(
-    paged: "Paged", arguments: RayArrays, any_hit: bool, cull_faces: int, max_rays: int
-) -> Iterator[HitBatch]:
-    """Trace the rays of a list, at most `max_rays` at a time."""
+class BatchSettings(NamedTuple):
+    """How the rays of a list are traced."""
+
+    any_hit: bool
+    cull_faces: int  # a value of CULL_FACES
+    max_rays: int  # traced at a time
+    threads: int
+
+
+def trace_batches(paged: "Paged", arguments: RayArrays, settings: BatchSettings) -> Iterator[HitBatch]:
+    """Trace the rays of a list, batch by batch."""
+    any_hit, cull_faces, max_rays, threads = settings
     order = _coherent_order(arguments)
     for begin in range(0, len(order), max_rays):
         places = order[begin : begin + max_rays]
@@ -146,12 +151,12 @@ def trace_batches(
             raise changed_error()  # they were valid when they were checked
         with np.errstate(over="ignore", under="ignore"):  # such bounds are beyond any t
             spans = spans / factors
-        hits = ray_hits(paged.accelerated.prepared, rays, spans, cull_faces, any_hit, paged.threads, targets)
+        hits = ray_hits(paged.accelerated.prepared, rays, spans, cull_faces, any_hit, threads, targets)
         hits = hits._replace(t=hits.t * factors.T)
         if any_hit:
             yield HitBatch(places, rays, hits, paged.accelerated.triangles, hits.face[0])
         else:
-            triangles, (faces,) = paged.hit_triangles([hits])
+            triangles, (faces,) = paged.hit_triangles([hits], threads)
             yield HitBatch(places, rays, hits, triangles, faces[0])
 
 
@@ -226,15 +231,17 @@ def paged_warm_up() -> WarmUp:
 
 
 class Paged:
-    """A scene in a store, with its resident chunks; `RenderSource` documents the methods.
+    """A scene in a store, with its resident chunks: a `RenderSource` with a `FixedTree` and a `Memory`.
+
+    Ray lists take turns with all other queries, since each of them loads and evicts chunks.
 
     Parameters
     ----------
     data : StoreData
     accelerator : Accelerator
         Its plan gives the tracer for the store's trees.
-    max_memory : int or None
-        Limit in bytes on the memory of the process at any time; None: 4 GiB.
+    settings : SourceSettings
+        Its `max_memory` is a limit in bytes on the memory of the process at any time; None: 4 GiB.
 
     Attributes
     ----------
@@ -250,12 +257,12 @@ class Paged:
     """
 
     default_plan: ClassVar[str] = str(Plan(trace="chcrt"))
-    in_store: ClassVar[bool] = True
     looks: ClassVar[int] = 1
-    gbuffer = "rays"
+    gbuffer = RAYS
+    geometry = None
 
-    def __init__(self, data: StoreData, accelerator: Accelerator, max_memory: int | None = None):
-        plan = accelerator.plan
+    def __init__(self, data: StoreData, accelerator: Accelerator, settings: SourceSettings):
+        plan, max_memory = accelerator.plan, settings.max_memory
         if plan.tracer.culling is None or plan.cull or plan.optimise or plan.update or plan.build != Plan().build:
             raise InputError(
                 f"plan {str(plan)!r}: {data.name} is in a store, whose trees are prebuilt; use {self.default_plan}"
@@ -263,6 +270,7 @@ class Paged:
         limit = MAX_MEMORY if max_memory is None else byte_count(max_memory, "max_memory", 1)
         store = data.store
         self.scene, self.threads, self.max_memory = data, accelerator.threads, limit
+        self._turn, self._evict_others = settings.turn, settings.evict_others
         self.store, self.residency = store, Residency(store, limit)
         self._start_paging: Paging | None = None  # the counts when the frame began
         self._joint_budget = 0  # bytes for rays that are traced together
@@ -273,11 +281,24 @@ class Paged:
         scheduled = ChcRtState(parts, plan.tracer.culling)
         self.accelerated: Accelerated = Accelerated(self._triangles(), None, scheduled)
 
+    @property
+    def fixed(self) -> "Paged":
+        return self
+
+    @property
+    def memory(self) -> "Paged":
+        return self
+
+    @property
+    def ray_lists(self) -> "Paged":
+        return self
+
     def warm_up(self) -> None:
         precompile(paged_warm_up)
 
     def begin(self, memory: FrameMemory) -> None:
         """Begin a frame. Rays that are traced together get up to half of the memory, and chunks the rest."""
+        self._evict_others()
         self.residency.begin_question()  # before memory is measured
         release_freed()
         free = self.budget(memory)
@@ -321,17 +342,8 @@ class Paged:
             )
         return free
 
-    def moment(self, time: float) -> tuple[Triangles, Accelerated]:
-        return self.accelerated.triangles, self.accelerated
-
-    for_points = moment
-
-    def keep(self, accelerated: Accelerated) -> None:
-        pass
-
-    keep_for_points = keep
-
-    def box(self, triangles: Triangles) -> np.ndarray:
+    @property
+    def bounds(self) -> NDArray[np.float32]:
         return self.store.meta.box
 
     def paging(self) -> dict[str, int]:
@@ -347,17 +359,10 @@ class Paged:
             yield rows
             self._bands.read(self._camera_mark - before, self.residency.paging.bytes - self._camera_mark, budget)
 
-    def look(
-        self,
-        camera: Camera,
-        triangles: Triangles | None = None,
-        tree: Accelerated | None = None,
-        progress: ProgressCallback | None = None,
-        rows: slice | None = None,
-    ) -> Surfaces:
-        """The surfaces visible to a camera; `triangles` and `tree` are not used."""
+    def look(self, view: CameraView) -> Surfaces:
+        """The surfaces visible to a camera."""
+        camera, rows, progress = view.camera, view.rows, view.progress
         if camera.listed:
-            rows = rows or slice(0, camera.height)
             passes, shape = (
                 [camera_pass(cast(ExplicitRays, camera.view(self.scene.origin)), rows)],
                 (rows.stop - rows.start, camera.width),
@@ -368,13 +373,10 @@ class Paged:
             return surfaces
         rays = camera.rays(self.scene.origin)
         hits = camera_hits(self.accelerated.prepared, rays, self.threads, progress, rows)
-        triangles, (face,) = self.hit_triangles([hits])
-        gbuffer = from_hits(face, hits.t, triangles, rays, self.threads, rows.start if rows else 0)
+        triangles, (face,) = self.hit_triangles([hits], self.threads)
+        gbuffer = from_hits(face, hits.t, triangles, rays, self.threads, rows.start)
         self._camera_mark = self.residency.paging.bytes
         return Surfaces(gbuffer, triangles, hits.face, self.store.meta.box)
-
-    def nearest_in(self, tree: Accelerated) -> Nearest:
-        return self.nearest
 
     def nearest(
         self, passes: Sequence[RayPass], shape: tuple[int, int], by: ChcRtState | None = None
@@ -392,34 +394,37 @@ class Paged:
         self, passes: Sequence[RayPass], hits: Sequence[Hits], shape: tuple[int, int]
     ) -> Iterator[Surfaces]:
         """Yield the surfaces hit by passes, which must be the latest query."""
-        triangles, faces = self.hit_triangles(hits)
+        triangles, faces = self.hit_triangles(hits, self.threads)
         for rays, hit, face in zip(passes, hits, faces):
             gbuffer = hit_surfaces(rays, face.reshape(-1), hit.t.reshape(-1), shape, triangles, self.threads)
             yield Surfaces(gbuffer, triangles, hit.face, self.store.meta.box)
 
-    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> TracedRays:
-        """The hits of rays. `threads` is not used; the engine's number of threads applies."""
+    def trace_rays(self, rays: RayArguments, any_hit: bool, threads: int) -> TracedRays:
         arrays, out = rays.arrays(), hit_arrays(rays.n, any_hit)
-        for batch in self._batches(arrays, any_hit, rays.cull_faces):
-            at, hits = batch.places, batch.hits
-            if any_hit:
-                out.blocked[at] = hits.face[0] >= 0
-            else:
-                out.face[at], out.t[at] = hits.face[0], hits.t[0]
-                out.u[at], out.v[at] = weights(batch, self.threads)
-        return TracedRays(out, None)
+        with self._turn:
+            self.warm_up()
+            for batch in self._batches(arrays, any_hit, rays.cull_faces, threads):
+                at, hits = batch.places, batch.hits
+                if any_hit:
+                    out.blocked[at] = hits.face[0] >= 0
+                else:
+                    out.face[at], out.t[at] = hits.face[0], hits.t[0]
+                    out.u[at], out.v[at] = weights(batch, threads)
+        if any_hit:
+            return TracedRays(out, None)
+        return TracedRays(out, partial(self._triangles_hit, rays.copied(), threads))
 
-    def all_hits(
-        self, rays: RayArguments, max_hits: int | None, rule: int, time: float, threads: int | None = None
-    ) -> AllHits:
-        """All hits of rays. `threads` is not used; the engine's number of threads applies."""
-        precompile(paged_hits_warm_up)
-        return all_hits(self.store, self._unordered_batches(rays), max_hits, rule, self.threads)
+    def all_hits(self, rays: RayArguments, max_hits: int | None, rule: int, threads: int) -> AllHits:
+        with self._turn:
+            self.warm_up()
+            precompile(paged_hits_warm_up)
+            return all_hits(self.store, self._unordered_batches(rays), max_hits, rule, threads)
 
-    def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
-        """The number of hits of each ray. `threads` is not used; the engine's number of threads applies."""
-        precompile(paged_hits_warm_up)
-        return count_hits(self.store, self._unordered_batches(rays), rule, self.threads)
+    def count_hits(self, rays: RayArguments, rule: int, threads: int) -> NDArray[np.int64]:
+        with self._turn:
+            self.warm_up()
+            precompile(paged_hits_warm_up)
+            return count_hits(self.store, self._unordered_batches(rays), rule, threads)
 
     def _unordered_batches(self, rays: RayArguments) -> Iterator[LocalRays]:
         """Yield the rays in batches for which memory suffices. No chunk stays in memory."""
@@ -431,34 +436,33 @@ class Paged:
         for first in range(0, rays.n, size):
             yield local_rays(arrays.part(slice(first, first + size)), rays.cull_faces)
 
-    def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
+    def _triangles_hit(self, rays: RayArguments, threads: int) -> tuple[Triangles, NDArray[np.int64]]:
         """The triangles hit by rays, and the index of each ray's triangle among them, or -1.
 
         The rays are traced again, since a store has no triangles in memory.
         """
         faces, parts, n = np.full(rays.n, -1), [], 0
-        for batch in self._batches(rays.arrays(), False, rays.cull_faces):
-            faces[batch.places] = np.where(batch.faces >= 0, batch.faces + n, -1)
-            parts.append(batch.triangles)
-            n += len(batch.triangles.vertices)
-        self.release()  # such queries are rare
-        return concatenate(parts or [self.accelerated.triangles]), faces.reshape(face.shape)
+        with self._turn:
+            for batch in self._batches(rays.arrays(), False, rays.cull_faces, threads):
+                faces[batch.places] = np.where(batch.faces >= 0, batch.faces + n, -1)
+                parts.append(batch.triangles)
+                n += len(batch.triangles.vertices)
+            self.release()  # such queries are rare
+        return concatenate(parts or [self.accelerated.triangles]), faces.reshape(rays.shape)
 
-    def _batches(self, rays: RayArrays, any_hit: bool, cull_faces: int) -> Iterator[HitBatch]:
+    def _batches(self, rays: RayArrays, any_hit: bool, cull_faces: int, threads: int) -> Iterator[HitBatch]:
         rays.check()
         m = len(rays.origins)
         self.begin(FrameMemory(0, 0, 2 * m * RAY_BYTES))
         self.accelerated.begin()
-        return trace_batches(self, rays, any_hit, cull_faces, max(self.together(RAY_BYTES), MIN_BATCH))
+        size = max(self.together(RAY_BYTES), MIN_BATCH)
+        return trace_batches(self, rays, BatchSettings(any_hit, cull_faces, size, threads))
 
-    def subpixels(
-        self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, tree: Accelerated | None = None
-    ) -> Surfaces:
-        """The surfaces of the sub-pixels of selected pixels, by rays; `triangles` and `tree` are not used."""
-        rays, shape = subpixel_rays(view, edge, self.threads)
+    def subpixels(self, view: CameraView, edge: NDArray[np.bool_]) -> Surfaces:
+        rays, shape = subpixel_rays(view.camera.view(self.scene.origin), edge, self.threads)
         return next(self.nearest([rays], shape))
 
-    def hit_triangles(self, hits: Sequence[Hits]) -> tuple[Triangles, list[np.ndarray]]:
+    def hit_triangles(self, hits: Sequence[Hits], threads: int) -> tuple[Triangles, list[np.ndarray]]:
         """Copies of the triangles that rays hit, each once, and for each of `hits` their (h, w) int32 indices, or -1.
 
         `hits` must be those of the latest query.
@@ -469,7 +473,7 @@ class Paged:
 
         def mark(first: np.ndarray, marks: np.ndarray) -> None:
             for each in hits:
-                mark_hits(each, first, marks, self.threads)
+                mark_hits(each, first, marks, threads)
 
         faces, copies, n = [np.full(each.part.shape, -1, np.int32) for each in hits], list[TriangleCopies](), 0
         chunks, sizes = np.flatnonzero(parts), self.store.chunks.triangles
@@ -481,7 +485,7 @@ class Paged:
                 copies.append(self.residency.triangles(k, slots))
                 n += len(slots)
             for each, face in zip(hits, faces):
-                number_hits(each, first, numbers, face, self.threads)
+                number_hits(each, first, numbers, face, threads)
         return self._triangles(copies), faces
 
     def _triangles(self, copies: Sequence[TriangleCopies] = ()) -> Triangles:
@@ -493,90 +497,21 @@ class Paged:
         return Triangles(vertices, self.scene.origin.copy(), ids, colour)
 
 
-# --- The tree of a store as a single `Bvh`, for `antumbra explain` ----------------------------------------------------
+class SharedStore:
+    """A store, of which each engine has its own chunks in memory: `SharedTrees`."""
 
+    default_plan: ClassVar[str] = Paged.default_plan
 
-_TRIANGLE_BYTES = 140  # memory of a triangle while the tree is joined
+    def __init__(self, data: SceneData):
+        self._data = cast(StoreData, data)
 
+    def source(self, accelerator: Accelerator, settings: SourceSettings) -> Paged:
+        """The source of an engine. InputError if the plan needs all triangles, or the limit is out of range."""
+        return Paged(self._data, accelerator, settings)
 
-def explained_tree(paged: Paged, queries: Sequence[ShadowQuery]) -> tuple[Bvh, np.ndarray]:
-    """The tree over the chunks that segments may enter: (Bvh, index in the whole scene of each of its triangles).
+    def flat(self) -> SceneTrees:
+        """Always raises InputError: the triangles are never all in memory."""
+        raise self._data.refusal()
 
-    Other chunks become empty children, so each ray takes the same steps as through the whole tree.
-
-    Raises
-    ------
-    InputError
-        If the tree does not fit in memory.
-    """
-    store = paged.store
-    reached = _reached_chunks(paged, queries)
-    need = int(store.chunks.triangles[reached].sum()) * _TRIANGLE_BYTES + resident_memory() - paged.residency.held
-    if need > paged.max_memory:
-        raise InputError(
-            f"{paged.scene.name}: the trees that these rays may enter take {need >> 20}M of memory; give at least as "
-            "much, or a smaller view"
-        )
-    return joined_tree(store, reached)
-
-
-def joined_tree(store: Store, numbers: np.ndarray) -> tuple[Bvh, np.ndarray]:
-    """The tree over some chunks of a store: (Bvh, index in the whole scene of each of its triangles).
-
-    Raises
-    ------
-    InputError
-        If the tree is deeper than a stack of the tracers.
-    """
-    chunks = [store.chunk(int(k)) for k in numbers]
-    top = Bvh(*store.top, np.arange(len(store), dtype=np.int32), np.empty((0, 9), np.float32))
-    above = leaf_depths(top) * (len(store) > 1)  # a single chunk needs no top tree
-    if any(above[k] + leaf_depths(chunk.bvh).max() > MAX_DEPTH for k, chunk in zip(numbers, chunks)):
-        raise InputError(f"{store.meta.name}: its tree has more than {MAX_DEPTH} levels; steps cannot be counted")
-    ids = np.unique(np.concatenate([chunk.bvh.prim_ids for chunk in chunks])) if chunks else np.empty(0, np.int32)
-    return _join_trees(store.top.nodes, len(store), numbers, chunks, ids), ids
-
-
-def _reached_chunks(paged: Paged, queries: Sequence[ShadowQuery]) -> np.ndarray:
-    """The chunks whose boxes segments enter, whether or not they are blocked before."""
-    scheduled, k = paged.accelerated.prepared, len(paged.store)
-    reached = np.zeros(k, np.bool_)
-    for query in queries:
-        bits = new_bits(query)
-        for step in segments_of(scheduled.parts, query):
-            rays = SegmentRaySets(scheduled.parts, scheduled.options, step, bits, paged.threads)
-            for s in range(rays.sets):
-                screen = np.full(k, len(rays.tiles.spans) - 1, np.int32)  # the tile that covers the whole screen
-                pairs = Pairs(screen, np.full(k, s, np.int32), np.arange(k, dtype=np.int32))
-                reached |= answer_queries(rays.rays, scheduled.parts.heads, pairs, 0, paged.threads).counts > 0
-    return np.flatnonzero(reached)
-
-
-def _join_trees(top: np.ndarray, k: int, reached: np.ndarray, chunks: list[Chunk], ids: np.ndarray) -> Bvh:
-    """Join the top tree of k chunks and the trees of those reached; `top`: see `store.store_file.TopTree`."""
-    m = len(top) if k > 1 else 0  # a single chunk needs no top tree
-    sizes = np.array([0, *(len(chunk.bvh.nodes) for chunk in chunks)])
-    firsts = m + np.cumsum(sizes)
-    nodes = aligned_empty((max(int(firsts[-1]), 1), 16), "f4")
-    links, slots = nodes.view(np.int32)[:, CHILDREN], 0
-    if not chunks:
-        nodes[0], links[0] = 0.0, EMPTY
-        nodes[0, 0:12:4] = nodes[0, 1:12:4] = np.inf
-        nodes[0, 2:12:4] = nodes[0, 3:12:4] = -np.inf
-        return Bvh(nodes[:1], nodes[:1].view(np.int32), np.empty(0, np.int32), np.empty((0, 9), np.float32))
-    if m:
-        root_of = np.full(k, EMPTY, np.int64)
-        root_of[reached] = firsts[:-1]
-        nodes[:m] = top
-        leaf = (links[:m] < 0) & (links[:m] != EMPTY)
-        links[:m][leaf] = root_of[bvh_leaf(links[:m][leaf]).first]
-    for first, end, chunk in zip(firsts[:-1], firsts[1:], chunks):
-        nodes[first:end] = chunk.bvh.nodes
-        chunk_links = links[first:end]
-        is_full, leaf = (chunk_links < 0) & (chunk_links != EMPTY), bvh_leaf(chunk_links)
-        moved = bvh_link(leaf.first + slots, leaf.count)
-        chunk_links[...] = np.where(is_full, moved, np.where(chunk_links >= 0, chunk_links + int(first), chunk_links))
-        slots += len(chunk.bvh.prim_ids)
-    prim_ids = np.searchsorted(ids, np.concatenate([chunk.bvh.prim_ids for chunk in chunks])).astype(np.int32)
-    corners = np.concatenate([chunk.bvh.corners for chunk in chunks])
-    return Bvh(nodes, nodes.view(np.int32), prim_ids, corners)
+    def clear(self) -> None:
+        """Nothing is shared."""

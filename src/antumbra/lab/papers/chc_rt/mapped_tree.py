@@ -12,7 +12,7 @@ import numpy as np
 
 from ....bvh.block_tree import BlockTree, block_tree
 from ....bvh.nodes import Bvh
-from ....engine.sources.paged_source import joined_tree
+from ....engine.joined_store_tree import joined_tree
 from ....store.store_file import Store
 from ....store.system_resources import drop_cached_pages
 

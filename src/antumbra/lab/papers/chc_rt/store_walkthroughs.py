@@ -11,7 +11,7 @@ from itertools import islice
 from math import inf
 from pathlib import Path
 from time import perf_counter
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from ....base.errors import InputError
 from ....bvh.nodes import Bvh
 from ....engine.paged_scene import PagedScene
 from ....engine.sources.paged_source import RESERVED, Paged
+from ....engine.sources.source_protocols import CameraView
 from ....picture.frame_request import PASS_BYTES, Request, frame_memory
 from ....picture.render_kernels import precompile_indirect, precompile_plan
 from ....picture.render_options import RenderOptions
@@ -83,9 +84,9 @@ class StoreCase(NamedTuple):
     @property
     def store(self) -> Store:
         """The store; InputError if the scene is in memory."""
-        if not isinstance(self.place.scene, PagedScene):
+        if self.place.scene.data.resident:
             raise InputError(f"{self.place.name}: not a store; use --scene instead of --store")
-        return self.place.scene.store
+        return cast(PagedScene, self.place.scene).store
 
     def begin(self, paged: Paged, camera: Camera) -> None:
         """Begin a frame of the store."""
@@ -110,14 +111,19 @@ def opened(case: StoreCase) -> Iterator[Paged]:
     renderer = Renderer(case.place.scene, None, case.threads, max_memory=case.max_memory)
     precompile_plan(renderer.plan, "rays")
     precompile_indirect("rays")
-    paged = renderer.source
-    assert isinstance(paged, Paged)
+    paged = cast(Paged, renderer.source)
     scheduled = paged.accelerated.prepared
     scheduled.options = scheduled.options._replace(tile=options_of(case.place).tile)
     try:
         yield paged
     finally:
         paged.residency.close()
+
+
+def _look(paged: Paged, camera: Camera) -> Surfaces:
+    """The surfaces that a camera sees."""
+    tree = paged.accelerated
+    return paged.look(CameraView(camera, tree.triangles, tree, slice(0, camera.height)))
 
 
 def _request(place: WalkPlace, camera: Camera) -> Request:
@@ -163,7 +169,7 @@ def walk_through_store(
             before, statistics = paged.residency.paging, statistics_counter(method)
             if rays is None:  # camera rays are timed with making the surfaces, whose triangles are in the chunks
                 began = perf_counter()
-                surfaces = paged.look(camera)
+                surfaces = _look(paged, camera)
                 seconds = perf_counter() - began
                 answers: list[Answer] = [(surfaces.ids, surfaces.gbuffer.depth)]
                 rays = frame_rays(place, camera, surfaces, SAMPLER, threads)
@@ -195,7 +201,7 @@ def map_through(case: StoreCase, folder: Path, pace: Pace, say: Say) -> Iterator
             method = Plain(mapped_tree.TRACER, *tree, case.threads)
             for frame, camera in pace.along(walk, f"{case.place.name}, {walk.name}, {name}", say):
                 paged.begin(frame_memory(_request(case.place, camera)))
-                rays = frame_rays(case.place, camera, paged.look(camera), SAMPLER, case.threads)
+                rays = frame_rays(case.place, camera, _look(paged, camera), SAMPLER, case.threads)
                 for kind in KINDS:
                     before = storage_bytes()
                     seconds, answers = timed(method, rays, kind)
@@ -236,7 +242,7 @@ def _bleed_through(
     for frame, camera in islice(frames, len(pictures) if threshold else None):
         case.begin(paged, camera)
         begin([camera_method, method])
-        surfaces = paged.look(camera)
+        surfaces = _look(paged, camera)
         rays = frame_rays(place, camera, surfaces, SAMPLER, threads)
         by.room = exact.room
         before, statistics, seconds, hit_colours = paged.residency.paging, statistics_counter(method), 0.0, []
@@ -286,7 +292,7 @@ def bounce_through(case: StoreCase, bvh: Bvh | None, pace: Pace, say: Say) -> It
                     rays = _bounce_rays(place, bounce, ends, threads)
                     before, statistics, began = paged.residency.paging, statistics_counter(method), perf_counter()
                     if bounce == 0:
-                        ends = [paged.look(camera)]
+                        ends = [_look(paged, camera)]
                     else:
                         ends = list(paged.nearest(rays, (camera.height, camera.width)))
                     seconds, moved = perf_counter() - began, _moved(before, paged)

@@ -16,7 +16,6 @@ import numpy as np
 from ....base.errors import InputError
 from ....bvh.block_tree import BlockTree
 from ....bvh.nodes import Bvh
-from ....engine.paged_scene import PagedScene
 from ....engine.plan import parse_plan
 from ....engine.scene import AnyScene
 from ....generate.city import PITCH
@@ -78,7 +77,7 @@ def scenes(triangles: int) -> BenchmarkScenes:
 
 def check_in_memory(view: BenchmarkView) -> None:
     """Raise an InputError if the scene is in a store."""
-    if isinstance(view.scene, PagedScene):
+    if not view.scene.data.resident:
         raise InputError(f"{view.name}: a store; use --store instead of --scene")
 
 

@@ -1,0 +1,308 @@
+"""What an engine needs of a scene, one protocol per concern; sources implement those that they can.
+
+- `HitSource`: any and nearest hits of ray lists. `RayListSource`: all hits, too.
+- `PointSource`: shadow rays of points.
+- `CameraSource`: the surfaces that a camera sees.
+- `Geometry`: all triangles at a time, and trees of them that plans build. Or `FixedTree`: a tree of the source's own,
+  which no plan builds and time does not change.
+- `Memory`: a limit on memory, within which frames are traced in bands and rays in batches.
+
+A `RenderSource` says by its attributes which of them it offers; no code looks at its type. An engine traces ray lists
+and points by the first of a chain of sources, each of which hands over to the next what it does not answer itself:
+terrain is one that goes before triangles in memory, and a device with a memory of its own fits in as another.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.progress import ProgressCallback
+from ...query.ray_list import RayArguments, TracedRays
+from ...query.ray_passes import RayPass
+from ...query.receivers import Receivers
+from ...query.shadow_query import Surfaces
+from ...scene.camera import Camera
+from ...scene.lights import Light
+from ...scene.scene_data import SceneData
+from ...scene.triangles import AllHits, Triangles
+from ...trace.transmission import TracedQuery
+from ..accelerator import Accelerated, Accelerator, SceneTrees
+
+# --- Ray lists --------------------------------------------------------------------------------------------------------
+
+
+class HitSource(Protocol):
+    """Traces any and nearest hits of ray lists."""
+
+    def trace_rays(self, rays: RayArguments, any_hit: bool, threads: int) -> TracedRays:
+        """The hits of rays.
+
+        Raises
+        ------
+        InputError
+            If a ray is invalid: NaN, infinity, a zero direction, ...
+        """
+        ...
+
+
+class RayListSource(HitSource, Protocol):
+    """Traces ray lists."""
+
+    def all_hits(self, rays: RayArguments, max_hits: int | None, rule: int, threads: int) -> AllHits:
+        """All hits of rays, or the first `max_hits` of each; `rule`: TRIANGLES or SURFACES of `trace.rays.all_hits`."""
+        ...
+
+    def count_hits(self, rays: RayArguments, rule: int, threads: int) -> NDArray[np.int64]:
+        """(n,) int64: the number of hits of each ray, by a rule of `trace.rays.all_hits`. INSIDE sees no holes."""
+        ...
+
+
+# --- Shadow rays of points --------------------------------------------------------------------------------------------
+
+
+class PointQuery(NamedTuple):
+    """Points and lights; `Engine.shadows` documents the fields."""
+
+    receivers: Receivers
+    lights: Sequence[Light]
+    samples: Sequence[NDArray[np.float64]]
+    facing: int = 0
+    time: float = 0.0  # within 0 .. `duration`
+    later: int = 0
+    whole: bool = False
+    month: int | None = None
+    known: Sequence[NDArray[np.uint64]] | None = None
+
+    @property
+    def rays(self) -> int:
+        """The number of rays."""
+        return self.receivers.n * sum(int(each.shape[1]) for each in self.samples)
+
+
+class PointSource(Protocol):
+    """Traces the shadow rays of points. Callers take turns."""
+
+    @property
+    def prefers_rows(self) -> bool:
+        """Whether points in rows of a raster are traced faster than in any other order."""
+        ...
+
+    def shadows(self, points: PointQuery, progress: ProgressCallback | None) -> list[TracedQuery]:
+        """The shadow query of each light, with its answer. InputError if memory is too small."""
+        ...
+
+
+# --- The surfaces that a camera sees ----------------------------------------------------------------------------------
+
+
+class CameraView(NamedTuple):
+    """What a camera is to see."""
+
+    camera: Camera
+    triangles: Triangles  # of `Geometry.moment`, or of `FixedTree.accelerated`
+    tree: Accelerated | None  # of all triangles; never None if `gbuffer` is "rays", or `camera.listed`
+    rows: slice  # a band of the image; a source with `Geometry` always sees all rows
+    progress: ProgressCallback | None = None  # of sources whose `looks` is 1
+
+
+class CameraSource(Protocol):
+    """Finds the surfaces that a camera sees.
+
+    gbuffer : "raster", "rays" or "auto"
+        The method of `look`.
+    looks : int
+        Progress cycles per `look`.
+    """
+
+    looks: ClassVar[int]
+
+    @property
+    def gbuffer(self) -> str: ...
+
+    def look(self, view: CameraView) -> Surfaces:
+        """The surfaces visible to a camera."""
+        ...
+
+    def subpixels(self, view: CameraView, edge: NDArray[np.bool_]) -> Surfaces:
+        """The surfaces of the sub-pixels of selected pixels, see `query.pixel_refinement`; edge : (H, W) bool."""
+        ...
+
+
+# --- Triangles and trees ----------------------------------------------------------------------------------------------
+
+
+class Geometry(Protocol):
+    """All triangles at a time, in memory, and trees that a plan builds of them."""
+
+    def moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
+        """The triangles at a time in seconds, and a tree of all of them if an earlier frame cached one."""
+        ...
+
+    def for_points(self, time: float) -> tuple[Triangles, Accelerated | None]:
+        """The triangles at a time in seconds, and a tree for a point query; None: the tree depends on the query."""
+        ...
+
+    def keep(self, accelerated: Accelerated) -> None:
+        """Offer the tree of a frame's shadow rays for reuse in later frames."""
+
+    def keep_for_points(self, accelerated: Accelerated) -> None:
+        """Offer the tree of a point query for reuse in later ones."""
+
+    def box(self, triangles: Triangles) -> NDArray[np.float32]:
+        """(2, 3) float32: bounds of the scene with these triangles, in the recentred frame."""
+        ...
+
+
+class FixedTree(Protocol):
+    """A tree of the source's own. Its triangles are made where rays meet them."""
+
+    @property
+    def accelerated(self) -> Accelerated:
+        """The input of the plan's tracer; its triangles are a placeholder."""
+        ...
+
+    @property
+    def bounds(self) -> NDArray[np.float32]:
+        """(2, 3) float32: bounds of the scene, in the recentred frame."""
+        ...
+
+    def nearest(self, passes: Sequence[RayPass], shape: tuple[int, int]) -> Iterator[Surfaces]:
+        """The first surfaces hit by each of several passes of rays; `shape`: (H, W) of the image."""
+        ...
+
+
+# --- Memory -----------------------------------------------------------------------------------------------------------
+
+
+CELL_BYTES = 4
+"""Bytes per receiver of the cells of a ray set."""
+
+
+class FrameMemory(NamedTuple):
+    """Estimated memory of a frame in bytes."""
+
+    fixed: int  # needed in any case
+    cells: int  # cells of all shadow rays, if all are traced together
+    passes: int  # all diffuse passes, if all are traced together; or the sub-pixels of all edges
+
+
+def points_memory(points: PointQuery) -> FrameMemory:
+    """The memory of a point query."""
+    n, fixed, cells = points.receivers.n, 0, 0
+    for light, samples in zip(points.lights, points.samples):
+        fixed += (96 + 8 * -(-samples.shape[1] // 64)) * n
+        cells += CELL_BYTES * ray_set_count(light, samples) * n
+    return FrameMemory(fixed, cells, 0)
+
+
+def ray_set_count(light: Light, samples: NDArray[np.float64]) -> int:
+    """Number of ray sets of a light."""
+    return samples.shape[1] if light.domain == "hemisphere" else 1
+
+
+class Memory(Protocol):
+    """The memory of a source that has a limit: a part of the triangles is read when rays reach them."""
+
+    def begin(self, memory: FrameMemory) -> None:
+        """Begin a frame or point query that needs this much memory.
+
+        Raises
+        ------
+        InputError
+            If the memory limit is too small for the frame.
+        """
+
+    def release(self) -> None:
+        """Free the memory of resident chunks for other engines."""
+
+    def together(self, size: int) -> int:
+        """Number of passes, or of images of their hits, to trace together; `size`: bytes of each."""
+        ...
+
+    def at_once(self, size: int) -> int:
+        """Number of items of `size` bytes each that fit in memory at once."""
+        ...
+
+    def bands(self, height: int) -> Iterator[slice]:
+        """Yield the rows of an image band by band. The caller traces the camera and shadow rays of each in turn."""
+        ...
+
+    def paging(self) -> dict[str, int]:
+        """Counts of chunks read and evicted since `begin`."""
+        ...
+
+
+# --- Sources ----------------------------------------------------------------------------------------------------------
+
+
+class RenderSource(CameraSource, Protocol):
+    """A scene as one `Engine` traces it.
+
+    geometry, fixed : exactly one of them is None
+    memory : None if everything is in memory at all times
+    """
+
+    @property
+    def scene(self) -> SceneData: ...
+
+    @property
+    def ray_lists(self) -> RayListSource: ...
+
+    @property
+    def geometry(self) -> Geometry | None: ...
+
+    @property
+    def fixed(self) -> FixedTree | None: ...
+
+    @property
+    def memory(self) -> Memory | None: ...
+
+    def warm_up(self) -> None:
+        """Compile the kernels specific to this kind of source."""
+
+
+def moment_of(source: RenderSource, time: float) -> tuple[Triangles, Accelerated | None]:
+    """The triangles of a source at a time, and a tree of all of them if there is one."""
+    if source.geometry is not None:
+        return source.geometry.moment(time)
+    assert source.fixed is not None
+    return source.fixed.accelerated.triangles, source.fixed.accelerated
+
+
+def box_of(source: RenderSource, triangles: Triangles) -> NDArray[np.float32]:
+    """(2, 3) float32: bounds of the scene with these triangles, in the recentred frame."""
+    if source.geometry is not None:
+        return source.geometry.box(triangles)
+    assert source.fixed is not None
+    return source.fixed.bounds
+
+
+class SourceSettings(NamedTuple):
+    """What an engine's source needs to know, besides the plan."""
+
+    gbuffer: str  # the method of `CameraSource.look`, where there is a choice
+    max_memory: int | None  # limit in bytes, for a source with a `Memory`; None: its default
+    turn: AbstractContextManager[Any]  # held by queries of such a source
+    evict_others: Callable[[], object]  # frees what other engines of the scene keep in memory
+
+
+class SharedTrees(Protocol):
+    """What the engines of a scene share, by the kind of its data."""
+
+    default_plan: ClassVar[str]
+
+    def __init__(self, data: SceneData): ...
+
+    def source(self, accelerator: Accelerator, settings: "SourceSettings") -> RenderSource:
+        """The source of an engine. InputError if it does not support the plan or a setting."""
+        ...
+
+    def flat(self) -> SceneTrees:
+        """The trees of all triangles in memory. InputError if they are in a store, or do not fit."""
+        ...
+
+    def clear(self) -> None:
+        """Drop all trees. Other threads must not use them meanwhile."""
