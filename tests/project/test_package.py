@@ -266,7 +266,7 @@ def test_wheel_is_pure_and_holds_the_package_only(built):
     inside = {n for n in names if not n.startswith(f"antumbra-{at.__version__}.dist-info/")}
     package = ROOT / "src" / "antumbra"
     data = [package / "kernels" / "needs.json", package / "papers" / "needs.json", *package.glob("papers/*/README.md")]
-    data += [package / "py.typed", package / "engine" / "auto" / "rates.json"]
+    data += [package / "py.typed"]
     data += [path for path in (package / "examples").iterdir() if path.suffix not in (".py", "")]
     assert inside == {path.relative_to(ROOT / "src").as_posix() for path in (*SOURCES, *data)}
 

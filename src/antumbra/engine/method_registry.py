@@ -4,29 +4,54 @@ This module defines the library's own methods. Other packages add methods with `
 function under the entry point group ``antumbra.methods``; the first lookup of an unknown name calls it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from .. import extras as plugins
 from ..bvh import binned_sah, lbvh, refit, reinsertion, sweep_sah, tl_lbvh
-from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
-from ..bvh.wide_bvh import widen
-from ..progress import ProgressCallback
-from ..query.shadow_query import ShadowQuery
-from ..techniques.culling.pre_bvh_culling import CullResult, Soup, cull
+from ..techniques.chcrt.chcrt_tracer import ChcRtTracer
+from ..techniques.culling.pre_bvh_culling import CullResult, cull
+from ..techniques.rayhierarchy.cone_tracer import FastestCones
 from ..techniques.srdh import srdh_builder as srdh
-from ..techniques.tracer_options import FASTEST_RAY_HIERARCHY
-from ..techniques.tracer_options import ChcRtOptions as CullingOptions
-from ..techniques.tracer_options import RayHierarchyOptions as ConeOptions
-from ..trace.frusta import multi_frusta as multifrusta
-from ..trace.packets import packet16
-from ..trace.rays import single_rays as single
-from .auto import strategies as auto
-from .auto.strategies import Bits, Counters
+from ..techniques.tracer_options import ChcRtOptions
+from ..trace.frusta.multi_frusta import MultiFrusta
+from ..trace.packets.packet16 import BlockPackets, PixelPackets, SamplePackets
+from ..trace.rays.single_rays import SingleRays, WideRays
+from ..trace.tracer import ANY, BLOCKS, BVH, TRACERS, TRIANGLES, WIDE, Form, FrameState, Tracer
+from ..trace.tracer_cost import Cost, FittedRate, QueryFeatures, TreelessCost
+from .auto.strategies import AutoTracer
 
-T = TypeVar("T")
+__all__ = [
+    "ANY",
+    "BLOCKS",
+    "BUILDERS",
+    "BVH",
+    "CULLERS",
+    "KINDS",
+    "OPTIMISERS",
+    "TRACERS",
+    "TRIANGLES",
+    "UPDATERS",
+    "WIDE",
+    "Builder",
+    "Cost",
+    "Culler",
+    "FittedRate",
+    "Form",
+    "FrameState",
+    "Optimiser",
+    "QueryFeatures",
+    "Tracer",
+    "TreelessCost",
+    "Updater",
+    "add_plugins",
+    "find_method",
+    "own_methods",
+    "register",
+    "register_family",
+]
 
 
 class Culler(NamedTuple):
@@ -77,37 +102,10 @@ class Updater(NamedTuple):
     paper: str
 
 
-class Tracer(NamedTuple):
-    """A method that answers a shadow query.
-
-    ``prepare(bvh, threads)`` converts a BVH to the tracer's own structure, once per tree. A tracer without a BVH
-    prepares a `techniques.culling.pre_bvh_culling.Soup` instead.
-    ``trace(prepared, query, bits, threads, counters, progress)`` sets the bits. A tracer may also trace several queries
-    together, if their receivers have the same shape:
-    ``trace_all(prepared, queries, bits, threads, counters, progress)``.
-    """
-
-    prepare: Callable[..., Any]
-    trace: Callable[..., None]
-    description: str
-    paper: str  # empty: none
-    builds: bool = True  # True: the tracer traverses a BVH
-    chooses: bool = False  # True: a plan that names only this tracer lets it choose the builder, too
-    keeps: bool = False  # True: the prepared structure has state from earlier frames, and `begin()` starts each frame
-    exact: bool = True  # True: the tracer gives the same bits as all other exact tracers
-    counts_apart: bool = False  # True: tests are counted by separate kernels
-    trace_all: Callable[..., None] | None = None
-    trace_rest: Callable[..., None] | None = None  # as `trace`, but skips rays whose bits are set; see `shadows`
-    culling: CullingOptions | None = None  # only for tracers with occlusion queries, which can also trace stores
-
-
 SELGRAD = (
     "Selgrad et al. 2015, Faster ray-traced shadows for hybrid rendering of fully dynamic scenes by pre-BVH culling"
 )
 FELTMAN = "Feltman et al. 2012, SRDH: Specializing BVH construction and traversal order"
-BENTHIN = "Benthin and Wald 2009, Efficient ray traced soft shadows using multi-frusta tracing"
-OLSSON = "Olsson and Assarsson 2011, Improved ray hierarchy alias free shadows"
-MATTAUSCH = "Mattausch et al. 2015, CHC+RT: coherent hierarchical culling for ray tracing"
 
 
 # --- cullers, builders, optimisers and updaters -----------------------------------------------------------------------
@@ -182,116 +180,20 @@ UPDATERS: dict[str, Updater] = {
 
 # --- tracers ----------------------------------------------------------------------------------------------------------
 
-
-def unchanged(structure: T, threads: int | None = None) -> T:
-    """The `prepare` of tracers that use the BVH or the triangles without conversion."""
-    return structure
-
-
-def by_cones(options: ConeOptions, description: str) -> Tracer:
-    """A tracer with a hierarchy over the rays instead of a BVH over the triangles."""
-
-    def trace(
-        soup: Soup,
-        query: ShadowQuery,
-        bits: Bits,
-        threads: int | None,
-        counters: Counters | None,
-        progress: ProgressCallback | None,
-    ) -> None:
-        from ..techniques.rayhierarchy.ray_hierarchy import trace_shadow
-
-        trace_shadow(soup, query, bits, threads, counters, progress, options)
-
-    return Tracer(unchanged, trace, description, OLSSON, builds=False)
-
-
-def by_culling(options: CullingOptions, description: str) -> Tracer:
-    """A tracer with occlusion queries (CHC+RT)."""
-
-    def prepare(bvh: Bvh, threads: int | None = None) -> Any:  # late imports: other plans start sooner
-        from ..techniques.chcrt.chc_rt import prepare
-
-        return prepare(bvh, options, threads)
-
-    def trace_all(
-        prepared: Any,
-        queries: Sequence[ShadowQuery],
-        bits: Sequence[Bits],
-        threads: int | None,
-        counters: Counters | None,
-        progress: ProgressCallback | None,
-    ) -> None:
-        from ..techniques.chcrt.chc_rt import trace_shadows
-
-        trace_shadows(prepared, queries, bits, threads, counters, progress)
-
-    def trace(
-        prepared: Any,
-        query: ShadowQuery,
-        bits: Bits,
-        threads: int | None,
-        counters: Counters | None,
-        progress: ProgressCallback | None,
-    ) -> None:
-        trace_all(prepared, [query], [bits], threads, counters, progress)
-
-    exact = options.threshold == 0
-    return Tracer(prepare, trace, description, MATTAUSCH, keeps=True, exact=exact, trace_all=trace_all, culling=options)
-
-
-TRACERS: dict[str, Tracer] = {
-    "auto": Tracer(
-        auto.AutoTracer,
-        auto.trace_shadow,
-        "the fastest tracer for each query by predicted and measured times; alone, it chooses the builder, too",
-        "",
-        chooses=True,
-        keeps=True,
-        counts_apart=True,
-        trace_rest=partial(auto.trace_shadow, fresh=False),
-    ),
-    "single": Tracer(
-        single.as_built,
-        single.trace_shadow,
-        "one ray at a time, children in the builder's order, else nearest first; tests the last blocker first",
-        "Ize 2013, Robust BVH ray traversal",
-        counts_apart=True,
-    ),
-    "wide": Tracer(
-        widen,
-        single.trace_shadow,
-        "one ray at a time, eight boxes or triangles in SIMD",
-        "Ylitie et al. 2017, Efficient incoherent ray traversal on GPUs through compressed wide BVHs",
-    ),
-    "multifrusta": Tracer(
-        block_tree,
-        multifrusta.trace_shadow,
-        "16 shafts of shadow rays at once, single rays only where shafts are undecided",
-        BENTHIN,
-        trace_rest=partial(multifrusta.trace_shadow, fresh=False),
-    ),
-    "packet16": Tracer(
-        unchanged,
-        packet16.over_pixels,
-        "packets of 16 rays, from 16 receivers to a stratum of the light",
-        "Benthin and Wald 2009, Sec. 5.1; Wald et al. 2001, Interactive rendering with coherent ray tracing",
-    ),
-    "packet16:samples": Tracer(
-        unchanged,
-        packet16.over_samples,
-        "packets of 16 rays, from one receiver to its samples",
-        "Benthin and Wald 2009, Sec. 5.1",
-    ),
-    "cones": by_cones(
-        FASTEST_RAY_HIERARCHY, "a hierarchy over the shadow rays, traversed by triangles, instead of one over the scene"
-    ),
-    "chcrt": by_culling(
-        CullingOptions(),
+TRACERS |= {
+    "auto": AutoTracer(),  # lists of plans begin with it
+    "single": SingleRays(),
+    "wide": WideRays(),
+    "multifrusta": MultiFrusta(),
+    "packet16": PixelPackets(),
+    "packet16:samples": SamplePackets(),
+    "packet16:blocks": BlockPackets(),
+    "cones": FastestCones(),
+    "chcrt": ChcRtTracer(
+        ChcRtOptions(),
         "occlusion queries for pairs of screen tiles and subtrees, with visibility reused from earlier queries",
     ),
 }
-"""Name -> tracer."""
 
 
 # --- lookup -----------------------------------------------------------------------------------------------------------
@@ -334,7 +236,7 @@ def register_family(name: str, find: Family) -> None:
 
 def add_plugins() -> None:
     """Add the methods of all packages that declare methods; once per process."""
-    plugins.load_plugins("antumbra.methods")
+    plugins.load_plugins(plugins.METHODS)
 
 
 def own_methods(field: str) -> list[str]:

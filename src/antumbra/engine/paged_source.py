@@ -36,6 +36,7 @@ from ..store.store_file import Store, StoreData
 from ..store.store_format import Chunk
 from ..store.system_resources import release_freed, resident_memory
 from ..techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, prepare, ray_hits
+from ..techniques.chcrt.chcrt_tracer import ChcRtTracer
 from ..techniques.chcrt.nearest_hits import mark_hits, number_hits
 from ..techniques.chcrt.occlusion_queries import Pairs, answer_queries
 from ..techniques.chcrt.picture_ray_sets import SegmentRaySets, segments_of
@@ -256,7 +257,14 @@ class Paged:
 
     def __init__(self, data: StoreData, accelerator: Accelerator, max_memory: int | None = None):
         plan = accelerator.plan
-        if plan.tracer.culling is None or plan.cull or plan.optimise or plan.update or plan.build != Plan().build:
+        tracer = plan.tracer
+        if (
+            not isinstance(tracer, ChcRtTracer)
+            or plan.cull
+            or plan.optimise
+            or plan.update
+            or plan.build != Plan().build
+        ):
             raise InputError(
                 f"plan {str(plan)!r}: {data.name} is in a store, whose trees are prebuilt; use {self.default_plan}"
             )
@@ -270,7 +278,7 @@ class Paged:
         self._bands, self._camera_mark = Bands(), 0  # the total of bytes read when the last camera rays were traced
         self._frame_reads = int(store.chunks.bytes.sum())  # bytes read in the last frame; initially the whole store
         parts = parts_of_chunks(store.top.nodes, store.chunks.root, self.residency.trees, self.residency, store)
-        scheduled = ChcRtState(parts, plan.tracer.culling)
+        scheduled = ChcRtState(parts, tracer.options)
         self.accelerated: Accelerated = Accelerated(self._triangles(), None, scheduled)
 
     def warm_up(self) -> None:
