@@ -2,6 +2,9 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
+from types import SimpleNamespace
+
+import pytest
 
 from antumbra import extras
 
@@ -32,6 +35,32 @@ def test_threads_that_ask_at_once_add_once(monkeypatch):
 
     with ThreadPoolExecutor(8) as pool:
         assert list(pool.map(ask, range(8))) == [1] * 8
+
+
+def test_plugins_that_fail_are_reported_once_and_do_not_stop_others(monkeypatch):
+    """The plan `auto` tries all plugins; it must not fail because one of them does."""
+    called = []
+
+    def broken():
+        raise ImportError("no such module")
+
+    points = {
+        "bad": SimpleNamespace(value="bad:add", load=broken),
+        "good": SimpleNamespace(value="good:add", load=lambda: lambda: called.append("good")),
+        "own": SimpleNamespace(value="antumbra.own:add", load=lambda: lambda: called.append("own")),
+    }
+    monkeypatch.setattr(extras, "plugins_of", lambda group: points)
+    monkeypatch.setattr(extras, "_added", set())
+    monkeypatch.setattr(extras, "_tried", set())
+    with pytest.warns(RuntimeWarning, match=r"plugin 'bad' \(bad:add\) cannot be loaded.*no such module") as warned:
+        extras.try_plugins("tried")
+    extras.try_plugins("tried")
+    assert called == ["good"] and len(warned) == 1
+    with pytest.raises(ImportError, match="no such module"):  # whoever needs a plugin learns why it is missing
+        extras.load_plugins("tried")
+    del points["bad"]
+    extras.load_plugins("tried")
+    assert called == ["good", "own"]
 
 
 def test_commands_come_by_name():

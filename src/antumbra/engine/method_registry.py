@@ -1,7 +1,8 @@
 """The registries of methods: cullers, builders, optimisers, updaters and tracers that a plan can name.
 
-This module defines the library's own methods. Other packages add methods with `register`. Such a package declares a
-function under the entry point group ``antumbra.methods``; the first lookup of an unknown name calls it.
+This module lists the library's own methods. Other packages add methods with `register`. Such a package declares a
+function under the entry point group ``antumbra.methods``; the first lookup of an unknown name calls it, or the first
+choice of `auto`. What a plugin needs can be imported from here; ``examples/plugin`` is one.
 """
 
 from collections.abc import Callable
@@ -11,6 +12,8 @@ from typing import Any, NamedTuple
 from .. import extras as plugins
 from ..bvh import binned_sah, lbvh, refit, reinsertion, sweep_sah, tl_lbvh
 from ..bvh.nodes import Bvh
+from ..checks import choice, quoted
+from ..errors import InputError
 from ..techniques.chcrt.chcrt_tracer import ChcRtTracer
 from ..techniques.culling.pre_bvh_culling import CullResult, cull
 from ..techniques.rayhierarchy.cone_tracer import FastestCones
@@ -19,12 +22,11 @@ from ..techniques.tracer_options import ChcRtOptions
 from ..trace.frusta.multi_frusta import MultiFrusta
 from ..trace.packets.packet16 import BlockPackets, PixelPackets, SamplePackets
 from ..trace.rays.single_rays import SingleRays, WideRays
-from ..trace.tracer import ANY, BLOCKS, BVH, TRACERS, TRIANGLES, WIDE, Form, FrameState, Tracer
+from ..trace.tracer import BLOCKS, BVH, TRACERS, TRIANGLES, WIDE, Form, FrameState, Tracer
 from ..trace.tracer_cost import Cost, FittedRate, QueryFeatures, TreelessCost
 from .auto.strategies import AutoTracer
 
 __all__ = [
-    "ANY",
     "BLOCKS",
     "BUILDERS",
     "BVH",
@@ -207,6 +209,14 @@ KINDS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 """Field of a `Plan` -> (name of its kind of method, registry), in the order in which the methods run."""
 
+_CLASSES: dict[str, type] = {
+    "cull": Culler,
+    "build": Builder,
+    "optimise": Optimiser,
+    "update": Updater,
+    "trace": Tracer,
+}
+
 Family = Callable[[str], tuple[str, Tracer] | None]
 """Function from a tracer's name to (the name with its words in canonical order, the tracer); None: unknown name."""
 
@@ -219,12 +229,14 @@ def register(field: str, name: str, method: Culler | Builder | Optimiser | Updat
 
     Raises
     ------
-    ValueError
-        If the name is taken or contains a plus sign.
+    InputError
+        If there is no such registry, the method is not of its class, or the name is taken or contains a plus sign.
     """
-    registry = KINDS[field][1]
+    kind, registry = KINDS[choice(field, "field", KINDS)]
+    if not isinstance(method, _CLASSES[field]):
+        raise InputError(f"{kind} {name!r} must be a {_CLASSES[field].__name__}, not {quoted(method)}")
     if "+" in name or any(name in names for _, names in KINDS.values()):
-        raise ValueError(f"{name!r} cannot be the name of a {KINDS[field][0]}: it is taken or contains a plus sign")
+        raise InputError(f"{name!r} cannot be the name of a {kind}: it is taken or contains a plus sign")
     registry[name] = method
     _added[field].append(name)
 

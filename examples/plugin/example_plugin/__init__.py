@@ -1,0 +1,15 @@
+"""A plugin for Antumbra: the builder `median`, the tracer `every-triangle` and the light `Window`."""
+
+from antumbra.engine.method_registry import Builder, register
+
+from .every_triangle import EveryTriangle
+from .median import build
+from .window import Window
+
+__all__ = ["Window", "add"]
+
+
+def add() -> None:
+    """Register the methods: the entry point that pyproject.toml names."""
+    register("build", "median", Builder(build, "halves the triangles along the longest axis", ""))
+    register("trace", "every-triangle", EveryTriangle())
