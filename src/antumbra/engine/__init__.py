@@ -26,5 +26,5 @@
 - `precompilation`: compile jobs, run before anything is timed
 - `plan`: `Plan`, the methods that answer a query
 - `method_registry`: cullers, builders, optimisers, updaters and tracers by name
-- `auto/`: the choice of a strategy for each query
+- `auto/`: the choice of a tracer for each query
 """

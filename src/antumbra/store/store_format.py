@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.nodes import Bvh
-from ..checks import quoted
+from ..checks import alternatives, quoted
+from ..errors import InputError
 from ..scene.camera import Camera
 from ..scene.light_lists import DirectionalLights, PointLights
 from ..scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
@@ -192,8 +193,12 @@ def _plain(value: object) -> object:
 
 
 def _light_fields(light: Light) -> dict[str, Any]:
-    named = {"name": light.name} if light.name else {}
-    return {"type": type(light).__name__} | named | {f.name: _plain(getattr(light, f.name)) for f in fields(light)}
+    kind, named = type(light).__name__, {"name": light.name} if light.name else {}
+    if kind not in _KINDS:
+        raise InputError(
+            f"a store cannot save the light {kind} of its scene; replace it by a {alternatives(list(_KINDS))}"
+        )
+    return {"type": kind} | named | {f.name: _plain(getattr(light, f.name)) for f in fields(light)}
 
 
 def _light(values: dict[str, Any]) -> Light:

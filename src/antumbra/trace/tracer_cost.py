@@ -6,6 +6,7 @@ measurements by ``benchmarks/fit_auto.py`` (docs/design/auto.md).
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -37,8 +38,9 @@ class QueryFeatures(NamedTuple):
         return self.receivers * self.samples
 
 
+@lru_cache(8)
 def terms(features: QueryFeatures) -> NDArray[np.float64]:
-    """(22,) float64: the terms of Eq. (1) in docs/design/auto.md."""
+    """(22,) float64: the terms of Eq. (1) in docs/design/auto.md. The result is cached: do not write to it."""
     n, m, log = np.log(max(features.triangles, 1)), np.log(max(features.receivers, 1)), np.log
     few, many = log(min(features.samples, _STRATA)), log(min(max(features.samples, _STRATA), _MOST_SAMPLES))
     tile, narrow, wide = (
