@@ -195,9 +195,7 @@ def _plain(value: object) -> object:
 def _light_fields(light: Light) -> dict[str, Any]:
     kind, named = type(light).__name__, {"name": light.name} if light.name else {}
     if kind not in _KINDS:
-        raise InputError(
-            f"a store cannot save the light {kind} of its scene; replace it by a {alternatives(list(_KINDS))}"
-        )
+        raise InputError(f"a store cannot save the scene's {kind}; replace it by {alternatives(list(_KINDS))}")
     return {"type": kind} | named | {f.name: _plain(getattr(light, f.name)) for f in fields(light)}
 
 
