@@ -14,6 +14,8 @@ from antumbra.engine.auto.cost_model import BEST, GOOD, GUIDED, QUICK
 from antumbra.engine.method_registry import TRACERS
 from antumbra.picture.renderer import Renderer
 from antumbra.query.light_samples import light_samples
+from antumbra.techniques.rayhierarchy.cone_tracer import FastestCones
+from antumbra.trace.tracer_cost import TreelessCost
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
 
@@ -277,6 +279,21 @@ def test_cones_answer_a_first_frame_with_many_rays_per_triangle(scene, monkeypat
     assert frames[0].choices[0].strategy == "cones" and frames[0].choices[0].seconds > 0.0
     for frame in frames:
         np.testing.assert_array_equal(frame.bits[0], named.bits[0])
+
+
+def test_any_tracer_without_a_tree_is_considered_if_it_states_a_cost(scene, monkeypatch):
+    class Other(FastestCones):
+        cost = TreelessCost(triangles=1e9, saving=0.9, reason="it is the only one", load=0.0)
+
+    monkeypatch.setitem(TRACERS, "other", Other())
+    monkeypatch.setattr(TRACERS["cones"], "cost", None)
+    renderer, (camera, light) = Renderer(scene), corner(scene)
+    frames = [renderer.render(camera, [light], spp=4) for _ in range(2)]
+    assert frames[0].plan == "other" and frames[0].tree.why == "it is the only one"
+    assert frames[0].choices[0].strategy == "other" and "other" not in frames[1].plan
+    np.testing.assert_array_equal(frames[0].bits[0], frames[1].bits[0])
+    soft = Renderer(scene).render(camera, [LAMP], spp=4)
+    assert "other" not in soft.plan  # it does not suit lights with an extent
 
 
 @pytest.mark.parametrize("light, spp", [(LAMP, 1), (at.AmbientOcclusion(1.0), 1), (at.PointLight((0.5, 1.5, 0.2)), 16)])

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+import antumbra as at
 from antumbra.engine.auto.cost_model import form_seconds, lost_share, predicted_rate, strategies
 from antumbra.engine.method_registry import TRACERS
+from antumbra.errors import InputError
 from antumbra.scene.lights import AMBIENT, FIXED
 from antumbra.trace.tracer_cost import LIKELY, Cost, FittedRate, QueryFeatures, TreelessCost, terms
 
@@ -46,6 +48,23 @@ def test_a_cost_per_query_counts_less_for_more_rays(monkeypatch):
     monkeypatch.setattr(TRACERS["wide"], "cost", cost)
     few, many = (predicted_rate("wide", FEATURES._replace(receivers=n)) for n in (10, 1_000_000))
     assert few > 100 * many > 0.0
+
+
+@pytest.mark.parametrize("rate", [np.nan, -1.0])
+def test_a_rate_that_is_no_time_is_refused(monkeypatch, rate):
+    monkeypatch.setattr(TRACERS["wide"], "cost", Cost(lambda features: rate))
+    with pytest.raises(InputError, match=f"tracer 'wide' states {rate} nanoseconds per ray"):
+        predicted_rate("wide", FEATURES)
+
+
+@pytest.mark.parametrize("rate", [lambda features: np.inf, lambda features: 1e6 + 1e6 / features.rays])
+def test_frames_without_receivers_and_tracers_that_cannot_answer(monkeypatch, rate):
+    monkeypatch.setattr(TRACERS["single"], "cost", Cost(rate))
+    scene, lamp = at.procedural("atrium", triangles=1000), at.PointLight((0, 7, 0))
+    sky = at.Camera((0, 100, 0), (0, 200, 0), (1, 0, 0), width=48, height=40)
+    empty, frame = (at.render(scene, camera, lamp, spp=4) for camera in (sky, scene.cameras[0].resized(48, 40)))
+    assert empty.rays == 0 and frame.rays > 0
+    assert "single" not in {choice.strategy for choice in frame.choices}
 
 
 def test_a_tracer_that_states_no_cost_is_no_candidate(monkeypatch):

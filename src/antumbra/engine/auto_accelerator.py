@@ -369,8 +369,9 @@ def best_tree_job() -> Job:
 
 @cache
 def is_compiled(job: str) -> bool:
-    """Whether all kernels recorded for a job were on disk when this process first asked."""
-    return are_on_disk(kernels_of_job(job))
+    """Whether all kernels recorded for a job were on disk when this process first asked; True without a record."""
+    kernels = kernels_of_job(job)
+    return kernels is None or are_on_disk(kernels)  # other packages record none
 
 
 def accelerator_of(plan: Plan, threads: int) -> Accelerator:

@@ -78,7 +78,9 @@ class Cost(NamedTuple):
     ``features.rays``. Copying the tree to a device is part of `form`.
     """
 
-    rate: Callable[[QueryFeatures], float]  # nanoseconds per ray
+    rate: Callable[
+        [QueryFeatures], float
+    ]  # nanoseconds per ray; inf: the tracer cannot answer, such as for lack of memory
     form: float = 0.0  # nanoseconds per triangle to convert a BVH to the tracer's form
     quick_overhead: float = 0.22  # relative increase of the time in a tree by `lbvh` over one by `srdh`
     tried: float = LIKELY  # the multiple of the least cost up to which it is tried; above LIKELY: rates are unreliable

@@ -13,6 +13,7 @@ from math import inf, log2
 from pathlib import Path
 from typing import NamedTuple
 
+from ...errors import InputError
 from ...files import atomic_output, make_folder, read_trusted
 from ...kernels.processor import level
 from ...kernels.toolchain.kernel_cache import cache_root
@@ -27,6 +28,7 @@ RAY_SECONDS = 1e-7
 """Default estimate of the time of a ray on one thread."""
 
 _QUICK_OVERHEAD = 0.22  # of unknown tracers, see `lost_share`
+_NEVER = 1e12  # nanoseconds per ray: instead of inf, which has no product with 0 rays
 _LOST_IN_GOOD = 0.5  # the part of the time lost in a QUICK tree that is also lost in a GOOD one
 _GOOD_OVERHEAD = 0.12  # relative increase of the trace time in a GOOD tree over a BEST one
 _MAX_BEST_TRIANGLES = 1 << 24  # `reinsert` takes about 100 bytes per triangle while it runs
@@ -84,8 +86,17 @@ def cost_of(tracer: str) -> Cost:
 
 
 def predicted_rate(tracer: str, features: QueryFeatures) -> float:
-    """Predicted seconds per ray, on one thread."""
-    return 1e-9 * cost_of(tracer).rate(features) * machine_rates().slower.get(tracer, 1.0)
+    """Predicted seconds per ray, on one thread; for a query without receivers, that of one receiver.
+
+    Raises
+    ------
+    InputError
+        If the tracer states no rate.
+    """
+    rate = cost_of(tracer).rate(features if features.receivers else features._replace(receivers=1))
+    if not rate >= 0.0:
+        raise InputError(f"tracer {tracer!r} states {rate} nanoseconds per ray; its cost must be a positive number")
+    return 1e-9 * min(rate, _NEVER) * machine_rates().slower.get(tracer, 1.0)
 
 
 def form_seconds(tracer: str | None, triangles: int) -> float:
