@@ -1,6 +1,7 @@
 """What other packages announce is added once, whoever asks, and however many ask at once."""
 
 from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import EntryPoint
 from threading import Barrier
 from types import SimpleNamespace
 
@@ -61,6 +62,17 @@ def test_plugins_that_fail_are_reported_once_and_do_not_stop_others(monkeypatch)
     del points["bad"]
     extras.load_plugins("tried")
     assert called == ["good", "own"]
+
+
+def test_packages_that_choose_the_same_name_are_both_found(monkeypatch):
+    points = [EntryPoint("shadows", f"{package}:add", "a test's") for package in ("one", "two")]
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [*points, EntryPoint("a", "b:c", group)])
+    found = extras.plugins_of.__wrapped__("a test's")
+    assert {name: point.value for name, point in found.items()} == {
+        "a": "b:c",
+        "shadows": "one:add",
+        "shadows (two:add)": "two:add",
+    }
 
 
 def test_commands_come_by_name():

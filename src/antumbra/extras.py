@@ -80,10 +80,13 @@ METHODS = "antumbra.methods"
 
 @cache
 def plugins_of(group: str) -> "dict[str, EntryPoint]":
-    """The entry points of a group by name, sorted by name."""
+    """The entry points of a group by name, sorted by name; where packages use the same name, with their values."""
     from importlib.metadata import entry_points  # slow to import
 
-    return {point.name: point for point in sorted(entry_points(group=group))}
+    found: dict[str, EntryPoint] = {}
+    for point in sorted(entry_points(group=group)):
+        found[point.name if point.name not in found else f"{point.name} ({point.value})"] = point
+    return found
 
 
 def load_plugins(group: str) -> None:

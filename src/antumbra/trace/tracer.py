@@ -70,12 +70,15 @@ class Tracer:
         What it traverses.
     cost : Cost, TreelessCost or None
         Its predicted time, for the plan `auto`; None: `auto` never chooses it.
+    device : str or None
+        Where it traces, such as ``"cuda:0"``; None: on the processor. Its form may be in the memory of the device.
     """
 
     description: str
     paper: str = ""
     form: Form = BVH
     cost: Cost | TreelessCost | None = None
+    device: str | None = None
 
     @property
     def builds(self) -> bool:

@@ -75,7 +75,8 @@ class Cost(NamedTuple):
     """The cost of a tracer that traverses a tree. All times are computing time, the sum over threads.
 
     A cost per query, such as a launch or a transfer to a device, is part of the rate: its nanoseconds divided by
-    ``features.rays``. Copying the tree to a device is part of `form`.
+    ``features.rays``. Copying the tree to a device is part of `form`. Elapsed time of a device counts for all threads
+    (`kernels.parallel.thread_count`), since these could compute meanwhile.
     """
 
     rate: Callable[

@@ -1,15 +1,21 @@
 """The tracer `auto` gives the bits of brute force in every strategy, and says which strategy it took."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.bvh.wide_bvh import widen
 from antumbra.engine.auto import cost_model, strategies
 from antumbra.engine.auto.cost_model import GOOD, GUIDED, QUICK
 from antumbra.engine.method_registry import BUILDERS, TRACERS
 from antumbra.engine.plan import parse_plan
 from antumbra.picture.renderer import Renderer
 from antumbra.trace.counters import as_dict, new_counters
+from antumbra.trace.rays.single_rays import WideRays
+from antumbra.trace.tracer import Form
+from antumbra.trace.tracer_cost import Cost
 from asking import answer, query_of, true_occlusion, unpack
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
@@ -98,6 +104,33 @@ def test_the_first_call_of_a_strategy_does_not_count(scene, monkeypatch):
     cost, conversion = dict.fromkeys(slow, 1.0), dict.fromkeys(slow, 0.0)
     found = strategies.try_strategies(query, auto.forms, cost, conversion, facts, 2)
     assert set(found) == set(slow) and max(found.values()) < 1e4
+
+
+def test_elapsed_time_of_a_device_counts_for_all_threads(scene, monkeypatch):
+    """Its own time is none of the processor's: it would seem to trace in no time."""
+    uploads = []
+
+    class OnDevice(WideRays):
+        device = "device:0"
+        form = Form("on a device", lambda bvh, threads: uploads.append(bvh) or widen(bvh, threads))
+        cost = Cost(lambda features: 1e-3)
+
+    monkeypatch.setitem(TRACERS, "on-device", OnDevice())
+    elapsed = itertools.count(0.0, 2.5)
+    monkeypatch.setattr(strategies, "process_time", lambda: 0.0)
+    monkeypatch.setattr(strategies, "perf_counter", lambda: next(elapsed))
+    triangles, query = query_of(scene, scene.cameras[0].resized(40, 32), LAMP, 4)
+    auto = strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 3)
+    answers = []
+    for _ in range(2):
+        bits = np.zeros((32, 40, 1), np.uint64)
+        strategies.trace_shadow(auto, query, bits, 3)
+        answers.append(unpack(bits, 4))
+    assert [choice.strategy for choice in auto.choices] == ["on-device"] * 2 and len(uploads) == 1
+    assert [choice.seconds for choice in auto.choices] == [7.5, 7.5]
+    truth, active = true_occlusion(triangles, query)
+    for found in answers:
+        np.testing.assert_array_equal(found[active], truth[active])
 
 
 def test_an_unlikely_strategy_is_not_tried(scene, monkeypatch):

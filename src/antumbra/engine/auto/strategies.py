@@ -300,17 +300,21 @@ LOADED: set[str] = set()  # strategies whose kernels this process has loaded
 def _rate_of(strategy: str, forms: TreeForms, query: ShadowQuery, threads: int) -> float:
     """Nanoseconds per ray of a strategy, measured on a query.
 
-    The clock is the time that all threads compute, so that other processes do not count. The mean decides, because
-    shafts may be slow in a few windows only.
+    The mean decides, because shafts may be slow in a few windows only.
     """
     tracer = TRACERS[strategy]
     form = forms.of(tracer.form)
     if strategy not in LOADED:  # the first call of a process loads kernels
         answer_query(strategy, forms, tile_of(query), threads)
         LOADED.add(strategy)
-    bits, start = new_bits(query), process_time()
+    bits, start = new_bits(query), _clock(tracer, threads)
     tracer.trace(form, query, bits, threads)
-    return 1e9 * (process_time() - start) / max(ray_count(query), 1)
+    return 1e9 * (_clock(tracer, threads) - start) / max(ray_count(query), 1)
+
+
+def _clock(tracer: Tracer, threads: int) -> float:
+    """Seconds that all threads have computed, so that other processes do not count, or could have beside a device."""
+    return process_time() if tracer.device is None else threads * perf_counter()
 
 
 # --- tracer -----------------------------------------------------------------------------------------------------------
@@ -418,9 +422,10 @@ class TreelessState(FrameState):
         fresh: bool,
     ) -> None:
         """Answer a ShadowQuery, as `trace_shadow` does."""
-        start = process_time()
-        TRACERS[self.strategy].trace(self.soup, query, bits, threads, counters, progress, fresh)
-        seconds = process_time() - start
+        tracer = TRACERS[self.strategy]
+        start = _clock(tracer, threads)
+        tracer.trace(self.soup, query, bits, threads, counters, progress, fresh)
+        seconds = _clock(tracer, threads) - start
         choice = StrategyChoice(self.strategy, ray_count(query), "prediction", 0.0, {}, seconds=seconds)
         self.memory.learn((self.strategy,), choice, None)
 
@@ -491,10 +496,10 @@ def trace_shadow(
     choice = choose_strategy(query, forms, features, suited, threads, memory.rates(key))
     auto.improve(query, choice, threads)
     tracer = TRACERS[choice.strategy]
-    form, start = auto.forms.of(tracer.form), process_time()
+    form, start = auto.forms.of(tracer.form), _clock(tracer, threads)
     out = bits if places is None else bits[:, places]
     tracer.trace(form, query, out, threads, counters, progress, fresh)
     if places is not None:
         bits[:, places] = out
-    seconds = process_time() - start
+    seconds = _clock(tracer, threads) - start
     memory.learn(key, choice._replace(sorted=places is not None, seconds=seconds), auto.builder)
