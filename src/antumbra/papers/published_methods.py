@@ -64,6 +64,7 @@ def find_aggressive(text: str) -> tuple[str, Tracer] | None:
 
 
 def _unchanged(bvh: Bvh) -> Bvh:
+    """The BVH as built, for orders that need no preparation."""
     return bvh
 
 

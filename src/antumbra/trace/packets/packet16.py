@@ -293,9 +293,11 @@ class PixelPackets(Tracer):
         reference=99.53848628830835,
     )  # fmt: skip
 
+    packets = over_pixels
+
     def trace(
         self,
-        prepared: Bvh,
+        prepared: Bvh | BlockTree,
         query: ShadowQuery,
         bits: Bits,
         threads: int | None = None,
@@ -303,10 +305,11 @@ class PixelPackets(Tracer):
         progress: ProgressCallback | None = None,
         fresh: bool = True,
     ) -> None:
-        over_pixels(prepared, query, bits, threads, counters, progress)
+        trees = single_tree(prepared, fresh) if isinstance(prepared, BlockTree) else prepared
+        self.packets(trees, query, bits, threads, counters, progress)
 
 
-class SamplePackets(Tracer):
+class SamplePackets(PixelPackets):
     """The tracer `packet16:samples`."""
 
     description = "packets of 16 rays, from one receiver to its samples"
@@ -323,20 +326,10 @@ class SamplePackets(Tracer):
         reference=63.91708058273186,
     )  # fmt: skip
 
-    def trace(
-        self,
-        prepared: Bvh,
-        query: ShadowQuery,
-        bits: Bits,
-        threads: int | None = None,
-        counters: Counters | None = None,
-        progress: ProgressCallback | None = None,
-        fresh: bool = True,
-    ) -> None:
-        over_samples(prepared, query, bits, threads, counters, progress)
+    packets = over_samples
 
 
-class BlockPackets(Tracer):
+class BlockPackets(PixelPackets):
     """The tracer `packet16:blocks`. `multifrusta` answers queries of hemispheres in the same way."""
 
     description = "packets of 16 rays, from 16 receivers to a stratum of the light, through a tree of blocks"
@@ -353,15 +346,3 @@ class BlockPackets(Tracer):
         form=40.0,
         reference=85.62538022973533,
     )  # fmt: skip
-
-    def trace(
-        self,
-        prepared: BlockTree,
-        query: ShadowQuery,
-        bits: Bits,
-        threads: int | None = None,
-        counters: Counters | None = None,
-        progress: ProgressCallback | None = None,
-        fresh: bool = True,
-    ) -> None:
-        over_pixels(single_tree(prepared, fresh), query, bits, threads, counters, progress)
