@@ -1,13 +1,15 @@
-"""Methods of other packages: `examples/plugin` is installed, and found by name and by `auto`."""
+"""Methods of other packages: `examples/plugin` is installed, and found by name, by `auto` and by commands."""
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from antumbra.engine import method_registry
 from antumbra.engine.auto.cost_model import strategies
@@ -117,6 +119,29 @@ def test_commands_list_the_methods_of_an_installed_package(site):
     kinds = {method["name"]: method["kind"] for method in answer["methods"]}
     assert (kinds["median"], kinds["every-triangle"]) == ("builder", "tracer")
     assert "median+every-triangle" in answer["plans"]
+
+
+def test_commands_understand_the_light_of_an_installed_package(site, tmp_path):
+    images = []
+    for light in "window:0,3,-2:0:2:1@30", "quad:0,3,-2:2,0,0:0,1,0@30":
+        path = tmp_path / f"{light.partition(':')[0]}.png"
+        options = ["--light", light, "--size", "48x32", "--spp", "4", "-o", str(path), "--quiet"]
+        _run(site, "-m", "antumbra", "render", "procedural:atrium?triangles=2k", *options)
+        images.append(np.asarray(Image.open(path)))
+    np.testing.assert_array_equal(*images)
+    assert np.unique(images[0]).size > 10
+
+
+def test_a_wrong_light_is_refused_with_all_kinds(site):
+    settings = {**os.environ, "PYTHONPATH": os.pathsep.join([str(site), *sys.path])}
+    for light, words in (
+        ("lamp:1", "quad:CX.* window:CX,CY,CZ"),
+        ("window:0,0:0:1:1", "centre"),
+        ("window:0", "write w"),
+    ):
+        command = [sys.executable, "-m", "antumbra", "render", "example:mill", "--light", light]
+        done = subprocess.run(command, capture_output=True, text=True, env=settings)
+        assert done.returncode == 2 and re.search(words, done.stderr.replace("\n", " ")), done.stderr
 
 
 # --- The registry -----------------------------------------------------------------------------------------------------

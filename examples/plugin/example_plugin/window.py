@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antumbra.checks import number, vector
+from antumbra.cli.arguments import parse_number
 from antumbra.scene.lights import FIXED, FLAT, Light, LightPatch, check_place
 
 
@@ -46,3 +47,10 @@ class Window(Light):
 
     def area(self) -> float:
         return self.width * self.height
+
+
+def parse(centre: str, facing: str, width: str, height: str, **options: float) -> Window:
+    """The window that ``--light window:...`` describes; `options`: its intensity, if it is given."""
+    place = [parse_number(each, "centre") for each in centre.split(",")]
+    sizes = parse_number(width, "width"), parse_number(height, "height")
+    return Window(np.array(place), parse_number(facing, "facing"), *sizes, **options)
