@@ -111,14 +111,15 @@ def test_a_light_of_another_package_gives_the_image_of_an_equal_one(found):
 
 def test_a_misspelt_method_of_another_package_is_refused_with_the_names(found):
     assert "unknown part 'every-triangel'; did you mean 'every-triangle'" in found["typo"]
-    assert "builders: " in found["typo"] and "single" in found["typo"]
+    assert re.search(r"builders: bsah, .*median;.* tracers: auto, single, .*every-triangle\)", found["typo"])
 
 
 def test_commands_list_the_methods_of_an_installed_package(site):
-    answer = json.loads(_run(site, "-m", "antumbra", "plans", "--papers", "--json"))
-    kinds = {method["name"]: method["kind"] for method in answer["methods"]}
-    assert (kinds["median"], kinds["every-triangle"]) == ("builder", "tracer")
-    assert "median+every-triangle" in answer["plans"]
+    for options in [], ["--papers"]:
+        answer = json.loads(_run(site, "-m", "antumbra", "plans", "--json", *options))
+        kinds = {method["name"]: method["kind"] for method in answer["methods"]}
+        assert (kinds["median"], kinds["every-triangle"]) == ("builder", "tracer")
+        assert ("packet256" in kinds) == bool(options) and "median+every-triangle" in answer["plans"]
 
 
 def test_commands_understand_the_light_of_an_installed_package(site, tmp_path):
@@ -178,11 +179,12 @@ def test_what_is_no_method_is_not_registered(field, name, method, words):
 
 
 def test_a_registered_method_is_none_of_the_own_ones(monkeypatch):
-    monkeypatch.setattr(method_registry, "_added", {field: [] for field in KINDS})
+    monkeypatch.setitem(method_registry._added, "trace", [*method_registry._added["trace"]])
     tracer = Tracer()
     register("trace", "mine", tracer)
     try:
         assert method_registry.find_method("trace", "mine") == ("mine", tracer)
-        assert "mine" not in method_registry.own_methods("trace") and "mine" in TRACERS
+        assert "mine" not in method_registry.own_methods("trace") and "mine" in method_registry.listed_methods("trace")
+        assert method_registry.own_methods("build") == method_registry.listed_methods("build")
     finally:
         del TRACERS["mine"]

@@ -50,6 +50,7 @@ __all__ = [
     "Updater",
     "add_plugins",
     "find_method",
+    "listed_methods",
     "own_methods",
     "register",
     "register_family",
@@ -222,10 +223,15 @@ Family = Callable[[str], tuple[str, Tracer] | None]
 
 _families: dict[str, Family] = {}
 _added: dict[str, list[str]] = {field: [] for field in KINDS}
+_published: dict[str, list[str]] = {field: [] for field in KINDS}
 
 
-def register(field: str, name: str, method: Culler | Builder | Optimiser | Updater | Tracer) -> None:
+def register(
+    field: str, name: str, method: Culler | Builder | Optimiser | Updater | Tracer, published: bool = False
+) -> None:
     """Add a method to a registry of KINDS, for example ``register("build", "mine", Builder(...))``.
+
+    published : whether it only reproduces a paper, so that ``antumbra plans`` lists it only with ``--papers``
 
     Raises
     ------
@@ -239,6 +245,8 @@ def register(field: str, name: str, method: Culler | Builder | Optimiser | Updat
         raise InputError(f"{name!r} cannot be the name of a {kind}: it is taken or contains a plus sign")
     registry[name] = method
     _added[field].append(name)
+    if published:
+        _published[field].append(name)
 
 
 def register_family(name: str, find: Family) -> None:
@@ -254,6 +262,11 @@ def add_plugins() -> None:
 def own_methods(field: str) -> list[str]:
     """The names of a registry, without names added by `register`."""
     return [name for name in KINDS[field][1] if name not in _added[field]]
+
+
+def listed_methods(field: str) -> list[str]:
+    """The names of a registry, with those of other packages that are loaded, without methods that reproduce papers."""
+    return [name for name in KINDS[field][1] if name not in _published[field]]
 
 
 def find_method(field: str, name: str) -> tuple[str, Any] | None:

@@ -236,7 +236,7 @@ def add() -> None:
     """Register all methods of the papers, once in a process (entry point ``antumbra.engine.method_registry``)."""
     for field, methods in ("cull", CULLERS), ("build", BUILDERS), ("trace", TRACERS):
         for name, method in methods.items():
-            register(field, name, method)
+            register(field, name, method, published=True)
     register_family("cones", find_combination)
     register_family("chcrt", find_aggressive)
     needs.add_manifest(NEEDS)
