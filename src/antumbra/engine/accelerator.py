@@ -279,7 +279,7 @@ class Accelerator:
         known : as for `Engine.shadows`
         """
         bits = [new_bits(query) for query in queries]
-        for words, blocked in zip(bits, known or ()):
+        for words, blocked in zip(bits, () if known is None else known):
             words[...] = blocked
         trace = self.plan.tracer.trace_all
         trace(accelerated.prepared, queries, bits, self.threads, tally, progress, known is None)

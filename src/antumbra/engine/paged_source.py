@@ -257,14 +257,8 @@ class Paged:
 
     def __init__(self, data: StoreData, accelerator: Accelerator, max_memory: int | None = None):
         plan = accelerator.plan
-        tracer = plan.tracer
-        if (
-            not isinstance(tracer, ChcRtTracer)
-            or plan.cull
-            or plan.optimise
-            or plan.update
-            or plan.build != Plan().build
-        ):
+        tracer, builds = plan.tracer, plan.cull or plan.optimise or plan.update or plan.build != Plan().build
+        if builds or not isinstance(tracer, ChcRtTracer):
             raise InputError(
                 f"plan {str(plan)!r}: {data.name} is in a store, whose trees are prebuilt; use {self.default_plan}"
             )
