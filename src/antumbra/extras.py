@@ -106,7 +106,7 @@ def try_plugins(group: str) -> None:
     with _lock:
         _tried.add(group)
         for name, point in plugins_of(group).items():
-            if point.value.startswith(f"{__package__}."):
+            if point.value.partition(".")[0] == __name__.partition(".")[0]:
                 continue
             try:
                 _add(group, name, point)
