@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from antumbra.base.errors import InputError
 from antumbra.engine import method_registry
 from antumbra.engine.auto.cost_model import strategies
 from antumbra.engine.method_registry import KINDS, TRACERS, Builder, Cost, Tracer, TreelessCost, register
-from antumbra.errors import InputError
 from repository import ROOT
 
 PROGRAM = """
@@ -45,7 +45,7 @@ chosen = seen(sky)
 seen(sky)
 choices = scene.engine.accelerated().chosen.choices
 answer["choices"] = [(choice.strategy, choice.reason) for choice in choices]
-answer["papers"] = "antumbra.papers.published_methods" in sys.modules
+answer["papers"] = "antumbra.lab.papers.published_methods" in sys.modules
 answer["chosen bits"] = bool((chosen == seen(sky, plan="bsah+single")).all() and 0 < np.count_nonzero(chosen) < 500)
 
 plans = ["median+every-triangle", "median+wide", "median+refit+multifrusta", "grid32+median+packet16", "median+auto"]

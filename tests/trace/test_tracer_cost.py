@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.base.errors import InputError
 from antumbra.engine.auto.cost_model import form_seconds, lost_share, predicted_rate, strategies
 from antumbra.engine.method_registry import TRACERS
-from antumbra.errors import InputError
 from antumbra.scene.lights import AMBIENT, FIXED
 from antumbra.trace.tracer_cost import LIKELY, Cost, FittedRate, QueryFeatures, TreelessCost, terms
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from antumbra.checks import number, vector
+from antumbra.base.checks import number, vector
 from antumbra.cli.arguments import parse_number
 from antumbra.scene.lights import FIXED, FLAT, Light, LightPatch, check_place
 

@@ -9,15 +9,16 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
-from .. import extras as plugins
-from ..bvh import binned_sah, lbvh, refit, reinsertion, sweep_sah, tl_lbvh
+from ..base import extras
+from ..base.checks import choice, quoted
+from ..base.errors import InputError
+from ..bvh import binned_sah, lbvh, refit, reinsertion
 from ..bvh.nodes import Bvh
-from ..checks import choice, quoted
-from ..errors import InputError
+from ..lab.builders import sweep_sah, tl_lbvh
 from ..techniques.chcrt.chcrt_tracer import ChcRtTracer
 from ..techniques.culling.pre_bvh_culling import CullResult, cull
 from ..techniques.rayhierarchy.cone_tracer import FastestCones
-from ..techniques.srdh import srdh_builder as srdh
+from ..techniques.srdh import srdh_builder
 from ..techniques.tracer_options import ChcRtOptions
 from ..trace.frusta.multi_frusta import MultiFrusta
 from ..trace.packets.packet16 import BlockPackets, PixelPackets, SamplePackets
@@ -148,7 +149,7 @@ BUILDERS: dict[str, Builder] = {
         "Karras and Aila 2013, Fast parallel construction of high-quality bounding volume hierarchies",
     ),
     "srdh": Builder(
-        srdh.build,
+        srdh_builder.build,
         "tree and child order optimised for a sparse sample of the shadow rays",
         f"{FELTMAN}, Sec. 3.4",
         wants_rays=True,
@@ -163,7 +164,7 @@ OPTIMISERS: dict[str, Optimiser] = {
         "Meister and Bittner 2018, Parallel reinsertion for bounding volume hierarchy optimization",
     ),
     "srdh-order": Optimiser(
-        srdh.order_by_rays,
+        srdh_builder.order_by_rays,
         "child order optimised for a sparse sample of the shadow rays, in the tree of any other builder",
         f"{FELTMAN}, Sec. 3.2",
         wants_rays=True,
@@ -256,7 +257,7 @@ def register_family(name: str, find: Family) -> None:
 
 def add_plugins() -> None:
     """Add the methods of all packages that declare methods; once per process."""
-    plugins.load_plugins(plugins.METHODS)
+    extras.load_plugins(extras.METHODS)
 
 
 def own_methods(field: str) -> list[str]:

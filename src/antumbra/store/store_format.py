@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.checks import alternatives, quoted
+from ..base.errors import InputError
 from ..bvh.nodes import Bvh
-from ..checks import alternatives, quoted
-from ..errors import InputError
 from ..scene.camera import Camera
 from ..scene.light_lists import DirectionalLights, PointLights
 from ..scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.progress import ProgressCallback
 from ..bvh.block_tree import block_tree
 from ..bvh.wide_bvh import widen
-from ..progress import ProgressCallback
 from ..query.shadow_query import ShadowQuery
 from .tracer_cost import Cost, TreelessCost
 

@@ -13,8 +13,8 @@ from math import inf, log2
 from pathlib import Path
 from typing import NamedTuple
 
-from ...errors import InputError
-from ...files import atomic_output, make_folder, read_trusted
+from ...base.errors import InputError
+from ...base.files import atomic_output, make_folder, read_trusted
 from ...kernels.processor import level
 from ...kernels.toolchain.kernel_cache import cache_root
 from ...trace.tracer import TRACERS, Tracer

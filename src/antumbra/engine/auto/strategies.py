@@ -12,15 +12,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...base.extras import METHODS, try_plugins
+from ...base.progress import ProgressCallback
 from ...bvh.nodes import Bvh, boxes_of
-from ...extras import METHODS, try_plugins
 from ...kernels.marshalling import Packed, packed
 from ...kernels.parallel import thread_count
-from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery, new_bits, ray_count
 from ...techniques.culling.pre_bvh_culling import Soup
 from ...trace.light_table import STRATA
-from ...trace.rays import single_rays as single
+from ...trace.rays import single_rays
 from ...trace.tracer import ANY, TRACERS, Bits, Box, Counters, Form, FrameState, Tracer
 from ...trace.tracer_cost import QueryFeatures
 from .cost_model import (
@@ -98,7 +98,7 @@ class TreeForms:
     def packed_single(self) -> Packed:
         """The form that `single` traverses, packed: flattening its arrays takes longer than tracing a few rays."""
         if self._packed_single is None:
-            self._packed_single = packed(single.as_built(self.bvh))
+            self._packed_single = packed(single_rays.as_built(self.bvh))
         return self._packed_single
 
     def missing(self, form: Form) -> bool:
@@ -481,7 +481,7 @@ def trace_shadow(
     rays = query.sides.size * query.samples.shape[1]
     if rays <= _FEW_RAYS:
         start = perf_counter()
-        trace_single: Callable[..., None] = single.trace_shadow  # also takes a packed tree
+        trace_single: Callable[..., None] = single_rays.trace_shadow  # also takes a packed tree
         trace_single(forms.packed_single, query, bits, threads, counters, progress)
         choice = StrategyChoice("single", rays, "few rays", 0.0, {}, seconds=perf_counter() - start)
         memory.learn(_FEW_RAYS_KEY, choice, auto.builder)

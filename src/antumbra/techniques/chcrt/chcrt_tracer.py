@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from ...base.progress import ProgressCallback
 from ...bvh.nodes import Bvh
-from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery
 from ...trace.tracer import Bits, Counters, Form, Tracer
 from ..tracer_options import ChcRtOptions

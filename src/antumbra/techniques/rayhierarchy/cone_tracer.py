@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...progress import ProgressCallback
+from ...base.progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import DIRECTIONAL, FIXED
 from ...trace.tracer import TRIANGLES, Bits, Box, Counters, Tracer
