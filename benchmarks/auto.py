@@ -218,7 +218,7 @@ def view_of(case: Case) -> at.Camera:
 
 def trace_kept(engine: Engine, case: Case, clock: Clock) -> tuple[float, list[np.ndarray]]:
     """(seconds, bits) of the shadow rays of a frame, with a tree built before."""
-    if engine.plan.tracer.keeps:
+    if engine.plan.trace in ("auto", "chcrt"):  # they keep state from frame to frame
         warm, end = 0, clock() + WARM_SECONDS
         while warm < WARM and clock() < end:
             trace_frame(engine, case, 0.0, clock)

@@ -1,11 +1,12 @@
-"""Measures the strategies of the plan `auto` on random queries, and fits its cost model to them.
+"""Measures the tracers of the plan `auto` on random queries, and fits their costs to them.
 
     python benchmarks/fit_auto.py measure FILE [--seed N] [--cases N] [--only TEXT] [--scenes NAME ...] [--size W H]
     python benchmarks/fit_auto.py fit FILE... [--output FILE]
 
 `measure` writes one line of JSON per query and tree: the features of the query, and the nanoseconds per ray that each
-strategy takes on one thread, in trees by `lbvh` and `bsah`, with and without culling. `fit` writes the weights, by
-default to `engine/auto/rates.json`, and prints their error on scenes that it leaves out.
+tracer takes on one thread, in trees by `lbvh` and `bsah`, with and without culling. `fit` prints their error on scenes
+that it leaves out, and the rate and the reference of each tracer, as they stand in its `cost`. `--output` also writes
+them as JSON.
 """
 
 import json
@@ -15,11 +16,9 @@ from time import process_time
 
 import numpy as np
 
-from antumbra.engine.auto import cost_model as rates_module
-from antumbra.engine.auto.cost_model import terms
-from antumbra.engine.auto.query_features import QueryFeatures, features_of, reorder_query, sample_of, spatial_order
+from antumbra.engine.auto.cost_model import strategies
+from antumbra.engine.auto.query_features import features_of, reorder_query, sample_of, spatial_order
 from antumbra.engine.auto.strategies import (
-    STRATEGIES,
     SceneExtent,
     TreeForms,
     answer_query,
@@ -34,6 +33,7 @@ from antumbra.query.query_bounds import bounds
 from antumbra.query.shadow_query import ShadowQuery, new_bits, ray_count, surface_queries
 from antumbra.scene.triangles import Triangles
 from antumbra.techniques.culling.pre_bvh_culling import CullResult, cull, soup_of
+from antumbra.trace.tracer_cost import QueryFeatures, terms
 from auto import Case, arguments, cases_of, lights_of, receivers_of, region_of, view_of
 
 WINDOWS = 48  # of the sample of a query
@@ -114,12 +114,13 @@ def fitted(values: np.ndarray, logs: np.ndarray) -> np.ndarray:
 
 
 def fit(rows: list[dict]) -> dict[str, list[float]]:
-    """Strategy -> weights of all rows; prints how much is lost by predictions for scenes that are left out."""
+    """Tracer -> weights of all rows; prints how much is lost by predictions for scenes that are left out."""
     values = np.array([terms(QueryFeatures(**row["features"])) for row in rows])
     scenes = np.array([row["scene"] for row in rows])
-    logs = np.array([[np.log(row["rates"]["lbvh"].get(name, np.inf)) for name in STRATEGIES] for row in rows])
+    names = list(strategies())
+    logs = np.array([[np.log(row["rates"]["lbvh"].get(name, np.inf)) for name in names] for row in rows])
     predicted = np.full(logs.shape, np.inf)
-    for k in range(len(STRATEGIES)):
+    for k in range(len(names)):
         known = np.isfinite(logs[:, k])
         for scene in np.unique(scenes):
             others, here = known & (scenes != scene), known & (scenes == scene)
@@ -127,13 +128,13 @@ def fit(rows: list[dict]) -> dict[str, list[float]]:
                 continue
             predicted[here, k] = values[here] @ fitted(values[others], logs[others, k])
         error = predicted[known, k] - logs[known, k]
-        print(f"{list(STRATEGIES)[k]:18s} {known.sum():4d} rows, error {np.exp(error.std()):.2f} x")
+        print(f"{names[k]:18s} {known.sum():4d} rows, error {np.exp(error.std()):.2f} x")
     chosen = logs[np.arange(len(logs)), predicted.argmin(1)] - logs.min(1)
     loss, most = np.exp(chosen.mean()), np.exp(np.quantile(chosen, 0.9))
     print(f"predictions alone lose {loss:.3f} x, nine of ten less than {most:.2f} x")
     return {
         name: fitted(values[known], logs[known, k]).tolist()
-        for k, name in enumerate(STRATEGIES)
+        for k, name in enumerate(names)
         for known in [np.isfinite(logs[:, k])]
     }
 
@@ -142,13 +143,16 @@ def main() -> None:
     parser = arguments(1, 600)
     parser.add_argument("command", choices=("measure", "fit"))
     parser.add_argument("files", nargs="+", type=Path)
-    parser.add_argument("--output", type=Path, default=Path(rates_module.__file__).with_name("rates.json"))
+    parser.add_argument("--output", type=Path)
     options = parser.parse_args()
     if options.command == "fit":
         rows = [json.loads(line) for file in options.files for line in file.read_text().splitlines()]
         weights = fit(rows)
-        rates = {"weights": weights, "reference": ray_times(*small_queries()[:2])}
-        options.output.write_text(json.dumps(rates, indent=1) + "\n")
+        reference = ray_times(*small_queries()[:2])
+        for name, values in weights.items():
+            print(f"{name}: rate=FittedRate({', '.join(map(str, values))}), reference={reference[name]}")
+        if options.output is not None:
+            options.output.write_text(json.dumps({"weights": weights, "reference": reference}, indent=1) + "\n")
         return
     with options.files[0].open("a") as file:
         for case in sorted((c for c in cases_of(options) if c.job != "moving"), key=lambda case: case.scene):

@@ -233,3 +233,23 @@ def test_any_numbers_are_understood_or_refused(text):
         except at.InputError:
             continue
         assert isinstance(light, at.Light) and light.intensity >= 0.0
+
+
+@pytest.mark.parametrize("kind, syntax", [("sun", "sun:X"), ("lamp", "light:X")])
+def test_a_kind_of_light_that_cannot_be_added(kind, syntax):
+    form = arguments.LightForm(syntax, at.PointLight)
+    with pytest.raises(at.InputError, match=f"'{kind}' cannot be a kind of light: .*{syntax}"):
+        arguments.register_light(kind, form)
+
+
+def test_an_added_kind_of_light_is_understood_and_explained(monkeypatch):
+    monkeypatch.setattr(arguments, "_added_lights", {})
+    make = lambda x, height="2", **more: at.PointLight((float(x), float(height), 0), **more)
+    arguments.register_light("lamp", arguments.LightForm("lamp:X[:HEIGHT]", make))
+    assert arguments.parse_light("lamp:1").position.tolist() == [1, 2, 0]
+    high = arguments.parse_light("lamp:1:5@7")
+    assert (high.position.tolist(), high.intensity) == ([1, 5, 0], 7)
+    with pytest.raises(at.InputError, match=r"write lamp:X\[:HEIGHT\], optionally followed by @INTENSITY"):
+        arguments.parse_light("lamp:1:2:3")
+    with pytest.raises(at.InputError, match=r"unknown kind 'lam'; write one of point:.* lamp:X\[:HEIGHT\]"):
+        arguments.parse_light("lam:1")

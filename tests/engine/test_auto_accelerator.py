@@ -11,9 +11,11 @@ import antumbra as at
 from antumbra.engine import auto_accelerator, calibration
 from antumbra.engine.auto import cost_model
 from antumbra.engine.auto.cost_model import BEST, GOOD, GUIDED, QUICK
-from antumbra.engine.auto.strategies import STRATEGIES
+from antumbra.engine.method_registry import TRACERS
 from antumbra.picture.renderer import Renderer
 from antumbra.query.light_samples import light_samples
+from antumbra.techniques.rayhierarchy.cone_tracer import FastestCones
+from antumbra.trace.tracer_cost import TreelessCost
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
 
@@ -33,7 +35,7 @@ def _builds(monkeypatch, good, best=1e6, guided=1e6):
 def no_culling(monkeypatch):
     """Let culling cost more than any tree, unless a test says otherwise, and no kernel any time to load."""
     monkeypatch.setattr(auto_accelerator, "_loads", auto_accelerator.KernelLoads())
-    monkeypatch.setattr(auto_accelerator._loads, "_due", dict.fromkeys(auto_accelerator.KernelLoads.SECONDS, 0.0))
+    monkeypatch.setattr(auto_accelerator._loads, "_due", dict.fromkeys(("culling", GUIDED, "cones"), 0.0))
     monkeypatch.setattr(auto_accelerator, "mark_seconds", lambda receivers, lights: 1e9)
 
 
@@ -158,7 +160,7 @@ def test_what_is_measured_is_kept_and_scales_the_rates(tmp_path, monkeypatch):
     try:
         assert cost_model.machine_rates() == cost_model.SHIPPED
         measured = calibration.calibrate(triangles=2000, size=(16, 16))
-        assert set(measured.slower) == set(STRATEGIES) == set(cost_model.reference())
+        assert set(measured.slower) == set(cost_model.strategies())
         assert set(measured.builds) == {QUICK, GOOD, GUIDED, BEST}
         assert all(0.0 < x < 1e6 for found in measured for x in found.values())
         assert cost_model.machine_rates() == measured
@@ -258,10 +260,15 @@ def test_moving_scenes_are_culled_frame_by_frame(monkeypatch, tmp_path):
         assert frame.plan.startswith("grid32+"), time
 
 
+def _cones_for_any_number_of_triangles(monkeypatch):
+    cones = TRACERS["cones"]
+    monkeypatch.setattr(cones, "cost", cones.cost._replace(triangles=1e9))
+
+
 @pytest.mark.parametrize("light", [at.PointLight((0.5, 1.5, 0.2)), at.DirectionalLight((0.3, -1, 0.2))])
 @pytest.mark.parametrize("culled", [True, False])
 def test_cones_answer_a_first_frame_with_many_rays_per_triangle(scene, monkeypatch, light, culled):
-    monkeypatch.setattr(auto_accelerator, "_CONE_SHARE", 1e9)
+    _cones_for_any_number_of_triangles(monkeypatch)
     monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: True)
     if culled:
         _cheap_culling(monkeypatch)
@@ -274,16 +281,31 @@ def test_cones_answer_a_first_frame_with_many_rays_per_triangle(scene, monkeypat
         np.testing.assert_array_equal(frame.bits[0], named.bits[0])
 
 
+def test_any_tracer_without_a_tree_is_considered_if_it_states_a_cost(scene, monkeypatch):
+    class Other(FastestCones):
+        cost = TreelessCost(triangles=1e9, saving=0.9, reason="it is the only one", load=0.0)
+
+    monkeypatch.setitem(TRACERS, "other", Other())
+    monkeypatch.setattr(TRACERS["cones"], "cost", None)
+    renderer, (camera, light) = Renderer(scene), corner(scene)
+    frames = [renderer.render(camera, [light], spp=4) for _ in range(2)]
+    assert frames[0].plan == "other" and frames[0].tree.why == "it is the only one"
+    assert frames[0].choices[0].strategy == "other" and "other" not in frames[1].plan
+    np.testing.assert_array_equal(frames[0].bits[0], frames[1].bits[0])
+    soft = Renderer(scene).render(camera, [LAMP], spp=4)
+    assert "other" not in soft.plan  # it does not suit lights with an extent
+
+
 @pytest.mark.parametrize("light, spp", [(LAMP, 1), (at.AmbientOcclusion(1.0), 1), (at.PointLight((0.5, 1.5, 0.2)), 16)])
 def test_cones_need_one_apex_and_few_samples(scene, monkeypatch, light, spp):
-    monkeypatch.setattr(auto_accelerator, "_CONE_SHARE", 1e9)
+    _cones_for_any_number_of_triangles(monkeypatch)
     frame = Renderer(scene).render(corner(scene)[0], [light], spp=spp)
     assert frame.choices[0].strategy != "cones"
 
 
 def test_kernels_are_loaded_once_queries_would_have_gained_their_time():
     loads = auto_accelerator.KernelLoads()
-    assert not loads.pays("culling", -1.0) and not loads.pays("culling", 0.015) and not loads.pays("cones", 0.01)
+    assert not loads.pays("culling", -1.0) and not loads.pays("culling", 0.015) and not loads.pays("cones", 0.01, 0.03)
     assert loads.pays("culling", 0.006) and loads.pays("culling", 1e-6) and not loads.pays("culling", 0.0)
 
 

@@ -8,6 +8,7 @@ from antumbra.engine import auto_accelerator
 from antumbra.engine.auto import cost_model
 from antumbra.engine.auto.cost_model import BEST, GOOD, GUIDED, QUICK
 from antumbra.engine.auto_accelerator import CULLER, accelerator_of
+from antumbra.engine.method_registry import TRACERS
 from antumbra.engine.plan import covering_plans, parse_plan
 from antumbra.engine.tree_choice import NO_RAYS, ExpectedRays, LearnedTrees, UpdatedTree
 from antumbra.picture.renderer import Renderer
@@ -26,9 +27,9 @@ def asked():
 def costs(monkeypatch):
     """Set the seconds that culling, trees and cones cost; at first, culling costs more than any tree."""
     monkeypatch.setattr(auto_accelerator, "_loads", auto_accelerator.KernelLoads())
-    monkeypatch.setattr(auto_accelerator._loads, "_due", dict.fromkeys(auto_accelerator.KernelLoads.SECONDS, 0.0))
+    monkeypatch.setattr(auto_accelerator._loads, "_due", dict.fromkeys(("culling", GUIDED, "cones"), 0.0))
     monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: True)
-    monkeypatch.setattr(auto_accelerator, "_CONE_SHARE", 0.0)
+    cones = TRACERS["cones"]
 
     def set_costs(good=1e6, best=1e6, guided=1e6, culling=1e9, cone_share=0.0):
         seconds = {QUICK: 0.0, GOOD: good, BEST: best, GUIDED: guided}
@@ -36,7 +37,7 @@ def costs(monkeypatch):
         monkeypatch.setattr(cost_model, "form_seconds", lambda strategy, triangles: 1e-6 * triangles)
         monkeypatch.setattr(auto_accelerator, "mark_seconds", lambda receivers, lights: culling)
         monkeypatch.setattr(auto_accelerator, "select_seconds", lambda triangles: 0.0)
-        monkeypatch.setattr(auto_accelerator, "_CONE_SHARE", cone_share)
+        monkeypatch.setattr(cones, "cost", cones.cost._replace(triangles=cone_share))
 
     set_costs()
     return set_costs

@@ -10,7 +10,18 @@ from hypothesis import strategies as st
 
 import antumbra as at
 from antumbra.store.store_file import open_store
-from antumbra.store.store_format import COUNTS, HEADER, HEADER_CRC, MAGIC, NODE_BYTES, PAGE, TABLE, pages
+from antumbra.store.store_format import (
+    COUNTS,
+    HEADER,
+    HEADER_CRC,
+    MAGIC,
+    NODE_BYTES,
+    PAGE,
+    TABLE,
+    meta_from_json,
+    meta_to_json,
+    pages,
+)
 from bvh_scenes import terrain
 from stores import CHUNK, built, soup_scene
 
@@ -146,6 +157,18 @@ def test_what_is_no_whole_store(whole, change, words):
     assert words in found(path)
     with pytest.raises(at.InputError, match=words.partition(";")[0]):
         at.load(path)
+
+
+def test_a_light_that_could_not_be_read_again_is_refused_when_it_is_written(whole):
+    path, data = whole
+    path.write_bytes(data)
+    meta = open_store(path).meta
+    again = meta_from_json(meta_to_json(meta._replace(lights=[at.PointLight((1, 2, 3))])))
+    assert again.lights[0].position.tolist() == [1, 2, 3]
+    with pytest.raises(
+        at.InputError, match=r"cannot save the scene's Sky; replace it by AmbientOcclusion, .* or Sphere"
+    ):
+        meta_to_json(meta._replace(lights=[at.Sky()]))
 
 
 def test_no_file(tmp_path):

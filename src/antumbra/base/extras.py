@@ -5,6 +5,7 @@ function that another package declares under an entry point, as in pyproject.tom
 """
 
 import importlib
+import warnings
 from functools import cache
 from threading import RLock
 from types import ModuleType
@@ -70,26 +71,57 @@ def import_extra(package: str, what: str, extra: str) -> ModuleType:
 
 _lock = RLock()
 hold_during_fork(_lock)
-_added: set[str] = set()
+_added: set[tuple[str, str]] = set()  # (group, name) of the entry points whose functions have been called
+_tried: set[str] = set()  # groups
+
+METHODS = "antumbra.methods"
+"""The group of entry points that add to `engine.method_registry`."""
 
 
 @cache
 def plugins_of(group: str) -> "dict[str, EntryPoint]":
-    """The entry points of a group by name, sorted by name."""
+    """The entry points of a group by name, sorted by name; where packages use the same name, with their values."""
     from importlib.metadata import entry_points  # slow to import
 
-    return {point.name: point for point in sorted(entry_points(group=group))}
+    found: dict[str, EntryPoint] = {}
+    for point in sorted(entry_points(group=group)):
+        found[point.name if point.name not in found else f"{point.name} ({point.value})"] = point
+    return found
 
 
 def load_plugins(group: str) -> None:
     """Call every function declared under a group of entry points, once per process."""
     with _lock:
-        if group in _added:
-            return
-        _added.add(group)  # first, since a plugin may look up the registry while it adds to it
-        try:
-            for point in plugins_of(group).values():
-                point.load()()
-        except BaseException:
-            _added.discard(group)  # so that the next call raises it again
-            raise
+        for name, point in plugins_of(group).items():
+            _add(group, name, point)
+
+
+def try_plugins(group: str) -> None:
+    """Call the functions that other packages declare under a group, once per process; warn of those that fail.
+
+    For functions that can do without plugins. `load_plugins` raises what they raise.
+    """
+    if group in _tried:
+        return
+    with _lock:
+        _tried.add(group)
+        for name, point in plugins_of(group).items():
+            if point.value.partition(".")[0] == __name__.partition(".")[0]:
+                continue
+            try:
+                _add(group, name, point)
+            except Exception as error:
+                message = f"plugin {name!r} ({point.value}) cannot be loaded, so it is ignored: {error}"
+                warnings.warn(message, RuntimeWarning, stacklevel=2)
+
+
+def _add(group: str, name: str, point: "EntryPoint") -> None:
+    """Call the function of an entry point unless it has been called."""
+    if (group, name) in _added:
+        return
+    _added.add((group, name))  # first, since a plugin may look up the registry while it adds to it
+    try:
+        point.load()()
+    except BaseException:
+        _added.discard((group, name))  # so that the next call raises it again
+        raise

@@ -5,7 +5,7 @@ All arguments are checked before a scene is loaded.
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
-from ..base.extras import import_extra
+from ..base.extras import METHODS, import_extra, try_plugins
 from ..scene.materials import srgb_to_linear
 
 if TYPE_CHECKING:
@@ -43,6 +43,30 @@ LIGHT_FORMS = {
     "sun": "sun:DX,DY,DZ[:ANGULAR_DIAMETER]",
 }
 """Kind of light -> its syntax."""
+
+
+class LightForm(NamedTuple):
+    """A kind of light that another package adds."""
+
+    syntax: str  # such as "window:CX,CY,CZ:WIDTH[:HEIGHT]"
+    make: Callable[..., "Light"]  # make(*fields, intensity=...): the fields as text, the intensity only if it is given
+
+
+_added_lights: dict[str, LightForm] = {}
+
+
+def register_light(kind: str, form: LightForm) -> None:
+    """Add a kind of light to the syntax of lights, in the function of a plugin (docs/methods.md).
+
+    Raises
+    ------
+    InputError
+        If the kind is taken, or its syntax does not begin with it.
+    """
+    if kind in LIGHT_FORMS or kind in _added_lights or form.syntax.partition(":")[0] != kind:
+        raise InputError(f"{kind!r} cannot be a kind of light: it is taken, or {form.syntax!r} does not begin with it")
+    _added_lights[kind] = form
+
 
 CAMERA_KINDS = {"ortho": "orthographic", "top": "top", "panorama": "panoramic"}
 """Word for a camera kind -> its name in `Scene.default_camera`."""
@@ -231,9 +255,10 @@ def parse_light(text: str) -> "int | Light":
     body, at, strength = text.partition("@")
     kind, *fields = body.split(":")
     with _named(f"--light {text}"):
-        if kind not in LIGHT_FORMS:
-            raise InputError(f"unknown kind {kind!r}; write one of {'  '.join(LIGHT_FORMS.values())}")
-        form = LIGHT_FORMS[kind]
+        forms = _forms_with(kind)
+        if kind not in forms:
+            raise InputError(f"unknown kind {kind!r}; write one of {'  '.join(forms.values())}")
+        form = forms[kind]
         if not form.count(":") - form.count("[:") <= len(fields) <= form.count(":"):
             raise InputError(f"write {form}, optionally followed by @INTENSITY")
         return _light(kind, fields, {"intensity": parse_number(strength, "intensity")} if at else {})
@@ -309,9 +334,18 @@ def make_picture_lights(
     return [*(others if specs or scene.lights else []), Sky(sky, up=scene.up)]
 
 
+def _forms_with(kind: str) -> dict[str, str]:
+    """Kind of light -> its syntax, with those of other packages if `kind` is none of ours."""
+    if kind not in LIGHT_FORMS:
+        try_plugins(METHODS)
+    return LIGHT_FORMS | {name: form.syntax for name, form in _added_lights.items()}
+
+
 def _light(kind: str, fields: list[str], more: dict[str, Any]) -> "Light":
     from ..scene import lights
 
+    if kind in _added_lights:
+        return _added_lights[kind].make(*fields, **more)
     if kind == "point":
         return lights.PointLight(_vector(fields[0], "position"), **more)
     if kind == "quad":

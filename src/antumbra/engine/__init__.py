@@ -23,5 +23,5 @@
 - `plan`: `Plan`, the methods that answer a query
 - `method_registry`: cullers, builders, optimisers, updaters and tracers by name
 - `sources/`: where the triangles are
-- `auto/`: the choice of a strategy for each query
+- `auto/`: the choice of a tracer for each query
 """

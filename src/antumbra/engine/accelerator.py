@@ -26,8 +26,9 @@ from ..techniques.culling.pre_bvh_culling import CullResult, solid_of, solid_tre
 from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, RepresentativeRaySelector, SrdhRays
 from ..trace.alpha_cutouts import CutoutTree, add_shadows, cutout_tree
 from ..trace.rays.ray_hits import Intersections
+from ..trace.tracer import FrameState
 from ..trace.transmission import Transmission, transmission
-from .auto.strategies import AutoTracer, ConeTracer
+from .auto.strategies import AutoState, TreelessState
 from .method_registry import BUILDERS, CULLERS
 from .plan import Plan
 from .tree_choice import ExpectedRays, LearnedTrees, TreeChoice, UpdatedTree, new_tree
@@ -51,13 +52,18 @@ class Accelerated(NamedTuple):
         return self.prepared if isinstance(self.prepared, ChcRtState) else None
 
     @property
-    def chosen(self) -> AutoTracer | ConeTracer | None:
+    def chosen(self) -> AutoState | TreelessState | None:
         """The state of the tracer `auto`; None for other tracers."""
-        return self.prepared if isinstance(self.prepared, (AutoTracer, ConeTracer)) else None
+        return self.prepared if isinstance(self.prepared, (AutoState, TreelessState)) else None
+
+    @property
+    def keeps_state(self) -> bool:
+        """Whether the tracer keeps state from one frame to the next."""
+        return isinstance(self.prepared, FrameState)
 
     def begin(self) -> None:
         """Begin a new frame or point query in a tracer with state."""
-        if isinstance(self.prepared, (ChcRtState, AutoTracer, ConeTracer)):
+        if self.keeps_state:
             self.prepared.begin()
 
 
@@ -273,16 +279,10 @@ class Accelerator:
         known : as for `Engine.shadows`
         """
         bits = [new_bits(query) for query in queries]
-        tracer, prepared, arguments = self.plan.tracer, accelerated.prepared, (self.threads, tally, progress)
-        if known is not None and tracer.trace_rest is not None:
-            for query, words, blocked in zip(queries, bits, known):
-                words[...] = blocked
-                tracer.trace_rest(prepared, query, words, *arguments)
-        elif tracer.trace_all is not None:
-            tracer.trace_all(prepared, queries, bits, *arguments)
-        else:
-            for query, words in zip(queries, bits):
-                tracer.trace(prepared, query, words, *arguments)
+        for words, blocked in zip(bits, () if known is None else known):
+            words[...] = blocked
+        trace = self.plan.tracer.trace_all
+        trace(accelerated.prepared, queries, bits, self.threads, tally, progress, known is None)
         if accelerated.cutouts is not None:
             for query, words in zip(queries, bits):
                 add_shadows(accelerated.cutouts, query, words, self.threads)

@@ -27,7 +27,7 @@ from ..bvh.nodes import Bvh
 from ..kernels.toolchain.kernel_manifest import kernels_of_warm_up
 from ..query.query_bounds import bounds
 from ..query.shadow_query import ShadowQuery
-from ..scene.lights import AMBIENT, DIRECTIONAL, FIXED
+from ..scene.lights import AMBIENT
 from ..scene.triangles import Triangles
 from ..techniques.culling.pre_bvh_culling import (
     CullResult,
@@ -43,6 +43,8 @@ from ..techniques.srdh.representative_rays import (
     RepresentativeRaySelector,
     SrdhRays,
 )
+from ..trace.tracer import TRACERS
+from ..trace.tracer_cost import TreelessCost
 from .accelerator import Accelerated, Accelerator, no_lap
 from .auto.cost_model import (
     BEST,
@@ -60,8 +62,8 @@ from .auto.cost_model import (
     tree_seconds,
 )
 from .auto.query_features import features_of, is_scattered, size_of
-from .auto.strategies import AutoTracer, ConeTracer, SceneExtent, TreeUpgrade, suitable_strategies
-from .method_registry import BUILDERS, OPTIMISERS, TRACERS
+from .auto.strategies import AutoState, SceneExtent, TreelessState, TreeUpgrade, suitable_strategies
+from .method_registry import BUILDERS, OPTIMISERS
 from .plan import Plan
 from .precompilation import WarmUp, are_on_disk, fixed_warm_up, precompile, small_scene
 from .tree_choice import FIRST_SHARE, NO_RAYS, LearnedTrees, TreeChoice, UpdatedTree
@@ -70,9 +72,6 @@ CULLER = "grid32"
 """The culler of `auto`."""
 
 _PATIENCE = 16  # frames without a new try after culling was abandoned
-_CONE_SHARE = 0.03  # triangles per ray up to which cones are the faster ones
-_CONE_SAVING = 0.25  # of the time of the rays
-_MAX_CONE_SAMPLES = 4
 
 
 class KernelLoads:
@@ -81,16 +80,19 @@ class KernelLoads:
     By the ski-rental rule, a method is loaded once the queries so far would have gained that time.
     """
 
-    SECONDS: ClassVar[dict[str, float]] = {"culling": 0.02, GUIDED: 0.03, "cones": 0.03}
+    SECONDS: ClassVar[dict[str, float]] = {"culling": 0.02, GUIDED: 0.03}  # of tracers: `TreelessCost.load`
 
     def __init__(self) -> None:
         self._due = dict(self.SECONDS)  # method -> seconds still to be gained; 0: loaded
 
-    def pays(self, method: str, gain: float) -> bool:
-        """Whether a method that gains `gain` seconds in a query should be used, and so loaded."""
+    def pays(self, method: str, gain: float, load: float = 0.0) -> bool:
+        """Whether a method that gains `gain` seconds in a query should be used, and so loaded.
+
+        load : seconds to load a method that is not in SECONDS
+        """
         if gain <= 0.0:
             return False
-        self._due[method] = max(self._due[method] - gain, 0.0)
+        self._due[method] = max(self._due.get(method, load) - gain, 0.0)
         return self._due[method] == 0.0
 
 
@@ -100,7 +102,7 @@ _loads = KernelLoads()
 class Forecast(NamedTuple):
     """Predictions for the queries of a frame."""
 
-    strategy: str  # of the query that takes longest
+    strategy: str | None  # of the query that takes longest; None: there is no query
     seconds: float  # of the rays
     lost: float  # seconds that a GUIDED tree would save, compared with a QUICK one
     rays: int
@@ -114,7 +116,6 @@ MANY_RAYS = "rays would lose more than it costs"
 LONG_RUN = "rays have lost what it costs"
 MOVING = "triangles move, and it can be updated"
 UPGRADED = "a query would have lost more"
-ONE_APEX = "one apex, many rays per triangle"
 
 # --- The accelerator --------------------------------------------------------------------------------------------------
 
@@ -133,11 +134,11 @@ class AutoAccelerator(Accelerator):
     def executed(self, accelerated: Accelerated) -> TreeChoice:
         choice, chosen = accelerated.choice, accelerated.chosen
         assert choice is not None and chosen is not None
-        if isinstance(chosen, ConeTracer):
+        if isinstance(chosen, TreelessState):
             return choice
         if chosen.builder is not None and chosen.builder != choice.tree:
             choice = choice.with_tree(chosen.builder, UPGRADED)
-        tracers = {each.strategy if each.strategy in TRACERS else "multifrusta" for each in chosen.choices}
+        tracers = {each.strategy for each in chosen.choices}
         return choice._replace(tracer=tracers.pop()) if len(tracers) == 1 else choice
 
     def tree_for(
@@ -159,9 +160,10 @@ class AutoAccelerator(Accelerator):
             self._upgrade_builder(memory.strategies.lost + _loss(memory.expected.later) + forecast.lost, n)
             memory.expected = NO_RAYS
         remaining = n if culled is None else len(culled.kept)
-        if serves_once and _cones_pay(remaining, queries, forecast):
+        treeless = _treeless(remaining, queries, forecast, extent) if serves_once else None
+        if treeless is not None:
             memory.moved(triangles)
-            return self._by_cones(triangles, culled)
+            return self._without_tree(treeless, triangles, culled)
         if culled is None:
             return self._whole_tree(triangles, queries)
         memory.moved(triangles)
@@ -177,7 +179,7 @@ class AutoAccelerator(Accelerator):
 
     def needs_rebuild(self, accelerated: Accelerated) -> bool:
         chosen, memory = accelerated.chosen, self.memory
-        if not isinstance(chosen, AutoTracer):
+        if not isinstance(chosen, AutoState):
             return False
         if chosen.builder == QUICK:
             self._upgrade_builder(chosen.memory.lost, chosen.forms.triangles)
@@ -222,7 +224,7 @@ class AutoAccelerator(Accelerator):
             return None  # segments reach everything
         if all(is_scattered(query, extent.box) for query in queries):
             return None  # so do those of points everywhere
-        tree = partial(tree_seconds, lost=forecast.lost, strategy=forecast.strategy, guided=_is_guided())
+        tree = partial(tree_seconds, lost=forecast.lost, tracer=forecast.strategy, guided=_is_guided())
         direct = tree(n)
         if memory.updated is not None:
             direct = min(direct, refit_seconds(n, forecast.strategy))
@@ -241,7 +243,7 @@ class AutoAccelerator(Accelerator):
         name = choose_builder(n, lost, _is_guided())
         if name != GUIDED:
             return name
-        gain = tree_seconds(n, lost, "", False) - tree_seconds(n, lost, "", True)
+        gain = tree_seconds(n, lost, None, False) - tree_seconds(n, lost, None, True)
         return name if _loads.pays(GUIDED, gain) else choose_builder(n, lost, False)
 
     def _upgrade_builder(self, lost: float, triangles: int) -> None:
@@ -257,12 +259,15 @@ class AutoAccelerator(Accelerator):
 
     # --- building it
 
-    def _by_cones(self, triangles: Triangles, culled: CullResult | None) -> Accelerated:
-        """The triangles without a tree."""
+    def _without_tree(self, tracer: str, triangles: Triangles, culled: CullResult | None) -> Accelerated:
+        """The triangles without a tree, for a tracer that needs none."""
+        cost = TRACERS[tracer].cost
+        assert isinstance(cost, TreelessCost)
         solid = None if culled is None else solid_of(triangles, culled, self.threads)
-        choice = TreeChoice(None if culled is None else CULLER, None, None, None, "cones", ONE_APEX)
-        tracer = ConeTracer(soup_of(triangles, solid, self.threads), self.memory.strategies, culled is not None)
-        return Accelerated(triangles, None, tracer, self.cutouts_of(triangles), True, choice)
+        choice = TreeChoice(None if culled is None else CULLER, None, None, None, tracer, cost.reason)
+        soup = soup_of(triangles, solid, self.threads)
+        state = TreelessState(tracer, soup, self.memory.strategies, culled is not None)
+        return Accelerated(triangles, None, state, self.cutouts_of(triangles), True, choice)
 
     def _whole_tree(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> Accelerated:
         """A tree of all triangles; `queries`: those to be traced in it, empty if they are not known."""
@@ -297,7 +302,7 @@ class AutoAccelerator(Accelerator):
         """
         upgrades = choice.tree == QUICK and choice.updater is None
         upgrade = TreeUpgrade(partial(self._upgrade, triangles, culled), _is_guided()) if upgrades else None
-        tracer = AutoTracer(bvh, self.threads, self.memory.strategies, choice.tree, upgrade, extent)
+        tracer = AutoState(bvh, self.threads, self.memory.strategies, choice.tree, upgrade, extent)
         return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles), culled is not None, choice)
 
     def _upgrade(self, triangles: Triangles, culled: CullResult | None, query: ShadowQuery) -> tuple[Bvh, str]:
@@ -312,7 +317,8 @@ class AutoAccelerator(Accelerator):
 def forecast_of(queries: Sequence[ShadowQuery], extent: SceneExtent) -> Forecast:
     """Predictions for these queries."""
     n, box = extent
-    total, lost, most, main, rays = 0.0, 0.0, -1.0, "", 0
+    total, lost, most, rays = 0.0, 0.0, -1.0, 0
+    main: str | None = None
     receivers: dict[int, int] = {}  # those of queries that share their receivers count once
     for query in queries:
         features = features_of(query, n, box)
@@ -327,17 +333,21 @@ def forecast_of(queries: Sequence[ShadowQuery], extent: SceneExtent) -> Forecast
     return Forecast(main, total, lost, rays, sum(receivers.values()))
 
 
-def _cones_pay(n: int, queries: Sequence[ShadowQuery], forecast: Forecast) -> bool:
-    """Whether cones are likely to answer the queries faster than rays in a tree of n triangles."""
-    fits = all(has_one_apex(query) and query.samples.shape[1] <= _MAX_CONE_SAMPLES for query in queries)
-    if not fits or n > _CONE_SHARE * forecast.rays or not is_compiled("cones (raster)"):
-        return False
-    return _loads.pays("cones", _CONE_SAVING * forecast.seconds)
+def _treeless(n: int, queries: Sequence[ShadowQuery], forecast: Forecast, extent: SceneExtent) -> str | None:
+    """The tracer that is likely to answer the queries without a tree faster than rays in a tree of n triangles."""
+    for name, tracer in TRACERS.items():
+        cost = tracer.cost
+        if not isinstance(cost, TreelessCost) or n > cost.triangles * forecast.rays:
+            continue
+        suits = all(tracer.suits(query, extent.box) for query in queries) and is_compiled(f"{name} (raster)")
+        if suits and _loads.pays(name, cost.saving * forecast.seconds, cost.load):
+            return name
+    return None
 
 
 def _loss(rays: int) -> float:
     """Seconds that unknown rays would lose in a QUICK tree."""
-    return rays * RAY_SECONDS * lost_share("")
+    return rays * RAY_SECONDS * lost_share(None)
 
 
 def _is_guided() -> bool:
@@ -357,16 +367,11 @@ def best_tree_warm_up() -> WarmUp:
     return fixed_warm_up("best tree", lambda: best_tree(small_scene().triangles(0.0, 2).vertices, 2))
 
 
-def has_one_apex(query: ShadowQuery) -> bool:
-    """Whether all segments of a query end in one point or have one direction."""
-    light = query.light
-    return light.kind == DIRECTIONAL or (light.kind == FIXED and not np.any(light.u) and not np.any(light.v))
-
-
 @cache
 def is_compiled(job: str) -> bool:
-    """Whether all kernels recorded for a job were on disk when this process first asked."""
-    return are_on_disk(kernels_of_warm_up(job))
+    """Whether all kernels recorded for a job were on disk when this process first asked; True without a record."""
+    kernels = kernels_of_warm_up(job)
+    return kernels is None or are_on_disk(kernels)  # other packages record none
 
 
 def accelerator_of(plan: Plan, threads: int) -> Accelerator:

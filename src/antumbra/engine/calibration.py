@@ -15,8 +15,9 @@ from ..query.shadow_query import ShadowQuery, ray_count, shadow_queries
 from ..scene.camera import Camera
 from ..scene.lights import AmbientOcclusion, DirectionalLight, PointLight, QuadLight
 from ..scene.triangles import Triangles
-from .auto.cost_model import BEST, GOOD, GUIDED, QUICK, MachineRates, reference, store_machine_rates
-from .auto.strategies import STRATEGIES, TreeForms, answer_query
+from ..trace.tracer import Form
+from .auto.cost_model import BEST, GOOD, GUIDED, QUICK, MachineRates, cost_of, store_machine_rates, strategies
+from .auto.strategies import TreeForms, answer_query
 from .auto_accelerator import best_tree
 from .method_registry import BUILDERS
 from .primary_visibility import primary_visibility
@@ -39,21 +40,26 @@ def calibrate(triangles: int = TRIANGLES, size: tuple[int, int] = SIZE) -> Machi
     builds[GUIDED] = _GUIDED_COST * builds[GOOD]
     builds[BEST] = 1e9 * _seconds(lambda: best_tree(vertices, threads)) / n
     form_times = {
-        name: 1e9 * _form_seconds(name, forms.bvh, threads) / n
-        for name, strategy in STRATEGIES.items()
-        if strategy.form is not None
+        name: 1e9 * _form_seconds(tracer.form, forms.bvh, threads) / n
+        for name, tracer in strategies().items()
+        if tracer.form.make is not None
     }
-    slower = {name: nanoseconds / reference()[name] for name, nanoseconds in ray_times(forms, queries).items()}
+    slower = {name: time / (cost_of(name).reference or time) for name, time in ray_times(forms, queries).items()}
     rates = MachineRates(slower, form_times, builds)
     store_machine_rates(rates)
     return rates
 
 
 def ray_times(forms: TreeForms, queries: list[ShadowQuery]) -> dict[str, float]:
-    """Strategy -> nanoseconds per ray on one thread, the geometric mean over the queries that it can answer."""
+    """Tracer -> nanoseconds per ray on one thread, the geometric mean over the queries that suit it.
+
+    Without the tracers whose cost has no reference.
+    """
     means = {}
-    for name, strategy in STRATEGIES.items():
-        suited = [query for query in queries if strategy.suits(query, forms.extent.box)]
+    for name, tracer in strategies().items():
+        suited = [query for query in queries if tracer.suits(query, forms.extent.box)]
+        if cost_of(name).reference is None or not suited:
+            continue
         rays = [ray_count(query) for query in suited]
         times = [_seconds(partial(answer_query, name, forms, query, 1), thread_time) for query in suited]
         means[name] = geometric_mean(1e9 * seconds / n for seconds, n in zip(times, rays))
@@ -83,8 +89,8 @@ def _queries(triangles: Triangles, camera: Camera, threads: int) -> list[ShadowQ
     return shadow_queries(triangles, gbuffer, lights, [light_samples(light, _SPP) for light in lights], 0, threads)
 
 
-def _form_seconds(name: str, bvh: Bvh, threads: int) -> float:
-    return _seconds(lambda: TreeForms(bvh, threads).of(STRATEGIES[name]))
+def _form_seconds(form: Form, bvh: Bvh, threads: int) -> float:
+    return _seconds(lambda: TreeForms(bvh, threads).of(form))
 
 
 def _seconds(work: Callable[[], object], clock: Callable[[], float] = process_time) -> float:

@@ -1,32 +1,60 @@
 """The registries of methods: cullers, builders, optimisers, updaters and tracers that a plan can name.
 
-This module defines the library's own methods. Other packages add methods with `register`. Such a package declares a
-function under the entry point group ``antumbra.methods``; the first lookup of an unknown name calls it.
+This module lists the library's own methods. Other packages add methods with `register`. Such a package declares a
+function under the entry point group ``antumbra.methods``; the first lookup of an unknown name calls it, or the first
+choice of `auto`. What a plugin needs can be imported from here; ``examples/plugin`` is one.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from ..base import extras, wings
-from ..base.progress import ProgressCallback
+from ..base.checks import choice, quoted
+from ..base.errors import InputError
 from ..bvh import binned_sah, lbvh, refit, reinsertion
-from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
-from ..bvh.wide_bvh import widen
-from ..query.shadow_query import ShadowQuery
-from ..techniques.culling.pre_bvh_culling import CullResult, Soup, cull
+from ..techniques.chcrt.chcrt_tracer import ChcRtTracer
+from ..techniques.culling.pre_bvh_culling import CullResult, cull
+from ..techniques.rayhierarchy.cone_tracer import FastestCones
 from ..techniques.srdh import srdh_builder
-from ..techniques.tracer_options import FASTEST_RAY_HIERARCHY
-from ..techniques.tracer_options import ChcRtOptions as CullingOptions
-from ..techniques.tracer_options import RayHierarchyOptions as ConeOptions
-from ..trace.frusta import multi_frusta
-from ..trace.packets import packet16
-from ..trace.rays import single_rays
-from .auto import strategies
-from .auto.strategies import Bits, Counters
+from ..techniques.tracer_options import ChcRtOptions
+from ..trace.frusta.multi_frusta import MultiFrusta
+from ..trace.packets.packet16 import BlockPackets, PixelPackets, SamplePackets
+from ..trace.rays.single_rays import SingleRays, WideRays
+from ..trace.tracer import BLOCKS, BVH, TRACERS, TRIANGLES, WIDE, Form, FrameState, Tracer
+from ..trace.tracer_cost import Cost, FittedRate, QueryFeatures, TreelessCost
+from .auto.strategies import AutoTracer
 
-T = TypeVar("T")
+__all__ = [
+    "BLOCKS",
+    "BUILDERS",
+    "BVH",
+    "CULLERS",
+    "KINDS",
+    "OPTIMISERS",
+    "TRACERS",
+    "TRIANGLES",
+    "UPDATERS",
+    "WIDE",
+    "Builder",
+    "Cost",
+    "Culler",
+    "FittedRate",
+    "Form",
+    "FrameState",
+    "Optimiser",
+    "QueryFeatures",
+    "Tracer",
+    "TreelessCost",
+    "Updater",
+    "add_plugins",
+    "find_method",
+    "listed_methods",
+    "own_methods",
+    "register",
+    "register_family",
+]
 
 
 class Culler(NamedTuple):
@@ -77,37 +105,10 @@ class Updater(NamedTuple):
     paper: str
 
 
-class Tracer(NamedTuple):
-    """A method that answers a shadow query.
-
-    ``prepare(bvh, threads)`` converts a BVH to the tracer's own structure, once per tree. A tracer without a BVH
-    prepares a `techniques.culling.pre_bvh_culling.Soup` instead.
-    ``trace(prepared, query, bits, threads, counters, progress)`` sets the bits. A tracer may also trace several queries
-    together, if their receivers have the same shape:
-    ``trace_all(prepared, queries, bits, threads, counters, progress)``.
-    """
-
-    prepare: Callable[..., Any]
-    trace: Callable[..., None]
-    description: str
-    paper: str  # empty: none
-    builds: bool = True  # True: the tracer traverses a BVH
-    chooses: bool = False  # True: a plan that names only this tracer lets it choose the builder, too
-    keeps: bool = False  # True: the prepared structure has state from earlier frames, and `begin()` starts each frame
-    exact: bool = True  # True: the tracer gives the same bits as all other exact tracers
-    counts_apart: bool = False  # True: tests are counted by separate kernels
-    trace_all: Callable[..., None] | None = None
-    trace_rest: Callable[..., None] | None = None  # as `trace`, but skips rays whose bits are set; see `shadows`
-    culling: CullingOptions | None = None  # only for tracers with occlusion queries, which can also trace stores
-
-
 SELGRAD = (
     "Selgrad et al. 2015, Faster ray-traced shadows for hybrid rendering of fully dynamic scenes by pre-BVH culling"
 )
 FELTMAN = "Feltman et al. 2012, SRDH: Specializing BVH construction and traversal order"
-BENTHIN = "Benthin and Wald 2009, Efficient ray traced soft shadows using multi-frusta tracing"
-OLSSON = "Olsson and Assarsson 2011, Improved ray hierarchy alias free shadows"
-MATTAUSCH = "Mattausch et al. 2015, CHC+RT: coherent hierarchical culling for ray tracing"
 
 
 # --- cullers, builders, optimisers and updaters -----------------------------------------------------------------------
@@ -182,116 +183,20 @@ UPDATERS: dict[str, Updater] = {
 
 # --- tracers ----------------------------------------------------------------------------------------------------------
 
-
-def unchanged(structure: T, threads: int | None = None) -> T:
-    """The `prepare` of tracers that use the BVH or the triangles without conversion."""
-    return structure
-
-
-def by_cones(options: ConeOptions, description: str) -> Tracer:
-    """A tracer with a hierarchy over the rays instead of a BVH over the triangles."""
-
-    def trace(
-        soup: Soup,
-        query: ShadowQuery,
-        bits: Bits,
-        threads: int | None,
-        counters: Counters | None,
-        progress: ProgressCallback | None,
-    ) -> None:
-        from ..techniques.rayhierarchy.ray_hierarchy import trace_shadow
-
-        trace_shadow(soup, query, bits, threads, counters, progress, options)
-
-    return Tracer(unchanged, trace, description, OLSSON, builds=False)
-
-
-def by_culling(options: CullingOptions, description: str) -> Tracer:
-    """A tracer with occlusion queries (CHC+RT)."""
-
-    def prepare(bvh: Bvh, threads: int | None = None) -> Any:  # late imports: other plans start sooner
-        from ..techniques.chcrt.chc_rt import prepare
-
-        return prepare(bvh, options, threads)
-
-    def trace_all(
-        prepared: Any,
-        queries: Sequence[ShadowQuery],
-        bits: Sequence[Bits],
-        threads: int | None,
-        counters: Counters | None,
-        progress: ProgressCallback | None,
-    ) -> None:
-        from ..techniques.chcrt.chc_rt import trace_shadows
-
-        trace_shadows(prepared, queries, bits, threads, counters, progress)
-
-    def trace(
-        prepared: Any,
-        query: ShadowQuery,
-        bits: Bits,
-        threads: int | None,
-        counters: Counters | None,
-        progress: ProgressCallback | None,
-    ) -> None:
-        trace_all(prepared, [query], [bits], threads, counters, progress)
-
-    exact = options.threshold == 0
-    return Tracer(prepare, trace, description, MATTAUSCH, keeps=True, exact=exact, trace_all=trace_all, culling=options)
-
-
-TRACERS: dict[str, Tracer] = {
-    "auto": Tracer(
-        strategies.AutoTracer,
-        strategies.trace_shadow,
-        "the fastest tracer for each query by predicted and measured times; alone, it chooses the builder, too",
-        "",
-        chooses=True,
-        keeps=True,
-        counts_apart=True,
-        trace_rest=partial(strategies.trace_shadow, fresh=False),
-    ),
-    "single": Tracer(
-        single_rays.as_built,
-        single_rays.trace_shadow,
-        "one ray at a time, children in the builder's order, else nearest first; tests the last blocker first",
-        "Ize 2013, Robust BVH ray traversal",
-        counts_apart=True,
-    ),
-    "wide": Tracer(
-        widen,
-        single_rays.trace_shadow,
-        "one ray at a time, eight boxes or triangles in SIMD",
-        "Ylitie et al. 2017, Efficient incoherent ray traversal on GPUs through compressed wide BVHs",
-    ),
-    "multifrusta": Tracer(
-        block_tree,
-        multi_frusta.trace_shadow,
-        "16 shafts of shadow rays at once, single rays only where shafts are undecided",
-        BENTHIN,
-        trace_rest=partial(multi_frusta.trace_shadow, fresh=False),
-    ),
-    "packet16": Tracer(
-        unchanged,
-        packet16.over_pixels,
-        "packets of 16 rays, from 16 receivers to a stratum of the light",
-        "Benthin and Wald 2009, Sec. 5.1; Wald et al. 2001, Interactive rendering with coherent ray tracing",
-    ),
-    "packet16:samples": Tracer(
-        unchanged,
-        packet16.over_samples,
-        "packets of 16 rays, from one receiver to its samples",
-        "Benthin and Wald 2009, Sec. 5.1",
-    ),
-    "cones": by_cones(
-        FASTEST_RAY_HIERARCHY, "a hierarchy over the shadow rays, traversed by triangles, instead of one over the scene"
-    ),
-    "chcrt": by_culling(
-        CullingOptions(),
+TRACERS |= {
+    "auto": AutoTracer(),  # lists of plans begin with it
+    "single": SingleRays(),
+    "wide": WideRays(),
+    "multifrusta": MultiFrusta(),
+    "packet16": PixelPackets(),
+    "packet16:samples": SamplePackets(),
+    "packet16:blocks": BlockPackets(),
+    "cones": FastestCones(),
+    "chcrt": ChcRtTracer(
+        ChcRtOptions(),
         "occlusion queries for pairs of screen tiles and subtrees, with visibility reused from earlier queries",
     ),
 }
-"""Name -> tracer."""
 
 
 # --- lookup -----------------------------------------------------------------------------------------------------------
@@ -305,26 +210,43 @@ KINDS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 """Field of a `Plan` -> (name of its kind of method, registry), in the order in which the methods run."""
 
+_CLASSES: dict[str, type] = {
+    "cull": Culler,
+    "build": Builder,
+    "optimise": Optimiser,
+    "update": Updater,
+    "trace": Tracer,
+}
+
 Family = Callable[[str], tuple[str, Tracer] | None]
 """Function from a tracer's name to (the name with its words in canonical order, the tracer); None: unknown name."""
 
 _families: dict[str, Family] = {}
 _added: dict[str, list[str]] = {field: [] for field in KINDS}
+_published: dict[str, list[str]] = {field: [] for field in KINDS}
 
 
-def register(field: str, name: str, method: Culler | Builder | Optimiser | Updater | Tracer) -> None:
+def register(
+    field: str, name: str, method: Culler | Builder | Optimiser | Updater | Tracer, published: bool = False
+) -> None:
     """Add a method to a registry of KINDS, for example ``register("build", "mine", Builder(...))``.
+
+    published : whether it only reproduces a paper, so that ``antumbra plans`` lists it only with ``--papers``
 
     Raises
     ------
-    ValueError
-        If the name is taken or contains a plus sign.
+    InputError
+        If there is no such registry, the method is not of its class, or the name is taken or contains a plus sign.
     """
-    registry = KINDS[field][1]
+    kind, registry = KINDS[choice(field, "field", KINDS)]
+    if not isinstance(method, _CLASSES[field]):
+        raise InputError(f"{kind} {name!r} must be a {_CLASSES[field].__name__}, not {quoted(method)}")
     if "+" in name or any(name in names for _, names in KINDS.values()):
-        raise ValueError(f"{name!r} cannot be the name of a {KINDS[field][0]}: it is taken or contains a plus sign")
+        raise InputError(f"{name!r} cannot be the name of a {kind}: it is taken or contains a plus sign")
     registry[name] = method
     _added[field].append(name)
+    if published:
+        _published[field].append(name)
 
 
 def register_family(name: str, find: Family) -> None:
@@ -334,12 +256,17 @@ def register_family(name: str, find: Family) -> None:
 
 def add_plugins() -> None:
     """Add the methods of all packages that declare methods; once per process."""
-    extras.load_plugins("antumbra.methods")
+    extras.load_plugins(extras.METHODS)
 
 
 def own_methods(field: str) -> list[str]:
     """The names of a registry, without names added by `register`."""
     return [name for name in KINDS[field][1] if name not in _added[field]]
+
+
+def listed_methods(field: str) -> list[str]:
+    """The names of a registry, with those of other packages that are loaded, without methods that reproduce papers."""
+    return [name for name in KINDS[field][1] if name not in _published[field]]
 
 
 def find_method(field: str, name: str) -> tuple[str, Any] | None:

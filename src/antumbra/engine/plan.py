@@ -7,8 +7,9 @@ from typing import Any, cast
 
 from ..base.checks import checked_instance, quoted, spelling_hint
 from ..base.errors import InputError
+from ..base.extras import METHODS, try_plugins
 from ..techniques.srdh.representative_rays import SrdhRays
-from .method_registry import BUILDERS, KINDS, OPTIMISERS, TRACERS, Tracer, add_plugins, find_method, own_methods
+from .method_registry import BUILDERS, KINDS, OPTIMISERS, TRACERS, Tracer, add_plugins, find_method, listed_methods
 
 TREE = ("build", "optimise", "update")
 """The fields for the BVH; all are None in plans whose tracer does not use a BVH."""
@@ -173,7 +174,7 @@ def _check_tree(text: str, names: dict[str, str], plan: Plan) -> None:
 
 
 def all_plans(papers: bool = False) -> list[Plan]:
-    """Every valid combination of registered methods; `papers`: include methods added by packages."""
+    """Every valid combination of registered methods; `papers`: include methods that reproduce papers."""
     names = names_of(papers)
     trees = [
         (build, optimise, update)
@@ -206,7 +207,8 @@ def names_of(papers: bool) -> dict[str, list[str]]:
     if papers:
         add_plugins()
         return {field: list(registry) for field, (_, registry) in KINDS.items()}
-    return {field: own_methods(field) for field in KINDS}
+    try_plugins(METHODS)
+    return {field: listed_methods(field) for field in KINDS}
 
 
 def _names() -> list[str]:
@@ -228,8 +230,8 @@ def _unknown_name(name: object, field: str, kind: str, registry: Mapping[str, An
 
 
 def _valid() -> str:
-    names = "; ".join(f"{kind}s: {', '.join(own_methods(field))}" for field, (kind, _) in KINDS.items())
-    alone = [name for name in own_methods("trace") if TRACERS[name].chooses or not TRACERS[name].builds]
+    names = "; ".join(f"{kind}s: {', '.join(listed_methods(field))}" for field, (kind, _) in KINDS.items())
+    alone = [name for name in listed_methods("trace") if TRACERS[name].chooses or not TRACERS[name].builds]
     return f"write builder+tracer, without a builder for {' and '.join(alone)}, or more ({names})"
 
 

@@ -15,8 +15,8 @@ from ..query.shadow_query import shadow_queries
 from ..scene.camera import Camera
 from ..scene.lights import Light, QuadLight
 from ..trace.counters import new_counters
-from .auto.cost_model import GOOD, QUICK
-from .auto.strategies import STRATEGIES, TreeForms, answer_query
+from .auto.cost_model import GOOD, QUICK, strategies
+from .auto.strategies import TreeForms, answer_query
 from .auto_accelerator import CULLER, accelerator_of
 from .method_registry import BUILDERS, CULLERS, UPDATERS
 from .plan import Plan
@@ -111,7 +111,7 @@ def trace_all_strategies(counters: bool) -> None:
     CULLERS[CULLER].cull(triangles, queries, 2)
     for build in (BUILDERS[QUICK].build, UPDATERS["refit"].keep(BUILDERS[GOOD].build).update):
         forms = TreeForms(build(triangles.vertices, 2), 2)
-        for name, strategy in STRATEGIES.items():
+        for name, tracer in strategies().items():
             for query in queries:
-                if strategy.suits(query, forms.extent.box):
+                if tracer.suits(query, forms.extent.box):
                     answer_query(name, forms, query, 2, new_counters() if counters else None)

@@ -30,8 +30,9 @@ from ..techniques.culling.pre_bvh_culling import solid_tree
 from ..trace.alpha_cutouts import CutoutTree, add_shadows, cutout_tree, replace_by_cutouts
 from ..trace.primary.primary_rays import trace_primary
 from ..trace.rays.ray_hits import Nearest, nearest_surfaces
+from ..trace.tracer import BLOCKS
 from .accelerator import Accelerated
-from .auto.strategies import STRATEGIES, AutoTracer
+from .auto.strategies import AutoState
 from .precompilation import WarmUp, are_on_disk, fixed_warm_up, small_scene, small_scene_with_cutouts, small_view
 
 # --- Primary visibility -----------------------------------------------------------------------------------------------
@@ -60,9 +61,7 @@ def primary_visibility(
     elif tree.scheduled is not None:
         face, t = primary_hits(tree.scheduled, rays, threads)
     else:
-        blocks = (
-            tree.chosen.forms.of(STRATEGIES["multifrusta"]) if isinstance(tree.chosen, AutoTracer) else tree.prepared
-        )
+        blocks = tree.chosen.forms.of(BLOCKS) if isinstance(tree.chosen, AutoState) else tree.prepared
         blocks_or_bvh = blocks if isinstance(blocks, BlockTree) else tree.bvh
         assert blocks_or_bvh is not None
         face, t = trace_primary(blocks_or_bvh, rays, threads)
@@ -195,8 +194,8 @@ class PrimaryMethodChooser:
 
 def has_blocks(tree: Accelerated) -> bool:
     """Whether the tree exists in the form that camera rays traverse."""
-    if isinstance(tree.chosen, AutoTracer):
-        return not tree.chosen.forms.missing(STRATEGIES["multifrusta"])
+    if isinstance(tree.chosen, AutoState):
+        return not tree.chosen.forms.missing(BLOCKS)
     return isinstance(tree.prepared, BlockTree)
 
 

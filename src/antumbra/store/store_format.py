@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.checks import quoted
+from ..base.checks import alternatives, quoted
+from ..base.errors import InputError
 from ..bvh.nodes import Bvh
 from ..scene.camera import Camera
 from ..scene.light_lists import DirectionalLights, PointLights
@@ -192,8 +193,10 @@ def _plain(value: object) -> object:
 
 
 def _light_fields(light: Light) -> dict[str, Any]:
-    named = {"name": light.name} if light.name else {}
-    return {"type": type(light).__name__} | named | {f.name: _plain(getattr(light, f.name)) for f in fields(light)}
+    kind, named = type(light).__name__, {"name": light.name} if light.name else {}
+    if kind not in _KINDS:
+        raise InputError(f"a store cannot save the scene's {kind}; replace it by {alternatives(list(_KINDS))}")
+    return {"type": kind} | named | {f.name: _plain(getattr(light, f.name)) for f in fields(light)}
 
 
 def _light(values: dict[str, Any]) -> Light:

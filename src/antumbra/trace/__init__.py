@@ -1,5 +1,6 @@
 """Tracers: each answers a `ShadowQuery` over a BVH, and all give bit-identical answers.
 
+- `tracer`: the base class of tracers, the forms of a tree, and the registry; `tracer_cost`: what tracers cost
 - `frusta/`: multi-frusta tracing, the default
 - `packets/`: packets of 16 rays
 - `rays/`: single rays, and ray lists over the eight-wide BVH

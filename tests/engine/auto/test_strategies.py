@@ -1,16 +1,21 @@
 """The tracer `auto` gives the bits of brute force in every strategy, and says which strategy it took."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.auto import strategies
+from antumbra.bvh.wide_bvh import widen
+from antumbra.engine.auto import cost_model, strategies
 from antumbra.engine.auto.cost_model import GOOD, GUIDED, QUICK
-from antumbra.engine.auto.strategies import STRATEGIES
-from antumbra.engine.method_registry import BUILDERS
+from antumbra.engine.method_registry import BUILDERS, TRACERS
 from antumbra.engine.plan import parse_plan
 from antumbra.picture.renderer import Renderer
 from antumbra.trace.counters import as_dict, new_counters
+from antumbra.trace.rays.single_rays import WideRays
+from antumbra.trace.tracer import Form
+from antumbra.trace.tracer_cost import Cost
 from asking import answer, query_of, true_occlusion, unpack
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
@@ -31,20 +36,18 @@ def _forced(monkeypatch, strategy):
     monkeypatch.setattr(strategies, "TRIAL_SHARE", 0.0)
 
 
-@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("strategy", cost_model.strategies())
 @pytest.mark.parametrize("light", LIGHTS, ids=lambda light: type(light).__name__)
 def test_every_strategy_gives_the_bits_of_brute_force(scene, monkeypatch, strategy, light):
     _forced(monkeypatch, strategy)
     triangles, query = query_of(scene, scene.cameras[0].resized(20, 16), light, 4)
     truth, active = true_occlusion(triangles, query)
-    auto = strategies.AutoTracer(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
+    auto = strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
     bits, counters = np.zeros((16, 20, -(-query.samples.shape[1] // 64)), np.uint64), new_counters()
     strategies.trace_shadow(auto, query, bits, 2, counters)
     np.testing.assert_array_equal(unpack(bits, query.samples.shape[1])[active], truth[active])
     (choice,) = auto.choices
-    assert choice.strategy == (
-        strategy if STRATEGIES[strategy].suits(query, auto.forms.extent.box) else choice.strategy
-    )
+    assert choice.strategy == (strategy if TRACERS[strategy].suits(query, auto.forms.extent.box) else choice.strategy)
     assert choice.seconds > 0.0 and choice.reason == "prediction" and as_dict(counters)["rays"] == truth[active].size
 
 
@@ -67,7 +70,7 @@ def test_a_sample_decides_among_likely_strategies_and_the_next_frame_remembers(s
     renderer, camera = Renderer(scene), scene.cameras[0].resized(160, 120)
     first = renderer.render(camera, [LAMP], spp=16)
     (choice,) = first.choices
-    assert choice.tried and set(choice.tried) <= set(STRATEGIES) and choice.strategy in choice.tried
+    assert choice.tried and set(choice.tried) <= set(cost_model.strategies()) and choice.strategy in choice.tried
     second = renderer.render(camera, [LAMP], spp=16)
     assert not second.choices[0].tried
     assert [frame.choices[0].reason for frame in (first, second)] == ["sample", "earlier query"]
@@ -88,18 +91,46 @@ def test_the_first_call_of_a_strategy_does_not_count(scene, monkeypatch):
 
         return trace_slowly
 
-    slow = {name: strategy._replace(trace=first_takes_long(name)) for name, strategy in STRATEGIES.items()}
-    monkeypatch.setattr(strategies, "STRATEGIES", slow)
+    slow = cost_model.strategies()
+    for name, tracer in slow.items():
+        monkeypatch.setattr(tracer, "trace", first_takes_long(name))
     monkeypatch.setattr(strategies, "LOADED", set())
     monkeypatch.setattr(strategies, "TRIAL_SHARE", 1e9)
     monkeypatch.setattr(strategies, "MAX_TRIED", len(slow))
     monkeypatch.setattr(strategies, "process_time", lambda: clock[0])
     triangles, query = query_of(scene, scene.cameras[0].resized(64, 48), LAMP, 4)
-    auto = strategies.AutoTracer(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
+    auto = strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
     facts = strategies.features_of(query, auto.forms.triangles, auto.forms.extent.box)
-    cost, conversion = dict.fromkeys(STRATEGIES, 1.0), dict.fromkeys(STRATEGIES, 0.0)
+    cost, conversion = dict.fromkeys(slow, 1.0), dict.fromkeys(slow, 0.0)
     found = strategies.try_strategies(query, auto.forms, cost, conversion, facts, 2)
-    assert set(found) == set(STRATEGIES) and max(found.values()) < 1e4
+    assert set(found) == set(slow) and max(found.values()) < 1e4
+
+
+def test_elapsed_time_of_a_device_counts_for_all_threads(scene, monkeypatch):
+    """Its own time is none of the processor's: it would seem to trace in no time."""
+    uploads = []
+
+    class OnDevice(WideRays):
+        device = "device:0"
+        form = Form("on a device", lambda bvh, threads: uploads.append(bvh) or widen(bvh, threads))
+        cost = Cost(lambda features: 1e-3)
+
+    monkeypatch.setitem(TRACERS, "on-device", OnDevice())
+    elapsed = itertools.count(0.0, 2.5)
+    monkeypatch.setattr(strategies, "process_time", lambda: 0.0)
+    monkeypatch.setattr(strategies, "perf_counter", lambda: next(elapsed))
+    triangles, query = query_of(scene, scene.cameras[0].resized(40, 32), LAMP, 4)
+    auto = strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 3)
+    answers = []
+    for _ in range(2):
+        bits = np.zeros((32, 40, 1), np.uint64)
+        strategies.trace_shadow(auto, query, bits, 3)
+        answers.append(unpack(bits, 4))
+    assert [choice.strategy for choice in auto.choices] == ["on-device"] * 2 and len(uploads) == 1
+    assert [choice.seconds for choice in auto.choices] == [7.5, 7.5]
+    truth, active = true_occlusion(triangles, query)
+    for found in answers:
+        np.testing.assert_array_equal(found[active], truth[active])
 
 
 def test_an_unlikely_strategy_is_not_tried(scene, monkeypatch):
@@ -150,7 +181,7 @@ def test_a_query_that_loses_much_builds_a_better_tree_first(scene, monkeypatch, 
     triangles, query = query_of(scene, scene.cameras[0].resized(20, 16), LAMP, 4)
     truth, active = true_occlusion(triangles, query)
     better = strategies.TreeUpgrade(lambda query: (BUILDERS[GOOD].build(triangles.vertices, 2), GOOD))
-    auto = strategies.AutoTracer(BUILDERS[QUICK].build(triangles.vertices, 2), 2, None, QUICK, better)
+    auto = strategies.AutoState(BUILDERS[QUICK].build(triangles.vertices, 2), 2, None, QUICK, better)
     bits = np.zeros((16, 20, 1), np.uint64)
     strategies.trace_shadow(auto, query, bits, 2)
     np.testing.assert_array_equal(unpack(bits, 4)[active], truth[active])
@@ -158,7 +189,7 @@ def test_a_query_that_loses_much_builds_a_better_tree_first(scene, monkeypatch, 
 
 
 def test_a_frame_names_the_builder_of_its_better_tree(scene, monkeypatch):
-    monkeypatch.setattr(strategies.AutoTracer, "upgrade_pays", lambda auto, strategy, seconds: True)
+    monkeypatch.setattr(strategies.AutoState, "upgrade_pays", lambda auto, strategy, seconds: True)
     renderer = at.Renderer(scene)
     plans = [renderer.render(scene.cameras[0].resized(20, 16), LAMP, spp=4).plan for _ in range(2)]
     assert all(parse_plan(plan).build in (GOOD, GUIDED) for plan in plans)

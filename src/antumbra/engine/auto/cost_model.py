@@ -1,8 +1,8 @@
-"""The cost model: predicted nanoseconds per ray of one thread, for each strategy.
+"""The cost model of the plan `auto`: predicted seconds of rays, and of the trees that they need.
 
-The logarithm of a rate is a weighted sum of terms of the `QueryFeatures`, with weights fitted to measurements
-(docs/design/auto.md). Measured rates scatter around the prediction by a factor of two, those of one query together. The
-model selects the strategies that are worth trying, and decides alone for queries too short for a sample.
+Each tracer states its rates (`trace.tracer_cost`); this module scales them to the machine, and adds the costs of trees.
+Measured rates scatter around the prediction by a factor of two, those of one query together. The model selects the
+tracers that are worth trying, and decides alone for queries too short for a sample.
 
 All times are computing time: the seconds that one thread would take.
 """
@@ -11,16 +11,14 @@ import json
 from functools import cache
 from math import inf, log2
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ...base.errors import InputError
 from ...base.files import atomic_output, make_folder, read_trusted
 from ...kernels.processor import level
 from ...kernels.toolchain.kernel_cache import cache_root
-from ...scene.lights import AMBIENT, DIRECTIONAL, LIST
-from .query_features import QueryFeatures
+from ...trace.tracer import TRACERS, Tracer
+from ...trace.tracer_cost import Cost, QueryFeatures
 
 QUICK, GOOD, GUIDED, BEST = "lbvh", "bsah", "srdh", "bsah+reinsert"
 """Builders: the fastest build, a good trade-off of build and ray time, the fastest rays of known queries [Feltman et
@@ -29,10 +27,8 @@ al. 2012], and the fastest rays of any queries."""
 RAY_SECONDS = 1e-7
 """Default estimate of the time of a ray on one thread."""
 
-_STRATA = 16
-_MOST_SAMPLES = 24  # of the queries of the fit; the exponents of more samples are unknown
-_QUICK_OVERHEAD = {"multifrusta": 0.12, "cones": 0.0}  # strategy -> see `lost_share`
-_OTHER_QUICK_OVERHEAD = 0.22  # of all other strategies
+_QUICK_OVERHEAD = 0.22  # of unknown tracers, see `lost_share`
+_NEVER = 1e12  # nanoseconds per ray: instead of inf, which has no product with 0 rays
 _LOST_IN_GOOD = 0.5  # the part of the time lost in a QUICK tree that is also lost in a GOOD one
 _GOOD_OVERHEAD = 0.12  # relative increase of the trace time in a GOOD tree over a BEST one
 _MAX_BEST_TRIANGLES = 1 << 24  # `reinsert` takes about 100 bytes per triangle while it runs
@@ -42,51 +38,15 @@ _SELECT = 6.0  # culling: nanoseconds per triangle of the scene
 _MORTON_CAPACITY = 1 << 18  # triangles that the Morton cells of QUICK can separate
 
 
-def terms(features: QueryFeatures) -> NDArray[np.float64]:
-    """(k,) float64: the terms of Eq. (1) in docs/design/auto.md."""
-    n, m, log = np.log(max(features.triangles, 1)), np.log(max(features.receivers, 1)), np.log
-    few, many = log(min(features.samples, _STRATA)), log(min(max(features.samples, _STRATA), _MOST_SAMPLES))
-    tile, narrow, wide = (
-        log(features.tile),
-        log(features.tile / 2 + features.stratum),
-        log(features.tile / 2 + features.chunk),
-    )
-    ambient, listed, distant = (float(features.kind == kind) for kind in (AMBIENT, LIST, DIRECTIONAL))
-    return np.array([
-        1.0, ambient, listed, distant, n, m, few, many, tile, narrow, wide, few * tile, few * narrow, tile * tile,
-        narrow * narrow, narrow * n, tile * n, ambient * tile, ambient * narrow, listed * tile, wide * wide, few * few,
-    ])  # fmt: skip
-
-
-@cache
-def _shipped() -> dict[str, Any]:
-    return cast(dict[str, Any], json.loads((Path(__file__).parent / "rates.json").read_text()))
-
-
-@cache
-def weights() -> dict[str, NDArray[np.float64]]:
-    """Strategy -> the weights of `terms`."""
-    return {strategy: np.array(values) for strategy, values in _shipped()["weights"].items()}
-
-
-def reference() -> dict[str, float]:
-    """Strategy -> nanoseconds per ray by `engine.calibration.ray_times`, on the machine used for the fit."""
-    return cast(dict[str, float], _shipped()["reference"])
-
-
 class MachineRates(NamedTuple):
     """The speed of this machine."""
 
-    slower: dict[str, float]  # strategy -> measured time per ray relative to the fitted one
-    forms: dict[str, float]  # strategy -> nanoseconds per triangle to convert the tree to its form
+    slower: dict[str, float]  # tracer -> measured time per ray relative to the rate that it states; missing: 1
+    forms: dict[str, float]  # tracer -> nanoseconds per triangle to convert the tree to its form; missing: as it states
     builds: dict[str, float]  # builder -> nanoseconds per triangle
 
 
-SHIPPED = MachineRates(
-    {},
-    {"multifrusta": 40.0, "packet16:blocks": 40.0, "wide": 70.0},
-    {QUICK: 40.0, GOOD: 195.0, GUIDED: 285.0, BEST: 600.0},
-)
+SHIPPED = MachineRates({}, {}, {QUICK: 40.0, GOOD: 195.0, GUIDED: 285.0, BEST: 600.0})
 """Rates used until `antumbra warmup` has measured this machine."""
 
 
@@ -113,14 +73,38 @@ def store_machine_rates(rates: MachineRates) -> None:
     machine_rates.cache_clear()
 
 
-def predicted_rate(strategy: str, features: QueryFeatures) -> float:
-    """Predicted seconds per ray, on one thread."""
-    return 1e-9 * float(np.exp(terms(features) @ weights()[strategy])) * machine_rates().slower.get(strategy, 1.0)
+def strategies() -> dict[str, Tracer]:
+    """Name -> tracer, of all tracers that state a `Cost`: those that `auto` can choose for a query."""
+    return {name: tracer for name, tracer in TRACERS.items() if isinstance(tracer.cost, Cost)}
 
 
-def form_seconds(strategy: str, triangles: int) -> float:
-    """Predicted seconds to convert a tree to the form that a strategy traverses."""
-    return 1e-9 * machine_rates().forms.get(strategy, 0.0) * triangles
+def cost_of(tracer: str) -> Cost:
+    """What a tracer states about its cost."""
+    cost = TRACERS[tracer].cost
+    assert isinstance(cost, Cost)
+    return cost
+
+
+def predicted_rate(tracer: str, features: QueryFeatures) -> float:
+    """Predicted seconds per ray, on one thread; for a query without receivers, that of one receiver.
+
+    Raises
+    ------
+    InputError
+        If the tracer states no rate.
+    """
+    rate = cost_of(tracer).rate(features if features.receivers else features._replace(receivers=1))
+    if not rate >= 0.0:
+        raise InputError(f"tracer {tracer!r} states {rate} nanoseconds per ray; its cost must be a positive number")
+    return 1e-9 * min(rate, _NEVER) * machine_rates().slower.get(tracer, 1.0)
+
+
+def form_seconds(tracer: str | None, triangles: int) -> float:
+    """Predicted seconds to convert a tree to the form that a tracer traverses; None: of an unknown tracer, zero."""
+    if tracer is None:
+        return 0.0
+    measured = machine_rates().forms.get(tracer)
+    return 1e-9 * (cost_of(tracer).form if measured is None else measured) * triangles
 
 
 def build_seconds(builder: str, triangles: int) -> float:
@@ -128,14 +112,15 @@ def build_seconds(builder: str, triangles: int) -> float:
     return 1e-9 * machine_rates().builds.get(builder, SHIPPED.builds[builder]) * triangles
 
 
-def lost_share(strategy: str) -> float:
-    """The relative increase of the trace time in a QUICK tree over a GUIDED one; ``""`` for an unknown strategy."""
-    return _QUICK_OVERHEAD.get(strategy, _OTHER_QUICK_OVERHEAD)
+def lost_share(tracer: str | None) -> float:
+    """The relative increase of the trace time in a QUICK tree over a GUIDED one; None: of an unknown tracer."""
+    cost = None if tracer is None else TRACERS[tracer].cost
+    return _QUICK_OVERHEAD if cost is None else cost.quick_overhead
 
 
-def lost_in_quick(strategy: str, seconds: float) -> float:
+def lost_in_quick(tracer: str, seconds: float) -> float:
     """The part of a query's `seconds` in a QUICK tree that a GUIDED tree would save."""
-    share = lost_share(strategy)
+    share = lost_share(tracer)
     return seconds * share / (1.0 + share)
 
 
@@ -149,9 +134,9 @@ def choose_builder(triangles: int, lost: float, guided: bool) -> str:
     return min(costs, key=costs.__getitem__)
 
 
-def tree_seconds(triangles: int, lost: float, strategy: str, guided: bool) -> float:
-    """Predicted seconds to build the tree of `choose_builder` in the form of a strategy, and to lose in it."""
-    return min(_tree_costs(triangles, lost, guided).values()) + form_seconds(strategy, triangles)
+def tree_seconds(triangles: int, lost: float, tracer: str | None, guided: bool) -> float:
+    """Predicted seconds to build the tree of `choose_builder` in a tracer's form, and to lose in it."""
+    return min(_tree_costs(triangles, lost, guided).values()) + form_seconds(tracer, triangles)
 
 
 def _tree_costs(triangles: int, lost: float, guided: bool) -> dict[str, float]:
@@ -163,9 +148,9 @@ def _tree_costs(triangles: int, lost: float, guided: bool) -> dict[str, float]:
     return {**costs, GUIDED: build_seconds(GUIDED, triangles)} if guided else costs
 
 
-def refit_seconds(triangles: int, strategy: str) -> float:
-    """Predicted seconds to refit a tree and to convert it to the form that a strategy traverses."""
-    return 1e-9 * _REFIT * triangles + form_seconds(strategy, triangles)
+def refit_seconds(triangles: int, tracer: str | None) -> float:
+    """Predicted seconds to refit a tree and to convert it to the form that a tracer traverses."""
+    return 1e-9 * _REFIT * triangles + form_seconds(tracer, triangles)
 
 
 def mark_seconds(receivers: int, lights: int) -> float:

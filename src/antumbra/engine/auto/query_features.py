@@ -4,8 +4,6 @@ The module also sorts scattered receivers spatially, so that packets and shafts 
 small samples from a query. Strategies are timed on such a sample because their rates depend on the scene.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +14,7 @@ from ...scene.lights import AMBIENT, DIRECTIONAL, LIST, SPHERE
 from ...trace.light_table import STRATA
 from ...trace.packets.ray_tile import is_incoherent, sample_extents
 from ...trace.tile import tile_shape
+from ...trace.tracer_cost import QueryFeatures
 
 # --- features ---------------------------------------------------------------------------------------------------------
 
@@ -24,23 +23,6 @@ _TILE_SIDE = 4  # receivers along each side of an image tile
 _DISTANT = 4.0  # distance of the samples of distant lights, relative to that of other lights
 _SCATTERED = 0.7  # least share of the scene's extent along each axis
 _MIN_SIZE, _MAX_SIZE = 1e-6, 1e3  # relative to the scene's extents; sizes are clamped to this range
-
-
-class QueryFeatures(NamedTuple):
-    """Counts and sizes of a query. Sizes are sums over the axes, relative to the scene's extents."""
-
-    triangles: int
-    receivers: int
-    samples: int  # per receiver
-    kind: int  # of the light, see `LightPatch.kind`; a sky counts as a LIST, since its rays have no common direction
-    tile: float  # mean size of the box of a tile's 16 receivers
-    stratum: float  # mean size of a stratum of the light's samples, halfway to the light
-    chunk: float  # the same for 16 strata
-
-    @property
-    def rays(self) -> int:
-        """The number of shadow rays."""
-        return self.receivers * self.samples
 
 
 def size_of(box: NDArray[np.float32]) -> float:

@@ -1,7 +1,7 @@
-"""Strategies to trace a query, and the tracer `auto`, which chooses the fastest for each query.
+"""The tracer `auto`, which chooses the fastest tracer for each query.
 
-A strategy is a tracer over a form of the tree. Predicted costs select the strategies that may be best, and timing them
-on a sample of the rays decides among these. Short queries are not worth a sample. Later queries with similar features
+A strategy is a tracer that states its cost. Predicted costs select the strategies that may be best, and timing them on
+a sample of the rays decides among these. Short queries are not worth a sample. Later queries with similar features
 reuse the fastest strategy.
 """
 
@@ -11,35 +11,31 @@ from time import perf_counter, process_time
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.extras import METHODS, try_plugins
 from ...base.progress import ProgressCallback
-from ...bvh.block_tree import BlockTree, block_tree
 from ...bvh.nodes import Bvh, boxes_of
-from ...bvh.wide_bvh import widen
 from ...kernels.marshalling import Packed, packed
 from ...kernels.parallel import thread_count
 from ...query.shadow_query import ShadowQuery, new_bits, ray_count
 from ...techniques.culling.pre_bvh_culling import Soup
-from ...techniques.tracer_options import FASTEST_RAY_HIERARCHY
-from ...trace.frusta.multi_frusta import trace_tree_list
 from ...trace.light_table import STRATA
-from ...trace.packets.packet16 import over_pixels, over_samples
-from ...trace.packets.ray_tile import is_far, is_incoherent
 from ...trace.rays import single_rays
-from ...trace.tree_list import single_tree
+from ...trace.tracer import ANY, TRACERS, Bits, Box, Counters, Form, FrameState, Tracer
+from ...trace.tracer_cost import QueryFeatures
 from .cost_model import (
     GOOD,
     QUICK,
     build_seconds,
     choose_builder,
+    cost_of,
     form_seconds,
     lost_in_quick,
     lost_share,
     predicted_rate,
+    strategies,
 )
 from .query_features import (
-    QueryFeatures,
     features_of,
     if_sorted,
     reorder_query,
@@ -49,57 +45,21 @@ from .query_features import (
     tile_of,
 )
 
-# --- strategies -------------------------------------------------------------------------------------------------------
+# --- candidates -------------------------------------------------------------------------------------------------------
 
-Counters = NDArray[np.int64]
-"""From `new_counters`."""
-
-Box = NDArray[np.float32]
-"""(2, 3) float32: lower and upper corner."""
-
-Bits = NDArray[np.uint64]
-"""(h, w, ceil(spp / 64)) uint64: the occluded samples of each receiver."""
+_FEW_RAYS = 256  # rays that take less time than a choice
 
 
-class Strategy(NamedTuple):
-    """A tracer, and the form of the tree that it traverses."""
+def suitable_strategies(query: ShadowQuery, box: Box) -> list[str]:
+    """The names of the tracers in the registry that suit a query and state a `Cost`.
 
-    form: Callable[[Bvh, int], Any] | None  # converts the tree to the form; None: the tree as built
-    trace: Callable[..., None]  # trace(form, query, bits, threads, counters, progress)
-    suits: Callable[[ShadowQuery, Box], bool] = lambda query, box: True  # box: bounds of the triangles
-    skips: bool = False  # whether `trace` takes `fresh`; False: bits that are set mark rays that need no tracing
+    They include those of installed packages, which are loaded at the first query that is worth a choice.
 
-
-def _over_blocks(trace: Callable[..., None]) -> Callable[..., None]:
-    """`Strategy.trace` over a `BlockTree`, by a function that traces a `TreeList`."""
-
-    def trace_blocks(
-        tree: BlockTree,
-        query: ShadowQuery,
-        bits: Bits,
-        threads: int,
-        counters: Counters | None,
-        progress: ProgressCallback | None,
-        fresh: bool = True,
-    ) -> None:
-        trace(single_tree(tree, fresh), query, bits, threads, counters, progress)
-
-    return trace_blocks
-
-
-def _shafts_suit(query: ShadowQuery, box: Box) -> bool:
-    return not (is_incoherent(query) or is_far(query, box))
-
-
-STRATEGIES: dict[str, Strategy] = {
-    "multifrusta": Strategy(block_tree, _over_blocks(trace_tree_list), _shafts_suit, True),
-    "packet16:blocks": Strategy(block_tree, _over_blocks(over_pixels), skips=True),
-    "packet16": Strategy(None, over_pixels),
-    "packet16:samples": Strategy(None, over_samples),
-    "wide": Strategy(widen, single_rays.trace_shadow),
-    "single": Strategy(single_rays.as_built, single_rays.trace_shadow),
-}
-"""Name -> strategy. The tracer `multifrusta` uses the packets of `packet16:blocks` for hemispheres."""
+    box : the bounds of the triangles
+    """
+    if query.sides.size * query.samples.shape[1] > _FEW_RAYS:
+        try_plugins(METHODS)
+    return [name for name, tracer in strategies().items() if tracer.suits(query, box)]
 
 
 class SceneExtent(NamedTuple):
@@ -110,7 +70,7 @@ class SceneExtent(NamedTuple):
 
 
 class TreeForms:
-    """A tree and its conversions to the forms of strategies, made on first use.
+    """A tree and its conversions to the forms of tracers, made on first use.
 
     bvh : Bvh
     threads : int
@@ -123,16 +83,16 @@ class TreeForms:
     def __init__(self, bvh: Bvh, threads: int, extent: SceneExtent | None = None):
         self.bvh, self.threads, self.triangles = bvh, threads, len(bvh.prim_ids)
         self.extent = extent or SceneExtent(self.triangles, boxes_of(bvh.nodes[:1])[0])
-        self._forms: dict[Callable[[Bvh, int], Any], Any] = {}
+        self._forms: dict[Form, Any] = {}
         self._packed_single: Packed | None = None
 
-    def of(self, strategy: Strategy) -> Any:
-        """The form that a strategy traverses."""
-        if strategy.form is None:
+    def of(self, form: Form) -> Any:
+        """The tree in a form."""
+        if form.make is None:
             return self.bvh
-        if strategy.form not in self._forms:
-            self._forms[strategy.form] = strategy.form(self.bvh, self.threads)
-        return self._forms[strategy.form]
+        if form not in self._forms:
+            self._forms[form] = form.make(self.bvh, self.threads)
+        return self._forms[form]
 
     @property
     def packed_single(self) -> Packed:
@@ -141,9 +101,9 @@ class TreeForms:
             self._packed_single = packed(single_rays.as_built(self.bvh))
         return self._packed_single
 
-    def missing(self, strategy: Strategy) -> bool:
-        """Whether the strategy's form has not been made yet."""
-        return strategy.form is not None and strategy.form not in self._forms
+    def missing(self, form: Form) -> bool:
+        """Whether the tree has not been converted to a form yet."""
+        return form.make is not None and form not in self._forms
 
 
 def answer_query(
@@ -155,8 +115,8 @@ def answer_query(
     progress: ProgressCallback | None = None,
 ) -> Bits:
     """(h, w, ceil(spp / 64)) uint64: the bits of a query, traced by the named strategy."""
-    bits = new_bits(query)
-    STRATEGIES[strategy].trace(forms.of(STRATEGIES[strategy]), query, bits, threads, counters, progress)
+    bits, tracer = new_bits(query), TRACERS[strategy]
+    tracer.trace(forms.of(tracer.form), query, bits, threads, counters, progress)
     return bits
 
 
@@ -170,8 +130,6 @@ _SAMPLE_RAYS = 1 << 14  # of `sampled_rate`
 _MAX_SAMPLE_SHARE = 0.1  # maximum share of the receivers in the sample
 _MIN_WINDOWS = 4  # of the sample
 _WINDOW = 256  # receivers per window
-_LIKELY = 2.2  # strategies predicted to cost more than this multiple of the least cost are not tried
-_RISKY = {"multifrusta": 5.0}  # strategy with unreliable predictions -> the same multiple
 _HOPELESS = 12.0  # a risky strategy slower than this multiple of the best rate in one window is not tried further
 _FEW_RECEIVERS = 256  # too few to be worth sorting
 SORT_SECONDS = 2e-7  # seconds per receiver
@@ -258,7 +216,7 @@ def choose_strategy(
     suited : names of the strategies that can answer it
     known : strategy -> nanoseconds per ray of earlier queries; empty: unknown
     """
-    conversion = {name: form_seconds(name, forms.triangles) * forms.missing(STRATEGIES[name]) for name in suited}
+    conversion = {name: form_seconds(name, forms.triangles) * forms.missing(TRACERS[name].form) for name in suited}
     if known:
         cost = {name: 1e-9 * known[name] * features.rays + conversion[name] for name in suited if name in known}
         strategy = min(cost, key=cost.__getitem__)
@@ -282,9 +240,9 @@ def worth_trying(cost: dict[str, float], conversion: dict[str, float]) -> list[s
     likely = [
         name
         for name in others
-        if cost[name] < _RISKY.get(name, _LIKELY) * cost[best] and conversion[name] < MAX_CONVERSION_SHARE * cost[best]
+        if cost[name] < cost_of(name).tried * cost[best] and conversion[name] < MAX_CONVERSION_SHARE * cost[best]
     ]
-    return [best, *sorted(likely, key=lambda name: name not in _RISKY)]
+    return [best, *sorted(likely, key=lambda name: not cost_of(name).is_risky)]
 
 
 def sorting_pays(
@@ -298,11 +256,6 @@ def sorting_pays(
         min(predicted_rate(name, each) for name in suited) * features.rays for each in (features, sorted_features)
     )
     return sorted_cost + SORT_SECONDS * features.receivers < _SORTED_COST * cost
-
-
-def suitable_strategies(query: ShadowQuery, box: Box) -> list[str]:
-    """The names of the strategies that can answer a query; `box`: the bounds of the triangles."""
-    return [name for name, strategy in STRATEGIES.items() if strategy.suits(query, box)]
 
 
 def try_strategies(
@@ -327,8 +280,9 @@ def try_strategies(
     windows = min(TRIAL_SHARE * least / count / window, _MAX_SAMPLE_SHARE * features.receivers / _WINDOW)
     first, sample = sample_of(query, 1), sample_of(query, ceil(max(windows, _MIN_WINDOWS)))
     rates: dict[str, float] = {}
-    for name in sorted(names[:count], key=lambda name: name in _RISKY):
-        if name in _RISKY and _rate_of(name, forms, first, threads) > _HOPELESS * min(rates.values(), default=1e30):
+    for name in sorted(names[:count], key=lambda name: cost_of(name).is_risky):
+        risky, least = cost_of(name).is_risky, min(rates.values(), default=1e30)
+        if risky and _rate_of(name, forms, first, threads) > _HOPELESS * least:
             continue
         rates[name] = _rate_of(name, forms, sample, threads)
     return rates
@@ -346,23 +300,26 @@ LOADED: set[str] = set()  # strategies whose kernels this process has loaded
 def _rate_of(strategy: str, forms: TreeForms, query: ShadowQuery, threads: int) -> float:
     """Nanoseconds per ray of a strategy, measured on a query.
 
-    The clock is the time that all threads compute, so that other processes do not count. The mean decides, because
-    shafts may be slow in a few windows only.
+    The mean decides, because shafts may be slow in a few windows only.
     """
-    form = forms.of(STRATEGIES[strategy])
+    tracer = TRACERS[strategy]
+    form = forms.of(tracer.form)
     if strategy not in LOADED:  # the first call of a process loads kernels
         answer_query(strategy, forms, tile_of(query), threads)
         LOADED.add(strategy)
-    bits, start = new_bits(query), process_time()
-    STRATEGIES[strategy].trace(form, query, bits, threads, None, None)
-    return 1e9 * (process_time() - start) / max(ray_count(query), 1)
+    bits, start = new_bits(query), _clock(tracer, threads)
+    tracer.trace(form, query, bits, threads)
+    return 1e9 * (_clock(tracer, threads) - start) / max(ray_count(query), 1)
+
+
+def _clock(tracer: Tracer, threads: int) -> float:
+    """Seconds that all threads have computed, so that other processes do not count, or could have beside a device."""
+    return process_time() if tracer.device is None else threads * perf_counter()
 
 
 # --- tracer -----------------------------------------------------------------------------------------------------------
 
-_FEW_RAYS = 256  # rays that take less time than a choice
 _FEW_RAYS_KEY: Key = ("few",)  # different from every `feature_key`
-_CONES_KEY: Key = ("cones",)
 PREDICTION_ERROR = 4.0  # predictions from counts alone may be wrong by this factor
 
 
@@ -375,8 +332,8 @@ class TreeUpgrade(NamedTuple):
     guided: bool = False  # whether it may be a GUIDED one
 
 
-class AutoTracer:
-    """A tree in the forms of all strategies, with the measurements of its queries.
+class AutoState(FrameState):
+    """A tree in the forms of all tracers, with the measurements of its queries.
 
     bvh : Bvh
     threads : int
@@ -432,17 +389,19 @@ class AutoTracer:
         return self.memory.choices
 
 
-class ConeTracer:
-    """Triangles without a tree, whose queries cones answer [Olsson and Assarsson 2011].
+class TreelessState(FrameState):
+    """Triangles without a tree, for a tracer that states a `TreelessCost`.
 
+    strategy : str
+        Name of the tracer.
     soup : Soup
     memory : StrategyMemory
     culled : bool
         Whether the soup lacks triangles that culling has dropped.
     """
 
-    def __init__(self, soup: Soup, memory: StrategyMemory, culled: bool):
-        self.soup, self.memory, self.culled = soup, memory, culled
+    def __init__(self, strategy: str, soup: Soup, memory: StrategyMemory, culled: bool):
+        self.strategy, self.soup, self.memory, self.culled = strategy, soup, memory, culled
 
     def begin(self) -> None:
         """Begin a frame."""
@@ -454,19 +413,53 @@ class ConeTracer:
         return self.memory.choices
 
     def trace(
-        self, query: ShadowQuery, bits: Bits, threads: int, counters: Counters | None, progress: ProgressCallback | None
+        self,
+        query: ShadowQuery,
+        bits: Bits,
+        threads: int,
+        counters: Counters | None,
+        progress: ProgressCallback | None,
+        fresh: bool,
     ) -> None:
         """Answer a ShadowQuery, as `trace_shadow` does."""
-        from ...techniques.rayhierarchy.ray_hierarchy import trace_shadow as trace_by_cones  # rarely used
+        tracer = TRACERS[self.strategy]
+        start = _clock(tracer, threads)
+        tracer.trace(self.soup, query, bits, threads, counters, progress, fresh)
+        seconds = _clock(tracer, threads) - start
+        choice = StrategyChoice(self.strategy, ray_count(query), "prediction", 0.0, {}, seconds=seconds)
+        self.memory.learn((self.strategy,), choice, None)
 
-        start = process_time()
-        trace_by_cones(self.soup, query, bits, threads, counters, progress, FASTEST_RAY_HIERARCHY)
-        choice = StrategyChoice("cones", ray_count(query), "prediction", 0.0, {}, seconds=process_time() - start)
-        self.memory.learn(_CONES_KEY, choice, None)
+
+class AutoTracer(Tracer):
+    """The tracer `auto`."""
+
+    description = (
+        "the fastest tracer for each query by predicted and measured times; alone, it chooses the builder, too"
+    )
+    form = ANY
+
+    @property
+    def counts_apart(self) -> bool:
+        return True
+
+    def prepare(self, geometry: Bvh, threads: int | None = None) -> AutoState:
+        return AutoState(geometry, threads)
+
+    def trace(
+        self,
+        prepared: AutoState | TreelessState,
+        query: ShadowQuery,
+        bits: Bits,
+        threads: int | None = None,
+        counters: Counters | None = None,
+        progress: ProgressCallback | None = None,
+        fresh: bool = True,
+    ) -> None:
+        trace_shadow(prepared, query, bits, threads, counters, progress, fresh)
 
 
 def trace_shadow(
-    auto: AutoTracer | ConeTracer,
+    auto: AutoState | TreelessState,
     query: ShadowQuery,
     bits: Bits,
     threads: int | None = None,
@@ -481,8 +474,8 @@ def trace_shadow(
     fresh : False: the bits mark rays that need no tracing, among them all that receivers' own surfaces block
     """
     threads = thread_count(threads)
-    if isinstance(auto, ConeTracer):
-        auto.trace(query, bits, threads, counters, progress)
+    if isinstance(auto, TreelessState):
+        auto.trace(query, bits, threads, counters, progress, fresh)
         return
     forms, memory = auto.forms, auto.memory
     rays = query.sides.size * query.samples.shape[1]
@@ -502,12 +495,11 @@ def trace_shadow(
         features = features_of(query, *forms.extent)
     choice = choose_strategy(query, forms, features, suited, threads, memory.rates(key))
     auto.improve(query, choice, threads)
-    strategy = STRATEGIES[choice.strategy]
-    form, start = auto.forms.of(strategy), process_time()
+    tracer = TRACERS[choice.strategy]
+    form, start = auto.forms.of(tracer.form), _clock(tracer, threads)
     out = bits if places is None else bits[:, places]
-    options = {} if fresh or not strategy.skips else {"fresh": False}
-    strategy.trace(form, query, out, threads, counters, progress, **options)
+    tracer.trace(form, query, out, threads, counters, progress, fresh)
     if places is not None:
         bits[:, places] = out
-    seconds = process_time() - start
+    seconds = _clock(tracer, threads) - start
     memory.learn(key, choice._replace(sorted=places is not None, seconds=seconds), auto.builder)

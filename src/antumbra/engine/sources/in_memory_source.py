@@ -322,7 +322,7 @@ class InMemory:
     def keep(self, accelerated: Accelerated) -> None:
         """Cache the tree if its tracer has state across frames, and later frames use the same triangles and tree."""
         plan = self._accelerator.plan
-        if plan.tracer.keeps and not (self.scene.animated or accelerated.partial or plan.wants_rays):
+        if accelerated.keeps_state and not (self.scene.animated or accelerated.partial or plan.wants_rays):
             self._last = accelerated
 
     def box(self, triangles: Triangles) -> np.ndarray:

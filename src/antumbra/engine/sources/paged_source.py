@@ -35,6 +35,7 @@ from ...store.chunk_residency import Paging, Residency, TriangleCopies, hit_slot
 from ...store.store_file import StoreData
 from ...store.system_resources import release_freed, resident_memory
 from ...techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, prepare, ray_hits
+from ...techniques.chcrt.chcrt_tracer import ChcRtTracer
 from ...techniques.chcrt.nearest_hits import mark_hits, number_hits
 from ...techniques.chcrt.tree_parts import parts_of_chunks
 from ...techniques.tracer_options import ChcRtOptions
@@ -263,7 +264,8 @@ class Paged:
 
     def __init__(self, data: StoreData, accelerator: Accelerator, settings: SourceSettings):
         plan, max_memory = accelerator.plan, settings.max_memory
-        if plan.tracer.culling is None or plan.cull or plan.optimise or plan.update or plan.build != Plan().build:
+        tracer, builds = plan.tracer, plan.cull or plan.optimise or plan.update or plan.build != Plan().build
+        if builds or not isinstance(tracer, ChcRtTracer):
             raise InputError(
                 f"plan {str(plan)!r}: {data.name} is in a store, whose trees are prebuilt; use {self.default_plan}"
             )
@@ -278,7 +280,7 @@ class Paged:
         self._bands, self._camera_mark = Bands(), 0  # the total of bytes read when the last camera rays were traced
         self._frame_reads = int(store.chunks.bytes.sum())  # bytes read in the last frame; initially the whole store
         parts = parts_of_chunks(store.top.nodes, store.chunks.root, self.residency.trees, self.residency, store)
-        scheduled = ChcRtState(parts, plan.tracer.culling)
+        scheduled = ChcRtState(parts, tracer.options)
         self.accelerated: Accelerated = Accelerated(self._triangles(), None, scheduled)
 
     @property

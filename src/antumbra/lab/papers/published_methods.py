@@ -8,30 +8,31 @@ and cell marking have modules of their own.
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from ...base.progress import ProgressCallback
 from ...bvh.block_tree import block_tree
 from ...bvh.child_order import order_children
 from ...bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, Bvh
 from ...engine.method_registry import (
-    BENTHIN,
     FELTMAN,
     SELGRAD,
     Builder,
     Culler,
-    Tracer,
-    by_cones,
-    by_culling,
     register,
     register_family,
-    unchanged,
 )
 from ...kernels.toolchain import kernel_manifest
+from ...query.shadow_query import ShadowQuery
+from ...techniques.chcrt.chcrt_tracer import ChcRtTracer
 from ...techniques.culling.pre_bvh_culling import cull
+from ...techniques.rayhierarchy.cone_tracer import RayHierarchyTracer
 from ...techniques.srdh import srdh_builder
 from ...techniques.tracer_options import ChcRtOptions
+from ...trace.frusta.multi_frusta import BENTHIN
 from ...trace.rays.ray_traversal import NEAREST, RANDOM, SRDH, Ordered
-from ...trace.rays.single_rays import trace_shadow
+from ...trace.rays.single_rays import SingleRays
+from ...trace.tracer import BVH, Bits, Counters, Form, Tracer
 from .multi_frusta import large_packets, moeller_trumbore, published_frusta, sample_frusta
 from .pre_bvh_culling.cell_marking import LINES
 from .pre_bvh_culling.convex_region import CONVEX
@@ -54,11 +55,16 @@ def find_aggressive(text: str) -> tuple[str, Tracer] | None:
     for n in THRESHOLDS[1:]:
         if text == tracer_name(n):
             about = f"as chcrt, but skips subtrees that at most {n} rays of a tile may hit: not exact"
-            return text, by_culling(ChcRtOptions(threshold=n), about)
+            return text, ChcRtTracer(ChcRtOptions(threshold=n), about)
     return None
 
 
 # --- Traversal orders ``single:...`` and SRDH builders [Feltman et al. 2012, Sec. 3.1 and 4.3] ------------------------
+
+
+def _unchanged(bvh: Bvh) -> Bvh:
+    """The BVH as built, for orders that need no preparation."""
+    return bvh
 
 
 class TraversalOrder(NamedTuple):
@@ -73,12 +79,12 @@ class TraversalOrder(NamedTuple):
 _SEC_3_1 = f"{FELTMAN}, Sec. 3.1"
 
 ORDERS: dict[str, TraversalOrder] = {
-    "random": TraversalOrder(RANDOM, unchanged, "a random child first", _SEC_3_1),
-    "left-first": TraversalOrder(LEFT_FIRST, unchanged, "children in stored order", _SEC_3_1),
-    "front-to-back": TraversalOrder(FRONT_TO_BACK, unchanged, "the child with the closer centre first", _SEC_3_1),
-    "back-to-front": TraversalOrder(BACK_TO_FRONT, unchanged, "the child with the farther centre first", _SEC_3_1),
+    "random": TraversalOrder(RANDOM, _unchanged, "a random child first", _SEC_3_1),
+    "left-first": TraversalOrder(LEFT_FIRST, _unchanged, "children in stored order", _SEC_3_1),
+    "front-to-back": TraversalOrder(FRONT_TO_BACK, _unchanged, "the child with the closer centre first", _SEC_3_1),
+    "back-to-front": TraversalOrder(BACK_TO_FRONT, _unchanged, "the child with the farther centre first", _SEC_3_1),
     "nearest": TraversalOrder(
-        NEAREST, unchanged, "the child that the ray enters first", "Ize 2013, Robust BVH ray traversal"
+        NEAREST, _unchanged, "the child that the ray enters first", "Ize 2013, Robust BVH ray traversal"
     ),
     "rtsah": TraversalOrder(
         LEFT_FIRST,
@@ -87,7 +93,7 @@ ORDERS: dict[str, TraversalOrder] = {
         "Ize and Hansen 2011, RTSAH traversal order for occlusion rays",
     ),
     "srdh": TraversalOrder(
-        SRDH, unchanged, "in the order that the builder chose at each node, in any order where it chose none", _SEC_3_1
+        SRDH, _unchanged, "in the order that the builder chose at each node, in any order where it chose none", _SEC_3_1
     ),
 }
 """Traversal order by name."""
@@ -116,13 +122,39 @@ BUILDERS = {
 """Builder by name."""
 
 
-def in_order(order: TraversalOrder) -> Tracer:
+class InOrder(SingleRays):
     """The tracer `single` with another traversal order."""
 
-    def prepare(bvh: Bvh, threads: int | None = None) -> Ordered:
-        return Ordered(order.prepare(bvh), order.value)
+    cost = None
 
-    return Tracer(prepare, trace_shadow, f"as single, {order.description}", order.paper, counts_apart=True)
+    def __init__(self, name: str, order: TraversalOrder):
+        self.description, self.paper = f"as single, {order.description}", order.paper
+        self.form = Form(f"ordered:{name}", lambda bvh, threads: Ordered(order.prepare(bvh), order.value))
+
+
+class Published(Tracer):
+    """A tracer of a paper, which traces by a function.
+
+    trace_shadow : function of (prepared, query, bits, threads, counters, progress)
+    """
+
+    def __init__(self, form: Form, trace_shadow: Callable[..., None], description: str, paper: str):
+        self.form, self.description, self.paper = form, description, paper
+        self._trace_shadow = trace_shadow
+
+    def trace(
+        self,
+        prepared: Any,
+        query: ShadowQuery,
+        bits: Bits,
+        threads: int | None = None,
+        counters: Counters | None = None,
+        progress: ProgressCallback | None = None,
+        fresh: bool = True,
+    ) -> None:
+        if not fresh:
+            bits[...] = 0  # every segment is traced
+        self._trace_shadow(prepared, query, bits, threads, counters, progress)
 
 
 # --- Registration -----------------------------------------------------------------------------------------------------
@@ -147,55 +179,55 @@ CULLERS = {
     ),
 }
 
-_shallow = partial(block_tree, block=published_frusta.BLOCK)  # one object, so that its tracers can share a tree
+_SHALLOW = Form("shallow", partial(block_tree, block=published_frusta.BLOCK))
 
 _BENTHIN = BENTHIN.partition(",")[0]
 
 TRACERS = {
-    **{f"single:{name}": in_order(order) for name, order in ORDERS.items()},
-    "multifrusta:paper": Tracer(
-        _shallow,
+    **{f"single:{name}": InOrder(name, order) for name, order in ORDERS.items()},
+    "multifrusta:paper": Published(
+        _SHALLOW,
         published_frusta.as_published,
         "16 frusta of 16 rays at once, one receiver each; corner rays cull triangles at leaves",
         f"{_BENTHIN}, Sec. 4",
     ),
-    "multifrusta:leaf-boxes": Tracer(
-        _shallow,
+    "multifrusta:leaf-boxes": Published(
+        _SHALLOW,
         published_frusta.with_leaf_boxes,
         "as multifrusta:paper, plus ray-box tests at leaves",
         f"{_BENTHIN}, Sec. 5.3, Ray-AABB",
     ),
-    "multifrusta:corners": Tracer(
-        _shallow,
+    "multifrusta:corners": Published(
+        _SHALLOW,
         published_frusta.with_corners,
         "as multifrusta:paper, with corner rays that shrink to the active rays",
         f"{_BENTHIN}, Sec. 5.3, CR",
     ),
-    "multifrusta:full": Tracer(
-        _shallow,
+    "multifrusta:full": Published(
+        _SHALLOW,
         published_frusta.with_all,
         "as multifrusta:paper, with corner rays and bounds that shrink to the active rays",
         f"{_BENTHIN}, Sec. 5.3, FS",
     ),
-    "multifrusta:by-sample": Tracer(
-        _shallow,
+    "multifrusta:by-sample": Published(
+        _SHALLOW,
         sample_frusta.trace_shadow,
         "16 frusta of 16 rays at once, one light sample each; for lists of lights, skies and ambient occlusion",
         f"{_BENTHIN}, Sec. 6.1",
     ),
-    "packet16:paper": Tracer(
-        unchanged,
+    "packet16:paper": Published(
+        BVH,
         moeller_trumbore.trace_shadow,
         "as packet16:samples, with the triangle test of Moeller and Trumbore",
         f"{_BENTHIN}, Sec. 5",
     ),
-    "packet256": Tracer(
-        _shallow,
+    "packet256": Published(
+        _SHALLOW,
         large_packets.trace_shadow,
         "16 packets of 16 rays together; every node tests all rays",
         f"{_BENTHIN}, Sec. 5.2",
     ),
-    **{name: by_cones(*variant) for name, variant in CONES.items()},
+    **{name: RayHierarchyTracer(*variant) for name, variant in CONES.items()},
 }
 
 
@@ -203,7 +235,7 @@ def add() -> None:
     """Register all methods of the papers, once in a process (entry point ``antumbra.engine.method_registry``)."""
     for field, methods in ("cull", CULLERS), ("build", BUILDERS), ("trace", TRACERS):
         for name, method in methods.items():
-            register(field, name, method)
+            register(field, name, method, published=True)
     register_family("cones", find_combination)
     register_family("chcrt", find_aggressive)
     kernel_manifest.add_manifest(NEEDS)

@@ -1,6 +1,7 @@
 """CHC+RT: hierarchical occlusion culling for rays of any kind [Mattausch et al. 2015], in core and out of core.
 
-- `chc_rt`: the tracer: shadow queries, camera rays and other nearest-hit rays
+- `chcrt_tracer`: the tracer, as registered
+- `chc_rt`: its state: shadow queries, camera rays and other nearest-hit rays
 - `occlusion_queries`: screen tiles, cells of 16 receivers, ray bundles, occlusion queries
 - `tree_parts`: the tree cut into a top tree and subtrees, and the subtree list of each tile
 - `visibility_fronts`: query pairs, their fronts, and Algorithm 1

@@ -1,5 +1,6 @@
 """Improved ray hierarchies [Olsson and Assarsson 2011]: a hierarchy over the shadow rays, and none over the scene.
 
+- `cone_tracer`: the tracer, as registered
 - `ray_hierarchy`: `trace_shadow`, and the choice of traversal for wide lights
 - `light_beams`: beams of segments, their projection, their active receivers
 - `receiver_order`: sorting keys and order of receivers

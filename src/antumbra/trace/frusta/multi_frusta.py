@@ -33,6 +33,8 @@ from ..tile import (
     tile_shape,
     write_bits,
 )
+from ..tracer import BLOCKS, Bits, Box, Counters, Tracer
+from ..tracer_cost import Cost, FittedRate
 from ..tree_list import TreeList, is_idle, single_tree, tree_list_pointers
 from .bundle import (
     AT,
@@ -244,3 +246,42 @@ def trace_tree_list(
         ticket = new_ticket(runs(layout) * RUN // regions, 1)
         arrays = tree_list, query, table, shape, layout, regions, chunk, count, bits, counters
         run(_trace_areas, n_threads, ticket, *arrays, progress=progress)
+
+
+BENTHIN = "Benthin and Wald 2009, Efficient ray traced soft shadows using multi-frusta tracing"
+
+
+class MultiFrusta(Tracer):
+    """The tracer `multifrusta`."""
+
+    description = "16 shafts of shadow rays at once, single rays only where shafts are undecided"
+    paper = BENTHIN
+    form = BLOCKS
+    cost = Cost(
+        rate=FittedRate(
+            1.4203950593361339, 0.0, 0.5983111495846234, 0.005019578511826684, 0.33480511647031747,
+            -0.18427269230902726, -0.33535166570579966, 1.475616842293582, 0.22305525621470632, 0.09270557211073528,
+            0.12720462385801556, 0.0425409198829112, 0.04475554427217662, 0.023774394498099937, 0.016845164656940446,
+            0.004905300777533511, 0.020696141392952266, 0.0, 0.0, 0.03507064902629635, 0.006479908863838374,
+            -0.0385881697526827,
+        ),
+        form=40.0,
+        quick_overhead=0.12,
+        tried=5.0,
+        reference=16.5810774512089,
+    )  # fmt: skip
+
+    def suits(self, query: ShadowQuery, box: Box) -> bool:
+        return not (is_incoherent(query) or is_far(query, box))
+
+    def trace(
+        self,
+        prepared: BlockTree,
+        query: ShadowQuery,
+        bits: Bits,
+        threads: int | None = None,
+        counters: Counters | None = None,
+        progress: ProgressCallback | None = None,
+        fresh: bool = True,
+    ) -> None:
+        trace_shadow(prepared, query, bits, threads, counters, progress, fresh)

@@ -23,6 +23,8 @@ from ...kernels.simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, 
 from ...query.shadow_query import ShadowQuery
 from ..counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, add_counters, cleared, count
 from ..descent import NOT_STARTED, after_leaf, load_saved, next_leaf, not_started, rays_as_shafts, root, save, slabs_of
+from ..tracer import BLOCKS, Bits, Counters, Tracer
+from ..tracer_cost import Cost, FittedRate
 from ..tree_list import (
     TREE,
     TreeList,
@@ -243,7 +245,7 @@ def _trace_packets(ticket, prepared, query, samples, job, out, counters):
 
 
 @dataclass(frozen=True)
-class PacketTracer:
+class Packets:
     """Answers queries by packets."""
 
     by_sample: bool  # whether a packet holds the samples of one receiver; otherwise those of 16 receivers
@@ -272,4 +274,75 @@ class PacketTracer:
         trace_tiles(run, trees, query, bits)
 
 
-over_pixels, over_samples = PacketTracer(False), PacketTracer(True)
+over_pixels, over_samples = Packets(False), Packets(True)
+
+
+class PixelPackets(Tracer):
+    """The tracer `packet16`."""
+
+    description = "packets of 16 rays, from 16 receivers to a stratum of the light"
+    paper = "Benthin and Wald 2009, Sec. 5.1; Wald et al. 2001, Interactive rendering with coherent ray tracing"
+    cost = Cost(
+        rate=FittedRate(
+            3.073189090725027, 0.47257651001506007, 0.133329466423835, -0.12982344431298598, 0.22478252008793964,
+            -0.06178209138858726, -0.1800415840256942, 0.3288309214078405, 0.16546947769939727, 0.09992356818713849,
+            0.021267714959350332, 0.0203770176896785, 0.036984422358302675, 0.008022277530409648,
+            0.004420222899726983, -0.001046890415943046, 0.009768766048186427, -0.05601238805825191,
+            0.06482160538991258, 0.017446405229839552, 0.004765677768847545, 0.027401211488124928,
+        ),
+        reference=99.53848628830835,
+    )  # fmt: skip
+
+    packets = over_pixels
+
+    def trace(
+        self,
+        prepared: Bvh | BlockTree,
+        query: ShadowQuery,
+        bits: Bits,
+        threads: int | None = None,
+        counters: Counters | None = None,
+        progress: ProgressCallback | None = None,
+        fresh: bool = True,
+    ) -> None:
+        trees = single_tree(prepared, fresh) if isinstance(prepared, BlockTree) else prepared
+        self.packets(trees, query, bits, threads, counters, progress)
+
+
+class SamplePackets(PixelPackets):
+    """The tracer `packet16:samples`."""
+
+    description = "packets of 16 rays, from one receiver to its samples"
+    paper = "Benthin and Wald 2009, Sec. 5.1"
+    cost = Cost(
+        rate=FittedRate(
+            0.1700288878955023, 0.8058336733596217, 0.5734961769102798, -0.2131937317959865, 0.1678678206344558,
+            -0.009143315681751089, -0.44096426353472307, 1.414415592618022, 0.044150185665313986,
+            0.0076692624343757876, -0.004783787751204727, -0.011594292854135336, 0.07682186881720468,
+            -0.006279046853958481, -0.004474275712022231, -0.006639522784873132, 0.003927469128165834,
+            -0.05412314329963418, 0.12111976426318202, -0.057690643309768475, 0.0030483955891776873,
+            -0.04731563084120056,
+        ),
+        reference=63.91708058273186,
+    )  # fmt: skip
+
+    packets = over_samples
+
+
+class BlockPackets(PixelPackets):
+    """The tracer `packet16:blocks`. `multifrusta` answers queries of hemispheres in the same way."""
+
+    description = "packets of 16 rays, from 16 receivers to a stratum of the light, through a tree of blocks"
+    paper = "Benthin and Wald 2009, Sec. 5.1"
+    form = BLOCKS
+    cost = Cost(
+        rate=FittedRate(
+            3.6961023005284726, 0.44014337268149073, 0.07484484423432072, -0.16146733851741138, 0.19322612404544467,
+            -0.07963608619210001, -0.1836747449932807, 0.18459009664954204, 0.14573045675224094, 0.08029865399255245,
+            -0.019613075145784097, 0.02367561255808772, 0.033197846448759775, 0.006780549891420606,
+            0.0023386520111252146, -0.002362355371686535, 0.009182106851995605, -0.07629855473742134,
+            0.037441102491057504, -0.057925456716585604, 0.007512261170638036, 0.015179099821853519,
+        ),
+        form=40.0,
+        reference=85.62538022973533,
+    )  # fmt: skip

@@ -71,6 +71,8 @@ from ..counters import (
     count,
     new_counters,
 )
+from ..tracer import WIDE, Bits, Counters, Form, Tracer
+from ..tracer_cost import Cost, FittedRate
 from .interleaved_rays import walk_interleaved
 from .ray_traversal import BUILT, Ordered, triangle_hit, walk
 from .wide_traversal import (
@@ -270,6 +272,68 @@ def trace_shadow(
         counters,
         progress=progress,
     )
+
+
+ORDERED = Form("ordered", as_built)
+"""A `Bvh` whose children are traversed in the order of its builder, else nearest first."""
+
+
+class SingleRays(Tracer):
+    """The tracer `single`."""
+
+    description = "one ray at a time, children in the builder's order, else nearest first; tests the last blocker first"
+    paper = "Ize 2013, Robust BVH ray traversal"
+    form = ORDERED
+    cost: Cost | None = Cost(
+        rate=FittedRate(
+            1.0621857427042003, 0.589761982589532, 0.303940868260169, -0.2954091012415796, 0.21474095074290772,
+            0.007450131613626671, -0.13081911191861947, 0.7496104083419104, 0.09995018986547104, 0.06334622208890826,
+            0.009296013472724723, -0.013762184443120065, 0.061953234688569524, -0.00032091677429608035,
+            -0.0014349038965250503, -0.002380766668607445, 0.007343390712222668, -0.04635920063086225,
+            -0.010519677766452178, -0.0942141858741303, 0.009501821432527341, -0.015336921892764935,
+        ),
+        reference=169.25436036766712,
+    )  # fmt: skip
+
+    @property
+    def counts_apart(self) -> bool:
+        return True
+
+    def trace(
+        self,
+        prepared: Ordered | WideBvh,
+        query: ShadowQuery,
+        bits: Bits,
+        threads: int | None = None,
+        counters: Counters | None = None,
+        progress: ProgressCallback | None = None,
+        fresh: bool = True,
+    ) -> None:
+        trace_shadow(prepared, query, bits, threads, counters, progress)
+
+
+class WideRays(SingleRays):
+    """The tracer `wide`."""
+
+    description = "one ray at a time, eight boxes or triangles in SIMD"
+    paper = "Ylitie et al. 2017, Efficient incoherent ray traversal on GPUs through compressed wide BVHs"
+    form = WIDE
+    cost = Cost(
+        rate=FittedRate(
+            2.575992311805946, 0.45265190774849134, 0.15074954621413278, -0.264738593690452, 0.14766283954971093,
+            -0.015999802157211754, -0.11410064826106833, 0.37179412414164836, 0.07779058971433292,
+            0.02733267256553391, -0.0006530409107091456, 0.002193420382473436, 0.05179807965470444,
+            -0.0015548830422761268, -0.0033419935492061824, -0.005576618770164625, 0.004654471374978844,
+            -0.10259985851099092, -0.02202333696325468, -0.13313311105243697, 0.00522862919622866,
+            -0.004699795794842023,
+        ),
+        form=70.0,
+        reference=147.36830497574266,
+    )  # fmt: skip
+
+    @property
+    def counts_apart(self) -> bool:
+        return False
 
 
 # --- Step counts of any-hit rays [Feltman et al. 2012, Sec. 4.1] ------------------------------------------------------

@@ -123,8 +123,8 @@ def case_of(view: BenchmarkView, cull_faces: str | None = "back", primary_size: 
     gbuffer = Renderer(scene).see(triangles, view.camera, None)
     bvh = binned_sah.build(triangles.vertices)
     tracers = {name: TRACERS[name] for name in dict.fromkeys((*TABLE1, *TABLE2, *HARD))}
-    shared = {prepare: prepare(bvh) for prepare in {t.prepare for t in tracers.values()}}
-    prepared = {name: shared[t.prepare] for name, t in tracers.items()}
+    shared = {tracer.form: tracer.prepare(bvh) for tracer in tracers.values()}
+    prepared = {name: shared[tracer.form] for name, tracer in tracers.items()}
     shallow = block_tree(bvh, block=BLOCK)
     primary = {"packet16:paper": deep_tree(bvh), "multifrusta": block_tree(bvh)}
     primary |= {"primary:paper": shallow, "primary:entries": shallow}

@@ -17,13 +17,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ....base.errors import InputError
-from ....engine.method_registry import Tracer, by_cones
 from ....kernels.exact.filters import cross
 from ....kernels.exact.filters import dot as dot3
 from ....kernels.jit import inlined, kernel, overload
 from ....kernels.simd import absolute, bits, fma, get, load16, maximum, put, select, splat16, square_root
 from ....kernels.vec3 import Vec3, dot, rows
 from ....techniques.rayhierarchy import ray_tree
+from ....techniques.rayhierarchy.cone_tracer import RayHierarchyTracer
 from ....techniques.rayhierarchy.light_beams import relative
 from ....techniques.rayhierarchy.ray_leaves import block_of
 from ....techniques.rayhierarchy.shadow_planes import (
@@ -443,7 +443,7 @@ def combination(name: str) -> RayHierarchyOptions | None:
     return with_words(*words)
 
 
-def find_combination(text: str) -> tuple[str, Tracer] | None:
+def find_combination(text: str) -> tuple[str, RayHierarchyTracer] | None:
     """(canonical name, tracer) of a combination of options; None for other names.
 
     The canonical name has its words in the order of `_WORDS`.
@@ -453,4 +453,4 @@ def find_combination(text: str) -> tuple[str, Tracer] | None:
         return None
     family, *words = text.split(":")
     words.sort(key=list(_WORDS).index)
-    return ":".join((family, *words)), by_cones(options, "a combination of options")
+    return ":".join((family, *words)), RayHierarchyTracer(options, "a combination of options")
