@@ -6,7 +6,8 @@ import pytest
 import antumbra as at
 import gis_bombs
 from antumbra import memory
-from antumbra.cli.app import COMMANDS, program
+from antumbra.cli.app import program
+from antumbra.command_registry import COMMANDS
 from antumbra.errors import InputError
 from antumbra.memory import check_reading, reading_limit
 from gis_files import hills, write_raster

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from antumbra.cli import interruption, scene_commands
-from antumbra.cli.app import COMMANDS
+from antumbra.command_registry import COMMANDS
 from antumbra.kernels.toolchain import compile_pool
 from cli.test_app_keywords import ARGUMENTS
 
@@ -178,7 +178,7 @@ def test_signals_that_are_ignored_stay_ignored(tmp_path):
 READERS = """
 import os, sys
 from antumbra.cli import main
-from antumbra.cli.app import COMMANDS
+from antumbra.command_registry import COMMANDS
 for name in [*COMMANDS, "bench"]:
     reading, writing = os.pipe()
     os.close(reading)

@@ -8,8 +8,8 @@ import pytest
 import rasterio
 
 import antumbra as at
-from antumbra.cli.app import COMMANDS
 from antumbra.cli.scene_arguments import SceneArguments
+from antumbra.command_registry import COMMANDS
 from gis_files import buildings, hills, write_buildings, write_raster
 
 

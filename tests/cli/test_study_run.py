@@ -8,6 +8,7 @@ import pytest
 import antumbra as at
 from antumbra.cli.scene_arguments import parse_scene
 from antumbra.cli.study_run import StudyRun
+from antumbra.jobs.result_summary import Summary
 
 
 def arguments(**given):
@@ -16,9 +17,9 @@ def arguments(**given):
 
 def test_a_run_knows_its_time_and_its_files(tmp_path):
     with StudyRun(arguments()) as run:
-        assert run.timed(lambda a, b: a - b, 5, b=3) == 2
+        assert run.timed(lambda: 5 - 3) == 2
         run.save(lambda path: path.write_text("done"), [tmp_path / "a", tmp_path / "b"])
-        run.save(lambda path: pytest.fail("there is no file to write"), None)
+        run.save(lambda path: pytest.fail("there is no file to write"), [])
     assert run.seconds > 0.0 and (tmp_path / "b").read_text() == "done"
     assert run.written == [str(tmp_path / name) for name in "ab"]
     time, *files = run.rows()
@@ -29,7 +30,7 @@ def test_a_run_knows_its_time_and_its_files(tmp_path):
 
 @pytest.mark.parametrize("given, out", [({"json": True, "quiet": True}, "json"), ({"quiet": True}, ""), ({}, "text")])
 def test_a_report_is_json_or_text_or_nothing(capsys, given, out):
-    assert StudyRun(arguments(**given)).report({"n": 1}, [("points", "1")]) == 0
+    assert StudyRun(arguments(**given)).report(Summary({"n": 1}, [("points", "1")]), None) == 0
     said = capsys.readouterr().out
     assert json.loads(said) == {"n": 1} if out == "json" else said.split() == (["points", "1"] if out else [])
 
@@ -37,7 +38,7 @@ def test_a_report_is_json_or_text_or_nothing(capsys, given, out):
 def test_a_scene_in_a_store_is_opened_or_refused(tmp_path):
     at.build_store(at.procedural("atrium", triangles=1000), tmp_path / "a.antumbra")
     spec, run = parse_scene(str(tmp_path / "a.antumbra")), StudyRun(arguments(quiet=True))
-    bare, scene = run.open(spec)
-    assert scene is bare and bare.n_triangles == at.load(tmp_path / "a.antumbra").n_triangles
+    scenes = run.open(spec)
+    assert scenes.planted is scenes.bare and scenes.bare.n_triangles == at.load(tmp_path / "a.antumbra").n_triangles
     with pytest.raises(at.InputError, match="memory"):
         run.open(spec, to_memory=True)

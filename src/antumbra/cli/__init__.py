@@ -7,9 +7,9 @@
 - `explain_commands`: ``antumbra explain`` and ``culling``, pictures of the work of plans
 - `bake_command`: ``antumbra bake``, light and occlusion baked into glTF files
 - `view_command`: ``antumbra view``, a scene in the browser
-- `sun_command`, `sight_commands` (``los``, ``viewshed``, ``matrix``), `skyline_command`, `shadow_command`,
-  `dataset_command`: the jobs
-- `study_run`: the steps that the commands of all studies share
+- `sun_command`, `shadow_command`, `los_command`, `viewshed_command`, `visible_command`, `matrix_command`,
+  `skyline_command`, `view_factors_command`, `dataset_command`: the studies
+- `study_run`: what the commands of all studies share; each declares the rest
 - `shards`: the options --shard and --ray, and ``antumbra merge``
 - `scene_commands`: ``antumbra info``, ``scenes``, ``formats`` and ``build``
 - `installation_commands`: ``antumbra doctor``, ``warmup`` and ``plans``

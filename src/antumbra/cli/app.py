@@ -7,12 +7,12 @@ only when it needs them. So ``--help`` appears at once.
 import re
 from collections.abc import Callable
 from functools import cache
-from importlib import import_module
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from ..command_registry import COMMANDS, Command
 from ..errors import InputError
 from .command_parsing import ParsedOnce
 
@@ -38,11 +38,11 @@ class Program(ParsedOnce, TyperGroup):
     """The program."""
 
 
-class Command(ParsedOnce, TyperCommand):
+class PlainCommand(ParsedOnce, TyperCommand):
     """A command."""
 
 
-class Grouped(Command):
+class Grouped(PlainCommand):
     """A command whose help groups its options if there are many."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
@@ -69,72 +69,6 @@ def _title(param: Any) -> str:
 # --- The program and its commands -------------------------------------------------------------------------------------
 
 
-class CommandEntry(NamedTuple):
-    """A command: where it is defined, and its line in the help, which is the first line of its docstring."""
-
-    module: str
-    help: str
-    grouped: bool = True  # whether its help groups its options if there are many
-
-    def function(self, name: str) -> Callable[..., Any]:
-        """The command's function, whose module is imported."""
-        function: Callable[..., Any] = getattr(import_module(f"{__package__}.{self.module}"), name.replace("-", "_"))
-        return function
-
-
-COMMANDS = {
-    "render": CommandEntry("render_command", "Render SCENE with exact shadows."),
-    "sun": CommandEntry("sun_command", "Find the hours of direct sun on the surfaces of SCENE."),
-    "shadow": CommandEntry("shadow_command", "Find the shadow on the ground of SCENE, as polygons."),
-    "view": CommandEntry("view_command", "Show SCENE in the browser, until Ctrl-C."),
-    "bake": CommandEntry(
-        "bake_command", "Bake occlusion, shadows or light of SCENE into a copy of its glTF file.", grouped=False
-    ),
-    "los": CommandEntry(
-        "sight_commands", "Find which points see each other in SCENE, and what blocks the others.", grouped=False
-    ),
-    "viewshed": CommandEntry("sight_commands", "Count the observers that see each sensor of SCENE.", grouped=False),
-    "visible": CommandEntry(
-        "visible_command", "Find the share of a target in SCENE that each sensor sees.", grouped=False
-    ),
-    "matrix": CommandEntry(
-        "sight_commands", "Find which sensors of SCENE see which targets, as one bit per pair.", grouped=False
-    ),
-    "skyline": CommandEntry(
-        "skyline_command",
-        "Find the skyline of points in SCENE: the elevation of the horizon by azimuth.",
-        grouped=False,
-    ),
-    "view-factors": CommandEntry(
-        "view_factors_command", "Find the view factors between the surfaces of SCENE, and of the sky.", grouped=False
-    ),
-    "dataset": CommandEntry(
-        "dataset_command",
-        "Render a data set of SCENE: per camera, a multi-layer EXR and a shadow mask of each light.",
-    ),
-    "merge": CommandEntry(
-        "shards",
-        "Join the shards of a command into the files it writes without --shard, byte for byte.",
-        grouped=False,
-    ),
-    "build": CommandEntry("scene_commands", "Combine SCENEs in one store, which may exceed memory."),
-    "info": CommandEntry("scene_commands", "Show the contents of SCENE."),
-    "scenes": CommandEntry("scene_commands", "List the procedural and the example scenes, or export a procedural one."),
-    "formats": CommandEntry("scene_commands", "List the file formats of scenes, and what is lost in them."),
-    "plans": CommandEntry("installation_commands", "List the methods, and the plans they form."),
-    "warmup": CommandEntry(
-        "installation_commands", "Compile all kernels ahead of time, store them on disk, and calibrate the plan auto."
-    ),
-    "culling": CommandEntry("explain_commands", "Show which triangles of SCENE survive pre-BVH culling."),
-    "explain": CommandEntry("explain_commands", "Show where plans spend the traversal steps of SCENE's shadow rays."),
-    "compare": CommandEntry("compare_command", "Measure plans on the same picture of SCENE, side by side."),
-    "doctor": CommandEntry(
-        "installation_commands",
-        "Check this installation: versions, processor, kernels on disk, optional packages, and a small query.",
-    ),
-}
-"""Name -> command, in the order of the help. The function has the same name, with _ for -."""
-
 _BENCH = "bench", "Measure what the papers measured."
 
 
@@ -154,7 +88,7 @@ def program(names: frozenset[str] | None = None) -> typer.Typer:
     )
     for name, entry in COMMANDS.items():
         function = entry.function(name) if names is None or name in names else _listed
-        app.command(name, cls=Grouped if entry.grouped else Command, help=_help_of(function, entry))(function)
+        app.command(name, cls=Grouped if entry.grouped else PlainCommand, help=_help_of(function, entry))(function)
     if names is None or _BENCH[0] in names:
         from . import bench_command
 
@@ -169,7 +103,7 @@ def _listed() -> None:
     """A command that is only listed."""
 
 
-def _help_of(function: Callable[..., Any], entry: CommandEntry) -> str | None:
+def _help_of(function: Callable[..., Any], entry: Command) -> str | None:
     return entry.help if function is _listed else None
 
 

@@ -23,6 +23,7 @@ from typer.core import TyperCommand, TyperGroup
 from ..errors import InputError
 from ..extras import plugins_of
 from ..files import atomic_output, checked_output
+from ..jobs.result_summary import duration
 from . import console
 from .arguments import check_plot
 from .command_parsing import ParsedOnce
@@ -279,7 +280,7 @@ def all_(
                 if not quiet:
                     print(f"== antumbra bench {name} ({k} of {len(names)})\n", flush=True)
                 start, failed = monotonic(), _run(name, quick, output, quiet)
-                took[name] = "failed after " * failed + console.duration(monotonic() - start)
+                took[name] = "failed after " * failed + duration(monotonic() - start)
                 gc.collect()  # free the scenes of this benchmark before the next one
         finally:
             if not quiet:

@@ -14,6 +14,7 @@ import typer
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..jobs.result_summary import duration
 from ..picture.render_options import GBufferBy
 from . import arguments, console, picture_report
 from .console import UNFORESEEN, ProgressDisplay, say
@@ -33,7 +34,7 @@ from .options import (
     UpOption,
     VplOption,
     arguments_of,
-    fields_of,
+    parameters_of,
     takes,
     writes,
 )
@@ -119,10 +120,10 @@ class CompareArguments(_Options):  # type: ignore[misc] # made from the options 
     def command(self) -> str:
         """The equivalent command line, quoted for a shell."""
         words = ["antumbra", "compare", self.scene]
-        for field in fields_of(type(self)):
-            value = getattr(self, field.name)
-            if field.name != "scene" and value != field.default:
-                words += _words("--" + field.name.replace("_", "-"), value)
+        for each in parameters_of(type(self)):
+            value = getattr(self, each.name)
+            if each.name != "scene" and value != each.default:
+                words += _words("--" + each.name.replace("_", "-"), value)
         return shlex.join(words)
 
 
@@ -199,7 +200,7 @@ def _rendered(report: ComparisonReport) -> NDArray[np.uint8]:
 
 def _label(comparison: "Comparison", one: "PlanMeasurement") -> str:
     total, least = one.medians["total"], comparison.fastest.medians["total"]
-    return f"{console.duration(total)} ({ratio(total, least)}), {number(one.tests_per_ray)} tests per ray"
+    return f"{duration(total)} ({ratio(total, least)}), {number(one.tests_per_ray)} tests per ray"
 
 
 def ratio(value: float, least: float) -> str:

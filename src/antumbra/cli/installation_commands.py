@@ -19,6 +19,7 @@ from typing import Annotated, Any
 import typer
 
 from ..extras import EXTRAS
+from ..jobs.result_summary import duration
 from ..version import VERSION
 from . import console
 from .console import ProgressDisplay
@@ -275,7 +276,7 @@ def warmup(
             {"jobs": names, "compiled": compiled, "folder": folder, "seconds": seconds, "machine": measured}
         )
     elif not quiet:
-        time = console.duration(seconds)
+        time = duration(seconds)
         print(f"kernels of {len(jobs)} jobs are ready, {compiled} newly compiled, in {folder} ({time})")
 
 

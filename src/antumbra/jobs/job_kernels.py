@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ..command_registry import COMMANDS, named
 from ..engine.auto_accelerator import best_tree_job
 from ..engine.in_memory_source import all_hits_job, rays_job, update_job
 from ..engine.instanced_source import instances_job
@@ -31,10 +32,7 @@ from ..query.receivers import Receivers
 from ..scene.lights import PointLight
 from .bake.surface_meter import Meter, MeterSettings, ReceiverPoints
 from .bit_matrices import reorder_bits
-from .line_of_sight.least_heights import least_heights_job
 from .line_of_sight.mutual_horizons import hidden_by_horizons
-from .skyline.skyline import skyline_job
-from .sun.sun_tally import tally_job
 
 
 def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]:
@@ -70,8 +68,9 @@ def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) ->
 
 
 def all_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]:
-    """The jobs of `rendering_jobs` and those of this folder; arguments as for `rendering_jobs`."""
-    return [tally_job(), points_job(), skyline_job(), least_heights_job(), *rendering_jobs(plans, papers)]
+    """The jobs of `rendering_jobs` and those of all studies; arguments as for `rendering_jobs`."""
+    studies = [named(command.kernels)() for command in COMMANDS.values() if command.kernels]
+    return [*studies, points_job(), *rendering_jobs(plans, papers)]
 
 
 def points_job() -> Job:

@@ -21,6 +21,7 @@ from ..false_colours import ColouredMesh, coloured_glb
 from ..measured_scenes import measured_scene
 from ..point_attributes import Attributes
 from ..point_checks import notes_on_points, notes_on_sensors, tell
+from ..result_summary import Summary, SummaryTable, heading
 from ..result_table import Column, Table
 from ..sensor_files import SUFFIXES, attributes_of, check_point_file, read_array, read_columns
 from ..sensors import Sensors, corners_of, point_sensors
@@ -322,6 +323,8 @@ def _indices(path: Path, observers: int, targets: int) -> tuple[np.ndarray, np.n
 # --- Tables, and models with lines that are green up to the block and red beyond it -----------------------------------
 
 
+_MOST_LINES = 20  # most pairs in a summary
+_SUMMARISED = "observer", "target", "visible", "blocked_by", "face", "distance"  # in the table of a summary
 _GREEN, _RED, _GREY = (0.05, 0.6, 0.1), (0.7, 0.03, 0.03), (0.35, 0.35, 0.35)  # linear
 
 
@@ -343,6 +346,36 @@ def sight_table(scene: AnyScene, pairs: PairList, sightlines: Sightlines) -> Tab
         columns[name] = Column(values, "", f"{name[1]} of the point that blocks")
     observers = replace(point_sensors(pairs.observers), attributes=pairs.attributes or {})
     return Table(observers, columns, {"job": "los"}, scene)
+
+
+def sight_summary(scene: AnyScene, pairs: PairList, sightlines: Sightlines, seconds: float) -> Summary:
+    """How many pairs see each other, and what blocks each other one, if they are few; `seconds`: of the study."""
+    n, visible = len(pairs.observers), int(sightlines.visible.sum())
+    values = {"scene": scene.name, "pairs": n, "visible": visible, "seconds": seconds}
+    lines = [("visible", f"{visible:,} of {n:,} pairs")]
+    if n > _MOST_LINES:
+        return Summary(values, lines)
+    records = [_record(scene, pairs, sightlines, k) for k in range(n)]
+    rows = [[str(record[name]) for name in _SUMMARISED] for record in records]
+    table = SummaryTable([heading(name) for name in _SUMMARISED], rows, leads=True)
+    return Summary(values, lines, {"lines": records}, table)
+
+
+def _record(scene: AnyScene, pairs: PairList, sightlines: Sightlines, k: int) -> dict[str, Any]:
+    """A pair as names and values."""
+    visible, face, blocker = bool(sightlines.visible[k]), int(sightlines.face[k]), int(sightlines.object[k])
+    record = {
+        "observer": ",".join(f"{x:g}" for x in pairs.observers[k]),
+        "target": ",".join(f"{x:g}" for x in pairs.targets[k]),
+        "visible": "yes" if visible else "no",
+        "blocked_by": scene.objects[blocker].name if blocker >= 0 else "",
+        "face": face if face >= 0 else "",
+        "distance": "" if visible else round(float(sightlines.distance[k]), 4),
+    }
+    if scene.city is None or blocker < 0:
+        return record
+    thing = scene.objects[blocker]
+    return record | {"type": thing.type, "parent": thing.parent, "surface": str(scene.city.surface_types(face))}
 
 
 def _city_columns(scene: AnyScene, sightlines: Sightlines) -> dict[str, Column]:

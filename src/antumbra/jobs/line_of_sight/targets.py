@@ -18,6 +18,7 @@ from ...query.shadow_query import count_occluded
 from ...scene.lights import SphereLight
 from ..measured_scenes import measured_scene
 from ..point_checks import depths_below_ground, notes_on_points, notes_on_sensors, tell
+from ..result_summary import Summary
 from ..result_table import Column, Table
 from ..sensor_files import sensors_of
 from ..sensors import Sensors, point_sensors, sensors_from, sightline_ends
@@ -240,6 +241,16 @@ def visible_share(
         "visible": Column(counts, "", f"visible sample points, of {total}"),
     }
     return Table(places, columns, {"job": "visible share", "samples": total, **warned}, scene, marks=marks)
+
+
+def share_summary(table: Table, scene: str, seconds: float) -> Summary:
+    """How many sensors see the target; `seconds`: of the study."""
+    counted = table.sensors.covered
+    share, n, points = table["share"][counted], int(counted.sum()), table.about["samples"]
+    some, whole = int((share > 0).sum()), int((share == 1).sum())
+    values = {"scene": scene, "sensors": n, "samples": points, "seconds": seconds, "seen": some, "seen_entirely": whole}
+    lines = [("sensors", f"{n:,}"), ("points of the target", f"{points:,}")]
+    return Summary(values, [*lines, ("see it", f"{some:,}, {whole:,} entirely")])
 
 
 def _notes_on_turbine(scene: AnyScene, turbine: Turbine, time: float, threads: int) -> list[str]:

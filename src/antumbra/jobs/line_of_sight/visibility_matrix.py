@@ -41,6 +41,7 @@ from ..bit_matrices import (
 from ..executors import Keep, checked_keep, executor_of
 from ..measured_scenes import measured_scene
 from ..point_checks import notes_on_sensors, tell
+from ..result_summary import Summary
 from ..scene_records import scene_digest
 from ..sensor_files import sensors_of
 from ..sensors import Sensors, sensors_from, sightline_ends
@@ -138,6 +139,15 @@ class VisibilityMatrix:
     def sparse(self) -> "csr_array":
         """The visible pairs as a ``scipy.sparse.csr_array`` of bool. It needs the extra ``sparse``."""
         return sparse_matrix(self.bits, self.columns, self.counts)
+
+    def summary(self, scene: str, seconds: float) -> Summary:
+        """The size of the matrix, and the pairs that see each other; `seconds`: of the study."""
+        (rows, columns), visible = self.shape, int(self.counts.sum())
+        values = {"scene": scene, "rows": rows, "columns": columns, "visible": visible, "seconds": seconds}
+        share = 100.0 * visible / max(rows * columns, 1)
+        return Summary(
+            values, [("matrix", f"{rows:,} x {columns:,}"), ("visible", f"{visible:,} pairs ({share:.2f} %)")]
+        )
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the matrix: .npy stores `bits`, .npz the sparse matrix, for ``scipy.sparse.load_npz``.

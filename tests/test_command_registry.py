@@ -1,0 +1,30 @@
+"""The registry of commands: each entry names a command that exists, and says what the command says of itself."""
+
+import pytest
+
+from antumbra.cli.app import program
+from antumbra.cli.study_run import StudyCommand
+from antumbra.command_registry import COMMANDS, named
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_registry_has_the_first_line_of_the_help_of_each_command(name):
+    assert COMMANDS[name].help == COMMANDS[name].function(name).__doc__.strip().split("\n\n")[0]
+
+
+def test_the_program_lists_the_registered_commands_in_their_order():
+    assert [command.name for command in program(frozenset()).registered_commands][:-1] == list(COMMANDS)
+
+
+def test_kernels_of_studies_are_compile_jobs():
+    made = {name: named(command.kernels)() for name, command in COMMANDS.items() if command.kernels}
+    assert set(made) >= {"sun", "skyline", "viewshed"} and all(job.name for job in made.values())
+
+
+def test_every_study_is_registered():
+    """Each class of a study's command belongs to the module of a registered command."""
+    for name, command in COMMANDS.items():
+        command.function(name)
+    classes = StudyCommand.__subclasses__()
+    modules = {command.module for command in COMMANDS.values()}
+    assert len(classes) >= 9 and {each.__module__ for each in classes} <= modules
