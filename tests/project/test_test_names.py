@@ -53,7 +53,7 @@ THROUGH = {
     """,
     "the study of the folder": """
         jobs/line_of_sight/line_points jobs/shadow/plane_projection jobs/shadow/shadow_polygons
-        jobs/skyline/edge_projection jobs/skyline/skyline_options jobs/surface_columns
+        jobs/skyline/edge_projection jobs/surface_columns
     """,
     "commands": """
         cli/picture_report cli/visible_command version

@@ -1,8 +1,9 @@
 """`line_of_sight`: sightlines between pairs of points, and what blocks them; pair files, result tables and models."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, ParamSpec, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +15,7 @@ from ...engine.scene_loading import SceneLike
 from ...errors import InputError
 from ...formats.gltf.gltf_writer import LINES
 from ...kernels.parallel import thread_count
+from ...picture.option_fields import with_keywords
 from ...progress import Progress, with_progress
 from ...query.receivers import Receivers
 from ..executors import LocalExecutor
@@ -26,6 +28,9 @@ from ..result_table import Column, Table
 from ..sensor_files import SUFFIXES, attributes_of, check_point_file, read_array, read_columns
 from ..sensors import Sensors, corners_of, point_sensors
 from ..work_parts import Parts
+from .sight_options import SightOptions
+
+_P = ParamSpec("_P")
 
 # --- Sightlines -------------------------------------------------------------------------------------------------------
 
@@ -70,11 +75,28 @@ class _Pairs(NamedTuple):
         return _Pairs(*some)
 
 
+class SightFunction(Protocol[_P]):
+    """The type of `line_of_sight`, whose keywords are the fields of a class."""
+
+    def __call__(
+        self, scene: SceneLike, observers: ArrayLike, targets: ArrayLike, normals: ArrayLike | None = None,
+        target_normals: ArrayLike | None = None, faces: ArrayLike | None = None,
+        target_faces: ArrayLike | None = None, progress: Progress = None,
+        *args: _P.args, **keywords: _P.kwargs,
+    ) -> Sightlines: ...  # fmt: skip
+
+
+def _sight_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Sightlines]], SightFunction[_P]]:
+    """`with_keywords`, with types."""
+    return with_keywords(kind)
+
+
+@_sight_function(SightOptions)
 @with_progress
 def line_of_sight(
     scene: SceneLike, observers: ArrayLike, targets: ArrayLike, *, normals: ArrayLike | None = None,
     target_normals: ArrayLike | None = None, faces: ArrayLike | None = None, target_faces: ArrayLike | None = None,
-    time: float = 0.0, threads: int | None = None, progress: Progress = None,
+    progress: Progress = None, **keywords: Any,
 ) -> Sightlines:  # fmt: skip
     """Find whether observers see targets, and the face, object and point that block the others.
 
@@ -92,10 +114,6 @@ def line_of_sight(
         The faces of the scene on which ends lie, -1: none. They do not block this pair, except by the horizon of a
         normal. An end on a face, such as the centre of a window pane, needs its face or its normal, since float32 can
         round it to either side of the face.
-    time : float
-        Seconds.
-    threads : int, optional
-        None: all cores.
     progress : function of (text, done, total), or bool, optional
         Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
 
@@ -118,7 +136,8 @@ def line_of_sight(
     Among faces with the same t in float64, the one that `Scene.closest_hit` would report blocks. For a pair that only a
     horizon blocks, the result has the face from `faces` or `target_faces`, and the end on it as the blocking point.
     """
-    scene, threads = measured_scene(scene), thread_count(threads)
+    options, scene = SightOptions(**keywords), measured_scene(scene)
+    threads, time = thread_count(options.threads), options.time
     begin, end = _Ends(observers, normals, faces), _Ends(targets, target_normals, target_faces)
     pairs, shape = _checked(scene, begin, end)
     for each, what in ((begin, "observers"), (end, "targets")):

@@ -1,16 +1,18 @@
 """How much of a target is visible: a facade, a polygon, any points, or the rotor of a wind turbine."""
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, ParamSpec, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import listed, number, points, text, whole_number
+from ...checks import listed, number, points, text
 from ...engine.plan import Plan
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
 from ...errors import InputError
 from ...kernels.parallel import thread_count
+from ...picture.option_fields import with_keywords
 from ...progress import Progress, report_progress, with_progress
 from ...query.light_samples import light_samples
 from ...query.receivers import Receivers
@@ -23,11 +25,14 @@ from ..result_table import Column, Table
 from ..sensor_files import sensors_of
 from ..sensors import Sensors, point_sensors, sensors_from, sightline_ends
 from ..surface_grid import grid_sensors
+from .sight_options import VisibleOptions
 from .visibility_matrix import TileTracer
 
 _PAIRS = 1 << 24  # sightlines at a time
 _FLAT = 1e-6  # largest distance of a polygon's corner from its plane, in sizes of the polygon
 _MOST = 1_000_000  # points of a target
+
+_P = ParamSpec("_P")
 
 # --- Targets ----------------------------------------------------------------------------------------------------------
 
@@ -171,10 +176,26 @@ def _lattice_inside(ring: NDArray[np.float64], spacing: float) -> NDArray[np.flo
 # --- The visible share ------------------------------------------------------------------------------------------------
 
 
+class VisibleFunction(Protocol[_P]):
+    """The type of `visible_share`, whose keywords are the fields of a class."""
+
+    def __call__(
+        self, scene: SceneLike, sensors: Sensors | str | ArrayLike, target: Turbine | Sensors | ArrayLike,
+        progress: Progress = None,
+        *args: _P.args, **keywords: _P.kwargs,
+    ) -> Table: ...  # fmt: skip
+
+
+def _visible_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Table]], VisibleFunction[_P]]:
+    """`with_keywords`, with types."""
+    return with_keywords(kind)
+
+
+@_visible_function(VisibleOptions)
 @with_progress
 def visible_share(
-    scene: SceneLike, sensors: Sensors | str | ArrayLike, target: Turbine | Sensors | ArrayLike, *, samples: int = 64,
-    plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None, progress: Progress = None,
+    scene: SceneLike, sensors: Sensors | str | ArrayLike, target: Turbine | Sensors | ArrayLike, *,
+    progress: Progress = None, **keywords: Any,
 ) -> Table:  # fmt: skip
     """The share of a target that each sensor sees. Every line of sight is exact.
 
@@ -186,8 +207,6 @@ def visible_share(
     target : Turbine, Sensors, or (m, 3) float
         The target's sample points: those of `surface_points` and `polygon_points` are visible from their front only,
         other points from everywhere. Of a `Turbine`, the disk of the rotor that faces each sensor is sampled.
-    samples : int
-        Samples of a turbine's rotor, 1 to 1024.
     progress : function of (text, done, total), or bool, optional
         As for `antumbra.viewshed`.
 
@@ -208,15 +227,15 @@ def visible_share(
     UserWarning
         If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
     """
-    scene, threads = measured_scene(scene), thread_count(threads)
-    moment, samples = scene.clamped(time), whole_number(samples, "samples", 1, 1024)
+    options, scene = VisibleOptions(**keywords), measured_scene(scene)
+    plan, threads, moment = options.plan, thread_count(options.threads), scene.clamped(options.time)
     checked = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
     places = sensors_from(scene, checked, None, "sensors")
     ends = sightline_ends(scene, places)
     notes = notes_on_sensors(scene, places, "sensors", moment, threads)
     if isinstance(target, Turbine):
         notes += _notes_on_turbine(scene, target, moment, threads)
-        total = samples
+        total = options.samples
         marks = np.array([_rotor(target, scene.up).center])
     else:
         on_target = sensors_from(scene, target, None, "the target")

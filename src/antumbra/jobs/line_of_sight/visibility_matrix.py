@@ -4,23 +4,24 @@ A tile covers all sightlines between two strips of points. One strip becomes lis
 from all points of the other strip. Both strips follow a space-filling curve, so their sightlines form thin bundles.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...checks import whole_number
-from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
+from ...engine.plan import Plan
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
 from ...errors import InputError
 from ...files import atomic_output, check_disk_space, checked_output
 from ...kernels.parallel import thread_count
+from ...picture.option_fields import with_keywords
 from ...progress import Progress, with_progress
 from ...query.query_bounds import morton_codes
 from ...query.receivers import Receivers
@@ -47,9 +48,12 @@ from ..sensor_files import sensors_of
 from ..sensors import Sensors, sensors_from, sightline_ends
 from ..work_parts import Parts, about_parts, inexact_plan
 from .mutual_horizons import hidden_by_horizons
+from .sight_options import MatrixOptions
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
+_P = ParamSpec("_P")
 
 # --- Tiles ------------------------------------------------------------------------------------------------------------
 
@@ -177,12 +181,28 @@ class _Grid(NamedTuple):
     square: bool  # points with themselves: tiles below the diagonal are mirrored
 
 
+class MatrixFunction(Protocol[_P]):
+    """The type of `visibility_matrix`, whose keywords are the fields of a class."""
+
+    def __call__(
+        self, scene: SceneLike, sensors: ArrayLike | Sensors | str, targets: ArrayLike | Sensors | str | None = None,
+        normals: ArrayLike | None = None, target_normals: ArrayLike | None = None,
+        output: str | PathLike[str] | None = None, keep: Keep = None, progress: Progress = None,
+        *args: _P.args, **keywords: _P.kwargs,
+    ) -> VisibilityMatrix: ...  # fmt: skip
+
+
+def _matrix_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., VisibilityMatrix]], MatrixFunction[_P]]:
+    """`with_keywords`, with types."""
+    return with_keywords(kind)
+
+
+@_matrix_function(MatrixOptions)
 @with_progress
 def visibility_matrix(
     scene: SceneLike, sensors: ArrayLike | Sensors | str, targets: ArrayLike | Sensors | str | None = None, *,
     normals: ArrayLike | None = None, target_normals: ArrayLike | None = None,
-    output: str | PathLike[str] | None = None, plan: str | Plan | None = None, time: float = 0.0,
-    threads: int | None = None, keep: Keep = None, progress: Progress = None,
+    output: str | PathLike[str] | None = None, keep: Keep = None, progress: Progress = None, **keywords: Any,
 ) -> VisibilityMatrix:  # fmt: skip
     """Find which points see which targets. Every result is exact.
 
@@ -203,8 +223,6 @@ def visibility_matrix(
     output : str or path-like, optional
         A .npy file to which the matrix is streamed, so that memory stays bounded. Finished tiles are stored in a folder
         beside it, from which the same call resumes after an interruption. None: the matrix is computed in memory.
-    plan, time, threads
-        As in `antumbra.visibility`.
     keep : str, path-like or executor, optional
         Folder for finished tiles, instead of the one beside `output`, or an executor for the tiles; see
         `antumbra.jobs.executors`.
@@ -226,9 +244,9 @@ def visibility_matrix(
     UserWarning
         If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
     """
-    scene, threads = measured_scene(scene), thread_count(threads)
-    time, keep = scene.clamped(time), checked_keep(keep)
-    parse_plan(DEFAULT_PLAN if plan is None else plan)
+    options, scene = MatrixOptions(**keywords), measured_scene(scene)
+    plan, threads, time = options.plan, thread_count(options.threads), scene.clamped(options.time)
+    keep = checked_keep(keep)
     path = None if output is None else checked_output(output, (".npy",))
     sources = sensors_from(scene, _named(sensors, scene, threads), normals, "sensors")
     others = None

@@ -27,7 +27,7 @@ def sun_summary(table: Table, per: str, seconds: float) -> Summary:
     lines = [
         ("place", f"{about['latitude']:.4f}, {about['longitude']:.4f}; true north at {about['north']:.2f} degrees"),
         ("suns", f"{about['suns']:,} from {about['first']} to {about['last']}, {about['hours']:,.1f} h"),
-        ("sensors", f"{sensors:,} ({about['sensors']})"),
+        ("sensors", f"{sensors:,} ({about.get('sensors', table.sensors.kind)})"),
         *([(f"{per}s", f"{len(table):,}")] if per != "sensor" else []),
         ("hours of sun", f"{least:,.1f} to {most:,.1f}, median {middle:,.1f}"),
     ]
