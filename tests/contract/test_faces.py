@@ -22,6 +22,7 @@ import trimesh
 
 import antumbra as at
 from antumbra.jobs.sun.sun_positions import Times
+from study_cases import study_cases
 
 CORNERS = np.array([[[0, 0, 0], [4, 0, 0], [0, 0, -4]], [[0, 1, 0], [1, 1, 0], [0, 1, -1]]], np.float32)
 """A floor, and a smaller triangle above it."""
@@ -33,6 +34,7 @@ PLACE = at.Place(52.0, 4.0)
 
 PLUMBING = {
     "patch", "samples", "area", "weights", "upright",  # of lights, for tracers and scenes
+    "summary",  # of results, for commands
     "view", "rays",  # of cameras, for tracers
     "from_rows", "rows", "see",  # of a Renderer, for commands and workers: they take what its other methods made
     "of_scene", "surfaces",  # of a Hit
@@ -272,6 +274,11 @@ def examples(folder: Path) -> dict[str, Example]:
         "cluster": ex(at.cluster.run, works=False, function=at.sun_hours, scene="nowhere.glb"),
         "examples": ex(at.examples.file_of, name="mill"),
     }
+    for case in study_cases():
+        result, function = case.call(own), getattr(at, case.function)
+        found[case.function] = ex(function, scene=own, **case.keywords)
+        for name, keywords in case.methods.items():
+            found[f"{type(result).__name__}.{name}"] = ex(getattr(result, name), **keywords)
     for kind, made in (("Scene", own), ("PagedScene", store)):
         found |= {f"{kind}.{name}": each for name, each in scene_methods(made, made is store).items()}
     for made in (LIGHT, sky, suns, many, at.AmbientOcclusion(), at.Light()):

@@ -9,6 +9,7 @@ import pytest
 
 import city_files
 from cli.test_app_outputs import OUTPUTS
+from study_cases import study_cases
 
 CITY = "a.city.json"
 TABLES = [f"a{suffix}" for suffix in (".csv", ".parquet", ".gpkg", ".json", ".npz", ".png", ".glb", ".tif")]
@@ -44,6 +45,7 @@ JOBS = {
     "culling": ("culling", CITY, "--size", "16", "-o", "a.png"),
     "explain": ("explain", CITY, *SMALL, "--plan", "bsah+single", "-o", "a.png"),
 }  # fmt: skip
+JOBS |= {case.command: (case.command, CITY, *case.words, *case.all_outputs) for case in study_cases() if case.command}
 """Name -> words; several files follow one option."""
 
 SCRIPT = """

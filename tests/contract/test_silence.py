@@ -10,6 +10,7 @@ import antumbra as at
 import city_files
 from antumbra import progress
 from antumbra.progress import show_progress
+from study_cases import study_cases
 from terminal import Terminal
 
 CALLS = {
@@ -52,6 +53,7 @@ CALLS = {
     "write_attributes": "at.write_attributes('a.city.json', 'out.json', {'hours': np.zeros(12)})",
 }
 """A call of each public function; `load` comes after `build_store`."""
+CALLS |= {case.function: f"at.{case.function}(scene, **{case.keywords!r})" for case in study_cases()}
 
 PRELUDE = """
 from datetime import UTC, date

@@ -18,6 +18,7 @@ from antumbra.cli.app import program
 from antumbra.jobs.bake.bake_options import QUANTITIES
 from antumbra.scene.default_picture import KINDS
 from baked_files import Glb
+from study_cases import study_cases
 from turned import FIRST, SHARP, SOFT, TURNS, UPRIGHT, Turned, camera_in, corners, lights_in, scene_in
 
 EYES = np.array([[3.0, 1.5, 2.5], [-3.5, 1.0, -2.5], [0.0, 4.0, 0.0]])
@@ -226,6 +227,14 @@ def _bake(frame, scene, folder):
     return Found(exact, close)
 
 
+for case in study_cases():
+
+    @finds(case.function)
+    def _case(frame, scene, folder, case=case):
+        result = case.call(scene)
+        return Found(case.exact(result), case.close(result, 1.0))
+
+
 def same(one: Found, other: Found) -> None:
     for name, values in other.exact.items():
         np.testing.assert_array_equal(values, one.exact[name], err_msg=name)
@@ -418,6 +427,7 @@ COMMANDS = {
         "bsah+wide",
     ],
 }
+COMMANDS |= {case.command: lambda f, case=case: case.words for case in study_cases() if case.command}
 """Command -> its arguments in a frame. Pages of `view` are those of render."""
 
 NUMBERS = {
@@ -428,6 +438,7 @@ NUMBERS = {
     "build": ["triangles", "chunks", "bytes"], "info": ["triangles"],
     "culling": ["kept", "marked"], "explain": ["rays", "blocked"], "compare": ["rays"],
 }  # fmt: skip
+NUMBERS |= {case.command: case.numbers for case in study_cases() if case.command}
 """Command -> numbers of its answer that do not depend on the frame. Tests of boxes do."""
 
 

@@ -14,6 +14,7 @@ from antumbra.jobs.measured_scenes import MOST_STRETCH, earth_radius_of, measure
 from baked_files import box
 from city_files import CUBE, city
 from gis_files import write_buildings, write_raster
+from study_cases import study_cases
 
 PLACE = at.Place(52.0, 4.0)
 
@@ -35,6 +36,7 @@ JOBS = {
     "area_sensors": lambda scene: at.area_sensors(scene, [ring(scene)]),
     "sensors_of": lambda scene: at.sensors_of("face", scene),
 }
+JOBS |= {case.function: case.call for case in study_cases()}
 """Name of a public function that measures lengths -> a call of it."""
 
 
@@ -195,6 +197,9 @@ COMMANDS = {
     "view-factors": ["-o", "out.csv"],
     "bake": ["-o", "out.glb"],
 }
+
+
+COMMANDS |= {case.command: list(case.words) for case in study_cases() if case.command}
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -23,6 +23,9 @@ SOURCES = sorted((ROOT / "src" / "antumbra").rglob("*.py"))
 PAGES = [*ROOT.glob("*.md"), *(p for p in (ROOT / "docs").rglob("*.md") if "_build" not in p.parts)]
 
 
+REFERENCE = [ROOT / "docs" / "api.md", *(ROOT / "docs" / "jobs").glob("*.md")]
+
+
 fields = tool(ROOT / "docs" / "_ext" / "fields.py")
 snippets = tool(ROOT / "scripts" / "snippets.py")
 
@@ -42,7 +45,7 @@ def test_public_name_is_documented(name):
     thing = getattr(at, name)
     doc = inspect.getdoc(thing) or ""
     assert len(doc) > 20 and doc != inspect.getdoc(thing.__mro__[1] if inspect.isclass(thing) else object)
-    assert re.search(rf"::? +antumbra\.{name}\b", (ROOT / "docs" / "api.md").read_text())
+    assert any(re.search(rf"::? +antumbra\.{name}\b", page.read_text()) for page in REFERENCE)
     if inspect.isclass(thing):
         methods = [m for n, m in vars(thing).items() if not n.startswith("_") and inspect.isroutine(m)]
         assert not [m.__qualname__ for m in methods if not inspect.getdoc(m)]
