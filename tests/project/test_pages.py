@@ -130,9 +130,7 @@ def test_wrong_elsewhere_has_the_kept_results():
 
 def test_every_function_has_an_example():
     """In Python blocks of pages, which scripts/check runs; except the viewer's, which waits for a browser."""
-    code = "".join(
-        snippets.program(page.read_text(encoding="utf-8")) for page in [*DOCS.glob("*.md"), *DOCS.glob("jobs/*.md")]
-    )
+    code = "".join(snippets.program(page.read_text(encoding="utf-8")) for page in DOCS.glob("*.md"))
     code += "".join(snippets.blocks((DOCS / "api.md").read_text(encoding="utf-8"), "py"))
     functions = [name for name in at.__all__ if inspect.isfunction(getattr(at, name))]
     assert len(functions) > 25
