@@ -2,9 +2,11 @@
 
 import pytest
 
+import antumbra as at
 from antumbra.cli.app import program
 from antumbra.cli.study_run import StudyCommand
 from antumbra.command_registry import COMMANDS, named
+from study_cases import study_cases
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -28,3 +30,9 @@ def test_every_study_is_registered():
     classes = StudyCommand.__subclasses__()
     modules = {command.module for command in COMMANDS.values()}
     assert len(classes) >= 9 and {each.__module__ for each in classes} <= modules
+
+
+def test_cases_of_studies_name_public_functions_and_registered_commands():
+    cases = study_cases()
+    assert cases and {case.function for case in cases} <= set(at.__all__)
+    assert {case.command for case in cases} - {""} <= COMMANDS.keys()

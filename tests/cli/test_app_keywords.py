@@ -35,7 +35,7 @@ OF_COMMANDS = {
     "height": "from_footprints", "terrain": "from_footprints and from_raster",
     "json": "output", "quiet": "output", "html": "output", "sheet": "output", "explain_plan": "output",
     "output": "results are returned, and have save()", "column": "Table.save takes it",
-    "map": "Table.save_map", "trees": "from_trees",
+    "reciprocal": "ViewFactors.reciprocal", "map": "Table.save_map", "trees": "from_trees",
     "shard": "keep", "ray": "keep", "merge": "keep",
     "crs": "place", "latitude": "place", "longitude": "place", "north": "place", "timezone": "place",
     "light": "one of lights", "ao": "one of lights", "sky": "one of lights", "vpl": "some of lights",

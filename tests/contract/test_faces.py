@@ -259,7 +259,6 @@ def examples(folder: Path) -> dict[str, Example]:
         "suns_of": ex(at.suns_of, place=PLACE, times=times, up="y"),
         "times_of": ex(at.times_of, days=days, zone=zone),
         "view": ex(at.view, scene=own, lights=LIGHT, camera=CAMERA, browser=False),
-        "view_factors": ex(at.view_factors, scene=own, samples=64),
         "viewshed": ex(at.viewshed, scene=own, sensors=points, observers=[0.5, 3.0, -0.5]),
         "virtual_point_lights": ex(at.virtual_point_lights, scene=own, light=LIGHT, n=64),
         "visibility": ex(at.visibility, scene=own, points=points, light=LIGHT, **quick),

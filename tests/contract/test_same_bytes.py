@@ -37,7 +37,6 @@ JOBS = {
                 *TABLES),
     "matrix": ("matrix", CITY, *RASTER, "-o", "a.npy", "--sparse", "b.npz", "--counts", *TABLES),
     "skyline": ("skyline", CITY, "--at", EYE, "-o", "a.csv", "a.json", "a.npz", "a.txt", "--map", *MAPS),
-    "view-factors": ("view-factors", CITY, "-o", "a.npz", "a.csv"),
     "dataset": ("dataset", CITY, *SMALL, "--random", "1", "-o", "set", "--sheet", "sheet.png"),
     "build": ("build", CITY, "-o", "a.antumbra"),
     **{f"scenes {suffix}": ("scenes", "atrium", "--triangles", "1000", "-o", f"a{suffix}")
@@ -45,7 +44,7 @@ JOBS = {
     "culling": ("culling", CITY, "--size", "16", "-o", "a.png"),
     "explain": ("explain", CITY, *SMALL, "--plan", "bsah+single", "-o", "a.png"),
 }  # fmt: skip
-JOBS |= {case.command: (case.command, CITY, *case.words, *case.all_outputs) for case in study_cases() if case.command}
+JOBS |= {case.command: (case.command, CITY, *case.outputs) for case in study_cases() if case.command}
 """Name -> words; several files follow one option."""
 
 SCRIPT = """

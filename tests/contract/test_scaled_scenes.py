@@ -182,12 +182,6 @@ def _lines(frame, scene):
     return {"visible": found.visible}, {"length": found.length * metres, "distance": found.distance * metres}
 
 
-@finds("view_factors")
-def _view_factors(frame, scene):
-    found = at.view_factors(scene, "face", samples=64)
-    return {"n": len(found)}, {"areas": found.areas}
-
-
 @finds("bake")
 def _bake(frame, scene):
     with tempfile.TemporaryDirectory() as folder:

@@ -91,12 +91,6 @@ def _matrix(frame, scene, folder):
     return Found({"bits": at.visibility_matrix(scene, sensors_in(frame)).bits}, {})
 
 
-@finds("view_factors")
-def _view_factors(frame, scene, folder):
-    found = at.view_factors(scene, "face", samples=1 << 12)
-    return Found({"n": len(found)}, {"areas": found.areas})  # tangents do not turn along: only expectations are equal
-
-
 @finds("viewshed")
 def _viewshed(frame, scene, folder):
     exact, close = {}, {}
@@ -409,7 +403,6 @@ COMMANDS = {
         "--north",
         f.north,
     ],
-    "view-factors": lambda f: ["--samples", 64],
     "dataset": lambda f: ["-o", f"data-{f.up}", "--orbit", 2, "--spp", 4, *SIZE, "--light", f"sun:{triple(f, SUN)}:0"],
     "build": lambda f: ["-o", f"{f.up}.antumbra"],
     "info": lambda f: [],
@@ -434,7 +427,7 @@ NUMBERS = {
     "render": ["rays"], "sun": ["suns", "hours", "rays", "means"], "bake": ["receivers", "rays", "mean"],
     "los": ["pairs", "visible"], "viewshed": ["seen", "area", "area_seen"], "matrix": ["visible"],
     "visible": ["sensors"], "skyline": ["points", "azimuths"], "shadow": ["polygons"],
-    "view-factors": ["n", "rays"], "dataset": ["frames", "lights", "rendered"],
+    "dataset": ["frames", "lights", "rendered"],
     "build": ["triangles", "chunks", "bytes"], "info": ["triangles"],
     "culling": ["kept", "marked"], "explain": ["rays", "blocked"], "compare": ["rays"],
 }  # fmt: skip

@@ -27,7 +27,6 @@ JOBS = {
     "visibility_matrix": lambda scene: at.visibility_matrix(scene, "face"),
     "visible_share": lambda scene: at.visible_share(scene, "face", eye(scene)),
     "line_of_sight": lambda scene: at.line_of_sight(scene, eye(scene), eye(scene) + 1.0),
-    "view_factors": lambda scene: at.view_factors(scene, "face", samples=64),
     "pvlib_shading": lambda scene: at.pvlib_shading(
         scene, eye(scene), pandas.date_range("2026-06-21", periods=3, freq="h", tz="UTC"), place=PLACE, samples=1
     ),
@@ -194,7 +193,6 @@ COMMANDS = {
     "los": ["--from", "485000,6800000,40", "--to", "485001,6800000,40", "-o", "out.csv"],
     "matrix": ["-o", "out.npy"],
     "visible": ["--turbine", "485000,6800000,0", "--hub-height", "9", "--rotor", "5", "-o", "out.csv"],
-    "view-factors": ["-o", "out.csv"],
     "bake": ["-o", "out.glb"],
 }
 

@@ -3,8 +3,8 @@
 They stand in the test folder of the study, in a module ``study_case.py`` with a constant `CASE`, and are found there.
 """
 
+import runpy
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +26,7 @@ class StudyCase(NamedTuple):
     points: str = ""  # parameter that takes points
     command: str = ""
     words: tuple[str, ...] = ()  # of the command, besides the scene and --up; with an output
-    outputs: dict[str, tuple[str, ...]] = {}  # noqa: RUF012 - a constant; option that names files -> its suffixes
+    outputs: tuple[str, ...] = ()  # words instead, with a file of each suffix; several files may follow one option
     numbers: tuple[str, ...] = ()  # of the answer in JSON that do not depend on the up axis
     methods: dict[str, dict[str, Any]] = {}  # noqa: RUF012 - a constant; method of a class of the result -> keywords
 
@@ -38,14 +38,12 @@ class StudyCase(NamedTuple):
         """A call with these points."""
         return lambda scene: self.call(scene, **{self.points: points})
 
-    @property
-    def all_outputs(self) -> list[str]:
-        """Words of the command that write a file of each suffix."""
-        files = {option: [f"{option.strip('-')}{suffix}" for suffix in all] for option, all in self.outputs.items()}
-        return [word for option, names in files.items() for name in names for word in (option, name)]
+    def words_without(self, option: str) -> tuple[str, ...]:
+        """The words without an option and its value."""
+        place = self.words.index(option) if option in self.words else len(self.words)
+        return self.words[:place] + self.words[place + 2 :]
 
 
 def study_cases(folder: Path = TESTS) -> list[StudyCase]:
     """The cases of all studies that have one."""
-    paths = sorted(folder.rglob("study_case.py"))
-    return [import_module(".".join(path.relative_to(folder).with_suffix("").parts)).CASE for path in paths]
+    return [runpy.run_path(str(path))["CASE"] for path in sorted(folder.rglob("study_case.py"))]
