@@ -448,6 +448,10 @@ SENSORS_HELP = (
     "raster), or a file of points (.csv, .parquet, .npy, .npz)."
 )
 SensorsOption = Annotated[str, typer.Option(help=SENSORS_HELP)]
+SensorsOrDefault = Annotated[
+    str | None,
+    typer.Option(help=SENSORS_HELP + "  [default: face; on a raster of heights: raster]", show_default=False),
+]
 OutputsOption = Annotated[list[Path] | None, tables("Output file", "--output", "-o")]
 MapOption = Annotated[
     list[Path] | None,

@@ -67,6 +67,7 @@ class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
     up: Annotated[UpOption, ListedBefore("threads")] = None
 
     files: ClassVar[str | None] = "files"
+    records_trees: ClassVar[bool] = True
 
     @property
     def needs_memory(self) -> bool:
@@ -95,10 +96,6 @@ class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
         scene = measured_scene(scenes.planted)
         options = replace(self.options, place=place_of(scene, **position_of(self)))
         return partial(shadow, scene, surface=scenes.bare, **field_values(options))
-
-    def describe(self, result: "Shadow", scenes: Scenes) -> None:
-        if self.trees is not None:
-            result.about["trees"] = self.trees
 
     def summary(self, result: "Shadow", scenes: Scenes, seconds: float) -> Summary:
         return result.summary(seconds)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
@@ -71,6 +71,8 @@ class SkylineCommand(StudyCommand[SkylineOptions, "Skyline"]):
     up: Annotated[UpOption, ListedBefore("threads")] = None
     crs: CrsOption = None
 
+    records_trees: ClassVar[bool] = True
+
     @property
     def needs_memory(self) -> bool:
         return True
@@ -102,10 +104,6 @@ class SkylineCommand(StudyCommand[SkylineOptions, "Skyline"]):
             warn_of_lost(self.points, points.attributes)
             return points
         return point_sensors([parse_point(text, "--at") for text in self.at or []])
-
-    def describe(self, result: "Skyline", scenes: Scenes) -> None:
-        if self.trees is not None:
-            result.about["trees"] = self.trees
 
     def writers(self, result: "Skyline", scenes: Scenes) -> Writers:
         return {"output": partial(result.save, highest=self.highest), "map": result.save_map}

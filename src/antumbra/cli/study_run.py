@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ..engine.scene import AnyScene
     from ..jobs.executors import Executor
     from ..jobs.ground_areas import AreaLike
+    from ..jobs.result_table import Table
     from ..jobs.sensors import Sensors
 
 _Options = TypeVar("_Options")
@@ -128,6 +129,7 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
     json: Json = False
     quiet: Quiet = False
 
+    records_trees: ClassVar[bool] = False  # whether the result has a record, which names the trees
     files: ClassVar[str | None] = "outputs"  # name of the written files in JSON; None: the summary names them
 
     # What is a study's own:
@@ -155,7 +157,10 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         raise NotImplementedError
 
     def describe(self, result: _Result, scenes: Scenes) -> None:
-        """Add to the record of the result what only the command knows."""
+        """Add to the record of the result, if it has one, what only the command knows: the trees."""
+        if self.records_trees and getattr(self, "trees", None) is not None:
+            record: Any = result
+            record.about["trees"] = getattr(self, "trees")  # noqa: B009 - a field of subclasses
 
     def writers(self, result: _Result, scenes: Scenes) -> Writers:
         """What writes the files of each field that names some."""
@@ -237,6 +242,40 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         given: Any = self.options
         of_node = {"threads": self.threads or threads} | with_files(field_values(given), paths)
         return replace(for_node(self, paths), quiet=True, options=replace(given, **of_node))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorStudy(StudyCommand[_Options, _Result]):
+    """The command of a study whose result is a table, or has one, with a row for each sensor.
+
+    A subclass has the fields `sensors` and `column`, too.
+    """
+
+    def table_of(self, result: _Result) -> "Table":
+        """The table of the result."""
+        table: Any = result
+        return table  # type: ignore[no-any-return]
+
+    @property
+    def sensor_form(self) -> str:
+        """The text of the sensors."""
+        given: str | None = getattr(self, "sensors", None)
+        return given or ("raster" if self.spec.on_raster else "face")
+
+    def check(self) -> None:
+        from ..jobs.sensor_files import check_sensors
+
+        check_sensors(self.sensor_form)
+
+    def check_output(self, path: Path) -> None:
+        from ..jobs.result_table import writer_of
+        from ..jobs.sensor_files import kind_of
+
+        writer_of(path, kind_of(self.sensor_form))
+
+    def writers(self, result: _Result, scenes: Scenes) -> Writers:
+        table, column = self.table_of(result), getattr(self, "column", None)
+        return {"output": partial(table.save, column=column), "map": partial(table.save_map, column=column)}
 
 
 def start_on_node(command: StudyCommand[Any, Any], paths: dict[str, str], threads: int, executor: "Executor") -> None:

@@ -33,16 +33,17 @@ from .options import (
 )
 from .scene_arguments import limit_memory
 from .shards import MergeOption, RayOption, ShardOption
-from .study_run import Scenes, StudyCommand, Writers, command_of
+from .study_run import Scenes, SensorStudy, Writers, command_of
 from .tree_options import TreesOption
 
 if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
     from ..jobs.executors import Executor
     from ..jobs.result_table import Table
 
 
 @dataclass(frozen=True, kw_only=True)
-class SunCommand(StudyCommand[SunOptions, "Table"]):
+class SunCommand(SensorStudy[SunOptions, "Table"]):
     """Find the hours of direct sun on the surfaces of SCENE.
 
     The location comes from the file's CRS (CityJSON), --crs, --latitude and --longitude, or an EPW file. Each sun
@@ -120,12 +121,11 @@ class SunCommand(StudyCommand[SunOptions, "Table"]):
     merge: MergeOption = None
 
     files: ClassVar[str | None] = "files"
+    records_trees: ClassVar[bool] = True
 
     @property
-    def sensor_form(self) -> str | None:
-        """The text of the sensors; None: the default in areas, which depends on the unit of the scene."""
-        default = None if self.areas is not None else "raster" if self.spec.on_raster else "face"
-        return self.sensors or default
+    def sensor_form(self) -> str:
+        return self.sensors or ("raster" if self.areas is not None else super().sensor_form)
 
     def check(self) -> None:
         from ..jobs.ground_areas import check_areas
@@ -134,7 +134,7 @@ class SunCommand(StudyCommand[SunOptions, "Table"]):
         position_of(self)
         if self.areas is not None:
             check_areas(self.areas)
-        check_sensors(self.sensor_form or "raster", areas=self.areas is not None)
+        check_sensors(self.sensor_form, areas=self.areas is not None)
         self.options.check_rule(self.areas is not None)
         self._memory()
         if self.city_output is not None:
@@ -149,7 +149,6 @@ class SunCommand(StudyCommand[SunOptions, "Table"]):
         return f"{self.spec.stem}-sun{'.tif' if self.spec.on_raster and self._kind == 'raster' else '.png'}"
 
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Table]":
-        from ..jobs.ground_areas import default_cells
         from ..jobs.measured_scenes import measured_scene
         from ..jobs.sun.location import place_of
         from ..jobs.sun.sun_hours import sun_hours
@@ -157,7 +156,7 @@ class SunCommand(StudyCommand[SunOptions, "Table"]):
         scene = measured_scene(scenes.planted)
         limit_memory(scene, self._memory())
         options = replace(self.options, place=place_of(scene, **position_of(self)))
-        sensors = scenes.sensors(self.sensor_form or default_cells(scene), self.threads, self.areas)
+        sensors = scenes.sensors(self._form_in(scene), self.threads, self.areas)
         study = partial(sun_hours, scene, **field_values(options))
         if self.column is not None:
             study(sensors=sensors.part(0, 0)).shown(self.column)  # reports an unknown column before the long work
@@ -166,18 +165,14 @@ class SunCommand(StudyCommand[SunOptions, "Table"]):
 
     def describe(self, result: "Table", scenes: Scenes) -> None:
         from ..engine.engine import default_plan_of
-        from ..jobs.ground_areas import default_cells
 
         plan = str(self.options.plan or default_plan_of(scenes.planted.data))
-        sensors = self.sensor_form or default_cells(scenes.planted)
-        result.about |= {"scene": self.record_of(self.scene), "sensors": sensors, "plan": plan}
-        if self.trees is not None:
-            result.about["trees"] = self.trees
+        result.about |= {"scene": self.record_of(self.scene), "sensors": self._form_in(scenes.planted), "plan": plan}
+        super().describe(result, scenes)
 
     def writers(self, result: "Table", scenes: Scenes) -> Writers:
         return {
-            "output": partial(result.save, column=self.column),
-            "map": partial(result.save_map, column=self.column),
+            **super().writers(result, scenes),
             "city_output": partial(self._write_city, result, scenes.bare.n_triangles),
             "matrix": lambda path: None,  # the study has written it
         }
@@ -192,7 +187,13 @@ class SunCommand(StudyCommand[SunOptions, "Table"]):
         """The kind of the sensors."""
         from ..jobs.sensor_files import kind_of
 
-        return kind_of(self.sensor_form or "raster")
+        return kind_of(self.sensor_form)
+
+    def _form_in(self, scene: "AnyScene") -> str:
+        """The text of the sensors; the default in areas depends on the unit of the scene."""
+        from ..jobs.ground_areas import default_cells
+
+        return default_cells(scene) if self.areas is not None and self.sensors is None else self.sensor_form
 
     def _memory(self) -> int | None:
         return None if self.max_memory is None else parse_bytes(self.max_memory, "--max-memory")

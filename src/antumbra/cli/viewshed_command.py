@@ -14,7 +14,6 @@ from ..jobs.result_summary import Summary
 from ..picture.option_fields import field_values
 from .arguments import make_camera, parse_camera, parse_interval
 from .options import (
-    SENSORS_HELP,
     CameraOption,
     ColumnOption,
     CrsOption,
@@ -22,12 +21,13 @@ from .options import (
     MapOption,
     OutputsOption,
     SceneArgument,
+    SensorsOrDefault,
     UpOption,
     points_or_file,
     writes,
 )
 from .scene_arguments import DEFAULT_SCENE
-from .study_run import Scenes, StudyCommand, Writers, command_of
+from .study_run import Scenes, SensorStudy, Writers, command_of
 from .tree_options import TreesOption
 
 if TYPE_CHECKING:
@@ -36,13 +36,14 @@ if TYPE_CHECKING:
     from ..jobs.executors import Executor
     from ..jobs.line_of_sight.line_points import LinePoints
     from ..jobs.line_of_sight.viewshed import Viewshed
+    from ..jobs.result_table import Table
     from ..jobs.sensors import Sensors
 
 _SIZE = 1024, 768  # of pictures
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewshedCommand(StudyCommand[ViewshedOptions, "Viewshed"]):
+class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
     """Count the observers that see each sensor of SCENE.
 
     The result has the columns seen (number of observers), first and nearest (observer indices, -1: none) and distance;
@@ -63,10 +64,7 @@ class ViewshedCommand(StudyCommand[ViewshedOptions, "Viewshed"]):
     """
 
     scene: SceneArgument = DEFAULT_SCENE
-    sensors: Annotated[
-        str | None,
-        typer.Option(help=SENSORS_HELP + "  [default: face; on a raster of heights: raster]", show_default=False),
-    ] = None
+    sensors: SensorsOrDefault = None
     observer: Annotated[
         list[str] | None, typer.Option(help="An observer; may be repeated.", metavar="X,Y,Z", show_default=False)
     ] = None
@@ -100,19 +98,13 @@ class ViewshedCommand(StudyCommand[ViewshedOptions, "Viewshed"]):
     up: Annotated[UpOption, ListedBefore("threads")] = None
     crs: CrsOption = None
 
-    @property
-    def sensor_form(self) -> str:
-        """The text of the sensors."""
-        return self.sensors or ("raster" if self.spec.on_raster else "face")
-
     def check(self) -> None:
         from ..files import checked_file
         from ..jobs.point_attributes import warn_of_lost
-        from ..jobs.sensor_files import check_sensors
 
         if self.camera is not None:
             parse_camera(self.camera)
-        check_sensors(self.sensor_form)
+        super().check()
         eyes = self._eyes
         if eyes is not None and self.observers is not None:
             warn_of_lost(self.observers.name, eyes.attributes)
@@ -124,12 +116,6 @@ class ViewshedCommand(StudyCommand[ViewshedOptions, "Viewshed"]):
             raise InputError("--along excludes --observer and --observers; give one of them")
         if (self.along is None) != (self.spacing is None):
             raise InputError("--along FILE and --spacing DISTANCE need each other")
-
-    def check_output(self, path: Path) -> None:
-        from ..jobs.result_table import writer_of
-        from ..jobs.sensor_files import kind_of
-
-        writer_of(path, kind_of(self.sensor_form))
 
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Viewshed]":
         from ..jobs.line_of_sight.viewshed import viewshed
@@ -163,12 +149,11 @@ class ViewshedCommand(StudyCommand[ViewshedOptions, "Viewshed"]):
         assert eyes is not None  # checked before
         return eyes.points
 
+    def table_of(self, result: "Viewshed") -> "Table":
+        return result.table
+
     def writers(self, result: "Viewshed", scenes: Scenes) -> Writers:
-        return {
-            "output": partial(result.table.save, column=self.column),
-            "map": partial(result.table.save_map, column=self.column),
-            "bits": partial(_write_bits, result),
-        }
+        return {**super().writers(result, scenes), "bits": partial(_write_bits, result)}
 
     def summary(self, result: "Viewshed", scenes: Scenes, seconds: float) -> Summary:
         return result.summary(scenes.planted.name, seconds)

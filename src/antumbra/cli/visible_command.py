@@ -15,16 +15,16 @@ from ..jobs.result_summary import Summary
 from ..picture.option_fields import field_values
 from .arguments import parse_point
 from .options import (
-    SENSORS_HELP,
     ColumnOption,
     CrsOption,
     ListedBefore,
     OutputsOption,
     SceneArgument,
+    SensorsOrDefault,
     UpOption,
 )
 from .scene_arguments import DEFAULT_SCENE, in_memory
-from .study_run import Scenes, StudyCommand, Writers, command_of
+from .study_run import Scenes, SensorStudy, command_of
 from .tree_options import TreesOption
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ _WAYS = "--turbine X,Y,Z, --object NAME, --polygon FILE or --points FILE"
 
 
 @dataclass(frozen=True, kw_only=True)
-class VisibleCommand(StudyCommand[VisibleOptions, "Table"]):
+class VisibleCommand(SensorStudy[VisibleOptions, "Table"]):
     """Find the share of a target in SCENE that each sensor sees.
 
     The target is a wind turbine, whose rotor turns towards each sensor, an object of the scene, a polygon or points.
@@ -56,10 +56,7 @@ class VisibleCommand(StudyCommand[VisibleOptions, "Table"]):
     """
 
     scene: SceneArgument = DEFAULT_SCENE
-    sensors: Annotated[
-        str | None,
-        typer.Option(help=SENSORS_HELP + "  [default: face; on a raster of heights: raster]", show_default=False),
-    ] = None
+    sensors: SensorsOrDefault = None
     turbine: Annotated[
         str | None, typer.Option(help="The foot of a wind turbine.", metavar="X,Y,Z", show_default=False)
     ] = None
@@ -97,31 +94,18 @@ class VisibleCommand(StudyCommand[VisibleOptions, "Table"]):
     crs: CrsOption = None
 
     @property
-    def sensor_form(self) -> str:
-        """The text of the sensors."""
-        return self.sensors or ("raster" if self.spec.on_raster else "face")
-
-    @property
     def foot(self) -> "NDArray[np.float64] | None":
         """That of the turbine."""
         return None if self.turbine is None else parse_point(self.turbine, "--turbine")
 
     def check(self) -> None:
-        from ..jobs.sensor_files import check_sensors
-
-        check_sensors(self.sensor_form)
+        super().check()
         if self.surfaces is not None and self.object is None:
             raise InputError(f"--surfaces {self.surfaces}: needs --object NAME")
         if sum(each is not None for each in (self.turbine, self.object, self.polygon, self.points)) != 1:
             raise InputError(f"give one target: {_WAYS}")
         if self.foot is not None and (self.hub_height is None or self.rotor is None):
             raise InputError("--turbine needs --hub-height and --rotor")
-
-    def check_output(self, path: Path) -> None:
-        from ..jobs.result_table import writer_of
-        from ..jobs.sensor_files import kind_of
-
-        writer_of(path, kind_of(self.sensor_form))
 
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Table]":
         from ..jobs.line_of_sight.targets import visible_share
@@ -153,9 +137,6 @@ class VisibleCommand(StudyCommand[VisibleOptions, "Table"]):
         points = read_points(path)
         warn_of_lost(path.name, points.attributes)
         return points if self.polygon is None else polygon_points(points.points, spacing)
-
-    def writers(self, result: "Table", scenes: Scenes) -> Writers:
-        return {"output": partial(result.save, column=self.column)}
 
     def summary(self, result: "Table", scenes: Scenes, seconds: float) -> Summary:
         from ..jobs.line_of_sight.targets import share_summary
