@@ -1,6 +1,8 @@
 """The steps that the commands of all studies share."""
 
 import json
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -8,7 +10,9 @@ import pytest
 import antumbra as at
 from antumbra.cli.scene_arguments import parse_scene
 from antumbra.cli.study_run import StudyRun
-from antumbra.jobs.result_summary import Summary
+from antumbra.cli.sun_command import SunCommand
+from antumbra.jobs.result_summary import Summary, SummaryTable
+from antumbra.jobs.sun.sun_options import SunOptions
 
 
 def arguments(**given):
@@ -42,3 +46,30 @@ def test_a_scene_in_a_store_is_opened_or_refused(tmp_path):
     assert scenes.planted is scenes.bare and scenes.bare.n_triangles == at.load(tmp_path / "a.antumbra").n_triangles
     with pytest.raises(at.InputError, match="memory"):
         run.open(spec, to_memory=True)
+
+
+def test_a_node_gets_the_study_as_an_object_with_its_own_paths_and_threads(tmp_path):
+    options = SunOptions(days="2026-03-21", epw=tmp_path / "a.epw")
+    sun = SunCommand(scene="city.json?lod=2.2", options=options, output=[tmp_path / "a.csv"], matrix=tmp_path / "m.npy")
+    there = sun.on_node({"scene": "/n/x.json", "epw": "/n/y.epw"}, 3)
+    assert there.scene == "/n/x.json?lod=2.2" and there.options.epw == Path("/n/y.epw")
+    assert there.output == [Path("a.csv")] and there.matrix == Path("m.npy") and there.quiet
+    assert there.options.threads == 3 and there.options.days == options.days
+    assert sun.on_node({}, 3) == replace(there, scene=sun.scene, options=replace(options, threads=3))
+    own = replace(sun, options=replace(options, threads=2))
+    assert own.on_node({}, 3).options.threads == 2
+
+
+def test_outputs_have_a_default_unless_another_file_is_asked_for():
+    sun = SunCommand(scene="city.json", options=SunOptions(days="2026-03-21"))
+    assert sun.paths("output") == [Path("city-sun.png")] and sun.paths("map") == sun.paths("matrix") == []
+    assert replace(sun, map=[Path("a.pdf")]).paths("output") == []
+    assert replace(sun, output=[Path("a.tif")]).paths("output") == [Path("a.tif")]
+
+
+def test_a_table_shown_beside_a_summary_may_come_first(capsys):
+    for leads in (True, False):
+        table = SummaryTable(("name", "area"), [("roof", "7")], leads=leads)
+        StudyRun(arguments()).report(Summary({}, [("points", "1")], table=table), None)
+        said = capsys.readouterr().out
+        assert (said.index("roof") < said.index("points")) is leads
