@@ -31,11 +31,11 @@ def named(place: str) -> Callable[..., Any]:
 COMMANDS = {
     "render": Command("antumbra.cli.render_command", "Render SCENE with exact shadows."),
     "sun": Command(
-        "antumbra.cli.sun_command",
+        "antumbra.city.sun.sun_command",
         "Find the hours of direct sun on the surfaces of SCENE.",
-        kernels="antumbra.jobs.sun.sun_tally:tally_job",
+        kernels="antumbra.city.sun.sun_tally:tally_warm_up",
     ),
-    "shadow": Command("antumbra.cli.shadow_command", "Find the shadow on the ground of SCENE, as polygons."),
+    "shadow": Command("antumbra.city.shadow.shadow_command", "Find the shadow on the ground of SCENE, as polygons."),
     "view": Command("antumbra.cli.view_command", "Show SCENE in the browser, until Ctrl-C."),
     "bake": Command(
         "antumbra.cli.bake_command",
@@ -43,32 +43,34 @@ COMMANDS = {
         grouped=False,
     ),
     "los": Command(
-        "antumbra.cli.los_command",
+        "antumbra.city.sight.los_command",
         "Find which points see each other in SCENE, and what blocks the others.",
         grouped=False,
     ),
     "viewshed": Command(
-        "antumbra.cli.viewshed_command",
+        "antumbra.city.sight.viewshed_command",
         "Count the observers that see each sensor of SCENE.",
         grouped=False,
-        kernels="antumbra.jobs.line_of_sight.least_heights:least_heights_job",
+        kernels="antumbra.city.sight.least_heights:least_heights_warm_up",
     ),
     "visible": Command(
-        "antumbra.cli.visible_command", "Find the share of a target in SCENE that each sensor sees.", grouped=False
+        "antumbra.city.sight.visible_command",
+        "Find the share of a target in SCENE that each sensor sees.",
+        grouped=False,
     ),
     "matrix": Command(
-        "antumbra.cli.matrix_command",
+        "antumbra.city.sight.matrix_command",
         "Find which sensors of SCENE see which targets, as one bit per pair.",
         grouped=False,
     ),
     "skyline": Command(
-        "antumbra.cli.skyline_command",
+        "antumbra.city.skyline.skyline_command",
         "Find the skyline of points in SCENE: the elevation of the horizon by azimuth.",
         grouped=False,
-        kernels="antumbra.jobs.skyline.skyline:skyline_job",
+        kernels="antumbra.city.skyline.skyline:skyline_warm_up",
     ),
     "view-factors": Command(
-        "antumbra.cli.view_factors_command",
+        "antumbra.city.view_factors.view_factors_command",
         "Find the view factors between the surfaces of SCENE, and of the sky.",
         grouped=False,
     ),
@@ -92,11 +94,11 @@ COMMANDS = {
         "antumbra.cli.installation_commands",
         "Compile all kernels ahead of time, store them on disk, and calibrate the plan auto.",
     ),
-    "culling": Command("antumbra.cli.explain_commands", "Show which triangles of SCENE survive pre-BVH culling."),
+    "culling": Command("antumbra.lab.explain_commands", "Show which triangles of SCENE survive pre-BVH culling."),
     "explain": Command(
-        "antumbra.cli.explain_commands", "Show where plans spend the traversal steps of SCENE's shadow rays."
+        "antumbra.lab.explain_commands", "Show where plans spend the traversal steps of SCENE's shadow rays."
     ),
-    "compare": Command("antumbra.cli.compare_command", "Measure plans on the same picture of SCENE, side by side."),
+    "compare": Command("antumbra.lab.compare_command", "Measure plans on the same picture of SCENE, side by side."),
     "doctor": Command(
         "antumbra.cli.installation_commands",
         "Check this installation: versions, processor, kernels on disk, optional packages, and a small query.",

@@ -44,13 +44,13 @@ def run(script, folder, *words, **more):
 @pytest.mark.parametrize("name", [*COMMANDS, "bench"])
 def test_while_a_command_is_imported(name, tmp_path):
     kind = SIGNALS[len(name) % len(SIGNALS)]
-    module = COMMANDS[name].module if name in COMMANDS else "antumbra.cli.bench_command"
+    module = COMMANDS[name].module if name in COMMANDS else "antumbra.lab.bench_command"
     done = run(AT_IMPORT, tmp_path, module, int(kind), name, "--help")
     assert (done.returncode, done.stdout, done.stderr) == (128 + kind, "", f"antumbra: {LINES[kind]}\n")
 
 
 @pytest.mark.parametrize("kind", SIGNALS)
-@pytest.mark.parametrize("module", ["antumbra.cli.app", "typer", "antumbra.errors", "numpy"])
+@pytest.mark.parametrize("module", ["antumbra.cli.app", "typer", "antumbra.base.errors", "numpy"])
 def test_while_other_modules_are_imported(module, kind, tmp_path):
     done = run(AT_IMPORT, tmp_path, module, int(kind), "render", "a.glb")
     assert (done.returncode, done.stdout, done.stderr) == (128 + kind, "", f"antumbra: {LINES[kind]}\n")
@@ -117,7 +117,7 @@ def test_an_error_made_of_the_interruption_is_not_a_bug(cli, caught, monkeypatch
 TWICE = """
 import os, signal, sys
 from antumbra.cli import main, scene_commands
-from antumbra.files import atomic_output
+from antumbra.base.files import atomic_output
 
 def half(*_, **__):
     with atomic_output("a.ply") as temporary:

@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import pytest
 
 import antumbra as at
+from antumbra.city.sun.sun_command import SunCommand
+from antumbra.city.sun.sun_options import SunOptions
 from antumbra.cli.scene_arguments import parse_scene
 from antumbra.cli.study_run import StudyRun
-from antumbra.cli.sun_command import SunCommand
-from antumbra.jobs.result_summary import Summary, SummaryTable
-from antumbra.jobs.sun.sun_options import SunOptions
+from antumbra.work.result_summary import Summary, SummaryTable
 
 
 def arguments(**given):

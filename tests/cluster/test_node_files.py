@@ -12,14 +12,14 @@ import pytest
 import rasterio
 
 import antumbra as at
+from antumbra.city.sight.matrix_command import MatrixCommand
+from antumbra.city.sight.sight_options import MatrixOptions
+from antumbra.city.sun.sun_command import SunCommand
+from antumbra.city.sun.sun_options import SunOptions
 from antumbra.cli.app import program
-from antumbra.cli.matrix_command import MatrixCommand
 from antumbra.cli.study_run import start_on_node
-from antumbra.cli.sun_command import SunCommand
 from antumbra.cluster import node_files, ray_executor, ray_workers
 from antumbra.cluster.node_files import INPUTS, files_in, with_files
-from antumbra.jobs.line_of_sight.sight_options import MatrixOptions
-from antumbra.jobs.sun.sun_options import SunOptions
 
 
 def put_raster(folder, name="dem.tif"):
@@ -83,7 +83,7 @@ def told(tmp_path, monkeypatch):
             patched.setattr(ray_workers, "precompile_plan_kernels", lambda plan: None)
             patched.chdir(tmp_path)
             worker = ray_workers.Node(1)
-            found = worker.begin(ray_workers.NodeJob(prepare, wanted, "bsah+single", "a.shards"), read)
+            found = worker.begin(ray_workers.NodeWork(prepare, wanted, "bsah+single", "a.shards"), read)
             worker.leave()
         return found, fetched
 
@@ -129,7 +129,7 @@ def test_files_of_calls_are_fetched(tmp_path, monkeypatch, told):
     given = {"days": "2026-03-21", "place": at.Place(52.0, 4.36), "plan": "bsah+chcrt"}
     args = ("raster:dem.tif+1.6",)
     named = ray_executor.named_arguments(at.sun_hours, Path("city.antumbra"), args, given)
-    prepare = partial(ray_executor.prepare_call, ("antumbra.jobs.sun.sun_hours", "sun_hours"), args, given)
+    prepare = partial(ray_executor.prepare_call, ("antumbra.city.sun.sun_hours", "sun_hours"), args, given)
     found, fetched = told(prepare, files_in(named))
     assert set(fetched) == {"city.antumbra", "dem.tif"} and found[0][0] >= 1
     with pytest.raises(at.InputError, match="sun_hours: got an unexpected keyword argument 'dayz'"):

@@ -12,8 +12,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from ..base.errors import InputError
 from ..command_registry import COMMANDS, Command
-from ..errors import InputError
 from .command_parsing import ParsedOnce
 
 # --- Commands: option groups of the help, which is plain text without Rich --------------------------------------------
@@ -90,7 +90,7 @@ def program(names: frozenset[str] | None = None) -> typer.Typer:
         function = entry.function(name) if names is None or name in names else _listed
         app.command(name, cls=Grouped if entry.grouped else PlainCommand, help=_help_of(function, entry))(function)
     if names is None or _BENCH[0] in names:
-        from . import bench_command
+        from ..lab import bench_command
 
         app.add_typer(bench_command.app, name=_BENCH[0])
     else:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
-from ..errors import InputError
-from ..jobs.bake.bake_options import BakeOptions
-from ..jobs.result_summary import Summary
+from ..baking.bake_options import BakeOptions
+from ..base.errors import InputError
+from ..work.result_summary import Summary
 from . import console
 from .arguments import make_lights, parse_light
 from .options import LISTED_LAST, ListedBefore, PictureLightOption, SceneArgument, UpOption, writes
@@ -18,10 +18,10 @@ from .shards import MergeOption, RayOption, ShardOption
 from .study_run import Scenes, StudyCommand, StudyRun, Writers, command_of
 
 if TYPE_CHECKING:
+    from ..baking.bake import Baked
     from ..engine.scene import AnyScene
-    from ..jobs.bake.bake_job import Baked
-    from ..jobs.executors import Executor
     from ..scene.lights import Light
+    from ..work.executors import Executor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,10 +87,10 @@ class BakeCommand(StudyCommand[BakeOptions, "Baked"]):
         replace(self.options, lights=[light for light in self._lights() if not isinstance(light, int)] or None)
 
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Baked | None]":
-        from ..jobs.bake.bake_input import BakeSource, is_gltf
-        from ..jobs.bake.bake_job import bake_file
-        from ..jobs.executors import executor_of
-        from ..progress import PhaseClock
+        from ..baking.bake import bake_file
+        from ..baking.bake_input import BakeSource, is_gltf
+        from ..base.progress import PhaseClock
+        from ..work.executors import executor_of
 
         path = self.spec.path
         source = BakeSource(scenes.bare, path if path is not None and is_gltf(path) else None)

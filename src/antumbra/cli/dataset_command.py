@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
-from ..jobs.dataset.dataset_options import DatasetOptions
-from ..jobs.result_summary import Summary
-from ..picture.option_fields import field_values
+from ..base.option_fields import field_values
+from ..datasets.dataset_options import DatasetOptions
+from ..work.result_summary import Summary
 from .arguments import make_camera, make_lights, parse_ambient, parse_bytes, parse_camera, parse_light, parse_size
 from .console import say
 from .options import (
@@ -28,10 +28,10 @@ from .shards import MergeOption, RayOption, ShardOption, parse_shard
 from .study_run import Scenes, StudyCommand, Writers, command_of
 
 if TYPE_CHECKING:
+    from ..datasets.dataset import Dataset
     from ..engine.scene import AnyScene
-    from ..jobs.dataset.dataset_job import Dataset
-    from ..jobs.executors import Executor
     from ..scene.lights import Light
+    from ..work.executors import Executor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +99,7 @@ class DatasetCommand(StudyCommand[DatasetOptions, "Dataset"]):
         parse_shard(self.shard)
 
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Dataset]":
-        from ..jobs.dataset.dataset_job import dataset
+        from ..datasets.dataset import dataset
 
         scene, options = scenes.bare, self.options
         options = replace(options, max_memory=limit_memory(scene, options.max_memory))
@@ -128,7 +128,7 @@ class DatasetCommand(StudyCommand[DatasetOptions, "Dataset"]):
         return make_lights([parse_light(text) for text in self.light or []], scene, self.options.time)
 
     def writers(self, result: "Dataset", scenes: Scenes) -> Writers:
-        from ..jobs.dataset.dataset_files import contact_sheet
+        from ..datasets.dataset_files import contact_sheet
         from ..picture.image_files import save_png
 
         shard = parse_shard(self.shard)

@@ -16,9 +16,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..errors import InputError
-from ..files import checked_folder
-from ..jobs.result_summary import duration
+from ..base.errors import InputError
+from ..base.files import checked_folder
+from ..work.result_summary import duration
 from . import arguments, console, picture_report
 from .arguments import FrameSequence
 from .console import BAD_INPUT, ProgressDisplay, explained, say
@@ -29,7 +29,7 @@ from .shards import executor_for, for_node, report_shard
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
-    from ..jobs.executors import Executor
+    from ..work.executors import Executor
 
 
 # --- Animations -------------------------------------------------------------------------------------------------------
@@ -39,7 +39,7 @@ _HASHES = re.compile(r"#+(?=[^#]*$)")  # the last run of # in a name
 STATES = "rendered", "finished", "failed"
 
 
-class AnimationJob(NamedTuple):
+class AnimationWork(NamedTuple):
     """An animation to render."""
 
     spec: PictureSpec
@@ -99,7 +99,7 @@ def numbered(pattern: Path, number: int) -> Path:
 
 
 def render_frames(
-    job: AnimationJob, sequence: FrameSequence, display: ProgressDisplay, executor: "Executor"
+    job: AnimationWork, sequence: FrameSequence, display: ProgressDisplay, executor: "Executor"
 ) -> "Animation":
     """Render all unfinished frames that the executor assigns to this process."""
     job.spec.view(job.scene, 0.0)  # report a missing camera or light once, not per frame
@@ -127,7 +127,7 @@ class Animation:
 
     what = ""
 
-    def __init__(self, job: AnimationJob, sequence: FrameSequence, display: ProgressDisplay):
+    def __init__(self, job: AnimationWork, sequence: FrameSequence, display: ProgressDisplay):
         self.job, self.sequence, self._display = job, sequence, display
         self.complete = False  # whether no frames remain for other processes
         self.numbers: dict[str, list[int]] = {state: [] for state in STATES}
@@ -405,7 +405,7 @@ class Rendering(NamedTuple):
 
     def trace(self, display: ProgressDisplay, executor: "Executor | None") -> "Animation | Traced":
         """Open the scene, and trace the picture, or the frames of an animation, which are also saved."""
-        from ..jobs.executors import LocalExecutor
+        from ..work.executors import LocalExecutor
 
         display.say("reading the scene")
         start = perf_counter()
@@ -414,7 +414,7 @@ class Rendering(NamedTuple):
         load = perf_counter() - start
         display.say("preparing")
         if self.sequence is not None:
-            job = AnimationJob(spec, scene, load, self.path, self.overwrite, self.film)
+            job = AnimationWork(spec, scene, load, self.path, self.overwrite, self.film)
             return render_frames(job, self.sequence, display, executor or LocalExecutor())
         digest = spec.scene_digest() if self.is_linear or executor else ""
         start = perf_counter()

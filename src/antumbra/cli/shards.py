@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from ..errors import InputError
-from ..jobs.result_summary import duration
+from ..base.errors import InputError
+from ..work.result_summary import duration
 from . import console
 from .command_parsing import parsed_words
 from .options import Json, Quiet, outputs_of
@@ -19,7 +19,7 @@ from .options import Json, Quiet, outputs_of
 
 if TYPE_CHECKING:
     from ..cluster.ray_workers import Prepare
-    from ..jobs.executors import Executor, ShardIndex
+    from ..work.executors import Executor, ShardIndex
 
 ShardOption = Annotated[
     str | None,
@@ -50,7 +50,7 @@ _NEUTRAL = "--ray", "--shard", "--merge", "--threads", "--json", "--quiet"  # op
 
 def parse_shard(text: str | None) -> "ShardIndex | None":
     """The shard that ``--shard`` names; None without the option."""
-    from ..jobs.executors import ShardIndex
+    from ..work.executors import ShardIndex
 
     if text is None:
         return None
@@ -83,8 +83,8 @@ def executor_for(
     inputs : name -> value of all arguments and options, some of which name files
     plan : plan whose kernels nodes compile first; None: the default
     """
-    from ..jobs.executors import ShardExecutor
-    from ..jobs.work_parts import ShardMerge
+    from ..work.executors import ShardExecutor
+    from ..work.work_parts import ShardMerge
 
     share, folder = parse_shard(args.shard), shards_folder(output)
     if args.merge:
@@ -116,7 +116,7 @@ def for_node(args: _Arguments, paths: Mapping[str, str]) -> _Arguments:
 
 def report_shard(shard: "Executor | None", args: Any, seconds: float) -> int:
     """Report what a shard did, since it wrote no results; return the exit code."""
-    from ..jobs.executors import ShardExecutor
+    from ..work.executors import ShardExecutor
 
     assert isinstance(shard, ShardExecutor)  # all others finish the work
     if args.json:
@@ -149,9 +149,9 @@ def merge(
       antumbra merge city.shards
       antumbra merge node1/city.shards node2/city.shards
     """
-    from ..jobs.executors import read_job
+    from ..work.executors import read_shard_record
 
-    command = read_job(folders[0]).command
+    command = read_shard_record(folders[0]).command
     more = [word for folder in folders for word in ("--merge", str(folder))]
     words = [*command, *more, *(["--json"] * json), *(["--quiet"] * quiet)]
     code = context.find_root().command.main(words, prog_name="antumbra", standalone_mode=False)

@@ -12,21 +12,21 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeAlias, TypeVar
 
-from ..jobs.result_summary import Summary, duration
-from ..picture.option_fields import field_values
+from ..base.option_fields import field_values
+from ..work.result_summary import Summary, duration
 from . import console
 from .console import ProgressDisplay
 from .options import Json, Quiet, SceneArgument, literal, outputs_of, takes
 from .scene_arguments import SceneArguments, SceneSpec, in_memory, open_scene
 from .shards import executor_for, for_node, report_shard
-from .tree_options import TreeSpec, add_trees, parse_trees, sensors_below_trees
+from .vegetation_options import VegetationSpec, add_vegetation, parse_vegetation, sensors_below_plants
 
 if TYPE_CHECKING:
+    from ..city.sensors.ground_areas import AreaLike
+    from ..city.sensors.sensors import Sensors
+    from ..city.tables.result_table import Table
     from ..engine.scene import AnyScene
-    from ..jobs.executors import Executor
-    from ..jobs.ground_areas import AreaLike
-    from ..jobs.result_table import Table
-    from ..jobs.sensors import Sensors
+    from ..work.executors import Executor
 
 _Options = TypeVar("_Options")
 _Result = TypeVar("_Result")
@@ -47,7 +47,7 @@ class Scenes:
 
     def sensors(self, text: str, threads: int | None, areas: "AreaLike | None" = None) -> "Sensors":
         """The sensors that a text names on the scene without vegetation, for the scene with it."""
-        return sensors_below_trees(text, self.bare, self.planted, threads, areas)
+        return sensors_below_plants(text, self.bare, self.planted, threads, areas)
 
 
 class StudyRun(ProgressDisplay):
@@ -62,7 +62,7 @@ class StudyRun(ProgressDisplay):
         self.seconds = 0.0
         self.written = list[str]()
 
-    def open(self, spec: SceneSpec, trees: TreeSpec | None = None, to_memory: bool = False) -> Scenes:
+    def open(self, spec: SceneSpec, trees: VegetationSpec | None = None, to_memory: bool = False) -> Scenes:
         """The scene without and with its trees. `to_memory`: refuse one in a store."""
         self.say("reading the scene")
         scenes = opened(spec, trees, to_memory, self._args.quiet)
@@ -106,12 +106,12 @@ class StudyRun(ProgressDisplay):
         return 0
 
 
-def opened(spec: SceneSpec, trees: TreeSpec | None, to_memory: bool, quiet: bool) -> Scenes:
+def opened(spec: SceneSpec, trees: VegetationSpec | None, to_memory: bool, quiet: bool) -> Scenes:
     """The scene without and with its trees. `to_memory`: refuse one in a store."""
     bare = open_scene(spec, quiet)
     if to_memory:
         bare = in_memory(bare)
-    return Scenes(bare, add_trees(bare, trees))
+    return Scenes(bare, add_vegetation(bare, trees))
 
 
 # --- Commands ---------------------------------------------------------------------------------------------------------
@@ -179,9 +179,9 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         return self.spec_of(self.scene)
 
     @property
-    def tree_spec(self) -> TreeSpec | None:
+    def tree_spec(self) -> VegetationSpec | None:
         """The trees."""
-        return parse_trees(getattr(self, "trees", None))
+        return parse_vegetation(getattr(self, "trees", None))
 
     @property
     def threads(self) -> int | None:
@@ -201,7 +201,7 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         spec, trees = self.spec, self.tree_spec
         self.check()
         for path in self.paths("map"):
-            from ..jobs.map_page import check_map
+            from ..city.tables.map_page import check_map
 
             check_map(path)
         for path in self.paths("output"):
@@ -263,13 +263,13 @@ class SensorStudy(StudyCommand[_Options, _Result]):
         return given or ("raster" if self.spec.on_raster else "face")
 
     def check(self) -> None:
-        from ..jobs.sensor_files import check_sensors
+        from ..city.sensors.sensor_files import check_sensors
 
         check_sensors(self.sensor_form)
 
     def check_output(self, path: Path) -> None:
-        from ..jobs.result_table import writer_of
-        from ..jobs.sensor_files import kind_of
+        from ..city.sensors.sensor_files import kind_of
+        from ..city.tables.result_table import writer_of
 
         writer_of(path, kind_of(self.sensor_form))
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array, byte_count, checked_instance, choice, whole_number
-from ..errors import InputError
-from ..forks import is_stuck, renew_after_fork
+from ..base.checks import as_array, byte_count, checked_instance, choice, whole_number
+from ..base.errors import InputError
+from ..base.forks import is_stuck, renew_after_fork
+from ..base.progress import ProgressCallback, show_progress, split_progress
 from ..kernels.parallel import thread_count
-from ..progress import ProgressCallback, show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
@@ -33,20 +33,20 @@ from ..trace.transmission import TracedQuery, transmission
 from .accelerator import Accelerated, Accelerator, SceneTrees
 from .auto_accelerator import accelerator_of
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
-from .in_memory_source import InMemory, update_job
-from .instanced_source import Instanced, SharedInstances, traces_instances
 from .plan import Plan, parse_plan
 from .plan_kernels import warm_up
 from .precompilation import precompile
 from .primary_visibility import AUTO, METHODS, precompiled_method
 from .scene_reading import data_of
-from .terrain_shadows import TerrainShadows
+from .sources.in_memory_source import InMemory, update_warm_up
+from .sources.instanced_source import Instanced, SharedInstances, traces_instances
+from .sources.terrain_shadows import TerrainShadows
 from .visibility import Visibility, visibility_of
 
 if TYPE_CHECKING:
     from ..scene.moved_geometry import ObjectChoice
     from ..store.store_file import StoreData
-    from .paged_source import Paged
+    from .sources.paged_source import Paged
 
 
 _MAX_OTHER_ENGINES = 8  # engines of other plans that an engine caches
@@ -351,7 +351,7 @@ class Engine:
     ) -> None:
         """Move the geometry of the scene; `antumbra.Scene.update` documents the parameters."""
         if not self.source.in_store:
-            precompile(update_job)
+            precompile(update_warm_up)
         with self._updates:
             self.data.update(vertices, objects, transform, self.threads if threads is None else threads)
 
@@ -529,6 +529,6 @@ def _trees_of(data: SceneData) -> SceneTrees | SharedInstances | None:
 
 
 def _paged() -> "type[Paged]":
-    from .paged_source import Paged  # imported late: scenes in memory start faster without it
+    from .sources.paged_source import Paged  # imported late: scenes in memory start faster without it
 
     return Paged

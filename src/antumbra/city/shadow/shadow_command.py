@@ -1,0 +1,104 @@
+"""``antumbra shadow``: the shadow on the ground at a moment, or hours of shadow, as polygons for GIS programs."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from ...base.option_fields import field_values
+from ...cli.options import (
+    CrsOption,
+    DegreesOption,
+    ListedBefore,
+    MapOption,
+    NorthOption,
+    SceneArgument,
+    TimezoneOption,
+    UpOption,
+    position_of,
+    tables,
+)
+from ...cli.study_run import Scenes, StudyCommand, command_of
+from ...cli.vegetation_options import VegetationOption
+from ...work.result_summary import Summary
+from .shadow_options import ShadowOptions
+
+if TYPE_CHECKING:
+    from ...work.executors import Executor
+    from .shadow_polygons import Shadow
+
+_SUFFIXES = ".gpkg", ".geojson", ".parquet", ".tif"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
+    """Find the shadow on the ground of SCENE, as polygons.
+
+    At a moment, the shadow falls on a horizontal plane and its outline is exact. With --cell, or with --days for the
+    hours of shadow, polygons follow raster cells on the highest surfaces, whose centres are traced exactly. The
+    location comes from the file's CRS (CityJSON), --crs, or --latitude and --longitude.
+
+    \b
+    Outputs
+      .gpkg .geojson .parquet    polygons with their area; GeoJSON in WGS 84
+      .tif                       GeoTIFF of the cells
+      --map .pdf                 map sheet for a report, also .svg and .png
+
+    \b
+    Examples
+      antumbra shadow city.city.json --at 2026-06-21T15:00 --timezone Europe/Amsterdam -o shadow.gpkg
+      antumbra shadow city.city.json --at 2026-06-21T15:00 --by object --casters "Building*" -o shadows.parquet
+      antumbra shadow city.city.json --days 2026-03-21 --cell 0.5 --classes 0,2,4,6 -o hours.gpkg -o hours.tif
+      antumbra shadow city.city.json --days 2026-06-21 --trees "trees.gpkg?height=h&radius=r&transmittance=0.2" -o h.tif
+      antumbra shadow city.city.json --at 2026-12-21T12:00 --map sheet.pdf
+      antumbra shadow house.glb --latitude 52 --longitude 4.36 --at 2026-12-21T12:00+01:00 -o shadow.geojson
+    """
+
+    scene: SceneArgument
+    trees: Annotated[VegetationOption, ListedBefore("plan")] = None
+    crs: CrsOption = None
+    latitude: DegreesOption = None
+    longitude: DegreesOption = None
+    north: NorthOption = None
+    timezone: TimezoneOption = None
+    output: Annotated[list[Path] | None, tables("Output file", "--output", "-o", suffixes=_SUFFIXES)] = None
+    map: MapOption = None
+    up: Annotated[UpOption, ListedBefore("threads")] = None
+
+    files: ClassVar[str | None] = "files"
+    records_trees: ClassVar[bool] = True
+
+    @property
+    def needs_memory(self) -> bool:
+        return self.options.on_plane
+
+    def check(self) -> None:
+        position_of(self)
+        self.options.check_moment()
+        if self.tree_spec is not None and self.options.on_plane:
+            why = "the outline on a plane is that of solid crowns; with --cell SIZE, they let light pass"
+            self.tree_spec.check_solid(why)
+
+    def check_output(self, path: Path) -> None:
+        from .shadow_polygons import check_shadow_output
+
+        check_shadow_output(path, not self.options.on_plane)
+
+    def default_output(self) -> str:
+        return f"{self.spec.stem}-shadow.gpkg"
+
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Shadow]":
+        from ...engine.measured_scenes import measured_scene
+        from ...sun.location import place_of
+        from .shadow import shadow
+
+        scene = measured_scene(scenes.planted)
+        options = replace(self.options, place=place_of(scene, **position_of(self)))
+        return partial(shadow, scene, surface=scenes.bare, **field_values(options))
+
+    def summary(self, result: "Shadow", scenes: Scenes, seconds: float) -> Summary:
+        return result.summary(seconds)
+
+
+shadow = command_of(ShadowCommand, ShadowOptions)

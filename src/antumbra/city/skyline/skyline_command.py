@@ -1,0 +1,115 @@
+"""``antumbra skyline``: the elevation of the horizon that points see, by azimuth, as tables and for PVGIS."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+import typer
+
+from ...base.errors import InputError
+from ...base.option_fields import field_values
+from ...cli.arguments import parse_point
+from ...cli.options import CrsOption, ListedBefore, MapOption, SceneArgument, UpOption, tables
+from ...cli.scene_arguments import DEFAULT_SCENE
+from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
+from ...cli.vegetation_options import VegetationOption
+from ...work.result_summary import Summary
+from .skyline_options import SkylineOptions
+
+if TYPE_CHECKING:
+    from ...work.executors import Executor
+    from ..sensors.sensors import Sensors
+    from .skyline import Skyline
+
+_SUFFIXES = ".csv", ".json", ".npz", ".txt"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SkylineCommand(StudyCommand[SkylineOptions, "Skyline"]):
+    """Find the skyline of points in SCENE: the elevation of the horizon by azimuth.
+
+    Azimuths are degrees clockwise from true north. elevation is that along an azimuth, highest the greatest within half
+    a step on both sides, so nothing between two azimuths is missed. -90: there is nothing; 90: the point lies below
+    a roof. A .txt file is the horizon file of PVGIS for one point. --map draws its polar diagram, with the paths of the
+    sun if the scene has a CRS.
+
+    \b
+    Examples
+      antumbra skyline city.glb --at 0,1.7,8 -o skyline.csv
+      antumbra skyline city.city.json --at 85000,446500,1.6 --on-surface --eye-height 1.6 --step 7.5 -o horizon.txt
+      antumbra skyline city.city.json --at 85000,446500,12.5 --map horizon.pdf
+      antumbra skyline city.city.json --points stations.csv --step 1 -o skylines.npz
+      antumbra skyline city.city.json --points roofs.csv --trees "trees.gpkg?height=h&radius=r" -o skylines.csv
+      antumbra skyline city.glb --up z --north 0.81 --points raster:10 --eye-height 1.6 -o skylines.json
+    """
+
+    scene: SceneArgument = DEFAULT_SCENE
+    at: Annotated[
+        list[str] | None, typer.Option(help="A point; may be repeated.", metavar="X,Y,Z", show_default=False)
+    ] = None
+    points: Annotated[
+        str | None,
+        typer.Option(
+            help="A file of points (.csv, .parquet, .npy, .npz; with normals for points on surfaces), or "
+            "raster:SPACING, grid:SPACING, face or vertex.",
+            metavar="FILE|FORM",
+            show_default=False,
+        ),
+    ] = None
+    trees: VegetationOption = None
+    output: Annotated[
+        list[Path] | None,
+        tables("Output file, .txt for PVGIS", "--output", "-o", suffixes=_SUFFIXES),
+        ListedBefore("time"),
+    ] = None
+    map: MapOption = None
+    highest: Annotated[
+        bool, typer.Option(help="In a .txt file, the highest elevation near each azimuth instead of that along it.")
+    ] = False
+    up: Annotated[UpOption, ListedBefore("threads")] = None
+    crs: CrsOption = None
+
+    records_trees: ClassVar[bool] = True
+
+    @property
+    def needs_memory(self) -> bool:
+        return True
+
+    def check(self) -> None:
+        from ..sensors.sensor_files import check_sensors
+
+        if self.tree_spec is not None:
+            self.tree_spec.check_solid("a skyline is the edge of solid things, and crowns count as solid")
+        if self.points is not None:
+            check_sensors(self.points, "--points")
+        if (self.at is None) == (self.points is None):
+            raise InputError("there are no points, or two kinds of them; give --at X,Y,Z or --points FILE")
+
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Skyline]":
+        from .skyline import check_skyline_output, skyline
+
+        points = self._points(scenes)
+        for path in [*self.paths("output"), *self.paths("map")]:
+            check_skyline_output(path, len(points))
+        return partial(skyline, scenes.planted, points, surface=scenes.bare, **field_values(self.options))
+
+    def _points(self, scenes: Scenes) -> "Sensors":
+        from ..sensors.point_attributes import warn_of_lost
+        from ..sensors.sensors import point_sensors
+
+        if self.points is not None:
+            points = scenes.sensors(self.points, self.threads)
+            warn_of_lost(self.points, points.attributes)
+            return points
+        return point_sensors([parse_point(text, "--at") for text in self.at or []])
+
+    def writers(self, result: "Skyline", scenes: Scenes) -> Writers:
+        return {"output": partial(result.save, highest=self.highest), "map": result.save_map}
+
+    def summary(self, result: "Skyline", scenes: Scenes, seconds: float) -> Summary:
+        return result.summary(scenes.planted.name, seconds)
+
+
+skyline = command_of(SkylineCommand, SkylineOptions)

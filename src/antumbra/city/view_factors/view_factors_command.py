@@ -1,0 +1,90 @@
+"""``antumbra view-factors``: view factors between surfaces, as a sparse matrix or a list."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ...base.checks import alternatives
+from ...base.errors import InputError
+from ...base.option_fields import field_values
+from ...cli.options import CrsOption, ListedBefore, SceneArgument, UpOption, writes
+from ...cli.scene_arguments import DEFAULT_SCENE
+from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
+from ...work.result_summary import Summary
+from .view_factor_options import ViewFactorOptions
+
+if TYPE_CHECKING:
+    from ...work.executors import Executor
+    from .view_factor_matrix import ViewFactors
+
+_SUFFIXES = ".npz", ".csv"  # as in `jobs.view_factors.view_factor_matrix`, which is slow to import
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewFactorsCommand(StudyCommand[ViewFactorOptions, "tuple[ViewFactors, float]"]):
+    """Find the view factors between the surfaces of SCENE, and of the sky.
+
+    F_ij is the share of the diffuse radiation leaving surface i that arrives at surface j. Each row also has the shares
+    of the sky, of the ground below the horizon, and of other faces: the backs of surfaces. Each row sums to 1.
+
+    \b
+    Outputs
+      .npz    sparse matrix for scipy.sparse.load_npz, with errors, areas and names
+      .csv    a row per pair of surfaces: from, to, factor, error, area
+
+    \b
+    Examples
+      antumbra view-factors room.obj --side back --samples 65536 -o factors.csv
+      antumbra view-factors city.city.json --surfaces building -o factors.npz
+      antumbra view-factors car.glb --surfaces object --reciprocal -o factors.npz -o factors.csv
+    """
+
+    scene: SceneArgument = DEFAULT_SCENE
+    reciprocal: Annotated[
+        bool,
+        typer.Option("--reciprocal", help="Adjust the factors, so that A_i F_ij = A_j F_ji holds exactly."),
+        ListedBefore("seed"),
+    ] = False
+    output: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help=f"Output file; may be repeated: {alternatives(_SUFFIXES)}.",
+            show_default=False,
+            callback=writes(*_SUFFIXES),
+        ),
+        ListedBefore("time"),
+    ] = None
+    up: Annotated[UpOption, ListedBefore("threads")] = None
+    crs: CrsOption = None
+
+    @property
+    def needs_memory(self) -> bool:
+        return True
+
+    def check(self) -> None:
+        if not self.output and not self.json and self.quiet:
+            raise InputError("there is nothing to write: give --output, --json, or leave --quiet out")
+
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], tuple[ViewFactors, float]]":
+        from .view_factors import view_factors
+
+        def study() -> "tuple[ViewFactors, float]":
+            sampled = view_factors(scenes.bare, **field_values(self.options))
+            return sampled.reciprocal() if self.reciprocal else sampled, sampled.reciprocity_error
+
+        return study
+
+    def writers(self, result: "tuple[ViewFactors, float]", scenes: Scenes) -> Writers:
+        return {"output": result[0].save}
+
+    def summary(self, result: "tuple[ViewFactors, float]", scenes: Scenes, seconds: float) -> Summary:
+        factors, sampled_error = result
+        return factors.summary(sampled_error, seconds)
+
+
+view_factors = command_of(ViewFactorsCommand, ViewFactorOptions)
