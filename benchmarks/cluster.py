@@ -24,7 +24,7 @@ from time import monotonic
 
 import numpy as np
 
-from antumbra.cli.shards import begin
+from antumbra.cli.render_command import start_on_node
 from antumbra.cluster import Cluster, connected
 from antumbra.work.executors import UnitCollector, numbered
 from common import arguments, machine
@@ -49,7 +49,7 @@ def measured(words: list[str], nodes: int, folder: Path) -> dict:
     try:
         with connected(cluster.address):
             given = command_arguments(words)
-            request, prepare = UnitCollector(folder / f"{nodes}.shards"), partial(begin, type(given).run, given)
+            request, prepare = UnitCollector(folder / f"{nodes}.shards"), partial(start_on_node, given)
             prepare({}, 1, request)
             engine = Cluster(request.folder, cluster.address, prepare, {}, given.plan)
             start = monotonic()
@@ -66,7 +66,6 @@ def measured(words: list[str], nodes: int, folder: Path) -> dict:
 
 def command_arguments(words: list[str]):
     """The arguments of ``antumbra render`` with these words."""
-    from antumbra.cli import render_command  # noqa: F401 - gives the arguments their command
     from antumbra.cli.picture_spec import RenderArguments
 
     names = dict(zip(words[1::2], words[2::2]))

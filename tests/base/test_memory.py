@@ -6,9 +6,10 @@ import pytest
 import antumbra as at
 import gis_bombs
 from antumbra.base import memory
+from antumbra.base.command_registry import COMMANDS
 from antumbra.base.errors import InputError
 from antumbra.base.memory import check_reading, reading_limit
-from antumbra.cli.app import COMMANDS, program
+from antumbra.cli.app import program
 from gis_files import hills, write_raster
 
 

@@ -8,10 +8,13 @@ import pytest
 import antumbra as at
 from antumbra.baking.bake_options import BakeOptions
 from antumbra.base.field_docs import field_texts
-from antumbra.base.option_fields import option_of, type_text
+from antumbra.base.option_fields import field_values, option_of, type_text
 from antumbra.city.shadow.shadow_options import ShadowOptions
+from antumbra.city.sight.sight_options import MatrixOptions, SightOptions, VisibleOptions
 from antumbra.city.sight.viewshed_options import ViewshedOptions
+from antumbra.city.skyline.skyline_options import SkylineOptions
 from antumbra.city.sun.sun_options import SunOptions
+from antumbra.city.view_factors.view_factor_options import ViewFactorOptions
 from antumbra.cli.app import program
 from antumbra.cli.options import derived_options
 from antumbra.datasets.dataset_options import DatasetOptions
@@ -19,9 +22,14 @@ from antumbra.datasets.dataset_options import DatasetOptions
 JOBS = {
     "bake": (at.bake, BakeOptions),
     "dataset": (at.dataset, DatasetOptions),
+    "los": (at.line_of_sight, SightOptions),
+    "matrix": (at.visibility_matrix, MatrixOptions),
     "shadow": (at.shadow, ShadowOptions),
+    "skyline": (at.skyline, SkylineOptions),
     "sun": (at.sun_hours, SunOptions),
+    "view-factors": (at.view_factors, ViewFactorOptions),
     "viewshed": (at.viewshed, ViewshedOptions),
+    "visible": (at.visible_share, VisibleOptions),
 }
 COMMANDS = {command.name or command.callback.__name__: command.callback for command in program().registered_commands}
 
@@ -30,7 +38,7 @@ COMMANDS = {command.name or command.callback.__name__: command.callback for comm
 def test_functions_and_commands_have_all_options(name):
     function, options = JOBS[name]
     parameters, doc = inspect.signature(function).parameters, inspect.getdoc(function)
-    assert len(fields(options)) >= 10
+    assert len(fields(options)) >= 2
     for field in fields(options):
         assert parameters[field.name].default == field.default
         assert f"\n{field.name} : " in doc
@@ -49,5 +57,6 @@ def test_options_are_checked_and_stay_the_same_when_checked_again(name):
     assert options(**{field.name: getattr(checked, field.name) for field in fields(options)}) == checked
     with pytest.raises(at.InputError, match=r"^threads is 0"):
         options(threads=0)
-    with pytest.raises(at.InputError, match="plan"):
-        options(plan="none such")
+    if "plan" in field_values(checked):
+        with pytest.raises(at.InputError, match="plan"):
+            options(plan="none such")

@@ -8,6 +8,7 @@ import typer
 
 import antumbra as at
 from antumbra.cli.app import program
+from study_cases import study_cases
 
 COMMANDS = {
     name: each for name, each in typer.main.get_command(program()).commands.items() if name not in ("bench", "doctor")
@@ -26,6 +27,7 @@ TWINS = {
     "build": at.build_store,
     "view": at.view,
 }
+TWINS |= {case.command: getattr(at, case.function) for case in study_cases() if case.command}
 """Command -> the function that does the same."""
 
 OF_COMMANDS = {
@@ -33,7 +35,7 @@ OF_COMMANDS = {
     "height": "from_footprints", "terrain": "from_footprints and from_raster",
     "json": "output", "quiet": "output", "html": "output", "sheet": "output", "explain_plan": "output",
     "output": "results are returned, and have save()", "column": "Table.save takes it",
-    "map": "Table.save_map", "trees": "from_trees",
+    "reciprocal": "ViewFactors.reciprocal", "map": "Table.save_map", "trees": "from_trees",
     "shard": "keep", "ray": "keep", "merge": "keep",
     "crs": "place", "latitude": "place", "longitude": "place", "north": "place", "timezone": "place",
     "light": "one of lights", "ao": "one of lights", "sky": "one of lights", "vpl": "some of lights",
@@ -106,6 +108,7 @@ ARGUMENTS = {
     "compare": ["--size", "4", "--spp", "1", "--plan", "bsah+single", "--plan", "bsah+wide"],
     "view": ["--no-browser"],
 }
+ARGUMENTS |= {case.command: list(case.words) for case in study_cases() if case.command}
 ANYTHING = {  # any text names something, or a file that may be missing
     "output", "html", "sheet", "epw", "crs", "host", "merge", "observers", "targets", "sparse", "bits", "matrix",
     "counts", "city_output", "column", "camera", "light", "timezone", "plot", "attribute",

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from antumbra.cli.app import COMMANDS
+from antumbra.base.command_registry import COMMANDS
 
 NEVER = {"scipy", "trimesh", "pydantic", "hypothesis", "matplotlib", "OpenEXR"}
 SLOW = {"numpy.ma", "rich", "antumbra.lab.papers", "antumbra.techniques.rayhierarchy"}
@@ -24,14 +24,11 @@ def imported(*arguments: str, cwd) -> set[str]:
     return set((cwd / "modules").read_text().split())
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_the_help_lists_the_first_line_of_each_command(name):
-    assert COMMANDS[name].help == COMMANDS[name].function(name).__doc__.strip().split("\n\n")[0]
-
-
 def test_a_command_imports_no_other(tmp_path):
     names = {name for name in imported("render", "--help", cwd=tmp_path) if name.endswith(("_command", "_commands"))}
     assert names == {"antumbra.cli.render_command"}
+    listed = {name for name in imported("--help", cwd=tmp_path) if name in {each.module for each in COMMANDS.values()}}
+    assert not listed
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["render", "--help"]])

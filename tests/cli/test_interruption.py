@@ -7,8 +7,8 @@ import sys
 
 import pytest
 
+from antumbra.base.command_registry import COMMANDS
 from antumbra.cli import interruption, scene_commands
-from antumbra.cli.app import COMMANDS
 from antumbra.kernels.toolchain import compile_pool
 from cli.test_app_keywords import ARGUMENTS
 
@@ -44,8 +44,8 @@ def run(script, folder, *words, **more):
 @pytest.mark.parametrize("name", [*COMMANDS, "bench"])
 def test_while_a_command_is_imported(name, tmp_path):
     kind = SIGNALS[len(name) % len(SIGNALS)]
-    module = COMMANDS[name].module if name in COMMANDS else "bench_command"
-    done = run(AT_IMPORT, tmp_path, f"antumbra.cli.{module}", int(kind), name, "--help")
+    module = COMMANDS[name].module if name in COMMANDS else "antumbra.lab.bench_command"
+    done = run(AT_IMPORT, tmp_path, module, int(kind), name, "--help")
     assert (done.returncode, done.stdout, done.stderr) == (128 + kind, "", f"antumbra: {LINES[kind]}\n")
 
 
@@ -178,7 +178,7 @@ def test_signals_that_are_ignored_stay_ignored(tmp_path):
 READERS = """
 import os, sys
 from antumbra.cli import main
-from antumbra.cli.app import COMMANDS
+from antumbra.base.command_registry import COMMANDS
 for name in [*COMMANDS, "bench"]:
     reading, writing = os.pipe()
     os.close(reading)

@@ -1,7 +1,7 @@
 """Options of commands that are made of the options of a picture: a new field of the class needs no other edit."""
 
 import json
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Annotated, Any
 
 import pytest
@@ -16,8 +16,9 @@ from antumbra.base.option_fields import (
     with_keywords,
 )
 from antumbra.cli.app import Grouped, program
-from antumbra.cli.options import arguments_of, derived_options, literal, takes
+from antumbra.cli.options import derived_options, literal, takes
 from antumbra.cli.picture_spec import RenderArguments
+from antumbra.cli.scene_arguments import SceneArguments
 from antumbra.lab.compare_command import CompareArguments
 from antumbra.picture.render_options import EngineOptions, RenderKeywords, RenderOptions
 
@@ -33,10 +34,10 @@ APART = {
 @pytest.mark.parametrize("name", ["render", "compare"])
 def test_a_command_has_the_options_that_name_it(name):
     own = {param.name: param for param in COMMANDS.commands[name].params}
-    found = [each for each in derived_options() if name in (each.words.commands or [name])]
+    found = [each for each in derived_options() if name in (each.cli.commands or [name])]
     for each in found:
         param = own[each.name]
-        assert each.words.help in param.help and param.rich_help_panel == each.words.panel
+        assert each.cli.help in param.help and param.rich_help_panel == each.cli.panel
         assert f"--{each.name.replace('_', '-')}" in param.opts
     assert len(found) > 10
     assert NAMES - {each.field.name for each in found} == APART[name]
@@ -46,7 +47,7 @@ def test_help_shows_every_option(cli):
     shown = " ".join(cli("render", "--help").out.split())
     for each in derived_options():
         assert f"--{each.name.replace('_', '-')} " in shown
-        assert " ".join(each.words.help.split()) in shown and (not each.words.note or each.words.note in shown)
+        assert " ".join(each.cli.help.split()) in shown and (not each.cli.note or each.cli.note in shown)
 
 
 def test_json_and_settings_have_every_option(cli, square_obj):
@@ -71,11 +72,11 @@ def test_the_digest_of_a_picture_has_every_option_that_decides(square_obj):
 
 def test_words_become_values():
     given = RenderArguments(spp=8, sampler="sobol", filter=False, textures=False, bounce=3, threads=2)
-    assert literal(given, RenderOptions) == {
+    assert literal(vars(given), RenderOptions) == {
         "spp": 8, "counters": False, "sampler": "sobol", "cull_faces": None, "filter": False, "antialias": True,
         "bounce": 3, "textures": False, "smooth_normals": True,
     }  # fmt: skip
-    assert literal(given, EngineOptions) == {"threads": 2, "gbuffer": "auto"}
+    assert literal(vars(given), EngineOptions) == {"threads": 2, "gbuffer": "auto"}
     asked = given.options()
     assert asked.picture == RenderOptions(spp=8, sampler="sobol", filter=False, textures=False, bounce=3)
     assert field_values(asked.engine) == field_values(EngineOptions(threads=2))
@@ -101,18 +102,17 @@ def test_a_new_option_needs_no_other_edit():
         """
         return MoreOptions(**keywords)
 
-    base: Any = arguments_of("render", MoreOptions)
-
     @dataclass(frozen=True)
-    class Arguments(base):
+    class Arguments(SceneArguments):
+        options: dict[str, Any] = field(default_factory=dict)
         scene: Annotated[str, typer.Argument()] = ""
 
     made = []
 
-    @takes(Arguments)
+    @takes(Arguments, MoreOptions)
     def command(given: Arguments) -> int:
         """Render."""
-        made.append(render(given.scene, **literal(given, MoreOptions)))
+        made.append(render(given.scene, **literal(given.options, MoreOptions)))
         return 0
 
     program = typer.Typer(rich_markup_mode=None)

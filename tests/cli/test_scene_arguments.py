@@ -8,7 +8,7 @@ import pytest
 import typer
 
 import antumbra as at
-from antumbra.cli.options import fields_of, takes
+from antumbra.cli.options import parameters_of, takes
 from antumbra.cli.scene_arguments import DEFAULT_SCENE, SceneArguments, SceneSpec, parse_scene
 
 
@@ -105,7 +105,7 @@ def test_only_commands_with_a_scene_have_its_options():
         scene: Annotated[str, typer.Argument()]
         quiet: Annotated[bool, typer.Option()] = False
 
-    assert [field.name for field in fields_of(Plain)] == ["name"]
-    assert [field.name for field in fields_of(WithScene)] == ["scene", "height", "terrain", "unit", "quiet"]
+    assert [each.name for each in parameters_of(Plain)] == ["name"]
+    assert [each.name for each in parameters_of(WithScene)] == ["scene", "height", "terrain", "unit", "quiet"]
     made = [list(takes(kind)(lambda args: 0).__annotations__) for kind in (Plain, WithScene)]
     assert made == [["name"], ["scene", "height", "terrain", "unit", "quiet", "max_memory"]]

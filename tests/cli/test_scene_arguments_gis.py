@@ -8,7 +8,7 @@ import pytest
 import rasterio
 
 import antumbra as at
-from antumbra.cli.app import COMMANDS
+from antumbra.base.command_registry import COMMANDS
 from antumbra.cli.scene_arguments import SceneArguments
 from gis_files import buildings, hills, write_buildings, write_raster
 

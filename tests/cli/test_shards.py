@@ -192,3 +192,13 @@ def test_frames_of_shards_have_the_exposure_of_the_first(run, tmp_path):
     exposures = [json.loads(note_of(tmp_path / file))["exposed"] for file in ("a/f.05.png", "whole/f.03.png")]
     assert exposures[0] == exposures[1]
     assert not (tmp_path / "a" / "f.03.png").exists()
+
+
+def test_a_film_is_written_once_all_of_its_frames_exist(run, tmp_path):
+    words = ("render", CITY, "--size", "24", "--frames", "0:3", "-o", "f.gif", "--spp", 4)
+    run("whole", *words, "-q")
+    first = run("a", *words, "--shard", "0/2")
+    assert "f.gif is not written" in first.out and not (tmp_path / "a" / "f.gif").exists()
+    run("a", *words, "--shard", "1/2", "-q")
+    run("a", "merge", shards_of(tmp_path / "a" / "f.gif.frames"), "-q")
+    assert (tmp_path / "a" / "f.gif").read_bytes() == (tmp_path / "whole" / "f.gif").read_bytes()

@@ -1,7 +1,8 @@
 """Files that arguments name go to nodes that lack them."""
 
+import pickle
 import re
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import get_type_hints
@@ -11,10 +12,12 @@ import pytest
 import rasterio
 
 import antumbra as at
-from antumbra.city.sight.sight_commands import MatrixArguments, matrix
-from antumbra.city.sun.sun_command import SunArguments, sun
-from antumbra.cli import shards
+from antumbra.city.sight.matrix_command import MatrixCommand
+from antumbra.city.sight.sight_options import MatrixOptions
+from antumbra.city.sun.sun_command import SunCommand
+from antumbra.city.sun.sun_options import SunOptions
 from antumbra.cli.app import program
+from antumbra.cli.study_run import start_on_node
 from antumbra.cluster import node_files, ray_executor, ray_workers
 from antumbra.cluster.node_files import INPUTS, files_in, with_files
 
@@ -88,17 +91,19 @@ def told(tmp_path, monkeypatch):
 
 
 CITY = "procedural:city?triangles=1000"
-SUN = SunArguments(scene=CITY, sensors="raster:dem.tif+1.6", days="2026-03-21", latitude=52.0, longitude=4.36,
-                   plan="bsah+single", output=[Path("a.csv")])  # fmt: skip
-MATRIX = MatrixArguments(CITY, "raster:dem.tif+1.6", output=Path("a.npy"), plan="bsah+single")
+SUN = SunCommand(scene=CITY, sensors="raster:dem.tif+1.6", latitude=52.0, longitude=4.36, output=[Path("a.csv")],
+                 options=SunOptions(days="2026-03-21", plan="bsah+single"))  # fmt: skip
+MATRIX = MatrixCommand(
+    scene=CITY, sensors="raster:dem.tif+1.6", output=Path("a.npy"), options=MatrixOptions(plan="bsah+single")
+)
 
 
-@pytest.mark.parametrize("given, command", [(SUN, sun), (MATRIX, matrix)])
-def test_rasters_of_sensors_are_fetched(tmp_path, monkeypatch, told, given, command):
+@pytest.mark.parametrize("given", [SUN, MATRIX])
+def test_rasters_of_sensors_are_fetched(tmp_path, monkeypatch, told, given):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     put_raster(tmp_path / "here")
-    prepare = partial(shards.begin, command, replace(given, quiet=True))
+    prepare = partial(start_on_node, pickle.loads(pickle.dumps(given)))
     paths = {name: str(path) for name, path in files_in(vars(given)).items()}
     far, fetched = told(prepare, paths)
     assert fetched == ["dem.tif"] and far[0][1]
@@ -113,7 +118,7 @@ def test_rasters_of_the_ground_are_fetched(tmp_path, monkeypatch, told):
     put_raster(tmp_path / "here", "roofs.tif")
     given = replace(SUN, scene="roofs.tif", terrain=[Path("dem.tif")], sensors="raster", quiet=True)
     paths = {name: str(path) for name, path in files_in(vars(given)).items()}
-    found, fetched = told(partial(shards.begin, sun, given), paths)
+    found, fetched = told(partial(start_on_node, given), paths)
     assert set(fetched) == {"roofs.tif", "dem.tif"} and found[0][1]
 
 
@@ -142,14 +147,11 @@ def test_all_arguments_that_name_files_are_inputs():
     """Of all commands that run on a cluster."""
     told = set()
     for command in program().registered_commands:
-        kind = getattr(command.callback, "command", None)
-        given = next((type_ for type_ in get_type_hints(kind).values() if is_dataclass(type_)), None) if kind else None
-        hints = get_type_hints(given, include_extras=True) if given else {}
-        if "ray" in hints:
-            for field in fields(given):
-                (info, *_) = getattr(hints[field.name], "__metadata__", (None,))
-                words = f"{info.help} {info.metavar}" if info else ""
-                reads = not hasattr(getattr(info, "callback", None), "writes") and "bool" not in str(hints[field.name])
-                if reads and re.search(r"\bFILE\b|file of points|--sensors|\.hdr|SCENE$", words):
-                    told.add(field.name)
+        hints = get_type_hints(command.callback, include_extras=True)
+        for name, hint in hints.items() if "ray" in hints else ():
+            (info, *_) = getattr(hint, "__metadata__", (None,))
+            words = f"{info.help} {info.metavar}" if info else ""
+            reads = not hasattr(getattr(info, "callback", None), "writes") and "bool" not in str(hint)
+            if reads and re.search(r"\bFILE\b|file of points|--sensors|\.hdr|SCENE$", words):
+                told.add(name)
     assert told == set(INPUTS)

@@ -18,6 +18,7 @@ import antumbra as at
 from antumbra.city.sensors.sensors import Zone
 from antumbra.integrations import ladybug, open3d, pvlib, pyvista, trimesh
 from antumbra.scene.scene_data import SemanticSurface
+from study_cases import study_cases
 
 SCENE = at.procedural("atrium", triangles=2000)
 SOUP = np.round(SCENE.triangles().vertices[:40].astype(np.float64) * 4.0) / 4.0
@@ -210,6 +211,9 @@ door("point_sensors at", POINTS, at.point_sensors)
 door("point_sensors normals", VECTORS, lambda a: at.point_sensors(POINTS, a))
 door("point_sensors areas", np.abs(POINTS[:, 0]), lambda a: at.point_sensors(POINTS, None, a))
 door("raster_sensors bounds", np.array([[-2.0, -2.0], [2.0, 1.0]]), lambda a: at.raster_sensors(SCENE, 1.0, bounds=a))
+for study in study_cases():
+    if study.points:
+        door(f"{study.function} {study.points}", POINTS, lambda a, of=study: of.exact(of.call_with(a)(SCENE)))
 SENSORS = at.point_sensors(POINTS)
 CORNERS = np.array([[0, 1, 2], [3, 4, 5]])
 

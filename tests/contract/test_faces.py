@@ -22,6 +22,7 @@ import trimesh
 
 import antumbra as at
 from antumbra.sun.sun_positions import Times
+from study_cases import study_cases
 
 CORNERS = np.array([[[0, 0, 0], [4, 0, 0], [0, 0, -4]], [[0, 1, 0], [1, 1, 0], [0, 1, -1]]], np.float32)
 """A floor, and a smaller triangle above it."""
@@ -33,6 +34,7 @@ PLACE = at.Place(52.0, 4.0)
 
 PLUMBING = {
     "patch", "samples", "area", "weights", "upright",  # of lights, for tracers and scenes
+    "summary",  # of results, for commands
     "view", "rays",  # of cameras, for tracers
     "from_rows", "rows", "see",  # of a Renderer, for commands and workers: they take what its other methods made
     "of_scene", "surfaces",  # of a Hit
@@ -257,7 +259,6 @@ def examples(folder: Path) -> dict[str, Example]:
         "suns_of": ex(at.suns_of, place=PLACE, times=times, up="y"),
         "times_of": ex(at.times_of, days=days, zone=zone),
         "view": ex(at.view, scene=own, lights=LIGHT, camera=CAMERA, browser=False),
-        "view_factors": ex(at.view_factors, scene=own, samples=64),
         "viewshed": ex(at.viewshed, scene=own, sensors=points, observers=[0.5, 3.0, -0.5]),
         "virtual_point_lights": ex(at.virtual_point_lights, scene=own, light=LIGHT, n=64),
         "visibility": ex(at.visibility, scene=own, points=points, light=LIGHT, **quick),
@@ -272,6 +273,11 @@ def examples(folder: Path) -> dict[str, Example]:
         "cluster": ex(at.cluster.run, works=False, function=at.sun_hours, scene="nowhere.glb"),
         "examples": ex(at.examples.file_of, name="mill"),
     }
+    for case in study_cases():
+        result, function = case.call(own), getattr(at, case.function)
+        found[case.function] = ex(function, scene=own, **case.keywords)
+        for name, keywords in case.methods.items():
+            found[f"{type(result).__name__}.{name}"] = ex(getattr(result, name), **keywords)
     for kind, made in (("Scene", own), ("PagedScene", store)):
         found |= {f"{kind}.{name}": each for name, each in scene_methods(made, made is store).items()}
     for made in (LIGHT, sky, suns, many, at.AmbientOcclusion(), at.Light()):

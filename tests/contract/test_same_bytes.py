@@ -9,6 +9,7 @@ import pytest
 
 import city_files
 from cli.test_app_outputs import OUTPUTS
+from study_cases import study_cases
 
 CITY = "a.city.json"
 TABLES = [f"a{suffix}" for suffix in (".csv", ".parquet", ".gpkg", ".json", ".npz", ".png", ".glb", ".tif")]
@@ -36,7 +37,6 @@ JOBS = {
                 *TABLES),
     "matrix": ("matrix", CITY, *RASTER, "-o", "a.npy", "--sparse", "b.npz", "--counts", *TABLES),
     "skyline": ("skyline", CITY, "--at", EYE, "-o", "a.csv", "a.json", "a.npz", "a.txt", "--map", *MAPS),
-    "view-factors": ("view-factors", CITY, "-o", "a.npz", "a.csv"),
     "dataset": ("dataset", CITY, *SMALL, "--random", "1", "-o", "set", "--sheet", "sheet.png"),
     "build": ("build", CITY, "-o", "a.antumbra"),
     **{f"scenes {suffix}": ("scenes", "atrium", "--triangles", "1000", "-o", f"a{suffix}")
@@ -44,6 +44,7 @@ JOBS = {
     "culling": ("culling", CITY, "--size", "16", "-o", "a.png"),
     "explain": ("explain", CITY, *SMALL, "--plan", "bsah+single", "-o", "a.png"),
 }  # fmt: skip
+JOBS |= {case.command: (case.command, CITY, *case.outputs) for case in study_cases() if case.command}
 """Name -> words; several files follow one option."""
 
 SCRIPT = """

@@ -18,6 +18,7 @@ import pytest
 import antumbra as at
 from antumbra.scene.units import LengthUnit
 from baked_files import Glb, box
+from study_cases import study_cases
 
 ORIGIN = (85_000.0, 447_000.0)  # metres
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
@@ -181,12 +182,6 @@ def _lines(frame, scene):
     return {"visible": found.visible}, {"length": found.length * metres, "distance": found.distance * metres}
 
 
-@finds("view_factors")
-def _view_factors(frame, scene):
-    found = at.view_factors(scene, "face", samples=64)
-    return {"n": len(found)}, {"areas": found.areas}
-
-
 @finds("bake")
 def _bake(frame, scene):
     with tempfile.TemporaryDirectory() as folder:
@@ -213,6 +208,14 @@ def _sensors(frame, scene):
     made = {"face": at.face_sensors(scene), "vertex": at.vertex_sensors(scene)}
     made["raster"] = at.raster_sensors(scene, frame.length(1.0))
     return {n: len(s) for n, s in made.items()}, {n: s.areas.sum() * frame.unit.square_metres for n, s in made.items()}
+
+
+for case in study_cases():
+
+    @finds(case.function)
+    def _case(frame, scene, case=case):
+        result = case.call(scene)
+        return case.exact(result), case.close(result, frame.unit.metres)
 
 
 def test_each_function_of_a_scene_is_compared():

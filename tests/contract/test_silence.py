@@ -10,6 +10,7 @@ import antumbra as at
 import city_files
 from antumbra.base import progress
 from antumbra.base.progress import show_progress
+from study_cases import study_cases
 from terminal import Terminal
 
 CALLS = {
@@ -43,7 +44,6 @@ CALLS = {
     "trimesh_ray": "at.trimesh_ray(trimesh.creation.box()).intersects_any([(0, 1, 0)], [(0, -1, 0)])",
     "vertex_sensors": "at.vertex_sensors(scene)",
     "view": "at.view(scene, port=0, browser=False).close()",
-    "view_factors": "at.view_factors(scene, samples=64).save('factors.csv')",
     "viewshed": "at.viewshed(scene, at.raster_sensors(scene, 2.0), (0, 1, 0)).table.save('seen.csv')",
     "virtual_point_lights": "at.virtual_point_lights(scene, light, 8)",
     "visibility": "at.visibility(scene, (0, 1, 0), light)",
@@ -52,6 +52,7 @@ CALLS = {
     "write_attributes": "at.write_attributes('a.city.json', 'out.json', {'hours': np.zeros(12)})",
 }
 """A call of each public function; `load` comes after `build_store`."""
+CALLS |= {case.function: f"at.{case.function}(scene, **{case.keywords!r}).save('study.csv')" for case in study_cases()}
 
 PRELUDE = """
 from datetime import UTC, date

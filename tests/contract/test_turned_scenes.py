@@ -18,6 +18,7 @@ from antumbra.baking.bake_options import QUANTITIES
 from antumbra.cli.app import program
 from antumbra.scene.default_picture import KINDS
 from baked_files import Glb
+from study_cases import study_cases
 from turned import FIRST, SHARP, SOFT, TURNS, UPRIGHT, Turned, camera_in, corners, lights_in, scene_in
 
 EYES = np.array([[3.0, 1.5, 2.5], [-3.5, 1.0, -2.5], [0.0, 4.0, 0.0]])
@@ -88,12 +89,6 @@ def _lines(frame, scene, folder):
 @finds("visibility_matrix")
 def _matrix(frame, scene, folder):
     return Found({"bits": at.visibility_matrix(scene, sensors_in(frame)).bits}, {})
-
-
-@finds("view_factors")
-def _view_factors(frame, scene, folder):
-    found = at.view_factors(scene, "face", samples=1 << 12)
-    return Found({"n": len(found)}, {"areas": found.areas})  # tangents do not turn along: only expectations are equal
 
 
 @finds("viewshed")
@@ -224,6 +219,14 @@ def _bake(frame, scene, folder):
         else:
             close[what] = values
     return Found(exact, close)
+
+
+for case in study_cases():
+
+    @finds(case.function)
+    def _case(frame, scene, folder, case=case):
+        result = case.call(scene)
+        return Found(case.exact(result), case.close(result, 1.0))
 
 
 def same(one: Found, other: Found) -> None:
@@ -400,7 +403,6 @@ COMMANDS = {
         "--north",
         f.north,
     ],
-    "view-factors": lambda f: ["--samples", 64],
     "dataset": lambda f: ["-o", f"data-{f.up}", "--orbit", 2, "--spp", 4, *SIZE, "--light", f"sun:{triple(f, SUN)}:0"],
     "build": lambda f: ["-o", f"{f.up}.antumbra"],
     "info": lambda f: [],
@@ -418,16 +420,18 @@ COMMANDS = {
         "bsah+wide",
     ],
 }
+COMMANDS |= {case.command: lambda f, case=case: case.words for case in study_cases() if case.command}
 """Command -> its arguments in a frame. Pages of `view` are those of render."""
 
 NUMBERS = {
     "render": ["rays"], "sun": ["suns", "hours", "rays", "means"], "bake": ["receivers", "rays", "mean"],
     "los": ["pairs", "visible"], "viewshed": ["seen", "area", "area_seen"], "matrix": ["visible"],
     "visible": ["sensors"], "skyline": ["points", "azimuths"], "shadow": ["polygons"],
-    "view-factors": ["n", "rays"], "dataset": ["frames", "lights", "rendered"],
+    "dataset": ["frames", "lights", "rendered"],
     "build": ["triangles", "chunks", "bytes"], "info": ["triangles"],
     "culling": ["kept", "marked"], "explain": ["rays", "blocked"], "compare": ["rays"],
 }  # fmt: skip
+NUMBERS |= {case.command: case.numbers for case in study_cases() if case.command}
 """Command -> numbers of its answer that do not depend on the frame. Tests of boxes do."""
 
 

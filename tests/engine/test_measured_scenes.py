@@ -14,6 +14,7 @@ from antumbra.engine.measured_scenes import MOST_STRETCH, earth_radius_of, measu
 from baked_files import box
 from city_files import CUBE, city
 from gis_files import write_buildings, write_raster
+from study_cases import study_cases
 
 PLACE = at.Place(52.0, 4.0)
 
@@ -26,7 +27,6 @@ JOBS = {
     "visibility_matrix": lambda scene: at.visibility_matrix(scene, "face"),
     "visible_share": lambda scene: at.visible_share(scene, "face", eye(scene)),
     "line_of_sight": lambda scene: at.line_of_sight(scene, eye(scene), eye(scene) + 1.0),
-    "view_factors": lambda scene: at.view_factors(scene, "face", samples=64),
     "pvlib_shading": lambda scene: at.pvlib_shading(
         scene, eye(scene), pandas.date_range("2026-06-21", periods=3, freq="h", tz="UTC"), place=PLACE, samples=1
     ),
@@ -35,6 +35,7 @@ JOBS = {
     "area_sensors": lambda scene: at.area_sensors(scene, [ring(scene)]),
     "sensors_of": lambda scene: at.sensors_of("face", scene),
 }
+JOBS |= {case.function: case.call for case in study_cases()}
 """Name of a public function that measures lengths -> a call of it."""
 
 
@@ -195,9 +196,11 @@ COMMANDS = {
     "los": ["--from", "485000,6800000,40", "--to", "485001,6800000,40", "-o", "out.csv"],
     "matrix": ["-o", "out.npy"],
     "visible": ["--turbine", "485000,6800000,0", "--hub-height", "9", "--rotor", "5", "-o", "out.csv"],
-    "view-factors": ["-o", "out.csv"],
     "bake": ["-o", "out.glb"],
 }
+
+
+COMMANDS |= {case.command: list(case.words) for case in study_cases() if case.command}
 
 
 @pytest.mark.parametrize("command", COMMANDS)

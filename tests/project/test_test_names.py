@@ -54,7 +54,7 @@ THROUGH = {
     """,
     "the study of the folder": """
         city/sight/line_points city/shadow/plane_projection city/shadow/shadow_polygons
-        city/skyline/edge_projection city/skyline/skyline_options city/tables/surface_columns
+        city/skyline/edge_projection city/tables/surface_columns
     """,
     "commands": """
         cli/picture_report city/sight/visible_command version

@@ -26,6 +26,7 @@ from ..picture.image_files import write_exr
 from ..picture.png_files import SMALL, png_file
 from ..scene.materials import linear_to_srgb
 from ..work.executors import Executor, Keep, executor_of
+from ..work.result_summary import Summary, duration
 from .bake_input import BakeScene, BakeSource, bake_source, exposure_of, meter_settings, open_source
 from .bake_options import BakeKeywords, BakeOptions
 from .baked_values import Texels, image_of, replace_hidden, seam_differences, sheet_notes, vertex_receivers
@@ -65,6 +66,19 @@ class Baked(NamedTuple):
     seam: float | None  # 99th percentile of the difference across seams; None: no texture, or no seams
     seconds: dict[str, float]  # per phase: read, unwrap, trace, write
     notes: tuple[str, ...] = ()  # what the file loses, and how to keep it
+
+    def summary(self) -> Summary:
+        """What was baked, and the time of each phase."""
+        where = "texels" if self.attribute is None else f"vertices ({self.attribute})"
+        hidden = f", {self.hidden:,} inside solids" if self.hidden else ""
+        mean, trace = f"{self.mean:.3f} on average{hidden}", max(self.seconds["trace"], 1e-9)
+        lines = [("file", str(self.path)), *(("image", str(path)) for path in self.images)]
+        lines.append((self.what, f"{self.receivers:,} {where} in {self.parts:,} parts, {mean}"))
+        lines += [("exposure", f"{self.exposure:.4g}")] if self.exposure != 1.0 else []
+        lines += [] if self.seam is None else [("seams", f"99 % differ by less than {self.seam:.3f}")]
+        lines.append(("rays", f"{self.rays:,}, {self.rays / trace / 1e6:.1f} million per second"))
+        lines.append(("time", ", ".join(f"{name} {duration(s)}" for name, s in self.seconds.items())))
+        return Summary(self._asdict(), lines)
 
 
 # --- Image files ------------------------------------------------------------------------------------------------------

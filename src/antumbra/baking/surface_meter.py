@@ -220,6 +220,3 @@ def points_warm_up() -> WarmUp:
             Meter(scene, settings, 1).values(ReceiverPoints(np.zeros((1, 3)), up))
 
     return fixed_warm_up("points", work)
-
-
-WARM_UPS = (points_warm_up,)

@@ -8,5 +8,7 @@
 - `extras`: optional packages, and plug-ins
 - `option_fields`: signatures, docstrings and command-line options derived from the fields of options
 - `field_docs`: docstrings of the fields of results
+- `wings`: what the wings add to the core, by name
+- `command_registry`: where each command is defined
 - `forks`: what becomes of threads and files in a forked process
 """

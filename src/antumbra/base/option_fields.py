@@ -39,17 +39,17 @@ class CommandOption(NamedTuple):
     start: Any = MISSING  # default on the command line; MISSING: the default of the field
     note: str = ""  # meaning of a default of None
     metavar: str | None = None
-    unbounded: bool = False  # whether the help omits the upper limit of a number
+    hides_limit: bool = False  # whether the help omits the upper limit of a number
     commands: tuple[str, ...] = ()  # names of the commands that have it; empty: all that take the options
     name: str = ""  # its own name if several CLI options set the field; "": the name of the field
-    literal: bool = True  # whether the CLI value is the value of the field; otherwise the command computes that
+    is_value: bool = True  # whether the CLI value is the value of the field; otherwise the command computes that
 
 
 class Option(NamedTuple):
     """The metadata of an option field, besides its type, its default and its docstring."""
 
     check: Check
-    words: tuple[CommandOption, ...] = ()  # CLI options
+    cli_options: tuple[CommandOption, ...] = ()
     decides: bool = True  # whether the result depends on it
     doc_type: str = ""  # the type in docstrings; "": that of the annotation
     origin: type | None = None  # class with the docstring of an option of several classes
@@ -57,29 +57,29 @@ class Option(NamedTuple):
 
 def option(
     default: _T, check: Check, help: str = "", *, more: tuple[CommandOption, ...] = (), decides: bool = True,
-    doc_type: str = "", **words: Any,
+    doc_type: str = "", **cli: Any,
 ) -> _T:  # fmt: skip
     """A dataclass field with an `Option`.
 
-    help, words : of its `CommandOption`; "": the command line does not have it
+    help, cli : of its `CommandOption`; "": the command line does not have it
     more : further CLI options that set the field
     """
-    first = (CommandOption(help, **words),) if help else ()
+    first = (CommandOption(help, **cli),) if help else ()
     metadata = {"option": Option(check, first + more, decides, doc_type)}
     declared: Any = field(default=default, metadata=metadata)
     return declared  # type: ignore[no-any-return]  # type checkers see the default
 
 
-def same_option(options: type, name: str, default: Any = MISSING, **words: Any) -> Any:
+def same_option(options: type, name: str, default: Any = MISSING, **cli: Any) -> Any:
     """A field like that of another class, with its docstring, unless another follows, and its first CLI option.
 
     default : instead of the other's
-    words : changes to the `CommandOption`
+    cli : changes to the `CommandOption`
     """
     original = next(each for each in fields(options) if each.name == name)
     option, start = option_of(original), original.default if default is MISSING else default
-    word = option.words[0]._replace(**{"start": MISSING, "commands": (), **words})
-    return field(default=start, metadata={"option": option._replace(words=(word,), origin=options)})
+    first = option.cli_options[0]._replace(**{"start": MISSING, "commands": (), **cli})
+    return field(default=start, metadata={"option": option._replace(cli_options=(first,), origin=options)})
 
 
 class Choice(NamedTuple):

@@ -14,15 +14,14 @@ FORMATS = ("antumbra.city.city_formats:FORMATS",)
 FILES_IN_TEXTS = ("antumbra.city.sensors.sensor_files:raster_file",)
 """Functions of an argument's text that return the path of a file in it, or None."""
 
-WARM_UPS = "antumbra.baking.surface_meter:WARM_UPS", "antumbra.city.city_warm_ups:WARM_UPS"
-"""Lists of functions that return a warm-up."""
-
-
 VEGETATION_FILE = "antumbra.city.vegetation.vegetation_table:checked_vegetation_file"
 """The function that checks the path of a file of plants."""
 
 POINTS_OF_FILE = "antumbra.city.sensors.sensor_files:points_of_file"
 """The function that reads the points that an option names."""
+
+CHECK_MAP = "antumbra.city.tables.map_page:check_map"
+"""The function that checks the path of a map."""
 
 SWEEP_SAH, TL_LBVH = "antumbra.lab.builders.sweep_sah:build", "antumbra.lab.builders.tl_lbvh:build"
 """Builders."""

@@ -10,6 +10,7 @@
 - `tables/`: results with units, their files, maps and pictures
 - `gis/`: rasters of heights, footprints and maps
 - `cityjson/`: CityJSON and CityJSONSeq
+- `sensor_study`: the base of commands of studies with a row for each sensor
 
 The command of a study stands beside it.
 """

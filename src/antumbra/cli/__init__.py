@@ -5,8 +5,7 @@
   summaries and HTML pages of rendered pictures
 - `bake_command`: ``antumbra bake``, light and occlusion baked into glTF files
 - `view_command`: ``antumbra view``, a scene in the browser
-- `dataset_command`: ``antumbra dataset``, rendered data sets
-- `study_run`: the steps that the commands of all studies share
+- `study_run`: what the commands of all studies share; each declares the rest
 - `shards`: the options --shard and --ray, and ``antumbra merge``
 - `scene_commands`: ``antumbra info``, ``scenes``, ``formats`` and ``build``
 - `installation_commands`: ``antumbra doctor``, ``warmup`` and ``plans``

@@ -7,13 +7,13 @@ only when it needs them. So ``--help`` appears at once.
 import re
 from collections.abc import Callable
 from functools import cache
-from importlib import import_module
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
 from ..base import wings
+from ..base.command_registry import COMMANDS, Command
 from ..base.errors import InputError
 from .command_parsing import ParsedOnce
 
@@ -39,11 +39,11 @@ class Program(ParsedOnce, TyperGroup):
     """The program."""
 
 
-class Command(ParsedOnce, TyperCommand):
+class PlainCommand(ParsedOnce, TyperCommand):
     """A command."""
 
 
-class Grouped(Command):
+class Grouped(PlainCommand):
     """A command whose help groups its options if there are many."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
@@ -70,85 +70,6 @@ def _title(param: Any) -> str:
 # --- The program and its commands -------------------------------------------------------------------------------------
 
 
-class CommandEntry(NamedTuple):
-    """A command: where it is defined, and its line in the help, which is the first line of its docstring."""
-
-    module: str
-    help: str
-    grouped: bool = True  # whether its help groups its options if there are many
-
-    def function(self, name: str) -> Callable[..., Any]:
-        """The command's function, whose module is imported."""
-        function: Callable[..., Any] = getattr(import_module(f"antumbra.{self.module}"), name.replace("-", "_"))
-        return function
-
-
-COMMANDS = {
-    "render": CommandEntry("cli.render_command", "Render SCENE with exact shadows."),
-    "sun": CommandEntry("city.sun.sun_command", "Find the hours of direct sun on the surfaces of SCENE."),
-    "shadow": CommandEntry("city.shadow.shadow_command", "Find the shadow on the ground of SCENE, as polygons."),
-    "view": CommandEntry("cli.view_command", "Show SCENE in the browser, until Ctrl-C."),
-    "bake": CommandEntry(
-        "cli.bake_command", "Bake occlusion, shadows or light of SCENE into a copy of its glTF file.", grouped=False
-    ),
-    "los": CommandEntry(
-        "city.sight.sight_commands",
-        "Find which points see each other in SCENE, and what blocks the others.",
-        grouped=False,
-    ),
-    "viewshed": CommandEntry(
-        "city.sight.sight_commands", "Count the observers that see each sensor of SCENE.", grouped=False
-    ),
-    "visible": CommandEntry(
-        "city.sight.visible_command", "Find the share of a target in SCENE that each sensor sees.", grouped=False
-    ),
-    "matrix": CommandEntry(
-        "city.sight.sight_commands",
-        "Find which sensors of SCENE see which targets, as one bit per pair.",
-        grouped=False,
-    ),
-    "skyline": CommandEntry(
-        "city.skyline.skyline_command",
-        "Find the skyline of points in SCENE: the elevation of the horizon by azimuth.",
-        grouped=False,
-    ),
-    "view-factors": CommandEntry(
-        "city.view_factors.view_factors_command",
-        "Find the view factors between the surfaces of SCENE, and of the sky.",
-        grouped=False,
-    ),
-    "dataset": CommandEntry(
-        "cli.dataset_command",
-        "Render a data set of SCENE: per camera, a multi-layer EXR and a shadow mask of each light.",
-    ),
-    "merge": CommandEntry(
-        "cli.shards",
-        "Join the shards of a command into the files it writes without --shard, byte for byte.",
-        grouped=False,
-    ),
-    "build": CommandEntry("cli.scene_commands", "Combine SCENEs in one store, which may exceed memory."),
-    "info": CommandEntry("cli.scene_commands", "Show the contents of SCENE."),
-    "scenes": CommandEntry(
-        "cli.scene_commands", "List the procedural and the example scenes, or export a procedural one."
-    ),
-    "formats": CommandEntry("cli.scene_commands", "List the file formats of scenes, and what is lost in them."),
-    "plans": CommandEntry("cli.installation_commands", "List the methods, and the plans they form."),
-    "warmup": CommandEntry(
-        "cli.installation_commands",
-        "Compile all kernels ahead of time, store them on disk, and calibrate the plan auto.",
-    ),
-    "culling": CommandEntry("lab.explain_commands", "Show which triangles of SCENE survive pre-BVH culling."),
-    "explain": CommandEntry(
-        "lab.explain_commands", "Show where plans spend the traversal steps of SCENE's shadow rays."
-    ),
-    "compare": CommandEntry("lab.compare_command", "Measure plans on the same picture of SCENE, side by side."),
-    "doctor": CommandEntry(
-        "cli.installation_commands",
-        "Check this installation: versions, processor, kernels on disk, optional packages, and a small query.",
-    ),
-}
-"""Name -> command, in the order of the help. The function has the same name, with _ for -."""
-
 _BENCH = "bench", "Measure what the papers measured."
 
 
@@ -168,7 +89,7 @@ def program(names: frozenset[str] | None = None) -> typer.Typer:
     )
     for name, entry in COMMANDS.items():
         function = entry.function(name) if names is None or name in names else _listed
-        app.command(name, cls=Grouped if entry.grouped else Command, help=_help_of(function, entry))(function)
+        app.command(name, cls=Grouped if entry.grouped else PlainCommand, help=_help_of(function, entry))(function)
     if names is None or _BENCH[0] in names:
         app.add_typer(wings.named(wings.BENCH), name=_BENCH[0])
     else:
@@ -181,7 +102,7 @@ def _listed() -> None:
     """A command that is only listed."""
 
 
-def _help_of(function: Callable[..., Any], entry: CommandEntry) -> str | None:
+def _help_of(function: Callable[..., Any], entry: Command) -> str | None:
     return entry.help if function is _listed else None
 
 

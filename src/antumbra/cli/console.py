@@ -152,13 +152,6 @@ def print_table(
     _print_rows(table, rows, width)
 
 
-def duration(seconds: float) -> str:
-    """Seconds as text: 12 ms, 3.45 s, 12 min, 1.5 h."""
-    if seconds >= 600.0:
-        return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
-    return f"{seconds:.2f} s" if seconds >= 1.0 else f"{1000.0 * seconds:.3g} ms"
-
-
 def size_in_memory(n: int) -> str:
     """Bytes as text: 12.3 MB."""
     return f"{n / 1e6:,.1f} MB"

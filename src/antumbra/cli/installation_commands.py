@@ -20,6 +20,7 @@ import typer
 
 from ..base.extras import EXTRAS
 from ..version import VERSION
+from ..work.result_summary import duration
 from . import console
 from .console import ProgressDisplay
 from .options import Json, Quiet
@@ -275,7 +276,7 @@ def warmup(
             {"jobs": names, "compiled": compiled, "folder": folder, "seconds": seconds, "machine": measured}
         )
     elif not quiet:
-        time = console.duration(seconds)
+        time = duration(seconds)
         print(f"kernels of {len(jobs)} jobs are ready, {compiled} newly compiled, in {folder} ({time})")
 
 

@@ -6,7 +6,7 @@ Options that name output files or folders are checked while the command line is 
 
 import inspect
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, field, fields, make_dataclass
 from enum import Enum, StrEnum
 from functools import update_wrapper
@@ -125,42 +125,46 @@ class DerivedOption(NamedTuple):
 
     name: str  # of the parameter
     field: Field[Any]  # the field it sets
-    words: CommandOption
+    cli: CommandOption
 
     @property
     def start(self) -> Any:
         """The value if the option is not used."""
-        return self.field.default if self.words.start is MISSING else self.words.start
+        return self.field.default if self.cli.start is MISSING else self.cli.start
 
     @property
     def kind(self) -> Any:
         """The type of the option's value."""
-        if self.words.kind is not None:
-            return self.words.kind
+        if self.cli.kind is not None:
+            return self.cli.kind
         check = option_of(self.field).check
         return Literal[check.names] if isinstance(check, Choice) else self.field.type
 
     def option(self, start: Any) -> Any:
         """The option for Typer."""
-        flag, words, check = f"--{self.name.replace('_', '-')}", self.words, option_of(self.field).check
+        flag, cli, check = f"--{self.name.replace('_', '-')}", self.cli, option_of(self.field).check
         switch = self.kind in (bool, bool | None)
-        low, high = check[:2] if isinstance(check, WholeNumber) and words.kind is None else (None, None)
+        low, high = check[:2] if isinstance(check, WholeNumber) and cli.kind is None else (None, None)
         return typer.Option(
             f"{flag}/--no-{flag[2:]}" if switch and start is not False else flag,
-            help=words.help + (f"  [default: {words.note}]" if start is None and words.note else ""),
-            metavar=words.metavar,
+            help=cli.help + (f"  [default: {cli.note}]" if start is None and cli.note else ""),
+            metavar=cli.metavar,
             min=low,
-            max=None if words.unbounded else high,
+            max=None if cli.hides_limit else high,
             show_default=start is not None,
-            rich_help_panel=words.panel,
+            rich_help_panel=cli.panel,
         )
+
+    def parameter(self, start: Any) -> "Parameter":
+        """The parameter of a command."""
+        return Parameter(self.name, Annotated[self.kind, self.option(start)], start)
 
 
 def derived_options(kind: type = RenderKeywords) -> Iterator[DerivedOption]:
     """All command-line options that set fields of a class."""
     for each in fields(kind):
-        for words in option_of(each).words:
-            yield DerivedOption(words.name or each.name, each, words)
+        for cli in option_of(each).cli_options:
+            yield DerivedOption(cli.name or each.name, each, cli)
 
 
 def derived_option(name: str, start: Any = None) -> Any:
@@ -168,31 +172,33 @@ def derived_option(name: str, start: Any = None) -> Any:
     return next(each for each in derived_options() if each.name == name).option(start)
 
 
-def arguments_of(command: str, kind: type = RenderKeywords, **starts: Any) -> Any:
-    """A base class for the arguments of a command with a scene (see `takes`), with a field for each derived option.
+def arguments_of(command: str, **starts: Any) -> Any:
+    """A base class for the arguments of a command of pictures, with a field for each option of `RenderKeywords`.
 
     starts : defaults that differ from those of the fields
     """
-
-    def start(each: DerivedOption) -> Any:
-        return starts.get(each.name, each.start)
-
-    options = [each for each in derived_options(kind) if not each.words.commands or command in each.words.commands]
-    members = [
-        (each.name, Annotated[each.kind, each.option(start(each))], field(default=start(each))) for each in options
-    ]
+    options = [each for each in derived_options() if not each.cli.commands or command in each.cli.commands]
+    parameters = [each.parameter(starts.get(each.name, each.start)) for each in options]
+    members = [(each.name, each.kind, field(default=each.default)) for each in parameters]
     return make_dataclass(f"Options of {command}", members, bases=(SceneArguments,), frozen=True, kw_only=True)
 
 
-class Before(NamedTuple):
+class ListedBefore(NamedTuple):
     """Metadata of an option of a command: the help lists it, and those after it, before a derived option."""
 
-    name: str  # of the derived option; "": after all of them
+    derived: str | None  # name; None: after all of them
 
 
-def literal(arguments: Any, kind: type) -> dict[str, Any]:
-    """Name -> value of the fields whose options are literal and have a value, used or by default."""
-    values = {each.name: getattr(arguments, each.name) for each in derived_options(kind) if each.words.literal}
+LISTED_LAST = ListedBefore(None)
+"""The help lists the option, and those after it, after all derived ones."""
+
+
+def literal(given: Mapping[str, Any], kind: type) -> dict[str, Any]:
+    """Name -> value of the fields whose CLI values are theirs, and are not None.
+
+    given : name of a derived option -> its CLI value, used or by default
+    """
+    values = {each.name: given[each.name] for each in derived_options(kind) if each.cli.is_value}
     return {name: _value(word) for name, word in values.items() if word is not None}
 
 
@@ -268,56 +274,97 @@ SCENE_HELP = (
 SceneArgument = Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
 
 
-def fields_of(arguments: type) -> list[Field[Any]]:
-    """The fields of an arguments dataclass in the order of the help.
+class Parameter(NamedTuple):
+    """A parameter of a command."""
 
-    Own ones come first, except where `Before` says, and those of `SceneArguments` follow the scene.
+    name: str
+    kind: Any  # its type, annotated with the option
+    default: Any  # MISSING: required
+
+    @property
+    def signature(self) -> inspect.Parameter:
+        """As a keyword of a function."""
+        default = inspect.Parameter.empty if self.default is MISSING else self.default
+        return inspect.Parameter(self.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=self.kind)
+
+
+def parameters_of(arguments: type, options: type | None = None) -> list[Parameter]:
+    """The parameters of a command in the order of the help.
+
+    The command's own come first, except where `ListedBefore` says, with those of `SceneArguments` after the scene. The
+    derived ones follow, and those that every study has come last.
+
+    arguments : a dataclass, with a field for each parameter
+    options : a class with further, derived options, which are one field of `arguments`, `OPTIONS`
     """
-    own = vars(arguments).get("__annotations__", {})
     shared = fields(SceneArguments) if issubclass(arguments, SceneArguments) else ()
-    groups: dict[str | None, list[Field[Any]]] = {None: []}
-    place = None
+    own, inherited = vars(arguments).get("__annotations__", {}), list[Parameter]()
+    groups: dict[str | None, list[Parameter]] = {"": []}
+    place: str | None = ""
     for each in fields(arguments):
         if each.name in own:
-            place = next((m.name for m in get_args(each.type) if isinstance(m, Before)), place)
-            groups.setdefault(place, []).extend((each, *shared) if each.name in ("scene", "scenes") else (each,))
-    known = own.keys() | {each.name for each in shared}
-    derived = [each for each in fields(arguments) if each.name not in known]
+            place = next((m.derived for m in get_args(each.type) if isinstance(m, ListedBefore)), place)
+            after = shared if each.name in ("scene", "scenes") else ()
+            groups.setdefault(place, []).extend(map(_parameter, (each, *after)))
+        elif each not in shared and each.name != OPTIONS:
+            inherited.append(_parameter(each))
+    derived = inherited if options is None else [each.parameter(each.start) for each in derived_options(options)]
     moved = [part for each in derived for part in (*groups.get(each.name, []), each)]
-    return [*groups[None], *moved, *groups.get("", [])]
+    return [*groups[""], *moved, *groups.get(None, []), *(inherited if options else [])]
 
 
-def takes(arguments: type) -> Callable[[Callable[[Any], int]], Callable[..., int]]:
+def _parameter(field: Field[Any]) -> Parameter:
+    return Parameter(field.name, Annotated[get_args(field.type)[:2]], field.default)  # without `ListedBefore`
+
+
+OPTIONS = "options"
+"""The field of arguments with the object that is made from derived options."""
+
+
+def takes(
+    arguments: type, options: type | None = None, read: Callable[[dict[str, Any]], Any] = dict
+) -> Callable[[Callable[[Any], int]], Callable[..., int]]:
     """Decorator of a command ``f(args)``: Typer gets each field of the dataclass `arguments` as a parameter.
 
-    Fields without a default are required. The help has them in the order of `fields_of`. A command with a scene also
-    has ``--max-memory``, within which files are read, if it has no such field of its own.
+    Fields without a default are required. The help has them in the order of `parameters_of`. A command with a scene
+    also has ``--max-memory``, within which files are read, if it has no such field of its own.
+
+    options : class whose derived options become one field, `OPTIONS`
+    read : makes the value of this field of their names and CLI values
     """
-    members = fields_of(arguments)
-    kinds: dict[str, Any] = {f.name: Annotated[get_args(f.type)[:2]] for f in members}  # without `Before`
-    defaults = {f.name: inspect.Parameter.empty if f.default is MISSING else f.default for f in members}
-    keeps_limit, usual = _LIMIT in kinds, defaults.get(_LIMIT)
+    members = {each.name: each for each in parameters_of(arguments, options)}
+    derived = [] if options is None else [each.name for each in derived_options(options)]
+    keeps_limit = _LIMIT in members
     if issubclass(arguments, SceneArguments) and not keeps_limit:
-        kinds[_LIMIT], defaults[_LIMIT] = _ReadingLimit, None
+        members[_LIMIT] = Parameter(_LIMIT, _ReadingLimit, None)
 
     def wrap(command: Callable[[Any], int]) -> Any:
         def run(**values: Any) -> int:
             size = values.get(_LIMIT) if keeps_limit else values.pop(_LIMIT, None)
-            limit = None if size in (None, usual) else parse_bytes(size, "--max-memory")  # the usual is not of reading
+            if size is not None and size == members[_LIMIT].default:
+                size = None  # the usual limit is not of reading
+            limit = None if size is None else parse_bytes(size, "--max-memory")
+            if options is not None:
+                values[OPTIONS] = read({name: values.pop(name) for name in derived})
             with reading_limit(limit):
                 return command(arguments(**values))
 
-        wrapper: Any = update_wrapper(run, command)  # so that a node of a cluster finds it by name
-        kind = inspect.Parameter.KEYWORD_ONLY
-        wrapper.__signature__ = inspect.Signature(
-            [inspect.Parameter(name, kind, default=defaults[name], annotation=each) for name, each in kinds.items()]
-        )
-        wrapper.__annotations__ = kinds
-        wrapper.command = command
-        arguments.run = wrapper  # type: ignore[attr-defined]
+        wrapper: Any = update_wrapper(run, command)
+        wrapper.__signature__ = inspect.Signature([each.signature for each in members.values()])
+        wrapper.__annotations__ = {each.name: each.kind for each in members.values()}
+        wrapper.arguments = arguments
         return wrapper
 
     return wrap
+
+
+def outputs_of(arguments: type) -> list[str]:
+    """The names of the fields that name output files or folders."""
+    return [
+        each.name
+        for each in fields(arguments)
+        if any(hasattr(getattr(info, "callback", None), "writes") for info in get_args(each.type)[1:])
+    ]
 
 
 # --- Options of pictures, for ``render`` and ``compare`` --------------------------------------------------------------
@@ -402,6 +449,10 @@ SENSORS_HELP = (
     "raster), or a file of points (.csv, .parquet, .npy, .npz)."
 )
 SensorsOption = Annotated[str, typer.Option(help=SENSORS_HELP)]
+SensorsOrDefault = Annotated[
+    str | None,
+    typer.Option(help=SENSORS_HELP + "  [default: face; on a raster of heights: raster]", show_default=False),
+]
 OutputsOption = Annotated[list[Path] | None, tables("Output file", "--output", "-o")]
 MapOption = Annotated[
     list[Path] | None,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ..work.result_summary import duration
 from . import console
 
 if TYPE_CHECKING:
@@ -176,7 +177,7 @@ def picture_fields(
     phases = {"load": load, **frame.timings, "save": saved.seconds}
     frame_seconds = phases.pop("total")
     yield "time", phases_text(phases)
-    yield "frame", f"{console.duration(frame_seconds)} without load and save"
+    yield "frame", f"{duration(frame_seconds)} without load and save"
     for name, value in (frame.counters or {}).items():
         yield name.replace("_", " "), f"{value:,}"
     if frame.counters is not None:
@@ -190,7 +191,7 @@ def scene_text(spec: "PictureSpec", scene: "AnyScene") -> str:
 
 def phases_text(seconds: dict[str, float]) -> str:
     """The seconds of each phase as text, without phases that did not run."""
-    return ", ".join(f"{name} {console.duration(s)}" for name, s in seconds.items() if s > 0.0)
+    return ", ".join(f"{name} {duration(s)}" for name, s in seconds.items() if s > 0.0)
 
 
 def shot_fields(spec: "PictureSpec", shot: "Shot") -> Iterator[tuple[str, str]]:
@@ -279,12 +280,12 @@ def print_choices(shot: "Shot", scene: "AnyScene") -> None:
         return
     tree, predicted = frame.tree, ""
     if tree.tree in machine_rates().builds and not (tree.culler or tree.updater):
-        predicted = console.duration(build_seconds(tree.tree, triangles))
-    methods, measured = str(tree._replace(tracer="")) or "none", console.duration(frame.timings["build"])
+        predicted = duration(build_seconds(tree.tree, triangles))
+    methods, measured = str(tree._replace(tracer="")) or "none", duration(frame.timings["build"])
     rows = [("tree", f"{triangles:,}", methods, tree.why, predicted, measured)]
     names = [type(light).__name__ for light in shot.lights]
     for i, choice in enumerate(frame.choices):
-        times = console.duration(choice.predicted) if choice.predicted else "", console.duration(choice.seconds)
+        times = duration(choice.predicted) if choice.predicted else "", duration(choice.seconds)
         strategy = choice.strategy + ", sorted" * choice.sorted
         rows.append(
             (names[i] if i < len(names) else "more rays", f"{choice.rays:,}", strategy, _reason(choice), *times)

@@ -466,7 +466,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
             vpl=self.vpl,
             ground=parse_ground(self.ground),
             picture=self._picture(),
-            engine=EngineOptions(**literal(self, EngineOptions), max_memory=memory),
+            engine=EngineOptions(**literal(vars(self), EngineOptions), max_memory=memory),
             srdh_rays=rays,
             exposure=self.exposure,
             json=self.json,
@@ -484,7 +484,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
     def _picture(self) -> RenderOptions:
         """The options of the picture; the preset supplies those not set."""
         preset = QUALITIES[self.preset]
-        chosen = {"spp": preset.spp, "filter": preset.filter, **literal(self, RenderOptions)}
+        chosen = {"spp": preset.spp, "filter": preset.filter, **literal(vars(self), RenderOptions)}
         refined = preset.adaptive if self.adaptive is None else self.adaptive
         usual = min(4 * chosen["spp"], MAX_SPP) if refined else None
         return RenderOptions(**chosen, adaptive=usual if self.adaptive_spp is None else self.adaptive_spp)

@@ -10,19 +10,22 @@ import json
 import re
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..base.errors import InputError
 from ..base.files import checked_folder
+from ..work.result_summary import duration
 from . import arguments, console, picture_report
 from .arguments import FrameSequence
 from .console import BAD_INPUT, ProgressDisplay, explained, say
 from .options import takes
 from .picture_report import print_choices
 from .picture_spec import PictureSpec, Progress, RenderArguments, Shot
-from .shards import executor_for, report_shard
+from .shards import executor_for, for_node, report_shard
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -114,7 +117,7 @@ def render_frames(
         done = sum(len(animation.numbers[state]) for state in ("rendered", "finished"))
         say(f"{done} of {len(sequence.numbers)} frames are finished; run the same command again to continue")
         raise
-    if job.film is not None and not animation.numbers["failed"]:
+    if job.film is not None and animation.is_whole:
         animation.write_film(job.film, display)
     return animation
 
@@ -139,6 +142,11 @@ class Animation:
         self._again = set(sequence.numbers) if job.overwrite else set[int]()  # frames to render even if finished
         if self.exposure is None and not job.overwrite:
             self.exposure = self._first_exposure()
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all frames exist."""
+        return self.complete and not self.numbers["failed"]
 
     @property
     def root(self) -> Path:
@@ -278,7 +286,7 @@ class Animation:
         if not self.seconds:
             return ""
         each = sum(self.seconds) / len(self.seconds)
-        return f" (last: {console.duration(self.seconds[-1])}; about {console.duration(each * remaining)} left)"
+        return f" (last: {duration(self.seconds[-1])}; about {duration(each * remaining)} left)"
 
     def write_film(self, film: Path, display: ProgressDisplay) -> None:
         """Write the film, and remove its frames."""
@@ -323,7 +331,7 @@ class Animation:
         spec, numbers = self.job.spec, self.sequence.numbers
         first, last = (numbered(self.job.pattern, numbers[i]) for i in (0, -1))
         failed, film = self.numbers["failed"], self.job.film
-        if film is not None and not failed:
+        if film is not None and self.is_whole:
             yield "film", f"{film}, {len(numbers) * numbers.step / self.sequence.fps:.3g} s"
         else:
             yield "pictures", f"{first} to {last.name}" + (f"; {film} is not written" if film else "")
@@ -339,9 +347,9 @@ class Animation:
             phases = {name: seconds / len(self.seconds) for name, seconds in self.timings.items() if name != "total"}
             yield "time", f"{picture_report.phases_text(phases)} (mean of a frame)"
             ordered = sorted(self.seconds)
-            middle, slowest = console.duration(ordered[len(ordered) // 2]), console.duration(ordered[-1])
+            middle, slowest = duration(ordered[len(ordered) // 2]), duration(ordered[-1])
             yield "frame", f"{middle}, at most {slowest}, with saving"
-        yield "all", console.duration(self.job.load + perf_counter() - self.start)
+        yield "all", duration(self.job.load + perf_counter() - self.start)
 
 
 def _stored_settings(path: Path) -> dict[str, Any]:
@@ -356,6 +364,83 @@ def _stored_settings(path: Path) -> dict[str, Any]:
 
 
 # --- The command ------------------------------------------------------------------------------------------------------
+
+
+class Traced(NamedTuple):
+    """A single picture, traced."""
+
+    spec: PictureSpec
+    scene: "AnyScene"
+    digest: str  # of the scene, if it is needed
+    load: float  # seconds to read the scene
+    shot: Shot | None  # None: other processes trace parts of it
+    seconds: float  # of tracing
+
+
+class Rendering(NamedTuple):
+    """What the arguments of the command ask for, checked."""
+
+    spec: PictureSpec
+    sequence: FrameSequence | None  # None: a single picture, at `time`
+    time: float
+    path: Path  # of the picture, or the pattern of the frames
+    film: Path | None
+    overwrite: bool
+
+    @classmethod
+    def of(cls, args: RenderArguments) -> "Rendering":
+        """Parse and check the arguments. Raises InputError."""
+        args.check()
+        spec = args.options()
+        sequence = None if args.frames is None else arguments.parse_frames(args.frames, args.time, args.fps)
+        film = film_path(args.output, sequence, spec)
+        path = pictures_of(film) if film else output_path(args.output, spec.scene_spec.stem, sequence)
+        spec.check()
+        return cls(spec, sequence, args.time or 0.0, path, film, args.overwrite)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the picture keeps linear light."""
+        return self.path.suffix.lower() == ".exr"
+
+    def trace(self, display: ProgressDisplay, executor: "Executor | None") -> "Animation | Traced":
+        """Open the scene, and trace the picture, or the frames of an animation, which are also saved."""
+        from ..work.executors import LocalExecutor
+
+        display.say("reading the scene")
+        start = perf_counter()
+        scene = self.spec.open()
+        spec = self.spec.about(scene)
+        load = perf_counter() - start
+        display.say("preparing")
+        if self.sequence is not None:
+            job = AnimationWork(spec, scene, load, self.path, self.overwrite, self.film)
+            return render_frames(job, self.sequence, display, executor or LocalExecutor())
+        digest = spec.scene_digest() if self.is_linear or executor else ""
+        start = perf_counter()
+        shot: Shot | None
+        if executor is None:
+            shot = spec.shot(scene, spec.renderer(scene), self.time, display.parts, self.is_linear)
+        else:
+            shot = spec.shot_in_bands(scene, self.time, executor, digest, self.is_linear)
+        return Traced(spec, scene, digest, load, shot, perf_counter() - start)
+
+    def save(self, traced: Traced, page: Path | None) -> picture_report.SavedPicture:
+        """Write the picture, and a page about it."""
+        spec, scene, shot = traced.spec, traced.scene, traced.shot
+        assert shot is not None
+        note = json.dumps(spec.settings(scene, traced.digest, shot.time)) if self.is_linear else None
+        saved = picture_report.save_picture(shot.frame, self.path, spec.exposure, note, background=spec.background)
+        if page is not None:
+            picture_report.save_render_page(spec, scene, traced.load, shot, saved, page)
+        return saved
+
+
+def start_on_node(args: RenderArguments, paths: dict[str, str], threads: int, executor: "Executor") -> None:
+    """Start a picture on a node of a cluster: its units go to the executor. As `cluster.ray_workers.Prepare`."""
+    given: Any = for_node(args, paths)
+    there = replace(given, json=False, quiet=True, html=None, threads=given.threads or threads)
+    Rendering.of(there).trace(ProgressDisplay(quiet=True), executor)
 
 
 @takes(RenderArguments)
@@ -410,48 +495,26 @@ def render(args: RenderArguments) -> int:
       antumbra render city.antumbra --max-memory 2G
       antumbra render sponza.glb --ao 2 --explain-plan
     """
-    from ..work.executors import LocalExecutor
-
-    args.check()
-    spec = args.options()
-    sequence = None if args.frames is None else arguments.parse_frames(args.frames, args.time, args.fps)
-    film = film_path(args.output, sequence, spec)
-    path = pictures_of(film) if film else output_path(args.output, spec.scene_spec.stem, sequence)
-    html = args.html
-    spec.check()
-    executor = executor_for(args, path)
+    picture = Rendering.of(args)
+    spec = picture.spec
+    start = partial(start_on_node, args)
+    executor = executor_for(args, picture.path, start, vars(args), args.plan)
     with ProgressDisplay(spec.quiet) as display:
-        display.say("reading the scene")
-        start = perf_counter()
-        opened = spec.open()
-        spec = spec.about(opened)
-        load = perf_counter() - start
-        display.say("preparing")
-        if sequence is not None:
-            job = AnimationWork(spec, opened, load, path, args.overwrite, film)
-            animation = render_frames(job, sequence, display, executor or LocalExecutor())
+        traced = picture.trace(display, executor)
+        if isinstance(traced, Animation):
+            animation = traced
+        elif traced.shot is None:  # a shard
+            return report_shard(executor, args, traced.seconds)
         else:
-            linear = path.suffix.lower() == ".exr"
-            digest = spec.scene_digest() if linear or executor else ""
-            shot: Shot | None
-            if executor is None:
-                shot = spec.shot(opened, spec.renderer(opened), args.time or 0.0, display.parts, linear)
-            else:
-                shot = spec.shot_in_bands(opened, args.time or 0.0, executor, digest, linear)
-            if shot is None:  # a shard
-                return report_shard(executor, args, perf_counter() - start - load)
             display.say("writing the picture")
-            note = json.dumps(spec.settings(opened, digest, shot.time)) if linear else None
-            saved = picture_report.save_picture(shot.frame, path, spec.exposure, note, background=spec.background)
-            if html is not None:
-                picture_report.save_render_page(spec, opened, load, shot, saved, html)
-    if sequence is not None:
+            saved = picture.save(traced, args.html)
+    if isinstance(traced, Animation):
         return animation.print_summary()
-    assert shot is not None
+    assert traced.shot is not None
     if spec.json:
-        console.print_json(picture_report.picture_answer(spec, opened, load, shot, saved))
+        console.print_json(picture_report.picture_answer(traced.spec, traced.scene, traced.load, traced.shot, saved))
     elif not spec.quiet:
-        console.print_fields(picture_report.picture_fields(spec, opened, load, shot, saved))
+        console.print_fields(picture_report.picture_fields(traced.spec, traced.scene, traced.load, traced.shot, saved))
         if args.explain_plan:
-            print_choices(shot, opened)
+            print_choices(traced.shot, traced.scene)
     return 0

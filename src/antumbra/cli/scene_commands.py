@@ -18,6 +18,7 @@ from ..base.errors import InputError
 from ..engine.scene_reading import SCENE_FORMATS
 from ..formats.array_files import FILES
 from ..formats.format_registry import SCENE_WRITERS, check_output, write_scene
+from ..work.result_summary import duration
 from . import arguments, console
 from .console import ProgressDisplay
 from .options import SCENE_HELP, Json, Quiet, SceneArgument, Threads, UpOption, takes, writes
@@ -151,7 +152,7 @@ def _city_answer(city: "CityModel") -> dict[str, Any]:
 
 def _info_fields(scene: "AnyScene", seconds: float) -> Iterator[tuple[str, str]]:
     lower, upper = scene.bounds
-    yield "scene", f"{scene.name}, read in {console.duration(seconds)}"
+    yield "scene", f"{scene.name}, read in {duration(seconds)}"
     meshes = f" in {len(scene.meshes):,} mesh{'es' * (len(scene.meshes) != 1)}" if scene.meshes else ""
     yield "triangles", f"{scene.n_triangles:,}{meshes}"
     if scene.meshes:
@@ -425,6 +426,6 @@ def _build_fields(report: "BuildReport", peak: int | None) -> Iterator[tuple[str
     yield "store", str(report.path)
     yield "triangles", f"{report.triangles:,} in {report.chunks:,} chunk{'s' * (report.chunks != 1)}"
     yield "size", f"{console.size_in_memory(report.bytes)}, {report.bytes / report.triangles:.1f} bytes per triangle"
-    yield "time", f"{console.duration(total)}: " + ", ".join(f"{k} {console.duration(s)}" for k, s in phases.items())
+    yield "time", f"{duration(total)}: " + ", ".join(f"{k} {duration(s)}" for k, s in phases.items())
     if peak is not None:
         yield "memory", f"{console.size_in_memory(peak)} at the peak"

@@ -1,24 +1,25 @@
 """Work split among processes: the options --shard, --ray and --merge, shard folders, and ``antumbra merge``."""
 
 import re
-from contextvars import ContextVar
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
 from ..base.errors import InputError
+from ..work.result_summary import duration
 from . import console
 from .command_parsing import parsed_words
-from .options import Json, Quiet
+from .options import Json, Quiet, outputs_of
 
 # --- The options and their executors ----------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
-    from ..work.executors import Executor, ShardIndex, UnitCollector
+    from ..cluster.ray_workers import Prepare
+    from ..work.executors import Executor, ShardIndex
 
 ShardOption = Annotated[
     str | None,
@@ -40,13 +41,10 @@ RayOption = Annotated[
 ]
 MergeOption = Annotated[list[Path] | None, typer.Option("--merge", hidden=True)]  # from ``antumbra merge``
 
+_Arguments = TypeVar("_Arguments")
+
 _SHARD = re.compile(r"(\d{1,9})/(\d{1,9})")
 _NUMBER = re.compile(r"[^0-9A-Za-z]*#+$")  # frame number at the end of a name
-node_executor: ContextVar["UnitCollector | None"] = ContextVar("node_executor", default=None)
-"""The executor of a command that starts on a cluster node."""
-
-_OUTPUTS = "output", "city_output", "matrix", "sparse", "counts"
-_LEFT_OUT = "sheet", "html"  # pictures that need the whole job
 _NEUTRAL = "--ray", "--shard", "--merge", "--threads", "--json", "--quiet"  # options that do not affect results
 
 
@@ -74,18 +72,21 @@ def command_words() -> list[str]:
     return [word for word in parsed_words.get() if word.partition("=")[0] not in _NEUTRAL]
 
 
-def executor_for(args: Any, output: Path) -> "Executor | None":
+def executor_for(
+    args: Any, output: Path, start: "Prepare", inputs: Mapping[str, Any], plan: str | None
+) -> "Executor | None":
     """The executor for the options --shard, --ray and --merge; None without them.
 
-    args : arguments with the fields `shard`, `ray` and `merge`
+    args : arguments with the fields `shard`, `ray`, `merge` and `quiet`
     output : a file or folder; shards are stored next to it
+    start : starts the work on a node of a cluster
+    inputs : name -> value of all arguments and options, some of which name files
+    plan : plan whose kernels nodes compile first; None: the default
     """
     from ..work.executors import ShardExecutor
     from ..work.work_parts import ShardMerge
 
     share, folder = parse_shard(args.shard), shards_folder(output)
-    if (collector := node_executor.get()) is not None:
-        return collector
     if args.merge:
         return ShardMerge(folder, args.merge)
     if args.ray is not None:
@@ -94,46 +95,36 @@ def executor_for(args: Any, output: Path) -> "Executor | None":
 
         if share is not None:
             raise InputError("--ray splits the work itself; leave it or --shard out")
-        prepare = partial(begin, type(args).run, replace(args, json=False, quiet=True, ray=None))
-        plan = getattr(args, "plan", None)
-        say = (lambda line: None) if args.quiet else None
-        return Cluster(folder, args.ray, prepare, files_in(vars(args)), plan, say)
+        return Cluster(folder, args.ray, start, files_in(inputs), plan, (lambda line: None) if args.quiet else None)
     return None if share is None else ShardExecutor(folder, share, command_words())
 
 
-def begin(run: Any, args: Any, paths: dict[str, str], threads: int, executor: "UnitCollector") -> None:
-    """Start a command on a cluster node and pass its units to the executor. Results go to the current folder.
+def for_node(args: _Arguments, paths: Mapping[str, str]) -> _Arguments:
+    """Arguments for a node of a cluster, whose results go to its current folder.
 
-    run : the command, made by `takes`
-    paths : field -> path of its file on this node
+    paths : name of an argument -> path of its file on the node
     """
     from ..cluster.node_files import with_files
 
-    changed: dict[str, Any] = {name: None for name in _LEFT_OUT if hasattr(args, name)}
-    for name in _OUTPUTS:
-        value = getattr(args, name, None)
-        if value is not None:
-            changed[name] = [Path(path.name) for path in value] if isinstance(value, list) else Path(value.name)
-    changed |= with_files(vars(args), paths)
-    token = node_executor.set(executor)
-    try:
-        run.command(replace(args, threads=args.threads or threads, **changed))
-    finally:
-        node_executor.reset(token)
+    given: Any = args
+    values = {name: getattr(given, name) for name in outputs_of(type(given))}
+    outputs = {name: [Path(path.name) for path in value] if isinstance(value, list) else Path(value.name)
+               for name, value in values.items() if value is not None}  # fmt: skip
+    changed: _Arguments = replace(given, **outputs | with_files(vars(given), paths))
+    return changed
 
 
 def report_shard(shard: "Executor | None", args: Any, seconds: float) -> int:
     """Report what a shard did, since it wrote no results; return the exit code."""
     from ..work.executors import ShardExecutor
 
-    if not isinstance(shard, ShardExecutor):  # on a node of a cluster
-        return 0
+    assert isinstance(shard, ShardExecutor)  # all others finish the work
     if args.json:
         answer = {"shard": str(shard.share), "folder": str(shard.folder), "parts": shard.units, "done": shard.did}
         console.print_json({**answer, "seconds": seconds})
     elif not args.quiet:
         before = f", {shard.units - shard.did:,} were already done" if shard.did < shard.units else ""
-        rows = [("shard", f"{shard.share}: {shard.units:,} parts{before}"), ("time", console.duration(seconds))]
+        rows = [("shard", f"{shard.share}: {shard.units:,} parts{before}"), ("time", duration(seconds))]
         console.print_fields([*rows, ("next", f"when all shards are done: antumbra merge {shard.folder}")])
     return 0
 

@@ -1,20 +1,52 @@
-"""The steps that the commands of all studies share: open the scene, run, write the results, report."""
+"""The commands of studies: each is a class that declares its arguments and what is its own; the rest is done here.
 
-from collections.abc import Callable, Iterable
+`StudyCommand.run` checks the arguments and outputs, opens the scene, runs the study with its progress or hands it to
+shards and nodes, writes the results and reports them.
+"""
+
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeAlias, TypeVar
 
+from ..base import wings
+from ..base.option_fields import field_values
+from ..work.result_summary import Summary, duration
 from . import console
 from .console import ProgressDisplay
-from .scene_arguments import SceneSpec, in_memory, open_scene
-from .vegetation_options import VegetationSpec, add_vegetation
+from .options import Json, Quiet, SceneArgument, literal, outputs_of, takes
+from .scene_arguments import SceneArguments, SceneSpec, in_memory, open_scene
+from .shards import executor_for, for_node, report_shard
+from .vegetation_options import VegetationSpec, add_vegetation, parse_vegetation, sensors_below_plants
 
 if TYPE_CHECKING:
+    from .. import Sensors
     from ..engine.scene import AnyScene
+    from ..work.executors import Executor
 
-_P = ParamSpec("_P")
+_Options = TypeVar("_Options")
+_Result = TypeVar("_Result")
 _T = TypeVar("_T")
+
+Writers: TypeAlias = Mapping[str, Callable[[Path], object]]
+"""Name of a field that names files -> what writes one of them, in the order of writing."""
+
+# --- Runs -------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """The scene of a study, without and with its vegetation, whose faces follow all others."""
+
+    bare: "AnyScene"
+    planted: "AnyScene"
+
+    def sensors(self, text: str, threads: int | None, areas: Any = None) -> "Sensors":
+        """The sensors that a text names on the scene without vegetation, for the scene with it."""
+        return sensors_below_plants(text, self.bare, self.planted, threads, areas)
 
 
 class StudyRun(ProgressDisplay):
@@ -29,41 +61,207 @@ class StudyRun(ProgressDisplay):
         self.seconds = 0.0
         self.written = list[str]()
 
-    def open(
-        self, spec: SceneSpec, trees: VegetationSpec | None = None, to_memory: bool = False
-    ) -> "tuple[AnyScene, AnyScene]":
+    def open(self, spec: SceneSpec, trees: VegetationSpec | None = None, to_memory: bool = False) -> Scenes:
         """The scene without and with its trees. `to_memory`: refuse one in a store."""
         self.say("reading the scene")
-        bare = open_scene(spec, self._args.quiet)
-        if to_memory:
-            bare = in_memory(bare)
-        scene = add_vegetation(bare, trees)
+        scenes = opened(spec, trees, to_memory, self._args.quiet)
         self.say("preparing")
-        return bare, scene
+        return scenes
 
-    def timed(self, work: Callable[_P, _T], *args: _P.args, **keywords: _P.kwargs) -> _T:
+    def timed(self, work: Callable[[], _T]) -> _T:
         """What `work` returns; its time is that of the study."""
         start = perf_counter()
-        result = work(*args, **keywords)
+        result = work()
         self.seconds = perf_counter() - start
         return result
 
-    def save(self, write: Callable[[Path], object], paths: Iterable[Path] | None) -> None:
+    def save(self, write: Callable[[Path], object], paths: Iterable[Path]) -> None:
         """Write files."""
         self.say("writing the results")
-        for path in paths or ():
+        for path in paths:
             write(path)
             self.written.append(str(path))
 
     def rows(self, rays: int | None = None) -> list[tuple[str, str]]:
         """The last fields of a report: the time, with the speed if the number of `rays` is known, and the files."""
         speed = "" if rays is None else f", {rays / 1e6 / max(self.seconds, 1e-9):,.1f} Mrays/s"
-        return [("time", console.duration(self.seconds) + speed), *(("written", path) for path in self.written)]
+        return [("time", duration(self.seconds) + speed), *(("written", path) for path in self.written)]
 
-    def report(self, answer: dict[str, Any], rows: Iterable[tuple[str, str]]) -> int:
-        """Print the answer as JSON, or the fields as text; return the exit code."""
+    def report(self, summary: Summary, files: str | None = "outputs") -> int:
+        """Print a summary, with the time and the files, as JSON or as text; return the exit code.
+
+        files : the name of the files in JSON; None: the summary has the time and the files
+        """
         if self._args.json:
-            console.print_json(answer)
+            console.print_json(summary.values | ({} if files is None else {files: self.written}) | dict(summary.parts))
         elif not self._args.quiet:
-            console.print_fields(rows)
+            lines = [*summary.lines, *([] if files is None else self.rows(summary.rays))]
+            table = summary.table
+            if table is not None and table.leads:
+                console.print_table(table.headers, table.rows, table.right)
+            console.print_fields(lines)
+            if table is not None and not table.leads:
+                console.print_table(table.headers, table.rows, table.right)
         return 0
+
+
+def opened(spec: SceneSpec, trees: VegetationSpec | None, to_memory: bool, quiet: bool) -> Scenes:
+    """The scene without and with its trees. `to_memory`: refuse one in a store."""
+    bare = open_scene(spec, quiet)
+    if to_memory:
+        bare = in_memory(bare)
+    return Scenes(bare, add_vegetation(bare, trees))
+
+
+# --- Commands ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyCommand(SceneArguments, Generic[_Options, _Result]):
+    """The command of a study. A subclass has a field for each argument, and its docstring is the help.
+
+    Its fields `output` and `map` name files; `trees`, `shard`, `ray` and `merge` are known here, too.
+    """
+
+    options: _Options  # the study's own, made from the derived options of the command
+    scene: SceneArgument
+    json: Json = False
+    quiet: Quiet = False
+
+    records_trees: ClassVar[bool] = False  # whether the result has a record, which names the trees
+    files: ClassVar[str | None] = "outputs"  # name of the written files in JSON; None: the summary names them
+
+    # What is a study's own:
+
+    @property
+    def needs_memory(self) -> bool:
+        """Whether a scene in a store is refused."""
+        return False
+
+    def check(self) -> None:
+        """Raise an InputError for what can be refused before the scene is read."""
+
+    def check_output(self, path: Path) -> None:
+        """Raise an InputError if this file of `output` cannot hold the result."""
+
+    def default_output(self) -> str | None:
+        """The name of the file that is written if neither `output` nor `map` names one."""
+        return None
+
+    def work(self, scenes: Scenes, executor: "Executor | None") -> Callable[[], _Result | None]:
+        """The prepared call of the study's function, with its input.
+
+        executor : runs the units of a study that has them; its function returns None if it leaves some to others
+        """
+        raise NotImplementedError
+
+    def describe(self, result: _Result, scenes: Scenes) -> None:
+        """Add to the record of the result, if it has one, what only the command knows: the trees."""
+        if self.records_trees and getattr(self, "trees", None) is not None:
+            record: Any = result
+            record.about["trees"] = getattr(self, "trees")  # noqa: B009 - a field of subclasses
+
+    def writers(self, result: _Result, scenes: Scenes) -> Writers:
+        """What writes the files of each field that names some."""
+        writers: Any = result
+        return {"output": writers.save, **({"map": writers.save_map} if hasattr(self, "map") else {})}
+
+    def summary(self, result: _Result, scenes: Scenes, seconds: float) -> Summary:
+        """The summary of the result; `seconds`: of the study."""
+        raise NotImplementedError
+
+    # What all have:
+
+    @property
+    def spec(self) -> SceneSpec:
+        """The scene."""
+        return self.spec_of(self.scene)
+
+    @property
+    def tree_spec(self) -> VegetationSpec | None:
+        """The trees."""
+        return parse_vegetation(getattr(self, "trees", None))
+
+    @property
+    def threads(self) -> int | None:
+        """The number of threads; None: all cores."""
+        threads: int | None = getattr(self.options, "threads", None)
+        return threads
+
+    def paths(self, name: str) -> list[Path]:
+        """The files that a field names, or by default."""
+        given = getattr(self, name, None)
+        if not given and name == "output" and not getattr(self, "map", None):
+            given = self.default_output()
+        return [] if not given else [Path(each) for each in (given if isinstance(given, list) else [given])]
+
+    def run(self) -> int:
+        """Run the command and return its exit code."""
+        spec, trees = self.spec, self.tree_spec
+        self.check()
+        for path in self.paths("map"):
+            wings.named(wings.CHECK_MAP)(path)
+        for path in self.paths("output"):
+            self.check_output(path)
+        executor = self._executor()
+        with StudyRun(self) as run:
+            scenes = run.open(spec, trees, self.needs_memory)
+            result = run.timed(self.work(scenes, executor))
+            if result is None:
+                return report_shard(executor, self, run.seconds)
+            self.describe(result, scenes)
+            for name, write in self.writers(result, scenes).items():
+                run.save(write, self.paths(name))
+        return self.report(run, result, scenes)
+
+    def report(self, run: StudyRun, result: _Result, scenes: Scenes) -> int:
+        """Print the summary of the result, unless there is nothing to print, and return the exit code."""
+        if self.quiet and not self.json:
+            return 0
+        return run.report(self.summary(result, scenes, run.seconds), self.files)
+
+    def _executor(self) -> "Executor | None":
+        """The executor that --shard, --ray or --merge names; shards lie beside the first output."""
+        if not hasattr(self, "shard"):
+            return None
+        first = next(path for name in outputs_of(type(self)) for path in self.paths(name))
+        inputs = vars(self) | field_values(self.options)
+        return executor_for(self, first, partial(start_on_node, self), inputs, getattr(self.options, "plan", None))
+
+    def on_node(self, paths: dict[str, str], threads: int) -> Self:
+        """The command for a node of a cluster.
+
+        paths : names of arguments -> paths of their files there; results go to the current folder
+        threads : of the node
+        """
+        from ..cluster.node_files import with_files
+
+        given: Any = self.options
+        of_node = {"threads": self.threads or threads} | with_files(field_values(given), paths)
+        return replace(for_node(self, paths), quiet=True, options=replace(given, **of_node))
+
+
+def start_on_node(command: StudyCommand[Any, Any], paths: dict[str, str], threads: int, executor: "Executor") -> None:
+    """Start a study on a node of a cluster: its units go to the executor. As `cluster.ray_workers.Prepare`."""
+    there = command.on_node(paths, threads)
+    there.work(opened(there.spec, there.tree_spec, there.needs_memory, quiet=True), executor)()
+
+
+def command_of(
+    study: type[StudyCommand[Any, Any]], options: type, parse: Mapping[str, Callable[[Any], Any]] | None = None
+) -> Callable[..., int]:
+    """The command for Typer.
+
+    options : class of the study's options, from which further ones of the command are derived
+    parse : name of an option that is not yet the value of its field -> what makes it
+    """
+    parsed = parse or {}
+
+    def read(given: dict[str, Any]) -> Any:
+        return options(**literal(given, options), **{name: make(given[name]) for name, make in parsed.items()})
+
+    def run(command: StudyCommand[Any, Any]) -> int:
+        return command.run()
+
+    run.__doc__ = None if sys.flags.optimize >= 2 else study.__doc__  # -OO: dataclasses make up others
+    return takes(study, options, read)(run)

@@ -11,6 +11,7 @@ from ..base.errors import InputError
 from ..base.files import checked_folder
 from ..base.option_fields import deciding_fields, with_keywords
 from ..base.progress import Progress, with_progress
+from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
 from ..kernels.parallel import thread_count
 from ..picture.image_files import openexr
@@ -19,7 +20,8 @@ from ..picture.renderer import Renderer
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..version import VERSION
-from ..work.executors import Executor, checked_shard, do_missing, executor_of
+from ..work.executors import Executor, ShardIndex, checked_shard, do_missing, executor_of
+from ..work.result_summary import Summary, duration
 from ..work.scene_records import (
     FORMAT,
     Record,
@@ -48,6 +50,21 @@ class Dataset(NamedTuple):
     finished: int  # frames of the call's shard that were already finished
     complete: bool  # whether all frames of all shards are finished and listed in the manifest
     seconds: float  # duration of the call
+
+    def summary(self, scene: AnyScene, shard: ShardIndex | None = None) -> Summary:
+        """The frames of a scene, and what the call did; `shard`: its share."""
+        values = {**self._asdict(), "folder": str(self.folder), "scene": scene.name}
+        finished = f", {self.finished:,} were finished" if self.finished else ""
+        part = "" if shard is None else f" (shard {shard})"
+        lines = [
+            ("data set", str(self.folder / "manifest.json")),
+            ("scene", f"{scene.name}, {scene.n_triangles:,} triangles, {len(scene.objects):,} objects"),
+            ("frames", f"{self.frames:,}, each with {self.lights} light{'s' * (self.lights != 1)}"),
+            ("rendered", f"{self.rendered:,}{finished}{part}"),
+        ]
+        if not self.complete:
+            lines.append(("", "other shards still have frames to render; the last one completes the manifest"))
+        return Summary(values, [*lines, ("time", duration(self.seconds))])
 
 
 class DatasetFunction(Protocol[_P]):

@@ -22,10 +22,12 @@ def _size(value: Any, what: str) -> tuple[int, int]:
 class DatasetOptions:
     """The options of a data set, checked and immutable. Raises InputError."""
 
-    orbit: int = option(0, WholeNumber(0, MOST_FRAMES), "Add N cameras around the scene.", metavar="N", unbounded=True)
+    orbit: int = option(
+        0, WholeNumber(0, MOST_FRAMES), "Add N cameras around the scene.", metavar="N", hides_limit=True
+    )
     """Number of cameras around the scene at equal angles, or inside it if a closed box surrounds everything."""
     random: int = option(
-        0, WholeNumber(0, MOST_FRAMES), "Add N random cameras in and around the scene.", metavar="N", unbounded=True
+        0, WholeNumber(0, MOST_FRAMES), "Add N random cameras in and around the scene.", metavar="N", hides_limit=True
     )
     """Number of cameras in and around the scene. Each looks at a point in the scene's bounds, sees surfaces, and does
     not stand in a wall."""
@@ -33,7 +35,7 @@ class DatasetOptions:
         0, WholeNumber(0, MOST_LIGHTS), "Add N random lights, alternately a sun and a sphere.", metavar="N"
     )
     """Number of lights, alternately a sun 10 to 80 degrees high and a sphere in free space."""
-    seed: int = option(0, WholeNumber(0, 2**63 - 1), "Seed of random cameras and lights.", unbounded=True)
+    seed: int = option(0, WholeNumber(0, 2**63 - 1), "Seed of random cameras and lights.", hides_limit=True)
     """Seed of random cameras and lights. Camera k depends only on the scene, the seed and k."""
     size: tuple[int, int] = option(
         (512, 512),
@@ -42,7 +44,7 @@ class DatasetOptions:
         kind=str,
         start="512x512",
         metavar="WxH",
-        literal=False,
+        is_value=False,
         doc_type="(width, height)",
     )
     """Resolution of all cameras other than `cameras`, in pixels."""

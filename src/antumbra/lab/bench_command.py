@@ -28,6 +28,7 @@ from ..cli.arguments import check_plot
 from ..cli.command_parsing import ParsedOnce
 from ..cli.console import UNFORESEEN, ProgressDisplay, Record, explained, say
 from ..cli.options import Json, Quiet, writes_folder
+from ..work.result_summary import duration
 
 # --- One benchmark: its options, its run and its results --------------------------------------------------------------
 
@@ -279,7 +280,7 @@ def all_(
                 if not quiet:
                     print(f"== antumbra bench {name} ({k} of {len(names)})\n", flush=True)
                 start, failed = monotonic(), _run(name, quick, output, quiet)
-                took[name] = "failed after " * failed + console.duration(monotonic() - start)
+                took[name] = "failed after " * failed + duration(monotonic() - start)
                 gc.collect()  # free the scenes of this benchmark before the next one
         finally:
             if not quiet:

@@ -32,13 +32,14 @@ from ..cli.options import (
     UpOption,
     VplOption,
     arguments_of,
-    fields_of,
+    parameters_of,
     takes,
     writes,
 )
 from ..cli.picture_spec import PictureSpec, RenderArguments, Shot
 from ..cli.scene_arguments import DEFAULT_SCENE, limit_memory
 from ..picture.render_options import GBufferBy
+from ..work.result_summary import duration
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -119,10 +120,10 @@ class CompareArguments(_Options):  # type: ignore[misc] # made from the options 
     def command(self) -> str:
         """The equivalent command line, quoted for a shell."""
         words = ["antumbra", "compare", self.scene]
-        for field in fields_of(type(self)):
-            value = getattr(self, field.name)
-            if field.name != "scene" and value != field.default:
-                words += _words("--" + field.name.replace("_", "-"), value)
+        for each in parameters_of(type(self)):
+            value = getattr(self, each.name)
+            if each.name != "scene" and value != each.default:
+                words += _words("--" + each.name.replace("_", "-"), value)
         return shlex.join(words)
 
 
@@ -199,7 +200,7 @@ def _rendered(report: ComparisonReport) -> NDArray[np.uint8]:
 
 def _label(comparison: "Comparison", one: "PlanMeasurement") -> str:
     total, least = one.medians["total"], comparison.fastest.medians["total"]
-    return f"{console.duration(total)} ({ratio(total, least)}), {number(one.tests_per_ray)} tests per ray"
+    return f"{duration(total)} ({ratio(total, least)}), {number(one.tests_per_ray)} tests per ray"
 
 
 def ratio(value: float, least: float) -> str:

@@ -29,6 +29,7 @@ from ..cli.options import (
 )
 from ..cli.scene_arguments import DEFAULT_SCENE, SceneArguments, limit_memory
 from ..cli.study_run import StudyRun
+from ..work.result_summary import Summary, duration
 
 if TYPE_CHECKING:
     from ..picture.traversal_steps import Explanation, PlanSteps
@@ -128,7 +129,7 @@ def explain(args: ExplainArguments) -> int:
     with_sample(plans or explained_plans(_PLANS), rays)
     memory = None if args.max_memory is None else arguments.parse_bytes(args.max_memory, "--max-memory")
     with StudyRun(args) as run:
-        opened, _ = run.open(spec)
+        opened = run.open(spec).bare
         of_store = not opened.data.resident
         limit_memory(opened, memory)
         plans = with_sample(plans or explained_plans(_STORE_PLANS if of_store else _PLANS), rays)
@@ -316,7 +317,7 @@ def culling(args: CullingArguments) -> int:
         hint = spelling_hint(args.culler, CULLERS)
         raise InputError(f"culler {args.culler!r} is unknown; {hint}choose one of {', '.join(CULLERS)}")
     with StudyRun(args) as run:
-        opened, _ = run.open(spec, to_memory=True)
+        opened = run.open(spec, to_memory=True).bare
         view = arguments.make_camera(camera_spec, opened, args.time, width_height)
         lights = arguments.make_lights(light_specs, opened, args.time)
         picture = culling_picture(opened, view, lights, args.culler, spp=args.spp, time=args.time, threads=args.threads)
@@ -340,6 +341,6 @@ def culling(args: CullingArguments) -> int:
         ("scene", f"{args.record_of(args.scene)}, {opened.n_triangles:,} triangles"),
         ("kept", f"{picture.kept:,} triangles, {100 * share:.3g} %"),
         ("cells", f"{cells}and {picture.targets:,} of lights"),
-        ("time", console.duration(picture.seconds)),
+        ("time", duration(picture.seconds)),
     ]
-    return run.report(answer, fields)
+    return run.report(Summary(answer, fields), files=None)

@@ -146,14 +146,14 @@ class RenderOptions:
         panel="Quality",
         kind=bool | None,
         note="no-adaptive",
-        literal=False,
+        is_value=False,
         more=(
             CommandOption(
                 "Shadow rays per refined pixel and light; implies --adaptive.",
                 "Quality",
                 note="4 times --spp",
                 name="adaptive_spp",
-                literal=False,
+                is_value=False,
             ),
         ),
     )
@@ -191,7 +191,7 @@ class RenderOptions:
         note="the sky",
         metavar="COLOUR|transparent",
         commands=("render",),
-        literal=False,
+        is_value=False,
     )
     """Whether pixels that see no surface show the skies among the lights. Without a sky they are black in the image,
     but a PNG shows soft daylight there, which lights nothing. If False, they are always black."""
@@ -220,7 +220,7 @@ class RenderOptions:
         start="auto",
         metavar="auto|on|off|HEIGHT",
         commands=("render",),
-        literal=False,
+        is_value=False,
     )
     """Add a shadow-catcher plane: a horizontal plane below the scene that shows only shadows. True: just below the
     lowest point at this time (see `Scene.ground_height`); a number: at this height along the scene's up axis, in world
@@ -282,7 +282,7 @@ class EngineOptions:
         kind=str | None,
         note="what is available; 4G for stores",
         metavar="SIZE",
-        literal=False,
+        is_value=False,
     )
     """Limit in bytes on the memory of the process, for scenes in a store; None: 4 GiB."""
 

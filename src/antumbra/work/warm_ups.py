@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from ..base import wings
+from ..base.command_registry import COMMANDS
 from ..engine.auto_accelerator import best_tree_warm_up
 from ..engine.plan import Plan, covering_plans
 from ..engine.plan_kernels import wide_lights_warm_up
@@ -67,6 +68,6 @@ def rendering_warm_ups(plans: Iterable[Plan] | None = None, papers: bool = False
 
 
 def all_warm_ups(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[WarmUp]:
-    """The warm-ups of bakes and of the wings, and those of `rendering_warm_ups`, whose arguments these are."""
-    others = [make() for place in wings.WARM_UPS for make in wings.named(place)]
-    return [*others, *rendering_warm_ups(plans, papers)]
+    """The warm-ups of all studies, and those of `rendering_warm_ups`, whose arguments these are."""
+    studies = [wings.named(command.kernels)() for command in COMMANDS.values() if command.kernels]
+    return [*studies, *rendering_warm_ups(plans, papers)]

@@ -11,6 +11,7 @@ import antumbra as at
 import city_files
 from antumbra.city.sensors.point_checks import NEAR, depths_below_ground
 from antumbra.scene.crs import reproject
+from study_cases import study_cases
 
 CRS = "EPSG:28992"
 PLACE, DELFT = (5.0, 0.0, 84000.0, 0.0, -5.0, 447000.0), at.Place(52.0, 4.36)
@@ -61,6 +62,11 @@ JOBS = {
     "visibility_matrix targets": lambda scene, points: at.visibility_matrix(scene, GOOD, points),
     "visible_share sensors": lambda scene, points: at.visible_share(scene, points, GOOD),
     "visible_share target": lambda scene, points: at.visible_share(scene, GOOD, points),
+}
+JOBS |= {
+    f"{case.function} {case.points}": lambda scene, points, case=case: case.call_with(points)(scene)
+    for case in study_cases()
+    if case.points
 }
 """WarmUp and parameter -> a call with these points."""
 

@@ -16,6 +16,7 @@ import antumbra as at
 from antumbra.city.sight.sightlines import PairList, sight_model, sight_table
 from antumbra.cli.app import program
 from city_files import CUBE, building, city, put, solid
+from study_cases import study_cases
 
 CRS = "EPSG:7415"
 CORNER = np.array([85000.0, 447000.0, 0.0])
@@ -299,6 +300,11 @@ READERS = {
     "los --observers": ("points.parquet", "--to", "85001,447001,19", "-o", "a.csv"),
     "los --targets": ("points.parquet", "--from", "85001,447001,19", "-o", "a.csv"),
     "los --pairs": ("pairs.parquet", "-o", "a.csv"),
+}
+READERS |= {
+    f"{case.command} --{case.points}": ("points.parquet", *case.words_without(f"--{case.points}"))
+    for case in study_cases()
+    if case.command and case.points
 }
 """Command and option that reads points -> the file, and the rest of a command line."""
 FILE_OF_POINTS = re.compile(r"file of (points|observers|targets)|forms as --sensors|\|FILE$")

@@ -15,6 +15,7 @@ from ...base.extras import import_extra
 from ...base.files import atomic_output, checked_output
 from ...scene.crs import checked_crs
 from ...scene.raster import Raster
+from ...work.result_summary import Summary, SummaryTable, heading, text_of
 from ..tables.map_page import check_map, checked_title, save_page
 from ..tables.map_scale import range_scale
 from ..tables.qgis_style import VectorStyle, write_style
@@ -31,6 +32,7 @@ SUFFIXES = *VECTORS, ".tif"
 """Suffixes of the files that `Shadow.save` writes."""
 
 _LAYER = "shadow"
+_MOST_ROWS = 20  # most polygons in a summary
 _WORLD = "EPSG:4326"  # of GeoJSON [RFC 7946]
 
 
@@ -50,6 +52,24 @@ class Shadow(NamedTuple):
     def area(self) -> float:
         """Square metres: the sum of the polygons' areas."""
         return float(self.columns["area"].sum())
+
+    def summary(self, seconds: float) -> Summary:
+        """The place, the sun or the days, and the polygons, if they are few; `seconds`: of the study."""
+        about, n = self.about, len(self.polygons)
+        values = {**about, "polygons": n, "area": self.area, "seconds": seconds}
+        place = f"{about['latitude']:.4f}, {about['longitude']:.4f}; north at {about['north']:.2f} degrees"
+        if "sun_elevation" in about:
+            sun = f"azimuth {about['sun_azimuth']:.1f}, elevation {about['sun_elevation']:.1f} degrees"
+            when = "sun", f"{about['time']}: {sun}"
+        else:
+            when = "days", f"{about['days']}, {about['hours']:.1f} h of daylight"
+        lines = [("place", place), when, ("area", f"{self.area:,.1f} m2 in {n:,} polygons")]
+        if n > _MOST_ROWS:
+            return Summary(values, lines)
+        columns = {name: column.tolist() for name, column in self.columns.items()}
+        rows = [[text_of(cell) for cell in row] for row in zip(*columns.values())]
+        table = SummaryTable([heading(name) for name in columns], rows) if len(columns) > 1 else None
+        return Summary(values, lines, {"rows": columns}, table)
 
     def frame(self) -> "geopandas.GeoDataFrame":
         """The polygons as a GeoDataFrame with the CRS of the scene.

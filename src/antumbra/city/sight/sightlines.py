@@ -1,14 +1,16 @@
 """`line_of_sight`: sightlines between pairs of points, and what blocks them; pair files, result tables and models."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, ParamSpec, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.checks import as_array
 from ...base.errors import InputError
+from ...base.option_fields import with_keywords
 from ...base.progress import Progress, with_progress
 from ...engine.engine import Engine
 from ...engine.measured_scenes import measured_scene
@@ -18,6 +20,7 @@ from ...formats.gltf.gltf_writer import LINES
 from ...kernels.parallel import thread_count
 from ...query.receivers import Receivers
 from ...work.executors import LocalExecutor
+from ...work.result_summary import Summary, SummaryTable, heading
 from ...work.work_parts import Parts
 from ..sensors.point_attributes import Attributes
 from ..sensors.point_checks import notes_on_points, notes_on_sensors, tell
@@ -25,6 +28,9 @@ from ..sensors.sensor_files import SUFFIXES, attributes_of, check_point_file, re
 from ..sensors.sensors import Sensors, corners_of, point_sensors
 from ..tables.false_colours import ColouredMesh, coloured_glb
 from ..tables.result_table import Column, Table
+from .sight_options import SightOptions
+
+_P = ParamSpec("_P")
 
 # --- Sightlines -------------------------------------------------------------------------------------------------------
 
@@ -69,11 +75,28 @@ class _Pairs(NamedTuple):
         return _Pairs(*some)
 
 
+class SightFunction(Protocol[_P]):
+    """The type of `line_of_sight`, whose keywords are the fields of a class."""
+
+    def __call__(
+        self, scene: SceneLike, observers: ArrayLike, targets: ArrayLike, normals: ArrayLike | None = None,
+        target_normals: ArrayLike | None = None, faces: ArrayLike | None = None,
+        target_faces: ArrayLike | None = None, progress: Progress = None,
+        *args: _P.args, **keywords: _P.kwargs,
+    ) -> Sightlines: ...  # fmt: skip
+
+
+def _sight_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Sightlines]], SightFunction[_P]]:
+    """`with_keywords`, with types."""
+    return with_keywords(kind)
+
+
+@_sight_function(SightOptions)
 @with_progress
 def line_of_sight(
     scene: SceneLike, observers: ArrayLike, targets: ArrayLike, *, normals: ArrayLike | None = None,
     target_normals: ArrayLike | None = None, faces: ArrayLike | None = None, target_faces: ArrayLike | None = None,
-    time: float = 0.0, threads: int | None = None, progress: Progress = None,
+    progress: Progress = None, **keywords: Any,
 ) -> Sightlines:  # fmt: skip
     """Find whether observers see targets, and the face, object and point that block the others.
 
@@ -91,10 +114,6 @@ def line_of_sight(
         The faces of the scene on which ends lie, -1: none. They do not block this pair, except by the horizon of a
         normal. An end on a face, such as the centre of a window pane, needs its face or its normal, since float32 can
         round it to either side of the face.
-    time : float
-        Seconds.
-    threads : int, optional
-        None: all cores.
     progress : function of (text, done, total), or bool, optional
         Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
 
@@ -117,7 +136,8 @@ def line_of_sight(
     Among faces with the same t in float64, the one that `Scene.closest_hit` would report blocks. For a pair that only a
     horizon blocks, the result has the face from `faces` or `target_faces`, and the end on it as the blocking point.
     """
-    scene, threads = measured_scene(scene), thread_count(threads)
+    options, scene = SightOptions(**keywords), measured_scene(scene)
+    threads, time = thread_count(options.threads), options.time
     begin, end = _Ends(observers, normals, faces), _Ends(targets, target_normals, target_faces)
     pairs, shape = _checked(scene, begin, end)
     for each, what in ((begin, "observers"), (end, "targets")):
@@ -322,6 +342,8 @@ def _indices(path: Path, observers: int, targets: int) -> tuple[np.ndarray, np.n
 # --- Tables, and models with lines that are green up to the block and red beyond it -----------------------------------
 
 
+_MOST_LINES = 20  # most pairs in a summary
+_SUMMARISED = "observer", "target", "visible", "blocked_by", "face", "distance"  # in the table of a summary
 _GREEN, _RED, _GREY = (0.05, 0.6, 0.1), (0.7, 0.03, 0.03), (0.35, 0.35, 0.35)  # linear
 
 
@@ -343,6 +365,36 @@ def sight_table(scene: AnyScene, pairs: PairList, sightlines: Sightlines) -> Tab
         columns[name] = Column(values, "", f"{name[1]} of the point that blocks")
     observers = replace(point_sensors(pairs.observers), attributes=pairs.attributes or {})
     return Table(observers, columns, {"job": "los"}, scene)
+
+
+def sight_summary(scene: AnyScene, pairs: PairList, sightlines: Sightlines, seconds: float) -> Summary:
+    """How many pairs see each other, and what blocks each other one, if they are few; `seconds`: of the study."""
+    n, visible = len(pairs.observers), int(sightlines.visible.sum())
+    values = {"scene": scene.name, "pairs": n, "visible": visible, "seconds": seconds}
+    lines = [("visible", f"{visible:,} of {n:,} pairs")]
+    if n > _MOST_LINES:
+        return Summary(values, lines)
+    records = [_record(scene, pairs, sightlines, k) for k in range(n)]
+    rows = [[str(record[name]) for name in _SUMMARISED] for record in records]
+    table = SummaryTable([heading(name) for name in _SUMMARISED], rows, leads=True)
+    return Summary(values, lines, {"lines": records}, table)
+
+
+def _record(scene: AnyScene, pairs: PairList, sightlines: Sightlines, k: int) -> dict[str, Any]:
+    """A pair as names and values."""
+    visible, face, blocker = bool(sightlines.visible[k]), int(sightlines.face[k]), int(sightlines.object[k])
+    record = {
+        "observer": ",".join(f"{x:g}" for x in pairs.observers[k]),
+        "target": ",".join(f"{x:g}" for x in pairs.targets[k]),
+        "visible": "yes" if visible else "no",
+        "blocked_by": scene.objects[blocker].name if blocker >= 0 else "",
+        "face": face if face >= 0 else "",
+        "distance": "" if visible else round(float(sightlines.distance[k]), 4),
+    }
+    if scene.city is None or blocker < 0:
+        return record
+    thing = scene.objects[blocker]
+    return record | {"type": thing.type, "parent": thing.parent, "surface": str(scene.city.surface_types(face))}
 
 
 def _city_columns(scene: AnyScene, sightlines: Sightlines) -> dict[str, Column]:

@@ -1,12 +1,14 @@
 """How much of a target is visible: a facade, a polygon, any points, or the rotor of a wind turbine."""
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, ParamSpec, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.checks import listed, number, points, text, whole_number
+from ...base.checks import listed, number, points, text
 from ...base.errors import InputError
+from ...base.option_fields import with_keywords
 from ...base.progress import Progress, report_progress, with_progress
 from ...engine.measured_scenes import measured_scene
 from ...engine.plan import Plan
@@ -17,16 +19,20 @@ from ...query.light_samples import light_samples
 from ...query.receivers import Receivers
 from ...query.shadow_query import count_occluded
 from ...scene.lights import SphereLight
+from ...work.result_summary import Summary
 from ..sensors.point_checks import depths_below_ground, notes_on_points, notes_on_sensors, tell
 from ..sensors.sensor_files import sensors_of
 from ..sensors.sensors import Sensors, point_sensors, sensors_from, sightline_ends
 from ..sensors.surface_grid import grid_sensors
 from ..tables.result_table import Column, Table
+from .sight_options import VisibleOptions
 from .visibility_matrix import TileTracer
 
 _PAIRS = 1 << 24  # sightlines at a time
 _FLAT = 1e-6  # largest distance of a polygon's corner from its plane, in sizes of the polygon
 _MOST = 1_000_000  # points of a target
+
+_P = ParamSpec("_P")
 
 # --- Targets ----------------------------------------------------------------------------------------------------------
 
@@ -170,10 +176,26 @@ def _lattice_inside(ring: NDArray[np.float64], spacing: float) -> NDArray[np.flo
 # --- The visible share ------------------------------------------------------------------------------------------------
 
 
+class VisibleFunction(Protocol[_P]):
+    """The type of `visible_share`, whose keywords are the fields of a class."""
+
+    def __call__(
+        self, scene: SceneLike, sensors: Sensors | str | ArrayLike, target: Turbine | Sensors | ArrayLike,
+        progress: Progress = None,
+        *args: _P.args, **keywords: _P.kwargs,
+    ) -> Table: ...  # fmt: skip
+
+
+def _visible_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Table]], VisibleFunction[_P]]:
+    """`with_keywords`, with types."""
+    return with_keywords(kind)
+
+
+@_visible_function(VisibleOptions)
 @with_progress
 def visible_share(
-    scene: SceneLike, sensors: Sensors | str | ArrayLike, target: Turbine | Sensors | ArrayLike, *, samples: int = 64,
-    plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None, progress: Progress = None,
+    scene: SceneLike, sensors: Sensors | str | ArrayLike, target: Turbine | Sensors | ArrayLike, *,
+    progress: Progress = None, **keywords: Any,
 ) -> Table:  # fmt: skip
     """The share of a target that each sensor sees. Every line of sight is exact.
 
@@ -185,8 +207,6 @@ def visible_share(
     target : Turbine, Sensors, or (m, 3) float
         The target's sample points: those of `surface_points` and `polygon_points` are visible from their front only,
         other points from everywhere. Of a `Turbine`, the disk of the rotor that faces each sensor is sampled.
-    samples : int
-        Samples of a turbine's rotor, 1 to 1024.
     progress : function of (text, done, total), or bool, optional
         As for `antumbra.viewshed`.
 
@@ -207,15 +227,15 @@ def visible_share(
     UserWarning
         If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
     """
-    scene, threads = measured_scene(scene), thread_count(threads)
-    moment, samples = scene.clamped(time), whole_number(samples, "samples", 1, 1024)
+    options, scene = VisibleOptions(**keywords), measured_scene(scene)
+    plan, threads, moment = options.plan, thread_count(options.threads), scene.clamped(options.time)
     checked = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
     places = sensors_from(scene, checked, None, "sensors")
     ends = sightline_ends(scene, places)
     notes = notes_on_sensors(scene, places, "sensors", moment, threads)
     if isinstance(target, Turbine):
         notes += _notes_on_turbine(scene, target, moment, threads)
-        total = samples
+        total = options.samples
         marks = np.array([_rotor(target, scene.up).center])
     else:
         on_target = sensors_from(scene, target, None, "the target")
@@ -240,6 +260,16 @@ def visible_share(
         "visible": Column(counts, "", f"visible sample points, of {total}"),
     }
     return Table(places, columns, {"job": "visible share", "samples": total, **warned}, scene, marks=marks)
+
+
+def share_summary(table: Table, scene: str, seconds: float) -> Summary:
+    """How many sensors see the target; `seconds`: of the study."""
+    counted = table.sensors.covered
+    share, n, points = table["share"][counted], int(counted.sum()), table.about["samples"]
+    some, whole = int((share > 0).sum()), int((share == 1).sum())
+    values = {"scene": scene, "sensors": n, "samples": points, "seconds": seconds, "seen": some, "seen_entirely": whole}
+    lines = [("sensors", f"{n:,}"), ("points of the target", f"{points:,}")]
+    return Summary(values, [*lines, ("see it", f"{some:,}, {whole:,} entirely")])
 
 
 def _notes_on_turbine(scene: AnyScene, turbine: Turbine, time: float, threads: int) -> list[str]:

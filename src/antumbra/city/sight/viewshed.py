@@ -22,6 +22,7 @@ from ...kernels.parallel import thread_count
 from ...query.query_bounds import morton_codes
 from ...scene.lights import MAX_SPP
 from ...scene.map_point import on_earth
+from ...work.result_summary import Summary
 from ..sensors.point_checks import notes_on_bare_points, notes_on_points, notes_on_sensors, on_surface, tell
 from ..sensors.sensor_files import sensors_of
 from ..sensors.sensors import Sensors, corners_of, point_sensors, sensors_from, sightline_ends
@@ -130,6 +131,22 @@ class Viewshed(NamedTuple):
     table: Table  # one row per sensor: seen, first, nearest, distance
     observers: np.ndarray  # (k, 3) float64, world: the observers' eyes
     bits: np.ndarray | None  # (n, ceil(k / 64)) uint64: bit j of row i: observer j sees sensor i; None: not requested
+
+    def summary(self, scene: str, seconds: float) -> Summary:
+        """How many sensors are seen, and their area; `seconds`: of the study."""
+        table, counted = self.table, self.table.sensors.covered
+        visible, n = table["seen"][counted] > 0, int(counted.sum())
+        values: dict[str, Any] = {"scene": scene, "sensors": n, "observers": len(self.observers)}
+        values |= {"seen": int(visible.sum()), "seconds": seconds}
+        share = 100.0 * values["seen"] / max(n, 1)
+        lines = [("sensors", f"{n:,}"), ("observers", f"{len(self.observers):,}")]
+        lines.append(("seen by any", f"{values['seen']:,} ({share:.1f} %)"))
+        if table.sensors.areas is not None:
+            assert table.scene is not None
+            areas = table.sensors.areas[counted] * table.scene.unit.square_metres
+            values |= {"area": float(areas.sum()), "area_seen": float(areas[visible].sum())}
+            lines.append(("area seen", f"{values['area_seen']:,.6g} of {values['area']:,.6g} m2"))
+        return Summary(values, lines)
 
 
 class _Sight(NamedTuple):

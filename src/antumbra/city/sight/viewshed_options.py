@@ -55,7 +55,7 @@ class ViewshedOptions:
         kind=str,
         start="0:360",
         metavar="FROM:TO",
-        literal=False,
+        is_value=False,
         doc_type="(float, float)",
     )
     """Compass directions in degrees, clockwise from north (+Y if Z is up, else -Z): (350, 10) looks north."""
@@ -66,7 +66,7 @@ class ViewshedOptions:
         kind=str,
         start="-90:90",
         metavar="LOWEST:HIGHEST",
-        literal=False,
+        is_value=False,
         doc_type="(float, float)",
     )
     """Degrees above the horizontal."""

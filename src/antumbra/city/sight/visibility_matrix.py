@@ -4,12 +4,12 @@ A tile covers all sightlines between two strips of points. One strip becomes lis
 from all points of the other strip. Both strips follow a space-filling curve, so their sightlines form thin bundles.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,9 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from ...base.checks import whole_number
 from ...base.errors import InputError
 from ...base.files import atomic_output, check_disk_space, checked_output
+from ...base.option_fields import with_keywords
 from ...base.progress import Progress, with_progress
 from ...engine.measured_scenes import measured_scene
-from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
+from ...engine.plan import Plan
+from ...engine.precompilation import WarmUp, fixed_warm_up
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
 from ...kernels.parallel import thread_count
@@ -28,6 +30,7 @@ from ...query.receivers import Receivers
 from ...scene.light_lists import PointLights
 from ...scene.lights import MAX_SPP, LightPatch
 from ...work.executors import Keep, checked_keep, executor_of
+from ...work.result_summary import Summary
 from ...work.scene_records import scene_digest
 from ...work.work_parts import Parts, about_parts, inexact_plan
 from ..sensors.point_checks import notes_on_sensors, tell
@@ -46,9 +49,12 @@ from ..tables.bit_matrices import (
     write_sparse,
 )
 from .mutual_horizons import hidden_by_horizons
+from .sight_options import MatrixOptions
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
+_P = ParamSpec("_P")
 
 # --- Tiles ------------------------------------------------------------------------------------------------------------
 
@@ -144,6 +150,15 @@ class VisibilityMatrix:
         """The visible pairs as a ``scipy.sparse.csr_array`` of bool. It needs the extra ``sparse``."""
         return sparse_matrix(self.bits, self.columns, self.counts)
 
+    def summary(self, scene: str, seconds: float) -> Summary:
+        """The size of the matrix, and the pairs that see each other; `seconds`: of the study."""
+        (rows, columns), visible = self.shape, int(self.counts.sum())
+        values = {"scene": scene, "rows": rows, "columns": columns, "visible": visible, "seconds": seconds}
+        share = 100.0 * visible / max(rows * columns, 1)
+        return Summary(
+            values, [("matrix", f"{rows:,} x {columns:,}"), ("visible", f"{visible:,} pairs ({share:.2f} %)")]
+        )
+
     def save(self, path: str | PathLike[str]) -> None:
         """Write the matrix: .npy stores `bits`, .npz the sparse matrix, for ``scipy.sparse.load_npz``.
 
@@ -172,12 +187,28 @@ class _Grid(NamedTuple):
     square: bool  # points with themselves: tiles below the diagonal are mirrored
 
 
+class MatrixFunction(Protocol[_P]):
+    """The type of `visibility_matrix`, whose keywords are the fields of a class."""
+
+    def __call__(
+        self, scene: SceneLike, sensors: ArrayLike | Sensors | str, targets: ArrayLike | Sensors | str | None = None,
+        normals: ArrayLike | None = None, target_normals: ArrayLike | None = None,
+        output: str | PathLike[str] | None = None, keep: Keep = None, progress: Progress = None,
+        *args: _P.args, **keywords: _P.kwargs,
+    ) -> VisibilityMatrix: ...  # fmt: skip
+
+
+def _matrix_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., VisibilityMatrix]], MatrixFunction[_P]]:
+    """`with_keywords`, with types."""
+    return with_keywords(kind)
+
+
+@_matrix_function(MatrixOptions)
 @with_progress
 def visibility_matrix(
     scene: SceneLike, sensors: ArrayLike | Sensors | str, targets: ArrayLike | Sensors | str | None = None, *,
     normals: ArrayLike | None = None, target_normals: ArrayLike | None = None,
-    output: str | PathLike[str] | None = None, plan: str | Plan | None = None, time: float = 0.0,
-    threads: int | None = None, keep: Keep = None, progress: Progress = None,
+    output: str | PathLike[str] | None = None, keep: Keep = None, progress: Progress = None, **keywords: Any,
 ) -> VisibilityMatrix:  # fmt: skip
     """Find which points see which targets. Every result is exact.
 
@@ -198,8 +229,6 @@ def visibility_matrix(
     output : str or path-like, optional
         A .npy file to which the matrix is streamed, so that memory stays bounded. Finished tiles are stored in a folder
         beside it, from which the same call resumes after an interruption. None: the matrix is computed in memory.
-    plan, time, threads
-        As in `antumbra.visibility`.
     keep : str, path-like or executor, optional
         Folder for finished tiles, instead of the one beside `output`, or an executor for the tiles; see
         `antumbra.work.executors`.
@@ -221,9 +250,9 @@ def visibility_matrix(
     UserWarning
         If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
     """
-    scene, threads = measured_scene(scene), thread_count(threads)
-    time, keep = scene.clamped(time), checked_keep(keep)
-    parse_plan(DEFAULT_PLAN if plan is None else plan)
+    options, scene = MatrixOptions(**keywords), measured_scene(scene)
+    plan, threads, time = options.plan, thread_count(options.threads), scene.clamped(options.time)
+    keep = checked_keep(keep)
     path = None if output is None else checked_output(output, (".npy",))
     sources = sensors_from(scene, _named(sensors, scene, threads), normals, "sensors")
     others = None
@@ -328,3 +357,15 @@ def _stream(grid: _Grid, parts: Parts, path: Path, shape: tuple[int, int]) -> np
             counts[numbers] = np.bitwise_count(bits).sum(1)
             file.put(numbers, bits)
     return counts
+
+
+def matrices_warm_up() -> WarmUp:
+    """The warm-up of visibility matrices, without tracing."""
+
+    def work() -> None:
+        up = np.array([[0.0, 1.0, 0.0]])
+        ends = Receivers.on_surface(np.zeros((1, 3)), up, np.zeros(3))
+        hidden_by_horizons(ends, ends, 1)
+        reorder_bits(np.zeros((1, 1), np.uint64), np.zeros(1, np.int64), 1)
+
+    return fixed_warm_up("visibility matrices", work)

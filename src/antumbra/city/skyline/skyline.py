@@ -25,6 +25,7 @@ from ...kernels.parallel import thread_count
 from ...scene.map_point import map_point, on_earth
 from ...sun.location import Place, place_of_crs
 from ...trace.rays.ray_hits import intersections
+from ...work.result_summary import Summary, SummaryTable, heading
 from ..sensors.point_checks import notes_on_sensors, on_surface, tell
 from ..sensors.sensor_files import check_sensors, sensors_of
 from ..sensors.sensors import Sensors, sensors_from, sightline_ends
@@ -43,6 +44,7 @@ SUFFIXES = ".csv", ".json", ".npz", ".txt"
 
 _PLAN = "bsah+wide"  # its tree is shared with the ray queries of most scenes
 _DECIMALS = 6  # of degrees in text files
+_MOST_POINTS = 20  # most points in a summary
 
 # --- Results ----------------------------------------------------------------------------------------------------------
 
@@ -202,6 +204,28 @@ class Skyline(NamedTuple):
         elif "latitude" in self.about:
             place = Place(self.about["latitude"], self.about["longitude"])
         save_page(target, lambda: horizon_figure(self, k, place, heading))
+
+    def summary(self, scene: str, seconds: float) -> Summary:
+        """The skylines of a scene, and the extremes of each, if they are few; `seconds`: of the study."""
+        factors, n = self.sky_view_factor(), len(self.points)
+        values = {"scene": scene, "points": n, "azimuths": len(self.azimuth), "seconds": seconds}
+        values |= {"north": self.about["north"], "sky_view_factor": float(np.mean(factors))}
+        lines = [("skylines", f"{n:,} points x {len(self.azimuth):,} azimuths")]
+        if n > _MOST_POINTS:
+            return Summary(values, lines)
+        records = [
+            {
+                "point": ",".join(f"{c:.9g}" for c in point),
+                "lowest": round(float(elevation.min()), 3),
+                "highest": round(float(highest.max()), 3),
+                "towards": float(self.azimuth[highest.argmax()]),
+                "sky_view_factor": round(float(factor), 4),
+            }
+            for point, elevation, highest, factor in zip(self.points, self.elevation, self.highest, factors)
+        ]
+        rows = [[str(value) for value in record.values()] for record in records]
+        table = SummaryTable([heading(name) for name in records[0]], rows, leads=True)
+        return Summary(values, lines, {"skylines": records}, table)
 
     def _only(self, path: str | os.PathLike[str], point: int | None) -> int:
         """The index of a point; None: of the only one, else an InputError that names the file."""

@@ -1,77 +1,33 @@
 """``antumbra skyline``: the elevation of the horizon that points see, by azimuth, as tables and for PVGIS."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
-import numpy as np
 import typer
 
 from ...base.errors import InputError
 from ...base.option_fields import field_values
-from ...cli import arguments, console
-from ...cli.options import (
-    Before,
-    CrsOption,
-    Json,
-    MapOption,
-    Quiet,
-    SceneArgument,
-    UpOption,
-    arguments_of,
-    literal,
-    tables,
-    takes,
-)
+from ...cli.arguments import parse_point
+from ...cli.options import CrsOption, ListedBefore, MapOption, SceneArgument, UpOption, tables
 from ...cli.scene_arguments import DEFAULT_SCENE
-from ...cli.study_run import StudyRun
-from ...cli.vegetation_options import VegetationOption, parse_vegetation, sensors_below_plants
+from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
+from ...cli.vegetation_options import VegetationOption
+from ...work.result_summary import Summary
 from .skyline_options import SkylineOptions
 
 if TYPE_CHECKING:
-    from ...engine.scene import AnyScene
+    from ...work.executors import Executor
     from ..sensors.sensors import Sensors
     from .skyline import Skyline
 
-_MOST_POINTS = 20  # most points that are printed
 _SUFFIXES = ".csv", ".json", ".npz", ".txt"
-
-_Options: Any = arguments_of("skyline", SkylineOptions)
 
 
 @dataclass(frozen=True, kw_only=True)
-class SkylineArguments(_Options):  # type: ignore[misc] # made from the options of a skyline
-    """The command-line arguments and options, besides those derived from `SkylineOptions`."""
-
-    scene: SceneArgument = DEFAULT_SCENE
-    at: Annotated[
-        list[str] | None, typer.Option(help="A point; may be repeated.", metavar="X,Y,Z", show_default=False)
-    ] = None
-    points: Annotated[
-        str | None,
-        typer.Option(
-            help="A file of points (.csv, .parquet, .npy, .npz; with normals for points on surfaces), or "
-            "raster:SPACING, grid:SPACING, face or vertex.",
-            metavar="FILE|FORM",
-            show_default=False,
-        ),
-    ] = None
-    trees: VegetationOption = None
-    output: Annotated[
-        list[Path] | None, tables("Output file, .txt for PVGIS", "--output", "-o", suffixes=_SUFFIXES), Before("time")
-    ] = None
-    map: MapOption = None
-    highest: Annotated[
-        bool, typer.Option(help="In a .txt file, the highest elevation near each azimuth instead of that along it.")
-    ] = False
-    up: Annotated[UpOption, Before("threads")] = None
-    crs: CrsOption = None
-    json: Annotated[Json, Before("")] = False
-    quiet: Quiet = False
-
-
-@takes(SkylineArguments)
-def skyline(args: SkylineArguments) -> int:
+class SkylineCommand(StudyCommand[SkylineOptions, "Skyline"]):
     """Find the skyline of points in SCENE: the elevation of the horizon by azimuth.
 
     Azimuths are degrees clockwise from true north. elevation is that along an azimuth, highest the greatest within half
@@ -88,67 +44,72 @@ def skyline(args: SkylineArguments) -> int:
       antumbra skyline city.city.json --points roofs.csv --trees "trees.gpkg?height=h&radius=r" -o skylines.csv
       antumbra skyline city.glb --up z --north 0.81 --points raster:10 --eye-height 1.6 -o skylines.json
     """
-    spec = args.spec_of(args.scene)
-    options, trees = SkylineOptions(**literal(args, SkylineOptions)), parse_vegetation(args.trees)
-    if trees is not None:
-        trees.check_solid("a skyline is the edge of solid things, and crowns count as solid")
 
-    from ..sensors.sensor_files import check_sensors
-    from ..tables.map_page import check_map
-    from .skyline import check_skyline_output
-    from .skyline import skyline as find_skylines
+    scene: SceneArgument = DEFAULT_SCENE
+    at: Annotated[
+        list[str] | None, typer.Option(help="A point; may be repeated.", metavar="X,Y,Z", show_default=False)
+    ] = None
+    points: Annotated[
+        str | None,
+        typer.Option(
+            help="A file of points (.csv, .parquet, .npy, .npz; with normals for points on surfaces), or "
+            "raster:SPACING, grid:SPACING, face or vertex.",
+            metavar="FILE|FORM",
+            show_default=False,
+        ),
+    ] = None
+    trees: VegetationOption = None
+    output: Annotated[
+        list[Path] | None,
+        tables("Output file, .txt for PVGIS", "--output", "-o", suffixes=_SUFFIXES),
+        ListedBefore("time"),
+    ] = None
+    map: MapOption = None
+    highest: Annotated[
+        bool, typer.Option(help="In a .txt file, the highest elevation near each azimuth instead of that along it.")
+    ] = False
+    up: Annotated[UpOption, ListedBefore("threads")] = None
+    crs: CrsOption = None
 
-    if args.points is not None:
-        check_sensors(args.points, "--points")
-    if (args.at is None) == (args.points is None):
-        raise InputError("there are no points, or two kinds of them; give --at X,Y,Z or --points FILE")
-    outputs, maps = args.output or [], args.map or []
-    for path in maps:
-        check_map(path)
-    with StudyRun(args) as run:
-        bare, opened = run.open(spec, trees, to_memory=True)
-        points = _points(args, bare, opened)
-        for path in [*outputs, *maps]:
+    records_trees: ClassVar[bool] = True
+
+    @property
+    def needs_memory(self) -> bool:
+        return True
+
+    def check(self) -> None:
+        from ..sensors.sensor_files import check_sensors
+
+        if self.tree_spec is not None:
+            self.tree_spec.check_solid("a skyline is the edge of solid things, and crowns count as solid")
+        if self.points is not None:
+            check_sensors(self.points, "--points")
+        if (self.at is None) == (self.points is None):
+            raise InputError("there are no points, or two kinds of them; give --at X,Y,Z or --points FILE")
+
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Skyline]":
+        from .skyline import check_skyline_output, skyline
+
+        points = self._points(scenes)
+        for path in [*self.paths("output"), *self.paths("map")]:
             check_skyline_output(path, len(points))
-        result = run.timed(find_skylines, opened, points, surface=bare, **field_values(options))
-        if args.trees is not None:
-            result.about["trees"] = args.trees
-        run.save(lambda path: result.save(path, highest=args.highest), outputs)
-        run.save(result.save_map, maps)
-    return _report(args, run, opened.name, result)
+        return partial(skyline, scenes.planted, points, surface=scenes.bare, **field_values(self.options))
+
+    def _points(self, scenes: Scenes) -> "Sensors":
+        from ..sensors.point_attributes import warn_of_lost
+        from ..sensors.sensors import point_sensors
+
+        if self.points is not None:
+            points = scenes.sensors(self.points, self.threads)
+            warn_of_lost(self.points, points.attributes)
+            return points
+        return point_sensors([parse_point(text, "--at") for text in self.at or []])
+
+    def writers(self, result: "Skyline", scenes: Scenes) -> Writers:
+        return {"output": partial(result.save, highest=self.highest), "map": result.save_map}
+
+    def summary(self, result: "Skyline", scenes: Scenes, seconds: float) -> Summary:
+        return result.summary(scenes.planted.name, seconds)
 
 
-def _points(args: SkylineArguments, bare: "AnyScene", scene: "AnyScene") -> "Sensors":
-    from ..sensors.point_attributes import warn_of_lost
-    from ..sensors.sensors import point_sensors
-
-    if args.points is not None:
-        points = sensors_below_plants(args.points, bare, scene, args.threads)
-        warn_of_lost(args.points, points.attributes)
-        return points
-    return point_sensors([arguments.parse_point(text, "--at") for text in args.at or []])
-
-
-def _report(args: SkylineArguments, run: StudyRun, name: str, skyline: "Skyline") -> int:
-    factors = skyline.sky_view_factor()
-    rows = [
-        {
-            "point": ",".join(f"{c:.9g}" for c in point),
-            "lowest": round(float(elevation.min()), 3),
-            "highest": round(float(highest.max()), 3),
-            "towards": float(skyline.azimuth[highest.argmax()]),
-            "sky_view_factor": round(float(factor), 4),
-        }
-        for point, elevation, highest, factor in zip(
-            skyline.points[:_MOST_POINTS], skyline.elevation, skyline.highest, factors
-        )
-    ]
-    n, azimuths = len(skyline.points), len(skyline.azimuth)
-    few = n <= _MOST_POINTS
-    answer = {"scene": name, "points": n, "azimuths": azimuths, "seconds": run.seconds, "north": skyline.about["north"]}
-    answer |= {"sky_view_factor": float(np.mean(factors)), "outputs": run.written}
-    if few and not (args.json or args.quiet):
-        names = [name.replace("_", " ") for name in rows[0]]
-        console.print_table(names, [[str(value) for value in row.values()] for row in rows])
-    fields = [("skylines", f"{n:,} points x {azimuths:,} azimuths"), *run.rows()]
-    return run.report(answer | ({"skylines": rows} if few else {}), fields)
+skyline = command_of(SkylineCommand, SkylineOptions)

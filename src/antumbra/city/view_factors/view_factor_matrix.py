@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...base.checks import as_array, items, quoted
 from ...base.errors import InputError
 from ...base.files import atomic_output, checked_output
+from ...work.result_summary import Summary, SummaryTable
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -22,6 +23,7 @@ OUTSIDE = "sky", "ground", "other"
 SUFFIXES = ".npz", ".csv"
 
 _MOST_SCALINGS = 10_000
+_MOST_ROWS = 20  # most surfaces in a summary
 _CLOSED = 1e-13  # deviation of a row's sum from 1
 
 
@@ -104,6 +106,27 @@ class ViewFactors:
         exchange = self._exchange()
         total = float(exchange.sum())
         return float(abs(exchange - exchange.T).sum()) / total if total > 0.0 else 0.0
+
+    def summary(self, sampled_error: float, seconds: float) -> Summary:
+        """The surfaces, and the sums of their view factors.
+
+        sampled_error : the reciprocity error before `reciprocal`
+        seconds : of the study
+        """
+        rays, n = len(self) * self.about["samples"], self.factors.nnz
+        values = {**self.about, "n": len(self), "area": float(self.areas.sum()), "rays": rays, "factors": n}
+        values |= {"sampled_reciprocity_error": sampled_error, "seconds": seconds}
+        error = f"{sampled_error:.2%} before, 0 after" if "reciprocal" in self.about else f"{sampled_error:.2%}"
+        lines = [("surfaces", f"{len(self):,}"), ("view factors", f"{n:,}"), ("reciprocity error", error)]
+        shares = self.factors.sum(axis=1), self.sky, self.ground, self.other
+        rows = [
+            (name, f"{area:,.6g}", *(f"{share:.4f}" for share in own))
+            for name, area, *own in zip(
+                self.names[:_MOST_ROWS], self.areas.tolist(), *(each.tolist() for each in shares)
+            )
+        ]
+        headers = "surface", "area, m2", "surfaces", "sky", "ground", "other"
+        return Summary(values, lines, table=SummaryTable(headers, rows, (1, 2, 3, 4, 5), leads=True), rays=rays)
 
     def _exchange(self) -> "csr_array":
         """(n, n): the exchange areas A_i F_ij."""

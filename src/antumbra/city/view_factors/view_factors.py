@@ -1,12 +1,13 @@
 """`view_factors`: view factors between the surfaces of a scene, by counting where exact rays arrive."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, ParamSpec, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.checks import choice, whole_number
 from ...base.errors import InputError
+from ...base.option_fields import with_keywords
 from ...base.progress import Progress, report_progress, with_progress
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene import AnyScene
@@ -16,21 +17,32 @@ from ..sensors.point_checks import notes_on_faces, tell
 from ..sensors.surface_groups import Grouping, SurfaceGroups, surface_groups
 from .hemisphere_rays import REPLICATES, HemisphereRays
 from .view_factor_matrix import OUTSIDE, ViewFactors
+from .view_factor_options import ViewFactorKeywords, ViewFactorOptions
 
-SIDES = "front", "back"
-"""Sides of faces: "front" is the side from which corners run counterclockwise."""
-
-MOST_SAMPLES = 1 << 22
-"""Maximum number of rays per surface."""
+_P = ParamSpec("_P")
 
 _RAYS = 1 << 19  # rays at a time, if a surface does not have more
 
 
+class ViewFactorFunction(Protocol[_P]):
+    """The type of `view_factors`, whose keywords are the fields of a class."""
+
+    def __call__(
+        self, scene: SceneLike, surfaces: Grouping = "surface", progress: Progress = None,
+        *args: _P.args, **keywords: _P.kwargs,
+    ) -> ViewFactors: ...  # fmt: skip
+
+
+def _view_factor_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., ViewFactors]], ViewFactorFunction[_P]]:
+    """`with_keywords`, with types."""
+    return with_keywords(kind)
+
+
+@_view_factor_function(ViewFactorKeywords)
 @with_progress
 def view_factors(
-    scene: SceneLike, surfaces: Grouping = "surface", *, samples: int = 4096, side: str = "front", seed: int = 0,
-    time: float = 0.0, threads: int | None = None, progress: Progress = None,
-) -> ViewFactors:  # fmt: skip
+    scene: SceneLike, surfaces: Grouping = "surface", *, progress: Progress = None, **keywords: Any
+) -> ViewFactors:
     """Find the view factors between the surfaces of a scene, with exact visibility.
 
     F_ij is the share of the diffuse radiation leaving surface i that arrives at surface j, both directly and without
@@ -44,17 +56,6 @@ def view_factors(
         "surface": semantic surfaces of a city model; otherwise the planar parts of objects, whose faces are joined by
         edges. "face", "object", or "building": the outermost objects of a city model. Or a number for each face, which
         is equal for the faces of a surface; -1: the face belongs to none, and only blocks.
-    samples : int
-        Rays per surface, from 64 to 4194304; rounded up to a power of two.
-    side : "front" or "back"
-        The side of the faces that radiates and receives. "front" is the side from which corners run counterclockwise:
-        the outer side of buildings. For a room whose faces point outwards, use "back".
-    seed : int
-        Of the random shifts of the sample points. The same seed gives the same result, with any number of threads.
-    time : float
-        Seconds.
-    threads : int, optional
-        None: all cores.
     progress : function of (text, done, total), or bool, optional
         Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
 
@@ -79,11 +80,9 @@ def view_factors(
     A surface sees itself if it is not convex: its own factor F_ii is then positive. Alpha masks and panes block rays as
     in `Scene.closest_hit`.
     """
-    scene, threads = measured_scene(scene), thread_count(threads)
-    samples = 1 << (whole_number(samples, "samples", 64, MOST_SAMPLES) - 1).bit_length()
-    choice(side, "side", SIDES)
-    seed = whole_number(seed, "seed", 0, (1 << 63) - 1)
-    time = scene.clamped(time)
+    options, scene = ViewFactorOptions(surfaces=surfaces, **keywords), measured_scene(scene)
+    threads, time = thread_count(options.threads), scene.clamped(options.time)
+    side, seed, samples = options.side, options.seed, 1 << (options.samples - 1).bit_length()
     scene.data.check_resident()
     sign = -1.0 if side == "back" else 1.0
     sampling = _Sampling.of(scene, surfaces, samples, side, seed, time)
@@ -105,7 +104,7 @@ class _Sampling(NamedTuple):
     groups: SurfaceGroups
     rays: HemisphereRays
     samples: int
-    side: str  # of `SIDES`
+    side: str
 
     @classmethod
     def of(cls, scene: AnyScene, surfaces: Grouping, samples: int, side: str, seed: int, time: float) -> "_Sampling":

@@ -1,0 +1,48 @@
+"""The base of commands of studies with a row for each sensor: checks of sensors and outputs, and what writes tables."""
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from ..cli.study_run import Scenes, StudyCommand, Writers
+
+if TYPE_CHECKING:
+    from .tables.result_table import Table
+
+_Options = TypeVar("_Options")
+_Result = TypeVar("_Result")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorStudy(StudyCommand[_Options, _Result]):
+    """The command of a study whose result is a table, or has one, with a row for each sensor.
+
+    A subclass has the fields `sensors` and `column`, too.
+    """
+
+    def table_of(self, result: _Result) -> "Table":
+        """The table of the result."""
+        table: Any = result
+        return table  # type: ignore[no-any-return]
+
+    @property
+    def sensor_form(self) -> str:
+        """The text of the sensors."""
+        given: str | None = getattr(self, "sensors", None)
+        return given or ("raster" if self.spec.on_raster else "face")
+
+    def check(self) -> None:
+        from .sensors.sensor_files import check_sensors
+
+        check_sensors(self.sensor_form)
+
+    def check_output(self, path: Path) -> None:
+        from .sensors.sensor_files import kind_of
+        from .tables.result_table import writer_of
+
+        writer_of(path, kind_of(self.sensor_form))
+
+    def writers(self, result: _Result, scenes: Scenes) -> Writers:
+        table, column = self.table_of(result), getattr(self, "column", None)
+        return {"output": partial(table.save, column=column), "map": partial(table.save_map, column=column)}

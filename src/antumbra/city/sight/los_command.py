@@ -1,0 +1,124 @@
+"""``antumbra los``: which points see each other, and what blocks the others, as tables and models."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ...base.errors import InputError
+from ...base.option_fields import field_values
+from ...cli.options import CrsOption, ListedBefore, SceneArgument, UpOption, points_or_file, tables
+from ...cli.scene_arguments import DEFAULT_SCENE
+from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
+from ...cli.vegetation_options import VegetationOption
+from ...work.result_summary import Summary
+from .sight_options import SightOptions
+
+if TYPE_CHECKING:
+    from ...work.executors import Executor
+    from .sightlines import PairList, Sightlines
+
+_MODEL = ".glb"
+_SUFFIXES = ".csv", ".parquet", ".json", ".npz", _MODEL
+
+
+@dataclass(frozen=True, kw_only=True)
+class LosCommand(StudyCommand[SightOptions, "Sightlines"]):
+    """Find which points see each other in SCENE, and what blocks the others.
+
+    The result lists, per pair, the nearest blocking face, its object, the blocked point, and the distances. An endpoint
+    on a surface needs a normal (columns nx,ny,nz, or nx1 to nz2) or its face (face1, face2); otherwise float32 may
+    round it behind the surface. Tables have a row per pair; a .glb shows the lines, green up to the first blocker.
+
+    \b
+    Examples
+      antumbra los --from 0,1.7,8 --to 0,3,-8
+      antumbra los city.glb --up z --from 10,20,1.7 --targets windows.csv -o seen.csv
+      antumbra los city.glb --up z --observers people.csv --targets signs.csv -o lines.glb -o lines.parquet
+      antumbra los hall.glb --pairs pairs.csv -o result.csv --json
+    """
+
+    scene: SceneArgument = DEFAULT_SCENE
+    observer: Annotated[
+        list[str] | None,
+        typer.Option("--from", help="An observer; may be repeated.", metavar="X,Y,Z", show_default=False),
+    ] = None
+    target: Annotated[
+        list[str] | None,
+        typer.Option("--to", help="A target; may be repeated.", metavar="X,Y,Z", show_default=False),
+    ] = None
+    observers: Annotated[
+        Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
+    ] = None
+    targets: Annotated[Path | None, typer.Option(help="A file of targets.", show_default=False)] = None
+    pairs: Annotated[
+        str,
+        typer.Option(
+            help="all: each observer with each target; zip: pairwise; a file of indices with the columns from and to; "
+            "or, without observers and targets, a file of points with the columns x1,y1,z1,x2,y2,z2.",
+            metavar="all|zip|FILE",
+        ),
+    ] = "all"
+    trees: VegetationOption = None
+    output: Annotated[list[Path] | None, tables("Output file", "--output", "-o", suffixes=_SUFFIXES)] = None
+    up: Annotated[UpOption, ListedBefore("threads")] = None
+    crs: CrsOption = None
+
+    @property
+    def needs_memory(self) -> bool:
+        return True
+
+    def check(self) -> None:
+        _ = self.pair_list
+
+    def check_output(self, path: Path) -> None:
+        from ..tables.result_table import writer_of
+
+        writer_of(path, "points")
+
+    @cached_property
+    def pair_list(self) -> "PairList":
+        """The pairs that the arguments name."""
+        from .sightlines import check_pairs, pairs_of, read_pairs
+
+        check_pairs(self.pairs)
+        begin = points_or_file(self.observer, self.observers, "--from", "--observers")
+        end = points_or_file(self.target, self.targets, "--to", "--targets")
+        if (begin is None) != (end is None):
+            raise InputError("observers need targets: give --from or --observers, and --to or --targets")
+        if begin is None and self.pairs in ("all", "zip"):
+            raise InputError(
+                "there are no points: give --from and --to, --observers and --targets, or a file of --pairs"
+            )
+        return read_pairs(Path(self.pairs)) if begin is None or end is None else pairs_of(self.pairs, begin, end)
+
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Sightlines]":
+        from ..sensors.sensor_files import check_file_crs
+        from .sightlines import line_of_sight
+
+        check_file_crs(scenes.planted, self.observers, self.targets, Path(self.pairs))
+        return partial(line_of_sight, scenes.planted, **self.pair_list.keywords(), **field_values(self.options))
+
+    def writers(self, result: "Sightlines", scenes: Scenes) -> Writers:
+        return {"output": partial(self._write, result, scenes)}
+
+    def _write(self, result: "Sightlines", scenes: Scenes, path: Path) -> None:
+        from ...base.files import atomic_output
+        from .sightlines import sight_model, sight_table
+
+        if path.suffix.lower() == _MODEL:
+            with atomic_output(path) as temporary:
+                temporary.write_bytes(sight_model(scenes.planted, self.pair_list, result))
+        else:
+            sight_table(scenes.planted, self.pair_list, result).save(path, "visible")
+
+    def summary(self, result: "Sightlines", scenes: Scenes, seconds: float) -> Summary:
+        from .sightlines import sight_summary
+
+        return sight_summary(scenes.planted, self.pair_list, result, seconds)
+
+
+los = command_of(LosCommand, SightOptions)

@@ -1,0 +1,116 @@
+"""``antumbra matrix``: which sensors see which targets, as packed bits, sparse matrices and counts."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ...base.errors import InputError
+from ...base.option_fields import field_values
+from ...cli.options import LISTED_LAST, CrsOption, ListedBefore, SceneArgument, SensorsOption, UpOption, tables, writes
+from ...cli.scene_arguments import DEFAULT_SCENE
+from ...cli.shards import MergeOption, RayOption, ShardOption
+from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
+from ...cli.vegetation_options import VegetationOption
+from ...work.result_summary import Summary
+from .sight_options import MatrixOptions
+
+if TYPE_CHECKING:
+    from ...work.executors import Executor
+    from .visibility_matrix import VisibilityMatrix
+
+_BITS, _SPARSE = ".npy", ".npz"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatrixCommand(StudyCommand[MatrixOptions, "VisibilityMatrix"]):
+    """Find which sensors of SCENE see which targets, as one bit per pair.
+
+    Sensors on surfaces are visible only from their outer side. Bit j % 64 of word j // 64 in row i is set if sensor i
+    and target j see each other. Without --targets, each pair is traced once, and no sensor sees itself.
+
+    \b
+    Examples
+      antumbra matrix --sparse faces.npz
+      antumbra matrix hall.glb --sensors grid:0.5 -o seen.npy --counts seen.png
+      antumbra matrix city.glb --up z --sensors people.csv --targets face -o seen.npy --sparse seen.npz
+      antumbra matrix city.glb --up z --sensors raster:5+1.6 --trees "trees.gpkg?height=h&radius=r" -o seen.npy
+    """
+
+    scene: SceneArgument = DEFAULT_SCENE
+    sensors: SensorsOption = "face"
+    targets: Annotated[
+        str | None,
+        typer.Option(help="Targets, same forms as --sensors.  [default: the sensors]", show_default=False),
+    ] = None
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="A .npy file of bits, 64 targets per word; an interrupted run continues in it.",
+            show_default=False,
+            callback=writes(_BITS),
+        ),
+    ] = None
+    sparse: Annotated[
+        Path | None,
+        typer.Option(
+            help="A .npz file of the visible pairs, for scipy.sparse.load_npz.",
+            show_default=False,
+            callback=writes(_SPARSE),
+        ),
+    ] = None
+    counts: Annotated[list[Path] | None, tables("File of the number of targets visible from each sensor")] = None
+    trees: VegetationOption = None
+    up: Annotated[UpOption, ListedBefore("threads")] = None
+    crs: CrsOption = None
+    shard: Annotated[ShardOption, LISTED_LAST] = None
+    ray: RayOption = None
+    merge: MergeOption = None
+
+    def check(self) -> None:
+        from ..sensors.sensor_files import check_sensors, kind_of
+        from ..tables.result_table import writer_of
+
+        check_sensors(self.sensors)
+        if self.targets is not None:
+            check_sensors(self.targets, "--targets")
+        for path in self.paths("counts"):
+            writer_of(path, kind_of(self.sensors))
+        if self.output is None and self.sparse is None and not self.counts:
+            raise InputError("there is nothing to write: give --output, --sparse or --counts")
+
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], VisibilityMatrix]":
+        from ..sensors.point_attributes import warn_of_lost
+        from .visibility_matrix import visibility_matrix
+
+        sensors, targets = scenes.sensors(self.sensors, self.threads), None
+        if self.targets is not None:
+            targets = scenes.sensors(self.targets, self.threads)
+            warn_of_lost(self.targets, targets.attributes)
+        study = partial(visibility_matrix, scenes.planted, sensors, targets, **field_values(self.options))
+        return partial(study, output=self.output, keep=executor)
+
+    def writers(self, result: "VisibilityMatrix", scenes: Scenes) -> Writers:
+        return {
+            "output": lambda path: None,  # the study has written it
+            "sparse": result.save,
+            "counts": partial(self._write_counts, result, scenes),
+        }
+
+    def _write_counts(self, result: "VisibilityMatrix", scenes: Scenes, path: Path) -> None:
+        from ..tables.result_table import Column, Table
+
+        column = Column(result.counts, "", f"visible targets, of {result.columns}")
+        sensors = scenes.sensors(self.sensors, self.threads)
+        Table(sensors, {"seen": column}, {"job": "matrix"}, scenes.planted).save(path)
+
+    def summary(self, result: "VisibilityMatrix", scenes: Scenes, seconds: float) -> Summary:
+        return result.summary(scenes.planted.name, seconds)
+
+
+matrix = command_of(MatrixCommand, MatrixOptions)

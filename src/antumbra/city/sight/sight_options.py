@@ -1,0 +1,50 @@
+"""The options of lines of sight, visibility matrices and visible shares, which their functions take as keywords."""
+
+from dataclasses import dataclass
+
+from ...base.checks import whole_number
+from ...base.option_fields import check_fields, option, same_option
+from ...engine.plan import Plan
+from ...picture.render_options import EngineOptions, RenderOptions
+
+MOST_SAMPLES = 1024
+"""Maximum number of samples of a rotor."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SightOptions:
+    """The options of lines of sight, checked and immutable. Raises InputError."""
+
+    time: float = same_option(RenderOptions, "time", start=0.0)
+    threads: int | None = same_option(EngineOptions, "threads")
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatrixOptions:
+    """The options of a visibility matrix, checked and immutable. Raises InputError."""
+
+    plan: str | Plan | None = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")
+    time: float = same_option(RenderOptions, "time", start=0.0)
+    threads: int | None = same_option(EngineOptions, "threads")
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VisibleOptions:
+    """The options of the visible share of a target, checked and immutable. Raises InputError."""
+
+    samples: int = option(
+        64, lambda value, what: whole_number(value, what, 1, MOST_SAMPLES), "Sample points of the rotor."
+    )
+    """Samples of a turbine's rotor, 1 to 1024."""
+    plan: str | Plan | None = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")
+    time: float = same_option(RenderOptions, "time", start=0.0)
+    threads: int | None = same_option(EngineOptions, "threads")
+
+    def __post_init__(self) -> None:
+        check_fields(self)

@@ -1,0 +1,173 @@
+"""``antumbra viewshed``: how many observers see each sensor, as tables, maps and pictures."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ...base.errors import InputError
+from ...base.option_fields import field_values
+from ...cli.arguments import make_camera, parse_camera, parse_interval
+from ...cli.options import (
+    CameraOption,
+    ColumnOption,
+    CrsOption,
+    ListedBefore,
+    MapOption,
+    OutputsOption,
+    SceneArgument,
+    SensorsOrDefault,
+    UpOption,
+    points_or_file,
+    writes,
+)
+from ...cli.scene_arguments import DEFAULT_SCENE
+from ...cli.study_run import Scenes, Writers, command_of
+from ...cli.vegetation_options import VegetationOption
+from ...work.result_summary import Summary
+from ..sensor_study import SensorStudy
+from .viewshed_options import ViewshedOptions
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from ...work.executors import Executor
+    from ..sensors.sensors import Sensors
+    from ..tables.result_table import Table
+    from .line_points import LinePoints
+    from .viewshed import Viewshed
+
+_SIZE = 1024, 768  # of pictures
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
+    """Count the observers that see each sensor of SCENE.
+
+    The result has the columns seen (number of observers), first and nearest (observer indices, -1: none) and distance;
+    with --along, also length, that of the lines that see a sensor; with --least-height, also least_height. Rasters are
+    written as a map or GeoTIFF, other sensors as a view of the scene. raster:2+1.6 places targets 1.6 above the highest
+    surfaces. Distances are straight-line distances from the eye.
+
+    \b
+    Examples
+      antumbra viewshed --observer 0,1.7,8 -o seen.png
+      antumbra viewshed city.glb --up z --sensors raster:1 --observer 10,20,0 --on-surface --eye-height 1.6 -o map.tif
+      antumbra viewshed city.glb --up z --sensors raster:1 --observer 10,20,30 --map sheet.pdf
+      antumbra viewshed city.glb --up z --sensors grid:2 --observers people.csv --max-distance 300 -o seen.png
+      antumbra viewshed dem.tif --observer 85000,446000,0 --on-surface --eye-height 1.7 -o seen.tif
+      antumbra viewshed dem.tif --along road.gpkg --spacing 25 --on-surface --eye-height 1.2 -o road.tif
+      antumbra viewshed dem.tif --observer 85000,446000,90 --least-height -o hidden.tif
+      antumbra viewshed hills.ply --up z --observer 0,0,900 --curvature --azimuth 350:10 -o seen.parquet
+    """
+
+    scene: SceneArgument = DEFAULT_SCENE
+    sensors: SensorsOrDefault = None
+    observer: Annotated[
+        list[str] | None, typer.Option(help="An observer; may be repeated.", metavar="X,Y,Z", show_default=False)
+    ] = None
+    observers: Annotated[
+        Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
+    ] = None
+    along: Annotated[
+        Path | None,
+        typer.Option(
+            help="A file of lines from which observers look, such as a road: .gpkg, .geojson, .shp, or the vertices of "
+            "one line in a .csv file.",
+            show_default=False,
+        ),
+    ] = None
+    spacing: Annotated[
+        float | None, typer.Option(help="World units between observers along lines.", show_default=False)
+    ] = None
+    trees: VegetationOption = None
+    output: Annotated[OutputsOption, ListedBefore("plan")] = None
+    map: MapOption = None
+    column: ColumnOption = None
+    camera: CameraOption = None
+    bits: Annotated[
+        Path | None,
+        typer.Option(
+            help="A .npy file of bits: which observer sees which sensor, 64 observers per word.",
+            show_default=False,
+            callback=writes(".npy"),
+        ),
+    ] = None
+    up: Annotated[UpOption, ListedBefore("threads")] = None
+    crs: CrsOption = None
+
+    def check(self) -> None:
+        from ...base.files import checked_file
+        from ..sensors.point_attributes import warn_of_lost
+
+        if self.camera is not None:
+            parse_camera(self.camera)
+        super().check()
+        eyes = self._eyes
+        if eyes is not None and self.observers is not None:
+            warn_of_lost(self.observers.name, eyes.attributes)
+        if eyes is None and self.along is None:
+            raise InputError("there is no observer: give --observer X,Y,Z, --observers FILE or --along FILE")
+        if self.along is not None:
+            checked_file(self.along, f"--along {self.along}")
+        if eyes is not None and self.along is not None:
+            raise InputError("--along excludes --observer and --observers; give one of them")
+        if (self.along is None) != (self.spacing is None):
+            raise InputError("--along FILE and --spacing DISTANCE need each other")
+
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Viewshed]":
+        from .viewshed import viewshed
+
+        observers = self._observers(scenes)
+        sensors = scenes.sensors(self.sensor_form, self.threads)
+        options = replace(self.options, bits=self.bits is not None)
+        camera = None
+        if self.camera is not None:
+            camera = make_camera(parse_camera(self.camera), scenes.planted, options.time, _SIZE)
+
+        def study() -> "Viewshed":
+            found = viewshed(scenes.planted, sensors, observers, surface=scenes.bare, **field_values(options))
+            found.table.camera = camera
+            return found
+
+        return study
+
+    @cached_property
+    def _eyes(self) -> "Sensors | None":
+        return points_or_file(self.observer, self.observers, "--observer", "--observers")
+
+    def _observers(self, scenes: Scenes) -> "ArrayLike | LinePoints":
+        from ..sensors.sensor_files import check_file_crs
+        from .line_points import points_along
+
+        check_file_crs(scenes.bare, self.observers)
+        if self.along is not None:
+            return points_along(self.along, self.spacing or 0.0, crs=scenes.planted.crs)
+        eyes = self._eyes
+        assert eyes is not None  # checked before
+        return eyes.points
+
+    def table_of(self, result: "Viewshed") -> "Table":
+        return result.table
+
+    def writers(self, result: "Viewshed", scenes: Scenes) -> Writers:
+        return {**super().writers(result, scenes), "bits": partial(_write_bits, result)}
+
+    def summary(self, result: "Viewshed", scenes: Scenes, seconds: float) -> Summary:
+        return result.summary(scenes.planted.name, seconds)
+
+
+def _write_bits(result: "Viewshed", path: Path) -> None:
+    from ...base.files import atomic_output
+    from ..tables.bit_matrices import write_rows
+
+    assert result.bits is not None  # they were asked for
+    with atomic_output(path) as temporary:
+        write_rows(temporary, result.bits)
+
+
+_ANGLES = {name: partial(parse_interval, option=f"--{name}") for name in ("azimuth", "elevation")}
+viewshed = command_of(ViewshedCommand, ViewshedOptions, _ANGLES)
