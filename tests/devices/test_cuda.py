@@ -120,6 +120,7 @@ def test_events_measure_time_and_queues_wait_for_each_other(fake):
 
 def test_everything_is_freed_when_nothing_refers_to_it(fake):
     device = Cuda()
+    gc.collect()  # what other tests have left
     before = fake.counts()
     array, memory, queue, event = (
         device.host_array(3, int),
