@@ -1,0 +1,52 @@
+"""PTX: the code of NVIDIA's cards as text, which their driver compiles. Any card from Turing on takes it."""
+
+from ..device.operations import PREFIX
+from .device_ir import inline_everything, parsed, target_machine
+
+
+def _index(name: str, register: str) -> str:
+    return f"""
+declare i32 @llvm.nvvm.read.ptx.sreg.{register}()
+define i32 @{PREFIX}{name}() alwaysinline {{
+  %index = call i32 @llvm.nvvm.read.ptx.sreg.{register}()
+  ret i32 %index
+}}
+"""
+
+
+_OPERATIONS = f"""
+{_index("block_index", "ctaid.x")}
+{_index("block_size", "ntid.x")}
+{_index("index_in_block", "tid.x")}
+{_index("lane_index", "laneid")}
+define i32 @{PREFIX}lane_count() alwaysinline {{
+  ret i32 32
+}}
+
+declare i32 @llvm.nvvm.shfl.sync.idx.i32(i32, i32, i32, i32) convergent
+define i32 @{PREFIX}shuffle(i32 %value, i32 %lane) alwaysinline convergent {{
+  %found = call i32 @llvm.nvvm.shfl.sync.idx.i32(i32 -1, i32 %value, i32 %lane, i32 31)
+  ret i32 %found
+}}
+
+declare i32 @llvm.nvvm.vote.ballot.sync(i32, i1) convergent
+define i32 @{PREFIX}ballot(i1 %condition) alwaysinline convergent {{
+  %bits = call i32 @llvm.nvvm.vote.ballot.sync(i32 -1, i1 %condition)
+  ret i32 %bits
+}}
+
+declare void @llvm.nvvm.barrier.cta.sync.aligned.all(i32) convergent
+define void @{PREFIX}barrier() alwaysinline convergent {{
+  call void @llvm.nvvm.barrier.cta.sync.aligned.all(i32 0)
+  ret void
+}}
+"""
+"""The functions of `antumbra.kernels.device`: all 32 lanes of a warp meet, and all threads of a block."""
+
+
+def emit_ptx(assembly: str, entry: str) -> bytes:
+    """PTX of a module made by `device_ir`."""
+    module = parsed(assembly.replace(f"define void @{entry}(", f"define ptx_kernel void @{entry}(", 1))
+    module.link_in(parsed(_OPERATIONS))
+    inline_everything(module, entry)
+    return str(target_machine().emit_assembly(module)).encode()

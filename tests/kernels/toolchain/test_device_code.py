@@ -1,0 +1,141 @@
+"""Device kernels become PTX and SPIR-V, once, and everything that a device cannot do is refused."""
+
+import numpy as np
+import pytest
+
+import device_kernels as sample
+from antumbra.errors import InputError
+from antumbra.kernels.device import i64_at, local_i32, thread_index
+from antumbra.kernels.jit import Intrinsic, kernel
+from antumbra.kernels.simd import f32_at, get, i32_at, put, stack_i32
+from antumbra.kernels.toolchain import device_code as codes
+from antumbra.kernels.toolchain import device_ir, kernel_cache
+
+FORMS = pytest.mark.parametrize("form", codes.FORMS)
+SAMPLES = pytest.mark.parametrize("each", sample.SAMPLES, ids=lambda each: each.kernel.py_func.__name__)
+
+
+@kernel
+def returns(a):
+    return get(f32_at(a), thread_index())
+
+
+@kernel
+def raises(a):
+    if thread_index() > 5:
+        raise ValueError("an index is too large")
+    put(i64_at(a), 0, 1)
+
+
+@kernel
+def calls_the_c_library(a):
+    put(f32_at(a), 0, np.sin(get(f32_at(a), 0)))
+
+
+@kernel
+def points_to_two_kinds(a):
+    own = stack_i32(4)
+    for k in range(4):
+        put(own, k, k)
+    there = i32_at(a)
+    put(there, 0, get(there if get(there, 1) else own, get(there, 2)))
+
+
+@kernel
+def points_to_memory_of_blocks(a):
+    block = local_i32(16, 4)
+    put(i32_at(a), 0, get(block, get(i32_at(a), 1)))
+
+
+@kernel
+def two_numbers(a, b):
+    put(i64_at(a), thread_index(), b)
+
+
+@SAMPLES
+@FORMS
+def test_code_has_an_entry_with_a_parameter_for_each_word(each, form):
+    code = each.code(form)
+    assert code.form == form and code.digest in code.entry and code.entry.encode() in code.code
+    if form == "ptx":
+        text = code.code.decode()
+        assert text.count(".visible .entry") == 1 and text.count(".param .u64") == code.words
+    else:
+        assert code.code[:4] == b"\x03\x02\x23\x07"  # SPIR-V's magic number
+
+
+def test_pointers_made_from_arguments_are_global():
+    text = sample.SAMPLES[2].code("ptx").code.decode()
+    assert "ld.global.v4" in text and "st.local" in text and "atom.global.add.u64" in text
+    assert not [line for line in text.splitlines() if line.strip().startswith(("ld.b", "st.b", "ld.v", "cvta"))]
+
+
+def test_memory_of_a_block_is_shared():
+    assert ".shared" in sample.SAMPLES[3].code("ptx").code.decode()
+
+
+@pytest.mark.parametrize(
+    "function, message",
+    [
+        (returns, "returns a value: a device kernel writes its results to memory"),
+        (raises, "may raise: a device kernel cannot"),
+        (calls_the_c_library, "needs llvm.sin.f32: a device has no such function"),
+        (points_to_two_kinds, "may point to memory of two kinds"),
+    ],
+)
+def test_what_no_device_can_do_is_refused(function, message):
+    with pytest.raises(TypeError, match=message):
+        codes.device_code(function, (0,), "ptx")
+
+
+def test_a_block_of_local_memory_reaches_to_the_end_of_its_last_part():
+    assert ".b8 antumbra_local[32]" in codes.device_code(points_to_memory_of_blocks, (0,), "ptx").code.decode()
+
+
+def test_arguments_of_other_kinds_are_other_code():
+    integer, real = (codes.device_code(two_numbers, (0, x), "ptx") for x in (0, 0.0))
+    assert integer.words == real.words == 2 and integer.digest != real.digest
+
+
+@pytest.fixture
+def empty_cache(tmp_path, monkeypatch):
+    """A cache of this test's own, and no code in this process."""
+    monkeypatch.setattr(codes, "cache_folder", lambda: tmp_path)
+    codes._code.cache_clear()
+    yield tmp_path
+    codes._code.cache_clear()
+
+
+def test_code_is_compiled_once_and_then_found_on_disk(empty_cache, monkeypatch):
+    first = {form: codes.device_code(two_numbers, (0, 0), form) for form in codes.FORMS}
+    files = sorted(
+        file.relative_to(empty_cache / "kernels" / kernel_cache.toolchain()) for file in empty_cache.rglob("*.kernel")
+    )
+    assert [file.parts[0] for file in files] == ["ptx", "spirv"]
+    monkeypatch.setattr(device_ir, "device_ir", lambda *arguments: pytest.fail("it is compiled again"))
+    codes._code.cache_clear()
+    assert {form: codes.device_code(two_numbers, (0, 0), form) for form in codes.FORMS} == first
+
+
+def test_code_is_the_same_when_it_is_compiled_again(empty_cache):
+    first = sample.SAMPLES[2].code("spirv")
+    for file in empty_cache.rglob("*.kernel"):
+        file.unlink()
+    codes._code.cache_clear()
+    assert sample.SAMPLES[2].code("spirv") == first
+
+
+def test_a_kernel_that_is_not_installed_needs_a_compiler(empty_cache, monkeypatch):
+    monkeypatch.setattr(codes, "has_compiler", lambda: False)
+    with pytest.raises(
+        InputError, match=r"two_numbers is not among the device kernels .* pip install 'antumbra\[jit\]'"
+    ):
+        codes.device_code(two_numbers, (0, 0), "ptx")
+
+
+def test_the_names_of_intrinsics_have_implementations():
+    from antumbra.kernels import device
+    from antumbra.kernels.device import operations
+
+    assert sorted(device._NAMES.split()) == device.__all__
+    assert all(isinstance(getattr(device, name), Intrinsic) and hasattr(operations, name) for name in device.__all__)
