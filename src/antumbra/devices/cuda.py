@@ -199,7 +199,6 @@ class Cuda(Device):
         return CudaQueue(self)
 
     def foreign_queue(self, handle: int) -> CudaQueue:
-        """The queue of another library's stream in this process, by its handle."""
         self.check_alive()
         return CudaQueue(self, handle)
 

@@ -347,6 +347,10 @@ class Device(ABC):
     def new_queue(self) -> Queue:
         """Another queue, whose work may overlap with that of the default one."""
 
+    def foreign_queue(self, handle: int) -> Queue:
+        """The queue of another library's stream in this process, by its handle; only CUDA has them."""
+        raise DeviceError(f"{self} has no streams of other libraries")
+
     def load(self, code: "DeviceCode") -> Module:
         """A kernel, compiled for the device by its driver; the second time it is found by its digest.
 
