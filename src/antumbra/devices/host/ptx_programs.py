@@ -160,10 +160,8 @@ def _variables(kernel: PtxKernel) -> str:
 def _declarations(body: str) -> str:
     """Declarations of LLVM's functions on numbers that a body calls."""
     calls = set(re.findall(r"call (\w+) (@llvm\.(?!coro)[\w.]+)\(([^)]*)\)", body))
-    types = {
-        (result, name, ", ".join(each.split()[0] for each in values.split(", "))) for result, name, values in calls
-    }
-    return "\n".join(f"declare {result} {name}({values})" for result, name, values in sorted(types))
+    kinds = {(result, name, ", ".join(re.findall(r"(\w+) [^,]+", values))) for result, name, values in calls}
+    return "\n".join(f"declare {result} {name}({values})" for result, name, values in sorted(kinds))
 
 
 @cache

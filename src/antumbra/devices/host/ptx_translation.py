@@ -149,7 +149,8 @@ class Translation:
         name = each.operation[0]
         of_floats, of_others = _BY_KIND.get(name, (None, None))
         translate = _BY_NAME.get(name) or (of_floats if each.kind in FLOATS else of_others)
-        _require(translate is not None)
+        if translate is None:
+            raise KeyError(name)
         translate(self, each)
 
     def _branch(self, each: Instruction) -> None:
