@@ -180,6 +180,7 @@ class DeviceMemory:
         self._finalizer()
 
     def _check(self, offset: int, size: int) -> None:
+        self.device.check_alive()
         if not self._finalizer.alive:
             raise ValueError("this device memory is freed")
         if offset < 0 or size < 0 or offset + size > self.size:
