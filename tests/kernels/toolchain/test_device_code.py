@@ -12,7 +12,7 @@ from antumbra.kernels.toolchain import device_code as codes
 from antumbra.kernels.toolchain import device_ir, kernel_cache
 
 FORMS = pytest.mark.parametrize("form", codes.FORMS)
-SAMPLES = pytest.mark.parametrize("each", sample.SAMPLES, ids=lambda each: each.kernel.py_func.__name__)
+SAMPLES = pytest.mark.parametrize("each", sample.SAMPLES, ids=lambda each: each.name)
 
 
 @kernel

@@ -42,6 +42,11 @@ class DeviceKernel(NamedTuple):
     arguments: tuple[Any, ...]  # of the right kinds; values do not matter
 
     @property
+    def name(self) -> str:
+        """The function's name; several kernels may share it."""
+        return self.kernel.__qualname__
+
+    @property
     def key(self) -> str:
         """The kinds of the arguments."""
         return text_of(flatten(self.arguments)[0])
