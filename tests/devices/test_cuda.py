@@ -13,26 +13,19 @@ import pytest
 from antumbra.devices.cuda import Cuda
 from antumbra.devices.cuda_driver import CudaDriver, cuda_cards
 from antumbra.devices.device import DeviceError, OutOfDeviceMemory
-from fake_cuda import Code, FakeCuda, built
+from fake_cuda import Code, built
 from forked import in_child
 
 ADD = Code("ptx", "add_five", 3, b".version 6.3", "digest of add_five")
 forks = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
 
 
-@pytest.fixture(scope="module")
-def library(tmp_path_factory):
-    return built(tmp_path_factory.mktemp("cuda"))
-
-
 @pytest.fixture
-def fake(library, monkeypatch):
-    driver = FakeCuda(library)
-    driver.use(monkeypatch)
-    driver.launches = []
-    driver.register(ADD, lambda words, blocks, block: add_five(driver, words, blocks, block))
-    yield driver
-    driver.restart()
+def fake(fake_cuda):
+    """A card with one kernel."""
+    fake_cuda.launches = []
+    fake_cuda.register(ADD, lambda words, blocks, block: add_five(fake_cuda, words, blocks, block))
+    return fake_cuda
 
 
 def add_five(driver, words, blocks, block):
@@ -120,6 +113,7 @@ def test_events_measure_time_and_queues_wait_for_each_other(fake):
 
 def test_everything_is_freed_when_nothing_refers_to_it(fake):
     device = Cuda()
+    gc.collect()  # what other tests have left
     before = fake.counts()
     array, memory, queue, event = (
         device.host_array(3, int),

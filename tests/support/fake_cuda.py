@@ -80,10 +80,10 @@ class FakeCuda:
 def built(folder: Path, source: Path = _SOURCE) -> str:
     """The path of a shared library compiled from a C file; skips the test if there is no compiler."""
     out = folder / f"{source.stem}.{'dll' if sys.platform == 'win32' else 'so'}"
-    if find_spec("ziglang"):
-        compiler = [sys.executable, "-m", "ziglang", "cc"]
-    elif shutil.which("cc"):
+    if shutil.which("cc"):
         compiler = ["cc"]
+    elif find_spec("ziglang"):
+        compiler = [sys.executable, "-m", "ziglang", "cc"]
     else:
         pytest.skip("there is no C compiler: the CUDA driver is NOT checked")
     flags = [] if os.name == "nt" else ["-fPIC"]

@@ -153,7 +153,6 @@ class Cuda(Device):
     # Memory
 
     def free_memory(self) -> int:
-        self.check_alive()
         free, total = ctypes.c_size_t(), ctypes.c_size_t()
         self.context.check("cuMemGetInfo_v2", free, total)
         return free.value
@@ -169,21 +168,18 @@ class Cuda(Device):
         self.context.discard("cuMemFree_v2", address)  # waits until no kernel uses it
 
     def upload_bytes(self, address: int, source: NDArray[Any], queue: Queue | None, wait: bool) -> None:
-        self.check_alive()
         queue = queue or self.queue
         self.context.check("cuMemcpyHtoDAsync_v2", address, source.ctypes.data, source.nbytes, queue.handle)
         if wait:
             queue.synchronise()
 
     def download_bytes(self, address: int, into: NDArray[Any], queue: Queue | None, wait: bool) -> None:
-        self.check_alive()
         queue = queue or self.queue
         self.context.check("cuMemcpyDtoHAsync_v2", into.ctypes.data, address, into.nbytes, queue.handle)
         if wait:
             queue.synchronise()
 
     def fill_bytes(self, address: int, byte: int, size: int, queue: Queue | None) -> None:
-        self.check_alive()
         self.context.check("cuMemsetD8Async", address, byte, size, (queue or self.queue).handle)
 
     def host_array(self, shape: int | tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
@@ -199,7 +195,6 @@ class Cuda(Device):
         return CudaQueue(self)
 
     def foreign_queue(self, handle: int) -> CudaQueue:
-        """The queue of another library's stream in this process, by its handle."""
         self.check_alive()
         return CudaQueue(self, handle)
 

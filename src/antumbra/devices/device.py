@@ -180,6 +180,7 @@ class DeviceMemory:
         self._finalizer()
 
     def _check(self, offset: int, size: int) -> None:
+        self.device.check_alive()
         if not self._finalizer.alive:
             raise ValueError("this device memory is freed")
         if offset < 0 or size < 0 or offset + size > self.size:
@@ -346,6 +347,10 @@ class Device(ABC):
     @abstractmethod
     def new_queue(self) -> Queue:
         """Another queue, whose work may overlap with that of the default one."""
+
+    def foreign_queue(self, handle: int) -> Queue:
+        """The queue of another library's stream in this process, by its handle; only CUDA has them."""
+        raise DeviceError(f"{self} has no streams of other libraries")
 
     def load(self, code: "DeviceCode") -> Module:
         """A kernel, compiled for the device by its driver; the second time it is found by its digest.

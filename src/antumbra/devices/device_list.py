@@ -1,7 +1,8 @@
 """Which devices there are, their names, and opening one by its name.
 
 A name is a kind with a number, such as ``cuda:1``; a kind alone means number 0. ``cpu`` means no device: kernels run on
-the processor's threads. ``ANTUMBRA_DEVICE`` holds the name that is used where none is given.
+the processor's threads. ``host`` is for tests: it runs a card's code on the processor. ``ANTUMBRA_DEVICE`` holds the
+name that is used where none is given.
 """
 
 import os
@@ -14,7 +15,7 @@ from ..checks import alternatives, quoted, spelling_hint
 from ..errors import InputError
 from .device import Device, DeviceError
 
-CPU = "cpu"
+CPU, HOST = "cpu", "host"
 VARIABLE = "ANTUMBRA_DEVICE"
 
 
@@ -64,8 +65,20 @@ def _open_opencl(ordinal: int, max_memory: int | None) -> Device:
     return OpenCl(ordinal, max_memory)
 
 
-_KINDS = {"cuda": _Kind(_cuda_devices, _open_cuda), "opencl": _Kind(_opencl_devices, _open_opencl)}
-"""The kinds of devices, those that plans prefer first."""
+def _open_host(ordinal: int, max_memory: int | None) -> Device:
+    from .host.host_device import HostDevice
+
+    if ordinal:
+        raise DeviceError(f"there is no host:{ordinal}; there is one host")
+    return HostDevice(max_memory=max_memory)
+
+
+_KINDS = {
+    "cuda": _Kind(_cuda_devices, _open_cuda),
+    "opencl": _Kind(_opencl_devices, _open_opencl),
+    HOST: _Kind(lambda: (), _open_host),
+}
+"""The kinds of devices, those that plans prefer first. The host is not listed, since only tests use it."""
 
 
 # --- Names ------------------------------------------------------------------------------------------------------------
@@ -86,7 +99,7 @@ def parse_device(name: str, what: str = "device") -> tuple[str, int]:
     """
     match = _NAME.fullmatch(name) if isinstance(name, str) else None
     if match is None or match[1] not in (CPU, *_KINDS) or (match[1] == CPU and match[2]):
-        names = [CPU, *(device.name for device in list_devices() if device.problem is None)]
+        names = [CPU, *(device.name for device in list_devices() if device.problem is None), HOST]
         hint = spelling_hint(name, (CPU, *_KINDS)) if isinstance(name, str) else ""
         others = [kind for kind in _KINDS if not any(each.startswith(kind) for each in names)]
         unusable = f"; {alternatives(others)} cannot be used here, antumbra doctor says why" if others else ""

@@ -233,7 +233,6 @@ class OpenCl(Device):
         self._copy(into.ctypes.data, address, into, queue, wait)
 
     def _copy(self, to: int, start: int, array: NDArray[Any], queue: Any, wait: bool) -> None:
-        self.check_alive()
         commands = self._commands(queue)
         with _named_errors(self):
             to_part, from_part = _part(to, array.nbytes), _part(start, array.nbytes)
@@ -241,7 +240,6 @@ class OpenCl(Device):
             commands.flush()
 
     def fill_bytes(self, address: int, byte: int, size: int, queue: Any) -> None:
-        self.check_alive()
         with _named_errors(self):
             pyopencl().enqueue_svm_memfill(self._commands(queue), _part(address, size), np.uint8(byte))
 
