@@ -146,10 +146,10 @@ def counted_odds(numbers, total):
 
 ARRAYS = Arrays(0, 0, 0, 0, np.float32(0))
 SAMPLES = [
-    DeviceKernel("float_operations", float_operations, (ARRAYS,)),
-    DeviceKernel("double_operations", double_operations, (0, 0, 0, 0)),
-    DeviceKernel("sorted_links", sorted_links, (0, 0, 0, 0)),
-    DeviceKernel("reversed_blocks", reversed_blocks, (0, 0)),
-    DeviceKernel("votes", votes, (0, 0, 0)),
-    DeviceKernel("counted_odds", counted_odds, (0, 0)),
+    DeviceKernel(float_operations, (ARRAYS,)),
+    DeviceKernel(double_operations, (0, 0, 0, 0)),
+    DeviceKernel(sorted_links, (0, 0, 0, 0)),
+    DeviceKernel(reversed_blocks, (0, 0)),
+    DeviceKernel(votes, (0, 0, 0)),
+    DeviceKernel(counted_odds, (0, 0)),
 ]

@@ -32,6 +32,8 @@ from ..trace.rays.all_hits import INSIDE, ON_SURFACE, SURFACES, TRIANGLES
 from ..trace.transmission import TracedQuery, transmission
 from .accelerator import Accelerated, Accelerator, SceneTrees
 from .auto_accelerator import accelerator_of
+from .device_plans import cpu_plan, device_of, plan_on
+from .device_rays import DeviceRayLists
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
 from .in_memory_source import InMemory, update_job
 from .instanced_source import Instanced, SharedInstances, traces_instances
@@ -91,11 +93,15 @@ class Engine:
     gbuffer : "raster", "rays" or "auto"
         The method of `surfaces`; all give the same bits. "auto": rasterise; once a tree is cached, use whichever is
         faster. Stores, and cameras that are not perspective, always use rays.
+    device : str or None
+        The device that traces shadow rays and ray lists: ``"cuda"``, ``"cuda:1"``, ``"opencl"``, or ``"cpu"`` for none.
+        None: the one in the environment variable ``ANTUMBRA_DEVICE``, if there is neither a plan. It never changes a
+        bit. Instances, stores, cut-outs, and lists of all hits are traced on the CPU.
 
     Raises
     ------
     InputError
-        If a value is out of range, the plan is unknown, or the plan does not support stores.
+        If a value is out of range, the plan is unknown, the plan does not support stores, or there is no such device.
     """
 
     def __init__(
@@ -106,11 +112,12 @@ class Engine:
         max_memory: int | None = None,
         *,
         gbuffer: str = AUTO,
+        device: str | None = None,
     ):
         data = data_of(scene)
         choice(gbuffer, "gbuffer", METHODS)
         limit = getattr(scene, "max_memory", None) if max_memory is None else max_memory
-        self._start(data, _trees_of(data), plan, threads, limit, gbuffer)
+        self._start(data, _trees_of(data), plan_on(device, plan, data), threads, limit, gbuffer)
 
     def __getstate__(self) -> _State:
         """Pickle the settings; everything else is rebuilt."""
@@ -134,6 +141,7 @@ class Engine:
         self._updates = threading.Lock()  # held while the geometry is moved; queries do not wait for it
         self.accelerator: Accelerator = accelerator_of(self.plan, self.threads)
         self.source: RenderSource = self._new_source(gbuffer)
+        self.device_rays = self._new_device_rays()
         self.terrain = TerrainShadows(data)
         self._frame, self._n_faces = tuple(data.origin.tolist()), data.n_triangles
         self._others: dict[_Options, Engine] = {}  # least recently used first
@@ -158,6 +166,13 @@ class Engine:
         if traces_instances(self.plan):
             return Instanced(data, self.accelerator, self._trees)
         return InMemory(data.flattened(), self.accelerator, self._trees.flat(), gbuffer)
+
+    def _new_device_rays(self) -> DeviceRayLists | None:
+        """The ray lists of a plan that traces on a device."""
+        if device_of(self.plan) is None or not isinstance(self.source, InMemory) or self._trees is None:
+            return None
+        trees = self._trees.flat() if isinstance(self._trees, SharedInstances) else self._trees
+        return DeviceRayLists(self.source.scene, trees, self.accelerator)
 
     def with_options(self, plan: str | Plan | None, threads: int | None, max_memory: int | None) -> "Engine":
         """An engine with another plan, thread count or memory limit, which shares this one's triangles and trees.
@@ -333,6 +348,8 @@ class Engine:
     def _traced(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None) -> TracedRays:
         moment = self._moment(time)
         threads = self.threads if threads is None else thread_count(threads)
+        if self.device_rays is not None:
+            return self.device_rays.trace_rays(rays, any_hit, moment, threads)
         if isinstance(self.source, InMemory) and self.source.ray_lists.plan is None:
             hits = self.terrain.trace_rays(self.plan, rays, any_hit, threads)
             if hits is not None:
@@ -510,7 +527,7 @@ class Engine:
     def _warm_up(self) -> None:
         """Compile the kernels of this plan at its first query."""
         if not self._warm:
-            warm_up(self.plan, precompiled_method(self.source.gbuffer))
+            warm_up(cpu_plan(self.plan), precompiled_method(self.source.gbuffer))
             self.source.warm_up()
             self._warm = True
 

@@ -286,6 +286,17 @@ class EngineOptions:
         literal=False,
     )
     """Limit in bytes on the memory of the process, for scenes in a store; None: 4 GiB."""
+    device: str | None = option(
+        None,
+        unchecked,
+        "The device that traces shadow rays: cuda, cuda:1, opencl, or cpu; see antumbra doctor.",
+        panel="Speed",
+        kind=str | None,
+        note="ANTUMBRA_DEVICE, or cpu",
+        metavar="NAME",
+    )
+    """The device that traces shadow rays, such as ``"cuda"``, ``"cuda:1"`` or ``"opencl"``; ``"cpu"``: none. It never
+    changes the bits. None: the one in the environment variable ``ANTUMBRA_DEVICE``, if no plan is given."""
 
 
 @dataclass(frozen=True, kw_only=True)

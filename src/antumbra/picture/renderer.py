@@ -6,6 +6,7 @@ from typing import Any, ParamSpec, Protocol
 
 from ..checks import checked_instance, choice
 from ..engine.accelerator import Accelerated, Accelerator
+from ..engine.device_plans import cpu_plan
 from ..engine.engine import Engine
 from ..engine.frame_tracer import RenderSource
 from ..engine.plan import Plan
@@ -103,6 +104,8 @@ class Renderer:
         whichever method was faster. Stores and non-perspective cameras always use rays.
     max_memory : int or None
         Limit in bytes on the memory of the process, for scenes in a store; None: 4 GiB.
+    device : str or None
+        The device that traces shadow rays, such as ``"cuda"``; see `antumbra.engine.engine.Engine`.
 
     Raises
     ------
@@ -117,10 +120,11 @@ class Renderer:
         threads: int | None = None,
         gbuffer: str = AUTO,
         max_memory: int | None = None,
+        device: str | None = None,
     ) -> None:
         scene = scene_of(scene)
         choice(gbuffer, "gbuffer", METHODS)
-        self.scene, self.engine = scene, Engine(scene, plan, threads, max_memory, gbuffer=gbuffer)
+        self.scene, self.engine = scene, Engine(scene, plan, threads, max_memory, gbuffer=gbuffer, device=device)
         self.plan, self.threads = self.engine.plan, self.engine.threads
 
     @property
@@ -200,7 +204,7 @@ class Renderer:
         """Compile all kernels that the frame calls."""
         gbuffer, options = precompiled_method(self.source.gbuffer), request.options
         selector = self.accelerator.ray_selector
-        precompile_plan(self.plan, gbuffer, options.counters)
+        precompile_plan(cpu_plan(self.plan), gbuffer, options.counters)
         self.source.warm_up()
         if request.smooth or request.smooth_skies or request.finer is not None:
             precompile_quality()

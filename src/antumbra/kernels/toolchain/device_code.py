@@ -38,9 +38,13 @@ class DeviceCode(NamedTuple):
 class DeviceKernel(NamedTuple):
     """A device kernel, and examples of the arguments that its callers pass."""
 
-    name: str
     kernel: kernel
     arguments: tuple[Any, ...]  # of the right kinds; values do not matter
+
+    @property
+    def name(self) -> str:
+        """The function's name; several kernels may share it."""
+        return self.kernel.__qualname__
 
     @property
     def key(self) -> str:
@@ -70,7 +74,7 @@ def device_code(function: kernel, arguments: tuple[Any, ...], form: Form) -> Dev
     TypeError
         If the kernel does something that devices cannot.
     """
-    return DeviceKernel(function.name, function, arguments).code(form)
+    return DeviceKernel(function, arguments).code(form)
 
 
 @cache

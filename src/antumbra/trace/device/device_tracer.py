@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...bvh.nodes import Bvh
 from ...devices.device import Device
+from ...progress import ProgressCallback
 from ...query.ray_list import HitArrays, RayArguments, RayArrays, hit_arrays
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import AMBIENT
@@ -84,6 +85,11 @@ class DeviceTracer:
         with self._lock:
             return DeviceTree(bvh, self.launches)
 
+    def move(self, tree: DeviceTree, bvh: Bvh, vertices: NDArray[np.float32]) -> None:
+        """Move the triangles of a tree, see `DeviceTree.move`."""
+        with self._lock:
+            tree.move(bvh, vertices)
+
     # --- Queries ------------------------------------------------------------------------------------------------------
 
     def trace_rays(self, tree: DeviceTree, rays: RayArguments, any_hit: bool, threads: int) -> HitArrays:
@@ -101,7 +107,14 @@ class DeviceTracer:
                     self._report(tree, chunk, threads, HitArrays(*(a[part] if len(a) else a for a in out)))
         return out
 
-    def trace_shadow(self, tree: DeviceTree, query: ShadowQuery, bits: NDArray[np.uint64], threads: int) -> None:
+    def trace_shadow(
+        self,
+        tree: DeviceTree,
+        query: ShadowQuery,
+        bits: NDArray[np.uint64],
+        threads: int,
+        progress: ProgressCallback | None = None,
+    ) -> None:
         """Set bit s of ``bits[y, x]`` where sample s of a `ShadowQuery` is occluded.
 
         bits : (h, w, ceil(spp / 64)) uint64
@@ -116,6 +129,8 @@ class DeviceTracer:
                 chunk = _Chunk(_SAMPLES, buffers, self._work(first * spp, n * spp, query.cull_faces), query)
                 self._trace(tree, chunk, threads)
                 words[first : first + n] |= _words_of(self._bits(chunk, n * spp), n, spp)
+                if progress is not None:
+                    progress(first + n, receivers)
 
     # --- Uploads ------------------------------------------------------------------------------------------------------
 
