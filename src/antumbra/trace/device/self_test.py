@@ -26,94 +26,118 @@ from ...kernels.toolchain.device_code import Form
 from ...kernels.toolchain.kernel_cache import cache_root
 from ...query.light_samples import light_samples
 from ...query.ray_list import HitArrays, RayArguments, hit_arrays, segments_between
-from ...query.receivers import surface_receivers
+from ...query.receivers import FREE, surface_receivers
 from ...query.shadow_query import ShadowQuery, new_bits
-from ...scene.lights import QuadLight, SphereLight
+from ...scene.lights import Light, QuadLight, SphereLight
 from ..rays.ray_batches import RayTracer
 from ..rays.single_rays import trace_shadow
 from .device_kernels import KERNELS
 from .device_tracer import CAPACITIES, Capacities, DeviceTracer
 
-_SEED, _RAYS, _RECEIVERS, _SPP = 62, 2000, 256, 16
+_SEED, _RAYS, _RECEIVERS, _SPP = 62, 2000, 512, 4
 _FRAME = 0.0, 0.0, 0.0
-_TINY = Capacities(pairs=64, records=32, least=16)
-"""Lists that overflow, so that rays are traced again, and by the CPU."""
+_CAPACITIES = CAPACITIES, Capacities(512, 256, 64), Capacities(256, 256, 1 << 20)
+"""Lists of the usual size; lists that overflow, so that rays are traced again; and by the CPU."""
 
 
 # --- Cases ------------------------------------------------------------------------------------------------------------
 
 
 def _triangles(rng: np.random.Generator) -> NDArray[np.float32]:
-    """(n, 3, 3) float32: triangles at whole coordinates, some twice; a height field; slivers; and some far apart."""
-    grid = rng.integers(-3, 4, (80, 3, 3)).astype(np.float32)
+    """(n, 3, 3) float32: triangles at whole coordinates, some twice; a height field; loose ones, slivers; far ones."""
+    grid = rng.integers(-3, 4, (30, 3, 3))
     x, z = np.meshgrid(np.arange(-4.0, 5), np.arange(-4.0, 5))
-    points = np.stack([x, rng.uniform(-5, -4, x.shape), z], axis=-1).astype(np.float32)
+    points = np.stack([x, rng.uniform(-5, -4, x.shape), z], axis=-1)
     a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
     field = np.stack([np.stack([a, b, c], 2), np.stack([a, c, d], 2)], 2).reshape(-1, 3, 3)
-    slivers = rng.normal(0, 2, (40, 1, 3)) + rng.normal(0, 1, (40, 1, 3)) * rng.uniform(-1, 1, (40, 3, 1))
-    slivers += rng.normal(0, 1e-4, slivers.shape)
+    loose = rng.uniform(-20, 20, (150, 1, 3)) + rng.normal(0, 1, (150, 3, 3))
+    loose[:50, 2] = loose[:50, 0] + 0.7 * (loose[:50, 1] - loose[:50, 0]) + rng.normal(0, 1e-3, (50, 3))
     far = rng.normal(0, 1e4, (20, 1, 3)) + rng.normal(0, 1e3, (20, 3, 3))
-    return np.concatenate([grid, grid[:10], field, slivers, far]).astype(np.float32)
+    return np.concatenate([grid, grid[:5], field, loose, far]).astype(np.float32)
 
 
-def _aims(rng: np.random.Generator, vertices: NDArray[np.float32], n: int) -> NDArray[np.float32]:
-    """(n, 3) float32: vertices, points on edges and within triangles, the same off by a bit, and any points."""
+def _aims(rng: np.random.Generator, vertices: NDArray[np.float32], n: int) -> tuple[NDArray[np.float64], ...]:
+    """((n, 3) points, (n, 3) directions in their planes): vertices, points on edges, within triangles, and beside them.
+
+    Once rounded to float32, most of them lie some bits beside an edge.
+    """
     chosen = vertices[rng.integers(0, len(vertices), n)].astype(np.float64)
     weights = rng.integers(0, 9, (n, 3)) / 8.0
-    weights[0::5] = 1, 0, 0
-    weights[1::5, 2] = 0
-    weights[1::5, 0] = 1 - weights[1::5, 1]
-    weights[2::5] = rng.dirichlet((1, 1, 1), len(weights[2::5]))
-    aims: NDArray[np.float32] = np.einsum("nk,nkc->nc", weights, chosen).astype(np.float32)
-    aims[::3] = np.nextafter(aims[::3], np.float32(rng.choice([-9.0, 9.0])))
-    aims[4::5] = rng.normal(0, 4, (len(aims[4::5]), 3))
-    return aims
+    weights[0::4] = 1, 0, 0
+    weights[1::4, 2] = rng.choice([0, 1e-7, -1e-7], len(weights[1::4]))
+    weights[2::4, :2] = rng.uniform(0, 0.5, weights[2::4, :2].shape)
+    weights[:, 0] = 1 - weights[:, 1] - weights[:, 2]
+    along = rng.normal(size=(n, 2))
+    p, q = chosen[:, 1] - chosen[:, 0], chosen[:, 2] - chosen[:, 0]
+    return np.einsum("nk,nkc->nc", weights, chosen), along[:, :1] * p + along[:, 1:] * q
+
+
+def _lines(rng: np.random.Generator, vertices: NDArray[np.float32]) -> tuple[NDArray[np.float32], ...]:
+    """(origins, ends), (_RAYS, 3) float32 each, through aims: short ones that meet little else, and long ones."""
+    aims, in_plane = _aims(rng, vertices, _RAYS)
+    along = rng.normal(size=(_RAYS, 3))
+    along[::6] = in_plane[::6]
+    along[1::6] = np.eye(3)[rng.integers(0, 3, len(along[1::6]))]
+    along[2::6] = rng.integers(-3, 4, along[2::6].shape) / 4
+    along *= np.where(rng.random((_RAYS, 1)) < 0.1, 20.0, 1.0)
+    along[~along.any(1)] = 1
+    origins = (aims + along).astype(np.float32)
+    ends = (aims - along * rng.choice([0.0, 1e-6, 0.5, 1.0, 2.0], (_RAYS, 1))).astype(np.float32)
+    ends[(ends == origins).all(1)] += 1
+    return origins, ends
 
 
 def _segments(rng: np.random.Generator, vertices: NDArray[np.float32]) -> RayArguments:
-    begin = (rng.integers(-12, 13, (_RAYS, 3)) / 2).astype(np.float32)
-    aims = _aims(rng, vertices, _RAYS)
-    end = np.where(rng.random((_RAYS, 1)) < 0.8, 2 * aims - begin, aims)
-    end[::7, rng.integers(0, 3)] = begin[::7, rng.integers(0, 3)]
     skip = rng.integers(-1, len(vertices), _RAYS)
-    return segments_between(begin, end.astype(np.float32), np.where(rng.random(_RAYS) < 0.5, skip, -1))
+    return segments_between(*_lines(rng, vertices), np.where(rng.random(_RAYS) < 0.5, skip, -1))
 
 
 def _rays(rng: np.random.Generator, vertices: NDArray[np.float32], cull_faces: int) -> RayArguments:
-    origins = (rng.integers(-12, 13, (_RAYS, 3)) / 2).astype(np.float32)
-    directions = _aims(rng, vertices, _RAYS) - origins
-    directions[::7] = np.eye(3, dtype=np.float32)[rng.integers(0, 3, len(directions[::7]))]
-    directions[~directions.any(1)] = 1
-    directions *= (10.0 ** rng.integers(-6, 7, (_RAYS, 1))).astype(np.float32)
-    reach = 1.0 / np.abs(directions).max(1).astype(np.float64)
-    tmin = np.where(rng.random(_RAYS) < 0.5, 0.0, rng.uniform(0, 2, _RAYS) * reach)
-    tmax = np.where(rng.random(_RAYS) < 0.5, np.inf, tmin + rng.uniform(0, 20, _RAYS) * reach)
+    origins, ends = _lines(rng, vertices)
+    scale = np.where(rng.random((_RAYS, 1)) < 0.5, 1.0, 10.0 ** rng.integers(-6, 7, (_RAYS, 1)))
+    directions = ((ends - origins) * scale).astype(np.float32)
+    tmin = np.where(rng.random(_RAYS) < 0.5, 0.0, rng.uniform(0, 1, _RAYS) / scale[:, 0])
+    tmax = np.where(rng.random(_RAYS) < 0.5, np.inf, tmin + rng.uniform(0, 3, _RAYS) / scale[:, 0])
     return RayArguments(origins, directions, tmin, tmax, -1.0, (_RAYS,), cull_faces, False, _FRAME)
 
 
-def _queries(rng: np.random.Generator, vertices: NDArray[np.float32]) -> Iterator[ShadowQuery]:
-    """Receivers on the triangles, most of which see their own edges, under a lamp that cuts through the scene."""
+def _query(origins: NDArray[np.float32], light: Light, **fields: NDArray[np.generic]) -> ShadowQuery:
+    """The query of receivers in a row; fields: of a `ShadowQuery`, for receivers on surfaces."""
+    n = len(origins)
+    alone = {
+        "faces": np.full(n, -1, np.int32),
+        "sides": np.full(n, FREE, np.int8),
+        "corners": np.empty((0, 9), np.float32),
+    }
+    faces, sides, corners = (alone | fields).values()
+    patch, samples = light.patch(np.zeros(3), 1e5), light_samples(light, _SPP)
+    return ShadowQuery(
+        origins[None], faces[None], sides[None], np.empty((0, 0, 3)), corners, patch, samples, 0, faces[None]
+    )
+
+
+def _floating_query(rng: np.random.Generator, vertices: NDArray[np.float32]) -> ShadowQuery:
+    """Receivers in space, behind the edges that one of their samples of a quad meets."""
+    light = QuadLight((-3, 9, 5), (6, 1, 0), (0, 2, -10))
+    samples = light_samples(light, _SPP)
+    own = samples[np.arange(_RECEIVERS) & 3, rng.integers(0, _SPP, _RECEIVERS)]
+    places = light.corner + own[:, :1] * light.u + own[:, 1:2] * light.v
+    aims, _ = _aims(rng, vertices, _RECEIVERS)
+    return _query((aims + (aims - places) * rng.uniform(0.01, 0.1, (_RECEIVERS, 1))).astype(np.float32), light)
+
+
+def _surface_query(rng: np.random.Generator, vertices: NDArray[np.float32]) -> ShadowQuery:
+    """Receivers on triangles, close to their edges, below a sphere."""
     edges = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0]).astype(np.float64)
     length = np.linalg.norm(edges, axis=1)
     faces = rng.choice(np.flatnonzero(length > 0), _RECEIVERS).astype(np.int32)
     sides = rng.choice(np.array([-1, 1], np.int8), _RECEIVERS)
     normals = (edges[faces] / length[faces, None] * sides[:, None]).astype(np.float32)
     weights = rng.dirichlet((0.3, 0.3, 0.3), _RECEIVERS).astype(np.float32)
-    positions = np.einsum("nk,nkc->nc", weights, vertices[faces])
     corners = np.ascontiguousarray(vertices.reshape(-1, 9))
+    positions = np.einsum("nk,nkc->nc", weights, vertices[faces])
     origins = surface_receivers(positions, normals, faces, sides, corners, 1)
-    for light in QuadLight((-3, -1, 5), (6, 0, 0), (0, 4, -10)), SphereLight((0, 6, 0), 2.0):
-        yield ShadowQuery(
-            origins[None],
-            faces[None],
-            sides[None],
-            np.empty((0, 0, 3)),
-            corners,
-            light.patch(np.zeros(3), 1e5),
-            light_samples(light, _SPP),
-            0,
-            faces[None],
-        )
+    return _query(origins, SphereLight((0, 2, 0), 2.0), faces=faces, sides=sides, corners=corners)
 
 
 class _Cases(NamedTuple):
@@ -134,7 +158,14 @@ def _cases() -> _Cases:
     bvh = build(vertices, 1)
     moved = (vertices + rng.integers(-1, 2, (len(vertices), 1, 3))).astype(np.float32)
     rays = [_rays(rng, vertices, cull_faces) for cull_faces in (0, 1)]
-    cases = _Cases(bvh, moved, _segments(rng, vertices), rays, list(_queries(rng, vertices)), [])
+    cases = _Cases(
+        bvh,
+        moved,
+        _segments(rng, vertices),
+        rays,
+        [make(rng, vertices) for make in (_floating_query, _surface_query)],
+        [],
+    )
     return cases._replace(answers=list(_cpu_answers(cases)))
 
 
@@ -177,9 +208,9 @@ class SelfTest(NamedTuple):
 
 
 def run_self_test(device: Device) -> SelfTest:
-    """Let a device answer all queries, with large and with overflowing lists, and compare its bits with the CPU's."""
+    """Let a device answer all queries, with lists of all sizes, and compare its bits with the CPU's."""
     cases, answers, wrong = _cases(), 0, 0
-    for capacities in CAPACITIES, _TINY:
+    for capacities in _CAPACITIES:
         for found, expected in zip(_answers(device, cases, capacities), cases.answers, strict=True):
             answers += expected.size
             wrong += int(np.count_nonzero(found != expected))
