@@ -130,7 +130,7 @@ COMMANDS = {
     "compare": CommandEntry("compare_command", "Measure plans on the same picture of SCENE, side by side."),
     "doctor": CommandEntry(
         "installation_commands",
-        "Check this installation: versions, processor, kernels on disk, optional packages, and a small query.",
+        "Check this installation: versions, processor, kernels on disk, optional packages, devices, and a small query.",
     ),
 }
 """Name -> command, in the order of the help. The function has the same name, with _ for -."""

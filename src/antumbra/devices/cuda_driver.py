@@ -89,7 +89,8 @@ class CudaDriver:
         try:
             self._library = ctypes.CDLL(path)
         except OSError:
-            raise DeviceError(f"CUDA: there is no NVIDIA driver ({path} cannot be loaded); install it") from None
+            cure = "if there is a card, install its driver"
+            raise DeviceError(f"CUDA: there is no NVIDIA driver ({path} cannot be loaded); {cure}") from None
         for name, types in _SIGNATURES.items():
             function = getattr(self._library, name, None)
             if function is None:

@@ -56,7 +56,9 @@ def _triangles(rng: np.random.Generator) -> NDArray[np.float32]:
     return np.concatenate([grid, grid[:5], field, loose, far]).astype(np.float32)
 
 
-def _aims(rng: np.random.Generator, vertices: NDArray[np.float32], n: int) -> tuple[NDArray[np.float64], ...]:
+def _aims(
+    rng: np.random.Generator, vertices: NDArray[np.float32], n: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """((n, 3) points, (n, 3) directions in their planes): vertices, points on edges, within triangles, and beside them.
 
     Once rounded to float32, most of them lie some bits beside an edge.
@@ -72,7 +74,7 @@ def _aims(rng: np.random.Generator, vertices: NDArray[np.float32], n: int) -> tu
     return np.einsum("nk,nkc->nc", weights, chosen), along[:, :1] * p + along[:, 1:] * q
 
 
-def _lines(rng: np.random.Generator, vertices: NDArray[np.float32]) -> tuple[NDArray[np.float32], ...]:
+def _lines(rng: np.random.Generator, vertices: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(origins, ends), (_RAYS, 3) float32 each, through aims: short ones that meet little else, and long ones."""
     aims, in_plane = _aims(rng, vertices, _RAYS)
     along = rng.normal(size=(_RAYS, 3))
@@ -88,8 +90,8 @@ def _lines(rng: np.random.Generator, vertices: NDArray[np.float32]) -> tuple[NDA
 
 
 def _segments(rng: np.random.Generator, vertices: NDArray[np.float32]) -> RayArguments:
-    skip = rng.integers(-1, len(vertices), _RAYS)
-    return segments_between(*_lines(rng, vertices), np.where(rng.random(_RAYS) < 0.5, skip, -1))
+    (origins, ends), skip = _lines(rng, vertices), rng.integers(-1, len(vertices), _RAYS)
+    return segments_between(origins, ends, np.where(rng.random(_RAYS) < 0.5, skip, -1))
 
 
 def _rays(rng: np.random.Generator, vertices: NDArray[np.float32], cull_faces: int) -> RayArguments:
@@ -101,19 +103,16 @@ def _rays(rng: np.random.Generator, vertices: NDArray[np.float32], cull_faces: i
     return RayArguments(origins, directions, tmin, tmax, -1.0, (_RAYS,), cull_faces, False, _FRAME)
 
 
-def _query(origins: NDArray[np.float32], light: Light, **fields: NDArray[np.generic]) -> ShadowQuery:
-    """The query of receivers in a row; fields: of a `ShadowQuery`, for receivers on surfaces."""
-    n = len(origins)
-    alone = {
-        "faces": np.full(n, -1, np.int32),
-        "sides": np.full(n, FREE, np.int8),
-        "corners": np.empty((0, 9), np.float32),
-    }
-    faces, sides, corners = (alone | fields).values()
-    patch, samples = light.patch(np.zeros(3), 1e5), light_samples(light, _SPP)
-    return ShadowQuery(
-        origins[None], faces[None], sides[None], np.empty((0, 0, 3)), corners, patch, samples, 0, faces[None]
-    )
+def _query(
+    origins: NDArray[np.float32],
+    light: Light,
+    faces: NDArray[np.int32],
+    sides: NDArray[np.int8],
+    corners: NDArray[np.float32],
+) -> ShadowQuery:
+    """The query of receivers in a row; faces, sides, corners: as in `ShadowQuery`."""
+    patch, samples, own = light.patch(np.zeros(3), 1e5), light_samples(light, _SPP), faces[None]
+    return ShadowQuery(origins[None], own, sides[None], np.empty((0, 0, 3)), corners, patch, samples, 0, own)
 
 
 def _floating_query(rng: np.random.Generator, vertices: NDArray[np.float32]) -> ShadowQuery:
@@ -123,7 +122,9 @@ def _floating_query(rng: np.random.Generator, vertices: NDArray[np.float32]) -> 
     own = samples[np.arange(_RECEIVERS) & 3, rng.integers(0, _SPP, _RECEIVERS)]
     places = light.corner + own[:, :1] * light.u + own[:, 1:2] * light.v
     aims, _ = _aims(rng, vertices, _RECEIVERS)
-    return _query((aims + (aims - places) * rng.uniform(0.01, 0.1, (_RECEIVERS, 1))).astype(np.float32), light)
+    origins = (aims + (aims - places) * rng.uniform(0.01, 0.1, (_RECEIVERS, 1))).astype(np.float32)
+    faces, sides = np.full(_RECEIVERS, -1, np.int32), np.full(_RECEIVERS, FREE, np.int8)
+    return _query(origins, light, faces, sides, np.empty((0, 9), np.float32))
 
 
 def _surface_query(rng: np.random.Generator, vertices: NDArray[np.float32]) -> ShadowQuery:
@@ -137,7 +138,7 @@ def _surface_query(rng: np.random.Generator, vertices: NDArray[np.float32]) -> S
     corners = np.ascontiguousarray(vertices.reshape(-1, 9))
     positions = np.einsum("nk,nkc->nc", weights, vertices[faces])
     origins = surface_receivers(positions, normals, faces, sides, corners, 1)
-    return _query(origins, SphereLight((0, 2, 0), 2.0), faces=faces, sides=sides, corners=corners)
+    return _query(origins, SphereLight((0, 2, 0), 2.0), faces, sides, corners)
 
 
 class _Cases(NamedTuple):
