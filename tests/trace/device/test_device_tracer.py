@@ -196,7 +196,8 @@ def test_rays_that_find_the_list_full_are_traced_again_and_at_last_on_the_cpu(de
 
         return call
 
-    for capacities, goes_to_cpu in ((CAPACITIES, False), (TINY, False), (TINY._replace(least=1000), True)):
+    ways = {CAPACITIES: (False, False), TINY: (True, False), TINY._replace(least=1000): (False, True)}
+    for capacities, way in ways.items():
         tracer = DeviceTracer(device, capacities)
         rounds.clear(), on_cpu.clear()
         monkeypatch.setattr(tracer, "_round", counted(tracer._round, rounds))
@@ -205,4 +206,4 @@ def test_rays_that_find_the_list_full_are_traced_again_and_at_last_on_the_cpu(de
             hits = traced(tracer, scene, any_hit, origins, targets - origins)
             found = hits.blocked if any_hit else hits.face >= 0
             np.testing.assert_array_equal(found, scene.occluded(origins, targets - origins))
-        assert (len(rounds) == 2) == (capacities is CAPACITIES) and bool(on_cpu) == goes_to_cpu
+        assert (len(rounds) > 2, len(on_cpu) > 0) == way
