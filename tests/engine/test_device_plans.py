@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.devices.device_list import default_device, using_device
 from antumbra.engine.device_plans import cpu_plan, device_of, plan_on
-from antumbra.engine.engine import Engine
+from antumbra.engine.engine import Engine, default_plan_of
 from antumbra.engine.plan import parse_plan
 from antumbra.errors import InputError
 from antumbra.trace.device import device_tracer
@@ -93,3 +94,19 @@ def test_frames_keep_the_tree_on_the_device(monkeypatch):
     light = at.QuadLight((-1, 6, -1), (2, 0, 0), (0, 0, 2))
     frames = [renderer.render(camera, light, spp=4).bits[0] for _ in range(3)]
     assert len(trees) == 1 and all(np.array_equal(frames[0], bits) for bits in frames)
+
+
+def test_stores_keep_their_plan_for_the_cpu(monkeypatch, tmp_path):
+    assert default_plan_of(soup_scene(3).data) == "auto"
+    monkeypatch.setenv("ANTUMBRA_DEVICE", "host")
+    assert default_plan_of(soup_scene(3).data) == ON_HOST
+    at.build_store(soup_scene(3), tmp_path / "soup.antumbra")
+    assert str(Engine(at.load(tmp_path / "soup.antumbra")).plan) == "bsah+chcrt"
+
+
+def test_a_device_of_a_command_counts_only_within_it():
+    with using_device("host"), using_device(None):
+        assert default_device() == "host"
+    assert default_device() is None
+    with pytest.raises(InputError, match="device is 'gpu'"), using_device("gpu"):
+        pass
