@@ -2,12 +2,14 @@
 
 import os
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
 
 from antumbra.devices.device import Device
 from antumbra.devices.device_list import open_device
+from antumbra.engine.plan import parse_plan
 from antumbra.errors import InputError
 from antumbra.kernels.marshalling import flatten, struct_of
 from antumbra.kernels.toolchain.device_code import DeviceKernel
@@ -23,6 +25,18 @@ def opened(name: str, max_memory: int | None = None) -> Device:
         if name in os.environ.get("ANTUMBRA_TEST_DEVICES", "").split(","):
             pytest.fail(f"{name} is in ANTUMBRA_TEST_DEVICES: {error}")
         pytest.skip(f"{name} is NOT checked: {error}")
+
+
+def device_plans(text: bool = False) -> list[Any]:
+    """Parameters of tests: plans that trace on the host device and by OpenCL, which skips loudly without a driver.
+
+    text : as strings instead of plans
+    """
+    plans = {name: f"bsah+device:{name}:0" for name in DEVICES[:2]}
+    return [
+        pytest.param(plan if text else parse_plan(plan), id=plan, marks=pytest.mark.device(name))
+        for name, plan in plans.items()
+    ]
 
 
 def words_of(*arguments: object) -> np.ndarray:

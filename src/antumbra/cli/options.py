@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, get_args
 import typer
 
 from ..checks import alternatives
+from ..devices.device_list import using_device
 from ..engine.scene_reading import SCENE_SUFFIXES
 from ..errors import InputError
 from ..memory import reading_limit
@@ -255,6 +256,8 @@ _ReadingLimit = Annotated[
     ),
 ]
 _LIMIT = "max_memory"
+DeviceOption = Annotated[str | None, derived_option("device")]
+_PLAN, _DEVICE = "plan", "device"
 
 
 SCENE_HELP = (
@@ -290,7 +293,8 @@ def takes(arguments: type) -> Callable[[Callable[[Any], int]], Callable[..., int
     """Decorator of a command ``f(args)``: Typer gets each field of the dataclass `arguments` as a parameter.
 
     Fields without a default are required. The help has them in the order of `fields_of`. A command with a scene also
-    has ``--max-memory``, within which files are read, if it has no such field of its own.
+    has ``--max-memory``, within which files are read, if it has no such field of its own. One with a plan also has
+    ``--device``, where the plan traces.
     """
     members = fields_of(arguments)
     kinds: dict[str, Any] = {f.name: Annotated[get_args(f.type)[:2]] for f in members}  # without `Before`
@@ -298,12 +302,20 @@ def takes(arguments: type) -> Callable[[Callable[[Any], int]], Callable[..., int
     keeps_limit, usual = _LIMIT in kinds, defaults.get(_LIMIT)
     if issubclass(arguments, SceneArguments) and not keeps_limit:
         kinds[_LIMIT], defaults[_LIMIT] = _ReadingLimit, None
+    keeps_device = _DEVICE in kinds
+    if not keeps_device and _PLAN in kinds and get_args(kinds[_PLAN])[0] == str | None:
+        kinds[_DEVICE], defaults[_DEVICE] = DeviceOption, None
 
     def wrap(command: Callable[[Any], int]) -> Any:
         def run(**values: Any) -> int:
             size = values.get(_LIMIT) if keeps_limit else values.pop(_LIMIT, None)
             limit = None if size in (None, usual) else parse_bytes(size, "--max-memory")  # the usual is not of reading
-            with reading_limit(limit):
+            device = values.get(_DEVICE) if keeps_device else values.pop(_DEVICE, None)
+            if device is not None and not keeps_device:
+                from ..engine.device_plans import plan_on
+
+                plan_on(device, values[_PLAN])  # they must not contradict each other
+            with reading_limit(limit), using_device(device):
                 return command(arguments(**values))
 
         wrapper: Any = update_wrapper(run, command)  # so that a node of a cluster finds it by name

@@ -7,8 +7,9 @@ name that is used where none is given.
 
 import os
 import re
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from typing import NamedTuple
 
 from ..checks import alternatives, quoted, spelling_hint
@@ -17,6 +18,7 @@ from .device import Device, DeviceError
 
 CPU, HOST = "cpu", "host"
 VARIABLE = "ANTUMBRA_DEVICE"
+_chosen: ContextVar[str | None] = ContextVar("device", default=None)
 
 
 class DeviceInfo(NamedTuple):
@@ -107,9 +109,27 @@ def parse_device(name: str, what: str = "device") -> tuple[str, int]:
     return match[1], int(match[2] or 0)
 
 
+@contextmanager
+def using_device(name: str | None) -> Iterator[None]:
+    """Within the context, `default_device` is this one; None: it stays as it is.
+
+    Raises
+    ------
+    InputError
+        If there is no such kind of device.
+    """
+    if name is not None:
+        parse_device(name)
+    token = _chosen.set(_chosen.get() if name is None else name)
+    try:
+        yield
+    finally:
+        _chosen.reset(token)
+
+
 def default_device() -> str | None:
-    """The name in ``ANTUMBRA_DEVICE``; None if it is unset or empty."""
-    name = os.environ.get(VARIABLE)
+    """The name of `using_device`, or in ``ANTUMBRA_DEVICE``; None if that is unset or empty."""
+    name = _chosen.get() or os.environ.get(VARIABLE)
     if not name:
         return None
     parse_device(name, VARIABLE)

@@ -21,11 +21,8 @@ from ..query.shadow_query import ShadowQuery, ray_count
 from ..scene.instance_data import InstanceData
 from ..scene.scene_data import MemoryData, SceneData
 from ..trace.counters import RAYS
-from .method_registry import Tracer, register_family
+from .method_registry import DEVICE, Tracer
 from .plan import DEFAULT_PLAN, Plan, parse_plan
-
-FAMILY = "device"
-"""Tracers are named ``device:`` and the name of a device."""
 
 
 @cache
@@ -68,22 +65,19 @@ def _tracer_of(name: str) -> Tracer:
     )
 
 
-def _find(name: str) -> tuple[str, Tracer] | None:
+def find_device_tracer(name: str) -> tuple[str, Tracer] | None:
     """The tracer ``device:NAME``, with the device's full name."""
     device = name.partition(":")[2]
     if not device or device == CPU:
         return None
     full = ":".join(map(str, parse_device(device, "the device of the plan")))
-    return f"{FAMILY}:{full}", _tracer_of(full)
-
-
-register_family(FAMILY, _find)
+    return f"{DEVICE}:{full}", _tracer_of(full)
 
 
 def device_of(plan: Plan) -> str | None:
     """The full name of the device on which a plan traces; None: it traces on the CPU."""
     family, _, device = plan.trace.partition(":")
-    return device if family == FAMILY else None
+    return device if family == DEVICE else None
 
 
 def cpu_plan(plan: Plan) -> Plan:
@@ -122,11 +116,11 @@ def plan_on(device: str | None, plan: str | Plan | None, data: SceneData | None 
         return plan
     full = f"{kind}:{ordinal}"
     if plan is None or str(plan) == DEFAULT_PLAN:
-        return plan if data is not None and not traces_on_device(data) else f"bsah+{FAMILY}:{full}"
+        return plan if data is not None and not traces_on_device(data) else f"bsah+{DEVICE}:{full}"
     parsed = parse_plan(plan)
     if device_of(parsed) != full:
         raise InputError(
-            f"plan {str(plan)!r} does not trace on {full}; leave out the plan or the device, or write {FAMILY}:{full} "
+            f"plan {str(plan)!r} does not trace on {full}; leave out the plan or the device, or write {DEVICE}:{full} "
             f"in place of {parsed.trace}"
         )
     return parsed

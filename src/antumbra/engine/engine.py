@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array, byte_count, checked_instance, choice, whole_number
+from ..devices.device_list import using_device
 from ..errors import InputError
 from ..forks import is_stuck, renew_after_fork
 from ..kernels.parallel import thread_count
@@ -117,7 +118,7 @@ class Engine:
         data = data_of(scene)
         choice(gbuffer, "gbuffer", METHODS)
         limit = getattr(scene, "max_memory", None) if max_memory is None else max_memory
-        self._start(data, _trees_of(data), plan_on(device, plan, data), threads, limit, gbuffer)
+        self._start(data, _trees_of(data), chosen_plan(data, plan, device), threads, limit, gbuffer)
 
     def __getstate__(self) -> _State:
         """Pickle the settings; everything else is rebuilt."""
@@ -532,8 +533,17 @@ class Engine:
             self._warm = True
 
 
+def chosen_plan(data: SceneData, plan: str | Plan | None, device: str | None) -> str | Plan:
+    """The plan of an engine for a scene, by its options; None: not given. Raises the errors of `plan_on`."""
+    with using_device(device):
+        return plan_on(device, plan, data) or default_plan_of(data)
+
+
 def default_plan_of(data: SceneData) -> str:
-    """The plan of an engine if none is given."""
+    """The plan of an engine if none is given: on the default device, if there is one."""
+    plan = plan_on(None, None, data)
+    if plan is not None:
+        return str(plan)
     if isinstance(data, InstanceData):
         return Instanced.default_plan
     return InMemory.default_plan if isinstance(data, MemoryData) else _paged().default_plan

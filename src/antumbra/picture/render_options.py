@@ -294,6 +294,7 @@ class EngineOptions:
         kind=str | None,
         note="ANTUMBRA_DEVICE, or cpu",
         metavar="NAME",
+        commands=("render",),
     )
     """The device that traces shadow rays, such as ``"cuda"``, ``"cuda:1"`` or ``"opencl"``; ``"cpu"``: none. It never
     changes the bits. None: the one in the environment variable ``ANTUMBRA_DEVICE``, if no plan is given."""
