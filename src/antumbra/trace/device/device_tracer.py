@@ -70,11 +70,17 @@ class DeviceTracer:
     device : Device
     capacities : Capacities
         Small ones are for tests.
+
+    Attributes
+    ----------
+    undecided, on_cpu : int
+        The numbers of tests so far that float32 left to float64, and that float64 left to the CPU.
     """
 
     def __init__(self, device: Device, capacities: Capacities = CAPACITIES) -> None:
         self.device, self._capacities = device, capacities
         self.launches = DeviceLaunches(device)
+        self.undecided = self.on_cpu = 0
         self._lock = threading.RLock()
 
     def tree(self, bvh: Bvh) -> DeviceTree:
@@ -264,6 +270,7 @@ class DeviceTracer:
         counts.fill()
         self.launches.launch(chunk.kind.trace, (tree.buffers, chunk.rays, work), n)
         pairs = int(self._counts()[PAIRS])
+        self.undecided += min(pairs, work.capacity)
         self._settle(tree, chunk, min(pairs, work.capacity), threads)
         if pairs <= work.capacity:
             return np.empty(0, np.int32)
@@ -281,6 +288,7 @@ class DeviceTracer:
             if left > work.rest_capacity:
                 at_once = work.rest_capacity
                 continue
+            self.on_cpu += left
             if left:
                 self._decide(tree, chunk, self._read("rest", (left, RECORD), np.float64), threads)
             begin += n
