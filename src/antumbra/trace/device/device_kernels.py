@@ -26,6 +26,7 @@ from ...kernels.exact.filters import (
     clamp_weight,
     edges64,
     larger,
+    line_verdict,
     quick_t,
     quick_weights,
     smaller,
@@ -38,7 +39,7 @@ from ...kernels.simd import f32_at, f64_at, get, i32_at, put, stack_f32
 from ...kernels.toolchain.device_code import DeviceKernel
 from ...scene.scene_bounds import NEAREST
 from .device_rays import AGAIN, BLOCKED, TRACED, DevicePatch, RayBuffers, SampleBuffers, ray_at
-from .device_traversal import PRIM, REST, TRIANGLE, TreeBuffers, Work, counts_with, list_pair, walk
+from .device_traversal import PRIM, REST, TRIANGLE, WON, TreeBuffers, Work, counts_with, list_pair, walk
 
 RECORD = 14
 _APART = np.float64(1.0 + 2.0**-27)  # more than the errors of two accurate t
@@ -78,7 +79,7 @@ def trace_nearest(tree, rays, work):
 
 
 @inlined
-def _corners_at(tree, slot, corners):
+def _copy_corners(tree, slot, corners):
     """Copy the corners of the triangle in a slot to 9 float32."""
     words = f32_at(tree.triangles)
     for k in range(3):
@@ -132,10 +133,41 @@ def _is_accurate(w):
 
 
 @inlined
-def _is_behind(ray, corners, nearer):
-    """Whether the ray meets the plane of one triangle surely behind that of another."""
-    a, b = volumes64(ray, corners, 0), volumes64(ray, nearer, 0)
-    return _is_accurate(a) and _is_accurate(b) and a.t / a.d > b.t / b.d * _APART
+def _vertex(corners, k):
+    f = np.float64
+    return f(get(corners, 3 * k)), f(get(corners, 3 * k + 1)), f(get(corners, 3 * k + 2))
+
+
+@inlined
+def _exact_t(ray, corners):
+    """t rounded to the nearest float64, or UNKNOWN where double-double arithmetic is not accurate enough."""
+    a, p, q = edges64(corners, 0, ray.ox, ray.oy, ray.oz)
+    o, v0, v1, v2 = (ray.ox, ray.oy, ray.oz), _vertex(corners, 0), _vertex(corners, 1), _vertex(corners, 2)
+    t, _ = quick_t((ray.dx, ray.dy, ray.dz), a, p, q)
+    return t if are_differences(o, v0, v1, v2, a, p, q) else UNKNOWN
+
+
+@inlined
+def _hit_order(ray, corners, prim, side, other, other_prim):
+    """1 if a hit precedes another one, as `filters.precedes` states, -1 if it follows, 0 if this is undecided.
+
+    corners, other : pointers to the corners of both triangles
+    side : the sign of d . n of the first one
+    """
+    a, b = volumes64(ray, corners, 0), volumes64(ray, other, 0)
+    if _is_accurate(a) and _is_accurate(b):
+        t, other_t = a.t / a.d, b.t / b.d
+        if t > other_t * _APART or other_t > t * _APART:
+            return 1 if t < other_t else -1
+    t, other_t, other_side = _exact_t(ray, corners), _exact_t(ray, other), line_verdict(b)
+    if t == UNKNOWN or other_t == UNKNOWN:
+        return 0
+    if t != other_t:
+        return 1 if t < other_t else -1
+    if other_side == UNSURE or other_side == MISS:
+        return 0
+    first = prim < other_prim if side == other_side else side < 0
+    return 1 if first else -1
 
 
 @inlined
@@ -147,7 +179,7 @@ def _settle_any(tree, rays, work, j, slot):
     if slot < 0:
         _add_record(work, j, slot, -1, r.ray)
         return
-    _corners_at(tree, slot, corners)
+    _copy_corners(tree, slot, corners)
     side = _side_of_hit(r.ray, corners, work.cull_faces)
     if side == UNSURE:
         _add_record(work, j, slot, -1, r.ray)
@@ -157,18 +189,26 @@ def _settle_any(tree, rays, work, j, slot):
 
 @inlined
 def _settle_nearest(tree, rays, work, j, slot):
-    best, corners, nearer = np.int64(get(i32_at(work.out), j)), stack_f32(9), stack_f32(9)
-    if best == AGAIN:
+    best, corners, nearest = np.int64(get(i32_at(work.out), j)), stack_f32(9), stack_f32(9)
+    if best == AGAIN or best == slot:
         return
     r = ray_at(rays, work.first + j)
-    _corners_at(tree, slot, corners)
-    if _side_of_hit(r.ray, corners, work.cull_faces) == MISS:
+    _copy_corners(tree, slot, corners)
+    side, order = _side_of_hit(r.ray, corners, work.cull_faces), 0
+    if side == MISS:
         return
-    if best >= 0:
-        _corners_at(tree, best, nearer)
-        if _is_behind(r.ray, corners, nearer):
-            return
-    _add_record(work, j, slot, best, r.ray)
+    if side != UNSURE:
+        order = 1
+        if best >= 0:
+            _copy_corners(tree, best, nearest)
+            prims = i32_at(tree.triangles)
+            prim, best_prim = get(prims, TRIANGLE * slot + PRIM), get(prims, TRIANGLE * best + PRIM)
+            order = _hit_order(r.ray, corners, prim, side, nearest, best_prim)
+    if order > 0:
+        put(i32_at(work.out), j, slot)
+        atomic_add(i32_at(work.counts), WON, 1)
+    elif order == 0:
+        _add_record(work, j, slot, best, r.ray)
 
 
 @kernel
@@ -181,7 +221,11 @@ def settle_any(tree, rays, work, first, n):
 
 @kernel
 def settle_nearest(tree, rays, work, first, n):
-    """Drop the listed tests that surely do not find the nearest hit; records for the others."""
+    """Decide n listed tests from the `first` on: write hits that precede the nearest one; records for undecided ones.
+
+    Threads of one ray may overwrite each other's hits, so this is repeated until no hit is written (`Work.counts`).
+    Each time, the ray's hit is an earlier one than before.
+    """
     k, pairs = thread_index(), i32_at(work.pairs)
     if k < n:
         _settle_nearest(tree, rays, work, get(pairs, 2 * (first + k)), np.int64(get(pairs, 2 * (first + k) + 1)))
@@ -220,20 +264,11 @@ class HitBuffers(NamedTuple):
 
 
 @inlined
-def _vertex(corners, k):
-    f = np.float64
-    return f(get(corners, 3 * k)), f(get(corners, 3 * k + 1)), f(get(corners, 3 * k + 2))
-
-
-@inlined
 def _numbers_of_hit(ray, corners):
     """(t, u, v) of a hit; t or u is UNKNOWN where double-double or float64 arithmetic is not accurate enough."""
-    o, d = (ray.ox, ray.oy, ray.oz), (ray.dx, ray.dy, ray.dz)
     a, p, q = edges64(corners, 0, ray.ox, ray.oy, ray.oz)
-    t, _ = quick_t(d, a, p, q)
-    u, v = quick_weights(d, a, p, q)
-    exact = are_differences(o, _vertex(corners, 0), _vertex(corners, 1), _vertex(corners, 2), a, p, q)
-    return t if exact else UNKNOWN, u, v
+    u, v = quick_weights((ray.dx, ray.dy, ray.dz), a, p, q)
+    return _exact_t(ray, corners), u, v
 
 
 @kernel
@@ -252,7 +287,7 @@ def report_hits(tree, rays, work, hits, first, n):
     )
     if slot >= 0:
         r = ray_at(rays, work.first + j)
-        _corners_at(tree, slot, corners)
+        _copy_corners(tree, slot, corners)
         face = get(i32_at(tree.triangles), TRIANGLE * slot + PRIM)
         t, u, v = _numbers_of_hit(r.ray, corners)
         if t == UNKNOWN or u == UNKNOWN:

@@ -22,7 +22,7 @@ from . import settling
 from .device_kernels import RECORD, HitBuffers
 from .device_launches import DeviceLaunches
 from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, DevicePatch, RayBuffers, SampleBuffers
-from .device_traversal import PAIRS, REST, Work
+from .device_traversal import PAIRS, REST, WON, Work
 from .device_tree import DeviceTree
 from .resident_rays import ResidentRays
 
@@ -284,9 +284,12 @@ class DeviceTracer:
             n = min(at_once, pairs - begin)
             counts.fill()
             self.launches.launch(chunk.kind.settle, (tree.buffers, chunk.rays, work, begin, n), n)
-            left = int(self._counts()[REST])
+            counted = self._counts()
+            left = int(counted[REST])
             if left > work.rest_capacity:
                 at_once = work.rest_capacity
+                continue
+            if counted[WON]:
                 continue
             self.on_cpu += left
             if left:

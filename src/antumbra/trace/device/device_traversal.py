@@ -16,7 +16,14 @@ import numpy as np
 
 from ...bvh.nodes import EMPTY, MAX_DEPTH, Reach, bvh_leaf, line_at, link_at
 from ...kernels.device import atomic_add, load4_aligned
-from ...kernels.exact.filters import FilterRays, FilterTriangles, filter_hits, larger, max_magnitude, single_error_unit
+from ...kernels.exact.filters import (
+    FilterRays,
+    FilterTriangles,
+    filter_hits,
+    larger,
+    max_magnitude,
+    single_error_unit,
+)
 from ...kernels.jit import F32x4, inlined
 from ...kernels.simd import (
     extract,
@@ -41,7 +48,7 @@ from .device_rays import AGAIN, BLOCKED, CLEAR
 TRIANGLE = 12  # words of a triangle
 PRIM = 3  # its word with the triangle's index
 NO_HIT = -1  # instead of the slot of the nearest hit
-PAIRS, REST = 0, 1  # elements of `Work.counts`: lengths of the lists
+PAIRS, REST, WON = range(3)  # elements of `Work.counts`: lengths of the lists, and hits written by `settle_nearest`
 
 _STACK = MAX_DEPTH + 2
 _INF = np.float32(np.inf)
@@ -65,7 +72,7 @@ class Work(NamedTuple):
     n: int  # number of rays
     which: int  # int32: the rays of the launch, counted from `first`; 0: all n
     out: int  # int32 per ray from `first` on: its state, or the slot of its nearest hit, NO_HIT or AGAIN
-    counts: int  # int32, lengths of both lists, which may exceed their capacities
+    counts: int  # int32, PAIRS, REST and WON; lengths of lists may exceed their capacities
     pairs: int  # int32, (ray from `first` on, slot) of each undecided test; slot -1: the receiver's own surface
     capacity: int  # in pairs
     rest: int  # records that the CPU decides, see `device_kernels`
@@ -203,7 +210,8 @@ def walk(tree, r, j, any_hit, work):
     nodes, links, f = f32_at(tree.nodes), i32_at(tree.nodes), np.float32
     o = f(r.ray.ox), f(r.ray.oy), f(r.ray.oz)
     d = f(r.ray.dx), f(r.ray.dy), f(r.ray.dz)
-    tmin, limit, lower, best = f(r.ray.tmin), f(r.ray.tmax), _INF, np.int64(CLEAR if any_hit else NO_HIT)
+    tmin, limit, lower = f(r.ray.tmin), f(r.ray.tmax), _INF
+    best = np.int64(CLEAR if any_hit else NO_HIT)
     box, line = _slabs_of(tree, o, d, tmin), _filter_ray(tree, o, d, tmin, limit)
     stack, height, link = stack_i32(_STACK), 0, np.int64(0)
     while True:
