@@ -8,10 +8,11 @@ import pytest
 import antumbra as at
 from antumbra.devices.device_list import default_device, using_device
 from antumbra.engine.device_plans import cpu_plan, plan_on
+from antumbra.engine.device_tracers import device_tracer
 from antumbra.engine.engine import Engine, default_plan_of
 from antumbra.engine.plan import parse_plan
 from antumbra.errors import InputError
-from antumbra.trace.device import device_tracer
+from antumbra.trace.device import device_tracer as device_tracer_module
 from antumbra.trace.device.device_tree import DeviceTree
 from devices import device_plans
 from instance_scenes import whole_scenes
@@ -88,7 +89,7 @@ def test_frames_keep_the_tree_on_the_device(monkeypatch):
         trees.append(DeviceTree(bvh, launches))
         return trees[-1]
 
-    monkeypatch.setattr(device_tracer, "DeviceTree", counted)
+    monkeypatch.setattr(device_tracer_module, "DeviceTree", counted)
     renderer = at.Renderer(soup_scene(3), device="host")
     camera = at.Camera((0, 2, 9), (0, -0.5, 0), width=8, height=6)
     light = at.QuadLight((-1, 6, -1), (2, 0, 0), (0, 0, 2))
@@ -110,3 +111,13 @@ def test_a_device_of_a_command_counts_only_within_it():
     assert default_device() is None
     with pytest.raises(InputError, match="device is 'gpu'"), using_device("gpu"):
         pass
+
+
+def test_a_limit_on_memory_is_one_of_the_device(monkeypatch):
+    scene, device = soup_scene(3), device_tracer("host:0").device
+    monkeypatch.setattr(device, "max_memory", None)
+    engine = Engine(scene, device="host", max_memory=device.used + 1000)
+    with pytest.raises(InputError, match=r"needs .* max_memory"):
+        engine.occluded(np.zeros((3, 3)), np.ones((3, 3)))
+    with pytest.raises(InputError, match="max_memory is for scenes in a store"):
+        Engine(scene, "bsah+single", max_memory=1000)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ..bvh.nodes import Bvh
 from ..devices.device_list import CPU, open_device, parse_device
 from ..kernels.parallel import thread_count
+from ..memory import given_limit
 from ..progress import ProgressCallback
 from ..query.shadow_query import ShadowQuery, ray_count
 from ..trace.counters import RAYS
@@ -20,10 +21,13 @@ DEVICE = "device"
 
 @cache
 def device_tracer(name: str) -> Any:
-    """The `trace.device.device_tracer.DeviceTracer` of a device, by its full name. All engines share it."""
+    """The `trace.device.device_tracer.DeviceTracer` of a device, by its full name. All engines share it.
+
+    A limit on the memory of reading is also one of the device.
+    """
     from ..trace.device.device_tracer import DeviceTracer  # imported late: most processes use no device
 
-    return DeviceTracer(open_device(name))
+    return DeviceTracer(open_device(name, given_limit()))
 
 
 class OnDevice(NamedTuple):

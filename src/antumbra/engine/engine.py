@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array, byte_count, checked_instance, choice, whole_number
 from ..devices.arrays import DeviceArray
-from ..devices.device_list import using_device
+from ..devices.device import DeviceError
+from ..devices.device_list import default_device, using_device
 from ..errors import InputError
 from ..forks import is_stuck, renew_after_fork
 from ..kernels.parallel import thread_count
@@ -34,12 +35,14 @@ from ..trace.rays.all_hits import INSIDE, ON_SURFACE, SURFACES, TRIANGLES
 from ..trace.transmission import TracedQuery, transmission
 from .accelerator import Accelerated, Accelerator, SceneTrees
 from .auto_accelerator import accelerator_of
+from .card_choice import CardChoice
 from .device_plans import cpu_plan, plan_on
 from .device_rays import DeviceRayLists
+from .device_tracers import device_tracer
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
 from .in_memory_source import InMemory, update_job
 from .instanced_source import Instanced, SharedInstances, traces_instances
-from .plan import Plan, parse_plan
+from .plan import DEFAULT_PLAN, Plan, parse_plan
 from .plan_kernels import warm_up
 from .precompilation import precompile
 from .primary_visibility import AUTO, METHODS, precompiled_method
@@ -95,7 +98,7 @@ class Engine:
         None: all cores.
     max_memory : int or None
         For a scene in a store, the limit in bytes on the memory of the process at any time; None: the scene's own
-        limit, or 4 GiB.
+        limit, or 4 GiB. With a device, the limit on the memory of all engines there; None: what is free.
     gbuffer : "raster", "rays" or "auto"
         The method of `surfaces`; all give the same bits. "auto": rasterise; once a tree is cached, use whichever is
         faster. Stores, and cameras that are not perspective, always use rays.
@@ -123,7 +126,8 @@ class Engine:
         data = data_of(scene)
         choice(gbuffer, "gbuffer", METHODS)
         limit = getattr(scene, "max_memory", None) if max_memory is None else max_memory
-        self._start(data, _trees_of(data), chosen_plan(data, plan, device), threads, limit, gbuffer)
+        with using_device(device):
+            self._start(data, _trees_of(data), chosen_plan(data, plan, device), threads, limit, gbuffer)
 
     def __getstate__(self) -> _State:
         """Pickle the settings; everything else is rebuilt."""
@@ -147,7 +151,10 @@ class Engine:
         self._updates = threading.Lock()  # held while the geometry is moved; queries do not wait for it
         self.accelerator: Accelerator = accelerator_of(self.plan, self.threads)
         self.source: RenderSource = self._new_source(gbuffer)
-        self.device_rays = self._new_device_rays()
+        self.device_rays = None if self.plan.device is None else self._new_device_rays(self.accelerator)
+        self._card_rays: DeviceRayLists | None = None
+        chooses = str(self.plan) == DEFAULT_PLAN and default_device() is None
+        self._card = CardChoice(data.n_triangles, self.threads) if chooses else None
         self.terrain = TerrainShadows(data)
         self._frame, self._n_faces = tuple(data.origin.tolist()), data.n_triangles
         self._others: dict[_Options, Engine] = {}  # least recently used first
@@ -165,7 +172,11 @@ class Engine:
         if self._trees is None:
             return _paged()(cast("StoreData", self.data), self.accelerator, self.max_memory)
         if self.max_memory is not None:
-            raise InputError(f"max_memory is for scenes in a store, and {self.data.name} is in memory; leave it out")
+            if self.plan.device is None:
+                raise InputError(
+                    f"max_memory is for scenes in a store, and {self.data.name} is in memory; leave it out"
+                )
+            device_tracer(self.plan.device).device.max_memory = self.max_memory
         if isinstance(self._trees, SceneTrees):
             return InMemory(cast(MemoryData, self.data), self.accelerator, self._trees, gbuffer)
         data = cast(InstanceData, self.data)
@@ -173,12 +184,26 @@ class Engine:
             return Instanced(data, self.accelerator, self._trees)
         return InMemory(data.flattened(), self.accelerator, self._trees.flat(), gbuffer)
 
-    def _new_device_rays(self) -> DeviceRayLists | None:
-        """The ray lists of a plan that traces on a device."""
-        if self.plan.device is None or not isinstance(self.source, InMemory) or self._trees is None:
+    def _new_device_rays(self, accelerator: Accelerator) -> DeviceRayLists | None:
+        """Ray lists by the plan of an accelerator, which traces on a device; None: the scene is not in memory."""
+        if not isinstance(self.source, InMemory) or self._trees is None:
             return None
         trees = self._trees.flat() if isinstance(self._trees, SharedInstances) else self._trees
-        return DeviceRayLists(self.source.scene, trees, self.accelerator)
+        return DeviceRayLists(self.source.scene, trees, accelerator)
+
+    def _on_card(self, rays: RayArguments, any_hit: bool, time: float, threads: int) -> TracedRays | None:
+        """The hits of rays by the card that the plan `auto` chooses; None: the CPU traces them."""
+        if self._card is None or not self._card.pays(rays.n, any_hit):
+            return None
+        if self._card_rays is None:
+            self._card_rays = self._new_device_rays(accelerator_of(self._card.plan, self.threads))
+        if self._card_rays is None:
+            return None
+        try:
+            return self._card_rays.trace_rays(rays, any_hit, time, threads)
+        except DeviceError:  # of no interest to a user who has not asked for a device
+            self._card.give_up()
+            return None
 
     def with_options(self, plan: str | Plan | None, threads: int | None, max_memory: int | None) -> "Engine":
         """An engine with another plan, thread count or memory limit, which shares this one's triangles and trees.
@@ -366,6 +391,9 @@ class Engine:
             hits = self.terrain.trace_rays(self.plan, rays, any_hit, threads)
             if hits is not None:
                 return TracedRays(hits, None)
+        traced = self._on_card(rays, any_hit, moment, threads)
+        if traced is not None:
+            return traced
         return self._ask(threads, lambda source: source.trace_rays(rays, any_hit, moment, threads))
 
     def _resident(
