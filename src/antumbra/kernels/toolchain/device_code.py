@@ -95,15 +95,16 @@ def _installed_list() -> LibraryList | None:
 
 
 def _shipped(name: str, key: str, form: Form) -> DeviceCode | None:
-    """The code in the installed package; None if it lacks the kernel."""
+    """The code in the installed package; None if it lacks the kernel, or is damaged."""
     contents = _installed_list()
     entry = contents and contents.kernels.get(name_of(name, key))
     if not entry:
         return None
     try:
-        return _described(form, key, entry.symbol, (DEVICE_LIBRARY / f"{entry.symbol}.{form}").read_bytes())
+        code = (DEVICE_LIBRARY / f"{entry.symbol}.{form}").read_bytes()
     except OSError:
         return None
+    return _described(form, key, entry.symbol, code) if entry.symbol.encode() in code else None
 
 
 def write_device_library(requests: Iterable[KernelRequest], files: list[str], digest: str, folder: Path) -> None:
