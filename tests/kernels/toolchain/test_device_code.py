@@ -65,13 +65,13 @@ def test_code_has_an_entry_with_a_parameter_for_each_word(each, form):
 
 
 def test_pointers_made_from_arguments_are_global():
-    text = sample.SAMPLES[2].code("ptx").code.decode()
+    text = sample.LINKS.code("ptx").code.decode()
     assert "ld.global.v4" in text and "st.local" in text and "atom.global.add.u64" in text
     assert not [line for line in text.splitlines() if line.strip().startswith(("ld.b", "st.b", "ld.v", "cvta"))]
 
 
 def test_memory_of_a_block_is_shared():
-    assert ".shared" in sample.SAMPLES[3].code("ptx").code.decode()
+    assert ".shared" in sample.REVERSED.code("ptx").code.decode()
 
 
 @pytest.mark.parametrize(
@@ -118,11 +118,11 @@ def test_code_is_compiled_once_and_then_found_on_disk(empty_cache, monkeypatch):
 
 
 def test_code_is_the_same_when_it_is_compiled_again(empty_cache):
-    first = sample.SAMPLES[2].code("spirv")
+    first = sample.LINKS.code("spirv")
     for file in empty_cache.rglob("*.kernel"):
         file.unlink()
     codes._code.cache_clear()
-    assert sample.SAMPLES[2].code("spirv") == first
+    assert sample.LINKS.code("spirv") == first
 
 
 def test_a_kernel_that_is_not_installed_needs_a_compiler(empty_cache, monkeypatch):

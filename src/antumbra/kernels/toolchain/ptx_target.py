@@ -30,9 +30,10 @@ define i32 @{PREFIX}shuffle(i32 %value, i32 %lane) alwaysinline convergent {{
 }}
 
 declare i32 @llvm.nvvm.vote.ballot.sync(i32, i1) convergent
-define i32 @{PREFIX}ballot(i1 %condition) alwaysinline convergent {{
+define i64 @{PREFIX}ballot(i1 %condition) alwaysinline convergent {{
   %bits = call i32 @llvm.nvvm.vote.ballot.sync(i32 -1, i1 %condition)
-  ret i32 %bits
+  %wide = zext i32 %bits to i64
+  ret i64 %wide
 }}
 
 declare void @llvm.nvvm.barrier.cta.sync.aligned.all(i32) convergent

@@ -46,11 +46,16 @@ define i32 @{PREFIX}shuffle(i32 %value, i32 %lane) alwaysinline convergent {{
 }}
 
 declare spir_func <4 x i32> @_Z16sub_group_balloti(i32) convergent
-define i32 @{PREFIX}ballot(i1 %condition) alwaysinline convergent {{
+define i64 @{PREFIX}ballot(i1 %condition) alwaysinline convergent {{
   %number = zext i1 %condition to i32
-  %bits = call spir_func <4 x i32> @_Z16sub_group_balloti(i32 %number)
-  %first = extractelement <4 x i32> %bits, i32 0
-  ret i32 %first
+  %words = call spir_func <4 x i32> @_Z16sub_group_balloti(i32 %number)
+  %low = extractelement <4 x i32> %words, i32 0
+  %high = extractelement <4 x i32> %words, i32 1
+  %low64 = zext i32 %low to i64
+  %high64 = zext i32 %high to i64
+  %shifted = shl i64 %high64, 32
+  %bits = or i64 %shifted, %low64
+  ret i64 %bits
 }}
 
 declare spir_func void @_Z7barrierj(i32) convergent
