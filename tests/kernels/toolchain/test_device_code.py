@@ -1,5 +1,8 @@
 """Device kernels become PTX and SPIR-V, once, and everything that a device cannot do is refused."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -7,9 +10,11 @@ import device_kernels as sample
 from antumbra.errors import InputError
 from antumbra.kernels.device import i64_at, local_i32, thread_index
 from antumbra.kernels.jit import Intrinsic, kernel
-from antumbra.kernels.simd import f32_at, get, i32_at, put, stack_i32
+from antumbra.kernels.simd import bits, f32_at, get, i32_at, load4, put, stack_i32
 from antumbra.kernels.toolchain import device_code as codes
 from antumbra.kernels.toolchain import device_ir, kernel_cache
+
+TABLE = np.arange(5, dtype=np.float32) ** 2
 
 FORMS = pytest.mark.parametrize("form", codes.FORMS)
 SAMPLES = pytest.mark.parametrize("each", sample.SAMPLES, ids=lambda each: each.name)
@@ -39,6 +44,37 @@ def points_to_two_kinds(a):
         put(own, k, k)
     there = i32_at(a)
     put(there, 0, get(there if get(there, 1) else own, get(there, 2)))
+
+
+@kernel
+def reads_a_table(a):
+    put(f32_at(a), 0, TABLE[get(i32_at(a), 1)])
+
+
+@kernel
+def has_bits_of_masks(a):
+    put(i64_at(a), 0, bits(load4(f32_at(a), 1) < np.float32(0)))
+
+
+@kernel
+def takes_remainders(a):
+    put(f32_at(a), 0, get(f32_at(a), 0) % np.float32(3))
+
+
+@kernel
+def chooses_among_many(a):
+    kind, result = get(i32_at(a), thread_index()), 7
+    if kind == 0:
+        result = 13
+    elif kind == 1:
+        result = 2
+    elif kind == 2:
+        result = 55
+    elif kind == 3:
+        result = 8
+    elif kind == 4:
+        result = 100
+    put(i32_at(a), thread_index(), result)
 
 
 @kernel
@@ -81,6 +117,9 @@ def test_memory_of_a_block_is_shared():
         (raises, "may raise: a device kernel cannot"),
         (calls_the_c_library, "needs llvm.sin.f32: a device has no such function"),
         (points_to_two_kinds, "may point to memory of two kinds"),
+        (reads_a_table, "needs tables of constants"),
+        (has_bits_of_masks, "needs the bits of a mask"),
+        (takes_remainders, "needs floorf: a device has no such function"),
     ],
 )
 def test_what_no_device_can_do_is_refused(function, message):
@@ -90,6 +129,62 @@ def test_what_no_device_can_do_is_refused(function, message):
 
 def test_a_block_of_local_memory_reaches_to_the_end_of_its_last_part():
     assert ".b8 antumbra_local[32]" in codes.device_code(points_to_memory_of_blocks, (0,), "ptx").code.decode()
+
+
+def test_a_choice_among_many_values_needs_no_table():
+    text = codes.device_code(chooses_among_many, (0,), "ptx").code.decode()
+    assert ".global ." not in text and "brx" not in text
+
+
+INTRINSICS = """
+from antumbra.kernels.toolchain.device_code import FORMS, DeviceCode
+from antumbra.kernels.toolchain import device_ir, ptx_target, rounding_checks, spirv_target
+
+def assembly(name, result, arguments):
+    types = ", ".join(arguments)
+    loads = [f"%x{k} = load {kind}, ptr addrspace(1) %a" for k, kind in enumerate(arguments)]
+    values = ", ".join("i1 false" if kind == "i1" else f"{kind} %x{k}" for k, kind in enumerate(arguments))
+    return f'''
+declare {result} @{name}({types})
+define void @entry(i64 %w0) {{
+  %a = inttoptr i64 %w0 to ptr addrspace(1)
+  {"".join(loads[k] + chr(10) for k, kind in enumerate(arguments) if kind != "i1")}
+  %r = call {result} @{name}({values})
+  {"%s = extractvalue " + result + " %r, 0" if result[0] == "{" else ""}
+  store {result.strip("{").split(",")[0]} {"%s" if result[0] == "{" else "%r"}, ptr addrspace(1) %a
+  ret void
+}}
+'''
+
+def intrinsics():
+    for kind, form in ("f32", "float"), ("f64", "double"):
+        for name in device_ir.EXACT_OF_FLOATS:
+            n = 3 if name[:2] == "fm" else 2 if name[:3] in ("min", "max", "cop") else 1
+            if name.startswith("fpto"):
+                for width in 32, 64:
+                    yield f"llvm.{name}.i{width}.{kind}", f"i{width}", [form]
+            else:
+                yield f"llvm.{name}.{kind}", form, [form] * n
+    for width in 32, 64:
+        kind = f"i{width}"
+        for name in device_ir.EXACT_OF_INTEGERS:
+            arguments = [kind, "i1"] if name in ("abs", "ctlz", "cttz") else [kind] if name == "ctpop" else [kind] * 2
+            yield f"llvm.{name}.{kind}", f"{{{kind}, i1}}" if "overflow" in name else kind, arguments
+
+for name, result, arguments in intrinsics():
+    text = assembly(name, result, arguments)
+    for form, emit in zip(FORMS, (ptx_target.emit_ptx, spirv_target.emit_spirv)):
+        print(name, form, flush=True)
+        rounding_checks.check_rounding(DeviceCode(form, "entry", 1, emit(text, "entry"), ""))
+"""
+
+
+def test_both_targets_have_exact_operations_for_all_intrinsics_that_kernels_may_use():
+    done = subprocess.run([sys.executable, "-c", INTRINSICS], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout.splitlines()[-1] + done.stderr
+    assert len(done.stdout.splitlines()) == 2 * 2 * (
+        len(device_ir.EXACT_OF_FLOATS) + 2 + len(device_ir.EXACT_OF_INTEGERS)
+    )
 
 
 def test_arguments_of_other_kinds_are_other_code():
