@@ -163,4 +163,4 @@ LINKS = DeviceKernel(sorted_links, (0, 0, 0, 0))
 REVERSED = DeviceKernel(reversed_blocks, (0, 0))
 VOTES = DeviceKernel(votes, (0, 0, 0))
 ODDS = DeviceKernel(counted_odds, (0, 0))
-SAMPLES = [PLACES, FLOATS, DOUBLES, LINKS, REVERSED, VOTES, ODDS]
+SAMPLES = [FLOATS, DOUBLES, LINKS, REVERSED, VOTES, ODDS]
