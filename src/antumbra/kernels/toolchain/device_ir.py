@@ -78,7 +78,7 @@ _REFUSED = {
 
 @cache
 def target_machine() -> llvm.TargetMachine:
-    """The machine that modules are optimised for, and PTX is emitted for."""
+    """The machine that modules are optimised for."""
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     return llvm.Target.from_triple(TRIPLE).create_target_machine(cpu=PROCESSOR, features=FEATURES, opt=3)

@@ -1,8 +1,7 @@
 """SPIR-V: device code that drivers of OpenCL 2.1 and later take, if they support intermediate languages."""
 
-import llvmlite.binding as llvm
-
 from ..device.operations import PREFIX
+from .device_emission import TargetModule
 from .device_ir import inline_everything, parsed, without_target
 
 TRIPLE, TRIPLE_OF_LANES = "spirv64v1.0-unknown-unknown", "spirv64v1.3-unknown-unknown"
@@ -67,15 +66,10 @@ define void @{PREFIX}barrier() alwaysinline convergent {{
 """The functions of `antumbra.kernels.device` by OpenCL's, with their names in C++. The barrier is for both memories."""
 
 
-def emit_spirv(assembly: str, entry: str) -> bytes:
-    """SPIR-V of a module made by `device_ir`."""
+def spirv_module(assembly: str, entry: str) -> TargetModule:
+    """The module of a kernel for SPIR-V, from the assembly that `device_ir` made."""
     module = parsed(assembly.replace(f"define void @{entry}(", f"define spir_kernel void @{entry}(", 1))
     module.link_in(parsed(_OPERATIONS))
     inline_everything(module, entry)
-    # LLVM emits SPIR-V of a module once only, and keeps pointers to it in the machine
-    fresh = llvm.parse_assembly(without_target(str(module)))
     triple = TRIPLE_OF_LANES if any(name in assembly for name in _LANES) else TRIPLE
-    machine = llvm.Target.from_triple(triple).create_target_machine(opt=3)
-    fresh.triple, fresh.data_layout = triple, str(machine.target_data)
-    fresh.verify()
-    return bytes(machine.emit_object(fresh))
+    return TargetModule(triple, "", "", without_target(str(module)))
