@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from devices import opened
+
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
@@ -96,3 +98,15 @@ def test_viewshed(run):
     first, *peers = done.rows
     assert first["method"] == "antumbra" and first["same"] == 1.0 and 0.0 < first["visible"] < 1.0
     assert all(row["same"] > 0.9 and row["seconds"] > 0.0 for row in peers)
+
+
+@pytest.mark.parametrize("device", ["host", "opencl"])
+def test_device(run, small, device):
+    opened(device)
+    done = run("device", small, "--device", device, "--rays", 800, "--size", 12, 8, "--spp", 4, "--rounds", 1)
+    rows = {(row["case"], row["method"]): row for row in done.rows}
+    cases = "coherent", "random", "hostile", "closest"
+    methods = "device", "device, host arrays", "cpu"
+    assert rows.keys() == {(case, m) for case in cases for m in methods} | {("soft", m) for m in methods[1:]}
+    assert all(row["differs"] == 0 and row["mrays"] > 0.0 for row in done.rows)
+    assert rows["hostile", "device"]["undecided"] > rows["random", "device"]["undecided"]

@@ -7,7 +7,7 @@ import pytest
 
 import antumbra as at
 from antumbra.devices.device_list import default_device, using_device
-from antumbra.engine.device_plans import cpu_plan, device_of, plan_on
+from antumbra.engine.device_plans import cpu_plan, plan_on
 from antumbra.engine.engine import Engine, default_plan_of
 from antumbra.engine.plan import parse_plan
 from antumbra.errors import InputError
@@ -28,8 +28,8 @@ def _no_variable(monkeypatch):
 @pytest.mark.parametrize("name", ["host", "host:0"])
 def test_a_device_stands_in_a_plan_by_its_full_name(name):
     plan = parse_plan(f"bsah+reinsert+device:{name}")
-    assert str(plan) == "bsah+reinsert+device:host:0" and device_of(plan) == "host:0"
-    assert device_of(parse_plan("bsah+single")) is None and str(cpu_plan(plan)) == "bsah+reinsert+single"
+    assert str(plan) == "bsah+reinsert+device:host:0" and plan.device == "host:0"
+    assert parse_plan("bsah+single").device is None and str(cpu_plan(plan)) == "bsah+reinsert+single"
 
 
 @pytest.mark.parametrize("plan", [None, "auto", ON_HOST, "bsah+device:host"])

@@ -296,11 +296,11 @@ def print_choices(shot: "Shot", scene: "AnyScene") -> None:
 def _print_device(scene: "AnyScene", plan: str) -> None:
     """Print what a device traced, and what the CPU did for it."""
     from ..devices.device_list import CPU, default_device
-    from ..engine.device_plans import device_of, traces_on_device
+    from ..engine.device_plans import traces_on_device
     from ..engine.plan import parse_plan
     from ..scene.instance_data import InstanceData
 
-    device = device_of(parse_plan(plan))
+    device = parse_plan(plan).device
     if device is not None:
         besides = "what the camera sees, and the few shadow rays that need exact arithmetic"
         if scene.data.cutouts is not None:

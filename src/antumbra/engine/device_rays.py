@@ -1,18 +1,21 @@
 """Ray lists of plans that trace on a device. When users move the geometry, the tree is refitted on the device."""
 
 import threading
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..bvh.refit import refit_faces
 from ..bvh.tree_quality import sah_cost
+from ..devices.arrays import DeviceArray
+from ..errors import InputError
 from ..forks import is_stuck, renew_after_fork
 from ..kernels.array_pool import ArrayPool
-from ..query.ray_list import RayArguments, TracedRays
+from ..query.ray_list import HitFilter, RayArguments, TracedRays, cull_value
 from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..trace.alpha_test import add_hits
+from ..trace.device.resident_rays import ResidentRays, is_resident
 from .accelerator import Accelerated, Accelerator, SceneTrees
-from .device_plans import OnDevice
+from .device_tracers import OnDevice
 from .refitted_rays import are_equal_faces
 
 REBUILD = 1.5
@@ -46,6 +49,10 @@ class DeviceRayLists:
         if is_stuck(self._lock):
             self._lock, self._ready = threading.RLock(), None
 
+    def takes(self, origins: Any) -> bool:
+        """Whether rays are in an array on a device, for `trace_resident`."""
+        return is_resident(origins)
+
     def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int) -> TracedRays:
         """The hits of rays at a time within 0 .. `duration`.
 
@@ -62,6 +69,38 @@ class DeviceRayLists:
         if ready.accelerated.cutouts is not None:
             add_hits(ready.accelerated.cutouts, rays.arrays(), rays.cull_faces, any_hit, out, threads)
         return TracedRays(out, ready.accelerated.triangles)
+
+    def trace_resident(
+        self,
+        origins: Any,
+        directions: Any,
+        targets: Any,
+        hits: HitFilter,
+        frame: tuple[float, float, float],
+        any_hit: bool,
+        time: float,
+        threads: int,
+    ) -> tuple[DeviceArray, ...]:
+        """The hits of rays in arrays on the device, there; see `DeviceTracer.trace_resident`.
+
+        Raises
+        ------
+        InputError
+            If an argument is not of the kind that devices take, a ray is invalid, or the scene has cut-outs.
+        """
+        if hits.skip_face is not None or (directions is None) == (targets is None):
+            raise InputError("on a device, give origins and either directions or targets, without skip_face")
+        with self._lock:
+            ready = self._ready_at(time)
+            if ready.accelerated.cutouts is not None:
+                raise InputError(f"{self._data.name} has cut-outs, which the CPU traces; copy the rays to the host")
+            prepared: OnDevice = ready.accelerated.prepared
+            segments, facing = targets is not None, cull_value(hits.cull_faces)
+            ends, interval = targets if segments else directions, (hits.tmin, hits.tmax)
+            device = prepared.tracer.device
+            rays = ResidentRays.checked(device, origins, ends, segments, interval, facing, frame)
+            found: tuple[DeviceArray, ...] = prepared.tracer.trace_resident(prepared.tree, rays, any_hit, threads)
+            return found
 
     def _ready_at(self, time: float) -> _RayTree:
         ready, threads = self._ready, self._accelerator.threads

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array, byte_count, checked_instance, choice, whole_number
+from ..devices.arrays import DeviceArray
 from ..devices.device_list import using_device
 from ..errors import InputError
 from ..forks import is_stuck, renew_after_fork
@@ -33,7 +34,7 @@ from ..trace.rays.all_hits import INSIDE, ON_SURFACE, SURFACES, TRIANGLES
 from ..trace.transmission import TracedQuery, transmission
 from .accelerator import Accelerated, Accelerator, SceneTrees
 from .auto_accelerator import accelerator_of
-from .device_plans import cpu_plan, device_of, plan_on
+from .device_plans import cpu_plan, plan_on
 from .device_rays import DeviceRayLists
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
 from .in_memory_source import InMemory, update_job
@@ -74,6 +75,10 @@ _State: TypeAlias = tuple[SceneData, Plan, int, int | None, str]
 
 class Engine:
     """Answers queries about one scene by one plan, and caches trees and measurements between them.
+
+    With a device, `occluded` and `closest_hit` also take rays in arrays on that device, of PyTorch, CuPy, JAX or other
+    libraries with DLPack or ``__cuda_array_interface__``, float32 or float64. Their results are then
+    `antumbra.devices.arrays.DeviceArray` there: for `closest_hit` a tuple of t, face, u and v.
 
     Python threads may share an engine. Ray queries of scenes in memory run concurrently; all other queries hold `lock`
     while they run.
@@ -170,7 +175,7 @@ class Engine:
 
     def _new_device_rays(self) -> DeviceRayLists | None:
         """The ray lists of a plan that traces on a device."""
-        if device_of(self.plan) is None or not isinstance(self.source, InMemory) or self._trees is None:
+        if self.plan.device is None or not isinstance(self.source, InMemory) or self._trees is None:
             return None
         trees = self._trees.flat() if isinstance(self._trees, SharedInstances) else self._trees
         return DeviceRayLists(self.source.scene, trees, self.accelerator)
@@ -221,6 +226,9 @@ class Engine:
     ) -> NDArray[np.bool_]:
         """(...) bool: whether a triangle blocks each ray; `antumbra.Scene.occluded` documents the parameters."""
         hits = HitFilter(tmin, tmax, skip_face, cull_faces)
+        if self.device_rays is not None and self.device_rays.takes(origins):
+            arrays = self._resident(origins, directions, targets, hits, True, time, threads)
+            return cast(NDArray[np.bool_], arrays[0])
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets)
         return self._traced(rays, True, time, threads).hits.blocked.reshape(rays.shape)
 
@@ -238,6 +246,9 @@ class Engine:
     ) -> Hit:
         """The nearest hits of rays; `antumbra.Scene.closest_hit` documents the parameters."""
         hit_filter = HitFilter(tmin, tmax, skip_face, cull_faces)
+        if self.device_rays is not None and self.device_rays.takes(origins):
+            face, t, u, v = self._resident(origins, directions, None, hit_filter, False, time, threads)
+            return cast(Hit, HitFaces(*(cast(np.ndarray, each) for each in (t, face, u, v))))
         rays = rays_of(origins, directions, hit_filter, self._frame, self._n_faces)
         hits, triangles = self._traced(rays, False, time, threads)
         faces = HitFaces(*(array.reshape(rays.shape) for array in (hits.t, hits.face, hits.u, hits.v)))
@@ -356,6 +367,23 @@ class Engine:
             if hits is not None:
                 return TracedRays(hits, None)
         return self._ask(threads, lambda source: source.trace_rays(rays, any_hit, moment, threads))
+
+    def _resident(
+        self,
+        origins: Any,
+        directions: Any,
+        targets: Any,
+        hits: HitFilter,
+        any_hit: bool,
+        time: float,
+        threads: int | None,
+    ) -> tuple[DeviceArray, ...]:
+        """The hits of rays in arrays on the engine's device."""
+        assert self.device_rays is not None
+        threads, moment = self.threads if threads is None else thread_count(threads), self._moment(time)
+        return self.device_rays.trace_resident(
+            origins, directions, targets, hits, self._frame, any_hit, moment, threads
+        )
 
     def _moment(self, time: float) -> float:
         return 0.0 if type(time) is float and time == 0.0 else self.data.clamped(time)

@@ -332,19 +332,6 @@ def register_family(name: str, find: Family) -> None:
     _families[name] = find
 
 
-DEVICE = "device"
-"""The family of tracers on devices, ``device:`` and the name of a device."""
-
-
-def _on_device(name: str) -> tuple[str, Tracer] | None:
-    from .device_plans import find_device_tracer  # imported late: most processes use no device
-
-    return find_device_tracer(name)
-
-
-register_family(DEVICE, _on_device)
-
-
 def add_plugins() -> None:
     """Add the methods of all packages that declare methods; once per process."""
     plugins.load_plugins("antumbra.methods")

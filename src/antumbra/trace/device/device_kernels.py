@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.nodes import EMPTY, bvh_leaf, line_at, link_at
-from ...kernels.device import atomic_add, thread_index
+from ...kernels.device import atomic_add, thread_index, u8_at
 from ...kernels.exact.filters import (
     MISS,
     T_ACCURACY,
@@ -36,12 +36,13 @@ from ...kernels.exact.predicate import misses_bounds, trivially_misses
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import f32_at, f64_at, get, i32_at, put, stack_f32
 from ...kernels.toolchain.device_code import DeviceKernel
+from ...scene.scene_bounds import NEAREST
 from .device_rays import AGAIN, BLOCKED, TRACED, DevicePatch, RayBuffers, SampleBuffers, ray_at
 from .device_traversal import PRIM, REST, TRIANGLE, TreeBuffers, Work, counts_with, list_pair, walk
 
 RECORD = 14
 _APART = np.float64(1.0 + 2.0**-27)  # more than the errors of two accurate t
-_INF = np.float32(np.inf)
+_INF, _NEAREST = np.float32(np.inf), np.float32(NEAREST)
 
 # --- 1. Trace in float32 ----------------------------------------------------------------------------------------------
 
@@ -262,6 +263,64 @@ def report_hits(tree, rays, work, hits, first, n):
     put(f32_at(hits.v), j, clamp_weight(v))
 
 
+@kernel
+def write_blocked(states, n, blocked):
+    """Write whether each of n states is BLOCKED, as bool."""
+    k = thread_index()
+    if k < n:
+        put(u8_at(blocked), k, np.uint8(get(i32_at(states), k) == BLOCKED))
+
+
+@kernel
+def write_numbers(hits, rays, t, u, v, n):
+    """Write numbers of n hits, by the CPU: t float64, u and v float32, of the rays in a list of int32."""
+    k = thread_index()
+    if k < n:
+        j = get(i32_at(rays), k)
+        put(f64_at(hits.t), j, get(f64_at(t), k))
+        put(f32_at(hits.u), j, get(f32_at(u), k))
+        put(f32_at(hits.v), j, get(f32_at(v), k))
+
+
+# --- Rays of arrays on the device -------------------------------------------------------------------------------------
+
+
+class PointBuffer(NamedTuple):
+    """Points or directions in an array of the caller on the device."""
+
+    address: int
+    double: int  # 1 for float64, 0 for float32
+    row: int  # 3; or 0, if all rays share one row
+    frame: tuple[float, float, float]  # world position of the origin of the scene's frame; 0 for directions
+    directions: int  # 1: directions, which must not be zero; 0: points
+
+
+@inlined
+def _coordinate(points, i, k):
+    at, moved = points.row * i + k, points.frame[k]
+    x = get(f64_at(points.address), at) if points.double != 0 else np.float64(get(f32_at(points.address), at))
+    y = np.float32(x - moved)
+    return y if points.directions != 0 or abs(y) >= _NEAREST or y != y else np.float32(0.0)
+
+
+@kernel
+def frame_points(points, n, out, faults):
+    """Convert n points to the scene's frame, as `query.ray_list.RayArrays.local`, and count invalid ones.
+
+    faults : two int32: their number, and the index of one of them
+    """
+    i = thread_index()
+    if i < n:
+        x, y, z = _coordinate(points, i, 0), _coordinate(points, i, 1), _coordinate(points, i, 2)
+        put(f32_at(out), 3 * i, x)
+        put(f32_at(out), 3 * i + 1, y)
+        put(f32_at(out), 3 * i + 2, z)
+        still = points.directions != 0 and x == 0.0 and y == 0.0 and z == 0.0
+        if still or not (abs(x) < _INF and abs(y) < _INF and abs(z) < _INF):
+            atomic_add(i32_at(faults), 0, 1)
+            put(i32_at(faults), 1, i)
+
+
 # --- Refit ------------------------------------------------------------------------------------------------------------
 
 
@@ -315,6 +374,7 @@ TREE = TreeBuffers(0, 0, (_ONE, _ONE, _ONE))
 RAYS = RayBuffers(0, 0, 0, 0, 0, 0, 0.0, 0.0, 0)
 _ZERO = (0.0, 0.0, 0.0)
 SAMPLES = SampleBuffers(0, 0, 0, 0, 0, DevicePatch(0, _ZERO, _ZERO, _ZERO, _ZERO, 0.0), 0, 0)
+HITS = HitBuffers(0, 0, 0, 0)
 WORK = Work(0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
 
 KERNELS = {
@@ -328,7 +388,10 @@ KERNELS = {
     "record_samples": DeviceKernel(record_rays, (SAMPLES, WORK, 0, 0)),
     "mark_rays": DeviceKernel(mark_rays, (0, 0, 0)),
     "pack_states": DeviceKernel(pack_states, (0, 0, 0, 0)),
-    "report_hits": DeviceKernel(report_hits, (TREE, RAYS, WORK, HitBuffers(0, 0, 0, 0), 0, 0)),
+    "report_hits": DeviceKernel(report_hits, (TREE, RAYS, WORK, HITS, 0, 0)),
+    "write_blocked": DeviceKernel(write_blocked, (0, 0, 0)),
+    "write_numbers": DeviceKernel(write_numbers, (HITS, 0, 0, 0, 0, 0)),
+    "frame_points": DeviceKernel(frame_points, (PointBuffer(0, 0, 0, _ZERO, 0), 0, 0, 0)),
     "move_corners": DeviceKernel(move_corners, (TREE, 0, 0)),
     "refit_nodes": DeviceKernel(refit_nodes, (TREE, 0, 0, 0)),
 }

@@ -5,12 +5,14 @@ again, fewer at a time; if that hardly gets on, the CPU traces them.
 """
 
 import threading
+from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from ...bvh.nodes import Bvh
+from ...devices.arrays import DeviceArray
 from ...devices.device import Device
 from ...progress import ProgressCallback
 from ...query.ray_list import HitArrays, RayArguments, RayArrays, hit_arrays
@@ -22,6 +24,7 @@ from .device_launches import DeviceLaunches
 from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, DevicePatch, RayBuffers, SampleBuffers
 from .device_traversal import PAIRS, REST, Work
 from .device_tree import DeviceTree
+from .resident_rays import ResidentRays
 
 CHUNK = 1 << 24
 """Largest number of rays traced together."""
@@ -67,11 +70,17 @@ class DeviceTracer:
     device : Device
     capacities : Capacities
         Small ones are for tests.
+
+    Attributes
+    ----------
+    undecided, on_cpu : int
+        The numbers of tests so far that float32 left to float64, and that float64 left to the CPU.
     """
 
     def __init__(self, device: Device, capacities: Capacities = CAPACITIES) -> None:
         self.device, self._capacities = device, capacities
         self.launches = DeviceLaunches(device)
+        self.undecided = self.on_cpu = 0
         self._lock = threading.RLock()
 
     def tree(self, bvh: Bvh) -> DeviceTree:
@@ -98,14 +107,55 @@ class DeviceTracer:
         with self._lock:
             for first in range(0, rays.n, CHUNK):
                 part = slice(first, min(first + CHUNK, rays.n))
-                chunk = self._rays_chunk(arrays.part(part), rays, any_hit)
-                self._trace(tree, chunk, threads)
+                n = part.stop - first
+                chunk = self.traced(tree, self._sent(arrays.part(part), rays), n, rays.cull_faces, any_hit, threads)
                 if any_hit:
-                    n = chunk.work.n
                     out.blocked[part] = np.unpackbits(self._bits(chunk, n), count=n, bitorder="little")
                 else:
-                    self._report(tree, chunk, threads, HitArrays(*(a[part] if len(a) else a for a in out)))
+                    self._report_here(tree, chunk, threads, HitArrays(*(a[part] if len(a) else a for a in out)))
         return out
+
+    def trace_resident(
+        self, tree: DeviceTree, rays: ResidentRays, any_hit: bool, threads: int
+    ) -> tuple[DeviceArray, ...]:
+        """The hits of rays on the device, there: blocked, or face, t, u and v, as in `HitArrays`.
+
+        Raises
+        ------
+        InputError
+            If a ray is invalid: NaN, infinity or a zero direction.
+        """
+        with self._lock:
+            buffers, n = rays.in_frame(self.launches), rays.n
+            chunk = self.traced(tree, buffers, n, rays.cull_faces, any_hit, threads)
+            if any_hit:
+                blocked = self._new("the answers", rays.shape, np.bool_)
+                self.launches.launch("write_blocked", (chunk.work.out, n, blocked.memory.address), n)
+                return (blocked,)
+            kinds = np.int32, np.float64, np.float32, np.float32
+            hits = tuple(self._new("the hits", rays.shape, kind) for kind in kinds)
+            addresses = HitBuffers(*(each.memory.address for each in hits))
+            records = self._report(tree, chunk, addresses)
+            if len(records):
+                numbers = settling.heads_of(records)[:, settling.RAY], *settling.numbers_of(records, tree.bvh, threads)
+                sent = [
+                    self.launches.sent(f"number {k}", np.ascontiguousarray(each), "the CPU's answers")
+                    for k, each in enumerate(numbers)
+                ]
+                self.launches.launch("write_numbers", (addresses, *sent, len(records)), len(records))
+            return hits
+
+    def _new(self, what: str, shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
+        memory = self.device.allocate(max(prod(shape), 1) * np.dtype(dtype).itemsize, what)
+        return DeviceArray(memory, shape, dtype, self.device.queue)
+
+    def traced(
+        self, tree: DeviceTree, rays: RayBuffers, n: int, cull_faces: int, any_hit: bool, threads: int
+    ) -> "_Chunk":
+        """Trace n rays of buffers on the device. Their states or slots are at `out` of the work."""
+        chunk = _Chunk(_ANY if any_hit else _NEAREST, rays, self._work(0, n, cull_faces), None)
+        self._trace(tree, chunk, threads)
+        return chunk
 
     def trace_shadow(
         self,
@@ -143,7 +193,7 @@ class DeviceTracer:
         lists = pairs.address, sizes.pairs, rest.address, sizes.records
         return Work(first, n, 0, out.address, counts.address, *lists, cull_faces)
 
-    def _rays_chunk(self, arrays: RayArrays, rays: RayArguments, any_hit: bool) -> _Chunk:
+    def _sent(self, arrays: RayArrays, rays: RayArguments) -> RayBuffers:
         (origins, ends), send = arrays.local(), self.launches.sent
 
         def number(name: str, value: np.ndarray | float, column: NDArray[np.float64]) -> tuple[int, float]:
@@ -158,7 +208,7 @@ class DeviceTracer:
         skip = 0
         if isinstance(rays.skip, np.ndarray) and rays.skip.ndim:
             skip = send("skip", np.ascontiguousarray(arrays.skip[:, 0], np.int32), "the rays")
-        buffers = RayBuffers(
+        return RayBuffers(
             send("origins", np.ascontiguousarray(origins), "the rays"),
             send("ends", np.ascontiguousarray(ends), "the rays"),
             tmin,
@@ -169,14 +219,12 @@ class DeviceTracer:
             shared_tmax,
             -1 if skip else int(rays.skip),
         )
-        work = self._work(0, len(origins), rays.cull_faces)
-        return _Chunk(_ANY if any_hit else _NEAREST, buffers, work, None)
 
     def _sample_buffers(self, query: ShadowQuery) -> SampleBuffers:
         send, p, n = self.launches.sent, query.light, query.sides.size
         receivers = np.empty((n, 4), np.float32)
         receivers[:, :3] = query.origins.reshape(n, 3)
-        receivers.view(np.int32)[:, 3] = (query.faces.reshape(n) << 2) | (query.sides.reshape(n).astype(np.int32) + 1)
+        receivers.view(np.int32)[:, 3] = receiver_tags(query.faces.reshape(n), query.sides.reshape(n))
         own = query.ids is not query.faces and not np.array_equal(query.ids, query.faces)
         faces = bool((query.faces >= 0).any())
         normals = query.normals.size and (p.kind == AMBIENT or bool((query.faces < 0).any()))
@@ -222,6 +270,7 @@ class DeviceTracer:
         counts.fill()
         self.launches.launch(chunk.kind.trace, (tree.buffers, chunk.rays, work), n)
         pairs = int(self._counts()[PAIRS])
+        self.undecided += min(pairs, work.capacity)
         self._settle(tree, chunk, min(pairs, work.capacity), threads)
         if pairs <= work.capacity:
             return np.empty(0, np.int32)
@@ -239,6 +288,7 @@ class DeviceTracer:
             if left > work.rest_capacity:
                 at_once = work.rest_capacity
                 continue
+            self.on_cpu += left
             if left:
                 self._decide(tree, chunk, self._read("rest", (left, RECORD), np.float64), threads)
             begin += n
@@ -290,15 +340,24 @@ class DeviceTracer:
         self.launches.launch("pack_states", (chunk.work.out, n, out, words), words)
         return self._read("words", (words,), np.int32).view(np.uint8)
 
-    def _report(self, tree: DeviceTree, chunk: _Chunk, threads: int, out: HitArrays) -> None:
-        """Write the numbers of a chunk's nearest hits."""
-        work, n, block = chunk.work, chunk.work.n, self.launches.block
-        sizes = {"face": 4, "t": 8, "u": 4, "v": 4}
-        hits = HitBuffers(*(block(name, size * n, "the hits").address for name, size in sizes.items()))
+    def _report_here(self, tree: DeviceTree, chunk: _Chunk, threads: int, out: HitArrays) -> None:
+        """Write the numbers of a chunk's nearest hits to arrays on the host."""
+        arrays = dict(zip(HitBuffers._fields, out[1:]))
+        blocks = {name: self.launches.block(name, each.nbytes, "the hits") for name, each in arrays.items()}
+        records = self._report(tree, chunk, HitBuffers(*(each.address for each in blocks.values())))
+        for name, block in blocks.items():
+            block.read(arrays[name])
+        if len(records):
+            rays = settling.heads_of(records)[:, settling.RAY]
+            out.t[rays], out.u[rays], out.v[rays] = settling.numbers_of(records, tree.bvh, threads)
+
+    def _report(self, tree: DeviceTree, chunk: _Chunk, hits: HitBuffers) -> settling.Records:
+        """Write the numbers of a chunk's nearest hits on the device. Return those that the CPU must compute."""
+        work, counts, n = chunk.work, self.launches.block("counts", 0, ""), chunk.work.n
         records, begin, at_once = [], 0, n
         while begin < n:
             k = min(at_once, n - begin)
-            block("counts", 0, "").fill()
+            counts.fill()
             self.launches.launch("report_hits", (tree.buffers, chunk.rays, work, hits, begin, k), k)
             left = int(self._counts()[REST])
             if left > work.rest_capacity:
@@ -306,12 +365,12 @@ class DeviceTracer:
                 continue
             records.append(self._read("rest", (left, RECORD), np.float64))
             begin += k
-        for name in sizes:
-            block(name, 0, "").read(getattr(out, name))
-        open_hits = np.concatenate(records)
-        if len(open_hits):
-            rays = settling.heads_of(open_hits)[:, settling.RAY]
-            out.t[rays], out.u[rays], out.v[rays] = settling.numbers_of(open_hits, tree.bvh, threads)
+        return np.concatenate(records) if records else np.empty((0, RECORD))
+
+
+def receiver_tags(faces: NDArray[np.int32], sides: NDArray[np.int8]) -> NDArray[np.int32]:
+    """(n,) int32: the faces and sides of receivers, as `SampleBuffers` describes them."""
+    return (faces << 2) | (sides.astype(np.int32) + 1)
 
 
 def _three(v: NDArray[np.float64]) -> tuple[float, float, float]:
