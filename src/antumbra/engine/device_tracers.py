@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.nodes import Bvh
-from ..devices.device_list import CPU, open_device, parse_device
+from ..devices.device_list import CPU, parse_device
 from ..kernels.parallel import thread_count
 from ..progress import ProgressCallback
 from ..query.shadow_query import ShadowQuery, ray_count
@@ -20,10 +20,17 @@ DEVICE = "device"
 
 @cache
 def device_tracer(name: str) -> Any:
-    """The `trace.device.device_tracer.DeviceTracer` of a device, by its full name. All engines share it."""
-    from ..trace.device.device_tracer import DeviceTracer  # imported late: most processes use no device
+    """The `trace.device.device_tracer.DeviceTracer` of a device, by its full name. All engines share it.
 
-    return DeviceTracer(open_device(name))
+    Raises
+    ------
+    DeviceError
+        If the device cannot be used, or fails its self-test, which it takes on first use.
+    """
+    from ..trace.device.device_tracer import DeviceTracer  # imported late: most processes use no device
+    from ..trace.device.self_test import open_tested
+
+    return DeviceTracer(open_tested(name))
 
 
 class OnDevice(NamedTuple):
