@@ -9,7 +9,14 @@ from antumbra.kernels.device import i64_at, local_i32, thread_index
 from antumbra.kernels.jit import Intrinsic, kernel
 from antumbra.kernels.simd import bits, f32_at, get, i32_at, load4, put, stack_i32
 from antumbra.kernels.toolchain import device_code as codes
-from antumbra.kernels.toolchain import device_emission, device_ir, kernel_cache, ptx_target, spirv_target
+from antumbra.kernels.toolchain import (
+    device_emission,
+    device_ir,
+    kernel_cache,
+    numba_frontend,
+    ptx_target,
+    spirv_target,
+)
 from antumbra.kernels.toolchain.rounding_checks import check_rounding
 
 TABLE = np.arange(5, dtype=np.float32) ** 2
@@ -179,14 +186,12 @@ def test_what_llvm_cannot_emit_is_an_error():
         device_emission.emit_modules([module])
 
 
-def test_spirv_does_not_depend_on_what_was_emitted_before():
-    """LLVM keeps numbers of labels from one module to the next, which made modules with the same number twice."""
-    first = [each.code("spirv") for each in (sample.LINKS, sample.ODDS)]
-    again = [
-        codes._compiled(each.kernel, each.key, code.entry)["spirv"]
-        for each, code in zip((sample.LINKS, sample.ODDS), first)
-    ]
-    assert again == [code.code for code in first]
+def test_code_does_not_depend_on_what_was_compiled_before():
+    """LLVM keeps numbers of labels from one SPIR-V module to the next, and Numba counts the functions that it names."""
+    first = {each: codes._compiled(each.kernel, each.key, "entry") for each in (sample.LINKS, sample.ODDS)}
+    numba_frontend.part_of(sample.LINKS.kernel).lowered.clear()
+    again = {each: codes._compiled(each.kernel, each.key, "entry") for each in (sample.ODDS, sample.LINKS)}
+    assert again == first
 
 
 def test_arguments_of_other_kinds_are_other_code():
@@ -220,6 +225,27 @@ def test_code_is_the_same_when_it_is_compiled_again(empty_cache):
         file.unlink()
     codes._code.cache_clear()
     assert sample.LINKS.code("spirv") == first
+
+
+def test_a_cache_that_cannot_be_written_is_no_error(empty_cache):
+    (empty_cache / "kernels").write_text("a file")
+    assert codes.device_code(two_numbers, (0, 0), "ptx").words == 2
+
+
+def test_a_kernel_that_another_process_has_compiled_meanwhile_is_not_compiled_again(empty_cache, monkeypatch):
+    code, lock = codes._cached_or_compiled(two_numbers, "i i"), kernel_cache.KernelFolder.lock
+    stored = {file: file.read_bytes() for file in empty_cache.rglob("*.kernel")}
+    for file in stored:
+        file.unlink()
+
+    def lock_after_the_other_process(folder, digest):
+        for file, data in stored.items():
+            file.write_bytes(data)
+        return lock(folder, digest)
+
+    monkeypatch.setattr(kernel_cache.KernelFolder, "lock", lock_after_the_other_process)
+    monkeypatch.setattr(codes, "_compiled", lambda *arguments: pytest.fail("it is compiled again"))
+    assert len(stored) == 2 and codes._cached_or_compiled(two_numbers, "i i") == code
 
 
 def test_a_kernel_that_is_not_installed_needs_a_compiler(empty_cache, monkeypatch):

@@ -148,17 +148,24 @@ def _cached_or_compiled(function: kernel, key: str) -> dict[Form, DeviceCode]:
             "pip install 'antumbra[jit]'"
         )
     digest = _digest(function, key)
-    folders = {form: KernelFolder(cache_folder(), form) for form in FORMS}
-    entry, found = symbol_of(digest), {form: folder.get(digest) for form, folder in folders.items()}
-    codes = {form: code.machine for form, code in found.items() if code is not None}
-    if len(codes) < len(FORMS):
-        codes = _compiled(function, key, entry)
-        for form, folder in folders.items():
-            try:
-                folder.put(digest, KernelCode(function.name, key, NONE, codes[form]))
-            except OSError:  # the folder is not writable: the code is compiled each time
-                break
+    entry, folders = symbol_of(digest), {form: KernelFolder(cache_folder(), form) for form in FORMS}
+    codes = _cached(digest, folders)
+    if codes is None:
+        try:
+            with folders[FORMS[0]].lock(digest):  # another process may be compiling it
+                codes = _cached(digest, folders) or _compiled(function, key, entry)
+                for form, folder in folders.items():
+                    folder.put(digest, KernelCode(function.name, key, NONE, codes[form]))
+        except OSError:  # the folder is not writable: the code is compiled each time
+            codes = codes or _compiled(function, key, entry)
     return {form: _described(form, key, entry, codes[form]) for form in FORMS}
+
+
+def _cached(digest: str, folders: dict[Form, KernelFolder]) -> dict[Form, bytes] | None:
+    """The code in the user's cache; None unless it has all forms."""
+    found = {form: folder.get(digest) for form, folder in folders.items()}
+    codes: dict[Form, bytes] = {form: code.machine for form, code in found.items() if code is not None}
+    return codes if len(codes) == len(FORMS) else None
 
 
 def _compiled(function: kernel, key: str, entry: str) -> dict[Form, bytes]:

@@ -193,4 +193,5 @@ def _optimise(module: llvm.ModuleRef) -> None:
         else:
             passes.add_global_dead_code_eliminate_pass()
             passes.add_strip_dead_prototype_pass()
+            passes.add_strip_symbols_pass()  # Numba numbers its names in the order of compilation
         passes.run(module, builder)
