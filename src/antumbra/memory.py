@@ -40,11 +40,6 @@ def reading_limit(max_memory: int | None) -> Iterator[None]:
         _given.reset(token)
 
 
-def given_limit() -> int | None:
-    """The limit of `reading_limit`; None: there is none."""
-    return _given.get()
-
-
 def check_reading(size: float, where: str, stored: int | None = None) -> None:
     """Raise an InputError if reading takes more memory than the limit.
 

@@ -2,7 +2,9 @@
 
 import json
 import re
+import shutil
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -51,6 +53,14 @@ def test_memory(run, small):
     assert re.fullmatch(rf"{re.escape(str(small))}: \d+ triangles", head)
     sizes = dict(re.fullmatch(r"  (\w+) +([\d.]+) bytes per triangle", line).groups() for line in arrays)
     assert float(sizes["vertices"]) == 36 and float(sizes["nodes"]) > 0 and last.startswith("process grew by ")
+
+
+def test_device_code(run):
+    if not (shutil.which("ptxas") or find_spec("nvidia")):
+        pytest.skip("ptxas is not installed: registers of device kernels are NOT counted")
+    done = run("device_code", "--arch", "sm_90")
+    assert len(done.rows) > 5 and done.out.count("\n") == len(done.rows) + 1
+    assert all(0 < row["registers"] <= 255 and row["spill_bytes"] == 0 < row["ptx_bytes"] for row in done.rows)
 
 
 def test_auto(run, small):

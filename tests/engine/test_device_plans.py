@@ -8,7 +8,6 @@ import pytest
 import antumbra as at
 from antumbra.devices.device_list import default_device, using_device
 from antumbra.engine.device_plans import cpu_plan, plan_on
-from antumbra.engine.device_tracers import device_tracer
 from antumbra.engine.engine import Engine, default_plan_of
 from antumbra.engine.plan import parse_plan
 from antumbra.errors import InputError
@@ -111,13 +110,3 @@ def test_a_device_of_a_command_counts_only_within_it():
     assert default_device() is None
     with pytest.raises(InputError, match="device is 'gpu'"), using_device("gpu"):
         pass
-
-
-def test_a_limit_on_memory_is_one_of_the_device(monkeypatch):
-    scene, device = soup_scene(3), device_tracer("host:0").device
-    monkeypatch.setattr(device, "max_memory", None)
-    engine = Engine(scene, device="host", max_memory=device.used + 1000)
-    with pytest.raises(InputError, match=r"needs .* max_memory"):
-        engine.occluded(np.zeros((3, 3)), np.ones((3, 3)))
-    with pytest.raises(InputError, match="max_memory is for scenes in a store"):
-        Engine(scene, "bsah+single", max_memory=1000)

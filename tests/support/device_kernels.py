@@ -51,6 +51,18 @@ class Arrays(NamedTuple):
 
 
 @kernel
+def places(out):
+    """Where each thread is, as six int64: of the launch, its block, and its subgroup."""
+    i, to = thread_index(), i64_at(out)
+    put(to, 6 * i, i)
+    put(to, 6 * i + 1, block_index())
+    put(to, 6 * i + 2, block_size())
+    put(to, 6 * i + 3, index_in_block())
+    put(to, 6 * i + 4, lane_index())
+    put(to, 6 * i + 5, lane_count())
+
+
+@kernel
 def float_operations(arrays):
     """a + b, a - b, a b, a / b and a b + scale, five float32 for each element."""
     i = thread_index()
@@ -144,12 +156,11 @@ def counted_odds(numbers, total):
         atomic_add(i64_at(total), 0, get(sums, 0))
 
 
-ARRAYS = Arrays(0, 0, 0, 0, np.float32(0))
-SAMPLES = [
-    DeviceKernel(float_operations, (ARRAYS,)),
-    DeviceKernel(double_operations, (0, 0, 0, 0)),
-    DeviceKernel(sorted_links, (0, 0, 0, 0)),
-    DeviceKernel(reversed_blocks, (0, 0)),
-    DeviceKernel(votes, (0, 0, 0)),
-    DeviceKernel(counted_odds, (0, 0)),
-]
+PLACES = DeviceKernel(places, (0,))
+FLOATS = DeviceKernel(float_operations, (Arrays(0, 0, 0, 0, np.float32(0)),))
+DOUBLES = DeviceKernel(double_operations, (0, 0, 0, 0))
+LINKS = DeviceKernel(sorted_links, (0, 0, 0, 0))
+REVERSED = DeviceKernel(reversed_blocks, (0, 0))
+VOTES = DeviceKernel(votes, (0, 0, 0))
+ODDS = DeviceKernel(counted_odds, (0, 0))
+SAMPLES = [FLOATS, DOUBLES, LINKS, REVERSED, VOTES, ODDS]

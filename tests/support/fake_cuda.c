@@ -14,7 +14,7 @@ typedef void (*kernel_t)(const int64_t *words, int64_t blocks, int64_t block);
 enum { OK, INVALID_VALUE, OUT_OF_MEMORY, INVALID_CONTEXT = 201, NOT_FOUND = 500, NOT_READY = 600 };
 
 static struct { char name[64]; int status; } failures[8];
-static struct { char name[64]; kernel_t run; int words; } kernels[8];
+static struct { char name[64]; kernel_t run; int words; } kernels[32];
 static int n_kernels, devices = 1, version = 12040, capability = 90, mode, pending, live, streams, events, pinned;
 static uint64_t total = 1u << 30, used;
 static _Thread_local int depth; /* contexts pushed by this thread */

@@ -66,7 +66,7 @@ class FakeCuda:
         """Let events be pending for so many queries; -1: forever."""
         self._library.fake_pend(queries)
 
-    def register(self, code: Code, run) -> None:
+    def register(self, code, run) -> None:
         """Let ``run(words, blocks, block)`` be the kernel of a name."""
         self._kept.append(_KERNEL(lambda words, blocks, block: run(words[: code.words], blocks, block)))
         self._library.fake_register(code.entry.encode(), self._kept[-1], code.words)
@@ -89,3 +89,17 @@ def built(folder: Path, source: Path = _SOURCE) -> str:
     flags = [] if os.name == "nt" else ["-fPIC"]
     subprocess.run([*compiler, "-shared", *flags, "-O1", str(source), "-o", str(out)], check=True, capture_output=True)
     return str(out)
+
+
+@pytest.fixture(scope="session")
+def fake_cuda_library(tmp_path_factory):
+    return built(tmp_path_factory.mktemp("cuda"))
+
+
+@pytest.fixture
+def fake_cuda(fake_cuda_library, monkeypatch):
+    """A CUDA driver whose cards are the host."""
+    driver = FakeCuda(fake_cuda_library)
+    driver.use(monkeypatch)
+    yield driver
+    driver.restart()

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, get_args
 import typer
 
 from ..checks import alternatives
-from ..devices.device_list import using_device
+from ..devices.device_list import device_budget, using_device
 from ..engine.scene_reading import SCENE_SUFFIXES
 from ..errors import InputError
 from ..memory import reading_limit
@@ -249,7 +249,8 @@ _ReadingLimit = Annotated[
     str | None,
     typer.Option(
         "--max-memory",
-        help="Memory limit of reading files: in bytes, or with M or G, such as 512M.  [default: what is available]",
+        help="Memory limit of reading files, and on a device: in bytes, or with M or G, such as 512M.  [default: what "
+        "is available]",
         metavar="SIZE",
         show_default=False,
         rich_help_panel="Scene",
@@ -315,7 +316,7 @@ def takes(arguments: type) -> Callable[[Callable[[Any], int]], Callable[..., int
                 from ..engine.device_plans import plan_on
 
                 plan_on(device, values[_PLAN])  # they must not contradict each other
-            with reading_limit(limit), using_device(device):
+            with reading_limit(limit), using_device(device), device_budget(limit):
                 return command(arguments(**values))
 
         wrapper: Any = update_wrapper(run, command)  # so that a node of a cluster finds it by name

@@ -19,6 +19,7 @@ from .device import Device, DeviceError
 CPU, HOST = "cpu", "host"
 VARIABLE = "ANTUMBRA_DEVICE"
 _chosen: ContextVar[str | None] = ContextVar("device", default=None)
+_budget: ContextVar[int | None] = ContextVar("antumbra_device_budget", default=None)
 
 
 class DeviceInfo(NamedTuple):
@@ -134,6 +135,21 @@ def default_device() -> str | None:
         return None
     parse_device(name, VARIABLE)
     return name
+
+
+@contextmanager
+def device_budget(max_memory: int | None) -> Iterator[None]:
+    """Within the context, `current_budget` is `max_memory`, in bytes; None: it stays as it is."""
+    token = _budget.set(_budget.get() if max_memory is None else max_memory)
+    try:
+        yield
+    finally:
+        _budget.reset(token)
+
+
+def current_budget() -> int | None:
+    """The bytes that may be allocated on a device that is opened now; None: all that is free."""
+    return _budget.get()
 
 
 # --- Devices ----------------------------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
 from ..bvh.refit import filter_tree
+from ..devices.device_list import device_budget
 from ..errors import InputError
 from ..forks import is_stuck, renew_after_fork
 from ..progress import ProgressCallback
@@ -83,6 +84,8 @@ class Accelerator:
         Selects the sample rays of a ray-guided builder; None: the plan has none.
     one_tree : bool
         Whether shadow rays and camera rays share a BVH.
+    device_memory : int or None
+        Bytes that a plan on a device may allocate there; None: all that is free.
     """
 
     def __init__(self, plan: Plan, threads: int, memory: LearnedTrees | None = None):
@@ -92,6 +95,7 @@ class Accelerator:
         self.one_tree = plan.tracer.builds and self.ray_selector is None
         if plan.update and self.memory.updated is None:
             self.memory.updated = UpdatedTree(plan.update)
+        self.device_memory: int | None = None
         self._cutouts: tuple[Triangles, CutoutTree | None] | None = None  # the latest ones
 
     def begin(self, rays: int, later: int = 0) -> None:
@@ -243,7 +247,8 @@ class Accelerator:
         solid : the solid triangles, or those that culling left; None: all
         """
         geometry = soup_of(triangles, solid, self.threads) if bvh is None else bvh
-        prepared, updated = self.plan.tracer.prepare(geometry, self.threads), self.memory.updated
+        with device_budget(self.device_memory):
+            prepared, updated = self.plan.tracer.prepare(geometry, self.threads), self.memory.updated
         if updated is not None and isinstance(prepared, ChcRtState):
             if updated.state is not None:
                 prepared.continue_from(updated.state)

@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.nodes import Bvh
-from ..devices.device_list import CPU, open_device, parse_device
+from ..devices.device_list import CPU, current_budget, parse_device
 from ..kernels.parallel import thread_count
-from ..memory import given_limit
 from ..progress import ProgressCallback
 from ..query.shadow_query import ShadowQuery, ray_count
 from ..trace.counters import RAYS
@@ -20,14 +19,20 @@ DEVICE = "device"
 
 
 @cache
-def device_tracer(name: str) -> Any:
-    """The `trace.device.device_tracer.DeviceTracer` of a device, by its full name. All engines share it.
+def device_tracer(name: str, max_memory: int | None = None) -> Any:
+    """The `trace.device.device_tracer.DeviceTracer` of a device, by its full name. Engines with one budget share it.
 
-    A limit on the memory of reading is also one of the device.
+    max_memory : bytes that may be allocated on the device; None: all that is free
+
+    Raises
+    ------
+    DeviceError
+        If the device cannot be used, or fails its self-test, which it takes on first use.
     """
     from ..trace.device.device_tracer import DeviceTracer  # imported late: most processes use no device
+    from ..trace.device.self_test import open_tested
 
-    return DeviceTracer(open_device(name, given_limit()))
+    return DeviceTracer(open_tested(name, max_memory))
 
 
 class OnDevice(NamedTuple):
@@ -42,7 +47,7 @@ def _tracer_of(name: str) -> Tracer:
     """The tracer of plans on a device, by its full name."""
 
     def prepare(bvh: Bvh, threads: int | None = None) -> OnDevice:
-        tracer = device_tracer(name)
+        tracer = device_tracer(name, current_budget())
         return OnDevice(tracer, tracer.tree(bvh))
 
     def trace(

@@ -38,7 +38,6 @@ from .auto_accelerator import accelerator_of
 from .card_choice import CardChoice
 from .device_plans import cpu_plan, plan_on
 from .device_rays import DeviceRayLists
-from .device_tracers import device_tracer
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
 from .in_memory_source import InMemory, update_job
 from .instanced_source import Instanced, SharedInstances, traces_instances
@@ -98,7 +97,7 @@ class Engine:
         None: all cores.
     max_memory : int or None
         For a scene in a store, the limit in bytes on the memory of the process at any time; None: the scene's own
-        limit, or 4 GiB. With a device, the limit on the memory of all engines there; None: what is free.
+        limit, or 4 GiB. On a device, the limit on the memory taken there; None: all that is free.
     gbuffer : "raster", "rays" or "auto"
         The method of `surfaces`; all give the same bits. "auto": rasterise; once a tree is cached, use whichever is
         faster. Stores, and cameras that are not perspective, always use rays.
@@ -171,12 +170,9 @@ class Engine:
     def _new_source(self, gbuffer: str) -> RenderSource:
         if self._trees is None:
             return _paged()(cast("StoreData", self.data), self.accelerator, self.max_memory)
-        if self.max_memory is not None:
-            if self.plan.device is None:
-                raise InputError(
-                    f"max_memory is for scenes in a store, and {self.data.name} is in memory; leave it out"
-                )
-            device_tracer(self.plan.device).device.max_memory = self.max_memory
+        if self.max_memory is not None and self.plan.device is None:
+            raise InputError(f"max_memory is for scenes in a store, and {self.data.name} is in memory; leave it out")
+        self.accelerator.device_memory = self.max_memory
         if isinstance(self._trees, SceneTrees):
             return InMemory(cast(MemoryData, self.data), self.accelerator, self._trees, gbuffer)
         data = cast(InstanceData, self.data)

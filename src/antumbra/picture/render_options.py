@@ -278,14 +278,14 @@ class EngineOptions:
     max_memory: int | None = option(
         None,
         unchecked,
-        "Memory limit of reading files, and of scenes in a store: in bytes, or with M or G, such as 512M.",
+        "Memory limit of reading files, of scenes in a store, and on a device: in bytes, or with M or G, such as 512M.",
         panel="Speed",
         kind=str | None,
         note="what is available; 4G for stores",
         metavar="SIZE",
         literal=False,
     )
-    """Limit in bytes on the memory of the process, for scenes in a store; None: 4 GiB."""
+    """Limit in bytes on the memory of the process, for scenes in a store (None: 4 GiB), or on a device."""
     device: str | None = option(
         None,
         unchecked,

@@ -175,6 +175,32 @@ def test_compare_and_swap_stores_only_where_the_old_value_is_the_expected_one(de
     assert run_snippet(device, code, words).tolist() == [5, 6] and words.tolist() == [9, 6]
 
 
+@pytest.mark.parametrize("meets", ["", "bar.sync 0;"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "ld.global.b32 %r1, [%rd1+2];",
+        "ld.global.v2.b32 {%r1, %r2}, [%rd1+4];",
+        "ld.global.v4.b32 {%r1, %r2, %r3, %r4}, [%rd5+8];",
+        "st.global.b64 [%rd1+4], %rd3;",
+        "atom.global.add.u64 %rd4, [%rd1+4], 1;",
+        "st.shared.b32 [block+1], %r9;",
+        "ld.global.b32 %r1, [%rd6];",
+    ],
+)
+def test_an_address_at_which_a_card_faults_is_an_error(device, line, meets):
+    code = f"""
+    and.b64 %rd5, %rd1, -16;
+    mov.b64 %rd6, 8;
+    {meets}
+    {line}
+    {meets}"""
+    with pytest.raises(DeviceError, match="an address is null or misaligned in") as raised:
+        run_snippet(device, code, np.zeros(4))
+    assert line in str(raised.value)
+    assert run_snippet(device, "st.global.b64 [%rd2], %rd3;", np.zeros(2)).tolist() == [0, 8]
+
+
 @pytest.mark.parametrize(
     "line",
     [

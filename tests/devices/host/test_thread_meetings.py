@@ -3,49 +3,14 @@
 import numpy as np
 import pytest
 
-import device_kernels as sample
 from antumbra.devices.device import DeviceError
 from antumbra.devices.host.host_device import HostDevice
 from ptx_snippets import run_snippet
-
-KERNELS = {each.name: each for each in sample.SAMPLES}
 
 
 @pytest.fixture(scope="module")
 def device():
     return HostDevice()
-
-
-def launch(device, name, arrays, threads, block=128):
-    words = np.array([array.ctypes.data for array in arrays])
-    device.launch(device.load(KERNELS[name].code("ptx")), words, threads, block)
-
-
-@pytest.mark.parametrize("block", [32, 64, 256])
-def test_a_barrier_shows_all_threads_what_others_wrote_before_it(device, block):
-    numbers, out = np.arange(512, dtype=np.int32), np.zeros(512, np.int32)
-    launch(device, "reversed_blocks", [numbers, out], 512, block)
-    assert out.tolist() == numbers.reshape(-1, block)[:, ::-1].ravel().tolist()
-
-
-@pytest.mark.parametrize("block", [1, 20, 32, 96])
-def test_votes_and_shuffles_are_of_the_lanes_of_a_warp(device, block):
-    numbers = np.random.default_rng(1).integers(0, 9, 3 * block).astype(np.int32)
-    bits, neighbours = np.zeros(len(numbers), np.int64), np.zeros(len(numbers), np.int32)
-    launch(device, "votes", [numbers, bits, neighbours], len(numbers), block)
-    for first in range(0, len(numbers), block):
-        for warp in np.split(np.arange(first, first + block), range(32, block, 32)):
-            odd = [int(number) & 1 for number in numbers[warp]]
-            assert set(bits[warp].tolist()) == {sum(bit << lane for lane, bit in enumerate(odd))}
-            lanes = (np.arange(len(warp)) + 1) % 32
-            source = np.where(lanes < len(warp), lanes, np.arange(len(warp)))  # a lane that is not there: its own
-            assert neighbours[warp].tolist() == numbers[warp][source].tolist()
-
-
-def test_meetings_of_several_kinds_in_one_kernel(device):
-    numbers, total = np.random.default_rng(2).integers(0, 99, 1024).astype(np.int32), np.zeros(1, np.int64)
-    launch(device, "counted_odds", [numbers, total], 1024)
-    assert total[0] == (numbers & 1).sum() > 0
 
 
 def test_a_thread_that_ends_before_a_meeting_is_an_error(device):

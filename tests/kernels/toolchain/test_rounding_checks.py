@@ -112,6 +112,7 @@ DAMAGE = {
     "no entry": (FLOATS, 15, lambda part: []),
     "an entry of another name": (FLOATS, 15, lambda part: [[*part[:3], part[3] + 1, *part[4:]]]),
     "an extension for products": (FLOATS, IMPORT, lambda part: [made(10, *words_of("SPV_KHR_float_controls2")), part]),
+    "a number that is defined twice": (FLOATS, 248, lambda part: [made(248, 1)]),
     "a second function": (FLOATS, RETURN, lambda part: [part, made(54, 1, 2, 3, 4)]),
 }
 

@@ -120,3 +120,4 @@ class HostDevice(Device):
         for first in range(0, blocks, _BLOCKS_AT_A_TIME):
             end = min(first + _BLOCKS_AT_A_TIME, blocks)
             run(words.ctypes.data, memory.ctypes.data, first, end, block, blocks)
+            program.check_faults()

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...extras import import_extra
+from ..device import DeviceError
 from .ptx_reader import PtxKernel, read_kernel
 from .ptx_translation import PARAMETERS, Translation
 
@@ -131,15 +132,22 @@ class PtxProgram:
     def __init__(self, code: bytes) -> None:
         kernel = read_kernel(code.decode())
         translation = Translation(kernel)
-        self.entry, self.meetings = kernel.entry, translation.meetings
+        self.entry, self.meetings, self._faults = kernel.entry, translation.meetings, translation.faults
         self.block_memory = sum(_rounded(size) for size in kernel.block_memory.values())
         form = _COROUTINE if self.meetings else _PLAIN
         body = form.substitute(variables=_variables(kernel), lines="\n".join(translation.lines))
-        self._engine = _compiled(f"{body}\n{_declarations(body)}")
+        self._engine = _compiled(f"@fault = global i32 0\n{body}\n{_declarations(body)}")
+        self._fault = ctypes.c_int32.from_address(self._engine.get_global_value_address("fault"))
 
     def function(self, name: str, *kinds: Any) -> Any:
         """A function of the machine code without a result, whose parameters are of kinds of ctypes."""
         return ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address(name))
+
+    def check_faults(self) -> None:
+        """Raise a DeviceError if a thread has used an address that a card would not take."""
+        if fault := self._fault.value:
+            self._fault.value = 0
+            raise DeviceError(f"{self.entry}: an address is null or misaligned in {self._faults[fault - 1]}")
 
 
 def _rounded(size: int) -> int:

@@ -20,6 +20,7 @@ _UNSIGNED_NAMES = {"lo": "lt", "ls": "le", "hi": "gt", "hs": "ge"}
 _ROUNDINGS = {"rni": "roundeven", "rzi": "trunc", "rmi": "floor", "rpi": "ceil"}
 _ATOMICS = {"exch": "xchg", "add": "add", "and": "and", "or": "or", "xor": "xor"}
 _SPECIAL = {"%tid.x": "%tid", "%ctaid.x": "%ctaid", "%ntid.x": "%ntid", "%nctaid.x": "%nctaid", "%laneid": "%laneid"}
+_FIRST_PAGE = 4096  # no array lies below it
 
 PARAMETERS = "ptr %words, ptr %block_memory, i32 %tid, i32 %ctaid, i32 %ntid, i32 %nctaid"
 """Parameters of a thread's function: the kernel's arguments, the memory of its block, and its place in the launch."""
@@ -41,12 +42,14 @@ class Translation:
     """The body of a thread's function.
 
     lines : of LLVM IR
+    faults : instructions that read or write memory; a wrong address leaves its number, from 1 on, in ``@fault``
     meetings : the places where threads meet. There, the thread stores (place + 1, first word, second word) in its
         `ThreadState` and suspends; the result is read from there.
     """
 
     def __init__(self, kernel: PtxKernel) -> None:
         self.lines: list[str] = []
+        self.faults: list[str] = []
         self.meetings: list[Meeting] = []
         self._kernel, self._count = kernel, 0
         for each in kernel.instructions:
@@ -131,6 +134,20 @@ class Translation:
             place = self._value(f"add i64 {place}, {int(offset)}")
         return self._value(f"inttoptr i64 {place} to ptr")
 
+    def _check_address(self, pointer: str, alignment: int, each: Instruction) -> None:
+        """End the thread, and leave the number of the fault, where a card would fault."""
+        self.faults.append(each.line)
+        number = self._value(f"ptrtoint ptr {pointer} to i64")
+        odd = self._value(f"and i64 {number}, {alignment - 1}")
+        misaligned = self._value(f"icmp ne i64 {odd}, 0")
+        null = self._value(f"icmp ult i64 {number}, {_FIRST_PAGE}")
+        wrong, fault, right = self._value(f"or i1 {misaligned}, {null}"), self._new_block(), self._new_block()
+        self._put(f"br i1 {wrong}, label %{fault}, label %{right}")
+        self._start(fault)
+        self._put(f"store i32 {len(self.faults)}, ptr @fault")
+        self._put("br label %ended")
+        self._start(right)
+
     # Control
 
     def _guarded(self, each: Instruction) -> None:
@@ -201,6 +218,8 @@ class Translation:
         names = _listed(registers) if registers.startswith("{") else [registers]
         _require(len(names) == next((counts[each] for each in modifiers if each in counts), 1))
         pointer = self._parameter(place) if "param" in modifiers else self._address(place)
+        if "global" in modifiers or "shared" in modifiers:
+            self._check_address(pointer, width // 8 * len(names), each)
         for k, name in enumerate(names):
             at = self._value(f"getelementptr i8, ptr {pointer}, i64 {k * width // 8}")
             align = min(width // 8 * len(names), 16) if k == 0 else width // 8
@@ -222,6 +241,7 @@ class Translation:
         to, place, *values = each.operands if each.operation[0] == "atom" else ("_", *each.operands)
         width = bits_of(kind)
         pointer, numbers = self._address(place), [self._read(value, width) for value in values]
+        self._check_address(pointer, width // 8, each)
         if operation == "cas":
             pair = self._value(f"cmpxchg ptr {pointer}, i{width} {numbers[0]}, i{width} {numbers[1]} seq_cst seq_cst")
             old = self._value(f"extractvalue {{ i{width}, i1 }} {pair}, 0")

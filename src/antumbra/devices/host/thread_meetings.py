@@ -46,9 +46,11 @@ class MeetingThreads:
         try:
             for thread in order.permutation(size).tolist():
                 self._start(words.ctypes.data, memory.ctypes.data, states.ctypes.data, thread, index, size, blocks)
+            self._program.check_faults()
             while states["place"].any():
                 ready = order.permutation(self._met(states))
                 self._resume(states.ctypes.data, ready.ctypes.data, len(ready))
+                self._program.check_faults()
         finally:
             for handle in states["handle"][states["place"] > 0].tolist():
                 self._destroy(handle)

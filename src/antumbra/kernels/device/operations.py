@@ -43,7 +43,7 @@ def _make_index(name: str, doc: str) -> Any:
 block_index = _make_index("block_index", "The index of this thread's block, an int64.")
 block_size = _make_index("block_size", "The number of threads in a block.")
 index_in_block = _make_index("index_in_block", "The index of this thread in its block.")
-lane_count = _make_index("lane_count", "The number of lanes in a subgroup: a power of two, at most 32.")
+lane_count = _make_index("lane_count", "The number of lanes in a subgroup: a power of two, at most 64.")
 lane_index = _make_index("lane_index", "The index of this thread in its subgroup.")
 
 
@@ -86,7 +86,7 @@ def ballot(typingctx, condition):
         reject("ballot", condition, cure="needs a boolean")
 
     def codegen(context, builder, sig, values):
-        return builder.zext(_call(builder, "ballot", I32, [values[0]], "convergent"), I64)
+        return _call(builder, "ballot", I64, [values[0]], "convergent")
 
     return types.int64(condition), codegen
 

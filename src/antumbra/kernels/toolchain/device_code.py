@@ -95,15 +95,16 @@ def _installed_list() -> LibraryList | None:
 
 
 def _shipped(name: str, key: str, form: Form) -> DeviceCode | None:
-    """The code in the installed package; None if it lacks the kernel."""
+    """The code in the installed package; None if it lacks the kernel, or is damaged."""
     contents = _installed_list()
     entry = contents and contents.kernels.get(name_of(name, key))
     if not entry:
         return None
     try:
-        return _described(form, key, entry.symbol, (DEVICE_LIBRARY / f"{entry.symbol}.{form}").read_bytes())
+        code = (DEVICE_LIBRARY / f"{entry.symbol}.{form}").read_bytes()
     except OSError:
         return None
+    return _described(form, key, entry.symbol, code) if entry.symbol.encode() in code else None
 
 
 def write_device_library(requests: Iterable[KernelRequest], files: list[str], digest: str, folder: Path) -> None:
@@ -123,7 +124,7 @@ def write_device_library(requests: Iterable[KernelRequest], files: list[str], di
 # --- The user's cache, and the compiler -------------------------------------------------------------------------------
 
 
-_COMPILER = "address_spaces", "device_ir", "ptx_target", "spirv_target"
+_COMPILER = "address_spaces", "device_emission", "device_ir", "ptx_target", "spirv_target"
 
 
 def _digest(function: kernel, key: str) -> str:
@@ -147,24 +148,36 @@ def _cached_or_compiled(function: kernel, key: str) -> dict[Form, DeviceCode]:
             "pip install 'antumbra[jit]'"
         )
     digest = _digest(function, key)
-    folders = {form: KernelFolder(cache_folder(), form) for form in FORMS}
-    entry, found = symbol_of(digest), {form: folder.get(digest) for form, folder in folders.items()}
-    codes = {form: code.machine for form, code in found.items() if code is not None}
-    if len(codes) < len(FORMS):
-        codes = _compiled(function, key, entry)
-        for form, folder in folders.items():
-            try:
-                folder.put(digest, KernelCode(function.name, key, NONE, codes[form]))
-            except OSError:  # the folder is not writable: the code is compiled each time
-                break
+    entry, folders = symbol_of(digest), {form: KernelFolder(cache_folder(), form) for form in FORMS}
+    codes = _cached(digest, folders)
+    if codes is None:
+        try:
+            with folders[FORMS[0]].lock(digest):  # another process may be compiling it
+                codes = _cached(digest, folders) or _compiled(function, key, entry)
+                for form, folder in folders.items():
+                    folder.put(digest, KernelCode(function.name, key, NONE, codes[form]))
+        except OSError:  # the folder is not writable: the code is compiled each time
+            codes = codes or _compiled(function, key, entry)
     return {form: _described(form, key, entry, codes[form]) for form in FORMS}
+
+
+def _cached(digest: str, folders: dict[Form, KernelFolder]) -> dict[Form, bytes] | None:
+    """The code in the user's cache; None unless it has all forms."""
+    found = {form: folder.get(digest) for form, folder in folders.items()}
+    codes: dict[Form, bytes] = {form: code.machine for form, code in found.items() if code is not None}
+    return codes if len(codes) == len(FORMS) else None
 
 
 def _compiled(function: kernel, key: str, entry: str) -> dict[Form, bytes]:
     """The code of a kernel in all forms, compiled here."""
+    from .device_emission import EmissionError, emit_modules
     from .device_ir import device_ir
-    from .ptx_target import emit_ptx
-    from .spirv_target import emit_spirv
+    from .ptx_target import ptx_module
+    from .spirv_target import spirv_module
 
     assembly = device_ir(function, key, entry)
-    return {"ptx": emit_ptx(assembly, entry), "spirv": emit_spirv(assembly, entry)}
+    try:
+        ptx, spirv = emit_modules([ptx_module(assembly, entry), spirv_module(assembly, entry)])
+    except EmissionError as error:
+        raise EmissionError(f"{function.name} needs something that devices lack: {error}") from None
+    return {"ptx": ptx, "spirv": spirv}

@@ -41,17 +41,44 @@ define linkonce_odr float @sqrtf(float %x) alwaysinline {
 """Functions of the C library that are single operations of a device."""
 
 
-_EXACT = re.compile(
-    r"llvm\.(?:fma|fmuladd|sqrt|fabs|copysign|floor|ceil|trunc|rint|roundeven|minnum|maxnum|minimum|maximum|minimumnum"
-    r"|maximumnum|fpto[su]i\.sat|abs|[su]min|[su]max|ctpop|ctlz|cttz|fshl|fshr|bswap|bitreverse|[su](?:add|sub|mul)"
-    r"\.with\.overflow|[su](?:add|sub)\.sat|mem\w+|assume|lifetime\.\w+|prefetch|experimental\.noalias\.scope\.decl)\."
+EXACT_OF_FLOATS = (
+    *("fma", "fmuladd", "sqrt", "fabs", "copysign", "floor", "ceil", "trunc", "rint", "nearbyint", "roundeven"),
+    *("minnum", "maxnum", "minimum", "maximum", "fptosi.sat", "fptoui.sat"),
 )
-"""LLVM's intrinsics of which both targets make exact operations. Of another, such as a sine, LLVM ends the process."""
+EXACT_OF_INTEGERS = (
+    *("abs", "smin", "smax", "umin", "umax", "ctpop", "ctlz", "cttz", "sadd.sat", "ssub.sat", "uadd.sat", "usub.sat"),
+    *("smul.with.overflow", "umul.with.overflow", "uadd.with.overflow", "usub.with.overflow"),
+)
+"""LLVM's intrinsics of which both targets make exact operations. For some others, LLVM ends the process."""
+
+_OF_MEMORY = (
+    "memcpy",
+    "memmove",
+    "memset",
+    "assume",
+    "lifetime.start",
+    "lifetime.end",
+    "prefetch",
+    "experimental.noalias",
+)
+_KNOWN = re.compile(
+    rf"llvm\.(?:{'|'.join(map(re.escape, (*EXACT_OF_FLOATS, *EXACT_OF_INTEGERS, *_OF_MEMORY)))})(?:\.|$)"
+)
+_REFUSED = {
+    r"\bbitcast <\d+ x i1>": "the bits of a mask",
+    r"(?<![%@.\w])i(?!(?:1|8|16|32|64)\b)\d+\b": "integers of odd widths",
+    r"\b(?:half|bfloat|fp128|x86_fp80)\b": "floats of other widths",
+    r"<\d+ x ptr>": "vectors of pointers",
+    r"\bfrem\b": "remainders of floats",
+    r"\batomicrmw f": "atomic operations on floats",
+    r"^@": "tables of constants",
+}
+"""What a target cannot do: pattern in LLVM assembly -> its name."""
 
 
 @cache
 def target_machine() -> llvm.TargetMachine:
-    """The machine that modules are optimised for, and PTX is emitted for."""
+    """The machine that modules are optimised for."""
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     return llvm.Target.from_triple(TRIPLE).create_target_machine(cpu=PROCESSOR, features=FEATURES, opt=3)
@@ -93,7 +120,7 @@ def _wrapper(body: str, entry: str, words: int) -> str:
 declare i64 @{body}(ptr, ptr)
 declare void @{_RAISED}()
 
-define void @{entry}({parameters}) {{
+define void @{entry}({parameters}) "no-jump-tables"="true" {{
   %words = alloca [{max(words, 1)} x i64]
   %result = alloca i64
 {stores}
@@ -136,12 +163,15 @@ def device_ir(function: kernel, key: str, entry: str) -> str:
     inline_everything(module, entry)
     _optimise(module)
     declared = [each.name for each in module.functions if each.is_declaration]
-    foreign = [name for name in declared if not name.startswith(PREFIX) and not _EXACT.match(f"{name}.")]
+    foreign = [name for name in declared if not name.startswith(PREFIX) and not _KNOWN.match(name)]
     if foreign:
         raise TypeError(f"{function.name} needs {', '.join(foreign)}: a device has no such function")
     if _RAISED in declared:
         raise TypeError(f"{function.name} may raise: a device kernel cannot")
     assembly = without_target(str(module)).replace("@llvm.fmuladd.", "@llvm.fma.")
+    for pattern, what in _REFUSED.items():
+        if re.search(pattern, assembly, re.M):
+            raise TypeError(f"{function.name} needs {what}: device kernels have none")
     try:
         return with_address_spaces(assembly)
     except TypeError as error:
@@ -163,4 +193,5 @@ def _optimise(module: llvm.ModuleRef) -> None:
         else:
             passes.add_global_dead_code_eliminate_pass()
             passes.add_strip_dead_prototype_pass()
+            passes.add_strip_symbols_pass()  # Numba numbers its names in the order of compilation
         passes.run(module, builder)

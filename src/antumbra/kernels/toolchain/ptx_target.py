@@ -1,7 +1,8 @@
 """PTX: the code of NVIDIA's cards as text, which their driver compiles. Any card from Turing on takes it."""
 
 from ..device.operations import PREFIX
-from .device_ir import inline_everything, parsed, target_machine
+from .device_emission import TargetModule
+from .device_ir import FEATURES, PROCESSOR, TRIPLE, inline_everything, parsed, without_target
 
 
 def _index(name: str, register: str) -> str:
@@ -30,9 +31,10 @@ define i32 @{PREFIX}shuffle(i32 %value, i32 %lane) alwaysinline convergent {{
 }}
 
 declare i32 @llvm.nvvm.vote.ballot.sync(i32, i1) convergent
-define i32 @{PREFIX}ballot(i1 %condition) alwaysinline convergent {{
+define i64 @{PREFIX}ballot(i1 %condition) alwaysinline convergent {{
   %bits = call i32 @llvm.nvvm.vote.ballot.sync(i32 -1, i1 %condition)
-  ret i32 %bits
+  %wide = zext i32 %bits to i64
+  ret i64 %wide
 }}
 
 declare void @llvm.nvvm.barrier.cta.sync.aligned.all(i32) convergent
@@ -44,9 +46,9 @@ define void @{PREFIX}barrier() alwaysinline convergent {{
 """The functions of `antumbra.kernels.device`: all 32 lanes of a warp meet, and all threads of a block."""
 
 
-def emit_ptx(assembly: str, entry: str) -> bytes:
-    """PTX of a module made by `device_ir`."""
+def ptx_module(assembly: str, entry: str) -> TargetModule:
+    """The module of a kernel for PTX, from the assembly that `device_ir` made."""
     module = parsed(assembly.replace(f"define void @{entry}(", f"define ptx_kernel void @{entry}(", 1))
     module.link_in(parsed(_OPERATIONS))
     inline_everything(module, entry)
-    return str(target_machine().emit_assembly(module)).encode()
+    return TargetModule(TRIPLE, PROCESSOR, FEATURES, without_target(str(module)))

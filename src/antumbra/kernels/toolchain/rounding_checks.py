@@ -127,11 +127,20 @@ _DECORATIONS = {_BUILT_IN, _ROUNDING_MODE, _LINKAGE, 19, 22, 28, 38, 44, 45, 446
 """Decorations without effect on floats; saturated conversion (28) is exact. Fast mathematics (40) is not among them."""
 
 
+_WITHOUT_RESULT = {0, 3, 4, 5, 6, 10, 14, 15, 16, 17, 56, 62, 63, 64, 71, 72, 224, 225, 228, *range(246, 258)} - {248}
+_WITHOUT_TYPE = {11, 248, *range(19, 34)}  # imports, labels and types: the result is their first operand
+
+
 class _Words(NamedTuple):
     """An instruction of SPIR-V: its opcode and operands."""
 
     opcode: int
     operands: tuple[int, ...]
+
+    @property
+    def result(self) -> int | None:
+        """The number of what it defines; None if it defines nothing."""
+        return None if self.opcode in _WITHOUT_RESULT else self.operands[self.opcode not in _WITHOUT_TYPE]
 
     def text(self, first: int) -> str:
         """The text in the operands from `first` on."""
@@ -169,9 +178,14 @@ def _check_spirv(code: DeviceCode) -> None:
         raise InexactCode(f"SPIR-V of {code.entry} allows contraction")
     if sum(each.opcode == _FUNCTION for each in instructions) != 1:
         raise InexactCode(f"SPIR-V of {code.entry} has other functions")
+    defined = set[int]()
     for each in instructions:
         if not _is_exact(each, built_in):
             raise InexactCode(f"SPIR-V of {code.entry}: not known to be exact: opcode {each.opcode} {each.operands}")
+        if each.result in defined:  # LLVM has made such modules, and drivers crash
+            raise InexactCode(f"SPIR-V of {code.entry} defines number {each.result} twice")
+        if each.result is not None:
+            defined.add(each.result)
 
 
 def _is_exact(each: _Words, built_in: set[int]) -> bool:

@@ -1,8 +1,7 @@
 """SPIR-V: device code that drivers of OpenCL 2.1 and later take, if they support intermediate languages."""
 
-import llvmlite.binding as llvm
-
 from ..device.operations import PREFIX
+from .device_emission import TargetModule
 from .device_ir import inline_everything, parsed, without_target
 
 TRIPLE, TRIPLE_OF_LANES = "spirv64v1.0-unknown-unknown", "spirv64v1.3-unknown-unknown"
@@ -46,11 +45,16 @@ define i32 @{PREFIX}shuffle(i32 %value, i32 %lane) alwaysinline convergent {{
 }}
 
 declare spir_func <4 x i32> @_Z16sub_group_balloti(i32) convergent
-define i32 @{PREFIX}ballot(i1 %condition) alwaysinline convergent {{
+define i64 @{PREFIX}ballot(i1 %condition) alwaysinline convergent {{
   %number = zext i1 %condition to i32
-  %bits = call spir_func <4 x i32> @_Z16sub_group_balloti(i32 %number)
-  %first = extractelement <4 x i32> %bits, i32 0
-  ret i32 %first
+  %words = call spir_func <4 x i32> @_Z16sub_group_balloti(i32 %number)
+  %low = extractelement <4 x i32> %words, i32 0
+  %high = extractelement <4 x i32> %words, i32 1
+  %low64 = zext i32 %low to i64
+  %high64 = zext i32 %high to i64
+  %shifted = shl i64 %high64, 32
+  %bits = or i64 %shifted, %low64
+  ret i64 %bits
 }}
 
 declare spir_func void @_Z7barrierj(i32) convergent
@@ -62,15 +66,10 @@ define void @{PREFIX}barrier() alwaysinline convergent {{
 """The functions of `antumbra.kernels.device` by OpenCL's, with their names in C++. The barrier is for both memories."""
 
 
-def emit_spirv(assembly: str, entry: str) -> bytes:
-    """SPIR-V of a module made by `device_ir`."""
+def spirv_module(assembly: str, entry: str) -> TargetModule:
+    """The module of a kernel for SPIR-V, from the assembly that `device_ir` made."""
     module = parsed(assembly.replace(f"define void @{entry}(", f"define spir_kernel void @{entry}(", 1))
     module.link_in(parsed(_OPERATIONS))
     inline_everything(module, entry)
-    # LLVM emits SPIR-V of a module once only, and keeps pointers to it in the machine
-    fresh = llvm.parse_assembly(without_target(str(module)))
     triple = TRIPLE_OF_LANES if any(name in assembly for name in _LANES) else TRIPLE
-    machine = llvm.Target.from_triple(triple).create_target_machine(opt=3)
-    fresh.triple, fresh.data_layout = triple, str(machine.target_data)
-    fresh.verify()
-    return bytes(machine.emit_object(fresh))
+    return TargetModule(triple, "", "", without_target(str(module)))
