@@ -233,7 +233,7 @@ def test_a_cache_that_cannot_be_written_is_no_error(empty_cache):
 
 
 def test_a_kernel_that_another_process_has_compiled_meanwhile_is_not_compiled_again(empty_cache, monkeypatch):
-    code, lock = codes._cached_or_compiled(two_numbers, "i i"), kernel_cache.KernelFolder.lock
+    code, lock = codes.load_or_compile_forms(two_numbers, "i i"), kernel_cache.KernelFolder.lock
     stored = {file: file.read_bytes() for file in empty_cache.rglob("*.kernel")}
     for file in stored:
         file.unlink()
@@ -245,7 +245,7 @@ def test_a_kernel_that_another_process_has_compiled_meanwhile_is_not_compiled_ag
 
     monkeypatch.setattr(kernel_cache.KernelFolder, "lock", lock_after_the_other_process)
     monkeypatch.setattr(codes, "_compiled", lambda *arguments: pytest.fail("it is compiled again"))
-    assert len(stored) == 2 and codes._cached_or_compiled(two_numbers, "i i") == code
+    assert len(stored) == 2 and codes.load_or_compile_forms(two_numbers, "i i") == code
 
 
 def test_a_kernel_that_is_not_installed_needs_a_compiler(empty_cache, monkeypatch):

@@ -82,8 +82,8 @@ def _root_space(text: str) -> int | None:
         return OWN
     if _LOCAL_CALL.search(text):
         return LOCAL_MEMORY
-    if re.match(r"(?:tail )?(?:call|load) (?:[\w()]+ )*ptr\b", text) or re.search(r"x ptr>", text):
-        raise TypeError(f"a device kernel computes a pointer in a way that has no address space: {text}")
+    if re.match(r"(?:tail )?(?:call|load) (?:[\w()]+ )*ptr\b", text):
+        raise TypeError(f"a device kernel keeps a pointer in memory, where its kind is not known: {text}")
     return None
 
 

@@ -4,20 +4,17 @@ Both forms come from one module of LLVM's (`device_ir`), so they are compiled to
 machine code: the form takes the place of the processor's level. A driver compiles them for its card.
 """
 
-from collections.abc import Iterable
 from functools import cache
 from hashlib import blake2b
-from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 from ...errors import InputError
 from ..jit import kernel
-from ..marshalling import NONE, flatten, import_object, struct_of, text_of
+from ..marshalling import NONE, flatten, struct_of, text_of
 from ..processor import LIBRARIES
-from .compile_pool import KernelRequest
 from .kernel_cache import KernelCode, KernelFolder, cache_folder, symbol_of
 from .kernel_digest import kernel_digest, module_digest
-from .kernel_library import LibraryKernel, LibraryList, name_of
+from .kernel_library import LibraryList, name_of
 from .kernel_loading import has_compiler
 
 Form: TypeAlias = Literal["ptx", "spirv"]
@@ -55,6 +52,13 @@ class DeviceKernel(NamedTuple):
         """The code in a form."""
         return _code(self.kernel, self.key, form)
 
+    def is_on_disk(self) -> bool:
+        """Whether the code in all forms is in the installed package or in the user's cache."""
+        name, key = self.kernel.name, self.key
+        if all(_shipped(name, key, form) for form in FORMS):
+            return True
+        return has_compiler() and all(folder.has(_digest(self.kernel, key)) for folder in _folders().values())
+
 
 def device_code(function: kernel, arguments: tuple[Any, ...], form: Form) -> DeviceCode:
     """The code of a kernel in a form, loaded or compiled.
@@ -79,7 +83,7 @@ def device_code(function: kernel, arguments: tuple[Any, ...], form: Form) -> Dev
 
 @cache
 def _code(function: kernel, key: str, form: Form) -> DeviceCode:
-    return _shipped(function.name, key, form) or _cached_or_compiled(function, key)[form]
+    return _shipped(function.name, key, form) or load_or_compile_forms(function, key)[form]
 
 
 # --- The installed package --------------------------------------------------------------------------------------------
@@ -107,24 +111,15 @@ def _shipped(name: str, key: str, form: Form) -> DeviceCode | None:
     return _described(form, key, entry.symbol, code) if entry.symbol.encode() in code else None
 
 
-def write_device_library(requests: Iterable[KernelRequest], files: list[str], digest: str, folder: Path) -> None:
-    """Write the code of kernels in both forms, and their list, for an installed package.
-
-    files, digest : of the list, as for a `LibraryList`
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    contents = LibraryList(files, digest, {})
-    for each in requests:
-        for form, code in _cached_or_compiled(import_object(each.kernel), each.key).items():
-            (folder / f"{code.entry}.{form}").write_bytes(code.code)
-            contents.kernels[name_of(each.kernel, each.key)] = LibraryKernel(code.entry, NONE)
-    contents.write(folder)
-
-
 # --- The user's cache, and the compiler -------------------------------------------------------------------------------
 
 
 _COMPILER = "address_spaces", "device_emission", "device_ir", "ptx_target", "spirv_target"
+
+
+def _folders() -> dict[Form, KernelFolder]:
+    """The folders of the user's cache."""
+    return {form: KernelFolder(cache_folder(), form) for form in FORMS}
 
 
 def _digest(function: kernel, key: str) -> str:
@@ -140,7 +135,7 @@ def _described(form: Form, key: str, entry: str, code: bytes) -> DeviceCode:
     return DeviceCode(form, entry, words, code, entry.removeprefix(symbol_of("")))
 
 
-def _cached_or_compiled(function: kernel, key: str) -> dict[Form, DeviceCode]:
+def load_or_compile_forms(function: kernel, key: str) -> dict[Form, DeviceCode]:
     """The code in all forms. If it has been compiled here, it is in the user's cache afterwards."""
     if not has_compiler():
         raise InputError(
@@ -148,7 +143,7 @@ def _cached_or_compiled(function: kernel, key: str) -> dict[Form, DeviceCode]:
             "pip install 'antumbra[jit]'"
         )
     digest = _digest(function, key)
-    entry, folders = symbol_of(digest), {form: KernelFolder(cache_folder(), form) for form in FORMS}
+    entry, folders = symbol_of(digest), _folders()
     codes = _cached(digest, folders)
     if codes is None:
         try:

@@ -68,7 +68,7 @@ _REFUSED = {
     r"\bbitcast <\d+ x i1>": "the bits of a mask",
     r"(?<![%@.\w])i(?!(?:1|8|16|32|64)\b)\d+\b": "integers of odd widths",
     r"\b(?:half|bfloat|fp128|x86_fp80)\b": "floats of other widths",
-    r"<\d+ x ptr>": "vectors of pointers",
+    r"\bx ptr[\]>]|\{[^}\n]*\bptr\b": "vectors or structures of pointers",
     r"\bfrem\b": "remainders of floats",
     r"\batomicrmw f": "atomic operations on floats",
     r"^@": "tables of constants",

@@ -21,10 +21,10 @@ from ...extras import import_extra
 from ...files import temporary_folder
 from ...progress import report_progress
 from ..machine_code import SYSTEMS, library_destination
-from ..marshalling import import_object
+from ..marshalling import NONE, import_object
 from ..processor import LIBRARIES, library_path
 from .compile_pool import KernelRequest, compile_kernels
-from .device_code import DEVICE_LIBRARY, write_device_library
+from .device_code import DEVICE_LIBRARY, load_or_compile_forms
 from .kernel_cache import KernelCode, KernelFolder, cache_folder, symbol_of
 from .kernel_digest import homes_of, kernel_digest, reachable_functions
 from .kernel_library import LIST, PACKAGE, LibraryKernel, LibraryList, digest_of, name_of
@@ -184,7 +184,13 @@ def write_devices(folder: Path) -> None:
     """Write the code of all recorded kernels of devices, and their list, into a folder."""
     requests = package_manifest().devices
     files = _source_files(tuple(requests))
-    write_device_library(requests, files, digest_of(PACKAGE, files), folder)
+    contents = LibraryList(files, digest_of(PACKAGE, files), {})
+    folder.mkdir()
+    for each in requests:
+        for form, code in load_or_compile_forms(import_object(each.kernel), each.key).items():
+            (folder / f"{code.entry}.{form}").write_bytes(code.code)
+            contents.kernels[name_of(each.kernel, each.key)] = LibraryKernel(code.entry, NONE)
+    contents.write(folder)
 
 
 def _cached(requests: list[KernelRequest], destination: str) -> dict[str, KernelCode]:
