@@ -3,16 +3,16 @@
 import threading
 from typing import Any, NamedTuple
 
+from ..base.errors import InputError
+from ..base.forks import is_stuck, renew_after_fork
 from ..bvh.refit import refit_faces
 from ..bvh.tree_quality import sah_cost
 from ..devices.arrays import DeviceArray
-from ..errors import InputError
-from ..forks import is_stuck, renew_after_fork
 from ..kernels.array_pool import ArrayPool
 from ..query.ray_list import HitFilter, RayArguments, TracedRays, cull_value
 from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
-from ..trace.alpha_test import add_hits
+from ..trace.alpha_cutouts import add_hits
 from ..trace.device.resident_rays import ResidentRays, is_resident
 from .accelerator import Accelerated, Accelerator, SceneTrees
 from .device_tracers import OnDevice

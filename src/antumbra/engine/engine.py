@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array, byte_count, checked_instance, choice, whole_number
+from ..base.checks import as_array, byte_count, checked_instance, choice, whole_number
+from ..base.errors import InputError
+from ..base.forks import is_stuck, renew_after_fork
+from ..base.progress import ProgressCallback, show_progress, split_progress
 from ..devices.arrays import DeviceArray
 from ..devices.device import DeviceError
 from ..devices.device_list import default_device, using_device
-from ..errors import InputError
-from ..forks import is_stuck, renew_after_fork
 from ..kernels.parallel import thread_count
-from ..progress import ProgressCallback, show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
@@ -39,20 +39,20 @@ from .card_choice import CardChoice
 from .device_plans import cpu_plan, plan_on
 from .device_rays import DeviceRayLists
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
-from .in_memory_source import InMemory, update_job
-from .instanced_source import Instanced, SharedInstances, traces_instances
 from .plan import DEFAULT_PLAN, Plan, parse_plan
 from .plan_kernels import warm_up
 from .precompilation import precompile
 from .primary_visibility import AUTO, METHODS, precompiled_method
 from .scene_reading import data_of
-from .terrain_shadows import TerrainShadows
+from .sources.in_memory_source import InMemory, update_warm_up
+from .sources.instanced_source import Instanced, SharedInstances, traces_instances
+from .sources.terrain_shadows import TerrainShadows
 from .visibility import Visibility, visibility_of
 
 if TYPE_CHECKING:
     from ..scene.moved_geometry import ObjectChoice
     from ..store.store_file import StoreData
-    from .paged_source import Paged
+    from .sources.paged_source import Paged
 
 
 _MAX_OTHER_ENGINES = 8  # engines of other plans that an engine caches
@@ -421,7 +421,7 @@ class Engine:
     ) -> None:
         """Move the geometry of the scene; `antumbra.Scene.update` documents the parameters."""
         if not self.source.in_store:
-            precompile(update_job)
+            precompile(update_warm_up)
         with self._updates:
             self.data.update(vertices, objects, transform, self.threads if threads is None else threads)
 
@@ -608,6 +608,6 @@ def _trees_of(data: SceneData) -> SceneTrees | SharedInstances | None:
 
 
 def _paged() -> "type[Paged]":
-    from .paged_source import Paged  # imported late: scenes in memory start faster without it
+    from .sources.paged_source import Paged  # imported late: scenes in memory start faster without it
 
     return Paged
