@@ -415,6 +415,24 @@ def store(results: dict[str, Any]) -> str:
     return table(title, results["machine"], ["step", "time", "size"], rows)
 
 
+DEVICES = """Speed on a card is not yet measured. Registers can be counted without one, by ptxas: a multiprocessor has
+65,536, so with 64 per thread it runs 1,024 threads, which hide the latency of memory. No kernel spills.
+"""
+
+
+def devices() -> str:
+    results = load("device-code")
+    architectures = list(dict.fromkeys(row["architecture"] for row in results["rows"]))
+    rows = []
+    for name in dict.fromkeys(row["kernel"] for row in results["rows"]):
+        of_kernel = [row for row in results["rows"] if row["kernel"] == name]
+        assert not any(row["spill_bytes"] for row in of_kernel), f"{name} spills registers"
+        sizes = [f"{of_kernel[0][size] / 1e3:.0f} kB" for size in ("ptx_bytes", "spirv_bytes")]
+        rows.append([f"`{name}`", *(str(row["registers"]) for row in of_kernel), *sizes])
+    columns = ["kernel", *(f"`{each}`" for each in architectures), "PTX", "SPIR-V"]
+    return table("Registers per thread of the kernels of devices", results["machine"], columns, rows)
+
+
 class Rerun(NamedTuple):
     """The run of a benchmark that replaces a transcribed table."""
 
@@ -452,7 +470,7 @@ def page() -> str:
         server(),
         server_scaling(),
     ]
-    parts += [sun(), startup(), *transcribed("speed"), "## Wrong answers\n"]
+    parts += [sun(), startup(), *transcribed("speed"), "## Devices\n", DEVICES, devices(), "## Wrong answers\n"]
     parts += ["[](wrong-elsewhere.md) explains the cases of the first table.\n", *wrong(), sun_rays()]
     parts += ["## Papers\n", "Each page has the tables of a paper beside ours.\n", "\n".join(papers()) + "\n"]
     parts += ["## Radiometry\n", *transcribed("radiometry"), "## Scale\n", scale(), *transcribed("scale")]

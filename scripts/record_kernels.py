@@ -1,4 +1,5 @@
 """Records the kernels that each job calls, with their sizes, in src/antumbra/kernels/needs.json and papers/needs.json.
+The first file also lists the kernels of devices.
 
 python scripts/record_kernels.py [--check] [--only TEXT]
 
@@ -12,6 +13,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -74,13 +76,21 @@ def measured(kernels: list[tuple[str, str]]) -> dict[tuple[str, str], dict]:
     return sizes
 
 
-def written(file: Path, jobs: list[str], calls: dict, sizes: dict) -> None:
-    """Write the kernels of some jobs to a file."""
+def device_kernels() -> list[tuple[str, str]]:
+    """The kernels of devices: (name, argument types)."""
+    from antumbra.trace.device.device_kernels import DEVICE_KERNELS
+
+    return sorted({(each.kernel.name, each.key) for each in DEVICE_KERNELS})
+
+
+def written(file: Path, jobs: list[str], calls: dict, sizes: dict, devices: Sequence[tuple[str, str]] = ()) -> None:
+    """Write the kernels of some jobs, and those of devices, to a file."""
     kernels = sorted({kernel for name in jobs for kernel in calls[name]})
     place = {kernel: i for i, kernel in enumerate(kernels)}
     record = {
         "kernels": [[*kernel, sizes[kernel]] for kernel in kernels],
         "jobs": {name: [place[kernel] for kernel in calls[name]] for name in jobs},
+        "devices": [list(each) for each in devices],
     }
     file.write_text(json.dumps(record, indent=0) + "\n")
     print(f"{len(kernels)} kernels of {len(jobs)} jobs in {file}")
@@ -111,11 +121,13 @@ def main() -> int:
         calls |= dict(zip([names[i] for i in missing], pool.map(called, missing)))
     kernels = sorted({kernel for each in calls.values() for kernel in each})
     if options.check:
+        devices = {(each.kernel, each.key) for each in recorded_kernels().devices}
         new = [kernel for kernel in kernels if kernel not in known]
+        new += [kernel for kernel in device_kernels() if kernel not in devices]
         print("\n".join(f"not recorded: {name} {key}" for name, key in new) or "all called kernels are recorded")
         return bool(new)
     sizes |= measured([kernel for kernel in kernels if kernel not in sizes])
-    written(MANIFEST, product, calls, sizes)
+    written(MANIFEST, product, calls, sizes, device_kernels())
     written(PAPERS, [name for name in names if name not in product], calls, sizes)
     return 0
 

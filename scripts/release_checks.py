@@ -17,7 +17,7 @@ from release_libraries import header_fault
 MAX_MEGABYTES = {"sdist": 40, "pure": 4, "platform": 20}
 """Largest size of each kind of package. PyPI refuses files above 100 MB."""
 
-_LIBRARIES = "antumbra/kernels/libraries/"
+_LIBRARIES, _DEVICES = "antumbra/kernels/libraries/", "devices/"
 
 
 def check_package(package: Package, version: str) -> None:
@@ -70,6 +70,8 @@ def _check_libraries(archive: zipfile.ZipFile, name: str, system: str | None, ta
     from antumbra.kernels.toolchain.library_build import LINKERS
 
     found = {each.removeprefix(_LIBRARIES) for each in archive.namelist() if each.startswith(_LIBRARIES)}
+    devices = {each.removeprefix(_DEVICES) for each in found if each.startswith(_DEVICES)}
+    found = {each for each in found if not each.startswith(_DEVICES)}
     levels = () if system is None else SYSTEMS[system].levels
     expected = {f"libantumbra-{level}{LINKERS[system].suffix}" for level in levels}
     if found != (expected | {LIST} if expected else set()):
@@ -87,6 +89,26 @@ def _check_libraries(archive: zipfile.ZipFile, name: str, system: str | None, ta
         raise ReleaseError(f"{name}: its libraries are of other sources than those beside them")
     if len(contents["kernels"]) != len(package_manifest().kernels):
         raise ReleaseError(f"{name}: has {len(contents['kernels'])} kernels, not {len(package_manifest().kernels)}")
+    _check_devices(archive, name, devices)
+
+
+def _check_devices(archive: zipfile.ZipFile, name: str, found: set[str]) -> None:
+    """Check that there is PTX and SPIR-V of each kernel of devices, of the sources in the wheel."""
+    from antumbra.kernels.toolchain.device_code import FORMS
+    from antumbra.kernels.toolchain.kernel_library import LIST
+    from antumbra.kernels.toolchain.kernel_manifest import package_manifest
+
+    if LIST not in found:
+        raise ReleaseError(f"{name}: has no list of the kernels of devices")
+    contents = json.loads(archive.read(_LIBRARIES + _DEVICES + LIST))
+    expected = {f"{symbol}.{form}" for symbol, _ in contents["kernels"].values() for form in FORMS}
+    if found != expected | {LIST}:
+        raise ReleaseError(f"{name}: has the device code {sorted(found)}, not {sorted(expected)}")
+    if contents["digest"] != _digest_inside(archive, contents["files"]):
+        raise ReleaseError(f"{name}: its device code is of other sources than those beside it")
+    if len(contents["kernels"]) != len(package_manifest().devices):
+        found_kernels, recorded = len(contents["kernels"]), len(package_manifest().devices)
+        raise ReleaseError(f"{name}: has {found_kernels} kernels of devices, not {recorded}")
 
 
 def _digest_inside(archive: zipfile.ZipFile, files: list[str]) -> str:

@@ -11,8 +11,9 @@ from antumbra.engine.method_registry import add_plugins
 from antumbra.engine.precompilation import compile_missing, missing_of
 from antumbra.generate.procedural_scenes import load_plugin_scenes
 from antumbra.kernels.toolchain import kernel_manifest
+from devices import opened
 
-pytest_plugins = ["command_line"]
+pytest_plugins = ["command_line", "fake_cuda"]
 load_plugin_scenes()
 add_plugins()  # so that registries are the same in all tests, and the recorded kernels are those of all methods
 
@@ -20,6 +21,12 @@ add_plugins()  # so that registries are the same in all tests, and the recorded 
 settings.register_profile("ci", derandomize=True, deadline=None)
 if os.environ.get("CI"):
     settings.load_profile("ci")
+
+
+def pytest_runtest_setup(item):
+    """Skip tests of a device that is not there."""
+    for mark in item.iter_markers("device"):
+        opened(*mark.args)
 
 
 def pytest_configure(config):

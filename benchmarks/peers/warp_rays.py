@@ -53,3 +53,43 @@ def occluded(vertices: np.ndarray, origins: np.ndarray, directions: np.ndarray) 
     rays = (wp.array(np.ascontiguousarray(part), dtype=wp.vec3, device="cpu") for part in (origins, directions))
     wp.launch(_kernel(), dim=len(origins), inputs=[mesh.id, *rays, blocked], device="cpu")
     return blocked.numpy().astype(bool)
+
+
+@cache
+def _segments_kernel():
+    wp = library()
+
+    @wp.kernel
+    def ask_any(
+        mesh: wp.uint64,
+        origins: wp.array(dtype=wp.vec3),
+        directions: wp.array(dtype=wp.vec3),
+        blocked: wp.array(dtype=wp.uint8),
+    ):
+        i = wp.tid()
+        blocked[i] = wp.uint8(wp.mesh_query_ray_anyhit(mesh, origins[i], directions[i], 1.0))
+
+    return ask_any
+
+
+class Segments:
+    """Segments between points ((n, 3) float32 each), whose arrays stay on a device."""
+
+    def __init__(self, vertices: np.ndarray, origins: np.ndarray, targets: np.ndarray, device: str) -> None:
+        wp, self._device = library(), device
+        corners = np.arange(3 * len(vertices), dtype=np.int32)
+        points = wp.array(vertices.reshape(-1, 3), dtype=wp.vec3, device=device)
+        self._mesh = wp.Mesh(points, wp.array(corners, dtype=wp.int32, device=device))
+        self._rays = [wp.array(part, dtype=wp.vec3, device=device) for part in (origins, targets - origins)]
+        self._blocked = wp.zeros(len(origins), dtype=wp.uint8, device=device)
+
+    def blocked(self) -> None:
+        """Trace them, and wait for the answers, which stay on the device."""
+        wp = library()
+        arrays = [self._mesh.id, *self._rays, self._blocked]
+        wp.launch(_segments_kernel(), dim=len(self._blocked), inputs=arrays, device=self._device)
+        wp.synchronize_device(self._device)
+
+    def answers(self) -> np.ndarray:
+        """(n,) bool: whether each segment is blocked, from the latest trace."""
+        return self._blocked.numpy().astype(bool)

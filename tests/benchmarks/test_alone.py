@@ -2,10 +2,14 @@
 
 import json
 import re
+import shutil
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+
+from devices import opened
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
@@ -51,6 +55,14 @@ def test_memory(run, small):
     assert float(sizes["vertices"]) == 36 and float(sizes["nodes"]) > 0 and last.startswith("process grew by ")
 
 
+def test_device_code(run):
+    if not (shutil.which("ptxas") or find_spec("nvidia")):
+        pytest.skip("ptxas is not installed: registers of device kernels are NOT counted")
+    done = run("device_code", "--arch", "sm_90")
+    assert len(done.rows) > 5 and done.out.count("\n") == len(done.rows) + 1
+    assert all(0 < row["registers"] <= 255 and row["spill_bytes"] == 0 < row["ptx_bytes"] for row in done.rows)
+
+
 def test_auto(run, small):
     done = run("auto", "--scenes", small, "--size", 24, 16, "--cases", 8, "--rounds", 1)
     assert [row["job"] for row in done.rows] == [*["first"] * 3, *["kept"] * 2, "moving", "points", "surface"]
@@ -86,3 +98,15 @@ def test_viewshed(run):
     first, *peers = done.rows
     assert first["method"] == "antumbra" and first["same"] == 1.0 and 0.0 < first["visible"] < 1.0
     assert all(row["same"] > 0.9 and row["seconds"] > 0.0 for row in peers)
+
+
+@pytest.mark.parametrize("device", ["host", "opencl"])
+def test_device(run, small, device):
+    opened(device)
+    done = run("device", small, "--device", device, "--rays", 800, "--size", 12, 8, "--spp", 4, "--rounds", 1)
+    rows = {(row["case"], row["method"]): row for row in done.rows}
+    cases = "coherent", "random", "hostile", "closest"
+    methods = "device", "device, host arrays", "cpu"
+    assert rows.keys() == {(case, m) for case in cases for m in methods} | {("soft", m) for m in methods[1:]}
+    assert all(row["differs"] == 0 and row["mrays"] > 0.0 for row in done.rows)
+    assert rows["hostile", "device"]["undecided"] > rows["random", "device"]["undecided"]

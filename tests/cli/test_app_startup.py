@@ -10,7 +10,7 @@ from antumbra.base.command_registry import COMMANDS
 NEVER = {"scipy", "trimesh", "pydantic", "hypothesis", "matplotlib", "OpenEXR"}
 SLOW = {"numpy.ma", "rich", "antumbra.lab.papers", "antumbra.techniques.rayhierarchy"}
 EXTRAS = {"scipy", "OpenEXR", "matplotlib", "pvlib", "pandas", "pyproj", "mapbox_earcut", "pyarrow", "rasterio"}
-EXTRAS |= {"xatlas", "imageio_ffmpeg", "viser", "websockets", "ray", "DracoPy", "playwright"}  # all but the compiler
+EXTRAS |= {"xatlas", "imageio_ffmpeg", "viser", "websockets", "ray", "DracoPy", "playwright", "pyopencl"}  # no compiler
 
 
 def imported(*arguments: str, cwd) -> set[str]:

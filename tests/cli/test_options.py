@@ -26,7 +26,8 @@ COMMANDS: Any = typer.main.get_command(program())
 NAMES = {field.name for field in fields(RenderKeywords)}
 APART = {
     "render": {"layers"},
-    "compare": {"layers", "plan", "counters", "antialias", "background", "textures", "smooth_normals", "ground"},
+    "compare": {"layers", "plan", "device", "counters", "antialias", "background", "textures", "smooth_normals"}
+    | {"ground"},
 }
 """Options that a command does not have: EXR files have layers, and a comparison is of plans and their rays."""
 

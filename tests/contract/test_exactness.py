@@ -7,10 +7,14 @@ import antumbra as at
 from antumbra.engine.plan import Plan, covering_plans
 from antumbra.generate.procedural_scenes import PROCEDURAL
 from asking import answer, query_of
+from devices import device_plans
 from truths import LIGHTS, SIZE, asked_of, case_of, soup_scene
 
 PLANS = covering_plans()
-TRACING = [p for p in PLANS if p == Plan(trace=p.trace)]  # with the default tree; tests/lab/papers tests the others
+TRACING = [
+    *(p for p in PLANS if p == Plan(trace=p.trace)),  # with the default tree; tests/lab/papers tests the others
+    *device_plans(),
+]
 LIT = TRACING + [
     p for p in PLANS if p.cull == "grid32"
 ]  # methods that depend on lights; tests/techniques/culling tests all cullers

@@ -9,6 +9,7 @@ import antumbra as at
 import hostile
 import oracle
 from antumbra.engine.plan import covering_plans
+from devices import device_plans
 
 TRIANGLES, POINTS = 60, 16
 
@@ -28,7 +29,7 @@ def _asked(name):
 
 
 @pytest.mark.parametrize("name", hostile.SCENES)
-@pytest.mark.parametrize("plan", covering_plans(), ids=str)
+@pytest.mark.parametrize("plan", [*covering_plans(), *device_plans()], ids=str)
 def test_no_bit_differs(plan, name):
     scene, points, ends, truth = _asked(name)
     seen = at.visibility(scene, points, at.PointLights(ends), plan=plan).seen_samples

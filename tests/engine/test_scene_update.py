@@ -16,6 +16,7 @@ from antumbra.engine.plan import covering_plans, parse_plan
 from antumbra.engine.sources.in_memory_source import RAY_PLANS
 from antumbra.scene.scene_bounds import flush_to_zero
 from cutout_scenes import scene_with_cutouts
+from devices import device_plans
 from strategies import soups
 
 LAMP = at.QuadLight((-1, 6, -1), (2, 0, 0), (0, 0, 2))
@@ -193,7 +194,7 @@ def stages():
 REFITTING = [at.Plan(trace=name, update="refit") for name in ("chcrt", "multifrusta", "wide")]
 
 
-@pytest.mark.parametrize("plan", [*covering_plans(), *REFITTING], ids=str)
+@pytest.mark.parametrize("plan", [*covering_plans(), *REFITTING, *device_plans()], ids=str)
 def test_every_plan(stages, plan):
     """Engines and renderers that have answered before see each new geometry, and the first one when it returns."""
     vertices, points, bits, frames = stages

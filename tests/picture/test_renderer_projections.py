@@ -7,6 +7,7 @@ import antumbra as at
 import oracle
 from antumbra.engine.method_registry import TRACERS
 from antumbra.query.pixel_refinement import OFFSETS
+from devices import device_plans
 
 SIZE = 40, 24
 CAMERAS = {
@@ -60,7 +61,7 @@ def test_each_pixel_sees_what_its_ray_meets_first(scene, camera):
 
 
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
-@pytest.mark.parametrize("plan", [*PLANS, "grid32+bsah+multifrusta", "grid32+cones", "auto"])
+@pytest.mark.parametrize("plan", [*PLANS, "grid32+bsah+multifrusta", "grid32+cones", "auto", *device_plans(text=True)])
 def test_no_plan_changes_the_picture(scene, camera, plan):
     how = dict(spp=4, adaptive=16, filter=True, layers=True)
     first, frame = (at.render(scene, camera, LIGHTS, plan=each, **how) for each in ("bsah+single", plan))

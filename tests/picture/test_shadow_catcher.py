@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 import antumbra as at
 from antumbra.engine.method_registry import CULLERS, TRACERS
 from cutout_scenes import scene_with_cutouts
+from devices import device_plans
 
 SIZE = 48, 36
 LIGHTS = [
@@ -85,7 +86,7 @@ def usual(scene):
     return at.render(scene, camera(), LIGHTS, spp=4, adaptive=16, plan="bsah+single", ground=True)
 
 
-@pytest.mark.parametrize("plan", PLANS)
+@pytest.mark.parametrize("plan", [*PLANS, *device_plans(text=True)])
 def test_no_plan_changes_the_ground_and_the_ground_no_surface(scene, usual, plan):
     alone = at.render(scene, camera(), LIGHTS, spp=4, adaptive=16, plan=plan)
     frame = at.render(scene, camera(), LIGHTS, spp=4, adaptive=16, plan=plan, ground=True)

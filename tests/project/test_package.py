@@ -106,7 +106,7 @@ def test_what_tests_import_is_installed_for_them():
 
 def test_extras_for_users_are_explained():
     """In the package, for `antumbra doctor`, and in the documentation; ``all`` includes them all."""
-    for_developers = {"release", "build", "view-test", "peers", "all-peers", "docs", "test", "dev"}
+    for_developers = {"release", "build", "view-test", "peers", "all-peers", "opencl-cpu", "docs", "test", "dev"}
     extras = PROJECT["optional-dependencies"]
     assert EXTRAS.keys() == extras.keys() - for_developers
     assert re.fullmatch(r"antumbra\[(.*)\]", *extras["all"])[1].split(",") == [name for name in EXTRAS if name != "all"]

@@ -18,6 +18,7 @@ import pytest
 
 import antumbra as at
 from antumbra.kernels.machine_code import SYSTEMS
+from antumbra.kernels.toolchain import kernel_manifest
 from antumbra.kernels.toolchain.library_build import LINKERS
 from antumbra.store.store_format import VERSION
 from antumbra.work.executors import JOB_FORMAT
@@ -150,27 +151,47 @@ def test_faults_of_a_pure_wheel(tmp_path, changes, words):
             checks.check_package(package, "1.0")
 
 
+LIBRARIES, LINUX = "antumbra/kernels/libraries/", "linux-x86_64"
+ELFS = [f"{LIBRARIES}libantumbra-{level}.so" for level in SYSTEMS[LINUX].levels]
+
+
+def listed(kernels, digest="other"):
+    return json.dumps({"files": [], "digest": digest, "kernels": kernels}).encode()
+
+
+def fault(folder, changed):
+    """Why a wheel with libraries for Linux cannot be released; files of `changed` with None are left out."""
+    tag = build.build_hook().TAGS[LINUX]
+    files = CODE | {name: elf(62, b"GLIBC_2.17") for name in ELFS} | {f"{LIBRARIES}kernels.json": listed({})} | changed
+    path = write_wheel(folder, {n: d for n, d in files.items() if d}, f"py3-none-{tag}", "false")
+    with pytest.raises(build.ReleaseError) as caught:
+        checks.check_package(build.Package(path, LINUX), "1.0")
+    return str(caught.value)
+
+
 @needs_hatchling
 def test_a_platform_wheel_needs_all_levels_and_libraries_for_its_tag(tmp_path):
-    tag = build.build_hook().TAGS["linux-x86_64"]
-    levels = SYSTEMS["linux-x86_64"].levels
-    folder = "antumbra/kernels/libraries/"
-    files = {f"{folder}libantumbra-{level}.so": elf(62, b"GLIBC_2.17") for level in levels}
-    files |= {f"{folder}kernels.json": json.dumps({"files": [], "digest": "other", "kernels": {}}).encode()}
+    assert "of other sources than those beside them" in fault(tmp_path, {})
+    assert "has the libraries" in fault(tmp_path, {ELFS[0]: None})
+    assert "it is for manylinux aarch64, not manylinux x86_64" in fault(tmp_path, {ELFS[0]: elf(183, b"")})
+    assert "contains the path /home/a/b.py" in fault(tmp_path, {ELFS[0]: elf(62, b"\0/home/a/b.py\0")})
 
-    def fault(changed):
-        path = write_wheel(
-            tmp_path, {n: d for n, d in (CODE | files | changed).items() if d}, f"py3-none-{tag}", "false"
-        )
-        with pytest.raises(build.ReleaseError) as caught:
-            checks.check_package(build.Package(path, "linux-x86_64"), "1.0")
-        return str(caught.value)
 
-    library = f"{folder}libantumbra-{levels[0]}.so"
-    assert "of other sources than those beside them" in fault({})
-    assert "has the libraries" in fault({library: None})
-    assert "it is for manylinux aarch64, not manylinux x86_64" in fault({library: elf(183, b"")})
-    assert "contains the path /home/a/b.py" in fault({library: elf(62, b"\0/home/a/b.py\0")})
+@needs_hatchling
+def test_a_platform_wheel_needs_ptx_and_spirv_of_each_kernel_of_devices(tmp_path, monkeypatch):
+    monkeypatch.setattr(kernel_manifest, "package_manifest", lambda: kernel_manifest.KernelManifest([], {}, []))
+    none = hashlib.blake2b(digest_size=16).hexdigest()
+    ptx, spirv, names = (f"{LIBRARIES}devices/{name}" for name in ("k.ptx", "k.spirv", "kernels.json"))
+    whole = {
+        f"{LIBRARIES}kernels.json": listed({}, none),
+        ptx: b"a",
+        spirv: b"b",
+        names: listed({"k i": ["k", "n"]}, none),
+    }
+    assert "has no list of the kernels of devices" in fault(tmp_path, whole | {names: None})
+    assert "has the device code ['k.ptx', 'kernels.json']" in fault(tmp_path, whole | {spirv: None})
+    assert "its device code is of other sources" in fault(tmp_path, whole | {names: listed({"k i": ["k", "n"]})})
+    assert "has 1 kernels of devices, not 0" in fault(tmp_path, whole)
 
 
 def test_wheels_have_the_same_sources(tmp_path):
@@ -306,7 +327,7 @@ def test_the_page_of_installation_names_all_wheels_and_extras():
     page = (ROOT / "docs" / "install.md").read_text()
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert not [tag for tag in build.build_hook().TAGS.values() if f"`{tag}`" not in page]
-    for_developers = {"build", "release", "view-test", "peers", "all-peers", "docs", "test", "dev"}
+    for_developers = {"build", "release", "view-test", "peers", "all-peers", "opencl-cpu", "docs", "test", "dev"}
     extras = project["optional-dependencies"].keys() - for_developers
     assert not [extra for extra in extras if f"| `{extra}` |" not in page]
     python = [line.rpartition(" ")[2] for line in project["classifiers"] if re.search(r":: 3\.\d+$", line)]

@@ -33,8 +33,8 @@ THROUGH = {
         kernels/ticket_loops
     """,
     "frames, points and rays of an engine": """
-        engine/sources/paged_hits engine/plan_kernels engine/sources/point_shadows engine/refitted_rays engine/visibility
-        engine/joined_store_tree picture/frame_passes
+        engine/sources/paged_hits engine/plan_kernels engine/sources/point_shadows engine/refitted_rays
+        engine/visibility engine/joined_store_tree picture/frame_passes
         lab/culling_picture
     """,
     "files and arrays that load, from_raster, from_footprints and from_trees read": """

@@ -14,6 +14,7 @@ from antumbra.query.light_samples import light_samples
 from antumbra.query.query_bounds import MOST_RATIO, place
 from antumbra.scene import scene_bounds
 from antumbra.scene.scene_bounds import MIN_EXTENT, NEAREST, flush_to_zero
+from devices import device_plans
 from receivers import receivers_of
 
 RNG = np.random.default_rng(8)
@@ -94,7 +95,7 @@ def test_lights_next_to_zero_and_distant_ones():
     assert place(sun, origin, None, 2 * MOST_RATIO) is not None
 
 
-PLANS = [plan for plan in covering_plans() if plan == Plan(trace=plan.trace)]
+PLANS = [*(plan for plan in covering_plans() if plan == Plan(trace=plan.trace)), *device_plans()]
 """A plan for each tracer."""
 
 TINY = 2.0 ** RNG.integers(-149, -100, (96, 3)) * RNG.integers(-1, 2, (96, 3))

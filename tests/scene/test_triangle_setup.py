@@ -9,6 +9,7 @@ import antumbra as at
 from antumbra.engine.plan import covering_plans
 from antumbra.scene.triangle_setup import rows_with_area, solid_vertices, survey
 from antumbra.scene.triangles import Triangles
+from devices import device_plans
 
 RNG = np.random.default_rng(36)
 
@@ -101,7 +102,7 @@ def test_solid_triangles_keep_their_numbers(mixed):
     assert solid_vertices(whole, 1) is whole.vertices
 
 
-@pytest.mark.parametrize("plan", covering_plans(), ids=str)
+@pytest.mark.parametrize("plan", [*covering_plans(), *device_plans()], ids=str)
 def test_no_bit_depends_on_triangles_without_area(mixed, plan):
     scene, flags = mixed
     points, light = np.random.default_rng(1).normal(size=(40, 3)) * 4, at.QuadLight((-1, 6, -1), (2, 0, 0), (0, 0, 2))
@@ -110,7 +111,7 @@ def test_no_bit_depends_on_triangles_without_area(mixed, plan):
     assert 0 < np.bitwise_count(bits[0]).sum() < 40 * 8
 
 
-@pytest.mark.parametrize("plan", covering_plans(), ids=str)
+@pytest.mark.parametrize("plan", [*covering_plans(), *device_plans()], ids=str)
 def test_scenes_in_which_no_triangle_has_an_area(plan):
     scene, light = at.Scene.from_arrays(np.full((280, 3, 3), 0.1)), at.PointLight((0, 2, 0))
     assert len(scene.triangles().solid) == 0

@@ -82,14 +82,20 @@ TOP = '''"""Kernels that Python calls."""
 
 import numpy as np
 
+from antumbra.kernels.device import i64_at, thread_index
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.toolchain.kernel_loading import events
 from antumbra.kernels.parallel import items, new_ticket
-from antumbra.kernels.simd import bits, load4, popcount, reduce_max, to_f32, as_i32
+from antumbra.kernels.simd import bits, load4, popcount, put, reduce_max, to_f32, as_i32
 
 from . import choices, parts
 from .guest import Guest
 from .parts import SCALE, Pair, chosen, middle
+
+
+@kernel
+def on_a_device(a):
+    put(i64_at(a), thread_index(), SCALE)
 
 
 @kernel

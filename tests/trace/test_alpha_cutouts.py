@@ -21,6 +21,7 @@ from antumbra.query.shadow_query import segments
 from antumbra.trace.alpha_cutouts import cutout_tree
 from antumbra.trace.transmission import transmission
 from asking import answer, query_of
+from devices import device_plans
 from gltf_files import Gltf
 
 WRAPS = {"repeat": 10497, "clamp": 33071, "mirror": 33648}
@@ -233,7 +234,7 @@ def shadows():
     return scene, triangles, query, lit
 
 
-@pytest.mark.parametrize("plan", list(covering_plans()), ids=str)
+@pytest.mark.parametrize("plan", [*covering_plans(), *device_plans()], ids=str)
 def test_shadows_by_every_plan(plan):
     _, triangles, query, lit = shadows()
     asked = np.broadcast_to((query.sides != 0)[..., None], lit.shape)

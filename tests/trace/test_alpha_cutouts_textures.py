@@ -10,6 +10,7 @@ import oracle
 from antumbra.engine.plan import covering_plans
 from asking import answer, query_of, true_occlusion
 from cutout_scenes import meets, scene_with_cutouts, true_shadows
+from devices import device_plans
 
 LIGHTS = {
     "quad": at.QuadLight((-2, 5, -2), (4, 1, 0), (0, 0, 4)),
@@ -29,7 +30,7 @@ def case(name):
     return triangles, query, truth
 
 
-@pytest.mark.parametrize("plan", [p for p in covering_plans()], ids=str)
+@pytest.mark.parametrize("plan", [*covering_plans(), *device_plans()], ids=str)
 def test_every_plan_sees_through_holes(plan):
     triangles, query, truth = case("quad")
     assert np.array_equal(answer(str(plan), triangles, query), truth)

@@ -17,6 +17,7 @@ from antumbra.scene.materials import CLAMP
 from antumbra.trace.alpha_cutouts import cutout_tree
 from antumbra.trace.transmission import transmission
 from asking import answer, query_of
+from devices import device_plans
 from ray_cases import displaced_meets
 from surface_crossings import crossings
 
@@ -119,7 +120,7 @@ def answer_words(plan, triangles, query):
     return accelerator.answer(accelerator.build(triangles), query)
 
 
-@pytest.mark.parametrize("plan", list(covering_plans()), ids=str)
+@pytest.mark.parametrize("plan", [*covering_plans(), *device_plans()], ids=str)
 def test_every_plan_has_the_same_dark_samples(plan):
     triangles, query, lit = lit_case("rgb")
     asked = np.broadcast_to((query.sides != 0)[..., None], lit.shape[:-1])

@@ -98,7 +98,7 @@ COMMANDS = {
     "compare": Command("antumbra.lab.compare_command", "Measure plans on the same picture of SCENE, side by side."),
     "doctor": Command(
         "antumbra.cli.installation_commands",
-        "Check this installation: versions, processor, kernels on disk, optional packages, and a small query.",
+        "Check this installation: versions, processor, kernels on disk, optional packages, devices, and a small query.",
     ),
 }
 """Name -> command, in the order of the help."""

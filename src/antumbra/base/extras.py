@@ -33,6 +33,7 @@ EXTRAS = {
     "video": ".mp4 and .webm files",
     "view": "the interactive page of antumbra view",
     "ray": "jobs on several machines",
+    "opencl": "graphics cards of Intel and AMD; those of NVIDIA need their driver only",
     "all": "all of these",
 }
 """The extras for users, and what each is for. The others are for developers."""

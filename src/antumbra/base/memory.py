@@ -51,15 +51,16 @@ def check_reading(size: float, where: str, stored: int | None = None) -> None:
     if limit is None:
         limit, reason = available_memory(), "what is available"
         if stored is not None and (limit is None or max(LEAST_LIMIT, RATIO * stored) < limit):
-            limit, reason = max(LEAST_LIMIT, RATIO * stored), f"files of {_short(stored)} need at most"
+            limit, reason = max(LEAST_LIMIT, RATIO * stored), f"files of {readable_size(stored)} need at most"
     if limit is not None and size > limit:
         raise InputError(
-            f"{where} takes about {_short(size)} of memory, more than {reason} ({_short(limit)}); make it smaller, or "
-            f"raise max_memory, for example --max-memory {-(-int(size) >> 20)}M"
+            f"{where} takes about {readable_size(size)} of memory, more than {reason} ({readable_size(limit)}); make "
+            f"it smaller, or raise max_memory, for example --max-memory {-(-int(size) >> 20)}M"
         )
 
 
-def _short(size: float) -> str:
+def readable_size(size: float) -> str:
+    """A number of bytes for messages, such as ``1.5 GB``."""
     for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if size >= factor:
             return f"{size / factor:,.1f} {unit}"

@@ -14,16 +14,20 @@ from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..base.errors import InputError
 from ..base.extras import EXTRAS
 from ..version import VERSION
 from ..work.result_summary import duration
 from . import console
 from .console import ProgressDisplay
 from .options import Json, Quiet
+
+if TYPE_CHECKING:
+    from ..devices.device_list import DeviceInfo
 
 # --- Versions, commit and hardware ------------------------------------------------------------------------------------
 
@@ -98,9 +102,10 @@ def doctor(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Check this installation: versions, processor, kernels on disk, optional packages, and a small query.
+    """Check this installation: versions, processor, kernels on disk, optional packages, devices, and a small query.
 
-    The exit code is 1 if the query gives a wrong answer. Include the output in bug reports.
+    Each device answers thousands of queries that are hard to decide. The exit code is 1 if any answer is wrong. Include
+    the output in bug reports.
 
     \b
     Examples
@@ -115,6 +120,7 @@ def doctor(
         **_memory(),
         "kernels": _kernels(),
         "extras": _extras(),
+        "devices": _devices(),
         "check": check,
     }
     if ray is not None:
@@ -123,7 +129,7 @@ def doctor(
         console.print_json(results)
     else:
         console.print_fields(_lines(results))
-    if not results["check"]["right"]:
+    if not results["check"]["right"] or any(device["wrong"] for device in results["devices"]):
         raise typer.Exit(1)
 
 
@@ -193,6 +199,36 @@ def _extras() -> dict[str, dict[str, str | None]]:
     return extras
 
 
+def _devices() -> list[dict[str, Any]]:
+    """Each device with the result of its self-test, or why it cannot be used. Without a driver, the kind alone."""
+    from ..devices.device_list import list_devices
+
+    return [_device(info) for info in list_devices()]
+
+
+def _device(info: "DeviceInfo") -> dict[str, Any]:
+    from ..devices.device_list import open_device
+    from ..trace.device.self_test import run_self_test
+
+    fields: dict[str, Any] = {"name": info.name, "model": info.model, "driver": info.driver, "problem": info.problem}
+    result: tuple[int | None, int | None] = None, None
+    if info.problem is None:
+        try:
+            result = run_self_test(open_device(info.name))
+        except InputError as error:
+            fields["problem"] = str(error)
+    return fields | dict(zip(("answers", "wrong"), result))
+
+
+def _device_text(device: dict[str, Any]) -> str:
+    about = f"{device['model']}, {device['driver']}: " if device["model"] else ""
+    if device["problem"] is not None:
+        return f"{about}{device['problem']}"
+    if device["wrong"]:
+        return f"{about}{device['wrong']} of {device['answers']} answers are WRONG: update the driver, or report this"
+    return f"{about}{device['answers']} answers are right"
+
+
 def _check() -> dict[str, Any]:
     """Query which of two lamps points on both sides of a wall see, with the default plan; and render a picture."""
     import numpy as np
@@ -215,7 +251,7 @@ def _check() -> dict[str, Any]:
 def _lines(results: dict[str, Any]) -> Iterator[tuple[str, str]]:
     kernels, check = results["kernels"], results["check"]
     for name, value in results.items():
-        if name not in ("kernels", "extras", "check", "nodes"):
+        if name not in ("kernels", "extras", "devices", "check", "nodes"):
             yield name, str(value)
     remedy = "; antumbra warmup compiles the rest" if kernels["missing"] else ""
     yield "kernels", f"{kernels['compiled']} compiled, {kernels['missing']} missing{remedy}"
@@ -225,6 +261,8 @@ def _lines(results: dict[str, Any]) -> Iterator[tuple[str, str]]:
         there = ", ".join(f"{name} {version}" for name, version in packages.items() if version is not None)
         remedy = f"pip install 'antumbra[{extra}]' adds {', '.join(missing)}, for {EXTRAS[extra]}"
         yield f"[{extra}]", remedy if missing else there
+    for device in results["devices"]:
+        yield device["name"], _device_text(device)
     for node in results.get("nodes", []):
         yield "node", _node_text(node)
     verdict = "right" if check["right"] else "WRONG: please report this"

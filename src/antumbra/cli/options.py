@@ -20,6 +20,7 @@ from ..base.checks import alternatives
 from ..base.errors import InputError
 from ..base.memory import reading_limit
 from ..base.option_fields import Choice, CommandOption, WholeNumber, option_of
+from ..devices.device_list import device_budget, using_device
 from ..engine.scene_reading import SCENE_SUFFIXES
 from ..picture.render_options import RenderKeywords
 from .arguments import parse_bytes, parse_point
@@ -255,13 +256,16 @@ _ReadingLimit = Annotated[
     str | None,
     typer.Option(
         "--max-memory",
-        help="Memory limit of reading files: in bytes, or with M or G, such as 512M.  [default: what is available]",
+        help="Memory limit of reading files, and on a device: in bytes, or with M or G, such as 512M.  [default: what "
+        "is available]",
         metavar="SIZE",
         show_default=False,
         rich_help_panel="Scene",
     ),
 ]
 _LIMIT = "max_memory"
+DeviceOption = Annotated[str | None, derived_option("device")]
+_PLAN, _DEVICE = "plan", "device"
 
 
 SCENE_HELP = (
@@ -327,7 +331,8 @@ def takes(
     """Decorator of a command ``f(args)``: Typer gets each field of the dataclass `arguments` as a parameter.
 
     Fields without a default are required. The help has them in the order of `parameters_of`. A command with a scene
-    also has ``--max-memory``, within which files are read, if it has no such field of its own.
+    also has ``--max-memory``, within which files are read, if it has no such field of its own. One with a plan also has
+    ``--device``, where the plan traces.
 
     options : class whose derived options become one field, `OPTIONS`
     read : makes the value of this field of their names and CLI values
@@ -337,6 +342,9 @@ def takes(
     keeps_limit = _LIMIT in members
     if issubclass(arguments, SceneArguments) and not keeps_limit:
         members[_LIMIT] = Parameter(_LIMIT, _ReadingLimit, None)
+    keeps_device = _DEVICE in members
+    if not keeps_device and _PLAN in members and get_args(members[_PLAN].kind)[0] == str | None:
+        members[_DEVICE] = Parameter(_DEVICE, DeviceOption, None)
 
     def wrap(command: Callable[[Any], int]) -> Any:
         def run(**values: Any) -> int:
@@ -344,9 +352,14 @@ def takes(
             if size is not None and size == members[_LIMIT].default:
                 size = None  # the usual limit is not of reading
             limit = None if size is None else parse_bytes(size, "--max-memory")
+            device = values.get(_DEVICE) if keeps_device else values.pop(_DEVICE, None)
+            if device is not None and not keeps_device:
+                from ..engine.device_plans import plan_on
+
+                plan_on(device, values[_PLAN])  # they must not contradict each other
             if options is not None:
                 values[OPTIONS] = read({name: values.pop(name) for name in derived})
-            with reading_limit(limit):
+            with reading_limit(limit), using_device(device), device_budget(limit):
                 return command(arguments(**values))
 
         wrapper: Any = update_wrapper(run, command)

@@ -275,6 +275,7 @@ def print_choices(shot: "Shot", scene: "AnyScene") -> None:
 
     frame, triangles = shot.frame, scene.n_triangles
     _print_instances(scene, frame.plan)
+    _print_device(scene, frame.plan)
     if frame.choices is None or frame.tree is None:
         print(f"The plan {frame.plan} specifies its methods; nothing was chosen.")
         return
@@ -292,6 +293,24 @@ def print_choices(shot: "Shot", scene: "AnyScene") -> None:
         )
     head = ("query", "rays", "method", "why", "predicted", "measured")
     console.print_table(head, rows, right=(1, 4, 5), width=_WIDTH)
+
+
+def _print_device(scene: "AnyScene", plan: str) -> None:
+    """Print what a device traced, and what the CPU did for it."""
+    from ..devices.device_list import CPU, default_device
+    from ..engine.device_plans import traces_on_device
+    from ..engine.plan import parse_plan
+    from ..scene.instance_data import InstanceData
+
+    device = parse_plan(plan).device
+    if device is not None:
+        besides = "what the camera sees, and the few shadow rays that need exact arithmetic"
+        if scene.data.cutouts is not None:
+            besides += ", and those through cut-outs"
+        print(f"The device {device} traced the shadow rays; the CPU traced {besides}.")
+    elif default_device() not in (None, CPU) and not traces_on_device(scene.data):
+        kind = "instances" if isinstance(scene.data, InstanceData) else "stores"
+        print(f"Devices do not trace {kind} yet; the CPU traced everything.")
 
 
 def _print_instances(scene: "AnyScene", plan: str) -> None:

@@ -176,12 +176,11 @@ class PictureSpec(NamedTuple):
         return digest if self.trees is None else f"{digest} {self.trees.digest()}"
 
     def about(self, scene: "AnyScene") -> "PictureSpec":
-        """This picture, with the default plan for this kind of scene if no plan was specified."""
-        from ..engine.engine import default_plan_of
+        """This picture, with the plan of its device or the default one for this kind of scene if none was specified."""
+        from ..engine.engine import chosen_plan
 
-        if self.engine.plan is not None:
-            return self
-        return self._replace(engine=replace(self.engine, plan=default_plan_of(scene.data)))
+        plan = chosen_plan(scene.data, self.engine.plan, self.engine.device)
+        return self._replace(engine=replace(self.engine, plan=plan, device=None))
 
     def renderer(self, scene: "AnyScene") -> "Renderer":
         from .. import Renderer

@@ -18,6 +18,7 @@ from ..base.progress import ProgressCallback
 from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
 from ..bvh.refit import filter_tree
+from ..devices.device_list import device_budget
 from ..query.shadow_query import ShadowQuery, new_bits
 from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
@@ -89,6 +90,8 @@ class Accelerator:
         Selects the sample rays of a ray-guided builder; None: the plan has none.
     one_tree : bool
         Whether shadow rays and camera rays share a BVH.
+    device_memory : int or None
+        Bytes that a plan on a device may allocate there; None: all that is free.
     """
 
     def __init__(self, plan: Plan, threads: int, memory: LearnedTrees | None = None):
@@ -98,6 +101,7 @@ class Accelerator:
         self.one_tree = plan.tracer.builds and self.ray_selector is None
         if plan.update and self.memory.updated is None:
             self.memory.updated = UpdatedTree(plan.update)
+        self.device_memory: int | None = None
         self._cutouts: tuple[Triangles, CutoutTree | None] | None = None  # the latest ones
 
     def begin(self, rays: int, later: int = 0) -> None:
@@ -249,7 +253,8 @@ class Accelerator:
         solid : the solid triangles, or those that culling left; None: all
         """
         geometry = soup_of(triangles, solid, self.threads) if bvh is None else bvh
-        prepared, updated = self.plan.tracer.prepare(geometry, self.threads), self.memory.updated
+        with device_budget(self.device_memory):
+            prepared, updated = self.plan.tracer.prepare(geometry, self.threads), self.memory.updated
         if updated is not None and isinstance(prepared, ChcRtState):
             if updated.state is not None:
                 prepared.continue_from(updated.state)
@@ -312,7 +317,7 @@ class SceneTrees:
     """
 
     def __init__(self, data: MemoryData):
-        self._data, self._lock = data, threading.RLock()
+        self.data, self._lock = data, threading.RLock()
         self.clear()
         renew_after_fork(self)
 
@@ -332,13 +337,13 @@ class SceneTrees:
         with self._lock:
             if self._triangles is None or not self._is_current(time):
                 self.clear()  # first: there may be no memory for both, and a time that fails has no triangles
-                self._triangles = self._data.triangles(time, threads)
+                self._triangles = self.data.triangles(time, threads)
                 self._time = time
             return self._triangles
 
     def _is_current(self, time: float) -> bool:
         """Whether the cached triangles are those of this time, and no update has moved them."""
-        moved = self._data.moved
+        moved = self.data.moved
         return time == self._time and (moved is None or moved is self._triangles)
 
     def of(self, accelerator: Accelerator, time: float) -> Accelerated:

@@ -14,6 +14,8 @@ from ..base.checks import as_array, byte_count, checked_instance, choice, whole_
 from ..base.errors import InputError
 from ..base.forks import is_stuck, renew_after_fork
 from ..base.progress import ProgressCallback, show_progress
+from ..devices.arrays import DeviceArray
+from ..devices.device_list import default_device, may_have_card, using_device
 from ..kernels.parallel import thread_count
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
@@ -25,15 +27,19 @@ from ..scene.light_lists import without_interleave
 from ..scene.lights import Light, check_lights
 from ..scene.scene_data import SceneData
 from ..scene.triangles import AllHits, Hit, HitFaces
+from ..trace.device.resident_rays import is_resident
 from ..trace.rays.all_hits import INSIDE, ON_SURFACE, SURFACES, TRIANGLES
 from ..trace.transmission import TracedQuery
 from .accelerator import Accelerated, Accelerator
 from .auto_accelerator import accelerator_of
+from .device_plans import plan_on
 from .frame_tracer import FrameTracer
 from .plan import DEFAULT_PLAN, Plan, parse_plan
 from .precompilation import precompile
 from .primary_visibility import AUTO, METHODS, RAYS
 from .scene_reading import data_of
+from .sources.card_rays import CardRays
+from .sources.device_rays import DeviceRayLists
 from .sources.in_memory_source import RayLists, SharedMemory, update_warm_up
 from .sources.instanced_source import SharedInstances
 from .sources.point_shadows import PlanKernels, TreeShadows, queries_in
@@ -75,6 +81,10 @@ _State: TypeAlias = tuple[SceneData, Plan, int, int | None, str]
 class Engine:
     """Answers queries about one scene by one plan, and caches trees and measurements between them.
 
+    With a device, `occluded` and `closest_hit` also take rays in arrays on that device, of PyTorch, CuPy, JAX or other
+    libraries with DLPack or ``__cuda_array_interface__``, float32 or float64. Their results are then
+    `antumbra.devices.arrays.DeviceArray` there: for `closest_hit` a tuple of t, face, u and v.
+
     Python threads may share an engine. Ray queries of scenes in memory run concurrently; all other queries hold `lock`
     while they run.
 
@@ -90,15 +100,19 @@ class Engine:
         None: all cores.
     max_memory : int or None
         For a scene in a store, the limit in bytes on the memory of the process at any time; None: the scene's own
-        limit, or 4 GiB.
+        limit, or 4 GiB. On a device, the limit on the memory taken there; None: all that is free.
     gbuffer : "raster", "rays" or "auto"
         The method of `surfaces`; all give the same bits. "auto": rasterise; once a tree is cached, use whichever is
         faster. Stores, and cameras that are not perspective, always use rays.
+    device : str or None
+        The device that traces shadow rays and ray lists: ``"cuda"``, ``"cuda:1"``, ``"opencl"``, or ``"cpu"`` for none.
+        None: the one in the environment variable ``ANTUMBRA_DEVICE``, if there is neither a plan. It never changes a
+        bit. Instances, stores, cut-outs, and lists of all hits are traced on the CPU.
 
     Raises
     ------
     InputError
-        If a value is out of range, the plan is unknown, or the plan does not support stores.
+        If a value is out of range, the plan is unknown, the plan does not support stores, or there is no such device.
     """
 
     def __init__(
@@ -109,11 +123,13 @@ class Engine:
         max_memory: int | None = None,
         *,
         gbuffer: str = AUTO,
+        device: str | None = None,
     ):
         data = data_of(scene)
         choice(gbuffer, "gbuffer", METHODS)
         limit = getattr(scene, "max_memory", None) if max_memory is None else max_memory
-        self._start(data, _shared_kind(data)(data), plan, threads, limit, gbuffer)
+        with using_device(device):
+            self._start(data, _shared_kind(data)(data), chosen_plan(data, plan, device), threads, limit, gbuffer)
 
     def __getstate__(self) -> _State:
         """Pickle the settings; everything else is rebuilt."""
@@ -145,10 +161,16 @@ class Engine:
         self._rays: HitSource = self.source.ray_lists  # the first of the chain of sources, see `source_protocols`
         self._points: PointSource = TreeShadows(self.source, self.accelerator, self._kernels)
         self.terrain: TerrainShadows | None = None
-        if data.terrain is not None and str(self.plan) == DEFAULT_PLAN:
+        self._device_rays: DeviceRayLists | None = None
+        chooses = str(self.plan) == DEFAULT_PLAN
+        if self.plan.device is not None:
+            self._rays = self._device_rays = DeviceRayLists(shared.flat(), self.accelerator)
+        elif chooses and data.terrain is not None:
             ray_lists = cast(RayLists, self._rays)  # terrain is in memory
             self.terrain = TerrainShadows(data, ray_lists, self._points, self.threads)
             self._rays = self._points = self.terrain
+        elif chooses and may_have_card() and default_device() is None:
+            self._rays = CardRays(shared.flat(), self.threads, self._rays)
         renew_after_fork(self)
 
     def _after_fork(self) -> None:
@@ -203,6 +225,9 @@ class Engine:
     ) -> NDArray[np.bool_]:
         """(...) bool: whether a triangle blocks each ray; `antumbra.Scene.occluded` documents the parameters."""
         hits = HitFilter(tmin, tmax, skip_face, cull_faces)
+        if self._device_rays is not None and is_resident(origins):
+            resident = self._resident(origins, directions, targets, hits, True, time, threads)
+            return cast(NDArray[np.bool_], resident[0])
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets, self._moment(time))
         return self._rays.trace_rays(rays, True, self._count(threads)).hits.blocked.reshape(rays.shape)
 
@@ -220,6 +245,9 @@ class Engine:
     ) -> Hit:
         """The nearest hits of rays; `antumbra.Scene.closest_hit` documents the parameters."""
         hit_filter = HitFilter(tmin, tmax, skip_face, cull_faces)
+        if self._device_rays is not None and is_resident(origins):
+            face, t, u, v = self._resident(origins, directions, None, hit_filter, False, time, threads)
+            return cast(Hit, HitFaces(*(cast(np.ndarray, each) for each in (t, face, u, v))))
         rays = rays_of(origins, directions, hit_filter, self._frame, self._n_faces, None, self._moment(time))
         hits, find = self._rays.trace_rays(rays, False, self._count(threads))
         faces = HitFaces(*(array.reshape(rays.shape) for array in (hits.t, hits.face, hits.u, hits.v)))
@@ -300,6 +328,22 @@ class Engine:
     def _count(self, threads: int | None) -> int:
         """The number of threads of a query."""
         return self.threads if threads is None else thread_count(threads)
+
+    def _resident(
+        self,
+        origins: Any,
+        directions: Any,
+        targets: Any,
+        hits: HitFilter,
+        any_hit: bool,
+        time: float,
+        threads: int | None,
+    ) -> tuple[DeviceArray, ...]:
+        """The hits of rays in arrays on the engine's device."""
+        assert self._device_rays is not None
+        return self._device_rays.trace_resident(
+            origins, directions, targets, hits, self._frame, any_hit, self._moment(time), self._count(threads)
+        )
 
     def _moment(self, time: float) -> float:
         return 0.0 if type(time) is float and time == 0.0 else self.data.clamped(time)
@@ -437,9 +481,16 @@ class Engine:
             return trees.of(self.accelerator, self._moment(time))
 
 
+def chosen_plan(data: SceneData, plan: str | Plan | None, device: str | None) -> str | Plan:
+    """The plan of an engine for a scene, by its options; None: not given. Raises the errors of `plan_on`."""
+    with using_device(device):
+        return plan_on(device, plan, data) or default_plan_of(data)
+
+
 def default_plan_of(data: SceneData) -> str:
-    """The plan of an engine if none is given."""
-    return _shared_kind(data).default_plan
+    """The plan of an engine if none is given: on the default device, if there is one."""
+    plan = plan_on(None, None, data)
+    return _shared_kind(data).default_plan if plan is None else str(plan)
 
 
 def _shared_kind(data: SceneData) -> type[SharedTrees]:

@@ -9,6 +9,7 @@ from ..base.checks import checked_instance, quoted, spelling_hint
 from ..base.errors import InputError
 from ..base.extras import METHODS, try_plugins
 from ..techniques.srdh.representative_rays import SrdhRays
+from .device_tracers import device_of
 from .method_registry import BUILDERS, KINDS, OPTIMISERS, TRACERS, Tracer, add_plugins, find_method, listed_methods
 
 TREE = ("build", "optimise", "update")
@@ -73,6 +74,11 @@ class Plan:
         method = find_method("trace", self.trace)
         assert method is not None
         return cast(Tracer, method[1])
+
+    @property
+    def device(self) -> str | None:
+        """The full name of the device on which the plan traces, such as ``"cuda:0"``; None: it traces on the CPU."""
+        return device_of(self.trace)
 
     @property
     def chooses(self) -> bool:

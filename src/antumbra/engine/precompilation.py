@@ -7,7 +7,7 @@ which compiles any unrecorded kernels. If all kernels are on disk, as in every l
 Each module defines its own jobs; `jobs.warm_ups` lists all of them.
 """
 
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ from ..formats.library_meshes import data_of_arrays
 from ..kernels.marshalling import import_object
 from ..kernels.toolchain import kernel_manifest
 from ..kernels.toolchain.compile_pool import KernelRequest, compile_kernels
+from ..kernels.toolchain.device_code import FORMS, DeviceKernel
 from ..kernels.toolchain.kernel_cache import user_cache
 from ..kernels.toolchain.kernel_loading import events, has_compiler, is_on_disk
 from ..scene.camera import Camera
@@ -65,6 +66,13 @@ def precompile_all(jobs: Iterable[WarmUp]) -> int:
     return len(missing) + sum(event.source == "compiled" for event in events[before:])
 
 
+def precompile_devices(kernels: Iterable[DeviceKernel]) -> None:
+    """Compile the kernels of devices that are missing on disk."""
+    missing = {KernelRequest(each.kernel.name, each.key) for each in kernels if not each.is_on_disk()}
+    if missing:
+        compile_missing(missing, FORMS, "devices")
+
+
 def missing_of(kernels: Iterable[KernelRequest]) -> set[KernelRequest]:
     """The kernels that are not on disk."""
     return {each for each in kernels if _is_missing(each)}
@@ -82,12 +90,18 @@ def are_on_disk(kernels: Iterable[KernelRequest] | None) -> bool:
     return kernels is not None and not missing_of(kernels)
 
 
-def compile_missing(missing: set[KernelRequest]) -> None:
-    """Compile kernels on all cores with a progress message. No-op if the cache is read-only; `loading` warns then."""
+def compile_missing(
+    missing: set[KernelRequest], levels: Sequence[str] | None = None, what: str = "this machine"
+) -> None:
+    """Compile kernels on all cores with a progress message. No-op if the cache is read-only; `loading` warns then.
+
+    levels : as for `compile_kernels`
+    what : what they are for, in the message
+    """
     if not has_compiler() or not user_cache().is_writable():
         return
-    with report_progress(f"compiling {len(missing)} kernels for this machine, once") as progress:
-        compile_kernels(missing, progress)
+    with report_progress(f"compiling {len(missing)} kernels for {what}, once") as progress:
+        compile_kernels(missing, progress, levels=levels)
 
 
 def small_scene(dressed: bool = False) -> MemoryData:

@@ -61,7 +61,7 @@ class RayTreeRefit:
         if self._built is None:
             self._built = _BuiltTree(latest.triangles.solid, wide_cost(wide, self._threads))
         n, built = len(bvh.prim_ids), self._built
-        if n < 2 or not _are_equal(built.solid, triangles.solid):
+        if n < 2 or not are_equal_faces(built.solid, triangles.solid):
             return None
         moved = refit_faces(bvh, triangles.vertices, self._threads, self._pool)
         prepared = refit_wide(wide, moved, self._threads, self._pool)
@@ -78,7 +78,7 @@ def _lost_share(growth: float) -> float:
     return 1.0 - 1.0 / growth if growth > LIMIT else 0.0
 
 
-def _are_equal(faces: NDArray[np.int32] | None, others: NDArray[np.int32] | None) -> bool:
+def are_equal_faces(faces: NDArray[np.int32] | None, others: NDArray[np.int32] | None) -> bool:
     """Whether two sets of faces, in ascending order, are equal; None: all faces of the scene."""
     if faces is None or others is None:
         return faces is others

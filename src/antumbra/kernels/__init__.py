@@ -5,6 +5,7 @@
 - `processor`: processor levels
 - `machine_code`: LLVM's optimisation and emission for a level
 - `simd/`: vectors as values inside kernels
+- `device/`: what only devices have: thread indices, lanes, local memory, barriers
 - `vec3`: vectors of three coordinates, scalar or in lanes
 - `transposition`: eight vectors of eight float32
 - `exact/`: the exact ray-triangle test

@@ -277,14 +277,26 @@ class EngineOptions:
     max_memory: int | None = option(
         None,
         unchecked,
-        "Memory limit of reading files, and of scenes in a store: in bytes, or with M or G, such as 512M.",
+        "Memory limit of reading files, of scenes in a store, and on a device: in bytes, or with M or G, such as 512M.",
         panel="Speed",
         kind=str | None,
         note="what is available; 4G for stores",
         metavar="SIZE",
         is_value=False,
     )
-    """Limit in bytes on the memory of the process, for scenes in a store; None: 4 GiB."""
+    """Limit in bytes on the memory of the process, for scenes in a store (None: 4 GiB), or on a device."""
+    device: str | None = option(
+        None,
+        unchecked,
+        "The device that traces shadow rays: cuda, cuda:1, opencl, or cpu; see antumbra doctor.",
+        panel="Speed",
+        kind=str | None,
+        note="ANTUMBRA_DEVICE, or cpu",
+        metavar="NAME",
+        commands=("render",),
+    )
+    """The device that traces shadow rays, such as ``"cuda"``, ``"cuda:1"`` or ``"opencl"``; ``"cpu"``: none. It never
+    changes the bits. None: the one in the environment variable ``ANTUMBRA_DEVICE``, if no plan is given."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ from ..base.errors import InputError
 from ..base.option_fields import split_keywords, with_keywords
 from ..base.progress import ProgressCallback, show_progress, with_quiet_progress
 from ..engine.accelerator import Accelerated, Accelerator
+from ..engine.device_plans import cpu_plan
 from ..engine.engine import Engine
 from ..engine.measured_scenes import check_degrees
 from ..engine.plan import Plan
@@ -101,7 +102,10 @@ class Renderer:
         The method of primary visibility; both give the same bits. "auto" rasterizes; once a tree is cached, it uses
         whichever method was faster. Stores and non-perspective cameras always use rays.
     max_memory : int or None
-        Limit in bytes on the memory of the process, for scenes in a store; None: 4 GiB.
+        Limit in bytes on the memory of the process, for scenes in a store; None: 4 GiB. On a device, the limit on the
+        memory taken there; None: all that is free.
+    device : str or None
+        The device that traces shadow rays, such as ``"cuda"``; see `antumbra.engine.engine.Engine`.
 
     Raises
     ------
@@ -116,10 +120,11 @@ class Renderer:
         threads: int | None = None,
         gbuffer: str = AUTO,
         max_memory: int | None = None,
+        device: str | None = None,
     ) -> None:
         scene = scene_of(scene)
         choice(gbuffer, "gbuffer", METHODS)
-        self.scene, self.engine = scene, Engine(scene, plan, threads, max_memory, gbuffer=gbuffer)
+        self.scene, self.engine = scene, Engine(scene, plan, threads, max_memory, gbuffer=gbuffer, device=device)
         self.plan, self.threads = self.engine.plan, self.engine.threads
 
     @property
@@ -198,7 +203,7 @@ class Renderer:
         """Compile all kernels that the frame calls."""
         gbuffer, options = precompiled_method(self.source.gbuffer), request.options
         selector = self.accelerator.ray_selector
-        precompile_plan(self.plan, gbuffer, options.counters)
+        precompile_plan(cpu_plan(self.plan), gbuffer, options.counters)
         self.source.warm_up()
         if request.smooth or request.smooth_skies or request.finer is not None:
             precompile_quality()

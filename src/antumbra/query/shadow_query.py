@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.exact.filters import max_magnitude, plane
+from ..kernels.exact.filters import UNSURE, max_magnitude, plane
 from ..kernels.exact.predicate import exact_plane_side
 from ..kernels.jit import F32Ptr, F64Ptr, I8Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
@@ -146,12 +146,19 @@ def sample_of(query, patch, i, s):
 
 
 @inlined
+def face_horizon(side, face, corners):
+    """The `Horizon` of a receiver on a triangle."""
+    z = np.float64(0.0)
+    p, n, error = plane(corners, face, z, z, z)
+    return Horizon(side, face, p[0], p[1], p[2], n[0], n[1], n[2], error)
+
+
+@inlined
 def horizon_of(query, i):
     """The `Horizon` of receiver i."""
     side, face, z = get(query.sides, i), get(query.faces, i), np.float64(0.0)
     if face >= 0:
-        p, n, error = plane(query.corners, face, z, z, z)
-        return Horizon(side, face, p[0], p[1], p[2], n[0], n[1], n[2], error)
+        return face_horizon(side, face, query.corners)
     p = three_at(query.origins, i)
     n = (z, z, z) if side == FREE else three_at(query.normals, i)
     return Horizon(side, face, p[0], p[1], p[2], n[0], n[1], n[2], z)
@@ -171,17 +178,24 @@ def has_bit(query, bits, i, s):
 
 
 @inlined
-def is_above(horizon, lx, ly, lz, corners):
-    """True if the float32 light sample lies strictly on the receiver's side of its surface; exact if `face` >= 0."""
+def above_horizon(horizon, lx, ly, lz):
+    """Whether the float32 light sample lies strictly on the receiver's side of its surface: 1, 0 or UNSURE."""
     if horizon.side == FREE:
-        return True
+        return 1
     a = (np.float64(lx) - horizon.px, np.float64(ly) - horizon.py, np.float64(lz) - horizon.pz)
     height = a[0] * horizon.nx + a[1] * horizon.ny + a[2] * horizon.nz
     if abs(height) <= horizon.error * max_magnitude(a):
-        if horizon.face < 0:
-            return False
+        return 0 if horizon.face < 0 else UNSURE
+    return 1 if (height > 0.0) == (horizon.side > 0) else 0
+
+
+@inlined
+def is_above(horizon, lx, ly, lz, corners):
+    """True if the float32 light sample lies strictly on the receiver's side of its surface; exact if `face` >= 0."""
+    above = above_horizon(horizon, lx, ly, lz)
+    if above == UNSURE:
         return exact_plane_side(np.float64(lx), np.float64(ly), np.float64(lz), corners, horizon.face) == horizon.side
-    return (height > 0.0) == (horizon.side > 0)
+    return above == 1
 
 
 @kernel

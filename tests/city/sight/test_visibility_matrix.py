@@ -12,6 +12,7 @@ from antumbra.city.sight.mutual_horizons import hidden_by_horizons
 from antumbra.city.sight.visibility_matrix import TileTracer
 from antumbra.city.tables import bit_matrices
 from antumbra.engine.plan import covering_plans
+from devices import device_plans
 from sight_scenes import expected, scene_of
 
 
@@ -65,7 +66,7 @@ def test_faces_see_each_other_on_their_outer_sides_only(small_strips):
     assert 0.01 < want.mean() < 0.5 and not want.diagonal().any()
 
 
-@pytest.mark.parametrize("plan", [*covering_plans(), "bsah+multifrusta"], ids=str)
+@pytest.mark.parametrize("plan", [*covering_plans(), "bsah+multifrusta", *device_plans()], ids=str)
 def test_segments_that_need_no_tracing_do_not_change_the_others(small_strips, plan):
     scene, rng = scene_of(11, 60)
     points, normals = rng.uniform(-1.5, 1.5, (130, 3)), rng.normal(size=(130, 3))

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 
@@ -41,6 +42,15 @@ except InputError as error:
     print(error)
 print(top.alone(1))
 """
+DEVICE_CODE = """
+import sys
+from antumbra.kernels.toolchain import device_code as codes
+from antumbra.sample import top
+codes.has_compiler = lambda: False
+for form in codes.FORMS:
+    code = codes.device_code(top.on_a_device, (0,), form)
+    print(code.form, code.words, code.entry.encode() in code.code, "numba" in sys.modules)
+"""
 
 
 def python(package, cache, program):
@@ -65,7 +75,9 @@ top.results()
 print(json.dumps([[event.kernel, event.key, {"seconds": 0}] for event in top.events]))
 """
     kernels = json.loads(python(package, folder / "cache", record))
-    (package / "kernels" / "needs.json").write_text(json.dumps({"kernels": kernels, "jobs": {}}))
+    (package / "kernels" / "needs.json").write_text(
+        json.dumps({"kernels": kernels, "jobs": {}, "devices": [["antumbra.sample.top:on_a_device", "i"]]})
+    )
     levels = usable(level())[-2:]
     command = [sys.executable, "-m", "antumbra.kernels.toolchain.library_build", "--system", SYSTEM]
     command += [word for each in levels for word in ("--level", each)]
@@ -86,6 +98,33 @@ def test_a_library_serves_without_cache_and_compiler(package, tmp_path):
     results, sources, numba = sample.run(package, tmp_path / "cache")
     assert results["alone"] == 101 and set(sources.values()) == {"library"} and not numba
     assert not (tmp_path / "cache").exists()
+
+
+def test_device_code_is_found_without_cache_and_compiler(package, tmp_path):
+    told = python(package, tmp_path / "cache", DEVICE_CODE)
+    assert told.split("\n") == ["ptx 1 True False", "spirv 1 True False", ""]
+    assert not (tmp_path / "cache").exists()
+
+
+def test_device_code_of_sources_that_have_changed_does_not_count(package, tmp_path):
+    file = package / "sample" / "top.py"
+    file.write_text(file.read_text().replace("thread_index(), SCALE", "thread_index(), 2 * SCALE"))
+    later = time.time() + 1000
+    os.utime(file, (later, later))
+    env = sample.environment(package, tmp_path / "cache")
+    done = subprocess.run([sys.executable, "-c", DEVICE_CODE], env=env, capture_output=True, text=True)
+    assert done.returncode and "is not among the device kernels of this installation" in done.stderr
+
+
+@pytest.mark.parametrize("damage", [None, b"", b"of another kernel"])
+def test_damaged_device_code_does_not_count(package, tmp_path, damage):
+    (file,) = (package / "kernels" / "libraries" / "devices").glob("*.spirv")
+    file.unlink()
+    if damage is not None:
+        file.write_bytes(damage)
+    env = sample.environment(package, tmp_path / "cache")
+    done = subprocess.run([sys.executable, "-c", DEVICE_CODE], env=env, capture_output=True, text=True)
+    assert done.stdout.startswith("ptx 1 True") and "is not among the device kernels" in done.stderr
 
 
 def test_all_levels_give_the_same_results(package, tmp_path, monkeypatch):
@@ -132,7 +171,7 @@ def test_only_files_with_kernels_count(package):
 @pytest.mark.parametrize("what", ["list", "library"])
 def test_damaged_files_do_not_count(package, tmp_path, what, damage):
     libraries = package / "kernels" / "libraries"
-    for file in libraries.iterdir():
+    for file in filter(Path.is_file, libraries.iterdir()):
         if (file.name == LIST) == (what == "list"):
             times = file.stat()
             file.write_bytes(damage)

@@ -363,8 +363,8 @@ class SharedMemory:
         self._trees = SceneTrees(self._data)
 
     def source(self, accelerator: Accelerator, settings: SourceSettings) -> InMemory:
-        """The source of an engine. InputError if there is a limit on memory."""
-        check_no_limit(self._data, settings)
+        """The source of an engine. InputError for a limit on memory, unless the plan traces on a device."""
+        limit_device(self._data, accelerator, settings)
         return InMemory(self._data, accelerator, self._trees, settings.gbuffer)
 
     def flat(self) -> SceneTrees:
@@ -374,7 +374,8 @@ class SharedMemory:
         self._trees.clear()
 
 
-def check_no_limit(data: SceneData, settings: SourceSettings) -> None:
-    """Raise an InputError if there is a limit on the memory of a scene in memory."""
-    if settings.max_memory is not None:
+def limit_device(data: SceneData, accelerator: Accelerator, settings: SourceSettings) -> None:
+    """Limit the memory of the device on which a plan traces. InputError for a limit in memory without a device."""
+    if settings.max_memory is not None and accelerator.plan.device is None:
         raise InputError(f"max_memory is for scenes in a store, and {data.name} is in memory; leave it out")
+    accelerator.device_memory = settings.max_memory

@@ -46,7 +46,7 @@ from ..plan import Plan, parse_plan
 from ..precompilation import WarmUp, fixed_warm_up, precompile, small_scene, small_view
 from ..primary_visibility import RAYS
 from ..tree_choice import new_tree
-from .in_memory_source import InMemory, check_no_limit
+from .in_memory_source import InMemory, limit_device
 from .source_protocols import CameraView, SourceSettings
 
 # --- Trees that engines share -----------------------------------------------------------------------------------------
@@ -91,7 +91,7 @@ class SharedInstances:
 
     def source(self, accelerator: Accelerator, settings: SourceSettings) -> "Instanced | InMemory":
         """The source of an engine: flattened if the plan needs all triangles."""
-        check_no_limit(self._data, settings)
+        limit_device(self._data, accelerator, settings)
         if traces_instances(accelerator.plan):
             return Instanced(self._data, accelerator, self)
         return InMemory(self._data.flattened(), accelerator, self.flat(), settings.gbuffer)

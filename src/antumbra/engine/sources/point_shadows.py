@@ -11,6 +11,7 @@ from ...query.shadow_query import ShadowQuery
 from ...scene.triangles import Triangles
 from ...trace.transmission import TracedQuery, transmission
 from ..accelerator import Accelerated, Accelerator
+from ..device_plans import cpu_plan
 from ..plan_kernels import warm_up
 from ..primary_visibility import precompiled_method
 from .source_protocols import PointQuery, RenderSource, box_of, moment_of, points_memory
@@ -25,7 +26,7 @@ class PlanKernels:
     def make_ready(self) -> None:
         """Compile them, once."""
         if not self._ready:
-            warm_up(self._plan, precompiled_method(self._source.gbuffer))
+            warm_up(cpu_plan(self._plan), precompiled_method(self._source.gbuffer))
             self._source.warm_up()
             self._ready = True
 

@@ -36,7 +36,7 @@ Operators
     scalar arguments of functions of vectors. A mask has no truth value: write ``if any_lane(m):``.
 Make
     `splat4` (a scalar), `iota4` (0, 1, 2, ...), `mask_from_bits4`, `load4` and `broadcast4` (from memory), and all of
-    these for 8 and 16 lanes.
+    these for 8 and 16 lanes. `splat1` makes a vector of one lane, which functions of vectors take for a single ray.
 Lanes
     `minimum`, `maximum`, `fma`, `absolute`, `square_root`, `flip_sign`, `select`, `to_f32`, `to_f64`, `to_i32`,
     `f32_bits`; `swap_halves`, `shuffle`, `permute`, `join`, `extract`; `reduce_min`, `reduce_max`, `reduce_and`; for
@@ -95,8 +95,8 @@ if typing.TYPE_CHECKING:
 _HOMES = {
     "lanes": """
         absolute all_lanes any_lane bits extract f32_bits flip_sign fma iota4 iota8 iota16 join mask_from_bits4
-        mask_from_bits8 mask_from_bits16 maximum minimum permute reduce_and reduce_max reduce_min select shuffle splat4
-        splat8 splat16 square_root swap_halves to_f32 to_f64 to_i32 highest_bit lowest_bit popcount product_error
+        mask_from_bits8 mask_from_bits16 maximum minimum permute reduce_and reduce_max reduce_min select shuffle splat1
+        splat4 splat8 splat16 square_root swap_halves to_f32 to_f64 to_i32 highest_bit lowest_bit popcount product_error
     """,
     "load_store": """
         as_f32 as_i32 atomic_add atomic_and atomic_or broadcast4 broadcast8 broadcast16 f32_at f64_at gather get
@@ -159,6 +159,7 @@ __all__ = [
     "reduce_min",
     "select",
     "shuffle",
+    "splat1",
     "splat4",
     "splat8",
     "splat16",

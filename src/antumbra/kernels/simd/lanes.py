@@ -91,6 +91,8 @@ def _make_mask_from_bits(lanes: int) -> Any:
 
 
 splat4, splat8, splat16 = (_make_splat(lanes) for lanes in (4, 8, 16))
+splat1 = _make_splat(1)
+"""A vector of one lane, with which functions of vectors serve single rays on devices."""
 iota4, iota8, iota16 = (_make_iota(lanes) for lanes in (4, 8, 16))
 mask_from_bits4, mask_from_bits8, mask_from_bits16 = (_make_mask_from_bits(lanes) for lanes in (4, 8, 16))
 

@@ -9,4 +9,7 @@
 - `compile_pool`: processes that compile kernels
 - `kernel_manifest`: the kernels that each job calls
 - `library_build`: shared libraries of all of them, for releases
+- `device_code`: PTX and SPIR-V of kernels for devices, from a library, the user's folder or the compiler
+- `device_ir`, `address_spaces`: the LLVM module of a device kernel, the same for all targets
+- `ptx_target`, `spirv_target`, `device_emission`: its emission
 """

@@ -54,6 +54,7 @@ def serve() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # other output must not be mistaken for an answer
     import_numba()
+    from .device_code import FORMS, load_or_compile_forms
     from .kernel_cache import KernelFolder, cache_folder
     from .kernel_digest import kernel_digest
     from .kernel_loading import load_or_compile
@@ -61,8 +62,12 @@ def serve() -> None:
     while True:
         name, key, levels = json.loads(requests.get())
         try:
-            kernel, folders = import_object(name), [KernelFolder(cache_folder(), level) for level in levels]
-            load_or_compile(kernel, key, kernel_digest(kernel, key), folders)
+            kernel = import_object(name)
+            if levels == [*FORMS]:
+                load_or_compile_forms(kernel, key)
+            else:
+                folders = [KernelFolder(cache_folder(), level) for level in levels]
+                load_or_compile(kernel, key, kernel_digest(kernel, key), folders)
             message = None
         except Exception as error:
             message = f"{type(error).__name__}: {error}"
@@ -157,7 +162,7 @@ def compile_kernels(
         None means one per core available to this process.
     levels : sequence of str, optional
         Processor levels, or destinations in libraries (`machine_code.Destination`). None: this processor's level.
-        Numba's part of the work is done once for all of them.
+        `device_code.FORMS`: the requests are for kernels of devices. Numba's part of the work is done once for all.
 
     Returns
     -------

@@ -50,6 +50,16 @@ class LibraryList(NamedTuple):
         kernels = {name: LibraryKernel(*each) for name, each in contents["kernels"].items()}
         return cls(contents["files"], contents["digest"], kernels)
 
+    @classmethod
+    def installed(cls, folder: Path) -> "LibraryList | None":
+        """The list in a folder of this package; None if there is none, or if sources have changed since."""
+        try:
+            contents, made = cls.read(folder), (folder / LIST).stat().st_mtime
+            edited = any((PACKAGE / file).stat().st_mtime > made + _SLACK for file in contents.files)
+            return None if edited and digest_of(PACKAGE, contents.files) != contents.digest else contents
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
 
 def name_of(kernel: str, key: str) -> str:
     """The name of a kernel, ``module:qualname``, and its kinds of arguments, in a `LibraryList`."""
@@ -80,15 +90,12 @@ class KernelLibrary(NamedTuple):
 @cache
 def installed_library() -> KernelLibrary | None:
     """The library of this package for this processor; None if there is none, or if sources have changed since."""
-    path = library_path(LIBRARIES, level())
+    contents = LibraryList.installed(LIBRARIES)
+    if contents is None:
+        return None
     try:
-        contents = LibraryList.read(LIBRARIES)
-        made = path.stat().st_mtime
-        edited = any((PACKAGE / file).stat().st_mtime > made + _SLACK for file in contents.files)
-        if edited and digest_of(PACKAGE, contents.files) != contents.digest:
-            return None
-        return KernelLibrary(contents.kernels, ctypes.CDLL(str(path)))
-    except (OSError, ValueError, KeyError, TypeError):
+        return KernelLibrary(contents.kernels, ctypes.CDLL(str(library_path(LIBRARIES, level()))))
+    except OSError:
         return None
 
 

@@ -1,8 +1,8 @@
 """The manifest of the kernels that each job calls, ``needs.json``.
 
 The manifest has the kernels with their sizes and, for each job, the indices of its kernels, which several processes
-compile before the job runs. ``scripts/record_kernels.py`` writes it, and a test compares it with the kernels that jobs
-call. Kernels that are not recorded are compiled on their first call.
+compile before the job runs. It also lists the kernels of devices. ``scripts/record_kernels.py`` writes it, and a test
+compares it with the kernels that jobs call. Kernels that are not recorded are compiled on their first call.
 """
 
 import json
@@ -20,6 +20,7 @@ class KernelManifest(NamedTuple):
 
     kernels: list[KernelRequest]
     jobs: dict[str, list[int]]  # name of a job: indices into `kernels`
+    devices: list[KernelRequest]  # kernels of devices, which become PTX and SPIR-V
 
 
 _files = [MANIFEST]
@@ -42,6 +43,7 @@ def read_manifests(*files: Path) -> KernelManifest:
     """The joint contents of manifest files. A missing file counts as empty."""
     kernels: list[KernelRequest] = []
     jobs: dict[str, list[int]] = {}
+    devices: list[KernelRequest] = []
     for file in files:
         try:
             contents = json.loads(file.read_text())
@@ -49,13 +51,15 @@ def read_manifests(*files: Path) -> KernelManifest:
             continue
         jobs |= {job: [len(kernels) + place for place in places] for job, places in contents["jobs"].items()}
         kernels += [KernelRequest(name, key, size["seconds"]) for name, key, size in contents["kernels"]]
-    return KernelManifest(kernels, jobs)
+        devices += [KernelRequest(name, key) for name, key in contents.get("devices", ())]
+    return KernelManifest(kernels, jobs, devices)
 
 
 def package_manifest() -> KernelManifest:
     """The kernels of all manifest files in this package, even of those not added; each kernel once."""
     manifest = read_manifests(*sorted(MANIFEST.parents[1].rglob(MANIFEST.name)))
-    return KernelManifest(list({(each.kernel, each.key): each for each in manifest.kernels}.values()), {})
+    kernels = {(each.kernel, each.key): each for each in manifest.kernels}
+    return KernelManifest(list(kernels.values()), {}, manifest.devices)
 
 
 def kernels_of_warm_up(name: str) -> set[KernelRequest] | None:

@@ -1,5 +1,7 @@
 """Build kernel libraries: all recorded kernels, linked into one shared library for each processor level of a system.
 
+The kernels of devices stand beside them, as PTX and SPIR-V, which are the same for all systems.
+
 ``python -m antumbra.kernels.toolchain.library_build --system linux-x86_64 --out FOLDER`` runs on any system: LLVM
 compiles for all of them, and the linker of the package ``ziglang`` links for all of them. Numba's part of the work is
 done once for all levels. The libraries need nothing but the C library.
@@ -19,9 +21,10 @@ from ...base.extras import import_extra
 from ...base.files import temporary_folder
 from ...base.progress import report_progress
 from ..machine_code import SYSTEMS, library_destination
-from ..marshalling import import_object
+from ..marshalling import NONE, import_object
 from ..processor import LIBRARIES, library_path
 from .compile_pool import KernelRequest, compile_kernels
+from .device_code import DEVICE_LIBRARY, load_or_compile_forms
 from .kernel_cache import KernelCode, KernelFolder, cache_folder, symbol_of
 from .kernel_digest import homes_of, kernel_digest, reachable_functions
 from .kernel_library import LIST, PACKAGE, LibraryKernel, LibraryList, digest_of, name_of
@@ -98,7 +101,8 @@ def _source_files(requests: tuple[KernelRequest, ...]) -> list[str]:
         function = import_object(request.kernel).py_func
         modules |= {each.__module__ for each in reachable_functions(function, homes_of(request.key))}
     modules = {name for name in modules if name.partition(".")[0] == "antumbra"}
-    modules |= {f"antumbra.kernels.simd.{path.stem}" for path in (PACKAGE / "kernels" / "simd").glob("*.py")}
+    for name in "simd", "device":
+        modules |= {f"antumbra.kernels.{name}.{path.stem}" for path in (PACKAGE / "kernels" / name).glob("*.py")}
     paths = {PACKAGE.joinpath(*name.split(".")[1:]) for name in modules}
     files = {path.with_suffix(".py") if path.with_suffix(".py").exists() else path / "__init__.py" for path in paths}
     return sorted(path.relative_to(PACKAGE).as_posix() for path in files if path.exists())
@@ -167,10 +171,26 @@ def build_libraries(system: str, out: Path, levels: Sequence[str] | None = None)
             libraries.append(library_path(work, level, linker.suffix))
             linker.link(_inputs(system, level, codes, work), libraries[-1])
         contents.write(work)
+        write_devices(work / DEVICE_LIBRARY.name)
         out.mkdir(parents=True, exist_ok=True)
         for path in (*libraries, work / LIST):
             shutil.copy(path, out / path.name)
+        shutil.rmtree(out / DEVICE_LIBRARY.name, ignore_errors=True)
+        shutil.copytree(work / DEVICE_LIBRARY.name, out / DEVICE_LIBRARY.name)
     return [out / path.name for path in libraries]
+
+
+def write_devices(folder: Path) -> None:
+    """Write the code of all recorded kernels of devices, and their list, into a folder."""
+    requests = package_manifest().devices
+    files = _source_files(tuple(requests))
+    contents = LibraryList(files, digest_of(PACKAGE, files), {})
+    folder.mkdir()
+    for each in requests:
+        for form, code in load_or_compile_forms(import_object(each.kernel), each.key).items():
+            (folder / f"{code.entry}.{form}").write_bytes(code.code)
+            contents.kernels[name_of(each.kernel, each.key)] = LibraryKernel(code.entry, NONE)
+    contents.write(folder)
 
 
 def _cached(requests: list[KernelRequest], destination: str) -> dict[str, KernelCode]:

@@ -141,6 +141,26 @@ def triangles_fit(largest, reach):
 
 
 @inlined
+def raised_to(largest, reach):
+    """(least magnitude of a direction's components, padding for raising them); arguments as in `boxes_fit`."""
+    return largest * _ALONG, reach * TURN
+
+
+@inlined
+def plane_offsets(o, d, tree_reach, along, turn, fits):
+    """(inverse, near offset, far offset): where rays meet planes along one axis, see (2) and (3). Vectors.
+
+    along, turn : from `raised_to`
+    fits : mask of the rays for which float32 suffices
+    """
+    # Eq. (2) and (3) of docs/design/wide.md
+    pad = fma(maximum(absolute(o), tree_reach), PAD, turn)
+    inverse = np.float32(1.0) / select(absolute(d) > along, d, along)
+    offset, grow = -(o * inverse), pad * absolute(inverse)
+    return select(fits, inverse, np.float32(0.0)), select(fits, offset - grow, -_INF), select(fits, offset + grow, _INF)
+
+
+@inlined
 def prepare(block, tree_reach):
     """Fill the rows from INVERSE on. Rays too long, too short or too far away for float32 enter every box."""
     ox, oy, oz = load16(block, OX), load16(block, OY), load16(block, OZ)
@@ -148,16 +168,13 @@ def prepare(block, tree_reach):
     largest = maximum(maximum(absolute(dx), absolute(dy)), absolute(dz))
     reach = maximum(maximum(maximum(absolute(ox), absolute(oy)), absolute(oz)), splat16(largest_of(tree_reach)))
     tame, fits = triangles_fit(largest, reach), boxes_fit(largest, reach)
-    along, turn = largest * _ALONG, reach * TURN
+    along, turn = raised_to(largest, reach)
     for k in range(3):
         o, d = load16(block, OX + LANES * k), load16(block, DX + LANES * k)
-        pad = fma(maximum(absolute(o), splat16(tree_reach[k])), splat16(PAD), turn)
-        steep = select(absolute(d) > along, d, along)
-        inverse = splat16(np.float32(1.0)) / steep
-        offset, grow = -(o * inverse), pad * absolute(inverse)
-        store(block, INVERSE + LANES * k, select(fits, inverse, np.float32(0.0)))
-        store(block, NEAR + LANES * k, select(fits, offset - grow, -_INF))
-        store(block, FAR + LANES * k, select(fits, offset + grow, _INF))
+        inverse, near, far = plane_offsets(o, d, splat16(tree_reach[k]), along, turn, fits)
+        store(block, INVERSE + LANES * k, inverse)
+        store(block, NEAR + LANES * k, near)
+        store(block, FAR + LANES * k, far)
     unit, floor = error_unit(tame, dx, dy, dz, reach)
     store(block, UNIT, unit)
     store(block, FLOOR, floor)

@@ -1,0 +1,50 @@
+"""Launches of the kernels of devices: their code is made and loaded when first needed, and memory is reused."""
+
+from collections.abc import Sequence
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...devices.device import Device, DeviceMemory, Module
+from ...kernels.marshalling import flatten, struct_of
+from ...kernels.toolchain.device_code import Form
+from .device_kernels import KERNELS
+
+
+class DeviceLaunches:
+    """Launches kernels on a device, and keeps blocks of its memory for the next launches. Not thread-safe.
+
+    device : Device
+    """
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self._modules: dict[str, Module] = {}
+        self._blocks: dict[str, DeviceMemory] = {}
+
+    def launch(self, name: str, arguments: Sequence[Any], threads: int) -> None:
+        """Run a kernel of `KERNELS` in at least `threads` threads, in the order of the launches."""
+        if threads <= 0:
+            return
+        module = self._modules.get(name)
+        if module is None:
+            module = self._modules[name] = self.device.load(KERNELS[name].code(cast(Form, self.device.form)))
+        key, values = flatten(tuple(arguments))
+        words = np.frombuffer(struct_of(key).pack(*values), np.int64)
+        self.device.launch(module, words, threads)
+
+    def block(self, name: str, size: int, what: str) -> DeviceMemory:
+        """A block of at least `size` bytes, kept under a name for later calls; its contents are unspecified."""
+        kept = self._blocks.get(name)
+        if kept is None or kept.size < size:
+            if kept is not None:
+                self._blocks.pop(name).free()
+            kept = self._blocks[name] = self.device.allocate(size, what)
+        return kept
+
+    def sent(self, name: str, array: NDArray[Any], what: str) -> int:
+        """The address of a kept block that holds the bytes of an array."""
+        block = self.block(name, max(array.nbytes, 16), what)
+        block.write(array)
+        return block.address

@@ -1,0 +1,401 @@
+"""The tracer of devices: float32 on the device, float64 there for undecided tests, the exact predicate on the CPU.
+
+Rays are traced a chunk at a time. If the list of undecided tests fills up, the rays that found it full are traced
+again, fewer at a time; if that hardly gets on, the CPU traces them.
+"""
+
+import threading
+from math import prod
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from ...base.progress import ProgressCallback
+from ...bvh.nodes import Bvh
+from ...devices.arrays import DeviceArray
+from ...devices.device import Device, DeviceMemory
+from ...kernels.marshalling import address_of
+from ...kernels.parallel import new_ticket, run
+from ...query.ray_list import HitArrays, RayArguments, RayArrays, hit_arrays
+from ...query.shadow_query import ShadowQuery
+from ...scene.lights import AMBIENT
+from . import settling
+from .device_kernels import RECORD, HitBuffers
+from .device_launches import DeviceLaunches
+from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, DevicePatch, RayBuffers, SampleBuffers, pack_receivers
+from .device_traversal import PAIRS, REST, WON, Work
+from .device_tree import DeviceTree
+from .resident_rays import ResidentRays
+
+CHUNK = 1 << 24
+"""Largest number of rays traced together."""
+
+
+class Capacities(NamedTuple):
+    """The sizes of a device's lists."""
+
+    pairs: int = 1 << 20  # undecided tests
+    records: int = 1 << 17  # tests for the CPU
+    least: int = 1 << 12  # if fewer rays get done at a time, the CPU traces the others
+
+
+CAPACITIES = Capacities()
+
+
+class _Kind(NamedTuple):
+    """The kernels of a kind of query, by name."""
+
+    trace: str
+    settle: str
+    record: str
+    any_hit: bool
+
+
+_ANY = _Kind("trace_any", "settle_any", "record_rays", True)
+_SAMPLES = _Kind("trace_samples", "settle_samples", "record_samples", True)
+_NEAREST = _Kind("trace_nearest", "settle_nearest", "record_rays", False)
+
+
+class _Chunk(NamedTuple):
+    """A chunk of rays that is being traced."""
+
+    kind: _Kind
+    rays: RayBuffers | SampleBuffers
+    work: Work
+    query: ShadowQuery | None  # for samples
+
+
+class DeviceTracer:
+    """Traces rays and shadow queries on a device, one call at a time. It may be shared by Python threads.
+
+    device : Device
+    capacities : Capacities
+        Small ones are for tests.
+
+    Attributes
+    ----------
+    undecided, on_cpu : int
+        The numbers of tests so far that float32 left to float64, and that float64 left to the CPU.
+    """
+
+    def __init__(self, device: Device, capacities: Capacities = CAPACITIES) -> None:
+        self.device, self._capacities = device, capacities
+        self.launches = DeviceLaunches(device)
+        self.undecided = self.on_cpu = 0
+        self._receivers: NDArray[np.float32] | None = None  # on the host, where copies to the device are fast
+        self._corners: tuple[object, object, DeviceMemory] | None = None  # owner and place on the host, and the copy
+        self._lock = threading.RLock()
+
+    def tree(self, bvh: Bvh) -> DeviceTree:
+        """A tree, uploaded.
+
+        Raises
+        ------
+        OutOfDeviceMemory
+            If it does not fit.
+        """
+        with self._lock:
+            return DeviceTree(bvh, self.launches)
+
+    def move(self, tree: DeviceTree, bvh: Bvh, vertices: NDArray[np.float32]) -> None:
+        """Move the triangles of a tree, see `DeviceTree.move`."""
+        with self._lock:
+            tree.move(bvh, vertices)
+
+    # --- Queries ------------------------------------------------------------------------------------------------------
+
+    def trace_rays(self, tree: DeviceTree, rays: RayArguments, any_hit: bool, threads: int) -> HitArrays:
+        """The hits of valid rays."""
+        arrays, out = rays.arrays(), hit_arrays(rays.n, any_hit)
+        with self._lock:
+            for first in range(0, rays.n, CHUNK):
+                part = slice(first, min(first + CHUNK, rays.n))
+                n = part.stop - first
+                chunk = self.traced(tree, self._sent(arrays.part(part), rays), n, rays.cull_faces, any_hit, threads)
+                if any_hit:
+                    out.blocked[part] = np.unpackbits(self._bits(chunk, n), count=n, bitorder="little")
+                else:
+                    self._report_here(tree, chunk, threads, HitArrays(*(a[part] if len(a) else a for a in out)))
+        return out
+
+    def trace_resident(
+        self, tree: DeviceTree, rays: ResidentRays, any_hit: bool, threads: int
+    ) -> tuple[DeviceArray, ...]:
+        """The hits of rays on the device, there: blocked, or face, t, u and v, as in `HitArrays`.
+
+        Raises
+        ------
+        InputError
+            If a ray is invalid: NaN, infinity or a zero direction.
+        """
+        with self._lock:
+            buffers, n = rays.in_frame(self.launches), rays.n
+            chunk = self.traced(tree, buffers, n, rays.cull_faces, any_hit, threads)
+            if any_hit:
+                blocked = self._new("the answers", rays.shape, np.bool_)
+                self.launches.launch("write_blocked", (chunk.work.out, n, blocked.memory.address), n)
+                return (blocked,)
+            kinds = np.int32, np.float64, np.float32, np.float32
+            hits = tuple(self._new("the hits", rays.shape, kind) for kind in kinds)
+            addresses = HitBuffers(*(each.memory.address for each in hits))
+            records = self._report(tree, chunk, addresses)
+            if len(records):
+                numbers = settling.heads_of(records)[:, settling.RAY], *settling.numbers_of(records, tree.bvh, threads)
+                sent = [
+                    self.launches.sent(f"number {k}", np.ascontiguousarray(each), "the CPU's answers")
+                    for k, each in enumerate(numbers)
+                ]
+                self.launches.launch("write_numbers", (addresses, *sent, len(records)), len(records))
+            return hits
+
+    def _new(self, what: str, shape: tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
+        memory = self.device.allocate(max(prod(shape), 1) * np.dtype(dtype).itemsize, what)
+        return DeviceArray(memory, shape, dtype, self.device.queue)
+
+    def traced(
+        self, tree: DeviceTree, rays: RayBuffers, n: int, cull_faces: int, any_hit: bool, threads: int
+    ) -> "_Chunk":
+        """Trace n rays of buffers on the device. Their states or slots are at `out` of the work."""
+        chunk = _Chunk(_ANY if any_hit else _NEAREST, rays, self._work(0, n, cull_faces), None)
+        self._trace(tree, chunk, threads)
+        return chunk
+
+    def trace_shadow(
+        self,
+        tree: DeviceTree,
+        query: ShadowQuery,
+        bits: NDArray[np.uint64],
+        threads: int,
+        progress: ProgressCallback | None = None,
+    ) -> None:
+        """Set bit s of ``bits[y, x]`` where sample s of a `ShadowQuery` is occluded.
+
+        bits : (h, w, ceil(spp / 64)) uint64
+        """
+        spp, receivers = query.samples.shape[1], query.sides.size
+        words = bits.reshape(receivers, -1)
+        at_once = max(CHUNK // spp, 1)
+        with self._lock:
+            buffers = self._sample_buffers(query, threads)
+            for first in range(0, receivers, at_once):
+                n = min(at_once, receivers - first)
+                chunk = _Chunk(_SAMPLES, buffers, self._work(first * spp, n * spp, query.cull_faces), query)
+                self._trace(tree, chunk, threads)
+                words[first : first + n] |= _words_of(self._bits(chunk, n * spp), n, spp)
+                if progress is not None:
+                    progress(first + n, receivers)
+
+    # --- Uploads ------------------------------------------------------------------------------------------------------
+
+    def _work(self, first: int, n: int, cull_faces: int) -> Work:
+        sizes, block = self._capacities, self.launches.block
+        out = block("out", 4 * n, "the answers")
+        counts = block("counts", 16, "counts")
+        pairs = block("pairs", 8 * sizes.pairs, "the list of undecided tests")
+        rest = block("rest", 8 * RECORD * sizes.records, "the list of tests for the CPU")
+        lists = pairs.address, sizes.pairs, rest.address, sizes.records
+        return Work(first, n, 0, out.address, counts.address, *lists, cull_faces)
+
+    def _sent(self, arrays: RayArrays, rays: RayArguments) -> RayBuffers:
+        (origins, ends), send = arrays.local(), self.launches.sent
+
+        def number(name: str, value: np.ndarray | float, column: NDArray[np.float64]) -> tuple[int, float]:
+            if not isinstance(value, np.ndarray) or value.ndim == 0:
+                return 0, float(value)
+            return send(name, np.ascontiguousarray(column[:, 0], np.float64), "the rays"), 0.0
+
+        (tmin, shared_tmin), (tmax, shared_tmax) = (
+            number("tmin", rays.tmin, arrays.tmin),
+            number("tmax", rays.tmax, arrays.tmax),
+        )
+        skip = 0
+        if isinstance(rays.skip, np.ndarray) and rays.skip.ndim:
+            skip = send("skip", np.ascontiguousarray(arrays.skip[:, 0], np.int32), "the rays")
+        return RayBuffers(
+            send("origins", np.ascontiguousarray(origins), "the rays"),
+            send("ends", np.ascontiguousarray(ends), "the rays"),
+            tmin,
+            tmax,
+            skip,
+            int(rays.segments),
+            shared_tmin,
+            shared_tmax,
+            -1 if skip else int(rays.skip),
+        )
+
+    def _corners_of(self, query: ShadowQuery) -> int:
+        """The address of the triangles that a query's faces index; those of the latest query are kept."""
+        corners, kept = query.corners, self._corners
+        owner = corners if corners.base is None else corners.base  # held, so that its memory is not reused
+        key = address_of(corners), corners.shape
+        if kept is None or kept[0] is not owner or kept[1] != key:
+            self._corners = None
+            kept = self._corners = owner, key, self.device.upload(corners, "the receivers' triangles")
+        return kept[2].address
+
+    def _sample_buffers(self, query: ShadowQuery, threads: int) -> SampleBuffers:
+        send, p, n = self.launches.sent, query.light, query.sides.size
+        if self._receivers is None or len(self._receivers) < n:
+            self._receivers = self.device.host_array((n, 4), np.float32)
+        receivers, ticket = self._receivers[:n], new_ticket(n, 1 << 14)
+        run(pack_receivers, threads, ticket, query.origins, query.faces, query.sides, receivers)
+        own = query.ids is not query.faces and not np.array_equal(query.ids, query.faces)
+        faces = bool((query.faces >= 0).any())
+        normals = query.normals.size and (p.kind == AMBIENT or bool((query.faces < 0).any()))
+        return SampleBuffers(
+            send("receivers", receivers, "the receivers"),
+            send("ids", np.ascontiguousarray(query.ids), "the receivers") if own else 0,
+            send("normals", np.ascontiguousarray(query.normals), "the receivers' normals") if normals else 0,
+            self._corners_of(query) if faces else 0,
+            send("samples", query.samples, "the samples of a light"),
+            DevicePatch(int(p.kind), _three(p.base), _three(p.u), _three(p.v), _three(p.w), float(p.radius)),
+            query.sides.shape[1],
+            query.samples.shape[1],
+        )
+
+    # --- Stages -------------------------------------------------------------------------------------------------------
+
+    def _read(self, name: str, shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
+        return self.launches.block(name, 0, "").read(np.empty(shape, dtype))
+
+    def _counts(self) -> NDArray[np.int32]:
+        return self._read("counts", (4,), np.int32)
+
+    def _trace(self, tree: DeviceTree, chunk: _Chunk, threads: int) -> None:
+        """Trace a chunk of rays and decide all their tests. Their states or slots stay on the device."""
+        waiting = self._round(tree, chunk, None, threads)
+        at_once = 2 * (chunk.work.n - len(waiting))
+        while len(waiting):
+            if at_once < self._capacities.least:
+                self._trace_on_cpu(tree, chunk, waiting, threads)
+                return
+            now, later = waiting[:at_once], waiting[at_once:]
+            full = self._round(tree, chunk, now, threads)
+            at_once, waiting = 2 * (len(now) - len(full)), np.concatenate([full, later])
+
+    def _round(
+        self, tree: DeviceTree, chunk: _Chunk, which: NDArray[np.int32] | None, threads: int
+    ) -> NDArray[np.int32]:
+        """Trace some rays of a chunk, or all, and decide their tests. Return those that found the list full."""
+        work, counts, n = chunk.work, self.launches.block("counts", 0, ""), chunk.work.n
+        if which is not None:
+            n = len(which)
+            work = work._replace(which=self.launches.sent("which", which, "the rays"), n=n)
+        counts.fill()
+        self.launches.launch(chunk.kind.trace, (tree.buffers, chunk.rays, work), n)
+        pairs = int(self._counts()[PAIRS])
+        self.undecided += min(pairs, work.capacity)
+        self._settle(tree, chunk, min(pairs, work.capacity), threads)
+        if pairs <= work.capacity:
+            return np.empty(0, np.int32)
+        states = self._read("out", (chunk.work.n,), np.int32)
+        return np.flatnonzero(states == AGAIN).astype(np.int32) if which is None else which[states[which] == AGAIN]
+
+    def _settle(self, tree: DeviceTree, chunk: _Chunk, pairs: int, threads: int) -> None:
+        """Decide the listed tests: in float64 on the device, and what is left on the CPU."""
+        work, counts, begin, at_once = chunk.work, self.launches.block("counts", 0, ""), 0, pairs
+        while begin < pairs:
+            n = min(at_once, pairs - begin)
+            counts.fill()
+            self.launches.launch(chunk.kind.settle, (tree.buffers, chunk.rays, work, begin, n), n)
+            counted = self._counts()
+            left = int(counted[REST])
+            if left > work.rest_capacity:
+                at_once = work.rest_capacity
+                continue
+            if counted[WON]:
+                continue
+            self.on_cpu += left
+            if left:
+                self._decide(tree, chunk, self._read("rest", (left, RECORD), np.float64), threads)
+            begin += n
+
+    def _decide(self, tree: DeviceTree, chunk: _Chunk, records: settling.Records, threads: int) -> None:
+        """Decide tests on the CPU, and send the answers."""
+        work = chunk.work
+        if chunk.kind.any_hit:
+            rays = settling.blocked_rays(records, tree.bvh, work.cull_faces, chunk.query, work.first, threads)
+            self._mark(rays, np.full(len(rays), BLOCKED, np.int32))
+        else:
+            self._mark(*settling.nearest_slots(records, tree.bvh, work.cull_faces))
+
+    def _mark(self, rays: NDArray[np.int32], values: NDArray[np.int32]) -> None:
+        """Write the states of some rays, or the slots of their hits."""
+        if len(rays):
+            marks = self.launches.sent("marks", np.stack([rays, values], 1).astype(np.int32), "the CPU's answers")
+            out = self.launches.block("out", 0, "").address
+            self.launches.launch("mark_rays", (out, marks, len(rays)), len(rays))
+
+    def _trace_on_cpu(self, tree: DeviceTree, chunk: _Chunk, rays: NDArray[np.int32], threads: int) -> None:
+        """Trace rays whose undecided tests do not fit the list."""
+        work = chunk.work._replace(which=self.launches.sent("which", rays, "the rays"))
+        for begin in range(0, len(rays), work.rest_capacity):
+            n = min(work.rest_capacity, len(rays) - begin)
+            self.launches.launch(chunk.kind.record, (chunk.rays, work, begin, n), n)
+            records = self._read("rest", (n, RECORD), np.float64)
+            self._mark(rays[begin : begin + n], self._answers(tree, chunk, records, threads))
+
+    def _answers(self, tree: DeviceTree, chunk: _Chunk, records: settling.Records, threads: int) -> NDArray[np.int32]:
+        """The states of recorded rays, or the slots of their nearest hits, by the CPU's walk."""
+        work, any_hit = chunk.work, chunk.kind.any_hit
+        slots = settling.traced_rays(records, tree.bvh, work.cull_faces, any_hit, threads)
+        if not any_hit:
+            return slots
+        states = settling.heads_of(records)[:, settling.STATE]
+        blocked = (states == BLOCKED) | ((states == TRACED) & (slots >= 0))
+        if chunk.query is not None:
+            numbers = work.first + settling.heads_of(records)[:, settling.RAY].astype(np.int64)
+            blocked |= settling.below_horizon(numbers, chunk.query, threads)
+        return np.where(blocked, BLOCKED, CLEAR).astype(np.int32)
+
+    # --- Reports ------------------------------------------------------------------------------------------------------
+
+    def _bits(self, chunk: _Chunk, n: int) -> NDArray[np.uint8]:
+        """Bits of n segments of a chunk, whether each is blocked; in bytes, the first bit of a byte first."""
+        words = -(-n // 32)
+        out = self.launches.block("words", 4 * words, "the bits of the answers").address
+        self.launches.launch("pack_states", (chunk.work.out, n, out, words), words)
+        return self._read("words", (words,), np.int32).view(np.uint8)
+
+    def _report_here(self, tree: DeviceTree, chunk: _Chunk, threads: int, out: HitArrays) -> None:
+        """Write the numbers of a chunk's nearest hits to arrays on the host."""
+        arrays = dict(zip(HitBuffers._fields, out[1:]))
+        blocks = {name: self.launches.block(name, each.nbytes, "the hits") for name, each in arrays.items()}
+        records = self._report(tree, chunk, HitBuffers(*(each.address for each in blocks.values())))
+        for name, block in blocks.items():
+            block.read(arrays[name])
+        if len(records):
+            rays = settling.heads_of(records)[:, settling.RAY]
+            out.t[rays], out.u[rays], out.v[rays] = settling.numbers_of(records, tree.bvh, threads)
+
+    def _report(self, tree: DeviceTree, chunk: _Chunk, hits: HitBuffers) -> settling.Records:
+        """Write the numbers of a chunk's nearest hits on the device. Return those that the CPU must compute."""
+        work, counts, n = chunk.work, self.launches.block("counts", 0, ""), chunk.work.n
+        records, begin, at_once = [], 0, n
+        while begin < n:
+            k = min(at_once, n - begin)
+            counts.fill()
+            self.launches.launch("report_hits", (tree.buffers, chunk.rays, work, hits, begin, k), k)
+            left = int(self._counts()[REST])
+            if left > work.rest_capacity:
+                at_once = work.rest_capacity
+                continue
+            records.append(self._read("rest", (left, RECORD), np.float64))
+            begin += k
+        return np.concatenate(records) if records else np.empty((0, RECORD))
+
+
+def _three(v: NDArray[np.float64]) -> tuple[float, float, float]:
+    return float(v[0]), float(v[1]), float(v[2])
+
+
+def _words_of(bits: NDArray[np.uint8], n: int, spp: int) -> NDArray[Any]:
+    """(n, ceil(spp / 64)) unsigned: the bits of n receivers, spp each, that follow each other without gaps."""
+    if spp in (8, 16, 32):
+        return bits[: n * spp // 8].view(f"<u{spp // 8}")[:, None]
+    if spp % 64 == 0:
+        return bits[: n * spp // 8].view("<u8").reshape(n, -1)
+    padded = np.zeros((n, 64 * -(-spp // 64)), np.uint8)
+    padded[:, :spp] = np.unpackbits(bits, count=n * spp, bitorder="little").reshape(n, spp)
+    return np.packbits(padded, axis=1, bitorder="little").view("<u8")

@@ -1,0 +1,284 @@
+"""The self-test of a device: rays that are hard to decide, on the first use of a card, compared with the CPU's answers.
+
+A driver's compiler may be wrong, and a card may be faulty. So the first time that a card, its driver and our kernels
+meet, they answer a few thousand queries: rays through vertices and along edges, in the planes of triangles, of all
+directions and lengths. Every kernel takes part. A pass is remembered in the user's cache; a failure is an error.
+"""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
+from hashlib import blake2b
+from pathlib import Path
+from typing import NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.files import make_folder
+from ...bvh.binned_sah import build
+from ...bvh.nodes import Bvh
+from ...bvh.refit import refit
+from ...bvh.wide_bvh import widen
+from ...devices.device import Device, DeviceError
+from ...devices.device_list import open_device
+from ...kernels.toolchain.device_code import Form
+from ...kernels.toolchain.kernel_cache import cache_root
+from ...query.light_samples import light_samples
+from ...query.ray_list import HitArrays, RayArguments, hit_arrays, segments_between
+from ...query.receivers import FREE, surface_receivers
+from ...query.shadow_query import ShadowQuery, new_bits
+from ...scene.lights import Light, QuadLight, SphereLight
+from ..rays.ray_batches import RayTracer
+from ..rays.single_rays import trace_shadow
+from .device_kernels import KERNELS
+from .device_tracer import CAPACITIES, Capacities, DeviceTracer
+
+_SEED, _RAYS, _RECEIVERS, _SPP = 62, 2000, 512, 4
+_FRAME = 0.0, 0.0, 0.0
+_CAPACITIES = CAPACITIES, Capacities(512, 256, 64), Capacities(256, 256, 1 << 20)
+"""Lists of the usual size; lists that overflow, so that rays are traced again; and by the CPU."""
+
+
+# --- Cases ------------------------------------------------------------------------------------------------------------
+
+
+def _triangles(rng: np.random.Generator) -> NDArray[np.float32]:
+    """(n, 3, 3) float32: triangles at whole coordinates, some twice; a height field; loose ones, slivers; far ones."""
+    grid = rng.integers(-3, 4, (30, 3, 3))
+    x, z = np.meshgrid(np.arange(-4.0, 5), np.arange(-4.0, 5))
+    points = np.stack([x, rng.uniform(-5, -4, x.shape), z], axis=-1)
+    a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
+    field = np.stack([np.stack([a, b, c], 2), np.stack([a, c, d], 2)], 2).reshape(-1, 3, 3)
+    loose = rng.uniform(-20, 20, (150, 1, 3)) + rng.normal(0, 1, (150, 3, 3))
+    loose[:50, 2] = loose[:50, 0] + 0.7 * (loose[:50, 1] - loose[:50, 0]) + rng.normal(0, 1e-3, (50, 3))
+    far = rng.normal(0, 1e4, (20, 1, 3)) + rng.normal(0, 1e3, (20, 3, 3))
+    return np.concatenate([grid, grid[:5], field, loose, far]).astype(np.float32)
+
+
+def _aims(
+    rng: np.random.Generator, vertices: NDArray[np.float32], n: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """((n, 3) points, (n, 3) directions in their planes): vertices, points on edges, within triangles, and beside them.
+
+    Once rounded to float32, most of them lie some bits beside an edge.
+    """
+    chosen = vertices[rng.integers(0, len(vertices), n)].astype(np.float64)
+    weights = rng.integers(0, 9, (n, 3)) / 8.0
+    weights[0::4] = 1, 0, 0
+    weights[1::4, 2] = rng.choice([0, 1e-7, -1e-7], len(weights[1::4]))
+    weights[2::4, :2] = rng.uniform(0, 0.5, weights[2::4, :2].shape)
+    weights[:, 0] = 1 - weights[:, 1] - weights[:, 2]
+    along = rng.normal(size=(n, 2))
+    p, q = chosen[:, 1] - chosen[:, 0], chosen[:, 2] - chosen[:, 0]
+    return np.einsum("nk,nkc->nc", weights, chosen), along[:, :1] * p + along[:, 1:] * q
+
+
+def _lines(rng: np.random.Generator, vertices: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(origins, ends), (_RAYS, 3) float32 each, through aims: short ones that meet little else, and long ones."""
+    aims, in_plane = _aims(rng, vertices, _RAYS)
+    along = rng.normal(size=(_RAYS, 3))
+    along[::6] = in_plane[::6]
+    along[1::6] = np.eye(3)[rng.integers(0, 3, len(along[1::6]))]
+    along[2::6] = rng.integers(-3, 4, along[2::6].shape) / 4
+    along *= np.where(rng.random((_RAYS, 1)) < 0.1, 20.0, 1.0)
+    along[~along.any(1)] = 1
+    origins = (aims + along).astype(np.float32)
+    ends = (aims - along * rng.choice([0.0, 1e-6, 0.5, 1.0, 2.0], (_RAYS, 1))).astype(np.float32)
+    ends[(ends == origins).all(1)] += 1
+    return origins, ends
+
+
+def _segments(rng: np.random.Generator, vertices: NDArray[np.float32]) -> RayArguments:
+    (origins, ends), skip = _lines(rng, vertices), rng.integers(-1, len(vertices), _RAYS)
+    return segments_between(origins, ends, np.where(rng.random(_RAYS) < 0.5, skip, -1), 0.0)
+
+
+def _rays(rng: np.random.Generator, vertices: NDArray[np.float32], cull_faces: int) -> RayArguments:
+    origins, ends = _lines(rng, vertices)
+    scale = np.where(rng.random((_RAYS, 1)) < 0.5, 1.0, 10.0 ** rng.integers(-6, 7, (_RAYS, 1)))
+    directions = ((ends - origins) * scale).astype(np.float32)
+    tmin = np.where(rng.random(_RAYS) < 0.5, 0.0, rng.uniform(0, 1, _RAYS) / scale[:, 0])
+    tmax = np.where(rng.random(_RAYS) < 0.5, np.inf, tmin + rng.uniform(0, 3, _RAYS) / scale[:, 0])
+    return RayArguments(origins, directions, tmin, tmax, -1.0, (_RAYS,), cull_faces, False, _FRAME)
+
+
+def _query(
+    origins: NDArray[np.float32],
+    light: Light,
+    faces: NDArray[np.int32],
+    sides: NDArray[np.int8],
+    corners: NDArray[np.float32],
+) -> ShadowQuery:
+    """The query of receivers in a row; faces, sides, corners: as in `ShadowQuery`."""
+    patch, samples, own = light.patch(np.zeros(3), 1e5), light_samples(light, _SPP), faces[None]
+    return ShadowQuery(origins[None], own, sides[None], np.empty((0, 0, 3)), corners, patch, samples, 0, own)
+
+
+def _floating_query(rng: np.random.Generator, vertices: NDArray[np.float32]) -> ShadowQuery:
+    """Receivers in space, behind the edges that one of their samples of a quad meets."""
+    light = QuadLight((-3, 9, 5), (6, 1, 0), (0, 2, -10))
+    samples = light_samples(light, _SPP)
+    own = samples[np.arange(_RECEIVERS) & 3, rng.integers(0, _SPP, _RECEIVERS)]
+    places = light.corner + own[:, :1] * light.u + own[:, 1:2] * light.v
+    aims, _ = _aims(rng, vertices, _RECEIVERS)
+    origins = (aims + (aims - places) * rng.uniform(0.01, 0.1, (_RECEIVERS, 1))).astype(np.float32)
+    faces, sides = np.full(_RECEIVERS, -1, np.int32), np.full(_RECEIVERS, FREE, np.int8)
+    return _query(origins, light, faces, sides, np.empty((0, 9), np.float32))
+
+
+def _surface_query(rng: np.random.Generator, vertices: NDArray[np.float32]) -> ShadowQuery:
+    """Receivers on triangles, close to their edges, below a sphere."""
+    edges = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0]).astype(np.float64)
+    length = np.linalg.norm(edges, axis=1)
+    faces = rng.choice(np.flatnonzero(length > 0), _RECEIVERS).astype(np.int32)
+    sides = rng.choice(np.array([-1, 1], np.int8), _RECEIVERS)
+    normals = (edges[faces] / length[faces, None] * sides[:, None]).astype(np.float32)
+    weights = rng.dirichlet((0.3, 0.3, 0.3), _RECEIVERS).astype(np.float32)
+    corners = np.ascontiguousarray(vertices.reshape(-1, 9))
+    positions = np.einsum("nk,nkc->nc", weights, vertices[faces])
+    origins = surface_receivers(positions, normals, faces, sides, corners, 1)
+    return _query(origins, SphereLight((0, 2, 0), 2.0), faces, sides, corners)
+
+
+class _Cases(NamedTuple):
+    """Queries, and the CPU's answers in the order of `_answers`."""
+
+    bvh: Bvh
+    moved: NDArray[np.float32]  # (n, 3, 3) float32: the triangles at another moment
+    segments: RayArguments
+    rays: list[RayArguments]
+    queries: list[ShadowQuery]
+    answers: list[NDArray[np.generic]]
+
+
+@cache
+def _cases() -> _Cases:
+    rng = np.random.default_rng(_SEED)
+    vertices = _triangles(rng)
+    bvh = build(vertices, 1)
+    moved = (vertices + rng.integers(-1, 2, (len(vertices), 1, 3))).astype(np.float32)
+    rays = [_rays(rng, vertices, cull_faces) for cull_faces in (0, 1)]
+    cases = _Cases(
+        bvh,
+        moved,
+        _segments(rng, vertices),
+        rays,
+        [make(rng, vertices) for make in (_floating_query, _surface_query)],
+        [],
+    )
+    return cases._replace(answers=list(_cpu_answers(cases)))
+
+
+def _cpu_answers(cases: _Cases) -> Iterator[NDArray[np.generic]]:
+    """The answers of the CPU's tracers, as `_answers` orders those of a device."""
+    for bvh in cases.bvh, refit(cases.bvh, cases.moved, 1):
+        wide = widen(bvh, 1)
+        tracer = RayTracer(wide)
+        for rays, any_hit in _lists(cases):
+            hits = hit_arrays(rays.n, any_hit)
+            if not tracer.trace(rays, any_hit, hits, 1):
+                raise AssertionError("a ray of the self-test is invalid")
+            yield from _columns(hits, any_hit)
+        for query in cases.queries:
+            bits = new_bits(query)
+            trace_shadow(wide, query, bits, 1)
+            yield bits
+
+
+def _lists(cases: _Cases) -> Iterator[tuple[RayArguments, bool]]:
+    """(rays, whether any hit is asked for)."""
+    yield cases.segments, True
+    for rays in cases.rays:
+        yield rays, True
+        yield rays, False
+
+
+def _columns(hits: HitArrays, any_hit: bool) -> tuple[NDArray[np.generic], ...]:
+    return (hits.blocked,) if any_hit else tuple(hits[1:])
+
+
+# --- The test ---------------------------------------------------------------------------------------------------------
+
+
+class SelfTest(NamedTuple):
+    """The result of a self-test."""
+
+    answers: int
+    wrong: int  # those that differ from the CPU's
+
+
+def run_self_test(device: Device) -> SelfTest:
+    """Let a device answer all queries, with lists of all sizes, and compare its bits with the CPU's."""
+    cases, answers, wrong = _cases(), 0, 0
+    for capacities in _CAPACITIES:
+        for found, expected in zip(_answers(device, cases, capacities), cases.answers, strict=True):
+            answers += expected.size
+            wrong += int(np.count_nonzero(found != expected))
+    return SelfTest(answers, wrong)
+
+
+def _answers(device: Device, cases: _Cases, capacities: Capacities) -> Iterator[NDArray[np.generic]]:
+    tracer = DeviceTracer(device, capacities)
+    tree = tracer.tree(cases.bvh)
+    for moved in False, True:
+        if moved:
+            tree.move(refit(cases.bvh, cases.moved, 1), cases.moved)
+        for rays, any_hit in _lists(cases):
+            yield from _columns(tracer.trace_rays(tree, rays, any_hit, 1), any_hit)
+        for query in cases.queries:
+            bits = new_bits(query)
+            tracer.trace_shadow(tree, query, bits, 1)
+            yield bits
+
+
+# --- First use --------------------------------------------------------------------------------------------------------
+
+
+def open_tested(name: str | Device, max_memory: int | None = None) -> Device:
+    """`open_device`, with the self-test on the first use of a card.
+
+    Raises
+    ------
+    DeviceError
+        If the card's answers are wrong.
+    """
+    device = open_device(name, max_memory)
+    if device.kind != "host":  # no card and no driver: its code is checked by the project's own tests
+        check_device(device)
+    return device
+
+
+def check_device(device: Device) -> None:
+    """Run the self-test unless this card has passed it, with this driver and these kernels.
+
+    Raises
+    ------
+    DeviceError
+        If the answers are wrong.
+    """
+    path = _pass_of(device)
+    if path in _passed:
+        return
+    if not path.exists():
+        answers, wrong = run_self_test(open_device(device.name))  # not within the owner's budget
+        if wrong:
+            raise DeviceError(
+                f"{device}: {wrong} of {answers} answers in its self-test are wrong, so it is not used; update its "
+                "driver, or compute on the CPU"
+            )
+        with suppress(OSError):  # the cache is not writable: the test is repeated in each process
+            make_folder(path.parent)
+            path.touch(mode=0o600)
+    _passed.add(path)
+
+
+_passed: set[Path] = set()
+
+
+def _pass_of(device: Device) -> Path:
+    """The file that exists once a card has passed with its driver and our kernels."""
+    digest = blake2b(f"{device.kind} {device.model} {device.driver}".encode(), digest_size=16)
+    for kernel in KERNELS.values():
+        digest.update(kernel.code(cast(Form, device.form)).digest.encode())
+    return cache_root() / "devices" / f"{digest.hexdigest()}.passed"
