@@ -37,7 +37,7 @@ from .accelerator import Accelerated, Accelerator, SceneTrees
 from .auto_accelerator import accelerator_of
 from .card_choice import CardChoice
 from .device_plans import cpu_plan, plan_on
-from .device_rays import DeviceRayLists
+from .device_rays import DeviceRayLists, devices_job
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
 from .in_memory_source import InMemory, update_job
 from .instanced_source import Instanced, SharedInstances, traces_instances
@@ -580,6 +580,8 @@ class Engine:
     def _warm_up(self) -> None:
         """Compile the kernels of this plan at its first query."""
         if not self._warm:
+            if self.plan.device is not None:
+                precompile(devices_job)
             warm_up(cpu_plan(self.plan), precompiled_method(self.source.gbuffer))
             self.source.warm_up()
             self._warm = True
