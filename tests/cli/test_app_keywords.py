@@ -41,7 +41,8 @@ OF_COMMANDS = {
     "size": "Camera has it", "exposure": "Frame.save takes it", "preset": "sets spp, filter and adaptive",
     "adaptive_spp": "the number in adaptive", "frames": "a loop", "fps": "a loop", "overwrite": "a loop",
     "city_output": "write_attributes", "sparse": "VisibilityMatrix.save", "counts": "VisibilityMatrix.counts",
-    "srdh_rays": "Plan.sample", "vertex": "texture is None", "no_browser": "browser=False",
+    "device": "part of the plan", "srdh_rays": "Plan.sample", "vertex": "texture is None",
+    "no_browser": "browser=False",
 }  # fmt: skip
 """Option that no function has -> where Python has it."""
 

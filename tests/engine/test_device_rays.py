@@ -1,5 +1,7 @@
 """Ray lists of engines on devices: checks, times, moved triangles, cut-outs, and what the CPU answers."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -92,3 +94,13 @@ def test_the_cpu_adds_cut_outs_and_finds_all_hits(plan):
     np.testing.assert_array_equal(ours.face, theirs.face)
     points = rays_in(scene, 50)[0]
     np.testing.assert_array_equal(engine.contains(points), scene.contains(points))
+
+
+@pytest.mark.parametrize("plan", PLANS)
+def test_threads_share_an_engine_on_a_device(plan):
+    scene = soup_scene(5)
+    engine, lists = Engine(scene, plan), [rays_in(scene, 60, seed) for seed in range(6)]
+    with ThreadPoolExecutor(3) as pool:
+        found = list(pool.map(lambda rays: engine.occluded(rays[0], targets=rays[1]), lists))
+    for blocked, (origins, targets) in zip(found, lists):
+        np.testing.assert_array_equal(blocked, scene.occluded(origins, targets=targets))

@@ -29,9 +29,12 @@ def device_tracer(name: str, max_memory: int | None = None) -> Any:
     DeviceError
         If the device cannot be used, or fails its self-test, which it takes on first use.
     """
-    from ..trace.device.device_tracer import DeviceTracer  # imported late: most processes use no device
+    from ..trace.device.device_kernels import DEVICE_KERNELS  # imported late: most processes use no device
+    from ..trace.device.device_tracer import DeviceTracer
     from ..trace.device.self_test import open_tested
+    from .precompilation import precompile_devices
 
+    precompile_devices(DEVICE_KERNELS)
     return DeviceTracer(open_tested(name, max_memory))
 
 

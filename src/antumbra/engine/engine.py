@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array, byte_count, checked_instance, choice, whole_number
-from ..devices.arrays import DeviceArray
 from ..devices.device import DeviceError
 from ..devices.device_list import default_device, using_device
 from ..errors import InputError
@@ -37,7 +36,6 @@ from .accelerator import Accelerated, Accelerator, SceneTrees
 from .auto_accelerator import accelerator_of
 from .card_choice import CardChoice
 from .device_plans import cpu_plan, plan_on
-from .device_rays import DeviceRayLists
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
 from .in_memory_source import InMemory, update_job
 from .instanced_source import Instanced, SharedInstances, traces_instances
@@ -50,8 +48,10 @@ from .terrain_shadows import TerrainShadows
 from .visibility import Visibility, visibility_of
 
 if TYPE_CHECKING:
+    from ..devices.arrays import DeviceArray
     from ..scene.moved_geometry import ObjectChoice
     from ..store.store_file import StoreData
+    from .device_rays import DeviceRayLists
     from .paged_source import Paged
 
 
@@ -180,8 +180,10 @@ class Engine:
             return Instanced(data, self.accelerator, self._trees)
         return InMemory(data.flattened(), self.accelerator, self._trees.flat(), gbuffer)
 
-    def _new_device_rays(self, accelerator: Accelerator) -> DeviceRayLists | None:
+    def _new_device_rays(self, accelerator: Accelerator) -> "DeviceRayLists | None":
         """Ray lists by the plan of an accelerator, which traces on a device; None: the scene is not in memory."""
+        from .device_rays import DeviceRayLists  # imported late: most engines use no device
+
         if not isinstance(self.source, InMemory) or self._trees is None:
             return None
         trees = self._trees.flat() if isinstance(self._trees, SharedInstances) else self._trees
@@ -401,7 +403,7 @@ class Engine:
         any_hit: bool,
         time: float,
         threads: int | None,
-    ) -> tuple[DeviceArray, ...]:
+    ) -> "tuple[DeviceArray, ...]":
         """The hits of rays in arrays on the engine's device."""
         assert self.device_rays is not None
         threads, moment = self.threads if threads is None else thread_count(threads), self._moment(time)
@@ -580,6 +582,10 @@ class Engine:
     def _warm_up(self) -> None:
         """Compile the kernels of this plan at its first query."""
         if not self._warm:
+            if self.plan.device is not None:
+                from .device_rays import devices_job
+
+                precompile(devices_job)
             warm_up(cpu_plan(self.plan), precompiled_method(self.source.gbuffer))
             self.source.warm_up()
             self._warm = True

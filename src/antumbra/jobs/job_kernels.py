@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..engine.auto_accelerator import best_tree_job
+from ..engine.device_rays import devices_job
 from ..engine.in_memory_source import all_hits_job, rays_job, update_job
 from ..engine.instanced_source import instances_job
 from ..engine.paged_hits import paged_hits_job
@@ -59,7 +60,7 @@ def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) ->
         indirect_job("rays"),
     ]
     jobs += [steps_job(), store_job(), paged_job(), paged_hits_job(), cutouts_job(), instances_job()]
-    jobs += [terrain_job(), terrain_rays_job()]
+    jobs += [terrain_job(), terrain_rays_job(), devices_job()]
     jobs += [wide_lights_job()] if any(plan.trace == "cones" for plan in plans) else []
     jobs += [bounce_job()] if any(plan.wants_rays for plan in plans) else []
     for plan in plans:

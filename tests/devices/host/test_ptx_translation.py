@@ -230,18 +230,3 @@ def test_an_instruction_that_is_not_known_is_an_error(device, line):
     with pytest.raises(DeviceError, match="does not know the PTX instruction") as raised:
         device.load(snippet(line))
     assert line in str(raised.value)
-
-
-@pytest.mark.parametrize("line", ["call foo(); ret;", ".pragma nounroll;", ".reg .b32 %x, %y;", "{"])
-def test_a_line_that_cannot_be_read_is_an_error(device, line):
-    with pytest.raises(DeviceError):
-        device.load(snippet(line))
-
-
-@pytest.mark.parametrize(
-    "line", [".global .align 4 .b8 table[4];", ".func helper() { ret; }", ".extern .func vprintf;"]
-)
-def test_a_module_with_anything_but_a_kernel_is_an_error(device, line):
-    code = snippet("")
-    with pytest.raises(DeviceError, match="modules of one kernel"):
-        device.load(code._replace(code=code.code.replace(b".visible", line.encode() + b"\n.visible", 1)))

@@ -8,8 +8,8 @@ from antumbra.errors import InputError
 from antumbra.kernels.device import i64_at, local_i32, thread_index
 from antumbra.kernels.jit import Intrinsic, kernel
 from antumbra.kernels.simd import bits, f32_at, get, i32_at, load4, put, stack_i32
-from antumbra.kernels.toolchain import device_code as codes
 from antumbra.kernels.toolchain import (
+    device_code,
     device_emission,
     device_ir,
     kernel_cache,
@@ -21,7 +21,7 @@ from antumbra.kernels.toolchain.rounding_checks import check_rounding
 
 TABLE = np.arange(5, dtype=np.float32) ** 2
 
-FORMS = pytest.mark.parametrize("form", codes.FORMS)
+FORMS = pytest.mark.parametrize("form", device_code.FORMS)
 SAMPLES = pytest.mark.parametrize("each", sample.SAMPLES, ids=lambda each: each.name)
 
 
@@ -129,15 +129,15 @@ def test_memory_of_a_block_is_shared():
 )
 def test_what_no_device_can_do_is_refused(function, message):
     with pytest.raises(TypeError, match=message):
-        codes.device_code(function, (0,), "ptx")
+        device_code.device_code(function, (0,), "ptx")
 
 
 def test_a_block_of_local_memory_reaches_to_the_end_of_its_last_part():
-    assert ".b8 antumbra_local[32]" in codes.device_code(points_to_memory_of_blocks, (0,), "ptx").code.decode()
+    assert ".b8 antumbra_local[32]" in device_code.device_code(points_to_memory_of_blocks, (0,), "ptx").code.decode()
 
 
 def test_a_choice_among_many_values_needs_no_table():
-    text = codes.device_code(chooses_among_many, (0,), "ptx").code.decode()
+    text = device_code.device_code(chooses_among_many, (0,), "ptx").code.decode()
     assert ".global ." not in text and "brx" not in text
 
 
@@ -176,8 +176,8 @@ def calls_of(name):
 def test_both_targets_have_exact_operations_for_the_intrinsics_that_kernels_may_use(names):
     text = assembly([call for name in names for call in calls_of(name)])
     modules = ptx_target.ptx_module(text, "entry"), spirv_target.spirv_module(text, "entry")
-    for form, code in zip(codes.FORMS, device_emission.emit_modules(modules)):
-        check_rounding(codes.DeviceCode(form, "entry", 1, code, ""))
+    for form, code in zip(device_code.FORMS, device_emission.emit_modules(modules)):
+        check_rounding(device_code.DeviceCode(form, "entry", 1, code, ""))
 
 
 def test_what_llvm_cannot_emit_is_an_error():
@@ -188,52 +188,52 @@ def test_what_llvm_cannot_emit_is_an_error():
 
 def test_code_does_not_depend_on_what_was_compiled_before():
     """LLVM keeps numbers of labels from one SPIR-V module to the next, and Numba counts the functions that it names."""
-    first = {each: codes._compiled(each.kernel, each.key, "entry") for each in (sample.LINKS, sample.ODDS)}
+    first = {each: device_code._compiled(each.kernel, each.key, "entry") for each in (sample.LINKS, sample.ODDS)}
     numba_frontend.part_of(sample.LINKS.kernel).lowered.clear()
-    again = {each: codes._compiled(each.kernel, each.key, "entry") for each in (sample.ODDS, sample.LINKS)}
+    again = {each: device_code._compiled(each.kernel, each.key, "entry") for each in (sample.ODDS, sample.LINKS)}
     assert again == first
 
 
 def test_arguments_of_other_kinds_are_other_code():
-    integer, real = (codes.device_code(two_numbers, (0, x), "ptx") for x in (0, 0.0))
+    integer, real = (device_code.device_code(two_numbers, (0, x), "ptx") for x in (0, 0.0))
     assert integer.words == real.words == 2 and integer.digest != real.digest
 
 
 @pytest.fixture
 def empty_cache(tmp_path, monkeypatch):
     """A cache of this test's own, and no code in this process."""
-    monkeypatch.setattr(codes, "cache_folder", lambda: tmp_path)
-    codes._code.cache_clear()
+    monkeypatch.setattr(device_code, "cache_folder", lambda: tmp_path)
+    device_code._code.cache_clear()
     yield tmp_path
-    codes._code.cache_clear()
+    device_code._code.cache_clear()
 
 
 def test_code_is_compiled_once_and_then_found_on_disk(empty_cache, monkeypatch):
-    first = {form: codes.device_code(two_numbers, (0, 0), form) for form in codes.FORMS}
+    first = {form: device_code.device_code(two_numbers, (0, 0), form) for form in device_code.FORMS}
     files = sorted(
         file.relative_to(empty_cache / "kernels" / kernel_cache.toolchain()) for file in empty_cache.rglob("*.kernel")
     )
     assert [file.parts[0] for file in files] == ["ptx", "spirv"]
     monkeypatch.setattr(device_ir, "device_ir", lambda *arguments: pytest.fail("it is compiled again"))
-    codes._code.cache_clear()
-    assert {form: codes.device_code(two_numbers, (0, 0), form) for form in codes.FORMS} == first
+    device_code._code.cache_clear()
+    assert {form: device_code.device_code(two_numbers, (0, 0), form) for form in device_code.FORMS} == first
 
 
 def test_code_is_the_same_when_it_is_compiled_again(empty_cache):
     first = sample.LINKS.code("spirv")
     for file in empty_cache.rglob("*.kernel"):
         file.unlink()
-    codes._code.cache_clear()
+    device_code._code.cache_clear()
     assert sample.LINKS.code("spirv") == first
 
 
 def test_a_cache_that_cannot_be_written_is_no_error(empty_cache):
     (empty_cache / "kernels").write_text("a file")
-    assert codes.device_code(two_numbers, (0, 0), "ptx").words == 2
+    assert device_code.device_code(two_numbers, (0, 0), "ptx").words == 2
 
 
 def test_a_kernel_that_another_process_has_compiled_meanwhile_is_not_compiled_again(empty_cache, monkeypatch):
-    code, lock = codes.load_or_compile_forms(two_numbers, "i i"), kernel_cache.KernelFolder.lock
+    code, lock = device_code.load_or_compile_forms(two_numbers, "i i"), kernel_cache.KernelFolder.lock
     stored = {file: file.read_bytes() for file in empty_cache.rglob("*.kernel")}
     for file in stored:
         file.unlink()
@@ -244,16 +244,16 @@ def test_a_kernel_that_another_process_has_compiled_meanwhile_is_not_compiled_ag
         return lock(folder, digest)
 
     monkeypatch.setattr(kernel_cache.KernelFolder, "lock", lock_after_the_other_process)
-    monkeypatch.setattr(codes, "_compiled", lambda *arguments: pytest.fail("it is compiled again"))
-    assert len(stored) == 2 and codes.load_or_compile_forms(two_numbers, "i i") == code
+    monkeypatch.setattr(device_code, "_compiled", lambda *arguments: pytest.fail("it is compiled again"))
+    assert len(stored) == 2 and device_code.load_or_compile_forms(two_numbers, "i i") == code
 
 
 def test_a_kernel_that_is_not_installed_needs_a_compiler(empty_cache, monkeypatch):
-    monkeypatch.setattr(codes, "has_compiler", lambda: False)
+    monkeypatch.setattr(device_code, "has_compiler", lambda: False)
     with pytest.raises(
         InputError, match=r"two_numbers is not among the device kernels .* pip install 'antumbra\[jit\]'"
     ):
-        codes.device_code(two_numbers, (0, 0), "ptx")
+        device_code.device_code(two_numbers, (0, 0), "ptx")
 
 
 def test_the_names_of_intrinsics_have_implementations():

@@ -182,6 +182,15 @@ def test_receivers_in_the_plane_of_the_light_and_of_all_blockers(tracer):
     assert check_query(tracer, *query_of(scene, camera, light, 16)) > 0
 
 
+def test_the_receivers_triangles_are_sent_again_only_if_they_are_others(device):
+    camera, tracer, addresses = at.Camera((0, 2, 9), (0, -0.5, 0), width=9, height=7), DeviceTracer(device), []
+    scenes = [query_of(soup_scene(seed), camera, LIGHTS["quad"], 4) for seed in (7, 8)]
+    for triangles, query in (scenes[0], scenes[0], scenes[1], scenes[0]):
+        assert 0 < check_query(tracer, triangles, query) < 1
+        addresses.append(tracer._corners[2])
+    assert addresses[0] is addresses[1] and addresses[1] is not addresses[2] and addresses[3] is not addresses[0]
+
+
 # --- Lists that are too short -----------------------------------------------------------------------------------------
 
 

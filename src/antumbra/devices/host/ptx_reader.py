@@ -38,7 +38,7 @@ _PARAMETER = re.compile(r"\s*\.param \.u64 (\w+)\s*")
 _MEMORY = re.compile(r"\.(local|shared) \.align \d+ \.b8\s+(\w+)\[(\d+)\];")
 _REGISTERS = re.compile(r"\.reg \.(\w+)\s+%(\w+)(?:<(\d+)>)?;")
 _LABEL = re.compile(r"(\$?\w+):")
-_INSTRUCTION = re.compile(r"(?:@(!?)(%\w+)\s+)?([\w.]+)\s*(.*);")
+_INSTRUCTION = re.compile(r"(?:@(!?)(%\w+)\s+)?([a-z][\w.]*)\s*([^;]*);")
 _OPERAND = re.compile(r"\{[^}]*\}|\[[^\]]*\]|[^,\s]+")
 
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from ...kernels.exact.filters import UNSURE
 from ...kernels.exact.predicate import Ray, ray_along, segment
-from ...kernels.jit import inlined, overload
-from ...kernels.simd import f32_at, f64_at, get, i32_at
+from ...kernels.jit import inlined, kernel, overload
+from ...kernels.parallel import items
+from ...kernels.simd import as_i32, f32_at, f64_at, get, i32_at, ptr, put
 from ...query.light_samples import patch_at, sample_point
 from ...query.receivers import NOTHING
 from ...query.shadow_query import Horizon, above_horizon, face_horizon, set_of, three_at
@@ -108,6 +109,17 @@ class SampleBuffers(NamedTuple):
     light: DevicePatch
     w: int  # receivers per row
     spp: int
+
+
+@kernel
+def pack_receivers(ticket, origins, faces, sides, out):
+    """On the CPU: write receivers as `SampleBuffers` describes them; out: (n, 4) float32."""
+    o, f, s, numbers = ptr(origins), ptr(faces), ptr(sides), ptr(out)
+    words = as_i32(numbers)
+    for i in items(ticket):
+        for k in range(3):
+            put(numbers, 4 * i + k, get(o, 3 * i + k))
+        put(words, 4 * i + 3, np.int64(get(f, i)) << 2 | np.int64(get(s, i)) + 1)
 
 
 class _Receiver(NamedTuple):

@@ -13,7 +13,9 @@ from numpy.typing import DTypeLike, NDArray
 
 from ...bvh.nodes import Bvh
 from ...devices.arrays import DeviceArray
-from ...devices.device import Device
+from ...devices.device import Device, DeviceMemory
+from ...kernels.marshalling import address_of
+from ...kernels.parallel import new_ticket, run
 from ...progress import ProgressCallback
 from ...query.ray_list import HitArrays, RayArguments, RayArrays, hit_arrays
 from ...query.shadow_query import ShadowQuery
@@ -21,7 +23,7 @@ from ...scene.lights import AMBIENT
 from . import settling
 from .device_kernels import RECORD, HitBuffers
 from .device_launches import DeviceLaunches
-from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, DevicePatch, RayBuffers, SampleBuffers
+from .device_rays import AGAIN, BLOCKED, CLEAR, TRACED, DevicePatch, RayBuffers, SampleBuffers, pack_receivers
 from .device_traversal import PAIRS, REST, WON, Work
 from .device_tree import DeviceTree
 from .resident_rays import ResidentRays
@@ -81,6 +83,8 @@ class DeviceTracer:
         self.device, self._capacities = device, capacities
         self.launches = DeviceLaunches(device)
         self.undecided = self.on_cpu = 0
+        self._receivers: NDArray[np.float32] | None = None  # on the host, where copies to the device are fast
+        self._corners: tuple[object, object, DeviceMemory] | None = None  # owner and place on the host, and the copy
         self._lock = threading.RLock()
 
     def tree(self, bvh: Bvh) -> DeviceTree:
@@ -173,7 +177,7 @@ class DeviceTracer:
         words = bits.reshape(receivers, -1)
         at_once = max(CHUNK // spp, 1)
         with self._lock:
-            buffers = self._sample_buffers(query)
+            buffers = self._sample_buffers(query, threads)
             for first in range(0, receivers, at_once):
                 n = min(at_once, receivers - first)
                 chunk = _Chunk(_SAMPLES, buffers, self._work(first * spp, n * spp, query.cull_faces), query)
@@ -220,11 +224,22 @@ class DeviceTracer:
             -1 if skip else int(rays.skip),
         )
 
-    def _sample_buffers(self, query: ShadowQuery) -> SampleBuffers:
+    def _corners_of(self, query: ShadowQuery) -> int:
+        """The address of the triangles that a query's faces index; those of the latest query are kept."""
+        corners, kept = query.corners, self._corners
+        owner = corners if corners.base is None else corners.base  # held, so that its memory is not reused
+        key = address_of(corners), corners.shape
+        if kept is None or kept[0] is not owner or kept[1] != key:
+            self._corners = None
+            kept = self._corners = owner, key, self.device.upload(corners, "the receivers' triangles")
+        return kept[2].address
+
+    def _sample_buffers(self, query: ShadowQuery, threads: int) -> SampleBuffers:
         send, p, n = self.launches.sent, query.light, query.sides.size
-        receivers = np.empty((n, 4), np.float32)
-        receivers[:, :3] = query.origins.reshape(n, 3)
-        receivers.view(np.int32)[:, 3] = receiver_tags(query.faces.reshape(n), query.sides.reshape(n))
+        if self._receivers is None or len(self._receivers) < n:
+            self._receivers = self.device.host_array((n, 4), np.float32)
+        receivers, ticket = self._receivers[:n], new_ticket(n, 1 << 14)
+        run(pack_receivers, threads, ticket, query.origins, query.faces, query.sides, receivers)
         own = query.ids is not query.faces and not np.array_equal(query.ids, query.faces)
         faces = bool((query.faces >= 0).any())
         normals = query.normals.size and (p.kind == AMBIENT or bool((query.faces < 0).any()))
@@ -232,7 +247,7 @@ class DeviceTracer:
             send("receivers", receivers, "the receivers"),
             send("ids", np.ascontiguousarray(query.ids), "the receivers") if own else 0,
             send("normals", np.ascontiguousarray(query.normals), "the receivers' normals") if normals else 0,
-            send("corners", query.corners, "the receivers' triangles") if faces else 0,
+            self._corners_of(query) if faces else 0,
             send("samples", query.samples, "the samples of a light"),
             DevicePatch(int(p.kind), _three(p.base), _three(p.u), _three(p.v), _three(p.w), float(p.radius)),
             query.sides.shape[1],
@@ -371,21 +386,16 @@ class DeviceTracer:
         return np.concatenate(records) if records else np.empty((0, RECORD))
 
 
-def receiver_tags(faces: NDArray[np.int32], sides: NDArray[np.int8]) -> NDArray[np.int32]:
-    """(n,) int32: the faces and sides of receivers, as `SampleBuffers` describes them."""
-    return (faces << 2) | (sides.astype(np.int32) + 1)
-
-
 def _three(v: NDArray[np.float64]) -> tuple[float, float, float]:
     return float(v[0]), float(v[1]), float(v[2])
 
 
-def _words_of(bits: NDArray[np.uint8], n: int, spp: int) -> NDArray[np.uint64]:
-    """(n, ceil(spp / 64)) uint64: the bits of n receivers, spp each, that follow each other without gaps."""
+def _words_of(bits: NDArray[np.uint8], n: int, spp: int) -> NDArray[Any]:
+    """(n, ceil(spp / 64)) unsigned: the bits of n receivers, spp each, that follow each other without gaps."""
     if spp in (8, 16, 32):
-        return bits[: n * spp // 8].view(f"<u{spp // 8}").astype(np.uint64)[:, None]
+        return bits[: n * spp // 8].view(f"<u{spp // 8}")[:, None]
     if spp % 64 == 0:
-        return bits[: n * spp // 8].view("<u8").astype(np.uint64).reshape(n, -1)
+        return bits[: n * spp // 8].view("<u8").reshape(n, -1)
     padded = np.zeros((n, 64 * -(-spp // 64)), np.uint8)
     padded[:, :spp] = np.unpackbits(bits, count=n * spp, bitorder="little").reshape(n, spp)
-    return np.packbits(padded, axis=1, bitorder="little").view("<u8").astype(np.uint64)
+    return np.packbits(padded, axis=1, bitorder="little").view("<u8")
