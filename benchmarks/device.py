@@ -40,12 +40,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import antumbra
+from antumbra.base.errors import InputError
 from antumbra.devices.arrays import DeviceArray
 from antumbra.devices.device import Device
 from antumbra.engine.device_tracers import device_tracer
 from antumbra.engine.engine import Engine
 from antumbra.engine.plan import parse_plan
-from antumbra.errors import InputError
 from antumbra.kernels.parallel import thread_count
 from antumbra.query.shadow_query import ShadowQuery, ray_count, segments
 from antumbra.trace.device.device_tracer import DeviceTracer

@@ -17,16 +17,16 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from antumbra.jobs.job_kernels import all_jobs
 from antumbra.kernels.toolchain.kernel_manifest import MANIFEST, recorded_kernels
-from antumbra.papers.published_methods import NEEDS as PAPERS
+from antumbra.lab.papers.published_methods import NEEDS as PAPERS
+from antumbra.work.warm_ups import all_warm_ups
 
 JOB = """
 import json, sys
 from antumbra.kernels.toolchain.kernel_loading import events
-from antumbra.jobs.job_kernels import all_jobs
+from antumbra.work.warm_ups import all_warm_ups
 
-all_jobs(papers=True)[int(sys.argv[1])].work()
+all_warm_ups(papers=True)[int(sys.argv[1])].work()
 print(json.dumps(sorted({(event.kernel, event.key) for event in events})))
 """
 MEASURE = """
@@ -113,7 +113,7 @@ def main() -> int:
     parser.add_argument("--only", metavar="TEXT", default="")
     options = parser.parse_args()
     known = {(each.kernel, each.key) for each in recorded_kernels().kernels}
-    product, names = [job.name for job in all_jobs()], [job.name for job in all_jobs(papers=True)]
+    product, names = [job.name for job in all_warm_ups()], [job.name for job in all_warm_ups(papers=True)]
     known |= {(each.kernel, each.key) for each in recorded_kernels().kernels}  # now with the papers' kernels
     calls, sizes = recorded_jobs(options.only) if options.only else ({}, {})
     missing = [i for i, name in enumerate(names) if name not in calls]

@@ -5,9 +5,9 @@ import pytest
 from antumbra.engine import precompilation
 from antumbra.engine.method_registry import KINDS, own_methods
 from antumbra.engine.plan import DEFAULT_PLAN, all_plans, covering_plans, parse_plan
-from antumbra.jobs.job_kernels import all_jobs
+from antumbra.work.warm_ups import all_warm_ups
 
-COMMON = len(all_jobs([]))  # jobs of all plans; wide lights of `cones`, and the bounce of `srdh`, add one each
+COMMON = len(all_warm_ups([]))  # jobs of all plans; wide lights of `cones`, and the bounce of `srdh`, add one each
 
 
 @pytest.mark.parametrize("papers", [False, True])

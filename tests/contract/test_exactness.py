@@ -12,7 +12,7 @@ from truths import LIGHTS, SIZE, asked_of, case_of, soup_scene
 
 PLANS = covering_plans()
 TRACING = [
-    *(p for p in PLANS if p == Plan(trace=p.trace)),  # with the default tree; tests/papers tests the others
+    *(p for p in PLANS if p == Plan(trace=p.trace)),  # with the default tree; tests/lab/papers tests the others
     *device_plans(),
 ]
 LIT = TRACING + [

@@ -6,10 +6,10 @@ import gc
 import numpy as np
 import pytest
 
+from antumbra.base.errors import InputError
 from antumbra.devices import arrays
 from antumbra.devices.arrays import DeviceArray, borrow, place_of
 from antumbra.devices.cuda import Cuda
-from antumbra.errors import InputError
 
 
 class Foreign:

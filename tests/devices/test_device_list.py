@@ -2,6 +2,7 @@
 
 import pytest
 
+from antumbra.base.errors import InputError
 from antumbra.devices import device_list
 from antumbra.devices.device import DeviceError
 from antumbra.devices.device_list import (
@@ -13,7 +14,6 @@ from antumbra.devices.device_list import (
     open_device,
     parse_device,
 )
-from antumbra.errors import InputError
 
 
 def kinds(monkeypatch, **listed):

@@ -8,11 +8,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from antumbra.base.extras import MissingPackage
 from antumbra.devices import opencl_drivers
 from antumbra.devices.device import DeviceError
 from antumbra.devices.opencl import OpenCl
 from antumbra.devices.opencl_drivers import NO_DRIVER, OpenClDevice, opencl_devices
-from antumbra.extras import MissingPackage
 
 pyopencl = pytest.importorskip("pyopencl", reason="pyopencl is not installed: OpenCL's drivers are NOT checked")
 FP, SVM = pyopencl.device_fp_config, pyopencl.device_svm_capabilities

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.base.errors import InputError
 from antumbra.devices.device_list import default_device, using_device
 from antumbra.engine.device_plans import cpu_plan, plan_on
 from antumbra.engine.engine import Engine, default_plan_of
 from antumbra.engine.plan import parse_plan
-from antumbra.errors import InputError
 from antumbra.trace.device import device_tracer as device_tracer_module
 from antumbra.trace.device.device_tree import DeviceTree
 from devices import device_plans

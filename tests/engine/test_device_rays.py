@@ -5,9 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from antumbra.base.errors import InputError
 from antumbra.engine.device_rays import REBUILD
 from antumbra.engine.engine import Engine
-from antumbra.errors import InputError
 from antumbra.trace.device.device_tree import DeviceTree
 from cutout_scenes import scene_with_cutouts
 from devices import device_plans

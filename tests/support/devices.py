@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from antumbra.base.errors import InputError
 from antumbra.devices.device import Device
 from antumbra.devices.device_list import open_device
 from antumbra.engine.plan import parse_plan
-from antumbra.errors import InputError
 from antumbra.kernels.marshalling import flatten, struct_of
 from antumbra.kernels.toolchain.device_code import DeviceKernel
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from ..errors import InputError
+from ..base.errors import InputError
 from .device import Device, DeviceMemory, Event, Queue
 
 _PROCESSOR, _CUDA, _MANAGED = 1, 2, 13  # DLPack's kinds of devices

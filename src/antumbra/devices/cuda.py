@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from ..forks import hold_during_fork
+from ..base.forks import hold_during_fork
 from .cuda_driver import NOT_READY, OUT_OF_MEMORY, CudaContext, cuda_cards
 from .device import Device, DeviceError, Event, Module, Queue
 

@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from ..checks import byte_count
-from ..errors import InputError
-from ..memory import readable_size
+from ..base.checks import byte_count
+from ..base.errors import InputError
+from ..base.memory import readable_size
 
 if TYPE_CHECKING:
     from ..kernels.toolchain.device_code import DeviceCode

@@ -12,8 +12,8 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from typing import NamedTuple
 
-from ..checks import alternatives, quoted, spelling_hint
-from ..errors import InputError
+from ..base.checks import alternatives, quoted, spelling_hint
+from ..base.errors import InputError
 from .device import Device, DeviceError
 
 CPU, HOST = "cpu", "host"

@@ -16,8 +16,8 @@ from weakref import WeakSet
 import numpy as np
 from numpy.typing import NDArray
 
-from ..forks import hold_during_fork
-from ..memory import available_memory, readable_size
+from ..base.forks import hold_during_fork
+from ..base.memory import available_memory, readable_size
 from .device import Device, DeviceError, Event, Module, OutOfDeviceMemory, Queue
 from .opencl_drivers import NO_DRIVER, OpenClDevice, error_name, opencl_devices, pyopencl
 

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from ..extras import import_extra
+from ..base.extras import import_extra
 from .device import DeviceError, check_process
 
 _WHEEL, _LIBRARY = "intel-opencl-rt", "libintelocl.so"

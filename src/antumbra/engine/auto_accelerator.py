@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.nodes import Bvh
-from ..kernels.toolchain.kernel_manifest import kernels_of_job
+from ..kernels.toolchain.kernel_manifest import kernels_of_warm_up
 from ..query.query_bounds import bounds
 from ..query.shadow_query import ShadowQuery
 from ..scene.lights import AMBIENT, DIRECTIONAL, FIXED
@@ -63,7 +63,7 @@ from .auto.query_features import features_of, is_scattered, size_of
 from .auto.strategies import AutoTracer, ConeTracer, SceneExtent, TreeUpgrade, suitable_strategies
 from .method_registry import BUILDERS, OPTIMISERS, TRACERS
 from .plan import Plan
-from .precompilation import Job, are_on_disk, fixed_job, precompile, small_scene
+from .precompilation import WarmUp, are_on_disk, fixed_warm_up, precompile, small_scene
 from .tree_choice import FIRST_SHARE, NO_RAYS, LearnedTrees, TreeChoice, UpdatedTree
 
 CULLER = "grid32"
@@ -251,7 +251,7 @@ class AutoAccelerator(Accelerator):
 
     def _optimise(self) -> None:
         """Make the next tree a BEST one. Later trees are GOOD again, until they have lost the cost of another BEST."""
-        precompile(best_tree_job)
+        precompile(best_tree_warm_up)
         self.memory.builder, self.memory.updated = BEST, None
         self.memory.strategies.in_good = 0.0
 
@@ -352,9 +352,9 @@ def best_tree(vertices: NDArray[np.float32], threads: int) -> Bvh:
     return bvh
 
 
-def best_tree_job() -> Job:
+def best_tree_warm_up() -> WarmUp:
     """The job of building a BEST tree, which only long runs of queries need."""
-    return fixed_job("best tree", lambda: best_tree(small_scene().triangles(0.0, 2).vertices, 2))
+    return fixed_warm_up("best tree", lambda: best_tree(small_scene().triangles(0.0, 2).vertices, 2))
 
 
 def has_one_apex(query: ShadowQuery) -> bool:
@@ -366,7 +366,7 @@ def has_one_apex(query: ShadowQuery) -> bool:
 @cache
 def is_compiled(job: str) -> bool:
     """Whether all kernels recorded for a job were on disk when this process first asked."""
-    return are_on_disk(kernels_of_job(job))
+    return are_on_disk(kernels_of_warm_up(job))
 
 
 def accelerator_of(plan: Plan, threads: int) -> Accelerator:

@@ -7,8 +7,8 @@ altogether.
 
 from dataclasses import replace
 
+from ..base.errors import InputError
 from ..devices.device_list import CPU, default_device, parse_device
-from ..errors import InputError
 from ..scene.instance_data import InstanceData
 from ..scene.scene_data import MemoryData, SceneData
 from .device_tracers import DEVICE

@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..base.errors import InputError
+from ..base.forks import is_stuck, renew_after_fork
 from ..bvh.refit import refit_faces
 from ..bvh.tree_quality import sah_cost
 from ..devices.arrays import DeviceArray
-from ..errors import InputError
-from ..forks import is_stuck, renew_after_fork
 from ..kernels.array_pool import ArrayPool
 from ..kernels.parallel import new_ticket
 from ..query.light_samples import light_samples
@@ -17,14 +17,14 @@ from ..query.ray_list import HitFilter, RayArguments, TracedRays, cull_value
 from ..query.shadow_query import shadow_queries
 from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
-from ..trace.alpha_test import add_hits
+from ..trace.alpha_cutouts import add_hits
 from ..trace.device import settling
 from ..trace.device.device_rays import pack_receivers
 from ..trace.device.resident_rays import ResidentRays, is_resident
 from .accelerator import Accelerated, Accelerator, SceneTrees
 from .device_tracers import OnDevice
 from .method_registry import BUILDERS
-from .precompilation import Job, fixed_job, precompile, small_scene, small_view
+from .precompilation import WarmUp, fixed_warm_up, precompile, small_scene, small_view
 from .primary_visibility import primary_visibility
 from .refitted_rays import are_equal_faces
 
@@ -113,7 +113,7 @@ class DeviceRayLists:
             return found
 
     def _ready_at(self, time: float) -> _RayTree:
-        precompile(devices_job)
+        precompile(devices_warm_up)
         ready, threads = self._ready, self._accelerator.threads
         triangles = self._trees.triangles(time, threads)
         if ready is not None and ready.accelerated.triangles is triangles:
@@ -143,7 +143,7 @@ class DeviceRayLists:
         return _RayTree(ready.time, Accelerated(triangles, moved, prepared, cutouts), True, cost)
 
 
-def devices_job() -> Job:
+def devices_warm_up() -> WarmUp:
     """The job of what the CPU does for devices."""
 
     def work() -> None:
@@ -159,4 +159,4 @@ def devices_job() -> Job:
         receivers = np.empty((1, 4), np.float32)
         pack_receivers(new_ticket(1, 1), query.origins, query.faces, query.sides, receivers)
 
-    return fixed_job("devices", work)
+    return fixed_warm_up("devices", work)

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.progress import ProgressCallback
 from ..bvh.nodes import Bvh
 from ..devices.device_list import CPU, current_budget, parse_device
 from ..kernels.parallel import thread_count
-from ..progress import ProgressCallback
 from ..query.shadow_query import ShadowQuery, ray_count
 from ..trace.counters import RAYS
 from .method_registry import Tracer, register_family

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array, byte_count, checked_instance, choice, whole_number
+from ..base.checks import as_array, byte_count, checked_instance, choice, whole_number
+from ..base.errors import InputError
+from ..base.forks import is_stuck, renew_after_fork
+from ..base.progress import ProgressCallback, show_progress, split_progress
 from ..devices.device import DeviceError
 from ..devices.device_list import default_device, using_device
-from ..errors import InputError
-from ..forks import is_stuck, renew_after_fork
 from ..kernels.parallel import thread_count
-from ..progress import ProgressCallback, show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
@@ -37,14 +37,14 @@ from .auto_accelerator import accelerator_of
 from .card_choice import CardChoice
 from .device_plans import cpu_plan, plan_on
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
-from .in_memory_source import InMemory, update_job
-from .instanced_source import Instanced, SharedInstances, traces_instances
 from .plan import DEFAULT_PLAN, Plan, parse_plan
 from .plan_kernels import warm_up
 from .precompilation import precompile
 from .primary_visibility import AUTO, METHODS, precompiled_method
 from .scene_reading import data_of
-from .terrain_shadows import TerrainShadows
+from .sources.in_memory_source import InMemory, update_warm_up
+from .sources.instanced_source import Instanced, SharedInstances, traces_instances
+from .sources.terrain_shadows import TerrainShadows
 from .visibility import Visibility, visibility_of
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from ..scene.moved_geometry import ObjectChoice
     from ..store.store_file import StoreData
     from .device_rays import DeviceRayLists
-    from .paged_source import Paged
+    from .sources.paged_source import Paged
 
 
 _MAX_OTHER_ENGINES = 8  # engines of other plans that an engine caches
@@ -423,7 +423,7 @@ class Engine:
     ) -> None:
         """Move the geometry of the scene; `antumbra.Scene.update` documents the parameters."""
         if not self.source.in_store:
-            precompile(update_job)
+            precompile(update_warm_up)
         with self._updates:
             self.data.update(vertices, objects, transform, self.threads if threads is None else threads)
 
@@ -583,9 +583,9 @@ class Engine:
         """Compile the kernels of this plan at its first query."""
         if not self._warm:
             if self.plan.device is not None:
-                from .device_rays import devices_job
+                from .device_rays import devices_warm_up
 
-                precompile(devices_job)
+                precompile(devices_warm_up)
             warm_up(cpu_plan(self.plan), precompiled_method(self.source.gbuffer))
             self.source.warm_up()
             self._warm = True
@@ -614,6 +614,6 @@ def _trees_of(data: SceneData) -> SceneTrees | SharedInstances | None:
 
 
 def _paged() -> "type[Paged]":
-    from .paged_source import Paged  # imported late: scenes in memory start faster without it
+    from .sources.paged_source import Paged  # imported late: scenes in memory start faster without it
 
     return Paged

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.toolchain import kernel_manifest as needs
+from ..kernels.toolchain import kernel_manifest
 from ..kernels.toolchain.compile_pool import KernelRequest
 from ..query.light_samples import light_samples
 from ..query.shadow_query import shadow_queries
@@ -20,18 +20,18 @@ from .auto.strategies import STRATEGIES, TreeForms, answer_query
 from .auto_accelerator import CULLER, accelerator_of
 from .method_registry import BUILDERS, CULLERS, UPDATERS
 from .plan import Plan
-from .precompilation import Job, fixed_job, precompile, small_scene, small_view
+from .precompilation import WarmUp, fixed_warm_up, precompile, small_scene, small_view
 from .primary_visibility import primary_visibility
 
 
 def warm_up(plan: Plan, gbuffer: str) -> None:
     """Compile the kernels that find surfaces and trace shadows by a plan."""
-    precompile(tracing_job, plan, gbuffer)
+    precompile(tracing_warm_up, plan, gbuffer)
     if plan.trace == "cones":
-        precompile(wide_lights_job)
+        precompile(wide_lights_warm_up)
 
 
-def tracing_job(plan: Plan, gbuffer: str = "raster") -> Job:
+def tracing_warm_up(plan: Plan, gbuffer: str = "raster") -> WarmUp:
     """The job of tracing shadows by a plan. It shares the kernel record of rendering by this plan."""
 
     def work() -> None:
@@ -39,17 +39,17 @@ def tracing_job(plan: Plan, gbuffer: str = "raster") -> Job:
             trace_all_strategies(False)
         trace_small(plan, small_view())
 
-    return Job(record_name(plan, gbuffer, False), work, recorded(plan, gbuffer, False))
+    return WarmUp(record_name(plan, gbuffer, False), work, recorded(plan, gbuffer, False))
 
 
-def wide_lights_job() -> Job:
+def wide_lights_warm_up() -> WarmUp:
     """The job of `cones` with lights too wide for a single apex."""
 
     def work() -> None:
         light = QuadLight(np.array([-1, 0.5, -1]), np.array([2, 0, 0]), np.array([0, 0, 2]))
         trace_small(Plan(trace="cones"), (Camera((0, 2, 3), (0, 0, 0), width=96, height=96), [light]), 16)
 
-    return fixed_job("cones, wide lights", work)
+    return fixed_warm_up("cones, wide lights", work)
 
 
 def record_name(plan: Plan, gbuffer: str, counters: bool) -> str:
@@ -64,13 +64,13 @@ def recorded(plan: Plan, gbuffer: str, counters: bool) -> Callable[[], set[Kerne
     """
 
     def without_counters(p: Plan) -> set[KernelRequest]:
-        return needs.kernels_of_job(record_name(p, gbuffer, False)) or set()
+        return kernel_manifest.kernels_of_warm_up(record_name(p, gbuffer, False)) or set()
 
     def kernels() -> set[KernelRequest] | None:
-        record = needs.kernels_of_job(record_name(plan, gbuffer, counters))
+        record = kernel_manifest.kernels_of_warm_up(record_name(plan, gbuffer, counters))
         if record is not None:
             return record
-        tracing = needs.kernels_of_job(record_name(Plan(trace=plan.trace), gbuffer, counters))
+        tracing = kernel_manifest.kernels_of_warm_up(record_name(Plan(trace=plan.trace), gbuffer, counters))
         if tracing is None:
             return None
         base = without_counters(Plan(trace="single"))

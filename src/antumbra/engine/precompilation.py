@@ -4,7 +4,7 @@ A *job* calls kernels: rendering by a plan, ray queries, building a store. `kern
 which kernels a job calls. Several processes compile those that are missing on disk. Then the job runs on a small scene,
 which compiles any unrecorded kernels. If all kernels are on disk, as in every later process, nothing runs.
 
-Each module defines its own jobs; `jobs.job_kernels` lists all of them.
+Each module defines its own jobs; `jobs.warm_ups` lists all of them.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
@@ -13,14 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..base.progress import report_progress
 from ..formats.library_meshes import data_of_arrays
 from ..kernels.marshalling import import_object
-from ..kernels.toolchain import kernel_manifest as needs
+from ..kernels.toolchain import kernel_manifest
 from ..kernels.toolchain.compile_pool import KernelRequest, compile_kernels
 from ..kernels.toolchain.device_code import FORMS, DeviceKernel
 from ..kernels.toolchain.kernel_cache import user_cache
 from ..kernels.toolchain.kernel_loading import events, has_compiler, is_on_disk
-from ..progress import report_progress
 from ..scene.camera import Camera
 from ..scene.light_lists import PointLights
 from ..scene.lights import AmbientOcclusion, Light, PointLight, SphereLight
@@ -29,7 +29,7 @@ from ..scene.mesh import StaticMeshes, VertexAttributes, make_mesh, textured_mes
 from ..scene.scene_data import MemoryData
 
 
-class Job(NamedTuple):
+class WarmUp(NamedTuple):
     """Work that calls kernels, run on a small scene."""
 
     name: str  # key of the record of its kernels
@@ -37,13 +37,13 @@ class Job(NamedTuple):
     kernels: Callable[[], set[KernelRequest] | None]  # returns the recorded kernels; None: the job has no record
 
 
-def fixed_job(name: str, work: Callable[[], object]) -> Job:
+def fixed_warm_up(name: str, work: Callable[[], object]) -> WarmUp:
     """A job whose kernels are recorded under its name."""
-    return Job(name, work, lambda: needs.kernels_of_job(name))
+    return WarmUp(name, work, lambda: kernel_manifest.kernels_of_warm_up(name))
 
 
 @cache
-def precompile(job_of: Callable[..., Job], *arguments: Hashable) -> None:
+def precompile(job_of: Callable[..., WarmUp], *arguments: Hashable) -> None:
     """Compile those kernels of the job ``job_of(*arguments)`` that are missing on disk, once per process."""
     job = job_of(*arguments)
     kernels = job.kernels()
@@ -54,7 +54,7 @@ def precompile(job_of: Callable[..., Job], *arguments: Hashable) -> None:
         job.work()
 
 
-def precompile_all(jobs: Iterable[Job]) -> int:
+def precompile_all(jobs: Iterable[WarmUp]) -> int:
     """Compile the missing kernels of several jobs together. Returns the number of kernels compiled."""
     jobs = list(jobs)
     missing = missing_of({each for job in jobs for each in job.kernels() or ()})

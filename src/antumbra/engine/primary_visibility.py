@@ -27,12 +27,12 @@ from ..scene.triangle_setup import solid_vertices
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import nearest_scheduled, primary_hits
 from ..techniques.culling.pre_bvh_culling import solid_tree
-from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree, replace_by_cutouts
+from ..trace.alpha_cutouts import CutoutTree, add_shadows, cutout_tree, replace_by_cutouts
 from ..trace.primary.primary_rays import trace_primary
 from ..trace.rays.ray_hits import Nearest, nearest_surfaces
 from .accelerator import Accelerated
 from .auto.strategies import STRATEGIES, AutoTracer
-from .precompilation import Job, are_on_disk, fixed_job, small_scene, small_scene_with_cutouts, small_view
+from .precompilation import WarmUp, are_on_disk, fixed_warm_up, small_scene, small_scene_with_cutouts, small_view
 
 # --- Primary visibility -----------------------------------------------------------------------------------------------
 
@@ -132,7 +132,7 @@ def _show_cutouts(
     face[selected], t[selected] = faces, ts
 
 
-def cutouts_job() -> Job:
+def cutouts_warm_up() -> WarmUp:
     """The additional job of scenes with alpha-masked faces."""
 
     def work() -> None:
@@ -144,7 +144,7 @@ def cutouts_job() -> Job:
         for query in shadow_queries(triangles, gbuffer, lights, [light_samples(light, 1) for light in lights], 0, 2):
             add_shadows(tree, query, new_bits(query), 2)
 
-    return fixed_job("cut-outs", work)
+    return fixed_warm_up("cut-outs", work)
 
 
 # --- Choose between rasterisation and primary rays --------------------------------------------------------------------
@@ -202,10 +202,10 @@ def has_blocks(tree: Accelerated) -> bool:
 
 def rays_are_compiled() -> bool:
     """Whether the kernels of camera rays are compiled."""
-    return are_on_disk(camera_rays_job().kernels())
+    return are_on_disk(camera_rays_warm_up().kernels())
 
 
-def camera_rays_job() -> Job:
+def camera_rays_warm_up() -> WarmUp:
     """The job of tracing camera rays through a tree of blocks."""
 
     def work() -> None:
@@ -213,4 +213,4 @@ def camera_rays_job() -> Job:
         bvh = lbvh.build(triangles.vertices, 2)
         primary_visibility(triangles, camera, Accelerated(triangles, bvh, block_tree(bvh, 2)), 2)
 
-    return fixed_job("camera rays", work)
+    return fixed_warm_up("camera rays", work)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
-from ..files import checked_file, sibling
+from ..base.errors import InputError
+from ..base.files import checked_file, sibling
 from ..kernels.parallel import map_in_threads
 from ..scene.materials import BLEND, MASK, OPAQUE, Material, Texture, check_textures, without_texture
 

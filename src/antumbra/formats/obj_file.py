@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..files import atomic_output
+from ..base.errors import InputError
+from ..base.files import atomic_output
 from ..scene.materials import PLAIN, Material
 from ..scene.mesh import Mesh, StaticMeshes, VertexAttributes, flip_v, make_mesh, textured_mesh
 from ..scene.palette_scene import PaletteScene

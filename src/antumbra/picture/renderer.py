@@ -4,7 +4,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, ParamSpec, Protocol
 
-from ..checks import checked_instance, choice
+from ..base.checks import checked_instance, choice
+from ..base.errors import InputError
+from ..base.option_fields import split_keywords, with_keywords
+from ..base.progress import ProgressCallback, show_progress, with_quiet_progress
 from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.device_plans import cpu_plan
 from ..engine.engine import Engine
@@ -13,8 +16,6 @@ from ..engine.plan import Plan
 from ..engine.primary_visibility import AUTO, METHODS, precompiled_method, primary_visibility
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
-from ..errors import InputError
-from ..progress import ProgressCallback, show_progress, with_quiet_progress
 from ..query.gbuffer import GBuffer
 from ..scene.camera import Camera
 from ..scene.lights import Light, check_lights
@@ -24,7 +25,6 @@ from ..scene.triangles import Triangles
 from .frame import Frame, TracedBits
 from .frame_passes import render_frame
 from .frame_request import Request, request_of
-from .option_fields import split_keywords, with_keywords
 from .render_kernels import (
     precompile_antialias,
     precompile_appearance,

@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.errors import InputError
 from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.auto_accelerator import accelerator_of
 from ..engine.engine import Engine
 from ..engine.plan import Plan, parse_plan
-from ..engine.precompilation import Job, fixed_job, precompile, small_scene, small_view
+from ..engine.precompilation import WarmUp, fixed_warm_up, precompile, small_scene, small_view
 from ..engine.scene import AnyScene, Scene
-from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..query.shadow_query import ShadowQuery, with_receivers
 from ..scene.lights import check_lights
@@ -147,13 +147,13 @@ def explain(
         precompile_plan(plan, "rays" if source.in_store else "raster")
     if source.in_store:
         source.warm_up()
-    precompile(steps_job)
+    precompile(steps_warm_up)
     if any(plan.sample is not None and plan.sample.bounce for plan in parsed):
         precompile_bounce()
     return explain_compiled(scene, moments, parsed, spp, thread_count(threads), say)
 
 
-def steps_job() -> Job:
+def steps_warm_up() -> WarmUp:
     """The job of the counting traversal of `antumbra explain`."""
 
     def work() -> None:
@@ -162,7 +162,7 @@ def steps_job() -> Job:
             Scene.of_data(small_scene()), [TimeSample(0.0, camera, lights)], [parse_plan("bsah+single")], 1, 2
         )
 
-    return fixed_job("counted steps", work)
+    return fixed_warm_up("counted steps", work)
 
 
 def explained_plans(plans: Sequence[str | Plan]) -> list[Plan]:
@@ -223,7 +223,7 @@ def _count_plan_in_store(accelerator: Accelerator, picture: PictureQueries) -> _
 
     `_CountedTrace.ids` are the scene indices of the triangles in the chunks that rays may enter.
     """
-    from ..engine.paged_source import explained_tree
+    from ..engine.sources.paged_source import explained_tree
 
     bvh, ids = explained_tree(picture.source, picture.queries)
     accelerated = picture.source.accelerated

@@ -9,7 +9,7 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
-from ..extras import import_extra
+from ..base.extras import import_extra
 
 _MAGIC = b"\xabKTX 20\xbb\r\n\x1a\n"
 _SIZE = 20  # offset of the width and the height in the header

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..extras import MissingPackage
-from ..forks import hold_during_fork
+from ..base.extras import MissingPackage
+from ..base.forks import hold_during_fork
+from ..base.memory import check_reading
 from ..kernels.elementary import log2, power
 from ..kernels.small_matrices import product
-from ..memory import check_reading
 from .ktx2_images import decode_ktx2, is_ktx2, ktx2_size
 
 if TYPE_CHECKING:

@@ -13,20 +13,20 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import flag, items, quoted, text, whole_number
-from ..engine.in_memory_source import rays_job
+from ..base.checks import flag, items, quoted, text, whole_number
+from ..base.errors import InputError
+from ..base.extras import import_extra
 from ..engine.plan import Plan
 from ..engine.precompilation import precompile
 from ..engine.scene_loading import SceneLike, scene_of
-from ..errors import InputError
-from ..extras import import_extra
-from ..jobs.job_kernels import points_job
-from ..jobs.sun.location import Place
+from ..engine.sources.in_memory_source import rays_warm_up
 from ..picture.render_kernels import precompile_quality
 from ..picture.render_options import EngineOptions
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..scene.triangles import Triangles
+from ..sun.location import Place
+from ..work.warm_ups import points_warm_up
 from .control_panel import Controls
 from .gizmos import Gizmos, probe
 from .progressive_pictures import CLICK, MESH, Check, ClientView, Step, TaskQueue, TracedPicture, trace_picture
@@ -347,7 +347,7 @@ def view(
 
 def prepare(model: Model) -> None:
     """Compile the kernels, and build the tree with a coarse picture, so that the page responds when it opens."""
-    precompile(rays_job)
+    precompile(rays_warm_up)
     precompile_quality()
-    precompile(points_job)
+    precompile(points_warm_up)
     trace_picture(model, model.first_camera(1280, 800), Step(4, 4))

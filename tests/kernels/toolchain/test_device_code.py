@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import device_kernels as sample
-from antumbra.errors import InputError
+from antumbra.base.errors import InputError
 from antumbra.kernels.device import i64_at, local_i32, thread_index
 from antumbra.kernels.jit import Intrinsic, kernel
 from antumbra.kernels.simd import bits, f32_at, get, i32_at, load4, put, stack_i32

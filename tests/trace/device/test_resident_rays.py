@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from antumbra.base.errors import InputError
 from antumbra.devices.arrays import DeviceArray
 from antumbra.engine.device_tracers import device_tracer
 from antumbra.engine.engine import Engine
-from antumbra.errors import InputError
 from antumbra.trace.device import settling
 from cutout_scenes import scene_with_cutouts
 from devices import opened

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 import antumbra as at
 import oracle
 from antumbra.bvh.wide_bvh import widen
-from antumbra.engine.in_memory_source import RAY_PLANS
 from antumbra.engine.method_registry import BUILDERS
+from antumbra.engine.sources.in_memory_source import RAY_PLANS
 from antumbra.query.ray_list import HitFilter, rays_of
 from antumbra.trace.rays import all_hits
 from antumbra.trace.rays.all_hits import TRIANGLES, count_all, find_all, unsigned

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...forks import hold_during_fork
-from ...memory import available_memory
+from ...base.forks import hold_during_fork
+from ...base.memory import available_memory
 from ..device import Device, Event, Module, Queue
 from .ptx_programs import PtxProgram
 from .thread_meetings import MeetingThreads

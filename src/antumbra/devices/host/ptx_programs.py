@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ...extras import import_extra
+from ...base.extras import import_extra
 from ..device import DeviceError
 from .ptx_reader import PtxKernel, read_kernel
 from .ptx_translation import PARAMETERS, Translation

@@ -9,8 +9,8 @@ from urllib.parse import unquote_to_bytes
 
 import numpy as np
 
-from ...errors import InputError
-from ...files import checked_file, sibling
+from ...base.errors import InputError
+from ...base.files import checked_file, sibling
 from ..json_fields import Fields, parse
 from .meshopt_views import MESHOPT_EXTENSIONS, Buffers, decompress_views, is_fallback
 

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
-from ...extras import MissingPackage, import_extra
+from ...base.errors import InputError
+from ...base.extras import MissingPackage, import_extra
+from ...base.memory import check_reading
 from ...kernels.parallel import map_in_threads
-from ...memory import check_reading
 from ..json_fields import Fields
 
 MESHOPT_EXTENSIONS = "EXT_meshopt_compression", "KHR_meshopt_compression"

@@ -8,7 +8,7 @@ from functools import cache
 from hashlib import blake2b
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
-from ...errors import InputError
+from ...base.errors import InputError
 from ..jit import kernel
 from ..marshalling import NONE, flatten, struct_of, text_of
 from ..processor import LIBRARIES

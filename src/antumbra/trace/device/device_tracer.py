@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from ...base.progress import ProgressCallback
 from ...bvh.nodes import Bvh
 from ...devices.arrays import DeviceArray
 from ...devices.device import Device, DeviceMemory
 from ...kernels.marshalling import address_of
 from ...kernels.parallel import new_ticket, run
-from ...progress import ProgressCallback
 from ...query.ray_list import HitArrays, RayArguments, RayArrays, hit_arrays
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import AMBIENT

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...base.errors import InputError
 from ...devices.arrays import BorrowedArray, DeviceArray, borrow, place_of
 from ...devices.device import Device
-from ...errors import InputError
 from .device_kernels import PointBuffer
 from .device_launches import DeviceLaunches
 from .device_rays import RayBuffers

@@ -15,13 +15,13 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.files import make_folder
 from ...bvh.binned_sah import build
 from ...bvh.nodes import Bvh
 from ...bvh.refit import refit
 from ...bvh.wide_bvh import widen
 from ...devices.device import Device, DeviceError
 from ...devices.device_list import open_device
-from ...files import make_folder
 from ...kernels.toolchain.device_code import Form
 from ...kernels.toolchain.kernel_cache import cache_root
 from ...query.light_samples import light_samples
