@@ -8,6 +8,7 @@ import threading
 import numpy as np
 import pytest
 
+from antumbra.devices.arrays import DeviceArray, borrow
 from antumbra.devices.device import DeviceError, OutOfDeviceMemory, wait_until
 from antumbra.devices.device_list import open_device
 from device_kernels import SAMPLES, Arrays
@@ -218,3 +219,10 @@ def test_waiting_asks_again_until_it_is_done():
     answers = iter([False] * 40 + [True])
     wait_until(lambda: next(answers))
     assert next(answers, None) is None
+
+
+def test_an_array_of_another_owner_of_the_card_is_borrowed_in_its_order(device):
+    owner = open_device(device.name)
+    array = DeviceArray(owner.upload(np.arange(6.0)), (2, 3), np.float64, owner.queue)
+    found = borrow(array, device, "origins")
+    assert (found.address, found.shape, found.dtype) == (array.memory.address, (2, 3), np.float64)

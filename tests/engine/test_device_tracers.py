@@ -14,7 +14,7 @@ from antumbra.trace.device.self_test import SelfTest
 @pytest.fixture
 def first_use(tmp_path, monkeypatch):
     """A process and a user that have not used a card yet; lets the card give so many wrong answers."""
-    monkeypatch.setattr(device_tracers, "device_tracer", device_tracers.device_tracer.__wrapped__)
+    monkeypatch.setattr(device_tracers, "_opened", device_tracers._opened.__wrapped__)
     monkeypatch.setattr(self_test, "cache_root", lambda: tmp_path)
     monkeypatch.setattr(self_test, "_passed", set())
     return lambda wrong: monkeypatch.setattr(self_test, "run_self_test", lambda device: SelfTest(1000, wrong))
@@ -54,3 +54,9 @@ def test_the_command_line_limits_memory_on_a_device(cli):
     words = "render", "procedural:atrium?triangles=20k", "--size", "8", "--device", "host", "-o", "a.png"
     cli(*words, "--max-memory", "1M").refused("the tree of the scene needs", "max_memory (1.0 MB)", "--max-memory")
     assert cli(*words, "--max-memory", "200M").code == 0
+
+
+def test_engines_with_one_budget_share_a_tracer():
+    tracer = device_tracers.device_tracer("host:0")
+    assert tracer is device_tracers.device_tracer("host:0", None)
+    assert tracer is not device_tracers.device_tracer("host:0", 1 << 30)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..base.errors import InputError
-from .device import Device, DeviceMemory, Queue
+from .device import Device, DeviceMemory, Event, Queue
 
 _PROCESSOR, _CUDA, _MANAGED = 1, 2, 13  # DLPack's kinds of devices
 _NAMES = {_PROCESSOR: "cpu", _CUDA: "cuda", _MANAGED: "cuda"}
@@ -122,6 +122,9 @@ def borrow(value: Any, device: Device, what: str, queue: Queue | None = None) ->
         If it is elsewhere, not C-contiguous, or of a kind that NumPy lacks.
     """
     queue = queue or device.queue
+    if isinstance(value, DeviceArray) and value.device.name == device.name:  # of another owner, or on OpenCL
+        queue.wait(value.ready())
+        return BorrowedArray(value.memory.address, value.shape, value.dtype, value.memory)
     if hasattr(value, "__dlpack_device__"):
         return _by_dlpack(value, device, what, queue)
     return _by_interface(value.__cuda_array_interface__, value, device, what, queue)
@@ -194,6 +197,10 @@ class DeviceArray:
     def __repr__(self) -> str:
         return f"DeviceArray({self.shape}, {self.dtype}, {self.device.name})"
 
+    def ready(self) -> Event:
+        """The event after the work that fills the array."""
+        return self._queue.record()
+
     def numpy(self) -> NDArray[Any]:
         """A copy on the host, once the work that fills the array is done."""
         return self.memory.read(np.empty(self.shape, self.dtype), queue=self._queue)
@@ -232,7 +239,7 @@ class DeviceArray:
         if device[0] != _CUDA:
             self._queue.synchronise()
         elif stream != -1:
-            self.device.foreign_queue(stream or 1).wait(self._queue.record())  # 1 is the default stream in CUDA too
+            self.device.foreign_queue(stream or 1).wait(self.ready())  # 1 is the default stream in CUDA too
         rank = len(self.shape)
         shape = (c_int64 * rank)(*self.shape)
         code, bits = _code_of(self.dtype), 8 * self.dtype.itemsize

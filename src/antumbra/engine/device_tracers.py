@@ -15,7 +15,6 @@ DEVICE = "device"
 """The name of the family."""
 
 
-@cache
 def device_tracer(name: str, max_memory: int | None = None) -> Any:
     """The `trace.device.device_tracer.DeviceTracer` of a device, by its full name. Engines with one budget share it.
 
@@ -26,12 +25,17 @@ def device_tracer(name: str, max_memory: int | None = None) -> Any:
     DeviceError
         If the device cannot be used, or fails its self-test, which it takes on first use.
     """
-    from ..trace.device.device_kernels import KERNELS  # imported late: most processes use no device
+    return _opened(name, max_memory)  # `cache` tells a default from the same argument
+
+
+@cache
+def _opened(name: str, max_memory: int | None) -> Any:
+    from ..trace.device.device_kernels import DEVICE_KERNELS  # imported late: most processes use no device
     from ..trace.device.device_tracer import DeviceTracer
     from ..trace.device.self_test import open_tested
     from .precompilation import precompile_devices
 
-    precompile_devices(KERNELS.values())
+    precompile_devices(DEVICE_KERNELS)
     return DeviceTracer(open_tested(name, max_memory))
 
 

@@ -14,7 +14,6 @@ from ..base.checks import as_array, byte_count, checked_instance, choice, whole_
 from ..base.errors import InputError
 from ..base.forks import is_stuck, renew_after_fork
 from ..base.progress import ProgressCallback, show_progress
-from ..devices.arrays import DeviceArray
 from ..devices.device_list import default_device, may_have_card, using_device
 from ..kernels.parallel import thread_count
 from ..query.gbuffer import GBuffer
@@ -27,7 +26,6 @@ from ..scene.light_lists import without_interleave
 from ..scene.lights import Light, check_lights
 from ..scene.scene_data import SceneData
 from ..scene.triangles import AllHits, Hit, HitFaces
-from ..trace.device.resident_rays import is_resident
 from ..trace.rays.all_hits import INSIDE, ON_SURFACE, SURFACES, TRIANGLES
 from ..trace.transmission import TracedQuery
 from .accelerator import Accelerated, Accelerator
@@ -38,8 +36,6 @@ from .plan import DEFAULT_PLAN, Plan, parse_plan
 from .precompilation import precompile
 from .primary_visibility import AUTO, METHODS, RAYS
 from .scene_reading import data_of
-from .sources.card_rays import CardRays
-from .sources.device_rays import DeviceRayLists
 from .sources.in_memory_source import RayLists, SharedMemory, update_warm_up
 from .sources.instanced_source import SharedInstances
 from .sources.point_shadows import PlanKernels, TreeShadows, queries_in
@@ -57,7 +53,9 @@ from .sources.terrain_shadows import TerrainShadows
 from .visibility import Visibility, visibility_of
 
 if TYPE_CHECKING:
+    from ..devices.arrays import DeviceArray
     from ..scene.moved_geometry import ObjectChoice
+    from .sources.device_rays import DeviceRayLists
 
 
 _MAX_OTHER_ENGINES = 8  # engines of other plans that an engine caches
@@ -161,15 +159,19 @@ class Engine:
         self._rays: HitSource = self.source.ray_lists  # the first of the chain of sources, see `source_protocols`
         self._points: PointSource = TreeShadows(self.source, self.accelerator, self._kernels)
         self.terrain: TerrainShadows | None = None
-        self._device_rays: DeviceRayLists | None = None
+        self._device_rays: "DeviceRayLists | None" = None
         chooses = str(self.plan) == DEFAULT_PLAN
         if self.plan.device is not None:
+            from .sources.device_rays import DeviceRayLists  # imported late: most engines use no device
+
             self._rays = self._device_rays = DeviceRayLists(shared.flat(), self.accelerator)
         elif chooses and data.terrain is not None:
             ray_lists = cast(RayLists, self._rays)  # terrain is in memory
             self.terrain = TerrainShadows(data, ray_lists, self._points, self.threads)
             self._rays = self._points = self.terrain
         elif chooses and may_have_card() and default_device() is None:
+            from .sources.card_rays import CardRays
+
             self._rays = CardRays(shared.flat(), self.threads, self._rays)
         renew_after_fork(self)
 
@@ -225,7 +227,7 @@ class Engine:
     ) -> NDArray[np.bool_]:
         """(...) bool: whether a triangle blocks each ray; `antumbra.Scene.occluded` documents the parameters."""
         hits = HitFilter(tmin, tmax, skip_face, cull_faces)
-        if self._device_rays is not None and is_resident(origins):
+        if self._device_rays is not None and self._device_rays.takes(origins):
             resident = self._resident(origins, directions, targets, hits, True, time, threads)
             return cast(NDArray[np.bool_], resident[0])
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets, self._moment(time))
@@ -245,7 +247,7 @@ class Engine:
     ) -> Hit:
         """The nearest hits of rays; `antumbra.Scene.closest_hit` documents the parameters."""
         hit_filter = HitFilter(tmin, tmax, skip_face, cull_faces)
-        if self._device_rays is not None and is_resident(origins):
+        if self._device_rays is not None and self._device_rays.takes(origins):
             face, t, u, v = self._resident(origins, directions, None, hit_filter, False, time, threads)
             return cast(Hit, HitFaces(*(cast(np.ndarray, each) for each in (t, face, u, v))))
         rays = rays_of(origins, directions, hit_filter, self._frame, self._n_faces, None, self._moment(time))
@@ -338,7 +340,7 @@ class Engine:
         any_hit: bool,
         time: float,
         threads: int | None,
-    ) -> tuple[DeviceArray, ...]:
+    ) -> "tuple[DeviceArray, ...]":
         """The hits of rays in arrays on the engine's device."""
         assert self._device_rays is not None
         return self._device_rays.trace_resident(

@@ -9,6 +9,7 @@ from ..engine.plan import Plan, covering_plans
 from ..engine.plan_kernels import wide_lights_warm_up
 from ..engine.precompilation import WarmUp
 from ..engine.primary_visibility import camera_rays_warm_up, cutouts_warm_up
+from ..engine.sources.device_rays import devices_warm_up
 from ..engine.sources.in_memory_source import all_hits_warm_up, rays_warm_up, update_warm_up
 from ..engine.sources.instanced_source import instances_warm_up
 from ..engine.sources.paged_hits import paged_hits_warm_up
@@ -57,7 +58,7 @@ def rendering_warm_ups(plans: Iterable[Plan] | None = None, papers: bool = False
         cutouts_warm_up(),
         instances_warm_up(),
     ]
-    warm_ups += [terrain_warm_up(), terrain_rays_warm_up()]
+    warm_ups += [terrain_warm_up(), terrain_rays_warm_up(), devices_warm_up()]
     warm_ups += [wide_lights_warm_up()] if any(plan.trace == "cones" for plan in plans) else []
     warm_ups += [bounce_warm_up()] if any(plan.wants_rays for plan in plans) else []
     for plan in plans:

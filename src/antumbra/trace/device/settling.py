@@ -46,6 +46,14 @@ def _is_below(query, at):
     return not is_above(horizon_of(query, i), x, y, z, query.corners)
 
 
+def example_records(n: int) -> Records:
+    """Records of n tests, or rays, that find nothing: for compiling the kernels here."""
+    records = np.zeros((n, RECORD))
+    heads_of(records)[:, [SLOT, BEST]] = 0, -1
+    records[:, 2:] = 0.0, 100.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0
+    return records
+
+
 # --- Tests ------------------------------------------------------------------------------------------------------------
 
 
