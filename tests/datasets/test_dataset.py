@@ -19,6 +19,7 @@ from antumbra.datasets import dataset
 from antumbra.datasets.dataset_files import contact_sheet
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf
 from killed import run, run_killed
+from repository import ROOT
 
 SCENE = at.procedural("atrium", triangles=2000)
 LIGHTS = [at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2)), at.DirectionalLight((0.3, -1, 0.2)), at.AmbientOcclusion()]
@@ -103,7 +104,7 @@ def test_the_manifest_lists_each_file_with_its_digest(whole):
 
 
 def test_the_docs_name_every_key_of_the_manifest(whole):
-    page = (Path(__file__).parents[3] / "docs" / "jobs" / "dataset.md").read_text()
+    page = (ROOT / "docs" / "jobs" / "dataset.md").read_text()
 
     def keys(value):
         if isinstance(value, dict):
