@@ -159,12 +159,12 @@ class Engine:
         self._rays: HitSource = self.source.ray_lists  # the first of the chain of sources, see `source_protocols`
         self._points: PointSource = TreeShadows(self.source, self.accelerator, self._kernels)
         self.terrain: TerrainShadows | None = None
-        self._device_rays: "DeviceRayLists | None" = None
+        self._device_rays: DeviceRayLists | None = None
         chooses = str(self.plan) == DEFAULT_PLAN
         if self.plan.device is not None:
-            from .sources.device_rays import DeviceRayLists  # imported late: most engines use no device
+            from .sources import device_rays  # imported late: most engines use no device
 
-            self._rays = self._device_rays = DeviceRayLists(shared.flat(), self.accelerator)
+            self._rays = self._device_rays = device_rays.DeviceRayLists(shared.flat(), self.accelerator)
         elif chooses and data.terrain is not None:
             ray_lists = cast(RayLists, self._rays)  # terrain is in memory
             self.terrain = TerrainShadows(data, ray_lists, self._points, self.threads)
