@@ -15,7 +15,7 @@ MODULES = {"np", "numpy", "math"}
 FREE = {
     "engine/auto/cost_model.py": "choices between plans, which all give the same bits",
     "engine/auto/strategies.py": "choices between plans",
-    "engine/precompilation.py": "a scene for compiling kernels",
+    "picture/example_calls.py": "a scene for recording kernels",
     "jobs/map_scale.py": "ticks of legends",
     "jobs/map_page.py": "arrows and scale bars on map sheets",
     "picture/heat_maps.py": "ticks of legends",

@@ -259,24 +259,24 @@ def warmup(
     from ..engine.calibration import calibrate
     from ..engine.plan import covering_plans, parse_plan
     from ..engine.precompilation import precompile_all
-    from ..jobs.job_kernels import all_jobs
+    from ..jobs.job_kernels import all_examples
     from ..kernels.toolchain.kernel_cache import user_cache
 
     plans = [parse_plan(text) for text in plan] if plan else covering_plans()
-    jobs = all_jobs(plans)
+    examples = all_examples(plans)
     start = perf_counter()
     with ProgressDisplay(quiet):
-        compiled = precompile_all(jobs)
+        compiled = precompile_all(examples)
         measured = calibrate()._asdict() if any(plan.tracer.chooses for plan in plans) else None
     seconds, folder = perf_counter() - start, str(user_cache().path)
     if json:
-        names = [job.name for job in jobs]
+        names = [example.name for example in examples]
         console.print_json(
             {"jobs": names, "compiled": compiled, "folder": folder, "seconds": seconds, "machine": measured}
         )
     elif not quiet:
         time = console.duration(seconds)
-        print(f"kernels of {len(jobs)} jobs are ready, {compiled} newly compiled, in {folder} ({time})")
+        print(f"kernels of {len(examples)} jobs are ready, {compiled} newly compiled, in {folder} ({time})")
 
 
 # --- ``antumbra plans`` -----------------------------------------------------------------------------------------------

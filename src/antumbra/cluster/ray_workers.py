@@ -19,7 +19,7 @@ from ..engine.precompilation import compile_missing, missing_of
 from ..errors import InputError
 from ..files import atomic_output, file_lock, temporary_folder
 from ..jobs.executors import UnitCollector, Units, numbered
-from ..jobs.job_kernels import all_jobs
+from ..jobs.job_kernels import all_examples
 from ..kernels.toolchain import kernel_manifest as needs
 from ..kernels.toolchain.kernel_cache import user_cache
 from ..progress import ignore_progress, progress_listener, report_progress
@@ -101,7 +101,7 @@ class Node:
 
 def precompile_plan_kernels(plan: str | None) -> None:
     """Compile the missing kernels of a plan on this machine. Its other workers wait for them."""
-    kernels = {each for job in all_jobs([parse_plan(plan or DEFAULT_PLAN)]) for each in job.kernels() or ()}
+    kernels = {each for example in all_examples([parse_plan(plan or DEFAULT_PLAN)]) for each in example.kernels or ()}
     if missing_of(kernels):
         with file_lock(user_temporary_folder() / "warm.lock"):
             if missing := missing_of(kernels):

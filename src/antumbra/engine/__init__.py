@@ -2,7 +2,6 @@
 
 - `engine`: `Engine`
 - `visibility`: `Visibility`, which points see which samples of lights
-- `plan_kernels`: the kernels of a plan
 - `scene`: `AnyScene`, `Scene`, `procedural`
 - `paged_scene`: `PagedScene`
 - `scene_loading`: `load`
@@ -23,7 +22,7 @@
 - `terrain_shadows`: queries at points over rasters of heights, without a tree
 - `primary_visibility`: the surfaces that a camera sees
 - `default_view`: what default pictures show
-- `precompilation`: compile jobs, run before anything is timed
+- `precompilation`: compiles recorded kernels before anything is timed
 - `plan`: `Plan`, the methods that answer a query
 - `method_registry`: cullers, builders, optimisers, updaters and tracers by name
 - `auto/`: the choice of a strategy for each query

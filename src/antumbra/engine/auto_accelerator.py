@@ -63,7 +63,7 @@ from .auto.query_features import features_of, is_scattered, size_of
 from .auto.strategies import AutoTracer, ConeTracer, SceneExtent, TreeUpgrade, suitable_strategies
 from .method_registry import BUILDERS, OPTIMISERS, TRACERS
 from .plan import Plan
-from .precompilation import Job, are_on_disk, fixed_job, precompile, small_scene
+from .precompilation import are_on_disk, precompile
 from .tree_choice import FIRST_SHARE, NO_RAYS, LearnedTrees, TreeChoice, UpdatedTree
 
 CULLER = "grid32"
@@ -251,7 +251,7 @@ class AutoAccelerator(Accelerator):
 
     def _optimise(self) -> None:
         """Make the next tree a BEST one. Later trees are GOOD again, until they have lost the cost of another BEST."""
-        precompile(best_tree_job)
+        precompile("best tree")
         self.memory.builder, self.memory.updated = BEST, None
         self.memory.strategies.in_good = 0.0
 
@@ -352,11 +352,6 @@ def best_tree(vertices: NDArray[np.float32], threads: int) -> Bvh:
     return bvh
 
 
-def best_tree_job() -> Job:
-    """The job of building a BEST tree, which only long runs of queries need."""
-    return fixed_job("best tree", lambda: best_tree(small_scene().triangles(0.0, 2).vertices, 2))
-
-
 def has_one_apex(query: ShadowQuery) -> bool:
     """Whether all segments of a query end in one point or have one direction."""
     light = query.light
@@ -364,9 +359,9 @@ def has_one_apex(query: ShadowQuery) -> bool:
 
 
 @cache
-def is_compiled(job: str) -> bool:
-    """Whether all kernels recorded for a job were on disk when this process first asked."""
-    return are_on_disk(kernels_of_job(job))
+def is_compiled(example: str) -> bool:
+    """Whether all kernels recorded for an example were on disk when this process first asked."""
+    return are_on_disk(kernels_of_job(example))
 
 
 def accelerator_of(plan: Plan, threads: int) -> Accelerator:

@@ -33,11 +33,10 @@ from ..trace.transmission import TracedQuery, transmission
 from .accelerator import Accelerated, Accelerator, SceneTrees
 from .auto_accelerator import accelerator_of
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
-from .in_memory_source import InMemory, update_job
+from .in_memory_source import InMemory
 from .instanced_source import Instanced, SharedInstances, traces_instances
 from .plan import Plan, parse_plan
-from .plan_kernels import warm_up
-from .precompilation import precompile
+from .precompilation import precompile, precompile_plan
 from .primary_visibility import AUTO, METHODS, precompiled_method
 from .scene_reading import data_of
 from .terrain_shadows import TerrainShadows
@@ -351,7 +350,7 @@ class Engine:
     ) -> None:
         """Move the geometry of the scene; `antumbra.Scene.update` documents the parameters."""
         if not self.source.in_store:
-            precompile(update_job)
+            precompile("update")
         with self._updates:
             self.data.update(vertices, objects, transform, self.threads if threads is None else threads)
 
@@ -510,7 +509,7 @@ class Engine:
     def _warm_up(self) -> None:
         """Compile the kernels of this plan at its first query."""
         if not self._warm:
-            warm_up(self.plan, precompiled_method(self.source.gbuffer))
+            precompile_plan(self.plan, precompiled_method(self.source.gbuffer))
             self.source.warm_up()
             self._warm = True
 

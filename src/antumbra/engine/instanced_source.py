@@ -17,35 +17,29 @@ from ..bvh.instance_trees import InstanceTrees
 from ..forks import is_stuck, renew_after_fork
 from ..progress import ProgressCallback
 from ..query.gbuffer import from_hits
-from ..query.light_samples import light_samples
 from ..query.pixel_refinement import subpixel_rays
 from ..query.ray_list import (
     HitArrays,
-    HitFilter,
     RayArguments,
     RayArrays,
     TracedRays,
     changed_error,
     hit_arrays,
     rays_in_frame,
-    rays_of,
 )
 from ..query.ray_passes import RayPass, camera_pass, rays_through
-from ..query.shadow_query import Surfaces, surface_queries
+from ..query.shadow_query import Surfaces
 from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.instance_data import InstanceData
-from ..scene.instances import InstancedMeshes
-from ..scene.mesh import make_mesh
 from ..scene.scene_bounds import flush_to_zero
 from ..scene.triangles import AllHits, Triangles
-from ..trace.rays.all_hits import TRIANGLES
 from ..trace.rays.instance_batches import trace_list
 from ..trace.rays.instance_rays import InstanceForest, count_all, find_all
 from ..trace.rays.ray_hits import Nearest, hit_surfaces
 from .accelerator import Accelerated, Accelerator, SceneTrees
 from .frame_tracer import FrameMemory
-from .plan import Plan, parse_plan
-from .precompilation import Job, fixed_job, precompile, small_scene, small_view
+from .plan import Plan
+from .precompilation import precompile
 from .primary_visibility import RAYS
 from .tree_choice import new_tree
 
@@ -128,7 +122,7 @@ class Instanced:
         )  # never empty, since kernels may read the first entry
 
     def warm_up(self) -> None:
-        precompile(instances_job)
+        precompile("instances")
 
     def begin(self, memory: FrameMemory) -> None:
         pass
@@ -250,30 +244,3 @@ class Instanced:
 
     def paging(self) -> None:
         return None
-
-
-# --- Precompilation ---------------------------------------------------------------------------------------------------
-
-
-def small_instances() -> InstanceData:
-    """Two copies of the small scene."""
-    hills = make_mesh("hills", small_scene().triangles(0.0, 2).vertices.reshape(-1, 3), None, None, "hills")
-    matrices = np.eye(4)[None, :3].repeat(2, 0)
-    matrices[1, 0, 3] = 2.0
-    return InstanceData(InstancedMeshes([hills], [matrices], "small"), threads=2)
-
-
-def instances_job() -> Job:
-    """The additional job of scenes of instances."""
-
-    def work() -> None:
-        data, accelerator = small_instances(), Accelerator(parse_plan(Instanced.default_plan), 2)
-        source, (camera, lights) = Instanced(data, accelerator, SharedInstances(data)), small_view()
-        rays = rays_of(np.ones((2, 3)), -np.ones((2, 3)), HitFilter(0.0, 9.0), (0.0, 0.0, 0.0), 1)
-        for any_hit in True, False:
-            trace_list(source.trees, rays, any_hit, hit_arrays(2, any_hit), 2)
-        find_all(source.trees, rays.arrays(), 0, TRIANGLES, threads=2)
-        queries = surface_queries(source.look(camera), lights, [light_samples(light, 1) for light in lights], 0, 2)
-        accelerator.answer_all(source.moment(0.0)[1], queries)
-
-    return fixed_job("instances", work)

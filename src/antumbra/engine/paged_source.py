@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.nodes import CHILDREN, EMPTY, MAX_DEPTH, Bvh, aligned_empty, bvh_leaf, bvh_link
-from ..bvh.tree_quality import tree_fault
 from ..checks import byte_count
 from ..errors import InputError
 from ..kernels.exact.filters import single_weights
@@ -35,23 +34,20 @@ from ..store.chunk_residency import Paging, Residency, TriangleCopies, hit_slots
 from ..store.store_file import Store, StoreData
 from ..store.store_format import Chunk
 from ..store.system_resources import release_freed, resident_memory
-from ..techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, prepare, ray_hits
+from ..techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, ray_hits
 from ..techniques.chcrt.nearest_hits import mark_hits, number_hits
 from ..techniques.chcrt.occlusion_queries import Pairs, answer_queries
 from ..techniques.chcrt.picture_ray_sets import SegmentRaySets, segments_of
 from ..techniques.chcrt.tree_parts import parts_of_chunks
-from ..techniques.tracer_options import ChcRtOptions
-from ..trace.primary.primary_rays import primary_picture, sign_hits
 from ..trace.rays.local_rays import LocalRays, local_rays
 from ..trace.rays.ray_hits import Nearest, hit_surfaces
 from ..trace.rays.single_rays import leaf_depths
-from ..trace.tree_list import Hits, no_hits
+from ..trace.tree_list import Hits
 from .accelerator import Accelerated, Accelerator
 from .frame_tracer import FrameMemory
-from .method_registry import BUILDERS
-from .paged_hits import all_hits, count_hits, paged_hits_job
+from .paged_hits import all_hits, count_hits
 from .plan import Plan
-from .precompilation import Job, fixed_job, precompile, small_scene, small_view
+from .precompilation import precompile
 
 # --- Bands of rows ----------------------------------------------------------------------------------------------------
 
@@ -203,28 +199,6 @@ BAND_FACTOR = 4  # bands pay off if a frame reads more than this multiple of the
 RESERVED = 48 << 20  # bytes reserved for small allocations
 
 
-def paged_job() -> Job:
-    """The job of rendering a scene in a store, in addition to the job of its plan."""
-
-    def work() -> None:
-        scene, (h, w) = small_scene(), (8, 8)
-        scheduled = prepare(BUILDERS["bsah"].build(scene.triangles().vertices, 2), ChcRtOptions(), 2)
-        first, view = np.zeros(len(scheduled.parts.trees), np.int64), small_view()[0].rays(scene.origin)
-        camera_hits(scheduled, view, 2)
-        picture = primary_picture(view, scheduled.parts.boxes[0], no_hits((view.height, view.width)))
-        sign_hits(scheduled.parts.trees, picture, first, 2)
-        rays, _ = subpixel_rays(view, np.ones((view.height // 4, view.width // 4), np.bool_), 2)
-        (hits,) = nearest_hits(scheduled, [rays], (h, w), 2)
-        mark_hits(hits, first, np.zeros(1 << 20, np.uint8), 2)
-        faces = np.full((h, w), -1, np.int32)
-        number_hits(hits, first, np.zeros(1 << 20, np.int32), faces, 2)
-        ray_hits(scheduled, rays, np.tile([0.0, 1.0], (h * w, 1)), 0, False, 2)
-        weights(HitBatch(np.arange(h * w), rays, hits, scene.triangles(), hits.face.reshape(-1)), 2)
-        tree_fault(BUILDERS["bsah"].build(scene.triangles().vertices, 2))  # as of each chunk that is read
-
-    return fixed_job("scenes in a store", work)
-
-
 class Paged:
     """A scene in a store, with its resident chunks; `RenderSource` documents the methods.
 
@@ -274,7 +248,7 @@ class Paged:
         self.accelerated: Accelerated = Accelerated(self._triangles(), None, scheduled)
 
     def warm_up(self) -> None:
-        precompile(paged_job)
+        precompile("scenes in a store")
 
     def begin(self, memory: FrameMemory) -> None:
         """Begin a frame. Rays that are traced together get up to half of the memory, and chunks the rest."""
@@ -413,12 +387,12 @@ class Paged:
         self, rays: RayArguments, max_hits: int | None, rule: int, time: float, threads: int | None = None
     ) -> AllHits:
         """All hits of rays. `threads` is not used; the engine's number of threads applies."""
-        precompile(paged_hits_job)
+        precompile("all hits in stores")
         return all_hits(self.store, self._unordered_batches(rays), max_hits, rule, self.threads)
 
     def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
         """The number of hits of each ray. `threads` is not used; the engine's number of threads applies."""
-        precompile(paged_hits_job)
+        precompile("all hits in stores")
         return count_hits(self.store, self._unordered_batches(rays), rule, self.threads)
 
     def _unordered_batches(self, rays: RayArguments) -> Iterator[LocalRays]:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from ..checks import byte_count, path_of, quoted, whole_number
 from ..errors import InputError
-from ..files import checked_output, temporary_folder
+from ..files import checked_output
 from ..formats.format_registry import HEIGHTS
 from ..formats.gis.gis_data import streamed_terrain
 from ..formats.gis.height_files import HeightOptions
@@ -17,7 +17,7 @@ from ..progress import Progress, show_progress, with_progress
 from ..scene.scene_data import SceneData
 from ..store.store_build import CHUNK, MIN_MEMORY, BuildReport, StreamedScene, write_store
 from ..store.store_format import STORE_SUFFIX
-from .precompilation import Job, fixed_job, precompile, small_scene
+from .precompilation import precompile
 from .scene import AnyScene
 from .scene_loading import SceneLike, scene_of
 
@@ -67,7 +67,7 @@ def build_store(
     path, threads = checked_output(path, (STORE_SUFFIX,)), thread_count(threads)
     max_memory = byte_count(max_memory, "max_memory", MIN_MEMORY)
     chunk = whole_number(chunk, "chunk", 16, 1 << 22)
-    precompile(store_job)
+    precompile("building stores")
     with show_progress(f"building {path.name}") as callback:
         bar = None if callback is None else lambda text, done, total: callback(done, total)
         return write_store(data, path, max_memory, threads, chunk, progress if callable(progress) else bar)
@@ -113,13 +113,3 @@ def _scene_data(scene: "SceneLike | StreamedScene | _Tiles") -> SceneData | Stre
     if isinstance(scene, _Tiles):
         return streamed_terrain([(path, HeightOptions()) for path in scene.paths])
     return scene if isinstance(scene, StreamedScene) else scene_of(scene).data
-
-
-def store_job() -> Job:
-    """The job of building a store."""
-
-    def work() -> None:
-        with temporary_folder() as folder:
-            write_store([small_scene()], folder / "small.antumbra", threads=2, chunk=64)
-
-    return fixed_job("building stores", work)

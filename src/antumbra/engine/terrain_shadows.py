@@ -14,13 +14,10 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..formats.gis.gis_data import terrain_data
-from ..formats.gis.height_files import HeightOptions
 from ..memory import available_memory
 from ..progress import ProgressCallback
-from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
-from ..query.ray_list import HitArrays, HitFilter, RayArguments, changed_error, hit_arrays, rays_of
+from ..query.ray_list import HitArrays, RayArguments, changed_error, hit_arrays
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery, new_bits
 from ..scene.light_lists import DirectionalLights
@@ -36,7 +33,7 @@ from ..trace.terrain_stencils import Relief, Stencils, relief_of, stencils_of
 from ..trace.transmission import TracedQuery
 from .auto.cost_model import GOOD, build_seconds
 from .plan import DEFAULT_PLAN, Plan
-from .precompilation import Job, fixed_job, precompile
+from .precompilation import precompile
 
 _TREE_BYTES = 400  # memory of a triangle with its trees
 _SHARE = 0.7  # of the available memory, which they may take
@@ -108,7 +105,7 @@ class TerrainShadows:
         ends = (local.origins, local.directions) if rays.segments else (local.origins,)
         if any(each.size and float(np.abs(each).max()) > reach for each in ends):
             return None
-        precompile(terrain_rays_job)
+        precompile("ray lists over terrain")
         if not any_hit and self._squares is None:
             self._squares = faces_of_squares(surface)
         squares, out = None if any_hit else self._squares, hit_arrays(rays.n, any_hit)
@@ -139,7 +136,7 @@ class TerrainShadows:
         threads: int, progress: ProgressCallback | None,
     ) -> list[TracedQuery]:  # fmt: skip
         """The shadow query of each light, with its answer; see `Engine.shadows`."""
-        precompile(terrain_job)
+        precompile("terrain")
         return self.trace(receivers, lights, samples, facing, threads, progress)
 
     def trace(
@@ -178,27 +175,3 @@ def _follows_rows(receivers: Receivers, surface: HeightGrid) -> bool:
     steps = np.diff(receivers.origins.reshape(-1, 3)[:, :2].astype(np.float64), axis=0)
     next_to = (np.abs(steps[:, 0] - surface.grid.dx) < 0.01 * surface.grid.dx) & (steps[:, 1] == 0.0)
     return 2 * int(next_to.sum()) > len(next_to)
-
-
-def terrain_job() -> Job:
-    """The job of shadow queries over terrain."""
-
-    def work() -> None:
-        data = terrain_data((np.zeros((3, 3)), (1.0, 0.0, 0.0, 0.0, -1.0, 0.0)), HeightOptions())
-        light = DirectionalLights(np.array([(0.5, 0.3, -1.0)]))
-        for points in ([[0.7, -1.0, 1.0]], [[0.5, -0.5, 1.0], [1.5, -0.5, 1.0], [2.5, -0.5, 1.0]]):
-            receivers = Receivers.in_space(np.array(points), data.origin)
-            TerrainShadows(data).trace(receivers, [light], [light_samples(light, 1)], 0, 1, None)
-
-    return fixed_job("terrain", work)
-
-
-def terrain_rays_job() -> Job:
-    """The job of ray lists over terrain."""
-
-    def work() -> None:
-        data = terrain_data((np.zeros((3, 3)), (1.0, 0.0, 0.0, 0.0, -1.0, 0.0)), HeightOptions())
-        rays = rays_of(np.zeros((1, 3)), np.ones(3), HitFilter(), (0.0, 0.0, 0.0), data.n_triangles)
-        trace_rays(TerrainShadows(data).tree, None, local_rays(rays.arrays(), 0), hit_arrays(1, True), 1)
-
-    return fixed_job("ray lists over terrain", work)

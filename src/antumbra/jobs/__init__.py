@@ -21,5 +21,5 @@
 - `executors`: local, sharded and dry runs of a job's units
 - `work_parts`: resumable parts, merged shards, and pictures rendered in bands
 - `scene_records`: JSON records and digests
-- `job_kernels`: compile jobs for ahead-of-time compilation
+- `job_kernels`: all example calls whose kernels are recorded
 """

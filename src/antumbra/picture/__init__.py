@@ -20,5 +20,5 @@
 - `plan_comparison`: timings, counters and bits of several plans
 - `traversal_steps`: traversal steps of shadow rays, plan by plan
 - `culling_picture`: pictures of the triangles that pre-BVH culling keeps
-- `render_kernels`: compile jobs of rendering
+- `example_calls`: calls on small scenes whose kernels are recorded
 """

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.method_registry import CULLERS
+from ..engine.precompilation import precompile_plan
 from ..engine.scene import AnyScene
 from ..kernels.elementary import exp
 from ..query.gbuffer import GBuffer
@@ -17,7 +18,6 @@ from ..query.shadow_query import ShadowQuery, shadow_queries
 from ..scene.camera import Camera
 from ..scene.lights import FIXED, LIST, SPHERE, Light, check_lights
 from ..techniques.culling.culling_grid import sample_points
-from .render_kernels import precompile_plan
 from .renderer import Renderer
 
 KEPT, DROPPED = np.array([1.0, 0.33, 0.03], np.float32), np.array([0.04, 0.16, 0.6], np.float32)

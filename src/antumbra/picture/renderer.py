@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any, ParamSpec, Protocol
 
 from ..checks import checked_instance, choice
@@ -9,6 +10,7 @@ from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.engine import Engine
 from ..engine.frame_tracer import RenderSource
 from ..engine.plan import Plan
+from ..engine.precompilation import precompile, precompile_plan
 from ..engine.primary_visibility import AUTO, METHODS, precompiled_method, primary_visibility
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
@@ -24,16 +26,6 @@ from .frame import Frame, TracedBits
 from .frame_passes import render_frame
 from .frame_request import Request, request_of
 from .option_fields import split_keywords, with_keywords
-from .render_kernels import (
-    precompile_antialias,
-    precompile_appearance,
-    precompile_bounce,
-    precompile_explicit_rays,
-    precompile_ground,
-    precompile_indirect,
-    precompile_plan,
-    precompile_quality,
-)
 from .render_options import EngineOptions, RenderKeywords, RenderOptions, options_of
 from .row_bands import RowBands
 
@@ -200,22 +192,22 @@ class Renderer:
         """Compile all kernels that the frame calls."""
         gbuffer, options = precompiled_method(self.source.gbuffer), request.options
         selector = self.accelerator.ray_selector
-        precompile_plan(self.plan, gbuffer, options.counters)
+        _precompile_frames(self.plan, gbuffer, options.counters)
         self.source.warm_up()
         if request.smooth or request.smooth_skies or request.finer is not None:
-            precompile_quality()
+            precompile("filter and refinement")
         if options.smooths_edges:
-            precompile_antialias()
+            precompile("anti-aliasing")
         if (options.textures or options.smooth_normals) and self.scene.appearance is not None:
-            precompile_appearance()
+            precompile("textures and normals")
         if selector is not None and selector.asked.bounce:
-            precompile_bounce()
+            precompile("a diffuse bounce")
         if request.camera.listed:
-            precompile_explicit_rays()
+            precompile("orthographic and panoramic cameras")
         if request.passes is not None:
-            precompile_indirect(gbuffer)
+            precompile(f"light that bounces ({gbuffer})")
         if request.ground is not None:
-            precompile_ground()
+            precompile("a ground")
 
     def accelerate(self, time: float = 0.0) -> Accelerated:
         """The scene's triangles at a time in seconds, with their BVH if the plan builds one."""
@@ -224,6 +216,18 @@ class Renderer:
     def see(self, triangles: Triangles, camera: Camera, accelerated: Accelerated | None = None) -> GBuffer:
         """The G-buffer of a camera: by rays through `accelerated`; by rasterisation if it is None."""
         return primary_visibility(triangles, camera, accelerated, self.threads)
+
+
+@cache
+def _precompile_frames(plan: Plan, gbuffer: str, counters: bool) -> None:
+    """Compile the kernels with which a plan renders.
+
+    Plugins and unrecorded combinations of methods may call kernels without a record; an example frame finds them.
+    """
+    if precompile_plan(plan, gbuffer, counters):
+        from .example_calls import PLAIN, example_frame  # most processes need no example
+
+        example_frame(plan, gbuffer, replace(PLAIN, counters=counters))
 
 
 def _check_view(scene: AnyScene, camera: Any, lights: Any) -> tuple[Camera, list[Light]]:

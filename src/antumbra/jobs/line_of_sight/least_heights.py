@@ -16,12 +16,10 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.precompilation import Job, fixed_job, precompile
+from ...engine.precompilation import precompile
 from ...engine.scene import AnyScene
-from ...engine.terrain_shadows import TerrainShadows, terrain_of
+from ...engine.terrain_shadows import terrain_of
 from ...errors import InputError
-from ...formats.gis.gis_data import terrain_data
-from ...formats.gis.height_files import HeightOptions
 from ...kernels.jit import F32Ptr, I64Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
 from ...kernels.simd import get, ptr
@@ -267,7 +265,7 @@ def least_heights_of(scene: AnyScene, eye: NDArray[np.float64], drop: float, thr
 
     NaN where there is no surface, and inf everywhere if the eye is below the surface.
     """
-    precompile(least_heights_job)
+    precompile("least heights")
     surface = cast(HeightGrid, terrain_of(scene.data))
     (column, row), grid = surface.grid.cells_of(eye[None, :2])[0], surface.grid
     tree, relief = scene.engine.terrain.relief
@@ -275,13 +273,3 @@ def least_heights_of(scene: AnyScene, eye: NDArray[np.float64], drop: float, thr
     heights = least_heights(tree, relief, here, threads).reshape(-1)
     ground = surface.at_cells(np.array([column]), np.array([row]))[0]
     return np.where(np.isnan(heights), np.nan, np.inf) if eye[2] < ground else heights
-
-
-def least_heights_job() -> Job:
-    """The compile job of least heights."""
-
-    def work() -> None:
-        data = terrain_data((np.zeros((3, 3)), (1.0, 0.0, 0.0, 0.0, -1.0, 0.0)), HeightOptions())
-        least_heights(*TerrainShadows(data).relief, ReliefEye(1.0, 1.0, 1.0, 0.0, 1.0, 1.0), 1)
-
-    return fixed_job("least heights", work)

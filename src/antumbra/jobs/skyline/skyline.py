@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from ...bvh.nodes import Bvh
 from ...checks import as_array, checked_instance, flag, number, whole_number
 from ...engine.paged_scene import PagedScene
-from ...engine.precompilation import Job, fixed_job, precompile, small_scene
-from ...engine.scene import AnyScene, Scene
+from ...engine.precompilation import precompile
+from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
 from ...errors import InputError
 from ...extras import import_extra
@@ -317,7 +317,7 @@ def skyline(
     if north is None:
         place = place_of_crs(scene.crs, scene.bounds, scene.up) if scene.crs and on_earth(scene.crs) else None
         north = 0.0 if scene.crs is None else -map_point(scene.crs, *middle_of(scene)).convergence
-    precompile(skyline_job)
+    precompile("skyline")
     compass = compass_of(options.count, scene.up, north)
     slopes = _slopes_of(scene, sensors, compass, time, threads)
     azimuth = np.arange(options.count) * (360.0 / options.count)
@@ -384,14 +384,3 @@ def _below_roof(tree: Bvh, eyes: NDArray[np.float32], scene: AnyScene, threads: 
     hits = intersections(tree, eyes, ends, np.full(len(eyes), -1, np.int32), threads)
     closed: NDArray[np.bool_] = np.diff(hits.first) > 0
     return closed
-
-
-def skyline_job() -> Job:
-    """The compile job of skylines."""
-
-    def work() -> None:
-        scene = Scene.of_data(small_scene())
-        sensors = sensors_from(scene, np.array([[0.0, 1.0, 0.0]]), None, "points")
-        _slopes_of(scene, sensors, compass_of(4, scene.up, 0.0), 0.0, 1)
-
-    return fixed_job("skyline", work)

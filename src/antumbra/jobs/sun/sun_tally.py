@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.precompilation import Job, fixed_job
 from ...kernels.jit import F64Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import get, ptr, ptr_at, put, stack_f64
@@ -187,16 +186,3 @@ def tally_of(
     normals = np.empty((0, 3)) if normals is None else np.ascontiguousarray(normals, np.float64)
     run(_tally_rows, thread_count(threads), new_ticket(-(-n // _LANES), 4), light, normals, calendar, tally)
     return tally
-
-
-def tally_job() -> Job:
-    """The compile job of sums over suns."""
-
-    def work() -> None:
-        bits, ones = np.zeros((2, 1), np.uint64), np.zeros(1)
-        calendar = Calendar(
-            np.zeros((1, 1), np.int32), ones, np.zeros((1, 1), np.int32), np.ones(1, bool), ones, np.zeros((1, 3))
-        )
-        tally_of(SunLight(bits, WHOLE), None, calendar, 1, 1)
-
-    return fixed_job("sun hours", work)

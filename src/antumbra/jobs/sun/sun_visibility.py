@@ -31,7 +31,7 @@ from ..scene_records import scene_digest
 from ..sensors import Sensors
 from ..work_parts import Parts, about_parts, inexact_plan
 from .sun_positions import Suns
-from .sun_tally import WHOLE, Calendar, SunLight, Tally, tally_job, tally_of
+from .sun_tally import WHOLE, Calendar, SunLight, Tally, tally_of
 
 # --- Orders of sensors and suns ---------------------------------------------------------------------------------------
 
@@ -189,7 +189,7 @@ class SunSums:
     """
 
     def __init__(self, query: SunQuery, what: str, folder: Path | None = None, matrix: bool = False):
-        precompile(tally_job)
+        precompile("sun hours")
         self._query, self._matrix, sensors = query, matrix, query.sensors
         n = len(sensors)
         in_rows = n > 0 and _in_rows(query)

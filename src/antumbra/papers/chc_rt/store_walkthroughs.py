@@ -18,9 +18,9 @@ import numpy as np
 from ...bvh.nodes import Bvh
 from ...engine.paged_scene import PagedScene
 from ...engine.paged_source import RESERVED, Paged
+from ...engine.precompilation import precompile, precompile_plan
 from ...errors import InputError
 from ...picture.frame_request import PASS_BYTES, Request, frame_memory
-from ...picture.render_kernels import precompile_indirect, precompile_plan
 from ...picture.render_options import RenderOptions
 from ...picture.renderer import Renderer
 from ...query.light_samples import light_samples
@@ -109,7 +109,7 @@ def opened(case: StoreCase) -> Iterator[Paged]:
     drop_cached_pages(case.store.path)
     renderer = Renderer(case.place.scene, None, case.threads, max_memory=case.max_memory)
     precompile_plan(renderer.plan, "rays")
-    precompile_indirect("rays")
+    precompile("light that bounces (rays)")
     paged = renderer.source
     assert isinstance(paged, Paged)
     scheduled = paged.accelerated.prepared
