@@ -1,9 +1,9 @@
 """`render` and `Renderer`: render one frame, or a sequence of frames with cached state, of one scene by one plan."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from typing import Any, ParamSpec, Protocol
+from typing import Any, ParamSpec
 
 from ..checks import checked_instance, choice
 from ..engine.accelerator import Accelerated, Accelerator
@@ -25,58 +25,11 @@ from ..scene.triangles import Triangles
 from .frame import Frame, TracedBits
 from .frame_passes import render_frame
 from .frame_request import Request, request_of
-from .option_fields import split_keywords, with_keywords
+from .option_fields import Given, method_with_keywords, split_keywords, with_keywords
 from .render_options import EngineOptions, RenderKeywords, RenderOptions, options_of
 from .row_bands import RowBands
 
 _P = ParamSpec("_P")
-
-
-class RenderFunction(Protocol[_P]):
-    """The type of `render`, whose keywords are the fields of a class."""
-
-    def __call__(
-        self,
-        scene: SceneLike,
-        camera: Camera | None = None,
-        lights: Sequence[Light] | Light | None = None,
-        options: RenderOptions | None = None,
-        progress: ProgressCallback | bool | None = None,
-        *args: _P.args,
-        **keywords: _P.kwargs,
-    ) -> Frame: ...
-
-
-class FrameFunction(Protocol[_P]):
-    """The type of the bound method `Renderer.render`."""
-
-    def __call__(
-        self,
-        camera: Camera,
-        lights: Sequence[Light] | Light,
-        options: RenderOptions | None = None,
-        progress: ProgressCallback | bool | None = None,
-        *args: _P.args,
-        **keywords: _P.kwargs,
-    ) -> Frame: ...
-
-
-class RenderMethod(Protocol[_P]):
-    """The type of `Renderer.render`."""
-
-    def __get__(self, renderer: Any, kind: type | None = None) -> FrameFunction[_P]: ...
-
-
-def _render_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Frame]], RenderFunction[_P]]:
-    """`with_keywords` for a function, with types."""
-    decorator: Callable[[Callable[..., Frame]], RenderFunction[_P]] = with_keywords(kind)
-    return decorator
-
-
-def _render_method(kind: Callable[_P, Any]) -> Callable[[Callable[..., Frame]], RenderMethod[_P]]:
-    """`with_keywords` for a method, with types."""
-    decorator: Callable[[Callable[..., Frame]], RenderMethod[_P]] = with_keywords(kind)
-    return decorator
 
 
 class Renderer:
@@ -125,16 +78,17 @@ class Renderer:
         """The render source of the engine."""
         return self.engine.source
 
-    @_render_method(RenderOptions)
+    @method_with_keywords(RenderOptions, 2)
     @with_quiet_progress
     def render(
         self,
+        given: Given[_P],
         camera: Camera,
         lights: Sequence[Light] | Light,
-        *,
         options: RenderOptions | None = None,
         progress: ProgressCallback | bool | None = None,
-        **keywords: Any,
+        *args: _P.args,
+        **keywords: _P.kwargs,
     ) -> Frame:
         """Render one frame.
 
@@ -156,7 +110,7 @@ class Renderer:
         InputError
             If a value is out of range, the camera's position is in degrees, or an argument is not a camera or a light.
         """
-        request = self.request(camera, lights, options_of(options, keywords))
+        request = self.request(camera, lights, options_of(options, given(*args, **keywords)))
         with show_progress("tracing", progress) as report:
             return render_frame(self.engine, request._replace(progress=report))
 
@@ -240,16 +194,17 @@ def _check_view(scene: AnyScene, camera: Any, lights: Any) -> tuple[Camera, list
     return camera, check_lights(lights, scene.up)
 
 
-@_render_function(RenderKeywords)
+@with_keywords(RenderKeywords, 3)
 @with_quiet_progress
 def render(
+    given: Given[_P],
     scene: SceneLike,
     camera: Camera | None = None,
     lights: Sequence[Light] | Light | None = None,
-    *,
     options: RenderOptions | None = None,
     progress: ProgressCallback | bool | None = None,
-    **keywords: Any,
+    *args: _P.args,
+    **keywords: _P.kwargs,
 ) -> Frame:
     """Render one frame with exact shadows.
 
@@ -280,7 +235,7 @@ def render(
         If a value is out of range, the plan is unknown, the camera's position is in degrees, or an argument is not a
         camera or a light.
     """
-    of_renderer, of_picture = split_keywords(keywords, EngineOptions)
+    of_renderer, of_picture = split_keywords(given(*args, **keywords), EngineOptions)
     picture_options, scene = options_of(options, of_picture), scene_of(scene)
     if camera is None:
         camera = scene.default_camera(time=picture_options.time)

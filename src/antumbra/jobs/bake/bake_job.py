@@ -4,12 +4,11 @@ A bake into textures also needs PNG and EXR images. `Baked` is the report.
 """
 
 import warnings
-from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple, ParamSpec, Protocol
+from typing import NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,7 @@ from ...formats.format_registry import GLB
 from ...formats.gltf.gltf_asset import Asset
 from ...formats.gltf.gltf_writer import Json
 from ...picture.image_files import write_exr
-from ...picture.option_fields import with_keywords
+from ...picture.option_fields import Given, with_keywords
 from ...picture.png_files import SMALL, png_file
 from ...progress import PhaseClock, Progress, with_progress
 from ...scene.materials import linear_to_srgb
@@ -269,25 +268,11 @@ def _split(values: np.ndarray, parts: list[NodePrimitive]) -> list[np.ndarray]:
 # --- `antumbra.bake` --------------------------------------------------------------------------------------------------
 
 
-class BakeFunction(Protocol[_P]):
-    """The type of `bake`, whose keywords are the fields of a class."""
-
-    def __call__(
-        self, scene: SceneLike, output: str | PathLike[str], what: str = "ao", up: str | None = None, keep: Keep = None,
-        progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
-    ) -> Baked: ...  # fmt: skip
-
-
-def _bake_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Baked]], BakeFunction[_P]]:
-    """`with_keywords`, with types."""
-    return with_keywords(kind)
-
-
-@_bake_function(BakeKeywords)
+@with_keywords(BakeKeywords, 3)
 @with_progress
 def bake(
-    scene: SceneLike, output: str | PathLike[str], what: str = "ao", *, up: str | None = None, keep: Keep = None,
-    progress: Progress = None, **keywords: Any,
+    given: Given[_P], scene: SceneLike, output: str | PathLike[str], what: str = "ao", up: str | None = None,
+    keep: Keep = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
 ) -> Baked:  # fmt: skip
     """Measure visibility or light on the surfaces of a scene, and write it into a copy of its glTF file.
 
@@ -331,7 +316,7 @@ def bake(
     """
     path, executor = checked_output(output, GLB.suffixes), executor_of(keep)
     choice(up, "up", (None, "y", "z"))
-    options = BakeOptions(what=what, **keywords)
+    options = BakeOptions(what=what, **given(*args, **keywords))
     clock = PhaseClock()
     report = bake_file(bake_source(scene, up), options, path, clock, executor)
     for note in () if report is None else report.notes:

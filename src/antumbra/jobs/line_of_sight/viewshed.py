@@ -6,7 +6,7 @@ straight line over this lowered copy of the scene represents a refracted line ov
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, ParamSpec, Protocol
+from typing import NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +17,7 @@ from ...engine.scene_loading import SceneLike
 from ...engine.terrain_shadows import terrain_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
-from ...picture.option_fields import with_keywords
+from ...picture.option_fields import Given, with_keywords
 from ...progress import Progress, report_progress, with_progress
 from ...query.query_bounds import morton_codes
 from ...scene.lights import MAX_SPP
@@ -164,25 +164,11 @@ class _ViewshedState:
         return (1.0 - options.refraction) / (2.0 * options.earth_radius) if options.curvature else 0.0
 
 
-class ViewshedFunction(Protocol[_P]):
-    """The type of `viewshed`, whose keywords are the fields of a class."""
-
-    def __call__(
-        self, scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike | LinePoints,
-        surface: "SceneLike | None" = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
-    ) -> Viewshed: ...  # fmt: skip
-
-
-def _viewshed_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Viewshed]], ViewshedFunction[_P]]:
-    """`with_keywords`, with types."""
-    return with_keywords(kind)
-
-
-@_viewshed_function(ViewshedOptions)
+@with_keywords(ViewshedOptions, 3)
 @with_progress
 def viewshed(
-    scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike | LinePoints, *,
-    surface: "SceneLike | None" = None, progress: Progress = None, **keywords: Any,
+    given: Given[_P], scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike | LinePoints,
+    surface: "SceneLike | None" = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
 ) -> Viewshed:  # fmt: skip
     """Find which observers see each sensor: a cumulative viewshed. Every line of sight is exact.
 
@@ -234,7 +220,7 @@ def viewshed(
     edges of triangles, in float64. They agree with exact lines of sight up to the float32 rounding of coordinates.
     With `curvature`, vertices are lowered and edges are not divided.
     """
-    options, scene = ViewshedOptions(**keywords), measured_scene(scene)
+    options, scene = ViewshedOptions(**given(*args, **keywords)), measured_scene(scene)
     options = _with_earth(options, scene)
     threads, time = thread_count(options.threads), scene.clamped(options.time)
     below = scene if surface is None else measured_scene(surface)

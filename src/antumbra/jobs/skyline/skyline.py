@@ -2,9 +2,9 @@
 
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,7 @@ from ...extras import import_extra
 from ...files import atomic_output, checked_output
 from ...kernels.elementary import atan, atan2, cos, sin
 from ...kernels.parallel import thread_count
-from ...picture.option_fields import with_keywords
+from ...picture.option_fields import Given, with_keywords
 from ...progress import Progress, report_progress, with_progress
 from ...scene.map_point import map_point, on_earth
 from ...trace.rays.ray_hits import intersections
@@ -248,25 +248,11 @@ def _one_point(path: str | os.PathLike[str]) -> str:
 # --- The job ----------------------------------------------------------------------------------------------------------
 
 
-class SkylineFunction(Protocol[_P]):
-    """The type of `skyline`, whose keywords are the fields of a class."""
-
-    def __call__(
-        self, scene: SceneLike, points: Sensors | str | ArrayLike, normals: ArrayLike | None = None,
-        surface: "SceneLike | None" = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
-    ) -> Skyline: ...  # fmt: skip
-
-
-def _skyline_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Skyline]], SkylineFunction[_P]]:
-    """`with_keywords`, with types."""
-    return with_keywords(kind)
-
-
-@_skyline_function(SkylineOptions)
+@with_keywords(SkylineOptions, 2)
 @with_progress
 def skyline(
-    scene: SceneLike, points: Sensors | str | ArrayLike, *, normals: ArrayLike | None = None,
-    surface: "SceneLike | None" = None, progress: Progress = None, **keywords: Any,
+    given: Given[_P], scene: SceneLike, points: Sensors | str | ArrayLike, normals: ArrayLike | None = None,
+    surface: "SceneLike | None" = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
 ) -> Skyline:  # fmt: skip
     """Find the skylines of points: the elevation of the horizon by azimuth, exact up to the rounding of float64.
 
@@ -303,7 +289,7 @@ def skyline(
     UserWarning
         If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
     """
-    options, scene = SkylineOptions(**keywords), measured_scene(scene)
+    options, scene = SkylineOptions(**given(*args, **keywords)), measured_scene(scene)
     if isinstance(scene, PagedScene):
         raise scene.refusal()
     threads, time = thread_count(options.threads), scene.clamped(options.time)
