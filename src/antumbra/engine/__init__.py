@@ -1,6 +1,7 @@
 """The one door to all questions about a scene, and what is cached between them.
 
 - `engine`: `Engine`
+- `ray_queries`: the ray queries that engines and scenes share
 - `visibility`: `Visibility`, which points see which samples of lights
 - `scene`: `AnyScene`, `Scene`, `procedural`
 - `paged_scene`: `PagedScene`

@@ -19,7 +19,7 @@ from ..progress import ProgressCallback, show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
-from ..query.ray_list import HitFilter, RayArguments, TracedRays, cull_value, rays_of, segments_between
+from ..query.ray_list import RayArguments, TracedRays, cull_value, rays_of, segments_between
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery
 from ..scene.camera import Camera
@@ -27,7 +27,7 @@ from ..scene.instance_data import InstanceData
 from ..scene.light_lists import without_interleave
 from ..scene.lights import Light, check_lights
 from ..scene.scene_data import MemoryData, SceneData
-from ..scene.triangles import AllHits, Hit, HitFaces, Triangles
+from ..scene.triangles import AllHits, Hit, HitFaces, HitFilter, Triangles
 from ..trace.rays.all_hits import INSIDE, ON_SURFACE, SURFACES, TRIANGLES
 from ..trace.transmission import TracedQuery, transmission
 from .accelerator import Accelerated, Accelerator, SceneTrees
@@ -38,6 +38,7 @@ from .instanced_source import Instanced, SharedInstances, traces_instances
 from .plan import Plan, parse_plan
 from .precompilation import precompile, precompile_plan
 from .primary_visibility import AUTO, METHODS, precompiled_method
+from .ray_queries import RayQueries
 from .scene_reading import data_of
 from .terrain_shadows import TerrainShadows
 from .visibility import Visibility, visibility_of
@@ -68,7 +69,7 @@ _State: TypeAlias = tuple[SceneData, Plan, int, int | None, str]
 """Scene data, plan, threads, memory limit and G-buffer method."""
 
 
-class Engine:
+class Engine(RayQueries):
     """Answers queries about one scene by one plan, and caches trees and measurements between them.
 
     Python threads may share an engine. Ray queries of scenes in memory run concurrently; all other queries hold `lock`
@@ -189,83 +190,42 @@ class Engine:
                 self._others.pop(next(iter(self._others)))
             return engine
 
-    def occluded(
-        self,
-        origins: "ArrayLike",
-        directions: "ArrayLike | None" = None,
-        tmin: "ArrayLike" = 0.0,
-        tmax: "ArrayLike" = np.inf,
-        skip_face: "ArrayLike | None" = None,
-        time: float = 0.0,
-        *,
-        targets: "ArrayLike | None" = None,
-        cull_faces: str | None = None,
-        threads: int | None = None,
-    ) -> NDArray[np.bool_]:
-        """(...) bool: whether a triangle blocks each ray; `antumbra.Scene.occluded` documents the parameters."""
-        hits = HitFilter(tmin, tmax, skip_face, cull_faces)
+    @property
+    def engine(self) -> "Engine":
+        """Itself."""
+        return self
+
+    def _any_hit(
+        self, origins: ArrayLike, directions: ArrayLike | None, hits: HitFilter, targets: ArrayLike | None,
+        time: float, threads: int | None,
+    ) -> NDArray[np.bool_]:  # fmt: skip
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets)
         return self._traced(rays, True, time, threads).hits.blocked.reshape(rays.shape)
 
-    def closest_hit(
-        self,
-        origins: "ArrayLike",
-        directions: "ArrayLike | None" = None,
-        tmin: "ArrayLike" = 0.0,
-        tmax: "ArrayLike" = np.inf,
-        skip_face: "ArrayLike | None" = None,
-        time: float = 0.0,
-        *,
-        cull_faces: str | None = None,
-        threads: int | None = None,
+    def _closest_hit(
+        self, origins: ArrayLike, directions: ArrayLike | None, hit_filter: HitFilter, time: float, threads: int | None
     ) -> Hit:
-        """The nearest hits of rays; `antumbra.Scene.closest_hit` documents the parameters."""
-        hit_filter = HitFilter(tmin, tmax, skip_face, cull_faces)
         rays = rays_of(origins, directions, hit_filter, self._frame, self._n_faces)
         hits, triangles = self._traced(rays, False, time, threads)
         faces = HitFaces(*(array.reshape(rays.shape) for array in (hits.t, hits.face, hits.u, hits.v)))
         data = self.data
         return Hit.of_scene(faces, self._finder(rays, faces.face, triangles, time), lambda: data.object_of_face)
 
-    def all_hits(
-        self,
-        origins: "ArrayLike",
-        directions: "ArrayLike | None" = None,
-        tmin: "ArrayLike" = 0.0,
-        tmax: "ArrayLike" = np.inf,
-        skip_face: "ArrayLike | None" = None,
-        time: float = 0.0,
-        *,
-        targets: "ArrayLike | None" = None,
-        max_hits: int | None = None,
-        cull_faces: str | None = None,
-        threads: int | None = None,
-    ) -> AllHits:
-        """All hits of rays; `antumbra.Scene.all_hits` documents the parameters."""
+    def _all_hits(
+        self, origins: ArrayLike, directions: ArrayLike | None, hits: HitFilter, targets: ArrayLike | None,
+        max_hits: int | None, time: float, threads: int | None,
+    ) -> AllHits:  # fmt: skip
         if max_hits is not None:
             max_hits = whole_number(max_hits, "max_hits", 1, MAX_HITS)
-        hits = HitFilter(tmin, tmax, skip_face, cull_faces)
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets)
         moment = self._moment(time)
         return self._ask(threads, lambda source: source.all_hits(rays, max_hits, TRIANGLES, moment, threads))
 
-    def count_hits(
-        self,
-        origins: "ArrayLike",
-        directions: "ArrayLike | None" = None,
-        tmin: "ArrayLike" = 0.0,
-        tmax: "ArrayLike" = np.inf,
-        skip_face: "ArrayLike | None" = None,
-        time: float = 0.0,
-        *,
-        targets: "ArrayLike | None" = None,
-        merge: str = "none",
-        cull_faces: str | None = None,
-        threads: int | None = None,
-    ) -> NDArray[np.int64]:
-        """(...) int64: the number of hits of each ray; `antumbra.Scene.count_hits` documents the parameters."""
+    def _count_hits(
+        self, origins: ArrayLike, directions: ArrayLike | None, hits: HitFilter, targets: ArrayLike | None, merge: str,
+        time: float, threads: int | None,
+    ) -> NDArray[np.int64]:  # fmt: skip
         rule = MERGES[choice(merge, "merge", MERGES)]
-        hits = HitFilter(tmin, tmax, skip_face, cull_faces)
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets)
         moment = self._moment(time)
         return self._ask(threads, lambda source: source.count_hits(rays, rule, moment, threads)).reshape(rays.shape)
@@ -286,8 +246,7 @@ class Engine:
         segments, moment = segments_between(begin, end, skip_face), self._moment(time)
         return self._ask(threads, lambda source: source.all_hits(segments, None, TRIANGLES, moment, threads))
 
-    def contains(self, points: "ArrayLike", time: float = 0.0, *, threads: int | None = None) -> NDArray[np.bool_]:
-        """(...) bool: whether points are inside; `antumbra.Scene.contains` documents the parameters."""
+    def _inside(self, points: "ArrayLike", time: float, threads: int | None) -> NDArray[np.bool_]:
         array, up = as_array(points, "points", strided=True), np.eye(3)["xyz".index(self.data.up)]
         if array.ndim < 1 or array.shape[-1] != 3:
             raise InputError(f"points must have shape (..., 3), not {array.shape}")

@@ -31,7 +31,7 @@ from ..formats.gis.gis_data import terrain_data
 from ..formats.gis.height_files import HeightOptions
 from ..formats.library_meshes import data_of_arrays
 from ..query.light_samples import light_samples
-from ..query.ray_list import HitFilter, hit_arrays, rays_of
+from ..query.ray_list import hit_arrays, rays_of
 from ..query.receivers import Receivers
 from ..query.shadow_query import shadow_queries
 from ..scene.camera import Camera
@@ -42,6 +42,7 @@ from ..scene.lights import AmbientOcclusion, Light, PointLight, QuadLight, Spher
 from ..scene.materials import MASK, Material, Texture
 from ..scene.mesh import StaticMeshes, VertexAttributes, make_mesh, textured_mesh
 from ..scene.scene_data import MemoryData
+from ..scene.triangles import HitFilter
 from ..techniques.srdh.representative_rays import SrdhRays
 from ..trace.counters import new_counters
 from ..trace.rays.local_rays import local_rays

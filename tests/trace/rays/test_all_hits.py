@@ -12,7 +12,8 @@ import oracle
 from antumbra.bvh.wide_bvh import widen
 from antumbra.engine.in_memory_source import RAY_PLANS
 from antumbra.engine.method_registry import BUILDERS
-from antumbra.query.ray_list import HitFilter, rays_of
+from antumbra.query.ray_list import rays_of
+from antumbra.scene.triangles import HitFilter
 from antumbra.trace.rays import all_hits
 from antumbra.trace.rays.all_hits import TRIANGLES, count_all, find_all, unsigned
 from antumbra.trace.rays.ray_batches import RayTracer
