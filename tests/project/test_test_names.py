@@ -23,7 +23,7 @@ THROUGH = {
         trace/rays/interleaved_rays trace/rays/ray_packet techniques/chcrt/nearest_hits
     """,
     "scenes of instances, which have the bits of their flattened copies": """
-        bvh/instance_trees scene/instance_bounds trace/rays/instance_batches trace/rays/instance_columns
+        bvh/instance_trees scene/instance_bounds trace/rays/instance_batches
         trace/rays/instance_rays trace/rays/instance_traversal trace/rays/local_rays formats/instance_arrays
     """,
     "trees of all builders": """
@@ -33,7 +33,7 @@ THROUGH = {
         kernels/ticket_loops
     """,
     "frames, points and rays of an engine": """
-        engine/paged_hits engine/plan_kernels engine/refitted_rays engine/visibility picture/frame_passes
+        engine/paged_hits engine/ray_queries engine/refitted_rays engine/visibility picture/frame_passes
         picture/culling_picture
     """,
     "files and arrays that load, from_raster, from_footprints and from_trees read": """
@@ -41,6 +41,9 @@ THROUGH = {
         formats/reprojection formats/cityjson/cityjson_file formats/gis/footprint_solids
         formats/gis/gis_data formats/gis/height_arrays formats/gis/height_tiles formats/gis/vector_table
         formats/gis/vrt_files formats/gltf/accessors
+    """,
+    "the records of kernels, which its calls make": """
+        picture/example_calls
     """,
     "procedural scenes": """
         generate/forest generate/palette scene/palette_scene

@@ -4,7 +4,7 @@
 - `gltf/`: glTF 2.0 and GLB
 - `cityjson/`: CityJSON and CityJSONSeq
 - `gis/`: rasters of heights, and footprints
-- `obj_file`, `mtl_file`: OBJ and its materials
+- `obj_file`: OBJ and its materials
 - `mesh_files`: PLY and STL
 - `text_numbers`: numbers in the text of mesh files
 - `array_files`: .npy and .npz files, and folders of vertex frames
