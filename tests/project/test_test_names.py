@@ -17,10 +17,9 @@ ACROSS = {
 
 THROUGH = {
     "pictures, rays and points of all plans, whose bits are compared with the oracle": """
-        trace/descent trace/horizon trace/shafts trace/frusta/bundle trace/frusta/multi_frusta
-        trace/frusta/reverse_frusta trace/frusta/shaft_culling trace/frusta/tile_lanes
-        trace/primary/pixel_hits trace/primary/pixel_tests trace/rays/hit_reports
-        trace/rays/interleaved_rays trace/rays/ray_packet techniques/chcrt/nearest_hits
+        trace/descent trace/horizon trace/frusta/bundle trace/frusta/multi_frusta
+        trace/rays/hit_reports trace/rays/interleaved_rays trace/rays/ray_packet
+        techniques/chcrt/nearest_hits
     """,
     "scenes of instances, which have the bits of their flattened copies": """
         bvh/instance_trees scene/instance_bounds trace/rays/instance_batches
