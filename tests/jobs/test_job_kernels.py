@@ -65,7 +65,8 @@ def test_the_kernels_of_an_example_are_compiled_once(compiled):
 
 
 def test_only_plans_without_a_record_need_an_example_frame(compiled):
-    assert not precompile_plan(Plan(), "raster") and set(compiled) == kernels_of_plan(Plan(), "raster", False)
+    assert not precompile_plan(Plan(), "raster")
+    assert set(compiled) == missing_of(kernels_of_plan(Plan(), "raster", False))
     assert precompile_plan(parse_plan("grid32+lbvh+packet16"), "raster")
 
 
@@ -147,4 +148,5 @@ def test_a_record_of_other_sources_is_no_error():
     kernel, key = "antumbra.bvh.lbvh:no_such_kernel", "A[i8,1,C] antumbra.bvh.nodes:NoSuchType( i )"
     real = next(iter(kernel_manifest.read_manifests(kernel_manifest.MANIFEST).kernels))
     requests = [KernelRequest(kernel, "i"), KernelRequest(real.kernel, key), KernelRequest("antumbra.none:f", "i")]
+    requests += [KernelRequest(real.kernel, f"{real.key} i")]  # a parameter less since then
     assert missing_of(requests) == set()

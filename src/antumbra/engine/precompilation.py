@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any, NamedTuple
 
-from ..kernels.marshalling import import_object
+from ..kernels.marshalling import argument_count, import_object
 from ..kernels.toolchain.compile_pool import KernelRequest, compile_kernels
 from ..kernels.toolchain.kernel_cache import user_cache
 from ..kernels.toolchain.kernel_loading import events, has_compiler, is_on_disk
@@ -84,7 +84,10 @@ def missing_of(kernels: Iterable[KernelRequest]) -> set[KernelRequest]:
 
 def _is_missing(request: KernelRequest) -> bool:
     try:
-        return not is_on_disk(import_object(request.kernel), request.key)
+        kernel = import_object(request.kernel)
+        if argument_count(request.key) != kernel.py_func.__code__.co_argcount:  # changed since the record, likewise
+            return False
+        return not is_on_disk(kernel, request.key)
     except (AttributeError, ModuleNotFoundError):  # a name has changed since the record; its first call compiles it
         return False
 
