@@ -35,7 +35,7 @@ import numpy as np
 
 import antumbra
 from antumbra.engine.auto.cost_model import best_pays
-from antumbra.engine.in_memory_source import RAY_PLANS
+from antumbra.engine.sources.in_memory_source import RAY_PLANS
 from antumbra.generate.procedural_scenes import PROCEDURAL
 from antumbra.kernels.parallel import thread_count
 from antumbra.query.gbuffer import from_hits

@@ -30,13 +30,13 @@ from typing import NamedTuple, cast
 import numpy as np
 
 import antumbra as at
+from antumbra.datasets.random_views import SamplingRegion, random_camera, sampling_region
 from antumbra.engine.engine import Engine
 from antumbra.engine.frame_tracer import FrameMemory
 from antumbra.engine.plan import DEFAULT_PLAN, parse_plan
 from antumbra.engine.precompilation import precompile_plan
-from antumbra.jobs.dataset.random_views import SamplingRegion, random_camera, sampling_region
 from antumbra.kernels.parallel import thread_count
-from antumbra.papers.benchmark_views import BenchmarkScenes, square
+from antumbra.lab.papers.benchmark_views import BenchmarkScenes, square
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import surface_queries
 from common import machine

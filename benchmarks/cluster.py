@@ -26,7 +26,7 @@ import numpy as np
 
 from antumbra.cli.shards import begin
 from antumbra.cluster import Cluster, connected
-from antumbra.jobs.executors import UnitCollector, numbered
+from antumbra.work.executors import UnitCollector, numbered
 from common import arguments, machine
 
 SIMULATED = 8, 64, 512  # nodes

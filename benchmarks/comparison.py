@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from antumbra.errors import InputError
+from antumbra.base.errors import InputError
 from antumbra.kernels.parallel import thread_count
 from common import machine
 from peers.contenders import describe_embree

@@ -11,7 +11,7 @@ import json
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from antumbra.extras import import_extra
+from antumbra.base.extras import import_extra
 from peers.ray_contest import OURS
 
 COLOURS = {OURS: "#d9480f", "Embree": "#1c7ed6", "Mitsuba": "#7048e8", "Open3D": "#868e96"}

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 import antumbra as at
-from antumbra.jobs.sun.sun_positions import parse_days, zone_of
 from antumbra.query.receivers import Receivers
+from antumbra.sun.sun_positions import parse_days, zone_of
 from common import installed, machine
 
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")

@@ -25,16 +25,16 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from antumbra.base.errors import InputError
+from antumbra.base.files import atomic_output
 from antumbra.cli import console as report
 from antumbra.cli.arguments import parse_count
 from antumbra.engine.auto_accelerator import accelerator_of
 from antumbra.engine.plan import parse_plan
 from antumbra.engine.precompilation import precompile_plan
 from antumbra.engine.scene import procedural
-from antumbra.errors import InputError
-from antumbra.files import atomic_output
-from antumbra.papers.benchmark_views import BenchmarkView, scene_view
-from antumbra.papers.ray_hierarchy.ray_hierarchy_views import SCENES, times_of, with_point
+from antumbra.lab.papers.benchmark_views import BenchmarkView, scene_view
+from antumbra.lab.papers.ray_hierarchy.ray_hierarchy_views import SCENES, times_of, with_point
 from antumbra.picture.renderer import Renderer
 from antumbra.query.gbuffer import GBuffer
 from antumbra.query.light_samples import light_samples

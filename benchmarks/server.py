@@ -28,7 +28,7 @@ import numpy as np
 
 import antumbra as at
 from antumbra.engine.auto.cost_model import best_pays
-from antumbra.engine.in_memory_source import RAY_PLANS
+from antumbra.engine.sources.in_memory_source import RAY_PLANS
 from antumbra.kernels.parallel import thread_count
 from common import arguments, has_embree, installed, machine
 from peers import open3d_rays

@@ -4,7 +4,7 @@
 
 A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest (procedural), or a file that
 `antumbra.load` reads. Each has a small and a large square light. The small light's edge is 1/40 of the scene's diagonal
-(`antumbra.papers.benchmark_views` has the exception), or that of the forest's own light. The large light's edge is four
+(`lab.papers.benchmark_views` has the exception), or that of the forest's own light. The large light's edge is four
 times as long.
 
 Timed for ours: from a ShadowQuery to its bits, as when rendering a frame, including allocation of the bits.

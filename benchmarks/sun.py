@@ -22,10 +22,10 @@ from pathlib import Path
 import numpy as np
 
 import antumbra as at
-from antumbra.jobs.sun.sun_positions import parse_days, zone_of
-from antumbra.jobs.sun.sun_visibility import sum_suns, sun_query
+from antumbra.city.sun.sun_visibility import sum_suns, sun_query
 from antumbra.kernels.parallel import thread_count
 from antumbra.query.receivers import Receivers
+from antumbra.sun.sun_positions import parse_days, zone_of
 from common import SCENES, arguments, has_embree, machine
 from peers import embree
 from peers.embree import occluded_of, trace, write

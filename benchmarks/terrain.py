@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 
 import antumbra as at
-from antumbra.extras import import_extra
+from antumbra.base.extras import import_extra
 from antumbra.kernels.parallel import thread_count
 from common import arguments, installed, machine
 

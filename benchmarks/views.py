@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import antumbra
-from antumbra.papers.benchmark_views import info_view, square
+from antumbra.lab.papers.benchmark_views import info_view, square
 from antumbra.scene.camera import Camera
 from antumbra.scene.lights import Light, QuadLight
 from antumbra.scene.triangles import Triangles

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 import antumbra as at
-from antumbra.errors import InputError
+from antumbra.base.errors import InputError
 from common import has_embree, installed, machine
 from comparison import start
 from peers import embree, mitsuba_rays, open3d_rays, warp_rays

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import antumbra as at
-from antumbra.jobs.sun.sun_positions import zone_of
 from antumbra.picture.heat_maps import heat_colours
 from antumbra.picture.image_files import to_srgb8
+from antumbra.sun.sun_positions import zone_of
 
 MAX_SUNS = 64  # bits of a word
 _INWARD = 0.02  # shift of a sample from its vertex towards the middle of its faces, so that it is on no edge

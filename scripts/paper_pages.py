@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 
 import document_numbers
 
-from antumbra.cli.bench_conditions import changed_kernels, python_of_digests
 from antumbra.cli.console import escaped
+from antumbra.lab.bench_conditions import changed_kernels, python_of_digests
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ROOT / "docs" / "papers"

@@ -15,14 +15,14 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from antumbra.jobs.job_kernels import all_examples
 from antumbra.kernels.toolchain.kernel_manifest import MANIFEST, recorded_kernels
-from antumbra.papers.published_methods import NEEDS as PAPERS
+from antumbra.lab.papers.published_methods import NEEDS as PAPERS
+from antumbra.work.warm_ups import all_examples
 
 JOB = """
 import json, sys
 from antumbra.kernels.toolchain.kernel_loading import events
-from antumbra.jobs.job_kernels import all_examples
+from antumbra.work.warm_ups import all_examples
 
 all_examples(papers=True)[int(sys.argv[1])].call()
 print(json.dumps(sorted({(event.kernel, event.key) for event in events})))

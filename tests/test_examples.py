@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.base.errors import InputError
 from antumbra.cli.scene_arguments import parse_scene
-from antumbra.errors import InputError
 from antumbra.examples import EXAMPLES
 from repository import ROOT, tool
 

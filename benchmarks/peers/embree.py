@@ -34,8 +34,8 @@ from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import ArrayLike
 
+from antumbra.base.errors import InputError
 from antumbra.bvh.nodes import aligned_empty
-from antumbra.errors import InputError
 from antumbra.kernels.jit import inlined, kernel
 from antumbra.kernels.parallel import items, new_ticket, run, thread_count
 from peers.ray_contest import PeerRays, ray_set

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 import antumbra as at
-from antumbra.errors import InputError
+from antumbra.base.errors import InputError
 
 VARIANT = "scalar_rgb"  # it needs no LLVM
 _FAR = 1e6  # distance of suns; receivers lie within a few units of zero

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from antumbra.errors import InputError
+from antumbra.base.errors import InputError
 from antumbra.kernels.parallel import thread_count
 from peers.ray_contest import PeerRays, ray_array
 

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 
-from antumbra.errors import InputError
+from antumbra.base.errors import InputError
 
 
 @cache

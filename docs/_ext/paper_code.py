@@ -1,4 +1,4 @@
-"""``{paper-code} FOLDER``: which code implements which section of a paper, from its README.md in src/antumbra/papers/.
+"""``{paper-code} FOLDER``: which code implements which section of a paper, from its README.md in lab/papers/.
 
 Names of code become links to their lines in the repository, in the revision of the package's version.
 """
@@ -13,7 +13,7 @@ from docutils.statemachine import StringList
 from sphinx.util.docutils import SphinxDirective
 
 ROOT = Path(__file__).resolve().parents[2]
-PAPERS = ROOT / "src" / "antumbra" / "papers"
+PAPERS = ROOT / "src" / "antumbra" / "lab" / "papers"
 SOURCE = "https://github.com/antumbra/antumbra/blob/main"
 OUTSIDE = "benchmarks", "tests", "docs", "scripts"
 """Folders at the root of the repository; all other paths are relative to src/antumbra."""

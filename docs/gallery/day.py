@@ -9,7 +9,7 @@ from datetime import date
 from PIL import Image
 
 import antumbra as at
-from antumbra.jobs.sun.sun_positions import zone_of
+from antumbra.sun.sun_positions import zone_of
 
 SIZE = 320, 320
 SPP = 16

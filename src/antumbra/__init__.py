@@ -13,40 +13,38 @@ TYPE_CHECKING = False  # as type checkers know it: importing typing would delay 
 
 if TYPE_CHECKING:
     from . import cluster, examples
+    from .baking.bake import Baked, bake
+    from .base.errors import InputError
+    from .city.cityjson.attribute_writer import write_attributes
+    from .city.gis.gis_scenes import from_footprints, from_raster
+    from .city.sensors.ground_areas import area_sensors
+    from .city.sensors.sensor_files import sensors_of
+    from .city.sensors.sensors import Sensors, face_sensors, point_sensors, raster_sensors, vertex_sensors
+    from .city.sensors.surface_grid import grid_sensors
+    from .city.shadow.shadow import shadow
+    from .city.shadow.shadow_polygons import Shadow
+    from .city.sight.line_points import LinePoints, points_along
+    from .city.sight.sightlines import Sightlines, line_of_sight
+    from .city.sight.targets import Turbine, polygon_points, surface_points, visible_share
+    from .city.sight.viewshed import Viewshed, viewshed
+    from .city.sight.visibility_matrix import VisibilityMatrix, visibility_matrix
+    from .city.skyline.skyline import Skyline, skyline
+    from .city.sun.sun_hours import sky_view, sun_hours
+    from .city.tables.result_table import Column, Table
+    from .city.vegetation.vegetation_scenes import from_trees
+    from .city.view_factors.view_factor_matrix import ViewFactors
+    from .city.view_factors.view_factors import view_factors
+    from .datasets.dataset import Dataset, dataset
     from .engine.engine import Engine
-    from .engine.gis_scenes import from_footprints, from_raster
     from .engine.paged_scene import PagedScene
     from .engine.plan import Plan
     from .engine.point_visibility import visibility
     from .engine.scene import Scene, procedural
     from .engine.scene_loading import load
     from .engine.store_building import build_store
-    from .engine.tree_scenes import from_trees
     from .engine.visibility import Visibility
-    from .errors import InputError
-    from .formats.cityjson.attribute_writer import write_attributes
     from .integrations.pvlib import pvlib_shading
     from .integrations.trimesh import trimesh_ray
-    from .jobs.bake.bake_job import Baked, bake
-    from .jobs.dataset.dataset_job import Dataset, dataset
-    from .jobs.ground_areas import area_sensors
-    from .jobs.line_of_sight.line_points import LinePoints, points_along
-    from .jobs.line_of_sight.sightlines import Sightlines, line_of_sight
-    from .jobs.line_of_sight.targets import Turbine, polygon_points, surface_points, visible_share
-    from .jobs.line_of_sight.viewshed import Viewshed, viewshed
-    from .jobs.line_of_sight.visibility_matrix import VisibilityMatrix, visibility_matrix
-    from .jobs.result_table import Column, Table
-    from .jobs.sensor_files import sensors_of
-    from .jobs.sensors import Sensors, face_sensors, point_sensors, raster_sensors, vertex_sensors
-    from .jobs.shadow.shadow import shadow
-    from .jobs.shadow.shadow_polygons import Shadow
-    from .jobs.skyline.skyline import Skyline, skyline
-    from .jobs.sun.location import Place, place_of
-    from .jobs.sun.sun_hours import sky_view, sun_hours
-    from .jobs.sun.sun_positions import Suns, suns_of, times_of
-    from .jobs.surface_grid import grid_sensors
-    from .jobs.view_factors.view_factor_matrix import ViewFactors
-    from .jobs.view_factors.view_factors import view_factors
     from .picture.frame import Frame
     from .picture.render_options import RenderOptions
     from .picture.renderer import Renderer, render
@@ -63,6 +61,8 @@ if TYPE_CHECKING:
     from .scene.triangles import AllHits, Hit, Triangles
     from .scene.units import LengthUnit
     from .store.store_build import BuildReport
+    from .sun.location import Place, place_of
+    from .sun.sun_positions import Suns, suns_of, times_of
     from .techniques.srdh.representative_rays import SrdhRays
     from .viewer.viewer_page import Viewer, view
 
@@ -162,12 +162,12 @@ __all__ = [
 _HOME = {
     "AllHits": "scene.triangles",
     "AmbientOcclusion": "scene.lights",
-    "Baked": "jobs.bake.bake_job",
+    "Baked": "baking.bake",
     "BuildReport": "store.store_build",
     "Camera": "scene.camera",
     "CityModel": "scene.scene_data",
-    "Column": "jobs.result_table",
-    "Dataset": "jobs.dataset.dataset_job",
+    "Column": "city.tables.result_table",
+    "Dataset": "datasets.dataset",
     "DirectionalLight": "scene.lights",
     "DirectionalLights": "scene.light_lists",
     "DiskLight": "scene.lights",
@@ -175,14 +175,14 @@ _HOME = {
     "Frame": "picture.frame",
     "GBuffer": "query.gbuffer",
     "Hit": "scene.triangles",
-    "InputError": "errors",
+    "InputError": "base.errors",
     "LengthUnit": "scene.units",
     "Light": "scene.lights",
-    "LinePoints": "jobs.line_of_sight.line_points",
+    "LinePoints": "city.sight.line_points",
     "MeshInfo": "scene.mesh",
     "ObjectInfo": "scene.mesh",
     "PagedScene": "engine.paged_scene",
-    "Place": "jobs.sun.location",
+    "Place": "sun.location",
     "Plan": "engine.plan",
     "PointLight": "scene.lights",
     "PointLights": "scene.light_lists",
@@ -192,59 +192,59 @@ _HOME = {
     "RenderOptions": "picture.render_options",
     "Renderer": "picture.renderer",
     "Scene": "engine.scene",
-    "Sensors": "jobs.sensors",
-    "Shadow": "jobs.shadow.shadow_polygons",
-    "Sightlines": "jobs.line_of_sight.sightlines",
+    "Sensors": "city.sensors.sensors",
+    "Shadow": "city.shadow.shadow_polygons",
+    "Sightlines": "city.sight.sightlines",
     "Sky": "scene.sky",
-    "Skyline": "jobs.skyline.skyline",
+    "Skyline": "city.skyline.skyline",
     "SphereLight": "scene.lights",
     "SrdhRays": "techniques.srdh.representative_rays",
-    "Suns": "jobs.sun.sun_positions",
-    "Table": "jobs.result_table",
+    "Suns": "sun.sun_positions",
+    "Table": "city.tables.result_table",
     "Triangles": "scene.triangles",
-    "Turbine": "jobs.line_of_sight.targets",
-    "ViewFactors": "jobs.view_factors.view_factor_matrix",
+    "Turbine": "city.sight.targets",
+    "ViewFactors": "city.view_factors.view_factor_matrix",
     "Viewer": "viewer.viewer_page",
-    "Viewshed": "jobs.line_of_sight.viewshed",
+    "Viewshed": "city.sight.viewshed",
     "Visibility": "engine.visibility",
-    "VisibilityMatrix": "jobs.line_of_sight.visibility_matrix",
-    "area_sensors": "jobs.ground_areas",
-    "bake": "jobs.bake.bake_job",
+    "VisibilityMatrix": "city.sight.visibility_matrix",
+    "area_sensors": "city.sensors.ground_areas",
+    "bake": "baking.bake",
     "build_store": "engine.store_building",
-    "dataset": "jobs.dataset.dataset_job",
-    "face_sensors": "jobs.sensors",
-    "from_footprints": "engine.gis_scenes",
-    "from_raster": "engine.gis_scenes",
-    "from_trees": "engine.tree_scenes",
-    "grid_sensors": "jobs.surface_grid",
-    "line_of_sight": "jobs.line_of_sight.sightlines",
+    "dataset": "datasets.dataset",
+    "face_sensors": "city.sensors.sensors",
+    "from_footprints": "city.gis.gis_scenes",
+    "from_raster": "city.gis.gis_scenes",
+    "from_trees": "city.vegetation.vegetation_scenes",
+    "grid_sensors": "city.sensors.surface_grid",
+    "line_of_sight": "city.sight.sightlines",
     "load": "engine.scene_loading",
-    "place_of": "jobs.sun.location",
-    "point_sensors": "jobs.sensors",
-    "points_along": "jobs.line_of_sight.line_points",
-    "polygon_points": "jobs.line_of_sight.targets",
+    "place_of": "sun.location",
+    "point_sensors": "city.sensors.sensors",
+    "points_along": "city.sight.line_points",
+    "polygon_points": "city.sight.targets",
     "procedural": "engine.scene",
     "pvlib_shading": "integrations.pvlib",
-    "raster_sensors": "jobs.sensors",
+    "raster_sensors": "city.sensors.sensors",
     "render": "picture.renderer",
-    "sensors_of": "jobs.sensor_files",
-    "shadow": "jobs.shadow.shadow",
-    "sky_view": "jobs.sun.sun_hours",
-    "skyline": "jobs.skyline.skyline",
-    "sun_hours": "jobs.sun.sun_hours",
-    "suns_of": "jobs.sun.sun_positions",
-    "surface_points": "jobs.line_of_sight.targets",
-    "times_of": "jobs.sun.sun_positions",
+    "sensors_of": "city.sensors.sensor_files",
+    "shadow": "city.shadow.shadow",
+    "sky_view": "city.sun.sun_hours",
+    "skyline": "city.skyline.skyline",
+    "sun_hours": "city.sun.sun_hours",
+    "suns_of": "sun.sun_positions",
+    "surface_points": "city.sight.targets",
+    "times_of": "sun.sun_positions",
     "trimesh_ray": "integrations.trimesh",
-    "vertex_sensors": "jobs.sensors",
+    "vertex_sensors": "city.sensors.sensors",
     "view": "viewer.viewer_page",
-    "view_factors": "jobs.view_factors.view_factors",
-    "viewshed": "jobs.line_of_sight.viewshed",
+    "view_factors": "city.view_factors.view_factors",
+    "viewshed": "city.sight.viewshed",
     "virtual_point_lights": "picture.virtual_point_lights",
     "visibility": "engine.point_visibility",
-    "visibility_matrix": "jobs.line_of_sight.visibility_matrix",
-    "visible_share": "jobs.line_of_sight.targets",
-    "write_attributes": "formats.cityjson.attribute_writer",
+    "visibility_matrix": "city.sight.visibility_matrix",
+    "visible_share": "city.sight.targets",
+    "write_attributes": "city.cityjson.attribute_writer",
 }
 _MODULES = "cluster", "examples"  # public names that are modules
 
@@ -259,7 +259,7 @@ if not TYPE_CHECKING:  # hidden from type checkers, so that unknown names are er
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
         if hasattr(value, "_fields"):
-            from .field_docs import describe
+            from .base.field_docs import describe
 
             describe(value)
         globals()[name] = value

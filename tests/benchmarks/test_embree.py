@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import oracle
-from antumbra.errors import InputError
+from antumbra.base.errors import InputError
 from antumbra.kernels.jit import kernel
 from peer_scenes import rays_through, soup, truth
 from peers import embree

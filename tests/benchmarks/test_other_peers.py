@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from antumbra.errors import InputError
+from antumbra.base.errors import InputError
 from peer_scenes import rays_through, soup, truth
 from peers import mitsuba_rays, open3d_rays
 from peers.ray_contest import ORDERS, packets, valid_ids

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import rebuild as bench
+from antumbra.base.errors import InputError
 from antumbra.engine.plan import parse_plan
-from antumbra.errors import InputError
 from rebuild import PLANS, REFERENCE, Rebuilt, crossings, curve, overview, ratio
 
 SIZE = 24

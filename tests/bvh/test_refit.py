@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
+from antumbra.base.errors import InputError
 from antumbra.bvh import binned_sah, tree_layout
 from antumbra.bvh.refit import LIMIT, DeformingTree, refit
 from antumbra.bvh.tree_quality import sah_cost, validate
 from antumbra.engine.method_registry import BUILDERS
-from antumbra.errors import InputError
 from bvh_scenes import HAZARDS, scattered, terrain
 from strategies import soups
 

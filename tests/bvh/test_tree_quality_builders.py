@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 
 import antumbra
+from antumbra.base.errors import InputError
 from antumbra.bvh import lbvh
 from antumbra.bvh.nodes import EMPTY, MAX_DEPTH
 from antumbra.bvh.tree_quality import sah_cost, statistics, validate
 from antumbra.bvh.triangle_bounds import MAX_COORDINATE
 from antumbra.engine.method_registry import BUILDERS
-from antumbra.errors import InputError
 from bvh_scenes import HAZARDS, LARGE, integer_grid, scattered, terrain
 from reference_sah import binned_sah
 from scenes import scene_path

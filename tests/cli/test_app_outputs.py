@@ -11,10 +11,11 @@ import pytest
 
 import antumbra as at
 import city_files
-from antumbra.cli import bench_command, options
+from antumbra.base.extras import plugins_of
+from antumbra.city.tables import result_table
+from antumbra.cli import options
 from antumbra.cli.app import program
-from antumbra.extras import plugins_of
-from antumbra.jobs import result_table
+from antumbra.lab import bench_command
 from small_disk import fill, small_disk
 
 READ = {"terrain", "areas", "epw", "observers", "along", "targets", "polygon", "points", "merge", "folders", "store"}

@@ -3,12 +3,12 @@
 import pytest
 import typer
 
+from antumbra.base.errors import InputError
+from antumbra.base.extras import plugins_of
 from antumbra.cli.app import program
-from antumbra.cli.bench_command import _loaded
-from antumbra.cli.bench_command import app as bench
 from antumbra.cli.command_parsing import parsed_words
-from antumbra.errors import InputError
-from antumbra.extras import plugins_of
+from antumbra.lab.bench_command import _loaded
+from antumbra.lab.bench_command import app as bench
 
 COMMANDS = {
     **{name: each for name, each in typer.main.get_command(program()).commands.items() if name != "bench"},

@@ -1,4 +1,4 @@
-"""``antumbra dataset``: its answers, its options and its errors. tests/jobs/dataset has what the files hold."""
+"""``antumbra dataset``: its answers, its options and its errors. tests/datasets has what the files hold."""
 
 import json
 
@@ -82,7 +82,7 @@ def test_bad_arguments_are_one_line_and_make_no_folder(cli, tmp_path, arguments,
 
 
 def test_an_interruption_says_how_to_go_on(cli, monkeypatch):
-    from antumbra.jobs.dataset.dataset_files import DatasetFolder
+    from antumbra.datasets.dataset_files import DatasetFolder
 
     def interrupted(*_):
         raise KeyboardInterrupt

@@ -5,7 +5,7 @@ import pytest
 from antumbra.engine import precompilation
 from antumbra.engine.method_registry import KINDS, own_methods
 from antumbra.engine.plan import DEFAULT_PLAN, all_plans, covering_plans, parse_plan
-from antumbra.jobs.job_kernels import all_examples
+from antumbra.work.warm_ups import all_examples
 
 COMMON = len(all_examples([]))  # examples of all plans; wide lights of `cones`, and the bounce of `srdh`, add one each
 

@@ -50,7 +50,7 @@ def test_while_a_command_is_imported(name, tmp_path):
 
 
 @pytest.mark.parametrize("kind", SIGNALS)
-@pytest.mark.parametrize("module", ["antumbra.cli.app", "typer", "antumbra.errors", "numpy"])
+@pytest.mark.parametrize("module", ["antumbra.cli.app", "typer", "antumbra.base.errors", "numpy"])
 def test_while_other_modules_are_imported(module, kind, tmp_path):
     done = run(AT_IMPORT, tmp_path, module, int(kind), "render", "a.glb")
     assert (done.returncode, done.stdout, done.stderr) == (128 + kind, "", f"antumbra: {LINES[kind]}\n")
@@ -117,7 +117,7 @@ def test_an_error_made_of_the_interruption_is_not_a_bug(cli, caught, monkeypatch
 TWICE = """
 import os, signal, sys
 from antumbra.cli import main, scene_commands
-from antumbra.files import atomic_output
+from antumbra.base.files import atomic_output
 
 def half(*_, **__):
     with atomic_output("a.ply") as temporary:

@@ -8,17 +8,17 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from antumbra.cli.app import Grouped, program
-from antumbra.cli.compare_command import CompareArguments
-from antumbra.cli.options import arguments_of, derived_options, literal, takes
-from antumbra.cli.picture_spec import RenderArguments
-from antumbra.picture.option_fields import (
+from antumbra.base.option_fields import (
     WholeNumber,
     deciding_fields,
     field_values,
     option,
     with_keywords,
 )
+from antumbra.cli.app import Grouped, program
+from antumbra.cli.options import arguments_of, derived_options, literal, takes
+from antumbra.cli.picture_spec import RenderArguments
+from antumbra.lab.compare_command import CompareArguments
 from antumbra.picture.render_options import EngineOptions, RenderKeywords, RenderOptions
 
 COMMANDS: Any = typer.main.get_command(program())

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import antumbra as at
-from antumbra.jobs.executors import JOB, read_job, write_job
 from antumbra.picture.image_files import note_of
+from antumbra.work.executors import JOB, read_shard_record, write_shard_record
 
 CITY = "procedural:city?triangles=3000"
 SUN = (
@@ -43,10 +43,10 @@ JOBS = {
 @pytest.fixture
 def small_parts(monkeypatch):
     """Parts so small that the jobs of these tests have several."""
-    from antumbra.jobs import work_parts
-    from antumbra.jobs.bake import surface_meter
-    from antumbra.jobs.line_of_sight import visibility_matrix
-    from antumbra.jobs.sun import sun_visibility
+    from antumbra.baking import surface_meter
+    from antumbra.city.sight import visibility_matrix
+    from antumbra.city.sun import sun_visibility
+    from antumbra.work import work_parts
 
     monkeypatch.setattr(sun_visibility, "SENSORS_PER_PART", 100)
     monkeypatch.setattr(surface_meter, "BLOCKS_PER_PART", 60)
@@ -160,11 +160,11 @@ def test_foreign_and_stale_shards_are_refused_by_name(run, tmp_path, small_parts
 
 
 def test_shards_of_another_format_are_refused_by_name(tmp_path):
-    write_job(tmp_path, ["render", "a.glb"], 2)
-    assert read_job(tmp_path) == (["render", "a.glb"], 2)
+    write_shard_record(tmp_path, ["render", "a.glb"], 2)
+    assert read_shard_record(tmp_path) == (["render", "a.glb"], 2)
     record = json.loads((tmp_path / JOB).read_text())
     (tmp_path / JOB).write_text(json.dumps(record | {"format": 2}))
-    for use in (lambda: read_job(tmp_path), lambda: write_job(tmp_path, ["render", "a.glb"], 2)):
+    for use in (lambda: read_shard_record(tmp_path), lambda: write_shard_record(tmp_path, ["render", "a.glb"], 2)):
         with pytest.raises(at.InputError, match="format 2, and this antumbra reads format 1; use the version"):
             use()
 

@@ -11,10 +11,10 @@ import pytest
 import rasterio
 
 import antumbra as at
+from antumbra.city.sight.sight_commands import MatrixArguments, matrix
+from antumbra.city.sun.sun_command import SunArguments, sun
 from antumbra.cli import shards
 from antumbra.cli.app import program
-from antumbra.cli.sight_commands import MatrixArguments, matrix
-from antumbra.cli.sun_command import SunArguments, sun
 from antumbra.cluster import node_files, ray_executor, ray_workers
 from antumbra.cluster.node_files import INPUTS, files_in, with_files
 
@@ -80,7 +80,7 @@ def told(tmp_path, monkeypatch):
             patched.setattr(ray_workers, "precompile_plan_kernels", lambda plan: None)
             patched.chdir(tmp_path)
             worker = ray_workers.Node(1)
-            found = worker.begin(ray_workers.NodeJob(prepare, wanted, "bsah+single", "a.shards"), read)
+            found = worker.begin(ray_workers.NodeWork(prepare, wanted, "bsah+single", "a.shards"), read)
             worker.leave()
         return found, fetched
 
@@ -124,7 +124,7 @@ def test_files_of_calls_are_fetched(tmp_path, monkeypatch, told):
     given = {"days": "2026-03-21", "place": at.Place(52.0, 4.36), "plan": "bsah+chcrt"}
     args = ("raster:dem.tif+1.6",)
     named = ray_executor.named_arguments(at.sun_hours, Path("city.antumbra"), args, given)
-    prepare = partial(ray_executor.prepare_call, ("antumbra.jobs.sun.sun_hours", "sun_hours"), args, given)
+    prepare = partial(ray_executor.prepare_call, ("antumbra.city.sun.sun_hours", "sun_hours"), args, given)
     found, fetched = told(prepare, files_in(named))
     assert set(fetched) == {"city.antumbra", "dem.tif"} and found[0][0] >= 1
     with pytest.raises(at.InputError, match="sun_hours: got an unexpected keyword argument 'dayz'"):

@@ -15,8 +15,8 @@ import pytest
 from scipy.sparse import csr_array
 
 import antumbra as at
+from antumbra.city.sensors.sensors import Zone
 from antumbra.integrations import ladybug, open3d, pvlib, pyvista, trimesh
-from antumbra.jobs.sensors import Zone
 from antumbra.scene.scene_data import SemanticSurface
 
 SCENE = at.procedural("atrium", triangles=2000)
@@ -288,7 +288,7 @@ ELSEWHERE = {
     "pvlib.pvlib_shading": "arguments of sun_hours",
     "pvlib_shading": "arguments of sun_hours",
     "pyvista.DatasetAccessor": "directions of lights, points of lights",
-    "write_attributes": "tests/formats/cityjson/test_attribute_writer.py",
+    "write_attributes": "tests/city/cityjson/test_attribute_writer.py",
 }
 """Functions that hand their arrays to others of the list."""
 

@@ -13,9 +13,9 @@ from antumbra.bvh import binned_sah
 from antumbra.bvh.block_tree import block_tree
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.store_building import build_store
-from antumbra.papers.multi_frusta.moeller_trumbore import deep_tree, trace_packets
-from antumbra.papers.multi_frusta.primary_frusta import trace_frusta
-from antumbra.papers.multi_frusta.published_frusta import BLOCK
+from antumbra.lab.papers.multi_frusta.moeller_trumbore import deep_tree, trace_packets
+from antumbra.lab.papers.multi_frusta.primary_frusta import trace_frusta
+from antumbra.lab.papers.multi_frusta.published_frusta import BLOCK
 from antumbra.picture.renderer import Renderer
 from antumbra.query.rasteriser import rasterise
 from antumbra.query.ray_passes import RayPass, rays_through

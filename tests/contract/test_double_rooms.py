@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.dataset.random_views import sampling_region
-from antumbra.jobs.surface_groups import surface_groups
+from antumbra.city.sensors.surface_groups import surface_groups
+from antumbra.datasets.random_views import sampling_region
 from baked_files import Glb, scene_file
 from double_rooms import CEILING, FLOOR, ORDERS, OUTSIDE, SIZE, TURNS, double_room, parallel_rectangles, single_room
 

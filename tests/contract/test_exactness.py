@@ -10,7 +10,7 @@ from asking import answer, query_of
 from truths import LIGHTS, SIZE, asked_of, case_of, soup_scene
 
 PLANS = covering_plans()
-TRACING = [p for p in PLANS if p == Plan(trace=p.trace)]  # with the default tree; tests/papers tests the others
+TRACING = [p for p in PLANS if p == Plan(trace=p.trace)]  # with the default tree; tests/lab/papers tests the others
 LIT = TRACING + [
     p for p in PLANS if p.cull == "grid32"
 ]  # methods that depend on lights; tests/techniques/culling tests all cullers

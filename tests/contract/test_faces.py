@@ -21,7 +21,7 @@ import shapely
 import trimesh
 
 import antumbra as at
-from antumbra.jobs.sun.sun_positions import Times
+from antumbra.sun.sun_positions import Times
 
 CORNERS = np.array([[[0, 0, 0], [4, 0, 0], [0, 0, -4]], [[0, 1, 0], [1, 1, 0], [0, 1, -1]]], np.float32)
 """A floor, and a smaller triangle above it."""

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.instanced_source import Instanced
 from antumbra.engine.paged_scene import PagedScene
+from antumbra.engine.sources.instanced_source import Instanced
 from antumbra.integrations.open3d import RaycastingScene
 from cutout_scenes import scene_with_cutouts
 from instance_scenes import block, both, whole_transforms

@@ -8,8 +8,8 @@ import pytest
 
 import antumbra as at
 import city_files
-from antumbra import progress
-from antumbra.progress import show_progress
+from antumbra.base import progress
+from antumbra.base.progress import show_progress
 from terminal import Terminal
 
 CALLS = {

@@ -14,8 +14,8 @@ import typer
 from PIL import Image
 
 import antumbra as at
+from antumbra.baking.bake_options import QUANTITIES
 from antumbra.cli.app import program
-from antumbra.jobs.bake.bake_options import QUANTITIES
 from antumbra.scene.default_picture import KINDS
 from baked_files import Glb
 from turned import FIRST, SHARP, SOFT, TURNS, UPRIGHT, Turned, camera_in, corners, lights_in, scene_in

@@ -8,8 +8,8 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.frame_tracer import RenderSource
-from antumbra.engine.in_memory_source import InMemory
-from antumbra.engine.paged_source import Paged
+from antumbra.engine.sources.in_memory_source import InMemory
+from antumbra.engine.sources.paged_source import Paged
 from antumbra.picture.renderer import Renderer
 from stores import built
 

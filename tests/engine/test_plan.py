@@ -2,10 +2,10 @@
 
 import pytest
 
+from antumbra.base.errors import InputError
 from antumbra.engine.method_registry import BUILDERS, KINDS, OPTIMISERS, TRACERS, own_methods, register
 from antumbra.engine.plan import DEFAULT_PLAN, TREE, Plan, all_plans, covering_plans, parse_plan
-from antumbra.errors import InputError
-from antumbra.papers.published_methods import ORDERS
+from antumbra.lab.papers.published_methods import ORDERS
 
 
 def test_the_instrument_has_few_methods():

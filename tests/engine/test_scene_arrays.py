@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from antumbra.base.errors import InputError
 from antumbra.engine.scene import Scene
-from antumbra.errors import InputError
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at
 
 GRID = 2.0**-20

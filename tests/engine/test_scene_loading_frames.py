@@ -6,8 +6,8 @@ import pickle
 import numpy as np
 import pytest
 
+from antumbra.base.errors import InputError
 from antumbra.engine.scene_loading import load
-from antumbra.errors import InputError
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at
 
 SHIFTS = np.array([[0, 0, 0], [4, 0, 0], [4, 8, 0]], np.float32)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from antumbra.base.errors import InputError
 from antumbra.engine.scene_loading import load
-from antumbra.errors import InputError
 from antumbra.scene.lights import DirectionalLight, PointLight, QuadLight
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, single, trs
 

@@ -12,8 +12,8 @@ import antumbra as at
 import oracle
 from antumbra.bvh.tree_quality import validate
 from antumbra.engine.auto import cost_model
-from antumbra.engine.in_memory_source import RAY_PLANS
 from antumbra.engine.plan import covering_plans, parse_plan
+from antumbra.engine.sources.in_memory_source import RAY_PLANS
 from antumbra.scene.scene_bounds import flush_to_zero
 from cutout_scenes import scene_with_cutouts
 from strategies import soups

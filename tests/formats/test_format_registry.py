@@ -8,9 +8,9 @@ import pytest
 import antumbra as at
 import city_files
 import gis_files
+from antumbra.base.errors import InputError
 from antumbra.engine.scene_loading import load
 from antumbra.engine.scene_reading import SCENE_FORMATS, SCENE_SUFFIXES
-from antumbra.errors import InputError
 from antumbra.formats.format_registry import (
     CITYJSON,
     FOOTPRINTS,

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.formats.gis.tree_table import TreeOptions, read_trees
-from antumbra.jobs.sensor_files import read_points
+from antumbra.city.sensors.sensor_files import read_points
+from antumbra.city.vegetation.vegetation_table import VegetationOptions, read_vegetation
 from formats.test_mesh_files import obj_text, ply_rows, ply_text, put, stl_binary
 
 HEAD = ply_text().partition("end_header\n")[0] + "end_header\n"
@@ -172,4 +172,4 @@ def test_tables_of_points_and_trees_are_complete(tmp_path, name):
     with pytest.raises(at.InputError, match=words):
         read_points(put(tmp_path, "a.csv", text))
     with pytest.raises(at.InputError, match=words):
-        read_trees(put(tmp_path, "b.csv", text), TreeOptions(height="z", radius=1.0))
+        read_vegetation(put(tmp_path, "b.csv", text), VegetationOptions(height="z", radius=1.0))

@@ -21,12 +21,12 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 import city_files
+from antumbra.base.errors import InputError
+from antumbra.city.sensors.sensor_files import SUFFIXES as POINT_SUFFIXES
+from antumbra.city.vegetation.vegetation_table import SUFFIXES as TREE_SUFFIXES
 from antumbra.engine.scene_loading import load
 from antumbra.engine.scene_reading import SCENE_SUFFIXES
-from antumbra.errors import InputError
-from antumbra.formats.gis.tree_table import SUFFIXES as TREE_SUFFIXES
 from antumbra.formats.gltf.gltf_file import split_glb
-from antumbra.jobs.sensor_files import SUFFIXES as POINT_SUFFIXES
 from antumbra.scene.sky import ENVIRONMENT_SUFFIXES
 from engine.test_scene_loading_frames import FRAMES
 from formats.test_mesh_files import obj_text, ply_binary, ply_text, stl_binary, stl_text

@@ -7,8 +7,8 @@ import sys
 import numpy as np
 import pytest
 
+from antumbra.base.errors import InputError
 from antumbra.engine.scene_loading import load
-from antumbra.errors import InputError
 from antumbra.formats import mesh_files
 from formats.gltf.test_gltf_materials import linear
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at, png

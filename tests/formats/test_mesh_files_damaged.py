@@ -5,11 +5,11 @@ import threading
 
 import pytest
 
+from antumbra.base.errors import InputError
+from antumbra.city.sensors.sensor_files import read_points
+from antumbra.city.vegetation.vegetation_table import VegetationOptions, read_vegetation
 from antumbra.engine.scene_loading import load
-from antumbra.errors import InputError
-from antumbra.formats.gis.tree_table import TreeOptions, read_trees
 from antumbra.formats.gltf import gltf_source
-from antumbra.jobs.sensor_files import read_points
 from gltf_files import single
 
 
@@ -101,4 +101,4 @@ def test_why_a_path_leads_nowhere_is_said(tmp_path, suffix):
 
 
 def read_trees_of(path):
-    return read_trees(path, TreeOptions())
+    return read_vegetation(path, VegetationOptions())

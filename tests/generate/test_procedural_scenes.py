@@ -5,7 +5,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from antumbra.errors import InputError
+from antumbra.base.errors import InputError
 from antumbra.generate import atrium, city, props, shapes
 from antumbra.generate.procedural_scenes import (
     MAX_TRIANGLES,
@@ -16,7 +16,7 @@ from antumbra.generate.procedural_scenes import (
     generate,
 )
 from antumbra.generate.shapes import PaletteMesh, assemble, count, fitted, place_copies
-from antumbra.papers.scenes import bedroom, furnishings, museum_halls
+from antumbra.lab.papers.scenes import bedroom, furnishings, museum_halls
 from antumbra.scene.camera import Camera
 from antumbra.scene.lights import QuadLight
 

@@ -16,8 +16,8 @@ FREE = {
     "engine/auto/cost_model.py": "choices between plans, which all give the same bits",
     "engine/auto/strategies.py": "choices between plans",
     "picture/example_calls.py": "a scene for recording kernels",
-    "jobs/map_scale.py": "ticks of legends",
-    "jobs/map_page.py": "arrows and scale bars on map sheets",
+    "city/tables/map_scale.py": "ticks of legends",
+    "city/tables/map_page.py": "arrows and scale bars on map sheets",
     "picture/heat_maps.py": "ticks of legends",
     "scene/lights.py": "the limit of distances",
     "viewer/proxy_mesh.py": "the page of the viewer",
@@ -40,7 +40,7 @@ def test_functions_of_numpy_and_of_the_c_library():
     found = {}
     for path in sorted(PACKAGE.rglob("*.py")):
         name = path.relative_to(PACKAGE).as_posix()
-        if not name.startswith("papers/") and (lines := list(uses(path.read_text(encoding="utf-8")))):
+        if not name.startswith("lab/papers/") and (lines := list(uses(path.read_text(encoding="utf-8")))):
             found[name] = lines
     wrong = {name: lines for name, lines in found.items() if name not in FREE}
     assert not wrong, f"use antumbra.kernels.elementary: {wrong}"

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from antumbra.errors import InputError
+from antumbra.base.errors import InputError
 from antumbra.kernels import parallel
 from antumbra.kernels.jit import kernel as compiled
 from antumbra.kernels.parallel import CHUNK, NEXT, STOP, N, items, new_ticket, run, shares, take, thread_count

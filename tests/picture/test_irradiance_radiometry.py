@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.bake.bake_input import default_bake_lights
-from antumbra.jobs.bake.surface_meter import Meter, MeterSettings, ReceiverPoints
+from antumbra.baking.bake_input import default_bake_lights
+from antumbra.baking.surface_meter import Meter, MeterSettings, ReceiverPoints
 from antumbra.picture.irradiance import PixelNormals
 from antumbra.picture.light_visibility import irradiance_shares
 from antumbra.query.light_samples import light_samples

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.in_memory_source import primary_visibility
+from antumbra.engine.sources.in_memory_source import primary_visibility
 from antumbra.picture.irradiance import irradiance, pixel_normals
 from antumbra.picture.light_visibility import irradiance_shares
 from antumbra.picture.pixel_appearance import albedo, eye_of, shading_normals, surface_points

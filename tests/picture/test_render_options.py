@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.field_docs import field_texts
-from antumbra.picture.option_fields import deciding_fields, field_values, split_keywords, type_text
+from antumbra.base.field_docs import field_texts
+from antumbra.base.option_fields import deciding_fields, field_values, split_keywords, type_text
 from antumbra.picture.render_options import EngineOptions, RenderKeywords, RenderOptions, options_of
 from repository import ROOT
 

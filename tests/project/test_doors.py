@@ -9,7 +9,7 @@ from repository import ROOT
 
 SOURCES = ROOT / "src" / "antumbra"
 
-GIS = "formats/gis"
+GIS = "city/gis"
 READERS = {
     "rasterio": ({"open", "MemoryFile", "band", "vrt"}, {f"{GIS}/raster_files.py": "the door"}),
     "pyogrio": (
@@ -38,17 +38,17 @@ READERS = {
         {
             "scene/sky.py": "the door: the size in the header before pixels are read",
             "picture/image_files.py": "headers, and writing",
-            "jobs/dataset/dataset_files.py": "files that this program has written, to make a contact sheet",
+            "datasets/dataset_files.py": "files that this program has written, to make a contact sheet",
         },
     ),
-    "xatlas": ({"Atlas", "parametrize"}, {"jobs/bake/chart_process.py": "the door: a process of its own"}),
+    "xatlas": ({"Atlas", "parametrize"}, {"baking/chart_process.py": "the door: a process of its own"}),
     "DracoPy": ({"decode"}, {"formats/gltf/accessors.py": "the door"}),
     "meshopt": ({"decode_gltf_buffer"}, {"formats/gltf/gltf_file.py": "the door"}),
     "opengl_basisu": ({"open"}, {"scene/materials.py": "the door; the size has been compared"}),
 }
 """Library -> (its functions that read files or data, the modules that call them and why)."""
 
-WRITES = {"jobs/result_table.py": {"MemoryFile", "open"}}
+WRITES = {"city/tables/result_table.py": {"MemoryFile", "open"}}
 """Modules that call these functions to write: `check_writing` looks at the arguments."""
 
 GENERIC = {"open", "read", "load", "File", "decode", "band", "vrt", "dataset"}

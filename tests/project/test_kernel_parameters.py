@@ -34,7 +34,7 @@ LONG = counts("""
 """Module -> functions in kernels with more than `MOST` parameters. Those of `exact`, `shafts` and the frusta stay."""
 
 UNDESCRIBED = counts("""
-    all_hits:5 alpha_test:5 binned_split:7 bit_matrices:1 block_tree:2 box_nodes:5 bundle:2 cell_marking:2
+    all_hits:5 alpha_cutouts:5 binned_split:7 bit_matrices:1 block_tree:2 box_nodes:5 bundle:2 cell_marking:2
     child_order:3 cone_hierarchy:3 counters:2 culling_grid:3 discontinuity_filter:2 edge_projection:2 filters:7
     frusta_areas:6 gbuffer:1 hit_intervals:2 horizon:1 instance_batches:1 instance_rays:3 instance_traversal:3
     irradiance:3 large_packets:4 lbvh:5 leaf_packing:5 least_heights:2 light_beams:7 light_list_irradiance:1

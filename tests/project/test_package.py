@@ -14,7 +14,7 @@ import zipfile
 import pytest
 
 import antumbra as at
-from antumbra.extras import EXTRAS
+from antumbra.base.extras import EXTRAS
 from antumbra.generate.procedural_scenes import PROCEDURAL
 from repository import ROOT, tool
 
@@ -227,7 +227,7 @@ def _defined(path) -> set[str]:
     return found
 
 
-MAPS = sorted((ROOT / "src/antumbra/papers").glob("*/README.md"))
+MAPS = sorted((ROOT / "src/antumbra/lab/papers").glob("*/README.md"))
 
 
 @pytest.mark.parametrize("page", MAPS, ids=lambda page: page.parent.name)
@@ -265,7 +265,11 @@ def test_wheel_is_pure_and_holds_the_package_only(built):
     names = zipfile.ZipFile(wheel).namelist()
     inside = {n for n in names if not n.startswith(f"antumbra-{at.__version__}.dist-info/")}
     package = ROOT / "src" / "antumbra"
-    data = [package / "kernels" / "needs.json", package / "papers" / "needs.json", *package.glob("papers/*/README.md")]
+    data = [
+        package / "kernels" / "needs.json",
+        package / "lab/papers/needs.json",
+        *package.glob("lab/papers/*/README.md"),
+    ]
     data += [package / "py.typed", package / "engine" / "auto" / "rates.json"]
     data += [path for path in (package / "examples").iterdir() if path.suffix not in (".py", "")]
     assert inside == {path.relative_to(ROOT / "src").as_posix() for path in (*SOURCES, *data)}

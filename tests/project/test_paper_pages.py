@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from antumbra.bvh import binned_sah
-from antumbra.cli.bench_conditions import kernel_digests
 from antumbra.kernels.jit import recorded_calls
+from antumbra.lab.bench_conditions import kernel_digests
 from repository import ROOT, tool
 
 sys.path.append(str(ROOT / "scripts"))  # paper_pages imports document_numbers

@@ -17,11 +17,11 @@ from importlib.util import find_spec
 import pytest
 
 import antumbra as at
-from antumbra.jobs.executors import JOB_FORMAT
-from antumbra.jobs.scene_records import FORMAT
 from antumbra.kernels.machine_code import SYSTEMS
 from antumbra.kernels.toolchain.library_build import LINKERS
 from antumbra.store.store_format import VERSION
+from antumbra.work.executors import JOB_FORMAT
+from antumbra.work.scene_records import FORMAT
 from repository import ROOT
 
 sys.path.append(str(ROOT / "scripts"))

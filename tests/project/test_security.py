@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.errors import InputError
-from antumbra.jobs.sensor_files import read_points
+from antumbra.base.errors import InputError
+from antumbra.city.sensors.sensor_files import read_points
 from repository import ROOT
 
 TEXT = (ROOT / "SECURITY.md").read_text()
@@ -19,7 +19,7 @@ HERE, FUZZ, DOORS = (
     "tests/formats/test_format_registry_fuzz.py",
     "tests/project/test_doors.py",
 )
-GIS, STORE = "tests/formats/test_gis_doors.py", "tests/store/test_store_checks.py"
+GIS, STORE = "tests/city/test_gis_doors.py", "tests/store/test_store_checks.py"
 PRIVATE, LIBRARY, GUARD = (
     "tests/kernels/toolchain/test_kernel_cache_private.py",
     "tests/kernels/toolchain/test_kernel_library.py",
@@ -51,14 +51,14 @@ PROMISES = {
     "Declared sizes are compared": [
         f"{GIS}::test_files_that_expand_are_refused_before_they_do",
         "tests/formats/test_format_registry_cut_text.py::test_lists_of_binary_ply_files_name_their_length",
-        "tests/jobs/test_sensor_files.py::test_files_that_expand_are_refused_before_they_do",
+        "tests/city/sensors/test_sensor_files.py::test_files_that_expand_are_refused_before_they_do",
         f"{HERE}::test_many_primitives_on_one_accessor_are_counted",
         f"{HERE}::test_many_textures_are_counted_before_they_are_decoded",
     ],
     "By default, the limit": [
-        "tests/test_memory.py::test_a_file_may_take_what_is_available_and_a_multiple_of_its_size",
-        "tests/test_memory.py::test_max_memory_allows_what_is_refused_otherwise",
-        "tests/test_memory.py::test_max_memory_of_a_command_limits_reading",
+        "tests/base/test_memory.py::test_a_file_may_take_what_is_available_and_a_multiple_of_its_size",
+        "tests/base/test_memory.py::test_max_memory_allows_what_is_refused_otherwise",
+        "tests/base/test_memory.py::test_max_memory_of_a_command_limits_reading",
     ],
     "Readers are fuzzed": [f"{FUZZ}::test_every_reader_has_a_seed"],
     "Machine code is loaded from two": [
@@ -86,7 +86,7 @@ PROMISES = {
         f"{STORE}::test_forged_nodes_of_a_chunk",
         f"{STORE}::test_forged_metadata",
     ],
-    "Plugins are Python packages": ["tests/test_extras_plugins.py::test_commands_come_by_name"],
+    "Plugins are Python packages": ["tests/base/test_extras_plugins.py::test_commands_come_by_name"],
     "Files on PyPI carry": [f"{HERE}::test_the_workflow_of_releases_attests"],
     "`SHA256SUMS` of a release": ["tests/project/test_release.py::test_checksums_are_those_of_sha256sum"],
     "The sdist and the wheels": [

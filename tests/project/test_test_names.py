@@ -32,14 +32,14 @@ THROUGH = {
         kernels/ticket_loops
     """,
     "frames, points and rays of an engine": """
-        engine/paged_hits engine/ray_queries engine/refitted_rays engine/visibility picture/frame_passes
-        picture/culling_picture
+        engine/sources/paged_hits engine/ray_queries engine/refitted_rays engine/visibility picture/frame_passes
+        lab/culling_picture
     """,
     "files and arrays that load, from_raster, from_footprints and from_trees read": """
-        engine/gis_scenes formats/array_files formats/csv_rows formats/json_fields formats/ply_rows
-        formats/reprojection formats/cityjson/cityjson_file formats/gis/footprint_solids
-        formats/gis/gis_data formats/gis/height_arrays formats/gis/height_tiles formats/gis/vector_table
-        formats/gis/vrt_files formats/gltf/accessors
+        city/gis/gis_scenes formats/array_files city/gis/csv_rows formats/json_fields formats/ply_rows
+        formats/reprojection city/cityjson/cityjson_file city/gis/footprint_solids
+        city/gis/gis_data city/gis/height_arrays city/gis/height_tiles city/gis/vector_table
+        city/gis/vrt_files formats/gltf/accessors
     """,
     "the records of kernels, which its calls make": """
         picture/example_calls
@@ -48,23 +48,23 @@ THROUGH = {
         generate/forest generate/palette scene/palette_scene
     """,
     "scenes that are loaded, joined and updated": """
-        scene/joined_scenes scene/map_degrees scene/moved_geometry scene/raster
+        city/vegetation/joined_scenes scene/map_degrees scene/moved_geometry scene/raster
     """,
     "stores that are built and read": """
         store/chunk_sorting store/system_resources
     """,
     "the study of the folder": """
-        jobs/line_of_sight/line_points jobs/shadow/plane_projection jobs/shadow/shadow_polygons
-        jobs/skyline/edge_projection jobs/skyline/skyline_options jobs/surface_columns
+        city/sight/line_points city/shadow/plane_projection city/shadow/shadow_polygons
+        city/skyline/edge_projection city/skyline/skyline_options city/tables/surface_columns
     """,
     "commands": """
-        cli/picture_report cli/visible_command version
+        cli/picture_report city/sight/visible_command version
     """,
     "the measurements of the paper": """
-        papers/chc_rt/chcrt_tables papers/multi_frusta/frusta_areas papers/multi_frusta/frusta_measurements
-        papers/multi_frusta/frusta_plots papers/multi_frusta/frusta_tables papers/multi_frusta/hit_intervals
-        papers/multi_frusta/large_packets papers/pre_bvh_culling/culling_charts
-        papers/pre_bvh_culling/culling_tables papers/scenes/cellar papers/srdh/srdh_tables
+        lab/papers/chc_rt/chcrt_tables lab/papers/multi_frusta/frusta_areas lab/papers/multi_frusta/frusta_measurements
+        lab/papers/multi_frusta/frusta_plots lab/papers/multi_frusta/frusta_tables lab/papers/multi_frusta/hit_intervals
+        lab/papers/multi_frusta/large_packets lab/papers/pre_bvh_culling/culling_charts
+        lab/papers/pre_bvh_culling/culling_tables lab/papers/scenes/cellar lab/papers/srdh/srdh_tables
     """,
 }
 """Through what modules are tested that no test imports -> these modules."""

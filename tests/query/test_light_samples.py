@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.errors import InputError
+from antumbra.base.errors import InputError
 from antumbra.query.light_samples import (
     ROTATIONS,
     SAMPLERS,

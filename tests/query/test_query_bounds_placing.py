@@ -7,9 +7,9 @@ import pytest
 
 import antumbra as at
 import oracle
+from antumbra.base.errors import InputError
 from antumbra.engine.plan import Plan, covering_plans
 from antumbra.engine.store_building import build_store
-from antumbra.errors import InputError
 from antumbra.query.light_samples import light_samples
 from antumbra.query.query_bounds import MOST_RATIO, place
 from antumbra.scene import scene_bounds

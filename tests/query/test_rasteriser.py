@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from antumbra.errors import InputError
+from antumbra.base.errors import InputError
 from antumbra.kernels.exact.filters import hit_t, meets, rounded_t
 from antumbra.kernels.jit import kernel
 from antumbra.query.gbuffer import pixel_ray

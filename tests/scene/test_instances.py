@@ -202,14 +202,14 @@ def test_a_store_of_instances_holds_all_copies(tmp_path):
 
 
 def test_results_of_instances_are_recognised(tmp_path):
-    from antumbra.jobs.scene_records import scene_digest
+    from antumbra.work.scene_records import scene_digest
 
     digests = [scene_digest(scene, 0.0) for scene in (random_scenes(7)[0], random_scenes(7)[0], random_scenes(8)[0])]
     assert digests[0] == digests[1] != digests[2]
 
 
 def test_views_of_data_sets_are_those_of_the_flattened_scene(monkeypatch):
-    from antumbra.jobs.dataset import random_views
+    from antumbra.datasets import random_views
 
     monkeypatch.setattr(random_views, "_MANY", 10)
     monkeypatch.setattr(random_views, "_ENOUGH", 100)

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 import antumbra as at
-from antumbra.jobs.line_of_sight.sightlines import PairList, sight_table
+from antumbra.city.sight.sightlines import PairList, sight_table
 from city_files import CUBE, CUBE_FACES, building, city, polygons, put, solid
 from gltf_files import Gltf
 

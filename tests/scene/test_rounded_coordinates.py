@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.sensor_files import read_points
+from antumbra.city.sensors.sensor_files import read_points
 from gltf_files import Gltf
 
 UTM = np.array([5e5, 5.8e6, 30.0])

@@ -9,10 +9,10 @@ import numpy as np
 
 import antumbra as at
 import city_files
+from antumbra.city.sensors.raster_grid import raster_of_file
+from antumbra.city.sensors.sensor_files import read_points
+from antumbra.city.vegetation.vegetation_table import VegetationOptions, read_vegetation
 from antumbra.engine.store_building import build_store
-from antumbra.formats.gis.tree_table import TreeOptions, read_trees
-from antumbra.jobs.raster_grid import raster_of_file
-from antumbra.jobs.sensor_files import read_points
 from antumbra.scene.sky import read_environment
 from gis_files import buildings, hills, write_buildings, write_raster
 from gltf_files import TETRAHEDRON_FACES, everything
@@ -27,7 +27,7 @@ def read_scene(path: Path) -> None:
 
 
 def _read_trees(path: Path) -> None:
-    read_trees(path, TreeOptions(radius=2.0))
+    read_vegetation(path, VegetationOptions(radius=2.0))
 
 
 def _read_lines(path: Path) -> None:

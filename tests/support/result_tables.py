@@ -3,7 +3,7 @@
 import numpy as np
 
 import antumbra as at
-from antumbra.jobs.result_table import Column, Table
+from antumbra.city.tables.result_table import Column, Table
 
 
 def hill(up="z", offset=(0.0, 0.0, 0.0)):

@@ -4,8 +4,8 @@ from datetime import date, timedelta
 
 import numpy as np
 
-from antumbra.jobs.sun.solar_radiation import clear_sky
-from antumbra.jobs.sun.sun_positions import intervals, parse_days, times_of, zone_of
+from antumbra.city.sun.solar_radiation import clear_sky
+from antumbra.sun.sun_positions import intervals, parse_days, times_of, zone_of
 
 HEAD = """LOCATION,Delft,-,NLD,IWEC,063440,52.0,4.4,1.0,-2.0
 DESIGN CONDITIONS,0

@@ -14,7 +14,7 @@ from antumbra.engine.plan import covering_plans, parse_plan
 from antumbra.query.shadow_query import segments
 from antumbra.scene.alpha_masks import AlphaMask, cutouts_of
 from antumbra.scene.materials import CLAMP
-from antumbra.trace.alpha_test import cutout_tree
+from antumbra.trace.alpha_cutouts import cutout_tree
 from antumbra.trace.transmission import transmission
 from asking import answer, query_of
 from ray_cases import displaced_meets

@@ -54,7 +54,7 @@ def test_the_stand_in_looks_as_the_picture_does(lights):
     pieces = proxy_mesh(model.scene.triangles(), 6000)
     colours = proxy_colours(proxy_light(model, pieces), pieces.normals, model.scene.colours[pieces.faces], model)
     shown = np.round(255 * linear_to_srgb(colours[0])).astype(int)
-    from antumbra.jobs.false_colours import project_points
+    from antumbra.city.tables.false_colours import project_points
 
     at_pixel = np.floor(project_points(camera, pieces.points)).astype(int)
     up = pieces.normals[:, 1] > 0.5

@@ -7,9 +7,7 @@
 - `top_levels`: the top levels of a build, split by all threads together; assembly of the final tree
 - `top_down`: subtrees built by one thread each, and optimal trees over up to four records
 - `binned_sah`: the builder `bsah`
-- `sweep_sah`: the builder `sweep-sah`
 - `lbvh`: the builders `lbvh` and `lbvh63`, by Morton codes
-- `tl_lbvh`: the builder `tl-lbvh`, by treelet restructuring
 - `reinsertion`: the optimiser `reinsert`
 - `refit`: the previous frame's tree, refitted to moved triangles or filtered to a subset
 - `tree_layout`: depth-first relayout, and the frontier that cuts a tree into parts

@@ -1,6 +1,6 @@
 """Splits of a range of records: the interface of top-down builders, and binned SAH splits [Wald 2007].
 
-A *method* holds a builder's arrays of records: `Binned` or `sweep_sah.SortedRecords`. Top-down builders differ only in
+A *method* holds a builder's arrays of records: such as `Binned`. Top-down builders differ only in
 their splits and share the rest (`top_down`). Inside kernels, the method's type selects the implementation of the
 functions here at compile time.
 """
@@ -58,7 +58,7 @@ def must_halve(n, depth):
     return (n >> (MAX_DEPTH - 1 - depth)) > 0
 
 
-@overloaded("binned_split", "sweep_sah")
+@overloaded("binned_split")
 def source_of(method, depth, scratch):
     """In kernels: pointers to the records of ranges at this depth. The field `records` holds them in any order.
 
@@ -66,12 +66,12 @@ def source_of(method, depth, scratch):
     """
 
 
-@overloaded("binned_split", "sweep_sah")
+@overloaded("binned_split")
 def find_split(source, first, last, centroids, depth, scale):
     """In kernels: the `Split` of the records from `first` to `last` - 1, whose centroid box is `centroids`."""
 
 
-@overloaded("binned_split", "sweep_sah")
+@overloaded("binned_split")
 def divide(source, first, last, centroids, split):
     """In kernels: move a range's left records before its right ones, and return the index of the first right record."""
 

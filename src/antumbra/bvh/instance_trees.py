@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined
 from ..kernels.simd import f32_at, f64_at, get, i32_at, ptr
 from ..scene.instance_data import InstanceData

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, new_ticket, run, shares
 from ..kernels.simd import (

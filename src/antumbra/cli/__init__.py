@@ -3,18 +3,14 @@
 - `app`: the program, its commands, and the option groups in their help; `command_parsing`: how their words are parsed
 - `render_command`: ``antumbra render``; `picture_spec`: its arguments and the picture they specify; `picture_report`:
   summaries and HTML pages of rendered pictures
-- `compare_command`: ``antumbra compare``, plans side by side
-- `explain_commands`: ``antumbra explain`` and ``culling``, pictures of the work of plans
 - `bake_command`: ``antumbra bake``, light and occlusion baked into glTF files
 - `view_command`: ``antumbra view``, a scene in the browser
-- `sun_command`, `sight_commands` (``los``, ``viewshed``, ``matrix``), `skyline_command`, `shadow_command`,
-  `dataset_command`: the jobs
+- `dataset_command`: ``antumbra dataset``, rendered data sets
 - `study_run`: the steps that the commands of all studies share
 - `shards`: the options --shard and --ray, and ``antumbra merge``
 - `scene_commands`: ``antumbra info``, ``scenes``, ``formats`` and ``build``
 - `installation_commands`: ``antumbra doctor``, ``warmup`` and ``plans``
-- `bench_command`: ``antumbra bench``, whose commands come from other packages, and the files of their results
-- `tree_options`: ``--trees``, a file of trees that commands add to a scene
+- `vegetation_options`: ``--trees``, a file of trees that commands add to a scene
 - `scene_arguments`: the argument SCENE with its options, and opening the scene; `arguments`: parses other texts
 - `options`: shared options, checks of the files they name, and the signatures of commands
 - `interruption`: signals that end the command

@@ -13,7 +13,7 @@ from typing import Annotated, Any, NamedTuple
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from ..errors import InputError
+from ..base.errors import InputError
 from .command_parsing import ParsedOnce
 
 # --- Commands: option groups of the help, which is plain text without Rich --------------------------------------------
@@ -78,58 +78,71 @@ class CommandEntry(NamedTuple):
 
     def function(self, name: str) -> Callable[..., Any]:
         """The command's function, whose module is imported."""
-        function: Callable[..., Any] = getattr(import_module(f"{__package__}.{self.module}"), name.replace("-", "_"))
+        function: Callable[..., Any] = getattr(import_module(f"antumbra.{self.module}"), name.replace("-", "_"))
         return function
 
 
 COMMANDS = {
-    "render": CommandEntry("render_command", "Render SCENE with exact shadows."),
-    "sun": CommandEntry("sun_command", "Find the hours of direct sun on the surfaces of SCENE."),
-    "shadow": CommandEntry("shadow_command", "Find the shadow on the ground of SCENE, as polygons."),
-    "view": CommandEntry("view_command", "Show SCENE in the browser, until Ctrl-C."),
+    "render": CommandEntry("cli.render_command", "Render SCENE with exact shadows."),
+    "sun": CommandEntry("city.sun.sun_command", "Find the hours of direct sun on the surfaces of SCENE."),
+    "shadow": CommandEntry("city.shadow.shadow_command", "Find the shadow on the ground of SCENE, as polygons."),
+    "view": CommandEntry("cli.view_command", "Show SCENE in the browser, until Ctrl-C."),
     "bake": CommandEntry(
-        "bake_command", "Bake occlusion, shadows or light of SCENE into a copy of its glTF file.", grouped=False
+        "cli.bake_command", "Bake occlusion, shadows or light of SCENE into a copy of its glTF file.", grouped=False
     ),
     "los": CommandEntry(
-        "sight_commands", "Find which points see each other in SCENE, and what blocks the others.", grouped=False
+        "city.sight.sight_commands",
+        "Find which points see each other in SCENE, and what blocks the others.",
+        grouped=False,
     ),
-    "viewshed": CommandEntry("sight_commands", "Count the observers that see each sensor of SCENE.", grouped=False),
+    "viewshed": CommandEntry(
+        "city.sight.sight_commands", "Count the observers that see each sensor of SCENE.", grouped=False
+    ),
     "visible": CommandEntry(
-        "visible_command", "Find the share of a target in SCENE that each sensor sees.", grouped=False
+        "city.sight.visible_command", "Find the share of a target in SCENE that each sensor sees.", grouped=False
     ),
     "matrix": CommandEntry(
-        "sight_commands", "Find which sensors of SCENE see which targets, as one bit per pair.", grouped=False
+        "city.sight.sight_commands",
+        "Find which sensors of SCENE see which targets, as one bit per pair.",
+        grouped=False,
     ),
     "skyline": CommandEntry(
-        "skyline_command",
+        "city.skyline.skyline_command",
         "Find the skyline of points in SCENE: the elevation of the horizon by azimuth.",
         grouped=False,
     ),
     "view-factors": CommandEntry(
-        "view_factors_command", "Find the view factors between the surfaces of SCENE, and of the sky.", grouped=False
+        "city.view_factors.view_factors_command",
+        "Find the view factors between the surfaces of SCENE, and of the sky.",
+        grouped=False,
     ),
     "dataset": CommandEntry(
-        "dataset_command",
+        "cli.dataset_command",
         "Render a data set of SCENE: per camera, a multi-layer EXR and a shadow mask of each light.",
     ),
     "merge": CommandEntry(
-        "shards",
+        "cli.shards",
         "Join the shards of a command into the files it writes without --shard, byte for byte.",
         grouped=False,
     ),
-    "build": CommandEntry("scene_commands", "Combine SCENEs in one store, which may exceed memory."),
-    "info": CommandEntry("scene_commands", "Show the contents of SCENE."),
-    "scenes": CommandEntry("scene_commands", "List the procedural and the example scenes, or export a procedural one."),
-    "formats": CommandEntry("scene_commands", "List the file formats of scenes, and what is lost in them."),
-    "plans": CommandEntry("installation_commands", "List the methods, and the plans they form."),
-    "warmup": CommandEntry(
-        "installation_commands", "Compile all kernels ahead of time, store them on disk, and calibrate the plan auto."
+    "build": CommandEntry("cli.scene_commands", "Combine SCENEs in one store, which may exceed memory."),
+    "info": CommandEntry("cli.scene_commands", "Show the contents of SCENE."),
+    "scenes": CommandEntry(
+        "cli.scene_commands", "List the procedural and the example scenes, or export a procedural one."
     ),
-    "culling": CommandEntry("explain_commands", "Show which triangles of SCENE survive pre-BVH culling."),
-    "explain": CommandEntry("explain_commands", "Show where plans spend the traversal steps of SCENE's shadow rays."),
-    "compare": CommandEntry("compare_command", "Measure plans on the same picture of SCENE, side by side."),
+    "formats": CommandEntry("cli.scene_commands", "List the file formats of scenes, and what is lost in them."),
+    "plans": CommandEntry("cli.installation_commands", "List the methods, and the plans they form."),
+    "warmup": CommandEntry(
+        "cli.installation_commands",
+        "Compile all kernels ahead of time, store them on disk, and calibrate the plan auto.",
+    ),
+    "culling": CommandEntry("lab.explain_commands", "Show which triangles of SCENE survive pre-BVH culling."),
+    "explain": CommandEntry(
+        "lab.explain_commands", "Show where plans spend the traversal steps of SCENE's shadow rays."
+    ),
+    "compare": CommandEntry("lab.compare_command", "Measure plans on the same picture of SCENE, side by side."),
     "doctor": CommandEntry(
-        "installation_commands",
+        "cli.installation_commands",
         "Check this installation: versions, processor, kernels on disk, optional packages, and a small query.",
     ),
 }
@@ -156,7 +169,7 @@ def program(names: frozenset[str] | None = None) -> typer.Typer:
         function = entry.function(name) if names is None or name in names else _listed
         app.command(name, cls=Grouped if entry.grouped else Command, help=_help_of(function, entry))(function)
     if names is None or _BENCH[0] in names:
-        from . import bench_command
+        from ..lab import bench_command
 
         app.add_typer(bench_command.app, name=_BENCH[0])
     else:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..extras import import_extra
+from ..base.errors import InputError
+from ..base.extras import import_extra
 from ..scene.materials import srgb_to_linear
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def parse_size(text: str, what: str = "--size") -> tuple[int, int]:
 
 def check_plot(path: Path, option: str = "--plot") -> None:
     """Raise an InputError unless a plot can be drawn and written to this file."""
-    from ..files import checked_output
+    from ..base.files import checked_output
 
     checked_output(path, (".png",))
     import_extra("matplotlib", option, "plot")
@@ -195,7 +195,7 @@ def make_camera(
         return scene.default_camera(*size, spec.kind, time=fitted_to)
     up, instead = ((0, 0, 1), (0, 1, 0)) if scene.up == "z" else ((0, 1, 0), (0, 0, -1))
     assert spec.target is not None  # given with the position
-    from ..jobs.point_checks import check_degrees
+    from ..city.sensors.point_checks import check_degrees
 
     check_degrees(scene, np.stack([spec.position, spec.target]), "the ends of --camera")
     view = spec.target - spec.position

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..errors import InputError
-from ..jobs.bake.bake_options import BakeOptions
+from ..baking.bake_options import BakeOptions
+from ..base.errors import InputError
 from . import arguments, console
 from .options import (
     Before,
@@ -27,8 +27,8 @@ from .shards import MergeOption, RayOption, ShardOption, executor_for, report_sh
 from .study_run import StudyRun
 
 if TYPE_CHECKING:
+    from ..baking.bake import Baked
     from ..engine.scene import AnyScene
-    from ..jobs.bake.bake_job import Baked
     from ..scene.lights import Light
 
 
@@ -101,10 +101,10 @@ def bake(args: BakeArguments) -> int:
     spec = args.spec_of(args.scene)
     specs = [arguments.parse_light(text) for text in args.light or []]
 
-    from ..jobs.bake.bake_input import BakeSource, is_gltf
-    from ..jobs.bake.bake_job import bake_file
-    from ..jobs.executors import executor_of
-    from ..progress import PhaseClock
+    from ..baking.bake import bake_file
+    from ..baking.bake_input import BakeSource, is_gltf
+    from ..base.progress import PhaseClock
+    from ..work.executors import executor_of
 
     executor = executor_for(args, args.output)
     options = BakeOptions(**literal(args, BakeOptions), lights=[a for a in specs if not isinstance(a, int)] or None)

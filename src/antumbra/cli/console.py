@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 
 import typer
 
-from ..errors import InputError, one_line
-from ..progress import LOG, progress_listener, split_progress
+from ..base.errors import InputError, one_line
+from ..base.progress import LOG, progress_listener, split_progress
 from .interruption import interruption
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from ..jobs.dataset.dataset_options import DatasetOptions
+from ..datasets.dataset_options import DatasetOptions
 from . import arguments, console
 from .arguments import CameraSpec
 from .console import say
@@ -30,10 +30,10 @@ from .shards import MergeOption, RayOption, ShardOption, executor_for, parse_sha
 from .study_run import StudyRun
 
 if TYPE_CHECKING:
+    from ..datasets.dataset import Dataset
     from ..engine.scene import AnyScene
-    from ..jobs.dataset.dataset_job import Dataset
-    from ..jobs.executors import ShardIndex
     from ..scene.lights import Light
+    from ..work.executors import ShardIndex
 
 
 _Options: Any = arguments_of("dataset", DatasetOptions)
@@ -132,7 +132,7 @@ def dataset(args: DatasetArguments) -> int:
             say("finished frames are kept; run the same command again to continue")
             raise
         if args.sheet is not None and (parsed.shard is None or parsed.shard.number == 0):
-            from ..jobs.dataset.dataset_files import contact_sheet
+            from ..datasets.dataset_files import contact_sheet
             from ..picture.image_files import save_png
 
             save_png(contact_sheet(result.folder), args.sheet)
@@ -141,7 +141,7 @@ def dataset(args: DatasetArguments) -> int:
 
 
 def _dataset(args: DatasetArguments, parsed: "_Parsed", scene: "AnyScene", run: StudyRun) -> "Dataset":
-    from ..jobs.dataset.dataset_job import dataset as make_dataset
+    from ..datasets.dataset import dataset as make_dataset
 
     keeps_lights = parsed.ambient and not args.random_lights  # adding only ambient light keeps the scene's lights
     lights = arguments.make_lights(parsed.lights, scene, args.time) if parsed.lights or keeps_lights else []

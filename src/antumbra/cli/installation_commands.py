@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ..extras import EXTRAS
+from ..base.extras import EXTRAS
 from ..version import VERSION
 from . import console
 from .console import ProgressDisplay
@@ -161,11 +161,11 @@ def _kernels() -> dict[str, Any]:
     """Where compiled kernels are, in the package or in the user's cache, and how many of those that jobs need exist."""
     from ..engine.precompilation import missing_of
     from ..kernels.processor import LIBRARIES
-    from ..kernels.toolchain import kernel_manifest as needs
+    from ..kernels.toolchain import kernel_manifest
     from ..kernels.toolchain.kernel_cache import user_cache
     from ..kernels.toolchain.kernel_library import installed_library
 
-    kernels = needs.read_manifests(needs.MANIFEST).kernels
+    kernels = kernel_manifest.read_manifests(kernel_manifest.MANIFEST).kernels
     folder = user_cache().path if installed_library() is None else LIBRARIES
     above = next(path for path in (folder, *folder.parents) if path.exists())
     missing = len(missing_of(kernels))
@@ -259,8 +259,8 @@ def warmup(
     from ..engine.calibration import calibrate
     from ..engine.plan import covering_plans, parse_plan
     from ..engine.precompilation import precompile_all
-    from ..jobs.job_kernels import all_examples
     from ..kernels.toolchain.kernel_cache import user_cache
+    from ..work.warm_ups import all_examples
 
     plans = [parse_plan(text) for text in plan] if plan else covering_plans()
     examples = all_examples(plans)

@@ -15,17 +15,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, get_args
 
 import typer
 
-from ..checks import alternatives
+from ..base.checks import alternatives
+from ..base.errors import InputError
+from ..base.memory import reading_limit
+from ..base.option_fields import Choice, CommandOption, WholeNumber, option_of
 from ..engine.scene_reading import SCENE_SUFFIXES
-from ..errors import InputError
-from ..memory import reading_limit
-from ..picture.option_fields import Choice, CommandOption, WholeNumber, option_of
 from ..picture.render_options import RenderKeywords
 from .arguments import parse_bytes, parse_point
 from .scene_arguments import SceneArguments
 
 if TYPE_CHECKING:
-    from ..jobs.sensors import Sensors
+    from ..city.sensors.sensors import Sensors
 
 
 # --- Options that name output files or folders ------------------------------------------------------------------------
@@ -53,7 +53,7 @@ def writes(*suffixes: str | Callable[[], Any]) -> Callback:
         return [suffix for each in suffixes for suffix in ([each] if isinstance(each, str) else each())]
 
     def check(path: Path) -> None:
-        from ..files import checked_output
+        from ..base.files import checked_output
 
         checked_output(path, allowed())
 
@@ -74,7 +74,7 @@ def writes_folder() -> Callback:
     """The callback of an option that names an output folder, which is created if missing."""
 
     def check(path: Path) -> None:
-        from ..files import checked_folder
+        from ..base.files import checked_folder
 
         checked_folder(path)
 
@@ -442,7 +442,7 @@ TimezoneOption = Annotated[
 
 def position_of(arguments: Any) -> dict[str, Any]:
     """The values of --latitude, --longitude, --north and --timezone that are given, checked."""
-    from ..jobs.sun.location import position_fields
+    from ..sun.location import position_fields
 
     return position_fields(**{name: getattr(arguments, name) for name in _POSITION})
 
@@ -452,12 +452,12 @@ def points_or_file(texts: list[str] | None, file: Path | None, one: str, many: s
     if texts and file is not None:
         raise InputError(f"{one} and {many} exclude each other; give one of them")
     if texts:
-        from ..jobs.sensors import point_sensors
+        from ..city.sensors.sensors import point_sensors
 
         return point_sensors([parse_point(text, one) for text in texts])
     if file is None:
         return None
-    from ..jobs.sensor_files import SUFFIXES, read_points
+    from ..city.sensors.sensor_files import SUFFIXES, read_points
 
     if file.suffix.lower() not in SUFFIXES:
         raise InputError(f"{many} is {str(file)!r}; it must be a {', '.join(SUFFIXES)} file")

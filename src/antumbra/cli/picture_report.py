@@ -49,7 +49,7 @@ pre { overflow-x: auto; padding: 0.8em 1em; background: #8882; }
 
 def save_page(title: str, parts: Iterable[str], path: Path) -> None:
     """Write a page of HTML parts atomically."""
-    from ..files import atomic_output
+    from ..base.files import atomic_output
 
     head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width">'
     head += f"<title>{escape(title)}</title><style>{_STYLE}</style>"
@@ -294,8 +294,8 @@ def print_choices(shot: "Shot", scene: "AnyScene") -> None:
 
 def _print_instances(scene: "AnyScene", plan: str) -> None:
     """Print whether the plan traced a scene's instances or their flattened copies."""
-    from ..engine.instanced_source import Instanced, traces_instances
     from ..engine.plan import parse_plan
+    from ..engine.sources.instanced_source import Instanced, traces_instances
     from ..scene.instance_data import InstanceData
 
     if not isinstance(scene.data, InstanceData):

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from ..checks import number
+from ..base.checks import number
+from ..base.errors import InputError
+from ..base.option_fields import deciding_fields, field_values
 from ..engine.plan import parse_plan
-from ..errors import InputError
-from ..picture.option_fields import deciding_fields, field_values
 from ..picture.render_options import EngineOptions, RenderOptions
 from ..scene.lights import MAX_SPP
 from . import arguments, console
@@ -42,7 +42,7 @@ from .options import (
 )
 from .scene_arguments import DEFAULT_SCENE, SceneSpec, limit_memory, open_scene
 from .shards import MergeOption, RayOption, ShardOption
-from .tree_options import TreesOption, TreeSpec, add_trees, parse_trees
+from .vegetation_options import VegetationOption, VegetationSpec, add_vegetation, parse_vegetation
 
 if TYPE_CHECKING:
     import numpy as np
@@ -50,12 +50,12 @@ if TYPE_CHECKING:
 
     from ..engine.plan import Plan
     from ..engine.scene import AnyScene
-    from ..jobs.executors import Executor
     from ..picture.frame import Frame
     from ..picture.renderer import Renderer
     from ..scene.camera import Camera
     from ..scene.lights import Light
     from ..techniques.srdh.representative_rays import SrdhRays
+    from ..work.executors import Executor
 
 
 # --- Shadow-catcher plane: whether there is one, and its height -------------------------------------------------------
@@ -155,7 +155,7 @@ class PictureSpec(NamedTuple):
     json: bool
     quiet: bool
     moving: bool  # whether the pictures are the frames of an animation
-    trees: TreeSpec | None = None  # trees that are added to the scene
+    trees: VegetationSpec | None = None  # trees that are added to the scene
     lights_rooms: bool = False  # whether light bounces in closed rooms, as `ROOM_LIGHT` says
 
     def check(self, *plans: "str | Plan") -> None:
@@ -174,7 +174,7 @@ class PictureSpec(NamedTuple):
 
     def open(self) -> "AnyScene":
         """The scene, with its trees."""
-        return add_trees(open_scene(self.scene_spec, self.quiet), self.trees)
+        return add_vegetation(open_scene(self.scene_spec, self.quiet), self.trees)
 
     def scene_digest(self) -> str:
         """A digest that identifies the scene and its trees."""
@@ -252,7 +252,7 @@ class PictureSpec(NamedTuple):
         self, scene: "AnyScene", time: float, executor: "Executor", digest: str, layers: bool = False
     ) -> "Shot | None":
         """The same frame, traced by an executor in bands; None if other processes trace some of them."""
-        from ..jobs.work_parts import render_bands
+        from ..work.work_parts import render_bands
 
         camera, lights, options = self._inputs(scene, time, layers)
         settings = self.settings(scene, digest, time)
@@ -398,7 +398,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
         float | None, typer.Option(help="Frames per second of --frames.  [default: 24]", show_default=False)
     ] = None
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Render finished frames again.")] = False
-    trees: TreesOption = None
+    trees: VegetationOption = None
     up: UpOption = None
     preset: PresetOption = Preset.standard
     srdh_rays: SrdhRaysOption = None
@@ -478,7 +478,7 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
             json=self.json,
             quiet=self.quiet,
             moving=self.frames is not None,
-            trees=parse_trees(self.trees),
+            trees=parse_vegetation(self.trees),
             lights_rooms=self.preset is Preset.final and (self.bounce, self.vpl, self.ao) == (None, None, None),
         )
         if self.frames is None and rays is not None and rays.last_frame:

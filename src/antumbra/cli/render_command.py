@@ -14,8 +14,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ..errors import InputError
-from ..files import checked_folder
+from ..base.errors import InputError
+from ..base.files import checked_folder
 from . import arguments, console, picture_report
 from .arguments import FrameSequence
 from .console import BAD_INPUT, ProgressDisplay, explained, say
@@ -26,7 +26,7 @@ from .shards import executor_for, report_shard
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
-    from ..jobs.executors import Executor
+    from ..work.executors import Executor
 
 
 # --- Animations -------------------------------------------------------------------------------------------------------
@@ -36,7 +36,7 @@ _HASHES = re.compile(r"#+(?=[^#]*$)")  # the last run of # in a name
 STATES = "rendered", "finished", "failed"
 
 
-class AnimationJob(NamedTuple):
+class AnimationWork(NamedTuple):
     """An animation to render."""
 
     spec: PictureSpec
@@ -96,7 +96,7 @@ def numbered(pattern: Path, number: int) -> Path:
 
 
 def render_frames(
-    job: AnimationJob, sequence: FrameSequence, display: ProgressDisplay, executor: "Executor"
+    job: AnimationWork, sequence: FrameSequence, display: ProgressDisplay, executor: "Executor"
 ) -> "Animation":
     """Render all unfinished frames that the executor assigns to this process."""
     job.spec.view(job.scene, 0.0)  # report a missing camera or light once, not per frame
@@ -124,7 +124,7 @@ class Animation:
 
     what = ""
 
-    def __init__(self, job: AnimationJob, sequence: FrameSequence, display: ProgressDisplay):
+    def __init__(self, job: AnimationWork, sequence: FrameSequence, display: ProgressDisplay):
         self.job, self.sequence, self._display = job, sequence, display
         self.complete = False  # whether no frames remain for other processes
         self.numbers: dict[str, list[int]] = {state: [] for state in STATES}
@@ -410,7 +410,7 @@ def render(args: RenderArguments) -> int:
       antumbra render city.antumbra --max-memory 2G
       antumbra render sponza.glb --ao 2 --explain-plan
     """
-    from ..jobs.executors import LocalExecutor
+    from ..work.executors import LocalExecutor
 
     args.check()
     spec = args.options()
@@ -428,7 +428,7 @@ def render(args: RenderArguments) -> int:
         load = perf_counter() - start
         display.say("preparing")
         if sequence is not None:
-            job = AnimationJob(spec, opened, load, path, args.overwrite, film)
+            job = AnimationWork(spec, opened, load, path, args.overwrite, film)
             animation = render_frames(job, sequence, display, executor or LocalExecutor())
         else:
             linear = path.suffix.lower() == ".exr"

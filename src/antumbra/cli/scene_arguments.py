@@ -15,8 +15,8 @@ from urllib.parse import parse_qsl, quote, unquote
 
 import typer
 
-from ..checks import spelling_hint
-from ..errors import InputError
+from ..base.checks import spelling_hint
+from ..base.errors import InputError
 from ..formats.format_registry import FOOTPRINTS, HEIGHTS
 from ..scene.materials import MONTHS, Transmittance
 from ..scene.scene_data import group_notes
@@ -330,7 +330,7 @@ def _open_file(spec: SceneSpec, path: Path) -> "AnyScene":
     place: dict[str, Any] = {"crs": spec.crs, "unit": spec.unit}
     if is_raster(path) or is_footprints(path):
         from .. import from_footprints, from_raster
-        from ..formats.gis.gis_data import check_z_up
+        from ..city.gis.gis_data import check_z_up
 
         check_z_up(spec.up, path.name)
         terrain, keywords = list(spec.terrain) or None, dict[str, Any](spec.gis)
@@ -350,8 +350,8 @@ def _open_file(spec: SceneSpec, path: Path) -> "AnyScene":
 
 def stream_rasters(tiles: Sequence[SceneSpec]) -> "StreamedTerrain":
     """The single surface of rasters, read piece by piece."""
-    from ..formats.gis.gis_data import check_z_up, streamed_terrain
-    from ..formats.gis.height_files import HeightOptions
+    from ..city.gis.gis_data import check_z_up, streamed_terrain
+    from ..city.gis.height_files import HeightOptions
 
     files = list[tuple[Path, HeightOptions]]()
     for spec in tiles:

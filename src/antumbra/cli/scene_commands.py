@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..checks import alternatives
+from ..base.checks import alternatives
+from ..base.errors import InputError
 from ..engine.scene_reading import SCENE_FORMATS
-from ..errors import InputError
 from ..formats.array_files import FILES
 from ..formats.format_registry import SCENE_WRITERS, check_output, write_scene
 from . import arguments, console
@@ -186,7 +186,7 @@ def _info_fields(scene: "AnyScene", seconds: float) -> Iterator[tuple[str, str]]
 
 def _notes(scene: "AnyScene") -> list[str]:
     """The notes of the loader, and why jobs would refuse the scene."""
-    from ..jobs.measured_scenes import measuring_fault
+    from ..engine.measured_scenes import measuring_fault
 
     fault = measuring_fault(scene)
     return list(scene.notes) if fault is None else [*scene.notes, f"pictures only; {fault}"]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..errors import InputError
+from ..base.errors import InputError
 from . import console
 from .command_parsing import parsed_words
 from .options import Json, Quiet
@@ -18,7 +18,7 @@ from .options import Json, Quiet
 
 
 if TYPE_CHECKING:
-    from ..jobs.executors import Executor, ShardIndex, UnitCollector
+    from ..work.executors import Executor, ShardIndex, UnitCollector
 
 ShardOption = Annotated[
     str | None,
@@ -52,7 +52,7 @@ _NEUTRAL = "--ray", "--shard", "--merge", "--threads", "--json", "--quiet"  # op
 
 def parse_shard(text: str | None) -> "ShardIndex | None":
     """The shard that ``--shard`` names; None without the option."""
-    from ..jobs.executors import ShardIndex
+    from ..work.executors import ShardIndex
 
     if text is None:
         return None
@@ -80,8 +80,8 @@ def executor_for(args: Any, output: Path) -> "Executor | None":
     args : arguments with the fields `shard`, `ray` and `merge`
     output : a file or folder; shards are stored next to it
     """
-    from ..jobs.executors import ShardExecutor
-    from ..jobs.work_parts import ShardMerge
+    from ..work.executors import ShardExecutor
+    from ..work.work_parts import ShardMerge
 
     share, folder = parse_shard(args.shard), shards_folder(output)
     if (collector := node_executor.get()) is not None:
@@ -124,7 +124,7 @@ def begin(run: Any, args: Any, paths: dict[str, str], threads: int, executor: "U
 
 def report_shard(shard: "Executor | None", args: Any, seconds: float) -> int:
     """Report what a shard did, since it wrote no results; return the exit code."""
-    from ..jobs.executors import ShardExecutor
+    from ..work.executors import ShardExecutor
 
     if not isinstance(shard, ShardExecutor):  # on a node of a cluster
         return 0
@@ -158,9 +158,9 @@ def merge(
       antumbra merge city.shards
       antumbra merge node1/city.shards node2/city.shards
     """
-    from ..jobs.executors import read_job
+    from ..work.executors import read_shard_record
 
-    command = read_job(folders[0]).command
+    command = read_shard_record(folders[0]).command
     more = [word for folder in folders for word in ("--merge", str(folder))]
     words = [*command, *more, *(["--json"] * json), *(["--quiet"] * quiet)]
     code = context.find_root().command.main(words, prog_name="antumbra", standalone_mode=False)

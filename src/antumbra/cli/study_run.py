@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 from . import console
 from .console import ProgressDisplay
 from .scene_arguments import SceneSpec, in_memory, open_scene
-from .tree_options import TreeSpec, add_trees
+from .vegetation_options import VegetationSpec, add_vegetation
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -30,14 +30,14 @@ class StudyRun(ProgressDisplay):
         self.written = list[str]()
 
     def open(
-        self, spec: SceneSpec, trees: TreeSpec | None = None, to_memory: bool = False
+        self, spec: SceneSpec, trees: VegetationSpec | None = None, to_memory: bool = False
     ) -> "tuple[AnyScene, AnyScene]":
         """The scene without and with its trees. `to_memory`: refuse one in a store."""
         self.say("reading the scene")
         bare = open_scene(spec, self._args.quiet)
         if to_memory:
             bare = in_memory(bare)
-        scene = add_trees(bare, trees)
+        scene = add_vegetation(bare, trees)
         self.say("preparing")
         return bare, scene
 

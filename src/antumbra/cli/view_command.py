@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..errors import InputError
+from ..base.errors import InputError
 from . import arguments
 from .console import ProgressDisplay, say
 from .options import (
@@ -32,7 +32,7 @@ from .scene_arguments import DEFAULT_SCENE, SceneArguments, limit_memory, open_s
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
-    from ..jobs.sun.location import Place
+    from ..sun.location import Place
 
 _SIZE = 1024, 1024  # of the camera until the browser reports its size
 
@@ -91,7 +91,7 @@ def view(args: ViewArguments) -> int:
     sky = None if args.sky is None else arguments.parse_sky(args.sky)
     memory = None if args.max_memory is None else arguments.parse_bytes(args.max_memory, "--max-memory")
 
-    from ..extras import import_extra
+    from ..base.extras import import_extra
     from ..viewer.viewer_page import checked_port
     from ..viewer.viewer_page import view as open_viewer
 
@@ -137,7 +137,7 @@ def view(args: ViewArguments) -> int:
 
 def _place_of(scene: "AnyScene", position: dict[str, Any]) -> "Place | None":
     """The place that the options or the CRS name; None, with a note, if a CRS, such as one in degrees, has none."""
-    from ..jobs.sun.location import place_of
+    from ..sun.location import place_of
 
     try:
         return place_of(scene, **position)

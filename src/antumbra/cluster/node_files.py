@@ -13,10 +13,10 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..errors import InputError
-from ..files import atomic_output, check_trusted, file_lock, make_folder, private_folder
-from ..jobs.sensor_files import raster_file
-from ..progress import LOG
+from ..base.errors import InputError
+from ..base.files import atomic_output, check_trusted, file_lock, make_folder, private_folder
+from ..base.progress import LOG
+from ..city.sensors.sensor_files import raster_file
 from ..store.store_format import STORE_SUFFIX
 
 # --- Files on a node --------------------------------------------------------------------------------------------------

@@ -12,13 +12,13 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..checks import path_of, quoted, text
+from ..base.checks import path_of, quoted, text
+from ..base.errors import InputError
+from ..base.extras import import_extra
+from ..base.files import temporary_folder
+from ..base.progress import LOG
 from ..engine.scene_loading import load
-from ..errors import InputError
-from ..extras import import_extra
-from ..files import temporary_folder
-from ..jobs.executors import UnitCollector, Units, numbered
-from ..progress import LOG
+from ..work.executors import UnitCollector, Units, numbered
 from .node_files import files_in, input_of, with_files
 
 # --- The executor -----------------------------------------------------------------------------------------------------
@@ -58,7 +58,7 @@ class Cluster:
         self.log: Log | None = None  # of the last job
 
     def finish(self, job: Sequence[Units]) -> bool:
-        from .ray_workers import NodeJob, WorkerPool
+        from .ray_workers import NodeWork, WorkerPool
 
         todo = []
         for number, units, k in numbered(job):
@@ -68,9 +68,9 @@ class Cluster:
                 todo.append(number)
         if todo:
             inputs = {name: input_of(path) for name, path in self._inputs.items()}
-            node_job = NodeJob(self._prepare, inputs, self._plan, self.folder.name)
+            node_work = NodeWork(self._prepare, inputs, self._plan, self.folder.name)
             with connected(self.address) as ray:
-                pool = WorkerPool(ray, job, node_job, self._say)
+                pool = WorkerPool(ray, job, node_work, self._say)
                 pool.do(todo)
                 self.log = pool.log
         return True

@@ -14,16 +14,16 @@ from pathlib import Path
 from time import monotonic, perf_counter
 from typing import Any, NamedTuple
 
+from ..base.errors import InputError
+from ..base.files import atomic_output, file_lock, temporary_folder
+from ..base.progress import ignore_progress, progress_listener, report_progress
 from ..engine.plan import DEFAULT_PLAN, parse_plan
 from ..engine.precompilation import compile_missing, missing_of
-from ..errors import InputError
-from ..files import atomic_output, file_lock, temporary_folder
-from ..jobs.executors import UnitCollector, Units, numbered
-from ..jobs.job_kernels import all_examples
-from ..kernels.toolchain import kernel_manifest as needs
+from ..kernels.toolchain import kernel_manifest
 from ..kernels.toolchain.kernel_cache import user_cache
-from ..progress import ignore_progress, progress_listener, report_progress
 from ..version import VERSION
+from ..work.executors import UnitCollector, Units, numbered
+from ..work.warm_ups import all_examples
 from .node_files import Input, local_path, piece_of, user_temporary_folder
 
 # --- The worker of a node: one process with all its cores, which opens the scene once and does units of a job ---------
@@ -33,7 +33,7 @@ Prepare = Callable[[dict[str, str], int, UnitCollector], Any]
 """prepare(paths of inputs by name, threads, executor): start a job and pass its units to the executor."""
 
 
-class NodeJob(NamedTuple):
+class NodeWork(NamedTuple):
     """A job as sent to nodes."""
 
     prepare: Prepare
@@ -64,7 +64,7 @@ class Node:
         )  # that of a killed worker is removed by the next one
         self._units: list[tuple[Units, int]] = []
 
-    def begin(self, job: NodeJob, read: Callable[[str, int], bytes]) -> list[tuple[int, list[str]]]:
+    def begin(self, job: NodeWork, read: Callable[[str, int], bytes]) -> list[tuple[int, list[str]]]:
         """Open the inputs, compile missing kernels, and prepare the job; return its `signature`.
 
         read : reads a piece of a file on the driver, see `node_files.local_path`
@@ -141,8 +141,8 @@ class WorkerPool:
     say : function that prints a line for the user
     """
 
-    def __init__(self, ray: Any, job: Sequence[Units], node_job: NodeJob, say: Callable[[str], None]):
-        self._ray, self._job, self._node_job, self._say = ray, job, node_job, say
+    def __init__(self, ray: Any, job: Sequence[Units], node_work: NodeWork, say: Callable[[str], None]):
+        self._ray, self._job, self._node_work, self._say = ray, job, node_work, say
         self._units = [(units, k) for _, units, k in numbered(job)]
         self._todo = deque[int]()
         self._pending: dict[Any, tuple[NodeWorker, int | None]] = {}  # call -> its worker, and the unit; None: begin
@@ -175,7 +175,7 @@ class WorkerPool:
 
     def _start_reader(self) -> None:
         """Start a process on this node that reads inputs for nodes without them."""
-        if not self._node_job.inputs:
+        if not self._node_work.inputs:
             return
         remote, here = self._ray.remote(_Reader), self._ray.get_runtime_context().get_node_id()
         self._reader = remote.options(num_cpus=0, scheduling_strategy=on_node(self._ray, here)).remote()
@@ -193,7 +193,7 @@ class WorkerPool:
                 )
                 worker = NodeWorker(name, node["NodeManagerHostname"], actor.remote(cores))
                 self._workers[name] = worker
-                self._call(worker, worker.actor.begin.remote(self._node_job, _RemoteReader(self._reader)), None)
+                self._call(worker, worker.actor.begin.remote(self._node_work, _RemoteReader(self._reader)), None)
 
     def _assign(self) -> None:
         for worker in self._workers.values():
@@ -321,7 +321,7 @@ class _RemoteReader:
 
 def about_node() -> dict[str, Any]:
     """The resources of this machine: cores, memory and disk space in GiB, package version, missing kernels."""
-    kernels = needs.read_manifests(needs.MANIFEST).kernels
+    kernels = kernel_manifest.read_manifests(kernel_manifest.MANIFEST).kernels
     facts: dict[str, Any] = {"host": platform.node(), "cores": os.cpu_count(), "memory": _memory()}
     facts |= {"room": shutil.disk_usage(tempfile.gettempdir()).free / 2**30, "antumbra": VERSION}
     return {**facts, "missing": len(missing_of(kernels)), "cache": str(user_cache().path)}

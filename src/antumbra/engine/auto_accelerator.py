@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh.nodes import Bvh
-from ..kernels.toolchain.kernel_manifest import kernels_of_job
+from ..kernels.toolchain.kernel_manifest import kernels_of_warm_up
 from ..query.query_bounds import bounds
 from ..query.shadow_query import ShadowQuery
 from ..scene.lights import AMBIENT, DIRECTIONAL, FIXED
@@ -361,7 +361,7 @@ def has_one_apex(query: ShadowQuery) -> bool:
 @cache
 def is_compiled(example: str) -> bool:
     """Whether all kernels recorded for an example were on disk when this process first asked."""
-    return are_on_disk(kernels_of_job(example))
+    return are_on_disk(kernels_of_warm_up(example))
 
 
 def accelerator_of(plan: Plan, threads: int) -> Accelerator:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array, byte_count, checked_instance, choice, whole_number
-from ..errors import InputError
-from ..forks import is_stuck, renew_after_fork
+from ..base.checks import as_array, byte_count, checked_instance, choice, whole_number
+from ..base.errors import InputError
+from ..base.forks import is_stuck, renew_after_fork
+from ..base.progress import ProgressCallback, show_progress, split_progress
 from ..kernels.parallel import thread_count
-from ..progress import ProgressCallback, show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
@@ -33,20 +33,20 @@ from ..trace.transmission import TracedQuery, transmission
 from .accelerator import Accelerated, Accelerator, SceneTrees
 from .auto_accelerator import accelerator_of
 from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
-from .in_memory_source import InMemory
-from .instanced_source import Instanced, SharedInstances, traces_instances
 from .plan import Plan, parse_plan
 from .precompilation import precompile, precompile_plan
 from .primary_visibility import AUTO, METHODS, precompiled_method
 from .ray_queries import RayQueries
 from .scene_reading import data_of
-from .terrain_shadows import TerrainShadows
+from .sources.in_memory_source import InMemory
+from .sources.instanced_source import Instanced, SharedInstances, traces_instances
+from .sources.terrain_shadows import TerrainShadows
 from .visibility import Visibility, visibility_of
 
 if TYPE_CHECKING:
     from ..scene.moved_geometry import ObjectChoice
     from ..store.store_file import StoreData
-    from .paged_source import Paged
+    from .sources.paged_source import Paged
 
 
 _MAX_OTHER_ENGINES = 8  # engines of other plans that an engine caches
@@ -487,6 +487,6 @@ def _trees_of(data: SceneData) -> SceneTrees | SharedInstances | None:
 
 
 def _paged() -> "type[Paged]":
-    from .paged_source import Paged  # imported late: scenes in memory start faster without it
+    from .sources.paged_source import Paged  # imported late: scenes in memory start faster without it
 
     return Paged

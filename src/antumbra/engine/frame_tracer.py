@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..progress import ProgressCallback
+from ..base.progress import ProgressCallback
 from ..query.gbuffer import GBuffer
 from ..query.ray_list import RayArguments, TracedRays
 from ..query.shadow_query import ShadowQuery, Surfaces

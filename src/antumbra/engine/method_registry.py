@@ -8,22 +8,23 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
-from .. import extras as plugins
-from ..bvh import binned_sah, lbvh, refit, reinsertion, sweep_sah, tl_lbvh
+from ..base import extras
+from ..base.progress import ProgressCallback
+from ..bvh import binned_sah, lbvh, refit, reinsertion
 from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
 from ..bvh.wide_bvh import widen
-from ..progress import ProgressCallback
+from ..lab.builders import sweep_sah, tl_lbvh
 from ..query.shadow_query import ShadowQuery
 from ..techniques.culling.pre_bvh_culling import CullResult, Soup, cull
-from ..techniques.srdh import srdh_builder as srdh
+from ..techniques.srdh import srdh_builder
 from ..techniques.tracer_options import FASTEST_RAY_HIERARCHY
 from ..techniques.tracer_options import ChcRtOptions as CullingOptions
 from ..techniques.tracer_options import RayHierarchyOptions as ConeOptions
-from ..trace.frusta import multi_frusta as multifrusta
+from ..trace.frusta import multi_frusta
 from ..trace.packets import packet16
-from ..trace.rays import single_rays as single
-from .auto import strategies as auto
+from ..trace.rays import single_rays
+from .auto import strategies
 from .auto.strategies import Bits, Counters
 
 T = TypeVar("T")
@@ -147,7 +148,7 @@ BUILDERS: dict[str, Builder] = {
         "Karras and Aila 2013, Fast parallel construction of high-quality bounding volume hierarchies",
     ),
     "srdh": Builder(
-        srdh.build,
+        srdh_builder.build,
         "tree and child order optimised for a sparse sample of the shadow rays",
         f"{FELTMAN}, Sec. 3.4",
         wants_rays=True,
@@ -162,7 +163,7 @@ OPTIMISERS: dict[str, Optimiser] = {
         "Meister and Bittner 2018, Parallel reinsertion for bounding volume hierarchy optimization",
     ),
     "srdh-order": Optimiser(
-        srdh.order_by_rays,
+        srdh_builder.order_by_rays,
         "child order optimised for a sparse sample of the shadow rays, in the tree of any other builder",
         f"{FELTMAN}, Sec. 3.2",
         wants_rays=True,
@@ -242,34 +243,34 @@ def by_culling(options: CullingOptions, description: str) -> Tracer:
 
 TRACERS: dict[str, Tracer] = {
     "auto": Tracer(
-        auto.AutoTracer,
-        auto.trace_shadow,
+        strategies.AutoTracer,
+        strategies.trace_shadow,
         "the fastest tracer for each query by predicted and measured times; alone, it chooses the builder, too",
         "",
         chooses=True,
         keeps=True,
         counts_apart=True,
-        trace_rest=partial(auto.trace_shadow, fresh=False),
+        trace_rest=partial(strategies.trace_shadow, fresh=False),
     ),
     "single": Tracer(
-        single.as_built,
-        single.trace_shadow,
+        single_rays.as_built,
+        single_rays.trace_shadow,
         "one ray at a time, children in the builder's order, else nearest first; tests the last blocker first",
         "Ize 2013, Robust BVH ray traversal",
         counts_apart=True,
     ),
     "wide": Tracer(
         widen,
-        single.trace_shadow,
+        single_rays.trace_shadow,
         "one ray at a time, eight boxes or triangles in SIMD",
         "Ylitie et al. 2017, Efficient incoherent ray traversal on GPUs through compressed wide BVHs",
     ),
     "multifrusta": Tracer(
         block_tree,
-        multifrusta.trace_shadow,
+        multi_frusta.trace_shadow,
         "16 shafts of shadow rays at once, single rays only where shafts are undecided",
         BENTHIN,
-        trace_rest=partial(multifrusta.trace_shadow, fresh=False),
+        trace_rest=partial(multi_frusta.trace_shadow, fresh=False),
     ),
     "packet16": Tracer(
         unchanged,
@@ -334,7 +335,7 @@ def register_family(name: str, find: Family) -> None:
 
 def add_plugins() -> None:
     """Add the methods of all packages that declare methods; once per process."""
-    plugins.load_plugins("antumbra.methods")
+    extras.load_plugins("antumbra.methods")
 
 
 def own_methods(field: str) -> list[str]:

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from ..checks import byte_count
-from ..errors import InputError
+from ..base.checks import byte_count
+from ..base.errors import InputError
 from ..store.store_file import Store, StoreData
 from .scene import AnyScene, DataAttribute
 

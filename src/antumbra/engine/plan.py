@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, cast
 
-from ..checks import checked_instance, quoted, spelling_hint
-from ..errors import InputError
+from ..base.checks import checked_instance, quoted, spelling_hint
+from ..base.errors import InputError
 from ..techniques.srdh.representative_rays import SrdhRays
 from .method_registry import BUILDERS, KINDS, OPTIMISERS, TRACERS, Tracer, add_plugins, find_method, own_methods
 
@@ -236,3 +236,9 @@ def _valid() -> str:
 def _no_guide(plans: Sequence[Plan]) -> str:
     names = ", ".join(map(str, plans))
     return f"srdh_rays is given, but no method in {names} is ray-guided; leave it out, or build by srdh"
+
+
+def known_plan(value: Any, what: str) -> Any:
+    """Check of a plan, or None, for the fields of options."""
+    parse_plan(DEFAULT_PLAN if value is None else value)
+    return value

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 from numpy.typing import ArrayLike
 
-from ..checks import as_array
-from ..progress import ProgressCallback, with_quiet_progress
+from ..base.checks import as_array
+from ..base.progress import ProgressCallback, with_quiet_progress
 from ..query.receivers import Receivers
 from ..scene.lights import Light
 from .plan import Plan

@@ -6,19 +6,19 @@ An *example call* does on a small scene what users do on theirs: it renders by a
 recorded kernels that are missing on disk, in several processes. If all are on disk, as in every later process, nothing
 runs. Kernels without a record are compiled on their first call.
 
-`picture.example_calls` and `jobs.job_kernels` hold the calls.
+`picture.example_calls` and `jobs.warm_ups` hold the calls.
 """
 
 from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any, NamedTuple
 
+from ..base.progress import report_progress
 from ..kernels.marshalling import argument_count, import_object
 from ..kernels.toolchain.compile_pool import KernelRequest, compile_kernels
 from ..kernels.toolchain.kernel_cache import user_cache
 from ..kernels.toolchain.kernel_loading import events, has_compiler, is_on_disk
-from ..kernels.toolchain.kernel_manifest import kernels_of_job
-from ..progress import report_progress
+from ..kernels.toolchain.kernel_manifest import kernels_of_warm_up
 from .plan import Plan
 
 
@@ -33,7 +33,7 @@ class Example(NamedTuple):
 @cache
 def precompile(name: str) -> None:
     """Compile those kernels of an example that are missing on disk, once per process."""
-    compile_missing(kernels_of_job(name) or ())
+    compile_missing(kernels_of_warm_up(name) or ())
 
 
 @cache
@@ -52,7 +52,7 @@ def precompile_plan(plan: Plan, gbuffer: str, counters: bool = False) -> bool:
         precompile("cones, wide lights")
     kernels = kernels_of_plan(plan, gbuffer, counters)
     missing = compile_missing(kernels or ())
-    return kernels is None or (missing > 0 and kernels_of_job(plan_record(plan, gbuffer, counters)) is None)
+    return kernels is None or (missing > 0 and kernels_of_warm_up(plan_record(plan, gbuffer, counters)) is None)
 
 
 def precompile_all(examples: Iterable[Example]) -> int:
@@ -112,12 +112,12 @@ def kernels_of_plan(plan: Plan, gbuffer: str, counters: bool) -> set[KernelReque
     """
 
     def without_counters(p: Plan) -> set[KernelRequest]:
-        return kernels_of_job(plan_record(p, gbuffer, False)) or set()
+        return kernels_of_warm_up(plan_record(p, gbuffer, False)) or set()
 
-    record = kernels_of_job(plan_record(plan, gbuffer, counters))
+    record = kernels_of_warm_up(plan_record(plan, gbuffer, counters))
     if record is not None:
         return record
-    tracing = kernels_of_job(plan_record(Plan(trace=plan.trace), gbuffer, counters))
+    tracing = kernels_of_warm_up(plan_record(Plan(trace=plan.trace), gbuffer, counters))
     if tracing is None:
         return None
     base = without_counters(Plan(trace="single"))

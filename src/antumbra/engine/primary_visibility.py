@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..bvh import lbvh
 from ..bvh.block_tree import BlockTree
 from ..kernels.exact.filters import BEYOND
-from ..kernels.toolchain.kernel_manifest import kernels_of_job
+from ..kernels.toolchain.kernel_manifest import kernels_of_warm_up
 from ..query.gbuffer import GBuffer, from_hits
 from ..query.pixel_refinement import subpixel_gbuffer
 from ..query.rasteriser import rasterise
@@ -26,7 +26,7 @@ from ..scene.triangle_setup import solid_vertices
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import nearest_scheduled, primary_hits
 from ..techniques.culling.pre_bvh_culling import solid_tree
-from ..trace.alpha_test import CutoutTree, cutout_tree, replace_by_cutouts
+from ..trace.alpha_cutouts import CutoutTree, cutout_tree, replace_by_cutouts
 from ..trace.primary.primary_rays import trace_primary
 from ..trace.rays.ray_hits import Nearest, nearest_surfaces
 from .accelerator import Accelerated
@@ -186,4 +186,4 @@ def has_blocks(tree: Accelerated) -> bool:
 
 def rays_are_compiled() -> bool:
     """Whether the kernels of camera rays are compiled."""
-    return are_on_disk(kernels_of_job("camera rays"))
+    return are_on_disk(kernels_of_warm_up("camera rays"))

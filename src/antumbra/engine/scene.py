@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..checks import choice, whole_number
-from ..forks import free_lock, renew_after_fork
+from ..base.checks import choice, whole_number
+from ..base.forks import free_lock, renew_after_fork
 from ..formats.instance_arrays import data_of_instances
 from ..formats.library_meshes import data_of_arrays, data_of_mesh
 from ..generate.generated_scene import procedural_data
-from ..scene import camera as framing
+from ..scene import camera as camera_module
 from ..scene.alpha_masks import Cutouts
 from ..scene.appearance import Appearance
 from ..scene.camera import MAX_SIZE, Camera
@@ -277,7 +277,7 @@ class AnyScene(RayQueries):
 
     def default_light(self) -> QuadLight:
         """A single light: a `QuadLight` above the scene, as wide as the radius of its bounding sphere."""
-        return framing.default_light(self.bounds, self.up)
+        return camera_module.default_light(self.bounds, self.up)
 
     def _repr_html_(self) -> str:
         """A summary table for notebooks."""

@@ -5,9 +5,9 @@ import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
-from ..checks import byte_count, flag
+from ..base.checks import byte_count, flag
+from ..base.memory import reading_limit
 from ..formats.format_registry import ReadOptions
-from ..memory import reading_limit
 from ..scene.crs import checked_crs, in_one_unit
 from ..scene.instance_data import InstanceData
 from ..scene.materials import Transmittance

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import flag, path_of, text
-from ..errors import InputError
-from ..files import checked_file
+from ..base.checks import flag, path_of, text
+from ..base.errors import InputError
+from ..base.files import checked_file
 from ..formats.foreign_formats import cure_of
 from ..formats.format_registry import CITYJSON, FORMATS, FRAMES, GLB, GLTF, Format, ReadOptions, format_of
 from ..formats.library_meshes import KNOWN, data_of_mesh, is_mesh

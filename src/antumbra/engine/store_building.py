@@ -5,15 +5,15 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..checks import byte_count, path_of, quoted, whole_number
-from ..errors import InputError
-from ..files import checked_output
+from ..base.checks import byte_count, path_of, quoted, whole_number
+from ..base.errors import InputError
+from ..base.files import checked_output
+from ..base.progress import Progress, show_progress, with_progress
+from ..city.gis.gis_data import streamed_terrain
+from ..city.gis.height_files import HeightOptions
 from ..formats.format_registry import HEIGHTS
-from ..formats.gis.gis_data import streamed_terrain
-from ..formats.gis.height_files import HeightOptions
 from ..formats.library_meshes import is_mesh
 from ..kernels.parallel import thread_count
-from ..progress import Progress, show_progress, with_progress
 from ..scene.scene_data import SceneData
 from ..store.store_build import CHUNK, MIN_MEMORY, BuildReport, StreamedScene, write_store
 from ..store.store_format import STORE_SUFFIX

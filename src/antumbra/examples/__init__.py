@@ -6,8 +6,8 @@ On the command line, ``example:NAME`` names them.
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..checks import quoted, spelling_hint
-from ..errors import InputError
+from ..base.checks import quoted, spelling_hint
+from ..base.errors import InputError
 
 if TYPE_CHECKING:
     from ..engine.paged_scene import PagedScene

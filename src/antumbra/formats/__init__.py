@@ -2,8 +2,6 @@
 
 - `format_registry`: all formats with their suffixes, readers and writers
 - `gltf/`: glTF 2.0 and GLB
-- `cityjson/`: CityJSON and CityJSONSeq
-- `gis/`: rasters of heights, and footprints
 - `obj_file`: OBJ and its materials
 - `mesh_files`: PLY and STL
 - `text_numbers`: numbers in the text of mesh files

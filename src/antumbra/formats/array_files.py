@@ -16,9 +16,9 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..files import checked_file
-from ..memory import check_reading
+from ..base.errors import InputError
+from ..base.files import checked_file
+from ..base.memory import check_reading
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..scene.mesh import MeshInfo, ObjectInfo, Piece, check_finite, face_colours, used_faces

@@ -13,8 +13,13 @@ from typing import NamedTuple, TypeAlias, cast
 
 import numpy as np
 
-from ..files import checked_output
-from ..memory import check_reading
+from ..base.files import checked_output
+from ..base.memory import check_reading
+from ..city.cityjson.cityjson_file import SUFFIXES as CITYJSON_SUFFIXES
+from ..city.gis.footprint_table import SUFFIXES as FOOTPRINT_SUFFIXES
+from ..city.gis.footprint_table import FootprintOptions
+from ..city.gis.height_files import HeightOptions
+from ..city.gis.raster_files import SUFFIXES as HEIGHT_SUFFIXES
 from ..scene.crs import in_one_unit
 from ..scene.instance_data import InstanceData, wants_instances
 from ..scene.instances import InstancedSource
@@ -24,11 +29,6 @@ from ..scene.rounded_coordinates import rounding_notes
 from ..scene.scene_bounds import guess_z_up, sampled_faces
 from ..scene.scene_data import MemoryData, SceneData
 from ..scene.units import LengthUnit
-from .cityjson.cityjson_file import SUFFIXES as CITYJSON_SUFFIXES
-from .gis.footprint_table import SUFFIXES as FOOTPRINT_SUFFIXES
-from .gis.footprint_table import FootprintOptions
-from .gis.height_files import HeightOptions
-from .gis.raster_files import SUFFIXES as HEIGHT_SUFFIXES
 
 
 class ReadOptions(NamedTuple):
@@ -131,7 +131,7 @@ def _write_ply(scene: PaletteScene, name: str, path: Path) -> list[Path]:
 
 
 def _read_cityjson(path: Path, options: ReadOptions) -> SceneData:
-    from .cityjson.cityjson_source import read_cityjson
+    from ..city.cityjson.cityjson_source import read_cityjson
 
     source, notes, city = read_cityjson(path, options.lod, options.crs)
     name, crs = path.stem.removesuffix(".city"), options.crs or city.crs
@@ -142,14 +142,14 @@ def _read_cityjson(path: Path, options: ReadOptions) -> SceneData:
 
 
 def _read_heights(path: Path, options: ReadOptions) -> SceneData:
-    from .gis.gis_data import check_z_up, terrain_data
+    from ..city.gis.gis_data import check_z_up, terrain_data
 
     check_z_up(options.up, path.name)
     return terrain_data(path, HeightOptions(crs=options.crs, unit=options.unit))
 
 
 def _read_footprints(path: Path, options: ReadOptions) -> SceneData:
-    from .gis.gis_data import check_z_up, footprint_data
+    from ..city.gis.gis_data import check_z_up, footprint_data
 
     check_z_up(options.up, path.name)
     return footprint_data(path, FootprintOptions(crs=options.crs, unit=options.unit))

@@ -7,8 +7,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import as_array, flag, text
-from ..errors import InputError
+from ..base.checks import as_array, flag, text
+from ..base.errors import InputError
 from ..scene.crs import checked_crs
 from ..scene.instance_data import InstanceData, wants_instances
 from ..scene.instances import InstancedMeshes

@@ -6,7 +6,7 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
-from ..errors import InputError
+from ..base.errors import InputError
 
 T = TypeVar("T")
 

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array, text
-from ..errors import InputError
+from ..base.checks import as_array, text
+from ..base.errors import InputError
 from ..kernels.small_matrices import product
 from ..scene.crs import checked_crs
 from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture, rgba_of

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import InputError
-from ..extras import import_extra
-from ..files import atomic_output
+from ..base.errors import InputError
+from ..base.extras import import_extra
+from ..base.files import atomic_output
 from ..scene.materials import PLAIN, linear_to_srgb
 from ..scene.mesh import Mesh, StaticMeshes, VertexAttributes, flip_v, make_mesh, textured_mesh
 from ..scene.palette_scene import PaletteScene

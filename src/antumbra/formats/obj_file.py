@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..files import atomic_output, checked_file, sibling
+from ..base.errors import InputError
+from ..base.files import atomic_output, checked_file, sibling
 from ..kernels.parallel import map_in_threads
 from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture, check_textures, without_texture
 from ..scene.mesh import Mesh, StaticMeshes, VertexAttributes, flip_v, make_mesh, textured_mesh

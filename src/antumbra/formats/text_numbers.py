@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 
-from ..forks import hold_during_fork
+from ..base.forks import hold_during_fork
 
 _parsing = threading.Lock()  # warning filters are shared by all threads
 hold_during_fork(_parsing)

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import whole_number
+from ..base.checks import whole_number
 from ..scene.materials import srgb_to_linear
 
 SHADES: Final = 8

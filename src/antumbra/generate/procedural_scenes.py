@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .. import extras as plugins
-from ..checks import quoted, spelling_hint
-from ..errors import InputError
+from ..base import extras
+from ..base.checks import quoted, spelling_hint
+from ..base.errors import InputError
 from ..scene.palette_scene import PaletteScene
 from .atrium import atrium
 from .city import city, city_blocks, city_view
@@ -41,7 +41,7 @@ def register(name: str, recipe: Recipe) -> None:
 
 def load_plugin_scenes() -> None:
     """Register the scenes of all packages with an entry point ``antumbra.scenes``."""
-    plugins.load_plugins("antumbra.scenes")
+    extras.load_plugins("antumbra.scenes")
 
 
 def find_scene(name: str) -> Recipe:

@@ -13,12 +13,12 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import flag, number, quoted, unit_vectors
-from ..checks import points as checked_points
+from ..base.checks import flag, number, quoted, unit_vectors
+from ..base.checks import points as checked_points
+from ..base.errors import InputError
+from ..city.sun.sun_visibility import direction_order, sensor_order
+from ..city.tables.bit_matrices import unpack_bits
 from ..engine.scene import Scene
-from ..errors import InputError
-from ..jobs.bit_matrices import unpack_bits
-from ..jobs.sun.sun_visibility import direction_order, sensor_order
 from ..query.receivers import Receivers
 from ..scene.light_lists import DirectionalLights
 from ..scene.lights import MAX_SPP

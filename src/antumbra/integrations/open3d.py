@@ -12,9 +12,9 @@ from typing import Any, ClassVar, NamedTuple, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array, number, rows_of, unit_vectors, vector, whole_number
+from ..base.checks import as_array, number, rows_of, unit_vectors, vector, whole_number
+from ..base.errors import InputError
 from ..engine.scene import Scene
-from ..errors import InputError
 from ..formats.library_meshes import KNOWN, is_mesh, meshes_of
 from ..kernels.elementary import tan
 from ..scene.mesh import Mesh, StaticMeshes, make_mesh, n_faces

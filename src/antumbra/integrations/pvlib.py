@@ -9,31 +9,31 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import checked_instance, number, whole_number
-from ..engine.plan import DEFAULT_PLAN, Plan, parse_plan
-from ..engine.scene import AnyScene
-from ..engine.scene_loading import SceneLike
-from ..errors import InputError
-from ..extras import import_extra
-from ..jobs.measured_scenes import measured_scene
-from ..jobs.sensors import Sensors
-from ..jobs.skyline.skyline import sensors_at, skyline
-from ..jobs.sun.location import Place, checked_place, place_in
-from ..jobs.sun.sun_options import MOST_SAMPLES
-from ..jobs.sun.sun_positions import directions_of, months_of, solar_angles
-from ..jobs.sun.sun_visibility import (
+from ..base.checks import checked_instance, number, whole_number
+from ..base.errors import InputError
+from ..base.extras import import_extra
+from ..base.progress import Progress, with_progress
+from ..city.sensors.sensors import Sensors
+from ..city.skyline.skyline import sensors_at, skyline
+from ..city.sun.sun_options import MOST_SAMPLES
+from ..city.sun.sun_visibility import (
     DISK,
     arriving_shares,
     bundle_order,
     disk_directions,
     seasons_of,
 )
+from ..engine.measured_scenes import measured_scene
+from ..engine.plan import DEFAULT_PLAN, Plan, parse_plan
+from ..engine.scene import AnyScene
+from ..engine.scene_loading import SceneLike
 from ..kernels.parallel import thread_count
-from ..progress import Progress, with_progress
 from ..query.light_samples import light_samples
 from ..query.receivers import Receivers
 from ..scene.light_lists import DirectionalLights
 from ..scene.lights import MAX_SPP
+from ..sun.location import Place, checked_place, place_in
+from ..sun.sun_positions import directions_of, months_of, solar_angles
 
 if TYPE_CHECKING:
     import pandas

@@ -18,14 +18,14 @@ import numpy as np
 import pyvista
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import choice, flag, rows_of
+from ..base.checks import choice, flag, rows_of
+from ..base.errors import InputError
+from ..city.sensors.sensors import Sensors, face_sensors, vertex_sensors
+from ..city.sun.sun_hours import sky_view, sun_hours
+from ..city.tables.result_table import Table
+from ..city.tables.surface_columns import NAMES as SURFACE_COLUMNS
 from ..engine.point_visibility import visibility
 from ..engine.scene import Scene
-from ..errors import InputError
-from ..jobs.result_table import Table
-from ..jobs.sensors import Sensors, face_sensors, vertex_sensors
-from ..jobs.sun.sun_hours import sky_view, sun_hours
-from ..jobs.surface_columns import NAMES as SURFACE_COLUMNS
 from ..scene.light_lists import DirectionalLights, PointLights
 from ..scene.lights import AmbientOcclusion, Light
 

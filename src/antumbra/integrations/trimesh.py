@@ -10,9 +10,9 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import flag, rows_of, whole_number
+from ..base.checks import flag, rows_of, whole_number
+from ..base.errors import InputError
 from ..engine.scene import Scene
-from ..errors import InputError
 
 _STEEP = 1e-5  # least sine of the angle between ray and plane for which trimesh's planes give precise locations
 

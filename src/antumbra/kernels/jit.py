@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
-from ..forks import hold_during_fork
+from ..base.forks import hold_during_fork
 from .marshalling import Key, flatten, struct_of, text_of
 
 # --- Types of the fields of kernel arguments --------------------------------------------------------------------------

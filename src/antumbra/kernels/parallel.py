@@ -28,8 +28,8 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..progress import ProgressCallback
+from ..base.errors import InputError
+from ..base.progress import ProgressCallback
 from .jit import Intrinsic, kernel
 from .simd import atomic_add
 

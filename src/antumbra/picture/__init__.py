@@ -2,7 +2,6 @@
 
 - `renderer`: `render` and `Renderer`
 - `render_options`: `RenderOptions` and `EngineOptions`
-- `option_fields`: signatures, docstrings and CLI options derived from option fields
 - `frame`: `Frame`, and the state shared by the passes of a frame
 - `frame_request`: checked arguments, memory estimate and shadow queries of a frame
 - `frame_passes`: the passes of a frame, from evaluation to smooth edges
@@ -17,8 +16,6 @@
 - `morphological_antialiasing`: anti-aliasing without extra rays
 - `image_files`: tone mapping, PNG, EXR and films
 - `heat_maps`: false colours and labelled panels
-- `plan_comparison`: timings, counters and bits of several plans
 - `traversal_steps`: traversal steps of shadow rays, plan by plan
-- `culling_picture`: pictures of the triangles that pre-BVH culling keeps
 - `example_calls`: calls on small scenes whose kernels are recorded
 """

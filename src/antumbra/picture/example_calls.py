@@ -1,6 +1,6 @@
 """Example calls whose kernels are recorded: frames of a small scene, ray lists, updates, stores, instances and terrain.
 
-`engine.precompilation` describes how the records are used. `jobs.job_kernels` adds the examples of jobs.
+`engine.precompilation` describes how the records are used. `jobs.warm_ups` adds the examples of jobs.
 """
 
 from collections.abc import Callable, Iterator
@@ -10,25 +10,25 @@ from typing import cast
 
 import numpy as np
 
+from ..base.files import temporary_folder
+from ..city.gis.gis_data import terrain_data
+from ..city.gis.height_files import HeightOptions
 from ..engine.accelerator import Accelerator
 from ..engine.auto.cost_model import GOOD, QUICK
 from ..engine.auto.strategies import STRATEGIES, TreeForms, answer_query
 from ..engine.auto_accelerator import CULLER, best_tree
 from ..engine.engine import Engine
 from ..engine.frame_tracer import FrameMemory
-from ..engine.in_memory_source import RAY_PLANS
 from ..engine.method_registry import BUILDERS, CULLERS, UPDATERS
-from ..engine.paged_source import Paged
 from ..engine.plan import Plan, parse_plan
 from ..engine.primary_visibility import primary_visibility
 from ..engine.refitted_rays import RayTreeRefit
 from ..engine.scene import Scene
 from ..engine.scene_loading import load
+from ..engine.sources.in_memory_source import RAY_PLANS
+from ..engine.sources.paged_source import Paged
+from ..engine.sources.terrain_shadows import TerrainShadows
 from ..engine.store_building import build_store
-from ..engine.terrain_shadows import TerrainShadows
-from ..files import temporary_folder
-from ..formats.gis.gis_data import terrain_data
-from ..formats.gis.height_files import HeightOptions
 from ..formats.library_meshes import data_of_arrays
 from ..query.light_samples import light_samples
 from ..query.ray_list import hit_arrays, rays_of
@@ -46,7 +46,7 @@ from ..scene.triangles import HitFilter
 from ..techniques.srdh.representative_rays import SrdhRays
 from ..trace.counters import new_counters
 from ..trace.rays.local_rays import local_rays
-from ..trace.terrain_ray_lists import trace_rays
+from ..trace.terrain.terrain_ray_lists import trace_rays
 from .frame_passes import render_frame
 from .frame_request import request_of
 from .render_options import RenderOptions

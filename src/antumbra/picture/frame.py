@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.progress import PhaseClock
 from ..engine.auto.strategies import StrategyChoice
 from ..engine.engine import Engine
 from ..engine.tree_choice import TreeChoice
 from ..kernels.small_matrices import dot
-from ..progress import PhaseClock
 from ..query.gbuffer import GBuffer
 from ..query.shadow_query import ShadowQuery, Surfaces, ray_count, surface_queries
 from ..query.surface_links import PictureSurfaces

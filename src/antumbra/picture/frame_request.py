@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..base.progress import ProgressCallback
 from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.frame_tracer import CELL_BYTES, FrameMemory, ray_set_count
 from ..engine.plan import Plan
 from ..engine.primary_visibility import primary_visibility
 from ..engine.scene import AnyScene
-from ..progress import ProgressCallback
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.pixel_refinement import FinerSamples, finer_samples

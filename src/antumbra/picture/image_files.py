@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import choice, number, quoted, vector
-from ..errors import InputError
-from ..extras import import_extra
-from ..files import atomic_output, checked_output
-from ..forks import hold_during_fork
+from ..base.checks import choice, number, quoted, vector
+from ..base.errors import InputError
+from ..base.extras import import_extra
+from ..base.files import atomic_output, checked_output
+from ..base.forks import hold_during_fork
 from ..kernels.elementary import exp
 from ..kernels.parallel import map_in_threads, thread_count
 from ..kernels.small_matrices import dot

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..kernels.elementary import log2
 from ..kernels.exact.filters import cross, dot
 from ..kernels.jit import I32Ptr, inlined, kernel

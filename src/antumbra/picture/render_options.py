@@ -10,23 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import checked_instance, flag, number, quoted
-from ..engine.plan import Plan
-from ..errors import InputError
-from ..query.light_samples import SAMPLERS
-from ..scene.lights import MAX_SPP
-from .option_fields import (
+from ..base.checks import checked_instance, flag, number, quoted
+from ..base.errors import InputError
+from ..base.option_fields import (
     Choice,
     CommandOption,
     RealNumber,
     WholeNumber,
     check_fields,
     describe_fields,
-    known_plan,
     option,
     optional,
     unchecked,
 )
+from ..engine.plan import Plan, known_plan
+from ..query.light_samples import SAMPLERS
+from ..scene.lights import MAX_SPP
 
 BOUNCE_STEPS = 1, 2, 4, 8
 """The values of `RenderOptions.bounce_step`."""

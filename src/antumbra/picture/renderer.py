@@ -5,7 +5,10 @@ from dataclasses import replace
 from functools import cache
 from typing import Any, ParamSpec
 
-from ..checks import checked_instance, choice
+from ..base.checks import checked_instance, choice
+from ..base.errors import InputError
+from ..base.option_fields import Given, method_with_keywords, split_keywords, with_keywords
+from ..base.progress import ProgressCallback, show_progress, with_quiet_progress
 from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.engine import Engine
 from ..engine.frame_tracer import RenderSource
@@ -14,8 +17,6 @@ from ..engine.precompilation import precompile, precompile_plan
 from ..engine.primary_visibility import AUTO, METHODS, precompiled_method, primary_visibility
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
-from ..errors import InputError
-from ..progress import ProgressCallback, show_progress, with_quiet_progress
 from ..query.gbuffer import GBuffer
 from ..scene.camera import Camera
 from ..scene.lights import Light, check_lights
@@ -25,7 +26,6 @@ from ..scene.triangles import Triangles
 from .frame import Frame, TracedBits
 from .frame_passes import render_frame
 from .frame_request import Request, request_of
-from .option_fields import Given, method_with_keywords, split_keywords, with_keywords
 from .render_options import EngineOptions, RenderKeywords, RenderOptions, options_of
 from .row_bands import RowBands
 

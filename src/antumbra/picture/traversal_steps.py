@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.errors import InputError
 from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.auto_accelerator import accelerator_of
 from ..engine.engine import Engine
 from ..engine.plan import Plan, parse_plan
 from ..engine.precompilation import precompile, precompile_plan
 from ..engine.scene import AnyScene
-from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..query.shadow_query import ShadowQuery, with_receivers
 from ..scene.lights import check_lights
@@ -210,7 +210,7 @@ def _count_plan_in_store(accelerator: Accelerator, picture: PictureQueries) -> _
 
     `_CountedTrace.ids` are the scene indices of the triangles in the chunks that rays may enter.
     """
-    from ..engine.paged_source import explained_tree
+    from ..engine.sources.paged_source import explained_tree
 
     bvh, ids = explained_tree(picture.source, picture.queries)
     accelerated = picture.source.accelerated

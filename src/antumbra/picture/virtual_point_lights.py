@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import flag, whole_number
+from ..base.checks import flag, whole_number
+from ..base.errors import InputError
 from ..engine.scene_loading import SceneLike, scene_of
-from ..errors import InputError
 from ..kernels.elementary import cos, sin
 from ..kernels.small_matrices import length
 from ..query.nearest_points import PointTree

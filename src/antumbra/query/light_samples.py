@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import choice, whole_number
+from ..base.checks import choice, whole_number
 from ..kernels.elementary import cos, sin
 from ..kernels.jit import inlined, kernel
 from ..scene.light_lists import N_SETS, LightList

@@ -11,7 +11,7 @@ from operator import sub
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, new_ticket, run, shares, thread_count
 from ..kernels.simd import load16, maximum, minimum, ptr, splat16, store

@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..kernels.exact.filters import hit_t, max_magnitude, plane
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import get

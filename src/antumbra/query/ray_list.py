@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from ..checks import as_array, choice
-from ..errors import InputError
+from ..base.checks import as_array, choice
+from ..base.errors import InputError
 from ..kernels.marshalling import ArgumentForm, Packed, address_of
 from ..scene.scene_bounds import flush_to_zero
 from ..scene.triangles import HitFilter, Triangles

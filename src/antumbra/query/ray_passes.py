@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import whole_number
-from ..errors import InputError
+from ..base.checks import whole_number
+from ..base.errors import InputError
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.small_matrices import length

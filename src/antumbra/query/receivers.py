@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array, unit_vectors
-from ..errors import InputError
+from ..base.checks import as_array, unit_vectors
+from ..base.errors import InputError
 from ..kernels.exact.filters import max_magnitude, plane, side_of
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count

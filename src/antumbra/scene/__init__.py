@@ -20,8 +20,7 @@
 - `alpha_masks`: cut-out faces
 - `raster`: the cells of a horizontal raster
 - `terrain`: the triangulated surface of a raster of heights
-- `tree_crowns`: trees as closed crowns that let light pass
-- `joined_scenes`: two scenes as one
+- `crowns`: trees as closed crowns that let light pass
 - `units`: the length unit of a scene
 - `crs`: coordinate reference systems, their units, and reprojection
 - `map_point`: the scale, convergence and curvature of a map at a point

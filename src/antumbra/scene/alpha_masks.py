@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..kernels.elementary import log2
 from .appearance import Appearance
 from .materials import BLEND, CLAMP, MASK, MIRROR, MONTHS, Material, Texture, srgb_to_linear

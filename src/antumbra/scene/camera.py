@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import choice, number, vector, whole_number
-from ..errors import InputError
+from ..base.checks import choice, number, vector, whole_number
+from ..base.errors import InputError
 from ..kernels.elementary import atan, atan2, cos, sin, tan
 from ..kernels.small_matrices import dot, length, product
 from .lights import QuadLight, Vector

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import quoted
-from ..errors import InputError
-from ..extras import import_extra
+from ..base.checks import quoted
+from ..base.errors import InputError
+from ..base.extras import import_extra
 from .units import METRE, LengthUnit, unit_of_factor
 
 

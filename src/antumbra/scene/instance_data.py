@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError, one_line
+from ..base.errors import InputError, one_line
 from .camera import Camera
 from .instances import InstancedSource
 from .lights import Light

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError
+from ..base.errors import InputError
 from .mesh import Mesh, MeshInfo, ObjectInfo, Piece, Source, n_faces
 
 VERTEX_BATCH = 1 << 18

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array, flag, number, unit_vectors
-from ..errors import InputError
+from ..base.checks import as_array, flag, number, unit_vectors
+from ..base.errors import InputError
 from .lights import DIRECTIONAL, LIST, MAX_SPP, Light, LightPatch, check_distance, check_place
 
 # --- The common base of light lists -----------------------------------------------------------------------------------

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import items, number, quoted, text, unit_vectors, vector, whole_number
-from ..errors import InputError
+from ..base.checks import items, number, quoted, text, unit_vectors, vector, whole_number
+from ..base.errors import InputError
 from ..kernels.elementary import tan
 
 FIXED, DIRECTIONAL, SPHERE, LIST, AMBIENT = 0, 1, 2, 3, 4

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..extras import import_extra
+from ..base.extras import import_extra
 from ..kernels.elementary import cos, sin
 from .crs import parts_of_crs
 from .units import METRE, LengthUnit

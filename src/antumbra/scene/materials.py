@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..extras import MissingPackage, import_extra
-from ..forks import hold_during_fork
+from ..base.extras import MissingPackage, import_extra
+from ..base.forks import hold_during_fork
+from ..base.memory import check_reading
 from ..kernels.elementary import log2, power
 from ..kernels.small_matrices import product
-from ..memory import check_reading
 
 if TYPE_CHECKING:
     from PIL import Image

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array
-from ..errors import InputError
+from ..base.checks import as_array
+from ..base.errors import InputError
 from .materials import BYTE_TO_LINEAR, PLAIN, Material, MeshAppearance, Texture, look_of, mean_colours
 
 # --- Indexed triangles and their checks -------------------------------------------------------------------------------

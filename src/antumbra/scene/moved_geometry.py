@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array, quoted, whole_number
-from ..errors import InputError
+from ..base.checks import as_array, quoted, whole_number
+from ..base.errors import InputError
 from ..kernels.array_pool import ArrayPool
 from .materials import MeshAppearance
 from .mesh import WHITE, ObjectInfo, Piece, Source, check_finite

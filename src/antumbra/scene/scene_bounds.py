@@ -9,7 +9,7 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..base.errors import InputError
 from .mesh import Piece, Source
 
 # --- The recentred frame ----------------------------------------------------------------------------------------------

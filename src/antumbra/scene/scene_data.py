@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array, checked_instance, choice, items, number, parts_of, quoted, text, whole_number
-from ..errors import InputError, one_line
+from ..base.checks import as_array, checked_instance, choice, items, number, parts_of, quoted, text, whole_number
+from ..base.errors import InputError, one_line
 from .alpha_masks import Cutouts, find_cutouts
 from .appearance import Appearance, appearance_of, plain_appearance
 from .camera import Camera

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import as_array, choice, flag, number, path_of, unit_vectors, whole_number
-from ..errors import InputError
-from ..extras import import_extra
-from ..files import checked_file, without_output
+from ..base.checks import as_array, choice, flag, number, path_of, unit_vectors, whole_number
+from ..base.errors import InputError
+from ..base.extras import import_extra
+from ..base.files import checked_file, without_output
+from ..base.memory import check_reading
 from ..kernels.elementary import cos, exp2, power, sin
 from ..kernels.small_matrices import dot, product
-from ..memory import check_reading
 from .camera import axes
 from .light_lists import N_SETS, LightList
 from .lights import DIRECTIONAL, MAX_SPP, Light, LightPatch, check_distance

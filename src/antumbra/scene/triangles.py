@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError
+from ..base.errors import InputError
 from .alpha_masks import Cutouts
 
 # --- Triangles --------------------------------------------------------------------------------------------------------

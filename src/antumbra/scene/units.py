@@ -6,8 +6,8 @@ metres, such as the height of a kerb, are converted to the scene's unit.
 
 from typing import NamedTuple
 
-from ..checks import quoted, spelling_hint
-from ..errors import InputError
+from ..base.checks import quoted, spelling_hint
+from ..base.errors import InputError
 
 
 class LengthUnit(NamedTuple):

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.errors import InputError
+from ..base.forks import renew_after_fork
 from ..bvh.block_tree import BlockTree, block_tree
 from ..bvh.nodes import ROWS
-from ..errors import InputError
-from ..forks import renew_after_fork
 from ..trace.tree_list import ADDRESSES, addresses
 from .store_file import Store
 from .store_format import NODE_BYTES, Chunk

@@ -8,10 +8,10 @@ from typing import NamedTuple, TypedDict
 
 import numpy as np
 
-from ..errors import InputError
-from ..files import atomic_output
+from ..base.errors import InputError
+from ..base.files import atomic_output
+from ..base.progress import ProgressListener
 from ..generate.generated_scene import StreamedCity
-from ..progress import ProgressListener
 from ..scene.camera import Camera
 from ..scene.instance_data import InstanceData
 from ..scene.lights import Light

@@ -8,9 +8,9 @@ to a node, every tree ends, every count fits its array, and every box is exact.
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.checks import quoted
 from ..bvh.nodes import BACK_TO_FRONT, EMPTY, LINK, ORDER, UNORDERED, Bvh, boxes_of, bvh_leaf
 from ..bvh.tree_quality import tree_fault
-from ..checks import quoted
 from ..scene.scene_bounds import NEAREST, flush_to_zero, frame_origin
 from ..scene.triangle_setup import rows_with_area
 from .store_format import (

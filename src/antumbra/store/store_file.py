@@ -16,12 +16,12 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.checks import quoted
+from ..base.errors import InputError, one_line
+from ..base.files import checked_file
 from ..bvh import binned_sah
 from ..bvh.nodes import CHILDREN, EMPTY, Bvh, aligned_empty, boxes_of, bvh_leaf, bvh_link
 from ..bvh.reinsertion import reinsert
-from ..checks import quoted
-from ..errors import InputError, one_line
-from ..files import checked_file
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..scene.mesh import MeshInfo, ObjectInfo

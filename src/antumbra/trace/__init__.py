@@ -4,8 +4,7 @@
 - `packets/`: packets of 16 rays
 - `rays/`: single rays, and ray lists over the eight-wide BVH
 - `primary/`: camera rays
-- `terrain_stencils`, `terrain_lanes`: parallel rays from the cells of rasters of heights, 16 at a time
-- `terrain_rays`: shadow rays over rasters of heights, whose triangles are not stored; `terrain_ray_lists`: ray lists
+- `terrain/`: rays over rasters of heights
 - `tile`: queries as tiles of 16 receivers and chunks of 16 samples
 - `light_table`: light samples in strata
 - `shafts`: shafts, beams and segments of a tile against boxes
@@ -13,6 +12,6 @@
 - `descent`: slab tests of 16 lanes, traversal of one tree
 - `tree_list`: trees traversed one after another, and `walk_tree`, the step that each tracer defines
 - `triangle_tests`: float32 tests of 16 rays against a triangle, deferred tests
-- `alpha_test`: alpha-masked faces, tested after the solid triangles
+- `alpha_cutouts`: alpha-masked faces, tested after the solid triangles
 - `counters`: exact operation counts
 """

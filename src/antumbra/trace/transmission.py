@@ -2,7 +2,7 @@
 
 The bits of a query tell which samples are dark. A lit sample may still lose light to panes and leaves: its
 transmittance is the product of those of all surfaces that its segment crosses, in any order. The tree is that of
-`alpha_test`, and so are the sums of depths, so the answer does not depend on the plan.
+`alpha_cutouts`, and so are the sums of depths, so the answer does not depend on the plan.
 """
 
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, ptr, put, stack_i32
 from ..query.shadow_query import ShadowQuery, count_occluded, fraction_lit, new_bits, patch_of, query_pointers
 from ..scene.alpha_masks import DARK, HALVING
-from .alpha_test import CutoutTree, DepthSum, ray_to_sample, sum_depths, texel_pointers
+from .alpha_cutouts import CutoutTree, DepthSum, ray_to_sample, sum_depths, texel_pointers
 from .frusta.multi_frusta import trace_shadow
 
 _STEP = 256

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..datasets.dataset_layers import has_centre, towards_centre
 from ..engine.point_visibility import visibility
-from ..jobs.dataset.dataset_layers import has_centre, towards_centre
 from ..query.receivers import point_receivers
 from ..scene.lights import DirectionalLight, Light
 from .viewer_model import FAR, EditableLight, Model, handle_position, light_outline

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..baking.surface_meter import Meter, MeterSettings, ReceiverPoints
 from ..formats.gltf.gltf_writer import GltfWriter
-from ..jobs.bake.surface_meter import Meter, MeterSettings, ReceiverPoints
 from ..picture.image_files import roll_off
 from ..picture.shading import SIDEWAYS
 from ..query.query_bounds import morton_codes

@@ -20,8 +20,8 @@ from ipaddress import ip_address
 from typing import Any
 from urllib.parse import urlsplit
 
-from ..checks import quoted
-from ..errors import InputError
+from ..base.checks import quoted
+from ..base.errors import InputError
 
 LOG = logging.getLogger("antumbra.viewer")
 

@@ -12,12 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import checked_instance, number
+from ..base.checks import checked_instance, number
+from ..base.errors import InputError
+from ..datasets.dataset_layers import has_centre, towards_centre
 from ..engine.scene import AnyScene, Scene
-from ..errors import InputError
-from ..jobs.dataset.dataset_layers import has_centre, towards_centre
-from ..jobs.sun.location import Place, checked_place
-from ..jobs.sun.sun_positions import directions_of, solar_angles, zone_of
 from ..picture.frame import Frame
 from ..picture.image_files import frame_exposure
 from ..picture.render_options import EngineOptions
@@ -34,6 +32,8 @@ from ..scene.lights import (
     light_names,
     tangents,
 )
+from ..sun.location import Place, checked_place
+from ..sun.sun_positions import directions_of, solar_angles, zone_of
 
 # --- The frame of the page --------------------------------------------------------------------------------------------
 

@@ -13,17 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import flag, items, quoted, text, whole_number
+from ..base.checks import flag, items, quoted, text, whole_number
+from ..base.errors import InputError
+from ..base.extras import import_extra
 from ..engine.plan import Plan
 from ..engine.precompilation import precompile
 from ..engine.scene_loading import SceneLike, scene_of
-from ..errors import InputError
-from ..extras import import_extra
-from ..jobs.sun.location import Place
 from ..picture.render_options import EngineOptions
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..scene.triangles import Triangles
+from ..sun.location import Place
 from .control_panel import Controls
 from .gizmos import Gizmos, probe
 from .progressive_pictures import CLICK, MESH, Check, ClientView, Step, TaskQueue, TracedPicture, trace_picture

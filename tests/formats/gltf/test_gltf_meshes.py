@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from antumbra.base.errors import InputError
 from antumbra.engine.scene_loading import load
-from antumbra.errors import InputError
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, assert_at, moved, single, trs
 
 Q = np.array([0.2, -0.4, 0.1, 0.8]) / np.linalg.norm([0.2, -0.4, 0.1, 0.8])

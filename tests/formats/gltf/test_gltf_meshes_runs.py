@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from antumbra.base.errors import InputError
 from antumbra.engine.scene_loading import load
-from antumbra.errors import InputError
 from antumbra.formats.gltf import gltf_meshes
 from antumbra.formats.gltf.gltf_meshes import MAX_RUN_VERTICES
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, everything, png

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
+from antumbra.base.errors import InputError
 from antumbra.engine.scene_loading import load
-from antumbra.errors import InputError
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, assert_at, moved, trs, world
 
 TIMES = [0.5, 1.0, 3.0, 3.25]

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 import sample_package as sample
-from antumbra import files
+from antumbra.base import files
 from antumbra.kernels.toolchain import kernel_cache
 from antumbra.kernels.toolchain.kernel_cache import KernelCode
 

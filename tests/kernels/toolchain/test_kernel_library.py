@@ -33,7 +33,7 @@ print(json.dumps([processor.level(), "llvmlite" in sys.modules]))
 WITHOUT_COMPILER = """
 from antumbra.kernels.toolchain import kernel_loading
 kernel_loading.has_compiler = lambda: False
-from antumbra.errors import InputError
+from antumbra.base.errors import InputError
 from antumbra.sample import top
 try:
     top.alone(1.5)  # a kind of argument that is not recorded

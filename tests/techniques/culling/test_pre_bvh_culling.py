@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 import antumbra as at
 import oracle
 from antumbra.engine.method_registry import CULLERS
-from antumbra.papers.pre_bvh_culling.cell_marking import LINES
-from antumbra.papers.pre_bvh_culling.convex_region import CONVEX
+from antumbra.lab.papers.pre_bvh_culling.cell_marking import LINES
+from antumbra.lab.papers.pre_bvh_culling.convex_region import CONVEX
 from antumbra.query.light_samples import light_samples
 from antumbra.query.query_bounds import reach
 from antumbra.query.receivers import FREE, NOTHING

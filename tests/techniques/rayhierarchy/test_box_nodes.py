@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, reject, settings
 
 import antumbra as at
-from antumbra.papers.ray_hierarchy.cone_hierarchy import Cones
+from antumbra.lab.papers.ray_hierarchy.cone_hierarchy import Cones
 from antumbra.techniques.culling.pre_bvh_culling import soup_of
 from antumbra.techniques.rayhierarchy.box_nodes import Boxes
 from antumbra.techniques.rayhierarchy.light_beams import beams_of

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 
 import antumbra as at
 from antumbra.engine.plan import parse_plan
-from antumbra.papers.ray_hierarchy.cone_hierarchy import CONES, Cones, combination
+from antumbra.lab.papers.ray_hierarchy.cone_hierarchy import CONES, Cones, combination
 from antumbra.query.shadow_query import segments
 from antumbra.techniques.culling.pre_bvh_culling import Soup, soup_of
 from antumbra.techniques.rayhierarchy import ray_hierarchy

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from antumbra.papers.ray_hierarchy.cone_hierarchy import Cones
+from antumbra.lab.papers.ray_hierarchy.cone_hierarchy import Cones
 from antumbra.techniques.rayhierarchy.box_nodes import Boxes
 from antumbra.techniques.rayhierarchy.light_beams import PERSPECTIVE, beams_of
 from antumbra.techniques.rayhierarchy.ray_tree import tree_of

@@ -7,7 +7,7 @@ from hypothesis import given, reject, settings
 
 import antumbra as at
 from antumbra.engine.plan import parse_plan
-from antumbra.papers.ray_hierarchy.cone_hierarchy import Cones, combination
+from antumbra.lab.papers.ray_hierarchy.cone_hierarchy import Cones, combination
 from antumbra.techniques.culling.pre_bvh_culling import soup_of
 from antumbra.techniques.rayhierarchy import ray_hierarchy, shaft_hierarchy
 from antumbra.techniques.rayhierarchy.ray_hierarchy import trace_shadow

@@ -7,7 +7,7 @@ import antumbra as at
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.parallel import new_ticket
 from antumbra.kernels.simd import ptr, ptr_at, stack_array, stack_f32
-from antumbra.papers.ray_hierarchy.cone_hierarchy import TABLE_1, Cones
+from antumbra.lab.papers.ray_hierarchy.cone_hierarchy import TABLE_1, Cones
 from antumbra.techniques.culling.pre_bvh_culling import Soup, soup_of
 from antumbra.techniques.rayhierarchy import ray_hierarchy, triangle_traversal
 from antumbra.techniques.rayhierarchy.box_nodes import Boxes

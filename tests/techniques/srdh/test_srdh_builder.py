@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given, settings
 
 import oracle
+from antumbra.base.errors import InputError
 from antumbra.bvh import binned_sah, top_down
 from antumbra.bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, MAX_DEPTH, UNORDERED
 from antumbra.bvh.refit import refit
 from antumbra.bvh.tree_quality import statistics, validate
 from antumbra.engine.method_registry import BUILDERS
-from antumbra.errors import InputError
 from antumbra.techniques.srdh import srdh_builder
 from antumbra.techniques.srdh.srdh_builder import KERNELS, SrdhOptions
 from antumbra.trace.rays.ray_hits import Intersections

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from antumbra.base.errors import InputError
 from antumbra.bvh.block_tree import block_tree
 from antumbra.bvh.nodes import tree_of
 from antumbra.engine.method_registry import BUILDERS
-from antumbra.errors import InputError
 from antumbra.kernels.exact.filters import hit_t
 from antumbra.kernels.jit import kernel
 from antumbra.query.gbuffer import pixel_ray

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 import antumbra as at
 import oracle
 from antumbra.bvh.wide_bvh import widen
-from antumbra.engine.in_memory_source import RAY_PLANS
 from antumbra.engine.method_registry import BUILDERS
+from antumbra.engine.sources.in_memory_source import RAY_PLANS
 from antumbra.query.ray_list import rays_of
 from antumbra.scene.triangles import HitFilter
 from antumbra.trace.rays.all_hits import TRIANGLES, HitMemory, count_all, find_all, unsigned

@@ -11,7 +11,7 @@ from antumbra.bvh import binned_sah
 from antumbra.bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED
 from antumbra.bvh.tree_quality import validate
 from antumbra.engine.method_registry import BUILDERS, TRACERS
-from antumbra.papers.published_methods import ORDERS
+from antumbra.lab.papers.published_methods import ORDERS
 from antumbra.techniques.srdh import srdh_builder
 from antumbra.trace.rays.ray_traversal import BUILT, CLOSEST, NEAREST, RANDOM, SRDH, Ordered
 from antumbra.trace.rays.single_rays import leaf_depths

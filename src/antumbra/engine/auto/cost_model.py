@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ...files import atomic_output, make_folder, read_trusted
+from ...base.files import atomic_output, make_folder, read_trusted
 from ...kernels.processor import level
 from ...kernels.toolchain.kernel_cache import cache_root
 from ...scene.lights import AMBIENT, DIRECTIONAL, LIST

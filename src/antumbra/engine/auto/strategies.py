@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.progress import ProgressCallback
 from ...bvh.block_tree import BlockTree, block_tree
 from ...bvh.nodes import Bvh, boxes_of
 from ...bvh.wide_bvh import widen
 from ...kernels.marshalling import Packed, packed
 from ...kernels.parallel import thread_count
-from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery, new_bits, ray_count
 from ...techniques.culling.pre_bvh_culling import Soup
 from ...techniques.tracer_options import FASTEST_RAY_HIERARCHY
@@ -26,7 +26,7 @@ from ...trace.frusta.multi_frusta import trace_tree_list
 from ...trace.light_table import STRATA
 from ...trace.packets.packet16 import over_pixels, over_samples
 from ...trace.packets.ray_tile import is_far, is_incoherent
-from ...trace.rays import single_rays as single
+from ...trace.rays import single_rays
 from ...trace.tree_list import single_tree
 from .cost_model import (
     GOOD,
@@ -96,8 +96,8 @@ STRATEGIES: dict[str, Strategy] = {
     "packet16:blocks": Strategy(block_tree, _over_blocks(over_pixels), skips=True),
     "packet16": Strategy(None, over_pixels),
     "packet16:samples": Strategy(None, over_samples),
-    "wide": Strategy(widen, single.trace_shadow),
-    "single": Strategy(single.as_built, single.trace_shadow),
+    "wide": Strategy(widen, single_rays.trace_shadow),
+    "single": Strategy(single_rays.as_built, single_rays.trace_shadow),
 }
 """Name -> strategy. The tracer `multifrusta` uses the packets of `packet16:blocks` for hemispheres."""
 
@@ -138,7 +138,7 @@ class TreeForms:
     def packed_single(self) -> Packed:
         """The form that `single` traverses, packed: flattening its arrays takes longer than tracing a few rays."""
         if self._packed_single is None:
-            self._packed_single = packed(single.as_built(self.bvh))
+            self._packed_single = packed(single_rays.as_built(self.bvh))
         return self._packed_single
 
     def missing(self, strategy: Strategy) -> bool:
@@ -488,7 +488,7 @@ def trace_shadow(
     rays = query.sides.size * query.samples.shape[1]
     if rays <= _FEW_RAYS:
         start = perf_counter()
-        trace_single: Callable[..., None] = single.trace_shadow  # also takes a packed tree
+        trace_single: Callable[..., None] = single_rays.trace_shadow  # also takes a packed tree
         trace_single(forms.packed_single, query, bits, threads, counters, progress)
         choice = StrategyChoice("single", rays, "few rays", 0.0, {}, seconds=perf_counter() - start)
         memory.learn(_FEW_RAYS_KEY, choice, auto.builder)

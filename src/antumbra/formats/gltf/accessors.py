@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ...errors import InputError
-from ...extras import import_extra
-from ...memory import check_reading
+from ...base.errors import InputError
+from ...base.extras import import_extra
+from ...base.memory import check_reading
 from ..json_fields import Fields
 from .gltf_file import CURE, GltfDocument
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InputError
-from ...extras import MissingPackage
-from ...files import sibling
+from ...base.errors import InputError
+from ...base.extras import MissingPackage
+from ...base.files import sibling
 from ...kernels.parallel import map_in_threads
 from ...scene.materials import decode_image
 from .accessors import COMPONENTS, WIDTHS, Accessors, decompress

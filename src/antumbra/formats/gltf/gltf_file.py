@@ -18,11 +18,11 @@ from urllib.parse import unquote_to_bytes
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
-from ...extras import MissingPackage, import_extra
-from ...files import checked_file, sibling
+from ...base.errors import InputError
+from ...base.extras import MissingPackage, import_extra
+from ...base.files import checked_file, sibling
+from ...base.memory import check_reading
 from ...kernels.parallel import map_in_threads
-from ...memory import check_reading
 from ..json_fields import Fields, parse
 
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942

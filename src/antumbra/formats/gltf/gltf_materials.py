@@ -8,9 +8,9 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
-from ...extras import MissingPackage
-from ...files import checked_file, sibling
+from ...base.errors import InputError
+from ...base.extras import MissingPackage
+from ...base.files import checked_file, sibling
 from ...kernels.elementary import cos, sin
 from ...kernels.parallel import map_in_threads
 from ...kernels.small_matrices import product

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
+from ...base.errors import InputError
 from ...kernels.small_matrices import dot, product
 from ...scene.materials import MeshAppearance, look_of, mean_colours
 from ...scene.mesh import Mesh, check_finite, n_faces, used_faces

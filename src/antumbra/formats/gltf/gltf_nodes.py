@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import InputError
+from ...base.errors import InputError
 from ...kernels.elementary import acos, sin
 from ...kernels.small_matrices import dot, product
 from ...kernels.small_matrices import length as length_of

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError
+from ...base.errors import InputError
 from ...kernels.small_matrices import product
 from ...scene.camera import Camera
 from ...scene.instances import (

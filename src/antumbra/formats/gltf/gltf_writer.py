@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...files import atomic_output
+from ...base.files import atomic_output
 from ...kernels.small_matrices import length
 from ...scene.palette_scene import PaletteScene
 from .accessors import COMPONENTS, WIDTHS

@@ -20,7 +20,7 @@ from collections.abc import Iterable, Sequence
 from queue import Empty, SimpleQueue
 from typing import NamedTuple, TypeAlias
 
-from ...progress import ProgressCallback
+from ...base.progress import ProgressCallback
 from ..marshalling import import_object
 from ..parallel import thread_count
 from ..processor import level

@@ -21,12 +21,12 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import NamedTuple
 
-from ... import files as locks
-from ...files import Untrusted, check_trusted, make_folder, private_folder, read_trusted
-from ...progress import LOG
+from ...base import files
+from ...base.files import Untrusted, check_trusted, make_folder, private_folder, read_trusted
+from ...base.progress import LOG
 from ..marshalling import Spec
 from ..processor import level
-from . import kernel_digest as definitions
+from . import kernel_digest
 
 # --- Records ----------------------------------------------------------------------------------------------------------
 
@@ -127,7 +127,7 @@ def _check_folders(*folders: Path) -> None:
 @cache
 def toolchain() -> str:
     """The compiler's name: the versions of Numba and llvmlite, and a digest of the modules that compile."""
-    sources = "".join(definitions.module_digest(f"antumbra.kernels.{name}") for name in _COMPILER)
+    sources = "".join(kernel_digest.module_digest(f"antumbra.kernels.{name}") for name in _COMPILER)
     digest = blake2b(sources.encode(), digest_size=4).hexdigest()
     return f"numba-{_version('numba')}-llvmlite-{_version('llvmlite')}-{digest}"
 
@@ -200,7 +200,7 @@ class KernelFolder:
     def lock(self, digest: str) -> AbstractContextManager[None]:
         """The lock held by the process that compiles the kernel of a digest."""
         make_folder(self.path)
-        return locks.file_lock(self.path / f"{digest}.lock")
+        return files.file_lock(self.path / f"{digest}.lock")
 
     def prune(self) -> None:
         """Evict code unused for `UNUSED_DAYS`, and files of older versions of the package."""

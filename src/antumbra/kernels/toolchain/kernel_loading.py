@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
-from ...errors import InputError
-from ...extras import import_extra
-from ...progress import LOG
+from ...base.errors import InputError
+from ...base.extras import import_extra
+from ...base.progress import LOG
 from ..jit import kernel
 from ..processor import level
 from .kernel_cache import KernelCode, KernelFolder, symbol_of, user_cache

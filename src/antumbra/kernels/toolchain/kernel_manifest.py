@@ -26,7 +26,7 @@ _files = [MANIFEST]
 
 
 def add_manifest(file: Path) -> None:
-    """Add a manifest file, with the kernels of another package such as `antumbra.papers`."""
+    """Add a manifest file, with the kernels of another package such as `antumbra.lab.papers`."""
     if file not in _files:
         _files.append(file)
         recorded_kernels.cache_clear()
@@ -58,7 +58,7 @@ def package_manifest() -> KernelManifest:
     return KernelManifest(list({(each.kernel, each.key): each for each in manifest.kernels}.values()), {})
 
 
-def kernels_of_job(name: str) -> set[KernelRequest] | None:
+def kernels_of_warm_up(name: str) -> set[KernelRequest] | None:
     """The kernels that a job calls; None if the job is not recorded."""
     needs = recorded_kernels()
     return {needs.kernels[i] for i in needs.jobs[name]} if name in needs.jobs else None

@@ -14,10 +14,10 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from ...errors import InputError
-from ...extras import import_extra
-from ...files import temporary_folder
-from ...progress import report_progress
+from ...base.errors import InputError
+from ...base.extras import import_extra
+from ...base.files import temporary_folder
+from ...base.progress import report_progress
 from ..machine_code import SYSTEMS, library_destination
 from ..marshalling import import_object
 from ..processor import LIBRARIES, library_path

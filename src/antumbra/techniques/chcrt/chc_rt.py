@@ -6,10 +6,10 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.progress import ProgressCallback
 from ...bvh.block_tree import block_tree
 from ...bvh.nodes import Bvh
 from ...kernels.parallel import thread_count
-from ...progress import ProgressCallback
 from ...query.query_bounds import bounds
 from ...query.ray_passes import RayPass
 from ...query.shadow_query import ShadowQuery, Surfaces, surfaces_of

@@ -11,8 +11,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.progress import ProgressCallback
 from ...bvh.nodes import boxes_of
-from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery
 from ...scene.camera import CameraRays
 from ...scene.lights import AMBIENT, is_list

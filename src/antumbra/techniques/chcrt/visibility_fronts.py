@@ -16,7 +16,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...progress import ProgressCallback
+from ...base.progress import ProgressCallback
 from ..tracer_options import ChcRtOptions
 from .occlusion_queries import Answers, Pairs, Tiles
 from .tree_parts import Mark, TreeParts, in_lists

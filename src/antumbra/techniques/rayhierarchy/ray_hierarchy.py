@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.progress import ProgressCallback
 from ...bvh.lbvh import sort_by_codes
 from ...kernels.parallel import new_ticket, run, thread_count
-from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery, with_receivers
 from ...scene.lights import FIXED, LIST
 from ...trace.counters import BOX_TESTS, N_COUNTERS, NODES, TRIANGLE_TESTS, new_counters

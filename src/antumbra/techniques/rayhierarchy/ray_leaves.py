@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...forks import hold_during_fork
+from ...base.forks import hold_during_fork
 from ...kernels.exact.predicate import segment
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run

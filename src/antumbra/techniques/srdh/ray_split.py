@@ -25,10 +25,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.errors import InputError
 from ...bvh.binned_split import BINS, Split, no_split
 from ...bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED
 from ...bvh.triangle_bounds import INF, half_area
-from ...errors import InputError
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.simd import (
     as_i32,

@@ -13,11 +13,11 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.checks import flag, points, whole_number
+from ...base.errors import InputError
 from ...bvh import lbvh
 from ...bvh.nodes import Bvh
 from ...bvh.triangle_bounds import MAX_COORDINATE
-from ...checks import flag, points, whole_number
-from ...errors import InputError
 from ...query.gbuffer import GBuffer
 from ...query.shadow_query import ShadowQuery, segments, shadow_queries
 from ...scene.lights import Light

@@ -37,6 +37,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.errors import InputError
 from ...bvh import binned_sah
 from ...bvh.binned_split import (
     BIN_BOXES,
@@ -93,7 +94,6 @@ from ...bvh.top_levels import (
     split_blocks,
 )
 from ...bvh.triangle_bounds import PAIR, area_scale_for, checked_vertices, make_records, write_boxes
-from ...errors import InputError
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import (

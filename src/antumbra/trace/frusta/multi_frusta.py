@@ -7,12 +7,12 @@ Queries that shafts cannot handle well go to packets (`trace_shadow`).
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.progress import ProgressCallback
 from ...bvh.block_tree import BlockTree
 from ...bvh.nodes import boxes_of
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import get, lowest_bit, popcount, ptr, put, stack_f32, stack_i32, stack_i64
-from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import is_list
 from ..counters import N_COUNTERS, TILE_GROUP_TILES, add_counters, cleared, count, new_counters

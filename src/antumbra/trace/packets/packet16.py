@@ -14,12 +14,12 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.progress import ProgressCallback
 from ...bvh.block_tree import BlockTree
 from ...bvh.nodes import EMPTY, Bvh, Tree, bvh_leaf, tree_of
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import items
 from ...kernels.simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
-from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery
 from ..counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, add_counters, cleared, count
 from ..descent import NOT_STARTED, after_leaf, load_saved, next_leaf, not_started, rays_as_shafts, root, save, slabs_of

@@ -18,13 +18,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.progress import ProgressCallback
 from ...bvh.block_tree import BlockTree
 from ...bvh.nodes import MAX_DEPTH, block_leaf, boxes_of
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import new_ticket, run, thread_count
 from ...kernels.simd import broadcast16, get, lowest_bit, ptr_at, put, store
 from ...kernels.vec3 import broadcasts, rows, subtract3
-from ...progress import ProgressCallback
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import AMBIENT, FIXED, is_list
 from ..counters import TRIANGLES, count, new_counters

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.progress import ProgressCallback
 from ...bvh.nodes import (
     LINK,
     Bvh,
@@ -47,7 +48,6 @@ from ...kernels.simd import (
     store,
 )
 from ...kernels.vec3 import get3
-from ...progress import ProgressCallback
 from ...query.receivers import NOTHING
 from ...query.shadow_query import (
     ShadowQuery,

@@ -1,0 +1,334 @@
+"""`antumbra.bake`: bake visibility or light into the textures or vertex attributes of a glTF file.
+
+A bake into textures also needs PNG and EXR images. `Baked` is the report.
+"""
+
+import warnings
+from contextlib import ExitStack
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import NamedTuple, ParamSpec
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.checks import choice
+from ..base.files import atomic_output, checked_output
+from ..base.option_fields import Given, with_keywords
+from ..base.progress import PhaseClock, Progress, with_progress
+from ..engine.scene_loading import SceneLike
+from ..formats.format_registry import GLB
+from ..formats.gltf.gltf_asset import Asset
+from ..formats.gltf.gltf_writer import Json
+from ..picture.image_files import write_exr
+from ..picture.png_files import SMALL, png_file
+from ..scene.materials import linear_to_srgb
+from ..work.executors import Executor, Keep, executor_of
+from .bake_input import BakeScene, BakeSource, bake_source, exposure_of, meter_settings, open_source
+from .bake_options import BakeKeywords, BakeOptions
+from .baked_values import Texels, image_of, replace_hidden, seam_differences, sheet_notes, vertex_receivers
+from .base_colours import BaseColours
+from .gltf_primitives import (
+    NodePrimitive,
+    Remapper,
+    accessors_of,
+    all_rows,
+    change_materials,
+    to_local,
+    unshared_primitives,
+    write_colours,
+)
+from .solids import Solids
+from .surface_meter import Measurement, Meter, curve_blocks
+from .texture_atlas import Sheet, Unwrapped, atlas, uv_set_sheets
+
+_P = ParamSpec("_P")
+
+# --- Report -----------------------------------------------------------------------------------------------------------
+
+
+class Baked(NamedTuple):
+    """The report of `antumbra.bake`."""
+
+    path: Path  # the file written
+    images: list[Path]  # EXR files beside it
+    what: str  # the quantity
+    attribute: str | None  # vertex attribute; None for a texture
+    parts: int  # primitives at nodes
+    receivers: int  # vertices or texels measured
+    hidden: int  # receivers inside solids
+    rays: int  # shadow rays traced
+    mean: float  # mean of all measured values, without those of hidden texels
+    exposure: float  # factor on light in colours and textures, which range from 0 to 1; not in custom attributes or EXR
+    seam: float | None  # 99th percentile of the difference across seams; None: no texture, or no seams
+    seconds: dict[str, float]  # per phase: read, unwrap, trace, write
+    notes: tuple[str, ...] = ()  # what the file loses, and how to keep it
+
+
+# --- Image files ------------------------------------------------------------------------------------------------------
+
+
+def encode_pixels(image: NDArray[np.floating], bits: int, srgb: bool) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """An image (h, w, c) float in [0, 1] as uint8 or uint16; `srgb`: encode its first three channels as sRGB."""
+    image = np.clip(image, 0.0, 1.0).astype(np.float64)
+    if srgb:
+        image[..., :3] = linear_to_srgb(image[..., :3])
+    top = (1 << bits) - 1
+    pixels = np.round(top * image)
+    return pixels.astype(np.uint8) if bits == 8 else pixels.astype(np.uint16)
+
+
+def save_float_exr(image: NDArray[np.float32], path: Path) -> None:
+    """Write an image (h, w, 1 or 3) to a float32 EXR file: channel Y, or R, G, B."""
+    image = np.ascontiguousarray(image, np.float32)
+    channels = {"Y": np.ascontiguousarray(image[..., 0])} if image.shape[-1] == 1 else {"RGB": image}
+    write_exr(channels, path, None)
+
+
+# --- Baking into textures ---------------------------------------------------------------------------------------------
+
+
+def bake_textures(
+    source: BakeScene, options: BakeOptions, output: Path, clock: PhaseClock, executor: Executor
+) -> Baked | None:
+    """Measure the texels of all sheets and write the files; None if the executor leaves texels to other shards."""
+    scene, asset, parts, double_sided, _, notes = source
+    accessors, size = accessors_of(asset, scene.name), options.texture
+    assert size is not None
+    sheets = atlas(parts, size) if options.uv is None else uv_set_sheets(parts, accessors, options.uv, size)
+    clock.lap("unwrap")
+    meter = Meter(scene, meter_settings(options, scene), sum(len(sheet.cover.texel) for sheet in sheets))
+    texels = [Texels(sheet, meter, options.denoise, executor.folder) for sheet in sheets]
+    job = [each.parts for each in texels]
+    if not executor.finish(job):
+        return None
+    solids = None if options.keep_hidden else Solids(scene, double_sided, options.time, options.threads)
+    measured = [each.values(solids) for each in texels]
+    if options.what == "bent-normal":
+        measured = [(_local_texels(sheet, values), hidden) for sheet, (values, hidden) in zip(sheets, measured)]
+    clock.lap("trace")
+    all_values, hidden = (np.concatenate(arrays) for arrays in zip(*measured))
+    seen = all_values if hidden.all() else all_values[~hidden]
+    exposure = exposure_of(seen, options)
+    originals = [dict(part.json, attributes=dict(part.json["attributes"])) for part in parts]
+    primitives, images, seams = unshared_primitives(asset, parts), list[tuple[Path, np.ndarray]](), list[np.ndarray]()
+    remapper, base = Remapper(asset, accessors), BaseColours(asset, accessors)
+    for i, (sheet, (values, _)) in enumerate(zip(sheets, measured)):
+        image = image_of(sheet.cover, values)
+        images.append((_exr_path(output, i, len(sheets)), image))
+        seams.append(seam_differences(sheet, image))
+        texture_image = _material_image(base, sheet, values * exposure, [originals[k] for k in sheet.members], options)
+        pixels = encode_pixels(texture_image, options.bits, options.is_light)
+        png = png_file(pixels, is_srgb=False, level=SMALL)  # glTF says which textures are sRGB
+        texture = asset.texture(png, options.what)
+        sheet_primitives = [primitives[k] for k in sheet.members]
+        sets = [
+            _uv_set(one, primitive, remapper, asset, options.uv)
+            for one, primitive in zip(sheet.unwrapped, sheet_primitives)
+        ]
+        change_materials(asset, sheet_primitives, sets, partial(_set_texture, asset, texture, options))
+    images = images if options.exr else []
+    with ExitStack() as files:  # write all of them, or none
+        for path, image in images:
+            save_float_exr(image, files.enter_context(atomic_output(path)))
+        files.enter_context(atomic_output(output)).write_bytes(asset.glb())
+    executor.end(job)
+    clock.lap("write")
+    seam = np.concatenate(seams)
+    notes = [*notes, *sheet_notes(sheets, options.uv), *base.notes(size)]
+    return Baked(
+        path=output,
+        images=[path for path, _ in images],
+        what=options.what,
+        attribute=None,
+        parts=len(parts),
+        receivers=len(all_values),
+        hidden=int(hidden.sum()),
+        rays=meter.rays,
+        mean=float(seen.mean()),
+        exposure=exposure,
+        seam=float(np.percentile(seam, 99)) if len(seam) else None,
+        seconds=clock.seconds,
+        notes=tuple(notes),
+    )
+
+
+def _uv_set(one: Unwrapped, primitive: Json, remapper: Remapper, asset: Asset, uv_set: int | None) -> int:
+    """The UV set of the texture in a primitive; for an atlas, a new one is added."""
+    if uv_set is not None:
+        return uv_set
+    number = int(sum(name.startswith("TEXCOORD_") for name in primitive["attributes"]))
+    remapper.remap(primitive, one.part.rows[one.source], one.faces)
+    primitive["attributes"][f"TEXCOORD_{number}"] = asset.accessor(one.uv.astype("<f4"))
+    return number
+
+
+def _material_image(
+    base: BaseColours, sheet: Sheet, values: NDArray[np.floating], originals: list[Json], options: BakeOptions
+) -> NDArray[np.float32]:
+    """(size, size, c) float32: the material's texture, ambient occlusion or light times the base colour."""
+    what = options.what
+    if what == "ao":
+        return image_of(sheet.cover, values)
+    if what == "bent-normal":
+        return np.asarray(0.5 + 0.5 * image_of(sheet.cover, values))
+    colours = base.texels(sheet, originals)
+    colours[:, :3] *= np.clip(values, 0.0, 1.0)
+    image = image_of(sheet.cover, colours)
+    return image[..., :3] if (colours[:, 3] == 1.0).all() else image
+
+
+def _set_texture(asset: Asset, texture: int, options: BakeOptions, material: Json, uv_set: int) -> None:
+    """Assign a baked texture to a material."""
+    texture_info = {"index": texture, "texCoord": uv_set}
+    if options.what == "ao":
+        material["occlusionTexture"] = texture_info
+    elif options.what == "bent-normal":
+        material.setdefault("extras", {})["bentNormalTexture"] = texture_info
+    else:
+        material.setdefault("pbrMetallicRoughness", {})["baseColorTexture"] = texture_info
+        asset.make_unlit(material)
+
+
+def _local_texels(sheet: Sheet, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """World directions of texels in the frames of their parts."""
+    out, start = values.copy(), 0
+    for one in sheet.unwrapped:
+        inside = (sheet.cover.face >= start) & (sheet.cover.face < start + len(one.faces))
+        out[inside] = to_local(values[inside], one.part)
+        start += len(one.faces)
+    return out
+
+
+def _exr_path(output: Path, number: int, of: int) -> Path:
+    return output.with_name(f"{output.stem}{f'-{number}' if of > 1 else ''}.exr")
+
+
+# --- Baking into vertex attributes ------------------------------------------------------------------------------------
+
+
+def bake_vertices(
+    source: BakeScene, options: BakeOptions, output: Path, clock: PhaseClock, executor: Executor
+) -> Baked | None:
+    """Measure the vertices of all parts and write the file; None if the executor leaves vertices to other shards."""
+    scene, asset, parts, double_sided, is_new, notes = source
+    meter = Meter(scene, meter_settings(options, scene), sum(len(p.positions) for p in parts))
+    receivers = vertex_receivers(parts)
+    measurement = Measurement(meter, receivers, curve_blocks(receivers.positions), False, executor.folder)
+    if not executor.finish([measurement.parts]):
+        return None
+    solids = None if options.keep_hidden else Solids(scene, double_sided, options.time, options.threads)
+    values = measurement.result()
+    hidden = replace_hidden(values, receivers, parts, meter, solids)
+    clock.lap("trace")
+    exposure = exposure_of(values, options)
+    name, accessors = options.vertex_attribute, accessors_of(asset, scene.name)
+    multiply, replaced = options.multiply or is_new, sum(name in part.json["attributes"] for part in parts)
+    if replaced and not multiply:
+        cure = "multiply keeps it" if name == "COLOR_0" else "choose another attribute to keep it"
+        notes = [*notes, f"{scene.name}: {name} of {replaced} parts is replaced; {cure}"]
+    primitives = unshared_primitives(asset, parts)
+    for part, primitive, part_values in zip(parts, primitives, _split(values, parts)):
+        if options.what == "bent-normal":
+            part_values = to_local(part_values, part)
+        if name == "COLOR_0":
+            colours = 0.5 + 0.5 * part_values if options.what == "bent-normal" else part_values * exposure
+            write_colours(asset, accessors, primitive, all_rows(part, colours), multiply)
+        else:
+            rows = all_rows(part, part_values)
+            primitive["attributes"][name] = asset.accessor(rows[:, 0] if rows.shape[1] == 1 else rows)
+    if name == "COLOR_0" and options.is_light:
+        change_materials(asset, primitives, [None] * len(primitives), lambda material, _: asset.make_unlit(material))
+    with atomic_output(output) as file:
+        file.write_bytes(asset.glb())
+    executor.end([measurement.parts])
+    clock.lap("write")
+    return Baked(
+        path=output,
+        images=[],
+        what=options.what,
+        attribute=name,
+        parts=len(parts),
+        receivers=len(values),
+        hidden=hidden,
+        rays=meter.rays,
+        mean=float(values.mean()),
+        exposure=exposure,
+        seam=None,
+        seconds=clock.seconds,
+        notes=tuple(notes),
+    )
+
+
+def _split(values: np.ndarray, parts: list[NodePrimitive]) -> list[np.ndarray]:
+    return np.split(values, np.cumsum([len(p.positions) for p in parts])[:-1])
+
+
+# --- `antumbra.bake` --------------------------------------------------------------------------------------------------
+
+
+@with_keywords(BakeKeywords, 3)
+@with_progress
+def bake(
+    given: Given[_P], scene: SceneLike, output: str | PathLike[str], what: str = "ao", up: str | None = None,
+    keep: Keep = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
+) -> Baked:  # fmt: skip
+    """Measure visibility or light on the surfaces of a scene, and write it into a copy of its glTF file.
+
+    Everything else in the file is preserved: nodes, instances, materials, textures, animations. New data are appended
+    to the buffer. Any other scene is first converted to glTF.
+
+    Parameters
+    ----------
+    scene : path, Scene, or a mesh that `load` accepts
+        Pass the path of a glTF file to preserve the file's contents. For any other scene, triangles and base colours
+        are written.
+    output : str or path-like
+        A .glb file.
+    what : {"ao", "shadow", "sun", "light", "bent-normal"}
+        ``ao``: the cosine-weighted visible share of the sky, in [0, 1]. ``shadow``: the mean visible share of the
+        lights. ``sun``: the irradiance of one sun over its intensity. ``light``: the irradiance of all lights in lux,
+        linear RGB. ``bent-normal``: the mean unoccluded direction.
+    up : {"y", "z"}, optional
+        The axis that points up in a file, as for `load`. Default lights follow it. A glTF file created from another
+        scene is rotated so that +Y points up; an existing glTF file is not.
+    keep : str, path-like or executor, optional
+        Folder for the finished parts of an interrupted bake, or an executor for the parts; see
+        `antumbra.work.executors`.
+    progress : function of (text, done, total), or bool, optional
+        Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
+
+    Returns
+    -------
+    Baked
+        None if the executor leaves parts to other shards.
+
+    Raises
+    ------
+    InputError
+        If an argument is invalid, or the scene cannot be read or written. No file is left behind.
+
+    Warns
+    -----
+    UserWarning
+        Once for each of `Baked.notes`, such as textures that lose detail.
+    """
+    path, executor = checked_output(output, GLB.suffixes), executor_of(keep)
+    choice(up, "up", (None, "y", "z"))
+    options = BakeOptions(what=what, **given(*args, **keywords))
+    clock = PhaseClock()
+    report = bake_file(bake_source(scene, up), options, path, clock, executor)
+    for note in () if report is None else report.notes:
+        warnings.warn(note, UserWarning, stacklevel=4)
+    return report  # type: ignore[return-value]  # None: a shard, of a command
+
+
+def bake_file(
+    source: BakeSource, options: BakeOptions, output: Path, clock: PhaseClock, executor: Executor
+) -> Baked | None:
+    """Bake into a file; None if the executor leaves parts to other shards."""
+    scene = open_source(source, options.time)
+    clock.lap("read")
+    job = bake_textures if options.texture else bake_vertices
+    return job(scene, options, output, clock, executor)

@@ -1,0 +1,296 @@
+"""The input of a bake: the scene to measure, with its lights, and the glTF file to edit.
+
+The file is the input itself, or a new one created from any other kind of scene.
+"""
+
+import os
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.files import temporary_folder
+from ..engine.measured_scenes import measured_scene
+from ..engine.scene import AnyScene, Scene
+from ..engine.scene_loading import SceneLike, load
+from ..formats.format_registry import GLB, GLTF, format_of
+from ..formats.gltf.accessors import Accessors
+from ..formats.gltf.gltf_asset import Asset, open_asset
+from ..formats.gltf.gltf_file import open_gltf
+from ..formats.gltf.gltf_writer import Json, up_axis_transform
+from ..kernels.small_matrices import product
+from ..picture.image_files import automatic_exposure
+from ..scene.appearance import normals_from_frames
+from ..scene.camera import axes
+from ..scene.default_picture import sun
+from ..scene.light_lists import without_interleave
+from ..scene.lights import DirectionalLight, Light
+from ..scene.mesh import Piece
+from .bake_options import BakeOptions
+from .gltf_primitives import NodePrimitive, primitive_json, read_primitives
+from .surface_meter import MeterSettings
+
+# --- Settings that depend on the scene ------------------------------------------------------------------------------
+
+
+def default_bake_lights(scene: Scene, what: str, time: float) -> list[Light]:
+    """The default lights of a scene; for the quantity "sun", its first sun, or that of default pictures."""
+    lights = [without_interleave(light) for light in scene.default_lights(time)]
+    if what != "sun":
+        return lights
+    return [next((light for light in lights if isinstance(light, DirectionalLight)), sun(scene.up))]
+
+
+def meter_settings(options: BakeOptions, scene: Scene) -> MeterSettings:
+    """The settings of the measurement, with the scene's default lights if there are no others."""
+    what, time = options.what, options.time
+    lights = options.measured_lights() or default_bake_lights(scene, what, time)
+    return MeterSettings(what, lights, options.spp, options.sampler, options.plan, time, options.threads)
+
+
+def exposure_of(values: NDArray[np.float32], options: BakeOptions) -> float:
+    """The factor on light, from the measured values, (n, c)."""
+    if options.exposure is not None:
+        return options.exposure
+    if options.what != "light":
+        return 1.0
+    return automatic_exposure(values[None], np.ones((1, len(values)), bool))
+
+
+# --- The scene and its glTF file --------------------------------------------------------------------------------------
+
+
+_INSTANCING = "EXT_mesh_gpu_instancing"
+_PROPERTIES = {"TRANSLATION": ("VEC3", "translation"), "ROTATION": ("VEC4", "rotation"), "SCALE": ("VEC3", "scale")}
+_MOST_MATERIALS = 256
+
+
+class BakeSource(NamedTuple):
+    """A scene to bake, and the glTF file that it comes from."""
+
+    scene: AnyScene
+    file: Path | None  # its contents are preserved; None: a file is created from the scene
+
+
+class BakeScene(NamedTuple):
+    """A scene, and its glTF file to edit."""
+
+    scene: Scene  # the original scene: all rays are traced in it, so lights are in its frame
+    asset: Asset
+    parts: list[NodePrimitive]  # of the asset, in the frame of the scene
+    double_sided: NDArray[np.bool_]  # (n,) bool: the faces of the scene whose material in the file is double-sided
+    is_new: bool  # the file is created from the scene, so its COLOR_0 are base colours
+    notes: list[str]  # what the file loses
+
+
+def bake_source(scene: SceneLike, up: str | None = None) -> BakeSource:
+    """A scene, or the scene of a path or mesh. Raises InputError if it cannot be read."""
+    if isinstance(scene, AnyScene):
+        return BakeSource(scene, None)
+    loaded = load(scene, up=up, instances=False)  # a bake writes every copy
+    return BakeSource(loaded, Path(scene) if isinstance(scene, (str, os.PathLike)) and is_gltf(Path(scene)) else None)
+
+
+def is_gltf(path: Path) -> bool:
+    """Whether a file is glTF, so that a bake preserves its contents."""
+    return format_of(path) in (GLB, GLTF)
+
+
+def open_source(source: BakeSource, time: float) -> BakeScene:
+    """The file to edit, and its parts at a time. A scene from another source is converted to glTF first.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, the scene is in a store, or its coordinates are no lengths.
+    """
+    file, scene = source.file, measured_scene(source.scene)
+    if not isinstance(scene, Scene):
+        raise scene.refusal()
+    if file is None:
+        asset = scene_to_asset(scene, time)
+        parts = read_primitives(_scene_of_asset(asset, scene.name), asset, time)
+        _scale_to_metres(asset, scene.unit.metres)
+        parts = parts if scene.up == "y" else [_in_scene_frame(part, axes(scene.up)) for part in parts]
+        double_sided = np.ones(scene.n_triangles, bool)  # as `_material` writes them
+        return BakeScene(scene, asset, parts, double_sided, True, _conversion_notes(scene))
+    asset, read = open_asset(file), scene
+    double_sided = _double_sided_faces(scene, asset, time)
+    if _has_instancing(asset):
+        _expand_instances(asset, file)
+        read = _scene_of_asset(asset, scene.name)
+    return BakeScene(scene, asset, read_primitives(read, asset, time), double_sided, False, [])
+
+
+def _conversion_notes(scene: Scene) -> list[str]:
+    """What a scene loses when it becomes a new glTF file."""
+    n = 0 if scene.appearance is None else len(scene.appearance.textures)
+    if not n:
+        return []
+    return [f"{scene.name}: {n} textures become the mean colours of faces; to keep them, bake the path of a glTF file"]
+
+
+def _double_sided_faces(scene: Scene, asset: Asset, time: float) -> NDArray[np.bool_]:
+    """(n,) bool: the faces of a scene whose material in its glTF file is double-sided."""
+    materials, counts, flags = asset.json.get("materials", []), list[int](), list[bool]()
+    source: Any = scene.source  # of a glTF file
+    for placed in source.placed(scene.clamped(time)):
+        material = primitive_json(asset, placed).get("material")
+        counts.append(placed.primitive.triangles * len(placed.vertices))
+        flags.append(material is not None and bool(materials[material].get("doubleSided")))
+    return np.repeat(np.array(flags, bool), counts)
+
+
+def _scale_to_metres(asset: Asset, metres: float) -> None:
+    """Put the nodes of a file under one that scales them from a unit to metres, which glTF prescribes."""
+    scene = asset.json["scenes"][0]
+    if metres != 1.0:
+        roots, scene["nodes"] = scene["nodes"], []
+        asset.add_root({"name": "metres", "scale": [metres] * 3, "children": roots})
+
+
+def _scene_of_asset(asset: Asset, name: str) -> Scene:
+    """The scene of an asset, whose faces are those of its primitives."""
+    with temporary_folder() as folder:
+        path = folder / f"{name}.glb".replace("/", "-")
+        path.write_bytes(asset.glb())
+        return cast(Scene, load(path, up="y", instances=False))  # a glTF file is not a store
+
+
+def _in_scene_frame(part: NodePrimitive, frame: np.ndarray) -> NodePrimitive:
+    """A part in the frame of a scene whose right, up and backward axes are the rows of `frame`."""
+    positions, normals = product(part.positions, frame), product(part.normals, frame)
+    return part._replace(positions=positions, normals=normals, linear=product(frame.T, part.linear))
+
+
+def scene_to_asset(scene: Scene, time: float) -> Asset:
+    """A scene in memory as glTF: its triangles at a time, with base colours and the normals of its vertices.
+
+    A scene with +Z up is rotated.
+    """
+    asset = Asset()
+    root: Json = {"name": scene.name, "translation": scene.origin.tolist(), "children": []}
+    if scene.up == "z":
+        asset.add_root({"name": "upright", "children": [asset.add("nodes", root)], **up_axis_transform(scene.up)})
+    else:
+        asset.add_root(root)
+    materials: dict[bytes, int] = {}
+    first, frames = 0, None if scene.appearance is None else scene.appearance.normals
+    for piece in scene.source.pieces(scene.clamped(time)):
+        vertices = (
+            piece.vertices
+            if piece.towards is None
+            else ((1.0 - piece.share) * piece.vertices + piece.share * piece.towards)
+        )
+        for copy in vertices:
+            faces = np.arange(len(copy)).reshape(-1, 3) if piece.faces is None else piece.faces
+            rows = slice(first, first + len(faces))
+            shape = _Shape(
+                (copy.astype(np.float64) - scene.origin).astype(np.float32),
+                faces,
+                _normals_of(piece, copy, faces, None if frames is None else frames[rows]),
+                np.broadcast_to(piece.colour, (len(faces), 3)),
+            )
+            name = piece.where.rpartition('mesh "')[2].rstrip('"') or scene.name
+            mesh = asset.add("meshes", {"name": name, "primitives": _primitives(asset, shape, materials)})
+            root["children"].append(asset.add("nodes", {"name": name, "mesh": mesh}))
+            first = rows.stop
+    return asset
+
+
+class _Shape(NamedTuple):
+    """Triangles to write."""
+
+    vertices: NDArray[np.float32]  # (v, 3)
+    faces: NDArray[np.integer]  # (f, 3)
+    normals: NDArray[np.float32] | None  # (v, 3) unit, 0: none
+    colours: NDArray[np.float32]  # (f, 3), linear
+
+    def part(self, faces: NDArray[np.integer] | NDArray[np.bool_]) -> "_Shape":
+        """Some of the faces, with the vertices that they use."""
+        used, corners = np.unique(self.faces[faces], return_inverse=True)
+        normals = None if self.normals is None else self.normals[used]
+        return _Shape(self.vertices[used], corners.reshape(-1, 3), normals, self.colours[faces])
+
+
+def _normals_of(
+    piece: Piece, vertices: np.ndarray, faces: NDArray[np.integer], frames: NDArray[np.float32] | None
+) -> NDArray[np.float32] | None:
+    """(v, 3) float32: unit normals of a copy's vertices; 0 where there is none. None: no vertex has one.
+
+    frames : `Appearance.normals` of the copy's faces, which move with them
+    """
+    look = piece.look
+    if frames is None or look is None or look.normals is None or look.rest_positions is None:
+        return None
+    if piece.linear is None and np.array_equal(vertices, look.rest_positions):
+        normals = look.normals.astype(np.float64)
+    else:  # the mean over the corners at a vertex, which agree where nothing bends
+        corners, normals = normals_from_frames(vertices[faces].astype(np.float64), frames), np.zeros(vertices.shape)
+        np.add.at(normals, faces.reshape(-1), corners.reshape(-1, 3))
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(normals / np.where(length > 0.0, length, 1.0), np.float32)
+
+
+def _primitives(asset: Asset, shape: _Shape, materials: dict[bytes, int]) -> list[Json]:
+    """A primitive for each colour, once with normals and once for the faces without."""
+    if shape.normals is None:
+        return _coloured_primitives(asset, shape, materials)
+    has_normals = (shape.normals[shape.faces] != 0.0).any(2).all(1)
+    parts = shape.part(has_normals), shape.part(~has_normals)._replace(normals=None)
+    return [
+        primitive for part in parts if len(part.faces) for primitive in _coloured_primitives(asset, part, materials)
+    ]
+
+
+def _coloured_primitives(asset: Asset, shape: _Shape, materials: dict[bytes, int]) -> list[Json]:
+    """A primitive for each colour of the faces."""
+    kinds, of_face = np.unique(shape.colours, axis=0, return_inverse=True)
+    of_face = of_face.reshape(-1)
+    if len(kinds) > _MOST_MATERIALS:  # vertex colours instead; a vertex with several colours is duplicated
+        keys, corners = np.unique(shape.faces.astype(np.int64) * len(kinds) + of_face[:, None], return_inverse=True)
+        vertex, white = keys // len(kinds), _material(asset, np.ones(3), materials)
+        normals = None if shape.normals is None else shape.normals[vertex]
+        return [asset.primitive(shape.vertices[vertex], corners, kinds[keys % len(kinds)], normals, material=white)]
+    primitives = []
+    for k, colour in enumerate(kinds):
+        part = shape.part(of_face == k)
+        material = _material(asset, colour, materials)
+        primitives.append(asset.primitive(part.vertices, part.faces, normals=part.normals, material=material))
+    return primitives
+
+
+def _material(asset: Asset, colour: np.ndarray, materials: dict[bytes, int]) -> int:
+    """The index of the material of a colour, which is added if `materials` lacks it."""
+    key = np.asarray(colour, np.float32).tobytes()
+    if key not in materials:
+        model = {"baseColorFactor": [*map(float, colour), 1.0], "metallicFactor": 0.0}
+        materials[key] = asset.add("materials", {"pbrMetallicRoughness": model, "doubleSided": True})
+    return materials[key]
+
+
+def _has_instancing(asset: Asset) -> bool:
+    return any(_INSTANCING in node.get("extensions", {}) for node in asset.json.get("nodes", []))
+
+
+def _expand_instances(asset: Asset, path: Path) -> None:
+    """Replace EXT_mesh_gpu_instancing by nodes: its instances share all attributes, but baked values differ."""
+    document = open_gltf(path)
+    accessors = Accessors(document)
+    for node in list(asset.json["nodes"]):
+        extension = node.get("extensions", {}).pop(_INSTANCING, None)
+        if extension is None or "mesh" not in node:
+            continue
+        values = {
+            key: accessors.finite(extension["attributes"][name], kind)
+            for name, (kind, key) in _PROPERTIES.items()
+            if name in extension["attributes"]
+        }
+        for k in range(len(next(iter(values.values())))):
+            one = {"mesh": node["mesh"], **{key: rows[k].tolist() for key, rows in values.items()}}
+            node.setdefault("children", []).append(asset.add("nodes", one))
+        del node["mesh"]
+        if not node["extensions"]:
+            del node["extensions"]
+    asset.uses_no_more(_INSTANCING)

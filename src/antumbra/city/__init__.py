@@ -1,0 +1,15 @@
+"""Studies of cities and landscapes. The core, which is everything outside `city` and `lab`, imports nothing from here.
+
+- `sun/`: sun hours and sky view
+- `skyline/`: the elevation of the horizon by azimuth
+- `shadow/`: shadows on the ground as polygons
+- `sight/`: sightlines, visibility matrices and viewsheds
+- `view_factors/`: view factors between surfaces
+- `vegetation/`: plants as closed crowns that let a share of the light pass
+- `sensors/`: sample points with normals and areas
+- `tables/`: results with units, their files, maps and pictures
+- `gis/`: rasters of heights, footprints and maps
+- `cityjson/`: CityJSON and CityJSONSeq
+
+The command of a study stands beside it.
+"""

@@ -1,0 +1,21 @@
+"""Checks of CSV files that read well and mean something else: decimal commas, and columns that appear twice."""
+
+from collections.abc import Sequence
+
+from ...base.errors import InputError
+
+
+def check_header(names: Sequence[str], file: str) -> None:
+    """Raise an InputError if two columns have the same name."""
+    twice = next((name for k, name in enumerate(names) if name in names[:k]), None)
+    if twice is not None:
+        raise InputError(f"{file}: has two columns {twice!r}; rename one")
+
+
+def check_fields(count: int, expected: int, line: int, file: str) -> None:
+    """Raise an InputError if a line has more fields than the header, as lines with decimal commas have."""
+    if count > expected:
+        raise InputError(
+            f"{file}, line {line}: has {count} fields, and the header {expected}; write decimal points, not commas, "
+            "and quote texts with commas"
+        )

@@ -1,0 +1,11 @@
+"""Sensors: the sample points of studies, where they come from, and checks of them.
+
+- `sensors`: sample points with normals and areas
+- `sensor_files`: sensors from text and point files
+- `raster_grid`: horizontal rasters of square cells
+- `surface_grid`: points in square cells on faces
+- `ground_areas`: sensors in polygons on the ground, outside buildings
+- `surface_groups`: faces grouped in surfaces, objects or buildings; azimuth and tilt
+- `point_attributes`: columns of the users' own points
+- `point_checks`: notes on points beside the scene, below the ground or behind a surface
+"""

@@ -1,0 +1,231 @@
+"""Checks of the points that jobs are given: observers, targets, sensors and cameras.
+
+Points whose results would mean nothing are refused: degrees in a scene on a map, and points to be placed on a surface
+where there is none. Others get a note with their number, which is a warning in Python and a line of the command: points
+beside the scene, below the ground, on a surface without a normal, and behind a surface drawn on their own.
+"""
+
+import sys
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.errors import InputError
+from ...engine.scene import AnyScene
+from ...engine.sources.terrain_shadows import terrain_of
+from ...query.receivers import SHIFT, Receivers
+from ...scene.map_degrees import check_no_degrees
+from ...scene.scene_bounds import plan_points
+from .raster_grid import plan_of
+from .sensors import Sensors, face_sensors, on_top
+
+NEAR = 0.005
+"""Metres: another surface less than this in front of a sensor is drawn on the sensor's own, as windows are."""
+
+_PARALLEL = 0.9  # cosine between the normals of such surfaces
+_BESIDE = 1e-6  # widths of a raster of heights: points closer to its bounds lie on them, up to rounding
+_BELOW = "lie below the ground or inside a solid"
+
+# --- Notes ------------------------------------------------------------------------------------------------------------
+
+
+def tell(notes: Sequence[str]) -> dict[str, list[str]]:
+    """Warn of notes, at the caller of the library; and return them as metadata of the job, if there are any."""
+    depth, frame = 1, sys._getframe()
+    while frame.f_back is not None and frame.f_globals["__name__"].partition(".")[0] == "antumbra":
+        depth, frame = depth + 1, frame.f_back
+    for note in notes:
+        warnings.warn(note, UserWarning, stacklevel=depth)
+    return {"warnings": list(notes)} if notes else {}
+
+
+def _note(what: str, which: NDArray[np.bool_], at: NDArray[np.float64], words: str) -> list[str]:
+    """A note on some points; none if there are none."""
+    if not which.any():
+        return []
+    number = int(which.sum())
+    return [f"{number:,} of {len(at):,} {what} {words}; the first is {_text(at[which.argmax()])}"]
+
+
+def _text(point: NDArray[np.float64]) -> str:
+    return ",".join(f"{coordinate:.10g}" for coordinate in point)
+
+
+# --- Points -----------------------------------------------------------------------------------------------------------
+
+
+def notes_on_sensors(
+    scene: AnyScene, sensors: Sensors, what: str, time: float = 0.0, threads: int | None = None
+) -> list[str]:
+    """Notes on the points of a job; what: their name in messages, in the plural.
+
+    Raises
+    ------
+    InputError
+        If points are in degrees, and the scene is not.
+    """
+    faces = sensors.faces
+    free = np.ones(len(sensors), bool) if faces is None else faces < 0
+    if sensors.kind == "raster" and not free.all():
+        return _notes_on_offset_raster(scene, sensors.points, ~free, what, time, threads)
+    notes = notes_on_points(scene, sensors.points[free], what, time, threads)
+    if sensors.kind == "raster":
+        return notes
+    if sensors.normals is None:
+        return notes + notes_on_bare_points(scene, sensors.points[free], what, time, threads)
+    behind = _closely_covered(scene, sensors.points, sensors.normals, time, threads)
+    near = scene.unit.of_metres(NEAR)
+    words = (
+        f"have another surface less than {near:.3g} in front, which may hide them, as a wall hides windows drawn on it"
+    )
+    words = f"{words}; lift them off their surface, as face+{2.0 * near:.3g} does"
+    return notes + _note(what, behind, sensors.points, words)
+
+
+def _notes_on_offset_raster(
+    scene: AnyScene, at: NDArray[np.float64], covered: NDArray[np.bool_], what: str, time: float, threads: int | None
+) -> list[str]:
+    """Notes on raster cells at one height above the highest surfaces: if the first lies below its surface, all do."""
+    first = at[covered.argmax()][None]
+    below = depths_below_ground(scene, first, time, threads) > _rounding(scene, first)
+    return _note(what, covered & below, at, _BELOW)
+
+
+def notes_on_points(
+    scene: AnyScene, at: NDArray[np.float64], what: str, time: float = 0.0, threads: int | None = None
+) -> list[str]:
+    """Notes on points, (n, 3) world, that lie beside the scene or below the ground. Raises InputError for degrees.
+
+    Beside a raster of heights, there is no ground. Beside other scenes, points are noted from a distance of its extent.
+    """
+    if not len(at):
+        return []
+    check_degrees(scene, at, what)
+    (low, high), plan = plan_of(scene), plan_points(at, scene.up)
+    margin, words = float(np.ptp(scene.bounds, axis=0).max()), f"lie far beside {scene.name}"
+    if scene.raster is not None:
+        margin, words = _BESIDE * margin, f"lie beside {scene.name}"
+    beside = ((plan < low - margin) | (plan > high + margin)).any(1)
+    notes = _note(what, beside, at, words)
+    deep = depths_below_ground(scene, at, time, threads) > _rounding(scene, at)
+    return notes + _note(what, deep, at, _BELOW)
+
+
+def notes_on_bare_points(
+    scene: AnyScene, at: NDArray[np.float64], what: str, time: float = 0.0, threads: int | None = None
+) -> list[str]:
+    """Notes on points without normals and faces, (n, 3) world, that lie on a surface, which may hide them."""
+    if not len(at):
+        return []
+    on, reach = np.zeros(len(at), bool), _rounding(scene, at)
+    for axis in range(3):  # a surface crosses one of three short segments
+        step = np.zeros_like(at)
+        step[:, axis] = reach
+        on |= np.asarray(scene.occluded(at - step, targets=at + step, time=time, threads=threads))
+    words = "lie on a surface and have no normal, so the surface may hide them; give normals, or move them off it"
+    return _note(what, on, at, words)
+
+
+def _rounding(scene: AnyScene, at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) float64: the distance to a surface that float32 rounding explains, as that by which receivers are moved."""
+    x, y, z = np.abs(at - scene.origin).T  # NumPy reduces short rows slowly
+    size = np.maximum(np.maximum(x, y), np.maximum(z, np.ptp(scene.bounds, axis=0).max()))
+    out: NDArray[np.float64] = np.maximum(SHIFT * size, np.finfo(np.float32).tiny)
+    return out
+
+
+# --- Degrees, and places without a surface ----------------------------------------------------------------------------
+
+
+def check_degrees(scene: AnyScene, at: NDArray[np.float64], what: str) -> None:
+    """Raise an InputError if points, (n, 3) world, are longitudes and latitudes, and the scene is far from them."""
+    check_no_degrees(plan_points(at, scene.up), what, scene.name, scene.crs, plan_of(scene))
+
+
+def on_surface(
+    scene: AnyScene, at: NDArray[np.float64], what: str, time: float = 0.0, threads: int | None = None
+) -> NDArray[np.float64]:
+    """(n, 3) float64: points moved to the highest surface above or below them.
+
+    Raises
+    ------
+    InputError
+        If points are in degrees, or lie beside the scene or on a hole. The message has their number.
+    """
+    check_degrees(scene, at, what)
+    if (surface := terrain_of(scene.data)) is not None:
+        tops = surface.at_cells(*surface.grid.cells_of(at[:, :2]).T)
+    else:
+        tops, faces = on_top(scene, at, time, threads)
+        tops = np.where(faces >= 0, tops, np.nan)
+    words = f"are to be placed on a surface, and lie beside {scene.name} or on a hole"
+    if missing := _note(what, np.isnan(tops), at, words):
+        raise InputError(f"{missing[0]}; move them, or give their heights without on_surface")
+    placed = at.copy()
+    placed[:, "xyz".index(scene.up)] = tops
+    return placed
+
+
+# --- Below the ground -------------------------------------------------------------------------------------------------
+
+
+def depths_below_ground(
+    scene: AnyScene, at: NDArray[np.float64], time: float = 0.0, threads: int | None = None
+) -> NDArray[np.float64]:
+    """(n,) float64: how deep points, (n, 3) world, lie below the ground or in a solid; 0 elsewhere.
+
+    The first surface above is then seen from its back, and so is the first one below, if there is any. Sheets with a
+    face on each side are no solids.
+    """
+    axis = "xyz".index(scene.up)
+    if (surface := terrain_of(scene.data)) is not None:
+        tops = surface.at_cells(*surface.grid.cells_of(at[:, :2]).T)
+        return np.nan_to_num(np.maximum(tops - at[:, axis], 0.0))
+    upward, out = np.eye(3)[axis], np.zeros(len(at))
+    hit = scene.closest_hit(at, upward, time=time, threads=threads)
+    if not hit.mask.any():
+        return out
+    some = np.flatnonzero(np.nan_to_num(hit.normal[:, axis]) > 0.0)
+
+    def first(direction: NDArray[np.float64], others: str) -> NDArray[np.float64]:
+        return scene.closest_hit(at[some], direction, cull_faces=others, time=time, threads=threads).t
+
+    above = first(upward, "front")
+    in_ground = (above < first(upward, "back")) & (first(-upward, "front") <= first(-upward, "back"))
+    out[some] = np.where(in_ground, above, 0.0)
+    return out
+
+
+# --- Behind a surface drawn on their own ------------------------------------------------------------------------------
+
+
+def notes_on_faces(scene: AnyScene, sign: float, time: float = 0.0, threads: int | None = None) -> list[str]:
+    """Notes on faces of a scene whose centre lies closely behind another face; sign: -1 for their backs."""
+    centres = face_sensors(scene, time)
+    assert centres.normals is not None
+    behind = _closely_covered(scene, centres.points, sign * centres.normals, time, threads, sign)
+    near = scene.unit.of_metres(NEAR)
+    words = f"have another one less than {near:.3g} in front, which hides them, as a wall hides windows drawn on it"
+    return _note("faces", behind, centres.points, f"{words}; cut the wall around them in the model")
+
+
+def _closely_covered(
+    scene: AnyScene, at: NDArray[np.float64], normals: NDArray[np.float64], time: float, threads: int | None,
+    sign: float = 1.0,
+) -> NDArray[np.bool_]:  # fmt: skip
+    """(n,) bool: whether a surface that faces the same way lies less than `NEAR` in front of each point.
+
+    sign : -1 if surfaces face backwards
+
+    Surfaces that face each other, such as party walls, hide each other rightly.
+    """
+    near = scene.unit.of_metres(NEAR)
+    origins = Receivers.on_surface(at, normals, scene.origin).origins[0] + scene.origin
+    covered = np.asarray(scene.occluded(origins, normals, tmax=near, time=time, threads=threads))
+    places = np.flatnonzero(covered)
+    if len(places):
+        hits = scene.closest_hit(origins[places], normals[places], tmax=near, time=time, threads=threads)
+        covered[places] = sign * (hits.normal * normals[places]).sum(1) > _PARALLEL
+    return covered

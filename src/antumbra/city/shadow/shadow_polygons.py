@@ -1,0 +1,171 @@
+"""`Shadow`: polygons with attributes, their CRS, and their files: GeoPackage, GeoJSON, GeoParquet and GeoTIFF."""
+
+import io
+import json
+import os
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.errors import InputError
+from ...base.extras import import_extra
+from ...base.files import atomic_output, checked_output
+from ...scene.crs import checked_crs
+from ...scene.raster import Raster
+from ..tables.map_page import check_map, checked_title, save_page
+from ..tables.map_scale import range_scale
+from ..tables.qgis_style import VectorStyle, write_style
+from ..tables.result_table import Table, raster_style, undated
+from .shadow_map import shadow_figure
+
+if TYPE_CHECKING:
+    import geopandas
+
+VECTORS = {".gpkg": "GPKG", ".geojson": "GeoJSON", ".parquet": "Parquet"}
+"""Suffix -> format of files of polygons."""
+
+SUFFIXES = *VECTORS, ".tif"
+"""Suffixes of the files that `Shadow.save` writes."""
+
+_LAYER = "shadow"
+_WORLD = "EPSG:4326"  # of GeoJSON [RFC 7946]
+
+
+class Shadow(NamedTuple):
+    """Shadows as polygons with attributes, in the coordinates of the scene."""
+
+    polygons: np.ndarray  # (n,) object: shapely geometries, in easting and northing of the scene
+    columns: dict[str, np.ndarray]  # name -> (n,) attributes: "area" in m2, and those of the job
+    about: dict[str, Any]  # metadata of the job, in JSON types, such as "time", "sun_azimuth", "sun_elevation", "crs"
+    table: Table | None  # the cells, if the shadow lies on a raster
+    casters: np.ndarray | None = None  # (f, 3, 2) float64: faces that cast a shadow on a plane, easting and northing
+
+    def __repr__(self) -> str:
+        return f"Shadow({len(self.polygons)} polygons: {', '.join(self.columns)})"
+
+    @property
+    def area(self) -> float:
+        """Square metres: the sum of the polygons' areas."""
+        return float(self.columns["area"].sum())
+
+    def frame(self) -> "geopandas.GeoDataFrame":
+        """The polygons as a GeoDataFrame with the CRS of the scene.
+
+        Raises
+        ------
+        InputError
+            If geopandas is missing.
+        """
+        geopandas = import_extra("geopandas", "frame", "gis")
+        crs = self.about.get("crs")
+        frame: Any = geopandas.GeoDataFrame(
+            {**self._attributes(), **self.columns}, geometry=self.polygons, crs=None if crs is None else _plan(crs)
+        )
+        return frame
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the polygons in the format of the suffix: .gpkg, .geojson or .parquet (GeoParquet).
+
+        .tif is a GeoTIFF of the cells. GeoJSON is in WGS 84 if the CRS is known. All formats need ``antumbra[gis]``.
+        If the CRS is known, a .qml file beside it is the style in which QGIS opens it.
+
+        Raises
+        ------
+        InputError
+            If the suffix is unknown, the path cannot be written, a package is missing, or there are no cells.
+        """
+        target = check_shadow_output(path, self.table is not None)
+        suffix = target.suffix.lower()
+        if suffix == ".tif":
+            assert self.table is not None
+            self.table.save(target)
+            self._write_style(target)
+            return
+        frame = self.frame()
+        if suffix == ".geojson" and frame.crs is not None:
+            frame = frame.to_crs(_WORLD)
+        data = io.BytesIO()  # GDAL warns of the suffixes of temporary files
+        if suffix == ".parquet":
+            frame.to_parquet(data, compression="zstd")
+        else:
+            pyogrio = import_extra("pyogrio", suffix, "gis")
+            with undated(), warnings.catch_warnings(action="ignore", category=UserWarning):  # of a missing CRS
+                pyogrio.write_dataframe(frame, data, driver=VECTORS[suffix], layer=_LAYER)
+        with atomic_output(target) as temporary:
+            temporary.write_bytes(data.getvalue())
+        if frame.crs is not None:
+            self._write_style(target)
+
+    def save_map(self, path: str | os.PathLike[str], *, title: str | None = None) -> None:
+        """Write a map sheet for a report: a page of A4 in PDF, SVG or PNG.
+
+        The polygons have north up, a scale bar and an arrow to true north. On a plane, the objects that cast the shadow
+        are drawn above it. Beside the map are the areas, the moment or the days, and the place. Needs
+        ``antumbra[plot]``.
+
+        Parameters
+        ----------
+        path : str or path-like
+            A .pdf, .svg or .png file.
+        title : str, optional
+            None: "Shadow" or "Hours of shadow".
+
+        Raises
+        ------
+        InputError
+            If the suffix is unknown, the path cannot be written, or matplotlib is missing.
+        """
+        target, heading = check_map(path), checked_title(title)
+        save_page(target, lambda: shadow_figure(self, heading))
+
+    def _write_style(self, path: Path) -> None:
+        """Write the QGIS style of polygons and cells: classes of hours, or one colour."""
+        columns, table = self.columns, self.table
+        style = VectorStyle("area", None, "fill")
+        if "hours_from" in columns:
+            scale = range_scale(columns["hours_from"], columns["hours_to"], "h")
+            style = VectorStyle("hours_from", scale, "fill")
+        write_style(path, style, None if table is None else raster_style(table, table.shown(None)))
+
+    def _attributes(self) -> dict[str, Any]:
+        """Metadata that each row repeats, since most formats have no other place for it."""
+        return {
+            name: self.about[name] for name in ("time", "sun_azimuth", "sun_elevation", "days") if name in self.about
+        }
+
+
+def check_shadow_output(path: str | os.PathLike[str], raster: bool) -> Path:
+    """The path; an InputError, before long work, unless `Shadow.save` can write to it. `raster`: with cells."""
+    target = checked_output(path, SUFFIXES)
+    suffix = target.suffix.lower()
+    if suffix == ".tif" and not raster:
+        raise InputError(f"{target.name}: a GeoTIFF needs cells; give their size as cell, such as 1, or use .gpkg")
+    packages = ["rasterio"] if suffix == ".tif" else ["geopandas", "pyarrow" if suffix == ".parquet" else "pyogrio"]
+    for package in packages:
+        import_extra(package, suffix, "gis")
+    return target
+
+
+def _plan(crs: str) -> Any:
+    """The horizontal part of a CRS, since polygons have no heights."""
+    full = import_extra("pyproj", "crs", "gis").CRS.from_user_input(checked_crs(crs))
+    return full.sub_crs_list[0] if full.is_compound else full
+
+
+def outlines(classes: NDArray[np.int16], raster: Raster) -> list[tuple[int, Any]]:
+    """(class, shapely MultiPolygon) for each class from 0 on: the outlines of cells, joined along their edges.
+
+    classes : (rows, columns) int16; negative: no polygon
+    """
+    shapely = import_extra("shapely", "shadow", "gis")
+    features = import_extra("rasterio.features", "shadow", "gis")
+    transform = import_extra("rasterio", "shadow", "gis").transform.from_origin(
+        raster.west, raster.north, raster.spacing, raster.spacing
+    )
+    parts: dict[int, list[Any]] = {}
+    for shape, value in features.shapes(classes, mask=classes >= 0, transform=transform):
+        parts.setdefault(int(value), []).append(shapely.from_geojson(json.dumps(shape)))
+    return [(value, shapely.MultiPolygon(parts[value])) for value in sorted(parts)]

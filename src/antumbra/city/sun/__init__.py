@@ -1,0 +1,9 @@
+"""Sun hours: which sensors see the sun, and when; and how much of the sky they see.
+
+- `sun_hours`: `sun_hours` and `sky_view`
+- `sun_options`: options of `sun_hours`, with their checks
+- `solar_radiation`: weather and clear skies; `epw_file`: EPW files
+- `daylight_rules`: rules on sun hours
+- `sun_visibility`: visible suns of each sensor
+- `sun_tally`: sums over visible suns
+"""

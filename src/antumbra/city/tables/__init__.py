@@ -1,0 +1,9 @@
+"""Results of studies, and their files, maps and pictures.
+
+- `result_table`: results with units, and their writers
+- `surface_columns`: surfaces in tables, and tables with a row per surface or building
+- `bit_matrices`: packed bit matrices, in memory and in files
+- `false_colours`: false-colour pictures and models
+- `map_page`: pages for reports; `map_sheet`: those of tables; `map_scale`: their colours and legends
+- `qgis_style`: styles of QGIS beside rasters and layers
+"""

@@ -1,0 +1,235 @@
+"""False-colour output of results: pictures with a legend, and unlit GLB models with vertex colours (`COLOR_0`)."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.scene import AnyScene
+from ...formats.gltf.gltf_writer import TRIANGLES, GltfWriter, Json, up_axis_transform
+from ...kernels.elementary import tan
+from ...picture.heat_maps import Panel, Scale, linear_scale, linear_ticks, panel_sheet
+from ...picture.renderer import render
+from ...query.nearest_points import PointTree
+from ...scene.camera import Camera, ExplicitRays, axes, fitted_camera
+from ...scene.lights import AmbientOcclusion
+from ...scene.materials import srgb_to_linear
+from ..sensors.sensors import Sensors, corners_of
+
+# --- Projecting points into a picture ---------------------------------------------------------------------------------
+
+
+def project_points(camera: Camera, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k, 2) float64: pixel coordinates, right and down, of world points; NaN behind the camera."""
+    rays = camera.view(camera.position)
+    away = points - camera.position
+    if isinstance(rays, ExplicitRays):
+        return rays.places(away)
+    right, down, view = camera.axes
+    depth = away @ view
+    scale = camera.height / (2.0 * tan(np.radians(camera.vfov) / 2.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        flat = np.stack([away @ right, away @ down], 1) / depth[:, None]
+    flat[depth <= 0.0] = np.nan
+    return np.asarray(flat * scale + (camera.width / 2.0, camera.height / 2.0))
+
+
+# --- False-colour pictures --------------------------------------------------------------------------------------------
+
+
+_SIZE = 1024  # pixels: width of a picture, and minimum width of a map
+_MOST_PIXELS = 4096  # maximum side of a map
+_DARKEST = 0.45  # factor on a colour where no ambient light arrives
+_NOWHERE = 70  # grey of surfaces without a value
+_DOT = 5  # pixels: radius of a mark
+
+
+def false_colours(table: Any, name: str) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8 sRGB: a column of a table, as a map if the sensors form a raster, else on the scene's surfaces.
+
+    The table's marks are drawn as dots.
+    """
+    values, known = column_values(table, name)
+    scale = column_scale(table[name], known)
+    values[~known] = np.nan
+    if table.sensors.raster is not None:
+        picture, places = _map(table, values, scale)
+    else:
+        picture, places = _view(table, values, scale)
+    column = table.columns[name]
+    caption = f"{name} [{column.unit}]" if column.unit else name
+    panel = Panel(_dotted(picture, places), [column.about[:1].upper() + column.about[1:]])
+    return panel_sheet([panel], scale.bar(caption))
+
+
+def column_values(table: Any, name: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """(n,) float64: the values of a column; (n,) bool: which of them to show.
+
+    NaN, negative integers (no index) and raster cells off the surfaces that the raster follows are not shown.
+    """
+    values = table[name].astype(np.float64)
+    known = np.isfinite(values)
+    if table[name].dtype.kind == "i":
+        known &= values >= 0
+    return values, known & table.sensors.covered
+
+
+def column_scale(values: np.ndarray, known: np.ndarray) -> Scale:
+    """The colour scale of a column.
+
+    Booleans have two colours, integers a scale up to their maximum; the scale of floats leaves out a few outliers.
+    """
+    if values.dtype.kind == "b":
+        return Scale(np.array([0.0, 1.0]), False, names=("no", "yes"))
+    if values.dtype.kind not in "iu" or not known.any():
+        return linear_scale(values[known].astype(np.float64))
+    top = max(int(values[known].max()), 1)
+    ticks = np.unique(np.ceil(linear_ticks(np.array([float(top)]))))
+    return Scale(np.append(ticks[ticks < top], top).astype(np.float64), False)
+
+
+def _dotted(picture: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """The picture with a dot at each place ((k, 2) pixels, right and down)."""
+    from PIL import Image, ImageDraw
+
+    image = Image.fromarray(picture)
+    pen = ImageDraw.Draw(image)
+    for x, y in places[np.isfinite(places).all(1)].tolist():
+        pen.ellipse((x - _DOT, y - _DOT, x + _DOT, y + _DOT), (255, 255, 255), (0, 0, 0), 2)
+    return np.asarray(image)
+
+
+def _map(table: Any, values: np.ndarray, scale: Scale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    """A map of a raster, north up, enlarged if it has few cells; and the pixels of the marks."""
+    raster = table.sensors.raster
+    assert raster is not None and table.scene is not None
+    cells = table.sensors.on_raster(values)
+    colours = scale.colours(np.nan_to_num(cells), np.isfinite(cells))
+    colours[~np.isfinite(cells)] = _NOWHERE
+    magnification = max(1, _SIZE // max(cells.shape))
+    step = -(-max(cells.shape) // _MOST_PIXELS)
+    marks = _marks(table)
+    north = marks[:, 1] if table.scene.up == "z" else -marks[:, 2]
+    places = np.stack([marks[:, 0] - raster.west, raster.north - north], 1) * (magnification / step / raster.spacing)
+    return colours[::step, ::step].repeat(magnification, 0).repeat(magnification, 1), places
+
+
+def _marks(table: Any) -> NDArray[np.float64]:
+    return np.empty((0, 3)) if table.marks is None else table.marks
+
+
+def _view(table: Any, values: np.ndarray, scale: Scale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    """The scene in the colours of its sensors, shaded by ambient occlusion; and the pixels of the marks."""
+    scene = table.scene
+    assert scene is not None
+    extent_points = corners_of(scene).reshape(-1, 3) if table.sensors.kind == "points" else table.sensors.points
+    framed_points = np.concatenate([extent_points, _marks(table)])
+    camera = table.camera or fitted_camera(framed_points, scene.up, _SIZE, 3 * _SIZE // 4)
+    frame = render(scene, camera, [AmbientOcclusion()], spp=16)
+    buffer = frame.gbuffer
+    covered = buffer.face >= 0
+    colours = np.full((*covered.shape, 3), 30, np.uint8)
+    at = buffer.position[covered] + buffer.origin
+    if table.row_of_face is None:
+        surface_values = _values_at(table.sensors, values, at, buffer.normal[covered], buffer.face[covered])
+    else:
+        surface_values = np.append(values, np.nan)[table.row_of_face[buffer.face[covered]]]
+    known = np.isfinite(surface_values)
+    surface_colours = np.where(known[:, None], scale.colours(np.nan_to_num(surface_values), known), np.uint8(_NOWHERE))
+    light = _DARKEST + (1.0 - _DARKEST) * frame.visibility[0][covered][:, None]
+    colours[covered] = np.round(surface_colours * light).astype(np.uint8)
+    return colours, project_points(camera, _marks(table))
+
+
+def _values_at(
+    sensors: Sensors, values: np.ndarray, at: np.ndarray, normals: np.ndarray, faces: np.ndarray
+) -> NDArray[np.float64]:
+    """The values at surface points: those of the face's sensor if each face has one, else of the nearest sensor.
+
+    Sensors that face another direction count as farther away, so the two sides of a wall keep separate values.
+    """
+    if sensors.kind == "face":
+        assert sensors.faces is not None
+        of_face = np.full(max(int(faces.max(initial=0)), int(sensors.faces.max(initial=0))) + 1, np.nan)
+        of_face[sensors.faces] = values
+        return np.asarray(of_face[faces])
+    if sensors.normals is None:
+        return np.asarray(values[PointTree(sensors.points).nearest(at).indices])
+    away = float(np.ptp(sensors.points, axis=0).max()) / 20.0 or 1.0
+    tree = PointTree(np.hstack([sensors.points, sensors.normals * away]))
+    return np.asarray(values[tree.nearest(np.hstack([at, normals * away])).indices])
+
+
+# --- False-colour models ----------------------------------------------------------------------------------------------
+
+
+_GREY = 0.35  # linear: surfaces without a value
+_LIFT = 0.02  # offset of a sensor's square from its surface, in widths of the square
+
+
+class ColouredMesh(NamedTuple):
+    """A mesh or a set of lines with vertex colours."""
+
+    name: str
+    vertices: np.ndarray  # (v, 3) float32
+    colours: np.ndarray  # (v, 3) float32, linear
+    faces: np.ndarray  # (f, 3) uint32; (f, 2) for lines
+    mode: int = TRIANGLES
+
+
+def coloured_model(table: Any, name: str) -> bytes:
+    """A GLB file of a column of a table: coloured faces or vertices, else a square for each sensor.
+
+    Coordinates are relative to the scene's `origin`, since glTF stores float32; the asset's `extras` record the origin.
+    """
+    sensors, scene = table.sensors, table.scene
+    assert scene is not None
+    values, known = column_values(table, name)
+    scale = column_scale(table[name], known)
+    sensor_colours = srgb_to_linear(scale.colours(np.nan_to_num(values), known) / 255.0)
+    sensor_colours[~known] = _GREY
+    corners = corners_of(scene) - scene.origin
+    colours = np.full((len(corners), 3, 3), _GREY)
+    if table.row_of_face is not None:
+        has_row = table.row_of_face >= 0
+        colours[has_row] = sensor_colours[table.row_of_face[has_row], None]
+    elif sensors.kind == "face":
+        colours[sensors.faces] = sensor_colours[:, None]
+    elif sensors.kind == "vertex":
+        assert sensors.corners is not None
+        used = sensors.corners[:, 0] >= 0
+        colours[used] = sensor_colours[sensors.corners[used]]
+    soup = np.arange(3 * len(corners), dtype=np.uint32).reshape(-1, 3)
+    parts = [ColouredMesh(scene.name, corners.reshape(-1, 3), colours.reshape(-1, 3), soup)]
+    if sensors.kind not in ("face", "vertex") and table.row_of_face is None:
+        parts.append(_squares(sensors, sensor_colours, scene))
+    extras = {"column": name, "unit": table.columns[name].unit, "origin": scene.origin.tolist(), **table.about}
+    extras["scale"] = [float(scale.ticks[0]), float(scale.ticks[-1])]
+    return coloured_glb(parts, scene, extras)
+
+
+def _squares(sensors: Sensors, colours: np.ndarray, scene: AnyScene) -> ColouredMesh:
+    """A square for each sensor, of the sensor's area and a little off its surface; horizontal without a normal."""
+    n = len(sensors)
+    width = np.sqrt(sensors.areas) if sensors.areas is not None else np.full(n, 1.0)
+    normals = sensors.normals if sensors.normals is not None else np.broadcast_to(axes(scene.up)[1], (n, 3))
+    side = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    u = np.cross(side, normals)
+    u *= (width / np.linalg.norm(u, axis=1) / 2.0)[:, None]
+    v = np.cross(normals, u)
+    middle = sensors.points - scene.origin + _LIFT * width[:, None] * normals
+    vertices = np.stack([middle - u - v, middle + u - v, middle + u + v, middle - u + v], 1)
+    faces = 4 * np.arange(n, dtype=np.uint32)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
+    return ColouredMesh("sensors", vertices.reshape(-1, 3), colours.repeat(4, 0), faces.reshape(-1, 3))
+
+
+def coloured_glb(parts: list[ColouredMesh], scene: AnyScene, extras: Json) -> bytes:
+    """A binary glTF 2.0 file of unlit coloured meshes in the coordinates of a scene, one node each, in metres."""
+    writer = GltfWriter()
+    writer.json["asset"]["extras"] = extras
+    material = writer.add("materials", writer.make_unlit({"doubleSided": True}))
+    for part in parts:
+        primitive = writer.primitive(part.vertices, part.faces, part.colours, material=material, mode=part.mode)
+        mesh = writer.add("meshes", {"name": part.name, "primitives": [primitive]})
+        writer.add_root({"name": part.name, "mesh": mesh, **up_axis_transform(scene.up, scene.unit.metres)})
+    return writer.glb()

@@ -1,0 +1,442 @@
+"""Result tables: one row per sensor, columns with units, and a CRS; with writers for all output formats.
+
+The formats are CSV, JSON, NPZ, Parquet, GeoPackage, GeoTIFF, PNG and GLB. A writer takes a `Table`, the path, and the
+name of the column that pictures show. A style of QGIS is written beside files with a CRS.
+"""
+
+import io
+import json
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.checks import checked_instance, points, quoted, spelling_hint
+from ...base.errors import InputError
+from ...base.extras import import_extra
+from ...base.files import atomic_output, checked_output
+from ...engine.scene import AnyScene
+from ...engine.scene_loading import scene_of
+from ...picture.image_files import save_png
+from ...scene.camera import Camera
+from ...scene.crs import checked_crs
+from ...scene.units import METRE
+from ..sensors.point_attributes import with_attributes
+from ..sensors.sensors import Sensors, check_on_scene
+from .false_colours import coloured_model, column_values, false_colours
+from .map_page import check_map, checked_title
+from .map_scale import MapScale, map_scale
+from .map_sheet import save_map
+from .qgis_style import RasterStyle, VectorStyle, write_style
+
+# --- Writers ----------------------------------------------------------------------------------------------------------
+
+
+_ROWS = 1 << 16  # rows converted to text at a time
+_NO_UNIT = "1"  # in GeoTIFF, where readers fill in the unit of heights of a compound CRS if there is none
+_NO_CRS = 'LOCAL_CS["Undefined Cartesian SRS"]'  # in GeoPackage
+_DATE = "OGR_CURRENT_DATE"
+_POINT_Z = 1001  # well-known binary: a point with three coordinates
+
+
+def _csv(table: "Table", path: Path, column: str) -> None:
+    columns = table.rows()
+    with atomic_output(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
+        file.write(",".join(columns) + "\n")
+        for first in range(0, len(table), _ROWS):
+            texts = [_texts(values[first : first + _ROWS]) for values in columns.values()]
+            file.writelines(",".join(row) + "\n" for row in zip(*texts))
+
+
+def _texts(values: np.ndarray) -> list[str]:
+    """Values as CSV fields: the shortest text that round-trips, empty for NaN and NaT; names quoted where needed."""
+    if values.dtype.kind in "UO":
+        return ['"' + text.replace('"', '""') + '"' if set(text) & set(',"\r\n') else text for text in values.tolist()]
+    if values.dtype.kind == "M":
+        return ["" if text == "NaT" else text for text in np.datetime_as_string(values).tolist()]
+    return ["" if value != value else str(value) for value in values.tolist()]
+
+
+def _json(table: "Table", path: Path, column: str) -> None:
+    rows = {name: _plain(values) for name, values in table.rows().items()}
+    document = {"about": table.about, "columns": _units(table), "rows": rows}
+    with atomic_output(path) as temporary:
+        temporary.write_text(json.dumps(document, allow_nan=False), encoding="utf-8")
+
+
+def _plain(values: np.ndarray) -> list[Any]:
+    """Values for JSON: None for NaN."""
+    if values.dtype.kind == "M":
+        return [text or None for text in _texts(values)]
+    return [None if value != value else value for value in values.tolist()]
+
+
+def _units(table: "Table") -> dict[str, dict[str, str]]:
+    """The unit and the meaning of each column, also of those of the sensors."""
+    length = table.about.get("length_unit", METRE.name)
+    known = {name: (length, f"{name} of the sensor") for name in "xyz"}
+    known |= {f"n{name}": ("", f"{name} of its normal") for name in "xyz"}
+    known |= {"area": (f"{length}2", "area that it represents"), "face": ("", "the face on which it lies; -1: none")}
+    known |= {name: (column.unit, column.about) for name, column in table.columns.items()}
+    of_user = "", "of the table of sensors"
+    columns = {name: known.get(name, of_user) for name in table.rows()}
+    return {name: {"unit": unit, "about": about} for name, (unit, about) in columns.items()}
+
+
+def _npz(table: "Table", path: Path, column: str) -> None:
+    metadata = json.dumps({"about": table.about, "columns": _units(table)})
+    rows = {name: values.astype("U") if values.dtype.kind == "O" else values for name, values in table.rows().items()}
+    with atomic_output(path) as temporary, open(temporary, "wb") as file:
+        np.savez_compressed(file, allow_pickle=False, about=np.array(metadata), **rows)
+
+
+def _parquet(table: "Table", path: Path, column: str) -> None:
+    import_extra("pyarrow", ".parquet", "gis")
+    import pyarrow
+    import pyarrow.parquet
+
+    columns = {name: pyarrow.array(_in_milliseconds(values)) for name, values in table.rows().items()}
+    metadata = {"antumbra": json.dumps({"about": table.about, "columns": _units(table)})}
+    if table.about.get("crs"):
+        columns["geometry"] = pyarrow.array(_well_known(_on_map(table)), pyarrow.binary())
+        metadata["geo"] = json.dumps(_geo(table))
+    arrow_table = pyarrow.table(columns).replace_schema_metadata(metadata)
+    with atomic_output(path) as temporary:
+        pyarrow.parquet.write_table(arrow_table, temporary, compression="zstd")
+    if "geometry" in columns:
+        _write_style(table, path, column)
+
+
+def _geopackage(table: "Table", path: Path, column: str) -> None:
+    """A layer of points, named like the file."""
+    raw = import_extra("pyogrio.raw", ".gpkg", "gis")
+    rows, memory = table.rows(), io.BytesIO()
+    geometry = np.empty(len(table), object)
+    geometry[:] = _well_known(_on_map(table))
+    crs = table.about.get("crs")
+    with undated():
+        raw.write(
+            memory, geometry, [_in_milliseconds(values) for values in rows.values()], list(rows), driver="GPKG",
+            layer=path.stem, geometry_type="Point Z", crs=checked_crs(crs) if crs else _NO_CRS,
+        )  # fmt: skip
+    with atomic_output(path) as temporary:
+        temporary.write_bytes(memory.getvalue())
+    _write_style(table, path, column)
+
+
+@contextmanager
+def undated() -> Iterator[None]:
+    """Let GDAL write a fixed date instead of that of today, so that equal results have equal bytes."""
+    pyogrio = import_extra("pyogrio", ".gpkg", "gis")
+    before = pyogrio.get_gdal_config_option(_DATE)
+    pyogrio.set_gdal_config_options({_DATE: "1970-01-01T00:00:00.000Z"})
+    try:
+        yield
+    finally:
+        pyogrio.set_gdal_config_options({_DATE: before})
+
+
+def _write_style(table: "Table", path: Path, column: str) -> None:
+    """Write the QGIS style of a column beside a raster or a layer of points."""
+    scale = _scale_of(table, column)
+    write_style(path, VectorStyle(column, scale, "marker"), raster_style(table, column))
+
+
+def raster_style(table: "Table", column: str) -> RasterStyle | None:
+    """The QGIS style of a column in a GeoTIFF; None if the sensors form no raster."""
+    if table.sensors.raster is None:
+        return None
+    return RasterStyle(_scale_of(table, column), _bands(table).index(column) + 1)
+
+
+def _scale_of(table: "Table", column: str) -> MapScale:
+    _, known = column_values(table, column)
+    return map_scale(table[column], known, table.columns[column].unit)
+
+
+def _in_milliseconds(values: np.ndarray) -> np.ndarray:
+    """Times in milliseconds, since Parquet has no minutes; other values unchanged."""
+    return values.astype("datetime64[ms]") if values.dtype.kind == "M" else values
+
+
+def _on_map(table: "Table") -> NDArray[np.float64]:
+    """(n, 3) float64: easting, northing and height of the sensors."""
+    points = table.sensors.points
+    return points[:, [0, 2, 1]] * [1.0, -1.0, 1.0] if table.scene is not None and table.scene.up == "y" else points
+
+
+def _well_known(points: np.ndarray) -> list[bytes]:
+    """Points in well-known binary."""
+    rows = np.empty(len(points), [("order", "u1"), ("kind", "<u4"), ("xyz", "<f8", 3)])
+    rows["order"], rows["kind"], rows["xyz"] = 1, _POINT_Z, points
+    data, size = rows.tobytes(), rows.itemsize
+    return [data[k : k + size] for k in range(0, len(data), size)]
+
+
+def _geo(table: "Table") -> dict[str, Any]:
+    """GeoParquet 1.1 metadata."""
+    from pyproj import CRS
+
+    at = _on_map(table)
+    low, high = at.min(0), at.max(0)
+    column: dict[str, Any] = {"encoding": "WKB", "geometry_types": ["Point Z"], "bbox": [*low.tolist(), *high.tolist()]}
+    column["crs"] = CRS.from_user_input(checked_crs(table.about["crs"])).to_json_dict()
+    return {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
+
+
+def _tiff(table: "Table", path: Path, column: str) -> None:
+    raster = table.sensors.raster
+    assert raster is not None
+    import_extra("rasterio", ".tif", "gis")
+    import rasterio
+
+    names = _bands(table)
+    shape = {"width": raster.columns, "height": raster.rows, "count": len(names)}
+    place = rasterio.transform.from_origin(raster.west, raster.north, raster.spacing, raster.spacing)
+    options = {"driver": "GTiff", "dtype": "float32", "nodata": np.nan, "transform": place}
+    options |= {"compress": "deflate", "zlevel": 1}  # twice as fast as the default level, and 4 % larger
+    if table.about.get("crs"):
+        options["crs"] = checked_crs(table.about["crs"])  # as text, so that rasterio keeps the code of a compound CRS
+    with rasterio.MemoryFile() as memory:  # on a full disk, GDAL would print its own messages
+        with memory.open(**shape, **options) as file:
+            _fill(file, table, names)
+        with atomic_output(path) as temporary:
+            temporary.write_bytes(memory.read())
+    _write_style(table, path, column)
+
+
+def _bands(table: "Table") -> list[str]:
+    """The columns that a GeoTIFF holds, a band each."""
+    return [name for name, candidate in table.columns.items() if candidate.values.dtype.kind in "fiub"]
+
+
+def _fill(file: Any, table: "Table", names: list[str]) -> None:
+    """Write columns as the bands of an open GeoTIFF."""
+    for band, name in enumerate(names, 1):
+        file.write(table.sensors.on_raster(table[name]).astype(np.float32), band)
+        file.set_band_description(band, name)
+        file.set_band_unit(band, table.columns[name].unit or _NO_UNIT)
+    file.update_tags(antumbra=json.dumps(table.about))
+
+
+def _png(table: "Table", path: Path, column: str) -> None:
+    save_png(false_colours(table, column), path)
+
+
+def _glb(table: "Table", path: Path, column: str) -> None:
+    data = coloured_model(table, column)
+    with atomic_output(path) as temporary:
+        temporary.write_bytes(data)
+
+
+Writer: TypeAlias = "Callable[[Table, Path, str], None]"
+
+WRITERS: dict[str, Writer] = {
+    ".csv": _csv,
+    ".json": _json,
+    ".npz": _npz,
+    ".parquet": _parquet,
+    ".gpkg": _geopackage,
+    ".tif": _tiff,
+    ".png": _png,
+    ".glb": _glb,
+}
+"""Suffix -> writer(table, path, column)."""
+
+_EXTRA = {".parquet": ("pyarrow", "gis"), ".gpkg": ("pyogrio", "gis"), ".tif": ("rasterio", "gis")}
+
+
+def writer_of(path: str | os.PathLike[str], kind: str) -> Writer:
+    """The function that writes a table to this path; call it before long work begins, to check the path.
+
+    kind : the kind of the sensors
+
+    Raises
+    ------
+    InputError
+        If the suffix is unknown, the path cannot be written, a package is missing, or a GeoTIFF is requested for
+        sensors that form no raster.
+    """
+    target = checked_output(path, tuple(WRITERS))
+    suffix = target.suffix.lower()
+    if suffix == ".tif" and kind != "raster":
+        raise InputError(f"{target.name}: a GeoTIFF holds a raster, and the sensors are of kind {kind!r}; use .csv")
+    if suffix in _EXTRA:
+        package, extra = _EXTRA[suffix]
+        import_extra(package, suffix, extra)
+    return WRITERS[suffix]
+
+
+# --- Tables -----------------------------------------------------------------------------------------------------------
+
+
+class Column(NamedTuple):
+    """One value per sensor."""
+
+    values: np.ndarray  # (n,) float, int, bool, datetime64, or object for names
+    unit: str  # such as "h" or "kWh/m2"; empty: dimensionless
+    about: str  # one-line description
+
+
+@dataclass(eq=False)
+class Table:
+    """The results of a job, one row per sensor.
+
+    sensors : Sensors
+        One for each row.
+    columns : dict of str to Column
+        Pictures show the first one by default.
+    about : dict
+        Metadata of the job, in JSON types: "job", "timezone", settings, "length_unit", that of coordinates and lengths,
+        and "crs", the CRS of the scene or else of the raster file that defines the cells.
+    scene : Scene or None
+        The scene of the sensors; pictures need it.
+    camera : Camera or None
+        For pictures other than maps. None: one that shows the whole scene.
+    marks : (k, 3) float or None
+        World positions that pictures show as dots.
+    row_of_face : (faces,) int or None
+        For rows that stand for several faces, such as buildings: the row of each face, -1: none. Pictures and models
+        show its values on these faces.
+    """
+
+    sensors: Sensors
+    columns: dict[str, Column]
+    about: dict[str, Any] = field(default_factory=dict)
+    scene: AnyScene | None = None
+    camera: Camera | None = None
+    marks: np.ndarray | None = None
+    row_of_face: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        checked_instance(self.sensors, Sensors, "sensors")
+        if not isinstance(self.columns, dict) or not all(isinstance(name, str) for name in self.columns):
+            raise InputError(f"columns are {quoted(self.columns)}; they must be a dict of names to antumbra.Column")
+        for name, column in self.columns.items():
+            values = checked_instance(column, Column, f"column {name!r}").values
+            if not isinstance(values, np.ndarray) or values.shape != (len(self.sensors),):
+                raise InputError(f"column {name!r} must be an array of {len(self.sensors)} values, one for each sensor")
+        if not isinstance(self.about, dict):
+            raise InputError(f"about is {quoted(self.about)}; it must be a dict")
+        if self.scene is not None:
+            self.scene = scene_of(self.scene)
+            check_on_scene(self.sensors, self.scene)
+        if self.camera is not None:
+            checked_instance(self.camera, Camera, "camera")
+        self.marks = None if self.marks is None else points(self.marks, "marks")
+        raster = self.sensors.raster
+        if self.scene is not None:
+            self.about = {"length_unit": self.scene.unit.name, **self.about}
+        crs = (self.scene and self.scene.crs) or (raster and raster.crs)
+        if crs:
+            self.about = {"crs": crs, **self.about}
+
+    def __len__(self) -> int:
+        return len(self.sensors)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """The values of a column. Raises InputError with the names of all columns if there is none of this name."""
+        if not isinstance(name, str) or name not in self.columns:
+            names = ", ".join(self.columns)
+            raise InputError(f"there is no column {quoted(name)}; {spelling_hint(name, self.columns)}there are {names}")
+        return self.columns[name].values
+
+    def __repr__(self) -> str:
+        return f"Table({len(self)} rows: {', '.join(self.columns)})"
+
+    def save(self, path: str | os.PathLike[str], column: str | None = None) -> None:
+        """Write the table in the format of the suffix.
+
+        .csv, .json, .npz, .parquet and .gpkg hold all columns; .parquet is GeoParquet if the CRS is known, .gpkg a
+        layer of points. .png is a false-colour picture with a legend, .glb a model in the same colours, .tif a GeoTIFF
+        of a raster. .parquet, .gpkg and .tif need ``antumbra[gis]``.
+
+        Beside GeoParquet, GeoPackage and GeoTIFF, a .qml file is the style in which QGIS opens them: classes for yes
+        and no, else colours up to the greatest value. A style there that was saved by QGIS stays.
+
+        Parameters
+        ----------
+        path : str or path-like
+        column : str, optional
+            The column that a picture or model shows. None: the first one.
+
+        Raises
+        ------
+        InputError
+            If the suffix is unknown, the format cannot hold this table, or the path cannot be written.
+        """
+        writer_of(path, self.sensors.kind)(self, Path(path), self.shown(column))
+
+    def save_map(self, path: str | os.PathLike[str], column: str | None = None, *, title: str | None = None) -> None:
+        """Write a map sheet for a report: a page of A4 in PDF, SVG or PNG.
+
+        The map has north up, a scale bar in the unit of the scene, and an arrow to true north. Rasters are drawn as
+        maps, continuous quantities smoothly; faces and points are seen from above. The legend has classes for yes and
+        no, and otherwise ends at the greatest value. Beside it are the scene, the rule, the dates, the place, and the
+        areas. Needs ``antumbra[plot]``. The same table gives the same file.
+
+        Parameters
+        ----------
+        path : str or path-like
+            A .pdf, .svg or .png file.
+        column : str, optional
+            The column of the map. None: the first one.
+        title : str, optional
+            None: what the column holds.
+
+        Raises
+        ------
+        InputError
+            If the suffix or the column is unknown, the path cannot be written, or matplotlib is missing.
+        """
+        save_map(self, check_map(path), self.shown(column), checked_title(title))
+
+    def shown(self, column: str | None) -> str:
+        """The name of the column that a picture shows. Raises InputError if it is unknown or not numeric."""
+        if not self.columns:
+            raise InputError("the table has no columns; there is nothing to show")
+        name = next(iter(self.columns)) if column is None else column
+        if self[name].dtype.kind not in "fiub":
+            what = "names" if self[name].dtype.kind in "UO" else "times"
+            raise InputError(f"column {name!r} holds {what}, and a picture shows numbers; name another column")
+        return name
+
+    def of_faces(self, name: str) -> NDArray[np.float64]:
+        """(faces,) float64: the area-weighted mean of a column on each face; NaN for faces without a sensor.
+
+        Raises
+        ------
+        InputError
+            If the sensors do not lie on faces.
+        """
+        sensors, scene = self.sensors, self.scene
+        if self.row_of_face is not None:
+            return np.asarray(np.append(self[name].astype(np.float64), np.nan)[self.row_of_face])
+        if sensors.faces is None or scene is None or sensors.kind == "vertex":
+            raise InputError("values of faces need sensors on faces; use the sensors face or grid:SPACING")
+        on = sensors.faces >= 0
+        faces, areas = sensors.faces[on], np.ones(on.sum()) if sensors.areas is None else sensors.areas[on]
+        total = np.bincount(faces, areas, scene.n_triangles)
+        with np.errstate(invalid="ignore"):
+            return np.bincount(faces, areas * self[name][on], scene.n_triangles) / total
+
+    def rows(self) -> dict[str, np.ndarray]:
+        """Name -> (n,) values: the sensors' columns (x, y, z, nx, ny, nz, area, face), attributes, then the results.
+
+        An attribute whose name is that of another column gets ``_given`` after it.
+        """
+        sensors = self.sensors
+        columns = dict(zip("xyz", sensors.points.T))
+        if sensors.normals is not None:
+            columns |= dict(zip(("nx", "ny", "nz"), sensors.normals.T))
+        if sensors.areas is not None:
+            columns["area"] = sensors.areas
+        if sensors.faces is not None:
+            columns["face"] = sensors.faces
+        results = {name: column.values for name, column in self.columns.items()}
+        return with_attributes(columns, sensors.attributes, results)

@@ -1,0 +1,176 @@
+"""`view_factors`: view factors between the surfaces of a scene, by counting where exact rays arrive."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.checks import choice, whole_number
+from ...base.errors import InputError
+from ...base.progress import Progress, report_progress, with_progress
+from ...engine.measured_scenes import measured_scene
+from ...engine.paged_scene import PagedScene
+from ...engine.scene import AnyScene
+from ...engine.scene_loading import SceneLike
+from ...kernels.parallel import thread_count
+from ..sensors.point_checks import notes_on_faces, tell
+from ..sensors.surface_groups import Grouping, SurfaceGroups, surface_groups
+from .hemisphere_rays import REPLICATES, HemisphereRays
+from .view_factor_matrix import OUTSIDE, ViewFactors
+
+SIDES = "front", "back"
+"""Sides of faces: "front" is the side from which corners run counterclockwise."""
+
+MOST_SAMPLES = 1 << 22
+"""Maximum number of rays per surface."""
+
+_RAYS = 1 << 19  # rays at a time, if a surface does not have more
+
+
+@with_progress
+def view_factors(
+    scene: SceneLike, surfaces: Grouping = "surface", *, samples: int = 4096, side: str = "front", seed: int = 0,
+    time: float = 0.0, threads: int | None = None, progress: Progress = None,
+) -> ViewFactors:  # fmt: skip
+    """Find the view factors between the surfaces of a scene, with exact visibility.
+
+    F_ij is the share of the diffuse radiation leaving surface i that arrives at surface j, both directly and without
+    obstruction. Rays leave points on surface i, uniformly distributed, in directions distributed as the cosine. The
+    share of the rays whose closest hit is on surface j is an unbiased estimate of F_ij.
+
+    Parameters
+    ----------
+    scene : Scene, or anything that `antumbra.load` takes
+    surfaces : str or (faces,) int
+        "surface": semantic surfaces of a city model; otherwise the planar parts of objects, whose faces are joined by
+        edges. "face", "object", or "building": the outermost objects of a city model. Or a number for each face, which
+        is equal for the faces of a surface; -1: the face belongs to none, and only blocks.
+    samples : int
+        Rays per surface, from 64 to 4194304; rounded up to a power of two.
+    side : "front" or "back"
+        The side of the faces that radiates and receives. "front" is the side from which corners run counterclockwise:
+        the outer side of buildings. For a room whose faces point outwards, use "back".
+    seed : int
+        Of the random shifts of the sample points. The same seed gives the same result, with any number of threads.
+    time : float
+        Seconds.
+    threads : int, optional
+        None: all cores.
+    progress : function of (text, done, total), or bool, optional
+        Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
+
+    Returns
+    -------
+    ViewFactors
+        A sparse matrix with a row for each surface that has an area, standard errors, and shares of sky and ground.
+        Each row sums to exactly 1. In a closed room, `sky`, `ground` and `other` are 0.
+
+    Raises
+    ------
+    InputError
+        If an argument is invalid, no surface has an area, or the scene is in a store.
+
+    Warns
+    -----
+    UserWarning
+        If faces lie closely behind others that face the same way.
+
+    Notes
+    -----
+    A surface sees itself if it is not convex: its own factor F_ii is then positive. Alpha masks and panes block rays as
+    in `Scene.closest_hit`.
+    """
+    scene, threads = measured_scene(scene), thread_count(threads)
+    samples = 1 << (whole_number(samples, "samples", 64, MOST_SAMPLES) - 1).bit_length()
+    choice(side, "side", SIDES)
+    seed = whole_number(seed, "seed", 0, (1 << 63) - 1)
+    time = scene.clamped(time)
+    if isinstance(scene, PagedScene):
+        raise scene.refusal()
+    sign = -1.0 if side == "back" else 1.0
+    sampling = _Sampling.of(scene, surfaces, samples, side, seed, time)
+    warned = tell(notes_on_faces(scene, sign, time, threads))
+    n, counts = len(sampling.groups.names), list[_Counts]()
+    step = max(1, _RAYS // samples)
+    with report_progress(f"view factors: {n:,} surfaces x {samples:,} rays") as report:
+        for first in range(0, n, step):
+            counts.append(_counts(scene, sampling, first, min(first + step, n), time, threads))
+            report(min(first + step, n), n)
+    about = {"job": "view factors", "scene": scene.name, "samples": samples, "side": side, "seed": seed, "time": time}
+    about |= {"surfaces": surfaces if isinstance(surfaces, str) else "numbers", **warned}
+    return _result(sampling, counts, about, scene.unit.square_metres)
+
+
+class _Sampling(NamedTuple):
+    """The surfaces with an area, and their rays."""
+
+    groups: SurfaceGroups
+    rays: HemisphereRays
+    samples: int
+    side: str  # of `SIDES`
+
+    @classmethod
+    def of(cls, scene: AnyScene, surfaces: Grouping, samples: int, side: str, seed: int, time: float) -> "_Sampling":
+        groups, triangles = surface_groups(scene, surfaces), scene.triangles(time)
+        corners = triangles.vertices.astype(np.float64)
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        of_face = np.where((across != 0.0).any(1), groups.of_face, -1)
+        used, numbers = np.unique(of_face, return_inverse=True)
+        none = int(np.count_nonzero(used < 0))
+        if len(used) == none:
+            raise InputError(f"{scene.name}: no surface has an area, so there are no view factors; choose other faces")
+        names, types = ([values[k] for k in used[none:]] for values in (groups.names, groups.types))
+        of_face = (numbers - none).astype(np.int32)
+        rays = HemisphereRays(triangles, of_face, samples, -1.0 if side == "back" else 1.0, seed)
+        return cls(SurfaceGroups(names, types, of_face), rays, samples, side)
+
+
+class _Counts(NamedTuple):
+    """Numbers of rays that arrive, of some surfaces."""
+
+    row: NDArray[np.int64]  # (k,)
+    column: NDArray[np.int64]  # (k,), as in `ViewFactors.matrix`
+    rays: NDArray[np.int64]  # (k,)
+    error: NDArray[np.float64]  # (k,) standard error of `rays`
+
+
+def _counts(scene: AnyScene, sampling: _Sampling, first: int, last: int, time: float, threads: int) -> _Counts:
+    """Where the rays of the surfaces from `first` to `last` arrive."""
+    of_face, n = sampling.groups.of_face, len(sampling.groups.names)
+    origins, directions, faces = sampling.rays.of_groups(first, last)
+    hit = scene.closest_hit(origins, directions, skip_face=faces, time=time, threads=threads)
+    met = hit.mask
+    column = np.where(directions[:, "xyz".index(scene.up)] > 0.0, n, n + 1)
+    column[met] = n + 2
+    receives = met & (np.einsum("ij,ij->i", sampling.rays.normals[hit.face], directions) < 0.0)
+    arrivals = [(np.flatnonzero(receives), hit.face[receives])]
+    if sampling.side == "back":  # of coincident faces, the nearest hit is on one whose front faces the ray
+        rest = np.flatnonzero(met & ~receives)
+        ways, own, beyond = directions[rest], faces[rest], np.nextafter(hit.t[rest], np.inf)
+        backs = scene.closest_hit(origins[rest], ways, 0.0, beyond, own, time, cull_faces="front", threads=threads)
+        there = backs.t == hit.t[rest]
+        arrivals.append((rest[there], backs.face[there]))
+    for rays_there, face in arrivals:
+        column[rays_there] = np.where(of_face[face] >= 0, of_face[face], n + 2)
+    width, per_replicate = n + len(OUTSIDE), sampling.samples // REPLICATES
+    replicate = np.arange(len(column)) // per_replicate  # of all surfaces, in their order
+    keys, rays = np.unique(replicate * width + column, return_counts=True)
+    pairs = keys // width // REPLICATES * width + keys % width  # without the replicate
+    pairs, index = np.unique(pairs, return_inverse=True)
+    total = np.bincount(index, rays).astype(np.int64)
+    squares = np.bincount(index, rays.astype(np.float64) ** 2)
+    variance = np.maximum(squares - total**2 / REPLICATES, 0.0) / (REPLICATES - 1)
+    return _Counts(first + pairs // width, pairs % width, total, np.sqrt(REPLICATES * variance))
+
+
+def _result(sampling: _Sampling, counts: list[_Counts], about: dict[str, object], square: float) -> ViewFactors:
+    """The view factors; `square`: square metres per square unit."""
+    from scipy.sparse import csr_array
+
+    groups, samples = sampling.groups, sampling.samples
+    n = len(groups.names)
+    rows, columns, rays, errors = (np.concatenate([getattr(each, name) for each in counts]) for name in _Counts._fields)
+    starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))])
+    shape = n, n + len(OUTSIDE)
+    matrix, deviations = (csr_array((each / samples, columns, starts), shape=shape) for each in (rays, errors))
+    return ViewFactors(groups.names, groups.types, sampling.rays.areas * square, matrix, deviations, about)

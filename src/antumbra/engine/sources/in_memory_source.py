@@ -1,0 +1,344 @@
+"""Scenes in memory: all triangles are resident, and any plan can trace them.
+
+Ray lists begin with a GOOD tree at each time sample. It is replaced by a BEST one once the rays have lost as much time
+as that rebuild costs (the ski-rental rule), so the total loss is at most twice the minimum, however many rays follow.
+`AutoAccelerator` applies the same rule to images. When users move the geometry, the tree is refitted, and
+`refitted_rays` decides by the same rule when to start again with a GOOD one.
+"""
+
+import sys
+import threading
+from collections.abc import Iterator
+from time import perf_counter
+from typing import ClassVar, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.forks import is_stuck, renew_after_fork
+from ...base.progress import ProgressCallback
+from ...bvh.wide_bvh import widen
+from ...query.pixel_refinement import subpixel_rays
+from ...query.query_bounds import bounds
+from ...query.ray_list import RayArguments, TracedRays, changed_error, hit_arrays
+from ...query.shadow_query import Surfaces, surfaces_of
+from ...scene.camera import Camera, CameraRays, ExplicitRays
+from ...scene.scene_data import MemoryData
+from ...scene.triangles import AllHits, Triangles
+from ...trace.alpha_cutouts import CutoutTree, add_hits, without_holes
+from ...trace.rays.all_hits import INSIDE, RayHits, count_all, find_all, merge_triangles, unsigned
+from ...trace.rays.local_rays import local_rays
+from ...trace.rays.ray_batches import RayTracer
+from ...trace.rays.ray_hits import Nearest
+from ..accelerator import Accelerated, Accelerator, SceneTrees
+from ..auto.cost_model import BEST, GOOD, seconds_before_best
+from ..frame_tracer import FrameMemory
+from ..plan import DEFAULT_PLAN, Plan, parse_plan
+from ..precompilation import precompile
+from ..primary_visibility import (
+    AUTO,
+    RAYS,
+    PrimaryMethodChooser,
+    nearest_in,
+    primary_visibility,
+    subpixel_visibility,
+)
+from ..refitted_rays import RayTreeRefit
+
+# --- Ray lists --------------------------------------------------------------------------------------------------------
+
+
+RAY_PLANS = f"{GOOD}+wide", f"{BEST}+wide"
+"""The plan of the first rays at a time sample, and that of later ones."""
+
+
+class _RayTree(NamedTuple):
+    """The tree of a time sample."""
+
+    time: float
+    plan: Plan
+    upgrade_after: float  # seconds of tracing after which a better tree pays off
+    accelerated: Accelerated
+    tracer: RayTracer
+
+
+class RayLists:
+    """Traces the ray lists of a scene in memory. It is thread-safe.
+
+    spent : float
+        Seconds of all threads, spent on rays since the latest GOOD tree was built.
+    """
+
+    def __init__(self, data: MemoryData, trees: SceneTrees, threads: int):
+        self._data, self._trees, self._threads = data, trees, threads
+        self._ready: _RayTree | None = None
+        self._cutouts: tuple[CutoutTree, RayTracer] | None = None  # the latest cut-outs and their tracer
+        self._refit = RayTreeRefit(threads)
+        self._lock = threading.RLock()
+        self.spent = 0.0
+        renew_after_fork(self)
+
+    def _after_fork(self) -> None:
+        if is_stuck(self._lock):  # the tree that was being built is not in `_ready` yet
+            self._lock = threading.RLock()
+
+    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> TracedRays:
+        """The hits of rays at a time within 0 .. `duration`.
+
+        Raises
+        ------
+        InputError
+            If a ray is invalid: NaN, infinity, a zero direction, ...
+        """
+        ready = self._ready_at(time, rays)
+        out, start = hit_arrays(rays.n, any_hit), perf_counter()
+        valid = ready.tracer.trace(rays, any_hit, out, threads)
+        self._count(start, threads)
+        if not valid:
+            _of_valid(rays, None)
+        if ready.accelerated.cutouts is not None:
+            add_hits(ready.accelerated.cutouts, rays.arrays(), rays.cull_faces, any_hit, out, threads)
+        return TracedRays(out, ready.accelerated.triangles)
+
+    def _count(self, start: float, threads: int | None) -> None:
+        """Count the computing time of rays, traced since `start`."""
+        seconds = (perf_counter() - start) * (threads or self._threads)
+        self.spent += seconds
+        self._refit.add(seconds)
+
+    def all_hits(
+        self, rays: RayArguments, max_hits: int | None, rule: int, time: float, threads: int | None = None
+    ) -> AllHits:
+        """All hits of rays, or the first `max_hits` of each; `rule`: TRIANGLES or SURFACES."""
+        precompile("all hits")
+        ready, start = self._ready_at(time, rays), perf_counter()
+        hits = _of_valid(rays, find_all(ready.tracer, rays, max_hits, rule, threads))
+        self._count(start, threads)
+        cutouts = ready.accelerated.cutouts
+        if cutouts is None:
+            return unsigned(hits)
+        on_cutouts = _of_valid(rays, find_all(self._tracer_of(cutouts), rays, None, rule, threads))
+        on_cutouts = without_holes(cutouts, local_rays(rays.arrays(), rays.cull_faces), on_cutouts, threads)
+        every_ray = np.arange(rays.n)
+        return merge_triangles([RayHits(every_ray, hits), RayHits(every_ray, on_cutouts)], rays.n, max_hits)
+
+    def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
+        """(n,) int64: the number of hits of each ray, by a rule of `trace.rays.all_hits`. INSIDE sees no holes."""
+        precompile("all hits")
+        ready, start = self._ready_at(time, rays), perf_counter()
+        counts = _of_valid(rays, count_all(ready.tracer, rays, rule, threads))
+        self._count(start, threads)
+        cutouts = ready.accelerated.cutouts
+        if cutouts is None:
+            return counts
+        if rule == INSIDE:
+            return counts + _of_valid(rays, count_all(self._tracer_of(cutouts), rays, rule, threads))
+        on_cutouts = _of_valid(rays, find_all(self._tracer_of(cutouts), rays, None, rule, threads))
+        arguments = local_rays(rays.arrays(), rays.cull_faces)
+        return counts + without_holes(cutouts, arguments, on_cutouts, threads).counts
+
+    def _tracer_of(self, cutouts: CutoutTree) -> RayTracer:
+        """A tracer of the cut-outs, which is cached. Its hits include holes."""
+        cached = self._cutouts
+        if cached is None or cached[0] is not cutouts:
+            cached = self._cutouts = cutouts, RayTracer(widen(cutouts.bvh, self._threads))
+        return cached[1]
+
+    @property
+    def plan(self) -> Plan | None:
+        """The plan of the latest rays."""
+        return None if self._ready is None else self._ready.plan
+
+    def _ready_at(self, time: float, rays: RayArguments) -> _RayTree:
+        """The tree for rays at a time."""
+        ready = self._ready
+        if ready is None or not self._is_current(ready, time):
+            return self._make_ready(time, rays)
+        return ready if self.spent <= ready.upgrade_after else self._upgraded(ready, rays)
+
+    def _upgraded(self, ready: _RayTree, rays: RayArguments) -> _RayTree:
+        """The better tree; or this one while another thread builds the better one, so that only one call waits."""
+        if not self._lock.acquire(blocking=False):
+            return ready
+        try:
+            return self._make_ready(ready.time, rays)
+        finally:
+            self._lock.release()
+
+    def _is_current(self, ready: _RayTree, time: float) -> bool:
+        """Whether a tree is of this time, and no update has moved its triangles."""
+        moved = self._data.moved
+        return ready.time == time and (moved is None or moved is ready.accelerated.triangles)
+
+    def _make_ready(self, time: float, rays: RayArguments) -> _RayTree:
+        with self._lock:
+            ready = self._ready
+            begins = ready is None or ready.time != time
+            if ready is not None and not (begins or self._is_current(ready, time) or self.spent > ready.upgrade_after):
+                refitted = self._refitted(ready, rays.n)
+                if refitted is not None:
+                    self._ready = refitted
+                    return refitted
+                begins = True
+            if ready is None or begins:
+                precompile("ray queries")
+                self.spent, plan = 0.0, parse_plan(RAY_PLANS[0])
+            elif self.spent > ready.upgrade_after:
+                precompile("best tree")
+                self._trees.evict(ready.plan)
+                plan = parse_plan(RAY_PLANS[1])
+            else:  # another thread has built it
+                return ready
+            accelerated = self._trees.of(Accelerator(plan, self._threads), time)
+            upgrade_after = seconds_before_best(self._data.n_triangles) if str(plan) == RAY_PLANS[0] else np.inf
+            self._ready = _RayTree(time, plan, upgrade_after, accelerated, RayTracer(accelerated.prepared))
+            self._refit.begin()
+            return self._ready
+
+    def _refitted(self, ready: _RayTree, rays: int) -> _RayTree | None:
+        """The tree with the triangles of the latest update; None if another one must be built."""
+        accelerator = Accelerator(ready.plan, self._threads)
+        triangles = self._trees.triangles(ready.time, self._threads)
+        accelerated = self._refit.refit(accelerator, ready.accelerated, triangles, rays)
+        if accelerated is None:
+            return None
+        self._trees.add(ready.plan, accelerated)
+        return ready._replace(accelerated=accelerated, tracer=RayTracer(accelerated.prepared))
+
+
+_T = TypeVar("_T")
+
+
+def _of_valid(rays: RayArguments, result: _T | None) -> _T:
+    """The result of tracing rays. Raises the InputError of the first invalid ray if it is None."""
+    if result is None:
+        rays.arrays().check()
+        raise changed_error()
+    return result
+
+
+# --- Scenes in memory -------------------------------------------------------------------------------------------------
+
+
+class InMemory:
+    """A scene whose triangles are in memory; `RenderSource` documents the methods.
+
+    Parameters
+    ----------
+    data : MemoryData
+    accelerator : Accelerator
+        Holds the plan and builds its trees.
+    trees : SceneTrees
+        Shared with other engines of the scene.
+    gbuffer : "raster", "rays" or "auto"
+        The method of primary visibility; "auto": the faster one, see `primary_visibility`.
+    """
+
+    default_plan: ClassVar[str] = DEFAULT_PLAN
+    in_store: ClassVar[bool] = False
+    looks: ClassVar[int] = 0
+
+    def __init__(self, data: MemoryData, accelerator: Accelerator, trees: SceneTrees, gbuffer: str = AUTO):
+        self.scene, self.gbuffer, self._method_chooser, self._trees = data, gbuffer, PrimaryMethodChooser(), trees
+        self._accelerator, self.threads = accelerator, accelerator.threads
+        self._box: tuple[Triangles, np.ndarray] | None = None  # the latest triangles and their bounds
+        self.ray_lists = RayLists(data, trees, self.threads)
+        self._last: Accelerated | None = None  # the tree of earlier frames, if later frames can reuse it
+
+    def warm_up(self) -> None:
+        if self.scene.cutouts is not None:
+            precompile("cut-outs")
+
+    def begin(self, memory: FrameMemory) -> None:
+        pass
+
+    def release(self) -> None:
+        pass
+
+    def together(self, size: int) -> int:
+        return 1
+
+    def at_once(self, size: int) -> int:
+        return sys.maxsize
+
+    def moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
+        triangles, last = self._trees.triangles(time, self.threads), self._last
+        if last is None or last.triangles is not triangles or self._accelerator.needs_rebuild(last):
+            self._last = None
+            return triangles, None
+        return triangles, last
+
+    def for_points(self, time: float) -> tuple[Triangles, Accelerated | None]:
+        plan = self._accelerator.plan
+        if plan.cull or plan.wants_rays:
+            return self._trees.triangles(time, self.threads), None
+        if self._accelerator.culls:
+            cached = self._trees.cached(self._accelerator, time)
+            return (self._trees.triangles(time, self.threads), None) if cached is None else (cached.triangles, cached)
+        ready = self._trees.of(self._accelerator, time)
+        return ready.triangles, ready
+
+    def keep_for_points(self, accelerated: Accelerated) -> None:
+        if not (accelerated.partial or self._accelerator.plan.wants_rays):
+            self._trees.add(self._accelerator.plan, accelerated)
+
+    def keep(self, accelerated: Accelerated) -> None:
+        """Cache the tree if its tracer has state across frames, and later frames use the same triangles and tree."""
+        plan = self._accelerator.plan
+        if plan.tracer.keeps and not (self.scene.animated or accelerated.partial or plan.wants_rays):
+            self._last = accelerated
+
+    def bands(self, height: int) -> Iterator[slice]:
+        yield slice(0, height)
+
+    def look(
+        self,
+        camera: Camera,
+        triangles: Triangles,
+        tree: Accelerated | None,
+        progress: ProgressCallback | None = None,
+        rows: slice | None = None,
+    ) -> Surfaces:
+        """The surfaces visible to a camera; `progress` and `rows` are not used."""
+        cutouts = self._accelerator.cutouts_of(triangles)
+
+        def surfaces(by_rays: bool) -> Surfaces:
+            gbuffer = primary_visibility(triangles, camera, tree if by_rays else None, self.threads, cutouts)
+            return surfaces_of(gbuffer, triangles)
+
+        if camera.listed or self.gbuffer != AUTO:
+            return surfaces(camera.listed or self.gbuffer == RAYS)
+        method = self._method_chooser.choose(tree)
+        return self._method_chooser.timed(method, camera.width * camera.height, lambda: surfaces(method == RAYS))
+
+    def nearest_in(self, tree: Accelerated) -> Nearest:
+        return nearest_in(tree, self.threads)
+
+    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> TracedRays:
+        return self.ray_lists.trace_rays(rays, any_hit, time, threads)
+
+    def all_hits(
+        self, rays: RayArguments, max_hits: int | None, rule: int, time: float, threads: int | None = None
+    ) -> AllHits:
+        return self.ray_lists.all_hits(rays, max_hits, rule, time, threads)
+
+    def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
+        return self.ray_lists.count_hits(rays, rule, time, threads)
+
+    def subpixels(
+        self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, tree: Accelerated | None
+    ) -> Surfaces:
+        if isinstance(view, ExplicitRays):
+            assert tree is not None
+            rays, shape = subpixel_rays(view, edge, self.threads)
+            return next(self.nearest_in(tree)([rays], shape))
+        cutouts = self._accelerator.cutouts_of(triangles)
+        return surfaces_of(subpixel_visibility(triangles, view, edge, self.threads, cutouts), triangles)
+
+    def box(self, triangles: Triangles) -> np.ndarray:
+        if self._box is None or self._box[0] is not triangles:
+            self._box = triangles, np.stack(bounds(triangles.vertices, self.threads))
+        return self._box[1]
+
+    def paging(self) -> None:
+        return None

@@ -1,0 +1,246 @@
+"""Scenes of instances: rays traverse the trees of meshes, and the triangles of copies are placed where rays meet them.
+
+The plan ``wide`` traces instances, with any builder and optimiser. Other plans need all triangles at once, so an engine
+with such a plan flattens the scene.
+"""
+
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import ClassVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.forks import is_stuck, renew_after_fork
+from ...base.progress import ProgressCallback
+from ...bvh.instance_trees import InstanceTrees
+from ...query.gbuffer import from_hits
+from ...query.pixel_refinement import subpixel_rays
+from ...query.ray_list import (
+    HitArrays,
+    RayArguments,
+    RayArrays,
+    TracedRays,
+    changed_error,
+    hit_arrays,
+    rays_in_frame,
+)
+from ...query.ray_passes import RayPass, camera_pass, rays_through
+from ...query.shadow_query import Surfaces
+from ...scene.camera import Camera, CameraRays, ExplicitRays
+from ...scene.instance_data import InstanceData
+from ...scene.scene_bounds import flush_to_zero
+from ...scene.triangles import AllHits, Triangles
+from ...trace.rays.instance_batches import trace_list
+from ...trace.rays.instance_rays import InstanceForest, count_all, find_all
+from ...trace.rays.ray_hits import Nearest, hit_surfaces
+from ..accelerator import Accelerated, Accelerator, SceneTrees
+from ..frame_tracer import FrameMemory
+from ..plan import Plan
+from ..precompilation import precompile
+from ..primary_visibility import RAYS
+from ..tree_choice import new_tree
+
+# --- Trees that engines share -----------------------------------------------------------------------------------------
+
+
+def traces_instances(plan: Plan) -> bool:
+    """Whether a plan traces instances without flattening them."""
+    return plan.trace == "wide" and not (plan.cull or plan.update or plan.wants_rays)
+
+
+class SharedInstances:
+    """The trees of a scene of instances, and those of its flattened triangles, shared by engines. It is thread-safe."""
+
+    def __init__(self, data: InstanceData):
+        self._data, self._lock = data, threading.RLock()
+        self.clear()
+        renew_after_fork(self)
+
+    def clear(self) -> None:
+        """Drop all trees. Other threads must not use them meanwhile."""
+        self._trees: dict[object, InstanceTrees] = {}  # by `Plan.tree`
+        self._flat: SceneTrees | None = None
+
+    def _after_fork(self) -> None:
+        if is_stuck(self._lock):
+            self._lock = threading.RLock()
+            self.clear()
+
+    def trees(self, accelerator: Accelerator) -> InstanceTrees:
+        """The trees by a plan that traces instances."""
+        with self._lock:
+            key = accelerator.plan.tree
+            if key not in self._trees:
+                self._trees[key] = InstanceTrees(self._data, partial(new_tree, accelerator.choice), accelerator.threads)
+            return self._trees[key]
+
+    def flat(self) -> SceneTrees:
+        """The trees of the flattened scene.
+
+        Raises
+        ------
+        InputError
+            If the copies take more memory than the machine has.
+        """
+        with self._lock:
+            if self._flat is None:
+                self._flat = SceneTrees(self._data.flattened())
+            return self._flat
+
+
+# --- The render source ------------------------------------------------------------------------------------------------
+
+
+_NOTHING = Triangles(np.zeros((1, 3, 3), np.float32), np.zeros(3), np.zeros(1, np.int32), np.zeros((1, 3), np.float32))
+
+
+class Instanced:
+    """A scene of instances; `RenderSource` documents the methods.
+
+    Parameters
+    ----------
+    data : InstanceData
+    accelerator : Accelerator
+        Holds a plan that `traces_instances`.
+    shared : SharedInstances
+        Shared with other engines of the scene.
+    """
+
+    default_plan: ClassVar[str] = "bsah+wide"
+    in_store: ClassVar[bool] = False
+    looks: ClassVar[int] = 0
+    gbuffer = RAYS
+
+    def __init__(self, data: InstanceData, accelerator: Accelerator, shared: SharedInstances):
+        self.scene, self.threads = data, accelerator.threads
+        self._accelerator, self._shared = accelerator, shared
+        self._empty = _NOTHING._replace(
+            origin=data.origin.copy()
+        )  # never empty, since kernels may read the first entry
+
+    def warm_up(self) -> None:
+        precompile("instances")
+
+    def begin(self, memory: FrameMemory) -> None:
+        pass
+
+    def release(self) -> None:
+        pass
+
+    def together(self, size: int) -> int:
+        return 1
+
+    def at_once(self, size: int) -> int:
+        return sys.maxsize
+
+    @property
+    def trees(self) -> InstanceTrees:
+        """The trees of the engine's plan."""
+        return self._shared.trees(self._accelerator)
+
+    def moment(self, time: float) -> tuple[Triangles, Accelerated]:
+        return self._empty, Accelerated(self._empty, None, InstanceForest(self.trees.arrays))
+
+    for_points = moment
+
+    def keep(self, accelerated: Accelerated) -> None:
+        pass
+
+    keep_for_points = keep
+
+    def bands(self, height: int) -> Iterator[slice]:
+        yield slice(0, height)
+
+    def look(
+        self,
+        camera: Camera,
+        triangles: Triangles | None = None,
+        tree: Accelerated | None = None,
+        progress: ProgressCallback | None = None,
+        rows: slice | None = None,
+    ) -> Surfaces:
+        """The surfaces visible to a camera; the other parameters but `rows` are not used."""
+        rows = rows or slice(0, camera.height)
+        shape = rows.stop - rows.start, camera.width
+        if camera.listed:
+            return next(self.nearest([camera_pass(cast(ExplicitRays, camera.view(self.scene.origin)), rows)], shape))
+        rays, mask = camera.rays(self.scene.origin), np.zeros((camera.height, camera.width), np.bool_)
+        mask[rows] = True
+        hits = self._hits(rays_through(rays, mask, self.threads))
+        visible, face = self._visible(hits.face.reshape(shape))
+        gbuffer = from_hits(face, hits.t.reshape(shape), visible, rays, self.threads, rows.start)
+        return Surfaces(gbuffer, visible, hits.face.reshape(shape), self.box(visible))
+
+    def _hits(self, rays: RayPass) -> HitArrays:
+        """The nearest hits of a pass. Rays of length 0, which stand for pixels without a ray, miss."""
+        moving = np.asarray(rays.directions.any(1))
+        arguments = rays_in_frame(rays if moving.all() else RayPass(*(array[moving] for array in rays)))
+        out = hit_arrays(arguments.n, False)
+        valid = trace_list(self.trees, arguments, False, out, self.threads)
+        assert valid, "rays of pictures are finite"
+        if moving.all():
+            return out
+        face, t = np.full(len(moving), -1, np.int32), np.full(len(moving), np.inf)
+        face[moving], t[moving] = out.face, out.t
+        return out._replace(face=face, t=t)
+
+    def _visible(self, faces: NDArray[np.int32]) -> tuple[Triangles, NDArray[np.int32]]:
+        """The triangles of faces, (...) int32, each once; and the index of each face's triangle, or -1."""
+        ids = np.unique(faces)
+        ids = ids[ids >= 0]
+        if not len(ids):
+            return self._empty, np.full(faces.shape, -1, np.int32)
+        index = np.where(faces >= 0, np.searchsorted(ids, faces), -1).astype(np.int32)
+        return self.scene.some_triangles(ids), index
+
+    def nearest_in(self, tree: Accelerated) -> Nearest:
+        return self.nearest
+
+    def nearest(self, passes: Sequence[RayPass], shape: tuple[int, int]) -> Iterator[Surfaces]:
+        """The first surfaces hit by each of several passes of rays; `shape`: (H, W) of the image."""
+        for rays in passes:
+            hits = self._hits(rays)
+            visible, face = self._visible(hits.face)
+            gbuffer = hit_surfaces(rays, face, hits.t, shape, visible, self.threads)
+            yield Surfaces(gbuffer, visible, hits.face.reshape(shape), self.box(visible))
+
+    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> TracedRays:
+        self.warm_up()
+        out = hit_arrays(rays.n, any_hit)
+        if not trace_list(self.trees, rays, any_hit, out, threads or self.threads):
+            rays.arrays().check()
+            raise changed_error()
+        return TracedRays(out, None)
+
+    def all_hits(
+        self, rays: RayArguments, max_hits: int | None, rule: int, time: float, threads: int | None = None
+    ) -> AllHits:
+        return find_all(self.trees, self._checked(rays), rays.cull_faces, rule, max_hits, threads or self.threads)
+
+    def count_hits(self, rays: RayArguments, rule: int, time: float, threads: int | None = None) -> NDArray[np.int64]:
+        return count_all(self.trees, self._checked(rays), rays.cull_faces, rule, threads or self.threads)
+
+    def _checked(self, rays: RayArguments) -> RayArrays:
+        """The rays as arrays. Raises InputError for the first invalid one; compiles kernels."""
+        self.warm_up()
+        arrays = rays.arrays()
+        arrays.check()
+        return arrays
+
+    def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
+        return self._visible(face)
+
+    def subpixels(
+        self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, tree: Accelerated | None = None
+    ) -> Surfaces:
+        rays, shape = subpixel_rays(view, edge, self.threads)
+        return next(self.nearest([rays], shape))
+
+    def box(self, triangles: Triangles) -> np.ndarray:
+        return flush_to_zero((self.scene.bounds - self.scene.origin).astype(np.float32))
+
+    def paging(self) -> None:
+        return None

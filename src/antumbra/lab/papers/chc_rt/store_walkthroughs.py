@@ -1,0 +1,328 @@
+"""Measures walkthroughs out of core [Mattausch et al. 2015, Sec. 5.4, Tables 2 to 4], and paths of several bounces.
+
+Only part of the triangles is in memory. The eviction policies run one after the other, because each may fill the
+memory. Before each walkthrough, the store's pages are dropped from the cache of the operating system; while it runs,
+the system may cache pages that are read twice.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import islice
+from math import inf
+from pathlib import Path
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from ....base.errors import InputError
+from ....bvh.nodes import Bvh
+from ....engine.paged_scene import PagedScene
+from ....engine.precompilation import precompile, precompile_plan
+from ....engine.sources.paged_source import RESERVED, Paged
+from ....picture.frame_request import PASS_BYTES, Request, frame_memory
+from ....picture.render_options import RenderOptions
+from ....picture.renderer import Renderer
+from ....query.light_samples import light_samples
+from ....query.ray_passes import RayPass, diffuse_passes, diffuse_rays
+from ....query.shadow_query import Surfaces, surface_queries
+from ....scene.camera import Camera
+from ....scene.lights import AmbientOcclusion
+from ....store.store_file import Store
+from ....store.system_resources import drop_cached_pages, release_freed, resident_memory, storage_bytes
+from ....techniques.chcrt.chc_rt import ChcRtState
+from ....trace.rays import ray_hits
+from ..bench_runner import Say
+from ..benchmark_views import digest
+from ..published_methods import THRESHOLDS, tracer_name
+from . import mapped_tree
+from .mapped_tree import map_tree
+from .walkthrough_timing import (
+    CHCRT,
+    Pace,
+    Turn,
+    begin,
+    colour_bleeding,
+    error_of,
+    options_of,
+    statistics_counter,
+)
+from .walkthroughs import (
+    DIFFUSE,
+    KINDS,
+    PASSES,
+    SAMPLER,
+    SPP,
+    Answer,
+    Culling,
+    FrameRays,
+    Plain,
+    Walk,
+    WalkPlace,
+    frame_rays,
+    timed,
+)
+
+# --- A store with a memory limit --------------------------------------------------------------------------------------
+
+
+Digests = list[tuple[str, bytes]]
+"""(query, digest) of all answers, for `papers.benchmark_views.agree`."""
+
+
+class StoreCase(NamedTuple):
+    """A scene in a store, and its memory limit."""
+
+    place: WalkPlace
+    threads: int
+    max_memory: int | None = None  # limit in bytes on the process; None: the default
+    share: float | None = (
+        None  # instead: about this share of the chunks in memory, apart from the rays, as in the paper
+    )
+
+    @property
+    def store(self) -> Store:
+        """The store; InputError if the scene is in memory."""
+        if not isinstance(self.place.scene, PagedScene):
+            raise InputError(f"{self.place.name}: not a store; use --scene instead of --store")
+        return self.place.scene.store
+
+    def begin(self, paged: Paged, camera: Camera) -> None:
+        """Begin a frame of the store."""
+        memory = frame_memory(_request(self.place, camera))
+        if self.share is None:
+            paged.begin(memory)
+            return
+        residency, whole = paged.residency, sum(map(paged.residency.max_bytes, range(len(self.store))))
+        chunks = max(int(self.share * whole), residency.min_budget())
+        release_freed()
+        others = resident_memory() - residency.held + memory.fixed + RESERVED
+        paged.max_memory = others + 2 * (chunks + memory.passes + memory.cells)
+        paged.begin(memory)
+        residency.budget = chunks
+        residency.trim()
+
+
+@contextmanager
+def opened(case: StoreCase) -> Iterator[Paged]:
+    """The store of a scene, with no chunk in memory, nor in the cache of the operating system."""
+    drop_cached_pages(case.store.path)
+    renderer = Renderer(case.place.scene, None, case.threads, max_memory=case.max_memory)
+    precompile_plan(renderer.plan, "rays")
+    precompile("light that bounces (rays)")
+    paged = renderer.source
+    assert isinstance(paged, Paged)
+    scheduled = paged.accelerated.prepared
+    scheduled.options = scheduled.options._replace(tile=options_of(case.place).tile)
+    try:
+        yield paged
+    finally:
+        paged.residency.close()
+
+
+def _request(place: WalkPlace, camera: Camera) -> Request:
+    """A frame request with the benchmark's rays."""
+    lights = [AmbientOcclusion(place.reach), place.light]
+    samples = [light_samples(lights[0], PASSES, SAMPLER), light_samples(lights[1], SPP)]
+    return Request(camera, lights, RenderOptions(), samples, passes=diffuse_passes([place.light], PASSES, SAMPLER))
+
+
+def _moved(before: NamedTuple, paged: Paged) -> dict[str, int]:
+    """The paging counts since `before`."""
+    after = paged.residency.paging
+    return {name: b - a for name, a, b in zip(after._fields, before, after)}
+
+
+# --- All ray kinds ----------------------------------------------------------------------------------------------------
+
+
+def out_of_core(case: StoreCase, pace: Pace, policies: Sequence[str], say: Say) -> Iterator[tuple[list[Turn], Digests]]:
+    """Yield (turns, digests) of each walkthrough under each eviction policy, the `method` of its turns."""
+    for walk in case.place.walks:
+        for policy in policies:
+            with opened(case) as paged:
+                paged.residency.policy = policy
+                result = walk_through_store(case, walk, paged, policy, pace, say)
+            yield result
+
+
+def walk_through_store(
+    case: StoreCase, walk: Walk, paged: Paged, name: str, pace: Pace, say: Say
+) -> tuple[list[Turn], Digests]:
+    """(turns of all ray kinds, digests of their answers) of a walkthrough; `name` is the `method` of the turns."""
+    place, threads = case.place, case.threads
+    method = Culling(name, paged.accelerated.prepared, threads)
+    turns: list[Turn] = []
+    digests: Digests = []
+    for frame, camera in pace.along(walk, f"{place.name}, {walk.name}, {name}", say):
+        rays: FrameRays | None = None
+        case.begin(paged, camera)
+        method.together = paged.together(PASS_BYTES * camera.width * camera.height)
+        begin([method])
+        for kind in KINDS:
+            before, statistics = paged.residency.paging, statistics_counter(method)
+            if rays is None:  # camera rays are timed with making the surfaces, whose triangles are in the chunks
+                began = perf_counter()
+                surfaces = paged.look(camera)
+                seconds = perf_counter() - began
+                answers: list[Answer] = [(surfaces.ids, surfaces.gbuffer.depth)]
+                rays = frame_rays(place, camera, surfaces, SAMPLER, threads)
+            else:
+                seconds, answers = timed(method, rays, kind)
+            moved = _moved(before, paged)
+            query = f"{walk.name}, {frame}, {kind}"
+            digests += [(query, digest(a for answer in answers for a in answer)), _hits_digest(query, answers)]
+            where = place.name, walk.name, SAMPLER, kind, name, frame
+            turns.append(Turn(*where, rays.rays(kind), seconds, {**statistics(), **moved}, 0))
+    return turns, digests
+
+
+def _hits_digest(query: str, answers: Sequence[Answer]) -> tuple[str, bytes]:
+    """The digest of the blocked segments or of the triangles that rays hit."""
+    return f"{query}, hits", digest(answer[0] for answer in answers)
+
+
+def map_through(case: StoreCase, folder: Path, pace: Pace, say: Say) -> Iterator[tuple[list[Turn], Digests]]:
+    """Yield (turns, digests) of each walkthrough by the ordinary tracer in a memory-mapped tree; see `mapped_tree`.
+
+    folder : of the tree's files
+    pace : its time limit does not apply
+    """
+    name, pace = mapped_tree.NAME, pace._replace(limit=inf)
+    with opened(StoreCase(case.place, case.threads)) as paged:  # makes the surfaces that rays start from
+        for walk in case.place.walks:
+            tree, turns, digests = map_tree(folder), list[Turn](), Digests()
+            method = Plain(mapped_tree.TRACER, *tree, case.threads)
+            for frame, camera in pace.along(walk, f"{case.place.name}, {walk.name}, {name}", say):
+                paged.begin(frame_memory(_request(case.place, camera)))
+                rays = frame_rays(case.place, camera, paged.look(camera), SAMPLER, case.threads)
+                for kind in KINDS:
+                    before = storage_bytes()
+                    seconds, answers = timed(method, rays, kind)
+                    read = {} if before is None else {"bytes": (storage_bytes() or 0) - before}
+                    digests.append(_hits_digest(f"{walk.name}, {frame}, {kind}", answers))
+                    where = case.place.name, walk.name, SAMPLER, kind, name, frame
+                    turns.append(Turn(*where, rays.rays(kind), seconds, dict[str, float](read), 0))
+            yield turns, digests
+
+
+# --- Aggressive mode --------------------------------------------------------------------------------------------------
+
+
+def aggressive_out_of_core(case: StoreCase, pace: Pace, say: Say) -> Iterator[list[Turn]]:
+    """Measure Table 4 out of core, where it matters most: aggressive diffuse rays after exact camera rays."""
+    for walk in case.place.walks:
+        pictures: list[np.ndarray] = []
+        for threshold in THRESHOLDS:
+            with opened(case) as paged:
+                turns = _bleed_through(case, walk, paged, threshold, pictures, pace, say)
+            yield turns
+
+
+def _bleed_through(
+    case: StoreCase, walk: Walk, paged: Paged, threshold: int, pictures: list[np.ndarray], pace: Pace, say: Say
+) -> list[Turn]:
+    """The turns of one threshold.
+
+    Threshold 0 appends its picture of each frame to `pictures`; the other thresholds are compared with these.
+    """
+    place, threads, exact = case.place, case.threads, paged.accelerated.prepared
+    by = ChcRtState(exact.parts, exact.options._replace(threshold=threshold))
+    name = tracer_name(threshold)
+    camera_method, method = Culling(CHCRT, exact, threads), Culling(name, by, threads)
+    turns: list[Turn] = []
+    pace = pace._replace(limit=inf) if threshold else pace.shorter()
+    frames = pace.along(walk, f"{place.name}, {walk.name}, {name}", say)
+    for frame, camera in islice(frames, len(pictures) if threshold else None):
+        case.begin(paged, camera)
+        begin([camera_method, method])
+        surfaces = paged.look(camera)
+        rays = frame_rays(place, camera, surfaces, SAMPLER, threads)
+        by.room = exact.room
+        before, statistics, seconds, hit_colours = paged.residency.paging, statistics_counter(method), 0.0, []
+        passes, each = list(rays.diffuse()), PASS_BYTES * camera.width * camera.height
+        for first in range(0, len(passes), n := paged.together(each)):
+            began = perf_counter()
+            for hits in paged.nearest(passes[first : first + n], rays.shape, by):
+                seconds += perf_counter() - began
+                hit_colours.append((hits.triangles.colour, hits.gbuffer.face))
+                began = perf_counter()
+        moved = _moved(before, paged)
+        picture = colour_bleeding(surfaces, hit_colours)
+        pictures += [] if threshold else [picture]
+        error = error_of(pictures[frame], picture) if threshold else None
+        where = place.name, walk.name, SAMPLER, DIFFUSE, name, frame
+        turns.append(Turn(*where, rays.rays(DIFFUSE), seconds, {**statistics(), **moved}, 0, error))
+        del surfaces, rays, passes, hit_colours, hits  # free their memory for the next frame
+    return turns
+
+
+# --- Several bounces --------------------------------------------------------------------------------------------------
+
+
+BOUNCES, PATHS = 3, 4
+"""Bounces after the camera ray, and paths per pixel."""
+
+
+def bounce_kind(bounce: int) -> str:
+    """The `kind` of the turns of a bounce; 0: camera rays."""
+    return f"bounce {bounce}" if bounce else "camera"
+
+
+def bounce_through(case: StoreCase, bvh: Bvh | None, pace: Pace, say: Say) -> Iterator[list[Turn]]:
+    """Yield the turns of each walkthrough: diffuse paths of several bounces, all paths of a bounce traced together.
+
+    bvh : the whole tree; the ordinary tracer traces the same rays in it, and `differs` counts other hits
+    """
+    place, threads = case.place, case.threads
+    for walk in place.walks:
+        with opened(case) as paged:
+            method, turns = Culling(CHCRT, paged.accelerated.prepared, threads), list[Turn]()
+            for frame, camera in pace.shorter().along(walk, f"{place.name}, {walk.name}, bounces", say):
+                case.begin(paged, camera)
+                begin([method])
+                ends: list[Surfaces] = []
+                for bounce in range(BOUNCES + 1):
+                    rays = _bounce_rays(place, bounce, ends, threads)
+                    before, statistics, began = paged.residency.paging, statistics_counter(method), perf_counter()
+                    if bounce == 0:
+                        ends = [paged.look(camera)]
+                    else:
+                        ends = list(paged.nearest(rays, (camera.height, camera.width)))
+                    seconds, moved = perf_counter() - began, _moved(before, paged)
+                    n = sum(int((r.directions != 0).any(1).sum()) for r in rays) or camera.width * camera.height
+                    differs = 0 if bvh is None else sum(_other_hits(bvh, *each, threads) for each in zip(rays, ends))
+                    where = place.name, walk.name, SAMPLER, bounce_kind(bounce), CHCRT, frame
+                    turns.append(Turn(*where, n, seconds, {**statistics(), **moved}, differs))
+                del rays, ends  # free their memory for the next frame
+        yield turns
+
+
+def _bounce_rays(place: WalkPlace, bounce: int, ends: Sequence[Surfaces], threads: int) -> list[RayPass]:
+    """A diffuse ray of each path from the surfaces that it has reached; none before the first bounce."""
+    if bounce == 0:
+        return []
+    samples = diffuse_passes([place.light], BOUNCES * PATHS, SAMPLER).directions[(bounce - 1) * PATHS :]
+    starts = ends if len(ends) == PATHS else [ends[0]] * PATHS
+    light, rays = AmbientOcclusion(place.reach), list[RayPass]()
+    for surfaces, directions in zip(starts, samples):
+        (query,) = surface_queries(surfaces, [light], [light_samples(light, 1)], threads=threads)
+        each = diffuse_rays(surfaces.gbuffer, query.origins, directions, threads)
+        rays.append(each._replace(skip=surfaces.ids.reshape(-1)))
+    return rays
+
+
+def _other_hits(bvh: Bvh, rays: RayPass, ends: Surfaces, threads: int) -> int:
+    """The number of rays with another hit in a tree in memory."""
+    face, t = ray_hits.nearest_hits(bvh, *rays, threads)
+    same = (face == ends.ids.reshape(-1)) & (t.astype(np.float32) == ends.gbuffer.depth.reshape(-1))
+    return int(np.count_nonzero(~same))
+
+
+# --- Figures derived from turns ---------------------------------------------------------------------------------------
+
+
+def hit_rate(turns: Sequence[Turn]) -> float:
+    """The share of requested chunks that were in memory."""
+    requested = sum(t.statistics["wanted"] for t in turns)
+    return sum(t.statistics["cached"] for t in turns) / requested if requested else 1.0

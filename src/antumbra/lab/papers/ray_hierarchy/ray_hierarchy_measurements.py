@@ -1,0 +1,293 @@
+"""Measures Figures 6 and 7 and Table 2 of the report on ray hierarchies [Olsson and Assarsson 2011].
+
+Each variant builds cones from the shadow rays of a picture, one per pixel, and traces the triangles through them. Times
+are of the phase `trace` of a frame, which includes building the cones. Variants alternate within each round, and the
+median of the rounds counts; slow variants run once. Smaller pictures predict the time of a variant, which is not run if
+it would take too long; predictions decide nothing else, and no table or claim contains them.
+"""
+
+from collections.abc import Iterable, Sequence
+from statistics import fmean, geometric_mean, median, pstdev
+from typing import NamedTuple
+
+import numpy as np
+
+from ....base.errors import InputError
+from ....picture.frame import Frame
+from ....picture.renderer import Renderer
+from ..bench_runner import Say, interleave
+from ..benchmark_views import digest
+from . import ray_hierarchy_published
+from .cone_hierarchy import with_culling
+from .ray_hierarchy_published import VARIANTS
+from .ray_hierarchy_views import MUSEUM, WALL_PICTURE, PictureCase
+
+# --- Pictures ---------------------------------------------------------------------------------------------------------
+
+
+OURS, BEST = "cones", "PreciseSorted"
+PLANS = {OURS: "cones", **{name: f"cones:{name}" for name in VARIANTS}}
+"""Variant -> plan: our variant, then those of Table 1."""
+
+CULLING_PLANS = {OURS: "cones", **{name: with_culling(name) for name in VARIANTS}}
+"""The same with face culling: all drop culled faces before the traversal."""
+
+REFERENCE = "lbvh+single"
+"""All variants must return the bits of this plan."""
+
+SHRINK = (8, 4)
+"""Divisors of the width and height for the smaller pictures, which are traced first. The prediction assumes that each
+doubling multiplies seconds by the same factor as between these two, but by no more than the rays."""
+
+
+SLOW = 3.0
+"""Seconds in one picture above which a variant is not repeated in further rounds."""
+
+
+class PictureRays(NamedTuple):
+    """The shadow rays of a picture."""
+
+    picture: str
+    of: str  # name of the scene
+    frame: int | None  # number within its animation
+    triangles: int
+    rays: int
+    blocked: int
+    bits: bytes  # digest of the answer of REFERENCE
+
+
+class Cost(NamedTuple):
+    """The cost of one variant in one picture; None if it was not run because it would have taken too long."""
+
+    picture: str
+    variant: str  # a key of PLANS
+    nodes: int | None = None  # tested pairs of a triangle and a cone
+    passed: int | None = None  # tested pairs with a possible intersection
+    tests: int | None = None  # ray tests of up to 16 rays
+    seconds: float | None = None  # time of the phase `trace`
+    bits: bytes | None = None  # digest of the answer
+
+
+class Effort(NamedTuple):
+    """How much to measure."""
+
+    threads: int
+    rounds: int
+    limit: float | None  # maximum seconds per variant and picture; None: all variants are run
+    cull_faces: str | None = None  # triangle side, as seen from the receiver, that does not block; published: "back"
+
+
+def measure(picture: PictureCase, effort: Effort, say: Say) -> tuple[PictureRays, list[Cost]]:
+    """Measure all variants in one picture; InputError if its camera sees nothing."""
+    plans = PLANS if effort.cull_faces is None else CULLING_PLANS
+    renderers = {name: Renderer(picture.scene, plan, effort.threads) for name, plan in plans.items()}
+    limit = effort.limit
+
+    def trace(name: str, renderer: Renderer, shrink: int = 1) -> Frame:
+        camera = picture.camera.resized(*(max(n // shrink, 1) for n in (picture.camera.width, picture.camera.height)))
+        say(f"{picture.name}, {name}, {camera.width} x {camera.height}")
+        return renderer.render(
+            camera, [picture.light], spp=1, time=picture.time, counters=True, cull_faces=effort.cull_faces
+        )
+
+    frame = trace(REFERENCE, Renderer(picture.scene, REFERENCE, effort.threads))
+    if not frame.rays:
+        raise InputError(f"{picture.name}: the camera sees nothing; choose a scene whose camera sees something")
+    if limit is not None:
+        predicted = {name: _predicted(*(trace(name, r, part) for part in SHRINK)) for name, r in renderers.items()}
+        renderers = {name: r for name, r in renderers.items() if predicted[name] <= limit}
+
+    first: dict[str, Cost] = {}
+
+    def seconds(name: str, turn: int) -> float | None:
+        if turn and (first[name].seconds or 0.0) > SLOW:
+            return None
+        shown = trace(name, renderers[name])
+        first.setdefault(name, _cost(picture.name, name, shown))
+        return shown.timings["trace"]
+
+    laps = interleave(renderers, effort.rounds, seconds)
+    costs = [
+        first[name]._replace(seconds=median(laps[name])) if name in first else Cost(picture.name, name)
+        for name in plans
+    ]
+    return _picture_rays(picture, frame), costs
+
+
+def _cost(picture: str, variant: str, frame: Frame) -> Cost:
+    assert frame.counters is not None
+    nodes, passed, tests = (frame.counters[name] for name in ("nodes", "candidates", "triangle_tests"))
+    return Cost(picture, variant, nodes, passed, tests, frame.timings["trace"], digest(frame.bits))
+
+
+def _predicted(smallest: Frame, small: Frame) -> float:
+    """Predict the seconds of the full picture from two smaller ones."""
+    assert smallest.counters is not None and small.counters is not None
+    doublings = np.log2(SHRINK[1]) / np.log2(SHRINK[0] / SHRINK[1])
+    growth = (small.counters["nodes"] / max(smallest.counters["nodes"], 1)) ** doublings
+    return float(min(growth, SHRINK[1] ** 2) * small.timings["trace"])
+
+
+def _picture_rays(picture: PictureCase, frame: Frame) -> PictureRays:
+    blocked = int(np.bitwise_count(frame.bits[0]).sum())
+    fields = picture.name, picture.of, picture.frame, picture.scene.n_triangles
+    return PictureRays(*fields, frame.rays, blocked, digest(frame.bits))
+
+
+class Measured(NamedTuple):
+    """The shadow rays of several pictures, and the costs of all variants in each."""
+
+    pictures: list[PictureRays]
+    costs: list[Cost]
+
+    def of(self, picture: str, variant: str) -> Cost:
+        """The cost of a variant in a picture."""
+        return next(c for c in self.costs if (c.picture, c.variant) == (picture, variant))
+
+    def pairs(self, one: str, other: str, among: Iterable[str] | None = None) -> list[tuple[Cost, Cost]]:
+        """The costs of two variants in each picture where both were run; `among`: these pictures only."""
+        names = [s.picture for s in self.pictures] if among is None else among
+        both = ((self.of(name, one), self.of(name, other)) for name in names)
+        return [(a, b) for a, b in both if a.nodes is not None and b.nodes is not None]
+
+    def answers(self) -> list[tuple[str, bytes]]:
+        """(picture, digest) of all answers, for `papers.benchmark_views.agree`."""
+        theirs = [(c.picture, c.bits) for c in self.costs if c.bits is not None]
+        return [(s.picture, s.bits) for s in self.pictures] + theirs
+
+
+def measure_all(pictures: Sequence[PictureCase], effort: Effort, say: Say) -> Measured:
+    """`measure` several pictures."""
+    measured = Measured([], [])
+    for picture in pictures:
+        rays, costs = measure(picture, effort, say)
+        measured.pictures.append(rays)
+        measured.costs.extend(costs)
+    return measured
+
+
+# --- Comparisons ------------------------------------------------------------------------------------------------------
+
+
+class RelativeCost(NamedTuple):
+    """A variant's nodes and time relative to BEST, as medians over the pictures of a scene."""
+
+    of: str
+    variant: str
+    pictures: int
+    nodes: float
+    passed: float
+    seconds: float
+
+
+class Spread(NamedTuple):
+    """A variant over the frames of an animation."""
+
+    of: str
+    variant: str
+    frames: int
+    nodes: float  # tested, median
+    most_nodes: int  # tested
+    passed: float  # median
+    median: float  # seconds
+    ratio: float  # longest / shortest
+    quartiles: float  # third quartile - first quartile, seconds
+    deviation: float  # standard deviation / mean
+
+
+class Claim(NamedTuple):
+    """A ratio that the report states, and ours."""
+
+    text: str
+    published: float
+    ours: float
+    picture: str  # where our ratio was measured
+
+
+def fewest(measured: Measured, picture: str, among: Iterable[str]) -> str:
+    """The first variant that tests the fewest nodes; "" if none was run."""
+    ran = [c for c in (measured.of(picture, variant) for variant in among) if c.nodes is not None]
+    return min(ran, key=lambda c: c.nodes or 0).variant if ran else ""
+
+
+def relative_costs(measured: Measured, variants: Iterable[str]) -> list[RelativeCost]:
+    """The variants of Figure 7 relative to BEST, for each scene, over the pictures where both were run."""
+    rows = []
+    for name in dict.fromkeys(s.of for s in measured.pictures):
+        names = [s.picture for s in measured.pictures if s.of == name]
+        for variant in variants:
+            if both := measured.pairs(variant, BEST, names):
+                ratios = (median(_ratio(a, b, field) for a, b in both) for field in ("nodes", "passed", "seconds"))
+                rows.append(RelativeCost(name, variant, len(both), *ratios))
+    return rows
+
+
+def _ratio(one: Cost, other: Cost, field: str) -> float:
+    return float(getattr(one, field) / (getattr(other, field) or 1))
+
+
+def spreads(film: Measured) -> list[Spread]:
+    """The spread of each variant in each animation with at least two frames; `film`: small frames, all run."""
+    rows = []
+    for name in dict.fromkeys(s.of for s in film.pictures):
+        frames = [s.picture for s in film.pictures if s.of == name]
+        for variant in PLANS if len(frames) > 1 else ():
+            costs = [film.of(picture, variant) for picture in frames]
+            nodes, passed, seconds = ([getattr(c, f) for c in costs] for f in ("nodes", "passed", "seconds"))
+            quarter, most = np.percentile(seconds, (25, 75)).tolist()
+            shares = median(seconds), max(seconds) / min(seconds), most - quarter, pstdev(seconds) / fmean(seconds)
+            rows.append(Spread(name, variant, len(frames), median(nodes), max(nodes), median(passed), *shares))
+    return rows
+
+
+def never_more(film: Measured, one: str, other: str) -> tuple[int, int]:
+    """(frames where `one` tests no more nodes than `other`, frames)."""
+    both = film.pairs(one, other)
+    return sum((a.nodes or 0) <= (b.nodes or 0) for a, b in both), len(both)
+
+
+def claims(measured: Measured) -> list[Claim]:
+    """The report's ratios beside ours: of its Table 2 beside the museum, and of its text beside the robots' wall.
+
+    Ratios of nodes are of those passed, as in the report (see `ray_hierarchy_published.WALL_NODES`). A ratio is left
+    out unless all variants that it needs were run in all pictures that it needs.
+    """
+    rows = [claim for kind in ("Spheres", "Precise") for claim in _sorting_claims(measured, kind)]
+    for suffix, rays in (("", "in image order"), ("Sorted", "sorted")):
+        slow, fast = f"Spheres{suffix}", f"Precise{suffix}"
+        theirs = geometric_mean(ray_hierarchy_published.ratios(slow, fast))
+        if both := _museum(measured, slow, fast):
+            ours = geometric_mean([_ratio(a, b, "passed") for a, b in both])
+            rows.append(Claim(f"precise test: fewer nodes, rays {rays}", theirs, ours, "museum, mean of four views"))
+    walls = [s.picture for s in measured.pictures if s.picture == WALL_PICTURE]
+    for a, b in measured.pairs("Spheres", "Precise", walls):
+        theirs = ray_hierarchy_published.WALL_NODES["Spheres"] / ray_hierarchy_published.WALL_NODES["Precise"]
+        rows.append(Claim("precise test: fewer nodes at a wall", theirs, _ratio(a, b, "passed"), a.picture))
+    return rows
+
+
+def _sorting_claims(measured: Measured, kind: str) -> list[Claim]:
+    """The largest reductions of nodes and of time by sorting, in the views of the museum."""
+    rows, both = [], _museum(measured, kind, f"{kind}Sorted")
+    for what, field, table in (
+        ("fewer nodes", "passed", ray_hierarchy_published.NODES),
+        ("less time", "seconds", ray_hierarchy_published.MILLISECONDS),
+    ):
+        if both:
+            ours, picture = max((_ratio(a, b, field), a.picture) for a, b in both)
+            rows.append(
+                Claim(
+                    f"sorting, {kind}: {what}",
+                    max(ray_hierarchy_published.ratios(kind, f"{kind}Sorted", table)),
+                    ours,
+                    picture,
+                )
+            )
+    return rows
+
+
+def _museum(measured: Measured, one: str, other: str) -> list[tuple[Cost, Cost]]:
+    """The costs of two variants in all views of the museum; empty unless both were run in all of them."""
+    names = [s.picture for s in measured.pictures if s.of == MUSEUM]
+    both = measured.pairs(one, other, names)
+    return both if len(both) == len(names) else []

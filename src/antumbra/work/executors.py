@@ -1,0 +1,237 @@
+"""Executors, which run the units of a job: all of them locally, one shard of them, or none, only to collect them.
+
+A unit produces one or a few files. It depends only on the job and the unit's number, so it may run twice, and on any
+machine. docs/design/shards.md gives the reasons.
+"""
+
+import json
+import os
+import shlex
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext, suppress
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol, TypeAlias, cast
+
+from ..base.checks import listed, path_of, quoted, whole_number
+from ..base.errors import InputError
+from ..base.files import atomic_output, checked_folder
+from ..base.progress import report_progress
+
+JOB = "job.json"
+"""File in a folder of shards that records the command that made them."""
+
+JOB_FORMAT = 1
+"""Version of the schema of `JOB`."""
+
+
+class Units(Protocol):
+    """Work divided into units, numbered from 0. Their files lie below `root`; the work is done once all exist."""
+
+    what: str  # name shown to users; empty: the work reports its own progress
+
+    @property
+    def root(self) -> Path | None: ...  # None: units are kept in memory
+
+    def root_of(self, folder: Path) -> Path:
+        """The root of a run that keeps its shards in `folder`."""
+        ...
+
+    def __len__(self) -> int: ...
+
+    def files(self, k: int) -> list[str]:
+        """The files of unit k, relative to the root."""
+        ...
+
+    def done(self, k: int, root: Path | None = None) -> bool:
+        """Whether the files of unit k exist, are complete and belong to this work; `root`: look in another root."""
+        ...
+
+    def do(self, k: int) -> None:
+        """Do unit k and write its files."""
+        ...
+
+    def found(self, k: int) -> None:
+        """Called when unit k is already done."""
+
+    def clear(self) -> None:
+        """Remove intermediate files after the results have been written."""
+
+
+class Executor(Protocol):
+    """Runs the units of a job."""
+
+    @property
+    def folder(self) -> Path | None:
+        """Folder of intermediate units; None: in memory, if there is room."""
+
+    def finish(self, job: Sequence[Units]) -> bool:
+        """Run this executor's share; return whether all units are done, so that the job can end."""
+        ...
+
+    def end(self, job: Sequence[Units]) -> None:
+        """Called after the job's results have been written."""
+
+
+Keep: TypeAlias = str | os.PathLike[str] | Executor | None
+"""Argument `keep` of the jobs: a folder of finished parts, or the executor that runs the units."""
+
+
+def executor_of(keep: Keep) -> Executor:
+    """The executor for an argument `keep`: the executor itself, or a local one that keeps its parts in that folder."""
+    keep = checked_keep(keep)
+    if keep is None:
+        return LocalExecutor(None)
+    return LocalExecutor(checked_folder(keep, parents=True)) if isinstance(keep, Path) else keep
+
+
+def checked_keep(keep: Keep) -> Path | Executor | None:
+    """`keep` as an executor, None, or the path of a folder, which is not created yet; otherwise an InputError."""
+    if keep is None or all(hasattr(keep, part) for part in ("folder", "finish", "end")):
+        return cast(Executor | None, keep)
+    return path_of(keep, "keep")
+
+
+class LocalExecutor:
+    """Runs all units that are not done yet."""
+
+    def __init__(self, folder: Path | None = None):
+        self.folder = folder
+
+    def finish(self, job: Sequence[Units]) -> bool:
+        for units in job:
+            do_missing(units, range(len(units)))
+        return True
+
+    def end(self, job: Sequence[Units]) -> None:
+        for units in job:
+            units.clear()
+
+
+def do_missing(units: Units, numbers: Sequence[int]) -> int:
+    """Do the numbered units that are not done yet; return their number."""
+    did = 0
+    if not len(numbers):
+        return did
+    with report_progress(units.what) if units.what else nullcontext(lambda done, total: None) as progress:
+        for i, k in enumerate(numbers):
+            if units.done(k):
+                units.found(k)
+            else:
+                units.do(k)
+                did += 1
+            progress(i + 1, len(numbers))
+    return did
+
+
+class ShardIndex(NamedTuple):
+    """Shard `number` of `of`: the units number, number + of, number + 2 of, ... of a job."""
+
+    number: int  # from 0
+    of: int
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.of}"
+
+
+def checked_shard(shard: tuple[int, int]) -> ShardIndex:
+    """`shard` as (i, n) with 0 <= i < n; otherwise an InputError."""
+    with suppress(InputError):
+        index, of = (whole_number(i, "shard", 0, 2**31) for i in listed(shard, "shard", 2))
+        if index < of:
+            return ShardIndex(index, of)
+    raise InputError(f"shard is {quoted(shard)}; it must be (i, n) with 0 <= i < n, such as (0, 4)")
+
+
+class ShardExecutor:
+    """Runs one shard of a job.
+
+    folder : stores the shard's units
+    command : the words of the command, which identify the job and which a merge repeats
+    """
+
+    def __init__(self, folder: Path, share: ShardIndex, command: Sequence[str]):
+        self.folder, self.share, self._command = folder, share, list(command)
+        self.units = self.did = 0  # units of this shard, and those of them that this run did
+
+    def finish(self, job: Sequence[Units]) -> bool:
+        write_shard_record(self.folder, self._command, self.share.of)
+        start = 0
+        for units in job:
+            first = (self.share.number - start) % self.share.of
+            numbers = range(first, len(units), self.share.of)
+            self.did += do_missing(units, numbers)
+            self.units += len(numbers)
+            start += len(units)
+        return False
+
+    def end(self, job: Sequence[Units]) -> None:
+        raise AssertionError("a shard writes no results")
+
+
+class UnitCollector:
+    """Collects the units of a job without running them, so that a caller can run them one by one."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.job: list[Units] = []
+
+    def finish(self, job: Sequence[Units]) -> bool:
+        self.job = list(job)
+        return False
+
+    def end(self, job: Sequence[Units]) -> None:
+        raise AssertionError("a collector writes no results")
+
+
+class ShardRecord(NamedTuple):
+    """Record of a folder of shards."""
+
+    command: list[str]
+    of: int  # number of shards, as the latest run had it
+
+
+def write_shard_record(folder: Path, command: Sequence[str], of: int) -> None:
+    """Record the command that a folder belongs to.
+
+    Raises
+    ------
+    InputError
+        If the folder belongs to another command, or cannot be created.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be created ({error.strerror}); choose another output") from None
+    if (folder / JOB).exists():
+        record = read_shard_record(folder)
+        if record.command != list(command):
+            raise InputError(f"{folder}: has shards of another command ({shlex.join(record.command)}); remove it")
+        if record.of == of:
+            return
+    with atomic_output(folder / JOB) as temporary:
+        temporary.write_text(json.dumps({"format": JOB_FORMAT, "command": list(command), "of": of}) + "\n")
+
+
+def read_shard_record(folder: Path) -> ShardRecord:
+    """Read the record of `write_shard_record`.
+
+    Raises InputError if the folder has no shards, or has those of another format.
+    """
+    try:
+        data: dict[str, Any] = json.loads((folder / JOB).read_text())
+        number = int(data["format"])
+        if number == JOB_FORMAT:
+            return ShardRecord([str(word) for word in data["command"]], int(data["of"]))
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError(f"{folder}: holds no shards; name the folder NAME.shards that --shard made") from None
+    known = f"holds shards of format {number}, and this antumbra reads format {JOB_FORMAT}"
+    raise InputError(f"{folder}: {known}; use the version that wrote them, or remove the folder")
+
+
+def numbered(job: Sequence[Units]) -> Iterator[tuple[int, Units, int]]:
+    """Yield (number in the job, units, number among these units) of each unit of a job."""
+    total = 0
+    for units in job:
+        for k in range(len(units)):
+            yield total, units, k
+            total += 1

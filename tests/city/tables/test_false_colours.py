@@ -1,0 +1,102 @@
+"""Pictures of results: the colours are those of the numbers, at the places of their sensors."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import antumbra as at
+from antumbra.city.tables import false_colours
+from antumbra.city.tables.false_colours import column_scale, column_values, project_points
+from antumbra.city.tables.result_table import Column
+from antumbra.picture.heat_maps import heat_colours
+from antumbra.scene.camera import fitted_camera
+from result_tables import hill, table
+
+GREY = (70, 70, 70)
+
+
+def picture(made, folder, column=None):
+    made.save(folder / "a.png", column)
+    return np.asarray(Image.open(folder / "a.png"))
+
+
+def test_a_map_has_the_colours_of_its_cells_north_up(tmp_path):
+    made = table("raster")
+    rows, columns = np.indices((10, 12))
+    made.columns["hours"] = Column((rows * 10.0 + columns).ravel(), "h", "hours")
+    drawn = picture(made, tmp_path)
+    grey = np.argwhere((drawn == GREY).all(-1))
+    top, left = grey.min(0)
+    bottom, right = grey.max(0) + 1
+    cell = (right - left) // 2  # two columns lie beside the hill
+    assert (bottom - top, right - left) == (10 * cell, 2 * cell)
+    values, known = column_values(made, "hours")
+    end = column_scale(made["hours"], known).ticks[-1]
+    for row, column in (0, 2), (9, 2), (0, 11), (5, 6):
+        at_cell = drawn[top + row * cell + cell // 2, left + column * cell + cell // 2]
+        assert np.array_equal(at_cell, heat_colours(values.reshape(10, 12)[row, column], end))
+
+
+def test_each_column_has_its_own_title_and_legend(tmp_path, monkeypatch):
+    told = []
+    monkeypatch.setattr(
+        false_colours, "panel_sheet", lambda panels, bar: told.append((panels, bar)) or np.zeros((4, 4, 3), "u1")
+    )
+    made = table("raster")
+    made.columns["hours"] = Column(np.linspace(0.0, 12.0, 120), "h", "hours of direct sun")
+    made.columns["passes"] = Column(np.arange(120) % 2 == 0, "", "whether the sensor meets the rule")
+    for name, title, caption, texts in (
+        ("hours", "Hours of direct sun", "hours [h]", ["0", "2", "4", "6", "8", "10", "12"]),
+        ("passes", "Whether the sensor meets the rule", "passes", ["no", "yes"]),
+    ):
+        made.save(tmp_path / "a.png", name)
+        (panel,), bar = told.pop()
+        assert [*panel.lines] == [title] and bar.caption == caption
+        assert [text for _, text in bar.ticks] == texts
+    shown = {tuple(colour) for colour in panel.picture.reshape(-1, 3).tolist()}
+    assert shown - {GREY} == {tuple(colour) for colour in bar.colours[[0, -1]].tolist()}
+
+
+@pytest.mark.parametrize("kind", ["face", "vertex", "grid", "points"])
+def test_views_have_colours_and_marks(tmp_path, kind):
+    made = table(kind)
+    plain = picture(made, tmp_path, "count")
+    made.marks = made.sensors.points[len(made) // 2][None]
+    marked = picture(made, tmp_path, "count")
+    assert len(np.unique(plain.reshape(-1, 3), axis=0)) > 50
+    changed = np.argwhere((plain != marked).any(-1))
+    assert 20 < len(changed) < 200 and (np.ptp(changed, axis=0) < 14).all()
+
+
+def test_a_given_camera_is_used(tmp_path):
+    made = table()
+    first = picture(made, tmp_path)
+    made.camera = at.Camera((5, -30, 10), (5, 5, 0), (0, 0, 1), 40.0, 1024, 768)
+    assert first.shape == picture(made, tmp_path).shape and (first != picture(made, tmp_path)).any()
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+@pytest.mark.parametrize("stretch", [(1, 1, 1), (10, 1, 1), (1, 10, 1), (1, 1, 10)])
+def test_the_camera_shows_all_and_fills_the_picture(up, stretch):
+    corners = hill(up).triangles().vertices * np.array(stretch, np.float32)
+    scene = at.Scene.from_arrays(corners + np.array([1e5, 2e5, 0]), up=up)
+    points = scene.triangles().vertices.reshape(-1, 3) + scene.origin
+    places = project_points(fitted_camera(points, scene.up, 400, 300), points)
+    assert (places > 0).all() and (places < (400, 300)).all()
+    assert (np.ptp(places, axis=0) / (400, 300)).max() > 0.9
+
+
+def test_points_behind_the_camera_have_no_place():
+    camera = at.Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), 90.0, 100, 100)
+    places = project_points(camera, np.array([[0, 0, -2.0], [1, 1, -2.0], [0, 0, 1.0]]))
+    assert np.allclose(places[:2], [[50, 50], [75, 25]]) and np.isnan(places[2]).all()
+
+
+def test_scales():
+    scale = column_scale(np.array([0, 1, 3]), np.ones(3, bool))
+    assert scale.ticks.tolist() == [0, 1, 2, 3]
+    large = column_scale(np.arange(1001), np.ones(1001, bool)).ticks
+    assert large[-1] == 1000 and (large == np.floor(large)).all() and len(large) <= 9
+    assert column_scale(np.array([np.nan, 1.0]), np.array([False, True])).ticks[-1] >= 1.0
+    values, known = column_values(table(), "count")
+    assert known.tolist() == [False, True, True, True] and values[1] == 0.0
