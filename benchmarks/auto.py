@@ -33,10 +33,10 @@ import antumbra as at
 from antumbra.datasets.random_views import SamplingRegion, random_camera, sampling_region
 from antumbra.engine.engine import Engine
 from antumbra.engine.plan import DEFAULT_PLAN, parse_plan
+from antumbra.engine.plan_records import precompile_plan
 from antumbra.engine.sources.source_protocols import FrameMemory, moment_of
 from antumbra.kernels.parallel import thread_count
 from antumbra.lab.papers.benchmark_views import BenchmarkScenes, square
-from antumbra.picture.render_kernels import precompile_plan
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import surface_queries
 from common import machine

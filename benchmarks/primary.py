@@ -20,7 +20,7 @@ import argparse
 from antumbra.bvh.block_tree import block_tree
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.plan import Plan
-from antumbra.picture.render_kernels import precompile_plan
+from antumbra.engine.plan_records import precompile_plan
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.rasteriser import RASTER_COUNTERS, new_raster_counters, rasterise
 from antumbra.trace.primary.primary_rays import trace_primary

@@ -31,10 +31,10 @@ from antumbra.cli import console as report
 from antumbra.cli.arguments import parse_count
 from antumbra.engine.auto_accelerator import accelerator_of
 from antumbra.engine.plan import parse_plan
+from antumbra.engine.plan_records import precompile_plan
 from antumbra.engine.scene import procedural
 from antumbra.lab.papers.benchmark_views import BenchmarkView, scene_view
 from antumbra.lab.papers.ray_hierarchy.ray_hierarchy_views import SCENES, times_of, with_point
-from antumbra.picture.render_kernels import precompile_plan
 from antumbra.picture.renderer import Renderer
 from antumbra.query.gbuffer import GBuffer
 from antumbra.query.light_samples import light_samples

@@ -29,8 +29,8 @@ import numpy as np
 
 from antumbra.engine.method_registry import BUILDERS, OPTIMISERS, TRACERS
 from antumbra.engine.plan import Plan, parse_plan
+from antumbra.engine.plan_records import precompile_plan
 from antumbra.kernels.parallel import thread_count
-from antumbra.picture.render_kernels import precompile_plan
 from antumbra.techniques.culling.pre_bvh_culling import soup_of
 from comparison import HEAD, compare, line, options_of, progress, start
 from peers.contenders import embree_contenders, embree_scenes, other_peers, our_contender

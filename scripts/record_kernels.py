@@ -1,11 +1,11 @@
-"""Records the kernels that each job calls, with their sizes, in src/antumbra/kernels/needs.json and papers/needs.json.
+"""Records the kernels of example calls, with their sizes, in src/antumbra/kernels/needs.json and papers/needs.json.
 The first file also lists the kernels of devices.
 
 python scripts/record_kernels.py [--check] [--only TEXT]
 
-Each job runs in its own process, so that it loads every kernel that it calls. --check writes nothing: it lists called
-kernels that are missing from the files, and exits with code 1 if there are any. --only runs the jobs with TEXT in their
-names and keeps the records of the others.
+Each call is made in its own process, so that it loads every kernel that it needs. --check writes nothing: it lists
+called kernels that are missing from the files, and exits with code 1 if there are any. --only makes the calls with TEXT
+in their names and keeps the records of the others.
 """
 
 import argparse
@@ -19,14 +19,14 @@ from pathlib import Path
 
 from antumbra.kernels.toolchain.kernel_manifest import MANIFEST, recorded_kernels
 from antumbra.lab.papers.published_methods import NEEDS as PAPERS
-from antumbra.work.warm_ups import all_warm_ups
+from antumbra.work.warm_ups import all_examples
 
 JOB = """
 import json, sys
 from antumbra.kernels.toolchain.kernel_loading import events
-from antumbra.work.warm_ups import all_warm_ups
+from antumbra.work.warm_ups import all_examples
 
-all_warm_ups(papers=True)[int(sys.argv[1])].work()
+all_examples(papers=True)[int(sys.argv[1])].call()
 print(json.dumps(sorted({(event.kernel, event.key) for event in events})))
 """
 MEASURE = """
@@ -57,7 +57,7 @@ def run(code: str, *arguments: str, stdin: str = "") -> list:
 
 
 def called(index: int) -> list[tuple[str, str]]:
-    """The kernels that a job calls: (name, argument types)."""
+    """The kernels that an example calls: (name, argument types)."""
     return [tuple(each) for each in run(JOB, str(index))[-1]]
 
 
@@ -113,7 +113,7 @@ def main() -> int:
     parser.add_argument("--only", metavar="TEXT", default="")
     options = parser.parse_args()
     known = {(each.kernel, each.key) for each in recorded_kernels().kernels}
-    product, names = [job.name for job in all_warm_ups()], [job.name for job in all_warm_ups(papers=True)]
+    product, names = ([example.name for example in all_examples(papers=papers)] for papers in (False, True))
     known |= {(each.kernel, each.key) for each in recorded_kernels().kernels}  # now with the papers' kernels
     calls, sizes = recorded_jobs(options.only) if options.only else ({}, {})
     missing = [i for i, name in enumerate(names) if name not in calls]

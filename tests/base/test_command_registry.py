@@ -20,9 +20,11 @@ def test_the_program_lists_the_registered_commands_in_their_order():
     assert [command.name for command in program(frozenset()).registered_commands][:-1] == list(COMMANDS)
 
 
-def test_kernels_of_studies_are_compile_jobs():
-    made = {name: named(command.kernels)() for name, command in COMMANDS.items() if command.kernels}
-    assert set(made) >= {"sun", "skyline", "viewshed"} and all(job.name for job in made.values())
+def test_kernels_of_studies_are_those_of_example_calls():
+    examples = {name: named(command.kernels) for name, command in COMMANDS.items() if command.kernels}
+    assert set(examples) >= {"sun", "skyline", "viewshed"} and all(examples.values())
+    calls = [example for of_study in examples.values() for example in of_study.items()]
+    assert len(calls) == len(dict(calls)) and all(callable(call) for _, call in calls)
 
 
 def test_every_study_is_registered():

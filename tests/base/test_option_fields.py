@@ -14,6 +14,7 @@ from antumbra.base.option_fields import (
     deciding_fields,
     describe_fields,
     field_values,
+    method_with_keywords,
     option,
     optional,
     with_keywords,
@@ -42,8 +43,8 @@ class Baking:
         check_fields(self)
 
 
-@with_keywords(Baking)
-def bake(cake: str, *, oven: str = "gas", **keywords) -> Baking:
+@with_keywords(Baking, 1)
+def bake(given, cake: str, oven: str = "gas", *args, **keywords) -> Baking:
     """Bake a cake.
 
     Parameters
@@ -55,7 +56,7 @@ def bake(cake: str, *, oven: str = "gas", **keywords) -> Baking:
     -------
     Baking
     """
-    return Baking(**keywords)
+    return Baking(**given(*args, **keywords))
 
 
 def test_signature_and_docstring_have_the_fields():
@@ -79,6 +80,32 @@ def test_values():
         bake("pie", eggs=13)
 
 
+class Oven:
+    @method_with_keywords(Baking, 1)
+    def bake(self, given, cake: str, note: str = "", *args, **keywords) -> tuple[str, Baking]:
+        """Bake a cake.
+
+        Parameters
+        ----------
+        cake : str
+        """
+        return note, Baking(**given(*args, **keywords))
+
+
+def test_methods_have_the_fields_too():
+    assert Oven().bake("pie", note="hot", eggs=2) == ("hot", Baking(eggs=2))
+    assert str(inspect.signature(Oven().bake)).startswith("(cake: str, *, note: str = '', degrees: float = 180.0")
+    with pytest.raises(TypeError, match=r"^bake\(\) takes 2 positional arguments but 3 were given$"):
+        Oven().bake("pie", "hot")
+
+
+def test_own_parameters_after_the_positional_ones_need_their_names():
+    with pytest.raises(TypeError, match=r"^bake\(\) takes 1 positional argument but 2 were given$"):
+        bake("pie", "wood")
+    with pytest.raises(TypeError, match=r"missing 1 required positional argument: 'cake'"):
+        bake(eggs=1)
+
+
 def test_flags_may_be_none():
     assert [optional(flag)(value, "x") for value in (None, True, False)] == [None, True, False]
     with pytest.raises(InputError, match="x is 1"):
@@ -86,6 +113,6 @@ def test_flags_may_be_none():
 
 
 def test_without_docstrings():
-    def plain(**keywords): ...
+    def plain(given, *args, **keywords): ...
 
-    assert with_keywords(Baking)(plain).__doc__ is None
+    assert with_keywords(Baking, 0)(plain).__doc__ is None

@@ -5,9 +5,9 @@ import pytest
 from antumbra.engine import precompilation
 from antumbra.engine.method_registry import KINDS, own_methods
 from antumbra.engine.plan import DEFAULT_PLAN, all_plans, covering_plans, parse_plan
-from antumbra.work.warm_ups import all_warm_ups
+from antumbra.work.warm_ups import all_examples
 
-COMMON = len(all_warm_ups([]))  # jobs of all plans; wide lights of `cones`, and the bounce of `srdh`, add one each
+COMMON = len(all_examples([]))  # examples of all plans; wide lights of `cones`, and the bounce of `srdh`, add one each
 
 
 @pytest.mark.parametrize("papers", [False, True])
@@ -33,11 +33,11 @@ def test_plans_for_people(cli):
 
 @pytest.fixture
 def done(monkeypatch):
-    """The jobs whose kernels `antumbra warmup` prepares. None is compiled."""
+    """The examples whose kernels `antumbra warmup` prepares. None is compiled."""
     names: list[str] = []
 
-    def precompile_all(jobs):
-        names.extend(job.name for job in jobs)
+    def precompile_all(examples):
+        names.extend(example.name for example in examples)
         return 3
 
     monkeypatch.setattr(precompilation, "precompile_all", precompile_all)

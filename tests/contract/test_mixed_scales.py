@@ -11,9 +11,10 @@ from antumbra.bvh.wide_bvh import widen
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.plan import covering_plans
 from antumbra.query.light_samples import light_samples
-from antumbra.query.ray_list import HitFilter, hit_arrays, rays_of
+from antumbra.query.ray_list import hit_arrays, rays_of
 from antumbra.query.receivers import Receivers
 from antumbra.query.shadow_query import segments
+from antumbra.scene.triangles import HitFilter
 from antumbra.trace.counters import as_dict, new_counters
 from antumbra.trace.rays.ray_batches import RayTracer
 from asking import answer, query_of

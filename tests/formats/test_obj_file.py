@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from antumbra.engine.scene_loading import load
-from antumbra.formats import mtl_file, obj_file
+from antumbra.formats import obj_file
 from antumbra.formats.text_numbers import parsed_numbers
 from antumbra.scene.materials import BLEND, MASK, OPAQUE, PINK
 from gltf_files import png
@@ -177,8 +177,8 @@ def test_an_obj_needs_no_trimesh(tmp_path, monkeypatch):
 
 def materials_of(tmp_path, text):
     put(tmp_path, "m.mtl", text)
-    files = mtl_file.SideFiles(tmp_path, "a.obj")
-    return mtl_file.read_materials(["m.mtl"], files), files.notes
+    files = obj_file.SideFiles(tmp_path, "a.obj")
+    return obj_file.read_materials(["m.mtl"], files), files.notes
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,8 @@ MODULES = {"np", "numpy", "math"}
 FREE = {
     "engine/auto/cost_model.py": "choices between plans, which all give the same bits",
     "engine/auto/strategies.py": "choices between plans",
-    "engine/precompilation.py": "a scene for compiling kernels",
+    "trace/tracer_cost.py": "choices between plans",
+    "engine/small_scenes.py": "a scene for recording kernels",
     "city/tables/map_scale.py": "ticks of legends",
     "city/tables/map_page.py": "arrows and scale bars on map sheets",
     "picture/heat_maps.py": "ticks of legends",

@@ -5,15 +5,13 @@ import struct
 import zlib
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image, PngImagePlugin
 
 from antumbra.kernels import parallel
-from antumbra.picture import png_files
-from antumbra.picture.png_files import FAST, SMALL, png_file
+from antumbra.picture.png_files import FAST, SMALL, STRIP_BYTES, png_file
 
 
 def chunks_of(data):
@@ -56,9 +54,7 @@ IMAGES = st.tuples(
 @settings(deadline=None)
 @given(image=IMAGES, strip=st.integers(1, 300), level=st.sampled_from([FAST, SMALL]))
 def test_pixels_are_exact(image, strip, level):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(png_files, "_STRIP_BYTES", strip)
-        data = png_file(image, level=level)
+    data = png_file(image, level=level, strip_bytes=strip)
     np.testing.assert_array_equal(unfiltered(data)[0], image)
     if image.dtype == np.uint8:
         with Image.open(io.BytesIO(data)) as read:
@@ -79,7 +75,7 @@ def test_a_file_does_not_depend_on_threads(monkeypatch):
     for threads in (1, 2, 7):
         monkeypatch.setattr(parallel, "thread_count", lambda _, n=threads: n)
         files.add(png_file(image))
-    assert len(files) == 1 and len(files.pop()) > png_files._STRIP_BYTES
+    assert len(files) == 1 and len(files.pop()) > STRIP_BYTES
 
 
 def test_strips_cost_little():
@@ -89,7 +85,7 @@ def test_strips_cost_little():
     image = (waves + np.random.default_rng(3).normal(0, 1, waves.shape)).astype(np.uint8)
     stream = io.BytesIO()
     Image.fromarray(image).save(stream, "PNG", compress_level=1)
-    assert image.nbytes > 8 * png_files._STRIP_BYTES
+    assert image.nbytes > 8 * STRIP_BYTES
     assert len(png_file(image)) < 1.15 * len(stream.getvalue())
 
 

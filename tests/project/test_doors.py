@@ -43,8 +43,8 @@ READERS = {
     ),
     "xatlas": ({"Atlas", "parametrize"}, {"baking/chart_process.py": "the door: a process of its own"}),
     "DracoPy": ({"decode"}, {"formats/gltf/accessors.py": "the door"}),
-    "meshopt": ({"decode_gltf_buffer"}, {"formats/gltf/meshopt_views.py": "the door"}),
-    "opengl_basisu": ({"open"}, {"scene/ktx2_images.py": "the door; `materials` has compared the size"}),
+    "meshopt": ({"decode_gltf_buffer"}, {"formats/gltf/gltf_file.py": "the door"}),
+    "opengl_basisu": ({"open"}, {"scene/materials.py": "the door; the size has been compared"}),
 }
 """Library -> (its functions that read files or data, the modules that call them and why)."""
 

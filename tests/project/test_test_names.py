@@ -17,13 +17,12 @@ ACROSS = {
 
 THROUGH = {
     "pictures, rays and points of all plans, whose bits are compared with the oracle": """
-        trace/descent trace/horizon trace/shafts trace/frusta/bundle trace/frusta/multi_frusta
-        trace/frusta/reverse_frusta trace/frusta/shaft_culling trace/frusta/tile_lanes
-        trace/primary/pixel_hits trace/primary/pixel_tests trace/rays/hit_reports
-        trace/rays/interleaved_rays trace/rays/ray_packet techniques/chcrt/nearest_hits
+        trace/descent trace/horizon trace/frusta/bundle trace/frusta/multi_frusta
+        trace/rays/hit_reports trace/rays/interleaved_rays trace/rays/ray_packet
+        techniques/chcrt/nearest_hits
     """,
     "scenes of instances, which have the bits of their flattened copies": """
-        bvh/instance_trees scene/instance_bounds trace/rays/instance_batches trace/rays/instance_columns
+        bvh/instance_trees scene/instance_bounds trace/rays/instance_batches
         trace/rays/instance_rays trace/rays/instance_traversal trace/rays/local_rays formats/instance_arrays
     """,
     "trees of all builders": """
@@ -33,15 +32,17 @@ THROUGH = {
         kernels/ticket_loops
     """,
     "frames, points and rays of an engine": """
-        engine/sources/paged_hits engine/plan_kernels engine/sources/point_shadows engine/refitted_rays
-        engine/visibility engine/joined_store_tree picture/frame_passes
-        lab/culling_picture
+        engine/sources/paged_hits engine/sources/point_shadows engine/ray_queries engine/refitted_rays engine/visibility
+        engine/joined_store_tree picture/frame_passes lab/culling_picture
     """,
     "files and arrays that load, from_raster, from_footprints and from_trees read": """
         city/gis/gis_scenes formats/array_files city/gis/csv_rows formats/json_fields formats/ply_rows
         formats/reprojection city/cityjson/cityjson_file city/gis/footprint_solids
         city/gis/gis_data city/gis/height_arrays city/gis/height_tiles city/gis/vector_table
         city/gis/vrt_files formats/gltf/accessors
+    """,
+    "the records of kernels, which its calls make": """
+        engine/small_scenes picture/example_calls
     """,
     "procedural scenes": """
         generate/forest generate/palette scene/palette_scene

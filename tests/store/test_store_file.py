@@ -18,8 +18,8 @@ from antumbra.generate.generated_scene import StreamedCity
 from antumbra.scene.light_lists import PointLights
 from antumbra.scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, PointLight, QuadLight, SphereLight
 from antumbra.scene.mesh import Piece
-from antumbra.store import staging_files, store_build
 from antumbra.store.staging_files import palette_of
+from antumbra.store.store_build import PieceSizes, write_store
 from antumbra.store.store_file import open_store
 from antumbra.store.store_format import StoreMeta, meta_from_json, meta_to_json
 from bvh_scenes import HAZARDS, scattered, terrain
@@ -86,14 +86,13 @@ def test_a_scene_is_gone_when_the_next_one_is_opened(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["copies", "a colour for each", "float64, far away", "one dense spot"])
-def test_neither_memory_nor_threads_change_a_byte(tmp_path, monkeypatch, name):
+def test_neither_memory_nor_threads_change_a_byte(tmp_path, name):
     path = built(tmp_path, SCENES[name], threads=1).path
     once = path.read_bytes()
     assert built(tmp_path, SCENES[name], threads=3).path.read_bytes() == once
-    monkeypatch.setattr(staging_files, "MAX_FACES", 7)  # so that large pieces are split ...
-    monkeypatch.setattr(store_build, "MAX_FACES", 50)
-    monkeypatch.setattr(store_build, "TRIANGLE_MEMORY", 1 << 40)  # ... and few triangles are distributed at a time
-    assert built(tmp_path, SCENES[name]).path.read_bytes() == once
+    split = PieceSizes(staged=7, sorted=50)
+    write_store([SCENES[name].data], path, threads=2, chunk=CHUNK, sizes=split)
+    assert path.read_bytes() == once
     assert built(tmp_path, SCENES[name], chunk=CHUNK + 1).path.read_bytes() != once
 
 
@@ -275,11 +274,10 @@ def averaged(path, heights, shape):
 
 
 @pytest.mark.parametrize("heights", ["averaged", "holes", "scaled", "south up", "undeclared nodata"])
-def test_a_store_of_any_raster_has_the_bounds_of_its_scene(tmp_path, monkeypatch, heights):
+def test_a_store_of_any_raster_has_the_bounds_of_its_scene(tmp_path, heights):
     hills, path = RNG.random((300, 40)) * 100, tmp_path / "a.tif"
     if heights == "averaged":
-        monkeypatch.setattr("antumbra.scene.terrain._HIGH", 37)
-        return written_as_it_is(tmp_path, averaged(tmp_path / "a.vrt", hills, (431, 31)))
+        return written_as_it_is(tmp_path, averaged(tmp_path / "a.vrt", hills, (1724, 31)))  # in seven blocks of rows
     if heights == "holes":
         hills[:, :3], hills[200:], hills[50:60, 10:20] = np.nan, np.nan, np.nan
         hills[250, 20] = 1e6  # a lonely height, of which no triangle is made

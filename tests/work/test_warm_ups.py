@@ -1,40 +1,81 @@
-"""Recorded jobs have the kernels that they call. The tests find kernels that grow."""
+"""Records hold the kernels that example calls run. The tests find kernels that grow."""
 
 import json
+import re
 import subprocess
 import sys
 
 import pytest
 
+from antumbra.engine import precompilation
 from antumbra.engine.plan import Plan, covering_plans, parse_plan
-from antumbra.engine.precompilation import missing_of
+from antumbra.engine.plan_records import kernels_of_plan, precompile_plan
+from antumbra.engine.precompilation import missing_of, precompile
 from antumbra.kernels.marshalling import import_object
 from antumbra.kernels.toolchain import kernel_manifest
 from antumbra.kernels.toolchain.compile_pool import KernelRequest
-from antumbra.picture.render_kernels import rendering_warm_up
 from antumbra.work import warm_ups
+from repository import ROOT
 
-NAMES = [job.name for job in warm_ups.all_warm_ups(papers=True)]
+NAMES = [example.name for example in warm_ups.all_examples(papers=True)]
 CALLED = """
 import json, sys
 from antumbra.kernels.toolchain.kernel_loading import events
-from antumbra.work.warm_ups import all_warm_ups
+from antumbra.work.warm_ups import all_examples
 
 told = {}
-for job in all_warm_ups(papers=True):
-    if job.name in sys.argv[1:]:
+for example in all_examples(papers=True):
+    if example.name in sys.argv[1:]:
         before = len(events)
-        job.work()
-        told[job.name] = [(event.kernel, event.key) for event in events[before:]]
+        example.call()
+        told[example.name] = [(event.kernel, event.key) for event in events[before:]]
 print(json.dumps(told))
 """
 
 
-def test_jobs_are_recorded():
+def test_examples_are_recorded():
     assert set(NAMES) == set(kernel_manifest.recorded_kernels().jobs)
     assert len(NAMES) == len(set(NAMES)) and not [
         name for name in NAMES if not kernel_manifest.kernels_of_warm_up(name)
     ]
+
+
+def test_sources_name_examples_that_exist():
+    """A misspelt name would compile nothing ahead of time, without an error."""
+    sources = [path.read_text() for path in (ROOT / "src").rglob("*.py")]
+    calls = re.compile(r'\b(?:precompile|is_compiled|kernels_of_warm_up)\("([^"]+)"')
+    used = {name for source in sources for name in calls.findall(source)}
+    assert len(used) > 15 and used <= set(NAMES)
+
+
+@pytest.fixture
+def compiled(monkeypatch):
+    """The kernels that are compiled, while none is on disk. None is compiled."""
+    kernels = []
+    monkeypatch.setattr(precompilation, "is_on_disk", lambda kernel, key: False)
+    monkeypatch.setattr(precompilation, "compile_kernels", lambda missing, progress: kernels.extend(missing))
+    precompile.cache_clear()
+    precompile_plan.cache_clear()
+    yield kernels
+    precompile.cache_clear()
+    precompile_plan.cache_clear()
+
+
+def test_the_kernels_of_an_example_are_compiled_once(compiled):
+    precompile("ray queries")
+    precompile("ray queries")
+    assert len(compiled) > 10 and set(compiled) == kernel_manifest.kernels_of_warm_up("ray queries")
+
+
+def test_only_plans_without_a_record_need_an_example_frame(compiled):
+    assert not precompile_plan(Plan(), "raster")
+    assert set(compiled) == missing_of(kernels_of_plan(Plan(), "raster", False))
+    assert precompile_plan(parse_plan("grid32+lbvh+packet16"), "raster")
+
+
+def test_no_example_frame_is_needed_once_all_kernels_are_on_disk(compiled, monkeypatch):
+    monkeypatch.setattr(precompilation, "is_on_disk", lambda kernel, key: True)
+    assert not precompile_plan(parse_plan("grid32+lbvh+packet16"), "raster") and not compiled
 
 
 def test_recorded_kernels_exist():
@@ -42,7 +83,7 @@ def test_recorded_kernels_exist():
     assert len(kernels) > 100 and not [each for each in kernels if not callable(import_object(each.kernel))]
 
 
-OWN = [job.name for job in warm_ups.all_warm_ups()]
+OWN = [example.name for example in warm_ups.all_examples()]
 PARTS = [OWN[i::3] for i in range(3)]
 PARTS += [pytest.param([name for name in NAMES if name not in OWN], marks=pytest.mark.papers)]
 
@@ -54,7 +95,7 @@ def test_libraries_have_the_kernels_of_all_methods_once():
 
 
 @pytest.mark.parametrize("names", PARTS)
-def test_jobs_call_what_is_recorded(names):
+def test_examples_call_what_is_recorded(names):
     done = subprocess.run([sys.executable, "-c", CALLED, *names], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
@@ -71,11 +112,11 @@ def test_jobs_call_what_is_recorded(names):
 def test_a_plan_that_nobody_recorded_is_put_together():
     plan = parse_plan("grid32+lbvh+packet16")
     assert str(plan) not in {str(p) for p in covering_plans(papers=True)}
-    found = rendering_warm_up(plan).kernels()
+    found = kernels_of_plan(plan, "raster", False)
     names = {each.kernel.partition(":")[0].removeprefix("antumbra.") for each in found}
     assert {"bvh.lbvh", "techniques.culling.pre_bvh_culling", "trace.packets.packet16"} <= names
     assert found < {each for name in NAMES for each in kernel_manifest.kernels_of_warm_up(name)}
-    assert rendering_warm_up(Plan()).kernels() == kernel_manifest.kernels_of_warm_up("bsah+multifrusta (raster)")
+    assert kernels_of_plan(Plan(), "raster", False) == kernel_manifest.kernels_of_warm_up("bsah+multifrusta (raster)")
 
 
 def test_the_size_of_kernels_is_as_recorded(capsys):
@@ -110,4 +151,5 @@ def test_a_record_of_other_sources_is_no_error():
     kernel, key = "antumbra.bvh.lbvh:no_such_kernel", "A[i8,1,C] antumbra.bvh.nodes:NoSuchType( i )"
     real = next(iter(kernel_manifest.read_manifests(kernel_manifest.MANIFEST).kernels))
     requests = [KernelRequest(kernel, "i"), KernelRequest(real.kernel, key), KernelRequest("antumbra.none:f", "i")]
+    requests += [KernelRequest(real.kernel, f"{real.key} i")]  # a parameter less since then
     assert missing_of(requests) == set()

@@ -4,19 +4,18 @@ A bake into textures also needs PNG and EXR images. `Baked` is the report.
 """
 
 import warnings
-from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple, ParamSpec, Protocol
+from typing import NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.checks import choice
 from ..base.files import atomic_output, checked_output
-from ..base.option_fields import with_keywords
+from ..base.option_fields import Given, with_keywords
 from ..base.progress import PhaseClock, Progress, with_progress
 from ..engine.scene_loading import SceneLike
 from ..formats.format_registry import GLB
@@ -283,25 +282,11 @@ def _split(values: np.ndarray, parts: list[NodePrimitive]) -> list[np.ndarray]:
 # --- `antumbra.bake` --------------------------------------------------------------------------------------------------
 
 
-class BakeFunction(Protocol[_P]):
-    """The type of `bake`, whose keywords are the fields of a class."""
-
-    def __call__(
-        self, scene: SceneLike, output: str | PathLike[str], what: str = "ao", up: str | None = None, keep: Keep = None,
-        progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
-    ) -> Baked: ...  # fmt: skip
-
-
-def _bake_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Baked]], BakeFunction[_P]]:
-    """`with_keywords`, with types."""
-    return with_keywords(kind)
-
-
-@_bake_function(BakeKeywords)
+@with_keywords(BakeKeywords, 3)
 @with_progress
 def bake(
-    scene: SceneLike, output: str | PathLike[str], what: str = "ao", *, up: str | None = None, keep: Keep = None,
-    progress: Progress = None, **keywords: Any,
+    given: Given[_P], scene: SceneLike, output: str | PathLike[str], what: str = "ao", up: str | None = None,
+    keep: Keep = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
 ) -> Baked:  # fmt: skip
     """Measure visibility or light on the surfaces of a scene, and write it into a copy of its glTF file.
 
@@ -345,7 +330,7 @@ def bake(
     """
     path, executor = checked_output(output, GLB.suffixes), executor_of(keep)
     choice(up, "up", (None, "y", "z"))
-    options = BakeOptions(what=what, **keywords)
+    options = BakeOptions(what=what, **given(*args, **keywords))
     clock = PhaseClock()
     report = bake_file(bake_source(scene, up), options, path, clock, executor)
     for note in () if report is None else report.notes:

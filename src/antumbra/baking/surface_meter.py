@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.plan import Plan
-from ..engine.precompilation import WarmUp, fixed_warm_up, small_scene
 from ..engine.scene import AnyScene, Scene
+from ..engine.small_scenes import UP, small_scene
 from ..picture.irradiance import pixel_normals
 from ..picture.light_visibility import irradiance_shares, unoccluded_directions
 from ..picture.shading import arriving_irradiance
@@ -210,13 +210,13 @@ def _directions(sums: np.ndarray, normals: np.ndarray) -> NDArray[np.float32]:
     return np.where(length > 1e-6, sums / np.maximum(length, 1e-6), normals).astype(np.float32)
 
 
-def points_warm_up() -> WarmUp:
-    """The warm-up of baked light, without tracing."""
+def _example() -> None:
+    scene = Scene.of_data(small_scene())
+    for what in ("light", "bent-normal"):
+        light, sampler = PointLight((0.0, 2.0, 0.0)), "larcher-pillichshammer"
+        settings = MeterSettings(what, [light], 1, sampler, "bsah+single", 0.0, 1)
+        Meter(scene, settings, 1).values(ReceiverPoints(np.zeros((1, 3)), UP))
 
-    def work() -> None:
-        scene, light, up = Scene.of_data(small_scene()), PointLight((0.0, 2.0, 0.0)), np.array([[0.0, 1.0, 0.0]])
-        for what in ("light", "bent-normal"):
-            settings = MeterSettings(what, [light], 1, "larcher-pillichshammer", "bsah+single", 0.0, 1)
-            Meter(scene, settings, 1).values(ReceiverPoints(np.zeros((1, 3)), up))
 
-    return fixed_warm_up("points", work)
+EXAMPLES = {"points": _example}
+"""The example calls of bakes."""

@@ -15,7 +15,7 @@ class Command(NamedTuple):
     module: str
     help: str  # its line in the list of commands: the first line of its own help
     grouped: bool = True  # whether its help groups its options if there are many
-    kernels: str = ""  # module:function that returns the warm-up of a study's own kernels, if it has some
+    kernels: str = ""  # module:name of the example calls of a study's own kernels, if it has some
 
     def function(self, name: str) -> Callable[..., Any]:
         """The command's function, whose module is imported."""
@@ -28,7 +28,7 @@ COMMANDS = {
     "sun": Command(
         "antumbra.city.sun.sun_command",
         "Find the hours of direct sun on the surfaces of SCENE.",
-        kernels="antumbra.city.sun.sun_tally:tally_warm_up",
+        kernels="antumbra.city.sun.sun_tally:EXAMPLES",
     ),
     "shadow": Command("antumbra.city.shadow.shadow_command", "Find the shadow on the ground of SCENE, as polygons."),
     "view": Command("antumbra.cli.view_command", "Show SCENE in the browser, until Ctrl-C."),
@@ -36,7 +36,7 @@ COMMANDS = {
         "antumbra.cli.bake_command",
         "Bake occlusion, shadows or light of SCENE into a copy of its glTF file.",
         grouped=False,
-        kernels="antumbra.baking.surface_meter:points_warm_up",
+        kernels="antumbra.baking.surface_meter:EXAMPLES",
     ),
     "los": Command(
         "antumbra.city.sight.los_command",
@@ -47,7 +47,7 @@ COMMANDS = {
         "antumbra.city.sight.viewshed_command",
         "Count the observers that see each sensor of SCENE.",
         grouped=False,
-        kernels="antumbra.city.sight.least_heights:least_heights_warm_up",
+        kernels="antumbra.city.sight.least_heights:EXAMPLES",
     ),
     "visible": Command(
         "antumbra.city.sight.visible_command",
@@ -58,13 +58,13 @@ COMMANDS = {
         "antumbra.city.sight.matrix_command",
         "Find which sensors of SCENE see which targets, as one bit per pair.",
         grouped=False,
-        kernels="antumbra.city.sight.visibility_matrix:matrices_warm_up",
+        kernels="antumbra.city.sight.visibility_matrix:EXAMPLES",
     ),
     "skyline": Command(
         "antumbra.city.skyline.skyline_command",
         "Find the skyline of points in SCENE: the elevation of the horizon by azimuth.",
         grouped=False,
-        kernels="antumbra.city.skyline.skyline:skyline_warm_up",
+        kernels="antumbra.city.skyline.skyline:EXAMPLES",
     ),
     "view-factors": Command(
         "antumbra.city.view_factors.view_factors_command",

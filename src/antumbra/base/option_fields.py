@@ -12,15 +12,22 @@ import sys
 import textwrap
 from collections.abc import Callable
 from dataclasses import MISSING, Field, field, fields
-from functools import wraps
+from functools import partial, wraps
 from types import UnionType
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, Concatenate, NamedTuple, ParamSpec, Protocol, TypeAlias, TypeVar
 
 from .checks import choice, number, whole_number
 from .field_docs import field_texts
 
 _T = TypeVar("_T")
 _K = TypeVar("_K", bound=type)
+_P = ParamSpec("_P")
+_Q = ParamSpec("_Q")
+_R = TypeVar("_R")
+_S = TypeVar("_S")
+Given: TypeAlias = Callable[_P, dict[str, Any]]
+"""The first parameter of functions with `with_keywords`: returns the fields that a call sets. P: those of the class."""
+
 _WIDTH = 116  # of parameter descriptions, as in other docstrings
 
 
@@ -164,30 +171,62 @@ def describe_fields(kind: _K) -> _K:
     return kind
 
 
-def with_keywords(kind: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Decorator: replace ``**keywords`` by the fields of `kind`, in a function's signature and docstring.
+def with_keywords(
+    kind: Callable[_P, Any], positional: int
+) -> Callable[[Callable[Concatenate[Given[_P], _Q], _R]], Callable[_Q, _R]]:
+    """Decorator: replace ``*args, **keywords`` by the fields of `kind`, in a function's type, signature and docstring.
+
+    The function's first parameter, `Given`, ties the fields to `kind` for type checkers, and is dropped::
+
+        @with_keywords(BakeKeywords, 1)
+        def bake(given: Given[P], scene, up="y", *args: P.args, **keywords: P.kwargs):
+            options = BakeKeywords(**given(*args, **keywords))
+
+    positional : number of the function's own parameters that need no name; all others are keyword-only
 
     Unknown keywords raise a TypeError, as for any function.
     """
-    names = {each.name for each in fields(kind)}
 
     def wrap(function: Callable[..., Any]) -> Any:
-        parameters = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
-        known = names | {parameter.name for parameter in parameters}
-
-        @wraps(function)
-        def run(*args: Any, **keywords: Any) -> Any:
-            if not keywords.keys() <= known:
-                unknown = min(keywords.keys() - known)
-                raise TypeError(f"{function.__name__}() got an unexpected keyword argument {unknown!r}")
-            return function(*args, **keywords)
-
-        wrapper: Any = run
-        wrapper.__doc__ = _doc_with_fields(function.__doc__, kind)
-        wrapper.__signature__ = inspect.signature(function).replace(parameters=[*parameters, *_parameters(kind)])
-        return wrapper
+        return _with_fields(function, partial(function, dict), 0, positional, kind)
 
     return wrap
+
+
+def method_with_keywords(
+    kind: Callable[_P, Any], positional: int
+) -> Callable[[Callable[Concatenate[_S, Given[_P], _Q], _R]], Callable[Concatenate[_S, _Q], _R]]:
+    """`with_keywords` for a method, whose second parameter is `Given`; `positional` does not count ``self``."""
+
+    def wrap(method: Callable[..., Any]) -> Any:
+        return _with_fields(method, lambda self, *a, **k: method(self, dict, *a, **k), 1, positional + 1, kind)
+
+    return wrap
+
+
+def _with_fields(
+    function: Callable[..., Any], call: Callable[..., Any], given: int, positional: int, kind: Any
+) -> Callable[..., Any]:
+    """A function that runs `call`, with the parameters of `function`, except that at index `given`, and the fields."""
+    own = list(inspect.signature(function).parameters.values())[:-2]  # without *args and **keywords
+    del own[given]
+    own[positional:] = [each.replace(kind=each.KEYWORD_ONLY) for each in own[positional:]]
+    known = {each.name for each in own} | {each.name for each in fields(kind)}
+
+    @wraps(function)
+    def run(*args: Any, **keywords: Any) -> Any:
+        if not keywords.keys() <= known:
+            unknown = min(keywords.keys() - known)
+            raise TypeError(f"{function.__name__}() got an unexpected keyword argument {unknown!r}")
+        if len(args) > positional:
+            takes = f"{positional} positional argument{'s' * (positional != 1)}"
+            raise TypeError(f"{function.__name__}() takes {takes} but {len(args)} were given")
+        return call(*args, **keywords)
+
+    wrapper: Any = run
+    wrapper.__doc__ = _doc_with_fields(function.__doc__, kind)
+    wrapper.__signature__ = inspect.signature(function).replace(parameters=[*own, *_parameters(kind)])
+    return run
 
 
 def _parameters(kind: type) -> list[inspect.Parameter]:

@@ -299,23 +299,23 @@ def warmup(
     from ..engine.plan import covering_plans, parse_plan
     from ..engine.precompilation import precompile_all
     from ..kernels.toolchain.kernel_cache import user_cache
-    from ..work.warm_ups import all_warm_ups
+    from ..work.warm_ups import all_examples
 
     plans = [parse_plan(text) for text in plan] if plan else covering_plans()
-    jobs = all_warm_ups(plans)
+    examples = all_examples(plans)
     start = perf_counter()
     with ProgressDisplay(quiet):
-        compiled = precompile_all(jobs)
+        compiled = precompile_all(examples)
         measured = calibrate()._asdict() if any(plan.tracer.chooses for plan in plans) else None
     seconds, folder = perf_counter() - start, str(user_cache().path)
     if json:
-        names = [job.name for job in jobs]
+        names = [example.name for example in examples]
         console.print_json(
             {"jobs": names, "compiled": compiled, "folder": folder, "seconds": seconds, "machine": measured}
         )
     elif not quiet:
         time = duration(seconds)
-        print(f"kernels of {len(jobs)} jobs are ready, {compiled} newly compiled, in {folder} ({time})")
+        print(f"kernels of {len(examples)} jobs are ready, {compiled} newly compiled, in {folder} ({time})")
 
 
 # --- ``antumbra plans`` -----------------------------------------------------------------------------------------------

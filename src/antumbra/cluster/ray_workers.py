@@ -23,7 +23,7 @@ from ..kernels.toolchain import kernel_manifest
 from ..kernels.toolchain.kernel_cache import user_cache
 from ..version import VERSION
 from ..work.executors import UnitCollector, Units, numbered
-from ..work.warm_ups import all_warm_ups
+from ..work.warm_ups import all_examples
 from .node_files import Input, local_path, piece_of, user_temporary_folder
 
 # --- The worker of a node: one process with all its cores, which opens the scene once and does units of some work -----
@@ -101,7 +101,7 @@ class Node:
 
 def precompile_plan_kernels(plan: str | None) -> None:
     """Compile the missing kernels of a plan on this machine. Its other workers wait for them."""
-    kernels = {each for warm_up in all_warm_ups([parse_plan(plan or DEFAULT_PLAN)]) for each in warm_up.kernels() or ()}
+    kernels = {each for example in all_examples([parse_plan(plan or DEFAULT_PLAN)]) for each in example.kernels or ()}
     if missing_of(kernels):
         with file_lock(user_temporary_folder() / "warm.lock"):
             if missing := missing_of(kernels):

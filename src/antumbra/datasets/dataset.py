@@ -1,15 +1,15 @@
 """`dataset`: render a scene from many cameras under many lights, with object, face and blocker ids."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from time import perf_counter
-from typing import Any, NamedTuple, ParamSpec, Protocol
+from typing import NamedTuple, ParamSpec
 
 from ..base.errors import InputError
 from ..base.files import checked_folder
-from ..base.option_fields import deciding_fields, with_keywords
+from ..base.option_fields import Given, deciding_fields, with_keywords
 from ..base.progress import Progress, with_progress
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
@@ -67,27 +67,12 @@ class Dataset(NamedTuple):
         return Summary(values, [*lines, ("time", duration(self.seconds))])
 
 
-class DatasetFunction(Protocol[_P]):
-    """The type of `dataset`, whose keywords are the fields of a class."""
-
-    def __call__(
-        self, scene: SceneLike, folder: str | PathLike[str], cameras: Sequence[Camera] | None = None,
-        lights: Sequence[Light] | Light | None = None, shard: tuple[int, int] = (0, 1), progress: Progress = None,
-        keep: Executor | None = None, *args: _P.args, **keywords: _P.kwargs,
-    ) -> Dataset: ...  # fmt: skip
-
-
-def _dataset_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Dataset]], DatasetFunction[_P]]:
-    """`with_keywords`, with types."""
-    return with_keywords(kind)
-
-
-@_dataset_function(DatasetOptions)
+@with_keywords(DatasetOptions, 4)
 @with_progress
 def dataset(
-    scene: SceneLike, folder: str | PathLike[str], cameras: Sequence[Camera] | None = None,
-    lights: Sequence[Light] | Light | None = None, *, shard: tuple[int, int] = (0, 1), progress: Progress = None,
-    keep: Executor | None = None, **keywords: Any,
+    given: Given[_P], scene: SceneLike, folder: str | PathLike[str], cameras: Sequence[Camera] | None = None,
+    lights: Sequence[Light] | Light | None = None, shard: tuple[int, int] = (0, 1), progress: Progress = None,
+    keep: Executor | None = None, *args: _P.args, **keywords: _P.kwargs,
 ) -> Dataset:  # fmt: skip
     """Render a data set: per camera, an EXR file with a layer for each light, and a shadow mask for each light.
 
@@ -124,7 +109,7 @@ def dataset(
     """
     start = perf_counter()
     openexr()  # before long work begins
-    path, options, share = checked_folder(folder), DatasetOptions(**keywords), checked_shard(shard)
+    path, options, share = checked_folder(folder), DatasetOptions(**given(*args, **keywords)), checked_shard(shard)
     if keep is not None:
         keep = executor_of(keep)
     scene = scene_of(scene)

@@ -1,12 +1,11 @@
-"""The one door to all questions about a scene, and what is cached between them.
+"""The single entry point for scene queries, and what is cached between them.
 
 - `engine`: `Engine`
+- `ray_queries`: the ray queries that engines and scenes share
 - `visibility`: `Visibility`, which points see which samples of lights
-- `plan_kernels`: the kernels of a plan
 - `scene`: `AnyScene`, `Scene`, `procedural`
 - `paged_scene`: `PagedScene`
 - `scene_loading`: `load`
-- `vegetation_scenes`: `from_trees`
 - `scene_reading`: the data of a file, folder or mesh
 - `measured_scenes`: scenes whose heights and distances in plan are lengths in one unit
 - `store_building`: `build_store`
@@ -19,9 +18,14 @@
 - `joined_store_tree`: the tree of a store as one BVH
 - `primary_visibility`: the surfaces that a camera sees
 - `default_view`: what default pictures show
-- `precompilation`: warm-ups, run before anything is timed
+- `small_scenes`: scenes of example calls
+- `precompilation`: compiles recorded kernels before anything is timed
+- `plan_records`: the recorded kernels of plans
 - `plan`: `Plan`, the methods that answer a query
 - `method_registry`: cullers, builders, optimisers, updaters and tracers by name
+- `device_plans`: the option `device`, and what stays on the CPU
+- `device_tracers`: the tracers `device:NAME`
+- `card_choice`: whether `auto` traces ray lists on a card
 - `sources/`: where the triangles are
 - `auto/`: the choice of a tracer for each query
 """

@@ -65,7 +65,7 @@ from .auto.query_features import features_of, is_scattered, size_of
 from .auto.strategies import AutoState, SceneExtent, TreelessState, TreeUpgrade, suitable_strategies
 from .method_registry import BUILDERS, OPTIMISERS
 from .plan import Plan
-from .precompilation import WarmUp, are_on_disk, fixed_warm_up, precompile, small_scene
+from .precompilation import are_on_disk, precompile
 from .tree_choice import FIRST_SHARE, NO_RAYS, LearnedTrees, TreeChoice, UpdatedTree
 
 CULLER = "grid32"
@@ -253,7 +253,7 @@ class AutoAccelerator(Accelerator):
 
     def _optimise(self) -> None:
         """Make the next tree a BEST one. Later trees are GOOD again, until they have lost the cost of another BEST."""
-        precompile(best_tree_warm_up)
+        precompile("best tree")
         self.memory.builder, self.memory.updated = BEST, None
         self.memory.strategies.in_good = 0.0
 
@@ -362,15 +362,10 @@ def best_tree(vertices: NDArray[np.float32], threads: int) -> Bvh:
     return bvh
 
 
-def best_tree_warm_up() -> WarmUp:
-    """The job of building a BEST tree, which only long runs of queries need."""
-    return fixed_warm_up("best tree", lambda: best_tree(small_scene().triangles(0.0, 2).vertices, 2))
-
-
 @cache
-def is_compiled(job: str) -> bool:
-    """Whether all kernels recorded for a job were on disk when this process first asked; True without a record."""
-    kernels = kernels_of_warm_up(job)
+def is_compiled(example: str) -> bool:
+    """Whether all kernels recorded for an example were on disk when this process first asked; True without a record."""
+    kernels = kernels_of_warm_up(example)
     return kernels is None or are_on_disk(kernels)  # other packages record none
 
 

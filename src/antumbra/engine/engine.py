@@ -18,14 +18,14 @@ from ..devices.device_list import default_device, may_have_card, using_device
 from ..kernels.parallel import thread_count
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
-from ..query.ray_list import HitFilter, cull_value, rays_of, segments_between
+from ..query.ray_list import cull_value, rays_of, segments_between
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery
 from ..scene.camera import Camera
 from ..scene.light_lists import without_interleave
 from ..scene.lights import Light, check_lights
 from ..scene.scene_data import SceneData
-from ..scene.triangles import AllHits, Hit, HitFaces
+from ..scene.triangles import AllHits, Hit, HitFaces, HitFilter
 from ..trace.rays.all_hits import INSIDE, ON_SURFACE, SURFACES, TRIANGLES
 from ..trace.transmission import TracedQuery
 from .accelerator import Accelerated, Accelerator
@@ -35,8 +35,9 @@ from .frame_tracer import FrameTracer
 from .plan import DEFAULT_PLAN, Plan, parse_plan
 from .precompilation import precompile
 from .primary_visibility import AUTO, METHODS, RAYS
+from .ray_queries import RayQueries
 from .scene_reading import data_of
-from .sources.in_memory_source import RayLists, SharedMemory, update_warm_up
+from .sources.in_memory_source import RayLists, SharedMemory
 from .sources.instanced_source import SharedInstances
 from .sources.point_shadows import PlanKernels, TreeShadows, queries_in
 from .sources.source_protocols import (
@@ -76,7 +77,7 @@ _State: TypeAlias = tuple[SceneData, Plan, int, int | None, str]
 """Scene data, plan, threads, memory limit and G-buffer method."""
 
 
-class Engine:
+class Engine(RayQueries):
     """Answers queries about one scene by one plan, and caches trees and measurements between them.
 
     With a device, `occluded` and `closest_hit` also take rays in arrays on that device, of PyTorch, CuPy, JAX or other
@@ -212,41 +213,24 @@ class Engine:
                 self._others.pop(next(iter(self._others)))
             return engine
 
-    def occluded(
-        self,
-        origins: "ArrayLike",
-        directions: "ArrayLike | None" = None,
-        tmin: "ArrayLike" = 0.0,
-        tmax: "ArrayLike" = np.inf,
-        skip_face: "ArrayLike | None" = None,
-        time: float = 0.0,
-        *,
-        targets: "ArrayLike | None" = None,
-        cull_faces: str | None = None,
-        threads: int | None = None,
-    ) -> NDArray[np.bool_]:
-        """(...) bool: whether a triangle blocks each ray; `antumbra.Scene.occluded` documents the parameters."""
-        hits = HitFilter(tmin, tmax, skip_face, cull_faces)
+    @property
+    def engine(self) -> "Engine":
+        """Itself."""
+        return self
+
+    def _any_hit(
+        self, origins: ArrayLike, directions: ArrayLike | None, hits: HitFilter, targets: ArrayLike | None,
+        time: float, threads: int | None,
+    ) -> NDArray[np.bool_]:  # fmt: skip
         if self._device_rays is not None and self._device_rays.takes(origins):
             resident = self._resident(origins, directions, targets, hits, True, time, threads)
             return cast(NDArray[np.bool_], resident[0])
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets, self._moment(time))
         return self._rays.trace_rays(rays, True, self._count(threads)).hits.blocked.reshape(rays.shape)
 
-    def closest_hit(
-        self,
-        origins: "ArrayLike",
-        directions: "ArrayLike | None" = None,
-        tmin: "ArrayLike" = 0.0,
-        tmax: "ArrayLike" = np.inf,
-        skip_face: "ArrayLike | None" = None,
-        time: float = 0.0,
-        *,
-        cull_faces: str | None = None,
-        threads: int | None = None,
+    def _closest_hit(
+        self, origins: ArrayLike, directions: ArrayLike | None, hit_filter: HitFilter, time: float, threads: int | None
     ) -> Hit:
-        """The nearest hits of rays; `antumbra.Scene.closest_hit` documents the parameters."""
-        hit_filter = HitFilter(tmin, tmax, skip_face, cull_faces)
         if self._device_rays is not None and self._device_rays.takes(origins):
             face, t, u, v = self._resident(origins, directions, None, hit_filter, False, time, threads)
             return cast(Hit, HitFaces(*(cast(np.ndarray, each) for each in (t, face, u, v))))
@@ -257,44 +241,20 @@ class Engine:
         data = self.data
         return Hit.of_scene(faces, find, lambda: data.object_of_face)
 
-    def all_hits(
-        self,
-        origins: "ArrayLike",
-        directions: "ArrayLike | None" = None,
-        tmin: "ArrayLike" = 0.0,
-        tmax: "ArrayLike" = np.inf,
-        skip_face: "ArrayLike | None" = None,
-        time: float = 0.0,
-        *,
-        targets: "ArrayLike | None" = None,
-        max_hits: int | None = None,
-        cull_faces: str | None = None,
-        threads: int | None = None,
-    ) -> AllHits:
-        """All hits of rays; `antumbra.Scene.all_hits` documents the parameters."""
+    def _all_hits(
+        self, origins: ArrayLike, directions: ArrayLike | None, hits: HitFilter, targets: ArrayLike | None,
+        max_hits: int | None, time: float, threads: int | None,
+    ) -> AllHits:  # fmt: skip
         if max_hits is not None:
             max_hits = whole_number(max_hits, "max_hits", 1, MAX_HITS)
-        hits = HitFilter(tmin, tmax, skip_face, cull_faces)
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets, self._moment(time))
         return self.source.ray_lists.all_hits(rays, max_hits, TRIANGLES, self._count(threads))
 
-    def count_hits(
-        self,
-        origins: "ArrayLike",
-        directions: "ArrayLike | None" = None,
-        tmin: "ArrayLike" = 0.0,
-        tmax: "ArrayLike" = np.inf,
-        skip_face: "ArrayLike | None" = None,
-        time: float = 0.0,
-        *,
-        targets: "ArrayLike | None" = None,
-        merge: str = "none",
-        cull_faces: str | None = None,
-        threads: int | None = None,
-    ) -> NDArray[np.int64]:
-        """(...) int64: the number of hits of each ray; `antumbra.Scene.count_hits` documents the parameters."""
+    def _count_hits(
+        self, origins: ArrayLike, directions: ArrayLike | None, hits: HitFilter, targets: ArrayLike | None, merge: str,
+        time: float, threads: int | None,
+    ) -> NDArray[np.int64]:  # fmt: skip
         rule = MERGES[choice(merge, "merge", MERGES)]
-        hits = HitFilter(tmin, tmax, skip_face, cull_faces)
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets, self._moment(time))
         return self.source.ray_lists.count_hits(rays, rule, self._count(threads)).reshape(rays.shape)
 
@@ -314,8 +274,7 @@ class Engine:
         segments = segments_between(begin, end, skip_face, self._moment(time))
         return self.source.ray_lists.all_hits(segments, None, TRIANGLES, self._count(threads))
 
-    def contains(self, points: "ArrayLike", time: float = 0.0, *, threads: int | None = None) -> NDArray[np.bool_]:
-        """(...) bool: whether points are inside; `antumbra.Scene.contains` documents the parameters."""
+    def _inside(self, points: "ArrayLike", time: float, threads: int | None) -> NDArray[np.bool_]:
         array, up = as_array(points, "points", strided=True), np.eye(3)["xyz".index(self.data.up)]
         if array.ndim < 1 or array.shape[-1] != 3:
             raise InputError(f"points must have shape (..., 3), not {array.shape}")
@@ -359,7 +318,7 @@ class Engine:
     ) -> None:
         """Move the geometry of the scene; `antumbra.Scene.update` documents the parameters."""
         if self.source.geometry is not None:
-            precompile(update_warm_up)
+            precompile("update")
         with self._updates:
             self.data.update(vertices, objects, transform, self.threads if threads is None else threads)
 

@@ -14,26 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh import lbvh
-from ..bvh.block_tree import BlockTree, block_tree
+from ..bvh.block_tree import BlockTree
 from ..kernels.exact.filters import BEYOND
+from ..kernels.toolchain.kernel_manifest import kernels_of_warm_up
 from ..query.gbuffer import GBuffer, from_hits
-from ..query.light_samples import light_samples
 from ..query.pixel_refinement import subpixel_gbuffer
 from ..query.rasteriser import rasterise
 from ..query.ray_passes import camera_pass, rays_through
-from ..query.shadow_query import new_bits, shadow_queries
 from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.triangle_setup import solid_vertices
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import nearest_scheduled, primary_hits
 from ..techniques.culling.pre_bvh_culling import solid_tree
-from ..trace.alpha_cutouts import CutoutTree, add_shadows, cutout_tree, replace_by_cutouts
+from ..trace.alpha_cutouts import CutoutTree, cutout_tree, replace_by_cutouts
 from ..trace.primary.primary_rays import trace_primary
 from ..trace.rays.ray_hits import Nearest, nearest_surfaces
 from ..trace.tracer import BLOCKS
 from .accelerator import Accelerated
 from .auto.strategies import AutoState
-from .precompilation import WarmUp, are_on_disk, fixed_warm_up, small_scene, small_scene_with_cutouts, small_view
+from .precompilation import are_on_disk
 
 # --- Primary visibility -----------------------------------------------------------------------------------------------
 
@@ -131,21 +130,6 @@ def _show_cutouts(
     face[selected], t[selected] = faces, ts
 
 
-def cutouts_warm_up() -> WarmUp:
-    """The additional job of scenes with alpha-masked faces."""
-
-    def work() -> None:
-        scene, (camera, lights) = small_scene_with_cutouts(), small_view()
-        triangles = scene.triangles(0.0, 2)
-        tree = cutout_tree(triangles, 2)
-        assert tree is not None
-        gbuffer = primary_visibility(triangles, camera, None, 2, tree)
-        for query in shadow_queries(triangles, gbuffer, lights, [light_samples(light, 1) for light in lights], 0, 2):
-            add_shadows(tree, query, new_bits(query), 2)
-
-    return fixed_warm_up("cut-outs", work)
-
-
 # --- Choose between rasterisation and primary rays --------------------------------------------------------------------
 
 
@@ -201,15 +185,4 @@ def has_blocks(tree: Accelerated) -> bool:
 
 def rays_are_compiled() -> bool:
     """Whether the kernels of camera rays are compiled."""
-    return are_on_disk(camera_rays_warm_up().kernels())
-
-
-def camera_rays_warm_up() -> WarmUp:
-    """The job of tracing camera rays through a tree of blocks."""
-
-    def work() -> None:
-        triangles, (camera, _) = small_scene().triangles(0.0, 2), small_view()
-        bvh = lbvh.build(triangles.vertices, 2)
-        primary_visibility(triangles, camera, Accelerated(triangles, bvh, block_tree(bvh, 2)), 2)
-
-    return fixed_warm_up("camera rays", work)
+    return are_on_disk(kernels_of_warm_up("camera rays"))

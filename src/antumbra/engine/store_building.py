@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from ..base.checks import byte_count, path_of, quoted, whole_number
 from ..base.errors import InputError
-from ..base.files import checked_output, temporary_folder
+from ..base.files import checked_output
 from ..base.progress import Progress, show_progress, with_progress
 from ..formats.format_registry import format_of
 from ..formats.library_meshes import is_mesh
@@ -16,7 +16,7 @@ from ..kernels.parallel import thread_count
 from ..scene.scene_data import SceneData
 from ..store.store_build import CHUNK, MIN_MEMORY, BuildReport, StreamedScene, write_store
 from ..store.store_format import STORE_SUFFIX
-from .precompilation import WarmUp, fixed_warm_up, precompile, small_scene
+from .precompilation import precompile
 from .scene import AnyScene
 from .scene_loading import SceneLike, scene_of
 
@@ -66,7 +66,7 @@ def build_store(
     path, threads = checked_output(path, (STORE_SUFFIX,)), thread_count(threads)
     max_memory = byte_count(max_memory, "max_memory", MIN_MEMORY)
     chunk = whole_number(chunk, "chunk", 16, 1 << 22)
-    precompile(store_warm_up)
+    precompile("building stores")
     with show_progress(f"building {path.name}") as callback:
         bar = None if callback is None else lambda text, done, total: callback(done, total)
         return write_store(data, path, max_memory, threads, chunk, progress if callable(progress) else bar)
@@ -116,13 +116,3 @@ def _scene_data(scene: "SceneLike | StreamedScene | _Tiles") -> SceneData | Stre
     if isinstance(scene, _Tiles):
         return scene.stream([(path, {}) for path in scene.paths])
     return scene if isinstance(scene, StreamedScene) else scene_of(scene).data
-
-
-def store_warm_up() -> WarmUp:
-    """The job of building a store."""
-
-    def work() -> None:
-        with temporary_folder() as folder:
-            write_store([small_scene()], folder / "small.antumbra", threads=2, chunk=64)
-
-    return fixed_warm_up("building stores", work)

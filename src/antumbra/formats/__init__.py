@@ -2,7 +2,7 @@
 
 - `format_registry`: all formats with their suffixes, readers and writers
 - `gltf/`: glTF 2.0 and GLB
-- `obj_file`, `mtl_file`: OBJ and its materials
+- `obj_file`: OBJ and its materials
 - `mesh_files`: PLY and STL
 - `text_numbers`: numbers in the text of mesh files
 - `array_files`: .npy and .npz files, and folders of vertex frames

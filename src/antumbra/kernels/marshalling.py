@@ -177,6 +177,15 @@ def text_of(key: Key) -> str:
     return " ".join(token if isinstance(token, str) else text_of(token) for token in key)
 
 
+def argument_count(text: str) -> int:
+    """The number of arguments in the text of a key; tuples count once."""
+    depth = count = 0
+    for token in text.split():
+        count += depth == 0
+        depth += token.endswith("(") - (token == ")")
+    return count
+
+
 @cache
 def struct_of(key: Key) -> struct.Struct:
     """The packing of a key's values."""

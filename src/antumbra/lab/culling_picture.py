@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.method_registry import CULLERS
+from ..engine.plan_records import precompile_plan
 from ..engine.scene import AnyScene
 from ..kernels.elementary import exp
-from ..picture.render_kernels import precompile_plan
 from ..picture.renderer import Renderer
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples

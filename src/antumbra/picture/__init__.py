@@ -17,5 +17,5 @@
 - `image_files`: tone mapping, PNG, EXR and films
 - `heat_maps`: false colours and labelled panels
 - `traversal_steps`: traversal steps of shadow rays, plan by plan
-- `render_kernels`: warm-ups of rendering
+- `example_calls`: calls on small scenes whose kernels are recorded
 """

@@ -16,7 +16,7 @@ from ..kernels.parallel import map_in_threads
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COLOUR_TYPES = {1: 0, 3: 2, 4: 6}  # channels -> grey, RGB, RGBA
 _SUB, _UP = 1, 2  # filters: differences from the pixel to the left, and from the one above
-_STRIP_BYTES = 1 << 17  # enough that restarting the search for repetitions costs under 1 % of the file
+STRIP_BYTES = 1 << 17  # enough that restarting the search for repetitions costs under 1 % of the file
 FAST, SMALL = 1, 6  # levels of compression
 _ADLER = 65521  # modulus of Adler-32
 
@@ -27,6 +27,7 @@ def png_file(
     *,
     is_srgb: bool = True,
     level: int = FAST,
+    strip_bytes: int = STRIP_BYTES,
 ) -> bytes:
     """The contents of a PNG file.
 
@@ -40,12 +41,14 @@ def png_file(
         Whether the file says that its colours are sRGB.
     level : int
         Effort of the compression, from 1 to 9.
+    strip_bytes : int
+        Bytes of the strips that threads compress; at least one row.
     """
     image = pixels[..., None] if pixels.ndim == 2 else pixels
     height, width, channels = image.shape
     rows = np.ascontiguousarray(image, image.dtype.newbyteorder(">")).reshape(height, width * channels).view(np.uint8)
     coder = _Coder(rows, channels * image.itemsize, level)
-    step = max(1, _STRIP_BYTES // rows.shape[1])
+    step = max(1, strip_bytes // rows.shape[1])
     strips = map_in_threads(lambda y: coder.strip(y, min(y + step, height)), range(0, height, step))
     header = struct.pack(">2I5B", width, height, 8 * image.itemsize, _COLOUR_TYPES[channels], 0, 0, 0)
     chunks = [(b"IHDR", header)]

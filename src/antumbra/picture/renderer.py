@@ -1,18 +1,21 @@
 """`render` and `Renderer`: render one frame, or a sequence of frames with cached state, of one scene by one plan."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, ParamSpec, Protocol
+from functools import cache
+from typing import Any, ParamSpec
 
 from ..base.checks import checked_instance, choice
 from ..base.errors import InputError
-from ..base.option_fields import split_keywords, with_keywords
+from ..base.option_fields import Given, method_with_keywords, split_keywords, with_keywords
 from ..base.progress import ProgressCallback, show_progress, with_quiet_progress
 from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.device_plans import cpu_plan
 from ..engine.engine import Engine
 from ..engine.measured_scenes import check_degrees
 from ..engine.plan import Plan
+from ..engine.plan_records import precompile_plan
+from ..engine.precompilation import precompile
 from ..engine.primary_visibility import AUTO, METHODS, precompiled_method, primary_visibility
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
@@ -24,67 +27,10 @@ from ..scene.triangles import Triangles
 from .frame import Frame, FrameState, TracedBits
 from .frame_passes import render_frame
 from .frame_request import Request, request_of
-from .render_kernels import (
-    precompile_antialias,
-    precompile_appearance,
-    precompile_bounce,
-    precompile_explicit_rays,
-    precompile_ground,
-    precompile_indirect,
-    precompile_plan,
-    precompile_quality,
-)
 from .render_options import EngineOptions, RenderKeywords, RenderOptions, options_of
 from .row_bands import RowBands
 
 _P = ParamSpec("_P")
-
-
-class RenderFunction(Protocol[_P]):
-    """The type of `render`, whose keywords are the fields of a class."""
-
-    def __call__(
-        self,
-        scene: SceneLike,
-        camera: Camera | None = None,
-        lights: Sequence[Light] | Light | None = None,
-        options: RenderOptions | None = None,
-        progress: ProgressCallback | bool | None = None,
-        *args: _P.args,
-        **keywords: _P.kwargs,
-    ) -> Frame: ...
-
-
-class FrameFunction(Protocol[_P]):
-    """The type of the bound method `Renderer.render`."""
-
-    def __call__(
-        self,
-        camera: Camera,
-        lights: Sequence[Light] | Light,
-        options: RenderOptions | None = None,
-        progress: ProgressCallback | bool | None = None,
-        *args: _P.args,
-        **keywords: _P.kwargs,
-    ) -> Frame: ...
-
-
-class RenderMethod(Protocol[_P]):
-    """The type of `Renderer.render`."""
-
-    def __get__(self, renderer: Any, kind: type | None = None) -> FrameFunction[_P]: ...
-
-
-def _render_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Frame]], RenderFunction[_P]]:
-    """`with_keywords` for a function, with types."""
-    decorator: Callable[[Callable[..., Frame]], RenderFunction[_P]] = with_keywords(kind)
-    return decorator
-
-
-def _render_method(kind: Callable[_P, Any]) -> Callable[[Callable[..., Frame]], RenderMethod[_P]]:
-    """`with_keywords` for a method, with types."""
-    decorator: Callable[[Callable[..., Frame]], RenderMethod[_P]] = with_keywords(kind)
-    return decorator
 
 
 class Renderer:
@@ -137,16 +83,17 @@ class Renderer:
         """The render source of the engine."""
         return self.engine.source
 
-    @_render_method(RenderOptions)
+    @method_with_keywords(RenderOptions, 2)
     @with_quiet_progress
     def render(
         self,
+        given: Given[_P],
         camera: Camera,
         lights: Sequence[Light] | Light,
-        *,
         options: RenderOptions | None = None,
         progress: ProgressCallback | bool | None = None,
-        **keywords: Any,
+        *args: _P.args,
+        **keywords: _P.kwargs,
     ) -> Frame:
         """Render one frame.
 
@@ -168,7 +115,8 @@ class Renderer:
         InputError
             If a value is out of range, the camera's position is in degrees, or an argument is not a camera or a light.
         """
-        return _drawn(self.engine, self.request(camera, lights, options_of(options, keywords)), progress)
+        request = self.request(camera, lights, options_of(options, given(*args, **keywords)))
+        return _drawn(self.engine, request, progress)
 
     def rows(self, request: Request) -> RowBands:
         """Render a request in bands of rows, which can be traced in any order and in any process."""
@@ -203,22 +151,22 @@ class Renderer:
         """Compile all kernels that the frame calls."""
         gbuffer, options = precompiled_method(self.source.gbuffer), request.options
         selector = self.accelerator.ray_selector
-        precompile_plan(cpu_plan(self.plan), gbuffer, options.counters)
+        _precompile_frames(cpu_plan(self.plan), gbuffer, options.counters)
         self.source.warm_up()
         if request.smooth or request.smooth_skies or request.finer is not None:
-            precompile_quality()
+            precompile("filter and refinement")
         if options.smooths_edges:
-            precompile_antialias()
+            precompile("anti-aliasing")
         if (options.textures or options.smooth_normals) and self.scene.appearance is not None:
-            precompile_appearance()
+            precompile("textures and normals")
         if selector is not None and selector.asked.bounce:
-            precompile_bounce()
+            precompile("a diffuse bounce")
         if request.camera.listed:
-            precompile_explicit_rays()
+            precompile("orthographic and panoramic cameras")
         if request.passes is not None:
-            precompile_indirect(gbuffer)
+            precompile(f"light that bounces ({gbuffer})")
         if request.ground is not None:
-            precompile_ground()
+            precompile("a ground")
 
     def accelerate(self, time: float = 0.0) -> Accelerated:
         """The scene's triangles at a time in seconds, with their BVH if the plan builds one."""
@@ -227,6 +175,18 @@ class Renderer:
     def see(self, triangles: Triangles, camera: Camera, accelerated: Accelerated | None = None) -> GBuffer:
         """The G-buffer of a camera: by rays through `accelerated`; by rasterisation if it is None."""
         return primary_visibility(triangles, camera, accelerated, self.threads)
+
+
+@cache
+def _precompile_frames(plan: Plan, gbuffer: str, counters: bool) -> None:
+    """Compile the kernels with which a plan renders.
+
+    Plugins and unrecorded combinations of methods may call kernels without a record; an example frame finds them.
+    """
+    if precompile_plan(plan, gbuffer, counters):
+        from .example_calls import PLAIN, example_frame  # most processes need no example
+
+        example_frame(plan, gbuffer, replace(PLAIN, counters=counters))
 
 
 def _drawn(engine: Engine, request: Request, progress: ProgressCallback | bool | None) -> Frame:
@@ -244,16 +204,17 @@ def _check_view(scene: AnyScene, camera: Any, lights: Any) -> tuple[Camera, list
     return camera, check_lights(lights, scene.up)
 
 
-@_render_function(RenderKeywords)
+@with_keywords(RenderKeywords, 3)
 @with_quiet_progress
 def render(
+    given: Given[_P],
     scene: SceneLike,
     camera: Camera | None = None,
     lights: Sequence[Light] | Light | None = None,
-    *,
     options: RenderOptions | None = None,
     progress: ProgressCallback | bool | None = None,
-    **keywords: Any,
+    *args: _P.args,
+    **keywords: _P.kwargs,
 ) -> Frame:
     """Render one frame with exact shadows.
 
@@ -284,7 +245,7 @@ def render(
         If a value is out of range, the plan is unknown, the camera's position is in degrees, or an argument is not a
         camera or a light.
     """
-    of_renderer, of_picture = split_keywords(keywords, EngineOptions)
+    of_renderer, of_picture = split_keywords(given(*args, **keywords), EngineOptions)
     picture_options, scene = options_of(options, of_picture), scene_of(scene)
     if camera is None:
         camera = scene.default_camera(time=picture_options.time)

@@ -97,18 +97,47 @@ def _light_row(rows, normal, up, ambient, start, w, sums):
                 put(sums, c * w + x, get(sums, c * w + x) + get(rows.more, 3 * (k * rows.step + start + x) + c))
 
 
+class _Pixels(NamedTuple):
+    """The surfaces of a picture that are shaded."""
+
+    face: np.ndarray  # (H, W) int32
+    normal: np.ndarray  # (H, W, 3) float32
+    up: int  # the axis that points up
+    colour: np.ndarray  # (n, 3) float32, of each face
+
+
+class _Arrays(NamedTuple):
+    """The images that `_Rows` points to, and the ambient light."""
+
+    tints: np.ndarray
+    irradiances: np.ndarray
+    shares: np.ndarray
+    skies: np.ndarray
+    more: np.ndarray
+    ambient: np.ndarray  # (3,) float32
+
+
 @kernel
-def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, shares, ambient, skies, more, image, sums):
-    """Worker: shade rows of pixels. `sums` is the thread's scratch memory for the colours of a row."""
-    h, w = face.shape
+def _shade_rows(ticket, pixels, light, image, sums):
+    """Worker: shade rows of pixels."""
+    # In: pixels, `_Pixels`; light, `_Arrays`. Out: image, (H, W, 3) float32. Scratch: sums, (3 W,) float32 per thread
+    h, w = pixels.face.shape
     rows = _Rows(
-        ptr(tints), ptr(irradiances), ptr(shares), len(tints), ptr(skies), len(skies), ptr(more), len(more), h * w
+        ptr(light.tints),
+        ptr(light.irradiances),
+        ptr(light.shares),
+        len(light.tints),
+        ptr(light.skies),
+        len(light.skies),
+        ptr(light.more),
+        len(light.more),
+        h * w,
     )
-    faces, normals, colours, out = ptr(face), ptr(normal), ptr(colour), ptr(image)
+    faces, normals, colours, out = ptr(pixels.face), ptr(pixels.normal), ptr(pixels.colour), ptr(image)
     inverse_pi = np.float32(1.0 / np.pi)
-    ambient = (ambient[0], ambient[1], ambient[2])
+    ambient = (light.ambient[0], light.ambient[1], light.ambient[2])
     for y in items(ticket):
-        _light_row(rows, normals, up, ambient, y * w, w, ptr(sums))
+        _light_row(rows, normals, pixels.up, ambient, y * w, w, ptr(sums))
         for x in range(w):
             at, i = 3 * (y * w + x), get(faces, y * w + x)
             for c in range(3):
@@ -144,10 +173,11 @@ def shade(
     skies = _stack([_grey(shares[k]) for k, light in enumerate(lights) if light.domain == "hemisphere"], shape)
     tints = _tints([lights[k] for k in shining])
     image = np.empty((*shape, 3), np.float32)
-    args = gbuffer.face, gbuffer.normal, "xyz".index(up), colour, tints, irradiances
+    pixels = _Pixels(gbuffer.face, gbuffer.normal, "xyz".index(up), colour)
+    light = _Arrays(tints, irradiances, arriving_shares, skies, more, ambient)
     ticket = new_ticket(len(image), 8)
     scratch = lambda: (np.empty(3 * shape[1], np.float32),)
-    run(_shade_rows, thread_count(threads), ticket, *args, arriving_shares, ambient, skies, more, image, own=scratch)
+    run(_shade_rows, thread_count(threads), ticket, pixels, light, image, own=scratch)
     return image
 
 

@@ -19,8 +19,9 @@ from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.auto_accelerator import accelerator_of
 from ..engine.engine import Engine
 from ..engine.plan import Plan, parse_plan
-from ..engine.precompilation import WarmUp, fixed_warm_up, precompile, small_scene, small_view
-from ..engine.scene import AnyScene, Scene
+from ..engine.plan_records import precompile_plan
+from ..engine.precompilation import precompile
+from ..engine.scene import AnyScene
 from ..kernels.parallel import thread_count
 from ..query.shadow_query import ShadowQuery, with_receivers
 from ..scene.lights import check_lights
@@ -28,7 +29,6 @@ from ..trace.counters import BOX_TESTS, TRIANGLE_TESTS, new_counters
 from ..trace.rays.ray_traversal import BUILT, Ordered
 from ..trace.rays.single_rays import Steps, add_steps, count_steps, hit_depths, leaf_depths
 from .frame_request import PictureQueries, TimeSample, build_for, picture_queries
-from .render_kernels import precompile_bounce, precompile_plan
 from .render_options import RenderOptions
 
 # --- Tests per window -------------------------------------------------------------------------------------------------
@@ -147,22 +147,10 @@ def explain(
         precompile_plan(plan, "raster" if source.memory is None else "rays")
     if source.memory is not None:
         source.warm_up()
-    precompile(steps_warm_up)
+    precompile("counted steps")
     if any(plan.sample is not None and plan.sample.bounce for plan in parsed):
-        precompile_bounce()
+        precompile("a diffuse bounce")
     return explain_compiled(scene, moments, parsed, spp, thread_count(threads), say)
-
-
-def steps_warm_up() -> WarmUp:
-    """The job of the counting traversal of `antumbra explain`."""
-
-    def work() -> None:
-        camera, lights = small_view()
-        explain_compiled(
-            Scene.of_data(small_scene()), [TimeSample(0.0, camera, lights)], [parse_plan("bsah+single")], 1, 2
-        )
-
-    return fixed_warm_up("counted steps", work)
 
 
 def explained_plans(plans: Sequence[str | Plan]) -> list[Plan]:

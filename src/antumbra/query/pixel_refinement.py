@@ -207,17 +207,29 @@ def _offsets() -> np.ndarray:
 OFFSETS = _offsets()
 
 
+class _Subpixel(NamedTuple):
+    """A sub-pixel of all selected pixels, with its place in their picture, and what its rays hit."""
+
+    columns: int  # blocks per row of the picture
+    row: int  # in a block
+    column: int
+    face: np.ndarray  # (H, W) int32, valid at the selected pixels
+    t: np.ndarray  # (H, W) float64
+
+
 @kernel
-def _fill_subpixels(ticket, pixels, columns, row, column, face, t, corners, rays, out):
+def _fill_subpixels(ticket, pixels, at, corners, rays, out):
+    """Worker: write the surfaces of one sub-pixel of each pixel."""
+    # In: pixels, (E, 2) int64; at, `_Subpixel`; corners, (n, 9) float32; rays, `CameraRays`. Out: out, `GBuffer`
     surface, width = surface_of(out), out.face.shape[1]
     for e in items(ticket):
         y, x = pixels[e]
-        v, u = BLOCK * (e // columns) + row, BLOCK * (e % columns) + column
-        i = face[y, x]
+        v, u = BLOCK * (e // at.columns) + at.row, BLOCK * (e % at.columns) + at.column
+        i, t = at.face[y, x], at.t[y, x]
         if i >= 0:
-            out.face[v, u], out.depth[v, u] = i, np.float32(t[y, x])
+            out.face[v, u], out.depth[v, u] = i, np.float32(t)
             normal = face_normal(ptr(corners), np.int64(i))
-            fill_pixel(y, x, normal, t[y, x], rays, surface, v * width + u)
+            fill_pixel(y, x, normal, t, rays, surface, v * width + u)
 
 
 def subpixel_gbuffer(
@@ -246,7 +258,7 @@ def subpixel_gbuffer(
         shifted = _shifted(rays, row, column)
         face, t = rasterise(corners, shifted, threads) if hits is None else hits(shifted)
         ticket = new_ticket(len(pixels), 1024)
-        run(_fill_subpixels, threads, ticket, pixels, columns, row, column, face, t, corners, shifted, out)
+        run(_fill_subpixels, threads, ticket, pixels, _Subpixel(columns, row, column, face, t), corners, shifted, out)
     return out
 
 

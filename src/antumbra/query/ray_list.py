@@ -15,7 +15,7 @@ from ..base.checks import as_array, choice
 from ..base.errors import InputError
 from ..kernels.marshalling import ArgumentForm, Packed, address_of
 from ..scene.scene_bounds import flush_to_zero
-from ..scene.triangles import Triangles
+from ..scene.triangles import HitFilter, Triangles
 from .ray_passes import RayPass
 from .shadow_query import CULL_FACES
 
@@ -153,15 +153,6 @@ class RayArguments(NamedTuple):
 
 def _copied(value: np.ndarray | float) -> np.ndarray | float:
     return np.array(value) if isinstance(value, np.ndarray) else value
-
-
-class HitFilter(NamedTuple):
-    """The hits of rays that count, unchecked. `Scene.occluded` documents the fields."""
-
-    tmin: ArrayLike = 0.0
-    tmax: ArrayLike = np.inf
-    skip_face: ArrayLike | None = None
-    cull_faces: str | None = None
 
 
 def rays_of(

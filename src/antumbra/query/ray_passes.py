@@ -180,9 +180,21 @@ def plane_below(box: np.ndarray, up: str, height: float) -> GroundPlane:
     return GroundPlane(axis, float(np.float32(height)), x, y, _FAR * radius)
 
 
+class _PlaneHits(NamedTuple):
+    """The hits of rays on a plane, one row per pixel."""
+
+    position: np.ndarray  # (n, 3) float32
+    normal: np.ndarray  # (n, 3) float32
+    depth: np.ndarray  # (n,) float32
+    side: np.ndarray  # (n,) int8
+    origins: np.ndarray  # (n, 3) float32
+    strength: np.ndarray  # (n,) float32
+
+
 @kernel
-def _hit_plane(ticket, plane, rays, pixels, position, normal, depth, side, origins, strength):
-    """Worker: write the hits of rays on the plane to their pixels; arrays have one row per pixel."""
+def _hit_plane(ticket, plane, rays, pixels, hits):
+    """Worker: write the hits of rays on the plane to their pixels."""
+    # In: plane, `GroundPlane`; rays, `RayPass`; pixels, (m,) int64, of the rays. Out: hits, `_PlaneHits`
     up = plane.axis
     a, b = (0, 3 - up) if up != 0 else (1, 2)
     for i in items(ticket):
@@ -197,13 +209,13 @@ def _hit_plane(ticket, plane, rays, pixels, position, normal, depth, side, origi
         if not away < 1.0:
             continue
         height = np.float32(plane.height)
-        position[k, a], position[k, b], position[k, up] = p, q, height
+        hits.position[k, a], hits.position[k, b], hits.position[k, up] = p, q, height
         # Eq. (2) of docs/design/receivers.md
         shift = SHIFT * np.float64(max(abs(p), abs(q), abs(height)))
-        origins[k, a], origins[k, b], origins[k, up] = p, q, np.float32(np.float64(height) + shift)
-        normal[k, up], depth[k], side[k] = np.float32(1.0), np.float32(t), np.int8(1)
+        hits.origins[k, a], hits.origins[k, b], hits.origins[k, up] = p, q, np.float32(np.float64(height) + shift)
+        hits.normal[k, up], hits.depth[k], hits.side[k] = np.float32(1.0), np.float32(t), np.int8(1)
         x = max((away - _FADE_START) / (1.0 - _FADE_START), 0.0)
-        strength[k] = np.float32(1.0 - x * x * (3.0 - 2.0 * x))
+        hits.strength[k] = np.float32(1.0 - x * x * (3.0 - 2.0 * x))
 
 
 def ground_hits(
@@ -223,7 +235,9 @@ def ground_hits(
     depth, side = np.full(shape, np.inf, np.float32), np.full(shape, NOTHING, np.int8)
     strength = np.zeros(shape, np.float32)
     ticket, pixels = new_ticket(len(rays.origins), 4096), np.flatnonzero(mask)
-    rows = (each.reshape(-1, 3) for each in (position, normal))
-    args = *rows, depth.reshape(-1), side.reshape(-1), origins.reshape(-1, 3), strength.reshape(-1)
-    run(_hit_plane, thread_count(threads), ticket, plane, rays, pixels, *args)
+    hits = _PlaneHits(
+        position.reshape(-1, 3), normal.reshape(-1, 3), depth.reshape(-1), side.reshape(-1), origins.reshape(-1, 3),
+        strength.reshape(-1),
+    )  # fmt: skip
+    run(_hit_plane, thread_count(threads), ticket, plane, rays, pixels, hits)
     return GroundHits(GBuffer(position, normal, np.full(shape, -1, np.int32), depth, side, origin), origins, strength)

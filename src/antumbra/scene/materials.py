@@ -4,6 +4,7 @@ Also the conversions between sRGB and linear light.
 """
 
 import io
+import struct
 import threading
 import warnings
 from collections.abc import Iterable, Sequence
@@ -14,12 +15,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.extras import MissingPackage
+from ..base.extras import MissingPackage, import_extra
 from ..base.forks import hold_during_fork
 from ..base.memory import check_reading
 from ..kernels.elementary import log2, power
 from ..kernels.small_matrices import product
-from .ktx2_images import decode_ktx2, is_ktx2, ktx2_size
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -179,6 +179,40 @@ def _check_size(size: tuple[int, int], n_bytes: int) -> None:
     pixels = size[0] * size[1]
     if pixels > MAX_PIXELS or pixels > max(SMALL_PIXELS, PIXELS_PER_BYTE * n_bytes):
         raise ValueError(f"{size[0]}x{size[1]} pixels in {n_bytes} bytes are too many")
+
+
+# --- KTX2 images with Basis Universal compression, as in KHR_texture_basisu: ETC1S and UASTC --------------------------
+
+
+_MAGIC = b"\xabKTX 20\xbb\r\n\x1a\n"
+_SIZE = 20  # offset of the width and the height in the header
+
+
+def is_ktx2(data: bytes) -> bool:
+    """Whether an image is a KTX2 file."""
+    return data.startswith(_MAGIC)
+
+
+def ktx2_size(data: bytes) -> tuple[int, int]:
+    """(width, height) in pixels, from the header."""
+    width, height = struct.unpack_from("<II", data, _SIZE)
+    return width, height
+
+
+def decode_ktx2(data: bytes) -> NDArray[np.uint8]:
+    """(h, w, 4) uint8, contiguous: the largest level of a KTX2 image, rows from the top; alpha is 255 if it has none.
+
+    Raises
+    ------
+    MissingPackage
+        If the library of transcoders is missing.
+    ValueError
+        If the data are damaged, not compressed by Basis Universal, or not a single two-dimensional image.
+    """
+    texture = import_extra("opengl_basisu", "a KTX2 image", "compressed").open(data)
+    if texture.faces != 1 or texture.layers != 1:
+        raise ValueError(f"it has {texture.faces} faces and {texture.layers} layers, not one image")
+    return np.ascontiguousarray(texture.transcode("rgba8", level=0).data, np.uint8)
 
 
 # --- Materials, textures and vertex attributes ------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import InputError
 from .alpha_masks import Cutouts
@@ -41,6 +41,15 @@ def concatenate(soups: Sequence[Triangles]) -> Triangles:
 
 
 # --- Closest hits -----------------------------------------------------------------------------------------------------
+
+
+class HitFilter(NamedTuple):
+    """The hits of rays that count, unchecked. `Scene.occluded` documents the fields."""
+
+    tmin: ArrayLike = 0.0
+    tmax: ArrayLike = np.inf
+    skip_face: ArrayLike | None = None
+    cull_faces: str | None = None
 
 
 class HitFaces(NamedTuple):

@@ -64,7 +64,7 @@ def palette_of(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 MAX_FACES = 1 << 18
-"""Limit on the faces of a staged piece."""
+"""Limit on the faces of a staged piece, unless a caller sets another."""
 
 
 class _Array(NamedTuple):
@@ -88,10 +88,12 @@ class StagingFile:
     """Scene pieces in order, in an unnamed temporary file, and their survey.
 
     Do not read pieces while others are being added.
+
+    max_faces : limit on the faces of a piece; larger ones are split
     """
 
-    def __init__(self, folder: Path, file: str):
-        self.survey = Survey(file)
+    def __init__(self, folder: Path, file: str, max_faces: int = MAX_FACES):
+        self.survey, self._max_faces = Survey(file), max_faces
         self._stream = TemporaryFile(dir=folder)  # noqa: SIM115 - closed by `close`
         self._pieces: list[_StoredPiece] = []
 
@@ -103,7 +105,7 @@ class StagingFile:
     def add(self, piece: Piece) -> None:
         """Write a piece; a large piece is split."""
         self.survey.add(piece)
-        for part in _split(piece, MAX_FACES):
+        for part in _split(piece, self._max_faces):
             self._pieces.append(self._store(part))
 
     def pieces(self) -> Iterator[Piece]:

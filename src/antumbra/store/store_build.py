@@ -34,7 +34,7 @@ StreamedScene = StreamedCity | StreamedTerrain
 """Scenes whose pieces are never in memory all at once."""
 
 _GROUP = 8  # chunks sorted in memory at a time
-TRIANGLE_MEMORY = 640  # budget per triangle distributed at a time: four times the memory it takes
+_TRIANGLE_MEMORY = 640  # budget per triangle distributed at a time: four times the memory it takes
 _THREAD_BYTES = 64 << 20  # memory for building and writing a chunk
 
 """Called with the name of the step, the number of items done, and their total (0: unknown)."""
@@ -48,6 +48,20 @@ class BuildReport(NamedTuple):
     chunks: int  # number of chunks
     bytes: int  # size of the file
     seconds: dict[str, float]  # time of the phases "read", "sort", "build" and "finish", and "total"
+
+
+class PieceSizes(NamedTuple):
+    """The triangles that a build handles at a time, which change no byte of the store."""
+
+    staged: int = MAX_FACES  # faces of a staged piece, at most
+    sorted: int | None = None  # triangles distributed among chunks at a time; None: as many as memory allows
+
+    def batch(self, max_memory: int) -> int:
+        """Triangles distributed at a time."""
+        return self.sorted or max(self.staged, min(max_memory // _TRIANGLE_MEMORY, 1 << 22))
+
+
+USUAL_SIZES = PieceSizes()
 
 
 class _Description(TypedDict):
@@ -70,25 +84,34 @@ def write_store(
     threads: int = 1,
     chunk: int = CHUNK,
     progress: ProgressListener | None = None,
+    sizes: PieceSizes = USUAL_SIZES,
 ) -> BuildReport:
     """`engine.store_building.build_store`, once arguments are checked and kernels compiled."""
     with atomic_output(path, durable=True) as temporary:
-        return _Build(temporary.parent, max_memory, threads, chunk, progress).run(scenes, path, temporary)
+        return _Build(temporary.parent, max_memory, threads, chunk, progress, sizes).run(scenes, path, temporary)
 
 
 class _Build:
     """A build: the settings and clocks that its phases share."""
 
-    def __init__(self, folder: Path, max_memory: int, threads: int, chunk: int, progress: ProgressListener | None):
-        self.folder, self.chunk, self.progress = folder, chunk, progress
+    def __init__(
+        self,
+        folder: Path,
+        max_memory: int,
+        threads: int,
+        chunk: int,
+        progress: ProgressListener | None,
+        sizes: PieceSizes,
+    ) -> None:
+        self.folder, self.chunk, self.progress, self.sizes = folder, chunk, progress, sizes
         self.threads, self.workers = threads, max(1, min(threads, max_memory // 2 // _THREAD_BYTES))
-        self.batch = max(MAX_FACES, min(max_memory // TRIANGLE_MEMORY, 1 << 22))
+        self.batch = sizes.batch(max_memory)
         self._excluded_box = np.array([[np.inf] * 3, [-np.inf] * 3], np.float32)  # bounds of triangles in no chunk
         self.seconds: dict[str, float] = {}
         self._start = self._lap = perf_counter()
 
     def run(self, scenes: Iterable[SceneData | StreamedScene], path: Path, temporary: Path) -> BuildReport:
-        staging = StagingFile(self.folder, path.name)
+        staging = StagingFile(self.folder, path.name, self.sizes.staged)
         try:
             description = self._stage_scenes(scenes, staging)
             bounds = staging.survey.bounds()

@@ -13,15 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from ..baking.surface_meter import points_warm_up
 from ..base.checks import flag, items, quoted, text, whole_number
 from ..base.errors import InputError
 from ..base.extras import import_extra
 from ..engine.plan import Plan
 from ..engine.precompilation import precompile
 from ..engine.scene_loading import SceneLike, scene_of
-from ..engine.sources.in_memory_source import rays_warm_up
-from ..picture.render_kernels import precompile_quality
 from ..picture.render_options import EngineOptions
 from ..scene.camera import Camera
 from ..scene.lights import Light
@@ -347,7 +344,7 @@ def view(
 
 def prepare(model: Model) -> None:
     """Compile the kernels, and build the tree with a coarse picture, so that the page responds when it opens."""
-    precompile(rays_warm_up)
-    precompile_quality()
-    precompile(points_warm_up)
+    precompile("ray queries")
+    precompile("filter and refinement")
+    precompile("points")
     trace_picture(model, model.first_camera(1280, 800), Step(4, 4))

@@ -5,10 +5,8 @@ import pytest
 
 import antumbra as at
 import oracle
-from antumbra.engine import engine
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.plan import parse_plan, with_sample
-from antumbra.picture import renderer
 from antumbra.picture.renderer import Renderer
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import segments
@@ -47,9 +45,6 @@ def given(monkeypatch):
         return real.build(vertices, threads, rays=rays, **options)
 
     monkeypatch.setitem(BUILDERS, "srdh", real._replace(build=build))
-    for name in ("precompile_plan", "precompile_quality", "precompile_bounce"):  # they build too
-        monkeypatch.setattr(renderer, name, lambda *arguments: None)
-    monkeypatch.setattr(engine, "warm_up", lambda *arguments: None)
     return builds
 
 

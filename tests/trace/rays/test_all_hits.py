@@ -12,9 +12,9 @@ import oracle
 from antumbra.bvh.wide_bvh import widen
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.sources.in_memory_source import RAY_PLANS
-from antumbra.query.ray_list import HitFilter, rays_of
-from antumbra.trace.rays import all_hits
-from antumbra.trace.rays.all_hits import TRIANGLES, count_all, find_all, unsigned
+from antumbra.query.ray_list import rays_of
+from antumbra.scene.triangles import HitFilter
+from antumbra.trace.rays.all_hits import TRIANGLES, HitMemory, count_all, find_all, unsigned
 from antumbra.trace.rays.ray_batches import RayTracer
 from cutout_scenes import meets as stops
 from cutout_scenes import scene_with_cutouts
@@ -224,13 +224,11 @@ def crowded(n=3000, layers=400):
 @pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize("room", [1, 50, 1 << 14])
 @pytest.mark.parametrize("together", [1, 7, 1 << 14])
-def test_memory_does_not_change_the_hits(monkeypatch, threads, room, together):
+def test_memory_does_not_change_the_hits(threads, room, together):
     vertices, rays = crowded()
     tracer = tracer_of(vertices)
-    monkeypatch.setattr(all_hits, "_ROOM", room)
-    monkeypatch.setattr(all_hits, "_TOGETHER", together)
     for max_hits in None, 3:
-        hits = unsigned(find_all(tracer, rays, max_hits, threads=threads))
+        hits = unsigned(find_all(tracer, rays, max_hits, threads=threads, memory=HitMemory(together, room)))
         counts = count_all(tracer, rays, TRIANGLES, threads)
         assert set(np.unique(counts)) == {0, len(vertices)}
         np.testing.assert_array_equal(hits.counts, counts if max_hits is None else np.minimum(counts, 3))

@@ -12,7 +12,8 @@ from antumbra.bvh.wide_bvh import widen
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.kernels.exact.predicate import ray_along
 from antumbra.kernels.jit import kernel
-from antumbra.query.ray_list import HitFilter, hit_arrays, rays_of
+from antumbra.query.ray_list import hit_arrays, rays_of
+from antumbra.scene.triangles import HitFilter
 from antumbra.trace.counters import COUNTERS, new_counters
 from antumbra.trace.rays.ray_batches import RayTracer
 from antumbra.trace.rays.ray_traversal import CLOSEST, walk

@@ -1,17 +1,16 @@
 """`shadow`: the shadow on the ground at a moment, or the hours of shadow of days, as polygons."""
 
 import warnings
-from collections.abc import Callable
 from datetime import datetime
 from fnmatch import fnmatchcase
-from typing import Any, NamedTuple, ParamSpec, Protocol
+from typing import Any, NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.extras import import_extra
-from ...base.option_fields import with_keywords
+from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, report_progress, with_progress
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene import AnyScene
@@ -37,28 +36,15 @@ GROUND = (
 _CELL = 1.0  # metres: default size of cells
 
 
-class ShadowFunction(Protocol[_P]):
-    """The type of `shadow`, whose keywords are the fields of a class."""
-
-    def __call__(
-        self,
-        scene: SceneLike,
-        surface: "SceneLike | None" = None,
-        progress: Progress = None,
-        *args: _P.args,
-        **keywords: _P.kwargs,
-    ) -> Shadow: ...
-
-
-def _shadow_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Shadow]], ShadowFunction[_P]]:
-    """`with_keywords`, with types."""
-    return with_keywords(kind)
-
-
-@_shadow_function(ShadowOptions)
+@with_keywords(ShadowOptions, 1)
 @with_progress
 def shadow(
-    scene: SceneLike, *, surface: "SceneLike | None" = None, progress: Progress = None, **keywords: Any
+    given: Given[_P],
+    scene: SceneLike,
+    surface: "SceneLike | None" = None,
+    progress: Progress = None,
+    *args: _P.args,
+    **keywords: _P.kwargs,
 ) -> Shadow:
     """Find the shadow on the ground at a moment, or the hours of shadow of days, as polygons.
 
@@ -90,7 +76,7 @@ def shadow(
         If the place is unknown, the sun is below the horizon, an argument is invalid, or a package is missing
         (``antumbra[sun,gis]``).
     """
-    options, scene = ShadowOptions(**keywords), measured_scene(scene)
+    options, scene = ShadowOptions(**given(*args, **keywords)), measured_scene(scene)
     options.check_moment()
     import_extra("shapely", "shadow", "gis")
     place = place_in(scene, options.place)

@@ -18,16 +18,14 @@ from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.progress import ProgressCallback
-from ...engine.precompilation import WarmUp, fixed_warm_up, precompile
-from ...engine.scene import AnyScene
-from ...engine.sources.terrain_shadows import TerrainPyramid
+from ...engine.precompilation import precompile
+from ...engine.scene import AnyScene, Scene
+from ...engine.small_scenes import small_terrain
 from ...kernels.jit import F32Ptr, I64Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
 from ...kernels.simd import get, ptr
 from ...trace.terrain.terrain_rays import TerrainTree
 from ...trace.terrain.terrain_stencils import BLOCKS, COLUMN_PAD, ROW_PAD, Relief
-from ..gis.gis_data import terrain_data
-from ..gis.height_files import HeightOptions
 from ..sensors.sensors import Sensors
 
 _FINE, _COARSE = BLOCKS
@@ -266,7 +264,7 @@ def least_heights_of(scene: AnyScene, eye: NDArray[np.float64], drop: float, thr
 
     NaN where there is no surface, and inf everywhere if the eye is below the surface.
     """
-    precompile(least_heights_warm_up)
+    precompile("least heights")
     surface, terrain = scene.data.terrain, scene.engine.terrain
     assert surface is not None and terrain is not None
     (column, row), grid = surface.grid.cells_of(eye[None, :2])[0], surface.grid
@@ -277,11 +275,9 @@ def least_heights_of(scene: AnyScene, eye: NDArray[np.float64], drop: float, thr
     return np.where(np.isnan(heights), np.nan, np.inf) if eye[2] < ground else heights
 
 
-def least_heights_warm_up() -> WarmUp:
-    """The compile job of least heights."""
+def _example() -> None:
+    least_heights_of(Scene.of_data(small_terrain()), np.array([1.5, -1.5, 1.0]), 0.0, 1)
 
-    def work() -> None:
-        data = terrain_data((np.zeros((3, 3)), (1.0, 0.0, 0.0, 0.0, -1.0, 0.0)), HeightOptions())
-        least_heights(*TerrainPyramid(data).relief, ReliefEye(1.0, 1.0, 1.0, 0.0, 1.0, 1.0), 1)
 
-    return fixed_warm_up("least heights", work)
+EXAMPLES = {"least heights": _example}
+"""The example calls of this study."""

@@ -1,16 +1,15 @@
 """`line_of_sight`: sightlines between pairs of points, and what blocks them; pair files, result tables and models."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, ParamSpec, Protocol
+from typing import Any, NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.checks import as_array
 from ...base.errors import InputError
-from ...base.option_fields import with_keywords
+from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, with_progress
 from ...engine.engine import Engine
 from ...engine.measured_scenes import measured_scene
@@ -75,28 +74,12 @@ class _Pairs(NamedTuple):
         return _Pairs(*some)
 
 
-class SightFunction(Protocol[_P]):
-    """The type of `line_of_sight`, whose keywords are the fields of a class."""
-
-    def __call__(
-        self, scene: SceneLike, observers: ArrayLike, targets: ArrayLike, normals: ArrayLike | None = None,
-        target_normals: ArrayLike | None = None, faces: ArrayLike | None = None,
-        target_faces: ArrayLike | None = None, progress: Progress = None,
-        *args: _P.args, **keywords: _P.kwargs,
-    ) -> Sightlines: ...  # fmt: skip
-
-
-def _sight_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Sightlines]], SightFunction[_P]]:
-    """`with_keywords`, with types."""
-    return with_keywords(kind)
-
-
-@_sight_function(SightOptions)
+@with_keywords(SightOptions, 3)
 @with_progress
 def line_of_sight(
-    scene: SceneLike, observers: ArrayLike, targets: ArrayLike, *, normals: ArrayLike | None = None,
+    given: Given[_P], scene: SceneLike, observers: ArrayLike, targets: ArrayLike, normals: ArrayLike | None = None,
     target_normals: ArrayLike | None = None, faces: ArrayLike | None = None, target_faces: ArrayLike | None = None,
-    progress: Progress = None, **keywords: Any,
+    progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
 ) -> Sightlines:  # fmt: skip
     """Find whether observers see targets, and the face, object and point that block the others.
 
@@ -136,7 +119,7 @@ def line_of_sight(
     Among faces with the same t in float64, the one that `Scene.closest_hit` would report blocks. For a pair that only a
     horizon blocks, the result has the face from `faces` or `target_faces`, and the end on it as the blocking point.
     """
-    options, scene = SightOptions(**keywords), measured_scene(scene)
+    options, scene = SightOptions(**given(*args, **keywords)), measured_scene(scene)
     threads, time = thread_count(options.threads), options.time
     begin, end = _Ends(observers, normals, faces), _Ends(targets, target_normals, target_faces)
     pairs, shape = _checked(scene, begin, end)

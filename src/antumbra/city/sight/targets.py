@@ -1,14 +1,13 @@
 """How much of a target is visible: a facade, a polygon, any points, or the rotor of a wind turbine."""
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, ParamSpec, Protocol
+from typing import Any, NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.checks import listed, number, points, text
 from ...base.errors import InputError
-from ...base.option_fields import with_keywords
+from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, report_progress, with_progress
 from ...engine.measured_scenes import measured_scene
 from ...engine.plan import Plan
@@ -176,26 +175,11 @@ def _lattice_inside(ring: NDArray[np.float64], spacing: float) -> NDArray[np.flo
 # --- The visible share ------------------------------------------------------------------------------------------------
 
 
-class VisibleFunction(Protocol[_P]):
-    """The type of `visible_share`, whose keywords are the fields of a class."""
-
-    def __call__(
-        self, scene: SceneLike, sensors: Sensors | str | ArrayLike, target: Turbine | Sensors | ArrayLike,
-        progress: Progress = None,
-        *args: _P.args, **keywords: _P.kwargs,
-    ) -> Table: ...  # fmt: skip
-
-
-def _visible_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Table]], VisibleFunction[_P]]:
-    """`with_keywords`, with types."""
-    return with_keywords(kind)
-
-
-@_visible_function(VisibleOptions)
+@with_keywords(VisibleOptions, 3)
 @with_progress
 def visible_share(
-    scene: SceneLike, sensors: Sensors | str | ArrayLike, target: Turbine | Sensors | ArrayLike, *,
-    progress: Progress = None, **keywords: Any,
+    given: Given[_P], scene: SceneLike, sensors: Sensors | str | ArrayLike, target: Turbine | Sensors | ArrayLike,
+    progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
 ) -> Table:  # fmt: skip
     """The share of a target that each sensor sees. Every line of sight is exact.
 
@@ -227,7 +211,7 @@ def visible_share(
     UserWarning
         If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
     """
-    options, scene = VisibleOptions(**keywords), measured_scene(scene)
+    options, scene = VisibleOptions(**given(*args, **keywords)), measured_scene(scene)
     plan, threads, moment = options.plan, thread_count(options.threads), scene.clamped(options.time)
     checked = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
     places = sensors_from(scene, checked, None, "sensors")

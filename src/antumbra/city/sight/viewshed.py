@@ -6,14 +6,14 @@ straight line over this lowered copy of the scene represents a refracted line ov
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, ParamSpec, Protocol
+from typing import Any, NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.checks import as_array, points
 from ...base.errors import InputError
-from ...base.option_fields import with_keywords
+from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, report_progress, with_progress
 from ...engine.measured_scenes import earth_radius_of, measured_scene
 from ...engine.scene import AnyScene, Scene
@@ -180,25 +180,11 @@ class _ViewshedState:
         return (1.0 - options.refraction) / (2.0 * options.earth_radius) if options.curvature else 0.0
 
 
-class ViewshedFunction(Protocol[_P]):
-    """The type of `viewshed`, whose keywords are the fields of a class."""
-
-    def __call__(
-        self, scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike | LinePoints,
-        surface: "SceneLike | None" = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
-    ) -> Viewshed: ...  # fmt: skip
-
-
-def _viewshed_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Viewshed]], ViewshedFunction[_P]]:
-    """`with_keywords`, with types."""
-    return with_keywords(kind)
-
-
-@_viewshed_function(ViewshedOptions)
+@with_keywords(ViewshedOptions, 3)
 @with_progress
 def viewshed(
-    scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike | LinePoints, *,
-    surface: "SceneLike | None" = None, progress: Progress = None, **keywords: Any,
+    given: Given[_P], scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike | LinePoints,
+    surface: "SceneLike | None" = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
 ) -> Viewshed:  # fmt: skip
     """Find which observers see each sensor: a cumulative viewshed. Every line of sight is exact.
 
@@ -250,7 +236,7 @@ def viewshed(
     edges of triangles, in float64. They agree with exact lines of sight up to the float32 rounding of coordinates.
     With `curvature`, vertices are lowered and edges are not divided.
     """
-    options, scene = ViewshedOptions(**keywords), measured_scene(scene)
+    options, scene = ViewshedOptions(**given(*args, **keywords)), measured_scene(scene)
     options = _with_earth(options, scene)
     threads, time = thread_count(options.threads), scene.clamped(options.time)
     below = scene if surface is None else measured_scene(surface)

@@ -4,12 +4,12 @@ A tile covers all sightlines between two strips of points. One strip becomes lis
 from all points of the other strip. Both strips follow a space-filling curve, so their sightlines form thin bundles.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,13 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from ...base.checks import whole_number
 from ...base.errors import InputError
 from ...base.files import atomic_output, check_disk_space, checked_output
-from ...base.option_fields import with_keywords
+from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, with_progress
 from ...engine.measured_scenes import measured_scene
 from ...engine.plan import Plan
-from ...engine.precompilation import WarmUp, fixed_warm_up
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
+from ...engine.small_scenes import UP
 from ...kernels.parallel import thread_count
 from ...query.query_bounds import morton_codes
 from ...query.receivers import Receivers
@@ -187,28 +187,13 @@ class _Grid(NamedTuple):
     square: bool  # points with themselves: tiles below the diagonal are mirrored
 
 
-class MatrixFunction(Protocol[_P]):
-    """The type of `visibility_matrix`, whose keywords are the fields of a class."""
-
-    def __call__(
-        self, scene: SceneLike, sensors: ArrayLike | Sensors | str, targets: ArrayLike | Sensors | str | None = None,
-        normals: ArrayLike | None = None, target_normals: ArrayLike | None = None,
-        output: str | PathLike[str] | None = None, keep: Keep = None, progress: Progress = None,
-        *args: _P.args, **keywords: _P.kwargs,
-    ) -> VisibilityMatrix: ...  # fmt: skip
-
-
-def _matrix_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., VisibilityMatrix]], MatrixFunction[_P]]:
-    """`with_keywords`, with types."""
-    return with_keywords(kind)
-
-
-@_matrix_function(MatrixOptions)
+@with_keywords(MatrixOptions, 3)
 @with_progress
 def visibility_matrix(
-    scene: SceneLike, sensors: ArrayLike | Sensors | str, targets: ArrayLike | Sensors | str | None = None, *,
-    normals: ArrayLike | None = None, target_normals: ArrayLike | None = None,
-    output: str | PathLike[str] | None = None, keep: Keep = None, progress: Progress = None, **keywords: Any,
+    given: Given[_P], scene: SceneLike, sensors: ArrayLike | Sensors | str,
+    targets: ArrayLike | Sensors | str | None = None, normals: ArrayLike | None = None,
+    target_normals: ArrayLike | None = None, output: str | PathLike[str] | None = None, keep: Keep = None,
+    progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
 ) -> VisibilityMatrix:  # fmt: skip
     """Find which points see which targets. Every result is exact.
 
@@ -250,7 +235,7 @@ def visibility_matrix(
     UserWarning
         If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
     """
-    options, scene = MatrixOptions(**keywords), measured_scene(scene)
+    options, scene = MatrixOptions(**given(*args, **keywords)), measured_scene(scene)
     plan, threads, time = options.plan, thread_count(options.threads), scene.clamped(options.time)
     keep = checked_keep(keep)
     path = None if output is None else checked_output(output, (".npy",))
@@ -359,13 +344,12 @@ def _stream(grid: _Grid, parts: Parts, path: Path, shape: tuple[int, int]) -> np
     return counts
 
 
-def matrices_warm_up() -> WarmUp:
-    """The warm-up of visibility matrices, without tracing."""
+def _example() -> None:
+    """The bits of matrices, without their rays."""
+    ends = Receivers.on_surface(np.zeros((1, 3)), UP, np.zeros(3))
+    hidden_by_horizons(ends, ends, 1)
+    reorder_bits(np.zeros((1, 1), np.uint64), np.zeros(1, np.int64), 1)
 
-    def work() -> None:
-        up = np.array([[0.0, 1.0, 0.0]])
-        ends = Receivers.on_surface(np.zeros((1, 3)), up, np.zeros(3))
-        hidden_by_horizons(ends, ends, 1)
-        reorder_bits(np.zeros((1, 1), np.uint64), np.zeros(1, np.int64), 1)
 
-    return fixed_warm_up("visibility matrices", work)
+EXAMPLES = {"visibility matrices": _example}
+"""The example calls of this study."""

@@ -2,9 +2,9 @@
 
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,13 +13,14 @@ from ...base.checks import as_array, checked_instance, flag, number, whole_numbe
 from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...base.files import atomic_output, checked_output
-from ...base.option_fields import with_keywords
+from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, report_progress, with_progress
 from ...bvh.nodes import Bvh
 from ...engine.measured_scenes import measured_scene, middle_of
-from ...engine.precompilation import WarmUp, fixed_warm_up, precompile, small_scene
+from ...engine.precompilation import precompile
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike
+from ...engine.small_scenes import UP, small_scene
 from ...kernels.elementary import atan, atan2, cos, sin
 from ...kernels.parallel import thread_count
 from ...scene.map_point import map_point, on_earth
@@ -271,25 +272,11 @@ def _one_point(path: str | os.PathLike[str]) -> str:
 # --- The job ----------------------------------------------------------------------------------------------------------
 
 
-class SkylineFunction(Protocol[_P]):
-    """The type of `skyline`, whose keywords are the fields of a class."""
-
-    def __call__(
-        self, scene: SceneLike, points: Sensors | str | ArrayLike, normals: ArrayLike | None = None,
-        surface: "SceneLike | None" = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
-    ) -> Skyline: ...  # fmt: skip
-
-
-def _skyline_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Skyline]], SkylineFunction[_P]]:
-    """`with_keywords`, with types."""
-    return with_keywords(kind)
-
-
-@_skyline_function(SkylineOptions)
+@with_keywords(SkylineOptions, 2)
 @with_progress
 def skyline(
-    scene: SceneLike, points: Sensors | str | ArrayLike, *, normals: ArrayLike | None = None,
-    surface: "SceneLike | None" = None, progress: Progress = None, **keywords: Any,
+    given: Given[_P], scene: SceneLike, points: Sensors | str | ArrayLike, normals: ArrayLike | None = None,
+    surface: "SceneLike | None" = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
 ) -> Skyline:  # fmt: skip
     """Find the skylines of points: the elevation of the horizon by azimuth, exact up to the rounding of float64.
 
@@ -326,7 +313,7 @@ def skyline(
     UserWarning
         If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
     """
-    options, scene = SkylineOptions(**keywords), measured_scene(scene)
+    options, scene = SkylineOptions(**given(*args, **keywords)), measured_scene(scene)
     scene.data.check_resident()
     threads, time = thread_count(options.threads), scene.clamped(options.time)
     below = scene if surface is None else measured_scene(surface)
@@ -339,7 +326,7 @@ def skyline(
     if north is None:
         place = place_of_crs(scene.crs, scene.bounds, scene.up) if scene.crs and on_earth(scene.crs) else None
         north = 0.0 if scene.crs is None else -map_point(scene.crs, *middle_of(scene)).convergence
-    precompile(skyline_warm_up)
+    precompile("skyline")
     compass = compass_of(options.count, scene.up, north)
     slopes = _slopes_of(scene, sensors, compass, time, threads)
     azimuth = np.arange(options.count) * (360.0 / options.count)
@@ -408,12 +395,5 @@ def _below_roof(tree: Bvh, eyes: NDArray[np.float32], scene: AnyScene, threads: 
     return closed
 
 
-def skyline_warm_up() -> WarmUp:
-    """The compile job of skylines."""
-
-    def work() -> None:
-        scene = Scene.of_data(small_scene())
-        sensors = sensors_from(scene, np.array([[0.0, 1.0, 0.0]]), None, "points")
-        _slopes_of(scene, sensors, compass_of(4, scene.up, 0.0), 0.0, 1)
-
-    return fixed_warm_up("skyline", work)
+EXAMPLES = {"skyline": lambda: skyline(Scene.of_data(small_scene()), UP, step=90.0, threads=1)}
+"""The example calls of this study."""

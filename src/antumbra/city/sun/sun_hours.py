@@ -1,9 +1,9 @@
 """`sun_hours` and `sky_view`: tables of the direct sun, and of the share of the sky, that reaches each sensor."""
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from datetime import date
-from typing import Any, NamedTuple, ParamSpec, Protocol, cast
+from typing import Any, NamedTuple, ParamSpec, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...base.checks import whole_number
 from ...base.errors import InputError
 from ...base.files import atomic_output, check_disk_space, checked_output
-from ...base.option_fields import with_keywords
+from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, with_progress
 from ...engine.measured_scenes import measured_scene
 from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
@@ -147,28 +147,13 @@ class Study(NamedTuple):
     notes: tuple[str, ...]  # what may be wrong with the time and the weather
 
 
-class SunFunction(Protocol[_P]):
-    """The type of `sun_hours`, whose keywords are the fields of a class."""
-
-    def __call__(
-        self, scene: SceneLike, sensors: Sensors | ArrayLike | str | None = None,
-        days: str | Iterable[date] | None = None, areas: AreaLike | None = None,
-        matrix: str | os.PathLike[str] | None = None, keep: Keep = None, progress: Progress = None,
-        *args: _P.args, **keywords: _P.kwargs,
-    ) -> Table: ...  # fmt: skip
-
-
-def _sun_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Table]], SunFunction[_P]]:
-    """`with_keywords`, with types."""
-    return with_keywords(kind)
-
-
-@_sun_function(SunKeywords)
+@with_keywords(SunKeywords, 3)
 @with_progress
 def sun_hours(
-    scene: SceneLike, sensors: Sensors | ArrayLike | str | None = None, days: str | Iterable[date] | None = None, *,
-    areas: AreaLike | None = None, matrix: str | os.PathLike[str] | None = None, keep: Keep = None,
-    progress: Progress = None, **keywords: Any,
+    given: Given[_P], scene: SceneLike, sensors: Sensors | ArrayLike | str | None = None,
+    days: str | Iterable[date] | None = None, areas: AreaLike | None = None,
+    matrix: str | os.PathLike[str] | None = None, keep: Keep = None, progress: Progress = None,
+    *args: _P.args, **keywords: _P.kwargs,
 ) -> Table:  # fmt: skip
     """Find the hours of direct sun of each sensor, exactly.
 
@@ -219,7 +204,7 @@ def sun_hours(
         some of the days; or if the time zone of the place is not one of its longitude. The notes are in
         ``about["warnings"]``.
     """
-    options, keep, scene = SunOptions(days=days, **keywords), checked_keep(keep), measured_scene(scene)
+    options, keep, scene = SunOptions(days=days, **given(*args, **keywords)), checked_keep(keep), measured_scene(scene)
     plan, threads, samples = options.plan, thread_count(options.threads), options.samples
     in_areas = areas is not None or (isinstance(sensors, Sensors) and sensors.zone is not None)
     study = study_of(options, scene, in_areas)

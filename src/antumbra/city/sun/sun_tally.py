@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.precompilation import WarmUp, fixed_warm_up
 from ...kernels.jit import F64Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import get, ptr, ptr_at, put, stack_f64
@@ -189,14 +188,10 @@ def tally_of(
     return tally
 
 
-def tally_warm_up() -> WarmUp:
-    """The compile job of sums over suns."""
+def _example() -> None:
+    bits, ones, days = np.zeros((2, 1), np.uint64), np.zeros(1), np.zeros((1, 1), np.int32)
+    tally_of(SunLight(bits, WHOLE), None, Calendar(days, ones, days, np.ones(1, bool), ones, np.zeros((1, 3))), 1, 1)
 
-    def work() -> None:
-        bits, ones = np.zeros((2, 1), np.uint64), np.zeros(1)
-        calendar = Calendar(
-            np.zeros((1, 1), np.int32), ones, np.zeros((1, 1), np.int32), np.ones(1, bool), ones, np.zeros((1, 3))
-        )
-        tally_of(SunLight(bits, WHOLE), None, calendar, 1, 1)
 
-    return fixed_warm_up("sun hours", work)
+EXAMPLES = {"sun hours": _example}
+"""The example calls of this study."""

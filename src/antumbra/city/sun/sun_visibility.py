@@ -30,7 +30,7 @@ from ...work.scene_records import scene_digest
 from ...work.work_parts import Parts, about_parts, inexact_plan
 from ..sensors.sensors import Sensors
 from ..tables.bit_matrices import RowFile, hidden_sun_rows
-from .sun_tally import WHOLE, Calendar, SunLight, Tally, tally_of, tally_warm_up
+from .sun_tally import WHOLE, Calendar, SunLight, Tally, tally_of
 
 # --- Orders of sensors and suns ---------------------------------------------------------------------------------------
 
@@ -187,7 +187,7 @@ class SunSums:
     """
 
     def __init__(self, query: SunQuery, what: str, folder: Path | None = None, matrix: bool = False):
-        precompile(tally_warm_up)
+        precompile("sun hours")
         self._query, self._matrix, sensors = query, matrix, query.sensors
         n = len(sensors)
         in_rows = n > 0 and _in_rows(query)

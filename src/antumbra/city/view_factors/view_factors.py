@@ -1,13 +1,12 @@
 """`view_factors`: view factors between the surfaces of a scene, by counting where exact rays arrive."""
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, ParamSpec, Protocol
+from typing import NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import InputError
-from ...base.option_fields import with_keywords
+from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, report_progress, with_progress
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene import AnyScene
@@ -24,24 +23,15 @@ _P = ParamSpec("_P")
 _RAYS = 1 << 19  # rays at a time, if a surface does not have more
 
 
-class ViewFactorFunction(Protocol[_P]):
-    """The type of `view_factors`, whose keywords are the fields of a class."""
-
-    def __call__(
-        self, scene: SceneLike, surfaces: Grouping = "surface", progress: Progress = None,
-        *args: _P.args, **keywords: _P.kwargs,
-    ) -> ViewFactors: ...  # fmt: skip
-
-
-def _view_factor_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., ViewFactors]], ViewFactorFunction[_P]]:
-    """`with_keywords`, with types."""
-    return with_keywords(kind)
-
-
-@_view_factor_function(ViewFactorKeywords)
+@with_keywords(ViewFactorKeywords, 2)
 @with_progress
 def view_factors(
-    scene: SceneLike, surfaces: Grouping = "surface", *, progress: Progress = None, **keywords: Any
+    given: Given[_P],
+    scene: SceneLike,
+    surfaces: Grouping = "surface",
+    progress: Progress = None,
+    *args: _P.args,
+    **keywords: _P.kwargs,
 ) -> ViewFactors:
     """Find the view factors between the surfaces of a scene, with exact visibility.
 
@@ -80,7 +70,7 @@ def view_factors(
     A surface sees itself if it is not convex: its own factor F_ii is then positive. Alpha masks and panes block rays as
     in `Scene.closest_hit`.
     """
-    options, scene = ViewFactorOptions(surfaces=surfaces, **keywords), measured_scene(scene)
+    options, scene = ViewFactorOptions(surfaces=surfaces, **given(*args, **keywords)), measured_scene(scene)
     threads, time = thread_count(options.threads), scene.clamped(options.time)
     side, seed, samples = options.side, options.seed, 1 << (options.samples - 1).bit_length()
     scene.data.check_resident()

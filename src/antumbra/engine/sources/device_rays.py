@@ -3,28 +3,19 @@
 import threading
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ...base.errors import InputError
 from ...base.forks import is_stuck, renew_after_fork
 from ...bvh.refit import refit_faces
 from ...bvh.tree_quality import sah_cost
 from ...devices.arrays import DeviceArray
 from ...kernels.array_pool import ArrayPool
-from ...kernels.parallel import new_ticket
-from ...query.light_samples import light_samples
-from ...query.ray_list import HitFilter, RayArguments, TracedRays, cull_value
-from ...query.shadow_query import shadow_queries
-from ...scene.triangles import Triangles
+from ...query.ray_list import RayArguments, TracedRays, cull_value
+from ...scene.triangles import HitFilter, Triangles
 from ...trace.alpha_cutouts import add_hits
-from ...trace.device import settling
-from ...trace.device.device_rays import pack_receivers
 from ...trace.device.resident_rays import ResidentRays, is_resident
 from ..accelerator import Accelerated, Accelerator, SceneTrees
 from ..device_tracers import OnDevice
-from ..method_registry import BUILDERS
-from ..precompilation import WarmUp, fixed_warm_up, precompile, small_scene, small_view
-from ..primary_visibility import primary_visibility
+from ..precompilation import precompile
 from ..refitted_rays import are_equal_faces
 
 REBUILD = 1.5
@@ -111,7 +102,7 @@ class DeviceRayLists:
             return found
 
     def _ready_at(self, time: float) -> _RayTree:
-        precompile(devices_warm_up)
+        precompile("devices")
         ready, threads = self._ready, self._accelerator.threads
         triangles = self._trees.triangles(time, threads)
         if ready is not None and ready.accelerated.triangles is triangles:
@@ -139,22 +130,3 @@ class DeviceRayLists:
             prepared = OnDevice(prepared.tracer, prepared.tracer.tree(moved))
         cutouts = self._accelerator.cutouts_of(triangles)
         return _RayTree(ready.time, Accelerated(triangles, moved, prepared, cutouts), True, cost)
-
-
-def devices_warm_up() -> WarmUp:
-    """The job of what the CPU does for devices."""
-
-    def work() -> None:
-        triangles, (camera, lights) = small_scene().triangles(0.0, 2), small_view()
-        bvh, records = BUILDERS["bsah"].build(triangles.vertices, 2), settling.example_records(2)
-        seen = primary_visibility(triangles, camera, None, 2)
-        query = shadow_queries(triangles, seen, lights[:1], [light_samples(lights[0], 1)], 0, 2)[0]
-        settling.blocked_rays(records, bvh, 0, query, 0, 1)
-        settling.below_horizon(np.zeros(1, np.int64), query, 1)
-        settling.nearest_slots(records, bvh, 0)
-        settling.numbers_of(records, bvh, 1)
-        settling.traced_rays(records, bvh, 0, True, 1)
-        receivers = np.empty((1, 4), np.float32)
-        pack_receivers(new_ticket(1, 1), query.origins, query.faces, query.sides, receivers)
-
-    return fixed_warm_up("devices", work)

@@ -18,24 +18,22 @@ from ...base.forks import is_stuck, renew_after_fork
 from ...bvh.wide_bvh import widen
 from ...query.pixel_refinement import subpixel_rays
 from ...query.query_bounds import bounds
-from ...query.ray_list import HitFilter, RayArguments, TracedRays, changed_error, hit_arrays, rays_of
+from ...query.ray_list import RayArguments, TracedRays, changed_error, hit_arrays
 from ...query.shadow_query import Surfaces, surfaces_of
 from ...scene.scene_data import MemoryData, SceneData
 from ...scene.triangles import AllHits, Triangles
-from ...trace.alpha_cutouts import CutoutTree, add_hits, cutout_tree, without_holes
-from ...trace.rays.all_hits import INSIDE, TRIANGLES, RayHits, count_all, find_all, merge_triangles, unsigned
+from ...trace.alpha_cutouts import CutoutTree, add_hits, without_holes
+from ...trace.rays.all_hits import INSIDE, RayHits, count_all, find_all, merge_triangles, unsigned
 from ...trace.rays.local_rays import local_rays
 from ...trace.rays.ray_batches import RayTracer
 from ..accelerator import Accelerated, Accelerator, SceneTrees
 from ..auto.cost_model import BEST, GOOD, seconds_before_best
-from ..auto_accelerator import best_tree_warm_up
 from ..plan import DEFAULT_PLAN, Plan, parse_plan
-from ..precompilation import WarmUp, fixed_warm_up, precompile, small_scene, small_scene_with_cutouts
+from ..precompilation import precompile
 from ..primary_visibility import (
     AUTO,
     RAYS,
     PrimaryMethodChooser,
-    cutouts_warm_up,
     nearest_in,
     primary_visibility,
     subpixel_visibility,
@@ -103,7 +101,7 @@ class RayLists:
 
     def all_hits(self, rays: RayArguments, max_hits: int | None, rule: int, threads: int) -> AllHits:
         """All hits of rays, or the first `max_hits` of each; `rule`: TRIANGLES or SURFACES."""
-        precompile(all_hits_warm_up)
+        precompile("all hits")
         ready, start = self._ready_at(rays), perf_counter()
         hits = _of_valid(rays, find_all(ready.tracer, rays, max_hits, rule, threads))
         self._count(start, threads)
@@ -117,7 +115,7 @@ class RayLists:
 
     def count_hits(self, rays: RayArguments, rule: int, threads: int) -> NDArray[np.int64]:
         """(n,) int64: the number of hits of each ray, by a rule of `trace.rays.all_hits`. INSIDE sees no holes."""
-        precompile(all_hits_warm_up)
+        precompile("all hits")
         ready, start = self._ready_at(rays), perf_counter()
         counts = _of_valid(rays, count_all(ready.tracer, rays, rule, threads))
         self._count(start, threads)
@@ -178,10 +176,10 @@ class RayLists:
                     return refitted
                 begins = True
             if ready is None or begins:
-                precompile(rays_warm_up)
+                precompile("ray queries")
                 self.spent, plan = 0.0, parse_plan(RAY_PLANS[0])
             elif self.spent > ready.upgrade_after:
-                precompile(best_tree_warm_up)
+                precompile("best tree")
                 self._trees.evict(ready.plan)
                 plan = parse_plan(RAY_PLANS[1])
             else:  # another thread has built it
@@ -212,49 +210,6 @@ def _of_valid(rays: RayArguments, result: _T | None) -> _T:
         rays.arrays().check()
         raise changed_error()
     return result
-
-
-def all_hits_warm_up() -> WarmUp:
-    """The job of all hits and their numbers."""
-
-    def work() -> None:
-        triangles = small_scene().triangles(0.0, 1)
-        tracer = RayTracer(Accelerator(parse_plan(RAY_PLANS[0]), 1).build(triangles).prepared)
-        rays = rays_of(np.zeros((128, 3)), np.ones(3), HitFilter(0.0, 1.0), (0.0, 0.0, 0.0), 1)
-        count_all(tracer, rays, TRIANGLES, 1)
-        find_all(tracer, rays, 1, TRIANGLES, 1)
-        cutouts = cutout_tree(small_scene_with_cutouts().triangles(0.0, 1), 1)
-        assert cutouts is not None
-        hits = _of_valid(rays, find_all(RayTracer(widen(cutouts.bvh, 1)), rays, None, TRIANGLES, 1))
-        without_holes(cutouts, local_rays(rays.arrays(), 0), hits, 1)
-
-    return fixed_warm_up("all hits", work)
-
-
-def rays_warm_up() -> WarmUp:
-    """The job of ray queries."""
-
-    def work() -> None:
-        triangles = small_scene().triangles(0.0, 1)
-        tracer = RayTracer(Accelerator(parse_plan(RAY_PLANS[0]), 1).build(triangles).prepared)
-        rays = rays_of(np.zeros(3), np.ones(3), HitFilter(0.0, 1.0), (0.0, 0.0, 0.0), 1)
-        for any_hit in True, False:
-            tracer.trace(rays, any_hit, hit_arrays(1, any_hit), 1)
-
-    return fixed_warm_up("ray queries", work)
-
-
-def update_warm_up() -> WarmUp:
-    """The job of moving the geometry of a scene, and refitting the tree of ray queries."""
-
-    def work() -> None:
-        data, accelerator = small_scene(), Accelerator(parse_plan(RAY_PLANS[0]), 2)
-        built = accelerator.build(data.triangles(0.0, 2))
-        data.update(built.triangles.vertices + data.origin, threads=2)
-        data.update(transform=np.eye(4), threads=2)
-        RayTreeRefit(2).refit(accelerator, built, data.triangles(0.0, 2), 0)
-
-    return fixed_warm_up("update", work)
 
 
 # --- Scenes in memory -------------------------------------------------------------------------------------------------
@@ -296,7 +251,7 @@ class InMemory:
 
     def warm_up(self) -> None:
         if self.scene.cutouts is not None:
-            precompile(cutouts_warm_up)
+            precompile("cut-outs")
 
     def moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
         triangles, last = self._trees.triangles(time, self.threads), self._last

@@ -15,35 +15,29 @@ from numpy.typing import NDArray
 from ...base.forks import is_stuck, renew_after_fork
 from ...bvh.instance_trees import InstanceTrees
 from ...query.gbuffer import from_hits
-from ...query.light_samples import light_samples
 from ...query.pixel_refinement import subpixel_rays
 from ...query.ray_list import (
     HitArrays,
-    HitFilter,
     RayArguments,
     RayArrays,
     TracedRays,
     changed_error,
     hit_arrays,
     rays_in_frame,
-    rays_of,
 )
 from ...query.ray_passes import RayPass, camera_pass, rays_through
-from ...query.shadow_query import Surfaces, surface_queries
+from ...query.shadow_query import Surfaces
 from ...scene.camera import ExplicitRays
 from ...scene.instance_data import InstanceData
-from ...scene.instances import InstancedMeshes
-from ...scene.mesh import make_mesh
 from ...scene.scene_bounds import flush_to_zero
 from ...scene.scene_data import SceneData
 from ...scene.triangles import AllHits, Triangles
-from ...trace.rays.all_hits import TRIANGLES
 from ...trace.rays.instance_batches import trace_list
 from ...trace.rays.instance_rays import InstanceForest, count_all, find_all
 from ...trace.rays.ray_hits import hit_surfaces
 from ..accelerator import Accelerated, Accelerator, SceneTrees
-from ..plan import Plan, parse_plan
-from ..precompilation import WarmUp, fixed_warm_up, precompile, small_scene, small_view
+from ..plan import Plan
+from ..precompilation import precompile
 from ..primary_visibility import RAYS
 from ..tree_choice import new_tree
 from .in_memory_source import InMemory, limit_device
@@ -149,7 +143,7 @@ class Instanced:
         return self
 
     def warm_up(self) -> None:
-        precompile(instances_warm_up)
+        precompile("instances")
 
     @property
     def trees(self) -> InstanceTrees:
@@ -231,32 +225,3 @@ class Instanced:
         arrays = rays.arrays()
         arrays.check()
         return arrays
-
-
-# --- Precompilation ---------------------------------------------------------------------------------------------------
-
-
-def small_instances() -> InstanceData:
-    """Two copies of the small scene."""
-    hills = make_mesh("hills", small_scene().triangles(0.0, 2).vertices.reshape(-1, 3), None, None, "hills")
-    matrices = np.eye(4)[None, :3].repeat(2, 0)
-    matrices[1, 0, 3] = 2.0
-    return InstanceData(InstancedMeshes([hills], [matrices], "small"), threads=2)
-
-
-def instances_warm_up() -> WarmUp:
-    """The additional job of scenes of instances."""
-
-    def work() -> None:
-        data, accelerator = small_instances(), Accelerator(parse_plan(Instanced.default_plan), 2)
-        source, (camera, lights) = Instanced(data, accelerator, SharedInstances(data)), small_view()
-        rays = rays_of(np.ones((2, 3)), -np.ones((2, 3)), HitFilter(0.0, 9.0), (0.0, 0.0, 0.0), 1)
-        for any_hit in True, False:
-            trace_list(source.trees, rays, any_hit, hit_arrays(2, any_hit), 2)
-        find_all(source.trees, rays.arrays(), 0, TRIANGLES, threads=2)
-        tree = source.accelerated
-        surfaces = source.look(CameraView(camera, tree.triangles, tree, slice(0, camera.height)))
-        queries = surface_queries(surfaces, lights, [light_samples(light, 1) for light in lights], 0, 2)
-        accelerator.answer_all(tree, queries)
-
-    return fixed_warm_up("instances", work)

@@ -19,12 +19,10 @@ from ...kernels.simd import get, ptr, put, splat4, stack_i32
 from ...query.ray_list import RayArguments, changed_error
 from ...scene.triangles import AllHits
 from ...store.store_file import Store
-from ...trace.rays.all_hits import TRIANGLES, RayHits, count_all, find_all, join_rays, merge_triangles
+from ...trace.rays.all_hits import RayHits, count_all, find_all, join_rays, merge_triangles
 from ...trace.rays.local_rays import LocalRays, local_ray
 from ...trace.rays.ray_batches import RayTracer
 from ...trace.rays.ray_traversal import box_ray, enter_boxes
-from ..method_registry import BUILDERS
-from ..precompilation import WarmUp, fixed_warm_up, small_scene
 
 _STACK = 2 * MAX_DEPTH
 
@@ -55,23 +53,6 @@ def _enter_chunks(ticket, nodes, links, rays, offsets, chunks):
                 n += 1
         if len(chunks) == 0:
             offsets[i + 1] = n
-
-
-def paged_hits_warm_up() -> WarmUp:
-    """The job of all hits in a store, and their numbers."""
-
-    def work() -> None:
-        bvh = BUILDERS["bsah"].build(small_scene().triangles(0.0, 1).vertices, 1)
-        n, one = 128, np.ones(128)
-        points = np.ones((n, 3), np.float32)
-        rays = LocalRays(points, points, np.full(n, -1, np.int32), 0.0 * one, one)
-        none = np.empty(0, np.int32)
-        run(_enter_chunks, 1, new_ticket(n, 1), bvh.nodes, bvh.links, rays, np.zeros(n + 1, np.int64), none)
-        tracer, arguments = RayTracer(widen(bvh, 1)), _arguments(rays, np.arange(n))
-        count_all(tracer, arguments, TRIANGLES, 1)
-        find_all(tracer, arguments, 1, TRIANGLES, 1)
-
-    return fixed_warm_up("all hits in stores", work)
 
 
 class _ChunkRays(NamedTuple):

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from ...base.checks import byte_count
 from ...base.errors import InputError
-from ...bvh.tree_quality import tree_fault
 from ...kernels.exact.filters import single_weights
 from ...kernels.exact.predicate import ray_along
 from ...kernels.jit import kernel
@@ -34,21 +33,18 @@ from ...scene.triangles import AllHits, Triangles, concatenate
 from ...store.chunk_residency import Paging, Residency, TriangleCopies, hit_slots, slot_starts
 from ...store.store_file import StoreData
 from ...store.system_resources import release_freed, resident_memory
-from ...techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, prepare, ray_hits
+from ...techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, ray_hits
 from ...techniques.chcrt.chcrt_tracer import ChcRtTracer
 from ...techniques.chcrt.nearest_hits import mark_hits, number_hits
 from ...techniques.chcrt.tree_parts import parts_of_chunks
-from ...techniques.tracer_options import ChcRtOptions
-from ...trace.primary.primary_rays import primary_picture, sign_hits
 from ...trace.rays.local_rays import LocalRays, local_rays
 from ...trace.rays.ray_hits import hit_surfaces
-from ...trace.tree_list import Hits, no_hits
+from ...trace.tree_list import Hits
 from ..accelerator import Accelerated, Accelerator, SceneTrees
-from ..method_registry import BUILDERS
 from ..plan import Plan
-from ..precompilation import WarmUp, fixed_warm_up, precompile, small_scene, small_view
+from ..precompilation import precompile
 from ..primary_visibility import RAYS
-from .paged_hits import all_hits, count_hits, paged_hits_warm_up
+from .paged_hits import all_hits, count_hits
 from .source_protocols import CameraView, FrameMemory, SourceSettings
 
 # --- Bands of rows ----------------------------------------------------------------------------------------------------
@@ -209,28 +205,6 @@ BAND_FACTOR = 4  # bands pay off if a frame reads more than this multiple of the
 RESERVED = 48 << 20  # bytes reserved for small allocations
 
 
-def paged_warm_up() -> WarmUp:
-    """The job of rendering a scene in a store, in addition to the job of its plan."""
-
-    def work() -> None:
-        scene, (h, w) = small_scene(), (8, 8)
-        scheduled = prepare(BUILDERS["bsah"].build(scene.triangles().vertices, 2), ChcRtOptions(), 2)
-        first, view = np.zeros(len(scheduled.parts.trees), np.int64), small_view()[0].rays(scene.origin)
-        camera_hits(scheduled, view, 2)
-        picture = primary_picture(view, scheduled.parts.boxes[0], no_hits((view.height, view.width)))
-        sign_hits(scheduled.parts.trees, picture, first, 2)
-        rays, _ = subpixel_rays(view, np.ones((view.height // 4, view.width // 4), np.bool_), 2)
-        (hits,) = nearest_hits(scheduled, [rays], (h, w), 2)
-        mark_hits(hits, first, np.zeros(1 << 20, np.uint8), 2)
-        faces = np.full((h, w), -1, np.int32)
-        number_hits(hits, first, np.zeros(1 << 20, np.int32), faces, 2)
-        ray_hits(scheduled, rays, np.tile([0.0, 1.0], (h * w, 1)), 0, False, 2)
-        weights(HitBatch(np.arange(h * w), rays, hits, scene.triangles(), hits.face.reshape(-1)), 2)
-        tree_fault(BUILDERS["bsah"].build(scene.triangles().vertices, 2))  # as of each chunk that is read
-
-    return fixed_warm_up("scenes in a store", work)
-
-
 class Paged:
     """A scene in a store, with its resident chunks: a `RenderSource` with a `FixedTree` and a `Memory`.
 
@@ -296,7 +270,7 @@ class Paged:
         return self
 
     def warm_up(self) -> None:
-        precompile(paged_warm_up)
+        precompile("scenes in a store")
 
     def begin(self, memory: FrameMemory) -> None:
         """Begin a frame. Rays that are traced together get up to half of the memory, and chunks the rest."""
@@ -419,13 +393,13 @@ class Paged:
     def all_hits(self, rays: RayArguments, max_hits: int | None, rule: int, threads: int) -> AllHits:
         with self._turn:
             self.warm_up()
-            precompile(paged_hits_warm_up)
+            precompile("all hits in stores")
             return all_hits(self.store, self._unordered_batches(rays), max_hits, rule, threads)
 
     def count_hits(self, rays: RayArguments, rule: int, threads: int) -> NDArray[np.int64]:
         with self._turn:
             self.warm_up()
-            precompile(paged_hits_warm_up)
+            precompile("all hits in stores")
             return count_hits(self.store, self._unordered_batches(rays), rule, threads)
 
     def _unordered_batches(self, rays: RayArguments) -> Iterator[LocalRays]:

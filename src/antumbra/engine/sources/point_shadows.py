@@ -12,7 +12,7 @@ from ...scene.triangles import Triangles
 from ...trace.transmission import TracedQuery, transmission
 from ..accelerator import Accelerated, Accelerator
 from ..device_plans import cpu_plan
-from ..plan_kernels import warm_up
+from ..plan_records import precompile_plan
 from ..precompilation import precompile
 from ..primary_visibility import precompiled_method
 from .source_protocols import PointQuery, RenderSource, box_of, moment_of, points_memory
@@ -28,10 +28,8 @@ class PlanKernels:
         """Compile them, once."""
         if not self._ready:
             if self._plan.device is not None:
-                from .device_rays import devices_warm_up  # imported late: most engines use no device
-
-                precompile(devices_warm_up)
-            warm_up(cpu_plan(self._plan), precompiled_method(self._source.gbuffer))
+                precompile("devices")
+            precompile_plan(cpu_plan(self._plan), precompiled_method(self._source.gbuffer))
             self._source.warm_up()
             self._ready = True
 

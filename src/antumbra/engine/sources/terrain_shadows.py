@@ -16,15 +16,14 @@ from numpy.typing import NDArray
 
 from ...base.memory import available_memory
 from ...base.progress import ProgressCallback
-from ...query.light_samples import light_samples
-from ...query.ray_list import HitArrays, HitFilter, RayArguments, TracedRays, changed_error, hit_arrays, rays_of
+from ...query.ray_list import HitArrays, RayArguments, TracedRays, changed_error, hit_arrays
 from ...query.receivers import Receivers
 from ...query.shadow_query import ShadowQuery, new_bits
 from ...scene.light_lists import DirectionalLights
 from ...scene.lights import DIRECTIONAL
 from ...scene.scene_bounds import flush_to_zero
-from ...scene.scene_data import MemoryData, SceneData
-from ...scene.terrain import GridPoints, HeightGrid, TerrainSurfaces, faces_of_squares
+from ...scene.scene_data import SceneData
+from ...scene.terrain import HeightGrid, faces_of_squares
 from ...trace.rays.local_rays import are_valid, local_rays
 from ...trace.terrain.terrain_lanes import trace_stencils
 from ...trace.terrain.terrain_ray_lists import MOST_EXTENTS, trace_rays
@@ -32,7 +31,7 @@ from ...trace.terrain.terrain_rays import TerrainTree, terrain_tree, trace_terra
 from ...trace.terrain.terrain_stencils import Relief, Stencils, relief_of, stencils_of
 from ...trace.transmission import TracedQuery
 from ..auto.cost_model import GOOD, build_seconds
-from ..precompilation import WarmUp, fixed_warm_up, precompile
+from ..precompilation import precompile
 from .in_memory_source import RayLists
 from .point_shadows import SceneFrame, queries_of
 from .source_protocols import PointQuery, PointSource
@@ -148,7 +147,7 @@ class TerrainShadows:
         """The shadow query of each light, with its answer."""
         if not self.serves(points):
             return self._points.shadows(points, progress)
-        precompile(terrain_warm_up)
+        precompile("terrain")
         return self.pyramid.shadows(points, self._threads, progress)
 
     def serves(self, points: PointQuery) -> bool:
@@ -193,7 +192,7 @@ class TerrainShadows:
         ends = (local.origins, local.directions) if rays.segments else (local.origins,)
         if any(each.size and float(np.abs(each).max()) > reach for each in ends):
             return None
-        precompile(terrain_rays_warm_up)
+        precompile("ray lists over terrain")
         squares, out = None if any_hit else self.pyramid.squares, hit_arrays(rays.n, any_hit)
         for first in range(0, rays.n, _LISTED):
             start, part = perf_counter(), slice(first, first + _LISTED)
@@ -209,35 +208,3 @@ def _follows_rows(receivers: Receivers, surface: HeightGrid) -> bool:
     steps = np.diff(receivers.origins.reshape(-1, 3)[:, :2].astype(np.float64), axis=0)
     next_to = (np.abs(steps[:, 0] - surface.grid.dx) < 0.01 * surface.grid.dx) & (steps[:, 1] == 0.0)
     return 2 * int(next_to.sum()) > len(next_to)
-
-
-def small_terrain() -> MemoryData:
-    """A raster of 3 x 3 heights, for warm-ups."""
-    grid = GridPoints(0.5, -0.5, 1.0, 1.0, 3, 3)
-    return MemoryData(
-        TerrainSurfaces([HeightGrid("small", grid, None, np.zeros((3, 3)))], "small"), name="small", up="z"
-    )
-
-
-def terrain_warm_up() -> WarmUp:
-    """The job of shadow queries over terrain."""
-
-    def work() -> None:
-        data = small_terrain()
-        light = DirectionalLights(np.array([(0.5, 0.3, -1.0)]))
-        for points in ([[0.7, -1.0, 1.0]], [[0.5, -0.5, 1.0], [1.5, -0.5, 1.0], [2.5, -0.5, 1.0]]):
-            receivers = Receivers.in_space(np.array(points), data.origin)
-            TerrainPyramid(data).shadows(PointQuery(receivers, [light], [light_samples(light, 1)]), 1, None)
-
-    return fixed_warm_up("terrain", work)
-
-
-def terrain_rays_warm_up() -> WarmUp:
-    """The job of ray lists over terrain."""
-
-    def work() -> None:
-        data = small_terrain()
-        rays = rays_of(np.zeros((1, 3)), np.ones(3), HitFilter(), (0.0, 0.0, 0.0), data.n_triangles)
-        trace_rays(TerrainPyramid(data).tree, None, local_rays(rays.arrays(), 0), hit_arrays(1, True), 1)
-
-    return fixed_warm_up("ray lists over terrain", work)

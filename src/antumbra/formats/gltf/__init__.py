@@ -6,7 +6,6 @@ accept any type for any field, invent defaults for required fields, and take 2.8
 
 - `gltf_source`: `read_gltf`, a file as the source of a scene
 - `gltf_file`: containers and buffers
-- `meshopt_views`: `decompress_views`, buffer views compressed by meshoptimizer
 - `accessors`: numbers in buffers, including Draco-compressed ones
 - `gltf_nodes`: world matrices, keyframes, cameras and lights
 - `gltf_meshes`: primitives, skins and morph targets

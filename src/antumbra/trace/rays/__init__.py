@@ -9,7 +9,6 @@
 - `hit_reports`: t and weights of hits, sixteen at a time
 - `all_hits`: all hits of ray arrays, or their number
 - `instance_traversal`: one ray through instances
-- `instance_columns`: 64 rays in the frames of copies
 - `instance_batches`: ray lists through instances, interleaved
 - `instance_rays`: all hits and shadow queries of instances
 - `ray_hits`: nearest surfaces of diffuse rays, all intersections of segments

@@ -282,9 +282,17 @@ def _copy(ticket, batches, offsets, source, out):
 
 
 _CHUNK = 16  # batches that a thread takes at a time
-_TOGETHER = 1 << 14  # batches whose hits are in memory twice at a time
-_ROOM = 1 << 12  # hits of a batch for which memory is first allocated
-_HITS_PER_RAY = 3  # likewise, of all rays
+_HITS_PER_RAY = 3  # of all rays, for which memory is first allocated
+
+
+class HitMemory(NamedTuple):
+    """The memory of `find_all`, which changes no hit."""
+
+    together: int = 1 << 14  # batches whose hits are in memory twice at a time
+    room: int = 1 << 12  # hits of a batch for which memory is first allocated
+
+
+USUAL_MEMORY = HitMemory()
 
 
 def find_all(
@@ -293,6 +301,7 @@ def find_all(
     max_hits: int | None = None,
     rule: int = TRIANGLES,
     threads: int | None = None,
+    memory: HitMemory = USUAL_MEMORY,
 ) -> AllHits | None:
     """All hits of rays, with signed t, or the first `max_hits` of each; None if a ray is invalid.
 
@@ -308,9 +317,10 @@ def find_all(
         run(_collect, n_threads, ticket, tracer.tree, listed, rule, batches, out, own=scratch)
 
     parts = list[AllHits]()
-    for begin in range(0, n_batches, _TOGETHER):
-        numbers = np.arange(begin, min(begin + _TOGETHER, n_batches))
-        rounds = _rounds(numbers, np.zeros(min(rays.n - begin * _RAYS, len(numbers) * _RAYS), np.int64), trace)
+    for begin in range(0, n_batches, memory.together):
+        numbers = np.arange(begin, min(begin + memory.together, n_batches))
+        counts = np.zeros(min(rays.n - begin * _RAYS, len(numbers) * _RAYS), np.int64)
+        rounds = _rounds(numbers, counts, memory.room, trace)
         if rounds is None:
             return None
         parts.append(_in_order(rounds, max_hits, n_threads))
@@ -322,10 +332,13 @@ _Round: TypeAlias = tuple[_Batches, HitArrays]
 
 
 def _rounds(
-    numbers: np.ndarray, counts: np.ndarray, trace: Callable[[_Batches, HitArrays, int], None]
+    numbers: np.ndarray, counts: np.ndarray, room: int, trace: Callable[[_Batches, HitArrays, int], None]
 ) -> list[_Round] | None:
-    """Trace batches, then once more those for which memory was too small. None if a ray is invalid."""
-    rounds, begin, room, size = list[_Round](), int(numbers[0]), _ROOM, _HITS_PER_RAY * _RAYS * len(numbers)
+    """Trace batches, then once more those for which memory was too small. None if a ray is invalid.
+
+    room : hits of a batch for which memory is first allocated
+    """
+    rounds, begin, size = list[_Round](), int(numbers[0]), _HITS_PER_RAY * _RAYS * len(numbers)
     while len(numbers):
         places, totals = np.full(len(numbers), -1), np.zeros(len(numbers), np.int64)
         batches = _Batches(numbers, begin, counts, places, totals, np.zeros(1, np.int64), np.zeros(1, np.bool_))

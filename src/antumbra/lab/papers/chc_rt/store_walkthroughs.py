@@ -18,10 +18,11 @@ import numpy as np
 from ....base.errors import InputError
 from ....bvh.nodes import Bvh
 from ....engine.paged_scene import PagedScene
+from ....engine.plan_records import precompile_plan
+from ....engine.precompilation import precompile
 from ....engine.sources.paged_source import RESERVED, Paged
 from ....engine.sources.source_protocols import CameraView
 from ....picture.frame_request import PASS_BYTES, Request, frame_memory
-from ....picture.render_kernels import precompile_indirect, precompile_plan
 from ....picture.render_options import RenderOptions
 from ....picture.renderer import Renderer
 from ....query.light_samples import light_samples
@@ -110,7 +111,7 @@ def opened(case: StoreCase) -> Iterator[Paged]:
     drop_cached_pages(case.store.path)
     renderer = Renderer(case.place.scene, None, case.threads, max_memory=case.max_memory)
     precompile_plan(renderer.plan, "rays")
-    precompile_indirect("rays")
+    precompile("light that bounces (rays)")
     paged = cast(Paged, renderer.source)
     scheduled = paged.accelerated.prepared
     scheduled.options = scheduled.options._replace(tile=options_of(case.place).tile)

@@ -16,8 +16,9 @@ import numpy as np
 from ....base.errors import InputError
 from ....bvh.block_tree import block_tree
 from ....engine.plan import parse_plan
+from ....engine.plan_records import precompile_plan
+from ....engine.precompilation import precompile
 from ....picture.image_files import to_srgb8
-from ....picture.render_kernels import precompile_indirect, precompile_plan
 from ....picture.renderer import Renderer
 from ....query.light_samples import ROTATIONS
 from ....query.shadow_query import Surfaces, surfaces_of
@@ -120,7 +121,7 @@ class InCore:
         self.place, self.threads, self._options = place, threads, options
         for tracer in (*TRACERS, CHCRT):
             precompile_plan(parse_plan(plan_of(tracer)), "rays")
-        precompile_indirect("rays")
+        precompile("light that bounces (rays)")
         self._renderer = Renderer(place.scene, plan_of(SINGLE), threads)
         accelerated = self._renderer.accelerate()
         assert accelerated.bvh is not None

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 import antumbra as at
-from antumbra.formats.gltf.meshopt_views import MAX_RATIO
+from antumbra.formats.gltf.gltf_file import MAX_RATIO
 from gltf_files import Gltf
 from repository import ROOT
 from web_scene import COPIES, PACKED, TIMES, garden, hill
