@@ -8,7 +8,7 @@ import pytest
 from antumbra.base.command_registry import COMMANDS
 
 NEVER = {"scipy", "trimesh", "pydantic", "hypothesis", "matplotlib", "OpenEXR"}
-SLOW = {"numpy.ma", "rich", "antumbra.lab.papers", "antumbra.techniques.rayhierarchy"}
+SLOW = {"numpy.ma", "rich", "antumbra.lab.papers", "antumbra.techniques.rayhierarchy.ray_hierarchy"}
 EXTRAS = {"scipy", "OpenEXR", "matplotlib", "pvlib", "pandas", "pyproj", "mapbox_earcut", "pyarrow", "rasterio"}
 EXTRAS |= {"xatlas", "imageio_ffmpeg", "viser", "websockets", "ray", "DracoPy", "playwright", "pyopencl"}  # no compiler
 

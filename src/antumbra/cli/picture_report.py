@@ -300,7 +300,6 @@ def _print_device(scene: "AnyScene", plan: str) -> None:
     from ..devices.device_list import CPU, default_device
     from ..engine.device_plans import traces_on_device
     from ..engine.plan import parse_plan
-    from ..scene.instance_data import InstanceData
 
     device = parse_plan(plan).device
     if device is not None:
@@ -309,7 +308,7 @@ def _print_device(scene: "AnyScene", plan: str) -> None:
             besides += ", and those through cut-outs"
         print(f"The device {device} traced the shadow rays; the CPU traced {besides}.")
     elif default_device() not in (None, CPU) and not traces_on_device(scene.data):
-        kind = "instances" if isinstance(scene.data, InstanceData) else "stores"
+        kind = "instances" if scene.data.instanced else "stores"
         print(f"Devices do not trace {kind} yet; the CPU traced everything.")
 
 

@@ -116,7 +116,8 @@ class Renderer:
             If a value is out of range, the camera's position is in degrees, or an argument is not a camera or a light.
         """
         request = self.request(camera, lights, options_of(options, given(*args, **keywords)))
-        return _drawn(self.engine, request, progress)
+        with show_progress("tracing", progress) as report, self.engine.lock:
+            return render_frame(FrameState(self.engine, request._replace(progress=report)))
 
     def rows(self, request: Request) -> RowBands:
         """Render a request in bands of rows, which can be traced in any order and in any process."""
@@ -189,12 +190,6 @@ def _precompile_frames(plan: Plan, gbuffer: str, counters: bool) -> None:
         example_frame(plan, gbuffer, replace(PLAIN, counters=counters))
 
 
-def _drawn(engine: Engine, request: Request, progress: ProgressCallback | bool | None) -> Frame:
-    """The frame of a request whose kernels are compiled."""
-    with show_progress("tracing", progress) as report, engine.lock:
-        return render_frame(FrameState(engine, request._replace(progress=report)))
-
-
 def _check_view(scene: AnyScene, camera: Any, lights: Any) -> tuple[Camera, list[Light]]:
     """Check the camera and the lights, and their order."""
     if isinstance(lights, Camera) or (isinstance(camera, (Light, list, tuple)) and not isinstance(camera, Camera)):
@@ -252,4 +247,6 @@ def render(
     if lights is None:
         lights = scene.default_lights(picture_options.time)
     renderer = Renderer(scene, **of_renderer)
-    return _drawn(renderer.engine, renderer.request(camera, lights, picture_options), progress)
+    request = renderer.request(camera, lights, picture_options)
+    with show_progress("tracing", progress) as report, renderer.engine.lock:
+        return render_frame(FrameState(renderer.engine, request._replace(progress=report)))

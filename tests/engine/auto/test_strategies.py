@@ -44,7 +44,7 @@ def test_every_strategy_gives_the_bits_of_brute_force(scene, monkeypatch, strate
     truth, active = true_occlusion(triangles, query)
     auto = strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
     bits, counters = np.zeros((16, 20, -(-query.samples.shape[1] // 64)), np.uint64), new_counters()
-    strategies.trace_shadow(auto, query, bits, 2, counters)
+    strategies.AutoTracer().trace(auto, query, bits, 2, counters)
     np.testing.assert_array_equal(unpack(bits, query.samples.shape[1])[active], truth[active])
     (choice,) = auto.choices
     assert choice.strategy == (strategy if TRACERS[strategy].suits(query, auto.forms.extent.box) else choice.strategy)
@@ -124,7 +124,7 @@ def test_elapsed_time_of_a_device_counts_for_all_threads(scene, monkeypatch):
     answers = []
     for _ in range(2):
         bits = np.zeros((32, 40, 1), np.uint64)
-        strategies.trace_shadow(auto, query, bits, 3)
+        strategies.AutoTracer().trace(auto, query, bits, 3)
         answers.append(unpack(bits, 4))
     assert [choice.strategy for choice in auto.choices] == ["on-device"] * 2 and len(uploads) == 1
     assert [choice.seconds for choice in auto.choices] == [7.5, 7.5]
@@ -183,7 +183,7 @@ def test_a_query_that_loses_much_builds_a_better_tree_first(scene, monkeypatch, 
     better = strategies.TreeUpgrade(lambda query: (BUILDERS[GOOD].build(triangles.vertices, 2), GOOD))
     auto = strategies.AutoState(BUILDERS[QUICK].build(triangles.vertices, 2), 2, None, QUICK, better)
     bits = np.zeros((16, 20, 1), np.uint64)
-    strategies.trace_shadow(auto, query, bits, 2)
+    strategies.AutoTracer().trace(auto, query, bits, 2)
     np.testing.assert_array_equal(unpack(bits, 4)[active], truth[active])
     assert auto.builder == builder
 

@@ -100,14 +100,15 @@ def test_a_query_of_rays_reaches_its_kernel_in_five_calls():
     ]
 
 
-def test_a_picture_reaches_the_kernel_of_its_shadow_rays_in_thirteen_calls():
+@pytest.mark.parametrize("plan, most", [("bsah+multifrusta", 12), ("bsah+wide", 12), ("auto", 13)])
+def test_a_picture_reaches_the_kernel_of_its_shadow_rays_in_twelve_calls_and_one_that_chooses(plan, most):
     scene = at.procedural("atrium", triangles=2000)
     camera, lights = scene.cameras[0].resized(64, 64), scene.lights
-    at.render(scene, camera, lights, spp=16)
-    chains = calls_to_kernels(lambda: at.render(scene, camera, lights, spp=16))
+    at.render(scene, camera, lights, spp=16, plan=plan)
+    chains = calls_to_kernels(lambda: at.render(scene, camera, lights, spp=16, plan=plan))
     names = [[name for _, name in chain] for chain in chains]
     traced = [chain for chain in names if "Accelerator.answer_all" in chain and chain[-1] == "run"]
-    assert 0 < min(map(len, traced)) <= 13
+    assert 0 < min(map(len, traced)) <= most
 
 
 COPIES = [np.eye(4), np.eye(4) + np.eye(4, k=3) * 3.0]

@@ -455,51 +455,33 @@ class AutoTracer(Tracer):
         progress: ProgressCallback | None = None,
         fresh: bool = True,
     ) -> None:
-        trace_shadow(prepared, query, bits, threads, counters, progress, fresh)
-
-
-def trace_shadow(
-    auto: AutoState | TreelessState,
-    query: ShadowQuery,
-    bits: Bits,
-    threads: int | None = None,
-    counters: Counters | None = None,
-    progress: ProgressCallback | None = None,
-    fresh: bool = True,
-) -> None:
-    """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
-
-    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry if the query is fresh
-    counters : from `new_counters`, or None
-    fresh : False: the bits mark rays that need no tracing, among them all that receivers' own surfaces block
-    """
-    threads = thread_count(threads)
-    if isinstance(auto, TreelessState):
-        auto.trace(query, bits, threads, counters, progress, fresh)
-        return
-    forms, memory = auto.forms, auto.memory
-    rays = query.sides.size * query.samples.shape[1]
-    if rays <= _FEW_RAYS:
-        start = perf_counter()
-        trace_single: Callable[..., None] = single_rays.trace_shadow  # also takes a packed tree
-        trace_single(forms.packed_single, query, bits, threads, counters, progress)
-        choice = StrategyChoice("single", rays, "few rays", 0.0, {}, seconds=perf_counter() - start)
-        memory.learn(_FEW_RAYS_KEY, choice, auto.builder)
-        return
-    features = features_of(query, *forms.extent)
-    key, places = feature_key(features), None
-    suited = suitable_strategies(query, forms.extent.box)
-    if sorting_pays(query, forms, features, suited, threads):
-        places = spatial_order(query.origins[0])
-        query = reorder_query(query, places)
+        threads = thread_count(threads)
+        if isinstance(prepared, TreelessState):
+            prepared.trace(query, bits, threads, counters, progress, fresh)
+            return
+        forms, memory = prepared.forms, prepared.memory
+        rays = query.sides.size * query.samples.shape[1]
+        if rays <= _FEW_RAYS:
+            start = perf_counter()
+            trace_single: Callable[..., None] = single_rays.trace_shadow  # also takes a packed tree
+            trace_single(forms.packed_single, query, bits, threads, counters, progress)
+            choice = StrategyChoice("single", rays, "few rays", 0.0, {}, seconds=perf_counter() - start)
+            memory.learn(_FEW_RAYS_KEY, choice, prepared.builder)
+            return
         features = features_of(query, *forms.extent)
-    choice = choose_strategy(query, forms, features, suited, threads, memory.rates(key))
-    auto.improve(query, choice, threads)
-    tracer = TRACERS[choice.strategy]
-    form, start = auto.forms.of(tracer.form), _clock(tracer, threads)
-    out = bits if places is None else bits[:, places]
-    tracer.trace(form, query, out, threads, counters, progress, fresh)
-    if places is not None:
-        bits[:, places] = out
-    seconds = _clock(tracer, threads) - start
-    memory.learn(key, choice._replace(sorted=places is not None, seconds=seconds), auto.builder)
+        key, places = feature_key(features), None
+        suited = suitable_strategies(query, forms.extent.box)
+        if sorting_pays(query, forms, features, suited, threads):
+            places = spatial_order(query.origins[0])
+            query = reorder_query(query, places)
+            features = features_of(query, *forms.extent)
+        choice = choose_strategy(query, forms, features, suited, threads, memory.rates(key))
+        prepared.improve(query, choice, threads)
+        tracer = TRACERS[choice.strategy]
+        form, start = prepared.forms.of(tracer.form), _clock(tracer, threads)
+        out = bits if places is None else bits[:, places]
+        tracer.trace(form, query, out, threads, counters, progress, fresh)
+        if places is not None:
+            bits[:, places] = out
+        seconds = _clock(tracer, threads) - start
+        memory.learn(key, choice._replace(sorted=places is not None, seconds=seconds), prepared.builder)

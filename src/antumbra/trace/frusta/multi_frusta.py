@@ -196,33 +196,6 @@ def _trace_areas(ticket, arrays, query, table, shape, layout, regions, k, n_samp
     add_counters(counters, mine)
 
 
-def trace_shadow(
-    tree: BlockTree,
-    query: ShadowQuery,
-    bits: NDArray[np.uint64],
-    threads: int | None = None,
-    counters: NDArray[np.int64] | None = None,
-    progress: ProgressCallback | None = None,
-    fresh: bool = True,
-) -> None:
-    """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
-
-    Packets trace the queries for which shafts are unsuitable (`packets.ray_tile`): hemispheres, interleaved lists, huge
-    lights, and coordinates too large for shafts.
-
-    tree : BlockTree
-    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry if the query is fresh
-    counters : from `new_counters`, or None
-    fresh : False: the bits mark segments known to be blocked, among them all that receivers' own surfaces block
-    """
-    trees = single_tree(tree, fresh)
-    if is_incoherent(query) or is_huge(query, extents_of(tree)) or is_far(query, boxes_of(tree.nodes[:1])):
-        by_packets = over_samples if is_list(query.light) else over_pixels
-        by_packets(trees, query, bits, threads, counters, progress)
-        return
-    trace_tree_list(trees, query, bits, threads, counters, progress)
-
-
 def trace_tree_list(
     tree_list: TreeList,
     query: ShadowQuery,
@@ -252,7 +225,11 @@ BENTHIN = "Benthin and Wald 2009, Efficient ray traced soft shadows using multi-
 
 
 class MultiFrusta(Tracer):
-    """The tracer `multifrusta`."""
+    """The tracer `multifrusta`.
+
+    Packets trace the queries for which shafts are unsuitable (`packets.ray_tile`): hemispheres, interleaved lists, huge
+    lights, and coordinates too large for shafts.
+    """
 
     description = "16 shafts of shadow rays at once, single rays only where shafts are undecided"
     paper = BENTHIN
@@ -284,4 +261,12 @@ class MultiFrusta(Tracer):
         progress: ProgressCallback | None = None,
         fresh: bool = True,
     ) -> None:
-        trace_shadow(prepared, query, bits, threads, counters, progress, fresh)
+        trees = single_tree(prepared, fresh)
+        if is_incoherent(query) or is_huge(query, extents_of(prepared)) or is_far(query, boxes_of(prepared.nodes[:1])):
+            by_packets = over_samples if is_list(query.light) else over_pixels
+            by_packets(trees, query, bits, threads, counters, progress)
+            return
+        trace_tree_list(trees, query, bits, threads, counters, progress)
+
+
+trace_shadow = MultiFrusta().trace

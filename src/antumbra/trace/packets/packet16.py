@@ -293,7 +293,7 @@ class PixelPackets(Tracer):
         reference=99.53848628830835,
     )  # fmt: skip
 
-    packets = over_pixels
+    by_sample = False  # as in `Packets`
 
     def trace(
         self,
@@ -306,7 +306,7 @@ class PixelPackets(Tracer):
         fresh: bool = True,
     ) -> None:
         trees = single_tree(prepared, fresh) if isinstance(prepared, BlockTree) else prepared
-        self.packets(trees, query, bits, threads, counters, progress)
+        trace_tiles(TileRun(_trace_packets, self.by_sample, threads, counters, progress, fresh), trees, query, bits)
 
 
 class SamplePackets(PixelPackets):
@@ -326,7 +326,7 @@ class SamplePackets(PixelPackets):
         reference=63.91708058273186,
     )  # fmt: skip
 
-    packets = over_samples
+    by_sample = True
 
 
 class BlockPackets(PixelPackets):
