@@ -165,7 +165,7 @@ def test_a_moment_that_fails_leaves_no_triangles_of_another(atrium):
             calls.append(time)
             raise at.InputError("no such moment")
 
-    trees._data = Fails()
+    trees.data = Fails()
     for _ in range(2):
         with pytest.raises(at.InputError, match="no such moment"):
             trees.triangles(1.0, 1)

@@ -93,15 +93,15 @@ class MoreOptions(RenderOptions):
 
 
 def test_a_new_option_needs_no_other_edit():
-    @with_keywords(MoreOptions)
-    def render(scene, **keywords):
+    @with_keywords(MoreOptions, 1)
+    def render(given, scene, *args, **keywords):
         """Render.
 
         Parameters
         ----------
         scene : Scene
         """
-        return MoreOptions(**keywords)
+        return MoreOptions(**given(*args, **keywords))
 
     @dataclass(frozen=True)
     class Arguments(SceneArguments):

@@ -53,7 +53,9 @@ def compiled(monkeypatch):
     """The kernels that are compiled, while none is on disk. None is compiled."""
     kernels = []
     monkeypatch.setattr(precompilation, "is_on_disk", lambda kernel, key: False)
-    monkeypatch.setattr(precompilation, "compile_kernels", lambda missing, progress: kernels.extend(missing))
+    monkeypatch.setattr(
+        precompilation, "compile_kernels", lambda missing, progress, levels=None: kernels.extend(missing)
+    )
     precompile.cache_clear()
     precompile_plan.cache_clear()
     yield kernels

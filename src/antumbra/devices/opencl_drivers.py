@@ -11,11 +11,11 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any, NamedTuple
 
 from ..base.extras import import_extra
+from ..base.files import temporary_folder
 from .device import DeviceError, check_process
 
 _WHEEL, _LIBRARY = "intel-opencl-rt", "libintelocl.so"
@@ -138,14 +138,14 @@ def _wheels_listed() -> Iterator[None]:
     if library is None or "OCL_ICD_VENDORS" in os.environ:
         yield
         return
-    with TemporaryDirectory(prefix="antumbra-opencl-") as folder:
+    with temporary_folder() as folder:
         for listed in Path(os.environ.get("OPENCL_VENDOR_PATH", _VENDORS)).glob("*.icd"):
             with suppress(OSError):
                 text = listed.read_text()
                 if Path(text.strip()).name != _LIBRARY:
-                    Path(folder, listed.name).write_text(text)
-        Path(folder, "antumbra-intel-cpu.icd").write_text(f"{library}\n")
-        os.environ["OCL_ICD_VENDORS"] = folder
+                    (folder / listed.name).write_text(text)
+        (folder / "antumbra-intel-cpu.icd").write_text(f"{library}\n")
+        os.environ["OCL_ICD_VENDORS"] = str(folder)
         try:
             yield
         finally:

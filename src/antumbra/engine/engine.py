@@ -445,7 +445,8 @@ class Engine(RayQueries):
 def chosen_plan(data: SceneData, plan: str | Plan | None, device: str | None) -> str | Plan:
     """The plan of an engine for a scene, by its options; None: not given. Raises the errors of `plan_on`."""
     with using_device(device):
-        return plan_on(device, plan, data) or default_plan_of(data)
+        named = plan_on(device, plan, data)
+    return default_plan_of(data) if named is None else named
 
 
 def default_plan_of(data: SceneData) -> str:

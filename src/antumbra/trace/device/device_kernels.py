@@ -64,13 +64,13 @@ def _trace(tree, rays, any_hit, work):
 
 
 @kernel
-def trace_any(tree, rays, work):
+def trace_any(tree, rays, work):  # tree: TreeBuffers, work: Work
     """Trace segments, or any hit of rays: write the state of each."""
     _trace(tree, rays, True, work)
 
 
 @kernel
-def trace_nearest(tree, rays, work):
+def trace_nearest(tree, rays, work):  # tree: TreeBuffers, work: Work
     """Trace rays: write the slot of the nearest hit of each."""
     _trace(tree, rays, False, work)
 
@@ -212,7 +212,7 @@ def _settle_nearest(tree, rays, work, j, slot):
 
 
 @kernel
-def settle_any(tree, rays, work, first, n):
+def settle_any(tree, rays, work, first, n):  # tree: TreeBuffers, work: Work
     """Decide n listed tests from the `first` on: mark rays that are surely blocked; records for the undecided ones."""
     k, pairs = thread_index(), i32_at(work.pairs)
     if k < n:
@@ -220,7 +220,7 @@ def settle_any(tree, rays, work, first, n):
 
 
 @kernel
-def settle_nearest(tree, rays, work, first, n):
+def settle_nearest(tree, rays, work, first, n):  # tree: TreeBuffers, rays: RayBuffers, work: Work
     """Decide n listed tests from the `first` on: write hits that precede the nearest one; records for undecided ones.
 
     Threads of one ray may overwrite each other's hits, so this is repeated until no hit is written (`Work.counts`).
@@ -232,7 +232,7 @@ def settle_nearest(tree, rays, work, first, n):
 
 
 @kernel
-def mark_rays(out, marks, n):
+def mark_rays(out, marks, n):  # marks: address of int32
     """Write what the CPU has decided: out[ray] = value for n pairs of int32 (ray, value)."""
     k = thread_index()
     if k < n:
@@ -243,7 +243,7 @@ def mark_rays(out, marks, n):
 
 
 @kernel
-def pack_states(states, n, words, n_words):
+def pack_states(states, n, words, n_words):  # states: address of int32, n: number, n_words: number
     """Bit k of the int32 words is set if state k is BLOCKED."""
     k = thread_index()
     if k < n_words:
@@ -272,7 +272,7 @@ def _numbers_of_hit(ray, corners):
 
 
 @kernel
-def report_hits(tree, rays, work, hits, first, n):
+def report_hits(tree, rays, work, hits, first, n):  # tree: TreeBuffers, work: Work
     """Write the numbers of n rays' hits from the `first` on; records for those that the CPU must compute."""
     k, corners = thread_index(), stack_f32(9)
     if k >= n:
@@ -299,7 +299,7 @@ def report_hits(tree, rays, work, hits, first, n):
 
 
 @kernel
-def write_blocked(states, n, blocked):
+def write_blocked(states, n, blocked):  # blocked: address of bool
     """Write whether each of n states is BLOCKED, as bool."""
     k = thread_index()
     if k < n:
@@ -339,7 +339,7 @@ def _coordinate(points, i, k):
 
 
 @kernel
-def frame_points(points, n, out, faults):
+def frame_points(points, n, out, faults):  # out: address of int32
     """Convert n points to the scene's frame, as `query.ray_list.RayArrays.local`, and count invalid ones.
 
     faults : two int32: their number, and the index of one of them
@@ -360,7 +360,7 @@ def frame_points(points, n, out, faults):
 
 
 @kernel
-def move_corners(tree, vertices, n):
+def move_corners(tree, vertices, n):  # tree: TreeBuffers, n: number
     """Copy moved vertices, 9 float32 per triangle, to the slots of their triangles."""
     slot = thread_index()
     if slot < n:
@@ -388,7 +388,7 @@ def _bounds_of_child(tree, link, axis):
 
 
 @kernel
-def refit_nodes(tree, order, first, n):
+def refit_nodes(tree, order, first, n):  # tree: TreeBuffers, order: address of int32
     """Compute the boxes of n nodes of a list (int32) from the `first` on, from those of their children."""
     k = thread_index()
     if k < n:

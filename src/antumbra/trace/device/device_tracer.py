@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from ...base.forks import renew_after_fork
 from ...base.progress import ProgressCallback
 from ...bvh.nodes import Bvh
 from ...devices.arrays import DeviceArray
@@ -86,6 +87,10 @@ class DeviceTracer:
         self._receivers: NDArray[np.float32] | None = None  # on the host, where copies to the device are fast
         self._corners: tuple[object, object, DeviceMemory] | None = None  # owner and place on the host, and the copy
         self._lock = threading.RLock()
+        renew_after_fork(self)
+
+    def _after_fork(self) -> None:
+        self._lock = threading.RLock()  # so that the error of a device in a child is raised
 
     def tree(self, bvh: Bvh) -> DeviceTree:
         """A tree, uploaded.
