@@ -311,7 +311,7 @@ def bake(
         Folder for the finished parts of an interrupted bake, or an executor for the parts; see
         `antumbra.work.executors`.
     progress : function of (text, done, total), or bool, optional
-        Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
+        Called during the work. False: show nothing. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------

@@ -100,7 +100,7 @@ class BakeKeywords:
     )
     """For ao and bent-normal: ignore blockers farther away than this, in world units. None: all count."""
     lights: Sequence[Light] | Light | None = option(None, unchecked, doc_type="lights or None")
-    """For shadow, sun and light, in the scene's own coordinates, whichever axis points up. None:
+    """For shadow, sun and light, in the scene's own coordinates, even if +Z is up. None:
     `Scene.default_lights`. `AmbientOcclusion` among the lights of ``light`` acts as a sky."""
     exposure: float | None = option(
         None, _exposure, "Exposure factor; values are clipped at 1.", note="1; for light automatic"

@@ -61,7 +61,7 @@ def replace_hidden(
 def may_be_hidden(values: NDArray[np.float32], meter: Meter) -> NDArray[np.bool_]:
     """(n,) bool: receivers that may be inside a solid, since no ray escapes; all of them if rays may end at a radius.
 
-    Bent normals do not tell whether rays escape, so all receivers are candidates then, too.
+    Bent normals do not show whether rays escape, so all receivers are candidates then, too.
     """
     what, light = meter.settings.what, meter.settings.lights[0]
     if what == "bent-normal" or (isinstance(light, AmbientOcclusion) and light.radius is not None):

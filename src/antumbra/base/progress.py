@@ -24,7 +24,7 @@ ProgressCallback = Callable[[int, int], Any]
 """Function of (amount done, total amount)."""
 
 Progress = ProgressListener | bool | None
-"""Values of the keyword ``progress`` of a job, see `with_progress`."""
+"""Values of the keyword ``progress``, see `with_progress`."""
 
 LOG = logging.getLogger("antumbra")
 

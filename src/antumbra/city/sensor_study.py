@@ -1,4 +1,4 @@
-"""The base of commands of studies with a row for each sensor: checks of sensors and outputs, and what writes tables."""
+"""The base of commands of studies with one row per sensor: checks of sensors and outputs, and the writing of tables."""
 
 from dataclasses import dataclass
 from functools import partial

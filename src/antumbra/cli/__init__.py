@@ -9,7 +9,7 @@
 - `shards`: the options --shard and --ray, and ``antumbra merge``
 - `scene_commands`: ``antumbra info``, ``scenes``, ``formats`` and ``build``
 - `installation_commands`: ``antumbra doctor``, ``warmup`` and ``plans``
-- `vegetation_options`: ``--trees``, a file of trees that commands add to a scene
+- `vegetation_options`: ``--trees``, a file of plants that commands add to a scene
 - `scene_arguments`: the argument SCENE with its options, and opening the scene; `arguments`: parses other texts
 - `options`: shared options, checks of the files they name, and the signatures of commands
 - `interruption`: signals that end the command

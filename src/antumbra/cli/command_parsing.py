@@ -1,4 +1,4 @@
-"""How commands parse their words: each option once, unless it is a list; and values are converted late."""
+"""Parsing of command lines: each option once, unless it is a list; values are converted late."""
 
 import os
 from collections.abc import Callable

@@ -370,7 +370,7 @@ def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
 
 
 class PipeError(Exception):
-    """A BrokenPipeError, which Typer would turn into a silent exit, whichever pipe it is."""
+    """A BrokenPipeError of any pipe, which Typer would turn into a silent exit."""
 
     def __init__(self, error: BrokenPipeError):
         super().__init__(error)

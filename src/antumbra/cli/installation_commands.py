@@ -165,7 +165,7 @@ def _node_text(node: dict[str, Any]) -> str:
 
 
 def _kernels() -> dict[str, Any]:
-    """Where compiled kernels are, in the package or in the user's cache, and how many of those that jobs need exist."""
+    """Where compiled kernels are, in the package or in the user's cache, and how many of the example calls' exist."""
     from ..engine.precompilation import missing_of
     from ..kernels.processor import LIBRARIES
     from ..kernels.toolchain import kernel_manifest

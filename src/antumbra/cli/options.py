@@ -1,6 +1,6 @@
 """Options shared by several commands, and a decorator for commands that take all options as one dataclass.
 
-Options that set fields of `RenderOptions`, `EngineOptions` and the options of jobs are derived from those fields.
+Options that set fields of `RenderOptions`, `EngineOptions` and the options of studies are derived from those fields.
 Options that name output files or folders are checked while the command line is parsed.
 """
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 TABLES = ".csv", ".parquet", ".gpkg", ".json", ".npz", ".png", ".glb", ".tif"
-"""Suffixes of table files, as in `jobs.result_table.WRITERS`, which is slow to import."""
+"""Suffixes of table files, as in `city.tables.result_table.WRITERS`, which is slow to import."""
 
 Callback = Callable[[typer.Context, Any], Any]
 """Callback of an option: it checks the value and returns it."""
@@ -118,7 +118,7 @@ def _once(context: typer.Context, path: Path) -> None:
     paths.add(real)
 
 
-# --- Options derived from fields of `RenderOptions`, `EngineOptions` and the options of jobs --------------------------
+# --- Options derived from fields of `RenderOptions`, `EngineOptions` and the options of studies -----------------------
 
 
 class DerivedOption(NamedTuple):
@@ -453,7 +453,7 @@ ExposureOption = Annotated[
     typer.Option(help="Exposure factor of a .png.  [default: automatic]", show_default=False),
 ]
 
-# --- Options of jobs: sensors, result files and the place on Earth ----------------------------------------------------
+# --- Options of studies: sensors, result files and the place on Earth -------------------------------------------------
 
 
 SENSORS_HELP = (

@@ -149,7 +149,7 @@ class PictureSpec(NamedTuple):
     json: bool
     quiet: bool
     moving: bool  # whether the pictures are the frames of an animation
-    trees: VegetationSpec | None = None  # trees that are added to the scene
+    trees: VegetationSpec | None = None  # vegetation that is added to the scene
     lights_rooms: bool = False  # whether light bounces in closed rooms, as `ROOM_LIGHT` says
 
     def check(self, *plans: "str | Plan") -> None:

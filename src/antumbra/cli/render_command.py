@@ -378,7 +378,7 @@ class Traced(NamedTuple):
 
 
 class Rendering(NamedTuple):
-    """What the arguments of the command ask for, checked."""
+    """The checked request that the command's arguments define."""
 
     spec: PictureSpec
     sequence: FrameSequence | None  # None: a single picture, at `time`

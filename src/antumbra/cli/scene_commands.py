@@ -186,7 +186,7 @@ def _info_fields(scene: "AnyScene", seconds: float) -> Iterator[tuple[str, str]]
 
 
 def _notes(scene: "AnyScene") -> list[str]:
-    """The notes of the loader, and why jobs would refuse the scene."""
+    """The notes of the loader, and why studies would refuse the scene."""
     from ..engine.measured_scenes import measuring_fault
 
     fault = measuring_fault(scene)

@@ -1,4 +1,4 @@
-"""The commands of studies: each is a class that declares its arguments and what is its own; the rest is done here.
+"""The commands of studies. Each is a class that declares its arguments and its own steps; this module does the rest.
 
 `StudyCommand.run` checks the arguments and outputs, opens the scene, runs the study with its progress or hands it to
 shards and nodes, writes the results and reports them.
@@ -156,7 +156,7 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         raise NotImplementedError
 
     def describe(self, result: _Result, scenes: Scenes) -> None:
-        """Add to the record of the result, if it has one, what only the command knows: the trees."""
+        """Add the vegetation, which only the command has, to the record of the result, if there is one."""
         if self.records_trees and getattr(self, "trees", None) is not None:
             record: Any = result
             record.about["trees"] = getattr(self, "trees")  # noqa: B009 - a field of subclasses

@@ -1,4 +1,4 @@
-"""``--trees``: a file of trees that commands add to a scene, with its options as a query.
+"""``--trees``: a file of plants that commands add to a scene, with its options as a query.
 
 ``trees.gpkg?height=h&radius=r&transmittance=0.3``; twelve shares for the months are separated by slashes, as in the
 transmittance of a scene.
@@ -40,13 +40,13 @@ _SHARE = "transmittance"
 
 
 class VegetationSpec(NamedTuple):
-    """A file of trees and the keywords of `antumbra.from_trees`."""
+    """A file of plants and the keywords of `antumbra.from_trees`."""
 
     path: Path
     keywords: dict[str, Any]
 
     def check_solid(self, why: str) -> None:
-        """Raise an InputError if crowns let light pass, and a command knows only solid ones; `why`: the reason."""
+        """Raise an InputError if crowns let light pass and a command supports only solid ones; `why`: the reason."""
         if _SHARE in self.keywords:
             raise InputError(f"--trees {self.path.name}: {why}; leave {_SHARE} out")
 
@@ -81,7 +81,7 @@ def parse_vegetation(text: str | None) -> VegetationSpec | None:
 
 
 def add_vegetation(scene: "AnyScene", spec: VegetationSpec | None) -> "AnyScene":
-    """A scene with the trees of a file; the scene itself if there are none."""
+    """A scene with the plants of a file; the scene itself if there are none."""
     if spec is None:
         return scene
     from .. import from_trees
@@ -92,9 +92,9 @@ def add_vegetation(scene: "AnyScene", spec: VegetationSpec | None) -> "AnyScene"
 def sensors_below_plants(
     text: str, bare: "AnyScene", scene: "AnyScene", threads: int | None = None, areas: Any = None
 ) -> "Sensors":
-    """The sensors that a text names on a scene without its trees, for the scene with them.
+    """The sensors that a text names on a scene without vegetation, for the scene with it.
 
-    bare, scene : without and with the trees, which follow all other faces
+    bare, scene : without and with vegetation, whose faces follow all others
     """
     from .. import sensors_of
 

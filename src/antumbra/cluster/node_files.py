@@ -77,7 +77,7 @@ def local_path(source: Input, read: Callable[[str, int], bytes], folder: Path | 
 
 
 def user_temporary_folder() -> Path:
-    """The user's folder for temporary files, shared by all of the user's jobs.
+    """The user's folder for temporary files, shared by all of the user's processes.
 
     Anyone may have created a folder of this name. If it belongs to another user, use a folder of this process alone.
     """
@@ -136,7 +136,7 @@ def _sum(path: Path) -> str:
 
 
 INPUTS = "scene", "terrain", "sensors", "targets", "areas", "epw", "sky", "trees"
-"""Arguments of jobs, on the command line or in Python, that may name an input file or folder."""
+"""Arguments of work, on the command line or in Python, that may name an input file or folder."""
 
 
 def files_in(named: Mapping[str, Any]) -> dict[str, Path]:

@@ -3,7 +3,7 @@
 - **Culling.** A tree that later queries will not use, of a first frame or a moving scene, only needs the triangles that
   segments can meet [Selgrad et al. 2015]. Culling is tried if marking cells, and building a tree of the share of
   triangles that is expected to remain, cost less than a tree of all triangles. Once the cells are marked, a sample of
-  the triangles tells the share, and culling is abandoned if it no longer pays.
+  the triangles gives the share, and culling is abandoned if it no longer pays.
 - **Builder.** Building a GOOD tree takes five times as long as a QUICK one, but traversal is faster. A GOOD tree is
   built at once if the predicted rays pay for it. Otherwise the cached tree is upgraded once traversal has lost more
   time than the rebuild costs (the ski-rental rule), so the total loss is at most twice the minimum, however many rays

@@ -25,7 +25,7 @@ def device_tracer(name: str, max_memory: int | None = None) -> Any:
     DeviceError
         If the device cannot be used, or fails its self-test, which it takes on first use.
     """
-    return _opened(name, max_memory)  # `cache` tells a default from the same argument
+    return _opened(name, max_memory)  # `cache` distinguishes a default from an equal argument
 
 
 @cache

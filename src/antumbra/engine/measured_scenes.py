@@ -1,7 +1,7 @@
-"""Scenes whose heights and distances in plan are lengths in one unit, as every job on angles and distances needs them.
+"""Scenes whose heights and distances in plan are lengths in one unit, as studies of angles and distances need.
 
-`measured_scene` is the door of all jobs: it refuses degrees, mixed units, and maps that stretch lengths. Pictures and
-ray queries take coordinates as they are.
+All studies open their scene with `measured_scene`, which refuses degrees, mixed units, and maps that stretch lengths.
+Pictures and ray queries take coordinates as they are.
 """
 
 from pathlib import Path
@@ -36,7 +36,7 @@ _CELLS = 100.0  # cells of a raster in metres, over which no ground rises `_STEE
 
 
 def measured_scene(value: SceneLike) -> "Scene | PagedScene":
-    """The scene of a job that measures lengths, loaded if necessary.
+    """The scene of a study that measures lengths, loaded if necessary.
 
     Raises
     ------

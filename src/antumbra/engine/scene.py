@@ -149,7 +149,7 @@ class AnyScene(RayQueries):
         self.data.ignore_alpha()
 
     def set_transmittance(self, shares: Mapping[str, Transmittance]) -> None:
-        """Let a share of the light pass through materials or objects, such as panes or the crowns of trees.
+        """Let a share of the light pass through materials or objects, such as panes or the crowns of plants.
 
         It counts in pictures, `visibility`, `sun_hours` and `bake`. Along a ray, the shares of all surfaces multiply;
         below 1/256 the light is blocked. Closest hits, cameras and `occluded` see a surface if it blocks at least half
@@ -214,8 +214,8 @@ class AnyScene(RayQueries):
         scene, in whose frame float32 is finer.
 
         Python threads may query the scene meanwhile. Each query, and each frame, sees the geometry before or after the
-        update, never a mix of both. A job, which makes many queries, should not run at the same time. Arrays that were
-        returned before do not change.
+        update, never a mix of both. A study, which makes many queries, should not run at the same time. Arrays that
+        were returned before do not change.
         """
         self.engine.update(vertices, objects, transform, threads)
 

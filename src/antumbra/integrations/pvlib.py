@@ -73,7 +73,7 @@ def pvlib_shading(
     plan, threads
         As in `antumbra.sun_hours`.
     progress : function of (text, done, total), or bool, optional
-        Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
+        Called during the work. False: show nothing. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------

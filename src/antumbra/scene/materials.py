@@ -394,7 +394,7 @@ def rgba_rows(colours: NDArray[Any]) -> NDArray[np.float32]:
     return out
 
 
-# --- Mean face colours, for bounced light, stores, baking and jobs ----------------------------------------------------
+# --- Mean face colours, for bounced light, stores, baking and studies -------------------------------------------------
 
 
 _POINTS = np.array([[2, 1, 1], [1, 2, 1], [1, 1, 2], [4 / 3, 4 / 3, 4 / 3]]) / 4.0

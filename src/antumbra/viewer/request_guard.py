@@ -1,4 +1,4 @@
-"""Guard the viewer's server: check the host, origin and token of each request, and drop messages it must not obey.
+"""Guard the viewer's server: check the host, origin and token of each request, and drop unsafe messages.
 
 Any web page can open a WebSocket to any address, and a DNS name can be made to point at this machine at any time.
 Therefore the ``Host`` and ``Origin`` of every request are checked, and a page exposed to other machines needs a token.

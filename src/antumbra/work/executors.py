@@ -1,4 +1,4 @@
-"""Executors, which run the units of some work: all of them locally, one shard of them, or none, only to collect them.
+"""Executors, which run the units of some work: all of them locally, one shard, or none when they are only collected.
 
 A unit produces one or a few files. It depends only on the work and the unit's number, so it may run twice, and on any
 machine. docs/design/shards.md gives the reasons.
@@ -73,7 +73,7 @@ class Executor(Protocol):
 
 
 Keep: TypeAlias = str | os.PathLike[str] | Executor | None
-"""Argument `keep` of the jobs: a folder of finished parts, or the executor that runs the units."""
+"""Argument `keep` of studies and bakes: a folder of finished parts, or the executor that runs the units."""
 
 
 def executor_of(keep: Keep) -> Executor:

@@ -1,4 +1,4 @@
-"""Summaries of results: names and numbers for programs, and the same as lines and a table for people."""
+"""Summaries of results: names and numbers for programs, and the same numbers as lines and a table for people."""
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType

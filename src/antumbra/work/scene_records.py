@@ -1,4 +1,4 @@
-"""JSON records of scenes, lights and cameras, and the digests by which jobs recognise their stored results.
+"""JSON records of scenes, lights and cameras, and the digests by which stored results are recognised.
 
 Equal settings give equal bytes. Threads, memory, plan and shards do not affect results, so they are not recorded.
 """

@@ -1,4 +1,4 @@
-"""Faces that a file lists more than once, which areas, energy and counts include as often."""
+"""Faces that a file lists more than once; areas, energy and counts would include each copy."""
 
 import numpy as np
 from numpy.typing import NDArray

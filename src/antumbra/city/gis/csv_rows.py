@@ -1,4 +1,4 @@
-"""Checks of CSV files that read well and mean something else: decimal commas, and columns that appear twice."""
+"""Checks of CSV files that would be read without an error, but wrongly: decimal commas, and repeated columns."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""The door to GDAL's rasters: which files rasterio opens, with which driver, and what they may refer to.
+"""Checked access to GDAL's rasters: which files rasterio opens, with which driver, and what they may refer to.
 
 GDAL chooses a driver by the content of a file, not by its suffix. Several drivers read descriptions that name other
 files or addresses, and so do the files that GDAL reads beside a raster. A raster is therefore opened only if it starts

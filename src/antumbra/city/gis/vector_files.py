@@ -1,4 +1,4 @@
-"""The door to OGR and to tables of Arrow: which vector files are opened, and what they may refer to.
+"""Checked access to OGR and to tables of Arrow: which vector files are opened, and what they may refer to.
 
 OGR chooses a driver by the content of a file, not by its suffix, and some drivers read descriptions that name other
 files or addresses. A file is opened only if it starts as its suffix says. Two formats can refer to more than they

@@ -1,4 +1,4 @@
-"""Tables of vector files, such as footprints and trees: layers of files, and what columns say about rows."""
+"""Tables of vector files, such as footprints and vegetation: layers of files, and columns that describe rows."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,7 @@
 """Virtual rasters (.vrt): what they may hold, and their sources, which must be rasters in their folder.
 
-A file is not handed to GDAL. It is parsed, and written anew from the elements that are known and from the paths of
-checked sources. What GDAL reads is therefore what was checked, however it parses XML.
+The file itself is not passed to GDAL. It is parsed, and rewritten from the supported elements and the paths of checked
+sources. GDAL therefore reads only what was checked, however it parses XML.
 """
 
 import os
@@ -79,7 +79,7 @@ class _VrtReader:
         self._expanded, self._checked = dict[Path, _Expanded](), set[Path]()
 
     def expand(self, path: Path, where: str, above: tuple[Path, ...]) -> _Expanded:
-        """The text of a .vrt file. above: the files of which it is a source."""
+        """The text of a .vrt file. above: the files that refer to it."""
         real = path.resolve()
         if real in above:
             raise InputError(f"{where}: is a source of itself; {_CURE}")

@@ -112,7 +112,7 @@ def _values(texts: list[str]) -> NDArray[Any]:
 def _parquet(path: Path, used: Collection[str]) -> tuple[Attributes, list[str]]:
     with open_parquet(path) as file:
         schema = file.schema_arrow
-    import pyarrow  # after the door has found it
+    import pyarrow  # after the check that it is installed
 
     geometries = b"geo" in (schema.metadata or {})  # points have a geometry of their own in the results
     names = [name for name in schema.names if name.lower() not in used]

@@ -1,8 +1,8 @@
-"""Checks of the points that jobs are given: observers, targets, sensors and cameras.
+"""Checks of the points given to studies: observers, targets, sensors and cameras.
 
-Points whose results would mean nothing are refused: degrees in a scene on a map, and points to be placed on a surface
-where there is none. Others get a note with their number, which is a warning in Python and a line of the command: points
-beside the scene, below the ground, on a surface without a normal, and behind a surface drawn on their own.
+Points whose results would be meaningless are refused: degrees in a scene on a map, and points to be placed on a surface
+where there is none. Other doubtful points are counted in a note, which is a warning in Python and a line of the
+command: points beside the scene, below the ground, on a surface without a normal, and behind a surface drawn on theirs.
 """
 
 import sys
@@ -31,7 +31,7 @@ _BELOW = "lie below the ground or inside a solid"
 
 
 def tell(notes: Sequence[str]) -> dict[str, list[str]]:
-    """Warn of notes, at the caller of the library; and return them as metadata of the job, if there are any."""
+    """Issue notes as warnings at the caller of the library; return them as metadata of the study, if there are any."""
     depth, frame = 1, sys._getframe()
     while frame.f_back is not None and frame.f_globals["__name__"].partition(".")[0] == "antumbra":
         depth, frame = depth + 1, frame.f_back
@@ -58,7 +58,7 @@ def _text(point: NDArray[np.float64]) -> str:
 def notes_on_sensors(
     scene: AnyScene, sensors: Sensors, what: str, time: float = 0.0, threads: int | None = None
 ) -> list[str]:
-    """Notes on the points of a job; what: their name in messages, in the plural.
+    """Notes on the points of a study; what: their name in messages, in the plural.
 
     Raises
     ------

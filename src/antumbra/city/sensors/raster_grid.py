@@ -39,7 +39,7 @@ def plan_of(scene: AnyScene) -> NDArray[np.float64]:
 def aligned_raster(plan: np.ndarray, spacing: float) -> Raster:
     """The cells that cover bounds, as from `plan_of`; their edges are multiples of the spacing.
 
-    The cells therefore match those of a raster file with such edges, whichever part of it the bounds cover.
+    The cells therefore match those of a raster file with such edges, for any part of it that the bounds cover.
     """
     low, high = _checked(plan)
     with np.errstate(over="ignore", invalid="ignore"):

@@ -165,7 +165,7 @@ def read_points(path: Path) -> Sensors:
 
 
 def attributes_of(path: Path, used: Collection[str], n: int) -> Attributes:
-    """The columns of a file of n rows besides those with these lower-case names, of which `read_attributes` tells."""
+    """The columns of a file of n rows besides those with these lower-case names; see `read_attributes`."""
     with _reader_errors(path):
         return read_attributes(path, used, n)
 

@@ -1,4 +1,4 @@
-"""Sensors: the sample points of a job, with normals and areas, and the sightline ends made from them.
+"""Sensors: the sample points of a study, with normals and areas, and the sightline ends made from them.
 
 Sensors lie on faces, at vertices, on surface grids, in horizontal rasters, or at arbitrary points. Fields are validated
 once, when a `Sensors` is created.
@@ -112,7 +112,7 @@ class Zone(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Sensors:
-    """The sample points of a job.
+    """The sample points of a study.
 
     points : (n, 3) float64
         World coordinates.

@@ -61,7 +61,7 @@ def shadow(
         The scene on whose highest surfaces cells lie: the one without trees, if `scene` has the trees of
         `antumbra.from_trees`. None: `scene`.
     progress : function of (text, done, total), or bool, optional
-        Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
+        Called during the work. False: show nothing. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------

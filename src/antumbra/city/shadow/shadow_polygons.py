@@ -40,8 +40,8 @@ class Shadow(NamedTuple):
     """Shadows as polygons with attributes, in the coordinates of the scene."""
 
     polygons: np.ndarray  # (n,) object: shapely geometries, in easting and northing of the scene
-    columns: dict[str, np.ndarray]  # name -> (n,) attributes: "area" in m2, and those of the job
-    about: dict[str, Any]  # metadata of the job, in JSON types, such as "time", "sun_azimuth", "sun_elevation", "crs"
+    columns: dict[str, np.ndarray]  # name -> (n,) attributes: "area" in m2, and those of the study
+    about: dict[str, Any]  # metadata of the study, in JSON types, such as "time", "sun_azimuth", "sun_elevation", "crs"
     table: Table | None  # the cells, if the shadow lies on a raster
     casters: np.ndarray | None = None  # (f, 3, 2) float64: faces that cast a shadow on a plane, easting and northing
 

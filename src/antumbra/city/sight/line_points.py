@@ -1,4 +1,4 @@
-"""Points along lines, such as a road, from which a viewshed is cumulated; each stands for a length of line."""
+"""Observers along lines such as roads, for cumulative viewsheds; each represents a length of line."""
 
 from collections.abc import Sequence
 from os import PathLike

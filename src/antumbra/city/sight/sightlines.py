@@ -98,7 +98,7 @@ def line_of_sight(
         normal. An end on a face, such as the centre of a window pane, needs its face or its normal, since float32 can
         round it to either side of the face.
     progress : function of (text, done, total), or bool, optional
-        Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
+        Called during the work. False: show nothing. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------

@@ -199,9 +199,9 @@ def viewshed(
         World coordinates, or the points along lines of `antumbra.points_along`.
     surface : Scene, PagedScene, or anything that `antumbra.load` takes, optional
         The scene on which sensors and observers are placed, by a text or `on_surface`: the one without trees, if
-        `scene` has the trees of `antumbra.from_trees`. None: `scene`.
+        `scene` has the plants of `antumbra.from_trees`. None: `scene`.
     progress : function of (text, done, total), or bool, optional
-        Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
+        Called during the work. False: show nothing. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------

@@ -218,7 +218,7 @@ def visibility_matrix(
         Folder for finished tiles, instead of the one beside `output`, or an executor for the tiles; see
         `antumbra.work.executors`.
     progress : function of (text, done, total), or bool, optional
-        Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
+        Called during the work. False: show nothing. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------

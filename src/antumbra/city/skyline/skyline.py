@@ -61,7 +61,7 @@ class Skyline(NamedTuple):
     azimuth: np.ndarray  # (m,) float64, degrees clockwise from true north, from 0
     elevation: np.ndarray  # (n, m) float64, degrees above the horizontal: of what lies along each azimuth
     highest: np.ndarray  # (n, m) float64, degrees: of what lies within half a step, both ends included
-    about: dict[str, Any]  # metadata of the job, in JSON types
+    about: dict[str, Any]  # metadata of the study, in JSON types
 
     def __repr__(self) -> str:
         return f"Skyline({len(self.points)} points x {len(self.azimuth)} azimuths)"
@@ -269,7 +269,7 @@ def _one_point(path: str | os.PathLike[str]) -> str:
     return "a PVGIS file holds one point" if Path(path).suffix.lower() == ".txt" else "a diagram shows one point"
 
 
-# --- The job ----------------------------------------------------------------------------------------------------------
+# --- The study --------------------------------------------------------------------------------------------------------
 
 
 @with_keywords(SkylineOptions, 2)
@@ -296,7 +296,7 @@ def skyline(
         The scene on which points are placed, by a text or `on_surface`: the one without trees, if `scene` has
         the trees of `antumbra.from_trees`. None: `scene`.
     progress : function of (text, done, total), or bool, optional
-        Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
+        Called during the work. False: show nothing. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------

@@ -83,7 +83,7 @@ def sky_view(
     plan, threads
         As in `antumbra.render`.
     progress : function of (text, done, total), or bool, optional
-        Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
+        Called during the work. False: show nothing. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------
@@ -177,10 +177,10 @@ def sun_hours(
     matrix : str or path-like, optional
         A .npy file for the bits of each sensor and sun, (n, ceil(k / 64)) uint64: bit s is set if sun s is hidden.
     keep : str, path-like or executor, optional
-        Folder for the finished parts of an interrupted job, or an executor for the parts; see
+        Folder for the finished parts of an interrupted study, or an executor for the parts; see
         `antumbra.work.executors`.
     progress : function of (text, done, total), or bool, optional
-        Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
+        Called during the work. False: show nothing. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------

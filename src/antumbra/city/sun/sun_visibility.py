@@ -1,7 +1,7 @@
 """The suns that each sensor sees.
 
-Sensors and suns are ordered so that a tile of 16 sensors and 16 suns is a thin ray bundle, within which packet and
-frusta tracers share work.
+Sensors and suns are ordered so that a tile of 16 sensors and 16 suns is a thin ray bundle, in which packet and frusta
+tracers share work.
 """
 
 from collections.abc import Iterator
@@ -247,7 +247,7 @@ def _in_rows(query: SunQuery) -> bool:
 def sum_suns(query: SunQuery, folder: Path | None = None, what: str = "suns") -> Tally:
     """The sums of all sensors, in the original order.
 
-    folder : stores finished parts, from which an interrupted job resumes; None: nothing is stored
+    folder : stores finished parts, from which an interrupted study resumes; None: nothing is stored
     what : name of the work, for users
     """
     executor, work = LocalExecutor(folder), SunSums(query, what, folder)

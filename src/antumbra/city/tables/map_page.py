@@ -1,7 +1,6 @@
 """Pages of A4 for reports: a picture with its heading, scale bar and north arrow, and a column of keys and facts.
 
-`map_sheet` draws the results of sensors on them, and `shadow` and `skyline` theirs. The same content gives the same
-bytes.
+`map_sheet`, `shadow` and `skyline` draw their results on them. The same content gives the same bytes.
 """
 
 import os
@@ -182,7 +181,7 @@ def draw_facts(figure: "Figure", facts: Iterable[tuple[str, str]], top: float) -
 
 
 def place_facts(about: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield names and texts of the place, the trees and the CRS that the metadata of a job name."""
+    """Yield names and texts of the place, the vegetation and the CRS in the metadata of a study."""
     if "latitude" in about:
         zone = about.get("timezone") or "solar zone"
         yield "place", f"{about['latitude']:.5f}, {about['longitude']:.5f} (WGS 84); {zone}"

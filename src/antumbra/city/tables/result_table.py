@@ -285,15 +285,15 @@ class Column(NamedTuple):
 
 @dataclass(eq=False)
 class Table:
-    """The results of a job, one row per sensor.
+    """The results of a study, one row per sensor.
 
     sensors : Sensors
         One for each row.
     columns : dict of str to Column
         Pictures show the first one by default.
     about : dict
-        Metadata of the job, in JSON types: "job", "timezone", settings, "length_unit", that of coordinates and lengths,
-        and "crs", the CRS of the scene or else of the raster file that defines the cells.
+        Metadata of the study, in JSON types: "job", its name; "timezone"; settings; "length_unit", the unit of
+        coordinates and lengths; and "crs", the CRS of the scene or else of the raster file that defines the cells.
     scene : Scene or None
         The scene of the sensors; pictures need it.
     camera : Camera or None

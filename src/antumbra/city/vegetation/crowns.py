@@ -1,4 +1,4 @@
-"""Trees as closed crowns on trunks: ellipsoids or cones of few triangles, which let a share of the light pass.
+"""Plants as closed crowns on trunks: ellipsoids or cones of few triangles, which let a share of the light pass.
 
 A line crosses the surface of a convex crown twice or not at all. Each surface lets the square root of the crown's
 share pass (`alpha_masks`), so the whole crown lets its share pass, wherever the line crosses it and however far it runs
@@ -20,7 +20,7 @@ SHAPES = ("ellipsoid", "cone")
 """Shapes of crowns."""
 
 TREE_TYPE = "SolitaryVegetationObject"
-"""The type of trees as city objects, that of CityGML."""
+"""The type of plants as city objects, as in CityGML."""
 
 CROWN, TRUNK = "crown", "trunk"
 """Names of materials."""
@@ -33,7 +33,7 @@ _TRUNK_SIDES = 6
 
 
 class CrownShapes(NamedTuple):
-    """The dimensions of trees above their feet, in the unit of the coordinates."""
+    """The dimensions of plants above their feet, in the unit of the coordinates."""
 
     heights: NDArray[np.float64]  # (n,) of the tops, positive
     radii: NDArray[np.float64]  # (n,) of the crowns, positive
@@ -87,7 +87,7 @@ def _crown(shape: str) -> _Body:
 
 
 class CrownMeshes:
-    """The source of trees: one object each, all in one piece, tree after tree, each a crown and then a trunk."""
+    """The source of plants: one object each, all in one piece, plant after plant, each a crown and then a trunk."""
 
     duration = 0.0
 
@@ -127,7 +127,7 @@ class CrownMeshes:
 def _placed(
     body: _Body, radii: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """(n, v, 3) float64 vertices of a body for each tree, above its foot, z up; and (n, f, 3) faces."""
+    """(n, v, 3) float64 vertices of a body for each plant, above its foot, z up; and (n, f, 3) faces."""
     vertices = body.vertices * radii[:, None, None]
     vertices[..., 2] = lower[:, None] + body.vertices[:, 2] * (upper - lower)[:, None]
     return vertices, body.faces + (np.arange(len(radii)) * len(body.vertices))[:, None, None]
@@ -148,7 +148,7 @@ def _materials(shares: np.ndarray) -> tuple[list[Material], NDArray[np.int32]]:
 def _interleaved(
     crowns: np.ndarray, trunks: np.ndarray, has_trunk: np.ndarray, crown_material: np.ndarray
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32]]:
-    """(f, 3) faces in the order of the trees; the tree, and the material, of each."""
+    """(f, 3) faces in the order of the plants; the plant, and the material, of each."""
     n, faces = len(crowns), np.concatenate([crowns, trunks], 1)
     tree = np.repeat(np.arange(n, dtype=np.int32), faces.shape[1]).reshape(n, -1)
     of_crown = np.arange(faces.shape[1]) < crowns.shape[1]

@@ -1,4 +1,4 @@
-"""`from_trees`: trees from geographic data, alone or added to a scene."""
+"""`from_trees`: vegetation from geographic data, alone or added to a scene."""
 
 import warnings
 from typing import Any, cast
@@ -37,7 +37,7 @@ def from_trees(
     unit: str | None = None,
     name: str | None = None,
 ) -> Scene:
-    """Trees as closed crowns on trunks, which let a share of the light pass; alone, or added to a scene.
+    """Plants as closed crowns on trunks, which let a share of the light pass; alone, or added to a scene.
 
     Lengths are in the unit of the coordinates. Each of `height`, `radius`, `base`, `crown_base` and `trunk_radius` is a
     number, the name of a column, or (n,) numbers.
@@ -55,7 +55,7 @@ def from_trees(
         The share of the light that a whole crown lets pass, from 0 to 1; shares of red, green and blue; one of these
         for each month from January to December; or the name of a column of shares.
     scene : Scene, or anything that `load` takes, optional
-        The scene to which the trees are added, unchanged itself. It must be in memory, without instances.
+        The scene to which the plants are added; it stays unchanged. It must be in memory, without instances.
     shape : "ellipsoid" or "cone"
         Shape of the crowns: 48 or 14 triangles.
     base : number, str, or (n,) float, optional
@@ -65,11 +65,11 @@ def from_trees(
     trunk_radius : number, str, or (n,) float, optional
         Radius of the trunk, which is opaque and ends in the middle of the crown. 0: no trunk. None: height / 60.
     id : str, optional
-        The column that names the trees. None: ``id``, ``gml_id``, ``osm_id`` or ``fid``, else "tree 0" and so on.
+        The column that names the plants. None: ``id``, ``gml_id``, ``osm_id`` or ``fid``, else "tree 0" and so on.
     layer : str, optional
         The layer of the file. None: the only one.
     crs : str, optional
-        CRS of the trees, if the table names none, or to which points in degrees are projected. None: the scene's.
+        CRS of the plants, if the table names none, or to which points in degrees are projected. None: the scene's.
     unit : str, optional
         Length unit of the coordinates, such as "ft". None: that of the CRS or of `scene`, or metres; see `Scene.unit`.
     name : str, optional
@@ -78,7 +78,7 @@ def from_trees(
     Returns
     -------
     Scene
-        Each tree is an object of the type "SolitaryVegetationObject", after those of `scene`. Without a scene, +Z is
+        Each plant is an object of the type "SolitaryVegetationObject", after those of `scene`. Without a scene, +Z is
         up.
 
     Raises

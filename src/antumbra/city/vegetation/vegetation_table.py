@@ -1,6 +1,6 @@
-"""Trees with heights and radii: read from point or polygon layers and CSV files, and checked.
+"""Plants with heights and radii: read from point or polygon layers and CSV files, and checked.
 
-A point is the foot of a trunk. A polygon is the outline of a crown: the tree stands at its centroid, and its radius is
+A point is the foot of a trunk. A polygon is the outline of a crown: the plant stands at its centroid, and its radius is
 that of a circle with the same area.
 """
 
@@ -27,19 +27,19 @@ from ..gis.vector_table import MOST_NAMES, TableRows, given_numbers, id_column, 
 from .crowns import SHAPES, CrownShapes
 
 SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb", ".parquet", ".csv")
-"""Suffixes of files of trees."""
+"""Suffixes of files of plants."""
 
 VegetationLike: TypeAlias = "str | PathLike[str] | Any"
-"""Trees: a path, or a GeoDataFrame of geopandas."""
+"""Plants: a path, or a GeoDataFrame of geopandas."""
 
-_IDS = "id", "gml_id", "osm_id", "fid"  # columns that name trees, in this order
-_SLIMNESS = 60.0  # default height of a tree in radii of its trunk
-_CLEAR = 0.25  # default height of the lowest part of a crown, as a share of the tree's height
+_IDS = "id", "gml_id", "osm_id", "fid"  # columns that name plants, in this order
+_SLIMNESS = 60.0  # default height of a plant in radii of its trunk
+_CLEAR = 0.25  # default height of the lowest part of a crown, as a share of the plant's height
 _POINT = 0  # geometry type of shapely
 
 
 class VegetationOptions(NamedTuple):
-    """How rows become trees; `antumbra.from_trees` documents the fields."""
+    """How rows become plants; `antumbra.from_trees` documents the fields."""
 
     height: Any = "height"
     radius: Any = None
@@ -55,7 +55,7 @@ class VegetationOptions(NamedTuple):
 
 
 class Plants(NamedTuple):
-    """Trees, whose lengths are in the unit of the coordinates."""
+    """Plants, whose lengths are in the unit of the coordinates."""
 
     file: str  # name in errors
     ids: list[str]
@@ -86,7 +86,7 @@ class _PlantRows(NamedTuple):
 
 
 def read_vegetation(table: VegetationLike, options: VegetationOptions, crs: str | None = None) -> Plants:
-    """The trees of a file or GeoDataFrame, in the CRS of a scene if that is given.
+    """The plants of a file or GeoDataFrame, in the CRS of a scene if that is given.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def _table_of(table: VegetationLike, layer: str | None) -> _PlantRows:
 
 
 def checked_vegetation_file(table: str | PathLike[str]) -> Path:
-    """The path of a file that may hold trees, by its suffix; otherwise an InputError."""
+    """The path of a file that may hold plants, by its suffix; otherwise an InputError."""
     path = path_of(table, "trees")
     if path.suffix.lower() not in SUFFIXES:
         cure = cure_of(path) or f"unknown format of trees; use one of {', '.join(SUFFIXES)}"
@@ -141,7 +141,7 @@ def checked_vegetation_file(table: str | PathLike[str]) -> Path:
 
 
 def _csv_table(path: Path) -> _PlantRows:
-    """Trees of a CSV file with the columns x and y, in the coordinates of the scene."""
+    """Plants of a CSV file with the columns x and y, in the coordinates of the scene."""
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file)
@@ -252,7 +252,7 @@ def _ids(name: str | None, rows: _PlantRows) -> list[str]:
 
 
 def _faults(plan: np.ndarray, bases: np.ndarray | None, shapes: CrownShapes) -> NDArray[np.str_]:
-    """(n,) str: why a row is no tree; "": it is one."""
+    """(n,) str: why a row cannot become a plant; "": it can."""
     faults = np.full(len(plan), "", dtype="U100")
     faults[(shapes.trunk_radii < 0.0) | (shapes.trunk_radii > shapes.radii)] = "has a trunk wider than its crown"
     faults[(shapes.clear < 0.0) | (shapes.clear >= shapes.heights)] = "has a crown_base outside 0 to its height"

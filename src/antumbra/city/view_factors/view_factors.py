@@ -47,7 +47,7 @@ def view_factors(
         edges. "face", "object", or "building": the outermost objects of a city model. Or a number for each face, which
         is equal for the faces of a surface; -1: the face belongs to none, and only blocks.
     progress : function of (text, done, total), or bool, optional
-        Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
+        Called during the work. False: show nothing. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ...work.executors import Executor
     from .view_factor_matrix import ViewFactors
 
-_SUFFIXES = ".npz", ".csv"  # as in `jobs.view_factors.view_factor_matrix`, which is slow to import
+_SUFFIXES = ".npz", ".csv"  # as in `city.view_factors.view_factor_matrix`, which is slow to import
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -281,7 +281,7 @@ def box_of(source: RenderSource, triangles: Triangles) -> NDArray[np.float32]:
 
 
 class SourceSettings(NamedTuple):
-    """What an engine's source needs to know, besides the plan."""
+    """The settings of an engine's source, besides the plan."""
 
     gbuffer: str  # the method of `CameraSource.look`, where there is a choice
     max_memory: int | None  # limit in bytes, for a source with a `Memory`; None: its default

@@ -171,7 +171,7 @@ def _print_times(times: list[TimeToImage]) -> None:
 
 
 def _print_figures(times: list[FigureTime]) -> None:
-    """Print the times of Figures 3 to 6 with their 15 samples, of which the paper shows only the images."""
+    """Print the times of Figures 3 to 6 with their 15 samples; the paper shows only the images."""
     by = {(t.figure, t.method): t.total for t in times}
     columns = (
         *_NAMES,
