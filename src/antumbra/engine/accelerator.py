@@ -1,7 +1,7 @@
 """Accelerators: build, optimise or update a BVH by a plan, prepare it for the plan's tracer, and answer queries.
 
-`SceneTrees` caches the trees of a scene in memory at its latest time sample. `auto_accelerator` has the accelerator
-of the plan `auto`, which also chooses what to build.
+`SceneTrees` caches the trees of a scene in memory at its latest time sample. The accelerator of the plan `auto`, in
+`auto_accelerator`, also chooses what to build.
 """
 
 import threading

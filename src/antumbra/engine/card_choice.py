@@ -1,7 +1,7 @@
-"""Whether a card traces the ray lists of the plan `auto`: only where there is one, and where that pays for transfers.
+"""Whether a card traces the ray lists of the plan `auto`: only if there is one, and if the gain pays for transfers.
 
-A list is predicted to take the time of its copies, by the measured bandwidth, and of the card's work. What lists would
-have gained is added up. The card is opened, and its tree uploaded, once the gain has reached what that costs (the
+The predicted time of a list is that of its copies, by the measured bandwidth, plus the card's work. Predicted gains are
+added up. The card is opened, and its tree uploaded, once the total gain has reached the cost of doing so (the
 ski-rental rule), so that at most twice the minimum is lost. Processors that drivers list as devices are never chosen.
 """
 

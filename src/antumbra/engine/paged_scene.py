@@ -1,4 +1,4 @@
-"""Scenes in stores, as users have them."""
+"""The public class of scenes in stores."""
 
 from typing import Any
 

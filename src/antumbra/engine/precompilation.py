@@ -1,10 +1,10 @@
 """Compile kernels on all cores before anything is timed, and report it.
 
-An *example call* does on a small scene what users do on theirs: it renders by a plan, traces rays, or builds a store.
+An *example call* performs a typical task on a small scene: it renders by a plan, traces rays, or builds a store.
 ``scripts/record_kernels.py`` makes each call and records its kernels under the name of the example
-(`kernels.toolchain.kernel_manifest`). Before a process does the same for the first time, `precompile` compiles the
-recorded kernels that are missing on disk, in several processes. If all are on disk, as in every later process, nothing
-runs. Kernels without a record are compiled on their first call.
+(`kernels.toolchain.kernel_manifest`). Before a process first performs such a task, `precompile` compiles the recorded
+kernels that are missing on disk, in several processes. If all are on disk, as in every later process, nothing runs.
+Kernels without a record are compiled on their first call.
 
 `picture.example_calls` and the studies hold the calls, on `small_scenes`; `work.warm_ups` lists all of them.
 """

@@ -1,4 +1,4 @@
-"""Scenes as users have them: data, an engine that answers queries, and default views.
+"""The public classes of scenes: data, an engine that answers queries, and default views.
 
 `AnyScene` is the common interface. `Scene` holds its triangles in memory; `paged_scene.PagedScene` is its counterpart
 for stores.

@@ -1,4 +1,4 @@
-"""Small scenes, and a view, for the example calls whose kernels are recorded (`engine.precompilation`)."""
+"""Small scenes and a view for example calls, whose kernels are recorded (`engine.precompilation`)."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The conditions of a measurement, which results keep: the command, the machine, the kernels and the spread of timings.
+"""Measurement conditions stored with results: the command, the machine, the kernels and the spread of timings.
 
 Pages made from results (`scripts/paper_pages.py`) show the conditions, and refuse results of kernels that have changed.
 """

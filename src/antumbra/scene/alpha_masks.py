@@ -45,7 +45,7 @@ class AlphaMask(NamedTuple):
     transmittance: NDArray[np.float64]  # (m, 3) float64 in [0, 1]: shares of red, green and blue
     wrap: tuple[int, int]  # REPEAT, CLAMP or MIRROR along u and v
     months: NDArray[np.float64] | None = None  # (12, m, 3): `transmittance` is their mean; None: it never changes
-    closed: bool = False  # whether these are the shares of bodies, of which light crosses two surfaces
+    closed: bool = False  # whether these are shares of closed bodies, which light enters and leaves
 
 
 class Cutouts(NamedTuple):

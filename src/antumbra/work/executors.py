@@ -1,7 +1,7 @@
 """Executors, which run the units of some work: all of them locally, one shard, or none when they are only collected.
 
-A unit produces one or a few files. It depends only on the work and the unit's number, so it may run twice, and on any
-machine. docs/design/shards.md gives the reasons.
+A unit produces one or a few files. It depends only on the work and its own number, so it may run twice, and on any
+machine. docs/design/shards.md explains the design.
 """
 
 import json

@@ -402,7 +402,7 @@ def raster_of(scene: AnyScene, spacing: float | str | PathLike[str] | None, plan
 
 
 def _tops_of_own_cells(scene: AnyScene) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
-    """What `on_top` finds at the cells of a scene that is one raster of heights, without rays; None for others.
+    """Surface heights at the cells of a scene of one raster, as by `on_top` but without rays; None for other scenes.
 
     A cell's height is that of a vertex, so the result is the same up to the rounding of rays.
     """

@@ -88,7 +88,7 @@ def _draw_polygons(axes: "Axes", group: _Group) -> None:
 
 
 def _draw_casters(axes: "Axes", casters: np.ndarray) -> None:
-    """Draw triangles, (n, 3, 2) easting and northing; as cells, since they are many."""
+    """Draw casters, (n, 3, 2) easting and northing, as pixels: they are too many triangles for vector output."""
     from matplotlib.collections import PolyCollection
 
     style: dict[str, Any] = {"facecolors": _CASTERS, "edgecolors": _CASTERS, "linewidths": 0.2}

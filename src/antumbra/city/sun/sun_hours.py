@@ -136,7 +136,7 @@ def share_of_sky(tally: Tally) -> NDArray[np.float64]:
 
 
 class Study(NamedTuple):
-    """What a study needs of its options, besides the sensors: suns, rule, and groupings of hours."""
+    """A sun study resolved from its options, apart from the sensors: suns, rule, and groupings of hours."""
 
     place: Place
     suns: Suns

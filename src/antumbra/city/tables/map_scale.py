@@ -1,4 +1,4 @@
-"""The colour scale of a map: classes for yes and no, else a scale that ends at the true extremes of the values.
+"""The colour scale of a map: classes for yes and no, otherwise a scale that ends at the true extremes of the values.
 
 Map sheets and QGIS styles share it, so that a colour means the same number in both.
 """

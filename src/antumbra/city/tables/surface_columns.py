@@ -201,7 +201,7 @@ class _GroupRows:
         return columns
 
     def _extreme(self, times: np.ndarray, latest: bool) -> np.ndarray:
-        """(rows,) datetime64: the earliest or latest time of each row, without NaT unless there is no other."""
+        """(rows,) datetime64: the earliest or latest time of each row, ignoring NaT; NaT only if every time is."""
         order = np.lexsort((times, self._row))  # NaT is last
         row, times = self._row[order], times[order]
         known = ~np.isnat(times)

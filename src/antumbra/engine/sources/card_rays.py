@@ -1,4 +1,4 @@
-"""Ray lists of the plan `auto` where there may be a card: traced there once that pays, before by the next source."""
+"""Ray lists of the plan `auto` if there may be a card: traced there once that pays, until then by the next source."""
 
 from ...devices.device import DeviceError
 from ...query.ray_list import RayArguments, TracedRays

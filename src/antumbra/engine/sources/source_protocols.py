@@ -7,9 +7,9 @@
   which no plan builds and time does not change.
 - `Memory`: a limit on memory, within which frames are traced in bands and rays in batches.
 
-A `RenderSource` says by its attributes which of them it offers; no code looks at its type. An engine traces ray lists
-and points by the first of a chain of sources, each of which hands over to the next what it does not answer itself:
-terrain is one that goes before triangles in memory, and a device with a memory of its own fits in as another.
+The attributes of a `RenderSource` state which of them it offers; no code checks its type. An engine traces ray lists
+and points by the first of a chain of sources. Each delegates what it cannot answer to the next: terrain, for example,
+comes before triangles in memory, and so can a device with its own memory.
 """
 
 from collections.abc import Callable, Iterator, Sequence

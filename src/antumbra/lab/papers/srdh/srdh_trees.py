@@ -1,8 +1,8 @@
 """What SRDH changes about a tree [Feltman et al. 2012, Fig. 3, Sec. 5]: its shape, its kernels, and its memory.
 
 The *frequent occluders* of a set of rays are the triangles that it meets most often: as few as make up half of all
-intersections. In Figure 3 they are the middle blinds. A subtree *of frequent occluders* is a largest subtree at least
-half of whose triangles are frequent; the paper compares the depths of the roots of such subtrees.
+intersections. In Figure 3 they are the middle blinds. A subtree *of frequent occluders* is a maximal subtree in which
+at least half of the triangles are frequent; the paper compares the depths of the roots of such subtrees.
 """
 
 from pathlib import Path
