@@ -179,6 +179,8 @@ WITHOUT_REMEDY = {
     "cli/console.py": "the progress line of a command, which does not fork",
     "base/forks.py": "it makes them",
     "base/progress.py": "of one piece of work",
+    "devices/device.py": "a device refuses to work in a forked process",
+    "devices/host/host_device.py": "a device refuses to work in a forked process",
     "store/store_file.py": "only on systems that cannot read at an offset",
     "store/system_resources.py": "an engine that was reading is made again, with its buffers",
     "techniques/chcrt/chc_rt.py": "an engine that was tracing drops its trees, with their states",

@@ -113,7 +113,7 @@ class SampleBuffers(NamedTuple):
 
 @kernel
 def pack_receivers(ticket, origins, faces, sides, out):
-    """On the CPU: write receivers as `SampleBuffers` describes them; out: (n, 4) float32."""
+    """On the CPU: write receivers (origins, faces, sides) as `SampleBuffers` describes them; out: (n, 4) float32."""
     o, f, s, numbers = ptr(origins), ptr(faces), ptr(sides), ptr(out)
     words = as_i32(numbers)
     for i in items(ticket):

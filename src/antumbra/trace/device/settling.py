@@ -59,6 +59,7 @@ def example_records(n: int) -> Records:
 
 @kernel
 def _decide_tests(ticket, records, heads, corners, cull_faces, blocked):
+    # In: records and their heads, corners of triangles, cull_faces. Out: blocked
     triangles = ptr(corners)
     for k in items(ticket):
         if heads[k, SLOT] >= 0:
@@ -84,6 +85,7 @@ def blocked_rays(
 
 @kernel
 def _decide_nearest(records, heads, bvh, cull_faces, slots):
+    # In: records and their heads, sorted by ray, the bvh, cull_faces. Out: slots
     tree, best, best_t, last = tree_of(bvh), np.int64(-1), np.float64(0.0), np.int64(-1)
     for k in range(len(heads)):
         ray, i, slot = _ray_of(records, k), np.int64(heads[k, RAY]), np.int64(heads[k, SLOT])
@@ -113,6 +115,7 @@ def nearest_slots(records: Records, bvh: Bvh, cull_faces: int) -> tuple[NDArray[
 
 @kernel
 def _compute_numbers(ticket, records, heads, corners, t, u, v):
+    # In: records and their heads, corners of triangles. Out: t, u, v
     triangles = ptr(corners)
     for k in items(ticket):
         ray, slot = _ray_of(records, k), np.int64(heads[k, SLOT])
@@ -135,6 +138,7 @@ def numbers_of(
 
 @kernel
 def _trace_rays(ticket, records, heads, bvh, cull_faces, order, slots):
+    # In: records and their heads, the bvh, cull_faces, order of children. Out: slots
     tree = tree_of(bvh)
     for k in items(ticket):
         skip = np.int64(heads[k, SKIP])
@@ -151,6 +155,7 @@ def traced_rays(records: Records, bvh: Bvh, cull_faces: int, any_hit: bool, thre
 
 @kernel
 def _decide_horizons(ticket, rays, query, below):
+    # In: indices of rays of the query. Out: below
     pointers = query_pointers(query)
     for k in items(ticket):
         below[k] = _is_below(pointers, rays[k])
