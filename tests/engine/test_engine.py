@@ -194,7 +194,7 @@ def test_nobody_reaches_into_the_state_of_others():
 def test_from_a_scene_to_the_kernel_are_five_places():
     """CONTRIBUTING.md lists them; each exists, and its floor is that of the one before or a lower one."""
     text = (ROOT / "CONTRIBUTING.md").read_text()
-    part = text[text.index("A query of rays reaches") : text.index("A call of `antumbra.render` reaches")]
+    part = text[text.index("A ray query reaches") : text.index("A call of `antumbra.render` reaches")]
     lines = [line for line in part.splitlines() if line[:1].isdigit()]
     floors = ["engine", "trace"]
     assert len(lines) == 5
