@@ -5,6 +5,7 @@ import ctypes
 import gc
 import os
 import pickle
+import signal
 import threading
 
 import numpy as np
@@ -306,6 +307,7 @@ def test_a_kernel_that_fails_later_is_reported_by_the_next_wait(fake, status, na
 
 
 def test_ctrl_c_interrupts_waiting(fake):
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in background jobs of shells
     device = Cuda()
     fake.keep_busy(-1)
     timer = threading.Timer(0.2, _thread.interrupt_main)
@@ -313,6 +315,7 @@ def test_ctrl_c_interrupts_waiting(fake):
     with pytest.raises(KeyboardInterrupt):
         device.synchronise()
     timer.join()
+    signal.signal(signal.SIGINT, before)
 
 
 # Processes

@@ -95,7 +95,8 @@ API int cuMemsetD8Async(uint64_t to, unsigned char byte, size_t size, void *stre
 }
 
 API int cuStreamCreate(void **out, unsigned flags) {
-  TRY_IN_CONTEXT; *out = (void *)(uintptr_t)(0x1000 + 16 * ++streams); return OK;
+  static int handles; /* never reused, though the number of streams falls */
+  TRY_IN_CONTEXT; streams++; *out = (void *)(uintptr_t)(0x1000 + 16 * ++handles); return OK;
 }
 API int cuStreamDestroy_v2(void *stream) { TRY_IN_CONTEXT; streams--; return OK; }
 API int cuStreamWaitEvent(void *stream, void *event, unsigned flags) { TRY_IN_CONTEXT; return OK; }
