@@ -100,6 +100,11 @@ class Tracer:
         """Whether separate kernels count its tests."""
         return False
 
+    @property
+    def trace_suited(self) -> Callable[..., None]:
+        """As `trace`, for queries that suit it and for which `auto` compares times."""
+        return self.trace
+
     def suits(self, query: ShadowQuery, box: Box) -> bool:
         """Whether `auto` may choose it for a query. It must answer every query; some are not worth a try.
 

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.engine.accelerator import Accelerator
+from antumbra.engine.method_registry import TRACERS
 from antumbra.engine.plan import parse_plan
+from antumbra.query.shadow_query import new_bits
 from antumbra.trace.counters import as_dict, new_counters
 from asking import answer, query_of, true_occlusion
 
@@ -80,6 +83,17 @@ def test_a_huge_light_goes_to_packets():
     bits, counts = _traced(triangles, query)
     assert counts["group_tiles"] == counts["covered"] == 0 and bits.any() and not bits.all()
     np.testing.assert_array_equal(bits, answer(parse_plan("bsah+single"), triangles, query))
+
+
+def test_auto_traces_shafts_to_a_huge_light_where_it_has_chosen_them():
+    """It compares times, which a rule must not replace: the same bits, but by shafts."""
+    triangles, query = _query(_scene(40, 0.8), at.QuadLight((-40, 7, -40), (80, 0, 0), (0, 0, 80)), 16)
+    accelerated = Accelerator(parse_plan("bsah+multifrusta"), 1).build(triangles)
+    bits, by_packets, tally = new_bits(query), new_bits(query), new_counters()
+    TRACERS["multifrusta"].trace_suited(accelerated.prepared, query, bits, 1, tally)
+    TRACERS["multifrusta"].trace(accelerated.prepared, query, by_packets, 1)
+    assert as_dict(tally)["covered"] > 0 and bits.any()
+    np.testing.assert_array_equal(bits, by_packets)
 
 
 @pytest.mark.parametrize("n, size", [(60, 0.6), (3000, 0.05)], ids=["few large", "many small"])

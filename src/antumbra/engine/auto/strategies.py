@@ -116,7 +116,7 @@ def answer_query(
 ) -> Bits:
     """(h, w, ceil(spp / 64)) uint64: the bits of a query, traced by the named strategy."""
     bits, tracer = new_bits(query), TRACERS[strategy]
-    tracer.trace(forms.of(tracer.form), query, bits, threads, counters, progress)
+    tracer.trace_suited(forms.of(tracer.form), query, bits, threads, counters, progress)
     return bits
 
 
@@ -308,7 +308,7 @@ def _rate_of(strategy: str, forms: TreeForms, query: ShadowQuery, threads: int) 
         answer_query(strategy, forms, tile_of(query), threads)
         LOADED.add(strategy)
     bits, start = new_bits(query), _clock(tracer, threads)
-    tracer.trace(form, query, bits, threads)
+    tracer.trace_suited(form, query, bits, threads)
     return 1e9 * (_clock(tracer, threads) - start) / max(ray_count(query), 1)
 
 
@@ -480,7 +480,7 @@ class AutoTracer(Tracer):
         tracer = TRACERS[choice.strategy]
         form, start = prepared.forms.of(tracer.form), _clock(tracer, threads)
         out = bits if places is None else bits[:, places]
-        tracer.trace(form, query, out, threads, counters, progress, fresh)
+        tracer.trace_suited(form, query, out, threads, counters, progress, fresh)
         if places is not None:
             bits[:, places] = out
         seconds = _clock(tracer, threads) - start
