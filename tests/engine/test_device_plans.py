@@ -9,7 +9,7 @@ import antumbra as at
 from antumbra.base.errors import InputError
 from antumbra.devices.device_list import default_device, using_device
 from antumbra.engine.device_plans import cpu_plan, plan_on
-from antumbra.engine.engine import Engine, default_plan_of
+from antumbra.engine.engine import Engine, chosen_plan, default_plan_of
 from antumbra.engine.plan import parse_plan
 from antumbra.trace.device import device_tracer as device_tracer_module
 from antumbra.trace.device.device_tree import DeviceTree
@@ -35,6 +35,13 @@ def test_a_device_stands_in_a_plan_by_its_full_name(name):
 @pytest.mark.parametrize("plan", [None, "auto", ON_HOST, "bsah+device:host"])
 def test_the_option_device_chooses_a_plan(plan):
     assert str(Engine(soup_scene(3), plan, device="host").plan) == ON_HOST
+
+
+@pytest.mark.parametrize("device, plan", [("cpu", "auto"), ("host", ON_HOST), (None, ON_HOST)])
+def test_the_chosen_plan_is_that_of_the_engine_whatever_the_variable(device, plan, monkeypatch):
+    scene = soup_scene(3)
+    monkeypatch.setenv("ANTUMBRA_DEVICE", "host")
+    assert str(chosen_plan(scene.data, None, device)) == str(Engine(scene, device=device).plan) == plan
 
 
 def test_the_variable_counts_only_without_a_plan_and_a_device(monkeypatch):

@@ -446,7 +446,7 @@ def chosen_plan(data: SceneData, plan: str | Plan | None, device: str | None) ->
     """The plan of an engine for a scene, by its options; None: not given. Raises the errors of `plan_on`."""
     with using_device(device):
         named = plan_on(device, plan, data)
-    return default_plan_of(data) if named is None else named
+        return default_plan_of(data) if named is None else named
 
 
 def default_plan_of(data: SceneData) -> str:
