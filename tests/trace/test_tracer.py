@@ -10,7 +10,7 @@ from antumbra.engine.auto.strategies import TreeForms
 from antumbra.engine.method_registry import TRACERS, find_method, own_methods
 from antumbra.query.shadow_query import new_bits, segments
 from antumbra.techniques.culling.pre_bvh_culling import soup_of
-from antumbra.trace.tracer import BLOCKS, BVH, TRIANGLES, WIDE, Form, FrameState, Tracer
+from antumbra.trace.tracer import BLOCKS, BVH, TRIANGLES, WIDE, Form, Tracer, TracerState
 from asking import query_of, true_occlusion, unpack
 
 LIGHTS = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2)), at.PointLight((0, 7, 0)), at.AmbientOcclusion(2.0)
@@ -86,4 +86,4 @@ def test_what_a_subclass_must_define():
     with pytest.raises(NotImplementedError):
         Tracer().trace(None, None, None)
     with pytest.raises(NotImplementedError):
-        FrameState().begin()
+        TracerState().begin()

@@ -27,7 +27,7 @@ from ..techniques.culling.pre_bvh_culling import CullResult, solid_of, solid_tre
 from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, RepresentativeRaySelector, SrdhRays
 from ..trace.alpha_cutouts import CutoutTree, add_shadows, cutout_tree
 from ..trace.rays.ray_hits import Intersections
-from ..trace.tracer import FrameState
+from ..trace.tracer import TracerState
 from ..trace.transmission import Transmission, transmission
 from .auto.strategies import AutoState, TreelessState
 from .method_registry import BUILDERS, CULLERS
@@ -60,7 +60,7 @@ class Accelerated(NamedTuple):
     @property
     def keeps_state(self) -> bool:
         """Whether the tracer keeps state from one frame to the next."""
-        return isinstance(self.prepared, FrameState)
+        return isinstance(self.prepared, TracerState)
 
     def begin(self) -> None:
         """Begin a new frame or point query in a tracer with state."""

@@ -8,7 +8,7 @@ from ..devices.device_list import CPU, current_budget, parse_device
 from ..kernels.parallel import thread_count
 from ..query.shadow_query import ShadowQuery, ray_count
 from ..trace.counters import RAYS
-from ..trace.tracer import Bits, Counters, FrameState, Tracer
+from ..trace.tracer import Bits, Counters, Tracer, TracerState
 from .method_registry import register_family
 
 DEVICE = "device"
@@ -39,7 +39,7 @@ def _opened(name: str, max_memory: int | None) -> Any:
     return DeviceTracer(open_tested(name, max_memory))
 
 
-class OnDevice(FrameState):
+class OnDevice(TracerState):
     """A tree on a device, with the device's tracer. It is kept from frame to frame, so that it is uploaded once."""
 
     def __init__(self, tracer: Any, tree: Any) -> None:

@@ -56,7 +56,7 @@ from .visibility import Visibility, visibility_of
 if TYPE_CHECKING:
     from ..devices.arrays import DeviceArray
     from ..scene.moved_geometry import ObjectChoice
-    from .sources.device_rays import DeviceRayLists
+    from .sources.device_ray_lists import DeviceRayLists
 
 
 _MAX_OTHER_ENGINES = 8  # engines of other plans that an engine caches
@@ -163,9 +163,9 @@ class Engine(RayQueries):
         self._device_rays: DeviceRayLists | None = None
         chooses = str(self.plan) == DEFAULT_PLAN
         if self.plan.device is not None:
-            from .sources import device_rays  # imported late: most engines use no device
+            from .sources import device_ray_lists  # imported late: most engines use no device
 
-            self._rays = self._device_rays = device_rays.DeviceRayLists(shared.flat(), self.accelerator)
+            self._rays = self._device_rays = device_ray_lists.DeviceRayLists(shared.flat(), self.accelerator)
         elif chooses and data.terrain is not None:
             ray_lists = cast(RayLists, self._rays)  # terrain is in memory
             self.terrain = TerrainShadows(data, ray_lists, self._points, self.threads)

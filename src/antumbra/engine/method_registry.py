@@ -22,7 +22,7 @@ from ..techniques.tracer_options import ChcRtOptions
 from ..trace.frusta.multi_frusta import MultiFrusta
 from ..trace.packets.packet16 import BlockPackets, PixelPackets, SamplePackets
 from ..trace.rays.single_rays import SingleRays, WideRays
-from ..trace.tracer import BLOCKS, BVH, TRACERS, TRIANGLES, WIDE, Form, FrameState, Tracer
+from ..trace.tracer import BLOCKS, BVH, TRACERS, TRIANGLES, WIDE, Form, Tracer, TracerState
 from ..trace.tracer_cost import Cost, FittedRate, QueryFeatures, TreelessCost
 from .auto.strategies import AutoTracer
 
@@ -42,10 +42,10 @@ __all__ = [
     "Culler",
     "FittedRate",
     "Form",
-    "FrameState",
     "Optimiser",
     "QueryFeatures",
     "Tracer",
+    "TracerState",
     "TreelessCost",
     "Updater",
     "add_plugins",

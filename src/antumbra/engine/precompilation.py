@@ -22,7 +22,7 @@ from ..kernels.toolchain.kernel_loading import events, has_compiler, is_on_disk
 from ..kernels.toolchain.kernel_manifest import kernels_of_warm_up
 
 
-class Example(NamedTuple):
+class ExampleCall(NamedTuple):
     """A call on a small scene, whose kernels are recorded."""
 
     name: str  # key of the record
@@ -36,7 +36,7 @@ def precompile(name: str) -> None:
     compile_missing(kernels_of_warm_up(name) or ())
 
 
-def precompile_all(examples: Iterable[Example]) -> int:
+def precompile_all(examples: Iterable[ExampleCall]) -> int:
     """Compile the missing kernels of several examples together. Returns the number of kernels compiled."""
     examples = list(examples)
     missing = compile_missing({each for example in examples for each in example.kernels or ()})

@@ -49,7 +49,7 @@ ANY = Form("any")
 """Whichever form the tracer that is chosen for a query needs; only `auto` has it."""
 
 
-class FrameState:
+class TracerState:
     """The base class of what a tracer prepares if it keeps state from one frame or point query to the next."""
 
     def begin(self) -> None:

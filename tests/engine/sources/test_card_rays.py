@@ -8,7 +8,7 @@ from antumbra.engine import card_choice
 from antumbra.engine import engine as engine_module
 from antumbra.engine.card_choice import CardChoice
 from antumbra.engine.engine import Engine
-from antumbra.engine.sources.device_rays import DeviceRayLists
+from antumbra.engine.sources.device_ray_lists import DeviceRayLists
 from truths import soup_scene
 
 

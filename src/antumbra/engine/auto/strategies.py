@@ -21,7 +21,7 @@ from ...query.shadow_query import ShadowQuery, new_bits, ray_count
 from ...techniques.culling.pre_bvh_culling import Soup
 from ...trace.light_table import STRATA
 from ...trace.rays import single_rays
-from ...trace.tracer import ANY, TRACERS, Bits, Box, Counters, Form, FrameState, Tracer
+from ...trace.tracer import ANY, TRACERS, Bits, Box, Counters, Form, Tracer, TracerState
 from ...trace.tracer_cost import QueryFeatures
 from .cost_model import (
     GOOD,
@@ -332,7 +332,7 @@ class TreeUpgrade(NamedTuple):
     guided: bool = False  # whether it may be a GUIDED one
 
 
-class AutoState(FrameState):
+class AutoState(TracerState):
     """A tree in the forms of all tracers, with the measurements of its queries.
 
     bvh : Bvh
@@ -389,7 +389,7 @@ class AutoState(FrameState):
         return self.memory.choices
 
 
-class TreelessState(FrameState):
+class TreelessState(TracerState):
     """Triangles without a tree, for a tracer that states a `TreelessCost`.
 
     strategy : str

@@ -5,7 +5,7 @@ from ...query.ray_list import RayArguments, TracedRays
 from ..accelerator import SceneTrees
 from ..auto_accelerator import accelerator_of
 from ..card_choice import CardChoice
-from .device_rays import DeviceRayLists
+from .device_ray_lists import DeviceRayLists
 from .source_protocols import HitSource
 
 

@@ -16,7 +16,7 @@ from ...query.shadow_query import ShadowQuery, Surfaces, surfaces_of
 from ...scene.camera import CameraRays
 from ...scene.triangles import Triangles
 from ...trace.rays.ray_hits import Show, hit_surfaces
-from ...trace.tracer import FrameState
+from ...trace.tracer import TracerState
 from ...trace.tree_list import Hits, no_hits
 from ..tracer_options import ChcRtOptions
 from .picture_ray_sets import CameraRaySet, CombinedRaySets, PassRaySet, RaySets, SegmentRaySets, segments_of
@@ -30,7 +30,7 @@ from .visibility_fronts import Fronts, trace_frame
 _UNUSED_FRAMES = 8  # fronts that no call has used for this many frames are evicted
 
 
-class ChcRtState(FrameState):
+class ChcRtState(TracerState):
     """A scene prepared for CHC+RT, with the fronts of the last frames.
 
     Each tracing call of a frame has its own fronts. Call n starts from the fronts of call n of the last frame if both

@@ -7,7 +7,7 @@ import pytest
 
 from antumbra.base.errors import InputError
 from antumbra.engine.engine import Engine
-from antumbra.engine.sources.device_rays import REBUILD
+from antumbra.engine.sources.device_ray_lists import REBUILD
 from antumbra.trace.device.device_tree import DeviceTree
 from cutout_scenes import scene_with_cutouts
 from devices import device_plans
