@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
-from ..kernels.parallel import items, new_ticket, run, thread_count
+from ..kernels.parallel import items, new_ticket, run_short, thread_count
 from ..kernels.simd import get, load16, ptr, put, stack_array, stack_i32, store
 from .child_order import order_for_bundles, triangle_area
 from .nodes import (
@@ -188,7 +188,7 @@ def block_tree(bvh: Bvh, threads: int | None = None, block: int = BLOCK) -> Bloc
     nodes = nodes[:n]
     blocks, slots = aligned_empty((n_blocks, ROWS, 16), "f4"), np.empty((n_blocks, 16), np.int32)
     bounds, areas = np.zeros((n_blocks, 8), np.float32), np.zeros(n_blocks)
-    run(
+    run_short(
         _fill_blocks,
         thread_count(threads),
         new_ticket(n_blocks, 256),

@@ -3,9 +3,9 @@
 Triangles are sorted by the Morton codes of their centroids. A node is a range of triangles, split at the highest
 differing bit. As in the paper, positions break ties between equal codes. The top levels are split top-down.
 
-Threads then build the subtrees independently, each bottom-up from its last triangle to its first [Apetrei 2014]. The
-part to the right of a gap waits on a stack until a higher gap closes it, so boxes are joined as nodes are created.
-Nodes are counted first, and then written backwards from a subtree's last position, which puts them in depth-first order
+Threads then build the subtrees independently, each bottom-up from its last leaf to its first [Apetrei 2014]. The part to
+the right of a gap waits on a stack until a higher gap closes it, so boxes are joined as nodes are created. Nodes are
+counted first, and then written backwards from a subtree's last position, which puts them in depth-first order
 in the final array.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import items, new_ticket, run, thread_count
+from ..kernels.parallel import items, new_ticket, run_short, thread_count
 from ..kernels.simd import (
     get,
     highest_bit,
@@ -24,6 +24,7 @@ from ..kernels.simd import (
     prefetch,
     ptr,
     put,
+    splat8,
     stack_array,
     stack_f32,
     stack_i64,
@@ -33,13 +34,21 @@ from .morton_sort import Codes, grid_of, radix_sort, write_codes
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, bvh_link, link_at, tree_of
 from .top_down import largest_subtree
 from .top_levels import UpperLevels, join_boxes, place, top_lines
-from .triangle_bounds import TRIANGLES_PER_SHARE, checked_vertices, scene_bounds, triangle_box, trivial_bvh, write_boxes
+from .triangle_bounds import (
+    INF,
+    TRIANGLES_PER_SHARE,
+    checked_vertices,
+    scene_bounds,
+    triangle_box,
+    trivial_bvh,
+    write_boxes,
+)
 
 _LEVELS = 96  # more than any tree has: 63 bits of a code and 28 of a position
 _RANGES = _LEVELS + 1
-_STACK_SIZE = 4 * _LEVELS
+_STACK_SIZE = 2 * _LEVELS
 _BOXES = 8 * _LEVELS
-_NO_LEVEL = np.int64(2**63 - 1)
+_NO_LEVEL, _LOWEST = np.int64(2**63 - 1), np.int64(-(2**63))
 _AHEAD = 64  # prefetch distance in triangles
 
 
@@ -123,32 +132,47 @@ def split_top(codes: NDArray[Codes], drop: np.int64, largest: int) -> tuple[NDAr
     return children[:t].copy(), ranges[:s].copy()
 
 
+@inlined
+def _leaf_before(codes, drop, max_leaf, first, end, after):
+    """(start, level before it) of the leaf that ends at slot `end`, in a subtree that begins at slot `first`.
+
+    It is the largest subtree there of at most `max_leaf` triangles. Levels within a subtree are lower than those on both
+    sides of it; `after` is the level at `end`.
+    """
+    start, before, highest = end, after, _LOWEST
+    for i in range(end - 1, max(end - max_leaf, first) - 1, -1):
+        level = _level(codes, i - 1, i, drop) if i > first else _NO_LEVEL
+        if highest < level and highest < after:
+            start, before = i, level
+        highest = max(highest, level)
+    return start, before
+
+
 @kernel
 def _count_nodes(ticket, source, max_leaf, forest):
-    """Worker: count the nodes of each subtree, which are its ranges of more than `max_leaf` triangles."""
-    codes = ptr(source.codes)
-    levels, ends = stack_i64(_LEVELS), stack_i64(_LEVELS)
+    """Worker: count the nodes of each subtree, one fewer than its leaves."""
+    codes, drop = ptr(source.codes), source.drop
     for s in items(ticket):
-        first, last = forest.ranges[s]
-        height, count = 0, 0
-        for i in range(last - 1, first - 1, -1):
-            level = _level(codes, i - 1, i, source.drop) if i > first else _NO_LEVEL
-            end = i + 1
-            while height > 0 and get(levels, height - 1) <= level:  # equal only if it is _NO_LEVEL
-                height -= 1
-                end = get(ends, height)
-                count += np.int64(end - i > max_leaf)
-            put(levels, height, level)
-            put(ends, height, end)
-            height += 1
+        first, end = forest.ranges[s]
+        after, count = _NO_LEVEL, -1
+        while end > first:
+            end, after = _leaf_before(codes, drop, max_leaf, first, end, after)
+            count += 1
         forest.counts[s] = count
 
 
 @inlined
-def _copy_triangle(vertices, id_, corners, slot):
-    """Copy the corners of triangle `id_` to a slot."""
-    store(corners, slot * 9, load8(vertices, id_ * 9))
-    put(corners, slot * 9 + 8, get(vertices, id_ * 9 + 8))
+def _write_leaf(vertices, ids, start, end, corners):
+    """Copy the corners of the triangles `ids` in the slots of a leaf, and return their box."""
+    box = splat8(INF)
+    for i in range(end - 1, start - 1, -1):
+        ahead, id_ = get(ids, max(i - _AHEAD, 0)) * 9, get(ids, i)
+        prefetch(vertices, ahead)
+        prefetch(vertices, ahead + 8)
+        store(corners, i * 9, load8(vertices, id_ * 9))
+        put(corners, i * 9 + 8, get(vertices, id_ * 9 + 8))
+        box = minimum(box, triangle_box(vertices, id_))
+    return box
 
 
 @kernel
@@ -157,31 +181,24 @@ def _build_subtree(vertices, codes, drop, max_leaf, first, last, end_node, out):
     # In: vertices, float32 *, 9 per triangle; codes, pointer, sorted; drop, max_leaf; first, last, slots
     # Out: out, a `Tree`: nodes, links, and corners of the slots
     levels, stack, boxes = stack_i64(_LEVELS), stack_i64(_STACK_SIZE), stack_f32(_BOXES)
-    ids, node, height, box, link, depth = out.prim_ids, end_node, 0, triangle_box(vertices, 0), 0, 0
-    for i in range(last - 1, first - 1, -1):
-        prefetch(vertices, get(ids, max(i - _AHEAD, 0)) * 9)
-        prefetch(vertices, get(ids, max(i - _AHEAD, 0)) * 9 + 8)
-        level = _level(codes, i - 1, i, drop) if i > first else _NO_LEVEL
-        id_ = get(ids, i)
-        _copy_triangle(vertices, id_, out.corners, i)
-        box, link, depth, end = triangle_box(vertices, id_), bvh_link(i, 1), 0, i + 1
+    ids, node, height, box, link, depth = out.prim_ids, end_node, 0, splat8(INF), 0, 0
+    end, level = last, _NO_LEVEL
+    while end > first:
+        start, level = _leaf_before(codes, drop, max_leaf, first, end, level)
+        box, link, depth = _write_leaf(vertices, ids, start, end, out.corners), bvh_link(start, end - start), 0
+        end = start
         while height > 0 and get(levels, height - 1) <= level:  # equal only if it is _NO_LEVEL
             height -= 1
             right_box = load8(boxes, height * 8)
-            end = get(stack, height * 4)
-            if end - i > max_leaf:
-                node -= 1
-                write_boxes(out.nodes, node, box, right_box)
-                put(out.links, link_at(node, 0), link)
-                put(out.links, link_at(node, 1), get(stack, height * 4 + 1))
-                link, depth = node, max(depth, get(stack, height * 4 + 2)) + 1
-            else:
-                link = bvh_link(i, end - i)
+            node -= 1
+            write_boxes(out.nodes, node, box, right_box)
+            put(out.links, link_at(node, 0), link)
+            put(out.links, link_at(node, 1), get(stack, height * 2))
+            link, depth = node, max(depth, get(stack, height * 2 + 1)) + 1
             box = minimum(box, right_box)
         put(levels, height, level)
-        put(stack, height * 4, end)
-        put(stack, height * 4 + 1, link)
-        put(stack, height * 4 + 2, depth)
+        put(stack, height * 2, link)
+        put(stack, height * 2 + 1, depth)
         store(boxes, height * 8, box)
         height += 1
     return box, link, depth
@@ -226,11 +243,11 @@ def _build_from_codes(
     t, s = len(children), len(ranges)
     numbers = [np.empty(s, np.int64) for _ in range(4)]
     forest = MortonForest(ranges, numbers[0], numbers[1], np.empty((s, 8), np.float32), numbers[2], numbers[3])
-    run(_count_nodes, threads, new_ticket(s, 1), source, max_leaf, forest)
+    run_short(_count_nodes, threads, new_ticket(s, 1), source, max_leaf, forest)
     node_at = np.empty(t, np.int64)
     nodes = aligned_empty((place(children, forest.counts, node_at, forest.places), 16), "f4")
     bvh = Bvh(nodes, nodes.view(np.int32), source.ids, np.empty((n, 9), np.float32))
-    run(_build_subtrees, threads, new_ticket(s, 1), flat, source, max_leaf, forest, bvh)
+    run_short(_build_subtrees, threads, new_ticket(s, 1), flat, source, max_leaf, forest, bvh)
     top = UpperLevels(np.empty((t, 2, 8), np.float32), children, ranges, forest.roots)
     join_boxes(children, forest.roots, top.boxes)
     nodes[node_at] = top_lines(top, node_at, forest.links)
@@ -271,7 +288,7 @@ def sort_by_codes(flat: NDArray[np.float32], bits: int, threads: int) -> tuple[N
     codes: NDArray[Codes] = np.empty(n, np.int32 if bits == 10 else np.int64)
     ids = np.empty(n, np.int32)
     centroids = scene_bounds(flat, threads)[1]
-    run(write_codes, threads, new_ticket(n, TRIANGLES_PER_SHARE), flat, grid_of(centroids, bits), codes, ids)
+    run_short(write_codes, threads, new_ticket(n, TRIANGLES_PER_SHARE), flat, grid_of(centroids, bits), codes, ids)
     return radix_sort(codes, ids, 3 * bits, threads)
 
 

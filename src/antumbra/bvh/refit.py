@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..base.errors import InputError
 from ..kernels.array_pool import ArrayPool
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import items, new_ticket, run, thread_count
+from ..kernels.parallel import items, new_ticket, run_short, thread_count
 from ..kernels.simd import get, load8, load16, minimum, prefetch, ptr, put, splat8, stack_f32, store
 from . import binned_sah
 from .nodes import (
@@ -177,7 +177,7 @@ def _refit_triangles(
     nodes = aligned_empty(bvh.nodes.shape, "f4") if pool is None else pool.empty(bvh.nodes.shape, np.float32)
     new = Bvh(nodes, nodes.view(np.int32), bvh.prim_ids, corners)
     part_boxes = np.empty((len(pieces.parts), 8), np.float32)
-    run(_refit_parts, threads, new_ticket(len(part_boxes), 1), flat, bvh, pieces.parts, new, flags, part_boxes)
+    run_short(_refit_parts, threads, new_ticket(len(part_boxes), 1), flat, bvh, pieces.parts, new, flags, part_boxes)
     children, boxes = children_of_top(pieces), np.empty((len(pieces.numbers), 2, 8), np.float32)
     join_boxes(children, part_boxes, boxes)
     roots = pieces.parts[:, 0]
@@ -291,10 +291,10 @@ def filter_tree(bvh: Bvh, triangles: NDArray[np.integer], threads: int) -> Bvh:
         return small._replace(prim_ids=prim_ids[small.prim_ids])
     bounded = boxes_of_subset(bvh, slots, threads)
     branches = np.empty(len(bvh.nodes), np.bool_)
-    run(_find_branches, threads, new_ticket(len(branches), NODES_PER_SHARE), bounded, branches)
+    run_short(_find_branches, threads, new_ticket(len(branches), NODES_PER_SHARE), bounded, branches)
     node_at, slot_at = _numbers(branches), _numbers(slots)
     nodes = aligned_empty((int(node_at[-1]), 16), "f4")
     new = Bvh(nodes, nodes.view(np.int32), prim_ids, corners)
     ticket = new_ticket(len(branches), NODES_PER_SHARE)
-    run(_write_branches, threads, ticket, bounded, branches, node_at, slot_at, new)
+    run_short(_write_branches, threads, ticket, bounded, branches, node_at, slot_at, new)
     return new

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel, overload, overloaded
-from ..kernels.parallel import items, new_ticket, run
+from ..kernels.parallel import items, new_ticket, run_short
 from ..kernels.simd import (
     as_i32,
     atomic_add,
@@ -326,5 +326,5 @@ def build_below(
     order, largest = np.argsort(-sizes, kind="stable"), int(sizes.max())
     next_free, args = np.zeros(1, np.int64), (flat, method, top, order, settings, bvh, subtrees)
     make_memory = lambda: (_Memory(aligned_empty((largest, 16), "f4"), np.empty(words, np.float32)),)
-    run(_build_subtrees, threads, new_ticket(s, 1), *args, next_free, own=make_memory)
+    run_short(_build_subtrees, threads, new_ticket(s, 1), *args, next_free, own=make_memory)
     return bvh, subtrees

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import items, new_ticket, run
+from ..kernels.parallel import items, new_ticket, run_short
 from ..kernels.simd import (
     as_i32,
     extract,
@@ -237,9 +237,9 @@ def split_blocks(
     """Bin the ranges of a level, set their splits by `choose`, and move their records; return as `split_level` does."""
     source, target = (method.spare, method.records) if depth & 1 else (method.records, method.spare)
     level = _cut_into_blocks(ranges, boxes)
-    run(_bin_blocks, threads, new_ticket(len(level.blocks), 1), source, level)
+    run_short(_bin_blocks, threads, new_ticket(len(level.blocks), 1), source, level)
     choose(level)
-    run(_move_blocks, threads, new_ticket(len(level.blocks), 1), source, target, level)
+    run_short(_move_blocks, threads, new_ticket(len(level.blocks), 1), source, target, level)
     return level.splits[:, 2], np.minimum.reduceat(level.sides, level.ranges[:, 2], axis=0)
 
 
@@ -376,7 +376,7 @@ def assemble(bvh: Bvh, top: UpperLevels, subtrees: Subtrees, threads: int) -> Bv
     count = place(top.children, subtrees.shares[:, 1], node_at, subtree_at)
     nodes = aligned_empty((count, 16), "f4")
     ticket = new_ticket(len(subtree_at), 1)
-    run(_copy_subtrees, threads, ticket, subtrees, subtree_at, nodes, nodes.view(np.int32))
+    run_short(_copy_subtrees, threads, ticket, subtrees, subtree_at, nodes, nodes.view(np.int32))
     links = np.where(subtrees.shares[:, 2] >= 0, subtree_at, subtrees.shares[:, 2])
     nodes[node_at] = top_lines(top, node_at, links)
     return bvh._replace(nodes=nodes, links=nodes.view(np.int32))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, new_ticket, run, shares
+from ..kernels.parallel import CHUNK, new_ticket, run_short, shares
 from ..kernels.simd import (
     as_i32,
     extract,
@@ -189,7 +189,7 @@ def _bounds(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(box, centroid box) of all triangles, bounded in chunks by `worker`."""
     parts = np.empty((-(-len(flat) // TRIANGLES_PER_SHARE), PART), np.float32)
-    run(worker, threads, new_ticket(len(flat), TRIANGLES_PER_SHARE), flat, *args, parts)
+    run_short(worker, threads, new_ticket(len(flat), TRIANGLES_PER_SHARE), flat, *args, parts)
     bounds = parts[:, :16].min(axis=0, initial=np.inf)
     if not ((parts[:, 16:] == 0).all() and (bounds[_CORNERS] > -MAX_COORDINATE).all()):
         row = int(np.argmin((np.abs(flat) < MAX_COORDINATE).all(axis=1)))

@@ -15,6 +15,9 @@ Leaving the loop skips the remaining items of the thread's share; set `STOP` to 
 compiled call `take`.
 
 Kernels allocate no memory except on their stack. `run` calls `own` in each thread to create other scratch memory.
+
+Waking a thread takes about as long as bounding 20,000 triangles. `run_short` therefore works in the calling thread too,
+and does not wait for threads that wake up too late.
 """
 
 import numbers
@@ -45,6 +48,7 @@ __all__ = [
     "map_in_threads",
     "new_ticket",
     "run",
+    "run_short",
     "shares",
     "take",
     "thread_count",
@@ -127,6 +131,8 @@ class _ParallelRun:
     ) -> None:
         self.worker, self.ticket, self.args, self.own, self.n_threads = worker, ticket, args, own, n_threads
         self.begun: list[None] = []  # one None per thread that has begun; list.append is atomic
+        self.called: list[_Thread] = []  # threads that have not begun, if `dismisses`
+        self.dismisses = False  # whether threads that have not begun may be dismissed
         self.outcomes: list[BaseException | None] = []  # one per thread that has finished: None, or its exception
         self.wake: queue.SimpleQueue[None] = queue.SimpleQueue()  # receives an item when the last thread has finished
 
@@ -140,6 +146,23 @@ class _ParallelRun:
             return error
         return None
 
+    def admits(self, thread: "_Thread") -> bool:
+        """Whether a thread that was sent this job may begin it."""
+        if not self.dismisses:
+            return True
+        try:
+            self.called.remove(thread)  # atomic, like `pop` in `dismiss`
+        except ValueError:
+            return False
+        return True
+
+    def dismiss(self) -> None:
+        """Make the threads idle that have not begun. The others are then `n_threads`."""
+        while self.called:
+            with suppress(IndexError):  # the last of them has just begun
+                _idle.append(self.called.pop())
+                self.n_threads -= 1
+
     def finish(self, outcome: BaseException | None) -> None:
         """Store the outcome of this thread, and wake the caller if it is the last."""
         self.outcomes.append(outcome)
@@ -148,7 +171,7 @@ class _ParallelRun:
 
 
 class _Thread:
-    """A thread that waits for jobs. It is in `_idle` while it has none."""
+    """A thread that waits for jobs. It is in `_idle` while it has none, or none but jobs that it need not begin."""
 
     def __init__(self) -> None:
         self.inbox: queue.SimpleQueue[_ParallelRun] = queue.SimpleQueue()
@@ -157,6 +180,9 @@ class _Thread:
     def _serve(self) -> None:
         while True:
             job = self.inbox.get()
+            if not job.admits(self):
+                del job
+                continue
             outcome = job.work()
             _idle.append(self)  # before the caller wakes, so that its next run finds this thread
             job.finish(outcome)
@@ -239,6 +265,35 @@ def run(
     for outcome in job.outcomes:
         if outcome is not None:
             raise outcome
+
+
+def run_short(
+    worker: Callable[..., object],
+    n_threads: int,
+    ticket: Ticket,
+    *args: Any,
+    own: Callable[[], Iterable[Any]] = tuple,
+) -> None:
+    """`run` for work of milliseconds: the calling thread is one of the `n_threads`, and an interrupt comes afterwards."""
+    helpers = min(n_threads, -(-int(ticket[N]) // int(ticket[CHUNK]))) - 1
+    if helpers <= 0:
+        worker(ticket, *args, *own())
+        return
+    job = _ParallelRun(worker, ticket, args, own, helpers)
+    job.dismisses = True
+    job.called += [_idle_thread() for _ in range(helpers)]
+    for thread in job.called.copy():
+        thread.inbox.put(job)
+    outcome = job.work()
+    job.dismiss()
+    while len(job.outcomes) < job.n_threads:
+        try:
+            _wait(job, _POLL_SECONDS)
+        except KeyboardInterrupt as error:
+            ticket[STOP], outcome = 1, error
+    for each in (outcome, *job.outcomes):
+        if each is not None:
+            raise each
 
 
 def map_in_threads(
