@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.jit import F32Ptr, F32x4, I32Ptr, kernel, overload, overloaded
+from ..kernels.jit import F32Ptr, F32x4, I32Ptr, inlined, kernel, overload, overloaded
 from ..kernels.simd import (
     as_i32,
     extract,
@@ -151,25 +151,37 @@ def clear_bins(bins, n_bins):
         put(bins.counts, k, 0)
 
 
+@inlined
+def _add_to_bin(bins, k, record):
+    """Add a record to bin k."""
+    store(bins.boxes, k * 8, minimum(load8(bins.boxes, k * 8), record))
+    put(bins.counts, k, get(bins.counts, k) + 1)
+
+
+@inlined
+def _add_record(records, i, mapping, bins):
+    """Add record i to its bin on each axis."""
+    record, n_bins = load8(records, i * 8), mapping.n_bins
+    centroid = load4(records, i * 8) - load4(records, i * 8 + 4)
+    place = to_i32((centroid - mapping.origin) * mapping.factor)
+    place = minimum(maximum(place, np.int32(0)), np.int32(n_bins - 1))
+    _add_to_bin(bins, np.int64(extract(place, 0)), record)
+    _add_to_bin(bins, np.int64(extract(place, 1)) + n_bins, record)
+    _add_to_bin(bins, np.int64(extract(place, 2)) + 2 * n_bins, record)
+
+
 @kernel
 def fill_bins(records, first, last, mapping, bins):
-    """Add the records from `first` to `last` - 1 to the bins."""
-    top = np.int32(mapping.n_bins - 1)
-    n_bins = mapping.n_bins
-    boxes, counts = bins.boxes, bins.counts
-    for i in range(first, last):
-        record = load8(records, i * 8)
-        centroid = load4(records, i * 8) - load4(records, i * 8 + 4)
-        place = minimum(maximum(to_i32((centroid - mapping.origin) * mapping.factor), np.int32(0)), top)
-        x = np.int64(extract(place, 0))
-        y = np.int64(extract(place, 1)) + n_bins
-        z = np.int64(extract(place, 2)) + 2 * n_bins
-        store(boxes, x * 8, minimum(load8(boxes, x * 8), record))
-        store(boxes, y * 8, minimum(load8(boxes, y * 8), record))
-        store(boxes, z * 8, minimum(load8(boxes, z * 8), record))
-        put(counts, x, get(counts, x) + 1)
-        put(counts, y, get(counts, y) + 1)
-        put(counts, z, get(counts, z) + 1)
+    """Add the records from `first` to `last` - 1 to the bins.
+
+    Neighbours often share a bin, and then wait for each other's store. Records far apart are added in turn.
+    """
+    quarter = (last - first) >> 2
+    for i in range(first, first + quarter):
+        for k in range(4):
+            _add_record(records, i + k * quarter, mapping, bins)
+    for i in range(first + 4 * quarter, last):
+        _add_record(records, i, mapping, bins)
 
 
 @kernel
