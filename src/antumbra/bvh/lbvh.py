@@ -50,6 +50,7 @@ _STACK_SIZE = 2 * _LEVELS
 _BOXES = 8 * _LEVELS
 _NO_LEVEL, _LOWEST = np.int64(2**63 - 1), np.int64(-(2**63))
 _AHEAD = 64  # prefetch distance in triangles
+_PER_THREAD = 32768  # triangles: with fewer, waking a thread takes longer than its work
 
 
 class SortedTriangles(NamedTuple):
@@ -273,6 +274,7 @@ def build(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: i
     n = len(flat)
     if n < 2:
         return trivial_bvh(flat)
+    threads = min(threads, 1 + n // _PER_THREAD)
     max_leaf = min(max_leaf, n - 1)  # the root is never a leaf
     codes, ids = sort_by_codes(flat, bits, threads)
     bvh, depth = _build_from_codes(flat, SortedTriangles(codes, ids, np.int64(0)), max_leaf, threads)

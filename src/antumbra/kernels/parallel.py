@@ -281,10 +281,13 @@ def run_short(
         return
     job = _ParallelRun(worker, ticket, args, own, helpers)
     job.dismisses = True
-    job.called += [_idle_thread() for _ in range(helpers)]
-    for thread in job.called.copy():
-        thread.inbox.put(job)
-    outcome = job.work()
+    try:
+        job.called += [_idle_thread() for _ in range(helpers)]
+        for thread in job.called.copy():
+            thread.inbox.put(job)
+        outcome = job.work()
+    except BaseException as error:
+        ticket[STOP], outcome = 1, error
     job.dismiss()
     while len(job.outcomes) < job.n_threads:
         try:
