@@ -23,6 +23,11 @@ SCENES = {
 }
 
 
+@pytest.fixture(autouse=True)
+def threads_for_small_scenes(monkeypatch):
+    monkeypatch.setattr(lbvh, "_PER_THREAD", 1000)
+
+
 def tree_of(bvh, link=0):
     """The tree in the form of `karras_tree`."""
     if link < 0:
@@ -46,6 +51,18 @@ def test_tree_that_many_threads_make_is_that_of_the_codes():
     order, tree = karras_tree(morton_codes(vertices, 10), 4)
     bvh = lbvh.build(vertices, 3)
     assert bvh.prim_ids.tolist() == order and tree_of(bvh) == tree
+
+
+def test_small_scenes_are_built_by_fewer_threads(monkeypatch):
+    used, vertices = [], terrain(LARGE)
+    sort = lbvh.sort_by_codes
+    monkeypatch.setattr(
+        lbvh, "sort_by_codes", lambda flat, bits, threads: used.append(threads) or sort(flat, bits, threads)
+    )
+    for per_thread in (len(vertices) // 2, len(vertices) + 1):
+        monkeypatch.setattr(lbvh, "_PER_THREAD", per_thread)
+        lbvh.build(vertices, 8)
+    assert used == [3, 1]
 
 
 def test_left_child_comes_right_behind_its_parent():

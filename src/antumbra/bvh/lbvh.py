@@ -3,10 +3,10 @@
 Triangles are sorted by the Morton codes of their centroids. A node is a range of triangles, split at the highest
 differing bit. As in the paper, positions break ties between equal codes. The top levels are split top-down.
 
-Threads then build the subtrees independently, each bottom-up from its last leaf to its first [Apetrei 2014]. The part to
-the right of a gap waits on a stack until a higher gap closes it, so boxes are joined as nodes are created. Nodes are
-counted first, and then written backwards from a subtree's last position, which puts them in depth-first order
-in the final array.
+Threads then build the subtrees independently, each bottom-up from its last leaf to its first [Apetrei 2014]. The part
+to the right of a gap waits on a stack until a higher gap closes it, so boxes are joined as nodes are created. Nodes are
+counted first, and then written backwards from a subtree's last position, which puts them in depth-first order in the
+final array.
 """
 
 from typing import NamedTuple
@@ -50,7 +50,7 @@ _STACK_SIZE = 2 * _LEVELS
 _BOXES = 8 * _LEVELS
 _NO_LEVEL, _LOWEST = np.int64(2**63 - 1), np.int64(-(2**63))
 _AHEAD = 64  # prefetch distance in triangles
-_PER_THREAD = 32768  # triangles: with fewer, waking a thread takes longer than its work
+_PER_THREAD = 131072  # triangles: with fewer, waking a thread ten times takes longer than its work
 
 
 class SortedTriangles(NamedTuple):
@@ -137,8 +137,8 @@ def split_top(codes: NDArray[Codes], drop: np.int64, largest: int) -> tuple[NDAr
 def _leaf_before(codes, drop, max_leaf, first, end, after):
     """(start, level before it) of the leaf that ends at slot `end`, in a subtree that begins at slot `first`.
 
-    It is the largest subtree there of at most `max_leaf` triangles. Levels within a subtree are lower than those on both
-    sides of it; `after` is the level at `end`.
+    It is the largest subtree there of at most `max_leaf` triangles. Levels within a subtree are lower than those on
+    both sides of it; `after` is the level at `end`.
     """
     start, before, highest = end, after, _LOWEST
     for i in range(end - 1, max(end - max_leaf, first) - 1, -1):

@@ -274,7 +274,7 @@ def run_short(
     *args: Any,
     own: Callable[[], Iterable[Any]] = tuple,
 ) -> None:
-    """`run` for work of milliseconds: the calling thread is one of the `n_threads`, and an interrupt comes afterwards."""
+    """`run` for work of milliseconds, in which the calling thread takes part. An interrupt comes afterwards."""
     helpers = min(n_threads, -(-int(ticket[N]) // int(ticket[CHUNK]))) - 1
     if helpers <= 0:
         worker(ticket, *args, *own())
