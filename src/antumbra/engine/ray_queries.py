@@ -175,11 +175,14 @@ class RayQueries:
     def contains(self, points: "ArrayLike", time: float = 0.0, *, threads: int | None = None) -> NDArray[np.bool_]:
         """Whether points are inside the scene's closed surfaces, or on one.
 
-        A point is inside if a ray from it, straight up, crosses surfaces an odd number of times
-        (``count_hits(merge="surface")``), or if it is on a face. The result is exact for the rounded points, and never
-        depends on edges or vertices that the ray meets. Where closed surfaces overlap, every second layer is outside,
-        so a surface that exists twice, once per side, contains nothing. If a surface has holes, points below
-        and above them may be on the wrong side.
+        A point is inside if a ray from it crosses surfaces an odd number of times (``count_hits(merge="surface")``), or
+        if it is on a face. For closed surfaces, the result is exact for the rounded points, and never depends on edges
+        or vertices that the ray meets. Where closed surfaces overlap, every second layer is outside.
+
+        A surface drawn twice, such as once per side, counts once; a wall between two bodies, of which each has its own
+        copy, counts twice. Edges that an odd number of faces share are open. A scene with open edges gets a note with
+        their number in `Scene.notes`. Points outside its bounds are outside, and most of 14 rays along the axes and the
+        space diagonals decide about others. A store is taken as it is drawn, without a note.
 
         Parameters
         ----------
