@@ -244,12 +244,13 @@ class Engine(RayQueries):
 
     def _all_hits(
         self, origins: ArrayLike, directions: ArrayLike | None, hits: HitFilter, targets: ArrayLike | None,
-        max_hits: int | None, time: float, threads: int | None,
+        max_hits: int | None, merge: str, time: float, threads: int | None,
     ) -> AllHits:  # fmt: skip
+        rule = MERGES[choice(merge, "merge", MERGES)]
         if max_hits is not None:
             max_hits = whole_number(max_hits, "max_hits", 1, MAX_HITS)
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets, self._moment(time))
-        return self.source.ray_lists.all_hits(rays, max_hits, TRIANGLES, self._count(threads))
+        return self.source.ray_lists.all_hits(rays, max_hits, rule, self._count(threads))
 
     def _count_hits(
         self, origins: ArrayLike, directions: ArrayLike | None, hits: HitFilter, targets: ArrayLike | None, merge: str,
