@@ -123,7 +123,7 @@ def _edges_of(faces: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def _odd_ones(sides: NDArray[np.int64], n_edges: int) -> NDArray[np.bool_]:
     """(n_edges,): which edges an odd number of sides have."""
-    return np.bincount(sides[sides >= 0], minlength=n_edges) % 2 == 1
+    return np.asarray(np.bincount(sides[sides >= 0], minlength=n_edges) % 2 == 1)
 
 
 # --- Hashes -----------------------------------------------------------------------------------------------------------

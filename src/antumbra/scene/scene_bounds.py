@@ -149,7 +149,8 @@ class Survey:
 
     def origin(self) -> NDArray[np.float64]:
         """(3,) float64: the `frame_origin`. Raises the errors of `bounds`."""
-        return frame_origin(*self.bounds(), self._single)
+        lower, upper = self.bounds()
+        return frame_origin(lower, upper, self._single)
 
 
 # --- Face samples: the box of the detail, and the up axis -------------------------------------------------------------
