@@ -13,10 +13,13 @@ GRID = 2.0**-20
 
 
 def grid_mesh(seed, reach):
-    """Float64 vertices on a grid of 2**-20, and faces."""
+    """Float64 vertices on a grid of 2**-20, one of them beyond float32, and faces."""
     rng = np.random.default_rng(seed)
     vertices = np.round(rng.uniform(-reach, reach, (30, 3)) / GRID) * GRID
-    return vertices, rng.integers(0, 30, (40, 3))
+    vertices[0] = 64.0 + GRID
+    faces = rng.integers(0, 30, (40, 3))
+    faces[0, 0] = 0
+    return vertices, faces
 
 
 @given(

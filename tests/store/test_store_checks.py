@@ -209,7 +209,10 @@ def test_forged_frames(whole, value):
         for axis in range(3):
             for row in range(rows):
                 forged = ForgedStore(whole[1])
-                (forged.meta[name] if rows == 1 else forged.meta[name][row])[axis] = value
+                numbers = forged.meta[name] if rows == 1 else forged.meta[name][row]
+                if numbers[axis] == value:
+                    continue  # of a scene whose frame has its origin at 0
+                numbers[axis] = value
                 check_forged(whole, forged, refused=name != "box" or abs(value) != 1e30)
 
 

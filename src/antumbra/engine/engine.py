@@ -26,10 +26,11 @@ from ..scene.light_lists import without_interleave
 from ..scene.lights import Light, check_lights
 from ..scene.scene_data import SceneData
 from ..scene.triangles import AllHits, Hit, HitFaces, HitFilter
-from ..trace.rays.all_hits import INSIDE, ON_SURFACE, SURFACES, TRIANGLES
+from ..trace.rays.all_hits import SURFACES, TRIANGLES
 from ..trace.transmission import TracedQuery
 from .accelerator import Accelerated, Accelerator
 from .auto_accelerator import accelerator_of
+from .containment import inside_of, with_note
 from .device_plans import plan_on
 from .frame_tracer import FrameTracer
 from .plan import DEFAULT_PLAN, Plan, parse_plan
@@ -243,12 +244,13 @@ class Engine(RayQueries):
 
     def _all_hits(
         self, origins: ArrayLike, directions: ArrayLike | None, hits: HitFilter, targets: ArrayLike | None,
-        max_hits: int | None, time: float, threads: int | None,
+        max_hits: int | None, merge: str, time: float, threads: int | None,
     ) -> AllHits:  # fmt: skip
+        rule = MERGES[choice(merge, "merge", MERGES)]
         if max_hits is not None:
             max_hits = whole_number(max_hits, "max_hits", 1, MAX_HITS)
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets, self._moment(time))
-        return self.source.ray_lists.all_hits(rays, max_hits, TRIANGLES, self._count(threads))
+        return self.source.ray_lists.all_hits(rays, max_hits, rule, self._count(threads))
 
     def _count_hits(
         self, origins: ArrayLike, directions: ArrayLike | None, hits: HitFilter, targets: ArrayLike | None, merge: str,
@@ -282,9 +284,10 @@ class Engine(RayQueries):
             first = int(np.argmin((np.abs(array) < MAX_COORDINATE).reshape(-1, 3).all(1)))
             raise InputError(f"points are NaN, infinite or beyond float32 (point {first})")
         rays = rays_of(array, up, HitFilter(0.0, np.inf), self._frame, self._n_faces, None, self._moment(time))
-        counts = self.source.ray_lists.count_hits(rays, INSIDE, self._count(threads))
-        inside: NDArray[np.bool_] = (counts >= ON_SURFACE) | (counts % 2 == 1)
-        return inside.reshape(rays.shape)
+        bodies = self.source.ray_lists.bodies(rays.time)
+        if bodies.open_edges or self.data.notes:
+            self.data.notes = with_note(self.data.notes, self.data.name, bodies.open_edges)
+        return inside_of(bodies, rays, self._count(threads)).reshape(rays.shape)
 
     def _count(self, threads: int | None) -> int:
         """The number of threads of a query."""

@@ -44,7 +44,8 @@ class RayQueries:
             ``tmin < t < tmax`` for the t that `closest_hit` reports for it. So a hit at exactly tmin or tmax does not
             count.
         skip_face : int or (...) int, optional
-            A face to ignore, for rays that start on a known face; -1: none.
+            A face to ignore, for rays that start on a known face; -1: none. A point computed on a face, such as its
+            centre, is rounded to one side of it, so without `skip_face` about half of such rays hit their own face.
         time : float
             Seconds. The BVH of the latest query's time is cached.
         targets : (..., 3) float, world, optional
@@ -114,6 +115,7 @@ class RayQueries:
         *,
         targets: "ArrayLike | None" = None,
         max_hits: int | None = None,
+        merge: str = "none",
         cull_faces: str | None = None,
         threads: int | None = None,
     ) -> AllHits:
@@ -123,6 +125,8 @@ class RayQueries:
         ----------
         max_hits : int, optional
             Only the first `max_hits` hits of each ray; None: all.
+        merge : "none" or "surface"
+            Which hits count, as for `count_hits`.
 
         Returns
         -------
@@ -130,14 +134,15 @@ class RayQueries:
             The hits of ray i, in C order of the rays' shape, are elements ``ray_offsets[i]`` to
             ``ray_offsets[i + 1] - 1`` of `t`, `face`, `u` and `v`, which are as for `closest_hit`. Among faces
             with the same t, those whose front faces the origin come first; then they are sorted by index. A ray through
-            an edge or a vertex hits every face there.
+            an edge or a vertex hits every face there. Each ray has as many hits as `count_hits` returns; with the merge
+            "none", it has one if and only if `occluded` is True, and the first one is that of `closest_hit`.
 
         Notes
         -----
         Besides the result, memory is needed for the hits of a million rays at a time.
         """
         hits = HitFilter(tmin, tmax, skip_face, cull_faces)
-        every_hit: AllHits = self.engine._all_hits(origins, directions, hits, targets, max_hits, time, threads)
+        every_hit: AllHits = self.engine._all_hits(origins, directions, hits, targets, max_hits, merge, time, threads)
         return every_hit
 
     def count_hits(
@@ -162,7 +167,8 @@ class RayQueries:
             "none": every face counts, so a ray through a common edge counts both. "surface": a ray that crosses a
             surface on an edge or at a vertex counts it once, and one that only touches a rim from outside counts it
             twice or not at all. This is decided by an infinitesimal displacement of the ray, in exact arithmetic, not
-            by a distance. So for a closed surface, the number from a point is odd inside and even outside.
+            by a distance. So for a closed surface, the number from a point is odd inside and even outside. A ray that
+            touches an edge can be occluded and yet cross nothing.
 
         Returns
         -------
@@ -175,11 +181,14 @@ class RayQueries:
     def contains(self, points: "ArrayLike", time: float = 0.0, *, threads: int | None = None) -> NDArray[np.bool_]:
         """Whether points are inside the scene's closed surfaces, or on one.
 
-        A point is inside if a ray from it, straight up, crosses surfaces an odd number of times
-        (``count_hits(merge="surface")``), or if it is on a face. The result is exact for the rounded points, and never
-        depends on edges or vertices that the ray meets. Where closed surfaces overlap, every second layer is outside,
-        so a surface that exists twice, once per side, contains nothing. If a surface has holes, points below
-        and above them may be on the wrong side.
+        A point is inside if a ray from it crosses surfaces an odd number of times (``count_hits(merge="surface")``), or
+        if it is on a face. For closed surfaces, the result is exact for the rounded points, and never depends on edges
+        or vertices that the ray meets. Where closed surfaces overlap, every second layer is outside.
+
+        A surface drawn twice, such as once per side, counts once; a wall between two bodies, of which each has its own
+        copy, counts twice. Edges that an odd number of faces share are open. A scene with open edges gets a note with
+        their number in `Scene.notes`. Points outside its bounds are outside, and most of 14 rays along the axes and the
+        space diagonals decide about others. A store is taken as it is drawn, without a note.
 
         Parameters
         ----------

@@ -306,10 +306,14 @@ class Scene(AnyScene):
     `Scene.from_mesh`. Coordinates are evaluated in float64, recentred, and only then rounded to float32: world position
     = vertex + `origin`.
 
-    The origin is a property of the scene, the same at all times, and lies near the middle of the scene. On each axis it
-    is ``lower + round(((upper - lower) / 2) / g) * g`` in float64, with the bounds at time 0 and
-    ``g = 2**(floor(log2(widest extent)) - 20)``. Translating the whole scene therefore does not change the bits of the
-    float32 vertices if float64 adds the offset exactly (such as the 5e6 m of a map grid).
+    The origin is a property of the scene, the same at all times. If float32 holds all coordinates of static meshes, as
+    of most STL and PLY files, it is 0 on axes on which the scene lies within 16 times its widest extent, and otherwise
+    the middle in float32. Nothing is rounded then: answers are those for the caller's own vertices, and for rays and
+    points in float32. (On axes with another origin, their coordinates must lie between half and twice it.)
+
+    For all other scenes, it is ``lower + round(((upper - lower) / 2) / g) * g`` in float64 on each axis, with the
+    bounds at time 0 and ``g = 2**(floor(log2(widest extent)) - 20)``. Translating the whole scene then does not change
+    the bits of the float32 vertices if float64 adds the offset exactly (such as the 5e6 m of a map grid).
 
     Attributes
     ----------

@@ -58,7 +58,15 @@ def make_mesh(name: str, positions: NDArray[Any], faces: NDArray[Any] | None, co
         faces, used = used_faces(faces, len(positions), where)
         positions = np.array(positions if used is None else positions[used])
     check_finite(positions, where)
+    positions = _single_if_exact(positions)
     return Mesh(name, positions, faces, face_colours(colour, n_faces(positions, faces), where), used=used)
+
+
+def _single_if_exact(positions: NDArray[Any]) -> NDArray[Any]:
+    """The positions in float32, if it holds all of them: scenes of such meshes round nothing, see `frame_origin`."""
+    with np.errstate(over="ignore"):
+        single = positions.astype(np.float32, copy=False)
+    return single if np.array_equal(single, positions) else positions
 
 
 def n_faces(positions: np.ndarray, faces: np.ndarray | None) -> int:

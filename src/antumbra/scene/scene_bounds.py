@@ -31,17 +31,28 @@ def flush_to_zero(local: np.ndarray) -> np.ndarray:
     return np.where(np.abs(local) < NEAREST, local.dtype.type(0.0), local)
 
 
-def frame_origin(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.float64]:
+_NEAR = 16.0  # widest extents; float32 has a spacing of 2**-20 extents there
+
+
+def frame_origin(lower: NDArray[np.float64], upper: NDArray[np.float64], single: bool = False) -> NDArray[np.float64]:
     """World position ((3,) float64) of the frame's origin for the bounds `lower`, `upper` ((3,) float64).
 
     The origin is the centre of the bounds, rounded to a whole number of steps above `lower`. The step is 2**-20 times
     the largest power of two not above the widest extent. If a scene is translated by an offset that float64 adds
     exactly, such as whole metres of a map grid, the frame moves by the same offset, and the scene's float32 coordinates
     do not change.
+
+    If all coordinates are those of float32 (`single`), the origin loses nothing. It is 0 on axes on which the scene
+    lies within 16 times its widest extent: neither its vertices nor rays in float32 are rounded. On other axes it is
+    the centre in float32. The difference of two float32 numbers of one sign is one itself if neither is more than twice
+    the other [Sterbenz 1974], so all vertices fit into float32, as do rays whose origins are that near.
     """
     extent = (upper - lower).max()
     if not extent > 1e-200:
         return lower.copy()
+    if single:
+        near = np.maximum(np.abs(lower), np.abs(upper)) <= _NEAR * extent
+        return np.where(near, 0.0, (lower / 2.0 + upper / 2.0).astype(np.float32).astype(np.float64))
     exponent = int(np.frexp(extent)[1]) - 1  # floor(log2(extent))
     step = np.ldexp(1.0, exponent - 20)
     out: NDArray[np.float64] = lower + np.round((upper - lower) / 2.0 / step) * step
@@ -105,10 +116,11 @@ def check_extent(bounds: np.ndarray, file: str) -> None:
 
 
 class Survey:
-    """The number of triangles and the bounds of all added pieces; `file` names them in errors."""
+    """The number of triangles, the bounds and the frame of all added pieces; `file` names them in errors."""
 
     def __init__(self, file: str):
         self.file, self.n_triangles = file, 0
+        self._single = True  # whether all coordinates are those of float32
         self._lower, self._upper = np.full(3, np.inf), np.full(3, -np.inf)
 
     def add(self, piece: Piece) -> None:
@@ -118,6 +130,7 @@ class Survey:
             lower, upper = bounds_of_points(piece.vertices)
             self._lower = np.minimum(self._lower, lower)  # NaN persists, and `bounds` reports it
             self._upper = np.maximum(self._upper, upper)
+            self._single &= piece.vertices.dtype == np.float32 and piece.towards is None
         self.n_triangles += count
 
     def bounds(self) -> NDArray[np.float64]:
@@ -133,6 +146,11 @@ class Survey:
         bounds = np.stack([self._lower, self._upper])
         check_extent(bounds, self.file)
         return bounds
+
+    def origin(self) -> NDArray[np.float64]:
+        """(3,) float64: the `frame_origin`. Raises the errors of `bounds`."""
+        lower, upper = self.bounds()
+        return frame_origin(lower, upper, self._single)
 
 
 # --- Face samples: the box of the detail, and the up axis -------------------------------------------------------------

@@ -25,7 +25,7 @@ from .lights import Light
 from .materials import MONTHS, LightShare, Transmittance
 from .mesh import MeshInfo, ObjectInfo, Source
 from .raster import Raster
-from .scene_bounds import Survey, faces_of, frame_origin, moving_faces, objects_of, sampled_faces
+from .scene_bounds import Survey, faces_of, moving_faces, objects_of, sampled_faces
 from .terrain import HeightGrid
 from .triangles import Triangles
 from .units import LengthUnit, checked_unit
@@ -356,11 +356,11 @@ class MemoryData(SceneData):
         self._loaded = source
         self.objects = source.objects
         self._object_of_face: np.ndarray | None = None
-        self.bounds, self.colours, self._looks, alpha = _survey(source)
+        survey, self.colours, self._looks, alpha = _survey(source)
         self._appearance: Appearance | None = None
         self._cutouts: Cutouts | None = None
         self._find_cutouts = alpha
-        self.origin = frame_origin(*self.bounds)
+        self.bounds, self.origin = survey.bounds(), survey.origin()
         self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
         self._movable: MovableMeshes | None = None
 
@@ -580,8 +580,8 @@ def _checked_share(share: Any, what: str, forms: str) -> LightShare:
     return red, green, blue
 
 
-def _survey(source: Source) -> tuple[np.ndarray, np.ndarray, bool, bool]:
-    """Bounds ((2, 3) float64) and colours ((n, 3) float32) at time 0; whether any mesh has a look, and alpha."""
+def _survey(source: Source) -> tuple[Survey, np.ndarray, bool, bool]:
+    """The survey and the colours ((n, 3) float32) at time 0; whether any mesh has a look, and alpha."""
     survey, colours, looks, alpha = Survey(source.file), [np.empty((0, 3), np.float32)], False, False
     for piece in source.pieces(0.0):
         survey.add(piece)
@@ -589,7 +589,7 @@ def _survey(source: Source) -> tuple[np.ndarray, np.ndarray, bool, bool]:
         alpha = alpha or (piece.look is not None and any(m.lets_light_pass for m in piece.look.materials))
         shape = piece.vertices.shape[0], faces_of(piece), 3
         colours.append(np.broadcast_to(piece.colour, shape).reshape(-1, 3))
-    return survey.bounds(), np.concatenate(colours), looks, alpha
+    return survey, np.concatenate(colours), looks, alpha
 
 
 # --- Loader notes, grouped by kind: 62 missing textures give one note -------------------------------------------------

@@ -16,7 +16,7 @@ from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..scene.mesh import Source
 from ..scene.raster import Raster
-from ..scene.scene_bounds import frame_origin
+from ..scene.scene_bounds import Survey
 from ..scene.scene_data import SceneData
 from ..scene.terrain import StreamedTerrain
 from ..scene.units import METRE, LengthUnit
@@ -119,7 +119,7 @@ class _Build:
             with temporary.open("wb") as stream:
                 writer = StoreWriter(stream)
                 self._write_chunks(staging, bounds, writer)
-                return self._finish(writer, staging.survey.n_triangles, description, bounds, path)
+                return self._finish(writer, staging.survey, description, path)
         finally:
             staging.close()
 
@@ -178,7 +178,7 @@ class _Build:
                 self._report("reading", staging.survey.n_triangles, 0)
 
     def _write_chunks(self, staging: StagingFile, bounds: np.ndarray, writer: StoreWriter) -> None:
-        n, origin, n_sorted = staging.survey.n_triangles, frame_origin(*bounds), 0
+        n, origin, n_sorted = staging.survey.n_triangles, staging.survey.origin(), 0
 
         def distributed(count: int) -> None:
             nonlocal n_sorted
@@ -198,12 +198,10 @@ class _Build:
                 self._report("building", done, n)
         self._end_phase("build")
 
-    def _finish(
-        self, writer: StoreWriter, n: int, description: _Description, bounds: np.ndarray, path: Path
-    ) -> BuildReport:
+    def _finish(self, writer: StoreWriter, survey: Survey, description: _Description, path: Path) -> BuildReport:
         table = writer.table
         top = top_tree(table["box"], self.threads)
-        origin = frame_origin(*bounds)
+        n, bounds, origin = survey.n_triangles, survey.bounds(), survey.origin()
         lower, upper = self._excluded_box
         lower, upper = (
             np.minimum(lower, table["box"][:, :3].min(axis=0)),

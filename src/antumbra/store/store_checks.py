@@ -119,7 +119,7 @@ def _frame_fault(meta: StoreMeta, boxes: NDArray[np.float32]) -> str:
         return "its bounds have other than three axes"
     if not (np.isfinite(bounds).all() and (bounds[0] <= bounds[1]).all()):
         return f"its bounds are {bounds.tolist()}"
-    if not np.array_equal(origin, frame_origin(*bounds)):
+    if not any(np.array_equal(origin, frame_origin(bounds[0], bounds[1], single)) for single in (False, True)):
         return "its origin does not follow from its bounds"
     limits = flush_to_zero((bounds - origin).astype(np.float32))  # wider than the box if a mesh has unused vertices
     if not (np.isfinite(box).all() and (limits[0] <= box[0]).all() and (box[1] <= limits[1]).all()):

@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 from ...base.errors import InputError
 from ...base.forks import is_stuck, renew_after_fork
 from ...bvh.wide_bvh import widen
+from ...query.closed_surfaces import closed_surfaces
 from ...query.pixel_refinement import subpixel_rays
 from ...query.query_bounds import bounds
 from ...query.ray_list import RayArguments, TracedRays, changed_error, hit_arrays
 from ...query.shadow_query import Surfaces, surfaces_of
 from ...scene.scene_data import MemoryData, SceneData
+from ...scene.triangle_setup import rows_with_area, solid_faces
 from ...scene.triangles import AllHits, Triangles
 from ...trace.alpha_cutouts import CutoutTree, add_hits, without_holes
 from ...trace.rays.all_hits import INSIDE, RayHits, count_all, find_all, merge_triangles, unsigned
@@ -39,7 +41,7 @@ from ..primary_visibility import (
     subpixel_visibility,
 )
 from ..refitted_rays import RayTreeRefit
-from .source_protocols import CameraView, SourceSettings
+from .source_protocols import Bodies, CameraView, SourceSettings
 
 # --- Ray lists --------------------------------------------------------------------------------------------------------
 
@@ -69,6 +71,7 @@ class RayLists:
         self._data, self._trees, self._threads = data, trees, threads
         self._ready: _RayTree | None = None
         self._cutouts: tuple[CutoutTree, RayTracer] | None = None  # the latest cut-outs and their tracer
+        self._bodies: tuple[Triangles, Bodies] | None = None  # of the latest triangles for which they were needed
         self._refit = RayTreeRefit(threads)
         self._lock = threading.RLock()
         self.spent = 0.0
@@ -127,6 +130,28 @@ class RayLists:
         on_cutouts = _of_valid(rays, find_all(self._tracer_of(cutouts), rays, None, rule, threads))
         arguments = local_rays(rays.arrays(), rays.cull_faces)
         return counts + without_holes(cutouts, arguments, on_cutouts, threads).counts
+
+    def bodies(self, time: float) -> Bodies:
+        """The surfaces at a time within 0 .. `duration`, cached for the latest one; those drawn twice count once."""
+        triangles = self.triangles(time)
+        with self._lock:
+            if self._bodies is None or self._bodies[0] is not triangles:
+                self._bodies = triangles, self._bodies_of(triangles)
+            return self._bodies[1]
+
+    def _bodies_of(self, triangles: Triangles) -> Bodies:
+        precompile("ray queries")
+        precompile("all hits")
+        vertices, cutouts = triangles.vertices, triangles.cutouts
+        shown = None if cutouts is None else np.union1d(cutouts.solid, cutouts.faces)
+        open_edges, once = closed_surfaces(vertices if shown is None else vertices[shown])
+        box = np.stack(bounds(vertices, self._threads))
+        if once is None:
+            return Bodies(box, open_edges, lambda rays, threads: self.count_hits(rays, INSIDE, threads))
+        solid = solid_faces(rows_with_area(vertices, self._threads), once if shown is None else shown[once])
+        accelerator = Accelerator(parse_plan(RAY_PLANS[0]), self._threads)
+        tracer = RayTracer(accelerator.build(triangles._replace(solid=solid, cutouts=None)).prepared)
+        return Bodies(box, open_edges, lambda rays, threads: _of_valid(rays, count_all(tracer, rays, INSIDE, threads)))
 
     def _tracer_of(self, cutouts: CutoutTree) -> RayTracer:
         """A tracer of the cut-outs, which is cached. Its hits include holes."""

@@ -5,8 +5,10 @@ with such a plan flattens the scene.
 """
 
 import threading
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import groupby
 from typing import ClassVar, cast
 
 import numpy as np
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...base.forks import is_stuck, renew_after_fork
 from ...bvh.instance_trees import InstanceTrees
+from ...query.closed_surfaces import closed_surfaces
 from ...query.gbuffer import from_hits
 from ...query.pixel_refinement import subpixel_rays
 from ...query.ray_list import (
@@ -32,6 +35,7 @@ from ...scene.instance_data import InstanceData
 from ...scene.scene_bounds import flush_to_zero
 from ...scene.scene_data import SceneData
 from ...scene.triangles import AllHits, Triangles
+from ...trace.rays.all_hits import INSIDE
 from ...trace.rays.instance_batches import trace_list
 from ...trace.rays.instance_rays import InstanceForest, count_all, find_all
 from ...trace.rays.ray_hits import hit_surfaces
@@ -40,8 +44,8 @@ from ..plan import Plan
 from ..precompilation import precompile
 from ..primary_visibility import RAYS
 from ..tree_choice import new_tree
-from .in_memory_source import InMemory, limit_device
-from .source_protocols import CameraView, SourceSettings
+from .in_memory_source import InMemory, RayLists, limit_device
+from .source_protocols import Bodies, CameraView, SourceSettings
 
 # --- Trees that engines share -----------------------------------------------------------------------------------------
 
@@ -130,6 +134,7 @@ class Instanced:
     def __init__(self, data: InstanceData, accelerator: Accelerator, shared: SharedInstances):
         self.scene, self.threads = data, accelerator.threads
         self._accelerator, self._shared = accelerator, shared
+        self._bodies: Bodies | None = None
         self._empty = _NOTHING._replace(
             origin=data.origin.copy()
         )  # never empty, since kernels may read the first entry
@@ -218,6 +223,25 @@ class Instanced:
 
     def count_hits(self, rays: RayArguments, rule: int, threads: int) -> NDArray[np.int64]:
         return count_all(self.trees, self._checked(rays), rays.cull_faces, rule, threads)
+
+    def bodies(self, time: float) -> Bodies:
+        """The surfaces of all copies. They are flattened if meshes, or copies in one place, have faces twice."""
+        if self._bodies is None:
+            self._bodies = self._find_bodies()
+        return self._bodies
+
+    def _find_bodies(self) -> Bodies:
+        instances, open_edges = self.scene.instances, 0
+        corners = [mesh.positions[mesh.faces] for mesh in instances.meshes]
+        place = np.unique(instances.matrices.reshape(-1, 12), axis=0, return_inverse=True)[1].reshape(-1)
+        order = np.lexsort((instances.mesh, place))
+        together = groupby(order.tolist(), key=place.tolist().__getitem__)
+        for meshes, copies in Counter(tuple(instances.mesh[list(group)].tolist()) for _, group in together).items():
+            surfaces = closed_surfaces(np.concatenate([corners[k] for k in meshes]))
+            if surfaces.once is not None:
+                return RayLists(self.scene.flattened(), self._shared.flat(), self.threads).bodies(0.0)
+            open_edges += copies * surfaces.open_edges
+        return Bodies(self.bounds, open_edges, lambda rays, threads: self.count_hits(rays, INSIDE, threads))
 
     def _checked(self, rays: RayArguments) -> RayArrays:
         """The rays as arrays. Raises InputError for the first invalid one; compiles kernels."""

@@ -37,6 +37,7 @@ from ...techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, ra
 from ...techniques.chcrt.chcrt_tracer import ChcRtTracer
 from ...techniques.chcrt.nearest_hits import mark_hits, number_hits
 from ...techniques.chcrt.tree_parts import parts_of_chunks
+from ...trace.rays.all_hits import INSIDE
 from ...trace.rays.local_rays import LocalRays, local_rays
 from ...trace.rays.ray_hits import hit_surfaces
 from ...trace.tree_list import Hits
@@ -45,7 +46,7 @@ from ..plan import Plan
 from ..precompilation import precompile
 from ..primary_visibility import RAYS
 from .paged_hits import all_hits, count_hits
-from .source_protocols import CameraView, FrameMemory, SourceSettings
+from .source_protocols import Bodies, CameraView, FrameMemory, SourceSettings
 
 # --- Bands of rows ----------------------------------------------------------------------------------------------------
 
@@ -401,6 +402,10 @@ class Paged:
             self.warm_up()
             precompile("all hits in stores")
             return count_hits(self.store, self._unordered_batches(rays), rule, threads)
+
+    def bodies(self, time: float) -> Bodies:
+        """The surfaces as they are drawn: open edges and faces drawn twice would need all of them in memory."""
+        return Bodies(self.store.meta.box, None, lambda rays, threads: self.count_hits(rays, INSIDE, threads))
 
     def _unordered_batches(self, rays: RayArguments) -> Iterator[LocalRays]:
         """Yield the rays in batches for which memory suffices. No chunk stays in memory."""

@@ -48,6 +48,14 @@ class HitSource(Protocol):
         ...
 
 
+class Bodies(NamedTuple):
+    """The surfaces of a scene at a time, for points inside them."""
+
+    box: NDArray[np.float32]  # (2, 3): bounds in the recentred frame
+    open_edges: int | None  # that an odd number of faces share; None: not counted
+    crossings: Callable[[RayArguments, int], NDArray[np.int64]]  # counts of rays by the rule INSIDE, on some threads
+
+
 class RayListSource(HitSource, Protocol):
     """Traces ray lists."""
 
@@ -57,6 +65,10 @@ class RayListSource(HitSource, Protocol):
 
     def count_hits(self, rays: RayArguments, rule: int, threads: int) -> NDArray[np.int64]:
         """(n,) int64: the number of hits of each ray, by a rule of `trace.rays.all_hits`. INSIDE sees no holes."""
+        ...
+
+    def bodies(self, time: float) -> Bodies:
+        """The surfaces at a time within 0 .. `duration`; those drawn twice count once."""
         ...
 
 
