@@ -14,11 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....bvh.block_tree import BlockTree, block_pointers
-from ....bvh.nodes import block_leaf, bounds_at, rows_at, slot_at
-from ....kernels.jit import inlined, kernel
-from ....kernels.parallel import items
-from ....kernels.simd import (
+from ...base.progress import ProgressCallback
+from ...bvh.block_tree import BlockTree, block_pointers
+from ...bvh.nodes import block_leaf, bounds_at, rows_at, slot_at
+from ...kernels.jit import inlined, kernel
+from ...kernels.parallel import items
+from ...kernels.simd import (
     bits,
     broadcast16,
     fma,
@@ -38,7 +39,7 @@ from ....kernels.simd import (
     stack_i64,
     store,
 )
-from ....kernels.vec3 import (
+from ...kernels.vec3 import (
     Vec3,
     abs_dot,
     crosses,
@@ -51,8 +52,8 @@ from ....kernels.vec3 import (
     store3,
     subtract3,
 )
-from ....query.shadow_query import ShadowQuery
-from ....trace.counters import (
+from ...query.shadow_query import ShadowQuery
+from ..counters import (
     BOX_TESTS,
     CANDIDATES,
     COVERED,
@@ -63,16 +64,16 @@ from ....trace.counters import (
     cleared,
     count,
 )
-from ....trace.descent import Shafts, after_leaf, load_saved, next_leaf, root, save, slabs_of
-from ....trace.frusta.shaft_culling import MORE, verdict
-from ....trace.packets.ray_tile import STACK, TileRun, query_chunk_in, trace_tiles
-from ....trace.shafts import box_at, segments_in_box, store_inverses
-from ....trace.tile import (
+from ..descent import Shafts, after_leaf, load_saved, next_leaf, root, save, slabs_of
+from ..packets.ray_tile import STACK, TileRun, query_chunk_in, trace_tiles
+from ..shafts import box_at, segments_in_box, store_inverses
+from ..tile import (
     TILE_FLOATS,
     tile_at,
     write_bits,
 )
-from ....trace.triangle_tests import (
+from ..tracer import BLOCKS, Bits, Counters, Tracer
+from ..triangle_tests import (
     DEFERRED,
     LANES,
     Lanes,
@@ -101,6 +102,7 @@ from .frusta_areas import (
     start_area,
     write_blocked,
 )
+from .shaft_culling import MORE, verdict
 
 # --- Bounds of the frusta ---------------------------------------------------------------------------------------------
 
@@ -362,7 +364,7 @@ def _trace_areas(ticket, arrays, query, samples, job, out, counters, by_tile):
             continue
         y0, x0 = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
         put(deferred, 0, 0)
-        there = start_area(chunk, y0, x0, area, scratch, totals)
+        there = start_area(chunk, y0, x0, area, scratch, job.fresh, places, totals)
         if there == 0:
             continue
         gather_receivers(area, frusta, chunk, there)
@@ -379,19 +381,22 @@ def _trace_areas(ticket, arrays, query, samples, job, out, counters, by_tile):
     add_counters(counters, totals)
 
 
-def trace_shadow(
-    tree: BlockTree,
-    query: ShadowQuery,
-    bits: np.ndarray,
-    threads: int | None = None,
-    counters: np.ndarray | None = None,
-    progress: Any = None,
-) -> None:
-    """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
+class SampleFrustaTracer(Tracer):
+    """The tracer `multifrusta:by-sample`."""
 
-    tree : BlockTree
-    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
-    counters : from `new_counters`, or None
-    """
-    by_tile = bool((query.samples == query.samples[:1]).all())  # all sets have the same samples
-    trace_tiles(TileRun(_trace_areas, False, threads, counters, progress), tree, query, bits, by_tile)
+    description = "16 frusta of 16 rays at once, one light sample each; for lists of lights, skies and large lights"
+    paper = "Benthin and Wald 2009, Sec. 6.1"
+    form = BLOCKS
+
+    def trace(
+        self,
+        prepared: BlockTree,
+        query: ShadowQuery,
+        bits: Bits,
+        threads: int | None = None,
+        counters: Counters | None = None,
+        progress: ProgressCallback | None = None,
+        fresh: bool = True,
+    ) -> None:
+        by_tile = bool((query.samples == query.samples[:1]).all())  # all sets have the same samples
+        trace_tiles(TileRun(_trace_areas, False, threads, counters, progress, fresh), prepared, query, bits, by_tile)
