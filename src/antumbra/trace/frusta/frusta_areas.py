@@ -54,6 +54,7 @@ class FrustaArea(NamedTuple):
     valid: I32Ptr  # int32: bits of each tile's receivers
     by_tile: bool  # whether a frustum has the receivers of a tile
     shared: bool  # whether the rays of a frustum have a common light sample, from which they then start
+    fresh: bool  # whether no segment is known to be blocked yet
 
 
 class SampleFrusta(NamedTuple):
@@ -87,10 +88,10 @@ def first_pixel_of(chunk, y0, x0, g):
 
 
 @kernel
-def start_area(chunk, y0, x0, area, scratch, fresh, known, counters):
+def start_area(chunk, y0, x0, area, scratch, known, counters):
     """Fill the tiles of an area. Return bits of those with receivers.
 
-    Unless `fresh`, the bits at `known` mark segments known to be blocked.
+    known : pointer to the bits of all receivers; ignored if the area is fresh
     """
     there = np.int64(0)
     for g in range(TILES):
@@ -105,7 +106,7 @@ def start_area(chunk, y0, x0, area, scratch, fresh, known, counters):
             bound_receivers(tile, valid)
             if not chunk.fixed:
                 move_light(chunk, y, x, valid, tile)
-            if fresh:
+            if area.fresh:
                 apply_horizon(chunk, y, x, valid, tile, scratch.deferred, counters)
             else:
                 read_bits(chunk, y, x, valid, tile, known)
