@@ -160,7 +160,8 @@ def test_what_is_measured_is_kept_and_scales_the_rates(tmp_path, monkeypatch):
     try:
         assert cost_model.machine_rates() == cost_model.SHIPPED
         measured = calibration.calibrate(triangles=2000, size=(16, 16))
-        assert set(measured.slower) == set(cost_model.strategies())
+        calibrated = {name for name in cost_model.strategies() if cost_model.cost_of(name).reference is not None}
+        assert set(measured.slower) == calibrated and len(calibrated) > 5
         assert set(measured.builds) == {QUICK, GOOD, GUIDED, BEST}
         assert all(0.0 < x < 1e6 for found in measured for x in found.values())
         assert cost_model.machine_rates() == measured
@@ -301,12 +302,6 @@ def test_cones_need_one_apex_and_few_samples(scene, monkeypatch, light, spp):
     _cones_for_any_number_of_triangles(monkeypatch)
     frame = Renderer(scene).render(corner(scene)[0], [light], spp=spp)
     assert frame.choices[0].strategy != "cones"
-
-
-def test_kernels_are_loaded_once_queries_would_have_gained_their_time():
-    loads = auto_accelerator.KernelLoads()
-    assert not loads.pays("culling", -1.0) and not loads.pays("culling", 0.015) and not loads.pays("cones", 0.01, 0.03)
-    assert loads.pays("culling", 0.006) and loads.pays("culling", 1e-6) and not loads.pays("culling", 0.0)
 
 
 @pytest.mark.parametrize("by_points", [False, True], ids=["picture", "points"])

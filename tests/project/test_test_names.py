@@ -47,6 +47,9 @@ THROUGH = {
     "procedural scenes": """
         generate/forest generate/palette scene/palette_scene
     """,
+    "the tracer of the folder": """
+        trace/frusta/frusta_areas
+    """,
     "scenes that are loaded, joined and updated": """
         city/vegetation/joined_scenes scene/map_degrees scene/moved_geometry scene/raster
     """,
@@ -61,7 +64,7 @@ THROUGH = {
         cli/picture_report city/sight/visible_command version
     """,
     "the measurements of the paper": """
-        lab/papers/chc_rt/chcrt_tables lab/papers/multi_frusta/frusta_areas lab/papers/multi_frusta/frusta_measurements
+        lab/papers/chc_rt/chcrt_tables lab/papers/multi_frusta/frusta_measurements
         lab/papers/multi_frusta/frusta_plots lab/papers/multi_frusta/frusta_tables lab/papers/multi_frusta/hit_intervals
         lab/papers/multi_frusta/large_packets lab/papers/pre_bvh_culling/culling_charts
         lab/papers/pre_bvh_culling/culling_tables lab/papers/scenes/cellar lab/papers/srdh/srdh_tables

@@ -14,6 +14,7 @@ from antumbra.trace.shafts import (
     D,
     box_at,
     make_shafts,
+    reach_of,
     segments_in_box,
     shafts_in_box,
     store_inverses,
@@ -34,7 +35,9 @@ def _segments_in_box(origins, ends, bounds, inverses):
 def _shafts_in_box(origins, along, start, end, bounds):
     box = box_at(ptr(bounds))
     o, v = rows(ptr(origins), 0, 16), rows(ptr(along), 0, 16)
-    return shafts_in_box(o, v, rows(ptr(start), 0, 16), rows(ptr(end), 0, 16), box.middle, box.half)
+    start_half, end_half = rows(ptr(start), 0, 16), rows(ptr(end), 0, 16)
+    reach = reach_of(o, v, start_half, end_half)
+    return shafts_in_box(o, v, start_half, end_half, reach, box.middle, box.half)
 
 
 @kernel

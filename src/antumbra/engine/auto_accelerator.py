@@ -18,7 +18,7 @@ The tracer `auto` then chooses the strategy of each query (`auto.strategies`).
 import math
 from collections.abc import Callable, Sequence
 from functools import cache, partial
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,7 @@ from .auto.cost_model import (
     select_seconds,
     tree_seconds,
 )
+from .auto.kernel_loads import KernelLoads
 from .auto.query_features import features_of, is_scattered, size_of
 from .auto.strategies import AutoState, SceneExtent, TreelessState, TreeUpgrade, suitable_strategies
 from .method_registry import BUILDERS, OPTIMISERS
@@ -72,28 +73,6 @@ CULLER = "grid32"
 """The culler of `auto`."""
 
 _PATIENCE = 16  # frames without a new try after culling was abandoned
-
-
-class KernelLoads:
-    """Decides when methods are worth loading: their kernels take time, once per process.
-
-    By the ski-rental rule, a method is loaded once the queries so far would have gained that time.
-    """
-
-    SECONDS: ClassVar[dict[str, float]] = {"culling": 0.02, GUIDED: 0.03}  # of tracers: `TreelessCost.load`
-
-    def __init__(self) -> None:
-        self._due = dict(self.SECONDS)  # method -> seconds still to be gained; 0: loaded
-
-    def pays(self, method: str, gain: float, load: float = 0.0) -> bool:
-        """Whether a method that gains `gain` seconds in a query should be used, and so loaded.
-
-        load : seconds to load a method that is not in SECONDS
-        """
-        if gain <= 0.0:
-            return False
-        self._due[method] = max(self._due.get(method, load) - gain, 0.0)
-        return self._due[method] == 0.0
 
 
 _loads = KernelLoads()

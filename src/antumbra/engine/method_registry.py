@@ -20,6 +20,7 @@ from ..techniques.rayhierarchy.cone_tracer import FastestCones
 from ..techniques.srdh import srdh_builder
 from ..techniques.tracer_options import ChcRtOptions
 from ..trace.frusta.multi_frusta import MultiFrusta
+from ..trace.frusta.sample_frusta import SampleFrustaTracer
 from ..trace.packets.packet16 import BlockPackets, PixelPackets, SamplePackets
 from ..trace.rays.single_rays import SingleRays, WideRays
 from ..trace.tracer import BLOCKS, BVH, TRACERS, TRIANGLES, WIDE, Form, Tracer, TracerState
@@ -188,6 +189,7 @@ TRACERS |= {
     "single": SingleRays(),
     "wide": WideRays(),
     "multifrusta": MultiFrusta(),
+    "multifrusta:by-sample": SampleFrustaTracer(),
     "packet16": PixelPackets(),
     "packet16:samples": SamplePackets(),
     "packet16:blocks": BlockPackets(),

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..base.files import temporary_folder
 from ..engine.accelerator import Accelerator
-from ..engine.auto.cost_model import GOOD, QUICK, strategies
+from ..engine.auto.cost_model import GOOD, QUICK, cost_of, strategies
 from ..engine.auto.strategies import TreeForms, answer_query
 from ..engine.auto_accelerator import CULLER, best_tree
 from ..engine.engine import Engine
@@ -198,7 +198,7 @@ def _trace_all_strategies(counters: bool) -> None:
         forms = TreeForms(build(triangles.vertices, 2), 2)
         for name, tracer in strategies().items():
             for query in queries:
-                if tracer.suits(query, forms.extent.box):
+                if tracer.suits(query, forms.extent.box) and not cost_of(name).load:
                     answer_query(name, forms, query, 2, new_counters() if counters else None)
 
 

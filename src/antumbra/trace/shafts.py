@@ -45,6 +45,7 @@ from ..kernels.simd import (
     broadcast16,
     fma,
     get,
+    load16,
     maximum,
     minimum,
     put,
@@ -80,7 +81,9 @@ _TINY = _F(1e-37)  # more than the underflow error of a sum of products
 N = ALL_GROUPS  # length of a row
 D, HALF, TWIST, SPAN, LEVER, PLANES = 0, 3 * N, 6 * N, 7 * N, 8 * N, 9 * N
 PLANE = 5 * N  # rows of a plane: w (3), b, error per unit of a corner's largest coordinate
-SHAFT_FLOATS = PLANES + 4 * PLANE
+_REACHES = PLANES + 4 * PLANE  # a `Reach` of the strata
+REACH_FLOATS = 4 * 16
+SHAFT_FLOATS = _REACHES + REACH_FLOATS
 _MADE = 12  # word of a tile's `info`: 1 if its shafts have been computed
 
 
@@ -162,6 +165,10 @@ def make_shafts(info, groups, shafts):
         store(shafts, TWIST + batch, twist + half.z * (receivers.x + receivers.y))
         store(shafts, SPAN + batch, span)
         store(shafts, LEVER + batch, d1 * x1)
+        if batch == 16:
+            o, start = Vec3(splat16(c.x), splat16(c.y), splat16(c.z)), receivers
+            start = Vec3(splat16(start.x), splat16(start.y), splat16(start.z))
+            store_reach(shafts, _REACHES, reach_of(o, d, start, half))
         inverse = splat16(_F(1.0)) / maximum(dot(d, d), splat16(_F(1e-30)))
         at = PLANES + batch
         for turn in (1, 2):
@@ -177,8 +184,8 @@ def make_shafts(info, groups, shafts):
 # --- Beams ------------------------------------------------------------------------------------------------------------
 
 
-_D, _H = 0, 48
-BEAM_FLOATS = 96
+_D, _H, _BEAM_REACHES = 0, 48, 96
+BEAM_FLOATS = _BEAM_REACHES + REACH_FLOATS
 
 
 @inlined
@@ -192,9 +199,12 @@ def widened(d, half):
 def make_beams(tile):
     """Write the beams of a tile whose origins and targets are filled."""
     middle, half = rows(tile.targets, 0, 16), rows(tile.targets, 48, 16)
-    d = subtract3(middle, rows(tile.origins, 0, 16))
+    o, zero = rows(tile.origins, 0, 16), splat16(_F(0.0))
+    d = subtract3(middle, o)
+    half = widened(d, half)
     store3(tile.beams, _D, 16, d)
-    store3(tile.beams, _H, 16, widened(d, half))
+    store3(tile.beams, _H, 16, half)
+    store_reach(tile.beams, _BEAM_REACHES, reach_of(o, d, Vec3(zero, zero, zero), half))
 
 
 @inlined
@@ -325,8 +335,42 @@ def _in_box(m, v, e):
     return bits(meets & x & y & z)
 
 
+class Reach(NamedTuple):
+    """What bounds the points of 16 shafts in a box, see `shafts_in_box`. It is the same for all boxes."""
+
+    start: F32x16  # |v| . s
+    inverse: F32x16  # reciprocal of v . v + |v| . (s - f); 0 if that is too small
+    least: F32x16  # of t: 0, or 1 if `inverse` is 0
+    size: F32x16  # at least the largest magnitude of a coordinate
+
+
 @inlined
-def shafts_in_box(o, v, start_half, end_half, c, e):
+def reach_of(o, v, start_half, end_half):
+    """The `Reach` of shafts from o along v; start_half, end_half: their half extents at the start and at the end."""
+    size, square, zero, one = magnitudes(v), dot(v, v), splat16(_ZERO), splat16(_ONE)
+    start = dot(size, start_half)
+    length = square + (start - dot(size, end_half))
+    sure = length > fma(square, splat16(_F(2.0**-8)), splat16(_SURE))
+    return Reach(start, select(sure, one / length, zero), select(sure, zero, one), largest(o) + largest(v))
+
+
+@inlined
+def store_reach(memory, at, reach):
+    """Write a `Reach` to REACH_FLOATS float32."""
+    store(memory, at, reach.start)
+    store(memory, at + 16, reach.inverse)
+    store(memory, at + 32, reach.least)
+    store(memory, at + 48, reach.size)
+
+
+@inlined
+def stored_reach(memory, at):
+    """Load a `Reach`."""
+    return Reach(load16(memory, at), load16(memory, at + 16), load16(memory, at + 32), load16(memory, at + 48))
+
+
+@inlined
+def shafts_in_box(o, v, start_half, end_half, reach, c, e):
     """Bits of the shafts from o along v that may meet the box with centre c and half extents e.
 
     With s = start_half and f = end_half, a point of the box has a parameter along the shaft of at most
@@ -336,13 +380,12 @@ def shafts_in_box(o, v, start_half, end_half, c, e):
     Up to t, the half extents of the shaft are at most s + t f.
 
     start_half, end_half : half extents of the shaft at its start and at its end
+    reach : of the shafts
     """
-    m, size = subtract3(c, o), magnitudes(v)
-    pad = fma(maximum(largest(o), largest(c)) + largest(v), splat16(_PAD), splat16(_TINY))
-    start, square = dot(size, start_half), dot(v, v)
-    reach, length = dot(m, v) + (dot(size, e) + start), square + (start - dot(size, end_half))
-    t = select(length > fma(square, splat16(_F(2.0**-8)), splat16(_SURE)), reach / length, splat16(_ONE))
-    t = minimum(fma(maximum(t, splat16(_ZERO)), splat16(_F(1.0 + 2.0**-10)), splat16(_F(2.0**-16))), splat16(_ONE))
+    m, one = subtract3(c, o), splat16(_ONE)
+    pad = fma(reach.size + largest(c), splat16(_PAD), splat16(_TINY))
+    t = maximum((dot(m, v) + (dot(magnitudes(v), e) + reach.start)) * reach.inverse, reach.least)
+    t = minimum(fma(t, splat16(_F(1.0 + 2.0**-10)), splat16(_F(2.0**-16))), one)
     width = add3(start_half, Vec3(t * end_half.x, t * end_half.y, t * end_half.z))
     return _in_box(m, v, Vec3(e.x + width.x + pad, e.y + width.y + pad, e.z + width.z + pad))
 
@@ -350,13 +393,13 @@ def shafts_in_box(o, v, start_half, end_half, c, e):
 @inlined
 def strata_in_box(tile, c, e):
     """Bits of the strata whose shafts may meet a box."""
-    v, far = rows(tile.shafts, D + 16, N), rows(tile.shafts, HALF + 16, N)
-    return shafts_in_box(broadcasts(tile.info, 0, 1), v, broadcasts(tile.info, 3, 1), far, c, e)
+    v, far, reach = rows(tile.shafts, D + 16, N), rows(tile.shafts, HALF + 16, N), stored_reach(tile.shafts, _REACHES)
+    return shafts_in_box(broadcasts(tile.info, 0, 1), v, broadcasts(tile.info, 3, 1), far, reach, c, e)
 
 
 @inlined
 def beams_in_box(tile, c, e):
     """Bits of the receivers whose beams may meet a box."""
     v, far = beams_of(tile)
-    zero = splat16(_ZERO)
-    return shafts_in_box(rows(tile.origins, 0, 16), v, Vec3(zero, zero, zero), far, c, e)
+    zero, reach = splat16(_ZERO), stored_reach(tile.beams, _BEAM_REACHES)
+    return shafts_in_box(rows(tile.origins, 0, 16), v, Vec3(zero, zero, zero), far, reach, c, e)

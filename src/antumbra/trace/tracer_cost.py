@@ -86,6 +86,8 @@ class Cost(NamedTuple):
     quick_overhead: float = 0.22  # relative increase of the time in a tree by `lbvh` over one by `srdh`
     tried: float = LIKELY  # the multiple of the least cost up to which it is tried; above LIKELY: rates are unreliable
     reference: float | None = None  # of `engine.calibration.ray_times` where `rate` was fitted; None: not calibrated
+    load: float = 0.0  # seconds to load its kernels; above 0: only for queries that pay for it, and only after a trial
+    saving: float = 0.0  # share of the time of other tracers that it is expected to save, which pays for `load`
 
     @property
     def is_risky(self) -> bool:

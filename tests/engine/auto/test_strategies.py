@@ -7,7 +7,7 @@ import pytest
 
 import antumbra as at
 from antumbra.bvh.wide_bvh import widen
-from antumbra.engine.auto import cost_model, strategies
+from antumbra.engine.auto import cost_model, kernel_loads, strategies
 from antumbra.engine.auto.cost_model import GOOD, GUIDED, QUICK
 from antumbra.engine.method_registry import BUILDERS, TRACERS
 from antumbra.engine.plan import parse_plan
@@ -23,6 +23,7 @@ LIGHTS = (
     LAMP, at.PointLight((0, 7, 0)), at.SphereLight((0, 7, 0), 0.5), at.DirectionalLight((0.3, -1, 0.2)),
     at.AmbientOcclusion(2.0), at.PointLights(np.random.default_rng(0).normal((0, 5, 0), 2, (20, 3)), interleave=True),
 )  # fmt: skip
+SKY = at.DirectionalLights(-np.abs(np.random.default_rng(1).normal(size=(256, 3))), interleave=True)
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +48,62 @@ def test_every_strategy_gives_the_bits_of_brute_force(scene, monkeypatch, strate
     strategies.AutoTracer().trace(auto, query, bits, 2, counters)
     np.testing.assert_array_equal(unpack(bits, query.samples.shape[1])[active], truth[active])
     (choice,) = auto.choices
-    assert choice.strategy == (strategy if TRACERS[strategy].suits(query, auto.forms.extent.box) else choice.strategy)
+    predicted = TRACERS[strategy].suits(query, auto.forms.extent.box) and not TRACERS[strategy].cost.load
+    assert choice.strategy == strategy or not predicted
     assert choice.seconds > 0.0 and choice.reason == "prediction" and as_dict(counters)["rays"] == truth[active].size
+
+
+def _measured_fastest(monkeypatch, fastest):
+    """Make trials find a strategy fastest, and its kernels loaded. Return the strategies that were tried."""
+    tried = []
+
+    def measure(name, *arguments):
+        tried.append(name)
+        return 1.0 if name == fastest else 1e6
+
+    monkeypatch.setattr(strategies, "_rate_of", measure)
+    monkeypatch.setattr(strategies, "KEPT_TRIAL_SHARE", 1e9)
+    monkeypatch.setattr(kernel_loads.TRACER_LOADS, "pays", lambda method, gain, load: gain > 0.0)
+    return tried
+
+
+@pytest.mark.parametrize("builder", [None, QUICK, GOOD])
+def test_frusta_of_light_samples_are_tried_in_kept_trees(scene, monkeypatch, builder):
+    """Their kernels need not be loaded for a QUICK tree, in which they are slow."""
+    by_sample = "multifrusta:by-sample"
+    tried = _measured_fastest(monkeypatch, by_sample)
+    triangles, query = query_of(scene, scene.cameras[0].resized(96, 80), SKY, 16)
+    auto = strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 2, builder=builder)
+    truth, bits = answer(parse_plan("lbvh+single"), triangles, query), np.zeros((80, 96, 1), np.uint64)
+    strategies.AutoTracer().trace(auto, query, bits, 2)
+    np.testing.assert_array_equal(unpack(bits, 16), truth)
+    assert truth.any() and (by_sample in tried) == (builder != QUICK)
+    assert (auto.choices[0].strategy == by_sample) == (builder != QUICK)
+
+
+def test_frusta_of_light_samples_are_not_chosen_without_a_trial(scene, monkeypatch):
+    _forced(monkeypatch, "multifrusta:by-sample")
+    monkeypatch.setattr(strategies, "KEPT_TRIAL_SHARE", 0.0)
+    monkeypatch.setattr(kernel_loads.TRACER_LOADS, "pays", lambda method, gain, load: True)
+    triangles, query = query_of(scene, scene.cameras[0].resized(20, 16), SKY, 4)
+    auto = strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
+    strategies.AutoTracer().trace(auto, query, np.zeros((16, 20, 1), np.uint64), 2)
+    assert auto.choices[0].reason == "prediction" and auto.choices[0].strategy != "multifrusta:by-sample"
+
+
+def test_strategies_are_tried_again_once_another_is_loaded(scene, monkeypatch):
+    """The rates of earlier queries are those of the strategies that were there."""
+    tried = _measured_fastest(monkeypatch, "multifrusta:by-sample")
+    monkeypatch.setattr(strategies, "TRIAL_SHARE", 1e9)
+    triangles, query = query_of(scene, scene.cameras[0].resized(96, 80), SKY, 16)
+    memory, chosen = strategies.StrategyMemory(), []
+    for builder in QUICK, QUICK, GOOD, GOOD:
+        auto = strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 2, memory, builder)
+        auto.begin()
+        strategies.AutoTracer().trace(auto, query, np.zeros((80, 96, 1), np.uint64), 2)
+        chosen.append((auto.choices[0].reason, auto.choices[0].strategy == "multifrusta:by-sample"))
+    assert chosen == [("sample", False), ("earlier query", False), ("sample", True), ("earlier query", True)]
+    assert tried.count("multifrusta:by-sample") == 1
 
 
 @pytest.mark.parametrize("spp", [1, 70])
@@ -95,7 +150,7 @@ def test_the_first_call_of_a_strategy_does_not_count(scene, monkeypatch):
     for name, tracer in slow.items():
         monkeypatch.setattr(tracer, "trace", first_takes_long(name))
     monkeypatch.setattr(strategies, "LOADED", set())
-    monkeypatch.setattr(strategies, "TRIAL_SHARE", 1e9)
+    monkeypatch.setattr(strategies, "KEPT_TRIAL_SHARE", 1e9)
     monkeypatch.setattr(strategies, "MAX_TRIED", len(slow))
     monkeypatch.setattr(strategies, "process_time", lambda: clock[0])
     triangles, query = query_of(scene, scene.cameras[0].resized(64, 48), LAMP, 4)

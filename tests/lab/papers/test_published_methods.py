@@ -11,7 +11,7 @@ from truths import LIGHTS, asked_of, case_of
 
 PLANS = [plan for plan in covering_plans(papers=True) if plan not in covering_plans()]
 TRACERS = (
-    *("multifrusta:paper", "multifrusta:full", "multifrusta:by-sample", "packet16:paper", "packet256"),
+    *("multifrusta:paper", "multifrusta:full", "packet16:paper", "packet256"),
     *("cones:SpheresSorted", "cones:PreciseSEATP"),
 )
 TRACING = [Plan(trace=name) for name in TRACERS]  # tracers: each handles lights and samples in its own way

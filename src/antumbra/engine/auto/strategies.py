@@ -35,6 +35,7 @@ from .cost_model import (
     predicted_rate,
     strategies,
 )
+from .kernel_loads import worth_loading
 from .query_features import (
     features_of,
     if_sorted,
@@ -123,6 +124,7 @@ def answer_query(
 # --- choice -----------------------------------------------------------------------------------------------------------
 
 TRIAL_SHARE = 0.04  # maximum cost of trying strategies, relative to the predicted cost of the query
+KEPT_TRIAL_SHARE = 0.12  # the same where one of them has to be loaded, as only queries of kept trees do
 MAX_CONVERSION_SHARE = 0.1  # maximum cost of a tree conversion for a try, relative to the least predicted cost
 MAX_TRIED = 4  # strategies
 _MIN_SAMPLE_SECONDS = 8e-4  # a call alone costs a tenth of this
@@ -222,7 +224,7 @@ def choose_strategy(
         strategy = min(cost, key=cost.__getitem__)
         return StrategyChoice(strategy, features.rays, "earlier query", cost[strategy], {})
     cost = {name: predicted_rate(name, features) * features.rays + conversion[name] for name in suited}
-    strategy = min(cost, key=cost.__getitem__)
+    strategy = min((name for name in cost if not cost_of(name).load), key=cost.__getitem__)
     tried = try_strategies(query, forms, cost, conversion, features, threads)
     if not tried:
         return StrategyChoice(strategy, features.rays, "prediction", cost[strategy], {})
@@ -273,11 +275,12 @@ def try_strategies(
     cost, conversion : as for `worth_trying`
     """
     names, least = worth_trying(cost, conversion), min(cost.values())
+    share = KEPT_TRIAL_SHARE if any(cost_of(name).load for name in names) else TRIAL_SHARE
     window = least * _WINDOW / max(features.receivers, 1) * min(1.0, STRATA / features.samples)  # seconds
-    count = min(len(names), MAX_TRIED, int(TRIAL_SHARE * least / max(_MIN_SAMPLE_SECONDS, _MIN_WINDOWS * window)))
+    count = min(len(names), MAX_TRIED, int(share * least / max(_MIN_SAMPLE_SECONDS, _MIN_WINDOWS * window)))
     if count < 2:
         return {}
-    windows = min(TRIAL_SHARE * least / count / window, _MAX_SAMPLE_SHARE * features.receivers / _WINDOW)
+    windows = min(share * least / count / window, _MAX_SAMPLE_SHARE * features.receivers / _WINDOW)
     first, sample = sample_of(query, 1), sample_of(query, ceil(max(windows, _MIN_WINDOWS)))
     rates: dict[str, float] = {}
     for name in sorted(names[:count], key=lambda name: cost_of(name).is_risky):
@@ -469,8 +472,10 @@ class AutoTracer(Tracer):
             memory.learn(_FEW_RAYS_KEY, choice, prepared.builder)
             return
         features = features_of(query, *forms.extent)
-        key, places = feature_key(features), None
-        suited = suitable_strategies(query, forms.extent.box)
+        places, suited = None, suitable_strategies(query, forms.extent.box)
+        seconds = features.rays * min(predicted_rate(name, features) for name in suited)
+        suited = worth_loading(suited, 0.0 if prepared.builder == QUICK else seconds)
+        key = *feature_key(features), len(suited)  # strategies are tried again once another one is loaded
         if sorting_pays(query, forms, features, suited, threads):
             places = spatial_order(query.origins[0])
             query = reorder_query(query, places)

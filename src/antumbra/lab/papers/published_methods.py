@@ -33,7 +33,7 @@ from ...trace.frusta.multi_frusta import BENTHIN
 from ...trace.rays.ray_traversal import NEAREST, RANDOM, SRDH, Ordered
 from ...trace.rays.single_rays import SingleRays
 from ...trace.tracer import BVH, Bits, Counters, Form, Tracer
-from .multi_frusta import large_packets, moeller_trumbore, published_frusta, sample_frusta
+from .multi_frusta import large_packets, moeller_trumbore, published_frusta
 from .pre_bvh_culling.cell_marking import LINES
 from .pre_bvh_culling.convex_region import CONVEX
 from .ray_hierarchy.cone_hierarchy import CONES, find_combination
@@ -208,12 +208,6 @@ TRACERS = {
         published_frusta.with_all,
         "as multifrusta:paper, with corner rays and bounds that shrink to the active rays",
         f"{_BENTHIN}, Sec. 5.3, FS",
-    ),
-    "multifrusta:by-sample": Published(
-        _SHALLOW,
-        sample_frusta.trace_shadow,
-        "16 frusta of 16 rays at once, one light sample each; for lists of lights, skies and ambient occlusion",
-        f"{_BENTHIN}, Sec. 6.1",
     ),
     "packet16:paper": Published(
         BVH,

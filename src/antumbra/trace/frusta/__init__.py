@@ -6,5 +6,6 @@
 - `tile_group`: tiles traced as one
 - `tile_lanes`: block tests of a tile group, compaction of rays
 - `reverse_frusta`: frusta from light points to a tile group
+- `sample_frusta`, `frusta_areas`: frusta of 16 receivers and one light sample
 - `shaft_culling`: shafts and beams against triangles and blocks
 """

@@ -35,7 +35,7 @@ from ...kernels.simd import (
 from ...kernels.vec3 import Vec3, broadcasts, cross, dot, largest, middles_and_halves, rows, store3, subtract3
 from ..counters import CANDIDATES, COVERED, FAN_STRATA, TRIANGLE_TESTS, count
 from ..light_table import POINTS, STRATA
-from ..shafts import HALF, SPAN, D, N, segments_in_box, shafts_in_box, store_inverses, widened
+from ..shafts import HALF, SPAN, D, N, reach_of, segments_in_box, shafts_in_box, store_inverses, widened
 from ..tile import with_blocked
 from ..triangle_tests import Lanes, decide, defer, error_bounds, numbers_of, slot_of, store_lanes, stored_lane
 from .shaft_culling import CULL_WORK, block_lanes, cull_beams, cull_block, triangle_size
@@ -104,7 +104,8 @@ def reverse_frusta_in_box(fans, points, box):
     """Bits of the fans of a stratum that may meet a `Box`; points: pointer to the stratum's points."""
     p, zero = rows(points, 0, 16), splat16(_F(0.0))
     d, half = _axes(fans, p)
-    return shafts_in_box(p, d, Vec3(zero, zero, zero), half, box.middle, box.half)
+    start = Vec3(zero, zero, zero)
+    return shafts_in_box(p, d, start, half, reach_of(p, d, start, half), box.middle, box.half)
 
 
 @inlined

@@ -37,7 +37,7 @@ from ...kernels.simd import (
 from ...kernels.vec3 import Vec3, broadcasts, rows
 from ..counters import GROUP_STRATA, TRIANGLES, count
 from ..light_table import ALL_GROUPS, STRATA
-from ..shafts import box_at, is_near, make_shafts
+from ..shafts import REACH_FLOATS, box_at, is_near, make_shafts
 from ..tile import Tile, finished_strata, tile_at
 from ..triangle_tests import Block
 from .reverse_frusta import (
@@ -50,11 +50,21 @@ from .reverse_frusta import (
     reverse_frusta_in_box,
     trace_reverse_frusta,
 )
-from .tile_lanes import BOXES, COMPACTED_FLOATS, Compacted, compacted_at, tiles_in_box, tiles_near_box, trace_tiles
+from .tile_lanes import (
+    BOXES,
+    COMPACTED_FLOATS,
+    Compacted,
+    compacted_at,
+    store_reaches,
+    tiles_in_box,
+    tiles_near_box,
+    trace_tiles,
+)
 
 _F = np.float32
 _MEMBERS, _FILLED, _STALE = 0, 1, 2  # words of `state`
-_OPEN = (1 + STRATA) * BOXES
+_REACHES = (1 + STRATA) * BOXES
+_OPEN = _REACHES + STRATA * REACH_FLOATS
 _DEAD = _OPEN + 16
 _STATE = _DEAD + 16 * STRATA
 _MET = _STATE + 16
@@ -71,6 +81,7 @@ class TileGroup(NamedTuple):
     union: Tile  # all tiles as one: the bounding box of their receivers, and its shafts
     boxes: F32Ptr  # float32: boxes of the tiles' receivers
     targets: F32Ptr  # float32: per stratum, boxes of its samples for the tiles
+    reaches: F32Ptr  # float32: per stratum, a `shafts.Reach` of the tiles' shafts
     open: I32Ptr  # int32, one per stratum: bits of the tiles with unblocked segments to it
     dead: I32Ptr  # int32, 16 per stratum, one per tile: bits of the receivers whose segment is blocked
     state: I32Ptr  # int32: bits of its tiles, whether `dead`, `targets` and `fans` are filled, bits of stale tiles
@@ -86,9 +97,10 @@ def tile_group_at(memory, tiles, valid, union, first):
     still_open, dead = as_i32(ptr_at(memory, _OPEN)), as_i32(ptr_at(memory, _DEAD))
     state, met = as_i32(ptr_at(memory, _STATE)), as_i32(ptr_at(memory, _MET))
     fans, rays = reverse_frusta_at(ptr_at(memory, _FANS)), compacted_at(ptr_at(memory, _COMPACTED))
+    targets, reaches = ptr_at(memory, BOXES), ptr_at(memory, _REACHES)
     return TileGroup(
-        tiles, valid, union, memory, ptr_at(memory, BOXES), still_open, dead, state, met, fans, rays, first
-    )
+        tiles, valid, union, memory, targets, reaches, still_open, dead, state, met, fans, rays, first
+    )  # fmt: skip
 
 
 @inlined
@@ -257,6 +269,7 @@ def _fill(tile_group, chunk):
     if chunk.fixed:
         _set_fixed_targets(tile_group, chunk)
         _fill_fans(tile_group, members, chunk)
+    store_reaches(tile_group)
     for s in range(STRATA):
         store(_dead_row(tile_group, s), 0, splat16(np.int32(-1)))
     copy_from_tiles(tile_group, members, chunk)

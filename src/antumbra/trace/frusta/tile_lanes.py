@@ -30,7 +30,8 @@ from ...kernels.simd import (
 )
 from ...kernels.vec3 import Vec3, broadcasts, rows, subtract3
 from ..counters import CANDIDATES, COVERED, TRIANGLE_TESTS, count
-from ..shafts import HALF, D, N, rays_in_box, shafts_in_box
+from ..light_table import STRATA
+from ..shafts import HALF, REACH_FLOATS, D, N, rays_in_box, reach_of, shafts_in_box, store_reach, stored_reach
 from ..tile import tile_at, with_blocked
 from ..triangle_tests import blocks_ray, decide, defer, numbers_of, slot_of
 from .shaft_culling import cull_block, cull_tiles, triangle_lanes
@@ -117,10 +118,25 @@ _MANY_RAYS = 48  # from this many rays on, triangles are first tested for coveri
 
 
 @inlined
+def _shafts_to(tile_group, s):
+    """(origins, directions, half extents at the start, half extents at the end) of the tiles' shafts to stratum s."""
+    o, t = rows(tile_group.boxes, 0, 16), ptr_at(tile_group.targets, s * BOXES)
+    return o, subtract3(rows(t, 0, 16), o), rows(tile_group.boxes, 48, 16), rows(t, 48, 16)
+
+
+@inlined
+def store_reaches(tile_group):
+    """Write the `Reach` of the tiles' shafts to each stratum, once the targets are filled."""
+    for s in range(STRATA):
+        o, v, start, end = _shafts_to(tile_group, s)
+        store_reach(tile_group.reaches, s * REACH_FLOATS, reach_of(o, v, start, end))
+
+
+@inlined
 def tiles_in_box(tile_group, s, c, e):
     """Bits of the tiles whose shafts to stratum s may meet a box."""
-    o, t = rows(tile_group.boxes, 0, 16), ptr_at(tile_group.targets, s * BOXES)
-    return shafts_in_box(o, subtract3(rows(t, 0, 16), o), rows(tile_group.boxes, 48, 16), rows(t, 48, 16), c, e)
+    o, v, start, end = _shafts_to(tile_group, s)
+    return shafts_in_box(o, v, start, end, stored_reach(tile_group.reaches, s * REACH_FLOATS), c, e)
 
 
 @inlined
@@ -129,7 +145,8 @@ def tiles_near_box(tile_group, c, e):
     o, shafts = rows(tile_group.boxes, 0, 16), tile_group.union.shafts
     d, m = broadcasts(shafts, D + 1, N), broadcasts(tile_group.union.info, 0, 1)
     v = Vec3(d.x + (m.x - o.x), d.y + (m.y - o.y), d.z + (m.z - o.z))
-    return shafts_in_box(o, v, rows(tile_group.boxes, 48, 16), broadcasts(shafts, HALF + 1, N), c, e)
+    start, end = rows(tile_group.boxes, 48, 16), broadcasts(shafts, HALF + 1, N)
+    return shafts_in_box(o, v, start, end, reach_of(o, v, start, end), c, e)
 
 
 @inlined

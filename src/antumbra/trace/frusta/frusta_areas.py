@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....kernels.jit import F32Ptr, I32Ptr, inlined, kernel
-from ....kernels.simd import (
+from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
+from ...kernels.simd import (
     bits,
     broadcast16,
     get,
@@ -26,12 +26,13 @@ from ....kernels.simd import (
     splat16,
     store,
 )
-from ....trace.horizon import apply_horizon
-from ....trace.tile import (
+from ..horizon import apply_horizon
+from ..tile import (
     SPLIT,
     bound_receivers,
     load_receivers,
     move_light,
+    read_bits,
     tile_at,
     transpose_bits,
 )
@@ -53,6 +54,7 @@ class FrustaArea(NamedTuple):
     valid: I32Ptr  # int32: bits of each tile's receivers
     by_tile: bool  # whether a frustum has the receivers of a tile
     shared: bool  # whether the rays of a frustum have a common light sample, from which they then start
+    fresh: bool  # whether no segment is known to be blocked yet
 
 
 class SampleFrusta(NamedTuple):
@@ -86,8 +88,11 @@ def first_pixel_of(chunk, y0, x0, g):
 
 
 @kernel
-def start_area(chunk, y0, x0, area, scratch, counters):
-    """Fill the tiles of an area. Return bits of those with receivers."""
+def start_area(chunk, y0, x0, area, scratch, known, counters):
+    """Fill the tiles of an area. Return bits of those with receivers.
+
+    known : pointer to the bits of all receivers; ignored if the area is fresh
+    """
     there = np.int64(0)
     for g in range(TILES):
         y, x = first_pixel_of(chunk, y0, x0, g)
@@ -101,7 +106,10 @@ def start_area(chunk, y0, x0, area, scratch, counters):
             bound_receivers(tile, valid)
             if not chunk.fixed:
                 move_light(chunk, y, x, valid, tile)
-            apply_horizon(chunk, y, x, valid, tile, scratch.deferred, counters)
+            if area.fresh:
+                apply_horizon(chunk, y, x, valid, tile, scratch.deferred, counters)
+            else:
+                read_bits(chunk, y, x, valid, tile, known)
     return there
 
 

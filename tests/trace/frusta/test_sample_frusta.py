@@ -5,7 +5,8 @@ import pytest
 
 import antumbra as at
 from antumbra.bvh import binned_sah
-from antumbra.engine.method_registry import TRACERS, add_plugins
+from antumbra.bvh.nodes import boxes_of
+from antumbra.engine.method_registry import TRACERS
 from antumbra.engine.scene import procedural
 from antumbra.picture.renderer import Renderer
 from antumbra.query.light_samples import light_samples
@@ -32,9 +33,37 @@ def pillars():
     return triangles, Renderer(scene).see(triangles, camera, None), binned_sah.build(triangles.vertices)
 
 
+def test_interleaved_lists_of_lights_suit_frusta_of_light_samples(pillars):
+    triangles, gbuffer, bvh = pillars
+    box = boxes_of(bvh.nodes[:1])[0]
+    suited = {
+        name
+        for name, light in LIGHTS.items()
+        for query in shadow_queries(triangles, gbuffer, [light], [light_samples(light, 16)])
+        if TRACERS["multifrusta:by-sample"].suits(query, box)
+    }
+    assert suited == {"interleaved lights", "sky"}
+
+
+@pytest.mark.parametrize("name", LIGHTS)
+def test_known_blocked_segments_remain_and_the_others_are_traced(pillars, name):
+    triangles, gbuffer, bvh = pillars
+    query = shadow_queries(triangles, gbuffer, [LIGHTS[name]], [light_samples(LIGHTS[name], 16)])[0]
+    tracer, half, both = TRACERS["multifrusta:by-sample"], new_bits(query), new_bits(query)
+    tracer.trace(tracer.prepare(bvh), query, both, 1)
+    half[...] = both
+    half[::2] = 0
+    own_surfaces = new_bits(query)
+    empty = binned_sah.build(np.full((1, 3, 3), 1e6, np.float32))
+    tracer.trace(tracer.prepare(empty), query, own_surfaces, 1)
+    known = half | own_surfaces
+    assert (known != both).any() and (known != own_surfaces).any()
+    tracer.trace(tracer.prepare(bvh), query, known, 1, fresh=False)
+    np.testing.assert_array_equal(known, both)
+
+
 def answers(pillars, light, facing):
     """Bits and counts of tracers by name."""
-    add_plugins()
     triangles, gbuffer, bvh = pillars
     query = shadow_queries(triangles, gbuffer, [light], [light_samples(light, 16)], facing)[0]
     found = {}
