@@ -306,7 +306,8 @@ def data_of_mesh(
     own = getattr(mesh, "units", None)  # of trimesh
     if unit is None and crs is None and isinstance(own, str):
         unit = unit_named(own)
-    data = MemoryData(StaticMeshes(meshes, name), name=name, up=up or MESH_UP, notes=tuple(notes), crs=crs, unit=unit)
+    axis = MESH_UP if up is None else up
+    data = MemoryData(StaticMeshes(meshes, name), name=name, up=axis, notes=tuple(notes), crs=crs, unit=unit)
     rounded = rounding_notes(name, data.bounds, lambda: sampled_faces(data.source, data.n_triangles))
     data.notes = (*data.notes, *rounded)
     if up is None and guess_y_up(sampled_faces(data.source, data.n_triangles)):
