@@ -191,7 +191,7 @@ class DatasetAccessor:
         cells = rays.mesh.cells[found.face[new]]
         shown = points[0] if first_point and len(points) else points
         if plot:
-            plotter = pyvista.Plotter(off_screen=off_screen)
+            plotter: Any = pyvista.Plotter(off_screen=off_screen)
             plotter.add_mesh(self._dataset, label="Test Mesh")
             plotter.add_lines(np.stack([start, end]), color="b", label="Ray Segment")
             if len(points):
