@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from .engine.store_building import build_store
     from .engine.visibility import Visibility
     from .integrations.pvlib import pvlib_shading
-    from .integrations.trimesh import trimesh_ray
+    from .integrations.trimesh import trimesh_ray, use_in_trimesh
     from .picture.frame import Frame
     from .picture.render_options import RenderOptions
     from .picture.renderer import Renderer, render
@@ -147,6 +147,7 @@ __all__ = [
     "surface_points",
     "times_of",
     "trimesh_ray",
+    "use_in_trimesh",
     "vertex_sensors",
     "view",
     "view_factors",
@@ -236,6 +237,7 @@ _HOME = {
     "surface_points": "city.sight.targets",
     "times_of": "sun.sun_positions",
     "trimesh_ray": "integrations.trimesh",
+    "use_in_trimesh": "integrations.trimesh",
     "vertex_sensors": "city.sensors.sensors",
     "view": "viewer.viewer_page",
     "view_factors": "city.view_factors.view_factors",

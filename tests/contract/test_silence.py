@@ -42,6 +42,7 @@ CALLS = {
     "surface_points": "at.surface_points(scene, 2.0)",
     "times_of": "times",
     "trimesh_ray": "at.trimesh_ray(trimesh.creation.box()).intersects_any([(0, 1, 0)], [(0, -1, 0)])",
+    "use_in_trimesh": "at.use_in_trimesh().undo()",
     "vertex_sensors": "at.vertex_sensors(scene)",
     "view": "at.view(scene, port=0, browser=False).close()",
     "viewshed": "at.viewshed(scene, at.raster_sensors(scene, 2.0), (0, 1, 0)).table.save('seen.csv')",

@@ -170,3 +170,86 @@ def test_sun_hours_and_in_place():
 def test_wrong_values_are_refused(call, words):
     with pytest.raises(at.InputError, match=words):
         call()
+
+
+# --- PyVista's own filters --------------------------------------------------------------------------------------------
+
+
+def blob() -> "pv.PolyData":
+    """A closed surface of triangles that is not convex, from numbers that float32 holds."""
+    ball = pv.Sphere(theta_resolution=24, phi_resolution=19)
+    points = np.asarray(ball.points, np.float64)
+    ball.points = np.float32(np.round(points * (2 + np.sin(7 * points[:, :1])) * 2**12) / 2**12)
+    return ball
+
+
+def test_ray_trace_is_that_of_pyvista():
+    """But for the order: PyVista's points ascend in x, and its cells are in another order."""
+    mesh, rng = blob(), np.random.default_rng(5)
+    found = 0
+    for start, end in zip(rng.uniform(-2, 2, (40, 3)), rng.uniform(-2, 2, (40, 3))):
+        points, cells = of(mesh).ray_trace(start, end)
+        wanted, of_wanted = mesh.ray_trace(start, end)
+        assert points.dtype == wanted.dtype and points.shape == wanted.shape
+        assert sorted(cells.tolist()) == sorted(of_wanted.tolist())
+        np.testing.assert_allclose(sorted_by_x(points), sorted_by_x(wanted), rtol=0, atol=1e-5)
+        assert (np.diff(np.linalg.norm(points - start, axis=1)) > 0).all()
+        first, of_first = of(mesh).ray_trace(start, end, True)
+        assert first.tolist() == (points[0] if len(points) else points).tolist() and (of_first == cells).all()
+        for point, cell in zip(points, cells):
+            assert mesh.find_closest_cell(point) == cell
+        found += len(cells)
+    assert found > 10
+
+
+def sorted_by_x(points: np.ndarray) -> np.ndarray:
+    return points[np.argsort(points[:, 0])]
+
+
+def test_multi_ray_trace_is_that_of_pyvista():
+    pytest.importorskip("embreex", reason="no embreex: multi_ray_trace of PyVista is NOT checked")
+    mesh, rng = blob(), np.random.default_rng(6)
+    origins, directions = rng.uniform(-2, 2, (200, 3)), rng.normal(size=(200, 3))
+    for first in False, True:
+        mine = of(mesh).multi_ray_trace(origins, directions, first)
+        other = mesh.multi_ray_trace(origins, directions, first_point=first)
+        assert [each.dtype for each in mine] == [each.dtype for each in other] and len(mine[0]) > 30
+        assert (mine[1] == other[1]).all() and (mine[2] == other[2]).all()
+        np.testing.assert_allclose(mine[0], other[0], rtol=0, atol=1e-5)
+    by_ray = of(mesh).multi_ray_trace(origins, directions, retry=True)[1]
+    assert (np.diff(by_ray) >= 0).all()
+
+
+def test_rays_name_cells_of_polygons_and_notice_changes():
+    mesh = table()
+    ray = [[0.25, 0.5, 3.0]], [[0, 0, -1.0]]
+    points, rays, cells = of(mesh).multi_ray_trace(*ray)
+    assert points.tolist() == [[0.25, 0.5, 1.0], [0.25, 0.5, 0.0]] and rays.tolist() == [0, 0]
+    assert cells.tolist() == [3, 2]  # polygons follow the vertex and the line
+    mesh.points[:, 2] += 0.5
+    assert of(mesh).multi_ray_trace(*ray)[0][:, 2].tolist() == [1.5, 0.5]
+    assert of(mesh).ray_trace([0.25, 0.5, 3], [0.25, 0.5, 1], True)[0].tolist() == [0.25, 0.5, 1.5]
+
+
+def test_rays_are_plotted(monkeypatch):
+    shown = []
+    monkeypatch.setattr(pv.Plotter, "show", lambda self: shown.append(len(self.actors)))
+    for end in 1.0, 2.9:  # with and without an intersection
+        of(table()).ray_trace([0.25, 0.5, 3], [0.25, 0.5, end], plot=True, off_screen=True)
+    assert len(shown) == 2 and min(shown) > 2
+
+
+def test_interior_points_are_those_of_pyvista():
+    mesh, grid = blob(), pv.ImageData(dimensions=(9, 9, 9), spacing=(0.31,) * 3, origin=(-1.3,) * 3)
+    before = grid.array_names
+    inside = of(grid).select_interior_points(mesh)
+    assert grid.array_names == before and inside.active_scalars_name == "selected_points"
+    found = inside["selected_points"]
+    assert found.dtype == bool and 20 < found.sum() < len(found) - 20
+    if hasattr(pv.DataSet, "select_interior_points"):
+        assert (found == grid.select_interior_points(mesh)["selected_points"]).all()
+    outside = of(grid).select_interior_points(mesh, inside_out=True, method="cell_locator", locator_tolerance=0.1)
+    assert (outside["selected_points"] == ~found).all()
+    assert not of(grid).select_interior_points(pv.PolyData())["selected_points"].any()
+    with pytest.raises(at.InputError, match="open edges; close it, or set check_surface=False"):
+        of(grid).select_interior_points(pv.Plane())

@@ -242,6 +242,83 @@ def test_rays_without_a_direction_and_meshes_without_faces_miss():
     assert not empty.contains_points(origins).any() and not len(empty.intersects_id(origins, directions)[0])
 
 
+def test_rays_that_are_no_rays_miss_and_change_no_other():
+    """As with Embree: NaN and infinity, and directions of any length."""
+    origins, directions = rays(60)
+    ours = at.trimesh_ray(ball())
+    whole = ours.intersects_id(origins, directions, return_locations=True)
+    bad = [np.nan, np.inf, -np.inf, 1e300, 0.0]
+    mixed_origins, mixed = np.concatenate([origins, origins]), np.concatenate([directions, directions]).astype(float)
+    for i in range(60):
+        row = mixed if i % 2 or bad[i % 5] == 0.0 else mixed_origins
+        row[60 + i] = np.where(bad[i % 5] == 0.0, 0.0, [bad[i % 5], 1.0, 0.5])
+        if row is mixed and bad[i % 5] == 1e300:
+            mixed[60 + i] = np.nan
+    face, ray, where = ours.intersects_id(mixed_origins, mixed, return_locations=True)
+    assert len(whole[0]) > 9 and (face == whole[0]).all() and (ray == whole[1]).all() and (where == whole[2]).all()
+    assert (ours.intersects_any(mixed_origins, mixed)[60:] == False).all()  # noqa: E712
+
+
+@pytest.mark.parametrize("scale", [2.0**-664, 2.0**-100, 2.0**70, 2.0**664])
+def test_directions_may_have_any_length(scale):
+    origins, directions = rays(60)
+    ours = at.trimesh_ray(ball())
+    wanted = ours.intersects_id(origins, directions, return_locations=True)
+    found = ours.intersects_id(origins, directions.astype(np.float64) * scale, return_locations=True)
+    assert len(found[0]) > 9 and all((a == b).all() for a, b in zip(found[:2], wanted[:2]))
+    np.testing.assert_allclose(found[2], wanted[2], rtol=0, atol=1e-12)
+
+
+def test_arguments_are_those_of_trimesh():
+    origins, directions = rays(60)
+    ours = at.trimesh_ray(ball())
+    first = ours.intersects_id(origins, directions, multiple_hits=False)
+    for several in 0, np.bool_(False):
+        assert all((a == b).all() for a, b in zip(ours.intersects_id(origins, directions, several), first))
+    objects = ours.intersects_id(origins.astype(object), directions.astype(object), return_locations=1)
+    assert len(objects) == 3 and objects[0].dtype == np.int64
+    assert (type(ours)(ball(), scale_to_box=False).intersects_first(origins, directions) >= 0).any()
+
+
+def test_locations_hash_no_unchanged_mesh():
+    """A part of a tracked array would make trimesh hash the whole mesh at the next query."""
+    mesh, ray = ball(), ([[-3.0, 0.125, 0.25]], [[1.0, 0.0, 0.0]])
+    ours = at.trimesh_ray(mesh)
+    ours.intersects_location(*ray)
+    for each in mesh.vertices, mesh.faces:
+        assert not each._dirty_hash
+    before = [each._dirty_hash for each in (mesh.vertices, mesh.faces)]
+    for ask in ours.intersects_location, ours.intersects_id, ours.intersects_first, ours.intersects_any:
+        ask(*ray)
+    ours.contains_points([[0, 0, 0]])
+    assert [each._dirty_hash for each in (mesh.vertices, mesh.faces)] == before == [False, False]
+
+
+COPIES = {
+    "copy": lambda mesh: mesh.copy(),
+    "deepcopy": copy.deepcopy,
+    "split": lambda mesh: mesh.split(only_watertight=False)[0],
+    "submesh": lambda mesh: mesh.submesh([np.arange(len(mesh.faces))], append=True),
+    "slice": lambda mesh: mesh.slice_plane([0, 0, -9], [0, 0, 1]),
+    "pickle": lambda mesh: pickle.loads(pickle.dumps(mesh)),
+    "new": lambda mesh: trimesh.Trimesh(mesh.vertices, mesh.faces),
+    "concatenate": lambda mesh: trimesh.util.concatenate([mesh, mesh.copy().apply_translation([9, 0, 0])]),
+}
+
+
+@pytest.mark.parametrize("way", COPIES)
+def test_one_line_sets_the_intersector_of_all_meshes(way):
+    own = type(ball().ray)
+    with at.use_in_trimesh() as rays_of_program:
+        mesh = ball()
+        made = COPIES[way](mesh)
+        assert type(mesh.ray) is type(made.ray) is type(at.trimesh_ray(mesh)) is not own
+        assert made.ray.mesh is made and made.contains([[0, 0, 0], [5, 0, 0]]).tolist() == [True, False]
+    assert type(ball().ray) is own and type(mesh.ray) is not own
+    rays_of_program.undo()  # twice is once
+    assert type(ball().ray) is own
+
+
 def test_copies_and_pickles_work():
     ours, ray = at.trimesh_ray(ball()), ([[0.0, 0.125, 0.25]], [[1.0, 0.0, 0.0]])
     for other in copy.copy(ours), copy.deepcopy(ours), pickle.loads(pickle.dumps(ours)):
@@ -258,7 +335,6 @@ def test_copies_and_pickles_work():
         (lambda: at.trimesh_ray(ball()).intersects_any([0, 0, 0], [0, 0, 1]), r"ray_origins must be numbers \(n, 3\)"),
         (lambda: at.trimesh_ray(ball()).contains_points([[0, 0]]), r"points must be numbers \(n, 3\)"),
         (lambda: at.trimesh_ray(ball()).intersects_id([[0, 0, 0]], [[0, 0, 1]], max_hits=0), "max_hits is 0"),
-        (lambda: at.trimesh_ray(ball()).intersects_any([[0, 0, np.nan]], [[0, 0, 1]]), "origin"),
     ],
 )
 def test_wrong_values_are_refused(call, words):

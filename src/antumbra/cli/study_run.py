@@ -218,7 +218,9 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         """Print the summary of the result, unless there is nothing to print, and return the exit code."""
         if self.quiet and not self.json:
             return 0
-        return run.report(self.summary(result, scenes, run.seconds), self.files)
+        summary, up = self.summary(result, scenes, run.seconds), scenes.bare.up
+        named = summary._replace(values=summary.values | {"up": up}, lines=[*summary.lines, ("up", f"{up} axis")])
+        return run.report(named, self.files)
 
     def _executor(self) -> "Executor | None":
         """The executor that --shard, --ray or --merge names; shards lie beside the first output."""

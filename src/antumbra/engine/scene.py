@@ -448,7 +448,7 @@ class Scene(AnyScene):
         mesh: object,
         *,
         name: str | None = None,
-        up: str = "y",
+        up: str | None = None,
         crs: str | None = None,
         unit: str | None = None,
     ) -> "Scene":
@@ -463,8 +463,9 @@ class Scene(AnyScene):
             ``units`` those of the scene.
         name : str, optional
             Name of the scene, also in errors; None: the kind of mesh.
-        up : "y" or "z"
-            The axis that points up.
+        up : "y" or "z", optional
+            The axis that points up. None: z, as these libraries draw meshes, with a note if the floors and roofs of the
+            mesh face y.
         crs : str, optional
             The coordinate reference system of the vertices, see `Scene.crs`.
         unit : str, optional

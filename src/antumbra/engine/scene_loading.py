@@ -52,8 +52,8 @@ def load(
         - A mesh of trimesh, pyvista, meshio or Open3D, see `Scene.from_mesh`.
     up : "y" or "z", optional
         The axis that points up. It is recorded as `Scene.up`; coordinates are not changed. None: "z" for CityJSON,
-        rasters and footprints, and for other files whose floors and roofs face z, with a note; "y" for all other files,
-        and for meshes of other libraries. A store has its own axis.
+        rasters, footprints and meshes of other libraries, and for other files whose floors and roofs face z, with a
+        note; "y" for all other files. A store has its own axis.
     lod : str, optional
         Level of detail of CityJSON, such as "2.2". None: the highest of each object. Objects whose parts have a higher
         one, such as a Building with BuildingParts, are represented by these parts. Of several geometries of an object

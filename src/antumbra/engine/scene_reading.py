@@ -48,7 +48,7 @@ def read_scene_data(value: Any, options: ReadOptions = _DEFAULT) -> SceneData:
     if options.instances is not None:
         flag(options.instances, "instances")
     if is_mesh(value):
-        return data_of_mesh(value, up=options.up or "y")
+        return data_of_mesh(value, up=options.up)
     if isinstance(value, (str, os.PathLike)):
         return _scene_in(path_of(value, "scene"), options)
     kind = type(value).__name__

@@ -27,13 +27,16 @@ from ..scene.mesh import (
     textured_mesh,
 )
 from ..scene.rounded_coordinates import rounding_notes
-from ..scene.scene_bounds import sampled_faces
+from ..scene.scene_bounds import guess_y_up, sampled_faces
 from ..scene.scene_data import MemoryData
 from ..scene.units import LengthUnit, unit_named
 
 KNOWN = "a mesh of trimesh, pyvista, meshio or Open3D"
 _COLOUR_NAMES = "RGBA", "RGB", "rgba", "rgb", "colors", "Colors", "colours"
 _CORNERS = {"triangle": 3, "quad": 4}  # of meshio's cells; higher-order cells list their corners first
+MESH_UP = "z"
+"""The up axis of meshes of other libraries, which have none of their own: their pictures and examples have z up."""
+
 _FLAT = "vertex", "line"  # cells that block no light
 
 
@@ -289,7 +292,12 @@ def data_of_arrays(
 
 
 def data_of_mesh(
-    mesh: object, *, name: str | None = None, up: str = "y", crs: object = None, unit: str | LengthUnit | None = None
+    mesh: object,
+    *,
+    name: str | None = None,
+    up: str | None = None,
+    crs: object = None,
+    unit: str | LengthUnit | None = None,
 ) -> MemoryData:
     """Scene data from a mesh; `Scene.from_mesh` documents the arguments."""
     name = type(mesh).__name__.lower() if name is None else text(name, "name")
@@ -298,9 +306,12 @@ def data_of_mesh(
     own = getattr(mesh, "units", None)  # of trimesh
     if unit is None and crs is None and isinstance(own, str):
         unit = unit_named(own)
-    data = MemoryData(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes), crs=crs, unit=unit)
+    axis = MESH_UP if up is None else up
+    data = MemoryData(StaticMeshes(meshes, name), name=name, up=axis, notes=tuple(notes), crs=crs, unit=unit)
     rounded = rounding_notes(name, data.bounds, lambda: sampled_faces(data.source, data.n_triangles))
     data.notes = (*data.notes, *rounded)
+    if up is None and guess_y_up(sampled_faces(data.source, data.n_triangles)):
+        data.notes = (*data.notes, f'{name}: seems to have y up, and is read as z up; pass up="y"')
     return data
 
 

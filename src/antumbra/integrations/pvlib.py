@@ -80,7 +80,7 @@ def pvlib_shading(
     pandas.DataFrame
         Indexed by `times`: "shaded_fraction", the share of the direct light that is blocked, 0 to 1, and 1 while the
         sun is below the horizon; "sky_view_factor" of the plane, the same at all times, by `Skyline.sky_view_factor`;
-        "solar_azimuth" and "solar_elevation", degrees.
+        "solar_azimuth" and "solar_elevation", degrees. Its ``attrs["up"]`` is the axis of the scene that points up.
 
     Raises
     ------
@@ -115,7 +115,9 @@ def pvlib_shading(
         over = towards[..., "xyz".index(scene.up)] > 0.0  # while the sun rises or sets, a part of its disk
         shaded[above] = 1.0 - (lit.reshape(over.shape) * over).mean(1)
     values = shaded, np.full(len(times), factor), bearing, elevation
-    return pandas.DataFrame(dict(zip(COLUMNS, values)), index=times)
+    table = pandas.DataFrame(dict(zip(COLUMNS, values)), index=times)
+    table.attrs["up"] = scene.up
+    return table
 
 
 def _light(

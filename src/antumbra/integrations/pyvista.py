@@ -12,13 +12,13 @@ gets the area-weighted mean of its triangles. Cells and points without any area 
 
 import warnings
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pyvista
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import choice, flag, rows_of
+from ..base.checks import choice, flag, rows_of, vector
 from ..base.errors import InputError
 from ..city.sensors.sensors import Sensors, face_sensors, vertex_sensors
 from ..city.sun.sun_hours import sky_view, sun_hours
@@ -26,8 +26,10 @@ from ..city.tables.result_table import Table
 from ..city.tables.surface_columns import NAMES as SURFACE_COLUMNS
 from ..engine.point_visibility import visibility
 from ..engine.scene import Scene
+from ..formats.library_meshes import MESH_UP
 from ..scene.light_lists import DirectionalLights, PointLights
 from ..scene.lights import AmbientOcclusion, Light
+from .trimesh import RayMeshIntersector
 
 
 class _Surface(NamedTuple):
@@ -62,8 +64,39 @@ class _Surface(NamedTuple):
         return out
 
 
+class _TriangleMesh:
+    """The triangles of a data set's surface, with the attributes of a trimesh mesh that rays need."""
+
+    __slots__ = "cells", "face_normals", "faces", "vertices"
+
+    def __init__(self, dataset: Any):
+        points, self.faces, self.cells, _ = _triangles_in(dataset)
+        self.vertices = np.asarray(points, np.float64)
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        normals = np.cross(b - a, c - a)
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        self.face_normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0.0)
+
+
+class _Triangles(NamedTuple):
+    """The triangles of a data set's surface."""
+
+    points: Any  # (p, 3) float
+    faces: NDArray[np.int64]  # (f, 3) rows of `points`
+    cells: NDArray[np.int64]  # (f,) cell of each triangle
+    corners: NDArray[np.int64]  # (f, 3) points of the data set, -1: none
+
+
 def _surface_of(dataset: Any, on: str) -> _Surface:
     choice(on, "on", ("cells", "points"))
+    points, faces, cells, corners = _triangles_in(dataset)
+    scene = Scene.from_arrays(np.asarray(points), faces, name=type(dataset).__name__, up=MESH_UP)
+    if on == "cells":
+        return _Surface(scene, face_sensors(scene), cells, corners, dataset.n_cells)
+    return _Surface(scene, vertex_sensors(scene), cells, corners, dataset.n_points)
+
+
+def _triangles_in(dataset: Any) -> _Triangles:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # PyVista warns about its own defaults
         if isinstance(dataset, pyvista.PolyData):
@@ -76,10 +109,7 @@ def _surface_of(dataset: Any, on: str) -> _Surface:
             points, corners = surface.points, np.asarray(surface.point_data["vtkOriginalPointIds"])[faces]
     if not len(faces):
         raise InputError(f"the {type(dataset).__name__} has no surface; give one with polygons or cells")
-    scene = Scene.from_arrays(np.asarray(points), faces, name=type(dataset).__name__, up="z")
-    if on == "cells":
-        return _Surface(scene, face_sensors(scene), cells, corners, dataset.n_cells)
-    return _Surface(scene, vertex_sensors(scene), cells, corners, dataset.n_points)
+    return _Triangles(points, faces, cells, corners)
 
 
 def _triangles_of(mesh: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -109,7 +139,8 @@ def _triangles_of(mesh: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 class DatasetAccessor:
     """Shadow queries on the surface of a PyVista data set, ``mesh.antumbra``.
 
-    All methods return a shallow copy of the data set with new arrays. They share two options:
+    `ray_trace`, `multi_ray_trace` and `select_interior_points` are PyVista's own filters of these names, with exact
+    answers. All other methods return a shallow copy of the data set with new arrays, and share two options:
 
     on : "cells" or "points"
         Whether results are arrays of ``cell_data``, or of ``point_data`` with the mean normals of points.
@@ -123,6 +154,122 @@ class DatasetAccessor:
         if not isinstance(dataset, pyvista.DataSet):
             raise InputError(f"the mesh is a {type(dataset).__name__}; give a pyvista.DataSet, such as a PolyData")
         self._dataset = dataset
+        self._rays, self._version = cast("RayMeshIntersector | None", None), -1
+
+    def ray_trace(
+        self,
+        origin: ArrayLike,
+        end_point: ArrayLike,
+        first_point: bool = False,
+        plot: bool = False,
+        off_screen: bool | None = None,
+    ) -> tuple[NDArray[Any], NDArray[np.int64]]:
+        """Intersect the surface with a line segment, as ``mesh.ray_trace``.
+
+        A change of the data set that VTK knows of makes the next call read it again.
+
+        Parameters
+        ----------
+        origin, end_point : (3,) float
+            Intersections lie strictly between them.
+        first_point : bool
+            True: the points are the first one, (3,), if there is any.
+        plot, off_screen : bool
+            True: show the segment and its intersections.
+
+        Returns
+        -------
+        points : (n, 3), or (3,)
+            In the dtype of the data set's points. One where several cells meet.
+        cells : (n,) int64
+        """
+        start, end = vector(origin, "origin"), vector(end_point, "end_point")
+        rays = self._intersector()
+        found = rays.scene.all_hits(start[None], targets=end[None])
+        new = np.diff(found.t, prepend=-1.0) > 0.0
+        points = (start + found.t[new, None] * (end - start)).astype(self._dataset.points.dtype)
+        cells = rays.mesh.cells[found.face[new]]
+        shown = points[0] if first_point and len(points) else points
+        if plot:
+            plotter: Any = pyvista.Plotter(off_screen=off_screen)
+            plotter.add_mesh(self._dataset, label="Test Mesh")
+            plotter.add_lines(np.stack([start, end]), color="b", label="Ray Segment")
+            if len(points):
+                plotter.add_mesh(np.atleast_2d(shown), color="r", point_size=10, label="Intersection Points")
+            plotter.add_legend()
+            plotter.add_axes()
+            plotter.show()
+        return shown, cells
+
+    def multi_ray_trace(
+        self, origins: ArrayLike, directions: ArrayLike, first_point: bool = False, retry: bool = False
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+        """Intersect the surface with rays, as ``mesh.multi_ray_trace``; polygons may have any number of corners.
+
+        Parameters
+        ----------
+        origins, directions : (n, 3) float
+        first_point : bool
+            True: only the first intersection of each ray.
+        retry : bool
+            True: results are sorted by ray. No ray needs a second try.
+
+        Returns
+        -------
+        points : (m, 3) float64
+            One where several cells meet; all first ones, then all second ones, and so on.
+        rays, cells : (m,) int64
+        """
+        found = self._intersector()
+        points, ray, face = found.intersects_location(origins, directions, multiple_hits=not first_point)
+        order = np.argsort(ray, kind="stable") if retry else slice(None)
+        return points[order], ray[order], found.mesh.cells[face[order]]
+
+    def select_interior_points(
+        self,
+        surface: Any,
+        *,
+        method: str = "signed_distance",
+        inside_out: bool = False,
+        check_surface: bool = True,
+        locator_tolerance: float | None = None,
+    ) -> Any:
+        """Add "selected_points": whether a closed surface contains each point, as ``mesh.select_interior_points``.
+
+        Parameters
+        ----------
+        surface : pyvista.PolyData
+            Points on it are inside.
+        inside_out : bool
+            True: whether points are outside.
+        check_surface : bool
+            True: refuse a surface that is not closed.
+        method, locator_tolerance
+            Choose among PyVista's approximations. The answer here is exact, and does not depend on them.
+
+        Raises
+        ------
+        InputError
+            If the surface is no PolyData or not closed.
+        """
+        if not isinstance(surface, pyvista.PolyData):
+            raise InputError(f"the surface is a {type(surface).__name__}; give a pyvista.PolyData")
+        if flag(check_surface, "check_surface") and surface.n_open_edges:
+            raise InputError(f"the surface has {surface.n_open_edges} open edges; close it, or set check_surface=False")
+        inside = np.zeros(self._dataset.n_points, bool)
+        if surface.n_cells:
+            inside = DatasetAccessor(surface)._intersector().scene.contains(np.asarray(self._dataset.points))
+        selected = self._dataset.copy(deep=False)
+        selected["selected_points"] = inside != flag(inside_out, "inside_out")
+        selected.set_active_scalars("selected_points")
+        return selected
+
+    def _intersector(self) -> RayMeshIntersector:
+        """The rays of the surface; new ones once VTK has counted a change of the data set."""
+        version = self._dataset.GetMTime()
+        if self._rays is None or version != self._version:
+            self._rays, self._version = RayMeshIntersector(_TriangleMesh(self._dataset)), version
+        return self._rays
 
     def occluded(self, directions: ArrayLike, *, on: str = "cells", inplace: bool = False) -> Any:
         """Add "occluded": 1 where the mesh blocks the view in a direction, or faces away from it; else 0.

@@ -1,18 +1,22 @@
-"""trimesh: `trimesh_ray`, a ray intersector for ``mesh.ray`` with the calls and results of trimesh's own ones.
+"""trimesh: a ray intersector for ``mesh.ray`` with the calls and results of trimesh's own ones.
+
+`trimesh_ray` makes one for a mesh, and `use_in_trimesh` those of all meshes that a program makes.
 
 trimesh has two intersectors, `ray_triangle` and `ray_pyembree`. Where their conventions differ, this one follows
 `ray_pyembree`, which trimesh prefers: the dtypes of indices, locations (h, 3) even without hits, all first hits before
 all second hits, and one face for each location, also where a ray meets an edge or a vertex.
 """
 
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import flag, rows_of, whole_number
+from ..base.checks import rows_of, whole_number
 from ..base.errors import InputError
+from ..base.extras import import_extra
 from ..engine.scene import Scene
+from ..formats.library_meshes import MESH_UP
 
 _STEEP = 1e-5  # least sine of the angle between ray and plane for which trimesh's planes give precise locations
 
@@ -40,12 +44,56 @@ def trimesh_ray(mesh: Any) -> "RayMeshIntersector":
     return RayMeshIntersector(mesh)
 
 
+def use_in_trimesh() -> "TrimeshRays":
+    """Answer the ray queries of all trimesh meshes made from now on, copies and parts of meshes included.
+
+    trimesh gives each new mesh an intersector, and a copy does not have the ``mesh.ray`` of its original. This puts
+    `RayMeshIntersector` in the place of both classes that trimesh chooses from. Meshes that exist keep theirs.
+
+    Returns
+    -------
+    TrimeshRays
+        Its method `undo` restores trimesh's own classes. As a context manager, it does so at the end::
+
+            with at.use_in_trimesh():
+                parts = trimesh.load_mesh("machine.stl").split()
+
+    Raises
+    ------
+    InputError
+        If trimesh is not installed.
+    """
+    return TrimeshRays()
+
+
+class TrimeshRays:
+    """The intersector of trimesh's new meshes, set by `use_in_trimesh` until `undo`."""
+
+    def __init__(self) -> None:
+        rays = import_extra("trimesh.ray", "use_in_trimesh", "meshes")
+        modules = [rays.ray_triangle, *([rays.ray_pyembree] if rays.has_embree else [])]
+        self._before = [(module, module.RayMeshIntersector) for module in modules]
+        for module in modules:
+            module.RayMeshIntersector = RayMeshIntersector
+
+    def undo(self) -> None:
+        """Restore the classes that were there before. Meshes made in between keep their intersector."""
+        for module, kind in self._before:
+            module.RayMeshIntersector = kind
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.undo()
+
+
 class _RayRows(NamedTuple):
     """Checked rays. trimesh's intersectors let rays without a direction miss; here, their interval is empty."""
 
     origins: np.ndarray  # (n, 3) float
     directions: np.ndarray  # (n, 3) float, none zero
-    tmax: Any  # inf, or (n,) float64: 0 for rays without a direction
+    tmax: Any  # inf, or (n,) float64: 0 for rays that miss everything
 
 
 class _Hits(NamedTuple):
@@ -62,16 +110,18 @@ class _Hits(NamedTuple):
 class RayMeshIntersector:
     """Ray queries about a trimesh mesh; `trimesh_ray` makes one.
 
-    mesh : trimesh.Trimesh
+    geometry : trimesh.Trimesh
+    scale_to_box : bool
+        For trimesh, which scales meshes before it rounds them. Answers here do not depend on it.
     """
 
-    def __init__(self, mesh: Any):
-        if not all(hasattr(type(mesh), name) for name in ("vertices", "faces", "face_normals")):
-            raise InputError(f"the mesh is a {type(mesh).__name__}; give a trimesh.Trimesh")
-        self.mesh, self._scene, self._version = mesh, cast("Scene | None", None), 0
+    def __init__(self, geometry: Any, scale_to_box: bool = True):
+        if not all(hasattr(type(geometry), name) for name in ("vertices", "faces", "face_normals")):
+            raise InputError(f"the mesh is a {type(geometry).__name__}; give a trimesh.Trimesh")
+        self.mesh, self._scene, self._version = geometry, cast("Scene | None", None), 0
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"mesh": self.mesh}
+        return {"geometry": self.mesh}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state)  # type: ignore[misc]
@@ -84,7 +134,7 @@ class RayMeshIntersector:
             vertices, faces = np.asarray(self.mesh.vertices), np.asarray(self.mesh.faces)
             if not len(faces):  # a face without area blocks nothing
                 vertices, faces = np.zeros((3, 3)), np.arange(3)[None]
-            self._scene, self._version = Scene.from_arrays(vertices, faces, name="trimesh", up="z"), version
+            self._scene, self._version = Scene.from_arrays(vertices, faces, name="trimesh", up=MESH_UP), version
         return self._scene
 
     def intersects_any(self, ray_origins: ArrayLike, ray_directions: ArrayLike) -> NDArray[np.bool_]:
@@ -93,7 +143,8 @@ class RayMeshIntersector:
         Parameters
         ----------
         ray_origins, ray_directions : (n, 3) float
-            Directions need not be unit vectors. Rays with a zero direction miss. A face through the origin is no hit.
+            Directions need not be unit vectors. Rays whose direction is zero, NaN or infinite miss, as do those whose
+            origin is not finite. A face through the origin is no hit.
         """
         rays = _checked(ray_origins, ray_directions)
         return self.scene.occluded(rays.origins, rays.directions, tmax=rays.tmax)
@@ -132,9 +183,8 @@ class RayMeshIntersector:
         """
         rays = _checked(ray_origins, ray_directions)
         limit = None if max_hits is None else whole_number(max_hits, "max_hits", 1, 1 << 31)
-        several = flag(multiple_hits, "multiple_hits")
-        hits = self._all_hits(rays, limit) if several else self._first_hits(rays)
-        if not flag(return_locations, "return_locations"):
+        hits = self._all_hits(rays, limit) if multiple_hits else self._first_hits(rays)
+        if not return_locations:
             return hits.face, hits.ray
         return hits.face, hits.ray, self._locations(rays, hits)
 
@@ -181,8 +231,12 @@ class RayMeshIntersector:
         The scene has float32 vertices, so its t gives these only to float32 precision. It stands in for rays almost in
         the plane, which trimesh drops.
         """
-        mesh, origins, directions = self.mesh, rays.origins[hits.ray], rays.directions[hits.ray]
-        normals, corners = mesh.face_normals[hits.face], mesh.vertices[mesh.faces[hits.face, 0]]
+        origins, directions = rays.origins[hits.ray], rays.directions[hits.ray]
+        # plain views: a part of a tracked array makes trimesh hash the whole mesh again
+        vertices, faces, normals = (
+            np.asarray(each) for each in (self.mesh.vertices, self.mesh.faces, self.mesh.face_normals)
+        )
+        normals, corners = normals[hits.face], vertices[faces[hits.face, 0]]
         slope = np.einsum("ij,ij->i", directions, normals)
         steep = np.abs(slope) > _STEEP * np.linalg.norm(directions, axis=1)
         height = np.einsum("ij,ij->i", corners - origins, normals)
@@ -190,12 +244,27 @@ class RayMeshIntersector:
         return np.asarray(origins + t[:, None] * directions)
 
 
+_LARGEST = 2.0**100  # coordinates up to it fit float32, also after recentring
+_ORDINARY = 2.0**-60, 2.0**60  # lengths of directions that are passed on as they are
+
+
 def _checked(ray_origins: ArrayLike, ray_directions: ArrayLike) -> _RayRows:
-    origins = rows_of(ray_origins, "ray_origins", 3, 2)
-    directions = rows_of(ray_directions, "ray_directions", 3, 2)
+    origins, directions = _rows(ray_origins, "ray_origins"), _rows(ray_directions, "ray_directions")
     if origins.shape != directions.shape:
         raise InputError(f"{len(origins)} ray_origins and {len(directions)} ray_directions; give one of each per ray")
-    zero = (directions == 0.0).all(axis=1)
-    if not zero.any():
+    longest, farthest = (np.abs(each).max(axis=1, initial=0.0) for each in (directions, origins))
+    low, high = _ORDINARY
+    if ((longest >= low) & (longest <= high) & (farthest <= _LARGEST)).all():
         return _RayRows(origins, directions, np.inf)
-    return _RayRows(origins, np.where(zero[:, None], 1.0, directions), np.where(zero, 0.0, np.inf))
+    misses = ~((longest > 0.0) & (longest < np.inf) & (farthest <= _LARGEST))  # NaN, too
+    _, exponents = np.frexp(np.where(misses, 1.0, longest).astype(np.float64))
+    scaled = np.ldexp(directions.astype(np.float64), -exponents[:, None])  # exact
+    blank = misses[:, None]
+    return _RayRows(np.where(blank, 0.0, origins), np.where(blank, 1.0, scaled), np.where(misses, 0.0, np.inf))
+
+
+def _rows(value: ArrayLike, what: str) -> NDArray[Any]:
+    """(n, 3) numbers; trimesh takes arrays of Python objects, too."""
+    if isinstance(value, np.ndarray) and value.dtype.kind == "O":
+        value = value.tolist()
+    return rows_of(value, what, 3, 2)

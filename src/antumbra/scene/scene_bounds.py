@@ -225,6 +225,11 @@ def corners_of(box: np.ndarray) -> NDArray[np.float64]:
     return np.stack([box[i, range(3)] for i in np.ndindex(2, 2, 2)])
 
 
+def guess_y_up(faces: np.ndarray) -> bool:
+    """Whether a sample of faces suggests that y points up, as `guess_z_up` does for z."""
+    return guess_z_up(faces[..., [0, 2, 1]] * (1.0, -1.0, 1.0))
+
+
 def guess_z_up(faces: np.ndarray) -> bool:
     """Whether a sample of faces suggests that z points up.
 

@@ -112,7 +112,7 @@ def _moment_of(scene: AnyScene, place: Place, options: ShadowOptions) -> _Moment
     directions = directions_of(altitude, azimuth + place.north, scene.up)
     local = np.array([when.replace(tzinfo=None)], "datetime64[s]")
     about: dict[str, Any] = {"job": "shadow", "scene": scene.name, **place._asdict(), "time": when.isoformat()}
-    about["length_unit"] = scene.unit.name
+    about |= {"length_unit": scene.unit.name, "up": scene.up}
     about |= {"sun_azimuth": float(azimuth[0]), "sun_elevation": float(altitude[0])}
     if scene.crs:
         about["crs"] = scene.crs

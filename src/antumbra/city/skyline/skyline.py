@@ -331,6 +331,7 @@ def skyline(
     slopes = _slopes_of(scene, sensors, compass, time, threads)
     azimuth = np.arange(options.count) * (360.0 / options.count)
     about: dict[str, Any] = {"job": "skyline", "scene": scene.name, "step": options.step, "north": north, **warned}
+    about["up"] = scene.up
     if scene.crs:
         about["crs"] = scene.crs
     if place is not None:

@@ -293,7 +293,8 @@ class Table:
         Pictures show the first one by default.
     about : dict
         Metadata of the study, in JSON types: "job", its name; "timezone"; settings; "length_unit", the unit of
-        coordinates and lengths; and "crs", the CRS of the scene or else of the raster file that defines the cells.
+        coordinates and lengths; "up", the axis of the scene that points up; and "crs", the CRS of the scene or else of
+        the raster file that defines the cells.
     scene : Scene or None
         The scene of the sensors; pictures need it.
     camera : Camera or None
@@ -331,7 +332,7 @@ class Table:
         self.marks = None if self.marks is None else points(self.marks, "marks")
         raster = self.sensors.raster
         if self.scene is not None:
-            self.about = {"length_unit": self.scene.unit.name, **self.about}
+            self.about = {"length_unit": self.scene.unit.name, "up": self.scene.up, **self.about}
         crs = (self.scene and self.scene.crs) or (raster and raster.crs)
         if crs:
             self.about = {"crs": crs, **self.about}
