@@ -197,6 +197,7 @@ def corner(scene, size=(48, 40)):
 @pytest.mark.parametrize("guided", [0.0, 1e6])
 def test_a_first_frame_is_culled_and_later_ones_keep_a_tree_of_everything(scene, monkeypatch, guided):
     _builds(monkeypatch, 1e5, guided=guided)
+    monkeypatch.setattr(cost_model, "form_seconds", lambda strategy, triangles: 1e-6 * triangles)
     _cheap_culling(monkeypatch)
     monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: True)
     renderer, (camera, light) = Renderer(scene), corner(scene)
@@ -296,7 +297,9 @@ def test_any_tracer_without_a_tree_is_considered_if_it_states_a_cost(scene, monk
     assert "other" not in soft.plan  # it does not suit lights with an extent
 
 
-@pytest.mark.parametrize("light, spp", [(LAMP, 1), (at.AmbientOcclusion(1.0), 1), (at.PointLight((0.5, 1.5, 0.2)), 16)])
+@pytest.mark.parametrize(
+    "light, spp", [(LAMP, 1), (at.AmbientOcclusion(1.0), 1), (at.DirectionalLight((0.3, -1, 0.2)), 16)]
+)
 def test_cones_need_one_apex_and_few_samples(scene, monkeypatch, light, spp):
     _cones_for_any_number_of_triangles(monkeypatch)
     frame = Renderer(scene).render(corner(scene)[0], [light], spp=spp)

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from ..bvh.nodes import Bvh
 from ..kernels.toolchain.kernel_manifest import kernels_of_warm_up
+from ..query.equal_samples import with_distinct_samples
 from ..query.query_bounds import bounds
 from ..query.shadow_query import ShadowQuery
 from ..scene.lights import AMBIENT
@@ -148,6 +149,7 @@ class AutoAccelerator(Accelerator):
         sample: RepresentativeRays | None = None,
         lap: Callable[[str], None] = no_lap,
     ) -> Accelerated:
+        queries = [with_distinct_samples(query) for query in queries]
         memory, n = self.memory, solid_count(triangles)
         extent = SceneExtent(n, np.stack(bounds(triangles.vertices, self.threads)))
         forecast = forecast_of(queries, extent)
