@@ -55,5 +55,5 @@ def copy_bits(bits: NDArray[np.uint64], samples: int) -> NDArray[np.uint64]:
 
 def any_bit(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
     """(h, w, 1) uint64: the bit of a single sample, set if any of the equal samples in (h, w, words) `bits` is."""
-    blocked: NDArray[np.uint64] = bits.any(-1, keepdims=True).astype(np.uint64)
+    blocked: NDArray[np.uint64] = np.asarray(bits.any(-1, keepdims=True)).astype(np.uint64)
     return blocked
