@@ -37,6 +37,7 @@ from antumbra.engine.plan_records import precompile_plan
 from antumbra.engine.sources.source_protocols import FrameMemory, moment_of
 from antumbra.kernels.parallel import thread_count
 from antumbra.lab.papers.benchmark_views import BenchmarkScenes, square
+from antumbra.query.equal_samples import traced_samples
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import surface_queries
 from common import machine
@@ -197,7 +198,8 @@ def trace_frame(engine: Engine, case: Case, time: float, clock: Clock) -> tuple[
     region = region_of(case.scene)
     lights, camera = lights_of(case, region), view_of(case)
     samples = [light_samples(light, case.spp) for light in lights]
-    tracer, rays = engine.frame_tracer(), case.size[0] * case.size[1] * case.spp * len(lights)
+    tracer, pixels = engine.frame_tracer(), case.size[0] * case.size[1]
+    rays = pixels * sum(map(traced_samples, lights, samples))
     tracer.begin(FrameMemory(0, 0, 0), rays, 0, time)
     for rows in tracer.bands(camera.height):
         surfaces = tracer.surfaces(camera, rows)

@@ -172,7 +172,7 @@ def test_lights_and_cameras_reach_the_frame(render):
     ).json()
     assert [light["type"] for light in told["lights"]] == ["PointLight", "QuadLight", "DirectionalLight"]
     assert told["lights"][0]["position"] == [0, 3, 0] and told["lights"][0]["intensity"] == 5
-    assert len(told["lit"]) == 3 and told["rays"] == 3 * 16 * told["seen"]
+    assert len(told["lit"]) == 3 and told["rays"] == (1 + 16 + 16) * told["seen"]
     assert told["camera"]["position"] == [-1, 1, 0] and told["camera"]["vfov"] == 40
 
 

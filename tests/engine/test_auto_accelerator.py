@@ -31,9 +31,15 @@ def _builds(monkeypatch, good, best=1e6, guided=1e6):
     monkeypatch.setattr(cost_model, "build_seconds", lambda tree, n: seconds[tree])
 
 
+def _cones_take(monkeypatch, nanoseconds):
+    """Let cones be predicted to take this time per ray."""
+    monkeypatch.setattr(TRACERS["cones"], "cost", TreelessCost(lambda features: nanoseconds, load=0.0))
+
+
 @pytest.fixture(autouse=True)
 def no_culling(monkeypatch):
-    """Let culling cost more than any tree, unless a test says otherwise, and no kernel any time to load."""
+    """Let culling and cones cost more than any tree, unless a test says otherwise, and no kernel any time to load."""
+    _cones_take(monkeypatch, 1e9)
     monkeypatch.setattr(auto_accelerator, "_loads", auto_accelerator.KernelLoads())
     monkeypatch.setattr(auto_accelerator._loads, "_due", dict.fromkeys(("culling", GUIDED, "cones"), 0.0))
     monkeypatch.setattr(auto_accelerator, "mark_seconds", lambda receivers, lights: 1e9)
@@ -198,6 +204,7 @@ def corner(scene, size=(48, 40)):
 @pytest.mark.parametrize("guided", [0.0, 1e6])
 def test_a_first_frame_is_culled_and_later_ones_keep_a_tree_of_everything(scene, monkeypatch, guided):
     _builds(monkeypatch, 1e5, guided=guided)
+    monkeypatch.setattr(cost_model, "form_seconds", lambda strategy, triangles: 1e-6 * triangles)
     _cheap_culling(monkeypatch)
     monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: True)
     renderer, (camera, light) = Renderer(scene), corner(scene)
@@ -261,17 +268,16 @@ def test_moving_scenes_are_culled_frame_by_frame(monkeypatch, tmp_path):
         assert frame.plan.startswith("grid32+"), time
 
 
-def _cones_for_any_number_of_triangles(monkeypatch):
-    cones = TRACERS["cones"]
-    monkeypatch.setattr(cones, "cost", cones.cost._replace(triangles=1e9))
-
-
-@pytest.mark.parametrize("light", [at.PointLight((0.5, 1.5, 0.2)), at.DirectionalLight((0.3, -1, 0.2))])
+@pytest.mark.parametrize("light", [at.PointLight((0.5, 1.5, 0.2)), at.DirectionalLight((0.3, -1, 0.2), 0.0)])
 @pytest.mark.parametrize("culled", [True, False])
-def test_cones_answer_a_first_frame_with_many_rays_per_triangle(scene, monkeypatch, light, culled):
-    _cones_for_any_number_of_triangles(monkeypatch)
+def test_cones_answer_a_first_frame_where_they_take_less_time_than_a_tree(scene, monkeypatch, light, culled):
+    _cones_take(monkeypatch, 0.0)
     monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: True)
-    if culled:
+    if culled:  # they are too slow for all triangles
+        n = scene.n_triangles
+        cost = TreelessCost(lambda features: 1e9 * (features.triangles >= n), load=0.0)
+        monkeypatch.setattr(TRACERS["cones"], "cost", cost)
+        monkeypatch.setattr(cost_model, "form_seconds", lambda strategy, triangles: 1e-6 * triangles)
         _cheap_culling(monkeypatch)
     renderer, (camera, _) = Renderer(scene), corner(scene)
     named = at.render(scene, camera, [light], plan="bsah+single", spp=4)
@@ -284,7 +290,7 @@ def test_cones_answer_a_first_frame_with_many_rays_per_triangle(scene, monkeypat
 
 def test_any_tracer_without_a_tree_is_considered_if_it_states_a_cost(scene, monkeypatch):
     class Other(FastestCones):
-        cost = TreelessCost(triangles=1e9, saving=0.9, reason="it is the only one", load=0.0)
+        cost = TreelessCost(lambda features: 0.0, reason="it is the only one", load=0.0)
 
     monkeypatch.setitem(TRACERS, "other", Other())
     monkeypatch.setattr(TRACERS["cones"], "cost", None)
@@ -297,11 +303,29 @@ def test_any_tracer_without_a_tree_is_considered_if_it_states_a_cost(scene, monk
     assert "other" not in soft.plan  # it does not suit lights with an extent
 
 
-@pytest.mark.parametrize("light, spp", [(LAMP, 1), (at.AmbientOcclusion(1.0), 1), (at.PointLight((0.5, 1.5, 0.2)), 16)])
-def test_cones_need_one_apex_and_few_samples(scene, monkeypatch, light, spp):
-    _cones_for_any_number_of_triangles(monkeypatch)
-    frame = Renderer(scene).render(corner(scene)[0], [light], spp=spp)
+@pytest.mark.parametrize("light", [LAMP, at.AmbientOcclusion(1.0), at.DirectionalLight((0.3, -1, 0.2))])
+def test_cones_need_one_apex(scene, monkeypatch, light):
+    _cones_take(monkeypatch, 0.0)
+    monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: True)
+    frame = Renderer(scene).render(corner(scene)[0], [light], spp=1)
     assert frame.choices[0].strategy != "cones"
+
+
+def test_a_point_light_with_any_number_of_samples_has_one_apex(scene, monkeypatch):
+    _cones_take(monkeypatch, 0.0)
+    monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: True)
+    camera, light = corner(scene)
+    frame = Renderer(scene).render(camera, [light], spp=16)
+    assert frame.plan == "cones" and frame.choices[0].rays == frame.rays == frame.mask.sum()
+
+
+def test_cones_are_not_chosen_without_rays_or_where_a_tree_is_faster(scene, monkeypatch):
+    monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: True)
+    camera, light = corner(scene)
+    assert "cones" not in Renderer(scene).render(camera, [light]).plan
+    _cones_take(monkeypatch, 0.0)
+    away = at.Camera((0, 100, 0), (0, 200, 0), (1, 0, 0), width=48, height=40)
+    assert "cones" not in Renderer(scene).render(away, [light]).plan
 
 
 @pytest.mark.parametrize("by_points", [False, True], ids=["picture", "points"])

@@ -57,7 +57,7 @@ def test_tests_of_windows_are_those_of_the_frame(found):
     assert asks.shape == (24, 40) and 0 < asks.sum() < asks.size
     rows, columns = (np.arange(n) // WINDOW for n in asks.shape)
     rays = np.zeros((2, 3))
-    np.add.at(rays, (rows[:, None], columns), asks * (2 * SPP))
+    np.add.at(rays, (rows[:, None], columns), asks * (SPP + 1))  # of a lamp and a point light
     for one in found.plans[1:3]:  # `single` also tests the last blocker of the window before
         assert one.windows.shape == (2, 3)
         tests = one.counters["box_tests"] + one.counters["triangle_tests"]

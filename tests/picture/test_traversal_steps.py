@@ -9,6 +9,7 @@ from antumbra.engine.method_registry import TRACERS
 from antumbra.engine.plan import parse_plan
 from antumbra.picture.frame_request import TimeSample
 from antumbra.picture.traversal_steps import WINDOW, explain, trace_windows
+from antumbra.query.equal_samples import with_distinct_samples
 from antumbra.query.shadow_query import segments, with_receivers
 from antumbra.trace.counters import BOX_TESTS, COUNTERS, TRIANGLE_TESTS, new_counters
 from antumbra.trace.rays.ray_traversal import BUILT, Ordered
@@ -40,6 +41,7 @@ def test_rays_are_those_that_are_asked_and_blocked(scene, moment, report):
     rays, blocked, asks = 0, 0, np.zeros((24, 40), bool)
     for light in moment.lights:
         triangles, query = query_of(scene, moment.camera, light, SPP)
+        query = with_distinct_samples(query)
         above = segments(query)[1]
         rays, asks = rays + int(above.sum()), asks | above.any(axis=-1)
         blocked += int((true_occlusion(triangles, query)[0] & above).sum())
@@ -76,6 +78,7 @@ def test_frequent_blockers_are_the_fewest_that_block_half(scene, moment, report)
     hits = np.zeros(scene.n_triangles, np.int64)
     for light in moment.lights:
         triangles, query = query_of(scene, moment.camera, light, SPP)
+        query = with_distinct_samples(query)
         hits += count_steps(accelerator.build(triangles).prepared, query, len(hits)).hits
     assert hits.sum() == report.blocked and hits[report.frequent].sum() == report.frequent_rays
     assert (np.diff(hits[report.frequent]) <= 0).all() and hits[report.frequent[0]] == hits.max()

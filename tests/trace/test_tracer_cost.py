@@ -71,5 +71,5 @@ def test_a_tracer_that_states_no_cost_is_no_candidate(monkeypatch):
     assert "wide" in strategies()
     monkeypatch.setattr(TRACERS["wide"], "cost", None)
     assert "wide" not in strategies() and lost_share("wide") == lost_share(None)
-    monkeypatch.setattr(TRACERS["wide"], "cost", TreelessCost(1.0, 0.5))
+    monkeypatch.setattr(TRACERS["wide"], "cost", TreelessCost(lambda features: 1.0))
     assert "wide" not in strategies() and lost_share("wide") == 0.0

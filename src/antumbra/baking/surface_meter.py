@@ -16,6 +16,7 @@ from ..engine.small_scenes import UP, small_scene
 from ..picture.irradiance import pixel_normals
 from ..picture.light_visibility import irradiance_shares, unoccluded_directions
 from ..picture.shading import arriving_irradiance
+from ..query.equal_samples import traced_samples
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import morton_codes
@@ -93,7 +94,8 @@ class Meter:
 
     def __init__(self, scene: AnyScene, settings: MeterSettings, receivers: int):
         self.scene, self.settings, self._samples, self.rays = scene, settings, settings.samples(), 0
-        self._later = receivers * sum(samples.shape[1] for samples in self._samples)
+        self._rays_each = sum(map(traced_samples, settings.lights, self._samples))
+        self._later = receivers * self._rays_each
         self._engine = scene.engine.with_options(settings.plan, settings.threads, None)
 
     def values(self, receivers: ReceiverPoints) -> NDArray[np.float32]:
@@ -111,7 +113,7 @@ class Meter:
         ends = ends._replace(sides=np.where(there, 1, NOTHING).astype(np.int8))
         settings = self.settings
         results = self._engine.shadows(ends, settings.lights, self._samples, time=settings.time, later=self._later)
-        self.rays += int(there.sum()) * sum(samples.shape[1] for samples in self._samples)
+        self.rays += int(there.sum()) * self._rays_each
         return results
 
     def evaluate(self, shadows: Shadows) -> NDArray[np.float32]:

@@ -211,6 +211,9 @@ def shot_fields(spec: "PictureSpec", shot: "Shot") -> Iterator[tuple[str, str]]:
 
 def view_fields(shot: "Shot", speed: float | None = None) -> Iterator[tuple[str, str]]:
     """The names and values from the camera to the rays; `speed`: million rays per second."""
+    from ..query.equal_samples import traced_samples
+    from ..query.light_samples import light_samples
+
     camera, frame, options = shot.camera, shot.frame, shot.options
     spp = options.spp
     yield "camera", f"{camera.width}x{camera.height} from {console.vector(camera.position)}"
@@ -220,7 +223,7 @@ def view_fields(shot: "Shot", speed: float | None = None) -> Iterator[tuple[str,
     yield "lights", ", ".join(_light_text(light) for light in shot.lights)
     if not frame.mask.any():
         yield "", "the camera sees no surface"
-    samples = [light.samples(spp) for light in shot.lights]
+    samples = [traced_samples(light, light_samples(light, spp, options.sampler)) for light in shot.lights]
     each = f"{spp} per pixel and light" if set(samples) == {spp} else f"{' + '.join(map(str, samples))} per pixel"
     finer = "" if options.adaptive is None else f", {options.adaptive} where refined"
     finer += "" if options.bounce is None else f", {options.bounce} bounces per pixel"

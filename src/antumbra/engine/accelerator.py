@@ -19,6 +19,7 @@ from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
 from ..bvh.refit import filter_tree
 from ..devices.device_list import device_budget
+from ..query.equal_samples import any_bit, copy_bits, with_distinct_samples
 from ..query.shadow_query import ShadowQuery, new_bits
 from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
@@ -281,17 +282,23 @@ class Accelerator:
     ) -> list[NDArray[np.uint64]]:
         """Trace several queries whose receivers have the same shape. Returns the bits of each, as from `answer`.
 
+        Equal samples of a receiver are traced once, and its bit is copied; `tally` counts the rays that are traced.
+
         known : as for `Engine.shadows`
         """
-        bits = [new_bits(query) for query in queries]
-        for words, blocked in zip(bits, () if known is None else known):
-            words[...] = blocked
+        traced = [with_distinct_samples(query) for query in queries]
+        bits = [new_bits(query) for query in traced]
+        for words, blocked, few, query in zip(bits, () if known is None else known, traced, queries):
+            words[...] = blocked if few is query else any_bit(blocked)
         trace = self.plan.tracer.trace_all
-        trace(accelerated.prepared, queries, bits, self.threads, tally, progress, known is None)
+        trace(accelerated.prepared, traced, bits, self.threads, tally, progress, known is None)
         if accelerated.cutouts is not None:
-            for query, words in zip(queries, bits):
-                add_shadows(accelerated.cutouts, query, words, self.threads)
-        return bits
+            for few, words in zip(traced, bits):
+                add_shadows(accelerated.cutouts, few, words, self.threads)
+        return [
+            words if few is query else copy_bits(words, query.samples.shape[1])
+            for words, few, query in zip(bits, traced, queries)
+        ]
 
 
 def _meetings(

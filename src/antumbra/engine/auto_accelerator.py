@@ -10,7 +10,8 @@
   follow. The same rule replaces GOOD trees by BEST ones. Trees of animated scenes are refitted from the first GOOD tree
   on, BEST trees included. Where the queries are known, a GUIDED tree, built for a sample of their rays [Feltman et al.
   2012], takes the place of a GOOD one.
-- **Cones.** Queries with one apex, few samples and many rays per triangle need no tree [Olsson and Assarsson 2011].
+- **Cones.** Queries with one apex and few samples need no tree [Olsson and Assarsson 2011]. Their predicted time is
+  compared with that of a tree and its rays: for all triangles, and for those that culling leaves.
 
 The tracer `auto` then chooses the strategy of each query (`auto.strategies`).
 """
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 
 from ..bvh.nodes import Bvh
 from ..kernels.toolchain.kernel_manifest import kernels_of_warm_up
+from ..query.equal_samples import with_distinct_samples
 from ..query.query_bounds import bounds
 from ..query.shadow_query import ShadowQuery
 from ..scene.lights import AMBIENT
@@ -44,7 +46,7 @@ from ..techniques.srdh.representative_rays import (
     SrdhRays,
 )
 from ..trace.tracer import TRACERS
-from ..trace.tracer_cost import TreelessCost
+from ..trace.tracer_cost import QueryFeatures, TreelessCost
 from .accelerator import Accelerated, Accelerator, no_lap
 from .auto.cost_model import (
     BEST,
@@ -84,8 +86,8 @@ class Forecast(NamedTuple):
     strategy: str | None  # of the query that takes longest; None: there is no query
     seconds: float  # of the rays
     lost: float  # seconds that a GUIDED tree would save, compared with a QUICK one
-    rays: int
-    receivers: int
+    features: list[QueryFeatures]  # of each query
+    receivers: int  # those of queries that share their receivers count once
 
 
 # --- The reasons of choices, see `TreeChoice.why` ---------------------------------------------------------------------
@@ -127,10 +129,15 @@ class AutoAccelerator(Accelerator):
         sample: RepresentativeRays | None = None,
         lap: Callable[[str], None] = no_lap,
     ) -> Accelerated:
+        queries = [with_distinct_samples(query) for query in queries]
         memory, n = self.memory, solid_count(triangles)
         extent = SceneExtent(n, np.stack(bounds(triangles.vertices, self.threads)))
         forecast = forecast_of(queries, extent)
         serves_once = memory.first_sight(triangles) and self.culls
+        treeless = self._treeless(n, queries, forecast, extent) if serves_once else None
+        if treeless is not None:
+            memory.moved(triangles)
+            return self._without_tree(treeless, triangles, None)
         culled = self._try_culling(triangles, queries, forecast, extent) if serves_once else None
         if culled is not None:
             lap("cull")
@@ -138,14 +145,12 @@ class AutoAccelerator(Accelerator):
         else:
             self._upgrade_builder(memory.strategies.lost + _loss(memory.expected.later) + forecast.lost, n)
             memory.expected = NO_RAYS
-        remaining = n if culled is None else len(culled.kept)
-        treeless = _treeless(remaining, queries, forecast, extent) if serves_once else None
-        if treeless is not None:
-            memory.moved(triangles)
-            return self._without_tree(treeless, triangles, culled)
         if culled is None:
             return self._whole_tree(triangles, queries)
         memory.moved(triangles)
+        treeless = self._treeless(len(culled.kept), queries, forecast, extent)
+        if treeless is not None:
+            return self._without_tree(treeless, triangles, culled)
         why = f"used once; {len(culled.kept):,} triangles matter"
         choice = self._choice(tree, why, CULLER)
         solid = solid_of(triangles, culled, self.threads)
@@ -203,10 +208,7 @@ class AutoAccelerator(Accelerator):
             return None  # segments reach everything
         if all(is_scattered(query, extent.box) for query in queries):
             return None  # so do those of points everywhere
-        tree = partial(tree_seconds, lost=forecast.lost, tracer=forecast.strategy, guided=_is_guided())
-        direct = tree(n)
-        if memory.updated is not None:
-            direct = min(direct, refit_seconds(n, forecast.strategy))
+        tree, direct = partial(_new_tree_seconds, forecast), self._tree_seconds(n, forecast)
         select, mark = select_seconds(n), mark_seconds(forecast.receivers, len(queries))
         if not _loads.pays("culling", direct - mark - select - tree(round(memory.share * n))):
             return None
@@ -216,6 +218,25 @@ class AutoAccelerator(Accelerator):
             memory.patience, memory.share = _PATIENCE, FIRST_SHARE
             return None
         return select_relevant(triangles, marking, self.threads)
+
+    def _tree_seconds(self, n: int, forecast: Forecast) -> float:
+        """Predicted seconds until there is a tree of n triangles, and to lose in it."""
+        new = _new_tree_seconds(forecast, n)
+        return new if self.memory.updated is None else min(new, refit_seconds(n, forecast.strategy))
+
+    def _treeless(self, n: int, queries: Sequence[ShadowQuery], forecast: Forecast, extent: SceneExtent) -> str | None:
+        """The tracer that is predicted to answer the queries without a tree of n triangles sooner than rays in one."""
+        if not any(features.rays for features in forecast.features):
+            return None
+        with_tree = forecast.seconds + self._tree_seconds(n, forecast)
+        for name, tracer in TRACERS.items():
+            cost = tracer.cost
+            if not isinstance(cost, TreelessCost) or not all(tracer.suits(query, extent.box) for query in queries):
+                continue
+            seconds = 1e-9 * sum(f.rays * cost.rate(f._replace(triangles=n)) for f in forecast.features)
+            if is_compiled(f"{name} (raster)") and _loads.pays(name, with_tree - seconds, cost.load):
+                return name
+        return None
 
     def _builder_for(self, n: int, lost: float) -> str:
         """The builder for n triangles, if rays lose `lost` seconds in a QUICK tree."""
@@ -296,32 +317,25 @@ class AutoAccelerator(Accelerator):
 def forecast_of(queries: Sequence[ShadowQuery], extent: SceneExtent) -> Forecast:
     """Predictions for these queries."""
     n, box = extent
-    total, lost, most, rays = 0.0, 0.0, -1.0, 0
+    total, lost, most, of_queries = 0.0, 0.0, -1.0, list[QueryFeatures]()
     main: str | None = None
     receivers: dict[int, int] = {}  # those of queries that share their receivers count once
     for query in queries:
         features = features_of(query, n, box)
         receivers[id(query.origins)] = features.receivers
-        rays += features.rays
+        of_queries.append(features)
         rate, strategy = min((predicted_rate(name, features), name) for name in suitable_strategies(query, box))
         seconds = rate * features.rays
         total += seconds
         lost += seconds * lost_share(strategy)
         if seconds > most:
             most, main = seconds, strategy
-    return Forecast(main, total, lost, rays, sum(receivers.values()))
+    return Forecast(main, total, lost, of_queries, sum(receivers.values()))
 
 
-def _treeless(n: int, queries: Sequence[ShadowQuery], forecast: Forecast, extent: SceneExtent) -> str | None:
-    """The tracer that is likely to answer the queries without a tree faster than rays in a tree of n triangles."""
-    for name, tracer in TRACERS.items():
-        cost = tracer.cost
-        if not isinstance(cost, TreelessCost) or n > cost.triangles * forecast.rays:
-            continue
-        suits = all(tracer.suits(query, extent.box) for query in queries) and is_compiled(f"{name} (raster)")
-        if suits and _loads.pays(name, cost.saving * forecast.seconds, cost.load):
-            return name
-    return None
+def _new_tree_seconds(forecast: Forecast, n: int) -> float:
+    """Predicted seconds to build the best tree of n triangles for the rays, and to lose in it."""
+    return tree_seconds(n, forecast.lost, forecast.strategy, _is_guided())
 
 
 def _loss(rays: int) -> float:

@@ -11,6 +11,7 @@ from ..engine.auto.strategies import StrategyChoice
 from ..engine.engine import Engine
 from ..engine.tree_choice import TreeChoice
 from ..kernels.small_matrices import dot
+from ..query.equal_samples import with_distinct_samples
 from ..query.gbuffer import GBuffer
 from ..query.shadow_query import ShadowQuery, Surfaces, ray_count, surface_queries
 from ..query.surface_links import PictureSurfaces
@@ -72,7 +73,7 @@ class Frame(NamedTuple):
     visibility: list[NDArray[np.float32]]  # per light (H, W) in [0, 1]: share of the light seen; 1 in the background
     bits: list[NDArray[np.uint64]]  # per light (H, W, ceil(n / 64)): bit s = sample s occluded; 0 in the background
     gbuffer: GBuffer  # the surface that each pixel sees
-    rays: int  # shadow rays, including those of bounced light; diffuse rays are not counted
+    rays: int  # shadow rays traced, with those of bounced light; equal samples of a receiver share one
     timings: dict[str, float]  # seconds of each phase in PHASES, and "total"; compilation is never included
     counters: dict[str, int] | None  # sums over the shadow rays (see trace.counters); None unless requested
     refined: NDArray[np.bool_] | None = None  # (H, W): refined pixels in penumbrae and at edges; None unless requested
@@ -198,7 +199,7 @@ def trace_queries(state: FrameState, queries: list[ShadowQuery]) -> list[TracedQ
 
 def with_known_bits(state: FrameState, queries: list[ShadowQuery], bits: list[np.ndarray]) -> list[TracedQuery]:
     """Pair queries with their answers, and count their rays."""
-    state.rays += sum(ray_count(query) for query in queries)
+    state.rays += sum(ray_count(with_distinct_samples(query)) for query in queries)
     return [state.tracer.traced_query(*each) for each in zip(queries, bits)]
 
 

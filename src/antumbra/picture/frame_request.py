@@ -14,6 +14,7 @@ from ..engine.plan import Plan
 from ..engine.primary_visibility import primary_visibility
 from ..engine.scene import AnyScene
 from ..engine.sources.source_protocols import CELL_BYTES, CameraView, FrameMemory, moment_of, ray_set_count
+from ..query.equal_samples import traced_samples, with_distinct_samples
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.pixel_refinement import FinerSamples, finer_samples
@@ -73,7 +74,7 @@ def ray_counts(request: Request) -> tuple[int, int]:
     Later rays are those of bounced light with their shadow rays, of refined edges, and of the ground.
     """
     pixels = request.camera.width * request.camera.height
-    rays = pixels * sum(samples.shape[1] for samples in request.samples)
+    rays = pixels * sum(map(traced_samples, request.lights, request.samples))
     bounced = 0 if request.passes is None else len(request.passes.directions) * (1 + len(request.lights))
     others = (request.finer is not None) + (request.ground is not None)
     return rays, _grid_pixels(request) * bounced + rays * others
@@ -146,7 +147,7 @@ class PictureQueries(NamedTuple):
     gbuffer: GBuffer
     lights: list[Light]
     samples: list[np.ndarray]
-    queries: list[ShadowQuery]
+    queries: list[ShadowQuery]  # of one sample where all samples of a receiver are equal
 
 
 def picture_queries(
@@ -163,7 +164,9 @@ def picture_queries(
     triangles = scene.triangles(moment.time, threads)
     gbuffer = primary_visibility(triangles, moment.camera, None, threads)
     queries = shadow_queries(triangles, gbuffer, request.lights, request.samples, request.facing, threads)
-    return PictureQueries(None, triangles, gbuffer, request.lights, request.samples, queries)
+    return PictureQueries(
+        None, triangles, gbuffer, request.lights, request.samples, list(map(with_distinct_samples, queries))
+    )
 
 
 def _picture_of_store(scene: AnyScene, request: Request, threads: int, plan: Plan | None) -> PictureQueries:
@@ -173,7 +176,14 @@ def _picture_of_store(scene: AnyScene, request: Request, threads: int, plan: Pla
     camera, (triangles, tree) = request.camera, moment_of(source, 0.0)
     surfaces = source.look(CameraView(camera, triangles, tree, slice(0, camera.height)))
     queries = surface_queries(surfaces, request.lights, request.samples, request.facing, threads)
-    return PictureQueries(source, surfaces.triangles, surfaces.gbuffer, request.lights, request.samples, queries)
+    return PictureQueries(
+        source,
+        surfaces.triangles,
+        surfaces.gbuffer,
+        request.lights,
+        request.samples,
+        list(map(with_distinct_samples, queries)),
+    )
 
 
 def build_for(accelerator: Accelerator, picture: PictureQueries) -> Accelerated:

@@ -30,6 +30,7 @@ from ..kernels.simd import (
     splat16,
     swap_halves,
 )
+from ..query.equal_samples import with_distinct_samples
 from ..query.pixel_refinement import penumbra
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, fraction_lit, patch_of, query_pointers, sample_of, set_of, three_at
@@ -267,10 +268,8 @@ def is_soft(query: ShadowQuery) -> bool:
 
 
 def without_equal_samples(query: ShadowQuery) -> ShadowQuery:
-    """The query, with a single sample if the light has no extent, since all its samples are equal."""
-    if is_soft(query) or is_list(query.light):
-        return query
-    return query._replace(samples=np.ascontiguousarray(query.samples[:, :1]))
+    """The query with a single sample if all samples of a light are equal. Lists keep theirs: each is another light."""
+    return query if is_list(query.light) else with_distinct_samples(query)
 
 
 def light_fractions(

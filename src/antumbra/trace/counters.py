@@ -29,7 +29,7 @@ COUNTERS = (
 )
 """Counter names, in the order of the array:
 
-- rays of the query; rays that their receiver's own surface blocks
+- rays of the query, one for all equal samples of a receiver; rays that their receiver's own surface blocks
 - inner nodes visited; boxes tested; triangles tested
 - tests undecided in float32, repeated in float64 unless the ray misses the triangle's bounds; tests undecided in
   float64, repeated in exact arithmetic

@@ -96,13 +96,12 @@ class Cost(NamedTuple):
 
 
 class TreelessCost(NamedTuple):
-    """The cost of a tracer without a tree, compared with rays through a tree.
+    """The cost of a tracer without a tree, compared with that of a tree and its rays.
 
-    With few triangles per ray it is faster than any tree; with many, it is not considered.
+    `QueryFeatures.triangles` are those that are traced: without the ones that culling has dropped.
     """
 
-    triangles: float  # the most per ray
-    saving: float  # share of the predicted time of the rays
-    reason: str = "few triangles per ray"  # why it is chosen, see `TreeChoice.why`
+    rate: Callable[[QueryFeatures], float]  # nanoseconds per ray, all that the query needs included
+    reason: str = "faster than a tree for its rays"  # why it is chosen, see `TreeChoice.why`
     load: float = 0.03  # seconds to load its kernels, once per process
     quick_overhead: float = 0.0  # as in `Cost`; there is no tree

@@ -15,6 +15,7 @@ from ..kernels.elementary import exp2
 from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, ptr, put, stack_i32
+from ..query.equal_samples import any_bit, with_distinct_samples
 from ..query.shadow_query import ShadowQuery, count_occluded, fraction_lit, new_bits, patch_of, query_pointers
 from ..scene.alpha_masks import DARK, HALVING
 from .alpha_cutouts import CutoutTree, DepthSum, ray_to_sample, sum_depths, texel_pointers
@@ -155,6 +156,10 @@ def transmission(
     """
     if tree is None or not tree.channels:
         return None
+    samples = query.samples.shape[1]
+    few = with_distinct_samples(query)
+    if few is not query:
+        query, bits = few, any_bit(bits)
     met = new_bits(query)
     trace_shadow(tree.blocks, query, met, threads)
     receivers = np.flatnonzero(((met & ~bits) != 0).any(-1))
@@ -165,4 +170,6 @@ def transmission(
     run(_transmit, thread_count(threads), ticket, tree.bvh, tree.texels, query, met, bits, receivers, _POWERS, values)
     rows = np.full(query.sides.shape, -1, np.int32)
     rows.reshape(-1)[receivers] = np.arange(len(receivers), dtype=np.int32)
+    if few.samples.shape[1] < samples:
+        values = np.repeat(values, samples, 1)
     return Transmission(rows, values)

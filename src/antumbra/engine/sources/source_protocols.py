@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.progress import ProgressCallback
+from ...query.equal_samples import traced_samples
 from ...query.ray_list import RayArguments, TracedRays
 from ...query.ray_passes import RayPass
 from ...query.receivers import Receivers
@@ -91,7 +92,7 @@ class PointQuery(NamedTuple):
     @property
     def rays(self) -> int:
         """The number of rays."""
-        return self.receivers.n * sum(int(each.shape[1]) for each in self.samples)
+        return self.receivers.n * sum(map(traced_samples, self.lights, self.samples))
 
 
 class PointSource(Protocol):

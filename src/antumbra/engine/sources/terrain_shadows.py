@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...base.memory import available_memory
 from ...base.progress import ProgressCallback
+from ...query.equal_samples import copy_bits, with_distinct_samples
 from ...query.ray_list import HitArrays, RayArguments, TracedRays, changed_error, hit_arrays
 from ...query.receivers import Receivers
 from ...query.shadow_query import ShadowQuery, new_bits
@@ -91,11 +92,13 @@ class TerrainPyramid:
         """The shadow query of each light, with its answer."""
         traced, in_rows = [], self.has_stencils(points, any)
         for query in queries_of(points, self._frame, _NO_CORNERS, threads):
-            bits, stencils = new_bits(query), self._stencils(query) if in_rows else None
+            few = with_distinct_samples(query)
+            bits, stencils = new_bits(few), self._stencils(few) if in_rows else None
             if stencils is None:
-                trace_terrain(self.tree, query, bits, threads, progress)
+                trace_terrain(self.tree, few, bits, threads, progress)
             else:
-                trace_stencils(*self.relief, stencils, query, bits, threads, progress)
+                trace_stencils(*self.relief, stencils, few, bits, threads, progress)
+            bits = bits if few is query else copy_bits(bits, query.samples.shape[1])
             traced.append(TracedQuery(query, bits, None))
         return traced
 

@@ -18,6 +18,7 @@ from ...base.errors import InputError
 from ...bvh import lbvh
 from ...bvh.nodes import Bvh
 from ...bvh.triangle_bounds import MAX_COORDINATE
+from ...query.equal_samples import with_distinct_samples
 from ...query.gbuffer import GBuffer
 from ...query.shadow_query import ShadowQuery, segments, shadow_queries
 from ...scene.lights import Light
@@ -262,7 +263,7 @@ class RepresentativeRaySelector:
         """
         if self.asked.origins is not None:
             return RepresentativeRays(_explicit_segments(self.asked, triangles.origin, queries[0].cull_faces), bvh)
-        queries = [_sparse_query(query, self.asked) for query in queries]
+        queries = [_sparse_query(with_distinct_samples(query), self.asked) for query in queries]
         if self.asked.bounce:
             if bounce is None:
                 raise InputError("srdh_rays requests bounced rays, which only images have")
