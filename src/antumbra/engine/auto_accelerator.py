@@ -61,6 +61,7 @@ from .auto.cost_model import (
     select_seconds,
     tree_seconds,
 )
+from .auto.one_picture import few
 from .auto.query_features import features_of, is_scattered, size_of
 from .auto.strategies import AutoState, SceneExtent, TreelessState, TreeUpgrade, suitable_strategies
 from .method_registry import BUILDERS, OPTIMISERS
@@ -151,7 +152,7 @@ class AutoAccelerator(Accelerator):
         memory, n = self.memory, solid_count(triangles)
         extent = SceneExtent(n, np.stack(bounds(triangles.vertices, self.threads)))
         forecast = forecast_of(queries, extent)
-        serves_once = memory.first_sight(triangles) and self.culls
+        serves_once = memory.first_sight(triangles) and self.culls and few() is None
         culled = self._try_culling(triangles, queries, forecast, extent) if serves_once else None
         if culled is not None:
             lap("cull")

@@ -11,17 +11,30 @@ recomputing the same results. The patches do not change any result of Numba. The
 of Numba are not affected. A patch that does not apply to the installed version is skipped.
 """
 
+import functools
 import gc
 import inspect
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from functools import cache
 from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 from numba import _dynfunc  # type: ignore[attr-defined]
-from numba.core import cgutils, codegen, compiler, compiler_machinery, errors, event, ir, lowering, postproc
-from numba.core import transforms, typeinfer, types, utils
+from numba.core import (
+    cgutils,
+    codegen,
+    compiler,
+    compiler_machinery,
+    errors,
+    event,
+    ir,
+    lowering,
+    postproc,
+    transforms,
+    typeinfer,
+    types,
+    utils,
+)
 from numba.core import typed_passes as typed
 from numba.core import untyped_passes as untyped
 from numba.core.imputils import user_function
@@ -153,6 +166,8 @@ def _hash_of_type(self: Any) -> int:
 
 PATCHES = (
     (event, "broadcast", lambda event: None),  # nothing listens to Numba's events
+    (event, "start_event", lambda kind, data=None: None),  # two for each call of LLVM
+    (event, "end_event", lambda kind, data=None, exc_details=None: None),
     (functions.BaseFunction, "get_call_type", _cached_call_type),
     (ir.Stmt, "list_vars", _list_vars),
     (ir.Expr, "list_vars", _list_vars),
@@ -161,7 +176,7 @@ PATCHES = (
     (lowering, "new_error_context", _ErrorContext),
     (typeinfer, "new_error_context", _ErrorContext),
     (types.Type, "__hash__", _hash_of_type),
-    (utils, "pysignature", cache(inspect.signature)),
+    (utils, "pysignature", functools.cache(inspect.signature)),
 )
 
 # --- Libraries --------------------------------------------------------------------------------------------------------
