@@ -405,6 +405,7 @@ class Rendering(NamedTuple):
 
     def trace(self, display: ProgressDisplay, executor: "Executor | None") -> "Animation | Traced":
         """Open the scene, and trace the picture, or the frames of an animation, which are also saved."""
+        from ..engine.plan_records import one_picture
         from ..work.executors import LocalExecutor
 
         display.say("reading the scene")
@@ -420,7 +421,8 @@ class Rendering(NamedTuple):
         start = perf_counter()
         shot: Shot | None
         if executor is None:
-            shot = spec.shot(scene, spec.renderer(scene), self.time, display.parts, self.is_linear)
+            with one_picture():
+                shot = spec.shot(scene, spec.renderer(scene), self.time, display.parts, self.is_linear)
         else:
             shot = spec.shot_in_bands(scene, self.time, executor, digest, self.is_linear)
         return Traced(spec, scene, digest, load, shot, perf_counter() - start)

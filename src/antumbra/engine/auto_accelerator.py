@@ -64,6 +64,7 @@ from .auto.cost_model import (
     tree_seconds,
 )
 from .auto.kernel_loads import KernelLoads
+from .auto.one_picture import few
 from .auto.query_features import features_of, is_scattered, size_of
 from .auto.strategies import AutoState, SceneExtent, TreelessState, TreeUpgrade, suitable_strategies
 from .method_registry import BUILDERS, OPTIMISERS
@@ -133,7 +134,7 @@ class AutoAccelerator(Accelerator):
         memory, n = self.memory, solid_count(triangles)
         extent = SceneExtent(n, np.stack(bounds(triangles.vertices, self.threads)))
         forecast = forecast_of(queries, extent)
-        serves_once = memory.first_sight(triangles) and self.culls
+        serves_once = memory.first_sight(triangles) and self.culls and few() is None
         treeless = self._treeless(n, queries, forecast, extent) if serves_once else None
         if treeless is not None:
             memory.moved(triangles)

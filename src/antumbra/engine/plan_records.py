@@ -1,12 +1,41 @@
 """The records of the kernels with which plans render, and compiling those that are missing."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
 from ..kernels.toolchain.compile_pool import KernelRequest
 from ..kernels.toolchain.kernel_manifest import kernels_of_warm_up
+from .auto.one_picture import LIMITS, Few
 from .plan import Plan
 from .precompilation import compile_missing, precompile
+
+
+@contextmanager
+def one_picture() -> Iterator[None]:
+    """Within the context, this process makes a single picture.
+
+    If kernels of the default fixed plan are missing on disk, `auto` compiles and uses only these. The next process
+    compiles the rest.
+    """
+    LIMITS.makes_one_picture = True
+    try:
+        yield
+    finally:
+        LIMITS.makes_one_picture = False
+        if LIMITS.few is not None:
+            LIMITS.few = None
+            precompile_plan.cache_clear()
+
+
+def _prepare_one_picture(gbuffer: str, counters: bool) -> bool:
+    """Compile the kernels of the default fixed plan, and limit `auto` to them if any were missing."""
+    fixed = Plan()
+    if compile_missing(kernels_of_plan(fixed, gbuffer, counters and fixed.tracer.counts_apart) or ()) == 0:
+        return False
+    LIMITS.few = Few(fixed.trace, fixed.build)
+    return True
 
 
 @cache
@@ -20,6 +49,8 @@ def precompile_plan(plan: Plan, gbuffer: str, counters: bool = False) -> bool:
     bool
         Whether kernels without a record may still be missing: some were, and the plan has no record of its own.
     """
+    if plan.chooses and LIMITS.makes_one_picture and _prepare_one_picture(gbuffer, counters):
+        return False
     counters = counters and plan.tracer.counts_apart
     if plan.trace == "cones":
         precompile("cones, wide lights")

@@ -19,6 +19,7 @@ from ...kernels.processor import level
 from ...kernels.toolchain.kernel_cache import cache_root
 from ...trace.tracer import TRACERS, Tracer
 from ...trace.tracer_cost import Cost, QueryFeatures
+from .one_picture import few
 
 QUICK, GOOD, GUIDED, BEST = "lbvh", "bsah", "srdh", "bsah+reinsert"
 """Builders: the fastest build, a good trade-off of build and ray time, the fastest rays of known queries [Feltman et
@@ -130,6 +131,8 @@ def choose_builder(triangles: int, lost: float, guided: bool) -> str:
     lost : seconds that rays lose in a QUICK tree, see `lost_share`
     guided : whether sample rays are known
     """
+    if (only := few()) is not None:
+        return only.builder
     costs = _tree_costs(triangles, lost, guided)
     return min(costs, key=costs.__getitem__)
 

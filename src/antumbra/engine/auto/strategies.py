@@ -36,6 +36,7 @@ from .cost_model import (
     strategies,
 )
 from .kernel_loads import worth_loading
+from .one_picture import few
 from .query_features import (
     features_of,
     if_sorted,
@@ -60,7 +61,9 @@ def suitable_strategies(query: ShadowQuery, box: Box) -> list[str]:
     """
     if query.sides.size * query.samples.shape[1] > _FEW_RAYS:
         try_plugins(METHODS)
-    return [name for name, tracer in strategies().items() if tracer.suits(query, box)]
+    suitable = [name for name, tracer in strategies().items() if tracer.suits(query, box)]
+    only = few()
+    return [only.tracer] if only is not None and only.tracer in suitable else suitable
 
 
 class SceneExtent(NamedTuple):

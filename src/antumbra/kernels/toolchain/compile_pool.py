@@ -10,6 +10,7 @@ starts faster. If the caller is killed, the system closes the pipe of requests, 
 middle of a kernel.
 """
 
+import gc
 import json
 import os
 import signal
@@ -54,6 +55,7 @@ def serve() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # other output must not be mistaken for an answer
     import_numba()
+    gc.disable()  # also between kernels: the process is short, and nearly all that Numba creates lives as long
     from .device_code import FORMS, load_or_compile_forms
     from .kernel_cache import KernelFolder, cache_folder
     from .kernel_digest import kernel_digest

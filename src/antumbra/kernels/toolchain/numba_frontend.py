@@ -11,6 +11,7 @@ recomputing the same results. The patches do not change any result of Numba. The
 of Numba are not affected. A patch that does not apply to the installed version is skipped.
 """
 
+import functools
 import gc
 import inspect
 from collections.abc import Callable, Iterable, Iterator
@@ -19,7 +20,21 @@ from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 from numba import _dynfunc  # type: ignore[attr-defined]
-from numba.core import cgutils, codegen, compiler, compiler_machinery, event, ir, types
+from numba.core import (
+    cgutils,
+    codegen,
+    compiler,
+    compiler_machinery,
+    errors,
+    event,
+    ir,
+    lowering,
+    postproc,
+    transforms,
+    typeinfer,
+    types,
+    utils,
+)
 from numba.core import typed_passes as typed
 from numba.core import untyped_passes as untyped
 from numba.core.imputils import user_function
@@ -106,11 +121,62 @@ def _list_vars(self: Any) -> list[ir.Var]:
     return _variables(vars(self).values(), [])
 
 
+_post_process = postproc.PostProcessor.run
+
+
+def _brief_post_process(self: Any, emit_dels: bool = False, extend_lifetimes: bool = False) -> None:
+    """Numba's analysis of a function after each pass, without the live variables of blocks, which only generators need.
+
+    Lifetimes are computed when they are read.
+    """
+    function = self.func_ir
+    if function.is_generator:
+        _post_process(self, emit_dels, extend_lifetimes)
+        return
+    function.blocks = transforms.canonicalize_cfg(function.blocks)
+    function.variable_lifetime = postproc.VariableLifetime(function.blocks)
+    function.generator_info = None
+    if emit_dels:
+        self._insert_var_dels(extend_lifetimes=extend_lifetimes)
+
+
+class _ErrorContext:
+    """Numba's `new_error_context`, which adds what was compiled to an error, as a class: generators take longer."""
+
+    __slots__ = ("arguments", "by_name", "text")
+
+    def __init__(self, text: str, *arguments: Any, **by_name: Any) -> None:
+        self.text, self.arguments, self.by_name = text, arguments, by_name
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        if isinstance(error, errors.NumbaError):
+            error.add_context(self.text.format(*self.arguments, **self.by_name))
+
+
+def _hash_of_type(self: Any) -> int:
+    """The hash of a type, computed once: keys are nested tuples."""
+    known: int | None = self.__dict__.get("_antumbra_hash")
+    if known is None:
+        known = self.__dict__["_antumbra_hash"] = hash(self.key)
+    return known
+
+
 PATCHES = (
     (event, "broadcast", lambda event: None),  # nothing listens to Numba's events
+    (event, "start_event", lambda kind, data=None: None),  # two for each call of LLVM
+    (event, "end_event", lambda kind, data=None, exc_details=None: None),
     (functions.BaseFunction, "get_call_type", _cached_call_type),
     (ir.Stmt, "list_vars", _list_vars),
     (ir.Expr, "list_vars", _list_vars),
+    (ir.Assign, "__str__", lambda self: "an assignment"),  # lowering formats each for a debugger that is off
+    (postproc.PostProcessor, "run", _brief_post_process),
+    (lowering, "new_error_context", _ErrorContext),
+    (typeinfer, "new_error_context", _ErrorContext),
+    (types.Type, "__hash__", _hash_of_type),
+    (utils, "pysignature", functools.cache(inspect.signature)),
 )
 
 # --- Libraries --------------------------------------------------------------------------------------------------------
@@ -244,7 +310,6 @@ _PASSES = (
     (untyped.DeadBranchPrune, "dead branches"),
     (typed.NopythonTypeInference, "types"),
     (typed.PreLowerStripPhis, "phi nodes"),
-    (typed.NopythonRewrites, "typed rewrites"),
     (typed.IRLegalization, "legal IR"),
     (typed.NativeLowering, "lowering"),
 )
