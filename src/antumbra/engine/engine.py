@@ -237,13 +237,12 @@ class Engine(RayQueries):
             return cast(Hit, HitFaces(*(cast(np.ndarray, each) for each in (t, face, u, v))))
         rays = rays_of(origins, directions, hit_filter, self._frame, self._n_faces, None, self._moment(time))
         hits, find = self._rays.trace_rays(rays, False, self._count(threads))
-        _, face, t, u, v = hits
-        shape = rays.shape
-        if len(shape) != 1:
-            t, face, u, v = t.reshape(shape), face.reshape(shape), u.reshape(shape), v.reshape(shape)
+        faces = HitFaces(hits.t, hits.face, hits.u, hits.v)
+        if len(rays.shape) != 1:
+            faces = HitFaces(*(array.reshape(rays.shape) for array in (hits.t, hits.face, hits.u, hits.v)))
         assert find is not None
         data = self.data
-        return Hit.of_scene(HitFaces(t, face, u, v), find, lambda: data.object_of_face)
+        return Hit.of_scene(faces, find, lambda: data.object_of_face)
 
     def _all_hits(
         self, origins: ArrayLike, directions: ArrayLike | None, hits: HitFilter, targets: ArrayLike | None,

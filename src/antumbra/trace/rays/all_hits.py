@@ -200,7 +200,7 @@ class _Batches(NamedTuple):
 
 
 _NONE = np.empty(0, np.int64)
-_BATCHES = ArgumentForm(_Batches(_NONE, 0, *[_NONE] * 4, np.empty(0, np.bool_)))
+_BATCHES = ArgumentForm(_Batches(_NONE, 0, _NONE, _NONE, _NONE, _NONE, np.empty(0, np.bool_)))
 
 
 class _Scratch(NamedTuple):
@@ -375,13 +375,12 @@ def _in_order(rounds: list[_Round], max_hits: int | None, threads: int) -> AllHi
     offsets = _offsets(counts if max_hits is None else np.minimum(counts, max_hits))
     n_hits, places = int(offsets[-1]), batches.places
     if max_hits is None and len(rounds) == 1 and (len(places) == 1 or bool((places[1:] >= places[:-1]).all())):
-        hits = HitArrays(out.blocked, *(array[:n_hits] for array in out[1:]))
-    else:
-        hits = hit_arrays(n_hits, False)
-        for batches, out in rounds:
-            stored = batches.places >= 0
-            some = batches._replace(numbers=batches.numbers[stored], places=batches.places[stored])
-            run(_copy, threads, new_ticket(len(some.numbers), _CHUNK), some, offsets, out, hits)
+        return AllHits(offsets, out.t[:n_hits], out.face[:n_hits], out.u[:n_hits], out.v[:n_hits])
+    hits = hit_arrays(n_hits, False)
+    for batches, out in rounds:
+        stored = batches.places >= 0
+        some = batches._replace(numbers=batches.numbers[stored], places=batches.places[stored])
+        run(_copy, threads, new_ticket(len(some.numbers), _CHUNK), some, offsets, out, hits)
     return AllHits(offsets, hits.t, hits.face, hits.u, hits.v)
 
 

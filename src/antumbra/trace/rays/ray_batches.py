@@ -279,7 +279,7 @@ class _BatchScratch:
     def __init__(self) -> None:
         self.ticket, faults, counters = new_ticket(0, _CHUNK), np.zeros(1, np.bool_), new_counters()
         self.packed = packed(self.ticket), packed(faults), packed(counters)
-        self._ticket, self.faults = memoryview(self.ticket), memoryview(faults)  # faster for single elements
+        self._ticket, self.faults = self.ticket.data, faults.data  # faster for single elements
 
     def begin(self, blocks: int) -> None:
         ticket = self._ticket
