@@ -1,11 +1,12 @@
 """Drop-in faces beside the libraries whose calls they have: times, and wrong answers.
 
-    python benchmarks/drop_in.py [SCENE ...] [--rays N] [--small N] [--rounds N] [--json FILE]
+    python benchmarks/drop_in.py [SCENE ...] [--rays N ...] [--small N] [--rounds N] [--json FILE]
 
 The contenders are called as users call them, on all cores that they use: ``at.trimesh_ray(mesh)`` and trimesh's own
 ``mesh.ray`` with embreex, and both RaycastingScenes. Rays start anywhere in the bounds of a scene, with random
 directions; points lie in the bounds. The default scenes are the Stanford bunny, Sponza and Delft from $ANTUMBRA_SCENES,
-or from ../shared/scenes beside the repository, else generated ones.
+or from ../shared/scenes beside the repository, else generated ones. Each query is timed with 1, 100, 10,000 and
+1,000,000 rays or points a call; "first call" is a new intersector's, with its set-up and 1,000 any-hit rays.
 
 Wrong answers are counted on balls in coordinates that float32 holds, against integer arithmetic (`zoo_truth`): hits of
 rays through vertices and edges, of rays through thin layers, and points next to a surface. Each case comes at the
@@ -15,6 +16,7 @@ origin, and a million units away.
 import json
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from statistics import median
 from time import perf_counter
 from typing import NamedTuple
@@ -34,6 +36,7 @@ from zoo_truth import crossings, in_a_plane
 REAL = "stanford_bunny", "sponza_crytek", "delft_city"
 GENERATED = {"atrium": 100_000, "city": 100_000}  # names of procedural scenes, and their triangles
 TRIMESH, OPEN3D = "trimesh, Embree", "Open3D"
+COUNTS = 1, 100, 10_000, 1_000_000
 
 # --- Contenders -------------------------------------------------------------------------------------------------------
 
@@ -100,18 +103,29 @@ def _rtree():
     return RayMeshIntersector
 
 
-def pairs(mesh: trimesh.Trimesh) -> Iterator[tuple[str, Contender, Contender | None]]:
+Maker = Callable[[trimesh.Trimesh], Contender]
+
+
+def makers() -> Iterator[tuple[str, Maker, Maker | None]]:
     """(peer, ours, theirs) for each face; `theirs` is None if the peer is not installed."""
-    theirs = trimesh_calls(_embreex()(mesh)) if installed(_embreex) else None
-    yield TRIMESH, trimesh_calls(at.trimesh_ray(mesh)), theirs
-    yield OPEN3D, open3d_calls(_filled(RaycastingScene(), mesh, np.asarray), np.asarray), _open3d(mesh)
+    theirs = _embreex() if installed(_embreex) else None
+    peer = theirs and (lambda mesh: trimesh_calls(theirs(mesh)))
+    yield TRIMESH, lambda mesh: trimesh_calls(at.trimesh_ray(mesh)), peer
+    yield OPEN3D, lambda mesh: open3d_calls(_filled(RaycastingScene(), mesh, np.asarray), np.asarray), _open3d()
 
 
-def _open3d(mesh: trimesh.Trimesh) -> Contender | None:
+def pairs(mesh: trimesh.Trimesh) -> Iterator[tuple[str, Contender, Contender | None]]:
+    """`makers`, with the contenders for a mesh."""
+    for peer, ours, theirs in makers():
+        yield peer, ours(mesh), theirs and theirs(mesh)
+
+
+def _open3d() -> Maker | None:
     if not installed(open3d_rays.library):
         return None
     o3d = open3d_rays.library()
-    return open3d_calls(_filled(o3d.t.geometry.RaycastingScene(), mesh, o3d.core.Tensor), o3d.core.Tensor)
+    tensor = o3d.core.Tensor
+    return lambda mesh: open3d_calls(_filled(o3d.t.geometry.RaycastingScene(), mesh, tensor), tensor)
 
 
 def _filled(scene, mesh: trimesh.Trimesh, tensor: Callable):
@@ -136,35 +150,59 @@ def meshes(paths: list) -> Iterator[tuple[str, trimesh.Trimesh]]:
         yield name, trimesh.Trimesh(soup, np.arange(len(soup)).reshape(-1, 3))
 
 
-def time_queries(name: str, mesh: trimesh.Trimesh, n: int, rounds: int) -> list[dict]:
-    """A row per peer and query, with medians over rounds in which both contenders alternate."""
+def time_queries(name: str, mesh: trimesh.Trimesh, counts: list[int], rounds: int) -> list[dict]:
+    """A row per peer, query and number of rays, with medians over rounds in which both contenders alternate."""
     rng = np.random.default_rng(1)
+    n = max(counts)
     rays = Rays(rng.uniform(*mesh.bounds, (n, 3)), rng.normal(size=(n, 3)).astype(np.float32))
-    few, rows = Rays(*(each[:1000] for each in rays)), []
+    rows = []
+
+    def add(peer: str, query: str, count: int, calls: list[Callable[[], object]], repeats: int) -> None:
+        times = [[_seconds(each, repeats) for each in calls] for _ in range(rounds)]
+        seconds = [median(column) for column in zip(*times)]
+        row = {"scene": name, "triangles": len(mesh.faces), "query": query, "peer": peer, "queries": count}
+        row |= {"ours": seconds[0], "theirs": seconds[1] if len(seconds) > 1 else None}
+        row["ratio"] = None if row["theirs"] is None else seconds[1] / seconds[0]
+        rows.append(row)
+        print(_line(row), flush=True)
+
+    some = _first(rays, 1000)
     for peer, ours, theirs in pairs(mesh):
         for query, call in ours.items():
             calls = [call] if theirs is None else [call, theirs[query]]
             for each in calls:
-                each(few)  # builds trees and compiles kernels
-            times = [[_seconds(each, rays) for each in calls] for _ in range(rounds)]
-            seconds = [median(column) for column in zip(*times)]
-            row = {"scene": name, "triangles": len(mesh.faces), "query": query, "peer": peer, "queries": n}
-            row |= {"ours": seconds[0], "theirs": seconds[1] if theirs else None}
-            row["ratio"] = seconds[1] / seconds[0] if theirs else None
-            rows.append(row)
-            print(_line(row), flush=True)
+                each(some)  # builds trees and compiles kernels
+            for count in counts:
+                part = _first(rays, count)
+                add(peer, query, count, [partial(each, part) for each in calls], max(1, _REPEATED // count))
+    for peer, *both in makers():
+        starts = [partial(_start, make, mesh, some) for make in both if make is not None]
+        add(peer, "first call", 1000, starts, 1)
     return rows
 
 
-def _seconds(call: Callable, rays: Rays) -> float:
+_REPEATED = 1000  # rays of the calls whose mean is one time
+
+
+def _first(rays: Rays, n: int) -> Rays:
+    return Rays(*(each[:n] for each in rays))
+
+
+def _start(make: Maker, mesh: trimesh.Trimesh, rays: Rays) -> None:
+    make(mesh.copy())["any hit"](rays)
+
+
+def _seconds(call: Callable[[], object], repeats: int) -> float:
+    """The mean time of a call."""
     begin = perf_counter()
-    call(rays)
-    return perf_counter() - begin
+    for _ in range(repeats):
+        call()
+    return (perf_counter() - begin) / repeats
 
 
 def _line(row: dict) -> str:
-    text = f"{row['scene']:16} {row['query']:14} {row['peer']:16} {row['ours']:8.3f} s"
-    return text if row["ratio"] is None else f"{text} {row['theirs']:8.3f} s {row['ratio']:7.2f} x"
+    text = f"{row['scene']:16} {row['query']:14} {row['peer']:16} {row['queries']:9,} {1e3 * row['ours']:10.3f} ms"
+    return text if row["ratio"] is None else f"{text} {1e3 * row['theirs']:10.3f} ms {row['ratio']:7.2f} x"
 
 
 # --- Wrong answers ----------------------------------------------------------------------------------------------------
@@ -249,7 +287,7 @@ def count_wrong(n: int, seed: int = 1) -> list[dict]:
 
 def main() -> None:
     parser = arguments(__doc__)
-    parser.add_argument("--rays", type=int, default=1_000_000, help="rays and points of each timed query")
+    parser.add_argument("--rays", type=int, nargs="+", default=COUNTS, help="rays and points of each timed query")
     parser.add_argument("--small", type=int, default=1_000, help="rays and points of each case of wrong answers")
     parser.set_defaults(rounds=5)
     options = parser.parse_args()

@@ -142,13 +142,13 @@ def test_wrong_elsewhere(run, hidden, tmp_path):
 
 
 def test_drop_in(run, small, hidden):
-    sizes = "--rays", 200, "--small", 30, "--rounds", 1
+    sizes = "--rays", 1, 200, "--small", 30, "--rounds", 1
     done = run("drop_in", small, *sizes, without=f"{hidden},rtree")
     check_left_out(done, *(["trimesh"] if without_embree(hidden) else []), "Open3D", "trimesh")
-    names = [(row["peer"], row["query"]) for row in done.rows]
-    assert len(set(names)) == len(names) == 10 and {peer for peer, _ in names} == {"trimesh, Embree", "Open3D"}
+    names = [(row["peer"], row["query"], row["queries"]) for row in done.rows]
+    assert len(set(names)) == len(names) == 22 and {peer for peer, _, _ in names} == {"trimesh, Embree", "Open3D"}
     timed = [row for row in done.rows if row["ratio"] is not None]
-    assert all(row["ours"] > 0.0 for row in done.rows) and len(timed) == (0 if without_embree(hidden) else 5)
+    assert all(row["ours"] > 0.0 for row in done.rows) and len(timed) == (0 if without_embree(hidden) else 11)
     lines = [line for line in done.out.splitlines() if line.endswith(" wrong")]
     ours = [line for line in lines if "Antumbra as " in line]
     assert len(ours) == 16 and all(" 0 of 30 wrong" in line for line in ours)

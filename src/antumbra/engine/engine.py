@@ -227,7 +227,8 @@ class Engine(RayQueries):
             resident = self._resident(origins, directions, targets, hits, True, time, threads)
             return cast(NDArray[np.bool_], resident[0])
         rays = rays_of(origins, directions, hits, self._frame, self._n_faces, targets, self._moment(time))
-        return self._rays.trace_rays(rays, True, self._count(threads)).hits.blocked.reshape(rays.shape)
+        blocked = self._rays.trace_rays(rays, True, self._count(threads)).hits.blocked
+        return blocked if len(rays.shape) == 1 else blocked.reshape(rays.shape)
 
     def _closest_hit(
         self, origins: ArrayLike, directions: ArrayLike | None, hit_filter: HitFilter, time: float, threads: int | None
@@ -237,7 +238,9 @@ class Engine(RayQueries):
             return cast(Hit, HitFaces(*(cast(np.ndarray, each) for each in (t, face, u, v))))
         rays = rays_of(origins, directions, hit_filter, self._frame, self._n_faces, None, self._moment(time))
         hits, find = self._rays.trace_rays(rays, False, self._count(threads))
-        faces = HitFaces(*(array.reshape(rays.shape) for array in (hits.t, hits.face, hits.u, hits.v)))
+        faces = HitFaces(hits.t, hits.face, hits.u, hits.v)
+        if len(rays.shape) != 1:
+            faces = HitFaces(*(array.reshape(rays.shape) for array in (hits.t, hits.face, hits.u, hits.v)))
         assert find is not None
         data = self.data
         return Hit.of_scene(faces, find, lambda: data.object_of_face)

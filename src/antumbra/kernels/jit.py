@@ -119,7 +119,7 @@ class kernel(inlined):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        self._functions: dict[Key, Callable[[bytes], Any]] = {}
+        self._functions: dict[Key, tuple[Callable[[bytes], Any], Callable[..., bytes]]] = {}  # and how to pack values
         self._codes: dict[
             str, Callable[[bytes], Any]
         ] = {}  # by the text of a key, which is the same for a `Packed` and its value
@@ -131,8 +131,8 @@ class kernel(inlined):
         if len(arguments) != len(self._names):
             arguments = self._completed(arguments, by_name)
         key, values = flatten(arguments)
-        code = self._functions.get(key) or self._find(key)
-        return code(struct_of(key).pack(*values))
+        code, pack = self._functions.get(key) or self._find(key)
+        return code(pack(*values))
 
     def _completed(self, arguments: tuple[Any, ...], by_name: dict[str, Any]) -> tuple[Any, ...]:
         """All arguments, including those passed by name or by default."""
@@ -145,7 +145,7 @@ class kernel(inlined):
             raise TypeError(f"{self.__qualname__}() takes the arguments {', '.join(self._names)}")
         return arguments + remaining
 
-    def _find(self, key: Key) -> Callable[[bytes], Any]:
+    def _find(self, key: Key) -> tuple[Callable[[bytes], Any], Callable[..., bytes]]:
         with _lock:
             text = text_of(key)
             _called.add(self)
@@ -154,8 +154,8 @@ class kernel(inlined):
             code = self._codes.get(text)
             if code is None:
                 code = self._codes[text] = hooks.find(self, text)
-            self._functions[key] = code
-        return code
+            found = self._functions[key] = code, struct_of(key).pack
+        return found
 
 
 _called: set[kernel] = set()  # kernels that Python has called

@@ -4,6 +4,7 @@ A *key* lists the kinds of the arguments: one token for each scalar, array, None
 selects the machine code and the packing of the values.
 
 A value that many calls take, such as a tree, can be flattened once to a `Packed`, which kernels accept in its place.
+Calls take microseconds, so keys are hashed and compared quickly: all tokens of a `Packed` are one string.
 """
 
 import ctypes
@@ -16,8 +17,15 @@ from typing import Any
 
 import numpy as np
 
-Key = tuple["str | Key", ...]
-"""Tokens. Those of a `Packed` form a nested tuple."""
+Key = tuple[str, ...]
+"""Tokens. Those of a `Packed` are one string in braces."""
+
+
+@cache
+def _group_of(key: Key) -> str:
+    """The tokens of a key as one. Equal groups are one object, so that comparing them takes no time."""
+    return f"{{{text_of(key)}}}"
+
 
 SCALARS = {
     "b": "?7x", "f": "f4x", "d": "d",
@@ -100,17 +108,21 @@ def array_parts(token: str) -> tuple[str, int, str, bool]:
 
 def flatten(arguments: tuple[Any, ...]) -> tuple[Key, list[Any]]:
     """The key of arguments, and their flat values. Those of an array are its address, shape and strides."""
-    key: list[str | Key] = []
+    key: list[str] = []
     values: list[Any] = []
     for argument in arguments:
-        _flatten(argument, key, values)
+        if type(argument) is Packed:
+            key.append(argument.group)
+            values.append(argument.words)
+        else:
+            _flatten(argument, key, values)
     return tuple(key), values
 
 
-def _flatten(x: Any, key: list[str | Key], values: list[Any]) -> None:
+def _flatten(x: Any, key: list[str], values: list[Any]) -> None:
     kind: Any = type(x)
     if kind is Packed:
-        key.append(x.key)
+        key.append(x.group)
         values.append(x.words)
     elif kind is np.ndarray:
         what = x.dtype, x.ndim, x.flags.num
@@ -141,40 +153,47 @@ class ArgumentForm:
     example : a value of these kinds: a scalar, an array, or a tuple of them
     """
 
-    __slots__ = ("_struct", "key")
+    __slots__ = ("_group", "_pack")
 
     def __init__(self, example: object) -> None:
-        self.key, _ = flatten((example,))
-        self._struct = struct_of(self.key)
+        key, _ = flatten((example,))
+        self._group, self._pack = _group_of(key), struct_of(key).pack
 
     def pack(self, *values: Any) -> "Packed":
         """A `Packed` of flat values; those of an array are its address, shape and strides. Arrays must outlive it."""
-        return Packed(self.key, self._struct.pack(*values))
+        return Packed(self._group, self._pack(*values))
+
+    def of_words(self, words: bytes, owners: object) -> "Packed":
+        """A `Packed` of values that are packed already; owners: the arrays, which it keeps alive."""
+        return Packed(self._group, words, owners)
 
 
 class Packed:
     """A kernel argument that is already flattened.
 
-    key : its tokens
+    group : its tokens, as one
     words : its packed values
-    value : the original value, if it must be kept alive
+    value : the original value, or its arrays, if they must be kept alive
     """
 
-    __slots__ = ("key", "value", "words")
+    __slots__ = ("group", "value", "words")
 
-    def __init__(self, key: Key, words: bytes, value: object = None) -> None:
-        self.key, self.words, self.value = key, words, value
+    def __init__(self, group: str, words: bytes, value: object = None) -> None:
+        self.group, self.words, self.value = group, words, value
 
 
 def packed(value: object) -> Packed:
     """A value, flattened. It keeps the value's arrays alive, which kernels read and write as usual."""
     key, values = flatten((value,))
-    return Packed(key, struct_of(key).pack(*values), value)
+    return Packed(_group_of(key), struct_of(key).pack(*values), value)
 
 
 def text_of(key: Key) -> str:
     """All tokens of a key as text, which is the same for a `Packed` and for its value."""
-    return " ".join(token if isinstance(token, str) else text_of(token) for token in key)
+    return " ".join(key).translate(_WITHOUT_BRACES)
+
+
+_WITHOUT_BRACES = str.maketrans("", "", "{}")
 
 
 def argument_count(text: str) -> int:
@@ -192,9 +211,9 @@ def struct_of(key: Key) -> struct.Struct:
     return struct.Struct("<" + "".join(map(_packing, key)))
 
 
-def _packing(token: str | Key) -> str:
-    if isinstance(token, tuple):
-        return f"{struct_of(token).size}s"
+def _packing(token: str) -> str:
+    if token[0] == "{":
+        return f"{struct_of(tuple(token[1:-1].split())).size}s"
     if is_array(token):
         return "Q" + "qq" * array_parts(token)[1]
     return SCALARS.get(token, "")

@@ -84,7 +84,8 @@ def thread_count(threads: int | None) -> int:
         if hasattr(os, "sched_getaffinity"):
             return len(os.sched_getaffinity(0))
         return os.cpu_count() or 1
-    if isinstance(threads, bool) or not isinstance(threads, numbers.Integral) or not 1 <= threads <= MAX_THREADS:
+    whole = type(threads) is int or (isinstance(threads, numbers.Integral) and not isinstance(threads, bool))
+    if not (whole and 1 <= threads <= MAX_THREADS):
         value = repr(threads)[:40]
         raise InputError(
             f"threads is {value}; it must be a whole number from 1 to {MAX_THREADS}, or None for all cores"

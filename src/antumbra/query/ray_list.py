@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from ..base.checks import as_array, choice
 from ..base.errors import InputError
-from ..kernels.marshalling import ArgumentForm, Packed, address_of
+from ..kernels.marshalling import ArgumentForm, Packed, address_of, flatten, struct_of
 from ..scene.scene_bounds import flush_to_zero
 from ..scene.triangles import HitFilter, Triangles
 from .ray_passes import RayPass
@@ -83,17 +83,20 @@ class TracedRays(NamedTuple):
 
 
 _NONE = HitArrays(*(np.empty(0, dtype) for dtype in (np.bool_, np.int32, np.float64, np.float32, np.float32)))
+_NO_HITS = _NONE[1:]
 _HITS = ArgumentForm(_NONE)
-_POINTS, _NUMBERS = Operand(0, 0, 0, 0), Number(0, 0, 0, 0.0)
-_RAYS = ArgumentForm(RayList(_POINTS, _POINTS, _NUMBERS, _NUMBERS, _NUMBERS, (0.0, 0.0, 0.0), 0, 0, False))
-_DOUBLE = {np.dtype(np.float32): 0, np.dtype(np.float64): 1}  # in the byte order of this machine
+_POINTS, _NUMBERS, _ORIGIN = Operand(0, 0, 0, 0), Number(0, 0, 0, 0.0), (0.0, 0.0, 0.0)
+_RAYS = ArgumentForm(RayList(_POINTS, _POINTS, _NUMBERS, _NUMBERS, _NUMBERS, _ORIGIN, 0, 0, False))
+_OPERAND, _NUMBER, _GENERAL = (struct_of(flatten(each)[0]) for each in (_POINTS, _NUMBERS, (*_ORIGIN, 0, 0, False)))
+_I32, _F32, _F64 = np.dtype(np.int32), np.dtype(np.float32), np.dtype(np.float64)  # in the byte order of this machine
 
 
 def hit_arrays(m: int, any_hit: bool) -> HitArrays:
     """`HitArrays` for m rays."""
     if any_hit:
-        return _NONE._replace(blocked=np.empty(m, np.bool_))
-    return HitArrays(_NONE.blocked, *(np.empty(m, array.dtype) for array in _NONE[1:]))
+        return HitArrays(np.empty(m, np.bool_), *_NO_HITS)
+    empty = np.empty
+    return HitArrays(_NONE.blocked, empty(m, np.int32), empty(m), empty(m, np.float32), empty(m, np.float32))
 
 
 class RayArguments(NamedTuple):
@@ -125,17 +128,13 @@ class RayArguments(NamedTuple):
 
     def packed(self) -> Packed:
         """The rays as a kernel's `RayList`, which keeps the arrays alive."""
-        shape = self.shape
-        origins, o = _operand(self.origins, shape)
-        directions, d = _operand(self.directions, shape)
-        tmin, a = _number(self.tmin, shape)
-        tmax, b = _number(self.tmax, shape)
-        skip, c = _number(self.skip, shape, np.int32)
-        packed = _RAYS.pack(
-            *origins, *directions, *tmin, *tmax, *skip, *self.frame, prod(shape), self.cull_faces, self.segments
-        )
-        packed.value = o, d, a, b, c
-        return packed
+        o, d, tmin, tmax, skip, shape, facing, segments, frame, _ = self
+        (o, origins), (d, directions) = _operand(o, shape), _operand(d, shape)
+        (tmin, begin), (tmax, end) = _number(tmin, shape), _number(tmax, shape)
+        skip, face = _number(skip, shape, _I32)
+        general = _GENERAL.pack(*frame, prod(shape), facing, segments)
+        words = b"".join((origins, directions, begin, end, face, general))
+        return _RAYS.of_words(words, (o, d, tmin, tmax, skip))
 
     def arrays(self) -> "RayArrays":
         """The rays as rows of arrays."""
@@ -180,14 +179,19 @@ def rays_of(
             )
         origins, directions = origins[..., :3], origins[..., 3:]
     directions = as_array(directions, target_name, strided=True)
-    for array, name in ((origins, "origins"), (directions, target_name)):
-        if array.ndim < 1 or array.shape[-1] != 3:
-            raise InputError(f"{name} must have shape (..., 3), not {array.shape}")
+    if origins.shape[-1:] != (3,) or directions.shape[-1:] != (3,):
+        array, name = (directions, target_name) if origins.shape[-1:] == (3,) else (origins, "origins")
+        raise InputError(f"{name} must have shape (..., 3), not {array.shape}")
     tmin, tmax, skip = _number_or_array(tmin, "tmin"), _number_or_array(tmax, "tmax"), _skip(skip_face, n_faces)
-    shape = _shape(origins.shape[:-1], directions.shape[:-1], tmin, tmax, skip)
-    if shape is None:
-        sizes = ", ".join(f"{name} {np.shape(x)}" for name, x in (("tmin", tmin), ("tmax", tmax), ("skip_face", skip)))
-        raise InputError(f"shapes do not broadcast: origins {origins.shape}, {target_name} {directions.shape}, {sizes}")
+    shape: tuple[int, ...] | None = origins.shape[:-1]
+    if directions.shape != origins.shape or not type(tmin) is type(tmax) is type(skip) is float:
+        shape = _shape(origins.shape[:-1], directions.shape[:-1], tmin, tmax, skip)
+        if shape is None:
+            sizes = ", ".join(f"{k} {np.shape(x)}" for k, x in (("tmin", tmin), ("tmax", tmax), ("skip_face", skip)))
+            raise InputError(
+                f"shapes do not broadcast: origins {origins.shape}, {target_name} {directions.shape}, {sizes}"
+            )
+    assert shape is not None
     facing = 0 if cull_faces is None else cull_value(cull_faces)
     return RayArguments(origins, directions, tmin, tmax, skip, shape, facing, targets is not None, frame, time)
 
@@ -240,29 +244,27 @@ def _segment_ends(
     return targets, 1.0
 
 
-def _operand(array: np.ndarray, shape: tuple[int, ...]) -> tuple[tuple[int, int, int, int], np.ndarray]:
-    """The `Operand` of points that broadcast to a shape, and the array that holds its memory."""
-    double = _DOUBLE.get(array.dtype)
-    if double is None:
-        array, double = array.astype(np.float64), 1
+def _operand(array: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, bytes]:
+    """Points that broadcast to a shape, in memory that kernels read, and their `Operand` in words."""
+    if array.dtype is not _F64 and array.dtype is not _F32:
+        array = _rows(array, array.shape).reshape(array.shape)
     if array.ndim == 1:
-        return (address_of(array), 0, array.strides[0], double), array
-    if array.ndim > 2 or array.shape[:-1] != shape:
+        return array, _OPERAND.pack(address_of(array), 0, array.strides[0], array.itemsize == 8)
+    if array.ndim > 2 or array.shape[:1] != shape:
         array = _rows(array, (*shape, 3))
-    row, column = array.strides
-    return (address_of(array), row, column, double), array
+    return array, _OPERAND.pack(address_of(array), *array.strides, array.itemsize == 8)
 
 
 def _number(
     value: np.ndarray | float, shape: tuple[int, ...], dtype: DTypeLike | None = None
-) -> tuple[tuple[int, int, int, float], np.ndarray | None]:
-    """The `Number` of numbers that broadcast to a shape, and the array that holds its memory."""
-    if type(value) is float:
-        return (0, 0, 0, value), None
-    if not isinstance(value, np.ndarray) or value.ndim == 0:
-        return (0, 0, 0, float(value)), None
-    rows = _rows(value, (*shape, 1), dtype)
-    return (address_of(rows), rows.strides[0], _DOUBLE.get(rows.dtype, 0), 0.0), rows
+) -> tuple[np.ndarray | float, bytes]:
+    """Numbers that broadcast to a shape, in memory that kernels read, and their `Number` in words."""
+    if type(value) is not float:
+        if isinstance(value, np.ndarray) and value.ndim:
+            rows = _rows(value, (*shape, 1), dtype)
+            return rows, _NUMBER.pack(address_of(rows), rows.strides[0], rows.itemsize == 8, 0.0)
+        value = float(value)
+    return value, _NUMBER.pack(0, 0, False, value)
 
 
 class RayArrays(NamedTuple):

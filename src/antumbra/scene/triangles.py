@@ -76,7 +76,7 @@ class Hit(HitFaces):
         cls, faces: HitFaces, find: Callable[[], tuple[Triangles, np.ndarray]], object_of_face: Callable[[], np.ndarray]
     ) -> "Hit":
         """A `Hit` with access to its triangles and objects; `surfaces` calls `find()` at most once."""
-        hit = cls(*faces)
+        hit = cls._make(faces)
         hit._find, hit._object_of_face = find, object_of_face
         return hit
 

@@ -93,8 +93,8 @@ class RayLists:
             add_hits(ready.accelerated.cutouts, rays.arrays(), rays.cull_faces, any_hit, out, threads)
         if any_hit:
             return TracedRays(out, None)
-        found = ready.accelerated.triangles, out.face.reshape(rays.shape)
-        return TracedRays(out, lambda: found)
+        triangles, shape = ready.accelerated.triangles, rays.shape
+        return TracedRays(out, lambda: (triangles, out.face.reshape(shape)))
 
     def _count(self, start: float, threads: int) -> None:
         """Count the computing time of rays, traced since `start`."""

@@ -28,6 +28,7 @@ from ...kernels.exact.filters import precedes
 from ...kernels.exact.predicate import exact_touches
 from ...kernels.exact.surface_crossing import crosses_surface
 from ...kernels.jit import I32Ptr, I64Ptr, inlined, kernel, overload
+from ...kernels.marshalling import ArgumentForm, Packed, address_of
 from ...kernels.parallel import STOP, items, new_ticket, run, thread_count
 from ...kernels.simd import (
     atomic_add,
@@ -168,8 +169,8 @@ def count_all(
     tracer: RayTracer, rays: RayArguments, rule: int = TRIANGLES, threads: int | None = None
 ) -> NDArray[np.int64] | None:
     """(n,) int64: the number of hits of each ray, by a rule; None if a ray is invalid."""
-    counts, faults = np.zeros(rays.n, np.int64), np.zeros(1, np.bool_)
-    ticket = new_ticket(-(-rays.n // _RAYS), _CHUNK)
+    n = rays.n
+    counts, faults, ticket = np.empty(n, np.int64), np.zeros(1, np.bool_), new_ticket(-(-n // _RAYS), _CHUNK)
     run(_count, thread_count(threads), ticket, tracer.tree, rays.packed(), rule, counts, faults)
     return None if faults[0] else counts
 
@@ -187,6 +188,19 @@ class _Batches(NamedTuple):
     totals: np.ndarray  # (m,) int64: number of its hits
     next_free: np.ndarray  # (1,) int64: first free element of the arrays
     faults: np.ndarray  # (1,) bool: whether a ray is invalid
+
+    def packed(self) -> Packed:
+        """The batches as a kernel argument, which they must outlive."""
+        numbers, begin, counts, places, totals, next_free, faults = self
+        m = len(numbers)
+        return _BATCHES.pack(
+            address_of(numbers), m, 8, begin, address_of(counts), len(counts), 8, address_of(places), m, 8,
+            address_of(totals), m, 8, address_of(next_free), 1, 8, address_of(faults), 1, 1,
+        )  # fmt: skip
+
+
+_NONE = np.empty(0, np.int64)
+_BATCHES = ArgumentForm(_Batches(_NONE, 0, _NONE, _NONE, _NONE, _NONE, np.empty(0, np.bool_)))
 
 
 class _Scratch(NamedTuple):
@@ -307,19 +321,20 @@ def find_all(
 
     rule : TRIANGLES or SURFACES
     """
-    n_threads, listed, n_batches = thread_count(threads), rays.packed(), -(-rays.n // _RAYS)
+    n_threads, listed, n = thread_count(threads), rays.packed(), rays.n
+    n_batches = -(-n // _RAYS)
 
     def trace(batches: _Batches, out: HitArrays, room: int) -> None:
         def scratch() -> tuple[_Scratch]:
             return (_Scratch(np.empty(room + LANES, np.int32), np.empty(room + LANES, np.int64)),)
 
         ticket = new_ticket(len(batches.numbers), _CHUNK)
-        run(_collect, n_threads, ticket, tracer.tree, listed, rule, batches, out, own=scratch)
+        run(_collect, n_threads, ticket, tracer.tree, listed, rule, batches.packed(), out.packed(), own=scratch)
 
     parts = list[AllHits]()
     for begin in range(0, n_batches, memory.together):
         numbers = np.arange(begin, min(begin + memory.together, n_batches))
-        counts = np.zeros(min(rays.n - begin * _RAYS, len(numbers) * _RAYS), np.int64)
+        counts = np.empty(min(n - begin * _RAYS, len(numbers) * _RAYS), np.int64)
         rounds = _rounds(numbers, counts, memory.room, trace)
         if rounds is None:
             return None
@@ -340,7 +355,7 @@ def _rounds(
     """
     rounds, begin, size = list[_Round](), int(numbers[0]), _HITS_PER_RAY * _RAYS * len(numbers)
     while len(numbers):
-        places, totals = np.full(len(numbers), -1), np.zeros(len(numbers), np.int64)
+        places, totals = np.empty(len(numbers), np.int64), np.empty(len(numbers), np.int64)
         batches = _Batches(numbers, begin, counts, places, totals, np.zeros(1, np.int64), np.zeros(1, np.bool_))
         out = hit_arrays(size, False)
         trace(batches, out, room)
@@ -348,7 +363,9 @@ def _rounds(
             return None
         rounds.append((batches, out))
         missing = places < 0
-        numbers, room, size = numbers[missing], int(totals[missing].max(initial=0)), int(totals[missing].sum())
+        if not missing.any():
+            break
+        numbers, room, size = numbers[missing], int(totals[missing].max()), int(totals[missing].sum())
     return rounds
 
 
@@ -356,19 +373,21 @@ def _in_order(rounds: list[_Round], max_hits: int | None, threads: int) -> AllHi
     """The hits of all batches of some rounds, in the order of rays."""
     (batches, out), counts = rounds[0], rounds[0][0].counts
     offsets = _offsets(counts if max_hits is None else np.minimum(counts, max_hits))
-    if max_hits is None and len(rounds) == 1 and bool(np.all(np.diff(batches.places) >= 0)):
-        hits = HitArrays(out.blocked, *(array[: offsets[-1]] for array in out[1:]))
-    else:
-        hits = hit_arrays(int(offsets[-1]), False)
-        for batches, out in rounds:
-            stored = batches.places >= 0
-            some = batches._replace(numbers=batches.numbers[stored], places=batches.places[stored])
-            run(_copy, threads, new_ticket(len(some.numbers), _CHUNK), some, offsets, out, hits)
+    n_hits, places = int(offsets[-1]), batches.places
+    if max_hits is None and len(rounds) == 1 and (len(places) == 1 or bool((places[1:] >= places[:-1]).all())):
+        return AllHits(offsets, out.t[:n_hits], out.face[:n_hits], out.u[:n_hits], out.v[:n_hits])
+    hits = hit_arrays(n_hits, False)
+    for batches, out in rounds:
+        stored = batches.places >= 0
+        some = batches._replace(numbers=batches.numbers[stored], places=batches.places[stored])
+        run(_copy, threads, new_ticket(len(some.numbers), _CHUNK), some, offsets, out, hits)
     return AllHits(offsets, hits.t, hits.face, hits.u, hits.v)
 
 
 def _offsets(counts: np.ndarray) -> NDArray[np.int64]:
-    return np.concatenate([[0], np.cumsum(counts)])
+    offsets = np.zeros(len(counts) + 1, np.int64)
+    counts.cumsum(out=offsets[1:])
+    return offsets
 
 
 # --- Several lists ----------------------------------------------------------------------------------------------------
@@ -396,7 +415,8 @@ class RayHits(NamedTuple):
 
 def unsigned(hits: AllHits) -> AllHits:
     """Sorted hits with signed t as those that callers get. The array of t is changed."""
-    return hits._replace(t=np.abs(hits.t, out=hits.t))
+    np.abs(hits.t, out=hits.t)
+    return hits
 
 
 def merge_triangles(lists: Sequence[RayHits], n: int, max_hits: int | None = None) -> AllHits:

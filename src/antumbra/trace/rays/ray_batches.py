@@ -11,7 +11,7 @@ from ...bvh.nodes import WideBvh, wide_tree_of
 from ...kernels.exact.predicate import two_diff
 from ...kernels.jit import inlined, kernel
 from ...kernels.marshalling import packed
-from ...kernels.parallel import STOP, items, new_ticket, run, thread_count
+from ...kernels.parallel import NEXT, STOP, N, items, new_ticket, run, thread_count
 from ...kernels.simd import (
     absolute,
     all_lanes,
@@ -277,11 +277,13 @@ class _BatchScratch:
     """Reusable memory that threads write while they trace one list, besides the output arrays."""
 
     def __init__(self) -> None:
-        self.ticket, self.faults, self.counters = new_ticket(0, _CHUNK), np.zeros(1, np.bool_), new_counters()
-        self.packed = packed(self.ticket), (packed(self.faults), packed(self.counters))
+        self.ticket, faults, counters = new_ticket(0, _CHUNK), np.zeros(1, np.bool_), new_counters()
+        self.packed = packed(self.ticket), packed(faults), packed(counters)
+        self._ticket, self.faults = self.ticket.data, faults.data  # faster for single elements
 
     def begin(self, blocks: int) -> None:
-        self.ticket[:3], self.faults[0] = (0, 0, blocks), False
+        ticket = self._ticket
+        ticket[NEXT], ticket[STOP], ticket[N], self.faults[0] = 0, 0, blocks, False
 
 
 class RayTracer:
@@ -311,19 +313,14 @@ class RayTracer:
         scratch = self._spare.pop() if self._spare else _BatchScratch()
         blocks = -(-rays.n // _RAYS)
         scratch.begin(blocks)
-        ticket, (faults, thread_counters) = scratch.packed
-        arguments = (
-            self.tree,
-            rays.packed(),
-            any_hit,
-            out.packed(),
-            faults,
-            thread_counters if counters is None else counters,
-        )
+        ticket, faults, own_counters = scratch.packed
+        sums = own_counters if counters is None else counters
+        listed, output = rays.packed(), out.packed()
         if blocks <= _CHUNK:  # no second thread would get any
-            _blocks(ticket, *arguments)
+            _blocks(ticket, self.tree, listed, any_hit, output, faults, sums)
         else:
-            run(_blocks, thread_count(threads), scratch.ticket, *arguments)
+            n_threads = thread_count(threads)
+            run(_blocks, n_threads, scratch.ticket, self.tree, listed, any_hit, output, faults, sums)
         legal = not scratch.faults[0]
         self._spare.append(scratch)
         return legal
