@@ -14,7 +14,7 @@ ruled out only if they are farther by more than that: the result is the least of
 that of the lowest face, whatever the tree.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,12 +36,12 @@ from ..kernels.simd import (
     permute,
     popcount,
     product_error,
-    put,
     select,
     splat8,
     stack_i32,
     store,
 )
+from ..scene.triangles import ClosestPoints
 from .rays.wide_traversal import LANE, STACK, group_of, largest_of, sorted_keys
 
 ERROR = 2.0**-48
@@ -56,16 +56,6 @@ _ROUNDING = np.float32(2.0**-19)  # of a filter's sums, relative to the lengths 
 _MOST, _TINY = np.float32(3e38), np.float32(1e-37)
 _SMALL, _LARGE = np.float32(2.0**-28), np.float32(2.0**28)  # coordinates between which the filter does not overflow
 _ZERO, _ONE, _TWO, _THREE = (np.float32(x) for x in (0.0, 1.0, 2.0, 3.0))
-
-
-class PointHits(NamedTuple):
-    """The closest points of n points, in the frame of the tree."""
-
-    face: NDArray[np.int32]  # (n,), -1 if there are no faces
-    distance: NDArray[np.float64]  # (n,), inf if there are no faces
-    position: NDArray[np.float64]  # (n, 3), NaN if there are no faces
-    u: NDArray[np.float32]  # (n,), weight of the face's second corner
-    v: NDArray[np.float32]  # (n,), weight of its third corner
 
 
 # --- Boxes and triangles, eight at a time -----------------------------------------------------------------------------
@@ -340,13 +330,22 @@ def _find(ticket, wide, points, out):
                 out.position[i, axis] = f(get(tree.corners, 9 * slot + axis)) + offset
 
 
-def closest_points(tree: Packed, points: NDArray[np.float32], threads: int) -> PointHits:
-    """The closest points of a tree to points.
+def closest_points(tree: Packed, points: NDArray[np.float32], threads: int) -> ClosestPoints:
+    """The closest points of a tree to points, in its frame.
 
     tree : a `WideBvh`, packed
     points : (n, 3) float32, finite, in the frame of the tree
     """
-    n = len(points)
-    out = PointHits(np.empty(n, np.int32), np.empty(n), np.empty((n, 3)), np.empty(n, np.float32), np.empty(n, np.float32))
+    n, f = len(points), np.float32
+    out = ClosestPoints(np.empty(n), np.empty(n, np.int32), np.empty(n, f), np.empty(n, f), np.empty((n, 3)))
     run(_find, threads, new_ticket(-(-n // _POINTS), 1), tree, points, out)
     return out
+
+
+def closer_of(one: ClosestPoints, other: ClosestPoints) -> ClosestPoints:
+    """The closer of two closest points of each point, of equally close ones that of the lower face; changes `one`."""
+    nearer = (other.distance < one.distance) | ((other.distance == one.distance) & (other.face < one.face))
+    pairs: Any = zip(one, other)
+    for mine, others in pairs:
+        mine[nearer] = others[nearer]
+    return one

@@ -31,7 +31,7 @@ from ...scene.camera import ExplicitRays
 from ...scene.instance_data import InstanceData
 from ...scene.scene_bounds import flush_to_zero
 from ...scene.scene_data import SceneData
-from ...scene.triangles import AllHits, Triangles
+from ...scene.triangles import AllHits, ClosestPoints, Triangles
 from ...trace.rays.instance_batches import trace_list
 from ...trace.rays.instance_rays import InstanceForest, count_all, find_all
 from ...trace.rays.ray_hits import hit_surfaces
@@ -40,7 +40,7 @@ from ..plan import Plan
 from ..precompilation import precompile
 from ..primary_visibility import RAYS
 from ..tree_choice import new_tree
-from .in_memory_source import InMemory, limit_device
+from .in_memory_source import InMemory, RayLists, limit_device
 from .source_protocols import CameraView, SourceSettings
 
 # --- Trees that engines share -----------------------------------------------------------------------------------------
@@ -69,6 +69,7 @@ class SharedInstances:
         """Drop all trees. Other threads must not use them meanwhile."""
         self._trees: dict[object, InstanceTrees] = {}  # by `Plan.tree`
         self._flat: SceneTrees | None = None
+        self._lists: RayLists | None = None
 
     def _after_fork(self) -> None:
         if is_stuck(self._lock):
@@ -102,6 +103,14 @@ class SharedInstances:
             if self._flat is None:
                 self._flat = SceneTrees(self._data.flattened())
             return self._flat
+
+    def flat_lists(self, threads: int) -> RayLists:
+        """The ray lists of the flattened scene. Errors as for `flat`."""
+        trees = self.flat()
+        with self._lock:
+            if self._lists is None:
+                self._lists = RayLists(self._data.flattened(), trees, threads)
+            return self._lists
 
 
 # --- The render source ------------------------------------------------------------------------------------------------
@@ -218,6 +227,10 @@ class Instanced:
 
     def count_hits(self, rays: RayArguments, rule: int, threads: int) -> NDArray[np.int64]:
         return count_all(self.trees, self._checked(rays), rays.cull_faces, rule, threads)
+
+    def closest_points(self, points: NDArray[np.float32], time: float, threads: int) -> ClosestPoints:
+        """Those of the flattened scene, since copies may be scaled and sheared."""
+        return self._shared.flat_lists(self.threads).closest_points(points, time, threads)
 
     def _checked(self, rays: RayArguments) -> RayArrays:
         """The rays as arrays. Raises InputError for the first invalid one; compiles kernels."""

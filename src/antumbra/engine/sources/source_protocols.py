@@ -27,7 +27,7 @@ from ...query.shadow_query import Surfaces
 from ...scene.camera import Camera
 from ...scene.lights import Light
 from ...scene.scene_data import SceneData
-from ...scene.triangles import AllHits, Triangles
+from ...scene.triangles import AllHits, ClosestPoints, Triangles
 from ...trace.transmission import TracedQuery
 from ..accelerator import Accelerated, Accelerator, SceneTrees
 
@@ -57,6 +57,10 @@ class RayListSource(HitSource, Protocol):
 
     def count_hits(self, rays: RayArguments, rule: int, threads: int) -> NDArray[np.int64]:
         """(n,) int64: the number of hits of each ray, by a rule of `trace.rays.all_hits`. INSIDE sees no holes."""
+        ...
+
+    def closest_points(self, points: NDArray[np.float32], time: float, threads: int) -> ClosestPoints:
+        """The closest points to points, (n, 3) in the scene's frame, at a time within 0 .. `duration`."""
         ...
 
 
