@@ -283,7 +283,8 @@ class Engine(RayQueries):
         arguments = points_of(points, self._frame)
         found = self.source.ray_lists.closest_points(arguments.local(), self._moment(time), self._count(threads))
         found.position[:] += self._frame
-        return found.reshaped(arguments.shape)
+        arrays: list[Any] = [array.reshape((*arguments.shape, *array.shape[1:])) for array in found]
+        return ClosestPoints(*arrays)
 
     def _count(self, threads: int | None) -> int:
         """The number of threads of a query."""

@@ -158,7 +158,7 @@ class RaycastingScene:
         except InputError:
             with np.errstate(over="ignore"):
                 narrow = array.astype(np.float32)
-            valid = np.isfinite(narrow).all(-1) & narrow[..., 3:].any(-1)
+            valid = np.asarray(np.isfinite(narrow).all(-1) & narrow[..., 3:].any(-1))
             if valid.all():
                 raise
             lower, upper = self._committed().bounds
@@ -299,10 +299,11 @@ def _pairs(u: NDArray[np.float32], v: NDArray[np.float32]) -> NDArray[np.float32
 
 def _rows(value: Any, what: str, length: int) -> NDArray[Any]:
     """`rows_of`, faster for tensors and arrays that are right."""
-    array = value if type(value) is np.ndarray else value.numpy() if hasattr(value, "numpy") else np.asarray(value)
-    if array.dtype in (np.float32, np.float64) and array.shape[-1:] == (length,):
+    library = sys.modules.get("open3d")
+    array = value.numpy() if library is not None and type(value) is library.core.Tensor else value
+    if type(array) is np.ndarray and array.dtype.char in "fd" and array.shape[-1:] == (length,):
         return array
-    return rows_of(array, what, length)
+    return rows_of(value, what, length)
 
 
 def _of_points(query: Callable[[NDArray[Any]], _T], points: NDArray[Any]) -> tuple[_T, NDArray[np.bool_] | None]:
@@ -311,7 +312,7 @@ def _of_points(query: Callable[[NDArray[Any]], _T], points: NDArray[Any]) -> tup
         return query(points), None
     except InputError:
         with np.errstate(over="ignore"):
-            valid = np.isfinite(points.astype(np.float32)).all(-1)
+            valid = np.asarray(np.isfinite(points.astype(np.float32)).all(-1))
         if valid.all():
             raise
         return query(np.where(valid[..., None], points, 0.0)), valid

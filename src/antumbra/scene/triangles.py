@@ -5,7 +5,7 @@ the triangles that were hit.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -189,11 +189,6 @@ class ClosestPoints(NamedTuple):
     u: NDArray[np.float32]  # (...) float32, barycentric weight of the face's second corner, 0 to 1
     v: NDArray[np.float32]  # (...) float32, barycentric weight of its third corner, 0 to 1
     position: NDArray[np.float64]  # (..., 3) float64, world: the closest point; NaN in a scene without faces
-
-    def reshaped(self, shape: tuple[int, ...]) -> "ClosestPoints":
-        """The same, for points of shape (*shape, 3)."""
-        arrays: list[Any] = [array.reshape((*shape, *array.shape[self.face.ndim :])) for array in self]
-        return ClosestPoints(*arrays)
 
     def __repr__(self) -> str:
         return f"ClosestPoints({self.face.shape} points; {', '.join(self._fields)})"
