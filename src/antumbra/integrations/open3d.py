@@ -88,22 +88,20 @@ class RaycastingScene:
 
         They may be negative, for hits behind the origin.
         """
-        scene, threads = self._committed(), _threads(nthreads)
+        near, far, threads = float(tnear), float(tfar), _threads(nthreads)
+        return _result(self._of_rays(lambda valid: self._occluded(valid, near, far, threads), rays))
 
-        def hits(rays: NDArray[Any], near: float, far: float) -> NDArray[np.bool_]:
-            if near < far:  # false for NaN
-                return scene.occluded(rays, None, near, far, threads=threads)
+    def _occluded(self, rays: NDArray[Any], near: float, far: float, threads: int | None) -> NDArray[np.bool_]:
+        scene = self._committed()
+        if not near < far:  # or one of them is NaN
             return np.zeros(rays.shape[:-1], np.bool_)
-
-        def tested(rays: NDArray[Any]) -> NDArray[np.bool_]:
-            near, far = float(tnear), float(tfar)
-            if near >= 0.0 or not near < far:
-                return hits(rays, near, far)
-            behind = hits(rays * (1, 1, 1, -1, -1, -1), max(-far, 0.0), -near)
-            here = scene.closest_points(rays[..., :3], threads=threads).distance == 0.0 if far > 0.0 else False
-            return hits(rays, 0.0, far) | behind | here
-
-        return _result(self._of_rays(tested, rays))
+        if near >= 0.0:
+            return scene.occluded(rays, None, near, far, threads=threads)
+        blocked = self._occluded(rays * (1, 1, 1, -1, -1, -1), max(-far, 0.0), -near, threads)
+        if far > 0.0:
+            here = scene.closest_points(rays[..., :3], threads=threads).distance == 0.0
+            blocked = blocked | here | self._occluded(rays, 0.0, far, threads)
+        return blocked
 
     def count_intersections(self, rays: ArrayLike, nthreads: int = 0) -> Any:
         """(...) int32: how many hits `list_intersections` has for each of the rays, (..., 6) float."""
