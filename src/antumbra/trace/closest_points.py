@@ -125,6 +125,14 @@ def _may_be_closer(p, t, limit):
 # --- One triangle -----------------------------------------------------------------------------------------------------
 
 
+class _Point(NamedTuple):
+    """A point, in float64."""
+
+    x: np.float64
+    y: np.float64
+    z: np.float64
+
+
 class _Place(NamedTuple):
     """The place of a triangle that is closest to a point, from the triangle's first corner on."""
 
@@ -162,45 +170,45 @@ def _comes_first(corners, a, b):
 
 
 @inlined
-def _from_corner(corners, a, x, y, z):
+def _from_corner(corners, a, point):
     """From the corner at word a to a point, in float64."""
     f = np.float64
-    return x - f(get(corners, a)), y - f(get(corners, a + 1)), z - f(get(corners, a + 2))
+    return point.x - f(get(corners, a)), point.y - f(get(corners, a + 1)), point.z - f(get(corners, a + 2))
 
 
 @inlined
 def _difference(corners, a, b):
     """From the corner at word a to that at word b."""
     f = np.float64
-    return _from_corner(corners, a, f(get(corners, b)), f(get(corners, b + 1)), f(get(corners, b + 2)))
+    return _from_corner(corners, a, _Point(f(get(corners, b)), f(get(corners, b + 1)), f(get(corners, b + 2))))
 
 
 @kernel
-def _on_edge(x, y, z, corners, begin, end):
-    """(squared distance of a point from an edge, share of the way from its `begin` to its `end`): words of corners."""
+def _on_edge(point, corners, begin, end):
+    """(squared distance of a point from an edge, share of the way from word `begin` to `end` of `corners`)."""
     f, swapped = np.float64, not _comes_first(corners, begin, end)
     a, b = (end, begin) if swapped else (begin, end)
     ex, ey, ez = _difference(corners, a, b)
-    rx, ry, rz = _from_corner(corners, a, x, y, z)
+    rx, ry, rz = _from_corner(corners, a, point)
     along, length = rx * ex + ry * ey + rz * ez, ex * ex + ey * ey + ez * ez
     share = along / length if along > 0.0 else f(0.0)
     if along >= length:
         share = f(1.0)
-        rx, ry, rz = _from_corner(corners, b, x, y, z)
+        rx, ry, rz = _from_corner(corners, b, point)
     else:
         rx, ry, rz = rx - share * ex, ry - share * ey, rz - share * ez
     return rx * rx + ry * ry + rz * rz, f(1.0) - share if swapped else share
 
 
 @kernel
-def _closest_on(x, y, z, corners, slot):
-    """The `_Place` of the triangle in a slot that is closest to a point; scalars in float64."""
+def _closest_on(point, corners, slot):
+    """The `_Place` of the triangle in a slot of `corners` that is closest to a point."""
     f, a = np.float64, 9 * slot
     b, c = a + 3, a + 6
     (px, py, pz), (qx, qy, qz) = _difference(corners, a, b), _difference(corners, a, c)
-    rx, ry, rz = _from_corner(corners, a, x, y, z)
+    rx, ry, rz = _from_corner(corners, a, point)
     nx, ny, nz = _cross(px, py, pz, qx, qy, qz)
-    (ex, ey, ez), (sx, sy, sz) = _difference(corners, b, c), _from_corner(corners, b, x, y, z)
+    (ex, ey, ez), (sx, sy, sz) = _difference(corners, b, c), _from_corner(corners, b, point)
     # the weight of each corner in the place below the point, times the square of the normal; each from its own edge
     of_a = (ny * ez - nz * ey) * sx + (nz * ex - nx * ez) * sy + (nx * ey - ny * ex) * sz
     of_b = (ny * qz - nz * qy) * -rx + (nz * qx - nx * qz) * -ry + (nx * qy - ny * qx) * -rz
@@ -212,14 +220,14 @@ def _closest_on(x, y, z, corners, slot):
         away = height / square
         return _Place(height * away, rx - away * nx, ry - away * ny, rz - away * nz, of_b / square, of_c / square)
     if of_c <= 0.0 or not square > 0.0:
-        best, share = _on_edge(x, y, z, corners, a, b)
+        best, share = _on_edge(point, corners, a, b)
         u = share
     if of_b <= 0.0 or not square > 0.0:
-        other, share = _on_edge(x, y, z, corners, a, c)
+        other, share = _on_edge(point, corners, a, c)
         if other < best:
             best, u, v = other, f(0.0), share
     if of_a <= 0.0 or not square > 0.0:
-        other, share = _on_edge(x, y, z, corners, b, c)
+        other, share = _on_edge(point, corners, b, c)
         if other < best:
             best, u, v = other, f(1.0) - share, share
     return _Place(best, u * px + v * qx, u * py + v * qy, u * pz + v * qz, u, v)
@@ -237,9 +245,9 @@ class _Best(NamedTuple):
 
 
 @inlined
-def _measured(tree, x, y, z, slot, best):
+def _measured(tree, point, slot, best):
     """The closer one of the triangle in a slot and the best one so far; of equally close ones, the lower face."""
-    square, face = _closest_on(x, y, z, tree.corners, slot).square, np.int64(get(tree.prim_ids, slot))
+    square, face = _closest_on(point, tree.corners, slot).square, np.int64(get(tree.prim_ids, slot))
     if square < best.square or (square == best.square and face < best.face):
         return _Best(square, slot, face)
     return best
@@ -265,7 +273,7 @@ def _push(tree, node, p, square, stack, top):
 
 
 @inlined
-def _measured_leaf(tree, x, y, z, p, link, limit, best):
+def _measured_leaf(tree, point, p, link, limit, best):
     """The closest triangle so far, with those of a leaf; `limit`: a distance beyond which they do not matter."""
     group, n = wide_leaf(link)
     lanes = np.int64((1 << n) - 1)
@@ -274,7 +282,7 @@ def _measured_leaf(tree, x, y, z, p, link, limit, best):
     while lanes:
         k = lowest_bit(lanes)
         lanes &= lanes - 1
-        best = _measured(tree, x, y, z, np.int64(get(tree.slots, group * WIDTH + k)), best)
+        best = _measured(tree, point, np.int64(get(tree.slots, group * WIDTH + k)), best)
     return best
 
 
@@ -286,21 +294,25 @@ def _limits(square, margin):
 
 
 @kernel
-def _closest(tree, x, y, z, seed, stack):
-    """The slot of the triangle that is closest to a point, -1 if there is none. `seed`: a slot to begin with, or -1."""
-    f = np.float32
+def _closest(tree, point, seed, stack):
+    """The slot of the triangle of a tree that is closest to a point, -1 if there is none.
+
+    seed : a slot to begin with, or -1
+    stack : scratch memory
+    """
+    f, (x, y, z) = np.float32, point
     p, link, top = _Point8(splat8(f(x)), splat8(f(y)), splat8(f(z))), np.int64(0), np.int64(0)
     reach = max(max(abs(x), max(abs(y), abs(z))), np.float64(largest_of(tree.reach)))
     margin, tame = reach * _MARGIN, reach > _SMALL and reach < _LARGE
     best = _Best(np.float64(np.inf), np.int64(-1), np.int64(1 << 40))
     if seed >= 0:
-        best = _measured(tree, x, y, z, seed, best)
+        best = _measured(tree, point, seed, best)
     far, square = _limits(best.square, margin)
     while True:
         if link >= 0:
             top = _push(tree, link, p, square * _LATER, stack, top)
         else:
-            best = _measured_leaf(tree, x, y, z, p, link, f(far * _LATER) if tame else _MOST, best)
+            best = _measured_leaf(tree, point, p, link, f(far * _LATER) if tame else _MOST, best)
             far, square = _limits(best.square, margin)
         while top > 0 and np.float64(get(as_f32(stack.keys), top - 1)) * _EARLIER > square:
             top -= 1
@@ -312,18 +324,18 @@ def _closest(tree, x, y, z, seed, stack):
 
 @kernel
 def _find(ticket, wide, points, out):
-    """Worker: the closest point of each of the points, (n, 3) float32."""
+    """Worker: write the closest point in a `wide` BVH of each of the points, (n, 3) float32, to `out`."""
     tree, stack = wide_tree_of(wide), _Stack(stack_i32(_ROOM), stack_i32(_ROOM))
     for batch in items(ticket):
         slot, f = np.int64(-1), np.float64
         for i in range(batch * _POINTS, min((batch + 1) * _POINTS, len(points))):
-            x, y, z = f(points[i, 0]), f(points[i, 1]), f(points[i, 2])
-            slot = _closest(tree, x, y, z, slot, stack)
+            point = _Point(f(points[i, 0]), f(points[i, 1]), f(points[i, 2]))
+            slot = _closest(tree, point, slot, stack)
             if slot < 0:
                 out.face[i], out.distance[i], out.u[i], out.v[i] = -1, np.inf, _ZERO, _ZERO
                 out.position[i, 0] = out.position[i, 1] = out.position[i, 2] = np.nan
                 continue
-            place = _closest_on(x, y, z, tree.corners, slot)
+            place = _closest_on(point, tree.corners, slot)
             out.face[i], out.distance[i] = get(tree.prim_ids, slot), np.sqrt(place.square)
             out.u[i], out.v[i] = np.float32(place.u), np.float32(place.v)
             for axis, offset in enumerate((place.x, place.y, place.z)):
