@@ -77,12 +77,18 @@ def open3d_calls(scene, tensor: Callable) -> Contender:
     def array(result) -> np.ndarray:
         return result if isinstance(result, np.ndarray) else result.numpy()
 
+    def points(rays: Rays):
+        return tensor(rays.origins.astype(np.float32))
+
     return {
         "any hit": lambda rays: array(scene.test_occlusions(tensor(rays.rows()))),
         "first hit": lambda rays: array(scene.cast_rays(tensor(rays.rows()))["t_hit"]),
         "all hits": lambda rays: np.diff(array(scene.list_intersections(tensor(rays.rows()))["ray_splits"])),
         "hit counts": lambda rays: array(scene.count_intersections(tensor(rays.rows()))),
-        "contains": lambda rays: array(scene.compute_occupancy(tensor(rays.origins.astype(np.float32)))) > 0.5,
+        "contains": lambda rays: array(scene.compute_occupancy(points(rays))) > 0.5,
+        "distance": lambda rays: array(scene.compute_distance(points(rays))),
+        "signed distance": lambda rays: array(scene.compute_signed_distance(points(rays))),
+        "closest points": lambda rays: array(scene.compute_closest_points(points(rays))["points"]),
     }
 
 

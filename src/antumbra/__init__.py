@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from .scene.raster import Raster
     from .scene.scene_data import CityModel
     from .scene.sky import Sky
-    from .scene.triangles import AllHits, Hit, Triangles
+    from .scene.triangles import AllHits, ClosestPoints, Hit, Triangles
     from .scene.units import LengthUnit
     from .store.store_build import BuildReport
     from .sun.location import Place, place_of
@@ -75,6 +75,7 @@ __all__ = [
     "BuildReport",
     "Camera",
     "CityModel",
+    "ClosestPoints",
     "Column",
     "Dataset",
     "DirectionalLight",
@@ -167,6 +168,7 @@ _HOME = {
     "BuildReport": "store.store_build",
     "Camera": "scene.camera",
     "CityModel": "scene.scene_data",
+    "ClosestPoints": "scene.triangles",
     "Column": "city.tables.result_table",
     "Dataset": "datasets.dataset",
     "DirectionalLight": "scene.lights",

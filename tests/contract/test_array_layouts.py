@@ -66,7 +66,8 @@ def of_rays(owner: str, face: Any) -> None:
         door(f"{where} skip_face", FACES, lambda a, call=call: call(POINTS, VECTORS, skip_face=a))
         if name != "closest_hit":
             door(f"{where} targets", VECTORS, lambda a, call=call: call(POINTS, targets=a))
-    door(f"{owner}.contains points", POINTS, face.contains)
+    for name in ("contains", "closest_points", "signed_distance"):
+        door(f"{owner}.{name} points", POINTS, getattr(face, name))
 
 
 of_rays("Scene", SCENE)
@@ -266,14 +267,27 @@ TRACER = open3d.RaycastingScene()
 TRACER.add_triangles(VERTICES, TRIANGLES)
 for _call in ("cast_rays", "test_occlusions", "count_intersections", "list_intersections"):
     door(f"open3d.RaycastingScene.{_call} rays", np.concatenate([POINTS, VECTORS], 1), getattr(TRACER, _call))
-door("open3d.RaycastingScene.compute_occupancy query_points", POINTS, TRACER.compute_occupancy)
+for _call in ("compute_occupancy", "compute_distance", "compute_signed_distance", "compute_closest_points"):
+    door(f"open3d.RaycastingScene.{_call} query_points", POINTS, getattr(TRACER, _call))
 WALL = SimpleNamespace(vertices=VERTICES.tolist(), faces=TRIANGLES.tolist())
 door("ladybug.intersection_matrix vectors", VECTORS, lambda a: ladybug.intersection_matrix(a, POINTS, VECTORS, [WALL]))
 door("ladybug.intersection_matrix points", POINTS, lambda a: ladybug.intersection_matrix(VECTORS, a, VECTORS, [WALL]))
 door("ladybug.intersection_matrix normals", VECTORS, lambda a: ladybug.intersection_matrix(VECTORS, POINTS, a, [WALL]))
 
 PLAIN = (
-    *("AllHits", "CityModel", "Column", "Frame", "GBuffer", "Hit", "LinePoints", "Receivers", "Shadow", "Sightlines"),
+    *(
+        "AllHits",
+        "CityModel",
+        "ClosestPoints",
+        "Column",
+        "Frame",
+        "GBuffer",
+        "Hit",
+        "LinePoints",
+        "Receivers",
+        "Shadow",
+        "Sightlines",
+    ),
     *("Skyline", "Suns", "Table", "Triangles", "Viewshed", "Visibility", "VisibilityMatrix"),
     *("Camera.rays", "Camera.view", "Engine.queries", "Engine.segment_hits", "Engine.shadows", "Frame.save"),
     *("Hit.of_scene", "Raster.places", "Receivers.moved_off", "Receivers.take", "Sensors.take"),

@@ -48,7 +48,7 @@ PLUMBING = {
 }  # fmt: skip
 """Methods without a face for users."""
 
-RAY_METHODS = "occluded", "closest_hit", "all_hits", "count_hits", "contains"
+RAY_METHODS = "occluded", "closest_hit", "all_hits", "count_hits", "contains", "closest_points", "signed_distance"
 
 
 @cache
@@ -125,6 +125,8 @@ def scene_methods(scene, stored: bool) -> dict[str, Example]:
         "all_hits of segments": ex(scene.all_hits, **segments),
         "count_hits": ex(scene.count_hits, **rays, **more, merge="surface"),
         "contains": ex(scene.contains, points=[[1.0, 0.5, -1.0]], threads=1),
+        "closest_points": ex(scene.closest_points, not stored, points=[[1.0, 0.5, -1.0]], threads=1),
+        "signed_distance": ex(scene.signed_distance, not stored, points=[[1.0, 0.5, -1.0]], threads=1),
     }
 
 

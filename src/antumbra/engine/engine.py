@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import as_array, byte_count, checked_instance, choice, whole_number
+from ..base.checks import byte_count, checked_instance, choice, whole_number
 from ..base.errors import InputError
 from ..base.forks import is_stuck, renew_after_fork
 from ..base.progress import ProgressCallback, show_progress
@@ -18,6 +18,7 @@ from ..devices.device_list import default_device, may_have_card, using_device
 from ..kernels.parallel import thread_count
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
+from ..query.point_list import points_of
 from ..query.ray_list import cull_value, rays_of, segments_between
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery
@@ -25,7 +26,7 @@ from ..scene.camera import Camera
 from ..scene.light_lists import without_interleave
 from ..scene.lights import Light, check_lights
 from ..scene.scene_data import SceneData
-from ..scene.triangles import AllHits, Hit, HitFaces, HitFilter
+from ..scene.triangles import AllHits, ClosestPoints, Hit, HitFaces, HitFilter
 from ..trace.rays.all_hits import SURFACES, TRIANGLES
 from ..trace.transmission import TracedQuery
 from .accelerator import Accelerated, Accelerator
@@ -64,9 +65,6 @@ _MAX_OTHER_ENGINES = 8  # engines of other plans that an engine caches
 
 MAX_HITS = (1 << 31) - 1
 """Largest value of `max_hits`, and more than a scene has faces."""
-
-MAX_COORDINATE = 1e38
-"""Points for `contains` must be closer to 0, so that float32 can represent them."""
 
 MERGES = {"none": TRIANGLES, "surface": SURFACES}
 """Rules by which hits are counted."""
@@ -280,17 +278,19 @@ class Engine(RayQueries):
         return self.source.ray_lists.all_hits(segments, None, TRIANGLES, self._count(threads))
 
     def _inside(self, points: "ArrayLike", time: float, threads: int | None) -> NDArray[np.bool_]:
-        array, up = as_array(points, "points", strided=True), np.eye(3)["xyz".index(self.data.up)]
-        if array.ndim < 1 or array.shape[-1] != 3:
-            raise InputError(f"points must have shape (..., 3), not {array.shape}")
-        if not np.abs(array).max(initial=0.0) < MAX_COORDINATE:
-            first = int(np.argmin((np.abs(array) < MAX_COORDINATE).reshape(-1, 3).all(1)))
-            raise InputError(f"points are NaN, infinite or beyond float32 (point {first})")
+        array, up = points_of(points, self._frame).points, np.eye(3)["xyz".index(self.data.up)]
         rays = rays_of(array, up, HitFilter(0.0, np.inf), self._frame, self._n_faces, None, self._moment(time))
         bodies = self.source.ray_lists.bodies(rays.time)
         if bodies.open_edges or self.data.notes:
             self.data.notes = with_note(self.data.notes, self.data.name, bodies.open_edges)
         return inside_of(bodies, rays, self._count(threads)).reshape(rays.shape)
+
+    def _closest_points(self, points: "ArrayLike", time: float, threads: int | None) -> ClosestPoints:
+        arguments = points_of(points, self._frame)
+        found = self.source.ray_lists.closest_points(arguments.local(), self._moment(time), self._count(threads))
+        found.position[:] += self._frame
+        arrays: list[Any] = [array.reshape((*arguments.shape, *array.shape[1:])) for array in found]
+        return ClosestPoints(*arrays)
 
     def _count(self, threads: int | None) -> int:
         """The number of threads of a query."""

@@ -1,4 +1,4 @@
-"""Queries by rays: the public methods that scenes and engines share, with their documentation.
+"""Queries by rays and points: the public methods that scenes and engines share, with their documentation.
 
 This module imports no kernels: files can be inspected without them.
 """
@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..scene.triangles import AllHits, Hit, HitFilter
+from ..scene.triangles import AllHits, ClosestPoints, Hit, HitFilter
 
 
 class RayQueries:
-    """Queries by rays, answered by an engine, which gets the arguments as users give them."""
+    """Queries by rays and points, answered by an engine, which gets the arguments as users give them."""
 
     engine: Any  # an `Engine`, whose module imports this one
 
@@ -211,3 +211,63 @@ class RayQueries:
         """
         inside: NDArray[np.bool_] = self.engine._inside(points, time, threads)
         return inside
+
+    def closest_points(self, points: "ArrayLike", time: float = 0.0, *, threads: int | None = None) -> ClosestPoints:
+        """The closest point of the scene's faces to each point, and its distance.
+
+        Points are rounded as for `contains`. The distance from the rounded point is computed in float64: its error is
+        below ``2**-48`` of the distance plus the longest edge of the face. Of faces with the same computed distance,
+        the one with the lowest index is returned; both faces of an edge have the same distance from a point that is
+        closest to the edge.
+
+        Parameters
+        ----------
+        points : (..., 3) float, world
+        time : float
+            Seconds.
+        threads : int, optional
+            None: all cores.
+
+        Returns
+        -------
+        ClosestPoints
+            distance (...) float64: never negative, 0 on a face. face (...) int32. u, v (...) float32: weights of the
+            face's second and third corner. position (..., 3) float64, world. Faces without area do not count, and
+            faces with alpha masks count as a whole, unless they are clear everywhere. Without any, the distance is inf,
+            the face -1 and the position NaN.
+
+        Raises
+        ------
+        InputError
+            As for `contains`; or if the scene is in a store, or its instances take more memory than the machine has,
+            since they are flattened.
+        """
+        closest: ClosestPoints = self.engine._closest_points(points, time, threads)
+        return closest
+
+    def signed_distance(
+        self, points: "ArrayLike", time: float = 0.0, *, threads: int | None = None
+    ) -> NDArray[np.float64]:
+        """The distance of points from the scene's faces: that of `closest_points`, negative where `contains` is True.
+
+        So the sign is exact. In `trimesh.proximity.signed_distance` it is the opposite: positive inside.
+
+        Parameters
+        ----------
+        points : (..., 3) float, world
+        time : float
+            Seconds.
+        threads : int, optional
+            None: all cores.
+
+        Returns
+        -------
+        (...) float64
+
+        Raises
+        ------
+        InputError
+            As for `closest_points`.
+        """
+        distance = self.closest_points(points, time, threads=threads).distance
+        return np.where(self.contains(points, time, threads=threads) & (distance > 0.0), -distance, distance)

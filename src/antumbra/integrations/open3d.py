@@ -1,39 +1,38 @@
-"""Open3D: `RaycastingScene`, with the calls and results of ``open3d.t.geometry.RaycastingScene``, as NumPy arrays.
+"""Open3D: `RaycastingScene`, with the calls and results of ``open3d.t.geometry.RaycastingScene``.
 
     scene = antumbra.integrations.open3d.RaycastingScene()
     scene.add_triangles(mesh)
     t_hit = scene.cast_rays(rays)["t_hit"]
 
-Keys, shapes, dtypes and miss values are Open3D's. Results are arrays; arguments may be tensors in host memory too.
+Keys, shapes, dtypes and miss values are Open3D's. Arguments may be tensors in host memory or arrays. Results are
+tensors, which share their memory with arrays, once the program has imported Open3D; otherwise they are NumPy arrays.
 """
 
-from typing import Any, ClassVar, NamedTuple, NoReturn
+import sys
+from collections.abc import Callable
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import as_array, number, rows_of, unit_vectors, vector, whole_number
+from ..base.checks import as_array, number, rows_of, vector, whole_number
 from ..base.errors import InputError
 from ..engine.scene import Scene
 from ..formats.library_meshes import KNOWN, is_mesh, meshes_of
 from ..kernels.elementary import tan
 from ..scene.mesh import Mesh, StaticMeshes, make_mesh, n_faces
 from ..scene.scene_data import MemoryData
+from ..scene.triangles import AllHits, ClosestPoints
 
-
-class _Faces(NamedTuple):
-    """What queries return for the face that was hit; the last elements, at index -1, are those of a miss."""
-
-    geometry: NDArray[np.uint32]  # (f + 1,)
-    primitive: NDArray[np.uint32]  # (f + 1,)
-    normals: NDArray[np.float32]  # (f + 1, 3) unit, 0 for faces without area
+_T = TypeVar("_T")
 
 
 class RaycastingScene:
-    """A scene of triangle meshes for ray queries, which are exact.
+    """A scene of triangle meshes for queries by rays, which are exact, and by points.
 
-    A hit lies strictly between the ends of its ray, so a face through the origin is none. In all methods, `nthreads` 0
-    means all cores. Wrong values raise an `InputError`, as do queries of distances, which rays do not answer.
+    A hit lies strictly between the ends of its ray, so a face through the origin is none. Rays that are NaN or
+    infinite, or have no direction, hit nothing. In all methods, `nthreads` 0 means all cores. An argument of a wrong
+    shape or type raises an `InputError`.
 
     nthreads, device : ignored, since the first query builds the tree on all cores of the CPU
     """
@@ -57,6 +56,8 @@ class RaycastingScene:
             Instead of the others, also as the only argument without a name.
         """
         mesh = vertex_positions if mesh is None and triangle_indices is None else mesh
+        if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):  # a tensor mesh of Open3D
+            vertex_positions, triangle_indices, mesh = mesh.vertex.positions, mesh.triangle.indices, None
         if mesh is None:
             vertices = rows_of(vertex_positions, "vertex_positions", 3, 2)
             parts = [make_mesh("mesh", vertices, as_array(triangle_indices, "triangle_indices"), None, "the mesh")]
@@ -69,38 +70,49 @@ class RaycastingScene:
         self._scene = None
         return len(self._counts) - 1
 
-    def cast_rays(self, rays: ArrayLike, nthreads: int = 0) -> dict[str, NDArray[Any]]:
+    # --- Rays ---------------------------------------------------------------------------------------------------------
+
+    def cast_rays(self, rays: ArrayLike, nthreads: int = 0) -> dict[str, Any]:
         """The first hit of each of the rays, (..., 6) float: origins, and directions of any length.
 
         The result has t_hit (...) float32, in lengths of the direction, inf on a miss; geometry_ids and primitive_ids
         (...) uint32, `INVALID_ID` on a miss; primitive_uvs (..., 2) float32, weights of the second and third corner;
         primitive_normals (..., 3) float32, unit vectors by the winding order. The last two are 0 on a miss.
         """
-        hit = self._committed().closest_hit(rows_of(rays, "rays", 6), threads=_threads(nthreads))
-        return {
-            "t_hit": hit.t.astype(np.float32),
-            "geometry_ids": self._faces.geometry[hit.face],
-            "primitive_ids": self._faces.primitive[hit.face],
-            "primitive_uvs": np.stack([hit.u, hit.v], axis=-1),
-            "primitive_normals": self._faces.normals[hit.face],
-        }
+        scene, threads = self._committed(), _threads(nthreads)
+        hit = self._of_rays(lambda valid: scene.closest_hit(valid, threads=threads), rays)
+        return _results(t_hit=hit.t.astype(np.float32), **self._surfaces(hit.face, hit.u, hit.v))
 
-    def test_occlusions(
-        self, rays: ArrayLike, tnear: float = 0.0, tfar: float = np.inf, nthreads: int = 0
-    ) -> NDArray[np.bool_]:
-        """(...) bool: whether each of the rays, (..., 6) float, hits anything between tnear and tfar."""
-        ends = number(tnear, "tnear", 0.0, ends="[)"), number(tfar, "tfar", ends="[]")
-        return self._committed().occluded(rows_of(rays, "rays", 6), None, *ends, threads=_threads(nthreads))
+    def test_occlusions(self, rays: ArrayLike, tnear: float = 0.0, tfar: float = np.inf, nthreads: int = 0) -> Any:
+        """(...) bool: whether each of the rays, (..., 6) float, hits anything between tnear and tfar.
 
-    def count_intersections(self, rays: ArrayLike, nthreads: int = 0) -> NDArray[np.int32]:
-        """(...) int32: how often each of the rays, (..., 6) float, crosses a surface.
-
-        A crossing of a shared edge or vertex counts once. Where Open3D's counts depend on rounding, these are exact.
+        They may be negative, for hits behind the origin.
         """
-        counts = self._committed().count_hits(rows_of(rays, "rays", 6), merge="surface", threads=_threads(nthreads))
-        return counts.astype(np.int32)
+        near, far, threads = float(tnear), float(tfar), _threads(nthreads)
+        return _result(self._of_rays(lambda valid: self._occluded(valid, near, far, threads), rays))
 
-    def list_intersections(self, rays: ArrayLike, nthreads: int = 0) -> dict[str, NDArray[Any]]:
+    def _occluded(self, rays: NDArray[Any], near: float, far: float, threads: int | None) -> NDArray[np.bool_]:
+        scene = self._committed()
+        if not near < far:  # or one of them is NaN
+            return np.zeros(rays.shape[:-1], np.bool_)
+        if near >= 0.0:
+            return scene.occluded(rays, None, near, far, threads=threads)
+        blocked = self._occluded(rays * (1, 1, 1, -1, -1, -1), max(-far, 0.0), -near, threads)
+        if far > 0.0:
+            here = scene.closest_points(rays[..., :3], threads=threads).distance == 0.0
+            blocked = blocked | here | self._occluded(rays, 0.0, far, threads)
+        return blocked
+
+    def count_intersections(self, rays: ArrayLike, nthreads: int = 0) -> Any:
+        """(...) int32: how many hits `list_intersections` has for each of the rays, (..., 6) float."""
+        rays = _rows(rays, "rays", 6)
+        hits, distinct = self._hits(rays, nthreads)
+        counts = (
+            hits.counts if distinct is None else np.bincount(hits.ray[distinct], minlength=len(hits.ray_offsets) - 1)
+        )
+        return _result(counts.astype(np.int32).reshape(rays.shape[:-1]))
+
+    def list_intersections(self, rays: ArrayLike, nthreads: int = 0) -> dict[str, Any]:
         """All hits of each ray, nearest first. Several triangles of a geometry that are hit at one point are one hit.
 
         The first hit of a ray is that of `cast_rays`.
@@ -108,58 +120,145 @@ class RaycastingScene:
         exclusive. For each of h hits, it has ray_ids, geometry_ids and primitive_ids (h,) uint32, t_hit (h,) float32,
         and primitive_uvs (h, 2) float32, as from `cast_rays`.
         """
-        flat = rows_of(rays, "rays", 6).reshape(-1, 6)
-        hits = self._committed().all_hits(flat, threads=_threads(nthreads))
-        ray, geometry = hits.ray, self._faces.geometry[hits.face]
-        apart = np.ones(len(ray), bool)  # hits at one point have the same t
-        apart[1:] = (ray[1:] != ray[:-1]) | (hits.t[1:] != hits.t[:-1])
-        new = np.arange(len(ray))
-        if not apart.all():
-            keys = np.cumsum(apart) * (np.int64(geometry.max()) + 1) + geometry
-            new = np.sort(np.unique(keys, return_index=True)[1])
-        return {
-            "ray_splits": np.append(0, np.cumsum(np.bincount(ray[new], minlength=len(flat)))).astype(np.uint32),
-            "ray_ids": ray[new].astype(np.uint32),
-            "t_hit": hits.t[new].astype(np.float32),
-            "geometry_ids": geometry[new],
-            "primitive_ids": self._faces.primitive[hits.face[new]],
-            "primitive_uvs": np.stack([hits.u, hits.v], axis=-1)[new],
-        }
+        hits, distinct = self._hits(_rows(rays, "rays", 6), nthreads)
+        ray, splits = hits.ray, hits.ray_offsets
+        if distinct is not None:
+            ray = ray[distinct]
+            splits = np.append(0, np.cumsum(np.bincount(ray, minlength=len(splits) - 1)))
+            hits = hits._replace(t=hits.t[distinct], face=hits.face[distinct], u=hits.u[distinct], v=hits.v[distinct])
+        return _results(
+            ray_splits=splits.astype(np.uint32),
+            ray_ids=ray.astype(np.uint32),
+            t_hit=hits.t.astype(np.float32),
+            **self._ids(hits.face),
+            primitive_uvs=_pairs(hits.u, hits.v),
+        )
 
-    def compute_occupancy(self, query_points: ArrayLike, nthreads: int = 0, nsamples: int = 1) -> NDArray[np.float32]:
+    def _hits(self, rays: NDArray[Any], nthreads: int) -> tuple[AllHits, NDArray[np.int64] | None]:
+        """All hits of rays; and the indices of the first hit of each geometry at each point, None if they are all."""
+        scene, threads = self._committed(), _threads(nthreads)
+        flat = rays.reshape(-1, 6)
+        hits = self._of_rays(lambda valid: scene.all_hits(valid, threads=threads), flat)
+        again = hits.t[1:] == hits.t[:-1]  # hits at one point have the same t
+        if not again.any():
+            return hits, None
+        ray, geometry = hits.ray, self._ids(hits.face)["geometry_ids"]
+        again &= ray[1:] == ray[:-1]
+        points = np.append(0, np.cumsum(~again))
+        keys = points * (np.int64(len(self._counts)) + 1) + geometry
+        return hits, np.sort(np.unique(keys, return_index=True)[1])
+
+    def _of_rays(self, query: Callable[[NDArray[Any]], _T], rays: ArrayLike) -> _T:
+        """The result of a query for rays. Those that are not valid are replaced by one that misses the scene."""
+        array = _rows(rays, "rays", 6)
+        try:
+            return query(array)
+        except InputError:
+            with np.errstate(over="ignore"):
+                narrow = array.astype(np.float32)
+            valid = np.asarray(np.isfinite(narrow).all(-1) & narrow[..., 3:].any(-1))
+            if valid.all():
+                raise
+            lower, upper = self._committed().bounds
+            beyond = upper + (upper - lower) + np.abs(upper)
+            return query(np.where(valid[..., None], array, [*beyond, 1.0, 0.0, 0.0]))
+
+    # --- Points -------------------------------------------------------------------------------------------------------
+
+    def compute_closest_points(self, query_points: ArrayLike, nthreads: int = 0) -> dict[str, Any]:
+        """The closest point of the meshes to each of the points, (..., 3) float.
+
+        The result has points (..., 3) float32, and geometry_ids, primitive_ids, primitive_uvs and primitive_normals as
+        from `cast_rays`. For points that are NaN or infinite, they are NaN, `INVALID_ID` and 0.
+        """
+        found = self._closest(_rows(query_points, "query_points", 3), nthreads)
+        return _results(points=found.position.astype(np.float32), **self._surfaces(found.face, found.u, found.v))
+
+    def compute_distance(self, query_points: ArrayLike, nthreads: int = 0) -> Any:
+        """(...) float32: the distance of each of the points, (..., 3) float, from the closest mesh."""
+        found = self._closest(_rows(query_points, "query_points", 3), nthreads)
+        return _result(found.distance.astype(np.float32))
+
+    def compute_signed_distance(self, query_points: ArrayLike, nthreads: int = 0, nsamples: int = 1) -> Any:
+        """(...) float32: `compute_distance`, negative for the points that `compute_occupancy` finds inside."""
+        points = _rows(query_points, "query_points", 3)
+        distance = self._closest(points, nthreads).distance
+        inside = self._inside(points, nthreads, nsamples) & (distance > 0.0)
+        return _result(np.where(inside, -distance, distance).astype(np.float32))
+
+    def compute_occupancy(self, query_points: ArrayLike, nthreads: int = 0, nsamples: int = 1) -> Any:
         """(...) float32: 1 for points, (..., 3) float, inside the meshes, which must be closed; else 0.
 
         `nsamples` must be odd, as for Open3D, and changes nothing, since the first result is exact.
         """
-        if whole_number(nsamples, "nsamples", 1, 1 << 31) % 2 == 0:
+        points = _rows(query_points, "query_points", 3)
+        return _result(self._inside(points, nthreads, nsamples).astype(np.float32))
+
+    def _closest(self, points: NDArray[Any], nthreads: int) -> ClosestPoints:
+        """The closest points; for points that are NaN or infinite, these numbers, and face -1."""
+        scene, threads = self._committed(), _threads(nthreads)
+        found, valid = _of_points(lambda points: scene.closest_points(points, threads=threads), points)
+        if valid is not None:
+            lost = ~valid
+            found.distance[lost] = np.abs(points[lost]).sum(-1)
+            found.face[lost], found.u[lost], found.v[lost], found.position[lost] = -1, 0.0, 0.0, np.nan
+        return found
+
+    def _inside(self, points: NDArray[Any], nthreads: int, nsamples: int) -> NDArray[np.bool_]:
+        if nsamples != 1 and whole_number(nsamples, "nsamples", 1, 1 << 31) % 2 == 0:
             raise InputError(f"nsamples is {nsamples}; it must be odd")
-        inside = self._committed().contains(rows_of(query_points, "query_points", 3), threads=_threads(nthreads))
-        return inside.astype(np.float32)
+        scene, threads = self._committed(), _threads(nthreads)
+        inside, valid = _of_points(lambda points: scene.contains(points, threads=threads), points)
+        return inside if valid is None else inside & valid
 
-    def compute_distance(self, *arguments: object, **named: object) -> NoReturn:
-        """Refused, as are `compute_signed_distance` and `compute_closest_points`: rays do not measure distances."""
-        refused = "compute_distance, compute_signed_distance and compute_closest_points"
-        raise InputError(f"rays do not measure distances; use Open3D's own RaycastingScene for {refused}")
-
-    compute_closest_points = compute_signed_distance = compute_distance
+    # --- Cameras ------------------------------------------------------------------------------------------------------
 
     @staticmethod
-    def create_rays_pinhole(*arguments: Any, **named: Any) -> NDArray[np.float32]:
+    def create_rays_pinhole(*arguments: Any, **named: Any) -> Any:
         """(height_px, width_px, 6) float32: rays through the centres of a pinhole camera's pixels.
 
-        The arguments are ``(fov_deg, center, eye, up, width_px, height_px)``, with the horizontal field of view, or
-        ``(intrinsic_matrix, extrinsic_matrix, width_px, height_px)``, with (3, 3) and (4, 4) matrices.
+        The arguments are ``(fov_deg, center, eye, up, width_px, height_px)``, with the horizontal field of view, 0 for
+        rays that are all the same, or ``(intrinsic_matrix, extrinsic_matrix, width_px, height_px)``, with (3, 3) and
+        (4, 4) matrices. Without a direction from eye to center, or one to the right, all rays are NaN.
         """
         rays = _rays_of_matrices if len(arguments) + len(named) == 4 else _rays_of_view
-        return rays(*arguments, **named)
+        return _result(rays(*arguments, **named))
+
+    # --- Faces --------------------------------------------------------------------------------------------------------
 
     def _committed(self) -> Scene:
         """The scene of all meshes so far."""
         if self._scene is None:
             meshes = self._meshes or [make_mesh("none", np.zeros((3, 3)), np.arange(3)[None], None, "none")]
             self._scene = Scene.of_data(MemoryData(StaticMeshes(meshes, "RaycastingScene"), name="RaycastingScene"))
-            self._faces = _faces_of(self._scene, self._counts)
+            self._faces: _Faces | None = None
         return self._scene
+
+    def _ids(self, face: NDArray[np.int32]) -> dict[str, NDArray[np.uint32]]:
+        """The ids of faces, (...) int32; `INVALID_ID` for -1."""
+        if len(self._counts) <= 1:
+            return {"geometry_ids": np.minimum(face, 0).view(np.uint32), "primitive_ids": face.view(np.uint32)}
+        faces = self._table()
+        return {"geometry_ids": faces.geometry[face], "primitive_ids": faces.primitive[face]}
+
+    def _surfaces(
+        self, face: NDArray[np.int32], u: NDArray[np.float32], v: NDArray[np.float32]
+    ) -> dict[str, NDArray[Any]]:
+        """What queries return for faces, (...) int32, -1: none, and the weights of their corners."""
+        return self._ids(face) | {"primitive_uvs": _pairs(u, v), "primitive_normals": self._table().normals[face]}
+
+    def _table(self) -> "_Faces":
+        if self._faces is None:
+            self._faces = _faces_of(self._committed(), self._counts)
+        return self._faces
+
+
+class _Faces(NamedTuple):
+    """What queries return for a face; the last elements, at index -1, are those of a miss."""
+
+    geometry: NDArray[np.uint32]  # (f + 1,)
+    primitive: NDArray[np.uint32]  # (f + 1,)
+    normals: NDArray[np.float32]  # (f + 1, 3) unit, 0 for faces without area
 
 
 def _faces_of(scene: Scene, counts: list[int]) -> _Faces:
@@ -173,18 +272,73 @@ def _faces_of(scene: Scene, counts: list[int]) -> _Faces:
     return _Faces(geometry, primitive, unit.astype(np.float32))
 
 
+# --- Arguments and results --------------------------------------------------------------------------------------------
+
+
+def _result(array: NDArray[Any]) -> Any:
+    """An array as a result: a tensor that shares its memory, if the program uses Open3D."""
+    library = sys.modules.get("open3d")
+    return array if library is None else library.core.Tensor.from_numpy(array)
+
+
+def _results(**arrays: NDArray[Any]) -> dict[str, Any]:
+    library = sys.modules.get("open3d")
+    if library is None:
+        return arrays
+    tensor = library.core.Tensor.from_numpy
+    return {name: tensor(array) for name, array in arrays.items()}
+
+
+def _pairs(u: NDArray[np.float32], v: NDArray[np.float32]) -> NDArray[np.float32]:
+    uv = np.empty((*u.shape, 2), np.float32)
+    uv[..., 0], uv[..., 1] = u, v
+    return uv
+
+
+def _rows(value: Any, what: str, length: int) -> NDArray[Any]:
+    """`rows_of`, faster for tensors and arrays that are right."""
+    library = sys.modules.get("open3d")
+    array = value.numpy() if library is not None and type(value) is library.core.Tensor else value
+    if type(array) is np.ndarray and array.dtype.char in "fd" and array.shape[-1:] == (length,):
+        return array
+    return rows_of(value, what, length)
+
+
+def _of_points(query: Callable[[NDArray[Any]], _T], points: NDArray[Any]) -> tuple[_T, NDArray[np.bool_] | None]:
+    """(the result of a query for points, which of them are valid; None: all). It is meaningless for the others."""
+    try:
+        return query(points), None
+    except InputError:
+        with np.errstate(over="ignore"):
+            valid = np.asarray(np.isfinite(points.astype(np.float32)).all(-1))
+        if valid.all():
+            raise
+        return query(np.where(valid[..., None], points, 0.0)), valid
+
+
+def _threads(nthreads: int) -> int | None:
+    if type(nthreads) is int and nthreads <= 0:
+        return None
+    return whole_number(nthreads, "nthreads", 0, 1 << 16) or None
+
+
+# --- Cameras ----------------------------------------------------------------------------------------------------------
+
+
 def _rays_of_view(
     fov_deg: float, center: ArrayLike, eye: ArrayLike, up: ArrayLike, width_px: int, height_px: int
 ) -> NDArray[np.float32]:
-    focal_length = width_px / 2.0 / tan(np.radians(number(fov_deg, "fov_deg", 0.0, 180.0)) / 2.0)
-    position = vector(eye, "eye")
-    ahead = unit_vectors(vector(center, "center") - position, "the view from eye to center")
-    right = unit_vectors(np.cross(vector(up, "up"), ahead), "up, seen from eye,")
-    extrinsic = np.eye(4)
-    extrinsic[:3, :3] = right, np.cross(ahead, right), ahead
-    extrinsic[:3, 3] = -extrinsic[:3, :3] @ position
-    intrinsic = np.array([[focal_length, 0, width_px / 2], [0, focal_length, height_px / 2], [0, 0, 1]])
-    return _rays_of_matrices(intrinsic, extrinsic, width_px, height_px)
+    position, size = vector(eye, "eye"), (width_px, height_px)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ahead = _unit(vector(center, "center") - position)
+        right = _unit(np.cross(vector(up, "up"), ahead))
+    pixel = 2.0 * tan(np.radians(number(fov_deg, "fov_deg")) / 2.0) / max(width_px, 1)  # of an image at distance 1
+    inverse = np.array([[pixel, 0, -pixel * width_px / 2], [0, pixel, -pixel * height_px / 2], [0, 0, 1]])
+    return _rays_through_pixels(position, np.stack([right, np.cross(ahead, right), ahead], axis=1) @ inverse, *size)
+
+
+def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    return vector / np.linalg.norm(vector)
 
 
 def _rays_of_matrices(
@@ -194,13 +348,16 @@ def _rays_of_matrices(
     extrinsic = as_array(extrinsic_matrix, "extrinsic_matrix")
     if intrinsic.shape != (3, 3) or extrinsic.shape != (4, 4):
         raise InputError(f"the matrices must be (3, 3) and (4, 4), not {intrinsic.shape} and {extrinsic.shape}")
-    width, height = (whole_number(each, "pixels", 1, 1 << 16) for each in (width_px, height_px))
     turn, shift = extrinsic[:3, :3].T, extrinsic[:3, 3]
+    return _rays_through_pixels(-turn @ shift, turn @ np.linalg.inv(intrinsic), width_px, height_px)
+
+
+def _rays_through_pixels(
+    position: NDArray[np.float64], directions: NDArray[np.float64], width_px: int, height_px: int
+) -> NDArray[np.float32]:
+    """Rays from a position; `directions`: (3, 3), from pixels (column, row, 1) to directions."""
+    width, height = (whole_number(each, "pixels", 0, 1 << 16) for each in (width_px, height_px))
     rows, columns = np.indices((height, width))
     pixels = np.stack([columns + 0.5, rows + 0.5, np.ones((height, width))], axis=-1)
-    directions = pixels @ (turn @ np.linalg.inv(intrinsic)).T
-    return np.concatenate([np.broadcast_to(-turn @ shift, directions.shape), directions], axis=-1).astype(np.float32)
-
-
-def _threads(nthreads: int) -> int | None:
-    return whole_number(nthreads, "nthreads", 0, 1 << 16) or None
+    ahead = pixels @ directions.T
+    return np.concatenate([np.broadcast_to(position, ahead.shape), ahead], axis=-1).astype(np.float32)

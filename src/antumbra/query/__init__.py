@@ -4,7 +4,7 @@
 - `receivers`: surface points offset from their surface
 - `light_samples`: sample sets of a light, and sample points in kernels
 - `shadow_query`: `ShadowQuery`, the queries of a picture, samples below the horizon
-- `ray_list`: checked ray arrays
+- `ray_list`: checked ray arrays; `point_list`: checked points
 - `ray_passes`: one ray per pixel: diffuse rays, camera rays, hits on a ground plane
 - `gbuffer`: G-buffer, pixel rays, smooth-surface test
 - `raster_setup`: edge functions and depth keys of a triangle

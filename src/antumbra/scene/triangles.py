@@ -1,4 +1,4 @@
-"""`Triangles`, the geometry of a scene at one moment; `Hit`, nearest hits of rays; and `AllHits`, all of them.
+"""`Triangles`, the geometry of a scene at one moment; `Hit`, nearest hits of rays; `AllHits`; and `ClosestPoints`.
 
 A `Hit` holds distances, faces and barycentric coordinates. Positions, normals and corners are computed on demand from
 the triangles that were hit.
@@ -176,3 +176,19 @@ class AllHits(NamedTuple):
 
     def __repr__(self) -> str:
         return f"AllHits({len(self.t)} hits of {len(self.ray_offsets) - 1} rays; {', '.join(self._fields)})"
+
+
+# --- Closest points ---------------------------------------------------------------------------------------------------
+
+
+class ClosestPoints(NamedTuple):
+    """The closest points of a scene's faces to points of shape (..., 3)."""
+
+    distance: NDArray[np.float64]  # (...) float64; inf in a scene without faces
+    face: NDArray[np.int32]  # (...) int32, index of the face in the scene; -1 in a scene without faces
+    u: NDArray[np.float32]  # (...) float32, barycentric weight of the face's second corner, 0 to 1
+    v: NDArray[np.float32]  # (...) float32, barycentric weight of its third corner, 0 to 1
+    position: NDArray[np.float64]  # (..., 3) float64, world: the closest point; NaN in a scene without faces
+
+    def __repr__(self) -> str:
+        return f"ClosestPoints({self.face.shape} points; {', '.join(self._fields)})"

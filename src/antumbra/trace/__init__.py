@@ -5,6 +5,7 @@
 - `packets/`: packets of 16 rays
 - `rays/`: single rays, and ray lists over the eight-wide BVH
 - `primary/`: camera rays
+- `closest_points`: the closest points of a scene's faces
 - `terrain/`: rays over rasters of heights
 - `tile`: queries as tiles of 16 receivers and chunks of 16 samples
 - `light_table`: light samples in strata

@@ -23,8 +23,9 @@ from ...query.ray_list import RayArguments, TracedRays, changed_error, hit_array
 from ...query.shadow_query import Surfaces, surfaces_of
 from ...scene.scene_data import MemoryData, SceneData
 from ...scene.triangle_setup import rows_with_area, solid_faces
-from ...scene.triangles import AllHits, Triangles
+from ...scene.triangles import AllHits, ClosestPoints, Triangles
 from ...trace.alpha_cutouts import CutoutTree, add_hits, without_holes
+from ...trace.closest_points import closer_of, closest_points
 from ...trace.rays.all_hits import INSIDE, RayHits, count_all, find_all, merge_triangles, unsigned
 from ...trace.rays.local_rays import local_rays
 from ...trace.rays.ray_batches import RayTracer
@@ -83,7 +84,7 @@ class RayLists:
 
     def trace_rays(self, rays: RayArguments, any_hit: bool, threads: int) -> TracedRays:
         """The hits of rays. InputError if a ray is invalid."""
-        ready = self._ready_at(rays)
+        ready = self._ready_at(rays.time, rays.n)
         out, start = hit_arrays(rays.n, any_hit), perf_counter()
         valid = ready.tracer.trace(rays, any_hit, out, threads)
         self._count(start, threads)
@@ -105,7 +106,7 @@ class RayLists:
     def all_hits(self, rays: RayArguments, max_hits: int | None, rule: int, threads: int) -> AllHits:
         """All hits of rays, or the first `max_hits` of each; `rule`: TRIANGLES or SURFACES."""
         precompile("all hits")
-        ready, start = self._ready_at(rays), perf_counter()
+        ready, start = self._ready_at(rays.time, rays.n), perf_counter()
         hits = _of_valid(rays, find_all(ready.tracer, rays, max_hits, rule, threads))
         self._count(start, threads)
         cutouts = ready.accelerated.cutouts
@@ -119,7 +120,7 @@ class RayLists:
     def count_hits(self, rays: RayArguments, rule: int, threads: int) -> NDArray[np.int64]:
         """(n,) int64: the number of hits of each ray, by a rule of `trace.rays.all_hits`. INSIDE sees no holes."""
         precompile("all hits")
-        ready, start = self._ready_at(rays), perf_counter()
+        ready, start = self._ready_at(rays.time, rays.n), perf_counter()
         counts = _of_valid(rays, count_all(ready.tracer, rays, rule, threads))
         self._count(start, threads)
         cutouts = ready.accelerated.cutouts
@@ -153,6 +154,17 @@ class RayLists:
         tracer = RayTracer(accelerator.build(triangles._replace(solid=solid, cutouts=None)).prepared)
         return Bodies(box, open_edges, lambda rays, threads: _of_valid(rays, count_all(tracer, rays, INSIDE, threads)))
 
+    def closest_points(self, points: NDArray[np.float32], time: float, threads: int) -> ClosestPoints:
+        """The closest points to points, (n, 3) in the scene's frame, at a time; those of cut-outs may lie in holes."""
+        precompile("closest points")
+        ready, start = self._ready_at(time, len(points)), perf_counter()
+        closest = closest_points(ready.tracer.tree, points, threads)
+        self._count(start, threads)
+        cutouts = ready.accelerated.cutouts
+        if cutouts is None:
+            return closest
+        return closer_of(closest, closest_points(self._tracer_of(cutouts).tree, points, threads))
+
     def _tracer_of(self, cutouts: CutoutTree) -> RayTracer:
         """A tracer of the cut-outs, which is cached. Its hits include holes."""
         cached = self._cutouts
@@ -169,12 +181,12 @@ class RayLists:
         """The triangles at a time within 0 .. `duration`."""
         return self._trees.triangles(time, self._threads)
 
-    def _ready_at(self, rays: RayArguments) -> _RayTree:
-        """The tree for rays at their time."""
+    def _ready_at(self, time: float, queries: int) -> _RayTree:
+        """The tree for a number of rays or points at a time."""
         ready = self._ready
-        if ready is None or not self._is_current(ready, rays.time):
-            return self._make_ready(rays.time, rays.n)
-        return ready if self.spent <= ready.upgrade_after else self._upgraded(ready, rays.n)
+        if ready is None or not self._is_current(ready, time):
+            return self._make_ready(time, queries)
+        return ready if self.spent <= ready.upgrade_after else self._upgraded(ready, queries)
 
     def _upgraded(self, ready: _RayTree, rays: int) -> _RayTree:
         """The better tree; or this one while another thread builds the better one, so that only one call waits."""

@@ -34,7 +34,7 @@ from ...scene.camera import ExplicitRays
 from ...scene.instance_data import InstanceData
 from ...scene.scene_bounds import flush_to_zero
 from ...scene.scene_data import SceneData
-from ...scene.triangles import AllHits, Triangles
+from ...scene.triangles import AllHits, ClosestPoints, Triangles
 from ...trace.rays.all_hits import INSIDE
 from ...trace.rays.instance_batches import trace_list
 from ...trace.rays.instance_rays import InstanceForest, count_all, find_all
@@ -73,6 +73,7 @@ class SharedInstances:
         """Drop all trees. Other threads must not use them meanwhile."""
         self._trees: dict[object, InstanceTrees] = {}  # by `Plan.tree`
         self._flat: SceneTrees | None = None
+        self._lists: RayLists | None = None
 
     def _after_fork(self) -> None:
         if is_stuck(self._lock):
@@ -106,6 +107,14 @@ class SharedInstances:
             if self._flat is None:
                 self._flat = SceneTrees(self._data.flattened())
             return self._flat
+
+    def flat_lists(self, threads: int) -> RayLists:
+        """The ray lists of the flattened scene. Errors as for `flat`."""
+        trees = self.flat()
+        with self._lock:
+            if self._lists is None:
+                self._lists = RayLists(self._data.flattened(), trees, threads)
+            return self._lists
 
 
 # --- The render source ------------------------------------------------------------------------------------------------
@@ -242,6 +251,10 @@ class Instanced:
                 return RayLists(self.scene.flattened(), self._shared.flat(), self.threads).bodies(0.0)
             open_edges += copies * surfaces.open_edges
         return Bodies(self.bounds, open_edges, lambda rays, threads: self.count_hits(rays, INSIDE, threads))
+
+    def closest_points(self, points: NDArray[np.float32], time: float, threads: int) -> ClosestPoints:
+        """Those of the flattened scene, since copies may be scaled and sheared."""
+        return self._shared.flat_lists(self.threads).closest_points(points, time, threads)
 
     def _checked(self, rays: RayArguments) -> RayArrays:
         """The rays as arrays. Raises InputError for the first invalid one; compiles kernels."""

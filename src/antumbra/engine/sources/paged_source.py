@@ -10,7 +10,7 @@ both would read every chunk. The chunks of a band fit in memory, so its shadow r
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import ClassVar, NamedTuple, cast
+from typing import ClassVar, NamedTuple, NoReturn, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -406,6 +406,11 @@ class Paged:
     def bodies(self, time: float) -> Bodies:
         """The surfaces as they are drawn: open edges and faces drawn twice would need all of them in memory."""
         return Bodies(self.store.meta.box, None, lambda rays, threads: self.count_hits(rays, INSIDE, threads))
+
+    def closest_points(self, points: NDArray[np.float32], time: float, threads: int) -> NoReturn:
+        raise InputError(
+            "closest points need a scene in memory; this one is in a store: load the file it was built from"
+        )
 
     def _unordered_batches(self, rays: RayArguments) -> Iterator[LocalRays]:
         """Yield the rays in batches for which memory suffices. No chunk stays in memory."""

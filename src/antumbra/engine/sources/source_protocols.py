@@ -28,7 +28,7 @@ from ...query.shadow_query import Surfaces
 from ...scene.camera import Camera
 from ...scene.lights import Light
 from ...scene.scene_data import SceneData
-from ...scene.triangles import AllHits, Triangles
+from ...scene.triangles import AllHits, ClosestPoints, Triangles
 from ...trace.transmission import TracedQuery
 from ..accelerator import Accelerated, Accelerator, SceneTrees
 
@@ -70,6 +70,10 @@ class RayListSource(HitSource, Protocol):
 
     def bodies(self, time: float) -> Bodies:
         """The surfaces at a time within 0 .. `duration`; those drawn twice count once."""
+        ...
+
+    def closest_points(self, points: NDArray[np.float32], time: float, threads: int) -> ClosestPoints:
+        """The closest points to points, (n, 3) in the scene's frame, at a time within 0 .. `duration`."""
         ...
 
 
