@@ -1,6 +1,9 @@
 """No test is in no run, and the default run calls everything once; see ``tests/support/selection.py``."""
 
+import os
 import re
+import subprocess
+import sys
 
 import pytest
 
@@ -8,6 +11,7 @@ import antumbra as at
 from antumbra.base.command_registry import COMMANDS
 from antumbra.engine.plan import covering_plans
 from antumbra.engine.scene_reading import SCENE_SUFFIXES
+from missing_packages import missing
 from repository import ROOT
 from selection import COLLECTED, DEFAULT, OTHERS, covering, matcher, rules
 
@@ -74,3 +78,41 @@ def test_a_covering_selection_has_each_value():
     kept = [all_pairs[index] for index in covering(all_pairs)]
     assert len(kept) == 4
     assert {each["plan"] for each in kept} == set("abcd") and {each["scene"] for each in kept} == set("xy")
+
+
+def test_only_what_cannot_be_imported_excuses_a_failure():
+    assert missing("E   a plot needs nosuchpackage: pip install 'antumbra[plot]'") == "nosuchpackage"
+    assert missing("E   ModuleNotFoundError: No module named 'nosuchpackage.part'") == "nosuchpackage"
+    assert missing("E   a matrix needs numpy: pip install 'antumbra[jit]'") is None
+    assert missing("E   assert 1 == 2") is None
+
+
+TESTS = """
+import pytest
+
+def test_a():
+    pass
+
+@pytest.mark.parametrize("what", ["b c"])
+def test_b(what):
+    assert what == ""
+
+def test_c():
+    import nosuchpackage
+"""
+
+
+def test_a_run_says_what_to_do(tmp_path):
+    (tmp_path / "test_some.py").write_text(TESTS)
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    command = [sys.executable, "-m", "pytest", "-p", "missing_packages", "-p", "selection", "-p", "outcomes"]
+    env = {**os.environ, "PYTHONPATH": str(ROOT / "tests" / "support")}
+
+    def out(*options: str) -> str:
+        return subprocess.run([*command, *options], cwd=tmp_path, env=env, capture_output=True, text=True).stdout
+
+    first, second = out(), out("--skipped")
+    assert "1 failed, 1 passed, 1 skipped" in first, first
+    assert "    1  needs nosuchpackage, which is not installed" in first
+    assert "pytest -n 0 -m '' 'test_some.py::test_b[b c]'" in first
+    assert "1 skipped, 2 deselected" in second, second
