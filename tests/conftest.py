@@ -5,7 +5,6 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one core for each test process; set before numpy is imported
 
 import pytest
-from hypothesis import settings
 
 from antumbra.engine.method_registry import add_plugins
 from antumbra.engine.precompilation import compile_missing, missing_of
@@ -13,14 +12,9 @@ from antumbra.generate.procedural_scenes import load_plugin_scenes
 from antumbra.kernels.toolchain import kernel_manifest
 from devices import opened
 
-pytest_plugins = ["command_line", "fake_cuda"]
+pytest_plugins = ["command_line", "fake_cuda", "missing_packages", "selection", "outcomes"]
 load_plugin_scenes()
 add_plugins()  # so that registries are the same in all tests, and the recorded kernels are those of all methods
-
-# Continuous integration repeats the same examples each time. Developers' runs draw new ones.
-settings.register_profile("ci", derandomize=True, deadline=None)
-if os.environ.get("CI"):
-    settings.load_profile("ci")
 
 
 def pytest_runtest_setup(item):
@@ -31,7 +25,7 @@ def pytest_runtest_setup(item):
 
 def pytest_configure(config):
     """Compile all kernels once, in the process that starts the others, if all tests are run."""
-    all_tests = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+    all_tests = config.args_source is pytest.Config.ArgsSource.TESTPATHS and not config.option.skipped
     if getattr(config.option, "numprocesses", None) and all_tests:
         own = "not papers" in config.option.markexpr
         if missing := missing_of(

@@ -1,4 +1,4 @@
-"""Fixtures that run the scripts of benchmarks/ as users do, on small scenes. All tests have the marker ``programs``."""
+"""Fixtures that run the scripts of benchmarks/ as users do, on small scenes."""
 
 import json
 import os
@@ -22,12 +22,6 @@ sys.argv = sys.argv[2:]
 sys.path[0] = os.path.dirname(sys.argv[0])
 runpy.run_path(sys.argv[0], run_name="__main__")
 """
-
-
-def pytest_collection_modifyitems(items):
-    for item in items:
-        if Path(__file__).parent in item.path.parents:
-            item.add_marker(pytest.mark.programs)
 
 
 class Outcome(NamedTuple):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from antumbra.bvh.binned_sah import build
 from antumbra.bvh.binned_split import BINS, bin_count, must_halve
@@ -11,12 +11,13 @@ from antumbra.bvh.tree_quality import sah_cost, statistics
 from bvh_scenes import terrain
 from reference_sah import binned_sah, half_area, least_sah_cost
 from strategies import point_arrays
+from strength import examples
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
 @pytest.mark.parametrize("max_leaf", [1, 2, 4])
 def test_few_triangles_have_the_best_tree(n, max_leaf):
-    @settings(max_examples=40, deadline=None)
+    @examples(40)
     @given(points=point_arrays((n, 3)))
     def check(points):
         if n > 1 and half_area(points.min((0, 1)).astype(float), points.max((0, 1)).astype(float)) > 0:

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
+from strength import examples
 
 from antumbra.bvh.block_tree import BLOCK, block_tree
 from antumbra.engine.method_registry import BUILDERS
@@ -38,7 +39,7 @@ def _check(vertices, tree):
 
 
 @given(soups())
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_every_triangle_is_in_one_block(soup):
     vertices = soup.astype(np.float32).reshape(-1, 3, 3)
     for builder in BUILDERS.values():

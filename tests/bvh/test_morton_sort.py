@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
+from strength import examples
 
 from antumbra.bvh.morton_sort import grid_of, write_codes
 from antumbra.bvh.triangle_bounds import scene_bounds
@@ -37,7 +38,7 @@ def test_codes(vertices, bits):
     assert np.array_equal(codes, codes_of(vertices, bits, 3))
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(points=point_arrays((7, 3)))
 def test_codes_of_any_triangles(points):
     for bits in (10, 21):

@@ -3,7 +3,8 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
+from strength import examples
 
 from antumbra.base.errors import InputError
 from antumbra.bvh import binned_sah, tree_layout
@@ -23,7 +24,7 @@ def moved(vertices, seed=0, by=0.3):
 @given(
     soup=soups(150), name=st.sampled_from(sorted(BUILDERS)), max_leaf=st.integers(1, 8), seed=st.integers(0, 2**32 - 1)
 )
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_any_soup_that_moves(soup, name, max_leaf, seed):
     bvh, after = BUILDERS[name].build(soup, 1, max_leaf=max_leaf), moved(soup, seed)
     validate(refit(bvh, after, 1), after)

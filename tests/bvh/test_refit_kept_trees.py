@@ -3,7 +3,8 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
+from strength import examples
 
 from antumbra.bvh import binned_sah, refit, tree_layout
 from antumbra.bvh.nodes import MAX_LEAF
@@ -27,7 +28,7 @@ def check(bvh, vertices, chosen, threads=1):
     soup=soups(150), name=st.sampled_from(sorted(BUILDERS)), max_leaf=st.integers(1, 8), seed=st.integers(0, 2**32 - 1),
     share=st.sampled_from([0.0, 0.05, 0.3, 0.9, 1.0]),
 )  # fmt: skip
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_any_part_of_any_soup(soup, name, max_leaf, seed, share):
     chosen = np.flatnonzero(np.random.default_rng(seed).random(len(soup)) < share).astype(np.int32)
     check(BUILDERS[name].build(soup, 1, max_leaf=max_leaf), soup, chosen)

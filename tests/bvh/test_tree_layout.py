@@ -4,7 +4,8 @@ from unittest.mock import patch
 
 import hypothesis.strategies as st
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
+from strength import examples
 
 from antumbra.bvh import tree_layout
 from antumbra.bvh.binned_sah import build
@@ -23,7 +24,7 @@ def relaid(bvh, max_leaf=4, threads=1, largest=PART):
 
 
 @given(soup=soups(120), max_leaf=st.integers(1, 8), largest=st.integers(1, 30), name=st.sampled_from(sorted(BUILDERS)))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_any_tree_and_cut(soup, max_leaf, largest, name):
     if len(soup) < 2:
         return

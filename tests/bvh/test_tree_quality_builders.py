@@ -5,7 +5,8 @@ from functools import cache
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
+from strength import examples
 
 import antumbra
 from antumbra.base.errors import InputError
@@ -62,7 +63,7 @@ def test_no_triangle_and_one(build):
     assert np.all(empty.nodes[0, :12].reshape(3, 2, 2) == [[[np.inf], [-np.inf]]])
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(vertices=soups(200) | point_arrays((30, 3)) | point_arrays((3, 3)), max_leaf=st.integers(1, 8))
 def test_any_soup(build, vertices, max_leaf):
     bvh = build(vertices, 1, max_leaf=max_leaf)

@@ -3,7 +3,8 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
+from strength import examples
 
 from antumbra.bvh.binned_sah import build
 from antumbra.bvh.nodes import MAX_DEPTH
@@ -49,7 +50,7 @@ def test_hazards(optimise, name, hazard):
     check(optimise, BUILDERS[name].build(vertices, 1), vertices)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(vertices=soups(150) | point_arrays((30, 3)), name=st.sampled_from(sorted(BUILDERS)), max_leaf=st.integers(1, 8))
 def test_any_soup(optimise, vertices, name, max_leaf):
     better = check(optimise, BUILDERS[name].build(vertices, 1, max_leaf=max_leaf), vertices, 1)

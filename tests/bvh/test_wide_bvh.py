@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 from antumbra.bvh.nodes import GROUP_WORDS, LINKS, NO_CHILD, WIDTH
 from antumbra.bvh.refit import refit_faces
@@ -66,13 +67,13 @@ def test_hazards(name):
 
 
 @given(vertices=soups(200) | point_arrays((30, 3)) | point_arrays((3, 3)), max_leaf=st.integers(1, 8))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_any_soup_and_leaf_size(vertices, max_leaf):
     _check(vertices, max_leaf)
 
 
 @given(vertices=soups(200), seed=st.integers(0, 99), threads=st.integers(1, 3))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_refitted_to_any_soup(vertices, seed, threads):
     """Moved triangles, some of them without area, in the same nodes and groups."""
     bvh = BUILDERS["bsah"].build(vertices, 2)

@@ -40,7 +40,9 @@ def test_what_a_job_warns_of_is_a_line_on_standard_error(cli, tmp_path):
     (tmp_path / "roof.obj").write_text("v -1 0 -1\nv 1 0 -1\nv 1 0 1\nf 3 2 1\n")
     words = ("sun", "roof.obj", "--latitude", 1.35, "--longitude", 103.8, "--timezone", "America/New_York")
     words = (*words, "--days", "2026-06-21", "-o", "a.csv")
-    noted = [line for line in cli(*words).err.splitlines() if "note:" in line]
+    outcome = cli(*words)
+    assert outcome.code == 0, outcome.err
+    noted = [line for line in outcome.err.splitlines() if "note:" in line]
     assert noted == [
         "antumbra: note: noon at the longitude 103.8 is at about 01:00 in the time zone America/New_York; check the "
         "time zone and the place"

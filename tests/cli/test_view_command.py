@@ -120,5 +120,8 @@ def test_the_process_ends_cleanly(tmp_path):
             assert answer.status == 200
         time.sleep(0.1)
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
+        try:
+            out, err = process.communicate(timeout=60)
+        finally:
+            process.kill()  # otherwise the test would wait for a process that Ctrl-C does not end
     assert process.returncode == 0 and out == "" and "Traceback" not in err and "rror" not in err

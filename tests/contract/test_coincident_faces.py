@@ -4,8 +4,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import oracle
@@ -306,7 +307,7 @@ def test_cutouts_and_solid_faces_share_the_rule(order, turn):
 # --- Hard scenes ------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(2, 30), power=st.sampled_from([-30, 0, 20]))
 def test_small_whole_numbers_agree_with_the_oracle(seed, n, power):
     """Triangles that coincide, cross, and meet at edges and corners, seen from all sides; every way to a hit."""

@@ -83,7 +83,7 @@ def test_the_library_is_silent(tmp_path):
     (tmp_path / "trees.csv").write_text("x,y,height,radius\n0,0,2,1\n")
     program = PRELUDE + "\n".join(CALLS.values())
     ran = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=300)
-    assert (ran.returncode, ran.stdout, ran.stderr) == (0, "", "")
+    assert (ran.returncode, ran.stdout, ran.stderr) == (0, "", ""), ran.stderr
 
 
 def test_the_log_tells_begin_and_end_and_the_callers_function_tells_the_rest(caplog):

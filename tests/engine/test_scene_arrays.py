@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 from antumbra.base.errors import InputError
 from antumbra.engine.scene import Scene
@@ -27,7 +28,7 @@ def grid_mesh(seed, reach):
     st.sampled_from([0.01, 1.0, 37.5, 800.0]),
     st.tuples(*[st.sampled_from([0.0, 5e6, -5e6, 448262.5, 1234567.0, 3 * GRID])] * 3),
 )
-@settings(max_examples=80, deadline=None)
+@examples(80)
 def test_an_offset_leaves_the_bits(seed, reach, offset):
     vertices, faces = grid_mesh(seed, reach)
     here, there = Scene.from_arrays(vertices, faces), Scene.from_arrays(vertices + offset, faces)
@@ -37,7 +38,7 @@ def test_an_offset_leaves_the_bits(seed, reach, offset):
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(1e-6, 1e6), st.floats(-1e7, 1e7))
-@settings(max_examples=80, deadline=None)
+@examples(80)
 def test_the_origin_rule(seed, scale, offset):
     rng = np.random.default_rng(seed)
     soup = rng.normal(size=(9, 3, 3)) * scale * rng.uniform(0.1, 1, 3) + offset

@@ -5,8 +5,9 @@ import threading
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import oracle
@@ -80,7 +81,7 @@ def assert_like_new(scene, new, rays):
 
 
 @given(vertices=soups(40), seeds=st.lists(st.integers(0, 2**32 - 1), min_size=1, max_size=3), data=st.data())
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_any_deformation(vertices, seeds, data):
     """Repeated updates by float32 and float64 soups, with triangles that lose or regain their area."""
     scene = at.Scene.from_arrays(vertices)
@@ -364,7 +365,7 @@ def test_transforms_apply_to_the_latest_vertices(parts):
     assert_like_new(scene, new, rays_in(scene))
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(
     far=st.sampled_from([0.0, 0.3, 1e3 + 0.3, -1e6 + 0.7, 1e9 + 0.3, 2.0**40]),
     dtype=st.sampled_from([np.float64, np.float32]),

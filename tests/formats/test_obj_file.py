@@ -4,8 +4,9 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
+from strength import examples
 
 from antumbra.engine.scene_loading import load
 from antumbra.formats import obj_file
@@ -32,7 +33,7 @@ DECIMALS = st.builds(
 )
 
 
-@settings(deadline=None, max_examples=300)
+@examples(300)
 @given(st.lists(st.one_of(st.floats(allow_nan=False).map(repr), DECIMALS), min_size=1, max_size=20))
 @example(["9007199254740993", "2.2250738585072011e-308", "1e23", "0.1", "179769313486231580793e289", "-0.0"])
 def test_numbers_are_rounded_as_python_rounds_them(words):
@@ -102,7 +103,7 @@ def disguised(text, draw_from):
     return draw_from(["", "# a comment\n", "\n\n"]) + text + draw_from(["", " ", "g group\ns off\nl 1 2\n"])
 
 
-@settings(deadline=None, max_examples=150)
+@examples(150)
 @given(text=obj_texts(), data=st.data())
 def test_meshes_equal_those_of_a_parser_of_lines(tmp_path_factory, text, data):
     path = put(

@@ -8,8 +8,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import city_files
@@ -116,7 +117,7 @@ def test_holes_are_open():
     assert intersection_matrix([UP], [(0, 0, 0), (3, 0, 0)], [UP, UP], [triangle]).tolist() == [[False], [True]]
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(st.integers(0, 3), st.integers(0, 1000))
 def test_concave_quads_are_split_within(turn, seed):
     dart = np.roll(np.array([(0, 0, 0), (4, -4, 0), (1, 0, 0), (4, 4, 0)], float), turn, axis=0)  # notch at (1, 0)

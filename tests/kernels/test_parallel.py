@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from antumbra.base.errors import InputError
@@ -106,7 +106,6 @@ def test_thread_count_rejects(threads):
 # --- all the work, once ---------------------------------------------------------------------------------
 
 
-@settings(deadline=None)  # the first example compiles
 @given(st.sampled_from([count_visits, count_items]), st.integers(0, 300), st.integers(1, 400), st.integers(1, 6))
 def test_every_item_is_done_exactly_once(worker, n_items, chunk, n_threads):
     visits, pieces = np.zeros(n_items, np.int64), np.zeros(-(-n_items // chunk), np.int64)

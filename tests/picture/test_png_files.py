@@ -5,7 +5,7 @@ import struct
 import zlib
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image, PngImagePlugin
@@ -51,7 +51,6 @@ IMAGES = st.tuples(
 ).flatmap(lambda s: hnp.arrays(s[3], s[:3], elements=st.integers(0, np.iinfo(s[3]).max)))
 
 
-@settings(deadline=None)
 @given(image=IMAGES, strip=st.integers(1, 300), level=st.sampled_from([FAST, SMALL]))
 def test_pixels_are_exact(image, strip, level):
     data = png_file(image, level=level, strip_bytes=strip)

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 from antumbra.engine.method_registry import CULLERS, TRACERS
@@ -112,7 +113,7 @@ def test_cutouts_cast_their_shadows(gbuffer):
     assert frame.ground.bits[0][here].any()
 
 
-@settings(max_examples=12, deadline=None)
+@examples(12)
 @given(st.tuples(*[st.floats(-3, 3)] * 3), st.floats(-4, -1), st.sampled_from("yz"), st.sampled_from([0.0, 1.0, 5e6]))
 def test_any_light_over_any_ground_agrees_with_its_points(place, height, up, away):
     scene = soup(up, (away, away, away))

@@ -100,13 +100,14 @@ def test_what_tests_import_is_installed_for_them():
     known = [*files, *(ROOT / "benchmarks").rglob("*.py")]
     ours = {part for path in known for part in path.relative_to(ROOT).with_suffix("").parts}
     found = {NAMES_OF_IMPORTS.get(name, name) for name in found - {"antumbra"} - ours}
-    lines = PROJECT["dependencies"] + _requirements("test")
+    lines = PROJECT["dependencies"] + _requirements("test-all")
     assert found <= {re.match(r"[\w.-]+", line)[0] for line in lines}
 
 
 def test_extras_for_users_are_explained():
     """In the package, for `antumbra doctor`, and in the documentation; ``all`` includes them all."""
-    for_developers = {"release", "build", "view-test", "peers", "all-peers", "opencl-cpu", "docs", "test", "dev"}
+    for_developers = {"release", "build", "view-test", "peers", "all-peers", "opencl-cpu", "docs", "dev"}
+    for_developers |= {"test", "test-peers", "test-all"}
     extras = PROJECT["optional-dependencies"]
     assert EXTRAS.keys() == extras.keys() - for_developers
     assert re.fullmatch(r"antumbra\[(.*)\]", *extras["all"])[1].split(",") == [name for name in EXTRAS if name != "all"]

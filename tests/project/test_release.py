@@ -327,7 +327,8 @@ def test_the_page_of_installation_names_all_wheels_and_extras():
     page = (ROOT / "docs" / "install.md").read_text()
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert not [tag for tag in build.build_hook().TAGS.values() if f"`{tag}`" not in page]
-    for_developers = {"build", "release", "view-test", "peers", "all-peers", "opencl-cpu", "docs", "test", "dev"}
+    for_developers = {"build", "release", "view-test", "peers", "all-peers", "opencl-cpu", "docs", "dev"}
+    for_developers |= {"test", "test-peers", "test-all"}
     extras = project["optional-dependencies"].keys() - for_developers
     assert not [extra for extra in extras if f"| `{extra}` |" not in page]
     python = [line.rpartition(" ")[2] for line in project["classifiers"] if re.search(r":: 3\.\d+$", line)]

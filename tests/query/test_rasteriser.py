@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 from antumbra.base.errors import InputError
 from antumbra.kernels.exact.filters import hit_t, meets, rounded_t
@@ -58,7 +59,7 @@ def sphere(n, radius=1.0):
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     seed=st.integers(0, 2**32 - 1),
     n=st.integers(0, 40),
@@ -86,7 +87,7 @@ def test_families_cover_and_miss_pixels(family):
     assert 0 < hits < 8 * face.size
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(lattices())
 def test_lattice(lattice):
     check(*lattice, threads=1)

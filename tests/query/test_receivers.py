@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from strength import examples
 
 import antumbra as at
 from antumbra.query.receivers import Receivers, receivers_above
@@ -12,7 +13,7 @@ from antumbra.query.receivers import Receivers, receivers_above
 NUMBERS = st.one_of(st.floats(-1e6, 1e6), st.sampled_from([0.0, -0.0, 1e-40, -1e-300, 2.0**-110, 85_000.25]))
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(
     points=hnp.arrays(np.float64, st.tuples(st.integers(1, 8), st.just(3)), elements=NUMBERS),
     frame=hnp.arrays(np.float64, 3, elements=NUMBERS),

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 from antumbra.query.receivers import NOTHING
 from antumbra.query.surface_links import (
@@ -60,7 +61,7 @@ def expected(seen):
     ).reshape(h, w, N_LINKS)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(st.integers(1, 20), st.integers(1, 40), st.integers(0, 1000))
 def test_links_are_those_of_the_definition(h, w, seed):
     seen = surfaces(h, w, seed)

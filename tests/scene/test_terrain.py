@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from strength import examples
 
 import antumbra as at
 import gis_files
@@ -45,7 +46,6 @@ def as_set(triangles):
     return {tuple(map(tuple, corners)) for corners in np.round(triangles, 9).tolist()}
 
 
-@settings(deadline=None)
 @given(HEIGHTS, st.sampled_from([(1, 1), (2, 3), (256, 512)]))
 def test_the_triangles_are_the_documented_ones(heights, block):
     expected = brute_force(heights)
@@ -86,7 +86,7 @@ def test_the_last_triangle_at_each_vertex(rows, columns):
     assert terrain._last_faces(rows, columns).reshape(-1).tolist() == expected.tolist()
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(HEIGHTS, st.integers(0, 1000))
 def test_answers_are_those_of_the_triangles(heights, seed):
     triangles = brute_force(heights)
@@ -109,7 +109,6 @@ def test_both_outcomes_occur():
     assert 20 < scene.occluded(ends[0], targets=ends[1]).sum() < 180
 
 
-@settings(deadline=None)
 @given(HEIGHTS, st.integers(0, 1000))
 def test_heights_between_cells_are_those_of_rays(heights, seed):
     triangles = brute_force(heights)
@@ -156,7 +155,6 @@ def test_a_pyramid_hides_what_lies_behind_it():
     assert not seen[10, 16:].any() and seen[0].any() and behind.any()
 
 
-@settings(deadline=None)
 @given(HEIGHTS)
 def test_sensors_of_own_cells_lie_where_rays_find_the_surface(heights):
     if not len(brute_force(heights)):

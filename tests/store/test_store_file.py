@@ -81,7 +81,7 @@ def test_a_scene_is_gone_when_the_next_one_is_opened(tmp_path):
             yield scene
             del scene
 
-    build_store(scenes(), tmp_path / "a.antumbra", chunk=CHUNK)
+    assert isinstance(build_store(scenes(), tmp_path / "a.antumbra", chunk=CHUNK), at.BuildReport)
     assert len(opened) == 3 and open_store(tmp_path / "a.antumbra").n_triangles == 210
 
 

@@ -5,8 +5,9 @@ import zlib
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 from antumbra.store.store_file import open_store
@@ -52,7 +53,7 @@ def test_an_intact_store(whole):
     assert found(path) == ""
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(share=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
 def test_any_bit(whole, share, bit):
     check_flip(whole, int(share * len(whole[1])), bit)
@@ -82,7 +83,7 @@ def check_flip(whole, place, bit):
         assert f"chunk {k} of {len(ends)} (bytes " in said
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(share=st.floats(0, 1, exclude_max=True))
 def test_cut_anywhere(whole, share):
     path, data = whole

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import antumbra as at
@@ -28,7 +28,6 @@ small = st.integers(-2, 2)
 point = st.tuples(small, small, small)
 
 
-@settings(deadline=None)  # the first call compiles
 @given(st.lists(point, min_size=3, max_size=3), point, point)
 def test_crossings_are_those_of_a_displaced_line(triangle, origin, direction):
     ray = (np.array(vector, np.float32) for vector in (origin, direction))

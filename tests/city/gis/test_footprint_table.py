@@ -4,8 +4,9 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import gis_files
@@ -61,7 +62,7 @@ def test_orientation_closing_corners_and_straight_corners_do_not_matter():
     np.testing.assert_allclose(volumes(scene, 3), AREAS * HEIGHTS, rtol=1e-5)
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(st.integers(0, 10_000), st.integers(3, 12))
 def test_stars_are_closed(seed, corners):
     random = np.random.default_rng(seed)
@@ -118,7 +119,7 @@ def grid_of(heights):
     return HeightGrid("dem", GridPoints(0.0, 0.0, 1.0, 1.0, *heights.shape), None, heights)
 
 
-@settings(deadline=None, max_examples=60)
+@examples(60)
 @given(st.integers(0, 100_000))
 def test_the_base_is_the_lowest_terrain_under_a_footprint(seed):
     random = np.random.default_rng(seed)

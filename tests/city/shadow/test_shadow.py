@@ -5,8 +5,9 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import city_files
@@ -61,7 +62,7 @@ def test_the_shadow_of_a_box(up, height):
     assert open_ground.area == pytest.approx(3 * east + 4 * north, rel=1e-9)
 
 
-@settings(max_examples=8, deadline=None)
+@examples(8)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["y", "z"]))
 def test_points_are_in_a_polygon_where_exact_rays_are_blocked(seed, up):
     rng = np.random.default_rng(seed)

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 from terrain_scenes import PLACE, rasters, scene_of
@@ -48,7 +49,7 @@ def bounds_of_heights(scene, cells, eye):
     return lower, upper
 
 
-@settings(deadline=None, max_examples=60)
+@examples(60)
 @given(heights=HEIGHTS | HEIGHTS_WITH_HOLES, seed=st.integers(0, 10_000))
 @example(heights=PEAK_BETWEEN_HOLES, seed=1173)
 @example(heights=PEAK, seed=1173)

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import oracle
@@ -23,7 +24,7 @@ def nearest_by_hand(scene, begin, end):
     return np.where(met.any(1), t.argmin(1), -1), t.min(1)
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(st.integers(0, 2**32 - 1))
 def test_the_nearest_blocking_face_is_found(seed):
     scene, rng = scene_of(seed)

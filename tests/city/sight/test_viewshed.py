@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 from antumbra.city.sight import viewshed
@@ -21,7 +22,7 @@ def ground(size=100.0, up="z"):
     return at.Scene.from_arrays(vertices, [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], up=up)
 
 
-@settings(max_examples=8, deadline=None)
+@examples(8)
 @given(st.integers(0, 2**32 - 1))
 def test_every_line_of_sight_equals_the_oracle(seed):
     scene, rng = scene_of(seed)

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import scipy.sparse
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 from antumbra.city.sight import visibility_matrix
@@ -35,7 +36,7 @@ def test_bits_are_packed_unpacked_and_transposed(columns):
     assert np.array_equal(bit_matrices.unpack_bits(bit_matrices.reorder_bits(words, order), columns), rows[:, order])
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(st.integers(0, 2**32 - 1))
 def test_free_points_equal_the_oracle(seed):
     scene, rng = scene_of(seed)
@@ -46,7 +47,7 @@ def test_free_points_equal_the_oracle(seed):
     assert np.array_equal(made.counts, want.sum(1)) and made.shape == (70, 20)
 
 
-@settings(max_examples=5, deadline=None)
+@examples(5)
 @given(st.integers(0, 2**32 - 1))
 def test_points_with_themselves_equal_the_oracle(seed):
     scene, rng = scene_of(seed)

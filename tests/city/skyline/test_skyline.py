@@ -5,8 +5,9 @@ from io import StringIO
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 from cutout_scenes import scene_with_cutouts
@@ -195,7 +196,7 @@ def test_grid_convergence_of_the_crs():
 # --- Brute force ------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["y", "z"]))
 def test_soups_equal_brute_force_over_all_edges(seed, up):
     scene = scene_of(soup(seed), up)
@@ -213,7 +214,7 @@ def test_soups_equal_brute_force_over_all_edges(seed, up):
         assert (skyline.highest[k] >= skyline.elevation[k]).all()
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(st.integers(0, 2**32 - 1))
 def test_exact_rays_pass_just_above_and_meet_something_below(seed):
     scene = scene_of(soup(seed, 200))

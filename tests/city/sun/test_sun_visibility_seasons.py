@@ -5,8 +5,9 @@ from math import fsum, prod
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import oracle
@@ -92,7 +93,7 @@ share = st.sampled_from([0.0, 0.003, 0.1, 0.5, 2 / 3, 1.0]) | st.floats(0.0, 1.0
 colour = st.tuples(share, share, share)
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(share | colour)
 def test_twelve_equal_shares_are_one(value):
     one, twelve = sail(value), sail([value] * 12)
@@ -104,7 +105,7 @@ def test_twelve_equal_shares_are_one(value):
         assert np.array_equal(column.values, hours(twelve, days)[name], equal_nan=name in ("first", "last"))
 
 
-@settings(deadline=None, max_examples=10)
+@examples(10)
 @given(st.lists(share | colour, min_size=12, max_size=12))
 def test_each_month_is_that_of_a_scene_that_never_changes(shares):
     table = hours(sail(shares))

@@ -4,9 +4,10 @@ import xml.etree.ElementTree as Xml
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from strength import examples
 
 import antumbra as at
 from antumbra.city.tables.map_page import round_length
@@ -35,7 +36,7 @@ def known(values):
 # --- Scales -----------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(values=hnp.arrays(np.float64, st.integers(1, 30), elements=st.floats(-1e6, 1e6)))
 def test_scales_end_at_the_true_extremes(values):
     scale = map_scale(values, known(values), "h")
@@ -64,7 +65,7 @@ def test_scales_of_classes_whole_numbers_and_nothing():
 # --- Smooth rasters ---------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(
     cells=hnp.arrays(np.float64, st.tuples(st.integers(1, 6), st.integers(1, 6)), elements=st.floats(-10, 10)),
     holes=st.integers(0, 2**36 - 1),

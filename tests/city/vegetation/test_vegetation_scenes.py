@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 from antumbra.city.vegetation.crowns import SHAPES, TREE_TYPE
@@ -81,7 +82,7 @@ def test_a_cone_with_its_base_on_the_ground_and_a_tree_without_a_trunk():
 # --- The light through crowns -----------------------------------------------------------------------------------------
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(share=st.floats(0.01, 1.0), shape=st.sampled_from(SHAPES), x=st.floats(-1.5, 1.5), y=st.floats(-1.5, 1.5))
 def test_a_crown_lets_its_share_pass_wherever_light_crosses_it(share, shape, x, y):
     scene = from_trees(trees(), transmittance=share, shape=shape, trunk_radius=0)

@@ -6,8 +6,9 @@ import json
 import numpy as np
 import pytest
 import scipy.sparse
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import radiation_shapes as shapes
@@ -25,7 +26,7 @@ def street(samples=1024):
     return at.view_factors(scene, parts, samples=samples)
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(st.integers(0, 1000))
 def test_reciprocal_factors_of_a_room(seed):
     found = room(seed)

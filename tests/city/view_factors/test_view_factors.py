@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import oracle
@@ -82,7 +83,7 @@ def test_an_obstacle_blocks():
     assert (found.other > 0.5).all() and (found.other + found.sky + found.ground == 1.0).all()
 
 
-@settings(max_examples=12, deadline=None)
+@examples(12)
 @given(
     st.tuples(*[st.floats(0.05, 20)] * 3), st.sampled_from(["front", "back"]), st.integers(0, 1 << 32),
     st.tuples(*[st.floats(-1e6, 1e6)] * 3),

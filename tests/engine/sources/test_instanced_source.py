@@ -4,8 +4,9 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import oracle
@@ -101,7 +102,7 @@ def test_rays_equal_the_oracle(kind):
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1e-12, 1e-3, 1.0, 1e4, 1e6]), st.sampled_from([0.0, 1.0, 1e6]))
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_any_transforms_at_any_scale(seed, scale, offset):
     """Also nearly flat transforms, and meshes far from their origin."""
     rng = np.random.default_rng([seed, 1])

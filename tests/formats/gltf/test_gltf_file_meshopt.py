@@ -7,9 +7,10 @@ import sys
 import meshopt
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
+from strength import examples
 
 import antumbra as at
 from antumbra.formats.gltf.gltf_file import MAX_RATIO
@@ -121,7 +122,7 @@ def soup(positions, indices):
     return made
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(
     seed=st.integers(0, 2**32 - 1),
     n=st.integers(3, 400),

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
+from strength import examples
 
 from antumbra.base.errors import InputError
 from antumbra.engine.scene_loading import load
@@ -74,7 +75,7 @@ def test_keyframes(tmp_path, path, interpolation):
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.5, 3.25))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_slerp_goes_the_short_way_round(tmp_path_factory, seed, t):
     keys = keys_for("rotation", "LINEAR", seed)
     if seed % 3 == 0:

@@ -3,8 +3,9 @@
 from fractions import Fraction
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import oracle
 from antumbra.kernels.exact.filters import MISS, UNSURE, hit_t, meets, plane_side, verdict, volumes32, volumes64
@@ -46,7 +47,7 @@ def _check(o, l, corners):
 
 
 @given(point_arrays((40, 5)))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_segments_meet_triangles_as_rational_arithmetic_says(points):
     o, l = np.ascontiguousarray(points[:, 0]), np.ascontiguousarray(points[:, 1])
     _check(o, l, np.ascontiguousarray(points[:, 2:]).reshape(-1, 9))
@@ -113,7 +114,7 @@ def _distances(o, d, corners, out, sides):
 
 
 @given(point_arrays((30, 5)))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_hit_t_is_accurate_even_for_grazing_rays(points):
     o, d = np.ascontiguousarray(points[:, 0]), np.ascontiguousarray(points[:, 1])
     corners = np.ascontiguousarray(points[:, 2:]).reshape(-1, 9)
@@ -151,7 +152,7 @@ def test_the_interval_is_open():
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_triangles_that_share_an_edge_do_not_leak(seed):
     """A closed fan around a vertex: lines through the vertex, its spokes and points nearby meet some triangle."""
     rng = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from antumbra.bvh import lbvh, tree_layout
 from antumbra.bvh.nodes import MAX_DEPTH
@@ -13,11 +13,12 @@ from antumbra.lab.builders.tl_lbvh import LEAVES, build, restructure
 from bvh_scenes import HAZARDS, chain, scattered, terrain
 from reference_sah import half_area, least_sah_cost
 from strategies import point_arrays, soups
+from strength import examples
 
 
 @pytest.mark.parametrize("max_leaf", [1, 2, 4, 8])
 def test_one_treelet_has_the_best_of_all_trees(max_leaf):
-    @settings(max_examples=15, deadline=None)
+    @examples(15)
     @given(points=point_arrays((LEAVES, 3)))
     def check(points):
         if half_area(points.min((0, 1)).astype(float), points.max((0, 1)).astype(float)) > 0:
@@ -29,7 +30,7 @@ def test_one_treelet_has_the_best_of_all_trees(max_leaf):
 
 
 @given(vertices=soups(200) | point_arrays((90, 3)))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_rounds_never_make_a_tree_worse(vertices):
     if len(vertices) > 1:
         costs = [sah_cost(restructure(lbvh.build(vertices, 1, 1), 4, 1, rounds)) for rounds in range(4)]

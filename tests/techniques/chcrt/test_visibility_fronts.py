@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 from antumbra.bvh.block_tree import block_tree
 from antumbra.bvh.nodes import boxes_of
@@ -64,7 +65,7 @@ def _covered(fronts):
     return count
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(seed=st.integers(0, 1000), sets=st.sampled_from([1, 3]), frames=st.integers(1, 5), any_hit=st.booleans())
 def test_leaves_cover_everything_once(seed, sets, frames, any_hit):
     fronts = Fronts(_tiles(), _parts()[0], sets, ChcRtOptions(every=2))

@@ -5,8 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import oracle
@@ -86,7 +87,7 @@ def lights(draw, scale=1.0):
 
 
 @each_culler
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(vertices=soups(60) | point_arrays((20, 3)), light=lights(), data=st.data())
 def test_no_segment_meets_a_triangle_that_was_dropped(cull, vertices, light, data):
     triangles = _triangles(vertices)
@@ -103,7 +104,7 @@ METHODS = {"hulls": HULLS, "lines": LINES, "convex": CONVEX}
 
 
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(n=st.sampled_from([3, 8, 16, 32]), seed=st.integers(0, 10**6), axis=st.integers(0, 2))
 @example(n=16, seed=0, axis=0)
 def test_triangles_that_only_touch_the_face_of_a_cell(method, n, seed, axis):
@@ -175,7 +176,7 @@ def test_nothing_to_cull_and_nobody_who_asks(cull):
     assert len(cull(one, [away], 2).kept) <= 1
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(n=st.integers(1, 9), seed=st.integers(0, 10**6))
 def test_sums_of_cells(n, seed):
     cells = (np.random.default_rng(seed).random((n, n, n)) < 0.3).astype(np.uint8)
@@ -185,7 +186,7 @@ def test_sums_of_cells(n, seed):
 
 
 @each_culler
-@settings(max_examples=8, deadline=None)
+@examples(8)
 @given(vertices=soups(60), light=lights(), seed=st.integers(0, 2**32 - 1))
 def test_what_cameras_see(cull, vertices, light, seed):
     """Receivers of pixels: moved off their surfaces, in tiles, with gaps between them."""

@@ -3,7 +3,8 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, reject, settings
+from hypothesis import given, reject
+from strength import examples
 
 import antumbra as at
 from antumbra.lab.papers.ray_hierarchy.cone_hierarchy import Cones
@@ -55,7 +56,7 @@ def test_both_answers_are_frequent_and_right(light, kind):
     assert full > 0.2 * every if light != "ambient" else full == 0
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(
     seed=st.integers(0, 2**32 - 1),
     light=st.sampled_from(list(LIGHTS)),
@@ -76,7 +77,7 @@ def test_any_rays_and_triangles(seed, light, receivers, scale, ways, sort, spher
         check(kind, triangles, query, ways, sort, spheres and kind is Cones, apart)
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(seed=st.integers(0, 2**32 - 1), spheres=st.booleans())
 def test_corners_next_to_a_small_light(seed, spheres):
     triangles, query = beside_a_small_light(seed)

@@ -5,7 +5,8 @@ from functools import cache
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
+from strength import examples
 
 import antumbra as at
 from antumbra.engine.plan import parse_plan
@@ -67,7 +68,7 @@ def test_receivers_in_the_air(light, receivers):
     _all_say(truth, triangles, query, threads=(2,))
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     seed=st.integers(0, 2**32 - 1),
     light=st.sampled_from(list(LIGHTS)),

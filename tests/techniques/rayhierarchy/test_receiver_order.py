@@ -3,7 +3,8 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
+from strength import examples
 
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.simd import load16, store
@@ -101,7 +102,7 @@ def _check(query, apart=False, threads=2):
     return expected
 
 
-@settings(max_examples=120, deadline=None)
+@examples(120)
 @given(
     seed=st.integers(0, 2**32 - 1),
     light=st.sampled_from(list(LIGHTS)),

@@ -3,7 +3,8 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, reject, settings
+from hypothesis import given, reject
+from strength import examples
 
 import antumbra as at
 from antumbra.engine.plan import parse_plan
@@ -94,7 +95,7 @@ def test_numbers_of_samples(light, spp, shafts_always):
     assert shafts_always
 
 
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(
     seed=st.integers(0, 2**32 - 1),
     light=st.sampled_from(WIDE),

@@ -3,7 +3,8 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
+from strength import examples
 
 import oracle
 from antumbra.bvh.binned_split import Split, make_mapping
@@ -59,7 +60,7 @@ def listed(set_):
     return [(ray[:6].tobytes(), set_.hits[a : a + n, :3].tolist()) for ray, (a, n) in zip(set_.rays, words[:, 6:8])]
 
 
-@settings(max_examples=80, deadline=None)
+@examples(80)
 @given(
     vertices=soups(80),
     seed=st.integers(0, 2**32 - 1),

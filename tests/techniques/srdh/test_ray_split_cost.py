@@ -3,7 +3,8 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
+from strength import examples
 
 import oracle
 from antumbra.bvh.binned_split import BIN_BOXES, BIN_COUNTS, Bins, clear_bins, fill_bins, make_mapping
@@ -74,7 +75,7 @@ def check(vertices, origins, ends, kernels, prior, linear):
     return np.mean([c[k][0] == c[k][1] for c in costs for k in c]), chosen
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     vertices=soups(60),
     seed=st.integers(0, 2**32 - 1),

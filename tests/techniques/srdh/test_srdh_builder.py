@@ -3,7 +3,8 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
+from strength import examples
 
 import oracle
 from antumbra.base.errors import InputError
@@ -40,7 +41,7 @@ def words(bvh):
 # Correct trees
 
 
-@settings(max_examples=120, deadline=None)
+@examples(120)
 @given(
     vertices=soups(150) | point_arrays((30, 3)) | point_arrays((3, 3)),
     max_leaf=st.sampled_from([1, 4, 8]),

@@ -3,7 +3,8 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
+from strength import examples
 
 import oracle
 from antumbra.bvh import binned_sah
@@ -18,7 +19,7 @@ from shadow_rays import met, met_in, nested, segments_in, walked
 from strategies import soups
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     vertices=soups(120), seed=st.integers(0, 2**32 - 1), m=st.integers(0, 60), name=st.sampled_from(["bsah", "lbvh"])
 )

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 from antumbra.base.errors import InputError
 from antumbra.bvh.block_tree import block_tree
@@ -41,7 +42,7 @@ def check(triangles, rays, **options):
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     seed=st.integers(0, 2**32 - 1),
     n=st.integers(0, 60),
@@ -57,7 +58,7 @@ def test_hard_scenes_are_as_walked(family, seed, n, scale, shape, vfov, target):
     check(scale * np.asarray(triangles, float).reshape(-1, 3, 3), rays, threads=1)
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(lattices())
 def test_lattice(lattice):
     check(*lattice, threads=1)

@@ -4,8 +4,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import oracle
@@ -134,7 +135,7 @@ small = st.integers(-3, 3)
 point = st.tuples(small, small, small)
 
 
-@settings(deadline=None, max_examples=60)
+@examples(60)
 @given(
     st.lists(st.tuples(point, point, point), min_size=1, max_size=8),
     st.lists(st.tuples(point, point.filter(any)), min_size=1, max_size=8),

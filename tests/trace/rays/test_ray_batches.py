@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import oracle
@@ -11,7 +12,7 @@ from strategies import soups
 
 
 @given(soups(), st.integers(0, 2**32 - 1))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_any_hit_and_closest_hit_equal_the_oracle(soup, seed):
     rng = np.random.default_rng(seed)
     scene = at.Scene.from_arrays(soup)

@@ -3,7 +3,8 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
+from strength import examples
 
 import oracle
 from antumbra.engine.method_registry import BUILDERS
@@ -30,7 +31,7 @@ def check(vertices, origins, ends, skip):
     return truth
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(vertices=soups(60) | point_arrays((20, 3)), seed=st.integers(0, 2**32 - 1), aimed=st.booleans())
 def test_any_soup_equals_the_oracle(vertices, seed, aimed):
     rng = np.random.default_rng(seed)

@@ -3,7 +3,8 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
+from strength import examples
 
 import antumbra as at
 import oracle
@@ -33,7 +34,7 @@ def test_every_order_is_a_tracer_of_its_own():
     assert len({t.description for t in TRACERS.values()}) == len(TRACERS)
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(vertices=soups(60), seed=st.integers(0, 2**32 - 1), kernels=st.sampled_from([None, "constant", "all"]))
 def test_any_hit_equals_the_oracle(vertices, seed, kernels):
     origins, ends = segments_in(vertices, 100, seed)

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import oracle
@@ -59,7 +60,7 @@ def _bundles(rng, size, n=40, each=16):
 
 
 @given(soups(), st.integers(0, 2**32 - 1), st.sampled_from(["random", "16", "64", "to a point"]))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_random_soups(soup, seed, kind):
     rng = np.random.default_rng(seed)
     size = np.abs(soup).max()

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 from antumbra.engine.sources import terrain_shadows
@@ -37,7 +38,7 @@ def suns(random, n):
     return np.column_stack([level, random.choice([0.01, 0.1, 0.3, 1.0, 4.0], len(level))])
 
 
-@settings(deadline=None, max_examples=120)
+@examples(120)
 @given(HEIGHTS, st.integers(0, 10_000), st.sampled_from([0.0, 0.01, 0.5]))
 def test_bits_are_those_of_trees(heights, seed, lift):
     scene, random = scene_of(heights, PLACE), np.random.default_rng(seed)
@@ -50,7 +51,7 @@ def test_bits_are_those_of_trees(heights, seed, lift):
         assert (bits == trees).all()
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(st.integers(0, 10_000), st.sampled_from([0.02, 1.0, 20.0]), st.sampled_from([0, 40, 400]))
 def test_bits_are_those_of_trees_on_rough_hills(seed, roughness, holes):
     random = np.random.default_rng(seed)

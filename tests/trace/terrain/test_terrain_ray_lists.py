@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import oracle
@@ -44,7 +45,7 @@ def in_frame(scene, origins, directions):
     return (origins - scene.origin).astype(np.float32), directions.astype(np.float32)
 
 
-@settings(deadline=None, max_examples=60)
+@examples(60)
 @given(HEIGHTS, st.integers(0, 10_000))
 def test_bits_are_those_of_trees_and_of_brute_force(heights, seed):
     scene, random = scene_of(heights), np.random.default_rng(seed)

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import oracle
@@ -31,7 +32,7 @@ def directions(random, n):
     return np.concatenate([some, random.normal(size=(n, 3)) * [1, 1, 0.3]])
 
 
-@settings(deadline=None, max_examples=60)
+@examples(60)
 @given(HEIGHTS, st.integers(0, 10_000))
 def test_bits_are_those_of_trees_for_distant_lights(heights, seed):
     scene, random = scene_of(heights), np.random.default_rng(seed)
@@ -51,7 +52,7 @@ def test_bits_are_those_of_trees_for_distant_lights(heights, seed):
     assert scene.engine.terrain.pyramid._tree is not None
 
 
-@settings(deadline=None, max_examples=40)
+@examples(40)
 @given(HEIGHTS, st.integers(0, 10_000))
 def test_bits_are_those_of_trees_between_points(heights, seed):
     scene, random = scene_of(heights), np.random.default_rng(seed)

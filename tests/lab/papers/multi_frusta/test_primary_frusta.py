@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strength import examples
 
 from antumbra.bvh import binned_sah
 from antumbra.bvh.block_tree import block_tree
@@ -33,7 +34,7 @@ def hits_of_all(triangles, rays):
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(
     seed=st.integers(0, 2**32 - 1),
     n=st.integers(0, 40),

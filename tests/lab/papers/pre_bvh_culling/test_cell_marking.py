@@ -4,8 +4,9 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
+from strength import examples
 
 import antumbra as at
 import reference_cells as reference
@@ -50,7 +51,7 @@ def _grid(rng, n, around=()):
 # --- Source cells -----------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(seed=SEEDS, n=st.sampled_from([1, 5, 32, 33, 64, 128]), h=st.integers(1, 19), w=st.integers(1, 70))
 def test_source_cells_are_those_of_the_receivers(seed, n, h, w):
     """Also in grids that are finer than the 32 cells into which `grid64` sorts them."""
@@ -101,7 +102,7 @@ def _light_and_shape(kind, rng):
 
 
 @pytest.mark.parametrize("kind", ["quad", "sphere", "point", "points"])
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(seed=SEEDS, n=st.sampled_from([1, 3, 5]))
 def test_destination_cells_overlap_the_light(kind, seed, n):
     rng = np.random.default_rng(seed)
@@ -113,7 +114,7 @@ def test_destination_cells_overlap_the_light(kind, seed, n):
     assert _set(cells) == {cell for cell, box in boxes.items() if meets(box)} and len(cells) == len(_set(cells))
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(seed=SEEDS, axis=st.sampled_from([None, 0, 1, 2]))
 def test_destination_cells_of_a_disk(seed, axis):
     """Cells that meet a polygon inside the disk are there; those that meet none around it are not."""
@@ -135,7 +136,7 @@ def test_destination_cells_of_a_disk(seed, axis):
     assert at_least <= cells <= at_most and at_least and len(at_most - at_least) <= 8
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(seed=SEEDS, exponent=st.integers(0, 18), kind=st.sampled_from(["disk", "quad", "sphere", "point"]))
 def test_a_light_far_smaller_than_a_cell_is_in_its_cell(seed, exponent, kind):
     rng, radius = np.random.default_rng(seed), 1e-3
@@ -162,7 +163,7 @@ def test_destination_cells_do_not_depend_on_the_samples():
 # --- Lines ------------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(ends=st.tuples(*[st.tuples(*[st.integers(0, 15)] * 3)] * 2))
 @example(ends=((0, 0, 0), (15, 15, 15)))
 @example(ends=((3, 9, 2), (9, 0, 2)))
@@ -171,7 +172,7 @@ def test_a_line_takes_the_cells_of_the_exact_walk(ends):
     assert _marked(walk_lines(np.array([a]), np.array([b]), 16, 1)) == set(reference.line_cells(a, b))
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(ends=st.tuples(*[st.tuples(*[st.integers(0, 6)] * 3)] * 2))
 def test_the_exact_walk_follows_the_line(ends):
     """It misses no cell whose interior the line meets, and takes none that the line does not touch."""
@@ -186,7 +187,7 @@ def test_long_lines_in_the_finest_grid():
     assert _marked(lines) == expected and len(expected) > 2000
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(seed=SEEDS, threads=st.integers(1, 3))
 def test_marked_cells_are_the_lines_with_their_neighbours(seed, threads):
     """From the receivers and the light to the marked cells, in a grid over the triangles, both ends included."""
@@ -208,7 +209,7 @@ def test_marked_cells_are_the_lines_with_their_neighbours(seed, threads):
     assert all((points >= grid.bounds[0, :3]).all() and (points <= grid.bounds[1, :3]).all() for points in everything)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seed=SEEDS, n=st.integers(1, 6))
 def test_the_one_ring(seed, n):
     cells = (np.random.default_rng(seed).random((n, n, n)) < 0.1).astype(np.uint8)

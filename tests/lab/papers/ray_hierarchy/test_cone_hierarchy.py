@@ -3,7 +3,8 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
+from strength import examples
 
 import antumbra as at
 from antumbra.lab.papers.ray_hierarchy.cone_hierarchy import Cones, with_culling
@@ -37,7 +38,7 @@ def compared(triangles, query, **options):
     return precise["nodes"], spheres["nodes"]
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(
     seed=st.integers(0, 2**32 - 1),
     light=st.sampled_from(ROUND),
@@ -54,7 +55,7 @@ def test_each_cone_that_the_precise_test_accepts_meets_the_sphere(seed, light, r
             assert all((precise.may <= spheres.may).all() for (_, precise), (_, spheres) in pairs)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(
     seed=st.integers(0, 2**32 - 1),
     light=st.sampled_from(ROUND),
