@@ -34,7 +34,7 @@ def _prepare_one_picture(gbuffer: str, counters: bool) -> bool:
     fixed = Plan()
     if compile_missing(kernels_of_plan(fixed, gbuffer, counters and fixed.tracer.counts_apart) or ()) == 0:
         return False
-    assert fixed.trace is not None
+    assert fixed.build is not None
     LIMITS.few = Few(fixed.trace, fixed.build)
     return True
 
