@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from hypothesis import given
-from strength import examples
 
 from antumbra.bvh.block_tree import BLOCK, block_tree
 from antumbra.engine.method_registry import BUILDERS
 from strategies import soups
+from strength import examples
 
 
 def _check(vertices, tree):

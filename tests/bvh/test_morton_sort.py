@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from hypothesis import given
-from strength import examples
 
 from antumbra.bvh.morton_sort import grid_of, write_codes
 from antumbra.bvh.triangle_bounds import scene_bounds
@@ -11,6 +10,7 @@ from antumbra.kernels.parallel import new_ticket, run
 from bvh_scenes import integer_grid, scattered, terrain
 from reference_morton import morton_codes
 from strategies import point_arrays
+from strength import examples
 
 
 def codes_of(vertices, bits, threads=1):

@@ -4,7 +4,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given
-from strength import examples
 
 from antumbra.base.errors import InputError
 from antumbra.bvh import binned_sah, tree_layout
@@ -13,6 +12,7 @@ from antumbra.bvh.tree_quality import sah_cost, validate
 from antumbra.engine.method_registry import BUILDERS
 from bvh_scenes import HAZARDS, scattered, terrain
 from strategies import soups
+from strength import examples
 
 
 def moved(vertices, seed=0, by=0.3):

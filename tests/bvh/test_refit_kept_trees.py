@@ -4,7 +4,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given
-from strength import examples
 
 from antumbra.bvh import binned_sah, refit, tree_layout
 from antumbra.bvh.nodes import MAX_LEAF
@@ -13,6 +12,7 @@ from antumbra.bvh.tree_quality import validate
 from antumbra.engine.method_registry import BUILDERS
 from bvh_scenes import HAZARDS, terrain
 from strategies import soups
+from strength import examples
 
 
 def check(bvh, vertices, chosen, threads=1):

@@ -5,7 +5,6 @@ from unittest.mock import patch
 import hypothesis.strategies as st
 import numpy as np
 from hypothesis import given
-from strength import examples
 
 from antumbra.bvh import tree_layout
 from antumbra.bvh.binned_sah import build
@@ -15,6 +14,7 @@ from antumbra.bvh.tree_quality import sah_cost, statistics, validate
 from antumbra.engine.method_registry import BUILDERS
 from bvh_scenes import scattered, terrain
 from strategies import soups
+from strength import examples
 
 
 def relaid(bvh, max_leaf=4, threads=1, largest=PART):

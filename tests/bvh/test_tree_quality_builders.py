@@ -6,7 +6,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given
-from strength import examples
 
 import antumbra
 from antumbra.base.errors import InputError
@@ -20,6 +19,7 @@ from reference_sah import binned_sah
 from scenes import scene_path
 from shadow_rays import met_in
 from strategies import point_arrays, soups
+from strength import examples
 
 WORSE = {lbvh.build: 1.35, lbvh.build63: 1.35}  # the largest cost of a tree relative to greedy binning
 

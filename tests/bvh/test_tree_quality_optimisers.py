@@ -4,7 +4,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given
-from strength import examples
 
 from antumbra.bvh.binned_sah import build
 from antumbra.bvh.nodes import MAX_DEPTH
@@ -13,6 +12,7 @@ from antumbra.engine.method_registry import BUILDERS, OPTIMISERS
 from bvh_scenes import HAZARDS, chain, scattered, terrain
 from shadow_rays import met_in
 from strategies import point_arrays, soups
+from strength import examples
 
 
 def _shown(optimiser):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 from antumbra.bvh.nodes import GROUP_WORDS, LINKS, NO_CHILD, WIDTH
 from antumbra.bvh.refit import refit_faces
@@ -14,6 +13,7 @@ from antumbra.engine.method_registry import BUILDERS
 from antumbra.kernels.array_pool import ArrayPool
 from bvh_scenes import HAZARDS
 from strategies import point_arrays, soups
+from strength import examples
 
 
 def _check(vertices, max_leaf=4, threads=2):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 import oracle
@@ -27,6 +26,7 @@ from antumbra.trace.primary.primary_rays import trace_primary
 from antumbra.trace.rays.ray_hits import nearest_hits
 from cutout_scenes import holes
 from double_rooms import ORDERS, TURNS, double_room, rays_inside
+from strength import examples
 
 SHAPE = 20, 24  # of pictures, and of passes of rays
 N = SHAPE[0] * SHAPE[1]

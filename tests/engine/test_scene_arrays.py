@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 from antumbra.base.errors import InputError
 from antumbra.engine.scene import Scene
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at
+from strength import examples
 
 GRID = 2.0**-20
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 import oracle
@@ -19,6 +18,7 @@ from antumbra.scene.scene_bounds import flush_to_zero
 from cutout_scenes import scene_with_cutouts
 from devices import device_plans
 from strategies import soups
+from strength import examples
 
 LAMP = at.QuadLight((-1, 6, -1), (2, 0, 0), (0, 0, 2))
 CAMERA = at.Camera((0, 4, 9), (0, -0.5, 0), width=40, height=32)

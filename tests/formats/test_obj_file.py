@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from strength import examples
 
 from antumbra.engine.scene_loading import load
 from antumbra.formats import obj_file
 from antumbra.formats.text_numbers import parsed_numbers
 from antumbra.scene.materials import BLEND, MASK, OPAQUE, PINK
 from gltf_files import png
+from strength import examples
 
 
 def put(folder, name, content):

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 import city_files
 import oracle
 from antumbra.integrations.ladybug import intersection_matrix, sky_intersection_matrix
 from receivers import receivers_of
+from strength import examples
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 from antumbra.engine.method_registry import CULLERS, TRACERS
 from cutout_scenes import scene_with_cutouts
 from devices import device_plans
+from strength import examples
 
 SIZE = 48, 36
 LIGHTS = [

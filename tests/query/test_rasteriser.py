@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 from antumbra.base.errors import InputError
 from antumbra.kernels.exact.filters import hit_t, meets, rounded_t
@@ -12,6 +11,7 @@ from antumbra.kernels.jit import kernel
 from antumbra.query.gbuffer import pixel_ray
 from antumbra.query.rasteriser import RASTER_COUNTERS, new_raster_counters, rasterise
 from raster_scenes import FAMILIES, SHAPES, directions, exact_grid, lattices, scattered, view
+from strength import examples
 
 
 @kernel

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from strength import examples
 
 import antumbra as at
 from antumbra.query.receivers import Receivers, receivers_above
+from strength import examples
 
 NUMBERS = st.one_of(st.floats(-1e6, 1e6), st.sampled_from([0.0, -0.0, 1e-40, -1e-300, 2.0**-110, 85_000.25]))
 

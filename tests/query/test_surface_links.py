@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 from antumbra.query.receivers import NOTHING
 from antumbra.query.surface_links import (
@@ -16,6 +15,7 @@ from antumbra.query.surface_links import (
     PictureSurfaces,
     SurfaceLinks,
 )
+from strength import examples
 
 OFFSETS = [(y, x) for y in range(3) for x in range(-2, 3) if (y, x) > (0, 0)]
 

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
-from strength import examples
 
 import antumbra as at
 import gis_files
 import oracle
 from antumbra.scene import terrain
 from antumbra.scene.terrain import GridPoints, HeightGrid, face_of_cells, faces_of_squares
+from strength import examples
 
 PLACE = gis_files.PLACE
 HEIGHTS = arrays.arrays(

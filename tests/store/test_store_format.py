@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 from antumbra.store.store_file import open_store
@@ -25,6 +24,7 @@ from antumbra.store.store_format import (
 )
 from bvh_scenes import terrain
 from stores import CHUNK, built, soup_scene
+from strength import examples
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ import json
 import re
 from collections.abc import Iterator
 from contextlib import suppress
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -421,7 +422,7 @@ class Rendering(NamedTuple):
         start = perf_counter()
         shot: Shot | None
         if executor is None:
-            with one_picture():
+            with nullcontext() if spec.ambient else one_picture():  # whose tracer traces no ambient occlusion
                 shot = spec.shot(scene, spec.renderer(scene), self.time, display.parts, self.is_linear)
         else:
             shot = spec.shot_in_bands(scene, self.time, executor, digest, self.is_linear)

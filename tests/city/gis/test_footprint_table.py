@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 import gis_files
@@ -15,6 +14,7 @@ from antumbra.city.gis.footprint_bases import lowest_under
 from antumbra.city.gis.footprint_table import SUFFIXES, FootprintOptions, read_footprints
 from antumbra.scene.terrain import GridPoints, HeightGrid
 from gis_files import AREAS, CRS, PLACE, buildings, hills, write_buildings
+from strength import examples
 
 geopandas = pytest.importorskip("geopandas")
 shapely = pytest.importorskip("shapely")

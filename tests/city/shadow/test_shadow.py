@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 import city_files
+from strength import examples
 
 shapely = pytest.importorskip("shapely", reason="shadows need antumbra[gis]: NOT checked")
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
+from strength import examples
 from terrain_scenes import PLACE, rasters, scene_of
 
 LEVELS = [0.0, 0.0, 0.25, 1.0, 3.0, 9.0]

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 import oracle
 from receivers import receivers_of
 from sight_scenes import scene_of
+from strength import examples
 
 
 def nearest_by_hand(scene, begin, end):

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 from antumbra.city.sight import viewshed
 from antumbra.city.sight import viewshed as viewshed_module
 from antumbra.city.tables.bit_matrices import unpack_bits
 from sight_scenes import expected, scene_of
+from strength import examples
 
 
 def ground(size=100.0, up="z"):

@@ -5,7 +5,6 @@ import pytest
 import scipy.sparse
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 from antumbra.city.sight import visibility_matrix
@@ -15,6 +14,7 @@ from antumbra.city.tables import bit_matrices
 from antumbra.engine.plan import covering_plans
 from devices import device_plans
 from sight_scenes import expected, scene_of
+from strength import examples
 
 
 @pytest.fixture

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 from cutout_scenes import scene_with_cutouts
 from scenes import scene_path
+from strength import examples
 
 M = 72  # azimuths of small tests
 STEP = 360.0 / M

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 import oracle
@@ -19,6 +18,7 @@ from antumbra.scene.appearance import Appearance
 from antumbra.scene.light_lists import DirectionalLights
 from antumbra.scene.materials import BLEND, CLAMP, MONTHS, OPAQUE, Material
 from antumbra.sun.sun_positions import Suns
+from strength import examples
 from surface_crossings import crossings
 
 EQUATOR = at.Place(0.0, 0.0, timezone="UTC")

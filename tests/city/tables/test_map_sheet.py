@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from strength import examples
 
 import antumbra as at
 from antumbra.city.tables.map_page import round_length
@@ -15,6 +14,7 @@ from antumbra.city.tables.map_scale import map_scale
 from antumbra.city.tables.map_sheet import facts_of, map_figure, plan_positions, smooth_cells
 from antumbra.city.tables.result_table import Column, Table
 from result_tables import hill, table
+from strength import examples
 
 pytest.importorskip("matplotlib")
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 from antumbra.city.vegetation.crowns import SHAPES, TREE_TYPE
 from antumbra.city.vegetation.vegetation_scenes import from_trees
 from antumbra.scene.alpha_masks import find_cutouts, join_cutouts
+from strength import examples
 
 gpd = pytest.importorskip("geopandas")
 shapely = pytest.importorskip("shapely")

@@ -8,10 +8,10 @@ import pytest
 import scipy.sparse
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 import radiation_shapes as shapes
+from strength import examples
 
 
 def room(seed=0, samples=256):

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 import oracle
 import radiation_shapes as shapes
 from antumbra.city.sensors.surface_groups import surface_groups
 from antumbra.city.view_factors.hemisphere_rays import REPLICATES, HemisphereRays
+from strength import examples
 
 SIGMAS = 6.0  # of eight replicates: exceeded once in 2000 numbers; seeds are fixed
 

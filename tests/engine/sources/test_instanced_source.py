@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 import oracle
 from antumbra.engine.sources.in_memory_source import InMemory
 from antumbra.engine.sources.instanced_source import Instanced
 from instance_scenes import blob, block, both, random_scenes, random_transforms, rays_to_corners, whole_scenes
+from strength import examples
 
 SCENES = {
     "random": random_scenes,

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
-from strength import examples
 
 import antumbra as at
 from antumbra.formats.gltf.gltf_file import MAX_RATIO
 from gltf_files import Gltf
 from repository import ROOT
+from strength import examples
 from web_scene import COPIES, PACKED, TIMES, garden, hill
 
 FOLDER = ROOT / "tests" / "data" / "compressed"

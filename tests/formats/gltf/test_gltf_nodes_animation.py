@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
-from strength import examples
 
 from antumbra.base.errors import InputError
 from antumbra.engine.scene_loading import load
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, assert_at, moved, trs, world
+from strength import examples
 
 TIMES = [0.5, 1.0, 3.0, 3.25]
 PROBES = [0.0, 0.5, 0.6, 0.999, 1.0, 2.0, 2.9, 3.0, 3.1, 3.25]

@@ -5,13 +5,13 @@ from fractions import Fraction
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import oracle
 from antumbra.kernels.exact.filters import MISS, UNSURE, hit_t, meets, plane_side, verdict, volumes32, volumes64
 from antumbra.kernels.exact.predicate import exact_meets, exact_plane_side, ray_along, segment
 from antumbra.kernels.jit import kernel
 from strategies import point_arrays
+from strength import examples
 
 EXACT, MEETS, FAST32, FAST64, SIDE = range(5)
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 from antumbra.bvh.block_tree import block_tree
 from antumbra.bvh.nodes import boxes_of
@@ -14,6 +13,7 @@ from antumbra.techniques.chcrt.tree_parts import lists_of, part_order, parts_of
 from antumbra.techniques.chcrt.visibility_fronts import INNER, INVISIBLE, VISIBLE, Fronts, trace_frame
 from antumbra.techniques.tracer_options import ChcRtOptions
 from antumbra.trace.tile import TileShape
+from strength import examples
 
 
 def _parts(n=3000, triangles=200, seed=0):

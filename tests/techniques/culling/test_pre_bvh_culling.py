@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 import oracle
@@ -23,6 +22,7 @@ from antumbra.techniques.culling.pre_bvh_culling import HULLS, marked_cells_of
 from antumbra.techniques.culling.pre_bvh_culling import cull as culling
 from asking import query_of
 from strategies import point_arrays, soups
+from strength import examples
 
 each_culler = pytest.mark.parametrize("cull", [c.cull for c in CULLERS.values()], ids=list(CULLERS))
 

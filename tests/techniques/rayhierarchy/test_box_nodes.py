@@ -4,7 +4,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given, reject
-from strength import examples
 
 import antumbra as at
 from antumbra.lab.papers.ray_hierarchy.cone_hierarchy import Cones
@@ -13,6 +12,7 @@ from antumbra.techniques.rayhierarchy.box_nodes import Boxes
 from antumbra.techniques.rayhierarchy.light_beams import beams_of
 from beam_scenes import LIGHTS, RECEIVERS, beside_a_small_light, lit
 from hierarchies import hierarchy, met_by, said
+from strength import examples
 
 SCALES = [1.0, 1e-6, 1e-3, 1e3, 1e6]
 EXTREMES = [1e-36, 1e-30, 1e-20, 1e20, 1e30, 3e33]

@@ -6,7 +6,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given
-from strength import examples
 
 import antumbra as at
 from antumbra.engine.plan import parse_plan
@@ -20,6 +19,7 @@ from antumbra.trace.counters import as_dict, new_counters
 from asking import answer, query_of, true_occlusion, unpack
 from beam_scenes import LIGHTS, RECEIVERS, lit, on_surfaces
 from hierarchies import met_by, points_query, triangles_of
+from strength import examples
 
 pytestmark = pytest.mark.slow  # takes minutes: all variants, for all lights, with one and three threads
 

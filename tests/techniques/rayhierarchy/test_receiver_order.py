@@ -4,7 +4,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given
-from strength import examples
 
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.simd import load16, store
@@ -19,6 +18,7 @@ from antumbra.trace.counters import as_dict, new_counters
 from asking import unpack
 from beam_scenes import LIGHTS, lit, on_surfaces
 from hierarchies import receivers_in
+from strength import examples
 
 SIDE = 1 << 10  # side of the tested part of the grid: the corner where the curve begins
 

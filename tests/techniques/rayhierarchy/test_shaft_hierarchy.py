@@ -4,7 +4,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given, reject
-from strength import examples
 
 import antumbra as at
 from antumbra.engine.plan import parse_plan
@@ -17,6 +16,7 @@ from antumbra.trace.counters import as_dict, new_counters
 from asking import answer, query_of, true_occlusion, unpack
 from beam_scenes import LIGHTS, RECEIVERS, lit, on_surfaces
 from hierarchies import met_by
+from strength import examples
 
 WIDE = ["quad", "sphere", "sun", "ambient"]  # lights with an extent
 TWO_PASSES = "cones:boxes:wide:blocks:early-accept:two-pass:shared:shafts"

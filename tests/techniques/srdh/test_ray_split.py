@@ -4,7 +4,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given
-from strength import examples
 
 import oracle
 from antumbra.bvh.binned_split import Split, make_mapping
@@ -17,6 +16,7 @@ from bvh_scenes import scattered
 from reference_srdh import FAR, LEFT, NEAR, RIGHT, box_of, left_first, pierces, ray_sets, scene_of
 from shadow_rays import met, segments_in
 from strategies import soups
+from strength import examples
 
 ORDERS = {LEFT: (LEFT_FIRST, False), RIGHT: (LEFT_FIRST, True), NEAR: (FRONT_TO_BACK, False)}
 ORDERS |= {FAR: (BACK_TO_FRONT, False), None: (UNORDERED, False)}

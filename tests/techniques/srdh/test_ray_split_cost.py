@@ -4,7 +4,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given
-from strength import examples
 
 import oracle
 from antumbra.bvh.binned_split import BIN_BOXES, BIN_COUNTS, Bins, clear_bins, fill_bins, make_mapping
@@ -18,6 +17,7 @@ from bvh_scenes import scattered, terrain
 from reference_srdh import FAR, LEFT, NEAR, RIGHT, candidates, scene_of, srdh
 from shadow_rays import met, segments_in
 from strategies import soups
+from strength import examples
 
 CLOSE = 1 + 2e-6  # areas are float32, so costs of the package and of the reference differ by a few roundings
 CHOICES = {"constant": [LEFT, RIGHT], "distance": [NEAR, FAR], "all": [LEFT, RIGHT, NEAR, FAR]}

@@ -4,7 +4,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given
-from strength import examples
 
 import oracle
 from antumbra.base.errors import InputError
@@ -23,6 +22,7 @@ from reference_srdh import FAR, LEFT, NEAR, RIGHT, candidates, ray_sets, scene_o
 from reference_srdh import srdh as heuristic
 from shadow_rays import met, met_in, nested, segments_in, walked
 from strategies import point_arrays, soups
+from strength import examples
 
 CHOICES = {"constant": [LEFT, RIGHT], "distance": [NEAR, FAR], "all": [LEFT, RIGHT, NEAR, FAR]}
 KERNEL_OF = {LEFT_FIRST: LEFT, FRONT_TO_BACK: NEAR, BACK_TO_FRONT: FAR, UNORDERED: None}

@@ -4,7 +4,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given
-from strength import examples
 
 import oracle
 from antumbra.bvh import binned_sah
@@ -17,6 +16,7 @@ from bvh_scenes import HAZARDS, scattered, terrain
 from reference_srdh import box_of, pierces, scene_of
 from shadow_rays import met, met_in, nested, segments_in, walked
 from strategies import soups
+from strength import examples
 
 
 @examples(60)

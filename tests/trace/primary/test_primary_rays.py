@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 from antumbra.base.errors import InputError
 from antumbra.bvh.block_tree import block_tree
@@ -16,6 +15,7 @@ from antumbra.query.gbuffer import pixel_ray
 from antumbra.trace.primary.primary_rays import trace_primary
 from antumbra.trace.rays.ray_traversal import CLOSEST, walk
 from raster_scenes import FAMILIES, SHAPES, lattices, scattered, view
+from strength import examples
 
 
 @kernel

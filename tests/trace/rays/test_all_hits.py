@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 import oracle
@@ -20,6 +19,7 @@ from antumbra.trace.rays.ray_batches import RayTracer
 from cutout_scenes import meets as stops
 from cutout_scenes import scene_with_cutouts
 from ray_cases import KINDS, N, displaced_meets, rays_of_kind
+from strength import examples
 
 STORE = 16  # triangles in a chunk
 

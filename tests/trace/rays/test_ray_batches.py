@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 import oracle
 from strategies import soups
+from strength import examples
 
 
 @given(soups(), st.integers(0, 2**32 - 1))

@@ -4,7 +4,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given
-from strength import examples
 
 import oracle
 from antumbra.engine.method_registry import BUILDERS
@@ -12,6 +11,7 @@ from antumbra.trace.rays.ray_hits import MOST_HITS, intersections
 from bvh_scenes import terrain
 from shadow_rays import segments_in
 from strategies import point_arrays, soups
+from strength import examples
 
 BUILD = BUILDERS["bsah"].build
 

@@ -4,7 +4,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given
-from strength import examples
 
 import antumbra as at
 import oracle
@@ -20,6 +19,7 @@ from bvh_scenes import scattered, terrain
 from reference_srdh import FAR, NEAR, box_of, left_first, pierces, scene_of, visit
 from shadow_rays import met, nested, segments_in, walked
 from strategies import soups
+from strength import examples
 
 VALUES = {"as built": BUILT, "nearest": NEAREST, **{name: order.value for name, order in ORDERS.items()}}
 

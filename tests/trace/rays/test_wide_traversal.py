@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 import oracle
@@ -19,6 +18,7 @@ from antumbra.trace.counters import COUNTERS, new_counters
 from antumbra.trace.rays.ray_batches import RayTracer
 from antumbra.trace.rays.ray_traversal import CLOSEST, walk
 from strategies import soups
+from strength import examples
 
 
 @kernel

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 from antumbra.engine.sources import terrain_shadows
@@ -15,6 +14,7 @@ from antumbra.query.shadow_query import ShadowQuery, new_bits
 from antumbra.trace.terrain.terrain_lanes import trace_stencils
 from antumbra.trace.terrain.terrain_rays import terrain_tree
 from antumbra.trace.terrain.terrain_stencils import NO_SURFACE, ROW_PAD, relief_of, stencils_of
+from strength import examples
 from terrain_scenes import rasters, scene_of
 
 PLACE = (2.0, 0.0, 84000.0, 0.0, -3.0, 446000.0)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 import oracle
 from antumbra.engine.sources import terrain_shadows
+from strength import examples
 from terrain_scenes import PLACE, rasters, scene_of
 
 HEIGHTS = rasters(18, 21, [0.0, 0.0, 0.25, 1.0, 3.0, 9.0, np.nan])

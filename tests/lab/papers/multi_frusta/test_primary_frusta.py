@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strength import examples
 
 from antumbra.bvh import binned_sah
 from antumbra.bvh.block_tree import block_tree
@@ -15,6 +14,7 @@ from antumbra.lab.papers.multi_frusta.published_frusta import BLOCK
 from antumbra.trace.counters import as_dict, new_counters
 from antumbra.trace.primary.primary_rays import trace_primary
 from raster_scenes import FAMILIES, SHAPES, view
+from strength import examples
 
 
 def hits_of_all(triangles, rays):

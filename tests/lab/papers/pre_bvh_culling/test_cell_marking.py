@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from strength import examples
 
 import antumbra as at
 import reference_cells as reference
@@ -18,6 +17,7 @@ from antumbra.query.shadow_query import ShadowQuery
 from antumbra.scene.triangles import Triangles
 from antumbra.techniques.culling.culling_grid import PAD, grid_over, tiles_of
 from antumbra.techniques.culling.pre_bvh_culling import cull, mark_segments
+from strength import examples
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -4,7 +4,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given
-from strength import examples
 
 import antumbra as at
 from antumbra.lab.papers.ray_hierarchy.cone_hierarchy import Cones, with_culling
@@ -18,6 +17,7 @@ from antumbra.trace.counters import as_dict, new_counters
 from beam_scenes import LIGHTS, RECEIVERS, beside_a_small_light, lit, on_surfaces
 from hierarchies import hierarchy, points_query, said, triangles_of
 from scenes import scene_path
+from strength import examples
 
 ROUND = list(LIGHTS)[:5]  # lights whose beams have an apex, and so cones
 
