@@ -9,8 +9,7 @@ that exists or succeeds. An interrupted run thus continues with the exposure of 
 import json
 import re
 from collections.abc import Iterator
-from contextlib import suppress
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
