@@ -153,15 +153,20 @@ def updates() -> str:
 
 
 def drop_in() -> str:
+    """Geometric means over scenes; calls that are slower with few rays or many come first."""
     results = load("drop_in")
-    timed = where(results["rows"], queries=1_000_000)
-    scenes = list(dict.fromkeys(row["scene"] for row in timed))
-    calls = dict.fromkeys((row["query"], row["peer"]) for row in timed)
-    rows = [
-        [*call, *(f"{where(timed, scene=s, query=call[0], peer=call[1])[0]['ratio']:.1f}" for s in scenes)]
-        for call in calls
+    counts = sorted({row["queries"] for row in results["rows"]})
+    ratios: dict[tuple[str, str], dict[int, list[float]]] = {}
+    for row in results["rows"]:
+        ratios.setdefault((row["query"], row["peer"]), {}).setdefault(row["queries"], []).append(row["ratio"])
+    means = {call: {n: geometric_mean(each) for n, each in of_call.items()} for call, of_call in ratios.items()}
+    cells = [
+        [*call, *(f"{means[call][n]:.2f}" if n in means[call] else "" for n in counts)]
+        for call in sorted(means, key=lambda call: min(means[call].values()))
     ]
-    return table("Drop-in replacements, a million queries", results["machine"], ["query", "library", *scenes], rows)
+    scenes = ", ".join(dict.fromkeys(row["scene"] for row in results["rows"]))
+    title = f"Drop-in replacements, by rays or points a call: means of {scenes}"
+    return table(title, results["machine"], ["query", "library", *(f"{n:,}" for n in counts)], cells)
 
 
 def server() -> str:
