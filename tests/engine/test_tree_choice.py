@@ -12,6 +12,7 @@ from antumbra.engine.method_registry import TRACERS
 from antumbra.engine.plan import covering_plans, parse_plan
 from antumbra.engine.tree_choice import NO_RAYS, ExpectedRays, LearnedTrees, UpdatedTree
 from antumbra.picture.renderer import Renderer
+from antumbra.trace.tracer_cost import TreelessCost
 from support.asking import query_of
 
 LAMP = at.PointLight((0.5, 1.5, 0.2))
@@ -31,13 +32,13 @@ def costs(monkeypatch):
     monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: True)
     cones = TRACERS["cones"]
 
-    def set_costs(good=1e6, best=1e6, guided=1e6, culling=1e9, cone_share=0.0):
+    def set_costs(good=1e6, best=1e6, guided=1e6, culling=1e9, cones_take=lambda features: 1e9):
         seconds = {QUICK: 0.0, GOOD: good, BEST: best, GUIDED: guided}
         monkeypatch.setattr(cost_model, "build_seconds", lambda tree, n: seconds[tree])
         monkeypatch.setattr(cost_model, "form_seconds", lambda strategy, triangles: 1e-6 * triangles)
         monkeypatch.setattr(auto_accelerator, "mark_seconds", lambda receivers, lights: culling)
         monkeypatch.setattr(auto_accelerator, "select_seconds", lambda triangles: 0.0)
-        monkeypatch.setattr(cones, "cost", cones.cost._replace(triangles=cone_share))
+        monkeypatch.setattr(cones, "cost", TreelessCost(cones_take, load=0.0))
 
     set_costs()
     return set_costs
@@ -51,13 +52,18 @@ def test_a_named_plan_is_its_own_choice(asked, plan):
     assert (choice.culler, choice.builder, choice.optimiser) == (plan.cull, plan.build, plan.optimise)
 
 
+def _slow_for_all(features):
+    """Nanoseconds per ray of cones that are too slow for all triangles of the scene."""
+    return 1e9 * (features.triangles > 2500)
+
+
 CHOICES = {
     "few rays": ({}, QUICK, None, "too few rays for a better tree"),
     "many rays": ({"good": 0.0}, GOOD, None, "rays would lose more than it costs"),
     "guided": ({"guided": 0.0}, GUIDED, None, "rays would lose more than it costs"),
     "culled": ({"culling": 0.0}, QUICK, CULLER, "used once; "),
-    "cones": ({"cone_share": 1e9}, "", None, "one apex, many rays per triangle"),
-    "culled cones": ({"culling": 0.0, "cone_share": 1e9}, "", CULLER, "one apex, many rays per triangle"),
+    "cones": ({"cones_take": lambda features: 0.0}, "", None, "faster than a tree for its rays"),
+    "culled cones": ({"culling": 0.0, "cones_take": _slow_for_all}, "", CULLER, "faster than a tree for its rays"),
 }
 
 

@@ -138,7 +138,7 @@ def python_calls(function):
     return count
 
 
-MOST_CALLS = {"occluded": 45, "closest_hit": 50, "all_hits": 85, "count_hits": 65}
+MOST_CALLS = {"occluded": 45, "closest_hit": 52, "all_hits": 85, "count_hits": 65}
 
 
 @pytest.mark.parametrize("query", QUERIES)

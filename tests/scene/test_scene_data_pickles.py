@@ -23,7 +23,7 @@ def things(tmp_path_factory):
     given += [at.RenderOptions(), scene.objects[0]]
     given += [at.render(each, camera, light, spp=1) for each in (scene, store)]
     given += [each.closest_hit((0, 1, 0), (0, -1, 0)) for each in (scene, store)]
-    given += [scene.all_hits((0, 1, 0), (0, -1, 0))]
+    given += [scene.all_hits((0, 1, 0), (0, -1, 0)), scene.closest_points((0, 1, 0))]
     given += [at.visibility(scene, (0, 1, 0), light), at.line_of_sight(scene, (0, 1, 0), (0, 2, 0))]
     given += [at.viewshed(scene, some, (0, 1, 0)), at.visibility_matrix(scene, some), scene.triangles()]
     given += [at.Turbine((0, 0, 0), 2.0, 1.0), at.points_along([(0, 0), (1, 0)], 0.5)]

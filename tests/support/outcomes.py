@@ -37,7 +37,7 @@ class Outcomes:
 
     @pytest.hookimpl(trylast=True)
     def pytest_sessionfinish(self):
-        if self.config.cache and not self.config.option.collectonly:
+        if getattr(self.config, "cache", None) and not self.config.option.collectonly:
             self.config.cache.set(SKIPPED, sorted(self.skipped))
 
     def pytest_terminal_summary(self, terminalreporter):

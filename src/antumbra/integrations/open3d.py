@@ -56,7 +56,7 @@ class RaycastingScene:
             Instead of the others, also as the only argument without a name.
         """
         mesh = vertex_positions if mesh is None and triangle_indices is None else mesh
-        if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):  # a tensor mesh of Open3D
+        if hasattr(getattr(mesh, "vertex", None), "positions"):  # a tensor mesh of Open3D
             vertex_positions, triangle_indices, mesh = mesh.vertex.positions, mesh.triangle.indices, None
         if mesh is None:
             vertices = rows_of(vertex_positions, "vertex_positions", 3, 2)

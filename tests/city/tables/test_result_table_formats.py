@@ -34,7 +34,7 @@ def test_json_has_units_and_no_nan(tmp_path):
     made = table(crs="EPSG:7415")
     made.save(tmp_path / "a.json")
     read = json.loads((tmp_path / "a.json").read_text(), parse_constant=pytest.fail)
-    assert read["about"] == {"job": "test", "crs": "EPSG:7415", "length_unit": "m"}
+    assert read["about"] == {"job": "test", "crs": "EPSG:7415", "length_unit": "m", "up": "z"}
     units = {name: column["unit"] for name, column in read["columns"].items()}
     assert units.keys() == read["rows"].keys()
     assert (units["hours"], units["x"], units["area"], units["nx"]) == ("h", "m", "m2", "")

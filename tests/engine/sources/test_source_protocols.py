@@ -46,6 +46,8 @@ def _is_protocol(node):
 def test_sources_use_all_of_their_parameters(module):
     functions = functions_of(ast.parse(next((SOURCES / "engine").rglob(f"{module}.py")).read_text()))
     for function in functions:
+        if isinstance(function.body[-1], ast.Raise) and len(function.body) == 1:
+            continue  # it refuses
         arguments = function.args
         names = {each.arg for each in [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]}
         used = {each.id for part in function.body for each in ast.walk(part) if isinstance(each, ast.Name)}

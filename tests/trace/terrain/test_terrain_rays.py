@@ -108,10 +108,11 @@ def test_jobs_have_the_results_of_trees():
 def test_a_tree_follows_once_it_pays_off_and_fits(monkeypatch):
     scene = at.from_raster((np.zeros((9, 9)), PLACE))
     monkeypatch.setattr(terrain_shadows, "_RAYS_PER_TRIANGLE", 4)
-    receiver, light = Receivers.in_space([[84003.3, 445997.0, 1.0]], scene.origin), at.PointLight((0.0, 0.0, 9.0))
+    receiver, light = Receivers.in_space([[84003.3, 445997.0, 1.0]], scene.origin), at.SphereLight((0.0, 0.0, 9.0), 1.0)
 
     def some(rays):
-        return PointQuery(receiver, [light], [np.zeros((16, rays, 3))])
+        samples = np.random.default_rng(0).uniform(-0.5, 0.5, (16, rays, 3))
+        return PointQuery(receiver, [light], [samples])
 
     shadows = at.Engine(scene).terrain
     assert shadows.serves(some(4 * 128)) and not shadows.serves(some(1))
