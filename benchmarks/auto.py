@@ -248,7 +248,7 @@ def receivers_of(case: Case) -> at.Receivers:
     points, normals = surface_points(region, n, case.seed)
     if case.job == "points":
         points = np.random.default_rng(case.seed).uniform(*region.bounds, (n, 3))
-    return at.Receivers.of(points, normals, region.scene.origin)
+    return at.Receivers.of(points, normals, region.scene.origin, region.scene.middle)
 
 
 def trace_points(engine: Engine, case: Case, clock: Clock) -> tuple[float, list[np.ndarray]]:

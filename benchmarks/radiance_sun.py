@@ -96,7 +96,7 @@ def main() -> None:
     rows: list[dict] = []
     print(f"{len(sensors):,} sensors, {len(suns.hours)} suns: {len(row):,} pairs with the sun above the surface")
     if installed(library):
-        receivers = Receivers.on_surface(sensors.points, sensors.normals, scene.origin)
+        receivers = Receivers.on_surface(sensors.points, sensors.normals, scene.origin, scene.middle)
         origins = receivers.origins[0].astype(np.float64) + scene.origin
         start = time.perf_counter()
         radiance_hit = hit_by_radiance(soup, origins[row], suns.directions[sun], options.threads)

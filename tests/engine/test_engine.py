@@ -60,7 +60,7 @@ def test_faces_and_engines_give_the_same_answers(both):
 
 def test_receivers_are_those_of_points_with_normals(atrium):
     points, normals = _rays()
-    receivers = at.Receivers.on_surface(points, normals, atrium.origin)
+    receivers = at.Receivers.on_surface(points, normals, atrium.origin, atrium.middle)
     found = atrium.engine.visibility(receivers, [LAMP, at.AmbientOcclusion()], spp=8)
     expected = at.visibility(atrium, points, [LAMP, at.AmbientOcclusion()], normals, spp=8)
     np.testing.assert_array_equal(found.bits, expected.bits)

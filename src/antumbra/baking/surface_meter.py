@@ -109,7 +109,7 @@ class Meter:
     def shadows(self, receivers: ReceiverPoints, grid: NDArray[np.int64], there: NDArray[np.bool_]) -> Shadows:
         """Trace the receivers of a grid; `there`: which of its cells have one."""
         world, normals = receivers.positions[grid], receivers.normals[grid]
-        ends = Receivers.moved_off(world, normals, self.scene.origin)
+        ends = Receivers.moved_off(world, normals, self.scene.origin, middle=self.scene.middle)
         ends = ends._replace(sides=np.where(there, 1, NOTHING).astype(np.int8))
         settings = self.settings
         results = self._engine.shadows(ends, settings.lights, self._samples, time=settings.time, later=self._later)

@@ -70,7 +70,7 @@ def visibility(
     engine = scene.engine.with_options(plan, threads, max_memory)
     points = as_array(points, "points")
     single = isinstance(light, Light)
-    receivers = Receivers.of(points, normals, scene.origin)
+    receivers = Receivers.of(points, normals, scene.origin, scene.middle)
     answer = engine.visibility(
         receivers, light, spp=spp, sampler=sampler, cull_faces=cull_faces, time=time, progress=progress
     )

@@ -73,6 +73,7 @@ class AnyScene(RayQueries):
     objects = DataAttribute[list[ObjectInfo]]()
     bounds = DataAttribute[np.ndarray]()
     origin = DataAttribute[np.ndarray]()
+    middle = DataAttribute[np.ndarray]()
     colours = DataAttribute[np.ndarray]()
     city = DataAttribute[CityModel | None]()
     crs = DataAttribute[str | None]()
@@ -327,6 +328,8 @@ class Scene(AnyScene):
         Lower and upper corner at time 0.
     origin : (3,) float64, world
         Origin of the frame of the triangles.
+    middle : (3,) float64, world
+        Middle of the bounds when the scene was made. It is the origin, unless that is one that loses no bits.
     colours : (n, 3) float32
         Mean linear base colour of each face, in [0, 1]. Shared with the `Triangles`: do not write to it.
     meshes : list of MeshInfo

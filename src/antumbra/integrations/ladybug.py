@@ -118,7 +118,7 @@ def _seen(
     if not seen.size:
         return seen
     rows, columns = sensor_order(places, facing), direction_order(towards)
-    receivers = Receivers.on_surface(places[rows], facing[rows], scene.origin)
+    receivers = Receivers.on_surface(places[rows], facing[rows], scene.origin, scene.middle)
     for first in range(0, len(columns), MAX_SPP):
         batch = columns[first : first + MAX_SPP]
         found = scene.engine.visibility(receivers, DirectionalLights(-towards[batch]))

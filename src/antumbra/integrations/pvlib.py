@@ -129,7 +129,10 @@ def _light(
     months : (k,) int64, of the transmittances of leaves
     """
     engine = scene.engine.with_options(plan, threads, None)
-    receivers, seasons = Receivers.of(sensors.points, sensors.normals, scene.origin), seasons_of(scene, months)
+    receivers, seasons = (
+        Receivers.of(sensors.points, sensors.normals, scene.origin, scene.middle),
+        seasons_of(scene, months),
+    )
     light = np.zeros(len(towards))
     for season in np.unique(seasons):
         rows = np.flatnonzero(seasons == season)

@@ -118,7 +118,11 @@ def surface_receivers(
 
 
 def point_receivers(
-    points: NDArray[np.float64], normals: NDArray[np.float64], world: NDArray[np.float64], single: bool
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    world: NDArray[np.float64],
+    single: bool,
+    middle: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float32]:
     """(m, 3) float32: the receivers of points on surfaces that are known only by their normals.
 
@@ -126,11 +130,24 @@ def point_receivers(
     normals : (m, 3) float64, unit length
     world : (m, 3) float64, world positions
     single : whether the world positions were passed as float32, so that their rounding error counts too
+    middle : (3,) float64, world: of the scene; None: the origin of its frame
     """
-    shift = SHIFT * _largest(points)  # Eq. (2) of docs/design/receivers.md
+    shift = SHIFT * _size(points, world, middle)  # Eq. (2) of docs/design/receivers.md
     if single:
         shift = shift + SHIFT / 4 * _largest(world)
     return np.ascontiguousarray(flush_to_zero(points + shift * normals).astype(np.float32))
+
+
+def _size(
+    points: NDArray[np.float64], world: NDArray[np.float64], middle: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """(n, 1) float64: the magnitude of points for their rounding errors.
+
+    Where surfaces pass near the origin of the frame, their corners lie farther from it than the points do. So the
+    distance from the middle of the scene counts too, where it is not the origin.
+    """
+    size = _largest(points)
+    return size if middle is None else np.maximum(size, _largest(world - middle))
 
 
 def _largest(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -168,7 +185,9 @@ class Receivers(NamedTuple):
         return cls(origins, np.full(origins.shape[:2], FREE, np.int8), _NO_NORMALS)
 
     @classmethod
-    def on_surface(cls, points: ArrayLike, normals: ArrayLike, frame: ArrayLike) -> "Receivers":
+    def on_surface(
+        cls, points: ArrayLike, normals: ArrayLike, frame: ArrayLike, middle: ArrayLike | None = None
+    ) -> "Receivers":
         """Points on surfaces, offset from them by a few units in the last place.
 
         Parameters
@@ -176,6 +195,8 @@ class Receivers(NamedTuple):
         points : (..., 3) of any floating point or integer dtype, world
         normals : (..., 3) float, towards the tested side, of any length; they broadcast against the points
         frame : (3,) float64, world position of the origin of the scene's frame
+        middle : (3,) float64, optional
+            `Scene.middle`, where it is not the origin. None: the origin.
 
         Raises
         ------
@@ -186,23 +207,32 @@ class Receivers(NamedTuple):
         _in_frame(array, frame)
         unit = _unit_normals(normals, array.shape)
         world = array.astype(np.float64).reshape(1, -1, 3)
-        return cls.moved_off(world, unit[None], np.asarray(frame), array.dtype == np.float32)
+        centre = None if middle is None else np.asarray(middle, np.float64)
+        return cls.moved_off(world, unit[None], np.asarray(frame), array.dtype == np.float32, centre)
 
     @classmethod
-    def of(cls, points: ArrayLike, normals: ArrayLike | None, frame: ArrayLike) -> "Receivers":
+    def of(
+        cls, points: ArrayLike, normals: ArrayLike | None, frame: ArrayLike, middle: ArrayLike | None = None
+    ) -> "Receivers":
         """Points `in_space` if `normals` is None, otherwise `on_surface`."""
-        return cls.in_space(points, frame) if normals is None else cls.on_surface(points, normals, frame)
+        return cls.in_space(points, frame) if normals is None else cls.on_surface(points, normals, frame, middle)
 
     @classmethod
     def moved_off(
-        cls, points: NDArray[np.float64], normals: NDArray[np.float64], frame: np.ndarray, single: bool = False
+        cls,
+        points: NDArray[np.float64],
+        normals: NDArray[np.float64],
+        frame: np.ndarray,
+        single: bool = False,
+        middle: NDArray[np.float64] | None = None,
     ) -> "Receivers":
         """`on_surface` for (h, w, 3) float64 points and unit normals that are already checked.
 
         single : whether the points were passed as float32
         """
         flat = points.reshape(-1, 3)
-        origins = point_receivers(flat - frame, normals.reshape(-1, 3), flat, single).reshape(points.shape)
+        moved = point_receivers(flat - frame, normals.reshape(-1, 3), flat, single, middle)
+        origins = moved.reshape(points.shape)
         return cls(origins, np.ones(points.shape[:2], np.int8), np.ascontiguousarray(normals))
 
     @property
@@ -223,12 +253,14 @@ class Receivers(NamedTuple):
 _NO_NORMALS = np.empty((0, 0, 3))
 
 
-def receivers_above(points: NDArray[np.float64], axis: int, frame: NDArray[np.float64]) -> Receivers:
+def receivers_above(
+    points: NDArray[np.float64], axis: int, frame: NDArray[np.float64], middle: NDArray[np.float64]
+) -> Receivers:
     """Points offset along an axis as those on a surface are, but in free space: without a horizon.
 
     points : (n, 3) float64, world
     axis : 0, 1 or 2: the normal of the surface points along it
-    frame : (3,) float64, world position of the origin of the scene's frame
+    frame, middle : (3,) float64, world position of the origin of the scene's frame, and of its middle
 
     Raises
     ------
@@ -236,7 +268,7 @@ def receivers_above(points: NDArray[np.float64], axis: int, frame: NDArray[np.fl
         As for `Receivers.in_space`.
     """
     local = points - frame
-    local[:, axis] += SHIFT * _largest(local)[:, 0]
+    local[:, axis] += SHIFT * _size(local, points, middle)[:, 0]
     with np.errstate(over="ignore"):
         origins = flush_to_zero(local).astype(np.float32)[None]
     if not np.isfinite(origins).all():

@@ -138,7 +138,7 @@ class InstanceData(SceneData):
             raise InputError(f"{source.file}: no triangles; export the scene with its meshes triangulated")
         self.bounds = np.stack([filled[:, 0].min(0), filled[:, 1].max(0)])
         check_extent(self.bounds, source.file)
-        self.origin = frame_origin(*self.bounds)
+        self.origin = self.middle = frame_origin(*self.bounds)
         self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
 
     def _check_finite(self, file: str) -> None:

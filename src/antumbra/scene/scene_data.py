@@ -25,7 +25,7 @@ from .lights import Light
 from .materials import MONTHS, LightShare, Transmittance
 from .mesh import MeshInfo, ObjectInfo, Source
 from .raster import Raster
-from .scene_bounds import Survey, faces_of, moving_faces, objects_of, sampled_faces
+from .scene_bounds import Survey, faces_of, frame_origin, moving_faces, objects_of, sampled_faces
 from .terrain import HeightGrid
 from .triangles import Triangles
 from .units import LengthUnit, checked_unit
@@ -171,6 +171,7 @@ class SceneData(ABC):
     objects: list[ObjectInfo]
     bounds: NDArray[np.float64]  # (2, 3) float64, world
     origin: NDArray[np.float64]  # (3,) float64, world
+    middle: NDArray[np.float64]  # (3,) float64, world: of the bounds when the scene was made
     city: CityModel | None = None  # of a CityJSON file, or of footprints
     raster: Raster | None = None  # the cells of the raster of heights that is the scene or its ground
     crs: str | None = None  # coordinate reference system of the world coordinates, such as "EPSG:7415"
@@ -361,6 +362,7 @@ class MemoryData(SceneData):
         self._cutouts: Cutouts | None = None
         self._find_cutouts = alpha
         self.bounds, self.origin = survey.bounds(), survey.origin()
+        self.middle = frame_origin(*self.bounds)
         self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
         self._movable: MovableMeshes | None = None
 

@@ -25,7 +25,7 @@ from ..bvh.reinsertion import reinsert
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..scene.mesh import MeshInfo, ObjectInfo, Source
-from ..scene.scene_bounds import check_extent
+from ..scene.scene_bounds import check_extent, frame_origin
 from ..scene.scene_data import SceneData
 from ..scene.triangles import Triangles
 from .store_checks import chunk_fault, counts_fault, directory_fault
@@ -370,6 +370,7 @@ class StoreData(SceneData):
         self.meshes: list[MeshInfo] = []
         self.objects = [ObjectInfo(meta.name, -1, 0)]
         self.bounds, self.origin, self.crs = meta.bounds, meta.origin, meta.crs
+        self.middle = frame_origin(*meta.bounds)
         self.raster, self.given_unit = meta.raster, meta.unit
         self._cameras, self._lights = list(meta.cameras), list(meta.lights)
 

@@ -182,7 +182,7 @@ def true_shares(scene):
     """(sensors, suns): the share of each sun that arrives, a mean over colours, by brute force in float64."""
     suns, months = sky_of_suns()
     sensors, vertices = floor_sensors(), scene.triangles().vertices
-    receivers = at.Receivers.on_surface(sensors.points, sensors.normals, scene.origin)
+    receivers = at.Receivers.on_surface(sensors.points, sensors.normals, scene.origin, scene.middle)
     lights = DirectionalLights(-suns.directions)
     (query,) = scene.engine.queries(receivers, [lights], [light_samples(lights, 1)])
     (ends,), (above,) = segments(query)

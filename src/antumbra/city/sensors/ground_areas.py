@@ -66,7 +66,7 @@ def inside_solids(scene: AnyScene, points: NDArray[np.float64], threads: int | N
     InputError
         If the scene is in a store.
     """
-    begin = Receivers.on_surface(points, np.eye(3)["xyz".index(scene.up)], scene.origin)
+    begin = Receivers.on_surface(points, np.eye(3)["xyz".index(scene.up)], scene.origin, scene.middle)
     return _leaves_solid(scene, begin.origins[0], _rays(scene.up, _LOWEST, 1.0), False, threads)
 
 

@@ -216,7 +216,7 @@ def _closely_covered(
     Surfaces that face each other, such as party walls, hide each other rightly.
     """
     near = scene.unit.of_metres(NEAR)
-    origins = Receivers.on_surface(at, normals, scene.origin).origins[0] + scene.origin
+    origins = Receivers.on_surface(at, normals, scene.origin, scene.middle).origins[0] + scene.origin
     covered = np.asarray(scene.occluded(origins, normals, tmax=near, time=time, threads=threads))
     places = np.flatnonzero(covered)
     if len(places):

@@ -501,8 +501,10 @@ def sightline_ends(scene: AnyScene, sensors: Sensors) -> Receivers:
     """
     axis, normals = "xyz".index(scene.up), sensors.normals
     if sensors.kind == "raster" and normals is not None and normals.strides[0] == 0 and normals[:1, axis].all():
-        return receivers_above(sensors.points, axis, scene.origin)  # those of `raster_sensors`: one normal for all
-    ends = Receivers.of(sensors.points, sensors.normals, scene.origin)
+        return receivers_above(
+            sensors.points, axis, scene.origin, scene.middle
+        )  # those of `raster_sensors`: one normal for all
+    ends = Receivers.of(sensors.points, sensors.normals, scene.origin, scene.middle)
     return ends.seeing_all_around() if sensors.kind == "raster" else ends
 
 

@@ -158,7 +158,7 @@ def _checked(scene: AnyScene, begin: _Ends, end: _Ends) -> tuple[_Pairs, tuple[i
         positions, normals = np.broadcast_to(points, (*shape, 3)).reshape(-1, 3), None
         if each.normals is not None:
             normals = np.broadcast_to(_as_normals(each.normals, shape), (*shape, 3)).reshape(-1, 3)
-        receivers = Receivers.of(positions, normals, scene.origin)
+        receivers = Receivers.of(positions, normals, scene.origin, scene.middle)
         ends.append(receivers.origins[0])
         units.append(None if normals is None else receivers.normals[0])
         face_lists.append(_as_faces(np.broadcast_to(face, shape).ravel(), scene.n_triangles))

@@ -155,7 +155,7 @@ def _receivers(scene: AnyScene, sensors: Sensors) -> Receivers:
     points, normals, parts = sensors.points, sensors.normals, list[Receivers]()
     for first in range(0, max(len(points), 1), _SENSORS_AT_ONCE):
         some = slice(first, first + _SENSORS_AT_ONCE)
-        parts.append(Receivers.of(points[some], None if normals is None else normals[some], scene.origin))
+        parts.append(Receivers.of(points[some], None if normals is None else normals[some], scene.origin, scene.middle))
     if len(parts) == 1:
         return parts[0]
     origins, sides = (np.concatenate([part[k] for part in parts], 1) for k in range(2))
