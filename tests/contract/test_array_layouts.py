@@ -174,6 +174,7 @@ for _call in ("on_surface", "of"):
     door(f"Receivers.{_call} points", POINTS, lambda a, call=_door: call(a, VECTORS, SCENE.origin))
     door(f"Receivers.{_call} normals", VECTORS, lambda a, call=_door: call(POINTS, a, SCENE.origin))
     door(f"Receivers.{_call} frame", V, lambda a, call=_door: call(POINTS, VECTORS, a))
+    door(f"Receivers.{_call} middle", V, lambda a, call=_door: call(POINTS, VECTORS, V, a))
 door("line_of_sight observers", POINTS, lambda a: at.line_of_sight(SCENE, a, VECTORS))
 door("line_of_sight targets", POINTS, lambda a: at.line_of_sight(SCENE, VECTORS, a))
 door("line_of_sight normals", VECTORS, lambda a: at.line_of_sight(SCENE, POINTS, POINTS[::-1] + 0.5, normals=a))

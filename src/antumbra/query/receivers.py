@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import as_array, unit_vectors
+from ..base.checks import as_array, unit_vectors, vector
 from ..base.errors import InputError
 from ..kernels.exact.filters import max_magnitude, plane, side_of
 from ..kernels.jit import inlined, kernel
@@ -207,7 +207,7 @@ class Receivers(NamedTuple):
         _in_frame(array, frame)
         unit = _unit_normals(normals, array.shape)
         world = array.astype(np.float64).reshape(1, -1, 3)
-        centre = None if middle is None else np.asarray(middle, np.float64)
+        centre = None if middle is None else vector(middle, "middle")
         return cls.moved_off(world, unit[None], np.asarray(frame), array.dtype == np.float32, centre)
 
     @classmethod
