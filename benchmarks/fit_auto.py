@@ -117,7 +117,7 @@ def fit(rows: list[dict]) -> dict[str, list[float]]:
     """Tracer -> weights of all rows; prints how much is lost by predictions for scenes that are left out."""
     values = np.array([terms(QueryFeatures(**row["features"])) for row in rows])
     scenes = np.array([row["scene"] for row in rows])
-    names = list(strategies())
+    names = [name for name in strategies() if any(name in row["rates"]["lbvh"] for row in rows)]
     logs = np.array([[np.log(row["rates"]["lbvh"].get(name, np.inf)) for name in names] for row in rows])
     predicted = np.full(logs.shape, np.inf)
     for k in range(len(names)):
@@ -150,7 +150,7 @@ def main() -> None:
         weights = fit(rows)
         reference = ray_times(*small_queries()[:2])
         for name, values in weights.items():
-            print(f"{name}: rate=FittedRate({', '.join(map(str, values))}), reference={reference[name]}")
+            print(f"{name}: rate=FittedRate({', '.join(map(str, values))}), reference={reference.get(name)}")
         if options.output is not None:
             options.output.write_text(json.dumps({"weights": weights, "reference": reference}, indent=1) + "\n")
         return

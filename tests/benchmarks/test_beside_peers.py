@@ -1,6 +1,8 @@
 """Benchmarks with peers run with the installed ones, and without the others."""
 
+import importlib
 import json
+import re
 
 import pytest
 
@@ -146,13 +148,35 @@ def test_drop_in(run, small, hidden):
     done = run("drop_in", small, *sizes, without=f"{hidden},rtree")
     check_left_out(done, *(["trimesh"] if without_embree(hidden) else []), "Open3D", "trimesh")
     names = [(row["peer"], row["query"], row["queries"]) for row in done.rows]
-    assert len(set(names)) == len(names) == 22 and {peer for peer, _, _ in names} == {"trimesh, Embree", "Open3D"}
+    assert len(set(names)) == len(names) == 28 and {peer for peer, _, _ in names} == {"trimesh, Embree", "Open3D"}
     timed = [row for row in done.rows if row["ratio"] is not None]
     assert all(row["ours"] > 0.0 for row in done.rows) and len(timed) == (0 if without_embree(hidden) else 11)
     lines = [line for line in done.out.splitlines() if line.endswith(" wrong")]
     ours = [line for line in lines if "Antumbra as " in line]
     assert len(ours) == 16 and all(" 0 of 30 wrong" in line for line in ours)
     assert len(lines) == 16 + (0 if without_embree(hidden) else 8)
+
+
+def test_open3d_suite(run, tmp_path):
+    """On a small stand-in for the file of Open3D's tests."""
+    try:
+        importlib.import_module("open3d")
+    except (ImportError, OSError):
+        pytest.skip("Open3D cannot be imported: the command that runs its tests is NOT checked")
+    tests = tmp_path / "python" / "test" / "t" / "geometry" / "test_raycasting_scene.py"
+    tests.parent.mkdir(parents=True)
+    tests.write_text(
+        "import open3d as o3d\n"
+        "def test_misses():\n"
+        "    scene = o3d.t.geometry.RaycastingScene()\n"
+        "    rays = o3d.core.Tensor([[0, 0, 0, 0, 0, 1]], dtype=o3d.core.float32)\n"
+        "    assert not scene.test_occlusions(rays).numpy().any()\n"
+        "def test_fails():\n"
+        "    assert False\n"
+    )
+    done = run("open3d_suite", tmp_path, rows=False)
+    for name in "Open3D", "Antumbra":
+        assert re.search(rf"^{name} +1 of 2 tests pass; fails: test_fails$", done.out, re.MULTILINE)
 
 
 def test_peer_chart(run, tmp_path):
