@@ -110,6 +110,8 @@ class _Hits(NamedTuple):
 class RayMeshIntersector:
     """Ray queries about a trimesh mesh; `trimesh_ray` makes one.
 
+    Parameters
+    ----------
     geometry : trimesh.Trimesh
     scale_to_box : bool
         For trimesh, which scales meshes before it rounds them. Answers here do not depend on it.
