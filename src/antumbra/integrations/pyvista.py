@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.checks import choice, flag, rows_of, vector
 from ..base.errors import InputError
 from ..city.sensors.sensors import Sensors, face_sensors, vertex_sensors
+from ..city.sensors.surface_groups import unit_normals
 from ..city.sun.sun_hours import sky_view, sun_hours
 from ..city.tables.result_table import Table
 from ..city.tables.surface_columns import NAMES as SURFACE_COLUMNS
@@ -72,10 +73,7 @@ class _TriangleMesh:
     def __init__(self, dataset: Any):
         points, self.faces, self.cells, _ = _triangles_in(dataset)
         self.vertices = np.asarray(points, np.float64)
-        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
-        normals = np.cross(b - a, c - a)
-        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        self.face_normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0.0)
+        self.face_normals = unit_normals(self.vertices[self.faces])
 
 
 class _Triangles(NamedTuple):
