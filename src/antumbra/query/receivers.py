@@ -150,6 +150,11 @@ def _size(
     return size if middle is None else np.maximum(size, _largest(world - middle))
 
 
+def _apart(middle: NDArray[np.float64] | None, frame: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The middle of a scene; None if it is the origin of the frame, from which points are measured anyway."""
+    return None if middle is None or np.array_equal(middle, frame) else middle
+
+
 def _largest(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 1) float64: the largest magnitude of the components of (n, 3) vectors; NumPy reduces short rows slowly."""
     x, y, z = np.abs(vectors.T)
@@ -231,7 +236,7 @@ class Receivers(NamedTuple):
         single : whether the points were passed as float32
         """
         flat = points.reshape(-1, 3)
-        moved = point_receivers(flat - frame, normals.reshape(-1, 3), flat, single, middle)
+        moved = point_receivers(flat - frame, normals.reshape(-1, 3), flat, single, _apart(middle, frame))
         origins = moved.reshape(points.shape)
         return cls(origins, np.ones(points.shape[:2], np.int8), np.ascontiguousarray(normals))
 
@@ -268,7 +273,7 @@ def receivers_above(
         As for `Receivers.in_space`.
     """
     local = points - frame
-    local[:, axis] += SHIFT * _size(local, points, middle)[:, 0]
+    local[:, axis] += SHIFT * _size(local, points, _apart(middle, frame))[:, 0]
     with np.errstate(over="ignore"):
         origins = flush_to_zero(local).astype(np.float32)[None]
     if not np.isfinite(origins).all():
