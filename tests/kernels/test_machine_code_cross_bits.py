@@ -140,8 +140,10 @@ def foreign(tmp_path_factory):
 
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_libraries_of_all_systems(foreign, system):
-    paths = [path for path in (foreign / system).iterdir() if path.suffix in (".so", ".dylib", ".dll")]
+    paths = [path for path in (foreign / system).iterdir() if path.suffix in (".so", ".dylib", ".dll", ".wasm")]
     assert len(paths) == len(SYSTEMS[system].levels)
+    if system == "wasm32":  # its imports: `tests/kernels/toolchain/test_library_build.py`
+        return
     for path in paths:
         data = path.read_bytes()
         imports = imports_of(data)

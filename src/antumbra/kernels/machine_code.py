@@ -8,6 +8,7 @@ The rounding error of a product takes one fused instruction. Without that instru
 split [1971] is used instead. Both are exact.
 """
 
+import re
 from functools import cache
 from typing import NamedTuple
 
@@ -149,10 +150,12 @@ def is_level_operation(name: str) -> bool:
 
 
 class System(NamedTuple):
-    """An operating system and processor family for which kernel libraries are made."""
+    """An operating system and processor family for which kernel libraries are made. WebAssembly counts as one."""
 
     triple: str  # LLVM's
     levels: tuple[str, ...]
+    features: str = ""  # LLVM's, beside those of the level
+    wide_triple: str | None = None  # for optimisation, if it needs 64-bit pointers; None: `triple`
 
 
 _X86_LEVELS = "x86-64-v2", "x86-64-v3", "x86-64-v4"
@@ -163,7 +166,14 @@ SYSTEMS = {
     "macos-arm64": System("arm64-apple-macosx11.0", ("aarch64",)),
     "windows-x86_64": System("x86_64-pc-windows-gnu", _X86_LEVELS),
     "windows-arm64": System("aarch64-pc-windows-gnu", ("aarch64",)),
+    "wasm32": System(
+        "wasm32-unknown-unknown",
+        ("simd128",),
+        "+simd128,+atomics,+bulk-memory,+nontrapping-fptoint,+sign-ext,+mutable-globals",
+        "wasm64-unknown-unknown",
+    ),
 }
+"""Numba's code has 64-bit addresses. Optimised with 32-bit pointers, most tracers become nothing: see `_narrow`."""
 
 
 class Destination(NamedTuple):
@@ -185,7 +195,8 @@ def library_destination(system: str, level: str) -> str:
 
 
 @cache
-def _target_machine(name: str) -> llvm.TargetMachine:
+def _target_machine(name: str, wide: bool = False) -> llvm.TargetMachine:
+    """LLVM's machine of a destination; wide: the one by which it is optimised."""
     to = Destination.named(name)
     processor = to.level if to.level.startswith("x86") else "generic"
     if to.system is None:
@@ -195,8 +206,12 @@ def _target_machine(name: str) -> llvm.TargetMachine:
         return target.create_target_machine(cpu=processor, opt=3, jit=True, reloc="static", codemodel="jitdefault")
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    target = llvm.Target.from_triple(SYSTEMS[to.system].triple)
-    return target.create_target_machine(cpu=processor, opt=3, reloc="pic", codemodel="small")
+    system = SYSTEMS[to.system]
+    target = llvm.Target.from_triple((system.wide_triple if wide else None) or system.triple)
+    relocation = "static" if system.wide_triple else "pic"
+    return target.create_target_machine(
+        cpu=processor, features=system.features, opt=3, reloc=relocation, codemodel="small"
+    )
 
 
 def optimise(module: llvm.ModuleRef, destination: str) -> llvm.ModuleRef:
@@ -207,7 +222,7 @@ def optimise(module: llvm.ModuleRef, destination: str) -> llvm.ModuleRef:
     A cheap run of passes first normalises loops, and a full run follows. Floating-point operations are never contracted
     or reordered.
     """
-    machine = _target_machine(destination)
+    machine = _target_machine(destination, wide=True)
     if any(function.is_declaration and is_level_operation(function.name) for function in module.functions):
         module.link_in(llvm.parse_assembly(source_of(Destination.named(destination).level)))
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
@@ -226,10 +241,29 @@ def optimise(module: llvm.ModuleRef, destination: str) -> llvm.ModuleRef:
 
 
 def emit_object(module: llvm.ModuleRef, destination: str) -> bytes:
-    """The object file of a module."""
-    return bytes(_target_machine(destination).emit_object(module))
+    """The object file of an optimised module."""
+    return bytes(_narrow(module, destination).emit_object(module))
 
 
 def emit_assembly(module: llvm.ModuleRef, destination: str) -> str:
-    """The assembly code of a module."""
-    return str(_target_machine(destination).emit_assembly(module))
+    """The assembly code of an optimised module."""
+    return str(_narrow(module, destination).emit_assembly(module))
+
+
+_POINTERS_IN_MEMORY = re.compile(r"^.*(?:\bstore ptr (?!null)|\bload ptr|\balloca [\[{].*\bptr\b).*$", re.M)
+"""Null is stored where a function's result is None."""
+
+
+def _narrow(module: llvm.ModuleRef, destination: str) -> llvm.TargetMachine:
+    """LLVM's machine of a destination; a module with 64-bit pointers gets the pointers of that machine.
+
+    Offsets are those of 64-bit pointers then, so no pointer may be in memory. Raises TypeError if one is.
+    """
+    to = Destination.named(destination)
+    machine = _target_machine(destination)
+    if to.system is not None and SYSTEMS[to.system].wide_triple:
+        found = _POINTERS_IN_MEMORY.search(str(module))
+        if found:
+            raise TypeError(f"a kernel for {to.system} keeps a pointer in memory: {found[0].strip()}")
+        module.triple, module.data_layout = machine.triple, str(machine.target_data)
+    return machine

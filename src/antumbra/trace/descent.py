@@ -137,9 +137,9 @@ def mixed_axis(o_low, o_high, d_low, d_high, limit, endless):
 @inlined
 def direction_sign(d_low, d_high, limit, lanes):
     """Common sign of direction of `lanes` (bits) along an axis: 1, -1, or 0 if they differ or are near zero."""
-    if bits(d_low >= limit) & lanes == lanes:
+    if ~bits(d_low >= limit) & lanes == 0:  # LLVM cannot compare the bits of two masks in WebAssembly
         return 1
-    return -1 if bits(d_high <= -limit) & lanes == lanes else 0
+    return -1 if ~bits(d_high <= -limit) & lanes == 0 else 0
 
 
 @inlined

@@ -63,6 +63,31 @@ long long antumbra_x86_level(void) {
 _WINDOWS_SOURCE = "int _fltused = 0;"
 """LLVM marks objects with floating-point code by this symbol, which Microsoft's C library defines."""
 
+_WASM_SOURCE = """
+typedef unsigned long long word;
+
+/* the product of two 128-bit numbers, which LLVM calls where WebAssembly has no instruction; by halves of 32 bits */
+void __multi3(word *out, word a_low, word a_high, word b_low, word b_high) {
+    word a0 = (unsigned)a_low, a1 = a_low >> 32, b0 = (unsigned)b_low, b1 = b_low >> 32;
+    word low = a0 * b0, cross1 = a0 * b1, cross2 = a1 * b0;
+    word middle = (low >> 32) + (unsigned)cross1 + (unsigned)cross2;
+    out[0] = (unsigned)low | middle << 32;
+    out[1] = a1 * b1 + (cross1 >> 32) + (cross2 >> 32) + (middle >> 32) + a_low * b_high + a_high * b_low;
+}
+"""
+
+
+_ZIG = sys.executable, "-m", "ziglang"
+
+
+def _link(command: list[str], inputs: list[str], out: Path) -> None:
+    listed = out.with_suffix(".objects")  # a command line would be too long
+    listed.write_text("\n".join(inputs))
+    done = subprocess.run([*_ZIG, *command, "-o", str(out), f"@{listed}"], capture_output=True, text=True)
+    listed.unlink()
+    if done.returncode:
+        raise RuntimeError(f"{out.name} was not linked: {done.stderr.strip()}")
+
 
 class Linker(NamedTuple):
     """How the libraries of a system are linked."""
@@ -70,26 +95,52 @@ class Linker(NamedTuple):
     target: str  # zig's name of the system, with the oldest C library
     suffix: str
 
-    def link(self, inputs: list[Path], out: Path) -> None:
+    def link(self, objects: list[Path], sources: list[Path], symbols: list[str], out: Path) -> None:
         """Link objects and C files into a shared library. Raises RuntimeError with the linker's message."""
-        command = [sys.executable, "-m", "ziglang", "cc", "-target", self.target, "-O2", "-fPIC", "-shared", "-s"]
+        command = ["cc", "-target", self.target, "-O2", "-fPIC", "-shared", "-s"]
         if self.suffix == ".dylib":  # without it, the path of this folder is the library's name
             command.append(f"-Wl,-install_name,@rpath/{out.name}")
-        listed = out.with_suffix(".objects")  # a command line would be too long
-        listed.write_text("\n".join(f'"{path.as_posix()}"' for path in inputs))
-        done = subprocess.run([*command, "-o", str(out), f"@{listed}", "-lm"], capture_output=True, text=True)
-        listed.unlink()
-        if done.returncode:
-            raise RuntimeError(f"{out.name} was not linked: {done.stderr.strip()}")
+        inputs = [*objects, *sources]
+        if self.suffix == ".dll":  # weak symbols, as Numba makes them, are only exported by name
+            inputs.append(out.with_suffix(".def"))
+            inputs[-1].write_text("\n  ".join(["EXPORTS", *symbols]) + "\n")
+        _link(command, [*(f'"{path.as_posix()}"' for path in inputs), "-lm"], out)
 
 
-LINKERS = {
+class WasmLinker(NamedTuple):
+    """How the kernels of WebAssembly are linked: into a module that imports nothing but its memory, ``env.memory``.
+
+    It exports each kernel by its symbol, and ``__stack_pointer`` and ``__heap_base``. Its stack comes first in memory,
+    so an overflow is a trap. Each thread has an instance of the module and a stack of its own.
+    """
+
+    suffix: str = ".wasm"
+
+    def link(self, objects: list[Path], sources: list[Path], symbols: list[str], out: Path) -> None:
+        """Link objects and C files into a module. Raises RuntimeError with the linker's message."""
+        compiled = [path.with_suffix(".o") for path in sources]
+        for source, path in zip(sources, compiled):
+            _link(["cc", "-target", "wasm32-freestanding", "-O2", "-c"], [f'"{source.as_posix()}"'], path)
+        layout = ["--import-memory", f"--max-memory={WASM_MEMORY}", "--stack-first", "-z", f"stack-size={WASM_STACK}"]
+        exports = [f"--export={each}" for each in (*symbols, "__stack_pointer", "__heap_base")]
+        inputs = [f'"{path.as_posix()}"' for path in (*objects, *compiled)]
+        _link(["wasm-ld", "--no-entry", *layout, "-O2", "-s"], [*exports, *inputs], out)
+
+
+WASM_MEMORY = 1 << 32
+"""The most memory that WebAssembly addresses."""
+
+WASM_STACK = 4 << 20
+"""Bytes of a stack. Tracers of frusta and exact expansions keep their scratch memory there."""
+
+LINKERS: dict[str, Linker | WasmLinker] = {
     "linux-x86_64": Linker("x86_64-linux-gnu.2.17", ".so"),
     "linux-aarch64": Linker("aarch64-linux-gnu.2.17", ".so"),
     "macos-x86_64": Linker("x86_64-macos.11.0", ".dylib"),
     "macos-arm64": Linker("aarch64-macos.11.0", ".dylib"),
     "windows-x86_64": Linker("x86_64-windows-gnu", ".dll"),
     "windows-arm64": Linker("aarch64-windows-gnu", ".dll"),
+    "wasm32": WasmLinker(),
 }
 
 
@@ -108,22 +159,19 @@ def _source_files(requests: tuple[KernelRequest, ...]) -> list[str]:
     return sorted(path.relative_to(PACKAGE).as_posix() for path in files if path.exists())
 
 
-def _inputs(system: str, level: str, codes: dict[str, KernelCode], folder: Path) -> list[Path]:
-    """Write what a library is linked from: the objects of kernels, by their digests, C files, and names to export."""
-    paths = []
+def _write_inputs(system: str, level: str, codes: dict[str, KernelCode], folder: Path) -> tuple[list[Path], list[Path]]:
+    """Write what a library is linked from: (objects of kernels, C files)."""
+    objects, files = list[Path](), list[Path]()
     for k, code in enumerate(codes.values()):
-        paths.append(folder / f"{k}.o")
-        paths[-1].write_bytes(code.machine)
+        objects.append(folder / f"{k}.o")
+        objects[-1].write_bytes(code.machine)
     sources = [LEVEL_SOURCE] if level.startswith("x86") else []
     sources += [_WINDOWS_SOURCE] if system.startswith("windows") else []
+    sources += [_WASM_SOURCE] if system.startswith("wasm") else []
     for k, source in enumerate(sources):
-        paths.append(folder / f"{k}.c")
-        paths[-1].write_text(source)
-    if system.startswith("windows"):  # weak symbols, as Numba makes them, are only exported by name
-        paths.append(folder / "exports.def")
-        names = [symbol_of(digest) for digest in codes] + ["antumbra_x86_level"] * level.startswith("x86")
-        paths[-1].write_text("\n  ".join(["EXPORTS", *names]) + "\n")
-    return paths
+        files.append(folder / f"source{k}.c")
+        files[-1].write_text(source)
+    return objects, files
 
 
 def compile_for(systems: Sequence[str], levels: Sequence[str] | None = None) -> None:
@@ -169,14 +217,18 @@ def build_libraries(system: str, out: Path, levels: Sequence[str] | None = None)
             for digest, code in codes.items():
                 contents.kernels[name_of(code.kernel, code.key)] = LibraryKernel(symbol_of(digest), code.result)
             libraries.append(library_path(work, level, linker.suffix))
-            linker.link(_inputs(system, level, codes, work), libraries[-1])
+            symbols = [symbol_of(digest) for digest in codes] + ["antumbra_x86_level"] * level.startswith("x86")
+            linker.link(*_write_inputs(system, level, codes, work), symbols, libraries[-1])
         contents.write(work)
-        write_devices(work / DEVICE_LIBRARY.name)
+        with_devices = not isinstance(linker, WasmLinker)
+        if with_devices:
+            write_devices(work / DEVICE_LIBRARY.name)
         out.mkdir(parents=True, exist_ok=True)
         for path in (*libraries, work / LIST):
             shutil.copy(path, out / path.name)
-        shutil.rmtree(out / DEVICE_LIBRARY.name, ignore_errors=True)
-        shutil.copytree(work / DEVICE_LIBRARY.name, out / DEVICE_LIBRARY.name)
+        if with_devices:
+            shutil.rmtree(out / DEVICE_LIBRARY.name, ignore_errors=True)
+            shutil.copytree(work / DEVICE_LIBRARY.name, out / DEVICE_LIBRARY.name)
     return [out / path.name for path in libraries]
 
 
