@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
+import wasm_kernels
 
 SCENE = at.procedural("atrium", triangles=2000)
 RANDOM = np.random.default_rng(2)
@@ -141,6 +142,7 @@ def python_calls(function):
 MOST_CALLS = {"occluded": 45, "closest_hit": 52, "all_hits": 85, "count_hits": 65}
 
 
+@pytest.mark.skipif(wasm_kernels.wanted(), reason="WebAssembly is called through Python")
 @pytest.mark.parametrize("query", QUERIES)
 def test_one_ray_takes_few_calls_within_python(query):
     rays = ORIGINS[:1], DIRECTIONS[:1]

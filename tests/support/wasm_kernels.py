@@ -3,6 +3,9 @@
 The module that releases ship runs in wasmtime. Its memory lies at a multiple of 4 GiB in this process, and NumPy
 allocates arrays in it, so the low half of an array's address is its address in WebAssembly. Arrays elsewhere, such as
 mapped files, are copied in and out. Each thread has an instance of its own over the same memory, with its own stack.
+
+Kernels that find an array by an address alone need one that lies in this memory. What other threads allocate, or what
+is unpickled, does not, so tests of threads and pickles in `tests/engine` and textures in `tests/picture` fail here.
 """
 
 import ctypes
@@ -263,6 +266,7 @@ def wanted() -> bool:
 
 def install() -> None:
     """Build the module if no process of this run has built it, and let kernels run in it."""
+    from antumbra.formats import array_files
     from antumbra.kernels import jit
     from antumbra.kernels.toolchain.library_build import build_libraries
     from antumbra.query import ray_list
@@ -275,13 +279,19 @@ def install() -> None:
     kernels, native = WasmKernels(Path(os.environ[FOLDER])), jit.hooks.find
     jit.hooks = jit.hooks._replace(find=lambda function, key: kernels.find(function, key, native))
     _installed.append(kernels)
-    # what kernels find by addresses alone
+    # what kernels find by addresses alone: arrays of rays, mapped files, buffers of a store's chunks
     for module in ray_list, all_hits:
         module.address_of = _address_inside
+    array_files.np = SimpleNamespace(**vars(np) | {"memmap": _read_file})
     system_resources.mmap = SimpleNamespace(mmap=lambda _, size: np.empty(size, np.uint8), PAGESIZE=mmap.PAGESIZE)
 
 
 _inside: dict[int, np.ndarray] = {}  # copies of arrays that lie elsewhere, by the arrays' ids
+
+
+def _read_file(*arguments: Any) -> np.ndarray:
+    """In the place of `np.memmap`: a file's array, read into memory."""
+    return np.array(np.memmap(*arguments), order="K")
 
 
 def _address_inside(array: np.ndarray) -> int:

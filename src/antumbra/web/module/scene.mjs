@@ -1,0 +1,391 @@
+// @ts-check
+/** A scene of triangles that stay where they are, and exact queries of rays: `antumbra.Scene`. */
+
+import { KernelInstance, KernelModule } from "./kernels.mjs";
+import { buildTree, widen } from "./tree.mjs";
+
+/** @typedef {import("./memory.mjs").MemoryArray} MemoryArray */
+
+const NEAR = 16; // widest extents within which the frame keeps its origin at 0
+const NEAREST = 2 ** -110; // coordinates in the frame with smaller magnitudes are 0
+const MAX_EXTENT = 1e18;
+const AT_A_TIME = 16384; // triangles that are measured at a time
+const BATCHES = 16; // of 64 rays, that a kernel takes at a time
+const RAYS = 64;
+const COUNTERS = 15;
+const MOST_RAYS = 1 << 20; // rays that are in memory at once
+
+/**
+ * Rays, as arrays of three numbers each. `t` counts in lengths of the direction; tmin = 0 and tmax = Infinity.
+ * @typedef {object} RayOptions
+ * @property {ArrayLike<number>} [targets] instead of directions: the rays are segments that end there
+ * @property {number | ArrayLike<number>} [tmin] hits have t > tmin
+ * @property {number | ArrayLike<number>} [tmax] hits have t < tmax
+ * @property {Int32Array} [skipFace] for each ray, a face that it does not hit, or -1
+ * @property {"front" | "back"} [cullFaces] faces that rays pass
+ */
+
+/**
+ * Nearest hits: for a miss, the face is -1, t is Infinity, and u and v are 0.
+ * @typedef {{face: Int32Array, t: Float64Array, u: Float32Array, v: Float32Array}} Hits
+ */
+
+export class Scene {
+  /** @type {KernelInstance} */ #kernels;
+  /** @type {any[]} */ #tree;
+  /** @type {number[]} */ #origin;
+  /** @type {Int32Array | null} */ #faces; // of the tree's triangles; null: all
+  /** @type {Promise<KernelModule> | null} */ static #module = null;
+
+  /**
+   * Use `Scene.create`.
+   * @param {KernelModule} module
+   * @param {Float32Array} positions
+   * @param {ArrayLike<number> | null} indices
+   */
+  constructor(module, positions, indices) {
+    this.triangles = (indices ? indices.length : positions.length / 3) / 3;
+    checkMesh(positions, indices);
+    this.#kernels = module.instance();
+    const [lower, upper] = boundsOf(positions);
+    this.#origin = frameOrigin(lower, upper);
+    const { arena } = this.#kernels;
+    const all = arena.array("f4", [this.triangles, 9]);
+    recentre(positions, indices, this.#origin, all.view);
+    this.#faces = this.#solidFaces(all);
+    const bvh = this.#faces?.length === 0 ? null : buildTree(this.#kernels, this.#kept(all));
+    this.#tree = bvh ? widen(this.#kernels, bvh) : [];
+  }
+
+  /**
+   * A scene of triangles.
+   * @param {Float32Array} positions x, y and z of each vertex
+   * @param {ArrayLike<number> | null} [indices] three vertices of each triangle; null: consecutive ones
+   * @param {{kernels?: KernelModule}} [options] kernels: of `loadKernels`; default: those beside this file
+   */
+  static async create(positions, indices = null, options = {}) {
+    Scene.#module ??= options.kernels ? null : loadKernels();
+    const module = options.kernels ?? (await /** @type {Promise<KernelModule>} */ (Scene.#module));
+    return new Scene(module, positions, indices);
+  }
+
+  /**
+   * The faces with nonzero area, which no ray hits otherwise; null: all of them.
+   * @param {MemoryArray} triangles
+   */
+  #solidFaces(triangles) {
+    const { arena } = this.#kernels;
+    const n = this.triangles;
+    return arena.scratch(() => {
+      const [areas, faults] = [arena.array("b1", [n]), arena.array("b1", [1])];
+      this.#kernels.run("antumbra.scene.triangle_setup:_find_areas", n, AT_A_TIME, triangles, areas, faults);
+      if (faults.view[0] === 0) return null;
+      const kept = areas.view;
+      return Int32Array.from({ length: n }, (_, face) => face).filter((face) => kept[face] !== 0);
+    });
+  }
+
+  /**
+   * The triangles of the tree, at the front of their array.
+   * @param {MemoryArray} triangles
+   */
+  #kept(triangles) {
+    if (!this.#faces) return triangles;
+    const view = triangles.view;
+    this.#faces.forEach((face, row) => view.copyWithin(9 * row, 9 * face, 9 * face + 9));
+    return triangles.rows(this.#faces.length);
+  }
+
+  /**
+   * Whether each ray is blocked. A ray that touches an edge or a corner is.
+   * @param {ArrayLike<number>} origins three numbers a ray
+   * @param {ArrayLike<number> | null} directions three numbers a ray, of any nonzero length; or null, with targets
+   * @param {RayOptions} [options]
+   * @returns {Uint8Array} 1 where a ray is blocked
+   */
+  occluded(origins, directions, options = {}) {
+    const out = new Uint8Array(origins.length / 3);
+    this.#trace(origins, directions, options, true, (hits, first) => out.set(hits[0].view, first));
+    return out;
+  }
+
+  /**
+   * The nearest face that each ray hits.
+   * @param {ArrayLike<number>} origins three numbers a ray
+   * @param {ArrayLike<number>} directions three numbers a ray, of any nonzero length
+   * @param {RayOptions} [options]
+   * @returns {Hits}
+   */
+  closestHit(origins, directions, options = {}) {
+    if (options.targets) throw new TypeError("closestHit takes directions, no targets");
+    const n = origins.length / 3;
+    const hits = { face: new Int32Array(n).fill(-1), t: new Float64Array(n).fill(Infinity) };
+    const found = { ...hits, u: new Float32Array(n), v: new Float32Array(n) };
+    this.#trace(origins, directions, options, false, ([, face, t, u, v], first) => {
+      const faces = this.#faces;
+      found.face.set(faces ? face.view.map((/** @type {number} */ k) => (k < 0 ? -1 : faces[k])) : face.view, first);
+      found.t.set(t.view, first);
+      found.u.set(u.view, first);
+      found.v.set(v.view, first);
+    });
+    return found;
+  }
+
+  /**
+   * Trace rays, a million at a time.
+   * @param {ArrayLike<number>} origins
+   * @param {ArrayLike<number> | null} directions
+   * @param {RayOptions} options
+   * @param {boolean} anyHit
+   * @param {(hits: MemoryArray[], first: number) => void} use takes the arrays of `HitArrays` from ray `first` on
+   */
+  #trace(origins, directions, options, anyHit, use) {
+    const n = checkRays(origins, directions, options);
+    if (this.#tree.length === 0) return;
+    for (let first = 0; first < n; first += MOST_RAYS) {
+      const rays = new RayPart(this.#kernels, first, Math.min(MOST_RAYS, n - first));
+      this.#kernels.arena.scratch(() => {
+        const list = rays.list(origins, directions, options, this.#origin, this.#faces);
+        const [m, none] = [rays.n, 0];
+        const arena = this.#kernels.arena;
+        const hits = [
+          arena.array("b1", [anyHit ? m : none]),
+          arena.array("i4", [anyHit ? none : m]),
+          arena.array("f8", [anyHit ? none : m]),
+          arena.array("f4", [anyHit ? none : m]),
+          arena.array("f4", [anyHit ? none : m]),
+        ];
+        const [faults, counters] = [arena.array("b1", [1]), arena.array("i8", [COUNTERS])];
+        const args = [this.#tree, list, anyHit, hits, faults, counters];
+        this.#kernels.run("antumbra.trace.rays.ray_batches:_blocks", Math.ceil(m / RAYS), BATCHES, ...args);
+        if (faults.view[0]) throw new RangeError(faultOf(origins, directions, options, first, first + m));
+        use(hits, first);
+      });
+    }
+  }
+}
+
+/** Part of the rays of a call, in memory. */
+class RayPart {
+  /**
+   * @param {KernelInstance} kernels
+   * @param {number} first
+   * @param {number} n
+   */
+  constructor(kernels, first, n) {
+    this.arena = kernels.arena;
+    this.first = first;
+    this.n = n;
+  }
+
+  /**
+   * The arguments of a `RayList`.
+   * @param {ArrayLike<number>} origins
+   * @param {ArrayLike<number> | null} directions
+   * @param {RayOptions} options
+   * @param {number[]} frame
+   * @param {Int32Array | null} faces
+   */
+  list(origins, directions, options, frame, faces) {
+    const { targets, tmin = 0, tmax = targets ? 1 : Infinity, skipFace, cullFaces } = options;
+    const ends = /** @type {ArrayLike<number>} */ (targets ?? directions);
+    const skip = skipFace && faces ? rowsOf(skipFace, faces) : skipFace;
+    const cull = cullFaces === undefined ? 0 : cullFaces === "back" ? 1 : -1; // a value of CULL_FACES
+    const parts = [this.#points(origins), this.#points(ends), this.#number(tmin), this.#number(tmax)];
+    return [...parts, this.#skip(skip), frame, this.n, cull, targets !== undefined];
+  }
+
+  /**
+   * An `Operand`.
+   * @param {ArrayLike<number>} values
+   */
+  #points(values) {
+    const double = !(values instanceof Float32Array);
+    const array = this.arena.array(double ? "f8" : "f4", [this.n, 3], part(values, 3 * this.first, 3 * this.n));
+    return [array.address, 3 * array.itemsize, array.itemsize, Number(double)];
+  }
+
+  /**
+   * A `Number`.
+   * @param {number | ArrayLike<number>} value
+   */
+  #number(value) {
+    if (typeof value === "number") return [0, 0, 0, value];
+    const array = this.arena.array("f8", [this.n], part(value, this.first, this.n));
+    return [array.address, 8, 1, 0];
+  }
+
+  /** @param {Int32Array | undefined} skip */
+  #skip(skip) {
+    if (!skip) return [0, 0, 0, -1];
+    const array = this.arena.array("i4", [this.n], part(skip, this.first, this.n));
+    return [array.address, 4, 0, 0];
+  }
+}
+
+/**
+ * n values from element `first` on.
+ * @param {ArrayLike<number>} values
+ * @param {number} first
+ * @param {number} n
+ */
+function part(values, first, n) {
+  const whole = /** @type {any} */ (values);
+  return whole.subarray ? whole.subarray(first, first + n) : whole.slice(first, first + n);
+}
+
+/**
+ * Rows of the tree's triangles for faces.
+ * @param {Int32Array} wanted
+ * @param {Int32Array} faces ascending
+ */
+function rowsOf(wanted, faces) {
+  const rows = new Map(Array.from(faces, (face, row) => [face, row]));
+  return wanted.map((face) => rows.get(face) ?? -1);
+}
+
+// --- The frame of float32 coordinates (`antumbra.scene.scene_bounds`) --------------------------------------------------
+
+/**
+ * The lower and the upper corner of vertices.
+ * @param {Float32Array} positions
+ */
+function boundsOf(positions) {
+  const [lower, upper] = [
+    [Infinity, Infinity, Infinity],
+    [-Infinity, -Infinity, -Infinity],
+  ];
+  for (let i = 0; i < positions.length; i++) {
+    const axis = i % 3;
+    lower[axis] = Math.min(lower[axis], positions[i]);
+    upper[axis] = Math.max(upper[axis], positions[i]);
+  }
+  return [lower, upper];
+}
+
+/**
+ * The origin of the frame: 0 on axes on which the scene lies near it, otherwise its centre in float32.
+ * @param {number[]} lower
+ * @param {number[]} upper
+ */
+function frameOrigin(lower, upper) {
+  const extent = Math.max(...lower.map((low, axis) => upper[axis] - low));
+  if (!(extent <= MAX_EXTENT)) throw new RangeError(`positions reach over ${extent}; they must be finite and at most 1e18 wide`);
+  if (!(extent > 1e-200)) return lower;
+  return lower.map((low, axis) => {
+    const near = Math.max(Math.abs(low), Math.abs(upper[axis])) <= NEAR * extent;
+    return near ? 0 : Math.fround(low / 2 + upper[axis] / 2);
+  });
+}
+
+/**
+ * Write the corners of all triangles, relative to the frame.
+ * @param {Float32Array} positions
+ * @param {ArrayLike<number> | null} indices
+ * @param {number[]} origin
+ * @param {Float32Array} out
+ */
+function recentre(positions, indices, origin, out) {
+  for (let corner = 0; corner < out.length / 3; corner++) {
+    const vertex = indices ? indices[corner] : corner;
+    for (let axis = 0; axis < 3; axis++) {
+      const local = Math.fround(positions[3 * vertex + axis] - origin[axis]);
+      out[3 * corner + axis] = Math.abs(local) < NEAREST ? 0 : local;
+    }
+  }
+}
+
+// --- Checks ------------------------------------------------------------------------------------------------------------
+
+/**
+ * @param {Float32Array} positions
+ * @param {ArrayLike<number> | null} indices
+ */
+function checkMesh(positions, indices) {
+  if (!(positions instanceof Float32Array)) throw new TypeError("positions must be a Float32Array");
+  const vertices = positions.length / 3;
+  const corners = indices ? indices.length : vertices;
+  if (!Number.isInteger(vertices) || !Number.isInteger(corners / 3) || corners === 0)
+    throw new RangeError("a scene needs whole triangles: three coordinates a vertex, and three vertices a triangle");
+  const bad = positions.findIndex((x) => !Number.isFinite(x));
+  if (bad >= 0) throw new RangeError(`positions: vertex ${Math.floor(bad / 3)} is not finite`);
+  for (let i = 0; indices && i < corners; i++)
+    if (!(indices[i] >= 0 && indices[i] < vertices))
+      throw new RangeError(`indices: ${indices[i]} at ${i} is no vertex; there are ${vertices}`);
+}
+
+/**
+ * The number of rays, whose arrays have been checked.
+ * @param {ArrayLike<number>} origins
+ * @param {ArrayLike<number> | null} directions
+ * @param {RayOptions} options
+ */
+function checkRays(origins, directions, { targets, tmin, tmax, skipFace, cullFaces }) {
+  const n = origins.length / 3;
+  if (!Number.isInteger(n)) throw new RangeError("origins must have three numbers a ray");
+  if (Boolean(directions) === Boolean(targets)) throw new TypeError("give either directions or targets");
+  if (targets && (tmin !== undefined || tmax !== undefined)) throw new TypeError("segments take no tmin and no tmax");
+  const lengths = { directions: [directions, 3], targets: [targets, 3], tmin: [tmin, 1], tmax: [tmax, 1], skipFace: [skipFace, 1] };
+  for (const [name, [value, each]] of Object.entries(lengths)) {
+    const size = /** @type {any} */ (value)?.length;
+    if (size !== undefined && size !== n * /** @type {number} */ (each))
+      throw new RangeError(`${name} has ${size} numbers, and ${n} rays need ${n * /** @type {number} */ (each)}`);
+  }
+  if (cullFaces !== undefined && cullFaces !== "front" && cullFaces !== "back")
+    throw new TypeError(`cullFaces is ${cullFaces}; it must be "front" or "back"`);
+  return n;
+}
+
+/**
+ * What is wrong with the first invalid ray.
+ * @param {ArrayLike<number>} origins
+ * @param {ArrayLike<number> | null} directions
+ * @param {RayOptions} options
+ * @param {number} first
+ * @param {number} end
+ */
+function faultOf(origins, directions, { targets, tmin = 0, tmax = Infinity }, first, end) {
+  const finite = (/** @type {ArrayLike<number>} */ values, /** @type {number} */ ray) =>
+    [0, 1, 2].every((k) => Number.isFinite(Math.fround(values[3 * ray + k])));
+  const numberOf = (/** @type {number | ArrayLike<number>} */ value, /** @type {number} */ ray) =>
+    typeof value === "number" ? value : value[ray];
+  for (let ray = first; ray < end; ray++) {
+    if (!finite(origins, ray)) return `origins hold NaN or infinity, or are beyond float32 (ray ${ray})`;
+    const ends = /** @type {ArrayLike<number>} */ (targets ?? directions);
+    if (!finite(ends, ray)) return `${targets ? "targets" : "directions"} hold NaN or infinity, or are beyond float32 (ray ${ray})`;
+    if (!targets && [0, 1, 2].every((k) => Math.fround(ends[3 * ray + k]) === 0))
+      return `direction of ray ${ray} is zero in float32; give every ray a direction`;
+    const low = numberOf(tmin, ray);
+    if (!(low >= 0 && low < Infinity)) return `tmin must be finite and not negative (ray ${ray})`;
+    if (Number.isNaN(numberOf(tmax, ray))) return `tmax is NaN (ray ${ray})`;
+  }
+  return "rays are invalid";
+}
+
+// --- Loading -----------------------------------------------------------------------------------------------------------
+
+/**
+ * The module of kernels: from bytes, or from the files beside this one.
+ * @param {{wasm?: BufferSource, list?: any}} [files]
+ */
+export async function loadKernels({ wasm, list } = {}) {
+  const bytes = wasm ?? (await fileBeside("kernels.wasm"));
+  const contents = list ?? JSON.parse(new TextDecoder().decode(await fileBeside("kernels.json")));
+  return new KernelModule(await WebAssembly.compile(bytes), contents);
+}
+
+/**
+ * The bytes of a file beside this one, in node and in browsers.
+ * @param {string} name
+ * @returns {Promise<BufferSource>}
+ */
+async function fileBeside(name) {
+  const url = new URL(name, import.meta.url);
+  if (url.protocol === "file:" && typeof process !== "undefined") {
+    const { readFile } = await import("node:fs/promises");
+    return readFile(url);
+  }
+  const answer = await fetch(url);
+  if (!answer.ok) throw new Error(`${url} was not loaded: ${answer.status} ${answer.statusText}`);
+  return answer.arrayBuffer();
+}
