@@ -174,17 +174,20 @@ def _write_inputs(system: str, level: str, codes: dict[str, KernelCode], folder:
     return objects, files
 
 
-def compile_for(systems: Sequence[str], levels: Sequence[str] | None = None) -> None:
-    """Compile all recorded kernels for some systems, as far as they are not cached.
+def compile_for(
+    systems: Sequence[str], levels: Sequence[str] | None = None, requests: Sequence[KernelRequest] | None = None
+) -> None:
+    """Compile kernels for some systems, as far as they are not cached.
 
     levels : None: all levels of each system
+    requests : None: all recorded kernels
 
     Raises
     ------
     RuntimeError
         If a kernel cannot be compiled.
     """
-    requests = package_manifest().kernels
+    requests = package_manifest().kernels if requests is None else list(requests)
     destinations = [
         library_destination(system, each) for system in systems for each in levels or SYSTEMS[system].levels
     ]
@@ -192,6 +195,17 @@ def compile_for(systems: Sequence[str], levels: Sequence[str] | None = None) -> 
         errors = compile_kernels(requests, progress, levels=destinations)
     if errors:
         raise RuntimeError("; ".join(errors))
+
+
+def link_library(system: str, level: str, requests: Sequence[KernelRequest], out: Path) -> dict[str, LibraryKernel]:
+    """Link compiled kernels into a library at a path, and return what its list says of them."""
+    codes = _cached(requests, library_destination(system, level))
+    symbols = [symbol_of(digest) for digest in codes] + ["antumbra_x86_level"] * level.startswith("x86")
+    with temporary_folder() as work:
+        LINKERS[system].link(*_write_inputs(system, level, codes, work), symbols, out)
+    return {
+        name_of(each.kernel, each.key): LibraryKernel(symbol_of(digest), each.result) for digest, each in codes.items()
+    }
 
 
 def build_libraries(system: str, out: Path, levels: Sequence[str] | None = None) -> list[Path]:
@@ -213,12 +227,8 @@ def build_libraries(system: str, out: Path, levels: Sequence[str] | None = None)
     with temporary_folder() as work:
         contents, libraries = LibraryList(files, digest_of(PACKAGE, files), {}), list[Path]()
         for level in levels:
-            codes = _cached(requests, library_destination(system, level))
-            for digest, code in codes.items():
-                contents.kernels[name_of(code.kernel, code.key)] = LibraryKernel(symbol_of(digest), code.result)
             libraries.append(library_path(work, level, linker.suffix))
-            symbols = [symbol_of(digest) for digest in codes] + ["antumbra_x86_level"] * level.startswith("x86")
-            linker.link(*_write_inputs(system, level, codes, work), symbols, libraries[-1])
+            contents.kernels.update(link_library(system, level, requests, libraries[-1]))
         contents.write(work)
         with_devices = not isinstance(linker, WasmLinker)
         if with_devices:
@@ -245,7 +255,7 @@ def write_devices(folder: Path) -> None:
     contents.write(folder)
 
 
-def _cached(requests: list[KernelRequest], destination: str) -> dict[str, KernelCode]:
+def _cached(requests: Sequence[KernelRequest], destination: str) -> dict[str, KernelCode]:
     """Digest -> the compiled code of kernels for a destination."""
     folder, codes = KernelFolder(cache_folder(), destination), dict[str, KernelCode]()
     for each in requests:

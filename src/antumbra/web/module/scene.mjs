@@ -70,6 +70,23 @@ export class Scene {
   }
 
   /**
+   * The scene of a `BufferGeometry` of three.js, in the coordinates of its vertices.
+   * @param {any} geometry
+   * @param {{kernels?: KernelModule}} [options] as for `create`
+   */
+  static fromBufferGeometry(geometry, options = {}) {
+    const position = geometry?.attributes?.position;
+    if (position?.itemSize !== 3) throw new TypeError("the geometry has no positions of three numbers");
+    const plain =
+      position.array instanceof Float32Array && !position.isInterleavedBufferAttribute && !position.normalized;
+    const positions = plain ? position.array : new Float32Array(3 * position.count);
+    if (!plain)
+      for (let vertex = 0; vertex < position.count; vertex++)
+        positions.set([position.getX(vertex), position.getY(vertex), position.getZ(vertex)], 3 * vertex);
+    return Scene.create(positions, geometry.index?.array ?? null, options);
+  }
+
+  /**
    * The faces with nonzero area, which no ray hits otherwise; null: all of them.
    * @param {MemoryArray} triangles
    */
@@ -92,7 +109,9 @@ export class Scene {
   #kept(triangles) {
     if (!this.#faces) return triangles;
     const view = triangles.view;
-    this.#faces.forEach((face, row) => view.copyWithin(9 * row, 9 * face, 9 * face + 9));
+    this.#faces.forEach((face, row) => {
+      view.copyWithin(9 * row, 9 * face, 9 * face + 9);
+    });
     return triangles.rows(this.#faces.length);
   }
 
@@ -270,7 +289,8 @@ function boundsOf(positions) {
  */
 function frameOrigin(lower, upper) {
   const extent = Math.max(...lower.map((low, axis) => upper[axis] - low));
-  if (!(extent <= MAX_EXTENT)) throw new RangeError(`positions reach over ${extent}; they must be finite and at most 1e18 wide`);
+  if (!(extent <= MAX_EXTENT))
+    throw new RangeError(`positions reach over ${extent}; they must be finite and at most 1e18 wide`);
   if (!(extent > 1e-200)) return lower;
   return lower.map((low, axis) => {
     const near = Math.max(Math.abs(low), Math.abs(upper[axis])) <= NEAR * extent;
@@ -325,7 +345,13 @@ function checkRays(origins, directions, { targets, tmin, tmax, skipFace, cullFac
   if (!Number.isInteger(n)) throw new RangeError("origins must have three numbers a ray");
   if (Boolean(directions) === Boolean(targets)) throw new TypeError("give either directions or targets");
   if (targets && (tmin !== undefined || tmax !== undefined)) throw new TypeError("segments take no tmin and no tmax");
-  const lengths = { directions: [directions, 3], targets: [targets, 3], tmin: [tmin, 1], tmax: [tmax, 1], skipFace: [skipFace, 1] };
+  const lengths = {
+    directions: [directions, 3],
+    targets: [targets, 3],
+    tmin: [tmin, 1],
+    tmax: [tmax, 1],
+    skipFace: [skipFace, 1],
+  };
   for (const [name, [value, each]] of Object.entries(lengths)) {
     const size = /** @type {any} */ (value)?.length;
     if (size !== undefined && size !== n * /** @type {number} */ (each))
@@ -352,7 +378,8 @@ function faultOf(origins, directions, { targets, tmin = 0, tmax = Infinity }, fi
   for (let ray = first; ray < end; ray++) {
     if (!finite(origins, ray)) return `origins hold NaN or infinity, or are beyond float32 (ray ${ray})`;
     const ends = /** @type {ArrayLike<number>} */ (targets ?? directions);
-    if (!finite(ends, ray)) return `${targets ? "targets" : "directions"} hold NaN or infinity, or are beyond float32 (ray ${ray})`;
+    if (!finite(ends, ray))
+      return `${targets ? "targets" : "directions"} hold NaN or infinity, or are beyond float32 (ray ${ray})`;
     if (!targets && [0, 1, 2].every((k) => Math.fround(ends[3 * ray + k]) === 0))
       return `direction of ray ${ray} is zero in float32; give every ray a direction`;
     const low = numberOf(tmin, ray);
@@ -381,9 +408,9 @@ export async function loadKernels({ wasm, list } = {}) {
  */
 async function fileBeside(name) {
   const url = new URL(name, import.meta.url);
-  if (url.protocol === "file:" && typeof process !== "undefined") {
-    const { readFile } = await import("node:fs/promises");
-    return readFile(url);
+  if (url.protocol === "file:" && "process" in globalThis) {
+    const files = await import(/** @type {string} */ ("node:fs/promises"));
+    return files.readFile(url);
   }
   const answer = await fetch(url);
   if (!answer.ok) throw new Error(`${url} was not loaded: ${answer.status} ${answer.statusText}`);

@@ -117,10 +117,22 @@ export function widen(kernels, bvh) {
   const words = arena.array("f4", [n * NODE_WORDS]); // more than are used
   const slots = arena.array("i4", [(n + 1) * WIDTH]);
   const [nodeCount, groupCount] = arena.scratch(() => {
-    const [order, costs, counts] = [arena.array("i4", [n]), arena.array("f4", [2 * n, WIDTH]), arena.array("i4", [2 * n])];
+    const [order, costs, counts] = [
+      arena.array("i4", [n]),
+      arena.array("f4", [2 * n, WIDTH]),
+      arena.array("i4", [2 * n]),
+    ];
     const m = kernels.call("antumbra.bvh.nodes:_write_parents_first", bvh[1], order);
     kernels.call("antumbra.bvh.wide_bvh:_price", bvh, order.rows(m), costs, counts);
-    return kernels.call("antumbra.bvh.wide_bvh:_collapse", bvh, costs, counts, words, words.as("i4", words.shape), slots);
+    return kernels.call(
+      "antumbra.bvh.wide_bvh:_collapse",
+      bvh,
+      costs,
+      counts,
+      words,
+      words.as("i4", words.shape),
+      slots,
+    );
   });
   const nodes = words.as("f4", [nodeCount, NODE_WORDS]);
   const links = words.as("i4", [nodeCount, NODE_WORDS]);

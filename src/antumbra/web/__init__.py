@@ -1,0 +1,1 @@
+"""Antumbra in browsers: kernels in WebAssembly, and the package for JavaScript that calls them."""
