@@ -86,7 +86,7 @@ def build_hook() -> ModuleType:
     return hatch_build
 
 
-def _environment(source: Source, **settings: str) -> dict[str, str]:
+def environment_of(source: Source, **settings: str) -> dict[str, str]:
     """This process's variables without those that affect builds, and with settings."""
     ours = "HATCH_", "ANTUMBRA_SYSTEM", "ANTUMBRA_LEVEL", "PYTHON"
     env = {name: value for name, value in os.environ.items() if not name.startswith(ours)}
@@ -109,19 +109,19 @@ def _build(source: Source, kind: str, out: Path, env: dict[str, str]) -> Path:
 
 def build_sdist(source: Source, out: Path) -> Package:
     """Build the sdist into `out`, a new folder."""
-    return Package(_build(source, "sdist", out, _environment(source)))
+    return Package(_build(source, "sdist", out, environment_of(source)))
 
 
 def build_wheel(source: Source, out: Path, system: str | None = None) -> Package:
     """Build a wheel into `out`, a new folder; `system`: with its kernel libraries."""
     hook = {} if system is None else {"HATCH_BUILD_HOOK_ENABLE_CUSTOM": "1", "ANTUMBRA_SYSTEM": system}
-    return Package(_build(source, "wheel", out, _environment(source, **hook)), system)
+    return Package(_build(source, "wheel", out, environment_of(source, **hook)), system)
 
 
 def compile_kernels(source: Source, systems: list[str]) -> None:
     """Compile all kernels for some systems into the user's cache, on all cores."""
     program = "import sys; from antumbra.kernels.toolchain.library_build import compile_for; compile_for(sys.argv[1:])"
-    env = _environment(source, PYTHONPATH=str(source.root / "src"))
+    env = environment_of(source, PYTHONPATH=str(source.root / "src"))
     run([sys.executable, "-c", program, *systems], "compiling kernels", env=env)
 
 

@@ -10,6 +10,7 @@ import shutil
 import struct
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from importlib.util import find_spec
@@ -26,9 +27,8 @@ from antumbra.work.scene_records import FORMAT
 from repository import ROOT
 
 sys.path.append(str(ROOT / "scripts"))
-build, checks, documents, libraries, trials = (
-    importlib.import_module(f"release_{name}") for name in ("build", "checks", "documents", "libraries", "trials")
-)
+PARTS = "build", "checks", "documents", "javascript", "libraries", "trials"
+build, checks, documents, javascript, libraries, trials = (importlib.import_module(f"release_{name}") for name in PARTS)
 needs_hatchling = pytest.mark.skipif(find_spec("hatchling") is None, reason="no hatchling: builds are NOT checked")
 
 
@@ -205,7 +205,23 @@ def test_wheels_have_the_same_sources(tmp_path):
 
 @needs_hatchling
 def test_every_system_has_a_tag_and_a_linker():
-    assert build.build_hook().TAGS.keys() == SYSTEMS.keys() == LINKERS.keys()
+    assert SYSTEMS.keys() == LINKERS.keys()
+    assert build.build_hook().TAGS.keys() == SYSTEMS.keys() - {"wasm32"}  # which has a package of its own
+
+
+def test_the_package_for_npm_has_the_same_bytes_each_time(tmp_path):
+    archives = []
+    for name in "first", "second":
+        folder = tmp_path / name / "package"
+        folder.mkdir(parents=True)
+        (folder / "package.json").write_text('{"name": "antumbra", "version": "1.0.0-rc.1"}')
+        (folder / "a.mjs").write_text("export const a = 1;")
+        archives.append(javascript.pack(folder, folder.parent, 1_700_000_000))
+    first, second = archives
+    assert first.name == "antumbra-1.0.0-rc.1.tgz"
+    assert first.read_bytes() == second.read_bytes()
+    with tarfile.open(first) as archive:
+        assert archive.getnames() == ["package/a.mjs", "package/package.json"]
 
 
 # Headers of libraries
@@ -253,11 +269,11 @@ def test_libraries_are_for_the_machines_of_the_tag(data, tag, words):
 @pytest.mark.slow
 @needs_hatchling
 @pytest.mark.skipif(find_spec("ziglang") is None, reason="no ziglang: libraries are NOT linked")
-@pytest.mark.parametrize("system", SYSTEMS)
+@pytest.mark.parametrize("system", [each for each in SYSTEMS if each != "wasm32"])
 def test_linked_libraries_are_for_their_tag_only(tmp_path, system):
     (tmp_path / "a.c").write_text("#include <math.h>\ndouble f(double x) { return hypot(x, 1); }\n")
     library = tmp_path / f"a{LINKERS[system].suffix}"
-    LINKERS[system].link([tmp_path / "a.c"], library)
+    LINKERS[system].link([], [tmp_path / "a.c"], ["f"], library)
     faults = {tag: libraries.header_fault(library.read_bytes(), tag) for tag in build.build_hook().TAGS.values()}
     assert [tag for tag, fault in faults.items() if fault is None] == [build.build_hook().TAGS[system]]
 
@@ -328,7 +344,7 @@ def test_the_page_of_installation_names_all_wheels_and_extras():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert not [tag for tag in build.build_hook().TAGS.values() if f"`{tag}`" not in page]
     for_developers = {"build", "release", "view-test", "peers", "all-peers", "opencl-cpu", "docs", "dev"}
-    for_developers |= {"test", "test-peers", "test-all"}
+    for_developers |= {"test", "test-peers", "test-wasm", "test-all"}
     extras = project["optional-dependencies"].keys() - for_developers
     assert not [extra for extra in extras if f"| `{extra}` |" not in page]
     python = [line.rpartition(" ")[2] for line in project["classifiers"] if re.search(r":: 3\.\d+$", line)]
