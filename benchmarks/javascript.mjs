@@ -56,13 +56,17 @@ for (const [kind, limit] of Object.entries(limits)) {
   const queries = {
     "any hit": {
       ours: () => scene.occluded(origins, directions, options),
-      fill: (out) => (i, hit) => { out[i] = hit ? 1 : 0; },
+      fill: (out) => (i, hit) => {
+        out[i] = hit ? 1 : 0;
+      },
       plain: (value) => value,
       truth: read(`${kind}-blocked`, Uint8Array),
     },
     "closest hit": {
       ours: () => scene.closestHit(origins, directions, options).face,
-      fill: (out) => (i, hit) => { out[i] = hit ? hit.faceIndex : -1; },
+      fill: (out) => (i, hit) => {
+        out[i] = hit ? hit.faceIndex : -1;
+      },
       plain: faceOf,
       truth: read(`${kind}-face`, Int32Array),
     },

@@ -26,7 +26,7 @@ def build_javascript(source: Source, work: Path) -> Path:
         env=env,
     )
     types = ["npx", "--yes", "-p", TYPESCRIPT, "tsc", "--outDir", folder]
-    run(types, "the types for JavaScript", source.root / "src" / "antumbra" / "web")
+    run(types, "the types for JavaScript", source.root)
     shutil.copyfile(source.root / "LICENSE", folder / "LICENSE")
     return pack(folder, work, source.epoch)
 
