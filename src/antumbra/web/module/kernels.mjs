@@ -2,10 +2,12 @@
 /** Kernels of Antumbra in WebAssembly: calls with numbers, booleans, null, arrays in memory, and lists of these. */
 
 import { Arena, MemoryArray } from "./memory.mjs";
+import { CAN_SHARE, CONTROL_WORDS, Helpers, withSharedMemory } from "./threads.mjs";
 
 const FIRST_PAGES = 128; // the stack and constants, and a small scene
 const MOST_PAGES = 65536; // what 32-bit addresses reach
 const RESULT_WORDS = 64;
+const STACK = 4 << 20; // bytes of a thread's stack, as the module was linked with
 
 /**
  * A kernel for certain kinds of arguments.
@@ -30,22 +32,47 @@ export class KernelModule {
     }
   }
 
-  instance() {
-    return new KernelInstance(this);
+  /**
+   * @param {Uint8Array} bytes of the module
+   * @param {any} list
+   */
+  static async compile(bytes, list) {
+    return new KernelModule(
+      await WebAssembly.compile(CAN_SHARE ? withSharedMemory(bytes) : new Uint8Array(bytes)),
+      list,
+    );
+  }
+
+  /** @param {number} threads that work on a call; more than one where they can share memory */
+  async instance(threads) {
+    const made = new KernelInstance(this);
+    const extra = CAN_SHARE ? threads - 1 : 0;
+    for (let k = 0; k < extra; k++) await made.addThread(this.module);
+    return made;
   }
 }
 
 /** An instance of the module with memory of its own. */
 export class KernelInstance {
   /** @param {KernelModule} module */
-  constructor(module) {
-    this.kernels = module.kernels;
-    this.memory = new WebAssembly.Memory({ initial: FIRST_PAGES, maximum: MOST_PAGES });
+  constructor({ module, kernels }) {
+    this.kernels = kernels;
+    this.memory = new WebAssembly.Memory({ initial: FIRST_PAGES, maximum: MOST_PAGES, shared: CAN_SHARE });
     this.exports = /** @type {Record<string, any>} */ (
-      new WebAssembly.Instance(module.module, { env: { memory: this.memory } }).exports
+      new WebAssembly.Instance(module, { env: { memory: this.memory } }).exports
     );
     this.arena = new Arena(this.memory, this.exports.__heap_base.value);
     this.results = this.arena.array("i8", [RESULT_WORDS]);
+    this.control = this.arena.array("i4", [CONTROL_WORDS]);
+    const names = WebAssembly.Module.exports(module).map(({ name }) => name);
+    this.helpers = new Helpers(this.memory, this.control.address, names);
+  }
+
+  /** @param {WebAssembly.Module} module */
+  async addThread(module) {
+    const stack = this.arena.array("u1", [STACK]).address + STACK;
+    const results = this.arena.array("i8", [RESULT_WORDS]).address;
+    await this.helpers.add({ module, memory: this.memory, stack, results, control: this.control.address });
   }
 
   /**
@@ -54,27 +81,39 @@ export class KernelInstance {
    * @param {any[]} args
    */
   call(name, ...args) {
+    return this.#call(name, args, false);
+  }
+
+  /**
+   * @param {string} name
+   * @param {any[]} args
+   * @param {boolean} together whether other threads make the same call
+   */
+  #call(name, args, together) {
     const values = args.flat(Infinity);
     const found = (this.kernels.get(name) ?? []).find((kernel) => fits(kernel.tokens, values));
     if (!found) throw new TypeError(`the module has no kernel ${name} for these arguments`);
     return this.arena.scratch(() => {
       const words = this.arena.array("i8", [values.reduce((n, each) => n + wordsOf(each), 1)]);
       write(new DataView(this.memory.buffer, words.address), found.tokens, values);
-      const status = this.exports[found.symbol](words.address, this.results.address);
+      const own = () => this.exports[found.symbol](words.address, this.results.address);
+      const status = together ? this.helpers.run(found.symbol, words.address, own) : own();
       if (status !== 0n) throw new Error(`${name}: error ${status} in compiled code`);
       return read(new DataView(this.memory.buffer, this.results.address), found.result, { at: 0 });
     });
   }
 
   /**
-   * Call a worker, a kernel that takes its items from a ticket, for n items.
+   * Call a worker, a kernel that takes its items from a ticket, for n items, in all threads.
    * @param {string} name
    * @param {number} n
    * @param {number} chunk items that it takes at a time
    * @param {any[]} args
    */
   run(name, n, chunk, ...args) {
-    this.arena.scratch(() => this.call(name, this.ticket(n, chunk), ...args));
+    this.arena.scratch(() =>
+      this.#call(name, [this.ticket(n, chunk), ...args], n > chunk && this.helpers.workers.length > 0),
+    );
   }
 
   /**

@@ -1,10 +1,12 @@
 // @ts-check
 /** A scene of triangles that stay where they are, and exact queries of rays: `antumbra.Scene`. */
 
-import { KernelInstance, KernelModule } from "./kernels.mjs";
+import { KernelModule } from "./kernels.mjs";
+import { IN_NODE, threadCount } from "./threads.mjs";
 import { buildTree, widen } from "./tree.mjs";
 
 /** @typedef {import("./memory.mjs").MemoryArray} MemoryArray */
+/** @typedef {import("./kernels.mjs").KernelInstance} KernelInstance */
 
 const NEAR = 16; // widest extents within which the frame keeps its origin at 0
 const NEAREST = 2 ** -110; // coordinates in the frame with smaller magnitudes are 0
@@ -26,6 +28,13 @@ const MOST_RAYS = 1 << 20; // rays that are in memory at once
  */
 
 /**
+ * @typedef {object} SceneOptions
+ * @property {KernelModule} [kernels] of `loadKernels`; default: those beside this file
+ * @property {number} [threads] that work on each call, where they can share memory: in node, and in pages that are
+ *   isolated from others; default: as many as the machine has
+ */
+
+/**
  * Nearest hits: for a miss, the face is -1, t is Infinity, and u and v are 0.
  * @typedef {{face: Int32Array, t: Float64Array, u: Float32Array, v: Float32Array}} Hits
  */
@@ -39,14 +48,13 @@ export class Scene {
 
   /**
    * Use `Scene.create`.
-   * @param {KernelModule} module
+   * @param {KernelInstance} kernels
    * @param {Float32Array} positions
    * @param {ArrayLike<number> | null} indices
    */
-  constructor(module, positions, indices) {
+  constructor(kernels, positions, indices) {
     this.triangles = (indices ? indices.length : positions.length / 3) / 3;
-    checkMesh(positions, indices);
-    this.#kernels = module.instance();
+    this.#kernels = kernels;
     const [lower, upper] = boundsOf(positions);
     this.#origin = frameOrigin(lower, upper);
     const { arena } = this.#kernels;
@@ -61,18 +69,26 @@ export class Scene {
    * A scene of triangles.
    * @param {Float32Array} positions x, y and z of each vertex
    * @param {ArrayLike<number> | null} [indices] three vertices of each triangle; null: consecutive ones
-   * @param {{kernels?: KernelModule}} [options] kernels: of `loadKernels`; default: those beside this file
+   * @param {SceneOptions} [options]
    */
-  static async create(positions, indices = null, options = {}) {
-    Scene.#module ??= options.kernels ? null : loadKernels();
-    const module = options.kernels ?? (await /** @type {Promise<KernelModule>} */ (Scene.#module));
-    return new Scene(module, positions, indices);
+  static async create(positions, indices = null, { kernels, threads = threadCount() } = {}) {
+    checkMesh(positions, indices);
+    if (!(Number.isInteger(threads) && threads >= 1 && threads <= 1024))
+      throw new RangeError(`threads is ${threads}; it must be a whole number from 1 to 1024`);
+    if (!kernels) Scene.#module ??= loadKernels();
+    const module = kernels ?? (await /** @type {Promise<KernelModule>} */ (Scene.#module));
+    return new Scene(await module.instance(threads), positions, indices);
+  }
+
+  /** End the threads of the scene, and free its memory once nothing refers to it. Scenes of one thread need no call. */
+  close() {
+    this.#kernels.helpers.close();
   }
 
   /**
    * The scene of a `BufferGeometry` of three.js, in the coordinates of its vertices.
    * @param {any} geometry
-   * @param {{kernels?: KernelModule}} [options] as for `create`
+   * @param {SceneOptions} [options]
    */
   static fromBufferGeometry(geometry, options = {}) {
     const position = geometry?.attributes?.position;
@@ -393,26 +409,26 @@ function faultOf(origins, directions, { targets, tmin = 0, tmax = Infinity }, fi
 
 /**
  * The module of kernels: from bytes, or from the files beside this one.
- * @param {{wasm?: BufferSource, list?: any}} [files]
+ * @param {{wasm?: Uint8Array, list?: any}} [files]
  */
 export async function loadKernels({ wasm, list } = {}) {
   const bytes = wasm ?? (await fileBeside("kernels.wasm"));
   const contents = list ?? JSON.parse(new TextDecoder().decode(await fileBeside("kernels.json")));
-  return new KernelModule(await WebAssembly.compile(bytes), contents);
+  return KernelModule.compile(bytes, contents);
 }
 
 /**
  * The bytes of a file beside this one, in node and in browsers.
  * @param {string} name
- * @returns {Promise<BufferSource>}
+ * @returns {Promise<Uint8Array>}
  */
 async function fileBeside(name) {
   const url = new URL(name, import.meta.url);
-  if (url.protocol === "file:" && "process" in globalThis) {
+  if (url.protocol === "file:" && IN_NODE) {
     const files = await import(/** @type {string} */ ("node:fs/promises"));
     return files.readFile(url);
   }
   const answer = await fetch(url);
   if (!answer.ok) throw new Error(`${url} was not loaded: ${answer.status} ${answer.statusText}`);
-  return answer.arrayBuffer();
+  return new Uint8Array(await answer.arrayBuffer());
 }
