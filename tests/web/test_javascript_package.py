@@ -199,19 +199,27 @@ def test_geometries_of_three_js_become_scenes(package, tmp_path):
 
 MANY = """
 const { Scene } = await import(process.argv[2]);
-const scene = await Scene.create(new Float32Array([0, 0, 0, 4, 0, 0, 0, 0, 4]));
+const corners = new Float32Array([0, 0, 0, 4, 0, 0, 0, 0, 4]);
 const n = (1 << 20) + 5;
 const origins = new Float32Array(3 * n).map((_, i) => (i % 3 === 1 ? 1 : 1 + 2 * (Math.floor(i / 3) % 2)));
-const blocked = scene.occluded(origins, new Float32Array(3 * n).map((_, i) => (i % 3 === 1 ? -1 : 0)));
-console.log(blocked.every((bit, ray) => bit === 1 - (ray % 2)));
+const directions = new Float32Array(3 * n).map((_, i) => (i % 3 === 1 ? -1 : 0));
+for (const threads of [1, 3]) {
+  const scene = await Scene.create(corners, null, { threads });
+  await new Promise((done) => setTimeout(done, threads > 1 ? 200 : 0)); // for the threads to start
+  const blocked = scene.occluded(origins, directions);
+  scene.close();
+  const again = scene.occluded(origins.slice(0, 6), directions.slice(0, 6)); // by this thread alone
+  console.log(blocked.every((bit, ray) => bit === 1 - (ray % 2)) && again[0] === 1 && again[1] === 0);
+}
+try { await Scene.create(corners, null, { threads: 0 }); } catch (error) { console.log(error.message); }
 """
 
 
-def test_more_rays_than_fit_into_memory_are_traced_in_parts(package, tmp_path):
+def test_a_million_rays_are_traced_in_parts_and_by_several_threads(package, tmp_path):
     script = tmp_path / "many.mjs"
     script.write_text(MANY)
     done = subprocess.run([NODE, script, package / ENTRY], check=True, capture_output=True, text=True)
-    assert done.stdout.strip() == "true"
+    assert done.stdout.splitlines() == ["true", "true", "threads is 0; it must be a whole number from 1 to 1024"]
 
 
 def test_the_package_is_small_and_complete(package):
