@@ -19,6 +19,7 @@ from ...cli.options import (
     MapOption,
     OutputsOption,
     SceneArgument,
+    SheetOption,
     SensorsOrDefault,
     UpOption,
     points_or_file,
@@ -86,6 +87,7 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
     trees: VegetationOption = None
     output: Annotated[OutputsOption, ListedBefore("plan")] = None
     map: MapOption = None
+    sheet: SheetOption = None
     column: ColumnOption = None
     camera: CameraOption = None
     bits: Annotated[
