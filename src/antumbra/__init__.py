@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from .city.sensors.surface_grid import grid_sensors
     from .city.shadow.shadow import shadow
     from .city.shadow.shadow_polygons import Shadow
-    from .city.sight.line_points import LinePoints, points_along
     from .city.sheets.sheet_options import Sheet
+    from .city.sight.line_points import LinePoints, points_along
     from .city.sight.sightlines import Sightlines, line_of_sight
     from .city.sight.targets import Turbine, polygon_points, surface_points, visible_share
     from .city.sight.viewshed import Viewshed, viewshed

@@ -32,8 +32,8 @@ _Options = TypeVar("_Options")
 _Result = TypeVar("_Result")
 _T = TypeVar("_T")
 
-Writers: TypeAlias = Mapping[str, Callable[[Path], object]]
-"""Name of a field that names files -> what writes one of them, in the order of writing."""
+Writers: TypeAlias = Mapping[str, Callable[..., object]]
+"""Name of a field that names files -> what writes one of them, in the order of writing; of "map", with its `sheet`."""
 
 # --- Runs -------------------------------------------------------------------------------------------------------------
 
@@ -163,7 +163,7 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
             record.about["trees"] = getattr(self, "trees")  # noqa: B009 - a field of subclasses
 
     def writers(self, result: _Result, scenes: Scenes) -> Writers:
-        """What writes the files of each field that names some; that of `map` also takes the sheet, as a keyword."""
+        """What writes the files of each field that names some."""
         writers: Any = result
         return {"output": writers.save, **({"map": writers.save_map} if hasattr(self, "map") else {})}
 

@@ -64,10 +64,10 @@ def _draw_map(shadow: Any, page: Page, fit: MapFit | None, sheet: Sheet) -> None
     panel.lines(f"area [{area_unit(unit).name}²]", 10, weight="bold")
     panel.gap(1.5)
     for group in groups:
-        panel.key(group.colour, f"{group.name}   {area_text(group.area, unit)}")
+        panel.key(group.colour, f"{group.name}: {area_text(group.area, unit)}")
     if shadow.casters is not None:
         panel.key(_CASTERS, "casts it")
-    panel.gap(2.0)
+    panel.next_part()
     panel.facts(shadow_facts(shadow))
 
 

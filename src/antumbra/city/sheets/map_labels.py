@@ -1,6 +1,6 @@
 """Labels of points on a map: none overlaps another, nor a mark; those without room have a line to their point."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -48,9 +48,37 @@ def joined_texts(points: NDArray[np.float64], texts: Sequence[str]) -> tuple[NDA
     keys = np.round(points / _JOINED).astype(np.int64)
     _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first, kind="stable")
-    groups = [[texts[k] for k in np.flatnonzero(which.ravel() == group)] for group in order.tolist()]
+    groups = [[texts[k] for k in np.flatnonzero(which.ravel() == group).tolist()] for group in order.tolist()]
     names = [", ".join(dict.fromkeys(group)) for group in groups]
     return points[first[order]], [name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…" for name in names]
+
+
+def spread_points(
+    points: NDArray[np.float64], heights: NDArray[np.float64], outward: NDArray[np.float64], step: float
+) -> NDArray[np.bool_]:
+    """Move points that lie at the same place, such as windows above each other, apart; in place.
+
+    The lowest one stays, and the others follow outwards by height.
+
+    points : (n, 2) float64, millimetres
+    heights : (n,) float64
+    outward : (n, 2) float64, unit vectors
+    step : millimetres between points of a place
+
+    Returns
+    -------
+    (n,) bool
+        Which of them share their place with others.
+    """
+    keys = np.round(points / _JOINED).astype(np.int64)
+    _, which, count = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
+    which = which.ravel()
+    order = np.lexsort((heights, which))
+    first = np.searchsorted(which[order], np.arange(len(count)))
+    rank = np.empty(len(points))
+    rank[order] = np.arange(len(points)) - first[which[order]]
+    points += (step * rank)[:, None] * outward
+    return np.asarray(count[which] > 1)
 
 
 def placed_labels(
@@ -75,7 +103,7 @@ def placed_labels(
     boxes = np.concatenate([marks, [(x, y, x + w, y + h) for x, y, w, h in taken]]) if len(taken) else marks
     labels, left_out = list[Label](), list[str]()
     tall = SIZE * MM_PER_POINT
-    for (x, y), text in zip(points.tolist(), texts):
+    for (x, y), text in zip(points.tolist(), texts, strict=True):
         wide = text_width(text, SIZE)
         found = None
         for place in _places(x, y, wide, tall, radius):
@@ -83,7 +111,7 @@ def placed_labels(
             if (low < 0.0).any() or high[0] > width or high[1] > height:
                 continue
             if not ((boxes[:, :2] < high) & (boxes[:, 2:] > low)).all(1).any():
-                found = Label(text, (x, y), *place, wide, tall)
+                found = Label(text, (x, y), place[0], place[1], wide, tall)
                 boxes = np.concatenate([boxes, [[*low, *high]]])
                 break
         if found is None:
@@ -93,7 +121,7 @@ def placed_labels(
     return labels, left_out
 
 
-def _places(x: float, y: float, wide: float, tall: float, radius: float) -> Any:
+def _places(x: float, y: float, wide: float, tall: float, radius: float) -> Iterator[tuple[float, float]]:
     """Yield places of a label, nearest first, by its lower left corner."""
     for distance in _DISTANCES:
         for angle in _DIRECTIONS.tolist():
@@ -112,23 +140,23 @@ def draw_labels(
     """
     frame, extent = fit.layout.map, fit.extent
     per_unit = frame.width / extent.width
-    inside = (points >= (extent.west, extent.south)).all(1) & (points <= (extent.east, extent.north)).all(1)
-    shown = (points[inside] - (extent.west, extent.south)) * per_unit
+    low, high = np.array([[extent.west, extent.south], [extent.east, extent.north]])
+    inside = np.asarray((points >= low).all(1) & (points <= high).all(1))
+    shown = (points[inside] - low) * per_unit
     if not len(shown):
         return []
     places, names = joined_texts(shown, [text for text, here in zip(texts, inside.tolist()) if here])
     arrow = frame.width - 14.0, frame.height - 14.0, 14.0, 14.0
     labels, left_out = placed_labels(places, names, frame.width, frame.height, radius, [arrow])
-    origin = np.array([extent.west, extent.south])
     for label in labels:
         if label.far:
             end = (
                 min(max(label.point[0], label.left), label.left + label.width),
                 min(max(label.point[1], label.bottom), label.bottom + label.height),
             )
-            line = np.array([label.point, end]) / per_unit + origin
+            line = np.array([label.point, end]) / per_unit + low
             axes.plot(*line.T, color="#202124", linewidth=0.4, zorder=6)
-        x, y = np.array([label.left, label.bottom + 0.22 * label.height]) / per_unit + origin
+        x, y = np.array([label.left, label.bottom + 0.22 * label.height]) / per_unit + low
         style: dict[str, Any] = {"fontsize": SIZE, "color": "#202124", "va": "baseline", "ha": "left", "zorder": 8}
         style["bbox"] = {"facecolor": "white", "alpha": 0.75, "linewidth": 0.0, "pad": 0.6}
         axes.text(x, y, label.text, parse_math=False, clip_on=True, **style)

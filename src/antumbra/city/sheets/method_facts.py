@@ -15,8 +15,8 @@ from ...sun.location import Place
 from ...version import VERSION
 
 METHODS = {
-    "sun": "Exact rays from each sensor to the sun in the middle of each interval. A sensor has sun if no surface is in "
-    "between and the sun is above the sensor's own surface. Positions of the sun: NREL's Solar Position Algorithm.",
+    "sun": "Exact rays from each sensor to the sun in the middle of each interval. A sensor has sun if no surface is "
+    "in between and the sun is above the sensor's own surface. Positions of the sun: NREL's Solar Position Algorithm.",
     "shadow": "Exact shadows of all surfaces. Position of the sun: NREL's Solar Position Algorithm.",
     "skyline": "The exact upper edge of everything along each azimuth.",
     "viewshed": "Exact lines of sight from each observer to each sensor.",
@@ -160,7 +160,7 @@ def _list_text(value: Any) -> str:
 def source_facts(
     about: dict[str, Any], scene: AnyScene | None, files: Sequence[Path], licence: str | None
 ) -> Iterator[tuple[str, str]]:
-    """Yield names and texts: the scene, its CRS and unit, each file with its digest, the licence, and the scene's notes.
+    """Yield names and texts: the scene, its CRS and unit, the files with their digests, the licence, and all notes.
 
     Raises
     ------
@@ -169,7 +169,8 @@ def source_facts(
     """
     name = about.get("scene") or (scene.name if scene is not None else None)
     if name:
-        yield "scene", str(name)
+        file, mark, options = str(name).partition("?")
+        yield "scene", f"{Path(file).name}{mark}{options}"  # without the folders of this machine
     if scene is not None:
         yield "contents", f"{scene.n_triangles:,} triangles, {len(scene.objects):,} objects"
     if about.get("crs"):

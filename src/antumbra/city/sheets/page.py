@@ -16,7 +16,6 @@ from .sheet_options import PAPERS, Sheet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MAP_SUFFIXES = (".pdf", ".png", ".svg")
 """Suffixes of map sheets."""
@@ -170,12 +169,12 @@ class Page:
                 (("project", sheet.project, 2.0), ("author", sheet.author, 1.2)) if text]  # fmt: skip
         room, total = strip.width - sum(width for _, _, width in fixed), sum(share for _, _, share in free)
         cells = [(name, str(text), room * share / total) for name, text, share in free] + fixed
-        left = strip.left if free else strip.left + room
+        left = strip.left
         self.line((left, strip.right), (strip.top, strip.top))
         for k, (name, text, width) in enumerate(cells):
             if k:
                 self.line((left, left), (strip.bottom, strip.top))
-            pad = 2.0 if k or not free else 0.0
+            pad = 2.0 if k else 0.0
             self.text(left + pad, strip.top - 3.4, name, 6, color=FAINT)
             size, lines = fitted_lines(text, f"the {name}", width - pad - 1.0, _CELLS)
             for row, line in enumerate(lines):
@@ -239,6 +238,14 @@ class Column:
     def gap(self, height: float) -> None:
         """Leave some room, unless the rectangle is full."""
         self._top -= min(height, self._top - self._at.bottom)
+
+    def next_part(self) -> None:
+        """Go on in the next rectangle, or below a gap if this is the last one."""
+        if self._places:
+            self._at = self._places.pop(0)
+            self._top = self._at.top
+        else:
+            self.gap(2.0)
 
     def lines(self, text: str, size: float, **style: Any) -> bool:
         """Write a wrapped text, and return whether it fitted."""

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.scene import AnyScene
-from ..sensors.point_checks import on_top
-from ..sensors.sensors import LOW, corners_of
+from ..sensors.sensors import LOW, corners_of, on_top
 from .map_frame import Extent
 
 if TYPE_CHECKING:
@@ -20,13 +19,19 @@ if TYPE_CHECKING:
 WALL = "#3c4043"
 """Colour of outlines."""
 
+CASING = "#ffffffb0"
+"""Colour beside outlines."""
+
 _UPRIGHT = 0.02  # slope of a wall's normal against the horizontal
 _SAME = 1e-3  # metres: ends of lines closer than this coincide
 _MOST_LINES = 40_000  # in vector output; more are drawn as pixels
-_LIGHT = np.radians(315.0), np.radians(45.0)  # azimuth and elevation of the light of hillshades, as maps have it
+_LIGHT = -0.5, 0.5, 0.5**0.5  # east, north, up: from the north-west, 45 degrees high, as maps have it
 _BUILDINGS = "Building", "Bridge", "Tunnel", "OtherConstruction"
 _ROWS = 1 << 20  # rays at a time
-_DARKEST = 0.35
+_DARKEST, _BRIGHTEST = 0.35, 1.2  # factors on colours
+_PAPER = 236.0  # grey of horizontal surfaces
+_RELIEF = 0.35  # slope to which gentle hills are raised, on average
+_MOST_RAISED = 6.0  # times
 
 
 def plan_of_points(points: NDArray[np.float64], up: str) -> NDArray[np.float64]:
@@ -97,7 +102,10 @@ def draw_outlines(axes: "Axes", lines: NDArray[np.float64], width: float = 0.5) 
 
     if len(lines):
         many = len(lines) > _MOST_LINES
-        axes.add_collection(LineCollection(list(lines), colors=WALL, linewidths=width, rasterized=many, zorder=3))
+        for colour, extra in ((CASING, 0.6), (WALL, 0.0)):  # on light and on dark colours
+            axes.add_collection(
+                LineCollection(list(lines), colors=colour, linewidths=width + extra, rasterized=many, zorder=3)
+            )
 
 
 # --- Hillshades -------------------------------------------------------------------------------------------------------
@@ -131,27 +139,30 @@ def _heights(scene: AnyScene, plan: NDArray[np.float64]) -> NDArray[np.float64]:
 def shaded(heights: NDArray[np.float64], wide: float, high: float) -> NDArray[np.float64]:
     """The shade of heights, (rows, columns) from the north, of cells of a width and a height [Horn 1981].
 
-    A horizontal surface has the same shade everywhere. Beside surfaces, slopes are taken as level.
+    A horizontal surface has the same shade everywhere. Gentle hills are raised, so that they show. Beside surfaces,
+    slopes are taken as level.
     """
     if min(heights.shape) < 2:
-        return np.where(np.isfinite(heights), np.sin(_LIGHT[1]), np.nan)
+        return np.where(np.isfinite(heights), _LIGHT[2], np.nan)
     southward, eastward = np.gradient(heights, high, wide)
     dx, dy = np.nan_to_num(eastward), -np.nan_to_num(southward)
-    azimuth, elevation = _LIGHT
-    light = np.sin(azimuth) * np.cos(elevation), np.cos(azimuth) * np.cos(elevation), np.sin(elevation)
-    shade = (light[2] - dx * light[0] - dy * light[1]) / np.sqrt(1.0 + dx * dx + dy * dy)
+    steep = float(np.sqrt(np.mean(dx * dx + dy * dy)))
+    raised = float(np.clip(_RELIEF / steep, 1.0, _MOST_RAISED)) if steep > 0.0 else 1.0
+    dx, dy = raised * dx, raised * dy
+    shade = (_LIGHT[2] - dx * _LIGHT[0] - dy * _LIGHT[1]) / np.sqrt(1.0 + dx * dx + dy * dy)
     return np.where(np.isfinite(heights), np.clip(shade, 0.0, 1.0), np.nan)
 
 
 def brightness(shade: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Factors on colours, from `_DARKEST` to 1, that leave those of horizontal surfaces nearly unchanged; 1 for NaN."""
-    return np.nan_to_num(_DARKEST + (1.0 - _DARKEST) * np.clip(shade / np.sin(_LIGHT[1]), 0.0, 1.0), nan=1.0)
+    """Factors on colours that leave those of horizontal surfaces unchanged; 1 for NaN."""
+    share = shade / _LIGHT[2]
+    return np.asarray(np.nan_to_num(_DARKEST + (1.0 - _DARKEST) * np.minimum(share, _BRIGHTEST), nan=1.0))
 
 
 def draw_hillshade(axes: "Axes", shade: NDArray[np.float64], extent: Extent) -> None:
     """Draw a hillshade in light greys, transparent beside the scene."""
     pixels = np.empty((*shade.shape, 4), np.uint8)
-    pixels[..., :3] = np.round(110.0 + 135.0 * np.nan_to_num(shade) ** 0.8)[..., None]
+    pixels[..., :3] = np.round(np.minimum(_PAPER * brightness(shade), 255.0))[..., None]
     pixels[..., 3] = np.where(np.isfinite(shade), 255, 0)
     draw_pixels(axes, pixels, extent, zorder=0)
 

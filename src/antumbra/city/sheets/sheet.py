@@ -14,7 +14,7 @@ from ...scene.units import METRE, LengthUnit
 from ...sun.location import Place
 from ...sun.sun_positions import suns_of, times_of, zone_of
 from .map_frame import Extent, MapFit, fit_map
-from .method_facts import day_of, method_facts, place_in_about, source_facts
+from .method_facts import day_of, method_facts, minutes_text, place_in_about, source_facts
 from .page import FAINT, Column, Layout, Page, Rect, fonts, layout_of, save_pages
 from .sheet_options import Sheet
 from .sheet_tables import SheetTable, cell_text, table_pages
@@ -155,7 +155,7 @@ def _draw_diagram(page: Page, at: Rect, place: Place, day: date | None, about: d
             np.radians(about["sun_azimuth"]), 90.0 - about["sun_elevation"], marker="*", markersize=12,
             color="#ffd23f", markeredgecolor="black", markeredgewidth=0.6,
         )  # fmt: skip
-        page.text(at.left + 9.0, y - 1.0, f"star: the sun at {about['time']}", 7)
+        page.text(at.left + 9.0, y - 1.0, f"star: the sun at {minutes_text(about['time'])}", 7)
         y -= 4.5
     for each in shown:
         page.line((at.left, at.left + 7.0), (y, y), each.colour, 1.4, each.dashes)

@@ -1,10 +1,10 @@
 """The options of a map sheet: its paper, scale and extent, its labels, and what its title block says."""
 
+import datetime
 import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from datetime import date as Date
 from pathlib import Path
 
 from ...base.checks import checked_instance, choice, number, quoted, spelling_hint
@@ -66,7 +66,7 @@ class Sheet:
     title: str | None = None
     project: str | None = None
     author: str | None = None
-    date: str | Date | None = None
+    date: str | datetime.date | None = None
     licence: str | None = None
     paper: str = "a4"
     orientation: str = "auto"
@@ -81,8 +81,8 @@ class Sheet:
             _check_line(getattr(self, name), name)
         when = self.date
         if when == "today":
-            when = Date.today()
-        when = when.isoformat() if isinstance(when, Date) else when
+            when = datetime.date.today()
+        when = when.isoformat() if isinstance(when, datetime.date) else when
         _check_line(when, "date")
         self._set("date", when)
         for name, known in (("paper", tuple(PAPERS)), ("orientation", ORIENTATIONS)):

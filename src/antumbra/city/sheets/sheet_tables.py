@@ -35,6 +35,7 @@ def cell_text(value: Any) -> str:
     if value is None or value != value:
         return "-"
     if isinstance(value, (float, np.floating)):
+        value = float(value)
         return f"{value:,.4g}" if abs(value) < 1000.0 else f"{value:,.1f}"
     if isinstance(value, np.datetime64):
         return str(value).replace("T", " ")[:16]

@@ -41,7 +41,7 @@ def _draw_diagram(skyline: Any, point: int, place: Place | None, page: Page, fit
         draw_paths(axes, place, SEASONS)
         for each in SEASONS:
             panel.line_key(each.colour, each.dashes, each.name)
-    panel.gap(2.0)
+    panel.next_part()
     panel.facts(horizon_facts(skyline, point, place))
 
 
@@ -56,8 +56,10 @@ def _table(skyline: Any, point: int) -> SheetTable:
     """The elevations by azimuth."""
     columns = skyline.azimuth, skyline.elevation[point], skyline.highest[point]
     rows = [(f"{azimuth:g}", f"{low:.2f}", f"{high:.2f}") for azimuth, low, high in zip(*columns)]
-    headers = "azimuth (degrees)", "elevation (degrees)", "highest within half a step (degrees)"
-    return SheetTable("Elevation of the horizon", headers, rows, frozenset((0, 1, 2)))
+    note = "In degrees: along each azimuth, and the highest within half a step; azimuths clockwise from true north."
+    return SheetTable(
+        "Elevation of the horizon", ("azimuth", "elevation", "highest"), rows, frozenset((0, 1, 2)), note=note
+    )
 
 
 def _point_text(skyline: Any, point: int) -> str:

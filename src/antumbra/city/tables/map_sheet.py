@@ -7,7 +7,7 @@ cells of a raster; whole numbers and classes are drawn as cells. Classes lie ove
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,9 @@ from ...base.checks import quoted, spelling_hint
 from ...base.errors import InputError
 from ..sensors.sensors import corners_of
 from ..sheets.map_frame import Extent, MapFit, bounds_of, draw_frame
-from ..sheets.map_labels import draw_labels
-from ..sheets.method_facts import minutes_text, place_facts, unit_of
-from ..sheets.page import DPI, FAINT, INCH, INK, Column, Page, Rect
+from ..sheets.map_labels import draw_labels, spread_points
+from ..sheets.method_facts import unit_of
+from ..sheets.page import DPI, FAINT, INCH, INK, Column, Page
 from ..sheets.scene_plan import (
     bounds_of_scene,
     brightness,
@@ -31,16 +31,27 @@ from ..sheets.scene_plan import (
 )
 from ..sheets.sheet import Report, save_report
 from ..sheets.sheet_options import Sheet
-from ..sheets.units_text import area_text, unit_text
+from ..sheets.units_text import unit_text
 from .false_colours import column_values
-from .map_scale import MapScale, map_scale
+from .map_legend import (
+    CLASS_MARKERS,
+    END_MARKERS,
+    HATCH,
+    LINES,
+    MOST_MARKS,
+    SightLine,
+    draw_legend,
+    facts_of,
+    is_seen,
+    scale_of,
+    sensor_fact,
+    shows_points,
+)
+from .map_scale import MapScale
 from .table_pages import tables_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-HATCH = "////"
-"""Of what has no value: no colour of a scale looks like it."""
 
 _LABELS = "id", "name", "label", "window", "site"  # columns of the user's table, in order of preference
 _MARGIN, _POINT_MARGIN = 2.0, 6.0  # millimetres around the map
@@ -48,21 +59,10 @@ _CONTEXT = 25.0  # metres shown around single points, or half of their extent
 _SHARP = 4.0  # pixels per millimetre of hillshades and classes
 _MOST_PIXELS = 3000  # side of a picture
 _MOST_FACES = 15_000  # in vector output; more are drawn as pixels
+_ONE_OBSERVER = "What the observer sees"
 _LEAST = 1e-6  # of the surroundings: a point has an extent, too
 _MOST_BUILDINGS = 60  # labelled by themselves
-_MOST_MARKS = 30  # labelled
-_MOST_AREAS = 12
-_CLASS_MARKERS = "s", "o"  # shapes of points of no and yes, for print without colours
-_MARKS = {"viewshed": "observer", "visible share": "target"}
-_LINES = {True: ("#2b8a5a", "-"), False: ("#b03a1a", (0, (2.5, 1.5)))}  # visible or not -> colour and dashes
-
-
-class SightLine(NamedTuple):
-    """A line of sight in plan."""
-
-    begin: tuple[float, float]
-    end: tuple[float, float]
-    visible: bool
+_MOST_SPREAD = 300  # points that are moved away from others at their place
 
 
 def save_map(table: Any, path: Path, column: str, sheet: Sheet) -> None:
@@ -83,34 +83,23 @@ def table_report(table: Any, column: str, sheet: Sheet, lines: Sequence[SightLin
     if not len(table):
         raise InputError("the table has no rows; there is nothing to draw on a map")
     chosen, about = table.columns[column], table.about
-    heading = chosen.about[:1].upper() + chosen.about[1:] or column
+    heading = _ONE_OBSERVER if is_seen(table, column) else _sentence(chosen.about) or column
     extent, core = _extents_of(table, lines)
     draw = partial(_draw_map, table, column, _labels(table, sheet), list(lines))
-    margin = _POINT_MARGIN if _shows_points(table) else _MARGIN
+    margin = _POINT_MARGIN if shows_points(table) else _MARGIN
     return Report(
         heading, about, draw, extent, core, unit_of(about), margin, partial(tables_of, table), [sensor_fact(table)],
         table.scene,
     )  # fmt: skip
 
 
-def scale_of(table: Any, column: str) -> MapScale:
-    """The scale of a column of a `Table`; of values before and after a change, the same one."""
-    chosen, name = table.columns[column], column.removesuffix("_before")
-    values, known = column_values(table, column)
-    twin = name if name != column else f"{name}_before"
-    if twin in table.columns and chosen.values.dtype.kind in "iuf":
-        others, counted = column_values(table, twin)
-        both = np.concatenate([values, others]).astype(chosen.values.dtype)
-        return map_scale(both, np.concatenate([known, counted]), chosen.unit, column)
-    one = column == "seen" and table.about.get("observers") == 1
-    return map_scale(chosen.values, known, chosen.unit, column, yes_or_no=one)
+def _sentence(text: str) -> str:
+    """A text with a capital letter, unless it begins with a name such as br209-windows."""
+    first = text.partition(" ")[0]
+    return text if any(letter.isdigit() for letter in first) else text[:1].upper() + text[1:]
 
 
 # --- What the map shows -----------------------------------------------------------------------------------------------
-
-
-def _shows_points(table: Any) -> bool:
-    return table.sensors.kind == "points" and table.row_of_face is None
 
 
 def _extents_of(table: Any, lines: Sequence[SightLine]) -> tuple[Extent, Extent]:
@@ -127,7 +116,7 @@ def _extents_of(table: Any, lines: Sequence[SightLine]) -> tuple[Extent, Extent]
     if scene is None:
         core = core if core.width or core.height else core.grown(1.0)
         return core, core
-    if not _shows_points(table):
+    if not shows_points(table):
         whole = core.joined(bounds_of_scene(scene))
         return whole, whole
     context = max(scene.unit.of_metres(_CONTEXT), max(core.width, core.height) / 2.0)
@@ -149,7 +138,7 @@ def _labels(table: Any, sheet: Sheet) -> list[str] | None:
     if sheet.labels is None:
         named = {name.lower(): name for name in reversed(columns)}
         found = next((named[name] for name in _LABELS if name in named), None)
-        if _shows_points(table) and found is not None:
+        if shows_points(table) and found is not None:
             return _texts(columns[found])
         if table.row_of_face is not None and "building" in table.columns and len(table) <= _MOST_BUILDINGS:
             return _texts(table["building"])
@@ -167,7 +156,7 @@ def _texts(values: np.ndarray) -> list[str]:
     """Labels of values: whole numbers without a point, others with four digits, none for NaN."""
     if values.dtype.kind != "f":
         return [str(value) for value in values.tolist()]
-    return ["" if value != value else f"{value:.0f}" if value == int(value) else f"{value:.4g}"
+    return ["" if value != value else f"{value:.0f}" if value.is_integer() else f"{value:.4g}"
             for value in values.tolist()]  # fmt: skip
 
 
@@ -188,22 +177,24 @@ def _draw_map(
     values, known = column_values(table, column)
     scale, about, shown = scale_of(table, column), table.about, np.where(known, values, np.nan)
     axes = page.axes(fit.layout.map)
-    _draw_values(axes, table, shown, scale, fit)
+    if not lines:
+        _draw_values(axes, table, shown, scale, fit)
+    elif table.scene is not None:
+        draw_hillshade(axes, _shade(table.scene, fit.extent, fit), fit.extent)
     if table.scene is not None:
         draw_outlines(axes, outlines_of(table.scene, fit.extent))
-    for line in lines:
-        colour, dashes = _LINES[line.visible]
-        axes.plot(*zip(line.begin, line.end), color=colour, linestyle=dashes, linewidth=1.1, zorder=5)
-    left_out = _draw_marks_and_labels(axes, table, labels, fit)
+    left_out = _draw_lines(axes, lines, fit) if lines else _draw_marks_and_labels(axes, table, labels, fit)
     draw_frame(page, axes, fit, unit_of(about), float(about.get("north", 0.0)), "latitude" in about)
     panel = Column(page, fit.layout.panel)
     chosen = table.columns[column]
     panel.lines(f"{column} [{unit_text(chosen.unit)}]" if chosen.unit else column, 10, weight="bold")
     panel.gap(1.5)
-    _draw_legend(panel, table, scale, shown, lines)
+    draw_legend(panel, table, scale, shown, lines)
+    if not lines and _places(table, fit)[1]:
+        panel.lines("marks at the same place: the lowest first, then outwards", 7, color=FAINT)
     if left_out:
         panel.lines(f"{left_out} labels left out for want of room", 7, color=FAINT)
-    panel.gap(2.0)
+    panel.next_part()
     panel.facts(facts_of(table))
 
 
@@ -241,6 +232,7 @@ def _draw_raster(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale, 
     colours = scale.colours(np.where(known, cells, scale.low)).astype(np.float64)
     if scale.classes and table.scene is not None:
         colours *= brightness(hillshade(table.scene, extent, cells.shape[1], cells.shape[0]))[..., None]
+        colours = np.minimum(colours, 255.0)
     pixels = np.concatenate(
         [np.round(colours).astype(np.uint8), np.where(known, 255, 0).astype(np.uint8)[..., None]], 2
     )
@@ -320,27 +312,45 @@ def _radius(table: Any) -> float:
     return float(np.clip(np.sqrt(4000.0 / max(len(table), 1)), 0.35, 1.5))
 
 
+def _places(table: Any, fit: MapFit) -> tuple[NDArray[np.float64], bool]:
+    """(n, 2) float64: where the marks of sensors are drawn; and whether some are moved away from others above them."""
+    sensors, up = table.sensors, "z" if table.scene is None else table.scene.up
+    plan = plan_of_points(sensors.points, up).astype(np.float64)
+    if not shows_points(table) or len(plan) > _MOST_SPREAD:
+        return plan, False
+    outward = np.tile([0.0, 1.0], (len(plan), 1))
+    if sensors.normals is not None:
+        level = plan_of_points(sensors.normals, up)
+        length = np.linalg.norm(level, axis=1)
+        upright = length > 0.1
+        outward[upright] = level[upright] / length[upright, None]
+    per_unit, origin = fit.layout.map.width / fit.extent.width, np.array([fit.extent.west, fit.extent.south])
+    shown = (plan - origin) * per_unit
+    moved = spread_points(shown, sensors.points[:, "xyz".index(up)], outward, 2.3 * _radius(table))
+    return np.where(moved[:, None], shown / per_unit + origin, plan), bool(moved.any())
+
+
 def _draw_points(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale, fit: MapFit) -> None:
     """Draw a mark per sensor, the highest last; a shape per class, and a cross without a value."""
     sensors = table.sensors
     up = "z" if table.scene is None else table.scene.up
     order = np.argsort(sensors.points[:, "xyz".index(up)], kind="stable")
-    plan, shown = plan_of_points(sensors.points, up)[order], values[order]
+    plan, shown = _places(table, fit)[0][order], values[order]
     radius = _radius(table)
     size = (2.0 * radius * 72.0 / INCH) ** 2
     style: dict[str, Any] = {"s": size, "zorder": 4, "linewidths": 0.4 if radius > 0.8 else 0.0, "edgecolors": INK}
     for marker, some in _by_marker(scale, shown):
-        axes.scatter(*plan[some].T, c=_colours(shown[some], scale), marker=marker, **style)
+        axes.scatter(plan[some, 0], plan[some, 1], c=_colours(shown[some], scale), marker=marker, **style)
     unknown = ~np.isfinite(shown)
-    axes.scatter(*plan[unknown].T, c=FAINT, s=size, marker="x", linewidths=0.6, zorder=4)
+    axes.scatter(plan[unknown, 0], plan[unknown, 1], c=FAINT, s=size, marker="x", linewidths=0.6, zorder=4)
 
 
 def _by_marker(scale: MapScale, values: np.ndarray) -> Iterator[tuple[str, NDArray[np.bool_]]]:
     """Yield a marker and the rows that have it."""
-    if len(scale.classes) != len(_CLASS_MARKERS):
+    if len(scale.classes) != len(CLASS_MARKERS):
         yield "o", np.isfinite(values)
         return
-    for marker, each in zip(_CLASS_MARKERS, scale.classes):
+    for marker, each in zip(CLASS_MARKERS, scale.classes):
         yield marker, values == each.value
 
 
@@ -350,120 +360,30 @@ def _draw_marks_and_labels(axes: "Axes", table: Any, labels: list[str] | None, f
     plan, texts, radius = [np.empty((0, 2))], list[str](), _radius(table)
     if table.marks is not None and len(table.marks):
         marks = plan_of_points(table.marks, up)
-        axes.scatter(*marks.T, s=36, marker="^", c="white", edgecolors="black", linewidths=1.2, zorder=5)
-        if 1 < len(marks) <= _MOST_MARKS:
+        axes.scatter(
+            marks[:, 0], marks[:, 1], s=36, marker="^", c="white", edgecolors="black", linewidths=1.2, zorder=5
+        )
+        if 1 < len(marks) <= MOST_MARKS:
             plan, texts, radius = [marks], [str(k) for k in range(len(marks))], max(radius, 1.3)
     if labels is not None:
-        at, texts = plan_of_points(table.sensors.points, up), texts + labels
-        plan.append(at)
+        plan.append(_places(table, fit)[0])
+        texts += labels
     filled = [k for k, text in enumerate(texts) if text]
     if not filled:
         return 0
     return len(draw_labels(axes, fit, np.concatenate(plan)[filled], [texts[k] for k in filled], radius))
 
 
-# --- Legend and facts -------------------------------------------------------------------------------------------------
-
-
-def _draw_legend(panel: Column, table: Any, scale: MapScale, values: np.ndarray, lines: list[SightLine]) -> None:
-    """Draw the legend: classes with their shares, or a bar that ends at the extremes, and the median."""
-    known = np.isfinite(values)
-    if lines:
-        _draw_line_keys(panel, lines)
-    elif scale.classes:
-        _draw_classes(panel, table, scale, values, known)
-    else:
-        _draw_bar(panel, scale)
-        if known.any():
-            unit = unit_text(scale.unit)
-            least, middle, most = (_number(scale, float(x)) for x in np.percentile(values[known], (0, 50, 100)))
-            panel.lines(f"{least} to {most}{f' {unit}' if unit else ''}, median {middle}", 8, color=FAINT)
-    if scale.diverging:
-        panel.lines("positive: lost; negative: gained", 8, color=FAINT)
-    if not known.all() and not lines:
-        panel.key("white", "no value", "x" if _shows_points(table) else HATCH)
-    if table.marks is not None and len(table.marks):
-        name = _MARKS.get(str(table.about.get("job")), "mark")
-        panel.key(
-            "white",
-            name if len(table.marks) == 1 else f"{name}s" + (", by number" * (len(table.marks) <= _MOST_MARKS)),
-            "^",
-        )
-
-
-def _number(scale: MapScale, value: float) -> str:
-    return scale._replace(unit="").text(value)
-
-
-def _draw_bar(panel: Column, scale: MapScale) -> None:
-    """Draw the colours of a scale above its numbers."""
-    at = panel.take(11.0)
-    if at is None:
-        return
-    axes: Any = panel.page.axes(Rect(at.left + 3.0, at.top - 5.0, at.width - 8.0, 5.0))
-    low, high = scale.low, scale.high if scale.span else scale.low + 1.0
-    colours = scale.colours(np.linspace(low, scale.high, 512))[None]
-    axes.imshow(colours, aspect="auto", extent=(low, high, 0.0, 1.0), interpolation="nearest")
-    ticks = scale.ticks()
-    axes.set_xticks(ticks, [_number(scale, x) for x in ticks], fontsize=7)
-    axes.tick_params(length=2, width=0.4, pad=1.5)
-    axes.set_yticks([])
-    for spine in axes.spines.values():
-        spine.set(color=FAINT, linewidth=0.4)
-
-
-def _draw_classes(panel: Column, table: Any, scale: MapScale, values: np.ndarray, known: NDArray[np.bool_]) -> None:
-    """Draw a key per class, with its share of the sensors, and its area where sensors have one."""
-    areas, unit = table.sensors.areas, unit_of(table.about)
-    for marker, each in zip(_CLASS_MARKERS, scale.classes):
-        rows = values == each.value
-        text = each.name
-        if known.any():
-            text += f"   {rows[known].mean():.1%} of the sensors"
-            if areas is not None:
-                text += f", {area_text(float(areas[rows].sum()) * unit.square_metres, unit)}"
-        colour = tuple(part / 255.0 for part in each.colour)
-        panel.key(colour, text, marker if _shows_points(table) else "")
-
-
-def _draw_line_keys(panel: Column, lines: list[SightLine]) -> None:
-    for visible, name in ((True, "visible"), (False, "not visible")):
-        colour, dashes = _LINES[visible]
-        count = sum(line.visible == visible for line in lines)
-        panel.line_key(colour, dashes, f"{name}   {count:,} of {len(lines):,} lines")
-
-
-def facts_of(table: Any) -> Iterator[tuple[str, str]]:
-    """Yield names and texts: the scene, the rule and its areas, the dates, the place, the CRS and the sensors."""
-    about = table.about
-    if table.scene is not None:
-        yield "scene", table.scene.name
-    if "rule" in about:
-        yield "rule", f"{about['rule']}: {about.get('citation', '')}".rstrip(": ")
-    for area in about.get("areas", [])[:_MOST_AREAS]:
-        yield f"area {area['name']}", _area_text(area)
-    if "first" in about and "last" in about:
-        yield "dates", f"{minutes_text(about['first'])} to {minutes_text(about['last'])}"
-        yield "sun", f"{about['suns']:,} positions, {about['hours']:,.4g} h above the horizon"
-    if about.get("observers"):
-        yield "observers", f"{about['observers']:,}"
-    yield from place_facts(about)
-    yield sensor_fact(table)
-
-
-def sensor_fact(table: Any) -> tuple[str, str]:
-    """The number and the kind of the sensors, or of the rows that stand for groups of them."""
-    sensors, per = table.sensors, table.about.get("per")
-    if per:
-        return f"{per}s", f"{len(table):,}"
-    cell = "" if sensors.raster is None else f", cells of {sensors.raster.spacing:g} {unit_of(table.about).name}"
-    return "sensors", f"{len(sensors):,} ({sensors.kind}{cell})"
-
-
-def _area_text(area: dict[str, Any]) -> str:
-    if area.get("sun_hours") is None:
-        return "no cells"
-    text = f"mean {area['sun_hours']:.1f} h"
-    if area.get("share") is not None:
-        text += f"; {area['share']:.1%} of the cells: {'passes' if area['passes'] else 'fails'}"
-    return text
+def _draw_lines(axes: "Axes", lines: list[SightLine], fit: MapFit) -> int:
+    """Draw lines of sight, and their ends with labels; return how many labels found no room."""
+    for line in lines:
+        colour, dashes = LINES[line.visible]
+        axes.plot(*zip(line.begin, line.end), color=colour, linestyle=dashes, linewidth=1.1, zorder=5)
+    begins, ends = ({line.begin: line.begin_name for line in lines}, {line.end: line.end_name for line in lines})
+    for marker, places in zip(END_MARKERS, (begins, ends)):
+        x, y = np.array(list(places)).T
+        axes.scatter(x, y, s=24, marker=marker, c="white", edgecolors=INK, linewidths=1.0, zorder=6)
+    named = [(place, name) for places in (begins, ends) for place, name in places.items() if name]
+    if not named:
+        return 0
+    return len(draw_labels(axes, fit, np.array([place for place, _ in named]), [name for _, name in named], 1.0))

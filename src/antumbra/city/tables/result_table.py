@@ -31,7 +31,8 @@ from ..sensors.sensors import Sensors, check_on_scene
 from ..sheets.page import check_map
 from ..sheets.sheet_options import Sheet, checked_sheet
 from .false_colours import coloured_model, false_colours
-from .map_sheet import save_map, scale_of
+from .map_legend import scale_of
+from .map_sheet import save_map
 from .qgis_style import RasterStyle, VectorStyle, write_style
 
 # --- Writers ----------------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""The tables on the pages of a sheet: a row per window, site, facade or building, otherwise a summary of each column."""
+"""The tables on the pages of a sheet: a row per window, site, facade or building, or a summary of each column."""
 
 from typing import Any
 
@@ -33,7 +33,8 @@ def _rows(table: Any) -> SheetTable:
     length = unit_of(table.about).name
     left_out = {"nx", "ny", "nz", "face", "area"}
     columns = {name: values for name, values in table.rows().items() if name not in left_out}
-    first = [name for name in columns if name.lower() in _ID]
+    given = {*table.sensors.attributes, *(("building", "surface") if table.row_of_face is not None else ())}
+    first = [name for name in columns if name in given and name.lower() in _ID]
     names = [*first, *(name for name in columns if name not in first)]
     if not first:
         columns, names = {"row": np.arange(1, len(table) + 1), **columns}, ["row", *names]
@@ -43,7 +44,7 @@ def _rows(table: Any) -> SheetTable:
         headers.append(f"{name.replace('_', ' ')} ({unit})" if unit else name.replace("_", " "))
         if columns[name].dtype.kind in "fiu":
             right.add(k)
-    cells = [[_cell(name, value) for value in columns[name].tolist() if True] if columns[name].dtype.kind != "M"
+    cells = [[_cell(name, value) for value in columns[name].tolist()] if columns[name].dtype.kind != "M"
              else [cell_text(value) for value in columns[name]] for name in names]  # fmt: skip
     return SheetTable("Results", headers, list(zip(*cells)), frozenset(right), max(len(first[:2]), 1))
 
