@@ -2,7 +2,6 @@
 
 import re
 import xml.etree.ElementTree as Xml
-import zlib
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from antumbra.city.sheets.map_frame import Extent, fit_map, round_scale
 from antumbra.city.sheets.sheet_options import ORIENTATIONS, PAPERS
 from antumbra.city.tables.result_table import Column, Table
 from antumbra.scene.units import METRE, UNITS
+from pdf_pages import pdf_text
 from strength import examples
 
 pytest.importorskip("matplotlib")
@@ -71,7 +71,7 @@ def test_an_impossible_scale_names_those_that_are_possible():
     assert str(error.value) == message
     for paper, scale in (("a4", 4000), ("a3", 2500)):
         assert fit_map(Extent(0, 0, 600, 400), METRE, at.Sheet(paper=paper, scale=scale)).denominator == scale
-    with pytest.raises(at.InputError, match="needs 1:2,500$"):
+    with pytest.raises(at.InputError, match=r"needs 1:2,500$"):
         fit_map(Extent(0, 0, 600, 400), METRE, at.Sheet(scale="1:500", paper="a3"))
 
 
@@ -98,19 +98,6 @@ def places_in_svg(path):
     marks = next(each for each in root.iter(f"{space}g") if each.get("id") == "PathCollection_1")
     found = [(float(use.get("x")), height - float(use.get("y"))) for use in marks.iter(f"{space}use")]
     return np.array(found) * 25.4 / 72.0
-
-
-def pdf_text(path):
-    """The page descriptions of a PDF file."""
-    data = path.read_bytes()
-    streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", data, re.S)
-    out = []
-    for stream in streams:
-        try:
-            out.append(zlib.decompress(stream).decode("latin-1"))
-        except zlib.error:
-            continue
-    return "\n".join(out)
 
 
 def places_in_pdf(path):

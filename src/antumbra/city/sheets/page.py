@@ -97,7 +97,7 @@ def layout_of(paper: str, landscape: bool) -> Layout:
         frame = Rect(left, bottom, body.right - panel - _GAP - left, body.top - bottom)
         columns: tuple[Rect, ...] = (Rect(body.right - panel, body.bottom, panel, body.height),)
     else:
-        panel, count = (74.0, 3) if large else (64.0, 2)
+        panel, count = (70.0, 3) if large else (58.0, 2)
         part = (body.width - (count - 1) * _GAP) / count
         columns = tuple(Rect(body.left + k * (part + _GAP), body.bottom, part, panel) for k in range(count))
         bottom += panel

@@ -43,7 +43,9 @@ def wrapped(text: str, size: float, width: float, bold: bool = False) -> list[st
         if line:
             lines.append(line)
         while text_width(word, size, bold) > width and len(word) > 1:
-            count = next(k for k in range(len(word) - 1, 0, -1) if k == 1 or text_width(word[:k], size, bold) <= width)
+            count = max(int(len(word) * width / text_width(word, size, bold)), 1)
+            while count > 1 and text_width(word[:count], size, bold) > width:
+                count -= 1
             lines.append(word[:count])
             word = word[count:]
         line = word
