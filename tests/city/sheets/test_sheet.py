@@ -1,4 +1,4 @@
-"""Sheets as they are handed in: every page within its paper, no text over another, all parts there, units of the scene."""
+"""Sheets as they are handed in: pages within their paper, no text over another, all parts there, units of the scene."""
 
 import hashlib
 import re
@@ -91,7 +91,7 @@ def test_the_pages_of_windows_say_all_that_a_reader_asks(tmp_path):
     assert {"id", "dwelling", "x (m)", "sun hours (h)", "energy (kWh/m²)", "sun hours loss (h)"} <= set(found)
     assert found.count("fails") == 3 and found.count("passes") == 9 and found.count("B1.2") == 2
     asked = words(method)
-    for text in ("EN 17037:2018, level minimum", "At least 1.5 hours.", "The sky is clear.", "24 above the horizon, 12 h",
+    for text in ("EN 17037:2018, level minimum", "At least 1.5 hours.", "The sky is clear.", "24 above the horizon",
                  "30 minutes", "12 (points)", "Solar Position Algorithm", "52.00000", "Europe/Amsterdam",
                  "sun on 21 March 2026", "sun on 21 June", "the time zone is unusual", "1:750"):  # fmt: skip
         assert text in asked, text
@@ -241,7 +241,7 @@ def test_a_raster_is_summarised_and_areas_are_listed():
 
 def test_text_of_pdf_files_can_be_selected(tmp_path):
     windows().save_map(tmp_path / "a.pdf", "sun_hours", sheet=at.Sheet(title="Sunlight", project="River Street 5"))
-    lines = [line for line in pdf_text(tmp_path / "a.pdf").splitlines() if line.endswith(("TJ", "Tj"))]
+    lines = re.findall(r"BT\n(.*?)\nET", pdf_text(tmp_path / "a.pdf"), re.DOTALL)
     strings = ["".join(re.findall(r"\(((?:[^()\\]|\\.)*)\)", line)) for line in lines]
     strings = [text.replace("\0", "") for text in strings]  # codes of two bytes
     assert {"Sunlight", "River Street 5", "A1.1", "B2.3"} <= set(strings)

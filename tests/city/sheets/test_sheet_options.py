@@ -5,7 +5,7 @@ import datetime
 import pytest
 
 import antumbra as at
-from antumbra.city.sheets.sheet_options import parse_sheet
+from antumbra.city.sheets.sheet_options import checked_sheet, parse_sheet
 
 
 def test_fields_of_the_command_line_are_those_of_python():
@@ -26,7 +26,8 @@ def test_fields_of_the_command_line_are_those_of_python():
         licence="CC BY 4.0", paper="a3", orientation="portrait", scale=2500, extent=[1, 2.5, 30, 40], labels="none",
         pages=("map", "sources"), sources=["a.csv", "b.csv"],
     )  # fmt: skip
-    assert parsed.denominator == 2500.0 and parsed.titled("New").title == "New" and parsed.titled(None) is parsed
+    assert parsed.denominator == 2500.0 and checked_sheet(None) == at.Sheet()
+    assert checked_sheet(parsed, "New").title == "New" and checked_sheet(parsed) is parsed
 
 
 @pytest.mark.parametrize("text, scale", [("1:500", 500), ("1 : 1_250", 1250), ("500", 500), ("1:62.5", 62.5)])

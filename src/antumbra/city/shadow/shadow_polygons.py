@@ -146,7 +146,7 @@ class Shadow(NamedTuple):
             If the suffix is unknown, the path cannot be written, the map does not fit at the sheet's scale, or
             matplotlib is missing.
         """
-        target, chosen = check_map(path), checked_sheet(sheet).titled(title)
+        target, chosen = check_map(path), checked_sheet(sheet, title)
         save_report(target, shadow_report(self), chosen)
 
     def _write_style(self, path: Path) -> None:

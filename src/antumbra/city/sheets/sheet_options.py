@@ -80,7 +80,7 @@ class Sheet:
         for name in _TEXTS:
             _check_line(getattr(self, name), name)
         when = self.date
-        if when == "today":
+        if isinstance(when, str) and when == "today":
             when = datetime.date.today()
         when = when.isoformat() if isinstance(when, datetime.date) else when
         _check_line(when, "date")
@@ -105,14 +105,11 @@ class Sheet:
         assert not isinstance(self.scale, str)
         return self.scale
 
-    def titled(self, title: str | None) -> "Sheet":
-        """This sheet with another title; None: its own."""
-        return self if title is None else replace(self, title=title)
 
-
-def checked_sheet(sheet: Sheet | None) -> Sheet:
-    """A `Sheet`; None: the default one. Raises InputError for anything else."""
-    return Sheet() if sheet is None else checked_instance(sheet, Sheet, "sheet")
+def checked_sheet(sheet: Sheet | None, title: str | None = None) -> Sheet:
+    """A `Sheet`, with another title if one is given; None: the default one. Raises InputError for anything else."""
+    chosen = Sheet() if sheet is None else checked_instance(sheet, Sheet, "sheet")
+    return chosen if title is None else replace(chosen, title=title)
 
 
 def _check_line(value: object, name: str) -> None:

@@ -4,7 +4,7 @@ import re
 
 from ...scene.units import METRE, LengthUnit
 
-_SQUARE = re.compile(r"(?<=[A-Za-z])2\b")
+_SQUARE = re.compile(r"(?<=[mt])2\b")  # of metres and feet
 _FEET = "ft", "us-ft"
 _LARGE = 1e6  # square metres: larger areas are in square kilometres
 

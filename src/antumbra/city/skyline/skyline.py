@@ -204,7 +204,7 @@ class Skyline(NamedTuple):
             If the suffix is unknown, the path cannot be written, the sheet needs a point or there is no such point,
             `place` is no Place, the sheet has a scale or an extent, or matplotlib is missing.
         """
-        target, chosen, k = check_map(path), checked_sheet(sheet).titled(title), self._only(path, point)
+        target, chosen, k = check_map(path), checked_sheet(sheet, title), self._only(path, point)
         if place is not None:
             checked_instance(place, Place, "place")
         elif "latitude" in self.about:

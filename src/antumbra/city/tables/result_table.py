@@ -398,7 +398,7 @@ class Table:
             If the suffix or the column is unknown, the path cannot be written, the map does not fit at the sheet's
             scale, there are no rows, or matplotlib is missing.
         """
-        save_map(self, check_map(path), self.shown(column), checked_sheet(sheet).titled(title))
+        save_map(self, check_map(path), self.shown(column), checked_sheet(sheet, title))
 
     def shown(self, column: str | None) -> str:
         """The name of the column that a picture shows. Raises InputError if it is unknown or not numeric."""
