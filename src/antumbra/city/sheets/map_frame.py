@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 METRIC = 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.5
 """Times powers of ten: the round N of metric maps, as on scale rulers."""
 
-FEET = 1.2, 2.4, 3.6, 4.8, 6.0, 7.2
-"""Times powers of ten: 1 inch is 10, 20, 30, 40, 50 or 60 feet."""
+FEET = 1.2, 2.4, 3.6, 4.8, 6.0, 7.2, 9.6
+"""Times powers of ten: 1 inch is 10, 20, 30, 40, 50, 60 or 80 feet."""
 
 _FEET = "ft", "us-ft"
 _ROUND = 1e-9  # tolerance of a length that fits
@@ -141,7 +141,7 @@ def _misfit(extent: Extent, unit: LengthUnit, sheet: Sheet, margin: float) -> st
         frames = [layout_of(paper, landscape).map for landscape in _orientations(sheet)]
         return round_scale(min(_least(extent, unit, frame, margin) for frame in frames), unit)
 
-    size = f"{extent.width:,.6g} x {extent.height:,.6g} {unit.name}"
+    size = f"{extent.width:,.5g} x {extent.height:,.5g} {unit.name}"
     here = f"1:{fits(sheet.paper):,.6g}"
     larger = next((name for name, area in PAPERS.items() if max(area) > 1.3 * max(PAPERS[sheet.paper])), None)
     if sheet.paper == "letter":

@@ -83,7 +83,7 @@ def spread_points(
 
 def placed_labels(
     points: NDArray[np.float64], texts: Sequence[str], width: float, height: float, radius: float,
-    taken: Sequence[tuple[float, float, float, float]] = (),
+    taken: Sequence[tuple[float, float, float, float]] = (), centred: bool = False,
 ) -> tuple[list[Label], list[str]]:  # fmt: skip
     """Place labels in a frame, first come, first served; the texts for which no room is left are returned, too.
 
@@ -98,15 +98,18 @@ def placed_labels(
         Of the marks of points.
     taken : sequence of (left, bottom, width, height)
         Rectangles to stay clear of.
+    centred : bool
+        Whether labels lie on their points where they can, since these have no marks.
     """
-    marks = np.concatenate([points - radius, points + radius], 1)
+    marks = np.concatenate([points - radius, points + radius], 1)[: 0 if centred else None]
     boxes = np.concatenate([marks, [(x, y, x + w, y + h) for x, y, w, h in taken]]) if len(taken) else marks
     labels, left_out = list[Label](), list[str]()
     tall = SIZE * MM_PER_POINT
     for (x, y), text in zip(points.tolist(), texts, strict=True):
         wide = text_width(text, SIZE)
         found = None
-        for place in _places(x, y, wide, tall, radius):
+        middle = [(x - wide / 2.0, y - tall / 2.0)] if centred else []
+        for place in (*middle, *_places(x, y, wide, tall, radius)):
             low, high = np.subtract(place, _PAD), np.add(place, (wide, tall)) + _PAD
             if (low < 0.0).any() or high[0] > width or high[1] > height:
                 continue
@@ -132,11 +135,12 @@ def _places(x: float, y: float, wide: float, tall: float, radius: float) -> Iter
 
 
 def draw_labels(
-    axes: "Axes", fit: MapFit, points: NDArray[np.float64], texts: Sequence[str], radius: float
+    axes: "Axes", fit: MapFit, points: NDArray[np.float64], texts: Sequence[str], radius: float, centred: bool = False
 ) -> list[str]:
     """Draw labels of points, (n, 2) easting and northing, on a map; return those for which no room was left.
 
     radius : millimetres, of the marks
+    centred : whether there are none, and labels lie on their points
     """
     frame, extent = fit.layout.map, fit.extent
     per_unit = frame.width / extent.width
@@ -147,7 +151,7 @@ def draw_labels(
         return []
     places, names = joined_texts(shown, [text for text, here in zip(texts, inside.tolist()) if here])
     arrow = frame.width - 14.0, frame.height - 14.0, 14.0, 14.0
-    labels, left_out = placed_labels(places, names, frame.width, frame.height, radius, [arrow])
+    labels, left_out = placed_labels(places, names, frame.width, frame.height, radius, [arrow], centred)
     for label in labels:
         if label.far:
             end = (

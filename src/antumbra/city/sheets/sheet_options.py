@@ -3,11 +3,10 @@
 import datetime
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 
-from ...base.checks import checked_instance, choice, number, quoted, spelling_hint
+from ...base.checks import checked_instance, choice, items, number, parts_of, path_of, quoted, spelling_hint
 from ...base.errors import InputError
 
 PAPERS = {"a4": (210.0, 297.0), "a3": (297.0, 420.0), "letter": (215.9, 279.4), "tabloid": (279.4, 431.8)}
@@ -93,7 +92,9 @@ class Sheet:
         if self.labels is not None and not isinstance(self.labels, str):
             raise InputError(f"labels is {quoted(self.labels)}; it must be the name of a column, or none")
         self._set("pages", None if self.pages is None else _checked_pages(self.pages))
-        self._set("sources", tuple(Path(each) for each in self.sources))
+        sources = parts_of(self.sources)
+        names = [self.sources] if sources is None else sources
+        self._set("sources", tuple(path_of(each, "a source") for each in names))
 
     def _set(self, name: str, value: object) -> None:
         """Set a field during initialization, since the class is frozen."""
@@ -132,8 +133,8 @@ def _checked_scale(scale: object) -> float:
 
 
 def _checked_extent(extent: object) -> tuple[float, float, float, float]:
-    parts = list(extent) if isinstance(extent, Iterable) else []
-    if len(parts) != 4:
+    parts = parts_of(extent)
+    if parts is None or len(parts) != 4:
         raise InputError(f"extent is {quoted(extent)}; it must be west, south, east and north")
     west, south, east, north = (number(each, "extent") for each in parts)
     if not (west < east and south < north):
@@ -142,9 +143,7 @@ def _checked_extent(extent: object) -> tuple[float, float, float, float]:
 
 
 def _checked_pages(pages: object) -> tuple[str, ...]:
-    names = [pages] if isinstance(pages, str) else list(pages) if isinstance(pages, Iterable) else [pages]
-    for each in names:
-        choice(each, "a page", PAGES)
+    names = [choice(each, "a page", PAGES) for each in items(pages, str, "pages")]
     if not names:
         raise InputError(f"pages is empty; name some of {', '.join(PAGES)}")
     return tuple(each for each in PAGES if each in names)

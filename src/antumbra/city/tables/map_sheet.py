@@ -62,6 +62,7 @@ _MOST_FACES = 15_000  # in vector output; more are drawn as pixels
 _ONE_OBSERVER = "What the observer sees"
 _LEAST = 1e-6  # of the surroundings: a point has an extent, too
 _MOST_BUILDINGS = 60  # labelled by themselves
+_LARGEST_MARK, _SMALLEST_MARK = 1.5, 0.7  # millimetres: radius of marks of few sensors
 _MOST_SPREAD = 300  # points that are moved away from others at their place
 
 
@@ -307,9 +308,15 @@ def _draw_faces(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale) -
     )
 
 
-def _radius(table: Any) -> float:
-    """Millimetres: the radius of the marks of sensors."""
-    return float(np.clip(np.sqrt(4000.0 / max(len(table), 1)), 0.35, 1.5))
+def _radius(table: Any, fit: MapFit) -> float:
+    """Millimetres: the radius of the marks of sensors; neighbours do not overlap if they can be seen at all then."""
+    radius = float(np.clip(np.sqrt(4000.0 / max(len(table), 1)), 0.35, _LARGEST_MARK))
+    if not shows_points(table) or len(table) > _MOST_SPREAD:
+        return radius
+    plan = plan_of_points(table.sensors.points, "z" if table.scene is None else table.scene.up)
+    apart = np.linalg.norm(plan[:, None] - plan, axis=2) * (fit.layout.map.width / fit.extent.width)
+    nearest = float(apart[apart > _SMALLEST_MARK].min(initial=np.inf))  # nearer ones are at the same place
+    return float(np.clip(nearest / 2.0, _SMALLEST_MARK, radius))
 
 
 def _places(table: Any, fit: MapFit) -> tuple[NDArray[np.float64], bool]:
@@ -326,7 +333,7 @@ def _places(table: Any, fit: MapFit) -> tuple[NDArray[np.float64], bool]:
         outward[upright] = level[upright] / length[upright, None]
     per_unit, origin = fit.layout.map.width / fit.extent.width, np.array([fit.extent.west, fit.extent.south])
     shown = (plan - origin) * per_unit
-    moved = spread_points(shown, sensors.points[:, "xyz".index(up)], outward, 2.3 * _radius(table))
+    moved = spread_points(shown, sensors.points[:, "xyz".index(up)], outward, 2.3 * _radius(table, fit))
     return np.where(moved[:, None], shown / per_unit + origin, plan), bool(moved.any())
 
 
@@ -336,7 +343,7 @@ def _draw_points(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale, 
     up = "z" if table.scene is None else table.scene.up
     order = np.argsort(sensors.points[:, "xyz".index(up)], kind="stable")
     plan, shown = _places(table, fit)[0][order], values[order]
-    radius = _radius(table)
+    radius = _radius(table, fit)
     size = (2.0 * radius * 72.0 / INCH) ** 2
     style: dict[str, Any] = {"s": size, "zorder": 4, "linewidths": 0.4 if radius > 0.8 else 0.0, "edgecolors": INK}
     for marker, some in _by_marker(scale, shown):
@@ -357,7 +364,7 @@ def _by_marker(scale: MapScale, values: np.ndarray) -> Iterator[tuple[str, NDArr
 def _draw_marks_and_labels(axes: "Axes", table: Any, labels: list[str] | None, fit: MapFit) -> int:
     """Draw the table's marks and all labels; return how many labels found no room."""
     up = "z" if table.scene is None else table.scene.up
-    plan, texts, radius = [np.empty((0, 2))], list[str](), _radius(table)
+    plan, texts, radius = [np.empty((0, 2))], list[str](), _radius(table, fit)
     if table.marks is not None and len(table.marks):
         marks = plan_of_points(table.marks, up)
         axes.scatter(
@@ -371,7 +378,8 @@ def _draw_marks_and_labels(axes: "Axes", table: Any, labels: list[str] | None, f
     filled = [k for k, text in enumerate(texts) if text]
     if not filled:
         return 0
-    return len(draw_labels(axes, fit, np.concatenate(plan)[filled], [texts[k] for k in filled], radius))
+    centred = table.row_of_face is not None and len(plan) == 2
+    return len(draw_labels(axes, fit, np.concatenate(plan)[filled], [texts[k] for k in filled], radius, centred))
 
 
 def _draw_lines(axes: "Axes", lines: list[SightLine], fit: MapFit) -> int:
