@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.scene import AnyScene
-from ..sensors.sensors import LOW, corners_of, on_top
+from ..sensors.sensors import LOW, on_top
 from .map_frame import Extent
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ CASING = "#ffffffb0"
 
 _UPRIGHT = 0.02  # slope of a wall's normal against the horizontal
 _SAME = 1e-3  # metres: ends of lines closer than this coincide
+_FACES, _MOST_FACES = 1 << 20, 20_000_000  # at a time, and altogether
 _MOST_LINES = 40_000  # in vector output; more are drawn as pixels
 _LIGHT = -0.5, 0.5, 0.5**0.5  # east, north, up: from the north-west, 45 degrees high, as maps have it
 _BUILDINGS = "Building", "Bridge", "Tunnel", "OtherConstruction"
@@ -53,16 +54,25 @@ def outlines_of(scene: AnyScene, extent: Extent | None = None) -> NDArray[np.flo
     """(n, 2, 2) float64: the walls of a scene in plan, each once: upright faces at least a metre high.
 
     Of a city model, only those of buildings and other constructions count. A raster of heights has none, nor has a
-    scene in a store.
+    scene in a store or one whose faces would take too much memory.
 
     extent : only walls that reach into it; None: all
     """
-    if not scene.data.resident or scene.data.terrain is not None:
+    if not scene.data.resident or scene.data.terrain is not None or scene.n_triangles > _MOST_FACES:
         return np.empty((0, 2, 2))
-    corners = corners_of(scene)
+    triangles, built = scene.triangles(), None
     if scene.city is not None and any(scene.city.types):
-        built = np.array([each.startswith(_BUILDINGS) for each in scene.city.types])
-        corners = corners[built[scene.city.object_of_face]]
+        names = np.array([each.startswith(_BUILDINGS) for each in scene.city.types])
+        built = names[scene.city.object_of_face]
+    lines = [np.empty((0, 2, 2))]
+    for first in range(0, len(triangles.vertices), _FACES):
+        corners = triangles.vertices[first : first + _FACES].astype(np.float64) + triangles.origin
+        lines.append(_walls(corners if built is None else corners[built[first : first + _FACES]], scene, extent))
+    return _distinct(np.concatenate(lines), scene.unit.of_metres(_SAME))
+
+
+def _walls(corners: NDArray[np.float64], scene: AnyScene, extent: Extent | None) -> NDArray[np.float64]:
+    """(n, 2, 2): the longest sides in plan of the upright ones of faces, (k, 3, 3), that are high enough."""
     up = "xyz".index(scene.up)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normals, axis=1)
@@ -73,7 +83,7 @@ def outlines_of(scene: AnyScene, extent: Extent | None = None) -> NDArray[np.flo
         low, high = plan.min(1), plan.max(1)
         inside = (high >= (extent.west, extent.south)).all(1) & (low <= (extent.east, extent.north)).all(1)
         plan = plan[inside]
-    return _distinct(_longest_sides(plan), scene.unit.of_metres(_SAME))
+    return _longest_sides(plan)
 
 
 def _longest_sides(plan: NDArray[np.float64]) -> NDArray[np.float64]:
