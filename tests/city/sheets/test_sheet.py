@@ -157,7 +157,8 @@ def test_losses_are_centred_on_zero():
     zero, gain, loss, most = scale.colours(np.array([0.0, -1.0, 1.0, 4.0])).astype(int)
     assert np.ptp(zero) <= 5 and gain[2] > gain[0] and loss[0] > loss[2]  # neutral; bluish; reddish
     assert (most != loss).any() and scale.colours(np.array([-4.0]))[0].tolist() != gain.tolist()
-    assert "positive: lost; negative: gained" in texts(table_map(made, "x_loss"))
+    found = texts(table_map(made, "x_loss"))
+    assert "positive: lost; negative: gained" in found and "gained" in found
     made.columns["calm_loss"] = Column(np.zeros(12), "h", "lost")
     assert scale_of(made, "calm_loss").ticks() == [0.0]
 
@@ -181,6 +182,7 @@ def test_a_viewshed_has_two_classes_over_a_hillshade():
     assert (
         "not visible: " in found and "visible: " in found and "observer" in found and "What the observer sees" in found
     )
+    assert "85500, 449600" in words(table_pages_of(made, "seen")[2])
     several = at.viewshed(made.scene, made.sensors, [[85500.0, 449600, 60], [85200.0, 449700, 60]]).table
     assert {"0", "1"} <= set(texts(table_map(several, "seen"))) and not scale_of(several, "seen").classes
 
@@ -247,3 +249,18 @@ def test_text_of_pdf_files_can_be_selected(tmp_path):
     assert {"Sunlight", "River Street 5", "A1.1", "B2.3"} <= set(strings)
     assert b"/ToUnicode" in (tmp_path / "a.pdf").read_bytes()
     assert len(re.findall(rb"/Type /Page\b(?!s)", (tmp_path / "a.pdf").read_bytes())) == 5
+
+
+@pytest.mark.parametrize("kind", ["raster", "face", "points"])
+def test_gains_are_hatched_or_have_another_mark(kind):
+    scene = site()
+    sensors = {"raster": lambda: at.raster_sensors(scene, 6.0), "face": lambda: at.face_sensors(scene)}.get(kind)
+    sensors = windows().sensors if sensors is None else sensors()
+    losses = np.linspace(-1.0, 2.0, len(sensors))
+    made = Table(
+        sensors, {"q_loss": Column(losses, "h", "lost"), "all_loss": Column(losses + 1.0, "h", "lost")}, {}, scene
+    )
+    some, none = (texts(table_map(made, name)) for name in ("q_loss", "all_loss"))
+    assert "gained" in some and "gained" not in none
+    hatches = [each.get_hatch() for each in table_map(made, "q_loss").axes[0].collections]
+    assert ("...." in hatches) == (kind != "points")

@@ -264,7 +264,7 @@ class Column:
         if at is None:
             return
         box = Rect(at.left, at.top - 4.0, 6.5, 3.6)
-        if marker and not set(marker) <= set("/"):
+        if marker and not set(marker) <= set("/."):
             self._mark(box, colour, marker)
         else:
             self.page.box(box, colour, hatch=marker)

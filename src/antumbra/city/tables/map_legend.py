@@ -14,6 +14,9 @@ from .map_scale import MapScale, map_scale
 HATCH = "////"
 """Of what has no value: no colour of a scale looks like it."""
 
+GAIN_HATCH, GAIN_MARKER = "....", "D"
+"""Of gains, in maps of losses, for print without colours."""
+
 CLASS_MARKERS = "s", "o"
 """Shapes of points of no and yes, for print without colours."""
 
@@ -88,7 +91,12 @@ def draw_legend(panel: Column, table: Any, scale: MapScale, values: np.ndarray, 
             panel.lines(f"{least} to {most}{f' {unit}' if unit else ''}, median {middle}", 8, color=FAINT)
     if scale.diverging:
         panel.lines("positive: lost; negative: gained", 8, color=FAINT)
+        if (values[known] < 0.0).any():
+            panel.gap(1.0)
+            colour = tuple((scale.colours(np.array([scale.low]))[0] / 255.0).tolist())
+            panel.key(colour, "gained", GAIN_MARKER if shows_points(table) else GAIN_HATCH)
     if not known.all() and not lines:
+        panel.gap(1.0)
         panel.key("white", "no value", "x" if shows_points(table) else HATCH)
     if table.marks is not None and len(table.marks):
         name = _MARKS.get(str(table.about.get("job")), "mark")
@@ -176,6 +184,14 @@ def sensor_fact(table: Any) -> tuple[str, str]:
         return f"{per}s", f"{len(table):,}"
     cell = "" if sensors.raster is None else f", cells of {sensors.raster.spacing:g} {unit_of(table.about).name}"
     return "sensors", f"{len(sensors):,} ({sensors.kind}{cell})"
+
+
+def mark_facts(table: Any) -> Iterator[tuple[str, str]]:
+    """Yield names and texts: the positions of the table's marks, if they are few."""
+    marks = [] if table.marks is None else table.marks.tolist()
+    name, unit = _MARKS.get(str(table.about.get("job")), "mark"), unit_of(table.about).name
+    for k, mark in enumerate(marks if len(marks) <= MOST_MARKS else []):
+        yield name if len(marks) == 1 else f"{name} {k}", f"{', '.join(f'{x:.10g}' for x in mark)} {unit}"
 
 
 def _area_text(area: dict[str, Any]) -> str:

@@ -36,6 +36,8 @@ from .false_colours import column_values
 from .map_legend import (
     CLASS_MARKERS,
     END_MARKERS,
+    GAIN_HATCH,
+    GAIN_MARKER,
     HATCH,
     LINES,
     MOST_MARKS,
@@ -43,6 +45,7 @@ from .map_legend import (
     draw_legend,
     facts_of,
     is_seen,
+    mark_facts,
     scale_of,
     sensor_fact,
     shows_points,
@@ -88,10 +91,10 @@ def table_report(table: Any, column: str, sheet: Sheet, lines: Sequence[SightLin
     extent, core = _extents_of(table, lines)
     draw = partial(_draw_map, table, column, _labels(table, sheet), list(lines))
     margin = _POINT_MARGIN if shows_points(table) else _MARGIN
+    counts = [sensor_fact(table), *mark_facts(table)]
     return Report(
-        heading, about, draw, extent, core, unit_of(about), margin, partial(tables_of, table), [sensor_fact(table)],
-        table.scene,
-    )  # fmt: skip
+        heading, about, draw, extent, core, unit_of(about), margin, partial(tables_of, table), counts, table.scene
+    )
 
 
 def _sentence(text: str) -> str:
@@ -222,6 +225,7 @@ def _shade(scene: Any, extent: Extent, fit: MapFit) -> NDArray[np.float64]:
 def _draw_raster(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale, fit: MapFit) -> None:
     """Draw the cells of a raster: classes over a hillshade, continuous quantities smoothly."""
     raster, cells = table.sensors.raster, table.sensors.on_raster(values)
+    gains = np.nan_to_num(cells) < 0.0 if scale.diverging else np.zeros_like(cells, bool)
     extent = _cells_extent(raster, np.ones_like(cells, bool))
     pixels_of_cell = fit.layout.map.width / fit.extent.width * raster.spacing * DPI / INCH
     if scale.classes:
@@ -240,6 +244,24 @@ def _draw_raster(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale, 
     if not known.all():
         _hatch(axes, extent)
     draw_pixels(axes, pixels, extent, zorder=1)
+    if gains.any():
+        _hatch_gains(axes, gains, extent)
+
+
+def _hatch_gains(axes: "Axes", gains: NDArray[np.bool_], extent: Extent) -> None:
+    """Hatch the cells of gains, since they are as dark as some losses in print without colours."""
+    from matplotlib.collections import PolyCollection
+
+    wide, high = extent.width / gains.shape[1], extent.height / gains.shape[0]
+    runs = []
+    for row in np.flatnonzero(gains.any(1)).tolist():
+        steps = np.diff(np.concatenate([[0], gains[row].astype(np.int8), [0]]))
+        north = extent.north - row * high
+        for first, last in zip(np.flatnonzero(steps > 0).tolist(), np.flatnonzero(steps < 0).tolist()):
+            west, east = extent.west + first * wide, extent.west + last * wide
+            runs.append([(west, north - high), (east, north - high), (east, north), (west, north)])
+    style: dict[str, Any] = {"facecolors": "none", "edgecolors": INK, "linewidths": 0.0, "zorder": 2}
+    axes.add_collection(PolyCollection(runs, hatch=GAIN_HATCH, rasterized=True, **style))
 
 
 def _hatch(axes: "Axes", extent: Extent) -> None:
@@ -298,14 +320,16 @@ def _draw_faces(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale) -
     order = np.argsort(corners[..., "xyz".index(table.scene.up)].max(1), kind="stable")
     plan = plan_of_points(corners.reshape(-1, 3), table.scene.up).reshape(-1, 3, 2)[order]
     colours, known = _colours(of_face[faces][order], scale), np.isfinite(of_face[faces][order])
-    style: dict[str, Any] = {"linewidths": 0.2, "rasterized": len(plan) > _MOST_FACES, "zorder": 1}
-    if not known.all():
-        axes.add_collection(
-            PolyCollection(list(plan[~known]), facecolors="white", edgecolors="#c4c7cc", hatch=HATCH, **style)
-        )
-    axes.add_collection(
-        PolyCollection(list(plan[known]), facecolors=colours[known], edgecolors=colours[known], **style)
-    )
+    gains = known & (np.nan_to_num(of_face[faces][order]) < 0.0) if scale.diverging else np.zeros_like(known)
+    for some, edges, hatch in ((~known, "#c4c7cc", HATCH), (known & ~gains, None, None), (gains, INK, GAIN_HATCH)):
+        if some.any():
+            style: dict[str, Any] = {"linewidths": 0.2 if hatch is None else 0.0, "rasterized": len(plan) > _MOST_FACES}
+            edge = colours[some] if edges is None else edges
+            axes.add_collection(
+                PolyCollection(
+                    list(plan[some]), facecolors=colours[some], edgecolors=edge, hatch=hatch, zorder=1, **style
+                )
+            )
 
 
 def _radius(table: Any, fit: MapFit) -> float:
@@ -354,6 +378,10 @@ def _draw_points(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale, 
 
 def _by_marker(scale: MapScale, values: np.ndarray) -> Iterator[tuple[str, NDArray[np.bool_]]]:
     """Yield a marker and the rows that have it."""
+    if scale.diverging:
+        yield "o", values >= 0.0
+        yield GAIN_MARKER, values < 0.0
+        return
     if len(scale.classes) != len(CLASS_MARKERS):
         yield "o", np.isfinite(values)
         return
