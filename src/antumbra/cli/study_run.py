@@ -145,6 +145,9 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
     def check_output(self, path: Path) -> None:
         """Raise an InputError if this file of `output` cannot hold the result."""
 
+    def check_sheet(self, sheet: Any, scenes: Scenes) -> None:
+        """Raise an InputError, before the work, if the map is known not to fit on its sheet."""
+
     def default_output(self) -> str | None:
         """The name of the file that is written if neither `output` nor `map` names one."""
         return None
@@ -206,6 +209,8 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         executor = self._executor()
         with StudyRun(self) as run:
             scenes = run.open(spec, trees, self.needs_memory)
+            if sheet is not None:
+                self.check_sheet(sheet, scenes)
             result = run.timed(self.work(scenes, executor))
             if result is None:
                 return report_shard(executor, self, run.seconds)

@@ -66,6 +66,15 @@ def test_wrong_fields_are_one_line_and_leave_no_file(cli, place, name, field, me
     assert sorted(each.name for each in place.iterdir()) == ["site.obj", "windows.csv"]
 
 
+@pytest.mark.parametrize("name", ["sun", "sun per building", "viewshed", "visible"])
+def test_an_impossible_scale_is_refused_before_the_work(cli, place, monkeypatch, name):
+    from antumbra.cli.study_run import StudyRun
+
+    monkeypatch.setattr(StudyRun, "timed", lambda run, work: pytest.fail("the study has begun"))
+    done = cli(*words(name), "--map", "a.pdf", "--sheet", "scale=1:1")
+    assert done.code == 2 and "1:1 does not fit on A4; the extent of" in done.err
+
+
 def test_a_sheet_without_a_map_is_refused(cli, place):
     done = cli(*words("viewshed"), "--sheet", "paper=a3", "-o", "a.csv")
     assert done.code == 2 and "--sheet is for map sheets; give --map FILE, too" in done.err

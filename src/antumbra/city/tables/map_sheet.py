@@ -7,15 +7,16 @@ cells of a raster; whole numbers and classes are drawn as cells. Classes lie ove
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...base.checks import quoted, spelling_hint
 from ...base.errors import InputError
-from ..sensors.sensors import corners_of
-from ..sheets.map_frame import Extent, MapFit, bounds_of, draw_frame
+from ...engine.scene import AnyScene
+from ..sensors.sensors import Sensors, corners_of
+from ..sheets.map_frame import Extent, MapFit, bounds_of, draw_frame, fit_map
 from ..sheets.map_labels import draw_labels, spread_points
 from ..sheets.method_facts import unit_of
 from ..sheets.page import DPI, FAINT, INCH, INK, Column, Page
@@ -97,6 +98,26 @@ def table_report(table: Any, column: str, sheet: Sheet, lines: Sequence[SightLin
     )
 
 
+def check_scale(sensors: Sensors, scene: AnyScene, sheet: Sheet, grouped: bool) -> None:
+    """Raise an InputError, before a study, if the map of its sensors does not fit at the scale of a sheet.
+
+    grouped : whether rows stand for groups of sensors, whose faces the map shows
+    """
+    if len(sensors):
+        extent, core = _extents_of(_Sensed(sensors, scene, None, sensors if grouped else None), ())
+        margin = _POINT_MARGIN if sensors.kind == "points" and not grouped else _MARGIN
+        fit_map(extent if sheet.scale is None else core, scene.unit, sheet, margin)
+
+
+class _Sensed(NamedTuple):
+    """What `_extents_of` reads of a table, before there is one."""
+
+    sensors: Sensors
+    scene: AnyScene
+    marks: None
+    row_of_face: object
+
+
 def _sentence(text: str) -> str:
     """A text with a capital letter, unless it begins with a name such as br209-windows."""
     first = text.partition(" ")[0]
@@ -110,7 +131,7 @@ def _extents_of(table: Any, lines: Sequence[SightLine]) -> tuple[Extent, Extent]
     """What the map shows, and what it must show: cells, the scene, or single points without their surroundings."""
     raster, scene = table.sensors.raster, table.scene
     if raster is not None:
-        covered = np.isfinite(table.sensors.on_raster(np.zeros(len(table))))
+        covered = np.isfinite(table.sensors.on_raster(np.zeros(len(table.sensors))))
         cells = _cells_extent(raster, covered if covered.any() else np.ones_like(covered))
         return cells, cells
     up = "z" if scene is None else scene.up
