@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import antumbra as at
-from antumbra.city.sheets.map_frame import round_length
+from antumbra.city.sheets.map_frame import Extent, round_length
 from antumbra.city.tables.map_legend import facts_of
 from antumbra.city.tables.map_scale import map_scale
-from antumbra.city.tables.map_sheet import smooth_cells
+from antumbra.city.tables.map_sheet import cells_in, smooth_cells
 from antumbra.city.tables.result_table import Column, Table
 from result_tables import hill, table
 from sheet_pages import table_map, texts
@@ -80,6 +80,25 @@ def test_smooth_cells_have_the_values_of_cells_at_their_centres_and_are_linear()
     smooth = smooth_cells(cells, 3)
     assert np.allclose(smooth[1::3, 1::3], cells)
     assert np.allclose(np.diff(smooth[1:-1], axis=0), 1 / 3) and np.allclose(np.diff(smooth[:, 1:-1], axis=1), 10 / 3)
+
+
+@pytest.mark.parametrize(
+    "cells, bounds", [((7, 9), (0, 0, 9, 7)), ((7, 9), (2.5, 1.5, 6.2, 4.0)), ((6500, 40), (0, 0, 40, 6500))]
+)
+def test_cells_of_a_map_lie_where_they_are(cells, bounds):
+    rows, columns = cells
+    raster = at.Raster(100.0, 200.0, 2.0, columns, rows)
+    values = np.add.outer(1000.0 * np.arange(rows), np.arange(columns))
+    west, south, east, north = bounds
+    wanted = Extent(100.0 + 2 * west, 200.0 - 2 * north, 100.0 + 2 * east, 200.0 - 2 * south)
+    some, extent = cells_in(values, raster, wanted)
+    assert max(some.shape) <= 3000 and extent.width / some.shape[1] == extent.height / some.shape[0]
+    side, (row, column) = extent.width / some.shape[1], np.indices(some.shape)
+    at_centre = np.stack([extent.west + (column + 0.5) * side, extent.north - (row + 0.5) * side])
+    inside = np.floor((200.0 - at_centre[1]) / 2.0) * 1000.0 + np.floor((at_centre[0] - 100.0) / 2.0)
+    assert (some == inside).all()
+    assert extent.west <= wanted.west and extent.north >= wanted.north and extent.east > wanted.east - side
+    assert cells_in(values, raster, Extent(0.0, 0.0, 50.0, 50.0))[0].size == 0
 
 
 # --- Sheets -----------------------------------------------------------------------------------------------------------

@@ -39,7 +39,7 @@ def cell_text(value: Any) -> str:
         return f"{value:,.4g}" if abs(value) < 1000.0 else f"{value:,.1f}"
     if isinstance(value, np.datetime64):
         return str(value).replace("T", " ")[:16]
-    return f"{value:,}" if isinstance(value, (int, np.integer)) else str(value)
+    return f"{value:,}" if isinstance(value, (int, np.integer)) else " ".join(str(value).split())
 
 
 def table_pages(layout: Layout, tables: Sequence[SheetTable]) -> list[Page]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ...base.checks import quoted, spelling_hint
 from ...base.errors import InputError
 from ...engine.scene import AnyScene
+from ...scene.raster import Raster
 from ..sensors.sensors import Sensors, corners_of
 from ..sheets.map_frame import Extent, MapFit, bounds_of, draw_frame, fit_map
 from ..sheets.map_labels import draw_labels, spread_points
@@ -180,7 +181,7 @@ def _labels(table: Any, sheet: Sheet) -> list[str] | None:
 def _texts(values: np.ndarray) -> list[str]:
     """Labels of values: whole numbers without a point, others with four digits, none for NaN."""
     if values.dtype.kind != "f":
-        return [str(value) for value in values.tolist()]
+        return [" ".join(str(value).split()) for value in values.tolist()]
     return ["" if value != value else f"{value:.0f}" if value.is_integer() else f"{value:.4g}"
             for value in values.tolist()]  # fmt: skip
 
@@ -245,28 +246,40 @@ def _shade(scene: Any, extent: Extent, fit: MapFit) -> NDArray[np.float64]:
 
 def _draw_raster(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale, fit: MapFit) -> None:
     """Draw the cells of a raster: classes over a hillshade, continuous quantities smoothly."""
-    raster, cells = table.sensors.raster, table.sensors.on_raster(values)
+    cells, extent = cells_in(table.sensors.on_raster(values), table.sensors.raster, fit.extent)
+    if not cells.size:
+        return
     gains = np.nan_to_num(cells) < 0.0 if scale.diverging else np.zeros_like(cells, bool)
-    extent = _cells_extent(raster, np.ones_like(cells, bool))
-    pixels_of_cell = fit.layout.map.width / fit.extent.width * raster.spacing * DPI / INCH
+    of_cell = fit.layout.map.width / fit.extent.width * extent.width / cells.shape[1]  # millimetres
+    most = max(1, _MOST_PIXELS // max(cells.shape))
     if scale.classes:
-        parts = int(np.clip(np.ceil(pixels_of_cell * _SHARP * INCH / DPI), 1, max(1, _MOST_PIXELS // max(cells.shape))))
+        parts = int(np.clip(np.ceil(of_cell * _SHARP), 1, most))
         cells = cells.repeat(parts, 0).repeat(parts, 1)
     elif not scale.whole:
-        cells = smooth_cells(cells, int(np.clip(pixels_of_cell, 1, max(1, _MOST_PIXELS // max(cells.shape)))))
+        cells = smooth_cells(cells, int(np.clip(of_cell * DPI / INCH, 1, most)))
     known = np.isfinite(cells)
-    colours = scale.colours(np.where(known, cells, scale.low)).astype(np.float64)
+    colours = scale.colours(np.where(known, cells, scale.low))
     if scale.classes and table.scene is not None:
-        colours *= brightness(hillshade(table.scene, extent, cells.shape[1], cells.shape[0]))[..., None]
-        colours = np.minimum(colours, 255.0)
-    pixels = np.concatenate(
-        [np.round(colours).astype(np.uint8), np.where(known, 255, 0).astype(np.uint8)[..., None]], 2
-    )
+        shade = brightness(hillshade(table.scene, extent, cells.shape[1], cells.shape[0]))
+        colours = np.round(np.minimum(colours * shade[..., None], 255.0)).astype(np.uint8)
     if not known.all():
         _hatch(axes, extent)
-    draw_pixels(axes, pixels, extent, zorder=1)
+    draw_pixels(axes, np.dstack([colours, np.where(known, 255, 0).astype(np.uint8)]), extent, zorder=1)
     if gains.any():
         _hatch_gains(axes, gains, extent)
+
+
+def cells_in(cells: NDArray[np.float64], raster: Raster, extent: Extent) -> tuple[NDArray[np.float64], Extent]:
+    """The cells of a raster that a map shows, and their bounds; of very many, those at equal steps, wider."""
+    spacing, (rows, columns) = raster.spacing, cells.shape
+    west = int(np.clip(np.floor((extent.west - raster.west) / spacing), 0, columns))
+    east = int(np.clip(np.ceil((extent.east - raster.west) / spacing), 0, columns))
+    north = int(np.clip(np.floor((raster.north - extent.north) / spacing), 0, rows))
+    south = int(np.clip(np.ceil((raster.north - extent.south) / spacing), 0, rows))
+    step = max(1, -(-max(east - west, south - north) // _MOST_PIXELS))
+    some = cells[north + step // 2 : south : step, west + step // 2 : east : step]
+    left, top = raster.west + west * spacing, raster.north - north * spacing
+    return some, Extent(left, top - some.shape[0] * step * spacing, left + some.shape[1] * step * spacing, top)
 
 
 def _hatch_gains(axes: "Axes", gains: NDArray[np.bool_], extent: Extent) -> None:
