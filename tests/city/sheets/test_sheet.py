@@ -264,3 +264,10 @@ def test_gains_are_hatched_or_have_another_mark(kind):
     assert "gained" in some and "gained" not in none
     hatches = [each.get_hatch() for each in table_map(made, "q_loss").axes[0].collections]
     assert ("...." in hatches) == (kind != "points")
+
+
+def test_letters_without_a_font_are_a_note(tmp_path):
+    letter = chr(0x12000)  # cuneiform
+    with pytest.warns(UserWarning, match=rf"a\.svg: no font has the letters {letter}, which are boxes") as told:
+        windows().save_map(tmp_path / "a.svg", "sun_hours", sheet=at.Sheet(project=f"A {letter} B"))
+    assert len(told) == 1 and letter in (tmp_path / "a.svg").read_text(encoding="utf-8")

@@ -4,7 +4,9 @@ The same content gives the same bytes.
 """
 
 import os
-from collections.abc import Iterable, Sequence
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -35,6 +37,7 @@ _STRIP = 11.0  # height of the title block
 _BELOW_MAP = 15.0  # for the coordinates and the scale bar
 _BESIDE_MAP = 5.0  # for the coordinates
 _GAP = 6.0
+_OTHER_FONTS = "Noto Sans CJK JP", "Noto Sans CJK SC", "Noto Sans", "Arial Unicode MS", "Microsoft YaHei", "PingFang SC"
 _SEED = "antumbra"  # of the ids in .svg
 _TITLES = ((16.0, 1), (14.0, 1), (12.0, 1), (10.0, 2), (8.0, 2), (6.5, 2))
 _CELLS = ((9.0, 1), (8.0, 1), (7.0, 1), (7.0, 2), (6.0, 2), (5.0, 3))
@@ -199,14 +202,39 @@ def save_pages(path: Path, pages: Iterable[Page], title: str, author: str | None
         next(iter(pages)).figure.savefig(file, format=suffix[1:], dpi=DPI, metadata=metadata)
 
 
-def fonts() -> Any:
+@contextmanager
+def fonts() -> Iterator[None]:
     """The context in which pages are made and written: fixed fonts and ids, and text that stays text."""
     from matplotlib import rc_context
 
-    return rc_context({
-        "svg.hashsalt": _SEED, "svg.fonttype": "none", "pdf.fonttype": 42, "font.family": FONT,
-        "axes.unicode_minus": True, "path.simplify": False,
-    })  # fmt: skip
+    settings: Any = {
+        "svg.hashsalt": _SEED, "svg.fonttype": "none", "pdf.fonttype": 42, "font.family": _families(),
+        "axes.unicode_minus": True, "path.simplify": False, "text.usetex": False, "text.parse_math": False,
+    }  # fmt: skip
+    with rc_context(settings), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing", UserWarning)  # `missing_letters` tells them together
+        yield
+
+
+def _families() -> list[str]:
+    """The font, and those installed that have letters which it lacks."""
+    from matplotlib import font_manager
+
+    installed = {each.name for each in font_manager.fontManager.ttflist}
+    return [FONT, *(name for name in _OTHER_FONTS if name in installed)]
+
+
+def missing_letters(pages: Iterable[Page]) -> list[str]:
+    """Letters of pages that no font has, and that are drawn as boxes, in order."""
+    from matplotlib import font_manager
+
+    known = set[int]()
+    for family in _families():
+        known |= font_manager.get_font(font_manager.findfont(family)).get_charmap().keys()
+    from matplotlib.text import Text
+
+    texts: list[Any] = [text for page in pages for text in page.figure.findobj(Text)]
+    return sorted({letter for text in texts for letter in text.get_text() if ord(letter) not in known} - {"\n"})
 
 
 # --- Columns of keys and facts ----------------------------------------------------------------------------------------

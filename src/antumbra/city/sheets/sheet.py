@@ -13,9 +13,10 @@ from ...engine.scene import AnyScene
 from ...scene.units import METRE, LengthUnit
 from ...sun.location import Place
 from ...sun.sun_positions import suns_of, times_of, zone_of
+from ..sensors.point_checks import tell
 from .map_frame import Extent, MapFit, fit_map
 from .method_facts import day_of, method_facts, minutes_text, place_in_about, source_facts
-from .page import FAINT, Column, Layout, Page, Rect, fonts, layout_of, save_pages
+from .page import FAINT, Column, Layout, Page, Rect, fonts, layout_of, missing_letters, save_pages
 from .sheet_options import Sheet
 from .sheet_tables import SheetTable, cell_text, table_pages
 from .sun_paths import SEASONS, SunPath, draw_paths, polar_axes
@@ -23,6 +24,7 @@ from .sun_paths import SEASONS, SunPath, draw_paths, polar_axes
 _DIAGRAM = 100.0  # millimetres: largest diagram of the sun on the page of the method
 _SAME_PATH = 4  # days
 _MOST_SUNS = 400  # listed
+_MOST_LETTERS = 8  # without a font, named
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,9 @@ def save_report(path: Path, report: Report, sheet: Sheet) -> None:
     """Write the sheet of a report; .svg and .png hold the map alone."""
     with fonts():
         pages = report_pages(report, sheet, path.suffix.lower() == ".pdf")
+        if missing := missing_letters(pages):
+            letters = f"{' '.join(missing[:_MOST_LETTERS])}{' ...' if len(missing) > _MOST_LETTERS else ''}"
+            tell([f"{path.name}: no font has the letters {letters}, which are boxes; install Noto Sans CJK, say"])
         save_pages(path, pages, sheet.title or report.heading, sheet.author)
 
 
