@@ -147,7 +147,7 @@ def _heights(scene: AnyScene, plan: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def shaded(heights: NDArray[np.float64], wide: float, high: float) -> NDArray[np.float64]:
-    """The shade of heights, (rows, columns) from the north, of cells of a width and a height [Horn 1981].
+    """The shade of heights, (rows, columns) from the north, of cells of a width and a height.
 
     A horizontal surface has the same shade everywhere. Gentle hills are raised, so that they show. Beside surfaces,
     slopes are taken as level.
