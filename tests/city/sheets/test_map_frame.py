@@ -33,7 +33,7 @@ def test_round_scales_are_the_next_of_their_rulers(least):
 
 
 def test_scales_of_rulers():
-    assert [round_scale(n, METRE) for n in (99, 100, 101, 400, 510, 751)] == [100, 100, 125, 400, 750, 1000]
+    assert [round_scale(n, METRE) for n in (99, 100, 101, 400, 510, 751)] == [100, 100, 125, 400, 600, 1000]
     assert [round_scale(n, FOOT) for n in (100, 121, 480, 500, 721, 961)] == [120, 240, 480, 600, 960, 1200]
     fit = fit_map(Extent(0, 0, 300, 200), FOOT, at.Sheet(scale=600))
     assert fit.text(FOOT) == "1:600 (1 in = 50 ft)" and fit.text(METRE) == "1:600"

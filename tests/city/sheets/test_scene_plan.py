@@ -88,6 +88,14 @@ def test_hillshades_of_a_quarter_turn_have_the_light_of_the_map():
     assert shades == pytest.approx([east @ light, north @ light], abs=1e-4)
 
 
+def test_the_outer_half_of_cells_has_the_shade_of_its_surface():
+    dem = np.add.outer(np.zeros(9), 0.8 * np.arange(9.0))
+    scene = at.from_raster((dem, (1.0, 0.0, 0.0, 0.0, -1.0, 9.0), "EPSG:28992"))
+    shade = hillshade(scene, Extent(-3, 0, 9, 9), 120, 90)
+    assert np.isnan(shade[:, :30]).all() and np.isfinite(shade[:, 30:]).all()
+    assert shade[:, 40:110] == pytest.approx(np.full((90, 70), shade[45, 70]), abs=1e-6)
+
+
 def test_gentle_hills_are_raised_and_level_ground_keeps_its_colour():
     gentle = 0.01 * np.add.outer(np.zeros(8), np.sin(np.arange(8.0)))
     assert np.ptp(shaded(gentle, 1.0, 1.0)) > 0.02

@@ -18,7 +18,7 @@ from .sheet_options import PAPERS, Sheet
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-METRIC = 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.5
+METRIC = 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5
 """Times powers of ten: the round N of metric maps, as on scale rulers."""
 
 FEET = 1.2, 2.4, 3.6, 4.8, 6.0, 7.2, 9.6

@@ -139,7 +139,10 @@ def hillshade(scene: AnyScene, extent: Extent, columns: int, rows: int) -> NDArr
 def _heights(scene: AnyScene, plan: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) float64: the height of the highest surface at each position; NaN: none."""
     if (terrain := scene.data.terrain) is not None:
-        return np.asarray(terrain.at(plan), np.float64)
+        cells, last = terrain.grid.cells_of(plan), np.array(terrain.heights.shape[::-1]) - 1
+        within = ((cells >= -0.5) & (cells <= last + 0.5)).all(1)  # the surface ends in the centres of the outer cells
+        column, row = np.clip(cells, 0, last).T
+        return np.where(within, terrain.at_cells(column, row), np.nan)
     zeros = np.zeros(len(plan))
     points = np.stack([plan[:, 0], zeros, -plan[:, 1]] if scene.up == "y" else [*plan.T, zeros], 1)
     tops, faces = on_top(scene, points)
