@@ -93,7 +93,8 @@ def test_the_pages_of_windows_say_all_that_a_reader_asks(tmp_path):
     asked = words(method)
     for text in ("EN 17037:2018, level minimum", "At least 1.5 hours.", "The sky is clear.", "24 above the horizon",
                  "30 minutes", "12 (points)", "Solar Position Algorithm", "52.00000", "Europe/Amsterdam",
-                 "sun on 21 March 2026", "sun on 21 June", "the time zone is unusual", "1:600, of the coordinates"):  # fmt: skip
+                 "sun on 21 March 2026", "sun on 21 June", "the time zone is unusual",
+                 "1:600, of the coordinates"):  # fmt: skip
         assert text in asked, text
     times = at.times_of([date(2026, 3, 21)], ZoneInfo("Europe/Amsterdam"), 30)
     expected = at.suns_of(at.Place(52.0, 4.36), times, "z")
