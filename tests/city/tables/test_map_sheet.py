@@ -47,6 +47,9 @@ def test_scales_of_classes_whole_numbers_and_nothing():
     classes = map_scale(np.array([True, False]), known([0, 0]))
     assert [(each.value, each.name) for each in classes.classes] == [(0.0, "no"), (1.0, "yes")]
     assert len(set(map(tuple, classes.colours(np.array([0.0, 1.0])).tolist()))) == 2
+    for name in "passes", "vsc_passes", "vsc_passes_before":
+        verdicts = map_scale(np.array([True, False]), known([0, 0]), name=name)
+        assert [each.name for each in verdicts.classes] == ["fails", "passes"] and verdicts.class_type == "bool"
     whole = map_scale(np.array([0, 3]), known([0, 0]))
     assert whole.whole and whole.ticks() == [0.0, 1.0, 2.0, 3.0]
     outlier = map_scale(np.r_[np.zeros(999), 17.0], known(np.zeros(1000)))

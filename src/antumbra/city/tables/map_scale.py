@@ -93,12 +93,13 @@ def map_scale(
     """The scale of a column.
 
     known : (n,) bool: the values that count
-    name : of the column; one that ends in ``passes`` holds verdicts, and one that ends in ``_loss`` losses
+    name : of the column; one that ends in ``passes`` or ``passes_before`` holds verdicts, and in ``_loss`` losses
     yes_or_no : whether whole numbers are 0 or 1, for no and yes
     """
     if values.dtype.kind == "b" or yes_or_no:
-        verdict = name.endswith(_VERDICT)
-        names = _NAMES.get(_VERDICT if verdict else name, ("no", "yes"))
+        now = name.removesuffix("_before")
+        verdict = now.endswith(_VERDICT)
+        names = _NAMES.get(_VERDICT if verdict else now, ("no", "yes"))
         colours = _FAILS_PASSES if verdict else _YES_NO
         classes = tuple(MapClass(float(k), names[k], colours[k]) for k in (0, 1))
         return MapScale(0.0, 1.0, classes, True, "", "bool" if values.dtype.kind == "b" else "integer")

@@ -51,7 +51,7 @@ def _rows(table: Any) -> SheetTable:
 
 def _cell(name: str, value: Any) -> str:
     """The text of a value; positions with centimetres, verdicts in words."""
-    if isinstance(value, bool) and name.endswith("passes"):
+    if isinstance(value, bool) and name.removesuffix("_before").endswith("passes"):
         return "passes" if value else "fails"
     if name in "xyz" and isinstance(value, float):
         return f"{value:.2f}"
