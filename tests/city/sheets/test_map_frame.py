@@ -58,7 +58,7 @@ def test_the_frame_is_exactly_the_extent_at_the_scale(paper, orientation, unit):
 
 
 def test_the_extent_of_a_sheet_is_shown_whole():
-    fit = fit_map(Extent(0, 0, 1, 1), METRE, at.Sheet(extent=[10, 20, 60, 50], scale=500))
+    fit = fit_map(Extent(0, 0, 11, 21), METRE, at.Sheet(extent=[10, 20, 60, 50], scale=500))
     assert (
         fit.extent.west < 10 and fit.extent.east > 60 and (fit.extent.west + fit.extent.east) / 2 == pytest.approx(35)
     )

@@ -195,6 +195,10 @@ def test_a_viewshed_has_two_classes_over_a_hillshade():
     "fields, message",
     [
         ({"scale": "1:100"}, r"scale: 1:100 does not fit on A4; the extent of 51\.\d+ x 2\.\d+ m needs 1:300, or A3"),
+        (
+            {"extent": [500, 0, 600, 90]},
+            r"extent: nothing of the result lies in 500,0,600,90; it lies in -51\.67,-17\.85,",
+        ),
         ({"labels": "idd"}, "labels: there is no column 'idd'; did you mean 'id'?"),
         (
             {"project": "W" * 290, "author": "W" * 9},

@@ -56,6 +56,15 @@ class Extent(NamedTuple):
         low = max(self.west, other.west), max(self.south, other.south)
         return Extent(*low, max(min(self.east, other.east), low[0]), max(min(self.north, other.north), low[1]))
 
+    def meets(self, other: "Extent") -> bool:
+        """Whether these bounds and others have a point in common."""
+        across = self.west <= other.east and other.west <= self.east
+        return across and self.south <= other.north and other.south <= self.north
+
+    def text(self) -> str:
+        """The bounds as the option --sheet takes them."""
+        return ",".join(f"{round(value, 2):.12g}" for value in self)
+
     def joined(self, other: "Extent") -> "Extent":
         """The bounds of both."""
         west, south = min(self.west, other.west), min(self.south, other.south)
@@ -108,10 +117,14 @@ def fit_map(extent: Extent, unit: LengthUnit, sheet: Sheet, margin: float = 2.0)
     Raises
     ------
     InputError
-        If the map does not fit at the sheet's scale; the message has the scales at which it fits.
+        If the map does not fit at the sheet's scale; the message has the scales at which it fits. Or if nothing of it
+        lies in the sheet's extent.
     """
     if sheet.extent is not None:
-        extent, margin = Extent(*sheet.extent), 0.0
+        chosen = Extent(*sheet.extent)
+        if not chosen.meets(extent):
+            raise InputError(f"extent: nothing of the result lies in {chosen.text()}; it lies in {extent.text()}")
+        extent, margin = chosen, 0.0
     least = {landscape: _least(extent, unit, layout_of(sheet.paper, landscape).map, margin)
              for landscape in _orientations(sheet)}  # fmt: skip
     landscape = min(least, key=least.__getitem__)
