@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .city.sensors.surface_grid import grid_sensors
     from .city.shadow.shadow import shadow
     from .city.shadow.shadow_polygons import Shadow
+    from .city.sheets.sheet_options import Sheet
     from .city.sight.line_points import LinePoints, points_along
     from .city.sight.sightlines import Sightlines, line_of_sight
     from .city.sight.targets import Turbine, polygon_points, surface_points, visible_share
@@ -104,6 +105,7 @@ __all__ = [
     "Scene",
     "Sensors",
     "Shadow",
+    "Sheet",
     "Sightlines",
     "Sky",
     "Skyline",
@@ -197,6 +199,7 @@ _HOME = {
     "Scene": "engine.scene",
     "Sensors": "city.sensors.sensors",
     "Shadow": "city.shadow.shadow_polygons",
+    "Sheet": "city.sheets.sheet_options",
     "Sightlines": "city.sight.sightlines",
     "Sky": "scene.sky",
     "Skyline": "city.skyline.skyline",

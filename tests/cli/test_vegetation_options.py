@@ -132,7 +132,7 @@ def test_map_sheets_of_viewsheds(cli, plot):
     pytest.importorskip("matplotlib")
     ask = "viewshed", SCENE, "--up", "z", "--sensors", "raster:4", "--observer", "0,0,3"
     assert cli(*ask, "--map", "seen.svg", "--json").json()["outputs"] == ["seen.svg"]
-    assert "observers that see it" in (plot / "seen.svg").read_text().lower()
+    assert "what the observer sees" in (plot / "seen.svg").read_text().lower()
     assert cli(*ask, "--map", "seen.jpg").code == 2
 
 

@@ -195,6 +195,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "Scene.from_instances": ex(at.Scene.from_instances, meshes=[CORNERS], transforms=[np.eye(4)[None]]),
         "Scene.from_mesh": ex(at.Scene.from_mesh, mesh=Mesh()),
         "PagedScene": ex(at.PagedScene, store=store.store),
+        "Sheet": ex(at.Sheet, project="a", scale=500.0, extent=[0.0, 0.0, 9.0, 9.0]),
         "Sensors": ex(at.Sensors, points=points, normals=up, areas=[1.0, 2.0], faces=[0, 1], kind="points"),
         "Sensors.part": ex(sensors.part, first=0, last=1),
         "Sensors.on_raster": ex(at.raster_sensors(own, 9.0).on_raster, values=[1.0]),

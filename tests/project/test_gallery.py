@@ -13,7 +13,7 @@ gallery = tool(ROOT / "scripts" / "gallery.py")
 pages = tool(ROOT / "scripts" / "pages.py")
 PROGRAMS = {program.name: program for program in gallery.programs()}
 NEEDS = {"sun_hours": "pvlib", "sun_city": "pvlib", "day": "pvlib"}
-NEEDS |= {"ray_hierarchy": "matplotlib"}
+NEEDS |= {"ray_hierarchy": "matplotlib", "map_sheet": "matplotlib"}
 
 
 @pytest.mark.programs

@@ -20,8 +20,11 @@ VEGETATION_FILE = "antumbra.city.vegetation.vegetation_table:checked_vegetation_
 POINTS_OF_FILE = "antumbra.city.sensors.sensor_files:points_of_file"
 """The function that reads the points that an option names."""
 
-CHECK_MAP = "antumbra.city.tables.map_page:check_map"
+CHECK_MAP = "antumbra.city.sheets.page:check_map"
 """The function that checks the path of a map."""
+
+PARSE_SHEET = "antumbra.city.sheets.sheet_options:parse_sheet"
+"""The function that makes the options of a map sheet from texts."""
 
 SWEEP_SAH, TL_LBVH = "antumbra.lab.builders.sweep_sah:build", "antumbra.lab.builders.tl_lbvh:build"
 """Builders."""

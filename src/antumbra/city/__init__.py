@@ -7,6 +7,7 @@
 - `view_factors/`: view factors between surfaces
 - `vegetation/`: plants as closed crowns that let a share of the light pass
 - `sensors/`: sample points with normals and areas
+- `sheets/`: pages for reports: maps, tables, method and sources
 - `tables/`: results with units, their files, maps and pictures
 - `gis/`: rasters of heights, footprints and maps
 - `cityjson/`: CityJSON and CityJSONSeq

@@ -43,6 +43,13 @@ class SensorStudy(StudyCommand[_Options, _Result]):
 
         writer_of(path, kind_of(self.sensor_form))
 
+    def check_sheet(self, sheet: Any, scenes: Scenes) -> None:
+        from .tables.map_sheet import check_scale
+
+        if sheet.scale is not None and getattr(self, "areas", None) is None:  # else the cells are those of the areas
+            grouped = getattr(self.options, "per", "sensor") != "sensor"
+            check_scale(scenes.sensors(self.sensor_form, self.threads), scenes.planted, sheet, grouped)
+
     def writers(self, result: _Result, scenes: Scenes) -> Writers:
         table, column = self.table_of(result), getattr(self, "column", None)
         return {"output": partial(table.save, column=column), "map": partial(table.save_map, column=column)}

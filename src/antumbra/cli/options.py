@@ -477,6 +477,16 @@ MapOption = Annotated[
         callback=writes(".pdf", ".svg", ".png"),
     ),
 ]
+SheetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--sheet",
+        help="A field of the map sheet; may be repeated: title, project, author, date, licence, paper=a3, "
+        "orientation=portrait, scale=1:500, extent=W,S,E,N, labels=COLUMN, pages=map,table,method,sources.",
+        metavar="FIELD=VALUE",
+        show_default=False,
+    ),
+]
 ColumnOption = Annotated[
     str | None,
     typer.Option(help="Column shown in pictures and models.  [default: the first]", show_default=False),

@@ -13,6 +13,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeAlias, TypeVar
 
 from ..base import wings
+from ..base.errors import InputError
 from ..base.option_fields import field_values
 from ..work.result_summary import Summary, duration
 from . import console
@@ -31,8 +32,8 @@ _Options = TypeVar("_Options")
 _Result = TypeVar("_Result")
 _T = TypeVar("_T")
 
-Writers: TypeAlias = Mapping[str, Callable[[Path], object]]
-"""Name of a field that names files -> what writes one of them, in the order of writing."""
+Writers: TypeAlias = Mapping[str, Callable[..., object]]
+"""Name of a field that names files -> what writes one of them, in the order of writing; of "map", with its `sheet`."""
 
 # --- Runs -------------------------------------------------------------------------------------------------------------
 
@@ -144,6 +145,9 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
     def check_output(self, path: Path) -> None:
         """Raise an InputError if this file of `output` cannot hold the result."""
 
+    def check_sheet(self, sheet: Any, scenes: Scenes) -> None:
+        """Raise an InputError, before the work, if the map is known not to fit on its sheet."""
+
     def default_output(self) -> str | None:
         """The name of the file that is written if neither `output` nor `map` names one."""
         return None
@@ -199,19 +203,20 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         """Run the command and return its exit code."""
         spec, trees = self.spec, self.tree_spec
         self.check()
-        for path in self.paths("map"):
-            wings.named(wings.CHECK_MAP)(path)
+        sheet = self._sheet()
         for path in self.paths("output"):
             self.check_output(path)
         executor = self._executor()
         with StudyRun(self) as run:
             scenes = run.open(spec, trees, self.needs_memory)
+            if sheet is not None:
+                self.check_sheet(sheet, scenes)
             result = run.timed(self.work(scenes, executor))
             if result is None:
                 return report_shard(executor, self, run.seconds)
             self.describe(result, scenes)
             for name, write in self.writers(result, scenes).items():
-                run.save(write, self.paths(name))
+                run.save(partial(write, sheet=sheet) if name == "map" else write, self.paths(name))
         return self.report(run, result, scenes)
 
     def report(self, run: StudyRun, result: _Result, scenes: Scenes) -> int:
@@ -221,6 +226,30 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         summary, up = self.summary(result, scenes, run.seconds), scenes.bare.up
         named = summary._replace(values=summary.values | {"up": up}, lines=[*summary.lines, ("up", f"{up} axis")])
         return run.report(named, self.files)
+
+    def _sheet(self) -> Any:
+        """The options of the map sheet, checked, with the input files as its sources; None: there is no map."""
+        texts, maps = getattr(self, "sheet", None), self.paths("map")
+        if texts and not maps:
+            raise InputError("--sheet is for map sheets; give --map FILE, too")
+        if not maps:
+            return None
+        for path in maps:
+            wings.named(wings.CHECK_MAP)(path)
+        sheet = wings.named(wings.PARSE_SHEET)(texts or [])
+        return replace(sheet, sources=tuple(dict.fromkeys((*self._input_files(), *sheet.sources))))
+
+    def _input_files(self) -> list[Path]:
+        """The files that the arguments name, apart from outputs."""
+        from ..cluster.node_files import INPUTS, files_in
+
+        given = vars(self) | field_values(self.options)
+        left_out = {*outputs_of(type(self)), "merge"}
+        names = [
+            name for name in given if name not in left_out and (name in (*INPUTS, "add") or _has_path(given[name]))
+        ]
+        scene = [] if self.spec.path is None else [self.spec.path]
+        return list({path.resolve(): path for path in (*scene, *files_in(given, names).values())}.values())
 
     def _executor(self) -> "Executor | None":
         """The executor that --shard, --ray or --merge names; shards lie beside the first output."""
@@ -241,6 +270,11 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         given: Any = self.options
         of_node = {"threads": self.threads or threads} | with_files(field_values(given), paths)
         return replace(for_node(self, paths), quiet=True, options=replace(given, **of_node))
+
+
+def _has_path(value: object) -> bool:
+    """Whether a value is a path, or a list with one."""
+    return any(isinstance(each, Path) for each in (value if isinstance(value, list) else [value]))
 
 
 def start_on_node(command: StudyCommand[Any, Any], paths: dict[str, str], threads: int, executor: "Executor") -> None:

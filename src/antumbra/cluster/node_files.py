@@ -8,7 +8,7 @@ import os
 import platform
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -139,9 +139,12 @@ INPUTS = "scene", "terrain", "sensors", "targets", "areas", "epw", "sky", "trees
 """Arguments of work, on the command line or in Python, that may name an input file or folder."""
 
 
-def files_in(named: Mapping[str, Any]) -> dict[str, Path]:
-    """Argument -> the existing file or folder that it names; those of a list are numbered: "terrain 0"."""
-    paths = {key: _path_in(each) for name in INPUTS for key, each in _numbered(name, named.get(name))}
+def files_in(named: Mapping[str, Any], names: Iterable[str] = INPUTS) -> dict[str, Path]:
+    """Argument -> the existing file or folder that it names; those of a list are numbered: "terrain 0".
+
+    names : of the arguments that may name files
+    """
+    paths = {key: _path_in(each) for name in names for key, each in _numbered(name, named.get(name))}
     return {key: Path(path) for key, path in paths.items() if path and Path(path).exists()}
 
 

@@ -4,17 +4,14 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.city.shadow.shadow_map import shadow_facts, shadow_figure
+from antumbra.city.shadow.shadow_map import shadow_facts, shadow_report
+from sheet_pages import map_of, texts
 
 pytest.importorskip("matplotlib")
 shapely = pytest.importorskip("shapely", reason="shadows need antumbra[gis]: NOT checked")
 
 DELFT = at.Place(52.0, 4.36, north=20.0, timezone="Europe/Amsterdam")
 NOON = "2026-06-21T13:40"
-
-
-def texts(figure):
-    return [each.get_text() for each in figure.texts]
 
 
 def ring(up="z"):
@@ -29,7 +26,9 @@ def ring(up="z"):
 def drawn_area(figure):
     """The area of the polygons of a map, with the signs of their rings."""
     area = 0.0
-    for collection in figure.axes[0].collections[:-1]:
+    for collection in figure.axes[0].collections:
+        if type(collection).__name__ != "PathCollection":
+            continue
         for path in collection.get_paths():
             for part in path.to_polygons():
                 area += abs_area(part) * (1 if clockwise(part) else -1)
@@ -50,9 +49,9 @@ def clockwise(part):
 def test_the_shadow_of_a_frame_has_its_hole(up):
     shadow = at.shadow(ring(up), at=NOON, place=DELFT, plane=0.0)
     assert shadow.area == pytest.approx(100 - 16) and len(shadow.polygons[0].interiors) == 1
-    figure = shadow_figure(shadow)
+    figure = map_of(shadow_report(shadow))
     assert drawn_area(figure) == pytest.approx(shadow.area)
-    assert {"Shadow", f"shadow   {shadow.area:,.1f}", "casts it"} <= set(texts(figure))
+    assert {"Shadow", "shadow: 84 m²", "casts it"} <= set(texts(figure))
     assert shadow.casters.shape == (8, 3, 2)
     west, east = figure.axes[0].get_xlim()
     low, _, high, _ = shapely.total_bounds(shadow.polygons)
@@ -67,18 +66,19 @@ def test_the_shadow_of_a_frame_has_its_hole(up):
 
 def test_classes_of_hours_and_their_areas():
     shadow = at.shadow(ring(), days="2026-06-21", cell=2.0, step=60, place=DELFT, classes=[0, 1, 3])
-    figure = shadow_figure(shadow, "Hours below a frame")
+    figure = map_of(shadow_report(shadow), title="Hours below a frame")
     assert shadow.casters is None and len(shadow.polygons) >= 2
-    words = set(texts(figure))
+    found = set(texts(figure))
     for low, area in zip(shadow.columns["hours_from"], shadow.columns["area"]):
-        assert any(word.startswith(f"{low:g} to ") and word.endswith(f"   {area:,.1f}") for word in words)
-    assert {"Hours below a frame", "days", "falls on", "cells of 2"} <= words
-    assert figure.axes[0].get_xlim() == (-30, 30)
+        assert any(word.startswith(f"{low:g} to ") and word.endswith(f": {area:,.4g} m²") for word in found)
+    assert {"Hours below a frame", "days", "falls on", "cells of 2 m"} <= found
+    west, east = figure.axes[0].get_xlim()
+    assert west < -30 and east > 30 and west + east == pytest.approx(0.0)
 
 
 def test_a_map_without_a_shadow():
     shadow = at.shadow(ring(), at=NOON, place=DELFT, plane=6.0)
-    assert "shadow   0.0" in texts(shadow_figure(shadow))
+    assert "shadow: 0 m²" in texts(map_of(shadow_report(shadow)))
 
 
 @pytest.mark.parametrize("suffix", [".pdf", ".svg", ".png"])

@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.city.skyline.horizon_diagram import horizon_facts, horizon_figure, sun_path
+from antumbra.city.sheets.sun_paths import sun_path
+from antumbra.city.skyline.horizon_diagram import horizon_facts, horizon_report
+from sheet_pages import map_of, texts
 
 pytest.importorskip("matplotlib")
 
 DELFT = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
-
-
-def texts(figure):
-    return [each.get_text() for each in figure.texts]
 
 
 def wall():
@@ -26,7 +24,7 @@ def wall():
 
 def test_a_diagram_has_the_elevations_as_bars():
     skyline = at.skyline(wall(), [[0.0, 0, 0], [0, 9, 0]], step=45.0)
-    figure = horizon_figure(skyline, 0, None, "To the north")
+    figure = map_of(horizon_report(skyline, 0, None), title="To the north")
     bars = [patch for patch in figure.axes[0].patches]
     assert len(bars) == 16
     along = np.array([bar.get_height() for bar in bars[8:]])
@@ -42,7 +40,7 @@ def test_a_diagram_has_the_elevations_as_bars():
     assert "To the north" in texts(figure) and not any("sun on" in word for word in texts(figure))
     facts = dict(horizon_facts(skyline, 0, None))
     assert facts["highest"] == "45.00 degrees, towards 0" and facts["point"] == "0, 0, 0"
-    assert "sun on 21 June" in texts(horizon_figure(skyline, 1, DELFT))
+    assert "sun on 21 June" in texts(map_of(horizon_report(skyline, 1, DELFT)))
 
 
 def test_paths_of_the_sun():

@@ -100,3 +100,19 @@ def test_scales():
     assert column_scale(np.array([np.nan, 1.0]), np.array([False, True])).ticks[-1] >= 1.0
     values, known = column_values(table(), "count")
     assert known.tolist() == [False, True, True, True] and values[1] == 0.0
+
+
+def test_pictures_of_losses_tell_gains_from_none(tmp_path):
+    made = table("raster")
+    losses = np.zeros(len(made))
+    losses[made.sensors.covered] = np.linspace(-2.0, 6.0, made.sensors.covered.sum())
+    made.columns["hours_loss"] = Column(losses, "h", "hours lost")
+    scale = column_scale(losses, made.sensors.covered, "hours_loss")
+    gain, none, loss = scale.colours(np.array([-2.0, 0.0, 2.0]), np.ones(3, bool)).astype(int)
+    assert np.ptp(none) <= 5 and gain[2] > gain[0] + 20 and loss[0] > loss[2] + 20
+    bar = scale.bar("loss")
+    assert bar.ticks[0] == (0.0, "-2") and bar.ticks[-1] == (1.0, "6") and (0.25, "0") in bar.ticks
+    assert bar.colours[0].tolist() == gain.tolist()
+    drawn = picture(made, tmp_path, "hours_loss")
+    assert (drawn == gain).all(-1).any()
+    made.save(tmp_path / "a.glb", "hours_loss")

@@ -9,24 +9,18 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import antumbra as at
-from antumbra.city.tables.map_page import round_length
+from antumbra.city.sheets.map_frame import Extent, round_length
+from antumbra.city.tables.map_legend import facts_of
 from antumbra.city.tables.map_scale import map_scale
-from antumbra.city.tables.map_sheet import facts_of, map_figure, plan_positions, smooth_cells
+from antumbra.city.tables.map_sheet import cells_in, smooth_cells
 from antumbra.city.tables.result_table import Column, Table
 from result_tables import hill, table
+from sheet_pages import table_map, texts
 from strength import examples
 
 pytest.importorskip("matplotlib")
 
 DELFT = at.Place(52.0, 4.36, north=20.0, timezone="Europe/Amsterdam")
-
-
-def texts(figure):
-    """All texts of a sheet, with those of the ticks."""
-    there = [each.get_text() for each in figure.texts]
-    for axes in figure.axes:
-        there += [each.get_text() for each in (*axes.texts, *axes.get_xticklabels())]
-    return there
 
 
 def known(values):
@@ -53,6 +47,9 @@ def test_scales_of_classes_whole_numbers_and_nothing():
     classes = map_scale(np.array([True, False]), known([0, 0]))
     assert [(each.value, each.name) for each in classes.classes] == [(0.0, "no"), (1.0, "yes")]
     assert len(set(map(tuple, classes.colours(np.array([0.0, 1.0])).tolist()))) == 2
+    for name in "passes", "vsc_passes", "vsc_passes_before":
+        verdicts = map_scale(np.array([True, False]), known([0, 0]), name=name)
+        assert [each.name for each in verdicts.classes] == ["fails", "passes"] and verdicts.class_type == "bool"
     whole = map_scale(np.array([0, 3]), known([0, 0]))
     assert whole.whole and whole.ticks() == [0.0, 1.0, 2.0, 3.0]
     outlier = map_scale(np.r_[np.zeros(999), 17.0], known(np.zeros(1000)))
@@ -88,6 +85,25 @@ def test_smooth_cells_have_the_values_of_cells_at_their_centres_and_are_linear()
     assert np.allclose(np.diff(smooth[1:-1], axis=0), 1 / 3) and np.allclose(np.diff(smooth[:, 1:-1], axis=1), 10 / 3)
 
 
+@pytest.mark.parametrize(
+    "cells, bounds", [((7, 9), (0, 0, 9, 7)), ((7, 9), (2.5, 1.5, 6.2, 4.0)), ((6500, 40), (0, 0, 40, 6500))]
+)
+def test_cells_of_a_map_lie_where_they_are(cells, bounds):
+    rows, columns = cells
+    raster = at.Raster(100.0, 200.0, 2.0, columns, rows)
+    values = np.add.outer(1000.0 * np.arange(rows), np.arange(columns))
+    west, south, east, north = bounds
+    wanted = Extent(100.0 + 2 * west, 200.0 - 2 * north, 100.0 + 2 * east, 200.0 - 2 * south)
+    some, extent = cells_in(values, raster, wanted)
+    assert max(some.shape) <= 3000 and extent.width / some.shape[1] == extent.height / some.shape[0]
+    side, (row, column) = extent.width / some.shape[1], np.indices(some.shape)
+    at_centre = np.stack([extent.west + (column + 0.5) * side, extent.north - (row + 0.5) * side])
+    inside = np.floor((200.0 - at_centre[1]) / 2.0) * 1000.0 + np.floor((at_centre[0] - 100.0) / 2.0)
+    assert (some == inside).all()
+    assert extent.west <= wanted.west and extent.north >= wanted.north and extent.east > wanted.east - side
+    assert cells_in(values, raster, Extent(0.0, 0.0, 50.0, 50.0))[0].size == 0
+
+
 # --- Sheets -----------------------------------------------------------------------------------------------------------
 
 
@@ -95,7 +111,7 @@ def test_a_sheet_has_all_its_parts():
     scene = at.Scene.from_arrays([[[0.0, 0, 0], [60, 0, 0], [0, 0, -60]]], name="plot")
     made = at.sun_hours(scene, "raster:10", rule="br209-windows", place=DELFT, step=60)
     made.about["crs"], made.about["trees"] = "EPSG:28992", "trees.gpkg"
-    figure = map_figure(made, "sun_hours")
+    figure = table_map(made, "sun_hours")
     words = texts(figure)
     most = made["sun_hours"].max()
     assert "Hours of direct sun" in words and "sun_hours [h]" in words and "N" in words and "grid" not in words
@@ -103,12 +119,13 @@ def test_a_sheet_has_all_its_parts():
     facts = dict(facts_of(made))
     assert facts["scene"] == "plot" and facts["rule"].startswith("br209-windows: ") and "BR 209" in facts["rule"]
     assert facts["dates"] == "2025-01-01 09:30 to 2025-12-31 16:30" and "52.00000, 4.36000" in facts["place"]
-    assert facts["reference system"] == "EPSG:28992" and facts["trees"] == "trees.gpkg"
+    assert facts["reference system"] == "EPSG:28992, Amersfoort / RD New" and facts["trees"] == "trees.gpkg"
     assert facts["sensors"] == "36 (raster, cells of 10 m)"
-    passes = texts(map_figure(made, "passes", "My title"))
+    passes = texts(table_map(made, "passes", title="My title"))
     assert "My title" in passes
     share = made["passes"][made.sensors.covered].mean()
-    assert f"yes   {share:.1%} of the sensors" in passes and f"no   {1 - share:.1%} of the sensors" in passes
+    passes = " ".join(passes)
+    assert f"passes: {share:.1%} of the cells" in passes and f"fails: {1 - share:.1%} of the cells" in passes
     assert "no value" in passes and not made.sensors.covered.all()
 
 
@@ -126,21 +143,25 @@ def test_areas_and_observers_are_facts():
 @pytest.mark.parametrize("column", ["hours", "count"])
 def test_all_kinds_of_sensors(kind, column):
     made = table(kind)
-    figure = map_figure(made, column)
-    words = texts(figure)
-    assert "grid" in words and f"{np.nanmax(made[column]):.4g}" in words
+    figure = table_map(made, column)
+    found = texts(figure)
+    most = f"{np.nanmax(made[column]):.4g}"
+    assert "grid" in found and any(text == most or text.startswith(f"{most}: ") for text in found)
     west, east = figure.axes[0].get_xlim()
-    assert west <= made.sensors.points[:, 0].min() and east >= made.sensors.points[:, 0].max()
+    shown = made.sensors.points[made.sensors.covered, 0]
+    assert west <= shown.min() and east >= shown.max()
 
 
-def test_maps_of_y_up_scenes_have_north_up():
-    for up in "y", "z":
-        scene = hill(up)
-        made = Table(at.face_sensors(scene), {"a": Column(np.arange(4.0), "", "a")}, {}, scene, marks=[[1.0, 2.0, 3.0]])
-        plan = plan_positions(made, np.array([[1.0, 2.0, 3.0]]))
-        assert plan.tolist() == ([[1.0, 2.0]] if up == "z" else [[1.0, -3.0]])
-        south, north = map_figure(made, "a").axes[0].get_ylim()
-        assert np.allclose([south, north], [-0.3, 10.3])
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_maps_of_y_up_scenes_have_north_up(up):
+    scene = hill(up)
+    made = Table(at.face_sensors(scene), {"a": Column(np.arange(4.0), "", "a")}, {}, scene, marks=[[1.0, 2.0, 3.0]])
+    axes = table_map(made, "a").axes[0]
+    mark = next(each for each in axes.collections if type(each).__name__ == "PathCollection")
+    assert mark.get_offsets().tolist() == ([[1.0, 2.0]] if up == "z" else [[1.0, -3.0]])
+    south, north = axes.get_ylim()
+    low = 0.0 if up == "z" else -3.0  # the mark lies beside the hill
+    assert south < low and north > 10.0 and (south + north) / 2 == pytest.approx((low + 10.0) / 2)
 
 
 @given(width=st.floats(1e-3, 1e7))
@@ -154,7 +175,7 @@ def test_scale_bars_are_round_and_at_most_a_quarter(width):
 def test_scale_bars_name_the_unit_of_the_scene(unit, cell, bar):
     ground = np.array([[[0.0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]]) * 40.0 * cell
     scene = at.Scene.from_arrays(ground, up="z", unit=unit)
-    found = texts(map_figure(at.sky_view(scene, f"raster:{cell:g}", directions=4), "sky_view"))
+    found = texts(table_map(at.sky_view(scene, f"raster:{cell:g}", directions=4), "sky_view"))
     assert bar in found and any(f"cells of {cell:g} {unit})" in text for text in found)
 
 

@@ -78,10 +78,10 @@ def test_yes_and_no_are_classes(tmp_path):
     renderer = root.find("pipe/rasterrenderer")
     assert (renderer.get("type"), renderer.get("band")) == ("paletted", "3")
     assert [(each.get("value"), each.get("label")) for each in renderer.iter("paletteEntry")] == [
-        ("0", "no"), ("1", "yes"),
+        ("0", "fails"), ("1", "passes"),
     ]  # fmt: skip
     kinds = [(each.get("value"), each.get("label")) for each in root.iter("category")]
-    assert kinds == [("false", "no"), ("true", "yes")]
+    assert kinds == [("false", "fails"), ("true", "passes")]
 
 
 def test_points_have_no_raster_style_and_files_without_a_crs_none(tmp_path):

@@ -261,4 +261,4 @@ def _shadow_of(
     polygons = np.empty(len(shapes), object)
     polygons[:] = shapes
     areas = np.array([shape.area for shape in shapes], np.float64) * scene.unit.square_metres
-    return Shadow(polygons, {**columns, "area": areas}, about, table)
+    return Shadow(polygons, {**columns, "area": areas}, about, table, scene=scene)

@@ -14,6 +14,7 @@ from ...cli.options import (
     MapOption,
     NorthOption,
     SceneArgument,
+    SheetOption,
     TimezoneOption,
     UpOption,
     position_of,
@@ -64,6 +65,7 @@ class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
     timezone: TimezoneOption = None
     output: Annotated[list[Path] | None, tables("Output file", "--output", "-o", suffixes=_SUFFIXES)] = None
     map: MapOption = None
+    sheet: SheetOption = None
     up: Annotated[UpOption, ListedBefore("threads")] = None
 
     files: ClassVar[str | None] = "files"

@@ -1,31 +1,27 @@
 """The map sheet of a shadow: its polygons, above the objects that cast it, and their areas."""
 
 from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ...base.extras import import_extra
-from ..tables.map_page import (
-    PICTURE,
-    TOP,
-    Extent,
-    draw_caption,
-    draw_facts,
-    draw_frame,
-    draw_key,
-    framed,
-    minutes_text,
-    new_page,
-    place_facts,
-)
+from ..sheets.map_frame import Extent, MapFit, bounds_of, draw_frame
+from ..sheets.method_facts import minutes_text, place_facts, unit_of
+from ..sheets.page import Column, Page
+from ..sheets.scene_plan import draw_outlines, outlines_of
+from ..sheets.sheet import Report
+from ..sheets.sheet_options import Sheet
+from ..sheets.sheet_tables import SheetTable, cell_text
+from ..sheets.units_text import area_text, area_unit
 from ..tables.map_scale import range_scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-_SHADOW, _CASTERS = "#3d4756", "#c9b79c"
+_SHADOW, _CASTERS = "#3d4756", "#d8c6a8"
+_MOST_ROWS = 1000
 
 
 class _Group(NamedTuple):
@@ -37,23 +33,42 @@ class _Group(NamedTuple):
     area: float  # m2
 
 
-def shadow_figure(shadow: Any, title: str | None = None) -> "Figure":
-    """The sheet of a `Shadow` as a figure of matplotlib."""
-    figure = new_page(title or ("Hours of shadow" if "days" in shadow.about else "Shadow"))
-    axes, groups = figure.add_axes(PICTURE), _groups(shadow)
+def shadow_report(shadow: Any) -> Report:
+    """The content of the sheet of a `Shadow`."""
+    about, margin = shadow.about, 2.0 if shadow.casters is None else 5.0
+    return Report(
+        "Hours of shadow" if "days" in about else "Shadow",
+        about,
+        partial(_draw_map, shadow),
+        _extent(shadow),
+        unit=unit_of(about),
+        margin=margin,
+        tables=lambda: [_table(shadow)],
+        counts=[("polygons", f"{len(shadow.polygons):,}")],
+        scene=shadow.scene,
+    )
+
+
+def _draw_map(shadow: Any, page: Page, fit: MapFit | None, sheet: Sheet) -> None:
+    assert fit is not None
+    axes, groups, unit = page.axes(fit.layout.map), _groups(shadow), unit_of(shadow.about)
     for group in groups:
         _draw_polygons(axes, group)
     if shadow.casters is not None:
         _draw_casters(axes, shadow.casters)
-    draw_frame(figure, axes, _extent(shadow), shadow.about)
-    draw_caption(figure, "area [m2]")
-    top = TOP
+    if shadow.scene is not None:
+        draw_outlines(axes, outlines_of(shadow.scene, fit.extent))
+    about = shadow.about
+    draw_frame(page, axes, fit, unit, float(about.get("north", 0.0)), "latitude" in about)
+    panel = Column(page, fit.layout.panel)
+    panel.lines(f"area [{area_unit(unit).name}²]", 10, weight="bold")
+    panel.gap(1.5)
     for group in groups:
-        top = draw_key(figure, group.colour, f"{group.name}   {group.area:,.1f}", top)
+        panel.key(group.colour, f"{group.name}: {area_text(group.area, unit)}")
     if shadow.casters is not None:
-        top = draw_key(figure, _CASTERS, "casts it", top)
-    draw_facts(figure, shadow_facts(shadow), top)
-    return figure
+        panel.key(_CASTERS, "casts it")
+    panel.next_part()
+    panel.facts(shadow_facts(shadow))
 
 
 def _groups(shadow: Any) -> list[_Group]:
@@ -104,12 +119,30 @@ def _extent(shadow: Any) -> Extent:
     corners = [np.empty((0, 2))] if shadow.casters is None else [shadow.casters.reshape(-1, 2)]
     if len(shadow.polygons):
         corners.append(import_extra("shapely", "a map sheet", "gis").get_coordinates(shadow.polygons))
-    return framed(np.concatenate(corners))
+    return bounds_of(np.concatenate(corners))
+
+
+def _table(shadow: Any) -> SheetTable:
+    """A row per polygon, with its area in the unit of the coordinates; the largest ones if they are very many."""
+    unit = area_unit(unit_of(shadow.about))
+    headers = [f"{name} ({unit.name}²)" if name == "area" else name.replace("_", " ") for name in shadow.columns]
+    columns = {
+        name: values / unit.square_metres if name == "area" else values for name, values in shadow.columns.items()
+    }
+    order = np.arange(len(shadow.polygons))
+    note = ""
+    if len(order) > _MOST_ROWS:
+        order = np.sort(np.argsort(-columns["area"], kind="stable")[:_MOST_ROWS])
+        note = f"The {_MOST_ROWS:,} largest of {len(shadow.polygons):,} polygons."
+    rows = [[str(k + 1), *(cell_text(values[k]) for values in columns.values())] for k in order.tolist()]
+    right = frozenset(k + 1 for k, values in enumerate(columns.values()) if values.dtype.kind in "fiu")
+    return SheetTable("Polygons", ["polygon", *headers], rows, right | {0}, note=note)
 
 
 def shadow_facts(shadow: Any) -> Iterator[tuple[str, str]]:
     """Yield names and texts: the scene, the moment or the days, the sun, where the shadow falls, and the place."""
     about = shadow.about
+    unit = unit_of(about).name
     yield "scene", about["scene"]
     if "days" in about:
         yield "days", f"{about['days']}, {about['hours']:,.4g} h of daylight"
@@ -117,7 +150,7 @@ def shadow_facts(shadow: Any) -> Iterator[tuple[str, str]]:
         yield "time", minutes_text(about["time"])
         yield "sun", f"azimuth {about['sun_azimuth']:.1f}, elevation {about['sun_elevation']:.1f} degrees"
     if "height" in about:
-        yield "falls on", f"a horizontal plane at a height of {about['height']:,.6g}"
+        yield "falls on", f"a horizontal plane at a height of {about['height']:,.6g} {unit}"
     elif about.get("cell"):
-        yield "falls on", f"cells of {about['cell']:g}"
+        yield "falls on", f"cells of {about['cell']:g} {unit}"
     yield from place_facts(about)

@@ -13,14 +13,17 @@ from numpy.typing import NDArray
 from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...base.files import atomic_output, checked_output
+from ...engine.scene import AnyScene
 from ...scene.crs import checked_crs
 from ...scene.raster import Raster
 from ...work.result_summary import Summary, SummaryTable, heading, text_of
-from ..tables.map_page import check_map, checked_title, save_page
+from ..sheets.page import check_map
+from ..sheets.sheet import save_report
+from ..sheets.sheet_options import Sheet, checked_sheet
 from ..tables.map_scale import range_scale
 from ..tables.qgis_style import VectorStyle, write_style
 from ..tables.result_table import Table, raster_style, undated
-from .shadow_map import shadow_figure
+from .shadow_map import shadow_report
 
 if TYPE_CHECKING:
     import geopandas
@@ -44,6 +47,7 @@ class Shadow(NamedTuple):
     about: dict[str, Any]  # metadata of the study, in JSON types, such as "time", "sun_azimuth", "sun_elevation", "crs"
     table: Table | None  # the cells, if the shadow lies on a raster
     casters: np.ndarray | None = None  # (f, 3, 2) float64: faces that cast a shadow on a plane, easting and northing
+    scene: AnyScene | None = None  # whose walls a map shows
 
     def __repr__(self) -> str:
         return f"Shadow({len(self.polygons)} polygons: {', '.join(self.columns)})"
@@ -119,27 +123,31 @@ class Shadow(NamedTuple):
         if frame.crs is not None:
             self._write_style(target)
 
-    def save_map(self, path: str | os.PathLike[str], *, title: str | None = None) -> None:
-        """Write a map sheet for a report: a page of A4 in PDF, SVG or PNG.
+    def save_map(self, path: str | os.PathLike[str], *, title: str | None = None, sheet: Sheet | None = None) -> None:
+        """Write a map sheet for a report, as PDF, SVG or PNG.
 
-        The polygons have north up, a scale bar and an arrow to true north. On a plane, the objects that cast the shadow
-        are drawn above it. Beside the map are the areas, the moment or the days, and the place. Needs
-        ``antumbra[plot]``.
+        The polygons have north up, a round scale 1:N, a scale bar and an arrow to true north. On a plane, the objects
+        that cast the shadow are drawn above it. Beside the map are the areas, the moment or the days, and the place. A
+        .pdf file has further pages: the polygons, the method with the paths of the sun, and the sources of the data.
+        Needs ``antumbra[plot]``.
 
         Parameters
         ----------
         path : str or path-like
-            A .pdf, .svg or .png file.
+            A .pdf, .svg or .png file; .svg and .png hold the map.
         title : str, optional
-            None: "Shadow" or "Hours of shadow".
+            None: that of the sheet, or "Shadow" or "Hours of shadow".
+        sheet : Sheet, optional
+            Paper, scale, extent and title block. None: A4 and a scale that fits.
 
         Raises
         ------
         InputError
-            If the suffix is unknown, the path cannot be written, or matplotlib is missing.
+            If the suffix is unknown, the path cannot be written, the map does not fit at the sheet's scale, or
+            matplotlib is missing.
         """
-        target, heading = check_map(path), checked_title(title)
-        save_page(target, lambda: shadow_figure(self, heading))
+        target, chosen = check_map(path), checked_sheet(sheet, title)
+        save_report(target, shadow_report(self), chosen)
 
     def _write_style(self, path: Path) -> None:
         """Write the QGIS style of polygons and cells: classes of hours, or one colour."""

@@ -10,7 +10,16 @@ import typer
 
 from ...base.errors import InputError
 from ...base.option_fields import field_values
-from ...cli.options import CrsOption, ListedBefore, SceneArgument, UpOption, points_or_file, tables
+from ...cli.options import (
+    CrsOption,
+    ListedBefore,
+    MapOption,
+    SceneArgument,
+    SheetOption,
+    UpOption,
+    points_or_file,
+    tables,
+)
 from ...cli.scene_arguments import DEFAULT_SCENE
 from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
 from ...cli.vegetation_options import VegetationOption
@@ -19,6 +28,7 @@ from .sight_options import SightOptions
 
 if TYPE_CHECKING:
     from ...work.executors import Executor
+    from ..sheets.sheet_options import Sheet
     from .sightlines import PairList, Sightlines
 
 _MODEL = ".glb"
@@ -38,6 +48,7 @@ class LosCommand(StudyCommand[SightOptions, "Sightlines"]):
       antumbra los --from 0,1.7,8 --to 0,3,-8
       antumbra los city.glb --up z --from 10,20,1.7 --targets windows.csv -o seen.csv
       antumbra los city.glb --up z --observers people.csv --targets signs.csv -o lines.glb -o lines.parquet
+      antumbra los city.glb --up z --from 10,20,1.7 --targets windows.csv --map lines.pdf
       antumbra los hall.glb --pairs pairs.csv -o result.csv --json
     """
 
@@ -64,6 +75,8 @@ class LosCommand(StudyCommand[SightOptions, "Sightlines"]):
     ] = "all"
     trees: VegetationOption = None
     output: Annotated[list[Path] | None, tables("Output file", "--output", "-o", suffixes=_SUFFIXES)] = None
+    map: MapOption = None
+    sheet: SheetOption = None
     up: Annotated[UpOption, ListedBefore("threads")] = None
     crs: CrsOption = None
 
@@ -103,7 +116,12 @@ class LosCommand(StudyCommand[SightOptions, "Sightlines"]):
         return partial(line_of_sight, scenes.planted, **self.pair_list.keywords(), **field_values(self.options))
 
     def writers(self, result: "Sightlines", scenes: Scenes) -> Writers:
-        return {"output": partial(self._write, result, scenes)}
+        return {"output": partial(self._write, result, scenes), "map": partial(self._write_map, result, scenes)}
+
+    def _write_map(self, result: "Sightlines", scenes: Scenes, path: Path, sheet: "Sheet") -> None:
+        from .sight_map import save_sight_map
+
+        save_sight_map(scenes.planted, self.pair_list, result, path, sheet)
 
     def _write(self, result: "Sightlines", scenes: Scenes, path: Path) -> None:
         from ...base.files import atomic_output

@@ -10,7 +10,18 @@ import typer
 
 from ...base.errors import InputError
 from ...base.option_fields import field_values
-from ...cli.options import LISTED_LAST, CrsOption, ListedBefore, SceneArgument, SensorsOption, UpOption, tables, writes
+from ...cli.options import (
+    LISTED_LAST,
+    CrsOption,
+    ListedBefore,
+    MapOption,
+    SceneArgument,
+    SensorsOption,
+    SheetOption,
+    UpOption,
+    tables,
+    writes,
+)
 from ...cli.scene_arguments import DEFAULT_SCENE
 from ...cli.shards import MergeOption, RayOption, ShardOption
 from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
@@ -20,6 +31,7 @@ from .sight_options import MatrixOptions
 
 if TYPE_CHECKING:
     from ...work.executors import Executor
+    from ..tables.result_table import Table
     from .visibility_matrix import VisibilityMatrix
 
 _BITS, _SPARSE = ".npy", ".npz"
@@ -65,6 +77,8 @@ class MatrixCommand(StudyCommand[MatrixOptions, "VisibilityMatrix"]):
         ),
     ] = None
     counts: Annotated[list[Path] | None, tables("File of the number of targets visible from each sensor")] = None
+    map: MapOption = None
+    sheet: SheetOption = None
     trees: VegetationOption = None
     up: Annotated[UpOption, ListedBefore("threads")] = None
     crs: CrsOption = None
@@ -81,8 +95,8 @@ class MatrixCommand(StudyCommand[MatrixOptions, "VisibilityMatrix"]):
             check_sensors(self.targets, "--targets")
         for path in self.paths("counts"):
             writer_of(path, kind_of(self.sensors))
-        if self.output is None and self.sparse is None and not self.counts:
-            raise InputError("there is nothing to write: give --output, --sparse or --counts")
+        if self.output is None and self.sparse is None and not self.counts and not self.map:
+            raise InputError("there is nothing to write: give --output, --sparse, --counts or --map")
 
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], VisibilityMatrix]":
         from ..sensors.point_attributes import warn_of_lost
@@ -99,15 +113,17 @@ class MatrixCommand(StudyCommand[MatrixOptions, "VisibilityMatrix"]):
         return {
             "output": lambda path: None,  # the study has written it
             "sparse": result.save,
-            "counts": partial(self._write_counts, result, scenes),
+            "counts": lambda path: self._counts(result, scenes).save(path),
+            "map": lambda path, sheet: self._counts(result, scenes).save_map(path, sheet=sheet),
         }
 
-    def _write_counts(self, result: "VisibilityMatrix", scenes: Scenes, path: Path) -> None:
+    def _counts(self, result: "VisibilityMatrix", scenes: Scenes) -> "Table":
+        """The number of targets that each sensor sees."""
         from ..tables.result_table import Column, Table
 
         column = Column(result.counts, "", f"visible targets, of {result.columns}")
         sensors = scenes.sensors(self.sensors, self.threads)
-        Table(sensors, {"seen": column}, {"job": "matrix"}, scenes.planted).save(path)
+        return Table(sensors, {"seen": column}, {"job": "matrix"}, scenes.planted)
 
     def summary(self, result: "VisibilityMatrix", scenes: Scenes, seconds: float) -> Summary:
         return result.summary(scenes.planted.name, seconds)

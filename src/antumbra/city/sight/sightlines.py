@@ -334,7 +334,7 @@ def sight_table(scene: AnyScene, pairs: PairList, sightlines: Sightlines) -> Tab
     """A table with one row per pair; the sensor of a row is the observer."""
     names = np.array([each.name for each in scene.objects] + [""])
     targets = zip(("x2", "y2", "z2"), pairs.targets.T)
-    columns = {name: Column(values, "", f"{name[0]} of the target") for name, values in targets}
+    columns = {name: Column(values, scene.unit.name, f"{name[0]} of the target") for name, values in targets}
     columns |= {
         "visible": Column(sightlines.visible, "", "the two points see each other"),
         "length": Column(sightlines.length, scene.unit.name, "distance from the observer to the target"),
@@ -345,7 +345,7 @@ def sight_table(scene: AnyScene, pairs: PairList, sightlines: Sightlines) -> Tab
         "distance": Column(sightlines.distance, scene.unit.name, "distance from the observer to the block"),
     }
     for name, values in zip(("px", "py", "pz"), sightlines.point.T):
-        columns[name] = Column(values, "", f"{name[1]} of the point that blocks")
+        columns[name] = Column(values, scene.unit.name, f"{name[1]} of the point that blocks")
     observers = replace(point_sensors(pairs.observers), attributes=pairs.attributes or {})
     return Table(observers, columns, {"job": "los"}, scene)
 

@@ -20,6 +20,7 @@ from ...cli.options import (
     OutputsOption,
     SceneArgument,
     SensorsOrDefault,
+    SheetOption,
     UpOption,
     points_or_file,
     writes,
@@ -86,6 +87,7 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
     trees: VegetationOption = None
     output: Annotated[OutputsOption, ListedBefore("plan")] = None
     map: MapOption = None
+    sheet: SheetOption = None
     column: ColumnOption = None
     camera: CameraOption = None
     bits: Annotated[

@@ -16,9 +16,11 @@ from ...cli.options import (
     ColumnOption,
     CrsOption,
     ListedBefore,
+    MapOption,
     OutputsOption,
     SceneArgument,
     SensorsOrDefault,
+    SheetOption,
     UpOption,
 )
 from ...cli.scene_arguments import DEFAULT_SCENE, in_memory
@@ -54,6 +56,7 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table"]):
       antumbra visible dem.tif --sensors raster+1.6 --turbine 85000,446000,12 --hub-height 120 --rotor 150 -o share.tif
       antumbra visible city.city.json --sensors raster:2+1.6 --object Pand.1 --surfaces WallSurface -o share.tif
       antumbra visible city.glb --up z --sensors people.csv --polygon facade.csv --spacing 0.5 -o share.csv
+      antumbra visible dem.tif --sensors raster+1.6 --turbine 85000,446000,12 --hub-height 120 --rotor 150 --map see.pdf
     """
 
     scene: SceneArgument = DEFAULT_SCENE
@@ -90,6 +93,8 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table"]):
     ] = None
     trees: VegetationOption = None
     output: OutputsOption = None
+    map: MapOption = None
+    sheet: SheetOption = None
     column: ColumnOption = None
     up: Annotated[UpOption, ListedBefore("threads")] = None
     crs: CrsOption = None

@@ -30,9 +30,11 @@ from ...work.result_summary import Summary, SummaryTable, heading
 from ..sensors.point_checks import notes_on_sensors, on_surface, tell
 from ..sensors.sensor_files import check_sensors, sensors_of
 from ..sensors.sensors import Sensors, sensors_from, sightline_ends
-from ..tables.map_page import MAP_SUFFIXES, check_map, checked_title, save_page
+from ..sheets.page import MAP_SUFFIXES, check_map
+from ..sheets.sheet import save_report
+from ..sheets.sheet_options import Sheet, checked_sheet
 from .edge_projection import Compass, Slopes, compass_of, raise_slopes
-from .horizon_diagram import horizon_figure
+from .horizon_diagram import horizon_report
 from .skyline_options import SkylineOptions
 
 if TYPE_CHECKING:
@@ -175,36 +177,39 @@ class Skyline(NamedTuple):
 
     def save_map(
         self, path: str | os.PathLike[str], *, point: int | None = None, place: Place | None = None,
-        title: str | None = None,
+        title: str | None = None, sheet: Sheet | None = None,
     ) -> None:  # fmt: skip
-        """Write a sheet for a report: a polar diagram of the horizon of a point, on a page of A4 in PDF, SVG or PNG.
+        """Write a sheet for a report: a polar diagram of the horizon of a point, as PDF, SVG or PNG.
 
         North is up and the zenith in the middle. If the place is known, the diagram has the paths of the sun at the
-        solstices and the equinox of March, with the hours of the place's time zone. Needs ``antumbra[plot]``.
+        solstices and the equinox of March, with the hours of the place's time zone. A .pdf file has further pages: the
+        elevations, the method, and the sources of the data. Needs ``antumbra[plot]``.
 
         Parameters
         ----------
         path : str or path-like
-            A .pdf, .svg or .png file.
+            A .pdf, .svg or .png file; .svg and .png hold the diagram.
         point : int, optional
             Index of the point. None: the only one.
         place : Place, optional
             None: that of the scene's CRS, from which `skyline` took the north. Its `north` is not used.
         title : str, optional
-            None: "Skyline".
+            None: that of the sheet, or "Skyline".
+        sheet : Sheet, optional
+            Paper and title block. None: A4.
 
         Raises
         ------
         InputError
             If the suffix is unknown, the path cannot be written, the sheet needs a point or there is no such point,
-            `place` is no Place, or matplotlib is missing.
+            `place` is no Place, the sheet has a scale or an extent, or matplotlib is missing.
         """
-        target, heading, k = check_map(path), checked_title(title), self._only(path, point)
+        target, chosen, k = check_map(path), checked_sheet(sheet, title), self._only(path, point)
         if place is not None:
             checked_instance(place, Place, "place")
         elif "latitude" in self.about:
             place = Place(self.about["latitude"], self.about["longitude"])
-        save_page(target, lambda: horizon_figure(self, k, place, heading))
+        save_report(target, horizon_report(self, k, place), chosen)
 
     def summary(self, scene: str, seconds: float) -> Summary:
         """The skylines of a scene, and the extremes of each, if they are few; `seconds`: of the study."""
@@ -331,7 +336,7 @@ def skyline(
     slopes = _slopes_of(scene, sensors, compass, time, threads)
     azimuth = np.arange(options.count) * (360.0 / options.count)
     about: dict[str, Any] = {"job": "skyline", "scene": scene.name, "step": options.step, "north": north, **warned}
-    about["up"] = scene.up
+    about |= {"up": scene.up, "length_unit": scene.unit.name}
     if scene.crs:
         about["crs"] = scene.crs
     if place is not None:

@@ -11,7 +11,7 @@ import typer
 from ...base.errors import InputError
 from ...base.option_fields import field_values
 from ...cli.arguments import parse_point
-from ...cli.options import CrsOption, ListedBefore, MapOption, SceneArgument, UpOption, tables
+from ...cli.options import CrsOption, ListedBefore, MapOption, SceneArgument, SheetOption, UpOption, tables
 from ...cli.scene_arguments import DEFAULT_SCENE
 from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
 from ...cli.vegetation_options import VegetationOption
@@ -65,6 +65,7 @@ class SkylineCommand(StudyCommand[SkylineOptions, "Skyline"]):
         ListedBefore("time"),
     ] = None
     map: MapOption = None
+    sheet: SheetOption = None
     highest: Annotated[
         bool, typer.Option(help="In a .txt file, the highest elevation near each azimuth instead of that along it.")
     ] = False

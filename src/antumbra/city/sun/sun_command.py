@@ -23,6 +23,7 @@ from ...cli.options import (
     NorthOption,
     OutputsOption,
     SceneArgument,
+    SheetOption,
     TimezoneOption,
     UpOption,
     position_of,
@@ -100,6 +101,7 @@ class SunCommand(SensorStudy[SunOptions, "Table"]):
     timezone: TimezoneOption = None
     output: Annotated[OutputsOption, ListedBefore("plan")] = None
     map: MapOption = None
+    sheet: SheetOption = None
     column: ColumnOption = None
     city_output: Annotated[
         Path | None,

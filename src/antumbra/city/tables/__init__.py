@@ -4,6 +4,6 @@
 - `surface_columns`: surfaces in tables, and tables with a row per surface or building
 - `bit_matrices`: packed bit matrices, in memory and in files
 - `false_colours`: false-colour pictures and models
-- `map_page`: pages for reports; `map_sheet`: those of tables; `map_scale`: their colours and legends
+- `map_sheet`: map sheets of tables; `table_pages`: their tables; `map_scale`: their colours and legends
 - `qgis_style`: styles of QGIS beside rasters and layers
 """

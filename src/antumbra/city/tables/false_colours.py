@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 from ...engine.scene import AnyScene
 from ...formats.gltf.gltf_writer import TRIANGLES, GltfWriter, Json, up_axis_transform
 from ...kernels.elementary import tan
-from ...picture.heat_maps import Panel, Scale, linear_scale, linear_ticks, panel_sheet
+from ...picture.heat_maps import ColourBar, Panel, Scale, linear_scale, linear_ticks, panel_sheet
 from ...picture.renderer import render
 from ...query.nearest_points import PointTree
 from ...scene.camera import Camera, ExplicitRays, axes, fitted_camera
 from ...scene.lights import AmbientOcclusion
 from ...scene.materials import srgb_to_linear
 from ..sensors.sensors import Sensors, corners_of
+from .map_scale import MapScale, map_scale
 
 # --- Projecting points into a picture ---------------------------------------------------------------------------------
 
@@ -50,7 +51,7 @@ def false_colours(table: Any, name: str) -> NDArray[np.uint8]:
     The table's marks are drawn as dots.
     """
     values, known = column_values(table, name)
-    scale = column_scale(table[name], known)
+    scale = column_scale(table[name], known, name)
     values[~known] = np.nan
     if table.sensors.raster is not None:
         picture, places = _map(table, values, scale)
@@ -74,11 +75,34 @@ def column_values(table: Any, name: str) -> tuple[NDArray[np.float64], NDArray[n
     return values, known & table.sensors.covered
 
 
-def column_scale(values: np.ndarray, known: np.ndarray) -> Scale:
+class ChangeScale(NamedTuple):
+    """The scale of losses, as maps have it: centred on zero, up to the extremes, so that gains differ from none."""
+
+    scale: MapScale
+
+    @property
+    def ticks(self) -> NDArray[np.float64]:
+        return np.array(self.scale.ticks())
+
+    def colours(self, values: np.ndarray, known: NDArray[np.bool_]) -> NDArray[np.uint8]:
+        """As `Scale.colours`."""
+        return np.where(known[..., None], self.scale.colours(np.where(known, values, 0.0)), np.uint8(0))
+
+    def bar(self, caption: str) -> ColourBar:
+        """As `Scale.bar`."""
+        low, span = self.scale.low, self.scale.span or 1.0
+        ticks = [((tick - low) / span, f"{tick:,.6g}") for tick in self.scale.ticks()]
+        return ColourBar(self.scale.colours(np.linspace(low, low + span, 1024)), ticks, caption)
+
+
+def column_scale(values: np.ndarray, known: np.ndarray, name: str = "") -> Scale | ChangeScale:
     """The colour scale of a column.
 
-    Booleans have two colours, integers a scale up to their maximum; the scale of floats leaves out a few outliers.
+    Booleans have two colours, integers a scale up to their maximum; the scale of floats leaves out a few outliers. That
+    of losses, whose `name` ends in ``_loss``, is centred on zero.
     """
+    if values.dtype.kind in "fiu" and (change := map_scale(values, known, name=name)).diverging:
+        return ChangeScale(change)
     if values.dtype.kind == "b":
         return Scale(np.array([0.0, 1.0]), False, names=("no", "yes"))
     if values.dtype.kind not in "iu" or not known.any():
@@ -99,7 +123,7 @@ def _dotted(picture: np.ndarray, places: np.ndarray) -> np.ndarray:
     return np.asarray(image)
 
 
-def _map(table: Any, values: np.ndarray, scale: Scale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+def _map(table: Any, values: np.ndarray, scale: Scale | ChangeScale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     """A map of a raster, north up, enlarged if it has few cells; and the pixels of the marks."""
     raster = table.sensors.raster
     assert raster is not None and table.scene is not None
@@ -118,7 +142,7 @@ def _marks(table: Any) -> NDArray[np.float64]:
     return np.empty((0, 3)) if table.marks is None else table.marks
 
 
-def _view(table: Any, values: np.ndarray, scale: Scale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+def _view(table: Any, values: np.ndarray, scale: Scale | ChangeScale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     """The scene in the colours of its sensors, shaded by ambient occlusion; and the pixels of the marks."""
     scene = table.scene
     assert scene is not None
@@ -185,7 +209,7 @@ def coloured_model(table: Any, name: str) -> bytes:
     sensors, scene = table.sensors, table.scene
     assert scene is not None
     values, known = column_values(table, name)
-    scale = column_scale(table[name], known)
+    scale = column_scale(table[name], known, name)
     sensor_colours = srgb_to_linear(scale.colours(np.nan_to_num(values), known) / 255.0)
     sensor_colours[~known] = _GREY
     corners = corners_of(scene) - scene.origin

@@ -28,9 +28,10 @@ from ...scene.crs import checked_crs
 from ...scene.units import METRE
 from ..sensors.point_attributes import with_attributes
 from ..sensors.sensors import Sensors, check_on_scene
-from .false_colours import coloured_model, column_values, false_colours
-from .map_page import check_map, checked_title
-from .map_scale import MapScale, map_scale
+from ..sheets.page import check_map
+from ..sheets.sheet_options import Sheet, checked_sheet
+from .false_colours import coloured_model, false_colours
+from .map_legend import scale_of
 from .map_sheet import save_map
 from .qgis_style import RasterStyle, VectorStyle, write_style
 
@@ -143,7 +144,7 @@ def undated() -> Iterator[None]:
 
 def _write_style(table: "Table", path: Path, column: str) -> None:
     """Write the QGIS style of a column beside a raster or a layer of points."""
-    scale = _scale_of(table, column)
+    scale = scale_of(table, column)
     write_style(path, VectorStyle(column, scale, "marker"), raster_style(table, column))
 
 
@@ -151,12 +152,7 @@ def raster_style(table: "Table", column: str) -> RasterStyle | None:
     """The QGIS style of a column in a GeoTIFF; None if the sensors form no raster."""
     if table.sensors.raster is None:
         return None
-    return RasterStyle(_scale_of(table, column), _bands(table).index(column) + 1)
-
-
-def _scale_of(table: "Table", column: str) -> MapScale:
-    _, known = column_values(table, column)
-    return map_scale(table[column], known, table.columns[column].unit)
+    return RasterStyle(scale_of(table, column), _bands(table).index(column) + 1)
 
 
 def _in_milliseconds(values: np.ndarray) -> np.ndarray:
@@ -373,29 +369,36 @@ class Table:
         """
         writer_of(path, self.sensors.kind)(self, Path(path), self.shown(column))
 
-    def save_map(self, path: str | os.PathLike[str], column: str | None = None, *, title: str | None = None) -> None:
-        """Write a map sheet for a report: a page of A4 in PDF, SVG or PNG.
+    def save_map(
+        self, path: str | os.PathLike[str], column: str | None = None, *, title: str | None = None,
+        sheet: Sheet | None = None,
+    ) -> None:  # fmt: skip
+        """Write a map sheet for a report, as PDF, SVG or PNG.
 
-        The map has north up, a scale bar in the unit of the scene, and an arrow to true north. Rasters are drawn as
-        maps, continuous quantities smoothly; faces and points are seen from above. The legend has classes for yes and
-        no, and otherwise ends at the greatest value. Beside it are the scene, the rule, the dates, the place, and the
-        areas. Needs ``antumbra[plot]``. The same table gives the same file.
+        The map has north up, a round scale 1:N, coordinates, a scale bar in the unit of the scene, and an arrow to true
+        north. Rasters are drawn as maps, continuous quantities smoothly; faces are seen from above; points have labels
+        from the user's table. Walls are drawn as outlines. The legend has classes for yes and no, is centred on zero
+        for losses, and otherwise ends at the greatest value. A .pdf file has further pages: the table, the method with
+        the paths of the sun, and the sources of the data. Needs ``antumbra[plot]``. The same table gives the same file.
 
         Parameters
         ----------
         path : str or path-like
-            A .pdf, .svg or .png file.
+            A .pdf, .svg or .png file; .svg and .png hold the map.
         column : str, optional
             The column of the map. None: the first one.
         title : str, optional
-            None: what the column holds.
+            None: that of the sheet, or what the column holds.
+        sheet : Sheet, optional
+            Paper, scale, extent, labels and title block. None: A4 and a scale that fits.
 
         Raises
         ------
         InputError
-            If the suffix or the column is unknown, the path cannot be written, or matplotlib is missing.
+            If the suffix or the column is unknown, the path cannot be written, the map does not fit at the sheet's
+            scale, there are no rows, or matplotlib is missing.
         """
-        save_map(self, check_map(path), self.shown(column), checked_title(title))
+        save_map(self, check_map(path), self.shown(column), checked_sheet(sheet, title))
 
     def shown(self, column: str | None) -> str:
         """The name of the column that a picture shows. Raises InputError if it is unknown or not numeric."""

@@ -1,0 +1,233 @@
+"""What a sheet says about how a result was made, from the metadata of the study: method, rule, parameters, sources."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from ...base.errors import InputError
+from ...engine.scene import AnyScene
+from ...scene.crs import parts_of_crs
+from ...scene.units import METRE, UNITS, LengthUnit
+from ...sun.location import Place
+from ...version import VERSION
+
+METHODS = {
+    "sun": "Exact rays from each sensor to the sun in the middle of each interval. A sensor has sun if no surface is "
+    "in between and the sun is above the sensor's own surface. Positions of the sun: NREL's Solar Position Algorithm.",
+    "shadow": "Exact shadows of all surfaces. Position of the sun: NREL's Solar Position Algorithm.",
+    "skyline": "The exact upper edge of everything along each azimuth.",
+    "viewshed": "Exact lines of sight from each observer to each sensor.",
+    "visible share": "Exact lines of sight from each sensor to sample points of the target.",
+    "los": "Exact lines of sight between both points of each pair.",
+    "matrix": "Exact lines of sight from each sensor to each target.",
+    "sky view": "Exact rays from each sensor to directions that divide the sky evenly.",
+}
+"""Job -> how it is done."""
+
+_LENGTHS = {
+    "eye_height", "min_distance", "max_distance", "earth_radius", "height", "cell", "hub_height", "rotor_diameter",
+    "spacing",
+}  # fmt: skip
+_DEGREES = {"sun_azimuth", "sun_elevation", "azimuth", "elevation"}
+_ELSEWHERE = {
+    "job", "rule", "citation", "text", "notes", "warnings", "crs", "length_unit", "up", "scene", "areas", "latitude",
+    "longitude", "timezone", "north", "first", "last", "suns", "hours", "altitude",
+}  # fmt: skip
+_SUNLIT = "sun", "shadow"  # jobs at a place, whose elevation is in metres
+_NAMES = {
+    "step": "step",
+    "suns": "sun positions",
+    "max_distance": "greatest distance",
+    "min_distance": "least distance",
+}
+_PIECE = 1 << 22  # bytes read at once
+_MOST_NOTES = 12
+_LONGEST_HEADER = 64 << 20  # bytes of the JSON of a glTF file
+
+
+def unit_of(about: dict[str, Any]) -> LengthUnit:
+    """The unit of lengths in the metadata of a study; metres if it names none."""
+    return UNITS.get(str(about.get("length_unit", METRE.name)), METRE)
+
+
+def place_in_about(about: dict[str, Any]) -> Place | None:
+    """The place of a study; None: it has none."""
+    if about.get("latitude") is None or about.get("longitude") is None:
+        return None
+    height = about.get("elevation") if about.get("job") in _SUNLIT else 0.0  # else a range of angles
+    return Place(
+        float(about["latitude"]), float(about["longitude"]), float(height or 0.0), timezone=about.get("timezone")
+    )
+
+
+def day_of(about: dict[str, Any]) -> date | None:
+    """The single day, or the day of the moment, of a study; None: it has several or none."""
+    first, last = (str(about.get(name, ""))[:10] for name in ("first", "last"))
+    text = first if first == last and first else str(about.get("time", ""))[:10]
+    try:
+        return date.fromisoformat(text)
+    except ValueError:
+        return None
+
+
+def minutes_text(text: object) -> str:
+    """A time without its seconds."""
+    return str(text).replace("T", " ")[:16]
+
+
+def place_facts(about: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield names and texts of the place, the vegetation and the CRS in the metadata of a study."""
+    if "latitude" in about:
+        zone = about.get("timezone") or "solar zone"
+        yield "place", f"{about['latitude']:.5f}, {about['longitude']:.5f} (WGS 84); {zone}"
+    if about.get("trees"):
+        yield "trees", str(about["trees"])
+    if about.get("crs"):
+        yield "reference system", crs_text(str(about["crs"]))
+
+
+# --- The method -------------------------------------------------------------------------------------------------------
+
+
+def method_facts(about: dict[str, Any], counts: Sequence[tuple[str, str]] = ()) -> Iterator[tuple[str, str]]:
+    """Yield names and texts: the method, the rule, the sun, the place, all parameters, counts, version and notes.
+
+    about : metadata of the study
+    counts : further facts, such as the number of sensors
+    """
+    job, unit = str(about.get("job", "")), unit_of(about)
+    if job in METHODS:
+        yield "method", METHODS[job]
+    if "rule" in about:
+        yield "rule", str(about["rule"])
+        for name, key in (("clause", "citation"), ("what it requires", "text"), ("approximations", "notes")):
+            if about.get(key):
+                yield name, str(about[key])
+    if "first" in about and "last" in about:
+        yield "period", f"{minutes_text(about['first'])} to {minutes_text(about['last'])}"
+    if "suns" in about:
+        yield "sun positions", f"{about['suns']:,} above the horizon, {about.get('hours', 0.0):,.5g} h"
+    if "latitude" in about:
+        zone = about.get("timezone") or "whole hour nearest to the longitude"
+        yield (
+            "place",
+            f"latitude {about['latitude']:.5f}, longitude {about['longitude']:.5f} (WGS 84); time zone {zone}",
+        )
+    if "north" in about:
+        yield "true north", f"{about['north']:.2f} degrees clockwise from that of the coordinates"
+    for name, value in about.items():
+        if (
+            name not in _ELSEWHERE
+            and value is not None
+            and value != []
+            and not (name == "elevation" and job in _SUNLIT)
+        ):
+            yield _NAMES.get(name, name.replace("_", " ")), _value_text(name, value, unit, job)
+    yield from counts
+    yield "software", f"Antumbra {VERSION}"
+    warnings = about.get("warnings") or []
+    for text in ([warnings] if isinstance(warnings, str) else list(warnings))[:_MOST_NOTES]:
+        yield "note", str(text)
+
+
+def _value_text(name: str, value: Any, unit: LengthUnit, job: str) -> str:
+    """A parameter with its unit."""
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if name == "step" and number:
+        return f"{value:g} {'degrees' if job == 'skyline' else 'minutes'}"
+    if name in _LENGTHS and number:
+        return "no limit" if value == float("inf") else f"{value:,.10g} {unit.name}"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    text = f"{value:,.6g}" if number else value if isinstance(value, str) else _list_text(value)
+    return f"{text} degrees" if name in _DEGREES else text
+
+
+def _list_text(value: Any) -> str:
+    if isinstance(value, dict):
+        return "; ".join(f"{key}: {_list_text(each)}" for key, each in value.items())
+    if isinstance(value, (list, tuple)):
+        return ", ".join(_list_text(each) for each in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+# --- Sources ----------------------------------------------------------------------------------------------------------
+
+
+def source_facts(
+    about: dict[str, Any], scene: AnyScene | None, files: Sequence[Path], licence: str | None
+) -> Iterator[tuple[str, str]]:
+    """Yield names and texts: the scene, its CRS and unit, the files with their digests, the licence, and all notes.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read.
+    """
+    name = about.get("scene") or (scene.name if scene is not None else None)
+    if name:
+        file, mark, options = str(name).partition("?")
+        yield "scene", f"{Path(file).name}{mark}{options}"  # without the folders of this machine
+    if scene is not None:
+        yield "contents", f"{scene.n_triangles:,} triangles, {len(scene.objects):,} objects"
+    if about.get("crs"):
+        yield "reference system", crs_text(str(about["crs"]))
+    unit = unit_of(about)
+    yield "unit of coordinates", unit.name if unit is METRE else f"{unit.name} ({unit.metres:.9g} m)"
+    yield "up axis", str(about.get("up") or (scene.up if scene is not None else "z"))
+    for path in files:
+        yield "file", f"{path.name}: {file_text(path)}"
+    licences = [licence] if licence else [f"{path.name}: {text}" for path in files if (text := licence_in(path))]
+    yield "licence of the data", "; ".join(licences) or "not stated in the files"
+    notes = () if scene is None else scene.notes
+    for text in notes[:_MOST_NOTES]:
+        yield "note on the scene", text
+    if len(notes) > _MOST_NOTES:
+        yield "notes on the scene", f"{len(notes) - _MOST_NOTES} more; see antumbra info"
+
+
+def crs_text(crs: str) -> str:
+    """A CRS with its name, such as "EPSG:28992, Amersfoort / RD New"."""
+    name = str(parts_of_crs(crs).plan.name)
+    return crs if name in crs else f"{crs}, {name}"
+
+
+def file_text(path: Path) -> str:
+    """The size and the digest of a file; of a folder, the number of its files."""
+    try:
+        if path.is_dir():
+            return f"a folder of {sum(1 for _ in path.iterdir()):,} files"
+        digest = hashlib.sha256()
+        with open(path, "rb") as file:
+            while data := file.read(_PIECE):
+                digest.update(data)
+        return f"{path.stat().st_size:,} bytes, SHA-256 {digest.hexdigest()}"
+    except OSError as error:
+        raise InputError(f"sources: {path.name} cannot be read: {error.strerror or error}") from None
+
+
+def licence_in(path: Path) -> str | None:
+    """The licence that a glTF or CityJSON file states; None: it states none."""
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".glb":
+            with open(path, "rb") as file:
+                head = file.read(20)
+                size = int.from_bytes(head[12:16], "little")
+                root = json.loads(file.read(size)) if size <= _LONGEST_HEADER else {}
+        elif suffix in (".gltf", ".json") and path.stat().st_size <= _LONGEST_HEADER:
+            root = json.loads(path.read_bytes())
+        else:
+            return None
+    except (OSError, ValueError):
+        return None
+    if not isinstance(root, dict):
+        return None
+    asset, metadata = root.get("asset"), root.get("metadata")
+    places = [asset.get("copyright")] if isinstance(asset, dict) else []
+    if isinstance(metadata, dict):
+        places += [metadata.get(name) for name in ("license", "licence", "datasetLicense")]
+    return next((text for text in places if isinstance(text, str) and text.strip()), None)

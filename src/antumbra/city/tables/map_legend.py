@@ -1,0 +1,203 @@
+"""The legend of a map and the facts beside it: keys with their shares, a bar that ends at the extremes, the study."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..sheets.method_facts import minutes_text, place_facts, unit_of
+from ..sheets.page import FAINT, Column, Rect
+from ..sheets.units_text import area_text, unit_text
+from .false_colours import column_values
+from .map_scale import MapScale, map_scale
+
+HATCH = "////"
+"""Of what has no value: no colour of a scale looks like it."""
+
+GAIN_HATCH, GAIN_MARKER = "....", "D"
+"""Of gains, in maps of losses, for print without colours."""
+
+CLASS_MARKERS = "s", "o"
+"""Shapes of points of no and yes, for print without colours."""
+
+END_MARKERS = "^", "o"
+"""Shapes of the observers and the targets of lines of sight."""
+
+LINES: dict[bool, tuple[str, Any]] = {True: ("#2b8a5a", "-"), False: ("#b03a1a", (0, (2.5, 1.5)))}
+"""Whether a line of sight is free -> its colour and dashes."""
+
+MOST_MARKS = 30
+"""Marks that are labelled by their numbers."""
+
+_MARKS = {"viewshed": "observer", "visible share": "target"}
+_MOST_COUNTS = 8  # greatest whole number of a legend with a key for each
+_MOST_AREAS = 12
+
+
+class SightLine(NamedTuple):
+    """A line of sight in plan."""
+
+    begin: tuple[float, float]
+    end: tuple[float, float]
+    visible: bool
+    begin_name: str = ""
+    end_name: str = ""
+
+
+# --- Scales -----------------------------------------------------------------------------------------------------------
+
+
+def scale_of(table: Any, column: str) -> MapScale:
+    """The scale of a column of a `Table`; of values before and after a change, the same one."""
+    chosen, name = table.columns[column], column.removesuffix("_before")
+    values, known = column_values(table, column)
+    twin = name if name != column else f"{name}_before"
+    if twin in table.columns and chosen.values.dtype.kind in "iuf":
+        others, counted = column_values(table, twin)
+        both = np.concatenate([values, others]).astype(chosen.values.dtype)
+        return map_scale(both, np.concatenate([known, counted]), chosen.unit, column)
+    return map_scale(chosen.values, known, chosen.unit, column, yes_or_no=is_seen(table, column))
+
+
+def is_seen(table: Any, column: str) -> bool:
+    """Whether a column says whether a single observer sees each sensor, 0 or 1."""
+    return column == "seen" and table.about.get("observers") == 1
+
+
+# --- The legend -------------------------------------------------------------------------------------------------------
+
+
+def shows_points(table: Any) -> bool:
+    """Whether a map shows the sensors of a `Table` as single points."""
+    return table.sensors.kind == "points" and table.row_of_face is None
+
+
+def draw_legend(panel: Column, table: Any, scale: MapScale, values: np.ndarray, lines: list[SightLine]) -> None:
+    """Draw the legend: classes with their shares, or a bar that ends at the extremes, and the median."""
+    known = np.isfinite(values)
+    if lines:
+        _draw_line_keys(panel, lines)
+    elif scale.classes:
+        markers = CLASS_MARKERS if shows_points(table) else ("",) * len(scale.classes)
+        _draw_keys(panel, table, [(each.value, each.name) for each in scale.classes], markers, scale, values)
+    elif scale.whole and scale.low == 0.0 < scale.high <= _MOST_COUNTS:
+        counts = [(float(k), str(k)) for k in range(int(scale.high) + 1)]
+        _draw_keys(panel, table, counts, ("",) * len(counts), scale, values)
+    else:
+        _draw_bar(panel, scale)
+        if known.any():
+            unit = unit_text(scale.unit)
+            least, middle, most = (_number(scale, float(x)) for x in np.percentile(values[known], (0, 50, 100)))
+            panel.lines(f"{least} to {most}{f' {unit}' if unit else ''}, median {middle}", 8, color=FAINT)
+    if scale.diverging:
+        panel.lines("positive: lost; negative: gained", 8, color=FAINT)
+        if (values[known] < 0.0).any():
+            panel.gap(1.0)
+            colour = tuple((scale.colours(np.array([scale.low]))[0] / 255.0).tolist())
+            panel.key(colour, "gained", GAIN_MARKER if shows_points(table) else GAIN_HATCH)
+    if not known.all() and not lines:
+        panel.gap(1.0)
+        panel.key("white", "no value", "x" if shows_points(table) else HATCH)
+    if table.marks is not None and len(table.marks):
+        name = _MARKS.get(str(table.about.get("job")), "mark")
+        panel.key(
+            "white",
+            name if len(table.marks) == 1 else f"{name}s" + (", by number" * (len(table.marks) <= MOST_MARKS)),
+            "^",
+        )
+
+
+def _number(scale: MapScale, value: float) -> str:
+    return scale._replace(unit="").text(value)
+
+
+def _draw_bar(panel: Column, scale: MapScale) -> None:
+    """Draw the colours of a scale above its numbers."""
+    at = panel.take(11.0)
+    if at is None:
+        return
+    axes: Any = panel.page.axes(Rect(at.left + 3.0, at.top - 5.0, at.width - 8.0, 5.0))
+    low, high = scale.low, scale.high if scale.span else scale.low + 1.0
+    colours = scale.colours(np.linspace(low, scale.high, 512))[None]
+    axes.imshow(colours, aspect="auto", extent=(low, high, 0.0, 1.0), interpolation="nearest")
+    ticks = scale.ticks()
+    axes.set_xticks(ticks, [_number(scale, x) for x in ticks], fontsize=7)
+    axes.tick_params(length=2, width=0.4, pad=1.5)
+    axes.set_yticks([])
+    for spine in axes.spines.values():
+        spine.set(color=FAINT, linewidth=0.4)
+
+
+def _draw_keys(
+    panel: Column,
+    table: Any,
+    named: list[tuple[float, str]],
+    markers: Sequence[str],
+    scale: MapScale,
+    values: np.ndarray,
+) -> None:
+    """Draw a key per value, with its share of the sensors, and its area where sensors have one."""
+    areas, unit, known = table.sensors.areas, unit_of(table.about), np.isfinite(values)
+    what = "sensors" if table.sensors.raster is None else "cells"
+    for marker, (value, name) in zip(markers, named):
+        rows = values == value
+        text = f"{name}: {rows[known].mean():.1%} of the {what}" if known.any() else name
+        if known.any() and areas is not None:
+            text += f", {area_text(float(areas[rows].sum()) * unit.square_metres, unit)}"
+        panel.key(tuple((scale.colours(np.array([value]))[0] / 255.0).tolist()), text, marker)
+
+
+def _draw_line_keys(panel: Column, lines: list[SightLine]) -> None:
+    for visible, name in ((True, "visible"), (False, "not visible")):
+        colour, dashes = LINES[visible]
+        count = sum(line.visible == visible for line in lines)
+        panel.line_key(colour, dashes, f"{name}: {count:,} of {len(lines):,} lines")
+    for marker, name in zip(END_MARKERS, ("observer", "target")):
+        panel.key("white", name, marker)
+
+
+# --- Facts ------------------------------------------------------------------------------------------------------------
+
+
+def facts_of(table: Any) -> Iterator[tuple[str, str]]:
+    """Yield names and texts: the scene, the rule and its areas, the dates, the place, the CRS and the sensors."""
+    about = table.about
+    if table.scene is not None:
+        yield "scene", table.scene.name
+    if "rule" in about:
+        yield "rule", f"{about['rule']}: {about.get('citation', '')}".rstrip(": ")
+    for area in about.get("areas", [])[:_MOST_AREAS]:
+        yield f"area {area['name']}", _area_text(area)
+    if "first" in about and "last" in about:
+        yield "dates", f"{minutes_text(about['first'])} to {minutes_text(about['last'])}"
+        yield "sun", f"{about['suns']:,} positions, {about['hours']:,.4g} h above the horizon"
+    if about.get("observers"):
+        yield "observers", f"{about['observers']:,}"
+    yield from place_facts(about)
+    yield sensor_fact(table)
+
+
+def sensor_fact(table: Any) -> tuple[str, str]:
+    """The number and the kind of the sensors, or of the rows that stand for groups of them."""
+    sensors, per = table.sensors, table.about.get("per")
+    if per:
+        return f"{per}s", f"{len(table):,}"
+    cell = "" if sensors.raster is None else f", cells of {sensors.raster.spacing:g} {unit_of(table.about).name}"
+    return "sensors", f"{len(sensors):,} ({sensors.kind}{cell})"
+
+
+def mark_facts(table: Any) -> Iterator[tuple[str, str]]:
+    """Yield names and texts: the positions of the table's marks, if they are few."""
+    marks = [] if table.marks is None else table.marks.tolist()
+    name, unit = _MARKS.get(str(table.about.get("job")), "mark"), unit_of(table.about).name
+    for k, mark in enumerate(marks if len(marks) <= MOST_MARKS else []):
+        yield name if len(marks) == 1 else f"{name} {k}", f"{', '.join(f'{x:.10g}' for x in mark)} {unit}"
+
+
+def _area_text(area: dict[str, Any]) -> str:
+    if area.get("sun_hours") is None:
+        return "no cells"
+    text = f"mean {area['sun_hours']:.1f} h"
+    if area.get("share") is not None:
+        text += f"; {area['share']:.1%} of the cells: {'passes' if area['passes'] else 'fails'}"
+    return text
