@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from .city.shadow.shadow_polygons import Shadow
     from .city.sight.line_points import LinePoints, points_along
     from .city.sight.sightlines import Sightlines, line_of_sight
-    from .city.sight.targets import Turbine, polygon_points, surface_points, visible_share
+    from .city.sight.targets import polygon_points, surface_points, visible_share
+    from .city.sight.turbines import Turbine
     from .city.sight.viewshed import Viewshed, viewshed
     from .city.sight.visibility_matrix import VisibilityMatrix, visibility_matrix
     from .city.skyline.skyline import Skyline, skyline
@@ -205,7 +206,7 @@ _HOME = {
     "Suns": "sun.sun_positions",
     "Table": "city.tables.result_table",
     "Triangles": "scene.triangles",
-    "Turbine": "city.sight.targets",
+    "Turbine": "city.sight.turbines",
     "ViewFactors": "city.view_factors.view_factor_matrix",
     "Viewer": "viewer.viewer_page",
     "Viewshed": "city.sight.viewshed",

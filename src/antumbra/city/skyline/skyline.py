@@ -27,6 +27,7 @@ from ...scene.map_point import map_point, on_earth
 from ...sun.location import Place, place_of_crs
 from ...trace.rays.ray_hits import intersections
 from ...work.result_summary import Summary, SummaryTable, heading
+from ..sensors.curved_earth import curvature_record, earth_of, lowered_scene
 from ..sensors.point_checks import notes_on_sensors, on_surface, tell
 from ..sensors.sensor_files import check_sensors, sensors_of
 from ..sensors.sensors import Sensors, sensors_from, sightline_ends
@@ -281,8 +282,8 @@ def skyline(
     """Find the skylines of points: the elevation of the horizon by azimuth, exact up to the rounding of float64.
 
     The horizon is the upper edge of everything along an azimuth: what is open below a bridge or a canopy counts as
-    closed, and points below a roof see no sky. Faces with alpha masks or transmittance count as solid. The earth is
-    flat.
+    closed, and points below a roof see no sky. Faces with alpha masks or transmittance count as solid. With
+    `curvature`, what lies at a horizontal distance d is (1 - k) d^2 / (2 R) lower, as for `antumbra.viewshed`.
 
     Parameters
     ----------
@@ -315,6 +316,7 @@ def skyline(
     """
     options, scene = SkylineOptions(**given(*args, **keywords)), measured_scene(scene)
     scene.data.check_resident()
+    earth = earth_of(options, scene)
     threads, time = thread_count(options.threads), scene.clamped(options.time)
     below = scene if surface is None else measured_scene(surface)
     if isinstance(points, str):
@@ -328,10 +330,15 @@ def skyline(
         north = 0.0 if scene.crs is None else -map_point(scene.crs, *middle_of(scene)).convergence
     precompile("skyline")
     compass = compass_of(options.count, scene.up, north)
-    slopes = _slopes_of(scene, sensors, compass, time, threads)
+    if earth is None:
+        slopes = _slopes_of(scene, sensors, compass, time, threads)
+    else:
+        lowered = earth.lowered_sensors(sensors)
+        slopes = _slopes_of(lowered_scene(scene, earth, time), lowered, compass, 0.0, threads)
+        _turn(slopes, earth.turns(sensors.points), compass)
     azimuth = np.arange(options.count) * (360.0 / options.count)
     about: dict[str, Any] = {"job": "skyline", "scene": scene.name, "step": options.step, "north": north, **warned}
-    about["up"] = scene.up
+    about |= {"up": scene.up, **curvature_record(options, scene)}
     if scene.crs:
         about["crs"] = scene.crs
     if place is not None:
@@ -377,6 +384,22 @@ def _slopes_of(scene: AnyScene, sensors: Sensors, compass: Compass, time: float,
 
             raise_slopes(tree, eyes, compass, slopes, threads, progress)
     return slopes
+
+
+def _turn(slopes: Slopes, turns: NDArray[np.float64], compass: Compass) -> None:
+    """Change the slopes in a scene that is lowered around its middle to those that points see, in place.
+
+    turns : (n, 2), from `Earth.turns`
+
+    The supremum of a bin is that of the copy plus the greatest change in the bin, so it stays an upper bound.
+    """
+    level = turns * [1.0, compass.sign]
+    changes = level @ np.stack([compass.east, compass.north])  # (n, 2 m), at all half steps
+    slopes.at[:] += changes[:, ::2]
+    size = np.sqrt((level * level).sum(1))[:, None]
+    around = np.abs(atan2(level[:, :1], level[:, 1:]) - atan2(compass.east[::2], compass.north[::2]))
+    around = np.minimum(around, 2.0 * np.pi - around)  # between the bin's azimuth and that of the greatest change
+    slopes.highest[:] += size * cos(np.maximum(around - 1.0 / compass.turn, 0.0))  # the bin ends a half step away
 
 
 def _trees(scene: AnyScene, time: float, threads: int) -> list[Bvh]:
