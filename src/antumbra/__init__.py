@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from .base.errors import InputError
     from .city.cityjson.attribute_writer import write_attributes
     from .city.gis.gis_scenes import from_footprints, from_raster
+    from .city.pv.module_shading import ModuleShading, module_shading
+    from .city.pv.modules import PvModule
     from .city.sensors.ground_areas import area_sensors
     from .city.sensors.sensor_files import sensors_of
     from .city.sensors.sensors import Sensors, face_sensors, point_sensors, raster_sensors, vertex_sensors
@@ -91,12 +93,14 @@ __all__ = [
     "Light",
     "LinePoints",
     "MeshInfo",
+    "ModuleShading",
     "ObjectInfo",
     "PagedScene",
     "Place",
     "Plan",
     "PointLight",
     "PointLights",
+    "PvModule",
     "QuadLight",
     "Raster",
     "Receivers",
@@ -132,6 +136,7 @@ __all__ = [
     "grid_sensors",
     "line_of_sight",
     "load",
+    "module_shading",
     "place_of",
     "point_sensors",
     "points_along",
@@ -184,12 +189,14 @@ _HOME = {
     "Light": "scene.lights",
     "LinePoints": "city.sight.line_points",
     "MeshInfo": "scene.mesh",
+    "ModuleShading": "city.pv.module_shading",
     "ObjectInfo": "scene.mesh",
     "PagedScene": "engine.paged_scene",
     "Place": "sun.location",
     "Plan": "engine.plan",
     "PointLight": "scene.lights",
     "PointLights": "scene.light_lists",
+    "PvModule": "city.pv.modules",
     "QuadLight": "scene.lights",
     "Raster": "scene.raster",
     "Receivers": "query.receivers",
@@ -225,6 +232,7 @@ _HOME = {
     "load": "engine.scene_loading",
     "place_of": "sun.location",
     "point_sensors": "city.sensors.sensors",
+    "module_shading": "city.pv.module_shading",
     "points_along": "city.sight.line_points",
     "polygon_points": "city.sight.targets",
     "procedural": "engine.scene",

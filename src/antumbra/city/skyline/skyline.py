@@ -347,6 +347,15 @@ def skyline(
     return Skyline(sensors.points, azimuth, elevation, highest, about)
 
 
+def horizon_elevations(
+    scene: AnyScene, sensors: Sensors, step: float, north: float, threads: int
+) -> NDArray[np.float64]:
+    """(n, m) float64: `Skyline.elevation` of sensors, without notes; north: as `SkylineOptions.north`."""
+    precompile("skyline")
+    compass = compass_of(round(360.0 / step), scene.up, north)
+    return np.asarray(np.degrees(atan(_slopes_of(scene, sensors, compass, 0.0, threads).at)))
+
+
 def sensors_at(scene: AnyScene, points: Sensors | ArrayLike, normals: ArrayLike | None) -> Sensors:
     """`points` if they are `Sensors`, else sensors at points, (3,) or (n, 3). Raises InputError if there are none."""
     at = points if isinstance(points, Sensors) else np.atleast_2d(as_array(points, "points"))
