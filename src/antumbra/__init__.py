@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from .city.sight.viewshed import Viewshed, viewshed
     from .city.sight.visibility_matrix import VisibilityMatrix, visibility_matrix
     from .city.skyline.skyline import Skyline, skyline
+    from .city.sun.route_shade import RouteShade, route_shade
+    from .city.sun.sun_calendar import SunCalendar, sun_calendar
     from .city.sun.sun_hours import sky_view, sun_hours
     from .city.tables.result_table import Column, Table
     from .city.vegetation.vegetation_scenes import from_trees
@@ -106,6 +108,7 @@ __all__ = [
     "Receivers",
     "RenderOptions",
     "Renderer",
+    "RouteShade",
     "Scene",
     "Sensors",
     "Shadow",
@@ -114,6 +117,7 @@ __all__ = [
     "Skyline",
     "SphereLight",
     "SrdhRays",
+    "SunCalendar",
     "Suns",
     "Table",
     "Triangles",
@@ -145,10 +149,12 @@ __all__ = [
     "pvlib_shading",
     "raster_sensors",
     "render",
+    "route_shade",
     "sensors_of",
     "shadow",
     "sky_view",
     "skyline",
+    "sun_calendar",
     "sun_hours",
     "suns_of",
     "surface_points",
@@ -202,6 +208,7 @@ _HOME = {
     "Receivers": "query.receivers",
     "RenderOptions": "picture.render_options",
     "Renderer": "picture.renderer",
+    "RouteShade": "city.sun.route_shade",
     "Scene": "engine.scene",
     "Sensors": "city.sensors.sensors",
     "Shadow": "city.shadow.shadow_polygons",
@@ -211,6 +218,7 @@ _HOME = {
     "SphereLight": "scene.lights",
     "SrdhRays": "techniques.srdh.representative_rays",
     "Suns": "sun.sun_positions",
+    "SunCalendar": "city.sun.sun_calendar",
     "Table": "city.tables.result_table",
     "Triangles": "scene.triangles",
     "Turbine": "city.sight.turbines",
@@ -239,10 +247,12 @@ _HOME = {
     "pvlib_shading": "integrations.pvlib",
     "raster_sensors": "city.sensors.sensors",
     "render": "picture.renderer",
+    "route_shade": "city.sun.route_shade",
     "sensors_of": "city.sensors.sensor_files",
     "shadow": "city.shadow.shadow",
     "sky_view": "city.sun.sun_hours",
     "skyline": "city.skyline.skyline",
+    "sun_calendar": "city.sun.sun_calendar",
     "sun_hours": "city.sun.sun_hours",
     "suns_of": "sun.sun_positions",
     "surface_points": "city.sight.targets",

@@ -73,7 +73,7 @@ class ModuleShading(NamedTuple):
             "solar_azimuth": np.tile(self.solar_azimuth, m),
             "solar_elevation": np.tile(self.solar_elevation, m),
         }
-        table: pandas.DataFrame = pandas.DataFrame(columns, index=index)
+        table: Any = pandas.DataFrame(columns, index=index)
         table.attrs["up"] = self.about["up"]
         return table
 

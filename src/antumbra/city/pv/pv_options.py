@@ -1,25 +1,20 @@
 """The options of the shading of modules, which its function takes as keywords."""
 
 from dataclasses import dataclass
-from typing import Any
 
-from ...base.checks import checked_instance, flag
+from ...base.checks import flag
 from ...base.option_fields import Choice, WholeNumber, check_fields, option, optional, same_option
 from ...engine.plan import Plan
 from ...picture.render_options import EngineOptions
-from ...sun.location import Place, checked_place
-from ..sun.sun_options import MOST_SAMPLES
-
-
-def _place(value: Any, what: str) -> Place:
-    return checked_place(checked_instance(value, Place, what))
+from ...sun.location import Place
+from ..sun.sun_options import MOST_SAMPLES, place_option
 
 
 @dataclass(frozen=True, kw_only=True)
 class PvOptions:
     """The options of the shading of modules, checked and immutable. Raises InputError."""
 
-    place: Place | None = option(None, optional(_place))
+    place: Place | None = option(None, optional(place_option))
     """None: that of the scene's CRS."""
     samples: int = option(16, WholeNumber(1, MOST_SAMPLES), "Points on the sun's disk; 1: its centre.")
     """Points on the sun's disk, 1 to 64; 1: its centre."""

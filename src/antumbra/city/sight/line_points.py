@@ -12,9 +12,9 @@ from ...base.checks import as_array, number, path_of, quoted
 from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...base.files import checked_file
-from ...scene.crs import check_horizontal_crs
+from ...scene.crs import checked_crs, parts_of_crs, reproject
 from ..gis.vector_files import read_vectors
-from ..sensors.sensor_files import read_columns
+from ..sensors.sensor_files import read_point_file
 
 
 class LinePoints(NamedTuple):
@@ -41,7 +41,7 @@ def points_along(
     spacing : float
         World units, in plan. Each line is divided into the fewest equal pieces not longer than this.
     crs : str, optional
-        `Scene.crs`, to refuse a vector file in another system.
+        `Scene.crs`, to which lines of a file in another system are moved.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def _lines(lines: Any, crs: str | None) -> list[Any]:
     """The vertices of each line."""
     if isinstance(lines, (str, PathLike)):
         path = checked_file(path_of(lines, "lines"), Path(lines).name)
-        return [_table_vertices(path)] if path.suffix.lower() == ".csv" else _file_lines(path, crs)
+        return [_table_vertices(path, crs)] if path.suffix.lower() == ".csv" else _file_lines(path, crs)
     if isinstance(lines, np.ndarray):
         return [lines]
     if not isinstance(lines, Sequence):
@@ -105,22 +105,31 @@ def _divided(line: NDArray[np.float64], spacing: float) -> LinePoints:
     return LinePoints(points, np.full(pieces, ends[-1] / max(pieces, 1)))
 
 
-def _table_vertices(path: Path) -> NDArray[np.float64]:
+def _table_vertices(path: Path, crs: str | None) -> NDArray[np.float64]:
     """The vertices of the line in a .csv file."""
-    columns = read_columns(path, ("x", "y", "z"))
-    if not {"x", "y"} <= set(columns):
-        raise InputError(f"{path} has no columns x and y; give the vertices of a line")
-    return np.stack([columns[name] for name in ("x", "y", "z") if name in columns], 1)
+    file = read_point_file(path, flat=True)
+    return _moved(file.sensors.points, file.crs, crs, path.name)
 
 
 def _file_lines(path: Path, crs: str | None) -> list[NDArray[np.float64]]:
     """The lines of a vector file."""
     shapely = import_extra("shapely", "lines of vector files", "gis")
     table = read_vectors(path, "lines")
-    if table.crs is not None:
-        check_horizontal_crs(path.name, table.crs.to_wkt(), crs)
     parts = [part for shape in table.geometry if shape is not None for part in getattr(shape, "geoms", [shape])]
     lines = [part for part in parts if part.geom_type in ("LineString", "LinearRing") and not part.is_empty]
     if not lines:
         raise InputError(f"{path} has no lines; give a layer of LineStrings")
-    return [shapely.get_coordinates(line, include_z=bool(line.has_z)) for line in lines]
+    own = None if table.crs is None else checked_crs(table.crs)
+    vertices = [shapely.get_coordinates(line, include_z=bool(line.has_z)) for line in lines]
+    return [_moved(each, own, crs, path.name) for each in vertices]
+
+
+def _moved(at: NDArray[np.float64], own: str | None, crs: str | None, file: str) -> NDArray[np.float64]:
+    """Vertices in the CRS of a file, in that of the scene; None: unknown, which matches everything but degrees."""
+    if own is None or crs is None:
+        if own is not None and parts_of_crs(own).plan.is_geographic:
+            raise InputError(f"{file}: is in degrees, and the scene has no CRS; give it, as --crs does")
+        return at
+    if parts_of_crs(own).plan.equals(parts_of_crs(crs).plan, ignore_axis_order=True):
+        return at
+    return np.column_stack([reproject(at[:, :2], own, crs), at[:, 2:]])

@@ -33,7 +33,8 @@ class HoursInterval(StrEnum):
     hour = "hour"
 
 
-def _place(value: Any, what: str) -> Place:
+def place_option(value: Any, what: str) -> Place:
+    """Check of an option that is a place."""
     return checked_place(checked_instance(value, Place, what))
 
 
@@ -84,7 +85,7 @@ class SunDays:
 class SunKeywords:
     """The keywords of `antumbra.sun_hours`, besides those for its input and output."""
 
-    place: Place | None = option(None, optional(_place))
+    place: Place | None = option(None, optional(place_option))
     """None: that of the scene's CRS."""
     step: float | None = option(
         None,
