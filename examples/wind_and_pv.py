@@ -20,9 +20,8 @@ feet = [(x0 + share * (x1 - x0), (y0 + y1) / 2.0, 0.0) for share in (0.25, 0.5, 
 farm = {f"WT{k}": at.Turbine(foot, hub_height=60.0, rotor_diameter=50.0) for k, foot in enumerate(feet, 1)}
 table = at.visible_share(hills, "raster:20+1.6", farm, on_surface=True, curvature=True)
 table.save(folder / "farm.tif", column="turbines")
-print(
-    f"of 3 turbines, {table['turbines'].mean():.2f} are in sight on average, and {table['share'].mean():.0%} of the rotors"
-)
+seen, share = table["turbines"].mean(), table["share"].mean()
+print(f"of 3 turbines, {seen:.2f} are in sight on average, and {share:.0%} of the rotors")
 
 # Three rows of modules on one of the hills: the second and the third stand in the shade of those in front.
 ground = at.sensors_of("raster:20", hills).points
