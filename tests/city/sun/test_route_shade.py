@@ -96,3 +96,11 @@ def test_degrees_need_the_crs_of_the_scene(town):
     Path("here.geojson").write_text(json.dumps(document))
     with pytest.raises(at.InputError, match=r"here\.geojson: is in degrees, and the scene has no CRS"):
         at.route_shade(wall(), "here.geojson", 2.0, "2026-09-21", place=HERE)
+
+
+def test_stations_on_the_surface_are_not_in_its_own_shade():
+    """On an open slope, the surface itself hides nothing from stations that lie on it."""
+    corners = [[0.0, 0, 1.1], [90, 0, 7.3], [90, 90, 3.7], [0, 90, 0.3]]
+    slope = at.Scene.from_arrays(corners, [[0, 1, 2], [0, 2, 3]], up="z")
+    found = at.route_shade(slope, [(3.0, 7.0), (83.0, 71.0)], 1.0, "2026-06-21", place=HERE, on_surface=True)
+    assert "warnings" not in found.table.about and found.shade[2:-2].max() == 0.0

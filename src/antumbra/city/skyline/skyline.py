@@ -28,7 +28,7 @@ from ...sun.location import Place, place_of_crs
 from ...trace.rays.ray_hits import intersections
 from ...work.result_summary import Summary, SummaryTable, heading
 from ..sensors.curved_earth import curvature_record, earth_of, lowered_scene
-from ..sensors.point_checks import notes_on_sensors, on_surface, tell
+from ..sensors.point_checks import notes_on_sensors, raised, tell
 from ..sensors.sensor_files import check_sensors, sensors_of
 from ..sensors.sensors import Sensors, sensors_from, sightline_ends
 from ..tables.map_page import MAP_SUFFIXES, check_map, checked_title, save_page
@@ -322,7 +322,8 @@ def skyline(
     if isinstance(points, str):
         check_sensors(points, "points")
         points = sensors_of(points, below, threads)
-    sensors = _raised(below, sensors_at(below, points, normals), options)
+    sensors = sensors_at(below, points, normals)
+    sensors = raised(below, sensors, options.eye_height, options.on_surface, "points", time, threads)
     warned = tell(notes_on_sensors(below, sensors, "points", time, threads))
     north, place = options.north, None
     if north is None:
@@ -363,19 +364,6 @@ def sensors_at(scene: AnyScene, points: Sensors | ArrayLike, normals: ArrayLike 
     if not len(sensors):
         raise InputError("there is no point; give at least one")
     return sensors
-
-
-def _raised(scene: AnyScene, sensors: Sensors, options: SkylineOptions) -> Sensors:
-    """The eyes of points: those of `eye_height` and `on_surface` lie in free space."""
-    if not options.on_surface and options.eye_height == 0.0:
-        return sensors
-    up, eyes = "xyz".index(scene.up), sensors.points.copy()
-    if options.on_surface:
-        eyes = on_surface(scene, eyes, "points", scene.clamped(options.time), thread_count(options.threads))
-    if options.eye_height == 0.0:  # on the surface itself
-        return sensors_from(scene, eyes, np.eye(3)[up], "points")
-    eyes[:, up] += options.eye_height
-    return sensors_from(scene, eyes, None, "points")
 
 
 def _slopes_of(scene: AnyScene, sensors: Sensors, compass: Compass, time: float, threads: int) -> Slopes:

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Any, NamedTuple, ParamSpec
@@ -22,9 +21,9 @@ from ...sun.location import place_in
 from ...sun.sun_positions import days_of, suns_of, times_of, zone_of
 from ...work.executors import Keep
 from ...work.result_summary import Summary, SummaryTable
-from ..sensors.point_checks import on_surface
-from ..sensors.sensors import point_sensors
-from ..sight.line_points import LinePoints, points_along
+from ..sensors.point_checks import raised
+from ..sensors.sensors import Sensors, point_sensors
+from ..sight.line_points import points_along
 from ..tables.result_table import Column, Table
 from .route_options import RouteOptions
 from .sun_hours import sun_hours
@@ -117,18 +116,19 @@ def route_shade(
     place = place_in(scene, options.place)
     if place is None:
         raise InputError("the place is unknown; give a place, such as antumbra.Place(52.0, 4.36), or a CRS")
-    stations, chosen = _stations(scene, surface, line, spacing, options), days_of(days)
+    chosen = days_of(days)
+    stations, lengths = _stations(scene, surface, line, spacing, options)
     suns = suns_of(place, times_of(chosen, zone_of(place), options.step), scene.up)
     names = "curvature", "refraction", "earth_radius", "samples", "plan", "threads", "step"
     found = sun_hours(
-        scene, point_sensors(stations.points), chosen, by=("hour",), place=place, keep=keep,
+        scene, stations, chosen, by=("hour",), place=place, keep=keep,
         **{name: getattr(options, name) for name in names},
     )  # fmt: skip
     if found is None:
         return None  # a shard, of a command
     hour = (suns.local.astype("datetime64[h]") - suns.local.astype("datetime64[D]")).astype(np.int64)
     possible = np.bincount(hour, suns.hours, 24)
-    hours, lengths, unit = np.flatnonzero(possible), stations.lengths, scene.unit.name
+    hours, unit = np.flatnonzero(possible), scene.unit.name
     columns = {
         "distance": Column(np.cumsum(lengths) - lengths / 2.0, unit, "distance of the station along the route"),
         "length": Column(lengths, unit, "length of its piece of the route"),
@@ -138,7 +138,7 @@ def route_shade(
     for each, share in zip(hours.tolist(), shares):
         columns[f"shade_{each:02d}"] = Column(share, "", f"share of the hour from {each} in shade")
     about = {**found.about, "job": "route shade", "spacing": spacing}
-    table = Table(replace(found.sensors), columns, about, scene)
+    table = Table(found.sensors, columns, about, scene)
     return RouteShade(
         table, hours, np.asarray(possible[hours], np.float64), np.asarray(shares @ lengths / lengths.sum(), np.float64)
     )
@@ -149,15 +149,13 @@ def _share(hours: NDArray[np.float64], possible: float) -> NDArray[np.float64]:
     return np.clip(1.0 - np.asarray(hours, np.float64) / possible, 0.0, 1.0)
 
 
-def _stations(scene: Any, surface: "SceneLike | None", line: Any, spacing: float, options: RouteOptions) -> LinePoints:
-    """The stations, at their heights."""
-    found = points_along(line, number(spacing, "the spacing of stations", 0.0, np.inf), crs=scene.crs)
-    at, up = found.points, "xyz".index(scene.up)
+def _stations(
+    scene: Any, surface: "SceneLike | None", line: Any, spacing: float, options: RouteOptions
+) -> tuple[Sensors, NDArray[np.float64]]:
+    """The stations, at their heights, and the lengths of their pieces."""
     if scene.up == "y" and isinstance(line, (str, os.PathLike)) and Path(line).suffix.lower() != ".csv":
         raise InputError(f"{Path(line).name}: lines of vector files need a scene with Z up; give vertices")
-    if options.on_surface:
-        below = scene if surface is None else measured_scene(surface)
-        at = on_surface(below, at, "stations", 0.0, thread_count(options.threads))
-    at = at.copy()
-    at[:, up] += options.eye_height
-    return LinePoints(at, found.lengths)
+    found = points_along(line, number(spacing, "the spacing of stations", 0.0, np.inf), crs=scene.crs)
+    below = scene if surface is None else measured_scene(surface)
+    settings = options.eye_height, options.on_surface, "stations", 0.0, thread_count(options.threads)
+    return raised(below, point_sensors(found.points), *settings), found.lengths

@@ -32,9 +32,9 @@ from ...work.scene_records import scene_digest
 from ...work.work_parts import Parts, about_parts, inexact_plan
 from ..sensors.curved_earth import Earth, curvature_record, earth_of, lowered_scene
 from ..sensors.point_attributes import names_of_rows
-from ..sensors.point_checks import notes_on_sensors, on_surface, tell
+from ..sensors.point_checks import notes_on_sensors, raised, tell
 from ..sensors.sensor_files import sensors_of
-from ..sensors.sensors import Sensors, point_sensors, sensors_from
+from ..sensors.sensors import Sensors, sensors_from
 from ..tables.map_page import MAP_SUFFIXES, check_map, checked_title, save_page
 from .route_options import CalendarOptions
 from .sun_visibility import DISK, arriving_shares, seasons_of
@@ -206,7 +206,8 @@ def sun_calendar(
     checked = sensors_of(points, below, threads) if isinstance(points, str) else points
     if not isinstance(checked, Sensors):
         checked = np.atleast_2d(as_array(checked, "points"))
-    sensors = _raised(below, sensors_from(scene, checked, None, "points"), options)
+    sensors = sensors_from(scene, checked, None, "points")
+    sensors = raised(below, sensors, options.eye_height, options.on_surface, "points", 0.0, threads)
     if not len(sensors):
         raise InputError("there is no point; give at least one")
     place, chosen = place_in(scene, options.place), days_of(days)
@@ -226,19 +227,6 @@ def sun_calendar(
     about |= {"step": options.step, "up": scene.up, **curvature_record(options, scene), **warned}
     local = {name: work.local(arrays[name]) for name in ("first", "last", "sunrise", "sunset")}
     return SunCalendar(names, sensors.points, work.days, **local, hours=arrays["hours"], about=about)
-
-
-def _raised(scene: AnyScene, sensors: Sensors, options: CalendarOptions) -> Sensors:
-    """The eyes of points, with the names of their table."""
-    if not options.on_surface and options.eye_height == 0.0:
-        return sensors
-    up, eyes = "xyz".index(scene.up), sensors.points.copy()
-    if options.on_surface:
-        eyes = on_surface(scene, eyes, "points", 0.0, thread_count(options.threads))
-    eyes[:, up] += options.eye_height
-    raised = point_sensors(eyes, np.tile(np.eye(3)[up], (len(eyes), 1)) if options.eye_height == 0.0 else None)
-    raised.attributes.update(sensors.attributes)
-    return raised
 
 
 def apparent(elevation: NDArray[np.float64]) -> NDArray[np.float64]:
