@@ -15,6 +15,7 @@ from ...cli.options import (
     ColumnOption,
     CrsOption,
     ListedBefore,
+    MapOption,
     OutputsOption,
     SceneArgument,
     SensorsOrDefault,
@@ -51,6 +52,7 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table"]):
     Examples
       antumbra visible dem.tif --sensors raster+1.6 --turbine 85000,446000,12 --hub-height 120 --rotor 150 -o share.tif
       antumbra visible dem.tif --sensors raster+1.6 --turbines farm.gpkg --on-surface --curvature -o farm.tif
+      antumbra visible dem.tif --sensors raster+1.6 --turbines farm.gpkg --on-surface --map farm.pdf -o farm.tif
       antumbra visible city.city.json --sensors raster:2+1.6 --object Pand.1 --surfaces WallSurface -o share.tif
       antumbra visible city.glb --up z --sensors people.csv --polygon facade.csv --spacing 0.5 -o share.csv
     """
@@ -99,6 +101,7 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table"]):
     ] = None
     trees: VegetationOption = None
     output: OutputsOption = None
+    map: MapOption = None
     column: ColumnOption = None
     up: Annotated[UpOption, ListedBefore("threads")] = None
     crs: CrsOption = None
