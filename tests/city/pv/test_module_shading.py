@@ -26,14 +26,18 @@ def rows(count, pitch, axis, tilt, azimuth, lattice=(1, 64)):
     return {f"row {k}": at.PvModule(p, 2000.0, 2.0, tilt, azimuth, lattice=lattice) for k, p in enumerate(places)}
 
 
-@pytest.mark.parametrize("north", [0.0, 90.0])
-def test_fixed_rows_shade_each_other_as_in_pvlib(north):
+@pytest.mark.parametrize("north, up", [(0.0, "z"), (90.0, "z"), (0.0, "y")])
+def test_fixed_rows_shade_each_other_as_in_pvlib(north, up):
     """Rows that face south, 25 degrees steep: the shaded fraction of the second is that of the closed form."""
-    place = HERE._replace(north=north)
+    place, scene = HERE._replace(north=north), FAR
     modules = rows(2, 4.0, 90.0, 25.0, 180.0)
+    if up == "y":
+        scene = at.Scene.from_arrays([[[9e4, 0, 9e4], [9e4 + 1, 0, 9e4], [9e4, 0, 9e4 - 1]]], up="y")
+        turned = lambda x, y, z: (x, z, -y)
+        modules = {n: m._replace(position=turned(*m.position)) for n, m in modules.items()}
     if north:  # true north points along +X
         modules = {n: m._replace(position=(m.position[1], -m.position[0], m.position[2])) for n, m in modules.items()}
-    table = at.pvlib_shading(FAR, modules, DAY, place=place, samples=1)
+    table = at.pvlib_shading(scene, modules, DAY, place=place, samples=1)
     shaded = table["shaded_fraction"].unstack("module")
     angles = sun()
     expected = pvlib.shading.shaded_fraction1d(
