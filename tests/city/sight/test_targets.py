@@ -94,6 +94,17 @@ def test_lines_are_read_from_files(tmp_path):
     assert (at.points_along(tmp_path / "road.csv", 1.0).points == road.points[:10]).all()
 
 
+def test_lines_run_along_the_ground_with_y_up(tmp_path):
+    line = np.array([(0.0, 0.0, 1.0), (10.0, 0.0, 2.0), (10.0, 5.0, 2.0)])
+    turned = line[:, [0, 2, 1]] * [1.0, 1.0, -1.0]
+    level, upright = at.points_along(line, 2.0), at.points_along(turned, 2.0, up="y")
+    assert np.array_equal(upright.points, level.points[:, [0, 2, 1]] * [1.0, 1.0, -1.0])
+    assert np.array_equal(upright.lengths, level.lengths) and level.lengths.sum() == 15.0
+    rows = "".join(f"{x},{y},{z}\n" for x, y, z in turned.tolist())
+    (tmp_path / "road.csv").write_text("x,y,z\n" + rows)
+    assert np.array_equal(at.points_along(tmp_path / "road.csv", 2.0, up="y").points, upright.points)
+
+
 def test_a_viewshed_from_a_line_sums_its_length():
     scene = walled()
     road = at.points_along([(84003.0, 445995.0), (84117.0, 445995.0)], 1.0)

@@ -304,6 +304,9 @@ READERS = {
     "viewshed --observers": ("points.parquet", "--sensors", "face", "-o", "a.csv"),
     "los --observers": ("points.parquet", "--to", "85001,447001,19", "-o", "a.csv"),
     "los --targets": ("points.parquet", "--from", "85001,447001,19", "-o", "a.csv"),
+    "calendar --points": ("points.parquet", "--days", "2026-06-21", "--step", "60", "-o", "a.csv"),
+    "pv --modules": ("points.parquet", "--days", "2026-06-21", "-o", "a.csv"),
+    "visible --turbines": ("points.parquet", "--hub-height", "9", "--rotor", "5", "-o", "a.csv"),
     "los --pairs": ("pairs.parquet", "-o", "a.csv"),
 }
 READERS |= {
@@ -312,7 +315,9 @@ READERS |= {
     if case.command and case.points
 }
 """Command and option that reads points -> the file, and the rest of a command line."""
-FILE_OF_POINTS = re.compile(r"file of (points|observers|targets)|forms as --sensors|\|FILE$")
+FILE_OF_POINTS = re.compile(
+    r"file of (points|observers|targets|modules|the feet of turbines)|forms as --sensors|\|FILE$"
+)
 """What the help of such options says."""
 
 

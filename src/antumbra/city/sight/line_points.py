@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.checks import as_array, number, path_of, quoted
+from ...base.checks import as_array, choice, number, path_of, quoted
 from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...base.files import checked_file
@@ -28,8 +28,9 @@ _MOST = 10_000_000  # points
 
 
 def points_along(
-    lines: ArrayLike | Sequence[ArrayLike] | str | PathLike[str], spacing: float, *, crs: str | None = None
-) -> LinePoints:
+    lines: ArrayLike | Sequence[ArrayLike] | str | PathLike[str], spacing: float, *, crs: str | None = None,
+    up: str = "z",
+) -> LinePoints:  # fmt: skip
     """Points along lines at an even spacing, in the middle of equally long pieces.
 
     Parameters
@@ -42,6 +43,8 @@ def points_along(
         World units, in plan. Each line is divided into the fewest equal pieces not longer than this.
     crs : str, optional
         `Scene.crs`, to which lines of a file in another system are moved.
+    up : "y" or "z"
+        `Scene.up`. With "y", vertices (n, 3) and those of .csv files are x, y and z of the scene, with y up.
 
     Returns
     -------
@@ -54,7 +57,10 @@ def points_along(
         If an argument is invalid, a file holds no lines, or there would be more than 10 million points.
     """
     spacing = number(spacing, "the spacing of points along lines", 0.0, np.inf)
-    vertices = [_checked(line) for line in _lines(lines, crs)]
+    turns, found = choice(up, "up", ("y", "z")) == "y", _lines(lines, crs)
+    vertices = [_checked(line) for line in found]
+    if turns and _on_axes(lines):
+        vertices = [line if np.shape(given)[-1] == 2 else _on_map(line) for given, line in zip(found, vertices)]
     total = sum(float(_side_lengths(line).sum()) for line in vertices)
     if total / spacing > _MOST:
         raise InputError(f"lines of {total:g} at a spacing of {spacing:g} have more than {_MOST:,} points; widen it")
@@ -62,7 +68,18 @@ def points_along(
     points = np.concatenate([part.points for part in parts])
     if not len(points):
         raise InputError("the lines have no length; give lines of two or more different points")
+    points = points[:, [0, 2, 1]] * [1.0, 1.0, -1.0] if turns else points
     return LinePoints(points, np.concatenate([part.lengths for part in parts]))
+
+
+def _on_axes(lines: Any) -> bool:
+    """Whether lines have the axes of the scene, unlike those of vector files, which are on a map."""
+    return not isinstance(lines, (str, PathLike)) or Path(lines).suffix.lower() == ".csv"
+
+
+def _on_map(line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3) float64: easting, northing and height of vertices with y up."""
+    return line[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
 
 
 def _lines(lines: Any, crs: str | None) -> list[Any]:

@@ -166,7 +166,7 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
         from .line_points import points_along
 
         if self.along is not None:
-            return points_along(self.along, self.spacing or 0.0, crs=scenes.planted.crs)
+            return points_along(self.along, self.spacing or 0.0, crs=scenes.planted.crs, up=scenes.planted.up)
         eyes = self._eyes
         assert eyes is not None  # checked before
         return eyes.within(scenes.bare)

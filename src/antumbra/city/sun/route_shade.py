@@ -3,7 +3,6 @@
 import os
 from collections.abc import Iterable, Sequence
 from datetime import date
-from pathlib import Path
 from typing import Any, NamedTuple, ParamSpec
 
 import numpy as np
@@ -82,7 +81,7 @@ def route_shade(
     ----------
     scene : Scene, PagedScene, or anything that `antumbra.load` takes
     line : (n, 2) or (n, 3) float, a sequence of such arrays, str or path-like
-        The route, as for `antumbra.points_along`. Files in another CRS are moved to that of the scene.
+        The route, as for `antumbra.points_along`, along the axes of the scene. Files in another CRS are moved to its.
     spacing : float
         World units between stations, in plan. Each stands in the middle of an equally long piece.
     days : str or iterable of date
@@ -153,9 +152,7 @@ def _stations(
     scene: Any, surface: "SceneLike | None", line: Any, spacing: float, options: RouteOptions
 ) -> tuple[Sensors, NDArray[np.float64]]:
     """The stations, at their heights, and the lengths of their pieces."""
-    if scene.up == "y" and isinstance(line, (str, os.PathLike)) and Path(line).suffix.lower() != ".csv":
-        raise InputError(f"{Path(line).name}: lines of vector files need a scene with Z up; give vertices")
-    found = points_along(line, number(spacing, "the spacing of stations", 0.0, np.inf), crs=scene.crs)
+    found = points_along(line, number(spacing, "the spacing of stations", 0.0, np.inf), crs=scene.crs, up=scene.up)
     below = scene if surface is None else measured_scene(surface)
     settings = options.eye_height, options.on_surface, "stations", 0.0, thread_count(options.threads)
     return raised(below, point_sensors(found.points), *settings), found.lengths
