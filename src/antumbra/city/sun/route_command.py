@@ -16,7 +16,6 @@ from ...cli.options import (
     ListedBefore,
     MapOption,
     NorthOption,
-    OutputsOption,
     SceneArgument,
     TimezoneOption,
     UpOption,
@@ -32,6 +31,8 @@ from .route_options import RouteOptions
 if TYPE_CHECKING:
     from ...work.executors import Executor
     from .route_shade import RouteShade
+
+_SUFFIXES = ".csv", ".parquet", ".gpkg", ".json", ".npz", ".png"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +67,9 @@ class RouteCommand(StudyCommand[RouteOptions, "RouteShade"]):
     longitude: DegreesOption = None
     north: NorthOption = None
     timezone: TimezoneOption = None
-    output: Annotated[OutputsOption, ListedBefore("plan")] = None
+    output: Annotated[
+        list[Path] | None, tables("Output file", "--output", "-o", suffixes=_SUFFIXES), ListedBefore("plan")
+    ] = None
     map: MapOption = None
     column: ColumnOption = None
     hours: Annotated[list[Path] | None, tables("The share of the route in shade by hour", suffixes=(".csv",))] = None
