@@ -103,6 +103,13 @@ def test_many_modules_have_what_each_has_alone():
     assert free["sky_view_factor"].iloc[0] == pytest.approx(table.loc["site 17"]["sky_view_factor"].iloc[0], abs=2e-3)
 
 
+def test_modules_without_a_string_are_noted():
+    modules = rows(3, 4.0, 90.0, 25.0, 180.0)
+    modules["row 0"] = modules["row 0"]._replace(string="a")
+    with pytest.warns(UserWarning, match="2 of 3 modules have no string, and are left out"):
+        assert at.module_shading(FAR, modules, DAY[:2], place=HERE, samples=1, per="string").names == ["a"]
+
+
 def test_strings_have_the_mean_and_the_most_of_their_modules():
     modules = {n: m._replace(string="a" if n != "row 2" else "b") for n, m in rows(3, 4.0, 90.0, 25.0, 180.0).items()}
     each = at.module_shading(FAR, modules, DAY, place=HERE, samples=1)

@@ -58,6 +58,16 @@ def test_tables_in_degrees_are_projected(points, names):
     assert sensors.points.tolist() == [[85001.0, 447002.0, 3.0]] and list(sensors.attributes) == names.split(",")
 
 
+def test_numbers_of_geojson_that_are_no_degrees_are_those_of_the_scene(points):
+    geometry = {"type": "Point", "coordinates": [85001.0, 447002.0, 3.0]}
+    feature = {"type": "Feature", "properties": {"k": 1}, "geometry": geometry}
+    Path("p.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    assert at.sensors_of("p.geojson", floor("z")).points.tolist() == [[85001.0, 447002.0, 3.0]]
+    line = {"type": "LineString", "coordinates": [[85001.0, 447002.0], [85005.0, 447002.0]]}
+    Path("l.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [{**feature, "geometry": line}]}))
+    assert at.points_along("l.geojson", 1.0, crs=CRS).points[0].tolist() == [85001.5, 447002.0, 0.0]
+
+
 def test_heights_are_those_of_a_column_where_points_have_none(points):
     path = points("p.gpkg", z=None, columns={"z": [1.5, 2.5]})
     assert read_point_file(path).sensors.points[:, 2].tolist() == [1.5, 2.5]

@@ -101,6 +101,7 @@ def test_a_turbine_given_twice_is_two_turbines(cli, dem):
         ),
         (("--turbines", "twice.csv", "--rotor", "9", "--hub-height", "20"), "the id 'a' is that of several rows"),
         (("--turbines", "farm.gpkg", "--turbine", "1,2,3"), "give one target"),
+        (("--turbines", "tall.csv", "--rotor", "9"), "tall.csv: the row b: the hub height of a turbine is -5"),
         (("--points", "bare.csv", "--on-surface"), "--on-surface places the feet of turbines"),
         (("--points", "bare.csv", "--rotor", "3"), "--hub-height and --rotor are of turbines"),
         (
@@ -113,6 +114,7 @@ def test_errors_leave_no_file(cli, dem, words, told, tmp_path):
     table("farm.gpkg", "EPSG:25831")
     (tmp_path / "bare.csv").write_text("x,y,z\n84100,445950,3\n")
     (tmp_path / "twice.csv").write_text("id,x,y,z\na,84100,445950,3\na,84090,445990,3\n")
+    (tmp_path / "tall.csv").write_text("id,x,y,z,hub_height\na,84100,445950,3,20\nb,84090,445990,3,-5\n")
     line = {"type": "LineString", "coordinates": [[4.3, 52.0], [4.31, 52.0]]}
     feature = {"type": "Feature", "properties": {"id": 1}, "geometry": line}
     (tmp_path / "lines.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))

@@ -171,7 +171,7 @@ def module_shading(
     Warns
     -----
     UserWarning
-        If modules lie beside the scene or below the ground.
+        If modules lie beside the scene or below the ground, or have no string where series of strings are requested.
 
     Notes
     -----
@@ -185,7 +185,13 @@ def module_shading(
     if options.per == "string" and not any(module.string for module in every.each):
         raise InputError("no module has a string; name them, or leave per='string' out")
     middles = np.array([module.position for module in every.each])
-    warned = tell(notes_on_points(scene, middles, "modules", 0.0, options.threads))
+    notes, strayed = (
+        notes_on_points(scene, middles, "modules", 0.0, options.threads),
+        [m.string for m in every.each].count(""),
+    )
+    if options.per == "string" and strayed:
+        notes.append(f"{strayed:,} of {len(every.each):,} modules have no string, and are left out")
+    warned = tell(notes)
     instants = index.tz_convert("UTC").tz_localize(None).to_numpy().astype("datetime64[s]")
     elevation, azimuth = solar_angles(place, instants)
     sky = sky_of(scene, place, elevation, azimuth, months_of(index.tz_localize(None).to_numpy()), options.samples)

@@ -20,6 +20,7 @@ SUFFIXES = (".gpkg", ".geojson", ".shp", ".fgb")
 WORLD = "OGC:CRS84"
 """The CRS of columns in degrees, and of GeoParquet that names none."""
 
+_MOST_DEGREES = 360.0, 90.0
 _KINDS = "fiubM"  # besides texts, of columns that come through
 
 
@@ -83,8 +84,19 @@ def read_vector_points(path: Path, flat: bool) -> PointFile:
         If the file cannot be read, has other geometries than points, or its points have no heights.
     """
     frame = read_vectors(path, "points", None if path.suffix.lower() == ".parquet" else _layer_of(path))
-    crs = None if frame.crs is None else checked_crs(frame.crs)
-    return PointFile(_points_of(frame, path.name, flat), path.name, crs, True)
+    return PointFile(_points_of(frame, path.name, flat), path.name, crs_of_frame(frame, path), True)
+
+
+def crs_of_frame(frame: Any, path: Path) -> str | None:
+    """The CRS of a GeoDataFrame of a file; None: unknown, as of GeoJSON without a CRS whose numbers are no degrees."""
+    if frame.crs is None:
+        return None
+    crs = checked_crs(frame.crs)
+    if path.suffix.lower() == ".geojson" and len(frame) and parts_of_crs(crs).plan.is_geographic:
+        west, south, east, north = frame.total_bounds
+        if max(-west, east) > _MOST_DEGREES[0] or max(-south, north) > _MOST_DEGREES[1]:
+            return None
+    return crs
 
 
 def _layer_of(path: Path) -> str:

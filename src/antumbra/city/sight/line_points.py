@@ -12,9 +12,10 @@ from ...base.checks import as_array, choice, number, path_of, quoted
 from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...base.files import checked_file
-from ...scene.crs import checked_crs, parts_of_crs, reproject
+from ...scene.crs import parts_of_crs, reproject
 from ..gis.vector_files import read_vectors
 from ..sensors.sensor_files import read_point_file
+from ..sensors.vector_points import crs_of_frame
 
 
 class LinePoints(NamedTuple):
@@ -136,7 +137,7 @@ def _file_lines(path: Path, crs: str | None) -> list[NDArray[np.float64]]:
     lines = [part for part in parts if part.geom_type in ("LineString", "LinearRing") and not part.is_empty]
     if not lines:
         raise InputError(f"{path} has no lines; give a layer of LineStrings")
-    own = None if table.crs is None else checked_crs(table.crs)
+    own = crs_of_frame(table, path)
     vertices = [shapely.get_coordinates(line, include_z=bool(line.has_z)) for line in lines]
     return [_moved(each, own, crs, path.name) for each in vertices]
 

@@ -106,8 +106,13 @@ def turbines_of_table(path: Path, points: Sensors, hub_height: float | None, rot
         sizes[column] = np.full(len(points), given) if values is None else values.astype(np.float64)
     if not len(points):
         raise InputError(f"{path.name}: has no turbines; give at least one row")
-    rows = zip(points.points.tolist(), sizes[HUB].tolist(), sizes[ROTOR].tolist())
-    return Turbines(names_of_rows(path.name, points.attributes, len(points)), [Turbine(*row) for row in rows])
+    names, each = names_of_rows(path.name, points.attributes, len(points)), list[Turbine]()
+    for name, *row in zip(names, points.points.tolist(), sizes[HUB].tolist(), sizes[ROTOR].tolist()):
+        try:
+            each.append(Turbine(*row))
+        except InputError as error:
+            raise InputError(f"{path.name}: the row {name}: {error}") from None
+    return Turbines(names, each)
 
 
 def on_ground(scene: AnyScene, turbines: Turbines, time: float, threads: int | None) -> Turbines:
