@@ -39,4 +39,4 @@ at.module_shading(hills, rows, times, place=place, per="string").save(folder / "
 week = at.sun_calendar(hills, [[x0 + 300.0, y0 + 300.0, 0.0]], "2026-12-18:2026-12-24", place=place, on_surface=True)
 week.save(folder / "calendar.csv")
 print(f"on 21 December, the sun comes at {str(week.first[0, 3])[11:]} and goes at {str(week.last[0, 3])[11:]}")
-print(f"written: {folder / 'farm.tif'}, {folder / 'string.csv'}, {folder / 'calendar.csv'}")
+print("written: farm.tif, string.csv and calendar.csv")
