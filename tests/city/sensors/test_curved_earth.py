@@ -6,6 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.city.sensors.curvature_options import CurvatureOptions
 from antumbra.city.sensors.curved_earth import Earth, earth_of, lowered_scene, subdivide
+from antumbra.city.sensors.sensors import corners_of
 
 RADIUS = 6_371_000.0
 
@@ -37,6 +38,24 @@ def test_one_copy_shows_every_observer_what_a_copy_around_it_shows():
         seen = ~copy.occluded(np.broadcast_to(eye, away.shape), targets=away)
         assert (found[f"seen_{k + 1}"] != seen).sum() <= 2 and 50 < seen.sum() < 600
     assert (found["seen"] == sum(found[f"seen_{k}"] for k in range(1, 5))).all()
+
+
+@pytest.mark.parametrize("cells, raster", [(25, False), (200, True)])
+def test_a_raster_stays_one_unless_its_edges_are_long(cells, raster):
+    """Edges of 1,200 m are divided, and those of 150 m are not; heights sink as points do, and holes stay."""
+    scene = rugged(cells=cells)
+    heights = scene.data.terrain.heights.copy()
+    heights[3, 4] = np.nan
+    side = scene.raster.spacing
+    scene = at.from_raster((heights, (side, 0.0, 80_000.0, 0.0, -side, 460_000.0)))
+    earth = Earth(0.87 / (2.0 * RADIUS), scene.bounds.mean(0), 2)
+    copy = lowered_scene(scene, earth)
+    assert (copy.data.terrain is not None) is raster and (copy.n_triangles == scene.n_triangles) is raster
+    at_vertices = corners_of(scene).reshape(-1, 3)
+    made, expected = corners_of(copy).reshape(-1, 3), earth.lowered(at_vertices)
+    if raster:
+        assert np.abs(made - expected).max() < 0.005  # float32 at 15 km
+    assert abs(made[:, 2].min() - expected[:, 2].min()) < 0.5 and abs(made[:, 2].max() - expected[:, 2].max()) < 0.5
 
 
 def test_a_scene_that_lets_light_through_is_not_bent(tmp_path):

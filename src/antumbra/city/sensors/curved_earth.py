@@ -16,6 +16,8 @@ from ...base.errors import InputError
 from ...engine.measured_scenes import earth_radius_of
 from ...engine.scene import AnyScene, Scene
 from ...scene.map_point import on_earth
+from ...scene.scene_data import MemoryData
+from ...scene.terrain import TerrainSurfaces
 from .sensors import Sensors, corners_of
 
 _REFRACTION = 0.13  # of the atmosphere of the earth
@@ -105,7 +107,17 @@ def curvature_record(options: Any, scene: AnyScene) -> dict[str, float]:
 
 
 def lowered_scene(scene: AnyScene, earth: Earth, time: float = 0.0) -> Scene:
-    """The lowered copy of a scene. Long edges are divided identically in both adjacent faces."""
+    """The lowered copy of a scene. Long edges are divided identically in both adjacent faces.
+
+    A raster of heights with short edges stays one, which takes less memory than its triangles.
+    """
+    terrain = scene.data.terrain
+    if terrain is not None and np.hypot(terrain.grid.dx, terrain.grid.dy) <= earth.longest:
+        east = terrain.grid.eastings() - earth.centre[0]
+        north = terrain.grid.northings() - earth.centre[1]
+        drops = earth.drop * ((north * north)[:, None] + east * east)
+        source = TerrainSurfaces([terrain._replace(heights=terrain.heights - drops)], scene.name)
+        return Scene.of_data(MemoryData(source, name=scene.name, up=scene.up))
     corners = earth.lowered(subdivide(corners_of(scene, time), earth.longest))
     return Scene.from_arrays(corners, name=scene.name, up=scene.up)
 
