@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from .base.errors import InputError
     from .city.cityjson.attribute_writer import write_attributes
     from .city.gis.gis_scenes import from_footprints, from_raster
+    from .city.pv.module_shading import ModuleShading, module_shading
+    from .city.pv.modules import PvModule
     from .city.sensors.ground_areas import area_sensors
     from .city.sensors.sensor_files import sensors_of
     from .city.sensors.sensors import Sensors, face_sensors, point_sensors, raster_sensors, vertex_sensors
@@ -26,10 +28,13 @@ if TYPE_CHECKING:
     from .city.sheets.sheet_options import Sheet
     from .city.sight.line_points import LinePoints, points_along
     from .city.sight.sightlines import Sightlines, line_of_sight
-    from .city.sight.targets import Turbine, polygon_points, surface_points, visible_share
+    from .city.sight.targets import polygon_points, surface_points, visible_share
+    from .city.sight.turbines import Turbine
     from .city.sight.viewshed import Viewshed, viewshed
     from .city.sight.visibility_matrix import VisibilityMatrix, visibility_matrix
     from .city.skyline.skyline import Skyline, skyline
+    from .city.sun.route_shade import RouteShade, route_shade
+    from .city.sun.sun_calendar import SunCalendar, sun_calendar
     from .city.sun.sun_hours import sky_view, sun_hours
     from .city.tables.result_table import Column, Table
     from .city.vegetation.vegetation_scenes import from_trees
@@ -91,17 +96,20 @@ __all__ = [
     "Light",
     "LinePoints",
     "MeshInfo",
+    "ModuleShading",
     "ObjectInfo",
     "PagedScene",
     "Place",
     "Plan",
     "PointLight",
     "PointLights",
+    "PvModule",
     "QuadLight",
     "Raster",
     "Receivers",
     "RenderOptions",
     "Renderer",
+    "RouteShade",
     "Scene",
     "Sensors",
     "Shadow",
@@ -111,6 +119,7 @@ __all__ = [
     "Skyline",
     "SphereLight",
     "SrdhRays",
+    "SunCalendar",
     "Suns",
     "Table",
     "Triangles",
@@ -133,6 +142,7 @@ __all__ = [
     "grid_sensors",
     "line_of_sight",
     "load",
+    "module_shading",
     "place_of",
     "point_sensors",
     "points_along",
@@ -141,10 +151,12 @@ __all__ = [
     "pvlib_shading",
     "raster_sensors",
     "render",
+    "route_shade",
     "sensors_of",
     "shadow",
     "sky_view",
     "skyline",
+    "sun_calendar",
     "sun_hours",
     "suns_of",
     "surface_points",
@@ -185,17 +197,20 @@ _HOME = {
     "Light": "scene.lights",
     "LinePoints": "city.sight.line_points",
     "MeshInfo": "scene.mesh",
+    "ModuleShading": "city.pv.module_shading",
     "ObjectInfo": "scene.mesh",
     "PagedScene": "engine.paged_scene",
     "Place": "sun.location",
     "Plan": "engine.plan",
     "PointLight": "scene.lights",
     "PointLights": "scene.light_lists",
+    "PvModule": "city.pv.modules",
     "QuadLight": "scene.lights",
     "Raster": "scene.raster",
     "Receivers": "query.receivers",
     "RenderOptions": "picture.render_options",
     "Renderer": "picture.renderer",
+    "RouteShade": "city.sun.route_shade",
     "Scene": "engine.scene",
     "Sensors": "city.sensors.sensors",
     "Shadow": "city.shadow.shadow_polygons",
@@ -206,9 +221,10 @@ _HOME = {
     "SphereLight": "scene.lights",
     "SrdhRays": "techniques.srdh.representative_rays",
     "Suns": "sun.sun_positions",
+    "SunCalendar": "city.sun.sun_calendar",
     "Table": "city.tables.result_table",
     "Triangles": "scene.triangles",
-    "Turbine": "city.sight.targets",
+    "Turbine": "city.sight.turbines",
     "ViewFactors": "city.view_factors.view_factor_matrix",
     "Viewer": "viewer.viewer_page",
     "Viewshed": "city.sight.viewshed",
@@ -227,16 +243,19 @@ _HOME = {
     "load": "engine.scene_loading",
     "place_of": "sun.location",
     "point_sensors": "city.sensors.sensors",
+    "module_shading": "city.pv.module_shading",
     "points_along": "city.sight.line_points",
     "polygon_points": "city.sight.targets",
     "procedural": "engine.scene",
     "pvlib_shading": "integrations.pvlib",
     "raster_sensors": "city.sensors.sensors",
     "render": "picture.renderer",
+    "route_shade": "city.sun.route_shade",
     "sensors_of": "city.sensors.sensor_files",
     "shadow": "city.shadow.shadow",
     "sky_view": "city.sun.sun_hours",
     "skyline": "city.skyline.skyline",
+    "sun_calendar": "city.sun.sun_calendar",
     "sun_hours": "city.sun.sun_hours",
     "suns_of": "sun.sun_positions",
     "surface_points": "city.sight.targets",

@@ -26,6 +26,9 @@ TWINS = {
     "dataset": at.dataset,
     "build": at.build_store,
     "view": at.view,
+    "pv": at.module_shading,
+    "route": at.route_shade,
+    "calendar": at.sun_calendar,
 }
 TWINS |= {case.command: getattr(at, case.function) for case in study_cases() if case.command}
 """Command -> the function that does the same."""
@@ -44,7 +47,7 @@ OF_COMMANDS = {
     "adaptive_spp": "the number in adaptive", "frames": "a loop", "fps": "a loop", "overwrite": "a loop",
     "city_output": "write_attributes", "sparse": "VisibilityMatrix.save", "counts": "VisibilityMatrix.counts",
     "device": "part of the plan", "srdh_rays": "Plan.sample", "vertex": "texture is None",
-    "no_browser": "browser=False",
+    "no_browser": "browser=False", "polygons": "Viewshed.save_polygons", "hours": "RouteShade.save_hours",
 }  # fmt: skip
 """Option that no function has -> where Python has it."""
 
@@ -55,13 +58,13 @@ OF_FUNCTIONS = {
     "options": "each is an option of its own",
     "layers": "EXR files have them", "progress": "shown on terminals", "keep": "--shard and --ray",
     "folder": "--output", "path": "--output", "surface": "--trees", "chunk": "for tests", "browser": "--no-browser",
-    "scenes": "SCENE...",
+    "scenes": "SCENE...", "times": "--days and --step",
 }  # fmt: skip
 """Parameter that no command has -> how the command gives it."""
 
 BY_COMMAND = {
     "viewshed": {"camera", "along", "spacing"},
-    "dataset": {"camera"}, "skyline": {"at", "highest"},
+    "dataset": {"camera"}, "skyline": {"at", "highest"}, "calendar": {"at"}, "pv": {"days", "step", "on_surface"},
 }  # fmt: skip
 """Options of one command that its function gets otherwise: of the scene, of the table, or as points."""
 
@@ -108,12 +111,16 @@ ARGUMENTS = {
     "render": ["--size", "4", "--spp", "1"],
     "compare": ["--size", "4", "--spp", "1", "--plan", "bsah+single", "--plan", "bsah+wide"],
     "view": ["--no-browser"],
+    "pv": ["--latitude", "52", "--longitude", "4", "--days", "2026-06-21", "--modules", "points.csv"],
+    "route": ["--latitude", "52", "--longitude", "4", "--days", "2026-06-21", "--spacing", "1", "--line", "points.csv"],
+    "calendar": ["--latitude", "52", "--longitude", "4", "--days", "2026-06-21", "--at", "0,1,0"],
 }
 ARGUMENTS |= {case.command: list(case.words) for case in study_cases() if case.command}
 ANYTHING = {  # any text names something, or a file that may be missing
     "output", "html", "sheet", "epw", "crs", "host", "merge", "observers", "targets", "sparse", "bits", "matrix",
     "counts", "city_output", "column", "camera", "light", "timezone", "plot", "attribute",
-    "allow_host", "trees", "map", "points", "polygon", "object", "surfaces",
+    "allow_host", "trees", "map", "points", "polygon", "object", "surfaces", "polygons", "hours", "modules", "line",
+    "turbines",
 }  # fmt: skip
 """Options whose messages name the value, not the option."""
 NO_VALUES = "merge", "warmup", "plans", "scenes", "formats"
@@ -131,6 +138,7 @@ def _others(words: list[str], param) -> list[str]:
 )
 def test_wrong_values_of_options(name, cli, square_obj):
     """One line, which names the option as it was written, in words of this package."""
+    (square_obj.parent / "points.csv").write_text("x,y,z\n0,1,0\n1,1,0\n")
     asked = 0
     for param in COMMANDS[name].params:
         if param.param_type_name != "option" or param.is_flag or param.name in ANYTHING | {"help"}:

@@ -198,6 +198,11 @@ door("viewshed observers", POINTS, lambda a: at.viewshed(SCENE, POINTS, a))
 door("visible_share sensors", POINTS, lambda a: at.visible_share(SCENE, a, at.Turbine((0, 0, 0), 4.0, 1.0)))
 door("visible_share target", POINTS, lambda a: at.visible_share(SCENE, POINTS, a))
 door("Turbine position", POINTS[0], lambda a: at.visible_share(SCENE, POINTS, at.Turbine(a, 2.0, 1.0)))
+door(
+    "sun_calendar points",
+    POINTS,
+    lambda a: at.sun_calendar(SCENE, a, "2026-06-21", place=at.Place(52.0, 4.4), step=60.0),
+)
 door("skyline points", POINTS, lambda a: at.skyline(SCENE, a))
 door("skyline normals", VECTORS, lambda a: at.skyline(SCENE, POINTS, normals=a))
 door("sky_view sensors", POINTS, lambda a: at.sky_view(SCENE, a))
@@ -306,6 +311,11 @@ ELSEWHERE = {
     "ladybug.sky_intersection_matrix": "arguments of ladybug.intersection_matrix",
     "pvlib.pvlib_shading": "arguments of sun_hours",
     "pvlib_shading": "arguments of sun_hours",
+    "PvModule": "numbers, and angles by time: tests/city/pv/test_module_shading.py",
+    "RouteShade": "results",
+    "SunCalendar": "results",
+    "ModuleShading": "results",
+    "route_shade": "arguments of points_along",
     "pyvista.DatasetAccessor": "directions of lights, points of lights",
     "write_attributes": "tests/city/cityjson/test_attribute_writer.py",
 }

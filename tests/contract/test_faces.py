@@ -150,11 +150,16 @@ def examples(folder: Path) -> dict[str, Example]:
     (folder / "trees.csv").write_text("x,y,height,radius\n0.5,0.5,2,1\n")
     (folder / "own.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 0 -1\nf 1 2 3\n")
     city = at.load(folder / "own.json")
+    index = pandas.date_range("2026-06-21", periods=4, freq="6h", tz="UTC")
+    module, route = at.PvModule((0.0, 5.0, 0.0), 2.0, 1.0, 20.0), [[0.0, 3.0, 0.0], [4.0, 3.0, 0.0]]
+    shading = at.module_shading(own, module, index, samples=1, place=PLACE)
+    shade = at.route_shade(own, route, 1.0, days, place=PLACE, step=60.0)
+    calendar = at.sun_calendar(own, points, days, place=PLACE, step=60.0)
+    seen = at.viewshed(own, at.raster_sensors(own, 1.0), [0.5, 3.0, -0.5], each=True)
     skyline = at.skyline(own, points, step=30.0)
     moment = {"at": "2026-06-21T12:00", "place": PLACE}
     houses = geopandas.GeoDataFrame(geometry=[shapely.box(0, 0, 1, 1)])
     shadow = at.shadow(own, **moment)
-    index = pandas.date_range("2026-06-21", periods=4, freq="6h", tz="UTC")
     garden = {"scene": own, "areas": [[[0.2, 0.2], [1.7, 0.2], [0.2, 1.7]]]}
 
     found = {
@@ -246,6 +251,17 @@ def examples(folder: Path) -> dict[str, Example]:
         "from_footprints": ex(at.from_footprints, footprints=houses, height=3.0),
         "from_raster": ex(at.from_raster, raster=(np.zeros((3, 4)), (1.0, 0.0, 0.0, 0.0, -1.0, 0.0), "EPSG:28992")),
         "pvlib_shading": ex(at.pvlib_shading, scene=own, points=points, times=index, samples=1, place=PLACE),
+        "PvModule": ex(at.PvModule, position=(0.0, 5.0, 0.0), width=2.0, height=1.0, tilt=20.0, azimuth=170.0),
+        "module_shading": ex(at.module_shading, scene=own, modules=module, times=index, samples=1, place=PLACE),
+        "ModuleShading.frame": ex(shading.frame),
+        "ModuleShading.save": ex(shading.save, path=folder / "shading.csv"),
+        "route_shade": ex(at.route_shade, scene=own, line=route, spacing=1.0, days=days, place=PLACE, step=60.0),
+        "RouteShade.save_hours": ex(shade.save_hours, path=folder / "hours.csv"),
+        "sun_calendar": ex(at.sun_calendar, scene=own, points=points, days=days, place=PLACE, step=60.0),
+        "SunCalendar.save": ex(calendar.save, path=folder / "calendar.csv"),
+        "SunCalendar.save_map": ex(calendar.save_map, path=folder / "calendar.pdf", point=0),
+        "Viewshed.polygons": ex(seen.polygons),
+        "Viewshed.save_polygons": ex(seen.save_polygons, path=folder / "seen.gpkg"),
         "shadow": ex(at.shadow, scene=own, **moment),
         "shadow.of_days": ex(at.shadow, scene=own, days=days, step=360, place=PLACE),
         "Shadow.frame": ex(shadow.frame),

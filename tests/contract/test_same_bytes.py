@@ -37,6 +37,15 @@ JOBS = {
                 *TABLES, "--map", *MAPS),
     "matrix": ("matrix", CITY, *RASTER, "-o", "a.npy", "--sparse", "b.npz", "--counts", *TABLES, "--map", *MAPS),
     "skyline": ("skyline", CITY, "--at", EYE, "-o", "a.csv", "a.json", "a.npz", "a.txt", "--map", *MAPS),
+    "polygons": ("viewshed", CITY, *RASTER, "--observer", EYE, "--polygons", "a.gpkg", "a.geojson", "a.parquet",
+                 "-o", "a.csv"),
+    "calendar": ("calendar", CITY, "--at", EYE, "--days", "2026-06-21", "--step", "60", "-o", "a.csv", "--map",
+                 "a.pdf"),
+    **{f"calendar{name}": ("calendar", CITY, "--at", EYE, "--days", "2026-06-21", "--step", "60", "--map", f"a{name}",
+                           "-o", "a.csv") for name in (".svg", ".png")},
+    "route": ("route", CITY, "--line", "route.csv", "--spacing", "5", "--days", "2026-06-21", "--hours", "h.csv", "-o",
+              "a.csv", "a.gpkg", "a.parquet", "a.json", "a.npz", "a.png", "--map", *MAPS),
+    "pv": ("pv", CITY, "--modules", "route.csv", "--days", "2026-06-21", "-o", "a.csv", "a.parquet"),
     "dataset": ("dataset", CITY, *SMALL, "--random", "1", "-o", "set", "--sheet", "sheet.png"),
     "build": ("build", CITY, "-o", "a.antumbra"),
     **{f"scenes {suffix}": ("scenes", "atrium", "--triangles", "1000", "-o", f"a{suffix}")
@@ -69,7 +78,7 @@ def spelled(words):
     for word in words:
         out += (
             [option, word]
-            if option in ("-o", "--map", "--counts") and not word.startswith("-") and out[-1] != option
+            if option in ("-o", "--map", "--counts", "--polygons") and not word.startswith("-") and out[-1] != option
             else [word]
         )
         option = word if word.startswith("-") else option
@@ -91,6 +100,7 @@ def twice(tmp_path_factory):
         (folder / "scenes").mkdir()
         city_files.put(folder / "scenes", text, CITY)
         city_files.put(folder / "scenes", city_files.sequence(text), "a.city.jsonl")
+        (folder / "scenes" / "route.csv").write_text("x,y,z\n84990,447002,1\n85020,447012,2\n")
         done = subprocess.run(
             [sys.executable, "-c", SCRIPT], cwd=folder, capture_output=True, text=True,
             input=json.dumps({name: spelled(words) for name, words in JOBS.items()}),

@@ -203,6 +203,29 @@ def _pvlib(frame, scene):
     return {"shaded": found["shaded_fraction"].to_numpy()}, {"sky": found["sky_view_factor"].to_numpy()}
 
 
+@finds("module_shading")
+def _modules(frame, scene):
+    times, size = pandas.date_range(DAY, periods=24, freq="h", tz="UTC"), (frame.length(2.0), frame.length(1.0))
+    modules = {str(k): at.PvModule(at_eye, *size, 30.0, 170.0) for k, at_eye in enumerate(frame.of(EYES))}
+    found = at.module_shading(scene, modules, times, samples=1, place=frame.place)
+    return {"shaded": found.shaded_fraction}, {"sky": found.sky_view_factor}
+
+
+@finds("route_shade")
+def _route(frame, scene):
+    found = at.route_shade(scene, frame.of(EYES), frame.length(7.0), DAY, place=frame.place, step=30.0)
+    metres = frame.unit.metres
+    close = {"shade": found.shade, "at": found.table["distance"] * metres}
+    return {"stations": len(found.table)}, {"length": found.table["length"] * metres, **close}
+
+
+@finds("sun_calendar")
+def _calendar(frame, scene):
+    found = at.sun_calendar(scene, frame.of(EYES), DAY, place=frame.place, step=15.0)
+    seconds = (found.first - found.days).astype(np.int64), (found.last - found.days).astype(np.int64)
+    return {"hours": found.hours}, {"first": seconds[0] // 60, "last": seconds[1] // 60}
+
+
 @finds("face_sensors", "vertex_sensors", "grid_sensors", "raster_sensors")
 def _sensors(frame, scene):
     made = {"face": at.face_sensors(scene), "vertex": at.vertex_sensors(scene)}

@@ -5,6 +5,7 @@ around an axis of their own, so other rays are traced, and only means are equal.
 """
 
 import inspect
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -151,6 +152,31 @@ def _pvlib(frame, scene, folder):
     place = at.Place(52.0, 4.5, north=frame.north)
     found = at.pvlib_shading(scene, frame.of(EYES), times, samples=1, place=place)
     return Found({"shaded": found["shaded_fraction"].to_numpy()}, {"elevation": found["solar_elevation"].to_numpy()})
+
+
+@finds("module_shading")
+def _modules(frame, scene, folder):
+    times, place = (
+        pandas.date_range("2026-03-21", periods=24, freq="h", tz="UTC"),
+        at.Place(52.0, 4.5, north=frame.north),
+    )
+    modules = {str(k): at.PvModule(eye, 0.5, 0.25, 30.0, 170.0) for k, eye in enumerate(frame.of(EYES))}
+    found = at.module_shading(scene, modules, times, samples=1, place=place)
+    return Found({"shaded": found.shaded_fraction}, {"sky": found.sky_view_factor})
+
+
+@finds("route_shade", "points_along")
+def _route(frame, scene, folder):
+    place = at.Place(52.0, 4.5, north=frame.north)
+    found = at.route_shade(scene, frame.of(EYES), 0.7, "2026-03-21", place=place, step=30.0)
+    return Found({"shade": found.shade, "stations": len(found.table)}, {"distance": found.table["distance"]})
+
+
+@finds("sun_calendar")
+def _calendar(frame, scene, folder):
+    place = at.Place(52.0, 4.5, north=frame.north)
+    found = at.sun_calendar(scene, frame.of(EYES), "2026-03-21", place=place, step=15.0)
+    return Found({"hours": found.hours}, {"first": (found.first - found.days).astype(np.int64) // 60})
 
 
 @finds("sun_hours", "suns_of", "times_of")
@@ -420,12 +446,28 @@ COMMANDS = {
         "bsah+wide",
     ],
 }
+_PLACED = "--latitude", 52, "--longitude", 4.5, "--days", "2026-06-21"
+
+
+def points_file(frame: Turned) -> str:
+    """Write the eyes as a table."""
+    rows = [f"{triple(frame, eye)}\n" for eye in EYES]
+    Path("eyes.csv").write_text("x,y,z\n" + "".join(rows))
+    return "eyes.csv"
+
+
+COMMANDS |= {
+    "pv": lambda f: ["-o", "out.csv", "--modules", points_file(f), *_PLACED, "--north", f.north, "--samples", 1],
+    "route": lambda f: ["-o", "out.csv", "--line", points_file(f), "--spacing", 1, *_PLACED, "--north", f.north],
+    "calendar": lambda f: ["-o", "out.csv", "--points", points_file(f), *_PLACED, "--north", f.north, "--step", 20],
+}
 COMMANDS |= {case.command: lambda f, case=case: case.words for case in study_cases() if case.command}
 """Command -> its arguments in a frame. Pages of `view` are those of render."""
 
 NUMBERS = {
     "render": ["rays"], "sun": ["suns", "hours", "rays", "means"], "bake": ["receivers", "rays", "mean"],
     "los": ["pairs", "visible"], "viewshed": ["seen", "area", "area_seen"], "matrix": ["visible"],
+    "pv": ["modules", "times"], "route": ["stations", "shade"], "calendar": ["points", "hours"],
     "visible": ["sensors"], "skyline": ["points", "azimuths"], "shadow": ["polygons"],
     "dataset": ["frames", "lights", "rendered"],
     "build": ["triangles", "chunks", "bytes"], "info": ["triangles"],

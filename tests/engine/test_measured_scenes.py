@@ -30,6 +30,13 @@ JOBS = {
     "pvlib_shading": lambda scene: at.pvlib_shading(
         scene, eye(scene), pandas.date_range("2026-06-21", periods=3, freq="h", tz="UTC"), place=PLACE, samples=1
     ),
+    "module_shading": lambda scene: at.module_shading(
+        scene, at.PvModule(eye(scene)[0]), pandas.date_range("2026-06-21", periods=3, freq="h", tz="UTC"), place=PLACE
+    ),
+    "route_shade": lambda scene: at.route_shade(
+        scene, np.concatenate([eye(scene), eye(scene) + [9.0, 0.0, 0.0]]), 3.0, "2026-06-21", place=PLACE
+    ),
+    "sun_calendar": lambda scene: at.sun_calendar(scene, eye(scene), "2026-06-21", place=PLACE, step=60),
     "bake": lambda scene: baked(scene),
     "surface_points": lambda scene: at.surface_points(scene, 5.0),
     "area_sensors": lambda scene: at.area_sensors(scene, [ring(scene)]),

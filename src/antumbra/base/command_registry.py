@@ -30,6 +30,17 @@ COMMANDS = {
         "Find the hours of direct sun on the surfaces of SCENE.",
         kernels="antumbra.city.sun.sun_tally:EXAMPLES",
     ),
+    "pv": Command(
+        "antumbra.city.pv.pv_command", "Find how much of each photovoltaic module in SCENE is shaded, by time."
+    ),
+    "route": Command(
+        "antumbra.city.sun.route_command",
+        "Find how much of each hour the stations along a route through SCENE are in shade.",
+    ),
+    "calendar": Command(
+        "antumbra.city.sun.calendar_command",
+        "Find the first and the last sun of each day at points of SCENE, behind its horizon.",
+    ),
     "shadow": Command("antumbra.city.shadow.shadow_command", "Find the shadow on the ground of SCENE, as polygons."),
     "view": Command("antumbra.cli.view_command", "Show SCENE in the browser, until Ctrl-C."),
     "bake": Command(

@@ -17,9 +17,6 @@ FILES_IN_TEXTS = ("antumbra.city.sensors.sensor_files:raster_file",)
 VEGETATION_FILE = "antumbra.city.vegetation.vegetation_table:checked_vegetation_file"
 """The function that checks the path of a file of plants."""
 
-POINTS_OF_FILE = "antumbra.city.sensors.sensor_files:points_of_file"
-"""The function that reads the points that an option names."""
-
 CHECK_MAP = "antumbra.city.sheets.page:check_map"
 """The function that checks the path of a map."""
 

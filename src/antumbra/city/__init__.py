@@ -1,6 +1,7 @@
 """Studies of cities and landscapes. The core, which is everything outside `city` and `lab`, imports nothing from here.
 
 - `sun/`: sun hours and sky view
+- `pv/`: shading of photovoltaic modules
 - `skyline/`: the elevation of the horizon by azimuth
 - `shadow/`: shadows on the ground as polygons
 - `sight/`: sightlines, visibility matrices and viewsheds

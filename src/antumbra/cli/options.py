@@ -11,11 +11,10 @@ from dataclasses import MISSING, Field, field, fields, make_dataclass
 from enum import Enum, StrEnum
 from functools import update_wrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, get_args
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import typer
 
-from ..base import wings
 from ..base.checks import alternatives
 from ..base.errors import InputError
 from ..base.memory import reading_limit
@@ -23,12 +22,8 @@ from ..base.option_fields import Choice, CommandOption, WholeNumber, option_of
 from ..devices.device_list import device_budget, using_device
 from ..engine.scene_reading import SCENE_SUFFIXES
 from ..picture.render_options import RenderKeywords
-from .arguments import parse_bytes, parse_point
+from .arguments import parse_bytes
 from .scene_arguments import SceneArguments
-
-if TYPE_CHECKING:
-    from .. import Sensors
-
 
 # --- Options that name output files or folders ------------------------------------------------------------------------
 #
@@ -459,7 +454,7 @@ ExposureOption = Annotated[
 SENSORS_HELP = (
     "Sensor locations: face, vertex, grid:SPACING on every surface, each with +LIFT off it; "
     "raster:SPACING[+HEIGHT|@HEIGHT], raster:FILE.tif (its cells), raster[+HEIGHT] (the cells of the scene's own "
-    "raster), or a file of points (.csv, .parquet, .npy, .npz)."
+    "raster), or a file of points (.csv, .parquet, .npy, .npz, .gpkg, .geojson)."
 )
 SensorsOption = Annotated[str, typer.Option(help=SENSORS_HELP)]
 SensorsOrDefault = Annotated[
@@ -520,17 +515,3 @@ def position_of(arguments: Any) -> dict[str, Any]:
     from ..sun.location import position_fields
 
     return position_fields(**{name: getattr(arguments, name) for name in _POSITION})
-
-
-def points_or_file(texts: list[str] | None, file: Path | None, one: str, many: str) -> "Sensors | None":
-    """The sensors of a repeated option X,Y,Z or of a file; None without either."""
-    if texts and file is not None:
-        raise InputError(f"{one} and {many} exclude each other; give one of them")
-    if texts:
-        from .. import point_sensors
-
-        return point_sensors([parse_point(text, one) for text in texts])
-    if file is None:
-        return None
-    points: Sensors = wings.named(wings.POINTS_OF_FILE)(file, many)
-    return points

@@ -55,6 +55,7 @@ JOBS = {
     "pvlib_shading points": pvlib_shading,
     "sky_view sensors": lambda scene, points: at.sky_view(scene, points, directions=16),
     "skyline points": lambda scene, points: at.skyline(scene, points, step=30.0, north=0.0),
+    "sun_calendar points": lambda scene, points: at.sun_calendar(scene, points, "2026-06-21", place=DELFT, step=60),
     "sun_hours sensors": lambda scene, points: at.sun_hours(scene, points, "2026-06-21", place=DELFT, step=240),
     "viewshed observers": lambda scene, points: at.viewshed(scene, GOOD, points),
     "viewshed sensors": lambda scene, points: at.viewshed(scene, points, GOOD),

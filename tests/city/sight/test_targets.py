@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.scene.crs import reproject
 from gis_files import buildings
 
 PLACE = (2.0, 0.0, 84000.0, 0.0, -2.0, 446000.0)
@@ -85,10 +86,23 @@ def test_lines_are_read_from_files(tmp_path):
     geopandas.GeoDataFrame(geometry=shapes, crs="EPSG:28992").to_file(tmp_path / "roads.gpkg")
     road = at.points_along(tmp_path / "roads.gpkg", 1.0, crs="EPSG:28992")
     assert len(road.points) == 16 and road.lengths.sum() == 16.0
-    with pytest.raises(at.InputError, match="reproject"):
-        at.points_along(tmp_path / "roads.gpkg", 1.0, crs="EPSG:32631")
+    moved = at.points_along(tmp_path / "roads.gpkg", 1.0, crs="EPSG:32631")
+    assert abs(moved.lengths.sum() - 16.0) < 0.1 and np.allclose(
+        reproject(moved.points[:, :2], "EPSG:32631", "EPSG:28992")[0], [0.5, 0.0], atol=0.01
+    )
     (tmp_path / "road.csv").write_text("x,y\n0,0\n10,0\n")
     assert (at.points_along(tmp_path / "road.csv", 1.0).points == road.points[:10]).all()
+
+
+def test_lines_run_along_the_ground_with_y_up(tmp_path):
+    line = np.array([(0.0, 0.0, 1.0), (10.0, 0.0, 2.0), (10.0, 5.0, 2.0)])
+    turned = line[:, [0, 2, 1]] * [1.0, 1.0, -1.0]
+    level, upright = at.points_along(line, 2.0), at.points_along(turned, 2.0, up="y")
+    assert np.array_equal(upright.points, level.points[:, [0, 2, 1]] * [1.0, 1.0, -1.0])
+    assert np.array_equal(upright.lengths, level.lengths) and level.lengths.sum() == 15.0
+    rows = "".join(f"{x},{y},{z}\n" for x, y, z in turned.tolist())
+    (tmp_path / "road.csv").write_text("x,y,z\n" + rows)
+    assert np.array_equal(at.points_along(tmp_path / "road.csv", 2.0, up="y").points, upright.points)
 
 
 def test_a_viewshed_from_a_line_sums_its_length():

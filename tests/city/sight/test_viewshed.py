@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 import antumbra as at
 from antumbra.city.sight import viewshed
-from antumbra.city.sight import viewshed as viewshed_module
 from antumbra.city.tables.bit_matrices import unpack_bits
 from sight_scenes import expected, scene_of
 from strength import examples
@@ -111,19 +110,6 @@ def test_a_curved_earth_near_by_changes_nothing():
     eyes = [[50.0, 3, 5], [-20, 1, 30]]
     flat, curved = (at.viewshed(scene, sensors, eyes, curvature=c, bits=True) for c in (False, True))
     assert np.array_equal(flat.bits, curved.bits) and 0 < flat.table["seen"].sum() < 2 * len(sensors)
-
-
-def test_divided_faces_cover_the_same_area_and_fit_each_other():
-    rng = np.random.default_rng(2)
-    corners = rng.uniform(-10, 10, (20, 3, 3))
-    made = viewshed_module.subdivide(corners, 3.0)
-    area = lambda v: np.linalg.norm(np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0]), axis=1).sum()
-    edges = np.linalg.norm(np.roll(made, -1, 1) - made, axis=2)
-    assert np.isclose(area(made), area(corners)) and edges.max() <= 3.0 and len(made) > 100
-    quad = np.array([[[0, 0, 0], [9, 0, 0], [9, 9, 0]], [[0, 0, 0], [9, 9, 0], [0, 30, 0]]], float)
-    halves = [viewshed_module.subdivide(face[None], 2.0).reshape(-1, 3) for face in quad]
-    on_edge = [{tuple(p) for p in half if p[0] == p[1]} for half in halves]
-    assert on_edge[0] == on_edge[1] and len(on_edge[0]) > 4
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from rasterio.transform import from_origin
 import antumbra as at
 from antumbra.city.sight.sightlines import PairList, sight_model, sight_table
 from antumbra.cli.app import program
+from antumbra.scene.crs import reproject
 from city_files import CUBE, building, city, put, solid
 from study_cases import study_cases
 
@@ -265,9 +266,13 @@ def test_bad_raster_files(tmp_path):
 # --- points from GeoParquet -------------------------------------------------------------------------------------------
 
 
-def points_file(folder, crs, name="points.parquet", columns="x y z"):
-    """GeoParquet with two points near the south-west corner, or pairs of them; `crs`: as in its metadata, if any."""
-    rows = dict(zip(columns.split(), np.tile(np.array([[85001.0, 85009.0], [447001.0] * 2, [9.0] * 2]), (2, 1))))
+def points_file(folder, crs, name="points.parquet", columns="x y z", moved="EPSG:28992"):
+    """GeoParquet with two points near the south-west corner, or pairs of them; `crs`: as in its metadata, if any.
+
+    moved : CRS to which the points are moved
+    """
+    plan = reproject(np.array([[85001.0, 447001.0], [85009.0, 447001.0]]), "EPSG:28992", moved)
+    rows = dict(zip(columns.split(), np.tile(np.array([*plan.T, [9.0] * 2]), (2, 1))))
     column = {"encoding": "WKB", "geometry_types": ["Point Z"], **crs}
     geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
     table = pyarrow.table(rows).replace_schema_metadata({"geo": json.dumps(geo)})
@@ -299,6 +304,9 @@ READERS = {
     "viewshed --observers": ("points.parquet", "--sensors", "face", "-o", "a.csv"),
     "los --observers": ("points.parquet", "--to", "85001,447001,19", "-o", "a.csv"),
     "los --targets": ("points.parquet", "--from", "85001,447001,19", "-o", "a.csv"),
+    "calendar --points": ("points.parquet", "--days", "2026-06-21", "--step", "60", "-o", "a.csv"),
+    "pv --modules": ("points.parquet", "--days", "2026-06-21", "-o", "a.csv"),
+    "visible --turbines": ("points.parquet", "--hub-height", "9", "--rotor", "5", "-o", "a.csv"),
     "los --pairs": ("pairs.parquet", "-o", "a.csv"),
 }
 READERS |= {
@@ -307,22 +315,29 @@ READERS |= {
     if case.command and case.points
 }
 """Command and option that reads points -> the file, and the rest of a command line."""
-FILE_OF_POINTS = re.compile(r"file of (points|observers|targets)|forms as --sensors|\|FILE$")
+FILE_OF_POINTS = re.compile(
+    r"file of (points|observers|targets|modules|the feet of turbines)|forms as --sensors|\|FILE$"
+)
 """What the help of such options says."""
 
 
 @pytest.mark.parametrize("reader", READERS)
-def test_points_of_another_crs_are_refused(cli, tmp_path, reader):
+def test_points_of_another_crs_are_moved(cli, tmp_path, reader):
+    """Points in the zone of UTM give what they give in the CRS of the scene. Files of pairs are refused."""
     put(tmp_path, city({"a": building(solid())}, CUBE * 4 + CORNER))
     command, option = reader.split()
-    words = command, "a.city.json", option, *READERS[reader], "--quiet"
-    for crs, accepted in ((own("EPSG:28992"), True), (own("EPSG:25832"), False)):
-        points_file(tmp_path, crs)
-        points_file(tmp_path, crs, "pairs.parquet", "x1 y1 z1 x2 y2 z2")
-        if accepted:
-            assert cli(*words).code == 0
-        else:
-            cli(*words).refused(f"{READERS[reader][0]}: its CRS is EPSG:25832, and the scene's is {CRS}; reproject")
+    words = command, "a.city.json", option, *READERS[reader], "--json"
+    answers = list[dict]()
+    for name in "EPSG:28992", "EPSG:25831":
+        points_file(tmp_path, own(name), moved=name)
+        points_file(tmp_path, own(name), "pairs.parquet", "x1 y1 z1 x2 y2 z2")
+        done = cli(*words)
+        if name != "EPSG:28992" and option == "--pairs":
+            done.refused(f"pairs.parquet: its CRS is {name}, and the scene's is {CRS}; reproject")
+            return
+        assert "2 of 2" not in done.err
+        answers.append({k: v for k, v in done.json().items() if isinstance(v, int) and not isinstance(v, bool)})
+    assert answers[0] == answers[1] and answers[0]
 
 
 def test_all_options_that_read_points_are_tested():
@@ -341,7 +356,7 @@ def test_all_options_that_read_points_are_tested():
         ({}, "its CRS is OGC:CRS84"),  # what the format says if there is none
         ({"crs": None}, None),  # unknown
         ({"crs": {"type": "?"}}, r"crs {'type': '\?'} is unknown"),
-        (own("EPSG:4326"), "its CRS is EPSG:4326"),
+        (own("EPSG:4326"), r"points\.parquet: its CRS is EPSG:4326, and places in EPSG:4326 have no coordinates"),
         (own(CRS), None),
     ],
 )

@@ -2,6 +2,8 @@
 
 - `sensors`: sample points with normals and areas
 - `sensor_files`: sensors from text and point files
+- `vector_points`: points of vector files, moved to the CRS of a scene
+- `curved_earth`: scenes and sensors on a curved earth; `curvature_options`: its options
 - `raster_grid`: horizontal rasters of square cells
 - `surface_grid`: points in square cells on faces
 - `ground_areas`: sensors in polygons on the ground, outside buildings

@@ -43,12 +43,34 @@ def read_attributes(path: Path, used: Collection[str], n: int) -> Attributes:
     return {name: values for name, values in columns.items() if name not in left_out}
 
 
-def warn_of_lost(file: str, attributes: Iterable[str]) -> None:
-    """A note if columns of a table have no place in the results."""
-    names = list(attributes)
+def warn_of_lost(file: str, attributes: Iterable[str], used: Collection[str] = ()) -> None:
+    """A note if columns of a table have no place in the results; `used`: those that the study reads."""
+    names = [name for name in attributes if name not in used]
     if names:
         verb = "do" if len(names) > 1 else "does"
         warnings.warn(f"{file}: {_names(names)} {verb} not come through to the results", UserWarning, stacklevel=3)
+
+
+IDS = "id", "name"
+"""Columns that name the rows of a table."""
+
+
+def names_of_rows(file: str, attributes: Attributes, n: int) -> list[str]:
+    """The name of each row, for columns of results: that in the column id or name, else its number from 1.
+
+    Raises
+    ------
+    InputError
+        If two rows have the same name.
+    """
+    column = next((name for word in IDS for name in attributes if name.lower() == word), None)
+    if column is None:
+        return [str(k + 1) for k in range(n)]
+    names = [str(value) for value in attributes[column].tolist()]
+    twice = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < n else None
+    if twice is not None:
+        raise InputError(f"{file}: the {column} {twice!r} is that of several rows; give each its own")
+    return names
 
 
 def with_attributes(own: Attributes, attributes: Attributes, results: Attributes) -> Attributes:

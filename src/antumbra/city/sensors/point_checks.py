@@ -8,6 +8,7 @@ command: points beside the scene, below the ground, on a surface without a norma
 import sys
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,8 @@ from ...engine.scene import AnyScene
 from ...query.receivers import SHIFT, Receivers
 from ...scene.scene_bounds import plan_points
 from .raster_grid import plan_of
-from .sensors import Sensors, face_sensors, on_top
+from .sensors import Sensors, face_sensors, point_sensors
+from .sensors import on_top as highest_surface
 
 NEAR = 0.005
 """Metres: another surface less than this in front of a sensor is drawn on the sensor's own, as windows are."""
@@ -152,7 +154,7 @@ def on_surface(
     if (terrain := scene.data.terrain) is not None:
         tops = terrain.at(at[:, :2])
     else:
-        tops, faces = on_top(scene, at, time, threads)
+        tops, faces = highest_surface(scene, at, time, threads)
         tops = np.where(faces >= 0, tops, np.nan)
     words = f"are to be placed on a surface, and lie beside {scene.name} or on a hole"
     if missing := _note(what, np.isnan(tops), at, words):
@@ -160,6 +162,24 @@ def on_surface(
     placed = at.copy()
     placed[:, "xyz".index(scene.up)] = tops
     return placed
+
+
+def raised(
+    scene: AnyScene, sensors: Sensors, height: float, on_top: bool, what: str, time: float = 0.0,
+    threads: int | None = None,
+) -> Sensors:  # fmt: skip
+    """The eyes at points: `height` above them, or above the highest surface there if `on_top`, with their attributes.
+
+    Eyes above points lie in free space, and those on the surface itself face up. Without either, points stay as they
+    are.
+    """
+    if height == 0.0 and not on_top:
+        return sensors
+    up, eyes = np.eye(3)["xyz".index(scene.up)], sensors.points
+    if on_top:
+        eyes = on_surface(scene, eyes, what, time, threads)
+    normals = np.tile(up, (len(eyes), 1)) if height == 0.0 else None
+    return replace(point_sensors(eyes + height * up, normals), attributes=sensors.attributes)
 
 
 # --- Below the ground -------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Sensors from command-line text and from point files: CSV, Parquet, NPZ and NPY."""
+"""Sensors from command-line text and from point files: CSV, Parquet, NPZ, NPY and vector files."""
 
 import csv
 import json
@@ -31,19 +31,24 @@ from .ground_areas import AreaLike, area_sensors
 from .point_attributes import Attributes, read_attributes
 from .sensors import Sensors, face_sensors, point_sensors, raster_sensors, vertex_sensors
 from .surface_grid import grid_sensors
+from .vector_points import SUFFIXES as VECTORS
+from .vector_points import WORLD, PointFile, read_vector_points
 
 FORMS = (
     "face[+LIFT], vertex[+LIFT], grid:SPACING[+LIFT], raster[:SPACING][+HEIGHT|@HEIGHT], raster:FILE.tif, "
-    "or a .csv, .parquet, .npy or .npz file"
+    "or a .csv, .parquet, .npy, .npz, .gpkg, .geojson, .shp or .fgb file"
 )
 SUFFIXES = (".csv", ".parquet", ".npy", ".npz")
+"""Suffixes of tables."""
+POINT_SUFFIXES = (*SUFFIXES, *VECTORS)
+"""Suffixes of files of points."""
 _COPIES = 2  # of an array: as stored, and as float64
 
 _ON_FACES = re.compile(r"(?:(face|vertex)|grid:([0-9.]+(?:[eE][+-]?[0-9]+)?|[0-9.eE-]+))(?:\+([0-9.eE+-]+))?")
 _RASTER = re.compile(r"raster(?::([0-9.]+(?:[eE][0-9-]+)?|.+\.(?:tif|tiff|vrt|asc)))?(?:([+@])([0-9.eE+-]+))?", re.I)
 CSV_ROWS = 1 << 16  # lines of a CSV file held as lists at a time
-_WORLD = "OGC:CRS84"  # CRS of GeoParquet that names none
 _POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
+_DEGREES = ("longitude", "latitude", "z"), ("lon", "lat", "z")
 
 
 def check_sensors(text: str, option: str = "sensors", areas: bool = False) -> None:
@@ -59,13 +64,13 @@ def check_sensors(text: str, option: str = "sensors", areas: bool = False) -> No
         if file := raster_file(text):
             checked_file(Path(file), file)
         return
-    check_point_file(text, option, FORMS)
+    check_point_file(text, option, FORMS, POINT_SUFFIXES)
 
 
-def check_point_file(text: str, option: str, forms: str) -> None:
-    """Raise an InputError unless an option's text names a point file; `forms`: the accepted forms, for the message."""
+def check_point_file(text: str, option: str, forms: str, suffixes: tuple[str, ...] = SUFFIXES) -> None:
+    """Raise an InputError unless an option's text names a file; `forms`: the accepted forms, for the message."""
     path = Path(text)
-    if path.suffix.lower() not in SUFFIXES:
+    if path.suffix.lower() not in suffixes:
         hint = "" if "." in text else spelling_hint(text.partition(":")[0], ("face", "vertex", "grid", "raster"))
         raise InputError(f"{option} is {quoted(text)}; {hint}it must be {forms}")
     checked_file(path, path.name)
@@ -96,7 +101,7 @@ def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas: A
       or at the coordinate 30; its cells begin at multiples of 2
     - ``raster``, ``raster+1.6``: the cells of the raster of heights that is the scene or its ground
     - ``raster:dem.tif``, ``raster:dem.tif+1.6``: the cells of a raster file
-    - a point file: see `read_points`
+    - a point file: see `read_point_file`; points in another CRS than the scene's are reprojected
     """
     check_sensors(text, areas=areas is not None)
     scene, threads = measured_scene(scene), thread_count(threads)
@@ -111,16 +116,16 @@ def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas: A
         if areas is not None:
             return area_sensors(scene, areas, cells, height, follow=raster[2] != "@", threads=threads)
         return raster_sensors(scene, cells, height, follow=raster[2] != "@", threads=threads)
-    check_file_crs(scene, Path(text))
-    return read_points(Path(text))
+    return read_point_file(Path(text)).within(scene)
 
 
 def check_file_crs(scene: AnyScene, *paths: Path | None) -> None:
-    """Raise an InputError if a point file names a CRS whose horizontal coordinates differ from the scene's."""
+    """Raise an InputError if a table names a CRS whose horizontal coordinates differ from the scene's."""
     for path in paths:
         if scene.crs and path is not None and path.suffix.lower() == ".parquet":
             with _reader_errors(path):
-                check_horizontal_crs(path.name, _crs_of(path), scene.crs)
+                crs = _crs_of(path)
+                check_horizontal_crs(path.name, None if crs is None else checked_crs(crs), scene.crs)
 
 
 def _number(text: str, sensors: str) -> float:
@@ -133,35 +138,72 @@ def _number(text: str, sensors: str) -> float:
     return value
 
 
-def points_of_file(file: Path, option: str) -> Sensors:
-    """The points of a file that an option names. Raises InputError if its suffix is unknown."""
-    if file.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{option} is {str(file)!r}; it must be a {', '.join(SUFFIXES)} file")
-    return read_points(file)
+def points_or_file(
+    texts: list[str] | None, file: Path | None, one: str, many: str, flat: bool = False
+) -> PointFile | None:
+    """The points of a repeated option X,Y,Z or of a file; None without either. `flat`: as in `read_point_file`."""
+    from ...cli.arguments import parse_point
+
+    if texts and file is not None:
+        raise InputError(f"{one} and {many} exclude each other; give one of them")
+    if texts:
+        return PointFile(point_sensors([parse_point(text, one) for text in texts]), one)
+    if file is None:
+        return None
+    if file.suffix.lower() not in POINT_SUFFIXES:
+        raise InputError(f"{many} is {str(file)!r}; it must be a {', '.join(POINT_SUFFIXES)} file")
+    return read_point_file(file, flat)
 
 
 def read_points(path: Path) -> Sensors:
+    """The points of `read_point_file`, in the CRS of the file."""
+    return read_point_file(path).sensors
+
+
+def read_point_file(path: Path, flat: bool = False) -> PointFile:
     """Read points from a file.
 
     - CSV with a header, Parquet, NPZ: columns or arrays x, y, z, and optionally nx, ny, nz, and area; others become
-      `Sensors.attributes`, which come through to the results
+      `Sensors.attributes`, which come through to the results. The columns longitude and latitude, or lon and lat, in
+      degrees of WGS 84, may stand for x and y; GeoParquet without x and y has its points in its geometry
     - NPY: (n, 3) points, or (n, 6) points and normals
+    - vector files: a layer of points
+
+    flat : whether the heights of points may be missing, and are then 0
 
     Raises
     ------
     InputError
         If the file cannot be read, or a column is missing or holds anything but numbers.
     """
-    if path.suffix.lower() == ".npy":
-        return _from_array(read_array(path), path.name)
-    columns = read_columns(path, (*_POSITION, *_NORMAL, "area"))
-    missing = [name for name in _POSITION if name not in columns]
+    suffix = path.suffix.lower()
+    if suffix == ".npy":
+        return PointFile(_from_array(read_array(path), path.name), path.name)
+    if suffix in VECTORS:
+        checked_file(path, path.name)
+        return read_vector_points(path, flat)
+    columns, position, crs = read_columns(path, (*_POSITION, *_NORMAL, "area")), _POSITION, None
+    on_map = False
+    if suffix == ".parquet":
+        with _reader_errors(path):
+            crs = _crs_of(path)
+    if not {"x", "y"} & columns.keys():
+        degrees = read_columns(path, (*_DEGREES[0], *_DEGREES[1]))
+        form = next((form for form in _DEGREES if set(form[:2]) <= degrees.keys()), None)
+        if form is not None:
+            columns, position, crs, on_map = columns | {name: degrees[name] for name in form[:2]}, form, WORLD, True
+        elif crs is not None:
+            return read_vector_points(path, flat)
+    if flat and "z" not in columns:
+        columns["z"] = np.zeros(len(next(iter(columns.values()), ())))
+    missing = [name for name in position if name not in columns]
     if missing:
         raise InputError(f"{path.name}: column {missing[0]!r} is missing; points need the columns x, y and z")
     normals = np.stack([columns[n] for n in _NORMAL], 1) if all(n in columns for n in _NORMAL) else None
-    sensors = point_sensors(np.stack([columns[n] for n in _POSITION], 1), normals, columns.get("area"))
+    sensors = point_sensors(np.stack([columns[n] for n in position], 1), normals, columns.get("area"))
     _warn_of_rounding(sensors, path.name)
-    return replace(sensors, attributes=attributes_of(path, columns, len(sensors)))
+    sensors = replace(sensors, attributes=attributes_of(path, columns, len(sensors)))
+    return PointFile(sensors, path.name, crs, on_map)
 
 
 def attributes_of(path: Path, used: Collection[str], n: int) -> Attributes:
@@ -254,15 +296,14 @@ def _parquet(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]
     return {name.lower(): _numbers(table[name].to_numpy(), name, path) for name in names}
 
 
-def _crs_of(path: Path) -> str | None:
-    """The CRS of GeoParquet's primary geometry; None if it has none, or the file is plain Parquet."""
+def _crs_of(path: Path) -> Any:
+    """The CRS of GeoParquet's primary geometry, unchecked; None if it has none, or the file is plain Parquet."""
     with open_parquet(path) as file:
         metadata = (file.schema_arrow.metadata or {}).get(b"geo")
     if metadata is None:
         return None
     geo = json.loads(metadata)
-    crs = geo["columns"][geo["primary_column"]].get("crs", _WORLD)
-    return None if crs is None else checked_crs(crs)
+    return geo["columns"][geo["primary_column"]].get("crs", WORLD)
 
 
 def _npz(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]:

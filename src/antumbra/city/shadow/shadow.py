@@ -20,10 +20,11 @@ from ...sun.sun_positions import Suns, directions_of, instant_of, months_of, sol
 from ..sensors.sensors import Sensors, raster_sensors
 from ..sun.sun_hours import sun_hours
 from ..sun.sun_visibility import sum_suns, sun_query
+from ..tables.polygon_files import outlines
 from ..tables.result_table import Column, Table
 from .plane_projection import Projection, polygons_of, projection_of, shadow_union, union_of
 from .shadow_options import ShadowOptions
-from .shadow_polygons import Shadow, outlines
+from .shadow_polygons import Shadow
 
 _P = ParamSpec("_P")
 

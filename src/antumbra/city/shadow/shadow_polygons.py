@@ -1,42 +1,33 @@
 """`Shadow`: polygons with attributes, their CRS, and their files: GeoPackage, GeoJSON, GeoParquet and GeoTIFF."""
 
-import io
-import json
 import os
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.extras import import_extra
-from ...base.files import atomic_output, checked_output
+from ...base.files import checked_output
 from ...engine.scene import AnyScene
-from ...scene.crs import checked_crs
-from ...scene.raster import Raster
 from ...work.result_summary import Summary, SummaryTable, heading, text_of
 from ..sheets.page import check_map
 from ..sheets.sheet import save_report
 from ..sheets.sheet_options import Sheet, checked_sheet
 from ..tables.map_scale import range_scale
+from ..tables.polygon_files import VECTORS, check_polygon_output, level_crs, write_polygons
 from ..tables.qgis_style import VectorStyle, write_style
-from ..tables.result_table import Table, raster_style, undated
+from ..tables.result_table import Table, raster_style
 from .shadow_map import shadow_report
 
 if TYPE_CHECKING:
     import geopandas
-
-VECTORS = {".gpkg": "GPKG", ".geojson": "GeoJSON", ".parquet": "Parquet"}
-"""Suffix -> format of files of polygons."""
 
 SUFFIXES = *VECTORS, ".tif"
 """Suffixes of the files that `Shadow.save` writes."""
 
 _LAYER = "shadow"
 _MOST_ROWS = 20  # most polygons in a summary
-_WORLD = "EPSG:4326"  # of GeoJSON [RFC 7946]
 
 
 class Shadow(NamedTuple):
@@ -86,7 +77,7 @@ class Shadow(NamedTuple):
         geopandas = import_extra("geopandas", "frame", "gis")
         crs = self.about.get("crs")
         frame: Any = geopandas.GeoDataFrame(
-            {**self._attributes(), **self.columns}, geometry=self.polygons, crs=None if crs is None else _plan(crs)
+            {**self._attributes(), **self.columns}, geometry=self.polygons, crs=None if crs is None else level_crs(crs)
         )
         return frame
 
@@ -109,17 +100,7 @@ class Shadow(NamedTuple):
             self._write_style(target)
             return
         frame = self.frame()
-        if suffix == ".geojson" and frame.crs is not None:
-            frame = frame.to_crs(_WORLD)
-        data = io.BytesIO()  # GDAL warns of the suffixes of temporary files
-        if suffix == ".parquet":
-            frame.to_parquet(data, compression="zstd")
-        else:
-            pyogrio = import_extra("pyogrio", suffix, "gis")
-            with undated(), warnings.catch_warnings(action="ignore", category=UserWarning):  # of a missing CRS
-                pyogrio.write_dataframe(frame, data, driver=VECTORS[suffix], layer=_LAYER)
-        with atomic_output(target) as temporary:
-            temporary.write_bytes(data.getvalue())
+        write_polygons(target, frame, _LAYER)
         if frame.crs is not None:
             self._write_style(target)
 
@@ -171,29 +152,7 @@ def check_shadow_output(path: str | os.PathLike[str], raster: bool) -> Path:
     suffix = target.suffix.lower()
     if suffix == ".tif" and not raster:
         raise InputError(f"{target.name}: a GeoTIFF needs cells; give their size as cell, such as 1, or use .gpkg")
-    packages = ["rasterio"] if suffix == ".tif" else ["geopandas", "pyarrow" if suffix == ".parquet" else "pyogrio"]
-    for package in packages:
-        import_extra(package, suffix, "gis")
-    return target
-
-
-def _plan(crs: str) -> Any:
-    """The horizontal part of a CRS, since polygons have no heights."""
-    full = import_extra("pyproj", "crs", "gis").CRS.from_user_input(checked_crs(crs))
-    return full.sub_crs_list[0] if full.is_compound else full
-
-
-def outlines(classes: NDArray[np.int16], raster: Raster) -> list[tuple[int, Any]]:
-    """(class, shapely MultiPolygon) for each class from 0 on: the outlines of cells, joined along their edges.
-
-    classes : (rows, columns) int16; negative: no polygon
-    """
-    shapely = import_extra("shapely", "shadow", "gis")
-    features = import_extra("rasterio.features", "shadow", "gis")
-    transform = import_extra("rasterio", "shadow", "gis").transform.from_origin(
-        raster.west, raster.north, raster.spacing, raster.spacing
-    )
-    parts: dict[int, list[Any]] = {}
-    for shape, value in features.shapes(classes, mask=classes >= 0, transform=transform):
-        parts.setdefault(int(value), []).append(shapely.from_geojson(json.dumps(shape)))
-    return [(value, shapely.MultiPolygon(parts[value])) for value in sorted(parts)]
+    if suffix == ".tif":
+        import_extra("rasterio", suffix, "gis")
+        return target
+    return check_polygon_output(target)

@@ -5,7 +5,9 @@
 - `mutual_horizons`: pairs of points that are hidden by a horizon
 - `viewshed_options`: options of a viewshed, with limits of distance and direction
 - `viewshed`: `viewshed`, for observers and sensors
+- `observers`: the eyes, names and limits of observers
 - `least_heights`: the least visible height of each cell of a raster of heights
 - `line_points`: `points_along`, observers along lines
-- `targets`: `visible_share` of a facade, a polygon, points or a `Turbine`
+- `targets`: `visible_share` of a facade, a polygon, points or turbines
+- `turbines`: `Turbine`, and how much of rotors is seen
 """

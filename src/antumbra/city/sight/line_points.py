@@ -8,13 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.checks import as_array, number, path_of, quoted
+from ...base.checks import as_array, choice, number, path_of, quoted
 from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...base.files import checked_file
-from ...scene.crs import check_horizontal_crs
+from ...scene.crs import parts_of_crs, reproject
 from ..gis.vector_files import read_vectors
-from ..sensors.sensor_files import read_columns
+from ..sensors.sensor_files import read_point_file
+from ..sensors.vector_points import crs_of_frame
 
 
 class LinePoints(NamedTuple):
@@ -28,8 +29,9 @@ _MOST = 10_000_000  # points
 
 
 def points_along(
-    lines: ArrayLike | Sequence[ArrayLike] | str | PathLike[str], spacing: float, *, crs: str | None = None
-) -> LinePoints:
+    lines: ArrayLike | Sequence[ArrayLike] | str | PathLike[str], spacing: float, *, crs: str | None = None,
+    up: str = "z",
+) -> LinePoints:  # fmt: skip
     """Points along lines at an even spacing, in the middle of equally long pieces.
 
     Parameters
@@ -41,7 +43,9 @@ def points_along(
     spacing : float
         World units, in plan. Each line is divided into the fewest equal pieces not longer than this.
     crs : str, optional
-        `Scene.crs`, to refuse a vector file in another system.
+        `Scene.crs`, to which lines of a file in another system are moved.
+    up : "y" or "z"
+        `Scene.up`. With "y", vertices (n, 3) and those of .csv files are x, y and z of the scene, with y up.
 
     Returns
     -------
@@ -54,7 +58,10 @@ def points_along(
         If an argument is invalid, a file holds no lines, or there would be more than 10 million points.
     """
     spacing = number(spacing, "the spacing of points along lines", 0.0, np.inf)
-    vertices = [_checked(line) for line in _lines(lines, crs)]
+    turns, found = choice(up, "up", ("y", "z")) == "y", _lines(lines, crs)
+    vertices = [_checked(line) for line in found]
+    if turns and _on_axes(lines):
+        vertices = [line if np.shape(given)[-1] == 2 else _on_map(line) for given, line in zip(found, vertices)]
     total = sum(float(_side_lengths(line).sum()) for line in vertices)
     if total / spacing > _MOST:
         raise InputError(f"lines of {total:g} at a spacing of {spacing:g} have more than {_MOST:,} points; widen it")
@@ -62,14 +69,25 @@ def points_along(
     points = np.concatenate([part.points for part in parts])
     if not len(points):
         raise InputError("the lines have no length; give lines of two or more different points")
+    points = points[:, [0, 2, 1]] * [1.0, 1.0, -1.0] if turns else points
     return LinePoints(points, np.concatenate([part.lengths for part in parts]))
+
+
+def _on_axes(lines: Any) -> bool:
+    """Whether lines have the axes of the scene, unlike those of vector files, which are on a map."""
+    return not isinstance(lines, (str, PathLike)) or Path(lines).suffix.lower() == ".csv"
+
+
+def _on_map(line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3) float64: easting, northing and height of vertices with y up."""
+    return line[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
 
 
 def _lines(lines: Any, crs: str | None) -> list[Any]:
     """The vertices of each line."""
     if isinstance(lines, (str, PathLike)):
         path = checked_file(path_of(lines, "lines"), Path(lines).name)
-        return [_table_vertices(path)] if path.suffix.lower() == ".csv" else _file_lines(path, crs)
+        return [_table_vertices(path, crs)] if path.suffix.lower() == ".csv" else _file_lines(path, crs)
     if isinstance(lines, np.ndarray):
         return [lines]
     if not isinstance(lines, Sequence):
@@ -105,22 +123,31 @@ def _divided(line: NDArray[np.float64], spacing: float) -> LinePoints:
     return LinePoints(points, np.full(pieces, ends[-1] / max(pieces, 1)))
 
 
-def _table_vertices(path: Path) -> NDArray[np.float64]:
+def _table_vertices(path: Path, crs: str | None) -> NDArray[np.float64]:
     """The vertices of the line in a .csv file."""
-    columns = read_columns(path, ("x", "y", "z"))
-    if not {"x", "y"} <= set(columns):
-        raise InputError(f"{path} has no columns x and y; give the vertices of a line")
-    return np.stack([columns[name] for name in ("x", "y", "z") if name in columns], 1)
+    file = read_point_file(path, flat=True)
+    return _moved(file.sensors.points, file.crs, crs, path.name)
 
 
 def _file_lines(path: Path, crs: str | None) -> list[NDArray[np.float64]]:
     """The lines of a vector file."""
     shapely = import_extra("shapely", "lines of vector files", "gis")
     table = read_vectors(path, "lines")
-    if table.crs is not None:
-        check_horizontal_crs(path.name, table.crs.to_wkt(), crs)
     parts = [part for shape in table.geometry if shape is not None for part in getattr(shape, "geoms", [shape])]
     lines = [part for part in parts if part.geom_type in ("LineString", "LinearRing") and not part.is_empty]
     if not lines:
         raise InputError(f"{path} has no lines; give a layer of LineStrings")
-    return [shapely.get_coordinates(line, include_z=bool(line.has_z)) for line in lines]
+    own = crs_of_frame(table, path)
+    vertices = [shapely.get_coordinates(line, include_z=bool(line.has_z)) for line in lines]
+    return [_moved(each, own, crs, path.name) for each in vertices]
+
+
+def _moved(at: NDArray[np.float64], own: str | None, crs: str | None, file: str) -> NDArray[np.float64]:
+    """Vertices in the CRS of a file, in that of the scene; None: unknown, which matches everything but degrees."""
+    if own is None or crs is None:
+        if own is not None and parts_of_crs(own).plan.is_geographic:
+            raise InputError(f"{file}: is in degrees, and the scene has no CRS; give it, as --crs does")
+        return at
+    if parts_of_crs(own).plan.equals(parts_of_crs(crs).plan, ignore_axis_order=True):
+        return at
+    return np.column_stack([reproject(at[:, :2], own, crs), at[:, 2:]])

@@ -10,16 +10,7 @@ import typer
 
 from ...base.errors import InputError
 from ...base.option_fields import field_values
-from ...cli.options import (
-    CrsOption,
-    ListedBefore,
-    MapOption,
-    SceneArgument,
-    SheetOption,
-    UpOption,
-    points_or_file,
-    tables,
-)
+from ...cli.options import CrsOption, ListedBefore, MapOption, SceneArgument, SheetOption, UpOption, tables
 from ...cli.scene_arguments import DEFAULT_SCENE
 from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
 from ...cli.vegetation_options import VegetationOption
@@ -27,7 +18,9 @@ from ...work.result_summary import Summary
 from .sight_options import SightOptions
 
 if TYPE_CHECKING:
+    from ...engine.scene import AnyScene
     from ...work.executors import Executor
+    from ..sensors.vector_points import PointFile
     from ..sheets.sheet_options import Sheet
     from .sightlines import PairList, Sightlines
 
@@ -62,7 +55,8 @@ class LosCommand(StudyCommand[SightOptions, "Sightlines"]):
         typer.Option("--to", help="A target; may be repeated.", metavar="X,Y,Z", show_default=False),
     ] = None
     observers: Annotated[
-        Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
+        Path | None,
+        typer.Option(help="A file of observers: .csv, .parquet, .npy, .npz, .gpkg or .geojson.", show_default=False),
     ] = None
     targets: Annotated[Path | None, typer.Option(help="A file of targets.", show_default=False)] = None
     pairs: Annotated[
@@ -85,7 +79,20 @@ class LosCommand(StudyCommand[SightOptions, "Sightlines"]):
         return True
 
     def check(self) -> None:
-        _ = self.pair_list
+        from .sightlines import check_pairs, pairs_of, read_pairs
+
+        check_pairs(self.pairs)
+        begin, end = self._ends
+        if (begin is None) != (end is None):
+            raise InputError("observers need targets: give --from or --observers, and --to or --targets")
+        if begin is None and self.pairs in ("all", "zip"):
+            raise InputError(
+                "there are no points: give --from and --to, --observers and --targets, or a file of --pairs"
+            )
+        if begin is None or end is None:
+            read_pairs(Path(self.pairs))
+        else:
+            pairs_of(self.pairs, begin.sensors, end.sensors)
 
     def check_output(self, path: Path) -> None:
         from ..tables.result_table import writer_of
@@ -93,27 +100,29 @@ class LosCommand(StudyCommand[SightOptions, "Sightlines"]):
         writer_of(path, "points")
 
     @cached_property
-    def pair_list(self) -> "PairList":
-        """The pairs that the arguments name."""
-        from .sightlines import check_pairs, pairs_of, read_pairs
+    def _ends(self) -> "tuple[PointFile | None, PointFile | None]":
+        """The observers and the targets."""
+        from ..sensors.sensor_files import points_or_file
 
-        check_pairs(self.pairs)
         begin = points_or_file(self.observer, self.observers, "--from", "--observers")
-        end = points_or_file(self.target, self.targets, "--to", "--targets")
-        if (begin is None) != (end is None):
-            raise InputError("observers need targets: give --from or --observers, and --to or --targets")
-        if begin is None and self.pairs in ("all", "zip"):
-            raise InputError(
-                "there are no points: give --from and --to, --observers and --targets, or a file of --pairs"
-            )
-        return read_pairs(Path(self.pairs)) if begin is None or end is None else pairs_of(self.pairs, begin, end)
+        return begin, points_or_file(self.target, self.targets, "--to", "--targets")
+
+    def pairs_in(self, scene: "AnyScene") -> "PairList":
+        """The pairs that the arguments name, in the CRS of a scene."""
+        from .sightlines import pairs_of, read_pairs
+
+        begin, end = self._ends
+        if begin is None or end is None:
+            return read_pairs(Path(self.pairs))
+        return pairs_of(self.pairs, begin.within(scene), end.within(scene))
 
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Sightlines]":
         from ..sensors.sensor_files import check_file_crs
         from .sightlines import line_of_sight
 
-        check_file_crs(scenes.planted, self.observers, self.targets, Path(self.pairs))
-        return partial(line_of_sight, scenes.planted, **self.pair_list.keywords(), **field_values(self.options))
+        check_file_crs(scenes.planted, Path(self.pairs))
+        pairs = self.pairs_in(scenes.planted)
+        return partial(line_of_sight, scenes.planted, **pairs.keywords(), **field_values(self.options))
 
     def writers(self, result: "Sightlines", scenes: Scenes) -> Writers:
         return {"output": partial(self._write, result, scenes), "map": partial(self._write_map, result, scenes)}
@@ -121,7 +130,7 @@ class LosCommand(StudyCommand[SightOptions, "Sightlines"]):
     def _write_map(self, result: "Sightlines", scenes: Scenes, path: Path, sheet: "Sheet") -> None:
         from .sight_map import save_sight_map
 
-        save_sight_map(scenes.planted, self.pair_list, result, path, sheet)
+        save_sight_map(scenes.planted, self.pairs_in(scenes.planted), result, path, sheet)
 
     def _write(self, result: "Sightlines", scenes: Scenes, path: Path) -> None:
         from ...base.files import atomic_output
@@ -129,14 +138,14 @@ class LosCommand(StudyCommand[SightOptions, "Sightlines"]):
 
         if path.suffix.lower() == _MODEL:
             with atomic_output(path) as temporary:
-                temporary.write_bytes(sight_model(scenes.planted, self.pair_list, result))
+                temporary.write_bytes(sight_model(scenes.planted, self.pairs_in(scenes.planted), result))
         else:
-            sight_table(scenes.planted, self.pair_list, result).save(path, "visible")
+            sight_table(scenes.planted, self.pairs_in(scenes.planted), result).save(path, "visible")
 
     def summary(self, result: "Sightlines", scenes: Scenes, seconds: float) -> Summary:
         from .sightlines import sight_summary
 
-        return sight_summary(scenes.planted, self.pair_list, result, seconds)
+        return sight_summary(scenes.planted, self.pairs_in(scenes.planted), result, seconds)
 
 
 los = command_of(LosCommand, SightOptions)

@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 
-from ...base.checks import whole_number
+from ...base.checks import flag, whole_number
 from ...base.option_fields import check_fields, option, same_option
 from ...engine.plan import Plan
 from ...picture.render_options import EngineOptions, RenderOptions
+from ..sensors.curvature_options import CurvatureOptions
 
 MOST_SAMPLES = 1024
 """Maximum number of samples of a rotor."""
@@ -42,6 +43,11 @@ class VisibleOptions:
         64, lambda value, what: whole_number(value, what, 1, MOST_SAMPLES), "Sample points of the rotor."
     )
     """Samples of a turbine's rotor, 1 to 1024."""
+    on_surface: bool = option(False, flag, "First place the foot of each turbine on the highest surface.")
+    """First move the feet of turbines to the highest surface above or below them. Without a surface, it is an error."""
+    curvature: bool = same_option(CurvatureOptions, "curvature")
+    refraction: float | None = same_option(CurvatureOptions, "refraction")
+    earth_radius: float | None = same_option(CurvatureOptions, "earth_radius")
     plan: str | Plan | None = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")
     time: float = same_option(RenderOptions, "time", start=0.0)
     threads: int | None = same_option(EngineOptions, "threads")

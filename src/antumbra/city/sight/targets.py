@@ -1,74 +1,40 @@
 """How much of a target is visible: a facade, a polygon, any points, or the rotor of a wind turbine."""
 
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.checks import listed, number, points, text
+from ...base.checks import number, points, text
 from ...base.errors import InputError
 from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, report_progress, with_progress
 from ...engine.measured_scenes import measured_scene
-from ...engine.plan import Plan
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
 from ...kernels.parallel import thread_count
-from ...query.light_samples import light_samples
 from ...query.receivers import Receivers
 from ...query.shadow_query import count_occluded
-from ...scene.lights import SphereLight
 from ...work.result_summary import Summary
-from ..sensors.point_checks import depths_below_ground, notes_on_points, notes_on_sensors, tell
+from ..sensors.curved_earth import Earth, curvature_record, earth_of, lowered_scene
+from ..sensors.point_checks import notes_on_sensors, tell
 from ..sensors.sensor_files import sensors_of
 from ..sensors.sensors import Sensors, point_sensors, sensors_from, sightline_ends
 from ..sensors.surface_grid import grid_sensors
 from ..tables.result_table import Column, Table
 from .sight_options import VisibleOptions
+from .turbines import Turbine, Turbines, hubs_of, notes_on_turbines, on_ground, seen_of_rotors, turbines_of
 from .visibility_matrix import TileTracer
 
 _PAIRS = 1 << 24  # sightlines at a time
 _FLAT = 1e-6  # largest distance of a polygon's corner from its plane, in sizes of the polygon
 _MOST = 1_000_000  # points of a target
+_MOST_SHARES = 1 << 29  # shares of rotors
 
 _P = ParamSpec("_P")
 
 # --- Targets ----------------------------------------------------------------------------------------------------------
-
-
-class _TurbineFields(NamedTuple):
-    position: tuple[float, float, float]  # of its foot, world
-    hub_height: float  # world units above the foot
-    rotor_diameter: float  # world units
-
-
-class Turbine(_TurbineFields):
-    """A wind turbine, whose rotor turns towards each sensor.
-
-    position : (3,) float
-        World coordinates of its foot.
-    hub_height : float
-        World units, above the foot.
-    rotor_diameter : float
-        World units.
-    """
-
-    __slots__ = ()
-
-    def __new__(cls, position: ArrayLike, hub_height: float, rotor_diameter: float) -> "Turbine":
-        x, y, z = (
-            number(each, "a coordinate of a turbine", -np.inf, np.inf) for each in listed(position, "position", 3)
-        )
-        height = number(hub_height, "the hub height of a turbine", 0.0, np.inf)
-        diameter = number(rotor_diameter, "the rotor diameter of a turbine", 0.0, np.inf)
-        return super().__new__(cls, (x, y, z), height, diameter)
-
-
-def _rotor(turbine: Turbine, up: str) -> SphereLight:
-    """The rotor of a turbine as a sphere, which is sampled as the disk that faces each sensor."""
-    centre = np.array(turbine.position, np.float64)
-    centre["xyz".index(up)] += turbine.hub_height
-    return SphereLight(tuple(centre.tolist()), turbine.rotor_diameter / 2.0)
 
 
 def surface_points(
@@ -178,8 +144,9 @@ def _lattice_inside(ring: NDArray[np.float64], spacing: float) -> NDArray[np.flo
 @with_keywords(VisibleOptions, 3)
 @with_progress
 def visible_share(
-    given: Given[_P], scene: SceneLike, sensors: Sensors | str | ArrayLike, target: Turbine | Sensors | ArrayLike,
-    progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
+    given: Given[_P], scene: SceneLike, sensors: Sensors | str | ArrayLike,
+    target: "Turbine | Sequence[Turbine] | Mapping[str, Turbine] | Sensors | ArrayLike",
+    surface: "SceneLike | None" = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
 ) -> Table:  # fmt: skip
     """The share of a target that each sensor sees. Every line of sight is exact.
 
@@ -188,95 +155,148 @@ def visible_share(
     scene : Scene, PagedScene, or anything that `antumbra.load` takes
     sensors : Sensors, str, or (n, 3) float
         The places to look from, such as ``"raster+1.6"``: 1.6 above all cells.
-    target : Turbine, Sensors, or (m, 3) float
+    target : Turbine, sequence of Turbine, dict of str to Turbine, Sensors, or (m, 3) float
         The target's sample points: those of `surface_points` and `polygon_points` are visible from their front only,
         other points from everywhere. Of a `Turbine`, the disk of the rotor that faces each sensor is sampled.
+    surface : Scene, PagedScene, or anything that `antumbra.load` takes, optional
+        As for `antumbra.viewshed`.
     progress : function of (text, done, total), or bool, optional
         As for `antumbra.viewshed`.
 
     Returns
     -------
     Table
-        The columns are ``share``, from 0 to 1, and ``visible``, the number of visible sample points. `Table.about` has
-        their total, ``samples``.
+        The columns are ``share``, from 0 to 1, and ``visible``, the number of visible sample points. For a sequence or
+        dict of turbines, ``turbines`` comes first, the number of those of which something is visible; ``share`` is that
+        of the area of all rotors, and ``share_NAME`` that of each rotor, named by the dict or by numbers from 1.
+        `Table.about` has the total of sample points, ``samples``.
 
     Raises
     ------
     InputError
-        If an argument is invalid, the target has no points or is in degrees, or the rotor of a turbine reaches below
-        the ground.
+        If an argument is invalid, the target has no points or is in degrees, a rotor reaches below the ground, a foot
+        is to be placed on a surface where there is none, or, with `curvature`, the scene is in a store or lets light
+        through.
 
     Warns
     -----
     UserWarning
         If points lie beside the scene, below the ground, on a surface without a normal, or closely behind another one.
+
+    Notes
+    -----
+    With `curvature`, points at a horizontal distance d sink by (1 - k) d^2 / (2 R); see `antumbra.viewshed`.
     """
     options, scene = VisibleOptions(**given(*args, **keywords)), measured_scene(scene)
-    plan, threads, moment = options.plan, thread_count(options.threads), scene.clamped(options.time)
-    checked = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
-    places = sensors_from(scene, checked, None, "sensors")
-    ends = sightline_ends(scene, places)
-    notes = notes_on_sensors(scene, places, "sensors", moment, threads)
-    if isinstance(target, Turbine):
-        notes += _notes_on_turbine(scene, target, moment, threads)
-        total = options.samples
-        marks = np.array([_rotor(target, scene.up).center])
+    threads, moment = thread_count(options.threads), scene.clamped(options.time)
+    below = scene if surface is None else measured_scene(surface)
+    checked = sensors_of(sensors, below, threads) if isinstance(sensors, str) else sensors
+    places, earth = sensors_from(scene, checked, None, "sensors"), earth_of(options, scene)
+    notes = notes_on_sensors(below, places, "sensors", moment, threads)
+    turbines, on_target = turbines_of(target), None
+    if turbines is not None:
+        if options.on_surface:
+            turbines = on_ground(below, turbines, moment, threads)
+        notes += notes_on_turbines(below, turbines, moment, threads)
+        total, marks = options.samples * len(turbines.each), hubs_of(turbines, scene.up)
     else:
-        on_target = sensors_from(scene, target, None, "the target")
+        if options.on_surface:
+            raise InputError("on_surface places the feet of turbines, and the target is none; leave it out")
+        on_target = sensors_from(scene, target, None, "the target")  # type: ignore[arg-type]
         if not len(on_target):
             raise InputError("the target has no points; give at least one")
-        notes += notes_on_sensors(scene, on_target, "points of the target", moment, threads)
+        notes += notes_on_sensors(below, on_target, "points of the target", moment, threads)
         total, marks = len(on_target), on_target.points.mean(0, keepdims=True)
     warned = tell(notes)
-    counts, step = np.zeros(len(places), np.int32), max(1024, _PAIRS // total)
-    tracing = TileTracer(scene, plan, moment, threads, len(places) * total)
+    lines = _Lines(scene, moment) if earth is None else _Lines(lowered_scene(scene, earth, moment), 0.0, earth)
     with report_progress(f"{len(places)} sensors, {total} points of the target") as report:
-        for first in range(0, len(places), step):
-            part = ends.take(slice(first, first + step))
-            if isinstance(target, Turbine):
-                counts[first : first + step] = _seen_of_rotor(scene, part, target, total, (plan, moment, threads))
-            else:
-                seen = tracing.visible(part, sightline_ends(scene, on_target))
-                counts[first : first + step] = count_occluded(seen, threads)
-            report(min(first + step, len(places)), len(places))
-    columns = {
+        if turbines is not None:
+            columns = _rotor_columns(lines, places, turbines, options, not isinstance(target, Turbine), report)
+        else:
+            assert on_target is not None
+            columns = _point_columns(lines, places, on_target, options, report)
+    about: dict[str, Any] = {"job": "visible share", "samples": total}
+    about |= {} if turbines is None else {"targets": turbines.names}
+    about |= curvature_record(options, scene) | warned
+    return Table(places, columns, about, scene, marks=marks)
+
+
+class _Lines(NamedTuple):
+    """Where lines of sight are traced."""
+
+    scene: AnyScene  # on a curved earth, the lowered one
+    time: float
+    earth: Earth | None = None
+
+    def ends(self, sensors: Sensors) -> Receivers:
+        """Points as ends of lines of sight."""
+        return sightline_ends(self.scene, sensors if self.earth is None else self.earth.lowered_sensors(sensors))
+
+
+def _point_columns(
+    lines: _Lines, places: Sensors, target: Sensors, options: VisibleOptions, report: Callable[[int, int], object]
+) -> dict[str, Column]:
+    """The columns for a target of points."""
+    n, total, threads = len(places), len(target), thread_count(options.threads)
+    counts, step, ends, targets = (
+        np.zeros(n, np.int32),
+        max(1024, _PAIRS // total),
+        lines.ends(places),
+        lines.ends(target),
+    )
+    tracing = TileTracer(lines.scene, options.plan, lines.time, threads, n * total)
+    for first in range(0, n, step):
+        seen = tracing.visible(ends.take(slice(first, first + step)), targets)
+        counts[first : first + step] = count_occluded(seen, threads)
+        report(min(first + step, n), n)
+    return {
         "share": Column((counts / total).astype(np.float32), "", "visible share of the target"),
         "visible": Column(counts, "", f"visible sample points, of {total}"),
     }
-    return Table(places, columns, {"job": "visible share", "samples": total, **warned}, scene, marks=marks)
+
+
+def _rotor_columns(
+    lines: _Lines, places: Sensors, turbines: Turbines, options: VisibleOptions, named: bool,
+    report: Callable[[int, int], object],
+) -> dict[str, Column]:  # fmt: skip
+    """The columns for turbines; `named`: also for each of them."""
+    n, k, samples = len(places), len(turbines.each), options.samples
+    if n * k > _MOST_SHARES:
+        raise InputError(
+            f"{k} turbines from {n} sensors are {n * k} shares; use fewer sensors, or fewer turbines at once"
+        )
+    counts, step, ends = np.zeros((n, k), np.int32), max(1024, _PAIRS // (samples * k)), lines.ends(places)
+    settings = options.plan, lines.time, thread_count(options.threads)
+    for first in range(0, n, step):
+        part = ends.take(slice(first, first + step))
+        counts[first : first + step] = seen_of_rotors(lines.scene, part, turbines, lines.earth, samples, settings)
+        report(min(first + step, n), n)
+    weights = turbines.areas / turbines.areas.sum() / samples
+    share = np.minimum(counts @ weights, 1.0).astype(np.float32)
+    visible = Column(counts.sum(1, dtype=np.int32), "", f"visible sample points, of {samples * k}")
+    if not named:
+        return {"share": Column(share, "", "visible share of the target"), "visible": visible}
+    columns = {
+        "turbines": Column((counts > 0).sum(1).astype(np.int32), "", f"turbines of which some is visible, of {k}"),
+        "share": Column(share, "", "visible share of the area of all rotors"),
+        "visible": visible,
+    }
+    for name, seen in zip(turbines.names, counts.T):
+        about = f"visible share of the rotor of {name}"
+        columns[f"share_{name}"] = Column((seen / samples).astype(np.float32), "", about)
+    return columns
 
 
 def share_summary(table: Table, scene: str, seconds: float) -> Summary:
     """How many sensors see the target; `seconds`: of the study."""
     counted = table.sensors.covered
     share, n, points = table["share"][counted], int(counted.sum()), table.about["samples"]
-    some, whole = int((share > 0).sum()), int((share == 1).sum())
+    some, whole = int((table["visible"][counted] > 0).sum()), int((table["visible"][counted] == points).sum())
     values = {"scene": scene, "sensors": n, "samples": points, "seconds": seconds, "seen": some, "seen_entirely": whole}
     lines = [("sensors", f"{n:,}"), ("points of the target", f"{points:,}")]
+    if "turbines" in table.columns:
+        most = int(table["turbines"][counted].max(initial=0))
+        values |= {"turbines": len(table.about["targets"]), "most_turbines": most}
+        lines.append(("turbines", f"{len(table.about['targets']):,}; at most {most:,} seen from one sensor"))
+    values["mean_share"] = float(share.mean()) if n else 0.0
     return Summary(values, [*lines, ("see it", f"{some:,}, {whole:,} entirely")])
-
-
-def _notes_on_turbine(scene: AnyScene, turbine: Turbine, time: float, threads: int) -> list[str]:
-    """Notes on the foot of a turbine. Raises InputError if its rotor reaches below the ground."""
-    foot, up = np.array(turbine.position), np.eye(3)["xyz".index(scene.up)]
-    lowest = turbine.hub_height - turbine.rotor_diameter / 2.0
-    notes = notes_on_points(scene, foot[None], "turbines", time, threads)
-    (depth, reach) = depths_below_ground(scene, np.stack([foot, foot + lowest * up]), time, threads)
-    if reach > 0.0:
-        ground = foot @ up + depth
-        cure = (
-            f"the ground there is at {ground:.6g}" if depth > 0.0 else f"its lowest point is {lowest:g} above its foot"
-        )
-        raise InputError(f"the turbine's rotor reaches {reach:.6g} below the ground; {cure}")
-    return notes
-
-
-def _seen_of_rotor(
-    scene: AnyScene, ends: Receivers, turbine: Turbine, samples: int, settings: tuple[str | Plan | None, float, int]
-) -> NDArray[np.int32]:
-    """(n,) int32: the visible samples of the disk of a rotor that faces each end."""
-    plan, time, threads = settings
-    rotor, engine = _rotor(turbine, scene.up), scene.engine.with_options(plan, threads, None)
-    (traced,) = engine.shadows(ends, [rotor], [light_samples(rotor, samples)], time=time, whole=True)
-    counts: NDArray[np.int32] = samples - count_occluded(traced.bits[0], threads)
-    return counts

@@ -22,7 +22,7 @@ from ...cli.options import (
     SensorsOrDefault,
     SheetOption,
     UpOption,
-    points_or_file,
+    tables,
     writes,
 )
 from ...cli.scene_arguments import DEFAULT_SCENE
@@ -33,10 +33,9 @@ from ..sensor_study import SensorStudy
 from .viewshed_options import ViewshedOptions
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
     from ...work.executors import Executor
     from ..sensors.sensors import Sensors
+    from ..sensors.vector_points import PointFile
     from ..tables.result_table import Table
     from .line_points import LinePoints
     from .viewshed import Viewshed
@@ -62,6 +61,7 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
       antumbra viewshed dem.tif --observer 85000,446000,0 --on-surface --eye-height 1.7 -o seen.tif
       antumbra viewshed dem.tif --along road.gpkg --spacing 25 --on-surface --eye-height 1.2 -o road.tif
       antumbra viewshed dem.tif --observer 85000,446000,90 --least-height -o hidden.tif
+      antumbra viewshed dem.tif --observers towers.gpkg --on-surface --each --polygons seen.gpkg -o seen.tif
       antumbra viewshed hills.ply --up z --observer 0,0,900 --curvature --azimuth 350:10 -o seen.parquet
     """
 
@@ -71,7 +71,12 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
         list[str] | None, typer.Option(help="An observer; may be repeated.", metavar="X,Y,Z", show_default=False)
     ] = None
     observers: Annotated[
-        Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
+        Path | None,
+        typer.Option(
+            help="A file of observers: .csv, .parquet, .npy, .npz, .gpkg or .geojson. The columns eye_height, "
+            "min_distance and max_distance replace the options; id or name names them.",
+            show_default=False,
+        ),
     ] = None
     along: Annotated[
         Path | None,
@@ -98,25 +103,41 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
             callback=writes(".npy"),
         ),
     ] = None
+    polygons: Annotated[
+        list[Path] | None,
+        tables(
+            "The cells that each observer sees, a polygon of several parts each",
+            suffixes=(".gpkg", ".geojson", ".parquet"),
+        ),
+    ] = None
     up: Annotated[UpOption, ListedBefore("threads")] = None
     crs: CrsOption = None
 
     def check(self) -> None:
         from ...base.files import checked_file
-        from ..sensors.point_attributes import warn_of_lost
+        from ..sensors.point_attributes import IDS, warn_of_lost
+        from ..tables.polygon_files import check_polygon_output
+        from .observers import PER_OBSERVER
 
         if self.camera is not None:
             parse_camera(self.camera)
         super().check()
         eyes = self._eyes
         if eyes is not None and self.observers is not None:
-            warn_of_lost(self.observers.name, eyes.attributes)
+            names = IDS if self.options.each or self.polygons else ()
+            warn_of_lost(self.observers.name, eyes.sensors.attributes, {*PER_OBSERVER, *names})
         if eyes is None and self.along is None:
             raise InputError("there is no observer: give --observer X,Y,Z, --observers FILE or --along FILE")
         if self.along is not None:
             checked_file(self.along, f"--along {self.along}")
         if eyes is not None and self.along is not None:
             raise InputError("--along excludes --observer and --observers; give one of them")
+        for path in self.polygons or ():
+            check_polygon_output(path)
+        if self.polygons and self.sensor_form.partition(":")[0].partition("+")[0].partition("@")[0] != "raster":
+            raise InputError(
+                f"--polygons are made of cells, and the sensors are {self.sensor_form}; use raster:SPACING"
+            )
         if (self.along is None) != (self.spacing is None):
             raise InputError("--along FILE and --spacing DISTANCE need each other")
 
@@ -125,7 +146,7 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
 
         observers = self._observers(scenes)
         sensors = scenes.sensors(self.sensor_form, self.threads)
-        options = replace(self.options, bits=self.bits is not None)
+        options = replace(self.options, bits=self.bits is not None, each=self.options.each or bool(self.polygons))
         camera = None
         if self.camera is not None:
             camera = make_camera(parse_camera(self.camera), scenes.planted, options.time, _SIZE)
@@ -138,25 +159,29 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
         return study
 
     @cached_property
-    def _eyes(self) -> "Sensors | None":
-        return points_or_file(self.observer, self.observers, "--observer", "--observers")
+    def _eyes(self) -> "PointFile | None":
+        from ..sensors.sensor_files import points_or_file
 
-    def _observers(self, scenes: Scenes) -> "ArrayLike | LinePoints":
-        from ..sensors.sensor_files import check_file_crs
+        return points_or_file(self.observer, self.observers, "--observer", "--observers", self.options.on_surface)
+
+    def _observers(self, scenes: Scenes) -> "Sensors | LinePoints":
         from .line_points import points_along
 
-        check_file_crs(scenes.bare, self.observers)
         if self.along is not None:
-            return points_along(self.along, self.spacing or 0.0, crs=scenes.planted.crs)
+            return points_along(self.along, self.spacing or 0.0, crs=scenes.planted.crs, up=scenes.planted.up)
         eyes = self._eyes
         assert eyes is not None  # checked before
-        return eyes.points
+        return eyes.within(scenes.bare)
 
     def table_of(self, result: "Viewshed") -> "Table":
         return result.table
 
     def writers(self, result: "Viewshed", scenes: Scenes) -> Writers:
-        return {**super().writers(result, scenes), "bits": partial(_write_bits, result)}
+        return {
+            **super().writers(result, scenes),
+            "bits": partial(_write_bits, result),
+            "polygons": result.save_polygons,
+        }
 
     def summary(self, result: "Viewshed", scenes: Scenes, seconds: float) -> Summary:
         return result.summary(scenes.planted.name, seconds)

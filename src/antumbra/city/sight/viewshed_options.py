@@ -12,6 +12,7 @@ from ...base.option_fields import RealNumber, check_fields, option, same_option
 from ...engine.plan import Plan
 from ...kernels.elementary import atan2
 from ...picture.render_options import EngineOptions, RenderOptions
+from ..sensors.curvature_options import CurvatureOptions
 
 
 def _azimuth(value: Any, what: str) -> tuple[float, float]:
@@ -70,26 +71,13 @@ class ViewshedOptions:
         doc_type="(float, float)",
     )
     """Degrees above the horizontal."""
-    curvature: bool = option(False, flag, "Account for the curvature of the earth.")
-    """Account for earth curvature around each observer."""
-    refraction: float | None = option(
-        None,
-        RealNumber(-1.0, 1.0, optional=True),
-        "Refraction coefficient: share of the curvature that refraction offsets.",
-        note="0.13; 0 on bodies other than the earth",
-    )
-    """Share k of the curvature that refraction compensates; 0 for straight light. None: 0.13, or 0 if the CRS is that
-    of another body."""
-    earth_radius: float | None = option(
-        None,
-        RealNumber(0.0, np.inf, optional=True),
-        "Radius of the earth in world units.",
-        note="of the CRS's ellipsoid there, or 6371 km",
-    )
-    """World units. None: the mean radius of curvature, sqrt(M N), of the CRS's ellipsoid at the middle of the scene;
-    without a CRS 6,371,000 m."""
+    curvature: bool = same_option(CurvatureOptions, "curvature")
+    refraction: float | None = same_option(CurvatureOptions, "refraction")
+    earth_radius: float | None = same_option(CurvatureOptions, "earth_radius")
     bits: bool = option(False, flag)
     """Also return which observer sees which sensor."""
+    each: bool = option(False, flag, "Add a column, or a band, for each observer: seen_NAME.")
+    """Add a column for each observer: whether it sees the sensor."""
     least_height: bool = option(
         False, flag, "On a raster of heights: the least height above each cell at which it is seen."
     )

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +11,6 @@ import typer
 from ...base.checks import spelling_hint
 from ...base.errors import InputError
 from ...base.option_fields import field_values
-from ...cli.arguments import parse_point
 from ...cli.options import (
     ColumnOption,
     CrsOption,
@@ -31,29 +30,30 @@ from ..sensor_study import SensorStudy
 from .sight_options import VisibleOptions
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from ...engine.scene import AnyScene
     from ...work.executors import Executor
     from ..sensors.sensors import Sensors
+    from ..sensors.vector_points import PointFile
     from ..tables.result_table import Table
-    from .targets import Turbine
+    from .turbines import Turbine
 
 _SPACING = 1.0  # metres between points on objects and polygons
-_WAYS = "--turbine X,Y,Z, --object NAME, --polygon FILE or --points FILE"
+_WAYS = "--turbine X,Y,Z, --turbines FILE, --object NAME, --polygon FILE or --points FILE"
 
 
 @dataclass(frozen=True, kw_only=True)
 class VisibleCommand(SensorStudy[VisibleOptions, "Table"]):
     """Find the share of a target in SCENE that each sensor sees.
 
-    The target is a wind turbine, whose rotor turns towards each sensor, an object of the scene, a polygon or points.
-    The result has the columns share, from 0 to 1, and visible, the number of visible sample points.
+    The target is one or several wind turbines, whose rotors turn towards each sensor, an object of the scene, a polygon
+    or points. The result has the columns share, from 0 to 1, and visible, the number of visible sample points. For
+    several turbines, it also has turbines, the number of those in sight, and the share of each.
 
     \b
     Examples
       antumbra visible dem.tif --sensors raster+1.6 --turbine 85000,446000,12 --hub-height 120 --rotor 150 -o share.tif
+      antumbra visible dem.tif --sensors raster+1.6 --turbines farm.gpkg --on-surface --curvature -o farm.tif
+      antumbra visible dem.tif --sensors raster+1.6 --turbines farm.gpkg --on-surface --map farm.pdf -o farm.tif
       antumbra visible city.city.json --sensors raster:2+1.6 --object Pand.1 --surfaces WallSurface -o share.tif
       antumbra visible city.glb --up z --sensors people.csv --polygon facade.csv --spacing 0.5 -o share.csv
       antumbra visible dem.tif --sensors raster+1.6 --turbine 85000,446000,12 --hub-height 120 --rotor 150 --map see.pdf
@@ -62,10 +62,19 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table"]):
     scene: SceneArgument = DEFAULT_SCENE
     sensors: SensorsOrDefault = None
     turbine: Annotated[
-        str | None, typer.Option(help="The foot of a wind turbine.", metavar="X,Y,Z", show_default=False)
+        list[str] | None,
+        typer.Option(help="The foot of a wind turbine; may be repeated.", metavar="X,Y,Z", show_default=False),
     ] = None
-    hub_height: Annotated[float | None, typer.Option(help="Of the turbine, above its foot.", show_default=False)] = None
-    rotor: Annotated[float | None, typer.Option(help="Diameter of the turbine's rotor.", show_default=False)] = None
+    turbines: Annotated[
+        Path | None,
+        typer.Option(
+            help="A file of the feet of turbines: .csv, .parquet, .npz, .gpkg or .geojson, with the columns hub_height "
+            "and rotor_diameter, and id or name.",
+            show_default=False,
+        ),
+    ] = None
+    hub_height: Annotated[float | None, typer.Option(help="Of turbines, above their feet.", show_default=False)] = None
+    rotor: Annotated[float | None, typer.Option(help="Diameter of their rotors.", show_default=False)] = None
     object: Annotated[
         list[str] | None,
         typer.Option(help="An object of the scene, such as a building; may be repeated.", show_default=False),
@@ -80,7 +89,8 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table"]):
     polygon: Annotated[
         Path | None,
         typer.Option(
-            help="The corners of a flat polygon, counterclockwise from the front: .csv, .parquet, .npy or .npz.",
+            help="The corners of a flat polygon, counterclockwise from the front: .csv, .parquet, .npy, .npz, .gpkg or "
+            ".geojson.",
             show_default=False,
         ),
     ] = None
@@ -99,38 +109,66 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table"]):
     up: Annotated[UpOption, ListedBefore("threads")] = None
     crs: CrsOption = None
 
-    @property
-    def foot(self) -> "NDArray[np.float64] | None":
-        """That of the turbine."""
-        return None if self.turbine is None else parse_point(self.turbine, "--turbine")
-
     def check(self) -> None:
         super().check()
         if self.surfaces is not None and self.object is None:
             raise InputError(f"--surfaces {self.surfaces}: needs --object NAME")
-        if sum(each is not None for each in (self.turbine, self.object, self.polygon, self.points)) != 1:
+        given = self.turbine or None, self.turbines, self.object, self.polygon, self.points
+        if sum(each is not None for each in given) != 1:
             raise InputError(f"give one target: {_WAYS}")
-        if self.foot is not None and (self.hub_height is None or self.rotor is None):
+        of_turbines = bool(self.turbine) or self.turbines is not None
+        if self.turbine and (self.hub_height is None or self.rotor is None):
             raise InputError("--turbine needs --hub-height and --rotor")
+        if self.options.on_surface and not of_turbines:
+            raise InputError("--on-surface places the feet of turbines, and there are none; leave it out")
+        if not of_turbines and not (self.hub_height is None and self.rotor is None):
+            raise InputError("--hub-height and --rotor are of turbines, and there are none; leave them out")
+        _ = self._feet, self._file
+
+    @cached_property
+    def _feet(self) -> "PointFile | None":
+        """Those of turbines."""
+        from ..sensors.sensor_files import points_or_file
+        from .turbines import turbines_of_table
+
+        feet = points_or_file(self.turbine, self.turbines, "--turbine", "--turbines", self.options.on_surface)
+        if feet is not None and self.turbines is not None:
+            turbines_of_table(self.turbines, feet.sensors, self.hub_height, self.rotor)
+        return feet
+
+    @cached_property
+    def _file(self) -> "PointFile | None":
+        """The points of the target, or the corners of its polygon."""
+        from ..sensors.point_attributes import warn_of_lost
+        from ..sensors.sensor_files import points_or_file
+
+        path = self.polygon or self.points
+        points = points_or_file(None, path, "", "--points" if self.polygon is None else "--polygon")
+        if points is not None:
+            warn_of_lost(points.name, points.sensors.attributes)
+        return points
 
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Table]":
-        from ..sensors.sensor_files import check_file_crs
         from .targets import visible_share
 
-        check_file_crs(scenes.planted, self.polygon, self.points)
         target = self._target(scenes.bare)
         sensors = scenes.sensors(self.sensor_form, self.threads)
-        return partial(visible_share, scenes.planted, sensors, target, **field_values(self.options))
+        study = partial(visible_share, scenes.planted, sensors, target, surface=scenes.bare)
+        return partial(study, **field_values(self.options))
 
-    def _target(self, scene: "AnyScene") -> "Turbine | Sensors":
+    def _target(self, scene: "AnyScene") -> "Turbine | dict[str, Turbine] | Sensors":
         """The target that the options name."""
-        from ..sensors.point_attributes import warn_of_lost
-        from ..sensors.sensor_files import read_points
-        from .targets import Turbine, polygon_points, surface_points
+        from .targets import polygon_points, surface_points
+        from .turbines import Turbine, turbines_of_table
 
         spacing = scene.unit.of_metres(_SPACING) if self.spacing is None else self.spacing
-        if self.foot is not None:
-            return Turbine(self.foot, self.hub_height or 0.0, self.rotor or 0.0)
+        if self._feet is not None:
+            feet = self._feet.within(scene)
+            if self.turbines is not None:
+                named = turbines_of_table(self.turbines, feet, self.hub_height, self.rotor)
+                return dict(zip(named.names, named.each))
+            each = [Turbine(foot, self.hub_height or 0.0, self.rotor or 0.0) for foot in feet.points]
+            return each[0] if len(each) == 1 else {str(k): turbine for k, turbine in enumerate(each, 1)}
         if self.object is not None:
             known = {name for thing in scene.objects for name in (thing.name, thing.parent) if name}
             for name in self.object:
@@ -139,9 +177,8 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table"]):
                     raise InputError(f"--object {name}: {scene.name} has no such object; {hint}see antumbra info")
             types = None if self.surfaces is None else self.surfaces.split(",")
             return surface_points(in_memory(scene), spacing, objects=self.object, types=types)
-        path = self.polygon or self.points or Path()
-        points = read_points(path)
-        warn_of_lost(path.name, points.attributes)
+        assert self._file is not None
+        points = self._file.within(scene)
         return points if self.polygon is None else polygon_points(points.points, spacing)
 
     def summary(self, result: "Table", scenes: Scenes, seconds: float) -> Summary:

@@ -27,7 +27,8 @@ from ...scene.map_point import map_point, on_earth
 from ...sun.location import Place, place_of_crs
 from ...trace.rays.ray_hits import intersections
 from ...work.result_summary import Summary, SummaryTable, heading
-from ..sensors.point_checks import notes_on_sensors, on_surface, tell
+from ..sensors.curved_earth import curvature_record, earth_of, lowered_scene
+from ..sensors.point_checks import notes_on_sensors, raised, tell
 from ..sensors.sensor_files import check_sensors, sensors_of
 from ..sensors.sensors import Sensors, sensors_from, sightline_ends
 from ..sheets.page import MAP_SUFFIXES, check_map
@@ -286,8 +287,8 @@ def skyline(
     """Find the skylines of points: the elevation of the horizon by azimuth, exact up to the rounding of float64.
 
     The horizon is the upper edge of everything along an azimuth: what is open below a bridge or a canopy counts as
-    closed, and points below a roof see no sky. Faces with alpha masks or transmittance count as solid. The earth is
-    flat.
+    closed, and points below a roof see no sky. Faces with alpha masks or transmittance count as solid. With
+    `curvature`, what lies at a horizontal distance d is (1 - k) d^2 / (2 R) lower, as for `antumbra.viewshed`.
 
     Parameters
     ----------
@@ -320,12 +321,14 @@ def skyline(
     """
     options, scene = SkylineOptions(**given(*args, **keywords)), measured_scene(scene)
     scene.data.check_resident()
+    earth = earth_of(options, scene)
     threads, time = thread_count(options.threads), scene.clamped(options.time)
     below = scene if surface is None else measured_scene(surface)
     if isinstance(points, str):
         check_sensors(points, "points")
         points = sensors_of(points, below, threads)
-    sensors = _raised(below, sensors_at(below, points, normals), options)
+    sensors = sensors_at(below, points, normals)
+    sensors = raised(below, sensors, options.eye_height, options.on_surface, "points", time, threads)
     warned = tell(notes_on_sensors(below, sensors, "points", time, threads))
     north, place = options.north, None
     if north is None:
@@ -333,16 +336,30 @@ def skyline(
         north = 0.0 if scene.crs is None else -map_point(scene.crs, *middle_of(scene)).convergence
     precompile("skyline")
     compass = compass_of(options.count, scene.up, north)
-    slopes = _slopes_of(scene, sensors, compass, time, threads)
+    if earth is None:
+        slopes = _slopes_of(scene, sensors, compass, time, threads)
+    else:
+        lowered = earth.lowered_sensors(sensors)
+        slopes = _slopes_of(lowered_scene(scene, earth, time), lowered, compass, 0.0, threads)
+        _turn(slopes, earth.turns(sensors.points), compass)
     azimuth = np.arange(options.count) * (360.0 / options.count)
     about: dict[str, Any] = {"job": "skyline", "scene": scene.name, "step": options.step, "north": north, **warned}
-    about |= {"up": scene.up, "length_unit": scene.unit.name}
+    about |= {"up": scene.up, "length_unit": scene.unit.name, **curvature_record(options, scene)}
     if scene.crs:
         about["crs"] = scene.crs
     if place is not None:
         about |= {"latitude": place.latitude, "longitude": place.longitude}
     elevation, highest = (np.degrees(atan(rows)) for rows in slopes)
     return Skyline(sensors.points, azimuth, elevation, highest, about)
+
+
+def horizon_elevations(
+    scene: AnyScene, sensors: Sensors, step: float, north: float, threads: int
+) -> NDArray[np.float64]:
+    """(n, m) float64: `Skyline.elevation` of sensors, without notes; north: as `SkylineOptions.north`."""
+    precompile("skyline")
+    compass = compass_of(round(360.0 / step), scene.up, north)
+    return np.asarray(np.degrees(atan(_slopes_of(scene, sensors, compass, 0.0, threads).at)))
 
 
 def sensors_at(scene: AnyScene, points: Sensors | ArrayLike, normals: ArrayLike | None) -> Sensors:
@@ -352,19 +369,6 @@ def sensors_at(scene: AnyScene, points: Sensors | ArrayLike, normals: ArrayLike 
     if not len(sensors):
         raise InputError("there is no point; give at least one")
     return sensors
-
-
-def _raised(scene: AnyScene, sensors: Sensors, options: SkylineOptions) -> Sensors:
-    """The eyes of points: those of `eye_height` and `on_surface` lie in free space."""
-    if not options.on_surface and options.eye_height == 0.0:
-        return sensors
-    up, eyes = "xyz".index(scene.up), sensors.points.copy()
-    if options.on_surface:
-        eyes = on_surface(scene, eyes, "points", scene.clamped(options.time), thread_count(options.threads))
-    if options.eye_height == 0.0:  # on the surface itself
-        return sensors_from(scene, eyes, np.eye(3)[up], "points")
-    eyes[:, up] += options.eye_height
-    return sensors_from(scene, eyes, None, "points")
 
 
 def _slopes_of(scene: AnyScene, sensors: Sensors, compass: Compass, time: float, threads: int) -> Slopes:
@@ -382,6 +386,22 @@ def _slopes_of(scene: AnyScene, sensors: Sensors, compass: Compass, time: float,
 
             raise_slopes(tree, eyes, compass, slopes, threads, progress)
     return slopes
+
+
+def _turn(slopes: Slopes, turns: NDArray[np.float64], compass: Compass) -> None:
+    """Change the slopes in a scene that is lowered around its middle to those that points see, in place.
+
+    turns : (n, 2), from `Earth.turns`
+
+    The supremum of a bin is that of the copy plus the greatest change in the bin, so it stays an upper bound.
+    """
+    level = turns * [1.0, compass.sign]
+    changes = level @ np.stack([compass.east, compass.north])  # (n, 2 m), at all half steps
+    slopes.at[:] += changes[:, ::2]
+    size = np.sqrt((level * level).sum(1))[:, None]
+    around = np.abs(atan2(level[:, :1], level[:, 1:]) - atan2(compass.east[::2], compass.north[::2]))
+    around = np.minimum(around, 2.0 * np.pi - around)  # between the bin's azimuth and that of the greatest change
+    slopes.highest[:] += size * cos(np.maximum(around - 1.0 / compass.turn, 0.0))  # the bin ends a half step away
 
 
 def _trees(scene: AnyScene, time: float, threads: int) -> list[Bvh]:

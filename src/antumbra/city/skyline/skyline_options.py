@@ -9,6 +9,7 @@ from ...base.checks import flag, number
 from ...base.errors import InputError
 from ...base.option_fields import RealNumber, check_fields, option, same_option
 from ...picture.render_options import EngineOptions, RenderOptions
+from ..sensors.curvature_options import CurvatureOptions
 
 _FINEST = 0.01  # degrees
 _ROUNDING = 1e-9  # of a number of azimuths
@@ -40,6 +41,9 @@ class SkylineOptions:
     """Height of the eyes above the points, world units."""
     on_surface: bool = option(False, flag, "First place each point on the highest surface at its position.")
     """First move each point to the highest surface above or below it. Without a surface, it is an error."""
+    curvature: bool = same_option(CurvatureOptions, "curvature")
+    refraction: float | None = same_option(CurvatureOptions, "refraction")
+    earth_radius: float | None = same_option(CurvatureOptions, "earth_radius")
     time: float = same_option(RenderOptions, "time")
     threads: int | None = same_option(EngineOptions, "threads")
 

@@ -4,6 +4,9 @@
 - `sun_options`: options of `sun_hours`, with their checks
 - `solar_radiation`: weather and clear skies; `epw_file`: EPW files
 - `daylight_rules`: rules on sun hours
+- `route_shade`: shade along a route by hour
+- `sun_calendar`: first and last sun of each day
+- `route_options`: options of these two
 - `sun_visibility`: visible suns of each sensor
 - `sun_tally`: sums over visible suns
 """

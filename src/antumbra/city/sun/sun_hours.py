@@ -23,6 +23,7 @@ from ...scene.materials import MONTHS
 from ...sun.location import Place, place_in
 from ...sun.sun_positions import Suns, checked_step, months_of, suns_of, times_of, zone_notes, zone_of
 from ...work.executors import Keep, checked_keep, executor_of
+from ..sensors.curved_earth import curvature_record, earth_of, lowered_scene
 from ..sensors.ground_areas import AreaLike, default_cells
 from ..sensors.point_checks import notes_on_sensors, tell
 from ..sensors.sensor_files import sensors_of
@@ -158,7 +159,8 @@ def sun_hours(
     """Find the hours of direct sun of each sensor, exactly.
 
     Each sun represents an interval and is placed at its middle. A sensor sees a sun if no triangle is in between and
-    the sun is above the sensor's own surface.
+    the sun is above the sensor's own surface. With `curvature`, what lies at a horizontal distance d from the middle of
+    the scene is (1 - k) d^2 / (2 R) lower, and the plumb lines of sensors turn accordingly.
 
     Parameters
     ----------
@@ -223,8 +225,11 @@ def sun_hours(
     warned = tell([*study.notes, *notes_on_sensors(scene, sensors, "sensors", 0.0, threads)])
     suns, bins = study.suns, _Bins(study)
     direct = None if suns.dni is None else suns.dni * suns.hours
+    earth, bent, lowered = earth_of(options, scene), scene, sensors
+    if earth is not None:
+        bent, lowered = lowered_scene(scene, earth), earth.lowered_sensors(sensors)
     query = sun_query(
-        scene, sensors, suns, bins.of_suns, bins.count, months=months_of(suns.local), samples=samples, energy=direct,
+        bent, lowered, suns, bins.of_suns, bins.count, months=months_of(suns.local), samples=samples, energy=direct,
         plan=plan, threads=threads,
     )  # fmt: skip
     if keep is None and target is not None:
@@ -235,13 +240,15 @@ def sun_hours(
         check_disk_space(target, row_file_size(sums[0].matrix_shape))
     skies = _diffuse_of_seasons(scene, study) if options.sky else {}
     for month in skies:
-        sky = sky_query(scene, sensors, options.sky, plan, threads, month)
+        sky = sky_query(bent, lowered, options.sky, plan, threads, month)
         sums.append(SunSums(sky, "sky" if month == NO_DATE else f"sky in {MONTHS[month]}", executor.folder))
     job = [each.parts for each in sums]
     if not executor.finish(job):
         return None  # type: ignore[return-value]  # a shard, of a command
     tally, *sky_tallies = [each.tally() for each in sums]
-    table = Table(sensors, _columns(study, bins, tally), _about(study, options) | warned, scene)
+    table = Table(
+        sensors, _columns(study, bins, tally), _about(study, options) | curvature_record(options, scene) | warned, scene
+    )
     if sensors.zone is not None:
         table.about["areas"] = area_records(sensors, tally.hours, study.rule, table)
     if skies:

@@ -15,6 +15,7 @@ from ...engine.plan import Plan
 from ...picture.render_options import EngineOptions
 from ...sun.location import Place, checked_place
 from ...sun.sun_positions import checked_step, days_of
+from ..sensors.curvature_options import CurvatureOptions
 from ..tables.surface_columns import PER, Facing
 from .daylight_rules import check_rule, rule_named
 
@@ -32,7 +33,8 @@ class HoursInterval(StrEnum):
     hour = "hour"
 
 
-def _place(value: Any, what: str) -> Place:
+def place_option(value: Any, what: str) -> Place:
+    """Check of an option that is a place."""
     return checked_place(checked_instance(value, Place, what))
 
 
@@ -83,7 +85,7 @@ class SunDays:
 class SunKeywords:
     """The keywords of `antumbra.sun_hours`, besides those for its input and output."""
 
-    place: Place | None = option(None, optional(_place))
+    place: Place | None = option(None, optional(place_option))
     """None: that of the scene's CRS."""
     step: float | None = option(
         None,
@@ -121,6 +123,9 @@ class SunKeywords:
         doc_type='sequence of "month" and "hour"',
     )
     """Add a column of hours for each month, or for each hour of the day."""
+    curvature: bool = same_option(CurvatureOptions, "curvature")
+    refraction: float | None = same_option(CurvatureOptions, "refraction")
+    earth_radius: float | None = same_option(CurvatureOptions, "earth_radius")
     surfaces: Sequence[str] | None = option(
         None,
         optional(_surfaces),

@@ -2,6 +2,7 @@
 
 - `result_table`: results with units, and their writers
 - `surface_columns`: surfaces in tables, and tables with a row per surface or building
+- `polygon_files`: outlines of cells, and files of polygons
 - `bit_matrices`: packed bit matrices, in memory and in files
 - `false_colours`: false-colour pictures and models
 - `map_sheet`: map sheets of tables; `table_pages`: their tables; `map_scale`: their colours and legends
