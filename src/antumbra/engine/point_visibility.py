@@ -25,6 +25,7 @@ def visibility(
     time: float = 0.0,
     threads: int | None = None,
     sampler: str = "larcher-pillichshammer",
+    seed: int = 0,
     cull_faces: str | None = None,
     max_memory: int | None = None,
     progress: ProgressCallback | bool | None = None,
@@ -45,7 +46,7 @@ def visibility(
         For points on surfaces: surface normals of any length, pointing to the tested side. They broadcast against the
         points. Each point is offset from its surface by a few units in the last place, and samples below its horizon
         are occluded. None: the points lie in free space and are used unchanged.
-    spp, plan, time, threads, sampler, cull_faces
+    spp, plan, time, threads, sampler, seed, cull_faces
         As in `antumbra.render`. Point i uses sample set i mod 4.
     max_memory : int or None
         For a scene in a store, the limit in bytes on the memory of the process; None: 4 GiB. The chunks read stay in
@@ -72,6 +73,13 @@ def visibility(
     single = isinstance(light, Light)
     receivers = Receivers.of(points, normals, scene.origin, scene.middle)
     answer = engine.visibility(
-        receivers, light, spp=spp, sampler=sampler, cull_faces=cull_faces, time=time, progress=progress
+        receivers,
+        light,
+        spp=spp,
+        sampler=sampler,
+        seed=seed,
+        cull_faces=cull_faces,
+        time=time,
+        progress=progress,
     )
     return answer.reshaped(points.shape[:-1], single)
