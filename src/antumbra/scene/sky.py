@@ -18,6 +18,7 @@ from ..base.errors import InputError
 from ..base.extras import import_extra
 from ..base.files import checked_file, without_output
 from ..base.memory import check_reading
+from ..base.pickles import without_cached
 from ..kernels.elementary import cos, exp2, power, sin
 from ..kernels.small_matrices import dot, product
 from .camera import axes
@@ -169,16 +170,12 @@ class Sky(LightList):
         object.__setattr__(self, "map", _map_of(self.image))
         self._check()
 
+    def __getstate__(self) -> dict[str, Any]:
+        return without_cached(self)
+
     @cached_property
     def _map_lights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return _sample_map(self.map, self.count, self.seed)
-
-    def drawn(self, seed: int) -> Light:
-        light = super().drawn(seed)
-        if light is not self:  # a copy, with the lights and directions cached for another seed
-            for name in ("_map_lights", "points"):
-                light.__dict__.pop(name, None)
-        return light
 
     @cached_property
     def points(self) -> NDArray[np.float64]:
