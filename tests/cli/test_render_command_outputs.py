@@ -52,6 +52,16 @@ def test_frames_are_written_in_every_format_and_resume(cli, tmp_path):
     assert Path("alone.1.png").read_bytes() == Path("f.1.png").read_bytes()
 
 
+def test_shards_of_several_outputs_are_joined(render, cli):
+    words = "--spp", 4, "-o", "a.exr", "-o", "a.png"
+    for k in (1, 0):
+        assert render(*words, "--shard", f"{k}/2").code == 0
+    assert cli("merge", "a.shards").code == 0
+    render("--spp", 4, "-o", "whole.exr", "-o", "whole.png")
+    for suffix in (".exr", ".png"):
+        assert Path(f"a{suffix}").read_bytes() == Path(f"whole{suffix}").read_bytes()
+
+
 def test_what_cannot_be_written_together_is_refused(cli, tmp_path):
     write(tmp_path / "moving"), (tmp_path / "other").mkdir()
     frames = ["render", "moving", "--frames", "0:1"]

@@ -106,6 +106,15 @@ def test_explicit_lights_come_first_and_are_the_same_in_all_frames(tmp_path):
     assert [len(frame["lit"]) for frame in manifest["frames"]] == [2, 2]
 
 
+def test_a_store_draws_the_lights_of_its_scene(tmp_path):
+    at.build_store(closed_room(), tmp_path / "room.antumbra")
+    asked = {"random": 2, "random_lights": 2, "seed": 3, "size": SIZE, "spp": 1}
+    for name, scene in (("memory", closed_room()), ("store", at.load(tmp_path / "room.antumbra"))):
+        at.dataset(scene, tmp_path / name, **asked)
+    first, second = (lit(tmp_path / name)[1] for name in ("memory", "store"))
+    assert [frame["lights"] for frame in first] == [frame["lights"] for frame in second]
+
+
 def test_an_unknown_choice_is_refused(tmp_path):
     with pytest.raises(at.InputError, match="lights_per is 'scene'"):
         at.dataset(closed_room(), tmp_path / "set", random_lights=1, lights_per="scene")
