@@ -44,7 +44,7 @@ class Shadows(Dataset):
             "normal": [layers[f"ViewLayer.Normal.{axis}"] for axis in "XYZ"],
             "object": [layers["ViewLayer.IndexOB.X"].view(np.int32)],
             "visibility": [layers[f"{light}.Visibility.X"] for light in self.lights],
-            "blocker": [layers[f"{light}.Blocker.X"].view(np.int32) for light in self.lights],
+            "blocker": [layers[f"{light}.BlockerIndexOB.X"].view(np.int32) for light in self.lights],
         }
         return {name: from_dlpack(np.stack(arrays)) for name, arrays in stacks.items()}
 

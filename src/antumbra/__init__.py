@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from .engine.store_building import build_store
     from .engine.visibility import Visibility
     from .integrations.pvlib import pvlib_shading
-    from .integrations.trimesh import trimesh_ray, use_in_trimesh
+    from .integrations.trimesh import trimesh_nearest, trimesh_ray, use_in_trimesh
     from .picture.frame import Frame
     from .picture.render_options import RenderOptions
     from .picture.renderer import Renderer, render
@@ -161,6 +161,7 @@ __all__ = [
     "suns_of",
     "surface_points",
     "times_of",
+    "trimesh_nearest",
     "trimesh_ray",
     "use_in_trimesh",
     "vertex_sensors",
@@ -260,6 +261,7 @@ _HOME = {
     "suns_of": "sun.sun_positions",
     "surface_points": "city.sight.targets",
     "times_of": "sun.sun_positions",
+    "trimesh_nearest": "integrations.trimesh",
     "trimesh_ray": "integrations.trimesh",
     "use_in_trimesh": "integrations.trimesh",
     "vertex_sensors": "city.sensors.sensors",

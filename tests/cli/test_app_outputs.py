@@ -81,16 +81,19 @@ def test_tables_have_the_suffixes_of_their_writers():
     assert set(options.TABLES) == set(result_table.WRITERS)
 
 
+SCENES = {
+    "build": ["none.glb"],
+    "bake": ["none.glb"],
+    "dataset": ["none.glb"],
+    "sun": ["none.glb"],
+    "scenes": ["none"],
+}
+"""Command -> arguments that it needs, whose scene is missing."""
+
+
 def ask(cli, output, path):
     """Run a command with an output. Its scene is missing, so that another error shows that work began."""
-    more = {
-        "build": ["none.glb"],
-        "bake": ["none.glb"],
-        "dataset": ["none.glb"],
-        "sun": ["none.glb"],
-        "scenes": ["none"],
-    }
-    given = more.get(output.words[0], [])
+    given = SCENES.get(output.words[0], [])
     if output.words[0] in ("bake", "dataset") and output.name != "output":
         given = [*given, "--output", "unused"]
     return cli(*output.words, *given, output.option, path)
@@ -103,6 +106,27 @@ def right_name(output) -> str:
     with pytest.raises(at.InputError) as caught:
         output.info.callback(SimpleNamespace(resilient_parsing=False, meta={}), Path("out.xyz"))
     return "out" + str(caught.value).partition("; use ")[2].split(" or ")[0]
+
+
+MAIN = [path for path in OUTPUTS if path.name == "output"]
+
+
+@pytest.mark.parametrize("output", MAIN, ids=str)
+def test_every_command_takes_a_second_output_or_refuses_it(cli, output, tmp_path):
+    """No command keeps the last output and drops the others in silence."""
+    good = right_name(output)
+    missing = [] if output.words[0] == "bench" else SCENES.get(output.words[0], ["none.glb"])
+    done = cli(*output.words, *missing, "--output", good, "--output", f"other-{good}")
+    assert done.code == 2 and not list(tmp_path.iterdir()), done
+    if "may be repeated" in output.info.help:
+        assert "--output" not in done.err  # its missing scene is the error, or its missing input
+    else:
+        done.refused("--output is given twice; it takes one value")
+
+
+def test_studies_and_pictures_take_several_outputs():
+    several = {str(path).partition(" ")[0] for path in MAIN if "may be repeated" in path.info.help}
+    assert {"render", "sun", "shadow", "viewshed", "skyline", "los", "view-factors"} <= several
 
 
 @pytest.mark.parametrize("output", OUTPUTS, ids=str)

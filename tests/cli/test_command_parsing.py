@@ -63,7 +63,7 @@ def test_an_option_given_twice_is_a_list_or_an_error(name):
     "words, told",
     [
         (("visible", "--turbines", "a.csv", "--turbines=b.csv"), "--turbines is given twice; it takes one value"),
-        (("render", "-o", "a.exr", "--output", "a.png"), "--output is given twice; it takes one value"),
+        (("compare", "-o", "a.png", "--output", "b.png"), "--output is given twice; it takes one value"),
         (("render", "--filter", "--no-filter"), "--filter or --no-filter is given twice; decide for one of them"),
         (("info", "a.glb", "--json", "--json"), "--json is given twice; once is enough"),
         (("--version", "--version"), "--version is given twice; once is enough"),

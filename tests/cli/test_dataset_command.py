@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -32,7 +33,8 @@ def test_cameras_and_lights_are_in_the_order_of_the_options(cli, tmp_path):
     camera = found["frames"][1]["camera"]
     assert (camera["position"], camera["vfov"], camera["width"], camera["height"]) == ([0, 2, 5], 45, 24, 16)
     lights = found["settings"]["lights"]
-    assert [light["type"] for light in lights] == ["PointLight", "QuadLight", "AmbientOcclusion", "DirectionalLight"]
+    assert [light["type"] for light in lights[:3]] == ["PointLight", "QuadLight", "AmbientOcclusion"]
+    assert lights[3] == {"layer": "Light003", "drawn": "frame"}
     assert lights[2]["radius"] is None and lights[2]["intensity"] == 0.5
 
 
@@ -47,6 +49,40 @@ def test_shards_say_what_is_missing(cli):
     assert first.code == 0 and "(shard 1/2)" in first.out and "other shards" in first.out
     second = cli("dataset", SCENE, "-o", "set", "--orbit", 2, "--shard", "0/2", *SMALL)
     assert second.code == 0 and "other shards" not in second.out
+
+
+OPTIONS = {
+    "-o": ["set", "./set"], "--random": ["3"], "--orbit": ["2"], "--random-lights": ["2"], "--seed": ["7", "07"],
+    "--size": ["24x16"], "--spp": ["2"], "--light": ["point:0,3,0"], "--sampler": ["sobol"], "--time": ["0", "0.0"],
+    "--lights-per": ["frame"],
+}  # fmt: skip
+"""Option -> its value, in spellings that mean the same."""
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_shards_in_any_order_of_their_options_are_the_whole(cli, tmp_path, seed):
+    rng = np.random.default_rng(seed)
+
+    def words(output):
+        """The command with its options, and the scene among them, in a random order and random spellings."""
+        parts = [[SCENE]]
+        for name, values in OPTIONS.items():
+            value = values[rng.integers(len(values))].replace("set", output)
+            joined = name.startswith("--") and rng.random() < 0.5
+            parts.append([f"{name}={value}"] if joined else [name, value])
+        return ["dataset", *(word for k in rng.permutation(len(parts)) for word in parts[k])]
+
+    assert cli(*words("whole")).code == 0
+    for k in rng.permutation(4):
+        given = words("set")
+        place = int(rng.integers(1, 2))
+        done = cli(*given[:place], "--shard", f"{k}/4", *given[place:])
+        assert done.code == 0, done.err
+    names = sorted(p.relative_to(tmp_path / "whole") for p in (tmp_path / "whole").rglob("*") if p.is_file())
+    assert len(names) == 5 * (2 + 3) + 1
+    for name in names:
+        assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "set" / name).read_bytes(), name
+    assert json.loads((tmp_path / "set" / "manifest.json").read_text())["complete"]
 
 
 def test_quiet(cli):

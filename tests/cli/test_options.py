@@ -27,7 +27,7 @@ NAMES = {field.name for field in fields(RenderKeywords)}
 APART = {
     "render": {"layers"},
     "compare": {"layers", "plan", "device", "counters", "antialias", "background", "textures", "smooth_normals"}
-    | {"ground"},
+    | {"ambient", "ground"},
 }
 """Options that a command does not have: EXR files have layers, and a comparison is of plans and their rays."""
 
@@ -75,7 +75,7 @@ def test_words_become_values():
     given = RenderArguments(spp=8, sampler="sobol", filter=False, textures=False, bounce=3, threads=2)
     assert literal(vars(given), RenderOptions) == {
         "spp": 8, "counters": False, "sampler": "sobol", "cull_faces": None, "filter": False, "antialias": True,
-        "bounce": 3, "textures": False, "smooth_normals": True,
+        "bounce": 3, "ambient": True, "textures": False, "smooth_normals": True,
     }  # fmt: skip
     assert literal(vars(given), EngineOptions) == {"threads": 2, "gbuffer": "auto"}
     asked = given.options()

@@ -269,6 +269,9 @@ if find_spec("trimesh"):
         door(f"trimesh.RayMeshIntersector.{_call} ray_origins", POINTS, lambda a, ask=_ask: ask(a, VECTORS))
         door(f"trimesh.RayMeshIntersector.{_call} ray_directions", VECTORS, lambda a, ask=_ask: ask(POINTS, a))
     door("trimesh.RayMeshIntersector.contains_points points", POINTS, RAYS.contains_points)
+    NEAREST = trimesh.ProximityQuery(Trimesh(VERTICES, TRIANGLES, process=False))
+    for _call in ("on_surface", "signed_distance", "vertex"):
+        door(f"trimesh.ProximityQuery.{_call} points", POINTS, getattr(NEAREST, _call))
 TRACER = open3d.RaycastingScene()
 TRACER.add_triangles(VERTICES, TRIANGLES)
 for _call in ("cast_rays", "test_occlusions", "count_intersections", "list_intersections"):

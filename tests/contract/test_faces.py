@@ -33,7 +33,7 @@ RECEIVERS = at.Receivers.in_space(np.array([[1.0, 3.0, -1.0]]), np.zeros(3))
 PLACE = at.Place(52.0, 4.0)
 
 PLUMBING = {
-    "patch", "samples", "area", "weights", "upright",  # of lights, for tracers and scenes
+    "patch", "samples", "area", "weights", "upright", "drawn",  # of lights, for tracers and scenes
     "summary",  # of results, for commands
     "view", "rays",  # of cameras, for tracers
     "from_rows", "rows", "see",  # of a Renderer, for commands and workers: they take what its other methods made
@@ -274,6 +274,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "Skyline.sky_view_factor": ex(skyline.sky_view_factor),
         "Skyline.userhorizon": ex(skyline.userhorizon),
         "sky_view": ex(at.sky_view, scene=own, sensors=sensors, directions=16),
+        "trimesh_nearest": ex(at.trimesh_nearest, mesh=trimesh.creation.box()),
         "trimesh_ray": ex(at.trimesh_ray, mesh=trimesh.creation.box()),
         "use_in_trimesh": ex(lambda: at.use_in_trimesh().undo()),
         "suns_of": ex(at.suns_of, place=PLACE, times=times, up="y"),

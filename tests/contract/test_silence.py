@@ -44,6 +44,7 @@ CALLS = {
     "suns_of": "at.suns_of(at.Place(52.0, 4.4), times, scene.up)",
     "surface_points": "at.surface_points(scene, 2.0)",
     "times_of": "times",
+    "trimesh_nearest": "at.trimesh_nearest(trimesh.creation.box()).on_surface([(0, 1, 0)])",
     "trimesh_ray": "at.trimesh_ray(trimesh.creation.box()).intersects_any([(0, 1, 0)], [(0, -1, 0)])",
     "use_in_trimesh": "at.use_in_trimesh().undo()",
     "vertex_sensors": "at.vertex_sensors(scene)",

@@ -57,6 +57,23 @@ def test_the_accessor_is_found_without_an_import_of_antumbra(tmp_path):
     assert done.stdout.split() == ["False", "DatasetAccessor"], done.stderr
 
 
+def test_copies_keep_the_accessor_and_are_read_for_themselves():
+    mesh = pv.Sphere()
+    points = np.array([[3.0, 0.1, 0.2], [0.0, 0.2, -4.0]])
+
+    def seen(dataset, points):
+        found = of(dataset).visible_from(points)
+        return np.asarray(found.cell_data[found.cell_data.keys()[-1]])
+
+    usual = seen(mesh, points)
+    assert usual.any() and not usual.all()
+    for other in mesh.copy(deep=True), mesh.copy(deep=False):
+        assert type(of(other)) is type(of(mesh)) and (seen(other, points) == usual).all()
+    other = mesh.copy()
+    other.points = np.asarray(other.points) * 2.0
+    assert (seen(other, 2.0 * points) == usual).all() and (seen(mesh, points) == usual).all()
+
+
 def test_versions_without_accessors_are_told(monkeypatch):
     old = types.SimpleNamespace(__version__="0.45.0", DataSet=pv.DataSet, PolyData=pv.PolyData)
     monkeypatch.setattr(accessor, "pyvista", old)

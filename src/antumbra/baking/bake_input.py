@@ -46,7 +46,8 @@ def meter_settings(options: BakeOptions, scene: Scene) -> MeterSettings:
     """The settings of the measurement, with the scene's default lights if there are no others."""
     what, time = options.what, options.time
     lights = options.measured_lights() or default_bake_lights(scene, what, time)
-    return MeterSettings(what, lights, options.spp, options.sampler, options.plan, time, options.threads)
+    drawn = [light.drawn(options.seed) for light in lights]
+    return MeterSettings(what, drawn, options.spp, options.sampler, options.plan, time, options.threads, options.seed)
 
 
 def exposure_of(values: NDArray[np.float32], options: BakeOptions) -> float:

@@ -110,6 +110,7 @@ class BakeKeywords:
     """Rays per receiver and light, 1 to 1024."""
     sampler: str = same_option(RenderOptions, "sampler", "hammersley")
     """As in `render`. On a hemisphere, ``hammersley`` has half the error of the default sampler of pictures."""
+    seed: int = same_option(RenderOptions, "seed")
     keep_hidden: bool = option(False, flag, "Keep points inside solids dark.")
     """Keep the values of points inside solids. Otherwise those of visible points nearby replace them."""
     time: float = same_option(RenderOptions, "time")

@@ -52,13 +52,14 @@ class MeterSettings(NamedTuple):
     plan: str | Plan | None
     time: float
     threads: int | None
+    seed: int = 0
 
     @property
     def channels(self) -> int:
         return 3 if self.what in ("light", "bent-normal") else 1
 
     def samples(self) -> list[NDArray[np.float64]]:
-        return [light_samples(light, self.spp, self.sampler) for light in self.lights]
+        return [light_samples(light, self.spp, self.sampler, self.seed) for light in self.lights]
 
 
 def curve_blocks(positions: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -169,7 +170,7 @@ class Measurement:
         if folder is not None:
             lights, plan = [light_record(light) for light in settings.lights], inexact_plan(settings.plan)
             scene = scene_digest(meter.scene, meter.scene.clamped(settings.time), settings.threads)
-            quantity = settings.what, lights, settings.spp, settings.sampler, plan, counted
+            quantity = settings.what, lights, settings.spp, settings.sampler, settings.seed, plan, counted
             about = about_parts("bake", scene, *quantity, *receivers, blocks)
         self.parts = Parts("tracing rays", len(blocks), BLOCKS_PER_PART, self._part, folder, about)
 

@@ -10,5 +10,6 @@
 - `field_docs`: docstrings of the fields of results
 - `wings`: what the wings add to the core, by name
 - `command_registry`: where each command is defined
+- `pickles`: what travels in pickles, and in fewer bytes
 - `forks`: what becomes of threads and files in a forked process
 """

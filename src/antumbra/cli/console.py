@@ -3,11 +3,9 @@
 A `Record` also collects the output as Markdown. `guarded` turns exceptions into one line and an exit code.
 """
 
-import hashlib
 import io
 import json
 import logging
-import math
 import os
 import re
 import select
@@ -18,20 +16,19 @@ import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
 import typer
 
 from ..base.errors import InputError, one_line
 from ..base.progress import LOG, progress_listener, split_progress
+from ..picture.picture_records import plain
 from .interruption import interruption
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
     from rich.table import Table
 
-    from ..scene.camera import Camera
     from ..techniques.srdh.representative_rays import SrdhRays
 
 
@@ -162,26 +159,6 @@ def vector(values: Iterable[float]) -> str:
     return "(" + ", ".join(f"{float(v):.7g}" for v in values) + ")"
 
 
-def light_fields(light: Any) -> dict[str, Any]:
-    """A light as names and values: a list of lights by its length, a sky by a digest of its map."""
-    from ..scene.sky import Sky
-
-    kind = {"type": type(light).__name__, **({"name": light.name} if light.name else {})}
-    if isinstance(light, Sky):
-        digest = hashlib.sha256(light.map.tobytes()).hexdigest()[:16]
-        values = {name: getattr(light, name) for name in ("intensity", "colour", "up", "turn", "count")}
-        return {**kind, "map": digest, **values}
-    if light.domain == "list":
-        return {**kind, "count": len(light.points), "interleave": light.interleave}
-    return {**kind, **{f.name: getattr(light, f.name) for f in fields(light)}}
-
-
-def camera_fields(camera: "Camera") -> dict[str, Any]:
-    """A camera as names and values."""
-    other = ("projection", "extent") if camera.listed else ()
-    return {name: getattr(camera, name) for name in ("position", "target", "up", "vfov", "width", "height", *other)}
-
-
 def srdh_rays_fields(rays: "SrdhRays") -> dict[str, Any]:
     """`SrdhRays` as names and values."""
     return {name: getattr(rays, name) for name in ("size", "spp", "bounce", "last_frame")}
@@ -202,19 +179,6 @@ def _print_rows(table: "Table", rows: Iterable[Sequence[str]], width: int | None
 
 def _encodable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode()  # file names may not be valid Unicode
-
-
-def plain(value: Any) -> Any:
-    """A value as JSON types: arrays and tuples become lists, infinity and NaN become None."""
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)
 
 
 # --- Progress of operations that take longer than a second ------------------------------------------------------------

@@ -3,7 +3,7 @@
 import shlex
 import sys
 from base64 import b64encode
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 from time import perf_counter
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ..picture.picture_records import camera_fields, light_fields, plain
 from ..work.result_summary import duration
 from . import console
 
@@ -88,30 +89,36 @@ def html_pairs(rows: Iterable[tuple[str, str]]) -> str:
 
 
 class SavedPicture(NamedTuple):
-    """A picture on disk."""
+    """A picture on disk, in one file or several."""
 
-    path: Path
-    exposure: float | None  # None: the file holds linear light
-    seconds: float  # to write the file
+    paths: list[Path]
+    exposure: float | None  # of .png files; None: all files hold linear light
+    seconds: float  # to write the files
+
+    @property
+    def files(self) -> str:
+        """The paths, as text."""
+        return ", ".join(map(str, self.paths))
 
 
 def save_picture(
     frame: "Frame",
-    path: Path,
+    paths: list[Path],
     exposure: float | None,
-    note: str | None = None,
+    notes: "Callable[[Path], str | None]",
     background: "str | NDArray[np.float64] | None" = None,
 ) -> SavedPicture:
-    """Save the picture. Exposure None: automatic."""
-    from ..picture.image_files import frame_exposure, save_frame
+    """Save the picture to files of any format, each with its note. Exposure None: automatic."""
+    from ..picture.image_files import frame_exposure, is_linear, save_frame
 
     start = perf_counter()
-    if path.suffix.lower() == ".exr":
+    if all(map(is_linear, paths)):
         exposure = None
     elif exposure is None:
         exposure = frame_exposure(frame)
-    save_frame(frame, path, exposure, note, background)
-    return SavedPicture(path, exposure, perf_counter() - start)
+    for path in paths:
+        save_frame(frame, path, exposure, notes(path), background)
+    return SavedPicture(paths, exposure, perf_counter() - start)
 
 
 def picture_answer(
@@ -138,10 +145,11 @@ def shot_answer(shot: "Shot", saved: SavedPicture) -> dict[str, Any]:
     frame = shot.frame
     mask = frame.mask
     return {
-        "output": str(saved.path),
+        "output": str(saved.paths[0]),
+        "outputs": [str(path) for path in saved.paths],
         "time": shot.time,
-        "camera": console.camera_fields(shot.camera),
-        "lights": [console.light_fields(light) for light in shot.lights],
+        "camera": camera_fields(shot.camera),
+        "lights": [light_fields(light) for light in shot.lights],
         "ground": None if frame.ground is None else frame.ground.height,
         "exposure": saved.exposure,
         "seen": int(mask.sum()),
@@ -168,7 +176,7 @@ def picture_fields(
     from ..scene.scene_data import group_notes
 
     frame = shot.frame
-    yield "picture", str(saved.path)
+    yield "picture", saved.files
     moment = f", at {shot.time:g} of {scene.duration:g} s" if scene.animated else ""
     yield "scene", scene_text(spec, scene) + moment
     for note in group_notes(scene.notes, "antumbra info has all"):
@@ -223,7 +231,7 @@ def view_fields(shot: "Shot", speed: float | None = None) -> Iterator[tuple[str,
     yield "lights", ", ".join(_light_text(light) for light in shot.lights)
     if not frame.mask.any():
         yield "", "the camera sees no surface"
-    samples = [traced_samples(light, light_samples(light, spp, options.sampler)) for light in shot.lights]
+    samples = [traced_samples(light, light_samples(light, spp, options.sampler, options.seed)) for light in shot.lights]
     each = f"{spp} per pixel and light" if set(samples) == {spp} else f"{' + '.join(map(str, samples))} per pixel"
     finer = "" if options.adaptive is None else f", {options.adaptive} where refined"
     finer += "" if options.bounce is None else f", {options.bounce} bounces per pixel"
@@ -367,7 +375,7 @@ def save_render_page(
         parts += ["<h2>Counters of shadow rays</h2>", html_table(["", ""], rows)]
     parts += [
         "<h2>Settings</h2>",
-        html_pairs((name, str(v)) for name, v in console.plain(spec.record(shot.options)).items()),
+        html_pairs((name, str(v)) for name, v in plain(spec.record(shot.options)).items()),
     ]
     parts += ["<h2>Machine</h2>", html_pairs((name, str(value)) for name, value in about().items())]
     parts += ["<h2>Command</h2>", f"<pre>{escape(shlex.join(['antumbra', *sys.argv[1:]]))}</pre>"]
@@ -378,7 +386,7 @@ def _facts(
     spec: "PictureSpec", scene: "AnyScene", shot: "Shot", saved: SavedPicture, exposure: float
 ) -> Iterator[tuple[str, str]]:
     yield "scene", scene_text(spec, scene)
-    yield "file", str(saved.path)
+    yield "file", saved.files
     yield "exposure", f"{exposure:.4g}"
     if scene.animated:
         yield "time", f"{shot.time:g} of {scene.duration:g} s"

@@ -13,8 +13,9 @@ import typer
 
 from ..base.checks import number
 from ..base.errors import InputError
-from ..base.option_fields import deciding_fields, field_values
+from ..base.option_fields import field_values
 from ..engine.plan import parse_plan
+from ..picture.picture_records import picture_record, plain
 from ..picture.render_options import EngineOptions, RenderOptions
 from ..scene.lights import MAX_SPP
 from . import arguments, console
@@ -216,8 +217,8 @@ class PictureSpec(NamedTuple):
 
         lights = self.direct_lights(scene, time)
         if self.vpl is not None:
-            sources, threads = [lights[0], *skies_of(lights[1:])], self.engine.threads
-            lights += [virtual_point_lights(scene, s, self.vpl, time=time, threads=threads) for s in sources]
+            sources, n, threads = [lights[0], *skies_of(lights[1:])], self.vpl, self.engine.threads
+            lights += [virtual_point_lights(scene, s, n, self.picture.seed, time, threads=threads) for s in sources]
         return lights
 
     def options(self, scene: "AnyScene", time: float, layers: bool = False) -> RenderOptions:
@@ -268,18 +269,14 @@ class PictureSpec(NamedTuple):
         do not change any bit.
         """
         from ..engine.plan import parse_plan
-        from ..version import VERSION
 
         plan = None if self.engine.plan is None else parse_plan(self.engine.plan)
-        settings: dict[str, Any] = console.plain(
+        settings: dict[str, Any] = plain(
             {
-                "version": VERSION,
                 "scene": digest,
                 "up": scene.up,
-                "camera": console.camera_fields(self.view(scene, time)),
-                "lights": [console.light_fields(light) for light in self.direct_lights(scene, time)],
+                **picture_record(self.view(scene, time), self.direct_lights(scene, time), self.options(scene, time)),
                 "vpl": self.vpl,
-                **deciding_fields(self.options(scene, time)),
                 "behind": self.background,
                 **({} if plan is None or plan.tracer.exact else {"plan": str(plan)}),
             }
@@ -347,13 +344,14 @@ class RenderArguments(_Options):  # type: ignore[misc] # made from the options o
 
     scene: SceneArgument = DEFAULT_SCENE
     output: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Option(
             "--output",
             "-o",
-            help="A .png or .exr file; #### stands for the frame number. With --frames also .mp4, .webm or .gif.  "
-            "[default: SCENE's name.png in the current folder]",
+            help="A .png or .exr file; may be repeated. #### stands for the frame number. With --frames also .mp4, "
+            ".webm or .gif.  [default: SCENE's name.png in the current folder]",
             metavar="FILE",
+            show_default=False,
             callback=writes(pictures, films),
         ),
     ] = None

@@ -45,17 +45,20 @@ class AnimationWork(NamedTuple):
     spec: PictureSpec
     scene: "AnyScene"
     load: float  # seconds to read the scene
-    pattern: Path  # path of the pictures, with # for the frame number
+    patterns: list[Path]  # paths of the pictures, in one folder, with # for the frame number
     overwrite: bool  # whether finished frames are rendered again
     film: Path | None = None  # film to assemble from the pictures
 
 
-def film_path(output: Path | None, sequence: FrameSequence | None, spec: PictureSpec) -> Path | None:
-    """The checked path of the film that `output` names; None if it names pictures."""
+def film_path(outputs: list[Path], sequence: FrameSequence | None, spec: PictureSpec) -> Path | None:
+    """The checked path of the film that `outputs` name; None if they name pictures."""
     from ..picture.image_files import FILM_SUFFIXES, check_film
 
-    if output is None or output.suffix.lower() not in FILM_SUFFIXES:
+    output = next((path for path in outputs if path.suffix.lower() in FILM_SUFFIXES), None)
+    if output is None:
         return None
+    if len(outputs) > 1:
+        raise InputError(f"{output}: a film is the only output of its command; leave the other --output out")
     if sequence is None:
         raise InputError(f"{output}: a film has frames; add --frames FIRST:LAST, such as --frames 0:48")
     if isinstance(spec.background, str):
@@ -77,8 +80,17 @@ def _make_folder(folder: Path) -> None:
         raise InputError(f"{folder}: cannot be created ({error.strerror}); the film needs it for its frames") from error
 
 
-def output_path(output: Path | None, stem: str, sequence: FrameSequence | None) -> Path:
-    """The path of the picture. For a sequence, ``#`` stands for the frame number."""
+def output_paths(outputs: list[Path], stem: str, sequence: FrameSequence | None) -> list[Path]:
+    """The paths of the picture. For a sequence, ``#`` stands for the frame number."""
+    paths = [_output_path(output, stem, sequence) for output in outputs] or [_output_path(None, stem, sequence)]
+    if sequence is not None and len({path.parent for path in paths}) > 1:
+        raise InputError(
+            f"{paths[-1]}: is in another folder than {paths[0]}; write all files of the frames to one folder"
+        )
+    return paths
+
+
+def _output_path(output: Path | None, stem: str, sequence: FrameSequence | None) -> Path:
     from ..picture.image_files import check_output
 
     if sequence is None:
@@ -106,7 +118,7 @@ def render_frames(
     job.spec.direct_lights(job.scene, 0.0)
     job.spec.ground_height(job.scene, 0.0)
     if job.film is not None:
-        _make_folder(job.pattern.parent)
+        _make_folder(job.patterns[0].parent)
     last = sequence.time(sequence.numbers[-1])
     if last > job.scene.duration and not job.spec.quiet:
         say(f"note: the animation ends after {job.scene.duration:g} s; later frames show its end")
@@ -131,7 +143,7 @@ class Animation:
         self.job, self.sequence, self._display = job, sequence, display
         self.complete = False  # whether no frames remain for other processes
         self.numbers: dict[str, list[int]] = {state: [] for state in STATES}
-        self.exposure = job.spec.exposure
+        self.exposure = None if self._linear else job.spec.exposure
         self.seconds: list[float] = []  # per rendered frame, with saving, without compilation
         self.timings: dict[str, float] = {}  # sums over these frames
         self.unforeseen: Exception | None = None  # the first error not caused by the input
@@ -140,7 +152,7 @@ class Animation:
         self._renderer = job.spec.renderer(job.scene)
         self._noted_replacement = False  # whether a note about replaced pictures was printed
         self._again = set(sequence.numbers) if job.overwrite else set[int]()  # frames to render even if finished
-        if self.exposure is None and not job.overwrite:
+        if self.exposure is None and not self._linear and not job.overwrite:
             self.exposure = self._first_exposure()
 
     @property
@@ -150,7 +162,7 @@ class Animation:
 
     @property
     def root(self) -> Path:
-        return self.job.pattern.parent
+        return self.job.patterns[0].parent
 
     def root_of(self, folder: Path) -> Path:
         return folder.parent
@@ -159,14 +171,15 @@ class Animation:
         return len(self.sequence.numbers)
 
     def files(self, k: int) -> list[str]:
-        return [numbered(self.job.pattern, self.sequence.numbers[k]).name]
+        return [path.name for path in self._paths(self.sequence.numbers[k])]
 
     def done(self, k: int, root: Path | None = None) -> bool:
         number = self.sequence.numbers[k]
         if root is None and number in self._again:
             return False
-        path = (root or self.root) / self.files(k)[0]
-        return self._is_finished(path, self._settings(path, self.sequence.time(number)), root is None)
+        paths = [(root or self.root) / name for name in self.files(k)]
+        time = self.sequence.time(number)
+        return all(self._is_finished(path, self._settings(path, time), root is None) for path in paths)
 
     def found(self, k: int) -> None:
         self._record_outcome(k, {"state": "finished", "exposure": self.exposure})
@@ -176,17 +189,21 @@ class Animation:
 
     def _settings(self, path: Path, time: float) -> dict[str, Any]:
         """The settings that determine the picture at a time."""
-        linear = path.suffix.lower() == ".exr"
+        from ..picture.image_files import is_linear
+
         settings = self.job.spec.settings(self.job.scene, self._digest, time)
-        return {**settings, "exposure": None if linear else self.job.spec.exposure or "automatic"}
+        return {**settings, "exposure": None if is_linear(path) else self.job.spec.exposure or "automatic"}
 
     def _first_exposure(self) -> float | None:
         """The exposure of the first finished frame; None without one.
 
         An earlier frame that failed in a previous run thus does not change the exposure of the others.
         """
+        from ..picture.image_files import is_linear
+
+        pattern = next(pattern for pattern in self.job.patterns if not is_linear(pattern))
         for number in self.sequence.numbers:
-            path = numbered(self.job.pattern, number)
+            path = numbered(pattern, number)
             note = _stored_settings(path) if path.exists() else {}
             if note.get("exposed") and self._settings(path, self.sequence.time(number)).items() <= note.items():
                 exposure: float = note["exposed"]
@@ -218,14 +235,28 @@ class Animation:
         self.numbers[outcome["state"]].append(number)
         if self.job.spec.json:
             time = self.job.scene.clamped(self.sequence.time(number))
-            console.print_json({"frame": number, "output": str(self._path(number)), "time": time, **outcome})
+            console.print_json({"frame": number, **self._named(number), "time": time, **outcome})
 
     @property
     def _linear(self) -> bool:
-        return self.job.pattern.suffix.lower() == ".exr"
+        """Whether no picture has an exposure."""
+        from ..picture.image_files import is_linear
 
-    def _path(self, number: int) -> Path:
-        return numbered(self.job.pattern, number)
+        return all(map(is_linear, self.job.patterns))
+
+    @property
+    def _layers(self) -> bool:
+        from ..picture.image_files import is_linear
+
+        return any(map(is_linear, self.job.patterns))
+
+    def _paths(self, number: int) -> list[Path]:
+        return [numbered(pattern, number) for pattern in self.job.patterns]
+
+    def _named(self, number: int) -> dict[str, Any]:
+        """The fields of ``--json`` that name the files of a frame."""
+        paths = [str(path) for path in self._paths(number)]
+        return {"output": paths[0], "outputs": paths}
 
     def _find_exposure(self, k: int, progress: Progress) -> None:
         """Use the exposure of the first frame before k that renders.
@@ -241,20 +272,22 @@ class Animation:
                     return
 
     def _shot(self, number: int, progress: Progress) -> Shot:
-        return self.job.spec.shot(self.job.scene, self._renderer, self.sequence.time(number), progress, self._linear)
+        return self.job.spec.shot(self.job.scene, self._renderer, self.sequence.time(number), progress, self._layers)
 
     def _picture(self, number: int, progress: Progress) -> dict[str, Any]:
-        from ..picture.image_files import frame_exposure
+        from ..picture.image_files import frame_exposure, is_linear
 
-        path = self._path(number)
-        settings = self._settings(path, self.sequence.time(number))
+        time = self.sequence.time(number)
         shot = self._shot(number, progress)
-        if self._linear:
-            self.exposure = None
-        elif self.exposure is None:
+        if self.exposure is None and not self._linear:
             self.exposure = frame_exposure(shot.frame)
-        note = json.dumps({**settings, "exposed": self.exposure})
-        saved = picture_report.save_picture(shot.frame, path, self.exposure, note, self.job.spec.background)
+
+        def note(path: Path) -> str:
+            return json.dumps({**self._settings(path, time), "exposed": None if is_linear(path) else self.exposure})
+
+        saved = picture_report.save_picture(
+            shot.frame, self._paths(number), self.exposure, note, self.job.spec.background
+        )
         self.seconds.append(shot.frame.timings["total"] + saved.seconds)
         for name, seconds in {**shot.frame.timings, "save": saved.seconds}.items():
             self.timings[name] = self.timings.get(name, 0.0) + seconds
@@ -277,7 +310,7 @@ class Animation:
             how = f"with other settings ({', '.join(differ)})" if note else "not from an animation"
             if not self.job.spec.quiet:
                 say(f"note: {path} exists, {how}; such pictures are rendered again")
-        if not differ:
+        if not differ and note["exposed"] is not None:
             self.exposure = note["exposed"]
         return not differ
 
@@ -293,10 +326,10 @@ class Animation:
         from ..picture.image_files import write_film
 
         numbers = self.sequence.numbers
-        pictures = [numbered(self.job.pattern, number) for number in numbers]
+        pictures = [numbered(self.job.patterns[0], number) for number in numbers]
         progress = lambda done, count: display.say("writing the film", done, count)
         write_film(pictures, film, self.sequence.fps / numbers.step, progress)
-        folder = self.job.pattern.parent
+        folder = self.root
         for picture in folder.glob("[0-9]*.png"):
             picture.unlink()
         with suppress(OSError):  # it contains other files
@@ -314,10 +347,11 @@ class Animation:
 
     def _answer(self) -> dict[str, Any]:
         spec, numbers, n = self.job.spec, self.sequence.numbers, max(1, len(self.seconds))
-        first = spec.options(self.job.scene, self.sequence.time(numbers[0]), self._linear)
+        first = spec.options(self.job.scene, self.sequence.time(numbers[0]), self._layers)
         return {
             "frames": {"first": numbers[0], "last": numbers[-1], "step": numbers.step, "fps": self.sequence.fps},
-            "output": str(self.job.film or self.job.pattern),
+            "output": str(self.job.film or self.job.patterns[0]),
+            "outputs": [str(path) for path in ([self.job.film] if self.job.film else self.job.patterns)],
             "scene": picture_report.scene_answer(spec, self.job.scene),
             **{name: value for name, value in spec.record(first).items() if name != "time"},
             "exposure": self.exposure,
@@ -329,12 +363,13 @@ class Animation:
 
     def _fields(self) -> Iterator[tuple[str, str]]:
         spec, numbers = self.job.spec, self.sequence.numbers
-        first, last = (numbered(self.job.pattern, numbers[i]) for i in (0, -1))
+        ends = [(numbered(pattern, numbers[0]), numbered(pattern, numbers[-1])) for pattern in self.job.patterns]
         failed, film = self.numbers["failed"], self.job.film
         if film is not None and self.is_whole:
             yield "film", f"{film}, {len(numbers) * numbers.step / self.sequence.fps:.3g} s"
         else:
-            yield "pictures", f"{first} to {last.name}" + (f"; {film} is not written" if film else "")
+            names = ", ".join(f"{first} to {last.name}" for first, last in ends)
+            yield "pictures", names + (f"; {film} is not written" if film else "")
         counts = [f"{len(self.numbers['rendered'])} rendered"]
         counts += [f"{len(self.numbers['finished'])} were finished"] if self.numbers["finished"] else []
         counts += [f"{len(failed)} failed ({', '.join(map(str, failed))})"] if failed else []
@@ -383,7 +418,7 @@ class Rendering(NamedTuple):
     spec: PictureSpec
     sequence: FrameSequence | None  # None: a single picture, at `time`
     time: float
-    path: Path  # of the picture, or the pattern of the frames
+    paths: list[Path]  # of the picture, or the patterns of the frames
     film: Path | None
     overwrite: bool
 
@@ -393,15 +428,18 @@ class Rendering(NamedTuple):
         args.check()
         spec = args.options()
         sequence = None if args.frames is None else arguments.parse_frames(args.frames, args.time, args.fps)
-        film = film_path(args.output, sequence, spec)
-        path = pictures_of(film) if film else output_path(args.output, spec.scene_spec.stem, sequence)
+        outputs = args.output or []
+        film = film_path(outputs, sequence, spec)
+        paths = [pictures_of(film)] if film else output_paths(outputs, spec.scene_spec.stem, sequence)
         spec.check()
-        return cls(spec, sequence, args.time or 0.0, path, film, args.overwrite)
+        return cls(spec, sequence, args.time or 0.0, paths, film, args.overwrite)
 
     @property
-    def is_linear(self) -> bool:
-        """Whether the picture keeps linear light."""
-        return self.path.suffix.lower() == ".exr"
+    def layers(self) -> bool:
+        """Whether the picture has layers: those of an EXR file."""
+        from ..picture.image_files import is_linear
+
+        return any(map(is_linear, self.paths))
 
     def trace(self, display: ProgressDisplay, executor: "Executor | None") -> "Animation | Traced":
         """Open the scene, and trace the picture, or the frames of an animation, which are also saved."""
@@ -415,24 +453,29 @@ class Rendering(NamedTuple):
         load = perf_counter() - start
         display.say("preparing")
         if self.sequence is not None:
-            job = AnimationWork(spec, scene, load, self.path, self.overwrite, self.film)
+            job = AnimationWork(spec, scene, load, self.paths, self.overwrite, self.film)
             return render_frames(job, self.sequence, display, executor or LocalExecutor())
-        digest = spec.scene_digest() if self.is_linear or executor else ""
+        digest = spec.scene_digest() if self.layers or executor else ""
         start = perf_counter()
         shot: Shot | None
         if executor is None:
             with nullcontext() if spec.ambient else one_picture():  # whose tracer traces no ambient occlusion
-                shot = spec.shot(scene, spec.renderer(scene), self.time, display.parts, self.is_linear)
+                shot = spec.shot(scene, spec.renderer(scene), self.time, display.parts, self.layers)
         else:
-            shot = spec.shot_in_bands(scene, self.time, executor, digest, self.is_linear)
+            shot = spec.shot_in_bands(scene, self.time, executor, digest, self.layers)
         return Traced(spec, scene, digest, load, shot, perf_counter() - start)
 
     def save(self, traced: Traced, page: Path | None) -> picture_report.SavedPicture:
         """Write the picture, and a page about it."""
+        from ..picture.image_files import is_linear
+
         spec, scene, shot = traced.spec, traced.scene, traced.shot
         assert shot is not None
-        note = json.dumps(spec.settings(scene, traced.digest, shot.time)) if self.is_linear else None
-        saved = picture_report.save_picture(shot.frame, self.path, spec.exposure, note, background=spec.background)
+
+        def note(path: Path) -> str | None:
+            return json.dumps(spec.settings(scene, traced.digest, shot.time)) if is_linear(path) else None
+
+        saved = picture_report.save_picture(shot.frame, self.paths, spec.exposure, note, spec.background)
         if page is not None:
             picture_report.save_render_page(spec, scene, traced.load, shot, saved, page)
         return saved
@@ -481,7 +524,7 @@ def render(args: RenderArguments) -> int:
     \b
     Examples
       antumbra render
-      antumbra render sponza.glb --size 1920x1080 --spp 64 -o sponza.exr
+      antumbra render sponza.glb --size 1920x1080 --spp 64 -o sponza.exr -o sponza.png
       antumbra render city.ply --up z --light sun:1,0.5,-1 --camera=-90,-60,40:0,0,5
       antumbra render city.city.json --trees "trees.gpkg?height=h&radius=r&transmittance=0.2"
       antumbra render hall.glb --light point:0,3,0@50 --light sphere:2,1,2:0.2@10 --counters
@@ -500,7 +543,7 @@ def render(args: RenderArguments) -> int:
     picture = Rendering.of(args)
     spec = picture.spec
     start = partial(start_on_node, args)
-    executor = executor_for(args, picture.path, start, vars(args), args.plan)
+    executor = executor_for(args, picture.paths[0], start, vars(args), args.plan)
     with ProgressDisplay(spec.quiet) as display:
         traced = picture.trace(display, executor)
         if isinstance(traced, Animation):

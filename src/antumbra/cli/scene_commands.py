@@ -18,6 +18,7 @@ from ..base.errors import InputError
 from ..engine.scene_reading import SCENE_FORMATS
 from ..formats.array_files import FILES
 from ..formats.format_registry import SCENE_WRITERS, check_output, write_scene
+from ..picture.picture_records import camera_fields, light_fields
 from ..work.result_summary import duration
 from . import arguments, console
 from .console import ProgressDisplay
@@ -129,8 +130,8 @@ def _answer(source: str, scene: "AnyScene", seconds: float) -> dict[str, Any]:
         "unit": scene.unit.name,
         "duration": scene.duration,
         "meshes": [m._asdict() for m in scene.meshes],
-        "cameras": [console.camera_fields(c) for c in scene.cameras],
-        "lights": [console.light_fields(light) for light in scene.lights],
+        "cameras": [camera_fields(c) for c in scene.cameras],
+        "lights": [light_fields(light) for light in scene.lights],
         "notes": _notes(scene),
         "city": None if scene.city is None else _city_answer(scene.city),
         "triangle_bytes": scene.n_triangles * TRIANGLE_BYTES,
@@ -195,7 +196,7 @@ def _notes(scene: "AnyScene") -> list[str]:
 
 def light_text(light: "Light") -> str:
     """The fields of a light in one line."""
-    values = console.light_fields(light)
+    values = light_fields(light)
     kind = values.pop("type")
     if tuple(values.get("colour", ())) == (1.0, 1.0, 1.0):
         del values["colour"]

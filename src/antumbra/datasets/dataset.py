@@ -18,7 +18,7 @@ from ..picture.image_files import openexr
 from ..picture.render_options import RenderOptions
 from ..picture.renderer import Renderer
 from ..scene.camera import Camera
-from ..scene.lights import Light
+from ..scene.lights import Light, check_lights
 from ..version import VERSION
 from ..work.executors import Executor, ShardIndex, checked_shard, do_missing, executor_of
 from ..work.result_summary import Summary, duration
@@ -34,8 +34,9 @@ from ..work.scene_records import (
 )
 from .dataset_files import MANIFEST, DatasetFolder, read_json, write_json
 from .dataset_layers import Objects, channels, light_blockers, light_layer, masks, objects_of
-from .dataset_options import DatasetOptions
-from .random_views import CameraSet, SamplingRegion, camera_set, lights_of, sampling_region
+from .dataset_options import PER_FRAME, DatasetOptions
+from .frame_lights import MIN_LIT, RULE, TRIES, frame_light, seen_surfaces
+from .random_views import CameraSet, LightSet, SamplingRegion, camera_set, light_set, sampling_region
 
 _P = ParamSpec("_P")
 
@@ -117,14 +118,14 @@ def dataset(
     region = sampling_region(scene, picture.time, thread_count(options.threads))
     views = camera_set(scene, cameras, options, region.time)
     renderer = Renderer(scene, options.plan, region.threads, max_memory=options.max_memory)
-    work = _FrameUnits(region, views, lights_of(region, lights, options), picture, renderer)
+    work = _FrameUnits(region, views, light_set(region, lights, options), picture, renderer)
     work.open(path, options.overwrite)
     if keep is None:
         do_missing(work, range(share.number, len(work), share.of))
     elif keep.finish([work]):
         keep.end([work])
     complete, seconds = work.close(), perf_counter() - start
-    return Dataset(path, views.total, len(work.lights), work.rendered, work.finished, complete, seconds)
+    return Dataset(path, views.total, work.lights.total, work.rendered, work.finished, complete, seconds)
 
 
 class _FrameUnits:
@@ -134,7 +135,7 @@ class _FrameUnits:
     folder: DatasetFolder
 
     def __init__(
-        self, region: SamplingRegion, views: CameraSet, lights: list[Light], options: RenderOptions, renderer: Renderer
+        self, region: SamplingRegion, views: CameraSet, lights: LightSet, options: RenderOptions, renderer: Renderer
     ):
         self.region, self.views, self.lights, self.options = region, views, lights, options
         self.rendered = self.finished = 0  # frames
@@ -146,7 +147,9 @@ class _FrameUnits:
             "scene": scene_record(region.scene, region.time, region.threads),
             "seed": views.seed,
             "cameras": views.record(),
-            "lights": [{"layer": light_layer(k), **light_record(light)} for k, light in enumerate(lights)],
+            "lights": [{"layer": light_layer(k), **light_record(light)} for k, light in enumerate(lights.fixed)]
+            + [{"layer": light_layer(len(lights.fixed) + k), "drawn": PER_FRAME} for k in range(lights.drawn)],
+            **({"drawn": {"rule": RULE, "tries": TRIES, "lit": MIN_LIT}} if lights.drawn else {}),
             "options": deciding_fields(options),
             **({} if plan.tracer.exact else {"plan": str(plan)}),  # an exact plan changes no bit
         }
@@ -182,7 +185,7 @@ class _FrameUnits:
 
     def open(self, path: Path, overwrite: bool) -> None:
         """Open the folder, and write a manifest with these settings if needed."""
-        self.folder = folder = DatasetFolder(path, digest_of(self.settings), self.views.total, len(self.lights))
+        self.folder = folder = DatasetFolder(path, digest_of(self.settings), self.views.total, self.lights.total)
         manifest = read_json(path / MANIFEST) or {}
         if (number := manifest.get("format", FORMAT)) != FORMAT:
             known = f"holds a data set of format {number}, and this antumbra writes format {FORMAT}"
@@ -209,18 +212,29 @@ class _FrameUnits:
         """Render and write frame k."""
         scene, time, threads = self.region[:3]
         kind, camera = self.views.camera(self.region, k)
-        frame = self._renderer.render(camera, self.lights, options=self.options)
+        drawn = self._drawn_lights(camera, k)
+        lights = self.lights.fixed + drawn
+        frame = self._renderer.render(camera, lights, options=self.options)
         self._objects = self._objects or objects_of(scene)
-        blocked = light_blockers(scene, frame, self.lights, time, threads)
+        blocked = light_blockers(scene, frame, lights, time, threads)
         covered = frame.mask
         about = {
             "made": kind,
             "camera": camera_record(camera),
             "origin": scene.origin.tolist(),
             "seen": float(covered.mean()),
+            **({"lights": [light_record(light) for light in drawn]} if drawn else {}),
             "lit": [float(v[covered].mean(dtype=float)) if covered.any() else None for v in frame.visibility],
         }
         self.folder.write(k, channels(frame, self._objects, blocked), masks(frame), about)
+
+    def _drawn_lights(self, camera: Camera, k: int) -> list[Light]:
+        """The random lights of frame k."""
+        if not self.lights.drawn:
+            return []
+        seen, seed = seen_surfaces(self.region, camera), self.views.seed
+        lights = [frame_light(self.region, seen, seed, i, k) for i in range(self.lights.drawn)]
+        return check_lights(lights, self.region.scene.up)
 
     def close(self) -> bool:
         """Complete the manifest if all frames are finished; return whether they are."""

@@ -100,7 +100,10 @@ def channels(frame: Frame, objects: Objects, blocked: list[np.ndarray | None]) -
     for k, (visibility, blocker) in enumerate(zip(frame.visibility, blocked)):
         passes[f"{light_layer(k)}.Visibility.X"] = visibility
         if blocker is not None:
-            passes[f"{light_layer(k)}.Blocker.X"] = blocker
+            blocks, layer = blocker >= 0, light_layer(k)
+            of = np.where(blocks, objects.of_face[np.where(blocks, blocker, 0)], -1).astype(np.int32)
+            passes[f"{layer}.Blocker.X"], passes[f"{layer}.BlockerIndexOB.X"] = blocker, of
+            passes[f"{layer}.BlockerInstance.X"] = np.where(blocks, objects.instance[of], -1).astype(np.int32)
     return {name: exr_values(values) for name, values in passes.items()}
 
 

@@ -4,13 +4,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..base.checks import flag, listed, whole_number
-from ..base.option_fields import WholeNumber, check_fields, option, same_option
+from ..base.option_fields import Choice, WholeNumber, check_fields, option, same_option
 from ..engine.plan import Plan
 from ..picture.render_options import EngineOptions, RenderOptions
 from ..scene.camera import MAX_SIZE
 
 MOST_FRAMES = 10_000_000
 MOST_LIGHTS = 1000
+
+PER_FRAME, PER_SET = "frame", "set"
+"""The values of `DatasetOptions.lights_per`."""
 
 
 def _size(value: Any, what: str) -> tuple[int, int]:
@@ -35,6 +38,11 @@ class DatasetOptions:
         0, WholeNumber(0, MOST_LIGHTS), "Add N random lights, alternately a sun and a sphere.", metavar="N"
     )
     """Number of lights, alternately a sun 10 to 80 degrees high and a sphere in free space."""
+    lights_per: str = option(
+        PER_FRAME, Choice((PER_FRAME, PER_SET)), "Draw random lights for each frame, or once for all of them."
+    )
+    """What random lights are drawn for. "frame": for each frame, so that they light what its camera sees: where no sun
+    does, a sphere in its view takes its place. "set": once, whether they reach what cameras see or not."""
     seed: int = option(0, WholeNumber(0, 2**63 - 1), "Seed of random cameras and lights.", hides_limit=True)
     """Seed of random cameras and lights. Camera k depends only on the scene, the seed and k."""
     size: tuple[int, int] = option(

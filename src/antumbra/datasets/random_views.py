@@ -20,7 +20,7 @@ from ..scene.default_picture import Room
 from ..scene.lights import DirectionalLight, Light, SphereLight, check_lights
 from ..scene.triangles import Hit
 from ..work.scene_records import Record, camera_record
-from .dataset_options import MOST_FRAMES, MOST_LIGHTS, DatasetOptions
+from .dataset_options import MOST_FRAMES, MOST_LIGHTS, PER_FRAME, DatasetOptions
 
 # --- Random and orbit views -------------------------------------------------------------------------------------------
 
@@ -40,7 +40,8 @@ _ELEVATION = np.radians(10.0), np.radians(80.0)  # of suns
 _MANY, _ENOUGH = 1000, 100_000  # minimum faces for which bounds are computed from face centres, and maximum used
 _MOST_FACES = 2.0, 98.0  # percentiles of face centres
 _MORE = 0.1  # enlargement of the bounds on each side, in widths
-_SIZES = 0.01, 0.05  # radius of a sphere light, in radii of the bounds
+LIGHT_SIZES = 0.01, 0.05
+"""Least and greatest radius of a sphere light, in radii of the bounds."""
 
 SEES_LITTLE, IN_A_WALL = "see little", "are in or at a wall"
 
@@ -159,18 +160,23 @@ def random_light(region: SamplingRegion, seed: int, k: int) -> Light:
         If `TRIES` tries find no free space.
     """
     rng = np.random.default_rng([seed, _LIGHT, k])
-    right, upward, towards = axes(region.scene.up)
     if k % 2 == 0:
-        azimuth, elevation = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(*_ELEVATION)
-        flat = sin(azimuth) * right + cos(azimuth) * towards
-        return DirectionalLight(-(cos(elevation) * flat + sin(elevation) * upward), intensity=float(np.pi))
+        return random_sun(region, rng)
     radius, faults = region.radius, Counter[str]()
     for _ in range(TRIES):
-        centre, size = rng.uniform(*region.box(0.0)), radius * rng.uniform(*_SIZES)
+        centre, size = rng.uniform(*region.box(0.0)), radius * rng.uniform(*LIGHT_SIZES)
         if not region.walled(centre, size):
             return SphereLight(centre, size, intensity=float(np.pi * (radius / 2.0) ** 2))
         faults[IN_A_WALL] += 1
     raise _none(region, f"place for random light {k}", faults, "give lights instead (--light)")
+
+
+def random_sun(region: SamplingRegion, rng: np.random.Generator) -> DirectionalLight:
+    """A sun 10 to 80 degrees above the horizon."""
+    right, upward, towards = axes(region.scene.up)
+    azimuth, elevation = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(*_ELEVATION)
+    flat = sin(azimuth) * right + cos(azimuth) * towards
+    return DirectionalLight(-(cos(elevation) * flat + sin(elevation) * upward), intensity=float(np.pi))
 
 
 def _fault(region: SamplingRegion, camera: Camera, radius: float) -> str | None:
@@ -248,15 +254,26 @@ def camera_set(scene: AnyScene, cameras: Sequence[Camera] | None, options: Datas
     return views
 
 
-def lights_of(region: SamplingRegion, lights: Sequence[Light] | Light | None, options: DatasetOptions) -> list[Light]:
+class LightSet(NamedTuple):
+    """The lights: first those of all frames, then random ones that each frame draws for itself."""
+
+    fixed: list[Light]
+    drawn: int  # number of lights drawn per frame
+
+    @property
+    def total(self) -> int:
+        return len(self.fixed) + self.drawn
+
+
+def light_set(region: SamplingRegion, lights: Sequence[Light] | Light | None, options: DatasetOptions) -> LightSet:
     """The explicit lights, then random ones; by default, the scene's default lights."""
-    random, scene = options.random_lights, region.scene
+    random, scene, per_frame = options.random_lights, region.scene, options.lights_per == PER_FRAME
     if lights is None:
         lights = [] if random else scene.default_lights(region.time)
     explicit_lights = items(lights, Light, "a light", "give an antumbra.PointLight, QuadLight, ... or a list of them")
-    all_lights = check_lights(
-        explicit_lights + [random_light(region, options.seed, k) for k in range(random)], scene.up
-    )
-    if len(all_lights) > MOST_LIGHTS:
-        raise InputError(f"{len(all_lights)} lights; a data set has at most {MOST_LIGHTS}, each is a layer")
-    return all_lights
+    shared = [] if per_frame else [random_light(region, options.seed, k) for k in range(random)]
+    fixed = check_lights(explicit_lights + shared, scene.up) if explicit_lights or shared or not random else []
+    found = LightSet(fixed, random if per_frame else 0)
+    if found.total > MOST_LIGHTS:
+        raise InputError(f"{found.total} lights; a data set has at most {MOST_LIGHTS}, each is a layer")
+    return found

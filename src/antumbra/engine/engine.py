@@ -348,6 +348,7 @@ class Engine(RayQueries):
         *,
         spp: int = 16,
         sampler: str = "larcher-pillichshammer",
+        seed: int = 0,
         cull_faces: str | None = None,
         time: float = 0.0,
         progress: ProgressCallback | bool | None = None,
@@ -357,8 +358,9 @@ class Engine(RayQueries):
         `antumbra.visibility` documents the parameters. `Receivers.on_surface` and `in_space` make receivers.
         """
         checked_instance(receivers, Receivers, "receivers")
-        lights = [without_interleave(light) for light in check_lights(lights, self.data.up)]
-        samples = [light_samples(light, spp, sampler) for light in lights]
+        seed = whole_number(seed, "seed", 0, 2**63 - 1)
+        lights = [without_interleave(light).drawn(seed) for light in check_lights(lights, self.data.up)]
+        samples = [light_samples(light, spp, sampler, seed) for light in lights]
         with show_progress("tracing shadow rays", progress) as callback:
             answers = self.shadows(receivers, lights, samples, cull_value(cull_faces), time, progress=callback)
         return visibility_of(answers)

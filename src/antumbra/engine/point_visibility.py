@@ -1,16 +1,20 @@
 """`visibility`: which samples of lights are visible from points, without a camera."""
 
 from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import as_array
 from ..base.progress import ProgressCallback, with_quiet_progress
-from ..query.receivers import Receivers
+from ..query.receivers import NOTHING, Receivers
 from ..scene.lights import Light
 from .plan import Plan
+from .scene import AnyScene
 from .scene_loading import SceneLike, scene_of
-from .visibility import Visibility
+from .visibility import Visibility, mark_failed
 
 
 @with_quiet_progress
@@ -25,6 +29,7 @@ def visibility(
     time: float = 0.0,
     threads: int | None = None,
     sampler: str = "larcher-pillichshammer",
+    seed: int = 0,
     cull_faces: str | None = None,
     max_memory: int | None = None,
     progress: ProgressCallback | bool | None = None,
@@ -44,8 +49,9 @@ def visibility(
     normals : (..., 3) float or None
         For points on surfaces: surface normals of any length, pointing to the tested side. They broadcast against the
         points. Each point is offset from its surface by a few units in the last place, and samples below its horizon
-        are occluded. None: the points lie in free space and are used unchanged.
-    spp, plan, time, threads, sampler, cull_faces
+        are occluded. None: the points lie in free space and are used unchanged. A point that is NaN or infinite, or
+        whose normal is so or zero, fails alone: its `fraction` is NaN, and it sees no sample.
+    spp, plan, time, threads, sampler, seed, cull_faces
         As in `antumbra.render`. Point i uses sample set i mod 4.
     max_memory : int or None
         For a scene in a store, the limit in bytes on the memory of the process; None: 4 GiB. The chunks read stay in
@@ -63,15 +69,42 @@ def visibility(
     Raises
     ------
     InputError
-        If a shape or dtype is wrong, a number is NaN, infinite or beyond float32, a normal is zero, or the plan is
-        unknown.
+        If a shape or dtype is wrong, a point is beyond float32, the plan is unknown, or all points fail.
     """
     scene = scene_of(scene)
     engine = scene.engine.with_options(plan, threads, max_memory)
     points = as_array(points, "points")
     single = isinstance(light, Light)
-    receivers = Receivers.of(points, normals, scene.origin, scene.middle)
+    receivers, failed = _receivers_of(points, normals, scene)
     answer = engine.visibility(
-        receivers, light, spp=spp, sampler=sampler, cull_faces=cull_faces, time=time, progress=progress
+        receivers,
+        light,
+        spp=spp,
+        sampler=sampler,
+        seed=seed,
+        cull_faces=cull_faces,
+        time=time,
+        progress=progress,
     )
-    return answer.reshaped(points.shape[:-1], single)
+    return mark_failed(answer, failed).reshaped(points.shape[:-1], single)
+
+
+def _receivers_of(
+    points: NDArray[Any], normals: "ArrayLike | None", scene: AnyScene
+) -> tuple[Receivers, NDArray[np.intp]]:
+    """The receivers at points, and the indices of those that fail, at which there is none."""
+    good = np.isfinite(points).all(-1) if points.ndim and points.shape[-1] == 3 else np.ones(0, bool)
+    if normals is not None:
+        normals = as_array(normals, "normals")
+        with suppress(ValueError):  # `Receivers` refuses shapes that do not broadcast
+            good = good & (np.isfinite(normals).all(-1) & normals.any(-1))
+    if good.shape == points.shape[:-1] and good.any() and not good.all():
+        first = tuple(np.argwhere(good)[0])
+        if normals is not None:
+            normals = np.broadcast_to(normals, points.shape)
+            normals = np.where(good[..., None], normals, normals[first])
+        points = np.where(good[..., None], points, points[first])
+        receivers, failed = Receivers.of(points, normals, scene.origin, scene.middle), np.flatnonzero(~good)
+        receivers.sides[0, failed] = NOTHING
+        return receivers, failed
+    return Receivers.of(points, normals, scene.origin, scene.middle), np.empty(0, np.intp)

@@ -17,7 +17,7 @@ class Visibility(NamedTuple):
     """
 
     bits: NDArray[np.uint64]  # (..., ceil(n / 64)) uint64: bit s = sample s occluded; 0 beyond the samples of a light
-    fraction: NDArray[np.float32]  # (...) float32 in [0, 1]: mean over the samples of the light that arrives
+    fraction: NDArray[np.float32]  # (...) float32 in [0, 1]: mean over the light's samples that arrive; NaN: failed
     samples: NDArray[np.int64]  # int64, () or (lights,): number of samples of each light
     colour: NDArray[np.float32] | None = None  # (..., 3) float32: `fraction` of red, green and blue; None: all equal
 
@@ -59,6 +59,17 @@ def visibility_of(answers: Sequence[TracedQuery]) -> Visibility:
     if any(each.light is not None and each.light.values.shape[2] > 1 for each in answers):
         colour = np.stack([_colour_of(each)[0] for each in answers], axis=-2)
     return Visibility(_stack_bits([each.bits for each in answers], words)[0], fraction, counts, colour)
+
+
+def mark_failed(found: Visibility, failed: NDArray[np.intp]) -> Visibility:
+    """A `Visibility`, (n, lights), with the points of these indices marked as failed; changes it in place."""
+    if len(failed):
+        whole = np.clip(found.samples[:, None] - 64 * np.arange(found.bits.shape[-1]), 0, 64)  # samples in each word
+        ones = np.where(whole == 64, ~np.uint64(0), (np.uint64(1) << (whole % 64).astype(np.uint64)) - np.uint64(1))
+        found.bits[failed], found.fraction[failed] = ones, np.nan
+        if found.colour is not None:
+            found.colour[failed] = np.nan
+    return found
 
 
 def _colour_of(traced: TracedQuery) -> NDArray[np.float32]:

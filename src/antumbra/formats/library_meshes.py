@@ -127,6 +127,7 @@ def _reader(obj: object) -> _Reader | None:
 
 def _trimesh_scene(scene: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     """The mesh of each scene-graph node, transformed to world space."""
+    textures = _Textures()
     for node in scene.graph.nodes_geometry:
         matrix, geometry = scene.graph[node]
         part = scene.geometry[geometry]
@@ -134,11 +135,11 @@ def _trimesh_scene(scene: Any, name: str, notes: list[str]) -> Iterator[ForeignM
             notes.append(f"{name}: {geometry!r} is a {type(part).__name__} and was left out")
             continue
         matrix = np.asarray(matrix, np.float64)
-        (mesh,) = _trimesh(part, str(node), notes)
+        (mesh,) = _trimesh(part, str(node), notes, textures)
         yield mesh._replace(vertices=product(mesh.vertices, matrix[:3, :3].T) + matrix[:3, 3])
 
 
-def _trimesh(mesh: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
+def _trimesh(mesh: Any, name: str, notes: list[str], textures: "_Textures | None" = None) -> Iterator[ForeignMesh]:
     visual, foreign = mesh.visual, ForeignMesh(name, mesh.vertices, mesh.faces)
     kind = getattr(visual, "kind", None)
     if kind == "vertex":
@@ -147,10 +148,16 @@ def _trimesh(mesh: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
         yield foreign._replace(colours=visual.face_colors)
     else:
         uv = flip_v(getattr(visual, "uv", None), len(mesh.vertices))
-        yield foreign._replace(material=_material(getattr(visual, "material", None), name), uv=uv)
+        yield foreign._replace(
+            material=_material(getattr(visual, "material", None), name, {} if textures is None else textures), uv=uv
+        )
 
 
-def _material(material: Any, name: str) -> Material:
+_Textures = dict[tuple[int, bool], Texture]
+"""Those of pictures that several meshes of a scene share: id of the picture, and whether its alpha matters."""
+
+
+def _material(material: Any, name: str, textures: _Textures) -> Material:
     """A trimesh material. Its factors are linear, its image is sRGB."""
 
     def first_of(*names: str) -> Any:
@@ -161,7 +168,10 @@ def _material(material: Any, name: str) -> Material:
     factor = np.append(factor / 255.0 if factor.dtype.kind in "iu" else factor, 1.0)[:4]
     mode = first_of("alphaMode")
     mode = mode if mode in (MASK, BLEND) else OPAQUE
-    texture = None if picture is None else Texture(name, rgba_of(picture), has_alpha=mode != OPAQUE)
+    key, texture = (id(picture), mode != OPAQUE), None
+    if picture is not None:
+        texture = textures.get(key) or Texture(name, rgba_of(picture), has_alpha=mode != OPAQUE)
+        textures[key] = texture
     r, g, b, a = np.clip(factor, 0.0, 1.0).tolist()
     cutoff = first_of("alphaCutoff")
     return Material(name, (r, g, b, a), texture, mode, 0.5 if cutoff is None else float(cutoff))

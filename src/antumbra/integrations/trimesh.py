@@ -1,12 +1,13 @@
-"""trimesh: a ray intersector for ``mesh.ray`` with the calls and results of trimesh's own ones.
+"""trimesh: rays for ``mesh.ray`` and distances for ``mesh.nearest``, with the calls and results of trimesh's own ones.
 
-`trimesh_ray` makes one for a mesh, and `use_in_trimesh` those of all meshes that a program makes.
+`trimesh_ray` and `trimesh_nearest` make them for a mesh, and `use_in_trimesh` those of all meshes that a program makes.
 
 trimesh has two intersectors, `ray_triangle` and `ray_pyembree`. Where their conventions differ, this one follows
 `ray_pyembree`, which trimesh prefers: the dtypes of indices, locations (h, 3) even without hits, all first hits before
 all second hits, and one face for each location, also where a ray meets an edge or a vertex.
 """
 
+from functools import partial
 from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
@@ -25,7 +26,8 @@ def trimesh_ray(mesh: Any) -> "RayMeshIntersector":
     """An exact ray intersector for a trimesh mesh, in place of its own one.
 
     ``mesh.ray = at.trimesh_ray(mesh)``. From then on, ``mesh.contains``, ``trimesh.proximity.signed_distance`` and all
-    other functions that use ``mesh.ray`` are answered exactly too. A changed mesh is read again at the next query.
+    other functions that use ``mesh.ray`` are answered exactly too. A changed mesh is read again at the next query, and
+    ``mesh.copy()`` keeps the intersector.
 
     Parameters
     ----------
@@ -41,14 +43,40 @@ def trimesh_ray(mesh: Any) -> "RayMeshIntersector":
     InputError
         If `mesh` is not a trimesh mesh.
     """
-    return RayMeshIntersector(mesh)
+    rays = RayMeshIntersector(mesh)
+    _keep_in_copies(mesh)
+    return rays
+
+
+def trimesh_nearest(mesh: Any) -> "ProximityQuery":
+    """Proximity queries about a trimesh mesh, in place of its own ones: ``mesh.nearest = at.trimesh_nearest(mesh)``.
+
+    A changed mesh is read again at the next query, and ``mesh.copy()`` keeps the queries.
+
+    Parameters
+    ----------
+    mesh : trimesh.Trimesh
+
+    Returns
+    -------
+    ProximityQuery
+        With the methods, shapes, dtypes and signs of ``trimesh.proximity.ProximityQuery``.
+
+    Raises
+    ------
+    InputError
+        If `mesh` is not a trimesh mesh.
+    """
+    query = ProximityQuery(mesh)
+    _keep_in_copies(mesh)
+    return query
 
 
 def use_in_trimesh() -> "TrimeshRays":
-    """Answer the ray queries of all trimesh meshes made from now on, copies and parts of meshes included.
+    """Answer the ray and proximity queries of all trimesh meshes made from now on, parts of meshes included.
 
-    trimesh gives each new mesh an intersector, and a copy does not have the ``mesh.ray`` of its original. This puts
-    `RayMeshIntersector` in the place of both classes that trimesh chooses from. Meshes that exist keep theirs.
+    trimesh gives each new mesh an intersector and a proximity query. This puts `RayMeshIntersector` and
+    `ProximityQuery` in the place of the classes that trimesh chooses from. Meshes that exist keep theirs.
 
     Returns
     -------
@@ -67,25 +95,45 @@ def use_in_trimesh() -> "TrimeshRays":
 
 
 class TrimeshRays:
-    """The intersector of trimesh's new meshes, set by `use_in_trimesh` until `undo`."""
+    """The queries of trimesh's new meshes, set by `use_in_trimesh` until `undo`."""
 
     def __init__(self) -> None:
         rays = import_extra("trimesh.ray", "use_in_trimesh", "meshes")
         modules = [rays.ray_triangle, *([rays.ray_pyembree] if rays.has_embree else [])]
-        self._before = [(module, module.RayMeshIntersector) for module in modules]
-        for module in modules:
-            module.RayMeshIntersector = RayMeshIntersector
+        proximity = import_extra("trimesh.proximity", "use_in_trimesh", "meshes")
+        ours = [(module, RayMeshIntersector) for module in modules] + [(proximity, ProximityQuery)]
+        self._before = [(module, getattr(module, kind.__name__)) for module, kind in ours]
+        for module, kind in ours:
+            setattr(module, kind.__name__, kind)
 
     def undo(self) -> None:
         """Restore the classes that were there before. Meshes made in between keep their intersector."""
         for module, kind in self._before:
-            module.RayMeshIntersector = kind
+            setattr(module, kind.__name__, kind)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
         self.undo()
+
+
+def _keep_in_copies(mesh: Any) -> None:
+    """Let ``mesh.copy()``, which makes a mesh with queries of its own, keep those of this library."""
+    mesh.copy = partial(_copy, mesh)
+
+
+def _copy(mesh: Any, *arguments: Any, **options: Any) -> Any:
+    copied = type(mesh).copy(mesh, *arguments, **options)
+    for name, kind in (("ray", RayMeshIntersector), ("nearest", ProximityQuery)):
+        queries = getattr(mesh, name)
+        if isinstance(queries, kind) and queries.mesh is mesh:
+            setattr(copied, name, queries.copied_to(copied))
+    _keep_in_copies(copied)
+    return copied
+
+
+# --- Rays -------------------------------------------------------------------------------------------------------------
 
 
 class _RayRows(NamedTuple):
@@ -127,6 +175,13 @@ class RayMeshIntersector:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state)  # type: ignore[misc]
+
+    def copied_to(self, mesh: Any) -> "RayMeshIntersector":
+        """The intersector of an equal mesh, with the same trees until one of them changes."""
+        other = RayMeshIntersector(mesh)
+        if self._scene is not None and hash(mesh) == self._version:
+            other._scene, other._version = self._scene, self._version
+        return other
 
     @property
     def scene(self) -> Scene:
@@ -270,3 +325,68 @@ def _rows(value: ArrayLike, what: str) -> NDArray[Any]:
     if isinstance(value, np.ndarray) and value.dtype.kind == "O":
         value = value.tolist()
     return rows_of(value, what, 3, 2)
+
+
+# --- Distances --------------------------------------------------------------------------------------------------------
+
+
+class ProximityQuery:
+    """Distances of points from a trimesh mesh; `trimesh_nearest` makes one.
+
+    The face is found among the faces rounded to float32, as in all scenes, and its closest point on the mesh's own
+    float64 face. So a distance is never too small, and too large by at most twice the rounding of a coordinate:
+    2**-23 of the largest distance of a vertex from the middle of the mesh.
+    """
+
+    def __init__(self, mesh: Any):
+        self.mesh, self._rays = mesh, RayMeshIntersector(mesh)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"mesh": self.mesh}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(**state)  # type: ignore[misc]
+
+    def copied_to(self, mesh: Any) -> "ProximityQuery":
+        """The queries of an equal mesh, with the same trees."""
+        other = ProximityQuery(mesh)
+        other._rays = self._rays.copied_to(mesh)
+        return other
+
+    def on_surface(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+        """The closest point of the mesh to each point.
+
+        Parameters
+        ----------
+        points : (m, 3) float
+
+        Returns
+        -------
+        closest : (m, 3) float64
+        distance : (m,) float64
+        triangle_id : (m,) int64
+            Of equally distant faces, the first.
+        """
+        points = rows_of(points, "points", 3, 2).astype(np.float64, copy=False)
+        face = self._rays.scene.closest_points(points).face.astype(np.int64)
+        if len(face) and face.max() < 0:
+            raise InputError(
+                "the mesh has no face with area, from which distances could be measured; give another mesh"
+            )
+        corners = np.asarray(self.mesh.vertices)[np.asarray(self.mesh.faces)[face]]
+        on_faces = import_extra("trimesh.triangles", "trimesh_nearest", "meshes").closest_point
+        closest = np.asarray(on_faces(corners, points), np.float64) if len(points) else np.empty((0, 3))
+        return closest, np.linalg.norm(points - closest, axis=1), face
+
+    def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
+        """(m,) float64: the distance of points, (m, 3) float, from the mesh, positive inside it, as trimesh has it.
+
+        The sign is exact, see `Scene.contains`.
+        """
+        distance = self.on_surface(points)[1]
+        return np.where(self._rays.contains_points(points), distance, -distance)
+
+    def vertex(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """(distance, vertex_id): the closest vertex to each point, by trimesh's own tree."""
+        distance, vertex = self.mesh.kdtree.query(rows_of(points, "points", 3, 2))
+        return distance, vertex

@@ -28,6 +28,7 @@ from ..cli.arguments import check_plot
 from ..cli.command_parsing import ParsedOnce
 from ..cli.console import UNFORESEEN, ProgressDisplay, Record, explained, say
 from ..cli.options import Json, Quiet, writes_folder
+from ..picture.picture_records import plain
 from ..work.result_summary import duration
 
 # --- One benchmark: its options, its run and its results --------------------------------------------------------------
@@ -117,7 +118,7 @@ class BenchRun:
                 write(path)
 
     def _write(self, folder: Path, record: Record, answer: dict[str, Any]) -> None:
-        text = json.dumps(console.plain(answer), allow_nan=False, indent=1) + "\n"
+        text = json.dumps(plain(answer), allow_nan=False, indent=1) + "\n"
         top = Record(None)
         top.keep_fields((name, str(value)) for name, value in answer["about"].items())
         tables = f"# antumbra bench {self.name}\n\n{top.markdown()}\n{record.markdown()}"

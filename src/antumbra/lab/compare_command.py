@@ -38,6 +38,7 @@ from ..cli.options import (
 )
 from ..cli.picture_spec import PictureSpec, RenderArguments, Shot
 from ..cli.scene_arguments import DEFAULT_SCENE, limit_memory
+from ..picture.picture_records import camera_fields, light_fields
 from ..picture.render_options import GBufferBy
 from ..work.result_summary import duration
 
@@ -318,8 +319,8 @@ def answer(report: ComparisonReport) -> dict[str, Any]:
         "machine": report.machine,
         "scene": picture_report.scene_answer(report.spec, report.scene),
         "load": report.load,
-        "camera": console.camera_fields(report.shot.camera),
-        "lights": [console.light_fields(light) for light in report.shot.lights],
+        "camera": camera_fields(report.shot.camera),
+        "lights": [light_fields(light) for light in report.shot.lights],
         **settings,
         "rounds": report.arguments.rounds,
         "rays": comparison.frame.rays,

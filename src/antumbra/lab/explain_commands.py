@@ -29,6 +29,7 @@ from ..cli.options import (
 )
 from ..cli.scene_arguments import DEFAULT_SCENE, SceneArguments, limit_memory
 from ..cli.study_run import StudyRun
+from ..picture.picture_records import camera_fields, light_fields
 from ..work.result_summary import Summary, duration
 
 if TYPE_CHECKING:
@@ -149,8 +150,8 @@ def explain(args: ExplainArguments) -> int:
             "triangles": opened.n_triangles,
             "time": moments[-1].time,
             "before": args.before,
-            "camera": console.camera_fields(moments[-1].camera),
-            "lights": [console.light_fields(each) for each in moments[-1].lights],
+            "camera": camera_fields(moments[-1].camera),
+            "lights": [light_fields(each) for each in moments[-1].lights],
             "spp": args.spp,
             "srdh_rays": None if rays is None else console.srdh_rays_fields(rays),
             "threads": args.threads,

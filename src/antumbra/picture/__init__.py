@@ -14,6 +14,7 @@
 - `shading`: diffuse shading and background
 - `discontinuity_filter`: the discontinuity filter of interleaved sampling
 - `morphological_antialiasing`: anti-aliasing without extra rays
+- `picture_records`: the settings of a picture as JSON
 - `image_files`: tone mapping, PNG, EXR and films
 - `heat_maps`: false colours and labelled panels
 - `traversal_steps`: traversal steps of shadow rays, plan by plan

@@ -15,6 +15,7 @@ from ..query.equal_samples import with_distinct_samples
 from ..query.gbuffer import GBuffer
 from ..query.shadow_query import ShadowQuery, Surfaces, ray_count, surface_queries
 from ..query.surface_links import PictureSurfaces
+from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..scene.sky import Sky
 from ..trace.counters import new_counters
@@ -24,6 +25,7 @@ from .image_files import LUMINANCE
 from .irradiance import PixelNormals, pixel_normals
 from .light_visibility import irradiance_shares
 from .pixel_appearance import albedo, eye_of, shading_normals, surface_points
+from .render_options import RenderOptions
 from .shading import Illumination, arriving_irradiance, shade
 
 # --- Results: frame, layers, ground and timings -----------------------------------------------------------------------
@@ -89,6 +91,9 @@ class Frame(NamedTuple):
     layers: Layers | None = None  # the image light by light, base colours and objects; None unless requested
     ambient: NDArray[np.float32] | None = None  # (3,): ambient irradiance of surfaces that face up; 0 with `indirect`
     ground: Ground | None = None  # the shadows on the ground; None unless requested
+    camera: Camera | None = None  # that of the call
+    lights: tuple[Light, ...] = ()  # those of the call, as drawn for its seed
+    options: RenderOptions | None = None  # those of the call, with the time clamped to the scene's duration
 
     @property
     def coverage(self) -> NDArray[np.float32]:
@@ -110,8 +115,9 @@ class Frame(NamedTuple):
 
         An ``.exr`` has the channels R, G, B and A; ``shadow.NAME``, the visible share of each light; depth.Z,
         normal.X/Y/Z, position.X/Y/Z and triangle.id. A ground adds ground.R/G/B, which is `Ground.share`, and A is
-        then `Ground.lost` where no surface is seen. `layers` add ``light.NAME.R/G/B``, albedo.R/G/B, indirect.R/G/B
-        and object.id.
+        then `Ground.lost` where no surface is seen. With ``layers=True``, the frame has the further channels that the
+        files of ``antumbra render`` have: ``light.NAME.R/G/B``, albedo.R/G/B, indirect.R/G/B and object.id. The
+        attribute ``antumbra`` of the header has the version, the camera, the lights and the options as JSON.
 
         Parameters
         ----------

@@ -197,6 +197,9 @@ def render_frame(state: FrameState) -> Frame:
         layers=layers,
         ambient=ambient,
         ground=ground,
+        camera=request.camera,
+        lights=tuple(request.lights),
+        options=request.options,
     )
 
 
@@ -320,11 +323,13 @@ def shade_frame(
     """The image, (H, W, 3) float32; its ambient light, (3,) float32; and the ambient light of the ground.
 
     If the frame has bounced light, its ambient light is zero, but the ground's ambient light still stands for bounced
-    light.
+    light. With ``ambient=False``, both are zero.
     """
     arrived, lights = arriving_light(state, surfaces, traced, visible), state.request.lights
     direct = [k for k, light in enumerate(lights) if not is_indirect(light)]
-    fill = ambient_light(surfaces.gbuffer, [lights[k] for k in direct], [arrived[k] for k in direct], state.threads)
+    fill = np.zeros(3, np.float32)
+    if state.request.options.ambient:
+        fill = ambient_light(surfaces.gbuffer, [lights[k] for k in direct], [arrived[k] for k in direct], state.threads)
     ambient = fill if indirect is None and len(direct) == len(lights) else np.zeros(3, np.float32)
     image = shade_surfaces(state, surfaces, arrived, shares, ambient, indirect)
     state.clock.lap("shade")

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..base.errors import InputError
 from ..base.progress import ProgressCallback
 from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.plan import Plan
@@ -62,9 +63,13 @@ def request_of(camera: Camera, lights: list[Light], options: RenderOptions, grou
     lights : checked lights
     ground : height of the shadow-catcher plane, world space; None: no plane
     """
-    samples = [light_samples(light, options.spp, options.sampler) for light in lights]
-    finer = None if options.adaptive is None else finer_samples(lights, options.adaptive, options.sampler)
-    passes = None if options.bounce is None else diffuse_passes(lights, options.bounce, options.sampler)
+    if not options.ambient and any(light.domain == "hemisphere" for light in lights):
+        raise InputError("ambient=False leaves out the ambient light that AmbientOcclusion dims; leave one of them out")
+    sampler, seed = options.sampler, options.seed
+    lights = [light.drawn(seed) for light in lights]
+    samples = [light_samples(light, options.spp, sampler, seed) for light in lights]
+    finer = None if options.adaptive is None else finer_samples(lights, options.adaptive, sampler, seed)
+    passes = None if options.bounce is None else diffuse_passes(lights, options.bounce, sampler, seed)
     return Request(camera, lights, options, samples, finer, passes, ground)
 
 

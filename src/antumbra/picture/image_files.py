@@ -23,6 +23,7 @@ from ..kernels.elementary import exp
 from ..kernels.parallel import map_in_threads, thread_count
 from ..kernels.small_matrices import dot
 from ..scene.materials import LINEAR, linear_to_srgb, srgb_to_linear
+from .picture_records import picture_record, plain
 from .png_files import png_file
 
 # --- Tone mapping: exposure, highlight roll-off, sRGB -----------------------------------------------------------------
@@ -127,10 +128,15 @@ hold_during_fork(_writing_exr)
 _NOTE = "antumbra"  # keyword of the text chunk in a PNG, name of the attribute in an EXR
 
 
+def is_linear(path: Path) -> bool:
+    """Whether a picture file keeps linear light."""
+    return path.suffix.lower() == ".exr"
+
+
 def check_output(path: str | os.PathLike[str]) -> Path:
     """Check, before a long render, that a picture can be written to `path`; InputError with the remedy if not."""
     file = checked_output(path, IMAGE_SUFFIXES)
-    if file.suffix.lower() == ".exr":
+    if is_linear(file):
         openexr()
     return file
 
@@ -167,7 +173,7 @@ def save_frame(
     exposure : float or None
         Factor on the light of a PNG; None: automatic. An EXR ignores it.
     note : str or None
-        Text to store in the file; `note_of` reads it.
+        Text to store in the file; `note_of` reads it. None: an EXR has the settings of the frame.
     background : None, "transparent" or (3,) float
         Background of a PNG, as in `Frame.save`. An EXR ignores it.
 
@@ -187,7 +193,14 @@ def save_frame(
     if file.suffix.lower() == ".png":
         save_png(screen_picture(frame, frame_exposure(frame) if exposure is None else exposure, background), file, note)
     else:
-        save_exr(exr_channels(frame), file, note, exr_header(frame))
+        save_exr(exr_channels(frame), file, _frame_note(frame) if note is None else note, exr_header(frame))
+
+
+def _frame_note(frame: Any) -> str | None:
+    """The settings of a frame, as the command stores them; None for a frame that was not rendered."""
+    if frame.options is None:
+        return None
+    return json.dumps(plain(picture_record(frame.camera, frame.lights, frame.options)))
 
 
 def _check_background(background: str | ArrayLike | None) -> str | NDArray[np.float64] | None:

@@ -113,6 +113,17 @@ class RenderOptions:
         doc_type="str",
     )
     """A name in `antumbra.query.light_samples.SAMPLERS`."""
+    seed: int = option(
+        0,
+        WholeNumber(0, 2**63 - 1),
+        "Draw other light samples; the mean of frames with different seeds converges.",
+        panel="Quality",
+        start=None,
+        note="0",
+        hides_limit=True,
+    )
+    """Draw other samples of the lights, of diffuse rays and of skies. Equal seeds give equal bits. The mean of frames
+    with different seeds converges to the exact penumbrae; surfaces and edges are the same in all of them."""
     cull_faces: str | None = option(
         None,
         Choice((None, "front", "back")),
@@ -181,6 +192,12 @@ class RenderOptions:
     )
     """Trace the diffuse rays of `bounce` at every n-th pixel of every n-th row only: 1, 2, 4 or 8. The others take the
     mean of the grid pixels around them that see the same surface. With n = 4, 16 times as many rays cost the same."""
+    ambient: bool = option(
+        True, flag, "Add a little ambient light, in place of light that bounces.", panel="Light", commands=("render",)
+    )
+    """Add ambient light to the image: 12 % of the mean direct light of the visible surfaces, less on surfaces that face
+    sideways. It stands for light that bounces; `bounce` replaces it. If False, the image holds direct light alone, so
+    that values can be compared with those of other programs."""
     background: bool = option(
         True,
         flag,

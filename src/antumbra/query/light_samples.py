@@ -4,6 +4,10 @@ Sampling is interleaved [Keller and Heidrich 2001], as in multi-frusta tracing [
 (x, y) uses set (x mod 4) + 4 (y mod 4) of 16. Each set is well distributed by itself, and the 16 sets of 4 x 4 pixels
 together form one fine set of 16 spp samples.
 
+A seed moves all samples: nets by a random digital shift, which keeps them nets, Halton points by a random shift modulo
+1 [Cranley and Patterson 1976], and Sobol points by another scrambling. Each sample is then uniform on its domain, so
+the mean over seeds converges to the integral. Seed 0 moves nothing.
+
 The "halton" samplers follow CHC+RT [Mattausch et al. 2015, Sec. 5.3]: all sets are the same Halton sequence, rotated
 around the normal by a different angle per set on the hemisphere, and shifted on other domains.
 """
@@ -181,6 +185,24 @@ def _scrambled_sobol(spp: int, seed: int) -> np.ndarray:
 Sampler = Callable[[int, int], NDArray[np.float64]]
 """A function of spp and seed, which returns sample sets on the square, (16, spp, 2)."""
 
+_DIGITS = 2.0**32  # of a coordinate that is shifted
+
+
+def _shift_of(seed: int) -> NDArray[np.uint64]:
+    """(2,) uint64: the 32-bit shift of each coordinate for a seed."""
+    return np.random.default_rng(seed).integers(1 << 32, size=2, dtype=np.uint64)
+
+
+def _digitally_shifted(sets: NDArray[np.float64], cells: int, seed: int) -> NDArray[np.float64]:
+    """(16, m, 2) sets in (0, 1), with the binary digits of a random shift added without carry [Owen 2023, ch. 17].
+
+    This permutes the cells, which are then in Z order again.
+    """
+    digits = np.floor(sets * _DIGITS).astype(np.uint64) ^ _shift_of(seed)
+    bits, shifted = cells.bit_length() - 1, (digits + 0.5) / _DIGITS
+    column, row = (shifted[0] * (1 << (bits + 1) // 2, 1 << bits // 2)).astype(int).T
+    return np.asarray(shifted[:, np.argsort(_z_order(column, row), kind="stable")], np.float64)
+
 
 def _net(generate: Callable[[int], NDArray[np.float64]]) -> Sampler:
     def sets(spp: int, seed: int) -> NDArray[np.float64]:
@@ -191,7 +213,7 @@ def _net(generate: Callable[[int], NDArray[np.float64]]) -> Sampler:
             i = np.arange(size)
             reverse = sum(((i >> k) & 1) << (bits - 1 - k) for k in range(bits))
             split = split[:, np.sort(np.argsort(reverse, kind="stable")[:spp])]
-        return split
+        return _digitally_shifted(split, size, seed) if seed else split
 
     return sets
 
@@ -212,16 +234,24 @@ ROTATIONS: dict[str, float] = {
 def _shifted_halton(degrees: float) -> Sampler:
     """Cranley-Patterson rotation of the Halton sequence on the square, with offsets of up to degrees / 360."""
 
-    def sets(spp: int, seed: int) -> NDArray[np.float64]:
+    def sets(spp: int, seed: int) -> np.ndarray:
         offsets = degrees / 360.0 * larcher_pillichshammer(N_SETS)[_DITHER, None]
-        return np.maximum((halton(spp) + offsets) % 1.0, 2.0**-33)  # never 0: the square is open
+        return _wrapped(_shifted(halton(spp), seed) + offsets)
 
     return sets
 
 
-def _rotated_halton(n: int, degrees: float) -> np.ndarray:
+def _shifted(points: np.ndarray, seed: int) -> np.ndarray:
+    return _wrapped(points + _shift_of(seed) / _DIGITS) if seed else points
+
+
+def _wrapped(points: np.ndarray) -> np.ndarray:
+    return np.maximum(points % 1.0, 2.0**-33)  # never 0: the square is open
+
+
+def _rotated_halton(n: int, degrees: float, seed: int) -> np.ndarray:
     """(16, n, 3): one Halton sequence on the hemisphere, rotated around the axis by a stratified angle per set."""
-    a, b, c = to_domain(halton(n), "hemisphere").T
+    a, b, c = to_domain(_shifted(halton(n), seed), "hemisphere").T
     angle = np.radians(degrees) * ((_DITHER + 0.5) / N_SETS)[:, None]
     x, y = a * cos(angle) - b * sin(angle), a * sin(angle) + b * cos(angle)
     return np.stack([x, y, np.broadcast_to(c, x.shape)], -1)
@@ -247,7 +277,9 @@ def sample_sets(spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0
     spp : int
         Samples per set, 1 to 1024.
     sampler : str
-        A name in `SAMPLERS`. ``seed`` only matters to "sobol", which it scrambles.
+        A name in `SAMPLERS`.
+    seed : int
+        The same seed gives the same samples.
 
     Raises
     ------
@@ -259,24 +291,30 @@ def sample_sets(spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0
     return np.ascontiguousarray(SAMPLERS[sampler](spp, seed))
 
 
-def light_samples(light: Light, spp: int, sampler: str = "larcher-pillichshammer") -> np.ndarray:
-    """(16, n, 3) float64, (a, b, c): the sample sets of a light; n = ``light.samples(spp)``."""
+def light_samples(light: Light, spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0) -> np.ndarray:
+    """(16, n, 3) float64, (a, b, c): the sample sets of a light; n = ``light.samples(spp)``.
+
+    The lights of a list are its samples: `LightList.drawn` applies the seed to them.
+    """
     choice(sampler, "sampler", SAMPLERS)  # before the lookup among cached sets
-    sets = domain_sets(light.samples(whole_number(spp, "spp", 1, MAX_SPP)), sampler, light.domain)
+    sets = domain_sets(light.samples(whole_number(spp, "spp", 1, MAX_SPP)), sampler, light.domain, seed)
     if isinstance(light, LightList):  # (a, b, c): world position of a near light, direction towards a distant one
         return np.ascontiguousarray(light.points[light.sets])
     return sets
 
 
 @lru_cache(64)
-def domain_sets(n: int, sampler: str, domain: str) -> np.ndarray:
+def domain_sets(n: int, sampler: str, domain: str, seed: int = 0) -> np.ndarray:
     """(16, n, 3) float64: the sample sets on a domain, see `to_domain`. Raises the errors of `sample_sets`.
 
-    The result is cached: do not write to it.
+    A seed gives the hemisphere other shifts than light surfaces: bounced light pairs samples of both. The result is
+    cached: do not write to it.
     """
-    square = sample_sets(n, sampler)
+    if seed and domain == "hemisphere":
+        seed = int(np.random.SeedSequence([seed, 1]).generate_state(1, np.uint64)[0])
+    square = sample_sets(n, sampler, seed)
     if domain == "hemisphere" and sampler in ROTATIONS:
-        return _rotated_halton(n, ROTATIONS[sampler])
+        return _rotated_halton(n, ROTATIONS[sampler], seed)
     return to_domain(square, domain)
 
 

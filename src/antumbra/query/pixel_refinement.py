@@ -47,7 +47,7 @@ class FinerSamples(NamedTuple):
     ]  # (16, ceil(n / 16), 3) float64: one set per sub-pixel; a pixel's sub-pixels share n samples
 
 
-def finer_samples(lights: Sequence[Light], n: int, sampler: str) -> FinerSamples:
+def finer_samples(lights: Sequence[Light], n: int, sampler: str, seed: int = 0) -> FinerSamples:
     """The samples for n shadow rays, 1 to 1024, per refined pixel; lights with a fixed number of samples keep it.
 
     Raises
@@ -58,7 +58,7 @@ def finer_samples(lights: Sequence[Light], n: int, sampler: str) -> FinerSamples
     n = whole_number(n, "adaptive", 1, MAX_SPP)
     shared = -(-n // N_SETS)
     return FinerSamples(
-        [light_samples(s, n, sampler) for s in lights], [light_samples(s, shared, sampler) for s in lights]
+        [light_samples(s, n, sampler, seed) for s in lights], [light_samples(s, shared, sampler, seed) for s in lights]
     )
 
 

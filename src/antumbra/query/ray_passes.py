@@ -56,7 +56,7 @@ class Passes(NamedTuple):
     lights: list[list[np.ndarray]]  # per light and pass: (16, k, 3) float64, as from `light_samples`
 
 
-def diffuse_passes(lights: Sequence[Light], n: int, sampler: str) -> Passes:
+def diffuse_passes(lights: Sequence[Light], n: int, sampler: str, seed: int = 0) -> Passes:
     """The samples of n passes of diffuse rays, 1 to 1024, with cosine density; each ray end tests one sample per light.
 
     A random permutation, different for each set, pairs light samples with directions. Without it, samples with equal
@@ -76,13 +76,13 @@ def diffuse_passes(lights: Sequence[Light], n: int, sampler: str) -> Passes:
         if is_indirect(light):
             raise InputError(f"{name} with indirect=True and bounce both add bounced light; leave one of them out")
     # Eq. (1) of docs/design/sampling.md: pixel (x, y) uses the set of row y mod 4 and column x mod 4
-    directions = domain_sets(n, sampler, "hemisphere").transpose(1, 0, 2).reshape(n, 4, 4, 3)
-    return Passes(np.ascontiguousarray(directions), [_pass_samples(light, n, sampler) for light in lights])
+    directions = domain_sets(n, sampler, "hemisphere", seed).transpose(1, 0, 2).reshape(n, 4, 4, 3)
+    return Passes(np.ascontiguousarray(directions), [_pass_samples(light, n, sampler, seed) for light in lights])
 
 
-def _pass_samples(light: Light, n: int, sampler: str) -> list[NDArray[np.float64]]:
+def _pass_samples(light: Light, n: int, sampler: str, seed: int) -> list[NDArray[np.float64]]:
     """The samples of a light per pass, (16, k, 3) float64."""
-    samples = light_samples(light, n, sampler)
+    samples = light_samples(light, n, sampler, seed)
     if light.domain == "list":
         return [samples] * n
     rng = np.random.default_rng(SEED)

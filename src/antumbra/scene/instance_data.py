@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import InputError, one_line
+from ..base.pickles import without_cached
 from .camera import Camera
 from .instances import InstancedSource
 from .lights import Light
@@ -140,6 +141,9 @@ class InstanceData(SceneData):
         check_extent(self.bounds, source.file)
         self.origin = self.middle = frame_origin(*self.bounds)
         self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return without_cached(self)
 
     def _check_finite(self, file: str) -> None:
         """Check that no world coordinate overflows, so that bounds are never NaN."""

@@ -5,6 +5,7 @@ receiver tests one set only (Sec. 6.1 of the multi-frusta paper).
 """
 
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -31,6 +32,7 @@ class LightList(Light):
 
     interleave: bool = field(default=False, kw_only=True)
     domain = "list"
+    seed = 0  # not a field: pictures and queries set it by `drawn`
 
     if TYPE_CHECKING:  # fields of the subclasses
 
@@ -53,15 +55,26 @@ class LightList(Light):
         k = len(self.points)
         return -(-k // N_SETS) if self.interleave else k
 
+    def drawn(self, seed: int) -> Light:
+        if not seed:
+            return self
+        light = copy(self)
+        object.__setattr__(light, "seed", seed)
+        return light
+
     @property
     def sets(self) -> NDArray[np.int64]:
-        """(16, n) int: the light of each sample of each set. Without `interleave`, each set contains all k lights."""
+        """(16, n) int: the light of each sample of each set. Without `interleave`, each set contains all k lights.
+
+        A seed permutes the sets, so that over many seeds each receiver tests each light equally often.
+        """
         k = len(self.points)
         if not self.interleave:
             return np.broadcast_to(np.arange(k), (N_SETS, k))
         order = np.argsort(_z_order(self.points), kind="stable")
         ranks = np.arange(N_SETS * self.samples(0)) % k
-        return order[ranks].reshape(-1, N_SETS).T  # neighbours in space go to different sets
+        sets = order[ranks].reshape(-1, N_SETS).T  # neighbours in space go to different sets
+        return np.random.default_rng(self.seed).permutation(sets) if self.seed else sets
 
     def weights(self) -> NDArray[np.float64]:
         """(16, n, 3) float64: the weight of each sample of each set, its intensity in red, green and blue."""

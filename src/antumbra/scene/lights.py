@@ -88,6 +88,10 @@ class Light:
         """This light in a scene whose up axis is `up`. Only a `Sky` without an explicit axis changes."""
         return self
 
+    def drawn(self, seed: int) -> "Light":
+        """This light, with what it draws itself drawn for a seed. Only lists change: skies, and interleaved lists."""
+        return self
+
     def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
         """The light in the frame whose origin is at world position `origin`; scene distances are below `reach`."""
         raise NotImplementedError

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.extras import MissingPackage, import_extra
 from ..base.forks import hold_during_fork
 from ..base.memory import check_reading
+from ..base.pickles import Squeezed, squeezed, without_cached
 from ..kernels.elementary import log2, power
 from ..kernels.small_matrices import product
 
@@ -243,6 +244,15 @@ class Texture:
     nearest: bool = False  # nearest-texel lookup instead of interpolation
     has_alpha: bool = False  # whether alpha matters: mip levels then weight colours by it
     opacity: bytes | None = field(default=None, repr=False)  # a second image, whose brightness is the alpha
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = without_cached(self)
+        return state | ({"picture": squeezed(self.picture)} if isinstance(self.picture, np.ndarray) else {})
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        if isinstance(state["picture"], Squeezed):
+            vars(self)["picture"] = state["picture"].array()
 
     @cached_property
     def pixels(self) -> NDArray[np.uint8]:

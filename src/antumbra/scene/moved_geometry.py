@@ -111,6 +111,7 @@ class MovableMeshes:
         self.loaded, self.name = loaded, name
         self._origin, self._n_triangles = origin, n_triangles
         self._rest: list[Piece] | None = None  # pieces of the rest geometry; None: not needed so far
+        self._own_rest = False  # whether they are not those of the rest source
         self._rest_source: Source = loaded
         self._pool = ArrayPool()
 
@@ -118,15 +119,19 @@ class MovableMeshes:
         """The source of moved triangles."""
         return MovedMeshes(self.loaded, vertices, self._origin)
 
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | ({} if self._own_rest else {"_rest": None})
+
     def rest_on(self, given: NDArray[Any], vertices: NDArray[np.float32]) -> None:
         """Make these triangles, which have the `given` vertices, the rest geometry.
 
         The given vertices are copied only if they cannot be restored from those in the frame.
         """
         if _restorable(given, self._origin):
-            self._rest_source, self._rest = self.source_of(vertices), None
+            self._rest_source, self._rest, self._own_rest = self.source_of(vertices), None, False
         else:
             self._rest = [piece._replace(look=None) for piece in self._with_vertices(np.array(given))]
+            self._own_rest = True
 
     def given(self, vertices: "ArrayLike") -> NDArray[Any]:
         """New vertices as an array: (n, 3, 3), or (v, 3) for the vertices from which the scene was made; world.

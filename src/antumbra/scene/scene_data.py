@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import as_array, checked_instance, choice, items, number, parts_of, quoted, text, whole_number
 from ..base.errors import InputError, one_line
+from ..base.pickles import Runs, in_runs, without_cached
 from .alpha_masks import Cutouts, find_cutouts
 from .appearance import Appearance, appearance_of, plain_appearance
 from .camera import Camera
@@ -360,11 +361,28 @@ class MemoryData(SceneData):
         survey, self.colours, self._looks, alpha = _survey(source)
         self._appearance: Appearance | None = None
         self._cutouts: Cutouts | None = None
-        self._find_cutouts = alpha
+        self._find_cutouts = self._finds_cutouts = alpha  # whether they are still to be found; or not replaced
         self.bounds, self.origin = survey.bounds(), survey.origin()
         self.middle = frame_origin(*self.bounds)
         self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
         self._movable: MovableMeshes | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What cannot be found again from the geometry and the textures."""
+        state = without_cached(self) | {"_object_of_face": None, "_appearance": None, "colours": in_runs(self.colours)}
+        if self._finds_cutouts:
+            state |= {"_cutouts": None, "_find_cutouts": True}
+        if self.moved is not None:
+            state["moved"] = self.moved.vertices, self.moved.solid
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        if isinstance(state["colours"], Runs):
+            self.colours = state["colours"].array()
+        if state.get("moved") is not None:
+            (vertices, solid), faces = state["moved"], np.arange(self.n_triangles, dtype=np.int32)
+            self.moved = Triangles(vertices, self.origin.copy(), faces, self.colours, self.cutouts, solid)
 
     @property
     def n_triangles(self) -> int:
@@ -444,7 +462,7 @@ class MemoryData(SceneData):
     @cutouts.setter
     def cutouts(self, cutouts: Cutouts | None) -> None:
         """Replace them, before the first query."""
-        self._cutouts, self._find_cutouts = cutouts, False
+        self._cutouts, self._find_cutouts, self._finds_cutouts = cutouts, False, False
         if self.moved is not None:
             self.moved = self._moved_triangles(self.moved.vertices, None)[0]
 

@@ -18,6 +18,7 @@ from ..base.errors import InputError
 from ..base.extras import import_extra
 from ..base.files import checked_file, without_output
 from ..base.memory import check_reading
+from ..base.pickles import without_cached
 from ..kernels.elementary import cos, exp2, power, sin
 from ..kernels.small_matrices import dot, product
 from .camera import axes
@@ -169,9 +170,12 @@ class Sky(LightList):
         object.__setattr__(self, "map", _map_of(self.image))
         self._check()
 
+    def __getstate__(self) -> dict[str, Any]:
+        return without_cached(self)
+
     @cached_property
     def _map_lights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return _sample_map(self.map, self.count)
+        return _sample_map(self.map, self.count, self.seed)
 
     @cached_property
     def points(self) -> NDArray[np.float64]:
@@ -289,11 +293,12 @@ def _daylight() -> NDArray[np.float64]:
     return out
 
 
-def _sample_map(image: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _sample_map(image: np.ndarray, count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """`count` lights of a map, in its frame: unit directions (n, 3), lux (n,), and colours (n, 3) of luminance 1.
 
     Inverse-transform sampling of the marginal row power and then of the conditional column power, at the points of a
-    low-discrepancy sequence. All lights therefore have equal power. A black map gives lights of intensity 0.
+    low-discrepancy sequence, which a seed other than 0 shifts at random. All lights therefore have equal power. A black
+    map gives lights of intensity 0.
     """
     h, w = image.shape[:2]
     edges = cos(np.pi * np.arange(h + 1) / h)
@@ -302,7 +307,8 @@ def _sample_map(image: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, 
     total = power.sum()
     if not total > 0.0:
         power, total = np.broadcast_to(solid, (h, w)), 0.0
-    a, b = (((np.arange(count) + 0.5) / count), (0.5 + _STEP * np.arange(count)) % 1.0)
+    shift = np.random.default_rng(seed).random(2) if seed else (0.5, 0.5)
+    a, b = (((np.arange(count) + shift[0]) / count), (shift[1] + _STEP * np.arange(count)) % 1.0)
     y, fy = _invert_cumulative(power.sum(1)[None], np.zeros(count, int), a)
     x, fx = _invert_cumulative(power, y, b)
     cosine = edges[y] + fy * (edges[y + 1] - edges[y])

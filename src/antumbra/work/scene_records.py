@@ -35,7 +35,7 @@ def scene_digest(scene: AnyScene, time: float, threads: int | None = None) -> st
 # --- Records, in JSON types -------------------------------------------------------------------------------------------
 
 
-FORMAT = 1
+FORMAT = 2
 """Version of the manifest's schema, which docs/jobs/dataset.md describes."""
 
 Record: TypeAlias = dict[str, Any]
