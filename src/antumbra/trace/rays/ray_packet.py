@@ -278,7 +278,8 @@ def enter_alike(nodes, box, rows, packet):
 _NEAR_ENDS = np.float32(
     1 / 32
 )  # largest extent of a packet's origins, or of its ends, as a fraction of the tree's reach
-_NEAR_DIRECTIONS = np.float32(4)  # largest extent of its directions, as a fraction of their largest component
+LITTLE_TURN = np.float32(1 / 4)  # largest extent of its directions, as a fraction of their largest component
+COMMON_TURN = np.float32(1.0)  # the same for the rays of a tile to one light
 
 
 class _Stack(NamedTuple):
@@ -290,11 +291,11 @@ class _Stack(NamedTuple):
 
 
 @inlined
-def is_coherent_with(rows, first, j, tree_reach, any_hit):
+def is_coherent_with(rows, first, j, tree_reach, turn, any_hit):
     """True if the sixteen rays of prepared block j are coherent with the packet that begins with block `first`.
 
     Their origins are within 1/32 of the tree's reach from that of the packet's first ray, and components of their
-    directions differ from its own by at most a quarter of its largest one. For any-hit segments, it is enough that they
+    directions differ from its own by at most `turn` times its largest one. For any-hit segments, it is enough that they
     end close together. Directions beyond 2^-40 .. 2^40 are never coherent, since intervals could overflow.
     """
     a, b = first * BLOCK_WORDS, j * BLOCK_WORDS
@@ -303,7 +304,7 @@ def is_coherent_with(rows, first, j, tree_reach, any_hit):
     for k in range(3):
         size = abs(get(rows, DX + LANES * k + a))
         widest = size if size > widest else widest
-    turn = splat16(_NEAR_DIRECTIONS * widest)
+    most = splat16(turn * widest)
     length = splat16(np.float32(0.0))
     for k in range(3):
         length = maximum(length, absolute(load16(rows, DX + LANES * k + b)))
@@ -312,7 +313,7 @@ def is_coherent_with(rows, first, j, tree_reach, any_hit):
     for k in range(3):
         o, d = load16(rows, OX + LANES * k + b), load16(rows, DX + LANES * k + b)
         o0, d0 = get(rows, OX + LANES * k + a), get(rows, DX + LANES * k + a)
-        start &= (absolute(o - o0) <= distance) & (absolute(d - d0) <= turn)
+        start &= (absolute(o - o0) <= distance) & (absolute(d - d0) <= most)
         stop &= absolute(fma(d, limit, o) - (d0 * first_limit + o0)) <= distance
     return all_lanes(start) or all_lanes(stop)
 

@@ -1,18 +1,19 @@
-"""`packet64`: packets of 64 shadow rays through the wide BVH, culled by their intervals.
+"""`wide`: packets of 64 shadow rays through the wide BVH.
 
-The rays of four receivers to their samples, or of 16 receivers to four strata, traverse the tree together: interval
-arithmetic tests a node's eight boxes for all 64 rays at once, and only the boxes that it accepts are tested by rays
-(`rays.ray_packet`). A pixel's rays start in one point, so a packet of a few receivers is as narrow as the light is
-small, however far apart neighbouring pixels are. Shafts of tiles are as wide as the tile at the receivers.
+Four rows of a tile's rays traverse the tree together: interval arithmetic tests a node's eight boxes for all 64 rays at
+once, and only the boxes that it accepts are tested by rays (`rays.ray_packet`). Incoherent rows advance ray by ray,
+interleaved.
+
+Rows are strata of the light, seen from 16 receivers. In `wide:samples`, they are receivers: their rays start in one
+point, so that packets are narrow next to the receivers, however far apart neighbouring pixels are.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ...base.progress import ProgressCallback
-from ...bvh.nodes import WideBvh, boxes_of, wide_tree_of
+from ...bvh.nodes import WideBvh, wide_tree_of
 from ...kernels.exact.predicate import two_diff
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items
@@ -23,7 +24,6 @@ from ...kernels.simd import (
     load16,
     maximum,
     ptr,
-    ptr_at,
     put,
     splat16,
     stack_f32,
@@ -34,10 +34,11 @@ from ...kernels.simd import (
     to_f64,
 )
 from ...query.shadow_query import ShadowQuery
-from ...scene.lights import AMBIENT
 from ..counters import N_COUNTERS, add_counters, cleared
 from ..light_table import STRATA
-from ..rays.ray_packet import walk_packet
+from ..rays.ray_batches import trace_blocks
+from ..rays.ray_packet import COMMON_TURN
+from ..rays.single_rays import trace_shadow
 from ..rays.wide_traversal import (
     BLOCK_WORDS,
     BLOCKS,
@@ -62,17 +63,14 @@ from ..rays.wide_traversal import (
     settle_block,
     start,
 )
-from ..tracer import WIDE, Bits, Box, Counters, Tracer
-from ..tracer_cost import Cost, FittedRate
-from .packet16 import over_pixels, over_samples
+from ..tracer import WIDE, Bits, Counters, Tracer
+from ..tracer_cost import Cost
 from .ray_tile import (
     SCRATCH_FLOATS,
     SCRATCH_INTS,
     TileRun,
     directions_of,
     finish_tile,
-    is_far,
-    is_incoherent,
     open_rays,
     origins_of,
     query_chunk_in,
@@ -116,27 +114,22 @@ def _fill_precise(rays, r, block):
 
 @kernel
 def _trace_rows(tree, rays, first, facing, batch, hits, counters):
-    """Trace rows first .. first + 3 of a tile as a packet, and mark blocked rays in `rays.dead`."""
+    """Trace rows first .. first + 3 of a tile, and mark blocked rays in `rays.dead`."""
     # In: tree, rays, first, facing. Out: batch, hits, counters, `rays.dead`.
-    alive = np.int64(0)
+    alive, query = np.int64(0), Query(facing, True)
     for j in range(BLOCKS):
+        start(hits_of(hits, j))
         if rays.rows >> (first + j) & 1:
-            start(hits_of(hits, j))
             alive |= _fill_block(tree, rays, first + j, block_of(batch, j)) << (j * LANES)
-    if alive == 0:
-        return
-    query = Query(facing, True)
-    blocked = walk_packet(tree, batch, alive, query, hits, counters)
+    blocked = trace_blocks(tree, batch, alive, query, COMMON_TURN, hits, counters)
     for j in range(BLOCKS):
-        mine, block_hits = rays_in(blocked, j), hits_of(hits, j)
-        if rays_in(alive, j) == 0:
-            continue
+        mine, block_hits, r = rays_in(blocked, j), hits_of(hits, j), first + j
         if get(block_hits.deferred, 0) > 0:
             block = block_of(batch, j)
-            _fill_precise(rays, first + j, block)
+            _fill_precise(rays, r, block)
             settle_block(tree, block, query, block_hits, counters)
-        mine |= bits(load16(block_hits.lane, 0) != np.int32(NONE)) & rays_in(alive, j)
-        put(rays.dead, first + j, get(rays.dead, first + j) | mine)
+        mine |= bits(load16(block_hits.lane, 0) != np.int32(NONE))
+        put(rays.dead, r, get(rays.dead, r) | mine)
 
 
 @kernel
@@ -149,27 +142,26 @@ def _trace_packets(ticket, wide, query, samples, job, out, counters):
     for n in items(ticket):
         rays = start_tile(job, chunk, n, scratch, places, mine)
         for first in range(0, STRATA, BLOCKS):
-            if rays.rows >> first & 15:
+            if rays.rows >> first & ((1 << BLOCKS) - 1):
                 _trace_rows(tree, rays, first, chunk.query.facing, batch, hits, mine)
         settle(tree, chunk, rays, scratch, mine)
         finish_tile(chunk, rays, places)
     add_counters(counters, mine)
 
 
-class IntervalPackets(Tracer):
-    """The tracer `packet64`."""
+class WidePackets(Tracer):
+    """The tracer `wide`. It also traces a forest of instances, one ray at a time."""
 
-    description = "packets of 64 rays through a tree of eight children per node, culled by the packet's intervals"
+    description = "packets of 64 rays, from 16 receivers to four strata of the light, eight boxes or triangles in SIMD"
     paper = "Boulos et al. 2006, Geometric and arithmetic culling methods for entire ray packets"
     form = WIDE
-    by_sample: bool | None = None
+    cost = Cost(rate=lambda features: 100.0, form=70.0)
 
-    def suits(self, query: ShadowQuery, box: Box) -> bool:
-        return not (is_incoherent(query) or is_far(query, box))
+    by_sample = False  # whether a packet holds the samples of four receivers; otherwise four strata of 16 receivers
 
     def trace(
         self,
-        prepared: WideBvh,
+        prepared: Any,
         query: ShadowQuery,
         bits: Bits,
         threads: int | None = None,
@@ -177,5 +169,17 @@ class IntervalPackets(Tracer):
         progress: ProgressCallback | None = None,
         fresh: bool = True,
     ) -> None:
-        by_sample = query.samples.shape[1] >= STRATA if self.by_sample is None else self.by_sample
-        trace_tiles(TileRun(_trace_packets, by_sample, threads, counters, progress, fresh), prepared, query, bits)
+        if isinstance(prepared, WideBvh):
+            run = TileRun(_trace_packets, self.by_sample, threads, counters, progress, fresh)
+            trace_tiles(run, prepared, query, bits)
+        else:
+            trace_shadow(prepared, query, bits, threads, counters, progress)
+
+
+class WideSamplePackets(WidePackets):
+    """The tracer `wide:samples`."""
+
+    description = "packets of 64 rays, from four receivers to their samples, eight boxes or triangles in SIMD"
+    cost = Cost(rate=lambda features: 100.0, form=70.0)
+
+    by_sample = True
