@@ -13,7 +13,7 @@ from antumbra.engine.method_registry import BUILDERS, TRACERS
 from antumbra.engine.plan import parse_plan
 from antumbra.picture.renderer import Renderer
 from antumbra.trace.counters import as_dict, new_counters
-from antumbra.trace.rays.single_rays import WideRays
+from antumbra.trace.packets.wide_packets import WidePackets
 from antumbra.trace.tracer import Form
 from antumbra.trace.tracer_cost import Cost
 from asking import answer, query_of, true_occlusion, unpack
@@ -165,7 +165,7 @@ def test_elapsed_time_of_a_device_counts_for_all_threads(scene, monkeypatch):
     """Its own time is none of the processor's: it would seem to trace in no time."""
     uploads = []
 
-    class OnDevice(WideRays):
+    class OnDevice(WidePackets):
         device = "device:0"
         form = Form("on a device", lambda bvh, threads: uploads.append(bvh) or widen(bvh, threads))
         cost = Cost(lambda features: 1e-3)
