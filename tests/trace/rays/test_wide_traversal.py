@@ -118,7 +118,7 @@ def test_blocks_share_nodes():
 
 @pytest.mark.parametrize("spread", [0.01, 0.1])
 def test_packets_whose_directions_differ_in_sign(spread):
-    """From one point each, along an axis, some of them exactly: boxes beside the packet are culled, none that it meets."""
+    """Each packet leads from one point along an axis, some of its rays exactly so: no box that it meets is culled."""
     rng = np.random.default_rng(9)
     soup = (rng.normal(size=(5000, 1, 3)) + rng.normal(size=(5000, 3, 3)) * 0.05).astype(np.float32)
     origins = np.repeat(rng.normal(size=(60, 3)), 64, 0).astype(np.float32)

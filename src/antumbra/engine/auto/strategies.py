@@ -116,8 +116,7 @@ class TreeForms:
     def conversions(self, strategies: list[str]) -> dict[str, float]:
         """Strategy -> predicted seconds to convert the tree to its form; 0 if that is done."""
         return {
-            name: form_seconds(name, self.triangles) if self.missing(TRACERS[name].form) else 0.0
-            for name in strategies
+            name: form_seconds(name, self.triangles) if self.missing(TRACERS[name].form) else 0.0 for name in strategies
         }
 
     def may_convert(self, seconds: float, least: float) -> bool:
@@ -148,7 +147,7 @@ TRIAL_SHARE = 0.04  # maximum cost of trying strategies, relative to the predict
 KEPT_TRIAL_SHARE = 0.12  # the same where one of them has to be loaded, as only queries of kept trees do
 MAX_CONVERSION_SHARE = 0.1  # maximum cost of a tree conversion for a try, relative to the least predicted cost,
 SPENT_CONVERSION_SHARE = 0.25  # plus this share of the time of earlier queries in the tree
-MAX_TRIED = 4  # strategies
+MAX_TRIED = 6  # strategies
 _MIN_SAMPLE_SECONDS = 8e-4  # a call alone costs a tenth of this
 _SAMPLE_RAYS = 1 << 14  # of `sampled_rate`
 _MAX_SAMPLE_SHARE = 0.1  # maximum share of the receivers in the sample

@@ -64,7 +64,7 @@ from ..rays.wide_traversal import (
     start,
 )
 from ..tracer import WIDE, Bits, Counters, Tracer
-from ..tracer_cost import Cost
+from ..tracer_cost import Cost, FittedRate
 from .ray_tile import (
     SCRATCH_FLOATS,
     SCRATCH_INTS,
@@ -155,7 +155,15 @@ class WidePackets(Tracer):
     description = "packets of 64 rays, from 16 receivers to four strata of the light, eight boxes or triangles in SIMD"
     paper = "Boulos et al. 2006, Geometric and arithmetic culling methods for entire ray packets"
     form = WIDE
-    cost = Cost(rate=lambda features: 100.0, form=70.0)
+    cost = Cost(
+        rate=FittedRate(
+            2.0521, -0.118345, 0.287075, -0.23517, 0.200246, -0.0927732, -0.390668, 0.708013, 0.0640883, 0.0304122,
+            -0.0727175, 0.0270047, 0.0256772, 0.00789954, -3.20824e-05, -0.00139981, 0.00913626, -0.137029,
+            0.00659514, 0.0279311, -0.0152513, 0.0573332,
+        ),
+        form=70.0,
+        reference=64.6,
+    )  # fmt: skip
 
     by_sample = False  # whether a packet holds the samples of four receivers; otherwise four strata of 16 receivers
 
@@ -180,6 +188,14 @@ class WideSamplePackets(WidePackets):
     """The tracer `wide:samples`."""
 
     description = "packets of 64 rays, from four receivers to their samples, eight boxes or triangles in SIMD"
-    cost = Cost(rate=lambda features: 100.0, form=70.0)
+    cost = Cost(
+        rate=FittedRate(
+            2.5478, 0.510813, 0.348318, -0.274344, 0.104201, -0.0648998, -0.520846, 0.859059, -0.0117851, -0.0344293,
+            -0.0506119, -0.028912, 0.0654188, -0.0018483, -0.00714527, -0.00616189, 0.0067254, -0.0321978, -0.01206,
+            -0.117583, -0.0138954, -0.0355095,
+        ),
+        form=70.0,
+        reference=35.6,
+    )  # fmt: skip
 
     by_sample = True
