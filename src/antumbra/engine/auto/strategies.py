@@ -146,7 +146,7 @@ def answer_query(
 TRIAL_SHARE = 0.04  # maximum cost of trying strategies, relative to the predicted cost of the query
 KEPT_TRIAL_SHARE = 0.12  # the same where one of them has to be loaded, as only queries of kept trees do
 MAX_CONVERSION_SHARE = 0.1  # maximum cost of a tree conversion for a try, relative to the least predicted cost,
-SPENT_CONVERSION_SHARE = 0.25  # plus this share of the time of earlier queries in the tree
+SPENT_CONVERSION_SHARE = 0.4  # plus this share of the time of earlier queries in the tree
 MAX_TRIED = 6  # strategies
 _MIN_SAMPLE_SECONDS = 8e-4  # a call alone costs a tenth of this
 _SAMPLE_RAYS = 1 << 14  # of `sampled_rate`
