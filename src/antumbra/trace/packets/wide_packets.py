@@ -162,6 +162,8 @@ class WidePackets(Tracer):
             0.00659514, 0.0279311, -0.0152513, 0.0573332,
         ),
         form=70.0,
+        load=0.03,
+        saving=0.25,
         reference=64.6,
     )  # fmt: skip
 
@@ -195,6 +197,8 @@ class WideSamplePackets(WidePackets):
             -0.117583, -0.0138954, -0.0355095,
         ),
         form=70.0,
+        load=0.03,
+        saving=0.25,
         reference=35.6,
     )  # fmt: skip
 
