@@ -22,7 +22,8 @@ from ..techniques.tracer_options import ChcRtOptions
 from ..trace.frusta.multi_frusta import MultiFrusta
 from ..trace.frusta.sample_frusta import SampleFrustaTracer
 from ..trace.packets.packet16 import BlockPackets, PixelPackets, SamplePackets
-from ..trace.rays.single_rays import SingleRays, WideRays
+from ..trace.packets.wide_packets import WidePackets, WideSamplePackets
+from ..trace.rays.single_rays import SingleRays
 from ..trace.tracer import BLOCKS, BVH, TRACERS, TRIANGLES, WIDE, Form, Tracer, TracerState
 from ..trace.tracer_cost import Cost, FittedRate, QueryFeatures, TreelessCost
 from .auto.strategies import AutoTracer
@@ -187,7 +188,8 @@ UPDATERS: dict[str, Updater] = {
 TRACERS |= {
     "auto": AutoTracer(),  # lists of plans begin with it
     "single": SingleRays(),
-    "wide": WideRays(),
+    "wide": WidePackets(),
+    "wide:samples": WideSamplePackets(),
     "multifrusta": MultiFrusta(),
     "multifrusta:by-sample": SampleFrustaTracer(),
     "packet16": PixelPackets(),

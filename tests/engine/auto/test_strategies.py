@@ -13,7 +13,7 @@ from antumbra.engine.method_registry import BUILDERS, TRACERS
 from antumbra.engine.plan import parse_plan
 from antumbra.picture.renderer import Renderer
 from antumbra.trace.counters import as_dict, new_counters
-from antumbra.trace.rays.single_rays import WideRays
+from antumbra.trace.packets.wide_packets import WidePackets
 from antumbra.trace.tracer import Form
 from antumbra.trace.tracer_cost import Cost
 from asking import answer, query_of, true_occlusion, unpack
@@ -165,7 +165,7 @@ def test_elapsed_time_of_a_device_counts_for_all_threads(scene, monkeypatch):
     """Its own time is none of the processor's: it would seem to trace in no time."""
     uploads = []
 
-    class OnDevice(WideRays):
+    class OnDevice(WidePackets):
         device = "device:0"
         form = Form("on a device", lambda bvh, threads: uploads.append(bvh) or widen(bvh, threads))
         cost = Cost(lambda features: 1e-3)
@@ -186,6 +186,23 @@ def test_elapsed_time_of_a_device_counts_for_all_threads(scene, monkeypatch):
     truth, active = true_occlusion(triangles, query)
     for found in answers:
         np.testing.assert_array_equal(found[active], truth[active])
+
+
+def test_a_kept_tree_is_converted_once_queries_have_taken_long(scene, monkeypatch):
+    """A conversion that does not pay for one query pays for many."""
+    for limit in "TRIAL_SHARE", "KEPT_TRIAL_SHARE", "MAX_TRIED":
+        monkeypatch.setattr(strategies, limit, 1 << 30)
+    monkeypatch.setattr(strategies, "form_seconds", lambda name, n: 1e3 * (TRACERS[name].form.make is not None))
+    monkeypatch.setattr(kernel_loads.TRACER_LOADS, "pays", lambda method, gain, load: True)
+    monkeypatch.setattr(strategies, "predicted_rate", lambda name, facts: 1e-7)
+    triangles, query = query_of(scene, scene.cameras[0].resized(96, 80), LAMP, 16)
+    auto, tried = strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 2), []
+    for spent in 0.0, 0.0, 1e3 / strategies.SPENT_CONVERSION_SHARE:
+        auto.forms.spent += spent
+        auto.begin()
+        strategies.AutoTracer().trace(auto, query, np.zeros((80, 96, 1), np.uint64), 2)
+        tried.append((auto.choices[0].reason, {"wide", "multifrusta"} <= set(auto.choices[0].tried)))
+    assert tried == [("sample", False), ("earlier query", False), ("sample", True)] and auto.forms.spent > 2e3
 
 
 def test_an_unlikely_strategy_is_not_tried(scene, monkeypatch):

@@ -53,7 +53,7 @@ def test_what_each_way_of_shrinking_saves_and_costs(counted):
     assert full["triangles"] < corners["triangles"] and full["triangle_tests"] <= corners["triangle_tests"]
 
 
-@pytest.mark.parametrize("name", [*TRACERS, *SHRINKING])
+@pytest.mark.parametrize("name", [*TRACERS, "wide", "wide:samples", *SHRINKING])
 def test_more_uncertain_segments_than_can_be_put_deferred(name):
     """Triangles with hardly an area, and one real occluder. They are so long that float32 cannot decide any ray."""
     far = np.random.default_rng(1).uniform(4e4, 5e4, 400)

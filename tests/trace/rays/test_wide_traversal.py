@@ -116,6 +116,23 @@ def test_blocks_share_nodes():
     assert 0.05 < hit < 0.95 and together["nodes"] < apart["nodes"] / 2
 
 
+@pytest.mark.parametrize("spread", [0.01, 0.1])
+def test_packets_whose_directions_differ_in_sign(spread):
+    """Each packet leads from one point along an axis, some of its rays exactly so: no box that it meets is culled."""
+    rng = np.random.default_rng(9)
+    soup = (rng.normal(size=(5000, 1, 3)) + rng.normal(size=(5000, 3, 3)) * 0.05).astype(np.float32)
+    origins = np.repeat(rng.normal(size=(60, 3)), 64, 0).astype(np.float32)
+    directions = rng.uniform(-spread, spread, (60, 64, 3))
+    directions[:, ::7] = 0.0
+    for axis in range(3):
+        directions[axis::3, :, axis] += (-1.0, 1.0, 1.0)[axis]
+    directions = directions.reshape(-1, 3).astype(np.float32)
+    hit, together = _compare(soup, origins, directions)
+    order = rng.permutation(len(origins))
+    _, alone = _compare(soup, origins[order], directions[order])
+    assert 0.1 < hit < 0.95 and together["nodes"] < alone["nodes"] / 4
+
+
 def test_parallel_rays_along_axes_through_a_grid_of_corners():
     """Origins and directions lie on planes of boxes and on edges of triangles."""
     x, y = (a.ravel() for a in np.meshgrid(np.arange(8.0), np.arange(8.0)))

@@ -82,7 +82,11 @@ class TreeForms:
         Of the scene; of the tree, if None is given.
     triangles : int
         Number of triangles in the tree.
+    spent : float
+        Seconds that queries have taken in the tree, on all threads.
     """
+
+    spent = 0.0
 
     def __init__(self, bvh: Bvh, threads: int, extent: SceneExtent | None = None):
         self.bvh, self.threads, self.triangles = bvh, threads, len(bvh.prim_ids)
@@ -109,6 +113,19 @@ class TreeForms:
         """Whether the tree has not been converted to a form yet."""
         return form.make is not None and form not in self._forms
 
+    def conversions(self, strategies: list[str]) -> dict[str, float]:
+        """Strategy -> predicted seconds to convert the tree to its form; 0 if that is done."""
+        return {
+            name: form_seconds(name, self.triangles) if self.missing(TRACERS[name].form) else 0.0 for name in strategies
+        }
+
+    def may_convert(self, seconds: float, least: float) -> bool:
+        """Whether a conversion may take `seconds` to try a strategy for a query that others answer in `least` seconds.
+
+        By the ski-rental rule, a tree in which queries have taken long is worth more.
+        """
+        return seconds < MAX_CONVERSION_SHARE * least + SPENT_CONVERSION_SHARE * self.spent
+
 
 def answer_query(
     strategy: str,
@@ -128,8 +145,9 @@ def answer_query(
 
 TRIAL_SHARE = 0.04  # maximum cost of trying strategies, relative to the predicted cost of the query
 KEPT_TRIAL_SHARE = 0.12  # the same where one of them has to be loaded, as only queries of kept trees do
-MAX_CONVERSION_SHARE = 0.1  # maximum cost of a tree conversion for a try, relative to the least predicted cost
-MAX_TRIED = 4  # strategies
+MAX_CONVERSION_SHARE = 0.1  # maximum cost of a tree conversion for a try, relative to the least predicted cost,
+SPENT_CONVERSION_SHARE = 0.4  # plus this share of the time of earlier queries in the tree
+MAX_TRIED = 6  # strategies
 _MIN_SAMPLE_SECONDS = 8e-4  # a call alone costs a tenth of this
 _SAMPLE_RAYS = 1 << 14  # of `sampled_rate`
 _MAX_SAMPLE_SHARE = 0.1  # maximum share of the receivers in the sample
@@ -221,7 +239,7 @@ def choose_strategy(
     suited : names of the strategies that can answer it
     known : strategy -> nanoseconds per ray of earlier queries; empty: unknown
     """
-    conversion = {name: form_seconds(name, forms.triangles) * forms.missing(TRACERS[name].form) for name in suited}
+    conversion = forms.conversions(suited)
     if known:
         cost = {name: 1e-9 * known[name] * features.rays + conversion[name] for name in suited if name in known}
         strategy = min(cost, key=cost.__getitem__)
@@ -235,19 +253,27 @@ def choose_strategy(
     return StrategyChoice(strategy, features.rays, "sample", 1e-9 * tried[strategy] * features.rays, tried)
 
 
-def worth_trying(cost: dict[str, float], conversion: dict[str, float]) -> list[str]:
-    """The strategies that may be the fastest, the one with the least predicted cost first.
+def worth_trying(forms: TreeForms, cost: dict[str, float], conversion: dict[str, float]) -> list[str]:
+    """The strategies that may be the fastest: the one with the least predicted cost, then those that trace faster.
 
     cost : strategy -> predicted seconds, including the conversion of the tree
     conversion : strategy -> predicted seconds to convert the tree to its form
     """
-    best, *others = sorted(cost, key=cost.__getitem__)
+    best = min(cost, key=cost.__getitem__)
+    tracing = {name: cost[name] - conversion[name] for name in cost}
     likely = [
         name
-        for name in others
-        if cost[name] < cost_of(name).tried * cost[best] and conversion[name] < MAX_CONVERSION_SHARE * cost[best]
+        for name in sorted(tracing, key=tracing.__getitem__)
+        if name != best
+        and tracing[name] < cost_of(name).tried * cost[best]
+        and forms.may_convert(conversion[name], cost[best])
     ]
-    return [best, *sorted(likely, key=lambda name: not cost_of(name).is_risky)]
+    return [best, *sorted(likely, key=lambda name: cost_of(name).is_risky)]
+
+
+def _convertible(forms: TreeForms, suited: list[str], least: float) -> int:
+    """The number of strategies for which the tree has, or may be converted to, the form; least: as in `may_convert`."""
+    return sum(not seconds or forms.may_convert(seconds, least) for seconds in forms.conversions(suited).values())
 
 
 def sorting_pays(
@@ -277,7 +303,7 @@ def try_strategies(
 
     cost, conversion : as for `worth_trying`
     """
-    names, least = worth_trying(cost, conversion), min(cost.values())
+    names, least = worth_trying(forms, cost, conversion), min(cost.values())
     share = KEPT_TRIAL_SHARE if any(cost_of(name).load for name in names) else TRIAL_SHARE
     window = least * _WINDOW / max(features.receivers, 1) * min(1.0, STRATA / features.samples)  # seconds
     count = min(len(names), MAX_TRIED, int(share * least / max(_MIN_SAMPLE_SECONDS, _MIN_WINDOWS * window)))
@@ -478,7 +504,8 @@ class AutoTracer(Tracer):
         places, suited = None, suitable_strategies(query, forms.extent.box)
         seconds = features.rays * min(predicted_rate(name, features) for name in suited)
         suited = worth_loading(suited, 0.0 if prepared.builder == QUICK else seconds)
-        key = *feature_key(features), len(suited)  # strategies are tried again once another one is loaded
+        # strategies are tried again once another one is loaded, or the tree may be converted to its form
+        key = *feature_key(features), len(suited), _convertible(forms, suited, seconds)
         if sorting_pays(query, forms, features, suited, threads):
             places = spatial_order(query.origins[0])
             query = reorder_query(query, places)
@@ -492,4 +519,5 @@ class AutoTracer(Tracer):
         if places is not None:
             bits[:, places] = out
         seconds = _clock(tracer, threads) - start
+        prepared.forms.spent += seconds
         memory.learn(key, choice._replace(sorted=places is not None, seconds=seconds), prepared.builder)

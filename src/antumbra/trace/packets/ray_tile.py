@@ -124,7 +124,7 @@ def query_chunk_in(query, samples, job):
 
 
 @kernel
-def _by_receiver(tile, scratch):
+def by_receiver(tile, scratch):
     """Fill the receivers' origins. Return the points of the receivers' samples."""
     for r in range(16):
         for k in range(3):
@@ -155,7 +155,7 @@ def start_tile(job, chunk, n, scratch, known, counters):
         else:
             read_bits(chunk, y0, x0, valid, tile, known)
         if job.by_sample:
-            points = _by_receiver(tile, scratch)
+            points = by_receiver(tile, scratch)
             return TileRays(tile, scratch.pixel, scratch.origins, 48, points, scratch.dead, valid, strata, 1, 16)
     return TileRays(
         tile, scratch.pixel, tile.origins, 0, tile.points, tile.dead, strata if valid != 0 else 0, valid, 16, 1

@@ -21,18 +21,27 @@ from ...kernels.exact.filters import (
 )
 from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, I64Ptr, inlined
 from ...kernels.simd import (
+    absolute,
+    bits,
     get,
     load8,
+    load16,
+    lowest_bit,
+    maximum,
+    minimum,
     prefetch,
+    ptr,
     ptr_at,
     put,
     store,
+    to_f32,
 )
 from ...kernels.transposition import transposed8
 from .wide_traversal import BLOCK_WORDS, DX, LANES, OX, block_of, hits_of, ray_of, slot_of
 
 CORNER_WORDS = 9 * LANES
 REPORT_WORDS = 4 * LANES
+_UNKNOWN = np.float32(UNKNOWN)
 _T, _U, _V, _D = 0, LANES, 2 * LANES, 3 * LANES
 
 
@@ -159,6 +168,30 @@ def compute_numbers(tree, rays, report, first, n_hits, n):
 
 
 @inlined
+def _clamped(weights):
+    """`clamp_weight` of sixteen weights."""
+    rounded = to_f32(weights)  # before the limits, which are float32 numbers
+    return absolute(minimum(maximum(rounded, np.float32(0.0)), np.float32(1.0)))
+
+
+@inlined
+def _write_block(tree, rays, first, report, out, at):
+    """`write_hit` of the hits of sixteen consecutive rays, from hit `first` on, to elements from `at` on."""
+    numbers = report.numbers
+    t, u = load16(numbers, _T), load16(numbers, _U)
+    store(ptr(out.t), at, t)
+    store(ptr(out.u), at, _clamped(u))
+    store(ptr(out.v), at, _clamped(load16(numbers, _V)))
+    for k in range(LANES):
+        out.face[at + k] = get(tree.prim_ids, get(report.slots, first + k))
+    unknown = bits((to_f32(t) == _UNKNOWN) | (to_f32(u) == _UNKNOWN))
+    while unknown:
+        k = lowest_bit(unknown)
+        unknown &= unknown - 1
+        write_hit(tree, rays, first + k, report, False, out, at + k)
+
+
+@inlined
 def write_nearest(tree, rays, hits, n, report, out, first):
     """Write the nearest hits of n rays of several blocks from element `first` of the arrays on."""
     n_hits = _write_misses(tree, hits, n, report, out, first)
@@ -167,5 +200,8 @@ def write_nearest(tree, rays, hits, n, report, out, first):
     pad(report, n_hits)
     for begin in range(0, n_hits, LANES):
         compute_numbers(tree, rays, report, begin, n_hits, n)
+        if n_hits == n and begin + LANES <= n:
+            _write_block(tree, rays, begin, report, out, first + begin)
+            continue
         for k in range(begin, min(begin + LANES, n_hits)):
             write_hit(tree, rays, k, report, False, out, first + np.int64(get(report.rays, k)))

@@ -43,7 +43,7 @@ from ...scene.scene_bounds import NEAREST
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
 from .hit_reports import CORNER_WORDS, REPORT_WORDS, Report, write_nearest
 from .interleaved_rays import walk_interleaved
-from .ray_packet import is_coherent_with, walk_packet
+from .ray_packet import LITTLE_TURN, is_coherent_with, walk_packet
 from .wide_traversal import (
     BLOCK_WORDS,
     BLOCKS,
@@ -198,14 +198,14 @@ def read_batch(tree, rays, first, batch):
 
 
 @inlined
-def _packet_rays(rows, first, candidates, tree_reach, any_hit):
+def _packet_rays(rows, first, candidates, tree_reach, turn, any_hit):
     """Rays (bits) of the blocks in `candidates` that are coherent with block `first`; 0 if its own rays are not."""
     members = 0
-    if is_coherent_with(rows, first, first, tree_reach, any_hit):
+    if is_coherent_with(rows, first, first, tree_reach, turn, any_hit):
         while candidates:
             j = first_block(candidates)
             candidates &= ~rays_of_block(j)
-            if is_coherent_with(rows, first, j, tree_reach, any_hit):
+            if is_coherent_with(rows, first, j, tree_reach, turn, any_hit):
                 members |= rays_of_block(j)
     return members
 
@@ -223,12 +223,15 @@ def write_blocked(blocked, n, out, first):
 
 
 @inlined
-def _trace(tree, rays, alive, query, hits, counters):
-    """Trace the rays in `alive` (bits) of several blocks. Return bits of blocked rays that `hits` does not hold."""
+def trace_blocks(tree, rays, alive, query, turn, hits, counters):
+    """Trace the rays in `alive` (bits) of several blocks. Return bits of blocked rays that `hits` does not hold.
+
+    turn : as in `is_coherent_with`
+    """
     blocked, single = np.int64(0), np.int64(0)
     while alive:
         j = first_block(alive)
-        packet = alive & _packet_rays(rays.rows, j, alive, tree.reach, query.any_hit)
+        packet = alive & _packet_rays(rays.rows, j, alive, tree.reach, turn, query.any_hit)
         if packet:
             blocked |= walk_packet(tree, rays, packet, query, hits, counters)
             alive &= ~packet
@@ -259,7 +262,7 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
         n_blocks = (n + LANES - 1) // LANES
         for j in range(n_blocks):
             start(hits_of(hits, j))
-        blocked = _trace(tree, batch, alive, query, hits, mine)
+        blocked = trace_blocks(tree, batch, alive, query, LITTLE_TURN, hits, mine)
         for j in range(n_blocks):
             block_hits = hits_of(hits, j)
             if get(block_hits.deferred, 0) > 0:

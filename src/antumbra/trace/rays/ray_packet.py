@@ -104,11 +104,12 @@ class PacketAxis(NamedTuple):
     """A packet's intervals along one axis; scalars."""
 
     origin: np.float32  # coordinate of x0
-    low: np.float32  # least inverse; 0 if the inverses differ in sign, so that the axis does not restrict t
-    high: np.float32  # greatest inverse; 0 in the same case
-    near: np.float32  # least offset of a plane through which rays enter
-    far: np.float32  # greatest offset of a plane through which rays leave
-    word: int  # word in a node of the planes through which rays enter
+    low: np.float32  # least inverse; along a mixed axis, the negative one closest to zero
+    high: np.float32  # greatest inverse; along a mixed axis, the positive one closest to zero
+    near: np.float32  # least offset of a plane through which rays enter; along a mixed axis, of lower planes
+    far: np.float32  # greatest offset of a plane through which rays leave; along a mixed axis, least of upper planes
+    word: int  # word in a node of the planes through which rays enter; along a mixed axis, of lower planes
+    mixed: bool  # directions differ in sign
 
 
 class RayPacket(NamedTuple):
@@ -155,7 +156,8 @@ def _focus_of(rows, alive):
 def _axis(rows, alive, k, origin, tree_reach, turn):
     """The `PacketAxis` k of a packet; turn: TURN of the largest coordinate of the rays, the tree and x0 on any axis."""
     lows, highs, nears, fars = splat16(_INF), splat16(-_INF), splat16(_INF), splat16(-_INF)
-    sizes = splat16(max(abs(origin), tree_reach[k]))
+    backs, fronts, firsts, lasts = splat16(-_INF), splat16(_INF), splat16(_INF), splat16(-_INF)
+    sizes, zero = splat16(max(abs(origin), tree_reach[k])), np.float32(0.0)
     while alive:
         j = first_block(alive)
         alive &= ~rays_of_block(j)
@@ -164,13 +166,18 @@ def _axis(rows, alive, k, origin, tree_reach, turn):
         offset, sizes = (splat16(origin) - start) * inverse, maximum(sizes, absolute(start))
         lows, highs = minimum(lows, inverse), maximum(highs, inverse)
         nears, fars = minimum(nears, offset), maximum(fars, offset)
-    low, high = reduce_min(lows), reduce_max(highs)
-    if low < 0.0 and high > 0.0:  # the axis does not restrict t
-        zero = np.float32(0.0)
-        return PacketAxis(origin, zero, zero, -_INF, _INF, np.int64(2 * WIDTH * k))
-    grow = (reduce_max(sizes) * PAD + turn) * _TWICE * (-low if low < 0 else high)
-    word = np.int64(2 * WIDTH * k) + (np.int64(WIDTH) if low < 0 else 0)
-    return PacketAxis(origin, low, high, reduce_min(nears) - grow, reduce_max(fars) + grow, word)
+        backs = maximum(backs, select(inverse < zero, inverse, splat16(-_INF)))
+        fronts = minimum(fronts, select(inverse > zero, inverse, splat16(_INF)))
+        firsts, lasts = minimum(firsts, start), maximum(lasts, start)
+    low, high, word = reduce_min(lows), reduce_max(highs), np.int64(2 * WIDTH * k)
+    pad = (reduce_max(sizes) * PAD + turn) * _TWICE
+    if low < 0.0 and high > 0.0:
+        back, front = reduce_max(backs), reduce_min(fronts)
+        near, far = -(reduce_max(lasts) * front) - pad * front, -(reduce_min(firsts) * back) + pad * back
+        return PacketAxis(origin, back, front, near, far, word, True)
+    grow = pad * (-low if low < 0 else high)
+    word += np.int64(WIDTH) if low < 0 else 0
+    return PacketAxis(origin, low, high, reduce_min(nears) - grow, reduce_max(fars) + grow, word, False)
 
 
 @inlined
@@ -187,8 +194,7 @@ def packet_of(tree, rows, alive):
     x = _axis(rows, alive, 0, f.x, tree.reach, turn)
     y = _axis(rows, alive, 1, f.y, tree.reach, turn)
     z = _axis(rows, alive, 2, f.z, tree.reach, turn)
-    mixed = x.high * x.low <= 0.0 or y.high * y.low <= 0.0 or z.high * z.low <= 0.0
-    return RayPacket(x, y, z, reduce_min(tmins), mixed), reduce_max(limits)
+    return RayPacket(x, y, z, reduce_min(tmins), x.mixed or y.mixed or z.mixed), reduce_max(limits)
 
 
 @inlined
@@ -200,6 +206,21 @@ def _times(nodes, at, origin, a):
 
 
 @inlined
+def _slabs(nodes, at, a):
+    """Bounds of the t at which rays are between the planes of eight boxes along an axis.
+
+    (earliest entry, latest entry, earliest exit, latest exit)
+    """
+    if a.mixed:
+        lower, upper = load8(nodes, at + a.word), load8(nodes, at + a.word + WIDTH)
+        forth, back = fma(lower, splat8(a.high), splat8(a.near)), fma(upper, splat8(a.low), splat8(a.far))
+        return maximum(forth, back), splat8(_INF), splat8(-_INF), splat8(_INF)
+    first_in, last_in = _times(nodes, at + a.word, a.origin, a)
+    first_out, last_out = _times(nodes, at + (a.word ^ WIDTH), a.origin, a)
+    return first_in, last_in, first_out, last_out
+
+
+@inlined
 def enter_any(nodes, at, packet, limit):
     """Test a node's eight boxes for the rays of a packet and t before `limit`.
 
@@ -207,12 +228,9 @@ def enter_any(nodes, at, packet, limit):
     vector of lower bounds of entry t).
     """
     x, y, z, tmin, _ = packet
-    near_x, x_in = _times(nodes, at + x.word, x.origin, x)
-    near_y, y_in = _times(nodes, at + y.word, y.origin, y)
-    near_z, z_in = _times(nodes, at + z.word, z.origin, z)
-    x_out, far_x = _times(nodes, at + (x.word ^ WIDTH), x.origin, x)
-    y_out, far_y = _times(nodes, at + (y.word ^ WIDTH), y.origin, y)
-    z_out, far_z = _times(nodes, at + (z.word ^ WIDTH), z.origin, z)
+    near_x, x_in, x_out, far_x = _slabs(nodes, at, x)
+    near_y, y_in, y_out, far_y = _slabs(nodes, at, y)
+    near_z, z_in, z_out, far_z = _slabs(nodes, at, z)
     t_near = maximum(maximum(near_x, near_y), maximum(near_z, splat8(tmin)))
     t_far = minimum(minimum(far_x, far_y), minimum(far_z, splat8(limit)))
     last_in = maximum(maximum(x_in, y_in), maximum(z_in, splat8(tmin)))
@@ -260,7 +278,8 @@ def enter_alike(nodes, box, rows, packet):
 _NEAR_ENDS = np.float32(
     1 / 32
 )  # largest extent of a packet's origins, or of its ends, as a fraction of the tree's reach
-_NEAR_DIRECTIONS = np.float32(1 / 4)  # largest extent of its directions, as a fraction of their largest component
+LITTLE_TURN = np.float32(1 / 4)  # largest extent of its directions, as a fraction of their largest component
+COMMON_TURN = np.float32(1.0)  # the same for the rays of a tile to one light
 
 
 class _Stack(NamedTuple):
@@ -272,11 +291,11 @@ class _Stack(NamedTuple):
 
 
 @inlined
-def is_coherent_with(rows, first, j, tree_reach, any_hit):
+def is_coherent_with(rows, first, j, tree_reach, turn, any_hit):
     """True if the sixteen rays of prepared block j are coherent with the packet that begins with block `first`.
 
     Their origins are within 1/32 of the tree's reach from that of the packet's first ray, and components of their
-    directions differ from its own by at most a quarter of its largest one. For any-hit segments, it is enough that they
+    directions differ from its own by at most `turn` times its largest one. For any-hit segments, it is enough that they
     end close together. Directions beyond 2^-40 .. 2^40 are never coherent, since intervals could overflow.
     """
     a, b = first * BLOCK_WORDS, j * BLOCK_WORDS
@@ -285,7 +304,7 @@ def is_coherent_with(rows, first, j, tree_reach, any_hit):
     for k in range(3):
         size = abs(get(rows, DX + LANES * k + a))
         widest = size if size > widest else widest
-    turn = splat16(_NEAR_DIRECTIONS * widest)
+    most = splat16(turn * widest)
     length = splat16(np.float32(0.0))
     for k in range(3):
         length = maximum(length, absolute(load16(rows, DX + LANES * k + b)))
@@ -294,7 +313,7 @@ def is_coherent_with(rows, first, j, tree_reach, any_hit):
     for k in range(3):
         o, d = load16(rows, OX + LANES * k + b), load16(rows, DX + LANES * k + b)
         o0, d0 = get(rows, OX + LANES * k + a), get(rows, DX + LANES * k + a)
-        start &= (absolute(o - o0) <= distance) & (absolute(d - d0) <= turn)
+        start &= (absolute(o - o0) <= distance) & (absolute(d - d0) <= most)
         stop &= absolute(fma(d, limit, o) - (d0 * first_limit + o0)) <= distance
     return all_lanes(start) or all_lanes(stop)
 

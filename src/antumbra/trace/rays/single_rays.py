@@ -1,8 +1,7 @@
-"""Rays one at a time: the tracers `single` and `wide`, and exact step counts.
+"""Rays one at a time: the tracer `single`, and exact step counts.
 
-Tracers. `single` (binary BVH) and `wide` (wide BVH) trace one shadow ray at a time by the same loop. `single` is the
-baseline, with which every other tracer must agree bit for bit. Variants such as `single:random` differ only in the
-child order (`ray_traversal`).
+Tracer. `single` is the baseline, with which every other tracer must agree bit for bit. Variants such as `single:random`
+differ only in the child order (`ray_traversal`). Scenes of instances are traced by the same loop.
 
 Steps [Feltman et al. 2012, Sec. 4.1]. A step is a test of a ray against the box of a child that the traversal reaches.
 The root's box is not tested. There are three classes of steps:
@@ -14,7 +13,7 @@ The root's box is not tested. There are three classes of steps:
 Rays are traced one by one, and the last blocker is not tested first.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +23,9 @@ from ...bvh.nodes import (
     LINK,
     Bvh,
     Tree,
-    WideBvh,
-    WideTree,
     bvh_leaf,
     parents_first,
     tree_of,
-    wide_tree_of,
 )
 from ...kernels.exact.predicate import segment
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel, overload
@@ -38,14 +34,8 @@ from ...kernels.simd import (
     atomic_add,
     get,
     ptr,
-    put,
-    splat16,
     stack_array,
-    stack_f32,
-    stack_f64,
-    stack_i32,
     stack_i64,
-    store,
 )
 from ...kernels.vec3 import get3
 from ...query.receivers import NOTHING
@@ -69,66 +59,12 @@ from ..counters import (
     add_counters,
     cleared_if,
     count,
-    new_counters,
 )
-from ..tracer import WIDE, Bits, Counters, Form, Tracer
+from ..tracer import Bits, Counters, Form, Tracer
 from ..tracer_cost import Cost, FittedRate
-from .interleaved_rays import walk_interleaved
 from .ray_traversal import BUILT, Ordered, triangle_hit, walk
-from .wide_traversal import (
-    BLOCK_WORDS,
-    DEFERRED_WORDS,
-    DIRECTION,
-    DX,
-    ENDS,
-    LANES,
-    OX,
-    PRECISE_WORDS,
-    REMAINDER,
-    TMAX,
-    TMIN,
-    Query,
-    RayBlock,
-    WideHit,
-    prepare,
-    settle_block,
-    slot_of,
-    start,
-)
 
-# --- The tracers `single` and `wide` ----------------------------------------------------------------------------------
-
-
-@kernel
-def any_hit_wide(tree, ray, skip, cull_faces, counters):
-    """Slot of a triangle that a segment meets, or -1."""
-    rows, precise, skips = stack_f32(BLOCK_WORDS), stack_f64(PRECISE_WORDS), stack_i32(LANES)
-    f = np.float32
-    store(rows, OX, splat16(f(ray.ox)))
-    store(rows, OX + LANES, splat16(f(ray.oy)))
-    store(rows, OX + 2 * LANES, splat16(f(ray.oz)))
-    store(rows, DX, splat16(f(ray.dx)))
-    store(rows, DX + LANES, splat16(f(ray.dy)))
-    store(rows, DX + 2 * LANES, splat16(f(ray.dz)))
-    store(rows, TMIN, splat16(f(ray.tmin)))
-    store(rows, TMAX, splat16(f(ray.tmax)))
-    put(precise, ENDS, ray.tmin)
-    put(precise, ENDS + LANES, ray.tmax)
-    put(precise, DIRECTION, ray.dx)
-    put(precise, DIRECTION + LANES, ray.dy)
-    put(precise, DIRECTION + 2 * LANES, ray.dz)
-    put(precise, REMAINDER, ray.rx)
-    put(precise, REMAINDER + LANES, ray.ry)
-    put(precise, REMAINDER + 2 * LANES, ray.rz)
-    put(skips, 0, skip)
-    hits = WideHit(stack_i32(LANES), stack_i32(DEFERRED_WORDS))
-    prepare(rows, tree.reach)
-    block, query = RayBlock(rows, precise, skips, True), Query(cull_faces, True)
-    start(hits)
-    walk_interleaved(tree, block, np.int64(1), query, hits, counters)
-    if get(hits.deferred, 0) > 0:
-        settle_block(tree, block, query, hits, counters)
-    return slot_of(tree, hits, 0)
+# --- The tracer `single` ----------------------------------------------------------------------------------------------
 
 
 TILE = 16  # side of a tile in pixels; a tile is traced by one thread
@@ -149,11 +85,7 @@ class OrderedTree(NamedTuple):
 
 
 def pointers(prepared):
-    """In kernels: the `OrderedTree` of an `Ordered`, or the `WideTree` of a `WideBvh`; other modules add theirs."""
-
-
-def any_hit(tree, ray, skip, cull_faces, counters):
-    """In kernels: the slot of a triangle that the ray meets, or -1. The type of the tree selects the traversal."""
+    """In kernels: the `OrderedTree` of an `Ordered`; other modules add theirs."""
 
 
 @inlined
@@ -166,19 +98,6 @@ def _ordered_tree(prepared):
 def _pointers(prepared):
     if prepared.instance_class is Ordered:
         return lambda prepared: _ordered_tree(prepared)
-    if prepared.instance_class is WideBvh:
-        return lambda prepared: wide_tree_of(prepared)
-    return None
-
-
-@overload(any_hit)
-def _any_hit(tree, ray, skip, cull_faces, counters):
-    if tree.instance_class is OrderedTree:
-        return lambda tree, ray, skip, cull_faces, counters: walk(
-            tree.tree, ray, skip, cull_faces, tree.order, None, counters
-        )[0]
-    if tree.instance_class is WideTree:
-        return lambda tree, ray, skip, cull_faces, counters: any_hit_wide(tree, ray, skip, cull_faces, counters)
     return None
 
 
@@ -188,7 +107,7 @@ def blocker(tree, ray, skip, cull_faces, last, counters):
 
 @overload(blocker)
 def _blocker(tree, ray, skip, cull_faces, last, counters):
-    if tree.instance_class in (OrderedTree, WideTree):
+    if tree.instance_class is OrderedTree:
         return lambda tree, ray, skip, cull_faces, last, counters: _blocked(tree, ray, skip, cull_faces, last, counters)
     return None
 
@@ -202,7 +121,7 @@ def _blocked(tree, ray, skip, cull_faces, last, counters):
         if triangle_hit(tree.corners, last, ray, o, d, cull_faces, counters):
             count(counters, REPEAT_HITS, 1)
             return last
-    return any_hit(tree, ray, skip, cull_faces, counters)
+    return walk(tree.tree, ray, skip, cull_faces, tree.order, None, counters)[0]
 
 
 @inlined
@@ -246,20 +165,19 @@ def _shadow_tiles(ticket, prepared, query, bits, counters):
 
 
 def trace_shadow(
-    prepared: Ordered | WideBvh,
+    prepared: Any,
     query: ShadowQuery,
     bits: NDArray[np.uint64],
     threads: int | None = None,
     counters: NDArray[np.int64] | None = None,
     progress: ProgressCallback | None = None,
 ) -> None:
-    """Answer a ShadowQuery over an `Ordered` or a `WideBvh`: set bit s of ``bits[y, x]`` where sample s is occluded.
+    """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
+    prepared : an `Ordered`, or what other modules add to `pointers`
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
-    if counters is None and isinstance(prepared, WideBvh):
-        counters = new_counters()  # counting is free here, but doubles the time of the binary traversal
     h, w = query.sides.shape
     tiles = -(-h // TILE) * -(-w // TILE)
     run(
@@ -301,7 +219,7 @@ class SingleRays(Tracer):
 
     def trace(
         self,
-        prepared: Ordered | WideBvh,
+        prepared: Ordered,
         query: ShadowQuery,
         bits: Bits,
         threads: int | None = None,
@@ -310,30 +228,6 @@ class SingleRays(Tracer):
         fresh: bool = True,
     ) -> None:
         trace_shadow(prepared, query, bits, threads, counters, progress)
-
-
-class WideRays(SingleRays):
-    """The tracer `wide`."""
-
-    description = "one ray at a time, eight boxes or triangles in SIMD"
-    paper = "Ylitie et al. 2017, Efficient incoherent ray traversal on GPUs through compressed wide BVHs"
-    form = WIDE
-    cost = Cost(
-        rate=FittedRate(
-            2.575992311805946, 0.45265190774849134, 0.15074954621413278, -0.264738593690452, 0.14766283954971093,
-            -0.015999802157211754, -0.11410064826106833, 0.37179412414164836, 0.07779058971433292,
-            0.02733267256553391, -0.0006530409107091456, 0.002193420382473436, 0.05179807965470444,
-            -0.0015548830422761268, -0.0033419935492061824, -0.005576618770164625, 0.004654471374978844,
-            -0.10259985851099092, -0.02202333696325468, -0.13313311105243697, 0.00522862919622866,
-            -0.004699795794842023,
-        ),
-        form=70.0,
-        reference=147.36830497574266,
-    )  # fmt: skip
-
-    @property
-    def counts_apart(self) -> bool:
-        return False
 
 
 # --- Step counts of any-hit rays [Feltman et al. 2012, Sec. 4.1] ------------------------------------------------------
