@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..kernels.jit import kernel
-from ..kernels.parallel import CHUNK, new_ticket, run, shares, thread_count
+from ..kernels.parallel import CHUNK, new_ticket, run_short, shares, thread_count
 from ..kernels.simd import load16, maximum, minimum, ptr, splat16, store
 from ..scene.light_lists import LightList
 from ..scene.lights import DIRECTIONAL, Light, LightPatch
@@ -81,7 +81,7 @@ def bounds(points: NDArray[np.float32], threads: int | None = None) -> tuple[NDA
             return remaining[0], remaining[0]
         return remaining.min(0), remaining.max(0)
     parts = np.empty((-(-n // _CHUNK), 2, _ROWS, 3), np.float32)
-    run(_bounds, thread_count(threads), new_ticket(n, _CHUNK), flat, parts)
+    run_short(_bounds, thread_count(threads), new_ticket(n, _CHUNK), flat, parts)
     remaining = flat[n * _BLOCK :].reshape(-1, 3)
     lower, upper = parts[:, 0].reshape(-1, 3), parts[:, 1].reshape(-1, 3)
     return np.concatenate([lower, remaining]).min(0), np.concatenate([upper, remaining]).max(0)
