@@ -5,6 +5,7 @@ arithmetic, compared with the width of the scene. `morton_codes` orders points s
 space.
 """
 
+import weakref
 from math import sqrt
 from operator import sub
 
@@ -87,9 +88,22 @@ def bounds(points: NDArray[np.float32], threads: int | None = None) -> tuple[NDA
     return np.concatenate([lower, remaining]).min(0), np.concatenate([upper, remaining]).max(0)
 
 
+_latest: list[tuple[weakref.ref[NDArray[np.float32]], NDArray[np.float32]]] = []  # at most one: vertices, their box
+
+
+def triangle_box(triangles: Triangles, threads: int | None = None) -> NDArray[np.float32]:
+    """(2, 3) float32: the `bounds` of at least one triangle. Those of the latest triangles are cached: do not write."""
+    for vertices, box in _latest:
+        if vertices() is triangles.vertices:
+            return box
+    box = np.stack(bounds(triangles.vertices, threads))
+    _latest[:] = [(weakref.ref(triangles.vertices), box)]
+    return box
+
+
 def reach(triangles: Triangles, points: NDArray[np.float32], threads: int | None = None) -> float:
     """A length greater than the distance from any of the (..., 3) points to any triangle's corner."""
-    return reach_of(np.stack(bounds(triangles.vertices, threads)), points, threads)
+    return reach_of(triangle_box(triangles, threads), points, threads)
 
 
 def reach_of(box: NDArray[np.float32], points: NDArray[np.float32] | None = None, threads: int | None = None) -> float:

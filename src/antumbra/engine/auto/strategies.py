@@ -18,7 +18,9 @@ from ...bvh.nodes import Bvh, boxes_of
 from ...kernels.marshalling import Packed, packed
 from ...kernels.parallel import thread_count
 from ...query.shadow_query import ShadowQuery, new_bits, ray_count
+from ...scene.triangles import Triangles
 from ...techniques.culling.pre_bvh_culling import Soup
+from ...trace.counters import CANDIDATES, new_counters
 from ...trace.light_table import STRATA
 from ...trace.rays import single_rays
 from ...trace.tracer import ANY, TRACERS, Bits, Box, Counters, Form, Tracer, TracerState
@@ -132,6 +134,7 @@ MAX_CONVERSION_SHARE = 0.1  # maximum cost of a tree conversion for a try, relat
 MAX_TRIED = 4  # strategies
 _MIN_SAMPLE_SECONDS = 8e-4  # a call alone costs a tenth of this
 _SAMPLE_RAYS = 1 << 14  # of `sampled_rate`
+_SAMPLE_TRIANGLES, _NEIGHBOURS, _CANDIDATE_WINDOWS = 4096, 4, 32  # of `sampled_candidates`; in runs of neighbours
 _MAX_SAMPLE_SHARE = 0.1  # maximum share of the receivers in the sample
 _MIN_WINDOWS = 4  # of the sample
 _WINDOW = 256  # receivers per window
@@ -298,6 +301,22 @@ def sampled_rate(strategy: str, forms: TreeForms, query: ShadowQuery, threads: i
     """Nanoseconds per ray of a strategy, measured on a few windows of the query."""
     windows = max(_MIN_WINDOWS, _SAMPLE_RAYS // (_WINDOW * min(query.samples.shape[1], STRATA)))
     return _rate_of(strategy, forms, sample_of(query, windows), threads)
+
+
+def sampled_candidates(tracer: Tracer, triangles: Triangles, query: ShadowQuery) -> float:
+    """`counters.CANDIDATES` of a tracer without a tree, estimated from a few windows of the query and a few triangles.
+
+    The estimate is several times too high, because fewer triangles block fewer rays early.
+    """
+    solid = triangles.solid
+    n = len(triangles.vertices) if solid is None else len(solid)
+    step = _NEIGHBOURS * max(n // _SAMPLE_TRIANGLES, 1)
+    rows = (np.arange(0, n - _NEIGHBOURS + 1, step, dtype=np.int32)[:, None] + np.arange(_NEIGHBOURS)).reshape(-1)
+    ids = rows.astype(np.int32) if solid is None else solid[rows]
+    sample, counters = sample_of(query, _CANDIDATE_WINDOWS), new_counters()
+    tracer.trace(Soup(triangles.vertices.reshape(-1, 9)[ids], ids), sample, new_bits(sample), 1, counters)
+    scale = n / max(len(ids), 1) * ray_count(query) / max(ray_count(sample), 1)
+    return scale * int(counters[CANDIDATES])
 
 
 LOADED: set[str] = set()  # strategies whose kernels this process has loaded
