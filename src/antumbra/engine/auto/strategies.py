@@ -128,9 +128,11 @@ def answer_query(
 
 # --- choice -----------------------------------------------------------------------------------------------------------
 
-TRIAL_SHARE = 0.04  # maximum cost of trying strategies, relative to the predicted cost of the query
+TRIAL_SHARE = (
+    0.04  # maximum cost of trying strategies, relative to the predicted cost of the queries since the last try
+)
 KEPT_TRIAL_SHARE = 0.12  # the same where one of them has to be loaded, as only queries of kept trees do
-MAX_CONVERSION_SHARE = 0.1  # maximum cost of a tree conversion for a try, relative to the least predicted cost
+MAX_CONVERSION_SHARE = 0.1  # maximum cost of a tree conversion for a try, relative to that of the queries in the tree
 MAX_TRIED = 4  # strategies
 _MIN_SAMPLE_SECONDS = 8e-4  # a call alone costs a tenth of this
 _SAMPLE_RAYS = 1 << 14  # of `sampled_rate`
@@ -172,6 +174,7 @@ class StrategyMemory:
 
     def __init__(self) -> None:
         self._rates: dict[Key, tuple[int, dict[str, float]]] = {}  # with the frame in which they were measured
+        self._predicted: dict[Key, int] = {}  # number of queries without a trial
         self._frame = 0
         self.choices: list[StrategyChoice] = []
         self.lost = self.in_good = 0.0
@@ -187,6 +190,10 @@ class StrategyMemory:
         frame, rates = self._rates.get(key, (-_EXPIRY, {}))
         return rates if self._frame - frame < _EXPIRY else {}
 
+    def repeats(self, key: Key) -> int:
+        """The number of similar queries whose strategy was predicted, with this one. All of them pay for a trial."""
+        return self._predicted.get(key, 0) + 1
+
     def learn(self, key: Key, choice: StrategyChoice, builder: str | None) -> None:
         """Store the measurements of a query; discard its rates if the strategy took much longer than before.
 
@@ -201,8 +208,11 @@ class StrategyMemory:
         rate, earlier_rates = 1e9 * self.ray_seconds, self.rates(key)
         if choice.tried:
             self._rates[key] = self._frame, {**choice.tried, choice.strategy: rate}
+            self._predicted.pop(key, None)
         elif rate > _CHANGE * earlier_rates.get(choice.strategy, np.inf):
             self._rates.pop(key, None)
+        elif choice.reason == "prediction":
+            self._predicted[key] = self.repeats(key)
 
 
 def feature_key(features: QueryFeatures) -> Key:
@@ -218,20 +228,26 @@ def choose_strategy(
     suited: list[str],
     threads: int,
     known: dict[str, float],
+    repeats: int = 1,
+    served: int = 1,
 ) -> StrategyChoice:
     """Choose the strategy for a query.
 
     suited : names of the strategies that can answer it
     known : strategy -> nanoseconds per ray of earlier queries; empty: unknown
+    repeats : number of similar queries, this one included, that may pay for a trial
+    served : number of similar queries in this tree, which share the cost of converting it: as many may follow
     """
-    conversion = {name: form_seconds(name, forms.triangles) * forms.missing(TRACERS[name].form) for name in suited}
+    conversion = {
+        name: form_seconds(name, forms.triangles) * forms.missing(TRACERS[name].form) / served for name in suited
+    }
     if known:
         cost = {name: 1e-9 * known[name] * features.rays + conversion[name] for name in suited if name in known}
         strategy = min(cost, key=cost.__getitem__)
         return StrategyChoice(strategy, features.rays, "earlier query", cost[strategy], {})
     cost = {name: predicted_rate(name, features) * features.rays + conversion[name] for name in suited}
     strategy = min((name for name in cost if not cost_of(name).load), key=cost.__getitem__)
-    tried = try_strategies(query, forms, cost, conversion, features, threads)
+    tried = try_strategies(query, forms, cost, conversion, features, threads, repeats)
     if not tried:
         return StrategyChoice(strategy, features.rays, "prediction", cost[strategy], {})
     strategy = min(tried, key=tried.__getitem__)
@@ -242,7 +258,7 @@ def worth_trying(cost: dict[str, float], conversion: dict[str, float]) -> list[s
     """The strategies that may be the fastest, the one with the least predicted cost first.
 
     cost : strategy -> predicted seconds, including the conversion of the tree
-    conversion : strategy -> predicted seconds to convert the tree to its form
+    conversion : strategy -> predicted seconds to convert the tree to its form, this query's share
     """
     best, *others = sorted(cost, key=cost.__getitem__)
     likely = [
@@ -273,21 +289,24 @@ def try_strategies(
     conversion: dict[str, float],
     features: QueryFeatures,
     threads: int,
+    repeats: int = 1,
 ) -> dict[str, float]:
     """Strategy -> nanoseconds per ray, measured on a sample of the query; empty if trials cost too much.
 
     Shafts may be a hundred times slower than predicted. If the first window takes too long, they are not tried further.
 
     cost, conversion : as for `worth_trying`
+    repeats : as for `choose_strategy`
     """
     names, least = worth_trying(cost, conversion), min(cost.values())
     share = KEPT_TRIAL_SHARE if any(cost_of(name).load for name in names) else TRIAL_SHARE
-    window = least * _WINDOW / max(features.receivers, 1) * min(1.0, STRATA / features.samples)  # seconds
-    count = min(len(names), MAX_TRIED, int(share * least / max(_MIN_SAMPLE_SECONDS, _MIN_WINDOWS * window)))
-    if count < 2:
+    window = least * _WINDOW / max(features.receivers, 1) * min(1.0, STRATA / features.samples) + 1e-30  # seconds
+    budget, shortest = share * least * repeats, max(_MIN_SAMPLE_SECONDS / window, _MIN_WINDOWS)
+    count = min(len(names), MAX_TRIED, int(budget / (shortest * window)))
+    if count < 2 or shortest * _WINDOW > features.receivers:
         return {}
-    windows = min(share * least / count / window, _MAX_SAMPLE_SHARE * features.receivers / _WINDOW)
-    first, sample = sample_of(query, 1), sample_of(query, ceil(max(windows, _MIN_WINDOWS)))
+    windows = min(budget / count / window, max(_MAX_SAMPLE_SHARE * features.receivers / _WINDOW, shortest))
+    first, sample = sample_of(query, 1), sample_of(query, ceil(windows))
     rates: dict[str, float] = {}
     for name in sorted(names[:count], key=lambda name: cost_of(name).is_risky):
         risky, least = cost_of(name).is_risky, min(rates.values(), default=1e30)
@@ -383,10 +402,16 @@ class AutoState(TracerState):
     ) -> None:
         self.forms, self.memory = TreeForms(bvh, thread_count(threads), extent), memory or StrategyMemory()
         self.builder, self._upgrade = builder, upgrade
+        self._served: dict[Key, int] = {}
 
     def begin(self) -> None:
         """Begin a frame, or a query of points."""
         self.memory.begin()
+
+    def serve(self, key: Key) -> int:
+        """Count a query; return the number of similar ones in this tree."""
+        self._served[key] = self._served.get(key, 0) + 1
+        return self._served[key]
 
     def improve(self, query: ShadowQuery, choice: StrategyChoice, threads: int) -> None:
         """Build a better tree if the query would lose more time in this one than the build takes.
@@ -401,6 +426,7 @@ class AutoState(TracerState):
         if self.upgrade_pays(strategy, seconds):
             bvh, self.builder = self._upgrade.build(query)
             self.forms, self._upgrade = TreeForms(bvh, self.forms.threads, self.forms.extent), None
+            self._served = {}
 
     def upgrade_pays(self, strategy: str, seconds: float) -> bool:
         """Whether a query that takes `seconds` in this tree pays for a better one, although this one is there."""
@@ -502,7 +528,8 @@ class AutoTracer(Tracer):
             places = spatial_order(query.origins[0])
             query = reorder_query(query, places)
             features = features_of(query, *forms.extent)
-        choice = choose_strategy(query, forms, features, suited, threads, memory.rates(key))
+        times = memory.repeats(key), prepared.serve(key)
+        choice = choose_strategy(query, forms, features, suited, threads, memory.rates(key), *times)
         prepared.improve(query, choice, threads)
         tracer = TRACERS[choice.strategy]
         form, start = prepared.forms.of(tracer.form), _clock(tracer, threads)
