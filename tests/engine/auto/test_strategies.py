@@ -248,3 +248,34 @@ def test_a_frame_names_the_builder_of_its_better_tree(scene, monkeypatch):
     renderer = at.Renderer(scene)
     plans = [renderer.render(scene.cameras[0].resized(20, 16), LAMP, spp=4).plan for _ in range(2)]
     assert all(parse_plan(plan).build in (GOOD, GUIDED) for plan in plans)
+
+
+def test_queries_too_short_for_a_trial_pay_for_one_together(scene, monkeypatch):
+    """Kept frames that repeat: each is shorter than its trial may be, many of them are not."""
+    monkeypatch.setattr(strategies, "_rate_of", lambda *arguments: 1.0)
+    monkeypatch.setattr(strategies, "predicted_rate", lambda name, facts: 1e-7)
+    monkeypatch.setattr(strategies, "form_seconds", lambda name, triangles: 0.0)
+    monkeypatch.setattr(strategies, "_clock", lambda tracer, threads: 0.0)
+    triangles, query = query_of(scene, scene.cameras[0].resized(160, 120), LAMP, 4)
+    auto = strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
+    reasons = []
+    for _ in range(20):
+        auto.begin()
+        strategies.AutoTracer().trace(auto, query, np.zeros((120, 160, 1), np.uint64), 2)
+        reasons.append(auto.choices[0].reason)
+    before = reasons.index("sample")
+    assert 2 <= before < 15 and set(reasons[:before]) == {"prediction"}
+    assert set(reasons[before + 1 :]) == {"earlier query"}
+
+
+def test_a_conversion_of_the_tree_counts_less_the_more_queries_share_it(scene, monkeypatch):
+    monkeypatch.setattr(strategies, "predicted_rate", lambda name, facts: {"wide": 1e-7, "single": 2e-7}.get(name, 1.0))
+    monkeypatch.setattr(strategies, "form_seconds", lambda name, triangles: 0.05 * (name == "wide"))
+    triangles, query = query_of(scene, scene.cameras[0].resized(160, 120), LAMP, 4)
+    forms = strategies.TreeForms(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
+    facts = strategies.features_of(query, *forms.extent)
+    chosen = [
+        strategies.choose_strategy(query, forms, facts, ["single", "wide"], 2, {}, 0, served).strategy
+        for served in (1, 100)
+    ]
+    assert chosen == ["single", "wide"]
