@@ -279,3 +279,11 @@ def test_a_conversion_of_the_tree_counts_less_the_more_queries_share_it(scene, m
         for served in (1, 100)
     ]
     assert chosen == ["single", "wide"]
+
+
+def test_strategies_are_tried_in_the_order_of_their_predictions():
+    """Shafts, whose predictions may be far off, are tried up to a higher cost, but not before likelier strategies."""
+    cost = {"multifrusta": 3.0, "packet16": 1.0, "packet16:blocks": 2.0, "single": 4.0}
+    assert strategies.worth_trying(cost, dict.fromkeys(cost, 0.0)) == ["packet16", "packet16:blocks", "multifrusta"]
+    converted = {**dict.fromkeys(cost, 0.0), "packet16:blocks": 0.2}
+    assert strategies.worth_trying(cost, converted) == ["packet16", "multifrusta"]

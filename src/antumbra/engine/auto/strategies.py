@@ -255,18 +255,17 @@ def choose_strategy(
 
 
 def worth_trying(cost: dict[str, float], conversion: dict[str, float]) -> list[str]:
-    """The strategies that may be the fastest, the one with the least predicted cost first.
+    """The strategies that may be the fastest, by predicted cost. Few are tried, and the next ones win most often.
 
     cost : strategy -> predicted seconds, including the conversion of the tree
     conversion : strategy -> predicted seconds to convert the tree to its form, this query's share
     """
     best, *others = sorted(cost, key=cost.__getitem__)
-    likely = [
+    return [best] + [
         name
         for name in others
         if cost[name] < cost_of(name).tried * cost[best] and conversion[name] < MAX_CONVERSION_SHARE * cost[best]
     ]
-    return [best, *sorted(likely, key=lambda name: not cost_of(name).is_risky)]
 
 
 def sorting_pays(
