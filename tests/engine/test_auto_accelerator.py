@@ -11,11 +11,13 @@ import antumbra as at
 from antumbra.engine import auto_accelerator, calibration
 from antumbra.engine.auto import cost_model
 from antumbra.engine.auto.cost_model import BEST, GOOD, GUIDED, QUICK
+from antumbra.engine.auto.strategies import sampled_candidates
 from antumbra.engine.method_registry import TRACERS
 from antumbra.picture.renderer import Renderer
 from antumbra.query.light_samples import light_samples
 from antumbra.techniques.rayhierarchy.cone_tracer import FastestCones
 from antumbra.trace.tracer_cost import TreelessCost
+from asking import query_of
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
 
@@ -361,3 +363,31 @@ def test_queries_are_not_kept_between_calls(monkeypatch):
     del receivers
     gc.collect()
     assert origins() is None and _chosen(scene).builder == GUIDED
+
+
+def test_cones_are_not_chosen_for_long_queries_where_a_sample_has_many_candidates(scene, monkeypatch):
+    monkeypatch.setattr(auto_accelerator, "is_compiled", lambda job: True)
+    monkeypatch.setattr(auto_accelerator, "_WORTH_SAMPLING", 0.0)
+    light, camera = at.PointLight((0.5, 1.5, 0.2)), corner(scene)[0]
+    named = at.render(scene, camera, [light], plan="bsah+single")
+    plans = []
+    for nanoseconds in 0.0, 1e9:
+        monkeypatch.setattr(
+            TRACERS["cones"], "cost", TreelessCost(lambda features: 0.0, candidate=nanoseconds, load=0.0)
+        )
+        frame = at.render(scene, camera, [light])
+        plans.append(frame.plan)
+        np.testing.assert_array_equal(frame.bits[0], named.bits[0])
+    assert plans[0] == "cones" and "cones" not in plans[1]
+
+
+@pytest.mark.parametrize("height", [1.5, -50.0])
+def test_candidates_of_cones_are_estimated_from_a_sample(scene, height):
+    """There are none below a scene whose visible surfaces all face up."""
+    floor, table = [(-9, 0, -9), (-9, 0, 9), (9, 0, -9)], [(-1, 1, -1), (-1, 1, 1), (1, 1, -1)]
+    hall = at.Scene.from_arrays([floor, table] * 2, up="y")
+    triangles, query = query_of(
+        hall, at.Camera((-6, 6, -6), (-3, 0, -3), width=96, height=80), at.PointLight((-0.3, height, -0.3)), 1
+    )
+    found = sampled_candidates(TRACERS["cones"], triangles, query)
+    assert (found > 0.0) == (height > 0.0)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from ..bvh.nodes import Bvh
 from ..kernels.toolchain.kernel_manifest import kernels_of_warm_up
 from ..query.equal_samples import with_distinct_samples
-from ..query.query_bounds import bounds
+from ..query.query_bounds import triangle_box
 from ..query.shadow_query import ShadowQuery
 from ..scene.lights import AMBIENT
 from ..scene.triangles import Triangles
@@ -66,7 +66,14 @@ from .auto.cost_model import (
 from .auto.kernel_loads import KernelLoads
 from .auto.one_picture import few
 from .auto.query_features import features_of, is_scattered, size_of
-from .auto.strategies import AutoState, SceneExtent, TreelessState, TreeUpgrade, suitable_strategies
+from .auto.strategies import (
+    AutoState,
+    SceneExtent,
+    TreelessState,
+    TreeUpgrade,
+    sampled_candidates,
+    suitable_strategies,
+)
 from .method_registry import BUILDERS, OPTIMISERS
 from .plan import Plan
 from .precompilation import are_on_disk, precompile
@@ -75,6 +82,7 @@ from .tree_choice import FIRST_SHARE, NO_RAYS, LearnedTrees, TreeChoice, Updated
 CULLER = "grid32"
 """The culler of `auto`."""
 
+_WORTH_SAMPLING = 0.1  # predicted seconds with a tree from which the candidates of tracers without one are counted
 _PATIENCE = 16  # frames without a new try after culling was abandoned
 
 
@@ -132,10 +140,10 @@ class AutoAccelerator(Accelerator):
     ) -> Accelerated:
         queries = [with_distinct_samples(query) for query in queries]
         memory, n = self.memory, solid_count(triangles)
-        extent = SceneExtent(n, np.stack(bounds(triangles.vertices, self.threads)))
+        extent = SceneExtent(n, triangle_box(triangles, self.threads))
         forecast = forecast_of(queries, extent)
         serves_once = memory.first_sight(triangles) and self.culls and few() is None
-        treeless = self._treeless(n, queries, forecast, extent) if serves_once else None
+        treeless = self._treeless(n, triangles, queries, forecast, extent) if serves_once else None
         if treeless is not None:
             memory.moved(triangles)
             return self._without_tree(treeless, triangles, None)
@@ -149,7 +157,7 @@ class AutoAccelerator(Accelerator):
         if culled is None:
             return self._whole_tree(triangles, queries)
         memory.moved(triangles)
-        treeless = self._treeless(len(culled.kept), queries, forecast, extent)
+        treeless = self._treeless(len(culled.kept), triangles, queries, forecast, extent)
         if treeless is not None:
             return self._without_tree(treeless, triangles, culled)
         why = f"used once; {len(culled.kept):,} triangles matter"
@@ -225,7 +233,14 @@ class AutoAccelerator(Accelerator):
         new = _new_tree_seconds(forecast, n)
         return new if self.memory.updated is None else min(new, refit_seconds(n, forecast.strategy))
 
-    def _treeless(self, n: int, queries: Sequence[ShadowQuery], forecast: Forecast, extent: SceneExtent) -> str | None:
+    def _treeless(
+        self,
+        n: int,
+        triangles: Triangles,
+        queries: Sequence[ShadowQuery],
+        forecast: Forecast,
+        extent: SceneExtent,
+    ) -> str | None:
         """The tracer that is predicted to answer the queries without a tree of n triangles sooner than rays in one."""
         if not any(features.rays for features in forecast.features):
             return None
@@ -235,7 +250,11 @@ class AutoAccelerator(Accelerator):
             if not isinstance(cost, TreelessCost) or not all(tracer.suits(query, extent.box) for query in queries):
                 continue
             seconds = 1e-9 * sum(f.rays * cost.rate(f._replace(triangles=n)) for f in forecast.features)
-            if is_compiled(f"{name} (raster)") and _loads.pays(name, with_tree - seconds, cost.load):
+            if not is_compiled(f"{name} (raster)") or not _loads.pays(name, with_tree - seconds, cost.load):
+                continue
+            if cost.candidate and with_tree > _WORTH_SAMPLING:
+                seconds += 1e-9 * cost.candidate * sum(sampled_candidates(tracer, triangles, each) for each in queries)
+            if seconds < with_tree:
                 return name
         return None
 

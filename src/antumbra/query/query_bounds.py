@@ -5,6 +5,7 @@ arithmetic, compared with the width of the scene. `morton_codes` orders points s
 space.
 """
 
+import weakref
 from math import sqrt
 from operator import sub
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..kernels.jit import kernel
-from ..kernels.parallel import CHUNK, new_ticket, run, shares, thread_count
+from ..kernels.parallel import CHUNK, new_ticket, run_short, shares, thread_count
 from ..kernels.simd import load16, maximum, minimum, ptr, splat16, store
 from ..scene.light_lists import LightList
 from ..scene.lights import DIRECTIONAL, Light, LightPatch
@@ -81,15 +82,28 @@ def bounds(points: NDArray[np.float32], threads: int | None = None) -> tuple[NDA
             return remaining[0], remaining[0]
         return remaining.min(0), remaining.max(0)
     parts = np.empty((-(-n // _CHUNK), 2, _ROWS, 3), np.float32)
-    run(_bounds, thread_count(threads), new_ticket(n, _CHUNK), flat, parts)
+    run_short(_bounds, thread_count(threads), new_ticket(n, _CHUNK), flat, parts)
     remaining = flat[n * _BLOCK :].reshape(-1, 3)
     lower, upper = parts[:, 0].reshape(-1, 3), parts[:, 1].reshape(-1, 3)
     return np.concatenate([lower, remaining]).min(0), np.concatenate([upper, remaining]).max(0)
 
 
+_latest: list[tuple[weakref.ref[NDArray[np.float32]], NDArray[np.float32]]] = []  # at most one: vertices, their box
+
+
+def triangle_box(triangles: Triangles, threads: int | None = None) -> NDArray[np.float32]:
+    """(2, 3) float32: the `bounds` of at least one triangle. Those of the latest triangles are cached: do not write."""
+    for vertices, box in _latest:
+        if vertices() is triangles.vertices:
+            return box
+    box = np.stack(bounds(triangles.vertices, threads))
+    _latest[:] = [(weakref.ref(triangles.vertices), box)]
+    return box
+
+
 def reach(triangles: Triangles, points: NDArray[np.float32], threads: int | None = None) -> float:
     """A length greater than the distance from any of the (..., 3) points to any triangle's corner."""
-    return reach_of(np.stack(bounds(triangles.vertices, threads)), points, threads)
+    return reach_of(triangle_box(triangles, threads), points, threads)
 
 
 def reach_of(box: NDArray[np.float32], points: NDArray[np.float32] | None = None, threads: int | None = None) -> float:

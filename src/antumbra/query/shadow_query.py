@@ -19,7 +19,7 @@ from ..scene.lights import AMBIENT, Light, LightPatch
 from ..scene.triangles import Triangles
 from .gbuffer import GBuffer
 from .light_samples import patch_at, sample_point
-from .query_bounds import bounds, place, reach_of
+from .query_bounds import place, reach_of, triangle_box
 from .receivers import FREE, NOTHING, surface_receivers
 
 # --- The shadow query -------------------------------------------------------------------------------------------------
@@ -361,7 +361,7 @@ def surface_queries(
     )
     origins = surface_receivers(*flat, corners, threads).reshape(*shape, 3)
     if box is None and triangles.vertices.size:
-        box = np.stack(bounds(triangles.vertices, threads))
+        box = triangle_box(triangles, threads)
     far = reach_of(box) if box is not None and triangles.vertices.size else 1.0
     patches = [place(light, triangles.origin, box, far) for light in lights]
     ambient = any(p.kind == AMBIENT for p in patches)

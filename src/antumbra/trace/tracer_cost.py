@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..scene.lights import AMBIENT, DIRECTIONAL, LIST
 
 _STRATA = 16
+_NOT_FACING = 0.15  # cost of a ray from a receiver that does not face the light, relative to one that is traced
 _MOST_SAMPLES = 24  # of the queries of the fit; the exponents of more samples are unknown
 
 LIKELY = 2.2
@@ -31,6 +32,7 @@ class QueryFeatures(NamedTuple):
     tile: float  # mean size of the box of a tile's 16 receivers
     stratum: float  # mean size of a stratum of the light's samples, halfway to the light
     chunk: float  # the same for 16 strata
+    facing: float = 1.0  # share of the receivers that face the light; the surfaces of the others block their rays
 
     @property
     def rays(self) -> int:
@@ -40,7 +42,7 @@ class QueryFeatures(NamedTuple):
 
 @lru_cache(8)
 def terms(features: QueryFeatures) -> NDArray[np.float64]:
-    """(22,) float64: the terms of Eq. (1) in docs/design/auto.md. The result is cached: do not write to it."""
+    """(24,) float64: the terms of Eq. (1) in docs/design/auto.md. The result is cached: do not write to it."""
     n, m, log = np.log(max(features.triangles, 1)), np.log(max(features.receivers, 1)), np.log
     few, many = log(min(features.samples, _STRATA)), log(min(max(features.samples, _STRATA), _MOST_SAMPLES))
     tile, narrow, wide = (
@@ -49,9 +51,11 @@ def terms(features: QueryFeatures) -> NDArray[np.float64]:
         log(features.tile / 2 + features.chunk),
     )
     ambient, listed, distant = (float(features.kind == kind) for kind in (AMBIENT, LIST, DIRECTIONAL))
+    facing = log(_NOT_FACING + features.facing)
     return np.array([
         1.0, ambient, listed, distant, n, m, few, many, tile, narrow, wide, few * tile, few * narrow, tile * tile,
         narrow * narrow, narrow * n, tile * n, ambient * tile, ambient * narrow, listed * tile, wide * wide, few * few,
+        facing, facing * few,
     ])  # fmt: skip
 
 
@@ -102,6 +106,8 @@ class TreelessCost(NamedTuple):
     """
 
     rate: Callable[[QueryFeatures], float]  # nanoseconds per ray, all that the query needs included
+    candidate: float = 0.0  # nanoseconds per candidate (`counters.CANDIDATES`), in addition to `rate`; above 0: long
+    # queries count those of a sample of triangles and rays, since they differ between scenes by a factor of thousands
     reason: str = "faster than a tree for its rays"  # why it is chosen, see `TreeChoice.why`
     load: float = 0.03  # seconds to load its kernels, once per process
     quick_overhead: float = 0.0  # as in `Cost`; there is no tree

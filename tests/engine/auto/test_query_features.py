@@ -4,9 +4,19 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.engine.auto import query_features
 from antumbra.engine.auto.cost_model import cost_of, predicted_rate, strategies
-from antumbra.engine.auto.query_features import features_of, if_sorted, is_scattered, sample_of, size_of, tile_size
+from antumbra.engine.auto.query_features import (
+    facing_share,
+    features_of,
+    if_sorted,
+    is_scattered,
+    sample_of,
+    size_of,
+    tile_size,
+)
 from antumbra.query.query_bounds import bounds
+from antumbra.query.shadow_query import with_receivers
 from antumbra.scene.lights import DIRECTIONAL, LIST
 from antumbra.trace.tracer_cost import terms
 from asking import query_of
@@ -94,3 +104,44 @@ def test_lists_longer_than_those_of_the_fit_are_not_extrapolated(scene):
     for strategy in BUILT_IN:
         assert predicted_rate(strategy, facts) == predicted_rate(strategy, facts._replace(samples=24))
         assert predicted_rate(strategy, facts) != predicted_rate(strategy, facts._replace(samples=16))
+
+
+FLOOR = np.array([[[-9, 0, -9], [-9, 0, 9], [9, 0, -9]], [[9, 0, 9], [9, 0, -9], [-9, 0, 9]]], float)
+
+
+@pytest.mark.parametrize(
+    "light, share",
+    [
+        (at.PointLight((0, 5, 0)), 1.0),
+        (at.PointLight((0, -5, 0)), 0.0),
+        (at.SphereLight((0, -5, 0), 0.5), 0.0),
+        (at.QuadLight((-1, 5, -1), (2, 0, 0), (0, 0, 2)), 1.0),
+        (at.DirectionalLight((0.1, -1, 0)), 1.0),
+        (at.DirectionalLight((0.1, 1, 0)), 0.0),
+        (at.DirectionalLights([(0, -1, 0), (0, 1, 0)], interleave=False), 0.5),
+        (at.AmbientOcclusion(), 1.0),
+    ],
+    ids=str,
+)
+def test_the_share_of_receivers_that_face_a_light_is_that_of_their_surfaces(light, share):
+    scene = at.Scene.from_arrays(FLOOR, up="y")
+    _, query = query_of(scene, at.Camera((0, 3, 6), (0, 0, 0), width=160, height=120), light, 2)
+    assert np.count_nonzero(query.sides) > 5000
+    assert facing_share(query) == share
+    small = query_of(scene, at.Camera((0, 3, 6), (0, 0, 0), width=40, height=30), light, 2)[1]
+    assert facing_share(small) == 1.0  # too few rays to be worth looking at them
+
+
+def test_features_are_computed_once_for_equal_receivers_lights_and_samples(scene, monkeypatch):
+    triangles, query = query_of(scene, scene.cameras[0].resized(64, 48), LIGHTS[0], 16)
+    box = np.stack(bounds(triangles.vertices))
+    first = features_of(query, 3000, box)
+    with monkeypatch.context() as context:
+        context.setattr(query_features, "tile_size", None)
+        assert features_of(query, 500, box) == first._replace(triangles=500)
+    few = query._replace(samples=query.samples[:, :4].copy())
+    elsewhere = with_receivers(query, lambda array: array[:, ::2])
+    assert features_of(few, 3000, box).samples == 4
+    assert features_of(elsewhere, 3000, box).receivers < first.receivers
+    _, other = query_of(scene, scene.cameras[0].resized(64, 48), LIGHTS[1], 16)
+    assert features_of(other._replace(origins=query.origins), 3000, box).chunk < first.chunk

@@ -192,17 +192,19 @@ def test_a_kept_tree_is_converted_once_queries_have_taken_long(scene, monkeypatc
     """A conversion that does not pay for one query pays for many."""
     for limit in "TRIAL_SHARE", "KEPT_TRIAL_SHARE", "MAX_TRIED":
         monkeypatch.setattr(strategies, limit, 1 << 30)
-    monkeypatch.setattr(strategies, "form_seconds", lambda name, n: 1e3 * (TRACERS[name].form.make is not None))
     monkeypatch.setattr(kernel_loads.TRACER_LOADS, "pays", lambda method, gain, load: True)
     monkeypatch.setattr(strategies, "predicted_rate", lambda name, facts: 1e-7)
     triangles, query = query_of(scene, scene.cameras[0].resized(96, 80), LAMP, 16)
     auto, tried = strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 2), []
-    for spent in 0.0, 0.0, 1e3 / strategies.SPENT_CONVERSION_SHARE:
-        auto.forms.spent += spent
+    seconds = 1e-7 * strategies.features_of(query, *auto.forms.extent).rays  # of a query
+    share = strategies.MAX_CONVERSION_SHARE + 2.5 * strategies.KEPT_CONVERSION_SHARE
+    conversion = lambda name, n: share * seconds * (TRACERS[name].form.make is not None)
+    monkeypatch.setattr(strategies, "form_seconds", conversion)
+    for _ in range(4):
         auto.begin()
         strategies.AutoTracer().trace(auto, query, np.zeros((80, 96, 1), np.uint64), 2)
         tried.append((auto.choices[0].reason, {"wide", "multifrusta"} <= set(auto.choices[0].tried)))
-    assert tried == [("sample", False), ("earlier query", False), ("sample", True)] and auto.forms.spent > 2e3
+    assert tried == [("sample", False), *[("earlier query", False)] * 2, ("sample", True)]
 
 
 def test_an_unlikely_strategy_is_not_tried(scene, monkeypatch):
@@ -216,7 +218,7 @@ def test_an_unlikely_strategy_is_not_tried(scene, monkeypatch):
 
 
 def test_rates_are_forgotten_when_the_rays_change():
-    memory, key = strategies.StrategyMemory(), (1,)
+    memory, key = strategies.StrategyMemory(), (1, 2)
     measured = strategies.StrategyChoice("wide", 1000, "sample", 1.0, {"wide": 100.0, "packet16": 200.0}, seconds=1e-4)
     memory.learn(key, measured, None)
     assert memory.rates(key) == {"wide": pytest.approx(100.0), "packet16": 200.0}
@@ -265,3 +267,44 @@ def test_a_frame_names_the_builder_of_its_better_tree(scene, monkeypatch):
     renderer = at.Renderer(scene)
     plans = [renderer.render(scene.cameras[0].resized(20, 16), LAMP, spp=4).plan for _ in range(2)]
     assert all(parse_plan(plan).build in (GOOD, GUIDED) for plan in plans)
+
+
+def test_queries_too_short_for_a_trial_pay_for_one_together(scene, monkeypatch):
+    """Kept frames that repeat: each is shorter than its trial may be, many of them are not."""
+    monkeypatch.setattr(strategies, "_rate_of", lambda *arguments: 1.0)
+    monkeypatch.setattr(strategies, "predicted_rate", lambda name, facts: 1e-7)
+    monkeypatch.setattr(strategies, "form_seconds", lambda name, triangles: 0.0)
+    monkeypatch.setattr(strategies, "_clock", lambda tracer, threads: 0.0)
+    triangles, query = query_of(scene, scene.cameras[0].resized(160, 120), LAMP, 4)
+    auto = strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
+    reasons = []
+    for _ in range(20):
+        auto.begin()
+        strategies.AutoTracer().trace(auto, query, np.zeros((120, 160, 1), np.uint64), 2)
+        reasons.append(auto.choices[0].reason)
+    before = reasons.index("sample")
+    assert 2 <= before < 15 and set(reasons[:before]) == {"prediction"}
+    assert set(reasons[before + 1 :]) == {"earlier query"}
+
+
+def test_a_conversion_of_the_tree_counts_less_the_more_queries_share_it(scene, monkeypatch):
+    monkeypatch.setattr(
+        strategies, "predicted_rate", lambda name, facts: {"packet16:blocks": 1e-7, "single": 2e-7}.get(name, 1.0)
+    )
+    monkeypatch.setattr(strategies, "form_seconds", lambda name, triangles: 0.05 * (name == "packet16:blocks"))
+    triangles, query = query_of(scene, scene.cameras[0].resized(160, 120), LAMP, 4)
+    forms = strategies.TreeForms(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
+    facts = strategies.features_of(query, *forms.extent)
+    chosen = [
+        strategies.choose_strategy(query, forms, facts, ["single", "packet16:blocks"], 2, {}, 0, served).strategy
+        for served in (1, 100)
+    ]
+    assert chosen == ["single", "packet16:blocks"]
+
+
+def test_strategies_are_tried_in_the_order_of_their_predictions():
+    """Shafts, whose predictions may be far off, are tried up to a higher cost, but not before likelier strategies."""
+    cost = {"multifrusta": 3.0, "packet16": 1.0, "packet16:blocks": 2.0, "single": 4.0}
+    assert strategies.worth_trying(cost, dict.fromkeys(cost, 0.0)) == ["packet16", "packet16:blocks", "multifrusta"]
+    converted = {**dict.fromkeys(cost, 0.0), "packet16:blocks": 0.2}
+    assert strategies.worth_trying(cost, converted) == ["packet16", "multifrusta"]

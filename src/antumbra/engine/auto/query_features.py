@@ -4,13 +4,17 @@ The module also sorts scattered receivers spatially, so that packets and shafts 
 small samples from a query. Strategies are timed on such a sample because their rates depend on the scene.
 """
 
+import weakref
+from collections import deque
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ...query.query_bounds import bounds, morton_codes
 from ...query.receivers import NOTHING
 from ...query.shadow_query import ShadowQuery, with_receivers
-from ...scene.lights import AMBIENT, DIRECTIONAL, LIST, SPHERE
+from ...scene.lights import AMBIENT, DIRECTIONAL, LIST, SPHERE, LightPatch
 from ...trace.light_table import STRATA
 from ...trace.packets.ray_tile import is_incoherent, sample_extents
 from ...trace.tile import tile_shape
@@ -19,6 +23,8 @@ from ...trace.tracer_cost import QueryFeatures
 # --- features ---------------------------------------------------------------------------------------------------------
 
 _MEASURED_TILES = 96
+_FACING_RECEIVERS, _FACING_POINTS = 512, 4
+_FEW_RAYS = 1 << 14  # rays that take less time than looking at their receivers would save
 _TILE_SIDE = 4  # receivers along each side of an image tile
 _DISTANT = 4.0  # distance of the samples of distant lights, relative to that of other lights
 _SCATTERED = 0.7  # least share of the scene's extent along each axis
@@ -30,15 +36,37 @@ def size_of(box: NDArray[np.float32]) -> float:
     return max(float((box[1].astype(np.float64) - box[0]).sum()), 1e-30)
 
 
+class _Known(NamedTuple):
+    """The features of a recent query, which are needed twice: to choose what is built, and how it is traced."""
+
+    origins: weakref.ref[NDArray[np.float32]]
+    light: LightPatch
+    samples: int
+    features: QueryFeatures
+
+
+_recent: deque[_Known] = deque(maxlen=32)
+
+
 def features_of(query: ShadowQuery, triangles: int, box: NDArray[np.float32]) -> QueryFeatures:
     """The features of a query; `box`: (2, 3) float32, the bounds of the scene's triangles."""
+    samples = query.samples.shape[1]
+    for known in list(_recent):  # a copy, because other threads may add to it
+        if known.origins() is query.origins and known.light is query.light and known.samples == samples:
+            return known.features._replace(triangles=triangles)
+    features = _features_of(query, triangles, box)
+    _recent.append(_Known(weakref.ref(query.origins), query.light, samples, features))
+    return features
+
+
+def _features_of(query: ShadowQuery, triangles: int, box: NDArray[np.float32]) -> QueryFeatures:
     size = size_of(box)
     stratum, chunk = (_relative(extent, size) for extent in _light_sizes(query))
     receivers = int(np.count_nonzero(query.sides != NOTHING))
     tile, kind = _relative(tile_size(query), size), query.light.kind
     if kind == DIRECTIONAL and is_incoherent(query):
         kind = LIST
-    return QueryFeatures(triangles, receivers, query.samples.shape[1], kind, tile, stratum, chunk)
+    return QueryFeatures(triangles, receivers, query.samples.shape[1], kind, tile, stratum, chunk, facing_share(query))
 
 
 def _relative(extent: float, size: float) -> float:
@@ -72,6 +100,22 @@ def tile_size(query: ShadowQuery) -> float:
         return 0.0
     lower, upper = np.where(valid, points, np.inf).min(1), np.where(valid, points, -np.inf).max(1)
     return float((upper[several].astype(np.float64) - lower[several]).sum(1).mean())
+
+
+def facing_share(query: ShadowQuery) -> float:
+    """The share of the receivers that face the light, estimated from a few of them and a few points of the light."""
+    light, every = query.light, max(query.sides.size // _FACING_RECEIVERS, 1)
+    sides, faces = query.sides.reshape(-1)[::every], query.faces.reshape(-1)[::every]
+    there = np.flatnonzero((sides != NOTHING) & (faces >= 0))
+    if light.kind == AMBIENT or not len(there) or query.sides.size * query.samples.shape[1] < _FEW_RAYS:
+        return 1.0
+    a, b, c = query.corners[faces[there]].reshape(-1, 3, 3).swapaxes(0, 1)
+    normals = np.cross(b - a, c - a) * sides[there, None]
+    samples = query.samples[0, :: -(-query.samples.shape[1] // _FACING_POINTS)]
+    points = light.base + (0.0 if light.kind == SPHERE else samples @ np.stack([light.u, light.v, light.w]))
+    points = points.reshape(-1, 1, 3)
+    towards = points if light.kind == DIRECTIONAL else points - query.origins.reshape(-1, 3)[::every][there]
+    return float(((normals * towards).sum(-1) > 0.0).mean())
 
 
 def if_sorted(query: ShadowQuery, features: QueryFeatures, size: float) -> QueryFeatures:

@@ -18,7 +18,9 @@ from ...bvh.nodes import Bvh, boxes_of
 from ...kernels.marshalling import Packed, packed
 from ...kernels.parallel import thread_count
 from ...query.shadow_query import ShadowQuery, new_bits, ray_count
+from ...scene.triangles import Triangles
 from ...techniques.culling.pre_bvh_culling import Soup
+from ...trace.counters import CANDIDATES, new_counters
 from ...trace.light_table import STRATA
 from ...trace.rays import single_rays
 from ...trace.tracer import ANY, TRACERS, Bits, Box, Counters, Form, Tracer, TracerState
@@ -82,11 +84,7 @@ class TreeForms:
         Of the scene; of the tree, if None is given.
     triangles : int
         Number of triangles in the tree.
-    spent : float
-        Seconds that queries have taken in the tree, on all threads.
     """
-
-    spent = 0.0
 
     def __init__(self, bvh: Bvh, threads: int, extent: SceneExtent | None = None):
         self.bvh, self.threads, self.triangles = bvh, threads, len(bvh.prim_ids)
@@ -119,13 +117,6 @@ class TreeForms:
             name: form_seconds(name, self.triangles) if self.missing(TRACERS[name].form) else 0.0 for name in strategies
         }
 
-    def may_convert(self, seconds: float, least: float) -> bool:
-        """Whether a conversion may take `seconds` to try a strategy for a query that others answer in `least` seconds.
-
-        By the ski-rental rule, a tree in which queries have taken long is worth more.
-        """
-        return seconds < MAX_CONVERSION_SHARE * least + SPENT_CONVERSION_SHARE * self.spent
-
 
 def answer_query(
     strategy: str,
@@ -143,13 +134,16 @@ def answer_query(
 
 # --- choice -----------------------------------------------------------------------------------------------------------
 
-TRIAL_SHARE = 0.04  # maximum cost of trying strategies, relative to the predicted cost of the query
+TRIAL_SHARE = (
+    0.04  # maximum cost of trying strategies, relative to the predicted cost of the queries since the last try
+)
 KEPT_TRIAL_SHARE = 0.12  # the same where one of them has to be loaded, as only queries of kept trees do
-MAX_CONVERSION_SHARE = 0.1  # maximum cost of a tree conversion for a try, relative to the least predicted cost,
-SPENT_CONVERSION_SHARE = 0.4  # plus this share of the time of earlier queries in the tree
+MAX_CONVERSION_SHARE = 0.1  # maximum cost of a tree conversion for a try, relative to the least predicted cost
+KEPT_CONVERSION_SHARE = 0.4  # the same for each further query in the tree
 MAX_TRIED = 6  # strategies
 _MIN_SAMPLE_SECONDS = 8e-4  # a call alone costs a tenth of this
 _SAMPLE_RAYS = 1 << 14  # of `sampled_rate`
+_SAMPLE_TRIANGLES, _NEIGHBOURS, _CANDIDATE_WINDOWS = 4096, 4, 32  # of `sampled_candidates`; in runs of neighbours
 _MAX_SAMPLE_SHARE = 0.1  # maximum share of the receivers in the sample
 _MIN_WINDOWS = 4  # of the sample
 _WINDOW = 256  # receivers per window
@@ -187,6 +181,7 @@ class StrategyMemory:
 
     def __init__(self) -> None:
         self._rates: dict[Key, tuple[int, dict[str, float]]] = {}  # with the frame in which they were measured
+        self._predicted: dict[Key, int] = {}  # number of queries without a trial, however many forms of the tree there may be
         self._frame = 0
         self.choices: list[StrategyChoice] = []
         self.lost = self.in_good = 0.0
@@ -202,6 +197,10 @@ class StrategyMemory:
         frame, rates = self._rates.get(key, (-_EXPIRY, {}))
         return rates if self._frame - frame < _EXPIRY else {}
 
+    def repeats(self, key: Key) -> int:
+        """The number of similar queries whose strategy was predicted, with this one. All of them pay for a trial."""
+        return self._predicted.get(key[:-1], 0) + 1
+
     def learn(self, key: Key, choice: StrategyChoice, builder: str | None) -> None:
         """Store the measurements of a query; discard its rates if the strategy took much longer than before.
 
@@ -216,8 +215,11 @@ class StrategyMemory:
         rate, earlier_rates = 1e9 * self.ray_seconds, self.rates(key)
         if choice.tried:
             self._rates[key] = self._frame, {**choice.tried, choice.strategy: rate}
+            self._predicted.pop(key[:-1], None)
         elif rate > _CHANGE * earlier_rates.get(choice.strategy, np.inf):
             self._rates.pop(key, None)
+        elif choice.reason == "prediction":
+            self._predicted[key[:-1]] = self.repeats(key)
 
 
 def feature_key(features: QueryFeatures) -> Key:
@@ -233,47 +235,63 @@ def choose_strategy(
     suited: list[str],
     threads: int,
     known: dict[str, float],
+    repeats: int = 1,
+    served: int = 1,
 ) -> StrategyChoice:
     """Choose the strategy for a query.
 
     suited : names of the strategies that can answer it
     known : strategy -> nanoseconds per ray of earlier queries; empty: unknown
+    repeats : number of similar queries, this one included, that may pay for a trial
+    served : number of similar queries in this tree, which share the cost of converting it: as many may follow
     """
-    conversion = forms.conversions(suited)
+    conversion = {name: seconds / served for name, seconds in forms.conversions(suited).items()}
     if known:
         cost = {name: 1e-9 * known[name] * features.rays + conversion[name] for name in suited if name in known}
         strategy = min(cost, key=cost.__getitem__)
         return StrategyChoice(strategy, features.rays, "earlier query", cost[strategy], {})
     cost = {name: predicted_rate(name, features) * features.rays + conversion[name] for name in suited}
     strategy = min((name for name in cost if not cost_of(name).load), key=cost.__getitem__)
-    tried = try_strategies(query, forms, cost, conversion, features, threads)
+    tried = try_strategies(query, forms, cost, conversion, features, threads, repeats, served)
     if not tried:
         return StrategyChoice(strategy, features.rays, "prediction", cost[strategy], {})
     strategy = min(tried, key=tried.__getitem__)
     return StrategyChoice(strategy, features.rays, "sample", 1e-9 * tried[strategy] * features.rays, tried)
 
 
-def worth_trying(forms: TreeForms, cost: dict[str, float], conversion: dict[str, float]) -> list[str]:
-    """The strategies that may be the fastest: the one with the least predicted cost, then those that trace faster.
+def worth_trying(cost: dict[str, float], conversion: dict[str, float], served: int = 1) -> list[str]:
+    """The strategies that may be the fastest: the one with the least predicted cost, then others by predicted time.
+
+    Few are tried, and the next ones win most often.
 
     cost : strategy -> predicted seconds, including the conversion of the tree
-    conversion : strategy -> predicted seconds to convert the tree to its form
+    conversion : strategy -> predicted seconds to convert the tree to its form, this query's share
+    served : as for `choose_strategy`
     """
     best = min(cost, key=cost.__getitem__)
     tracing = {name: cost[name] - conversion[name] for name in cost}
-    likely = [
+    return [best] + [
         name
         for name in sorted(tracing, key=tracing.__getitem__)
         if name != best
         and tracing[name] < cost_of(name).tried * cost[best]
-        and forms.may_convert(conversion[name], cost[best])
+        and may_convert(conversion[name], cost[best], served)
     ]
-    return [best, *sorted(likely, key=lambda name: cost_of(name).is_risky)]
 
 
-def _convertible(forms: TreeForms, suited: list[str], least: float) -> int:
-    """The number of strategies for which the tree has, or may be converted to, the form; least: as in `may_convert`."""
-    return sum(not seconds or forms.may_convert(seconds, least) for seconds in forms.conversions(suited).values())
+def may_convert(share: float, least: float, served: int) -> bool:
+    """Whether a query that others answer in `least` seconds may bear this share of a conversion to try a strategy.
+
+    By the ski-rental rule, a tree in which similar queries were served before is worth more.
+    """
+    return share * served < (MAX_CONVERSION_SHARE + KEPT_CONVERSION_SHARE * (served - 1)) * least
+
+
+def _convertible(forms: TreeForms, suited: list[str], least: float, served: int) -> int:
+    """The number of strategies for which the tree has the form, or may be converted to it: see `may_convert`."""
+    return sum(
+        not seconds or may_convert(seconds / served, least, served) for seconds in forms.conversions(suited).values()
+    )
 
 
 def sorting_pays(
@@ -296,21 +314,25 @@ def try_strategies(
     conversion: dict[str, float],
     features: QueryFeatures,
     threads: int,
+    repeats: int = 1,
+    served: int = 1,
 ) -> dict[str, float]:
     """Strategy -> nanoseconds per ray, measured on a sample of the query; empty if trials cost too much.
 
     Shafts may be a hundred times slower than predicted. If the first window takes too long, they are not tried further.
 
     cost, conversion : as for `worth_trying`
+    repeats, served : as for `choose_strategy`
     """
-    names, least = worth_trying(forms, cost, conversion), min(cost.values())
+    names, least = worth_trying(cost, conversion, served), min(cost.values())
     share = KEPT_TRIAL_SHARE if any(cost_of(name).load for name in names) else TRIAL_SHARE
-    window = least * _WINDOW / max(features.receivers, 1) * min(1.0, STRATA / features.samples)  # seconds
-    count = min(len(names), MAX_TRIED, int(share * least / max(_MIN_SAMPLE_SECONDS, _MIN_WINDOWS * window)))
-    if count < 2:
+    window = least * _WINDOW / max(features.receivers, 1) * min(1.0, STRATA / features.samples) + 1e-30  # seconds
+    budget, shortest = share * least * repeats, max(_MIN_SAMPLE_SECONDS / window, _MIN_WINDOWS)
+    count = min(len(names), MAX_TRIED, int(budget / (shortest * window)))
+    if count < 2 or shortest * _WINDOW > features.receivers:
         return {}
-    windows = min(share * least / count / window, _MAX_SAMPLE_SHARE * features.receivers / _WINDOW)
-    first, sample = sample_of(query, 1), sample_of(query, ceil(max(windows, _MIN_WINDOWS)))
+    windows = min(budget / count / window, max(_MAX_SAMPLE_SHARE * features.receivers / _WINDOW, shortest))
+    first, sample = sample_of(query, 1), sample_of(query, ceil(windows))
     rates: dict[str, float] = {}
     for name in sorted(names[:count], key=lambda name: cost_of(name).is_risky):
         risky, least = cost_of(name).is_risky, min(rates.values(), default=1e30)
@@ -324,6 +346,22 @@ def sampled_rate(strategy: str, forms: TreeForms, query: ShadowQuery, threads: i
     """Nanoseconds per ray of a strategy, measured on a few windows of the query."""
     windows = max(_MIN_WINDOWS, _SAMPLE_RAYS // (_WINDOW * min(query.samples.shape[1], STRATA)))
     return _rate_of(strategy, forms, sample_of(query, windows), threads)
+
+
+def sampled_candidates(tracer: Tracer, triangles: Triangles, query: ShadowQuery) -> float:
+    """`counters.CANDIDATES` of a tracer without a tree, estimated from a few windows of the query and a few triangles.
+
+    The estimate is several times too high, because fewer triangles block fewer rays early.
+    """
+    solid = triangles.solid
+    n = len(triangles.vertices) if solid is None else len(solid)
+    step = _NEIGHBOURS * max(n // _SAMPLE_TRIANGLES, 1)
+    rows = (np.arange(0, n - _NEIGHBOURS + 1, step, dtype=np.int32)[:, None] + np.arange(_NEIGHBOURS)).reshape(-1)
+    ids = rows.astype(np.int32) if solid is None else solid[rows]
+    sample, counters = sample_of(query, _CANDIDATE_WINDOWS), new_counters()
+    tracer.trace(Soup(triangles.vertices.reshape(-1, 9)[ids], ids), sample, new_bits(sample), 1, counters)
+    scale = n / max(len(ids), 1) * ray_count(query) / max(ray_count(sample), 1)
+    return scale * int(counters[CANDIDATES])
 
 
 LOADED: set[str] = set()  # strategies whose kernels this process has loaded
@@ -390,10 +428,16 @@ class AutoState(TracerState):
     ) -> None:
         self.forms, self.memory = TreeForms(bvh, thread_count(threads), extent), memory or StrategyMemory()
         self.builder, self._upgrade = builder, upgrade
+        self._served: dict[Key, int] = {}
 
     def begin(self) -> None:
         """Begin a frame, or a query of points."""
         self.memory.begin()
+
+    def serve(self, key: Key) -> int:
+        """Count a query; return the number of similar ones in this tree."""
+        self._served[key] = self._served.get(key, 0) + 1
+        return self._served[key]
 
     def improve(self, query: ShadowQuery, choice: StrategyChoice, threads: int) -> None:
         """Build a better tree if the query would lose more time in this one than the build takes.
@@ -408,6 +452,7 @@ class AutoState(TracerState):
         if self.upgrade_pays(strategy, seconds):
             bvh, self.builder = self._upgrade.build(query)
             self.forms, self._upgrade = TreeForms(bvh, self.forms.threads, self.forms.extent), None
+            self._served = {}
 
     def upgrade_pays(self, strategy: str, seconds: float) -> bool:
         """Whether a query that takes `seconds` in this tree pays for a better one, although this one is there."""
@@ -505,12 +550,14 @@ class AutoTracer(Tracer):
         seconds = features.rays * min(predicted_rate(name, features) for name in suited)
         suited = worth_loading(suited, 0.0 if prepared.builder == QUICK else seconds)
         # strategies are tried again once another one is loaded, or the tree may be converted to its form
-        key = *feature_key(features), len(suited), _convertible(forms, suited, seconds)
+        served = prepared.serve(feature_key(features))
+        key = *feature_key(features), len(suited), _convertible(forms, suited, seconds, served)
         if sorting_pays(query, forms, features, suited, threads):
             places = spatial_order(query.origins[0])
             query = reorder_query(query, places)
             features = features_of(query, *forms.extent)
-        choice = choose_strategy(query, forms, features, suited, threads, memory.rates(key))
+        known, repeats = memory.rates(key), memory.repeats(key)
+        choice = choose_strategy(query, forms, features, suited, threads, known, repeats, served)
         prepared.improve(query, choice, threads)
         tracer = TRACERS[choice.strategy]
         form, start = prepared.forms.of(tracer.form), _clock(tracer, threads)
@@ -519,5 +566,4 @@ class AutoTracer(Tracer):
         if places is not None:
             bits[:, places] = out
         seconds = _clock(tracer, threads) - start
-        prepared.forms.spent += seconds
         memory.learn(key, choice._replace(sorted=places is not None, seconds=seconds), prepared.builder)

@@ -18,7 +18,7 @@ from ...base.forks import is_stuck, renew_after_fork
 from ...bvh.wide_bvh import widen
 from ...query.closed_surfaces import closed_surfaces
 from ...query.pixel_refinement import subpixel_rays
-from ...query.query_bounds import bounds
+from ...query.query_bounds import bounds, triangle_box
 from ...query.ray_list import RayArguments, TracedRays, changed_error, hit_arrays
 from ...query.shadow_query import Surfaces, surfaces_of
 from ...scene.scene_data import MemoryData, SceneData
@@ -320,7 +320,7 @@ class InMemory:
 
     def box(self, triangles: Triangles) -> np.ndarray:
         if self._box is None or self._box[0] is not triangles:
-            self._box = triangles, np.stack(bounds(triangles.vertices, self.threads))
+            self._box = triangles, triangle_box(triangles, self.threads)
         return self._box[1]
 
     def look(self, view: CameraView) -> Surfaces:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import CHUNK, items, new_ticket, run, shares
+from ...kernels.parallel import CHUNK, items, new_ticket, run_short, shares
 from ...kernels.simd import bits as bits_of
 from ...kernels.simd import (
     broadcast16,
@@ -118,7 +118,7 @@ def rays_of(
     n = int(starts[-1])
     blocks = new_blocks(n, ways, empty)
     lanes = np.empty(n, np.int32)
-    run(_fill, threads, new_ticket(n, 256), query, order, starts, bits, blocks, lanes)
+    run_short(_fill, threads, new_ticket(n, 256), query, order, starts, bits, blocks, lanes)
     cut = LeafCut(np.arange(n, dtype=np.int32), lanes, starts, order.faces, order.placed)
     return rays_in(query, beam, blocks, cut, bits, threads, empty)
 
@@ -284,10 +284,12 @@ def rays_by_blocks(
     blocks = new_blocks(n, 16, empty)
     parts, ticket = -(-n // _PART), new_ticket(n, _PART)
     block_groups, counts = BlockGroups(*(empty(parts * _ROOM, np.int32) for _ in range(3))), np.zeros(parts, np.int64)
-    run(_write_groups, threads, ticket, query, beam, scale_of(beam), bits, blocks, block_groups, counts, tally)
+    run_short(_write_groups, threads, ticket, query, beam, scale_of(beam), bits, blocks, block_groups, counts, tally)
     gaps = np.arange(parts) * _ROOM - (np.cumsum(counts) - counts)
-    at = np.arange(counts.sum()) + np.repeat(gaps, counts)
-    order = sort_cells(np.append(block_groups.cells[at], np.zeros(PAD, np.int32)), at.astype(np.int32), threads)
+    at = np.arange(counts.sum(), dtype=np.int32) + np.repeat(gaps.astype(np.int32), counts)
+    cells = np.zeros(len(at) + PAD, np.int32)
+    np.take(block_groups.cells, at, out=cells[: len(at)])
+    order = sort_cells(cells, at, threads)
     cut = LeafCut(block_groups.blocks[order.ids], block_groups.lanes[order.ids], order.starts, order.faces, True)
     return rays_in(query, beam, blocks, cut, bits, threads, empty)
 

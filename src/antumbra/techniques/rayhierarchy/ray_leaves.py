@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ...base.forks import hold_during_fork
 from ...kernels.exact.predicate import segment
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
-from ...kernels.parallel import items, new_ticket, run
+from ...kernels.parallel import items, new_ticket, run_short
 from ...kernels.simd import (
     as_i32,
     atomic_or,
@@ -284,9 +284,9 @@ def rays_in(
         blocks.ways, blocks.origins, blocks.ids, blocks.own, ends, step, cut.blocks, cut.lanes, dead,
         beam.first, count, cut.starts, cut.faces, cut.placed, np.zeros(len(cut.blocks), np.int32),
     )  # fmt: skip
-    run(_fill_dead, threads, new_ticket(len(dead), 1024), query, bits, rays)
+    run_short(_fill_dead, threads, new_ticket(len(dead), 1024), query, bits, rays)
     if step:
-        run(_fill_ends, threads, new_ticket(n, 64), query, bits, rays)
+        run_short(_fill_ends, threads, new_ticket(n, 64), query, bits, rays)
     elif len(dead):
         _fill_common(query, int(np.argmax(cut.lanes != 0)), bits, rays)
     return rays
@@ -315,7 +315,7 @@ def _write_bits(ticket, rays, bits):
 
 def write_bits(rays: LeafRays, bits: NDArray[np.uint64], threads: int) -> None:
     """Set the bits of blocked segments in (h, w, words) uint64."""
-    run(_write_bits, threads, new_ticket(len(rays.dead), 256), rays, bits)
+    run_short(_write_bits, threads, new_ticket(len(rays.dead), 256), rays, bits)
 
 
 # --- Tests of a triangle against the rays of a leaf -------------------------------------------------------------------

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...kernels.jit import inlined, kernel, overloaded
-from ...kernels.parallel import items, new_ticket, run
+from ...kernels.parallel import items, new_ticket, run_short
 from ...kernels.simd import get, ptr, ptr_at, put
 from .light_beams import Beam, view_of
 from .ray_leaves import PAD, Empty, LeafRays, leaves_of
@@ -157,5 +157,5 @@ def tree_of(kind: Any, beam: Beam, rays: LeafRays, threads: int, empty: Empty = 
     for part in range(k):
         for level in range(int(heights[part])):
             ticket = new_ticket(-(-int(sizes[part, level]) // ways), 64)
-            run(_bound, threads, ticket, tree, beam, rays, part, level)
+            run_short(_bound, threads, ticket, tree, beam, rays, part, level)
     return tree

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...bvh.morton_sort import radix_sort
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import CHUNK, N, items, new_ticket, run, shares
+from ...kernels.parallel import CHUNK, N, items, new_ticket, run_short, shares
 from ...kernels.simd import (
     absolute,
     fma,
@@ -237,15 +237,15 @@ def order_of(
     parts = -(-h * w // _PART)
     keys, counts = np.empty(h * w + 16, np.int32), np.zeros(parts + 1, np.int64)
     ticket = new_ticket(h * w, _PART)
-    run(_write_cells, threads, ticket, query, beam, scale_of(beam), bits, keys, counts[1:], tally)
+    run_short(_write_cells, threads, ticket, query, beam, scale_of(beam), bits, keys, counts[1:], tally)
     if not sort and h > 1:
         tiles = -(-w // _TILE) * -(-h // _TILE)
         ids = np.empty(tiles * _TILE * _TILE, np.int32)
-        run(_on_screen, threads, new_ticket(tiles, 1), keys, w, h, ids)
+        run_short(_on_screen, threads, new_ticket(tiles, 1), keys, w, h, ids)
         return _without_faces(ids, True)
     starts = np.cumsum(counts)
     packed, ids = np.zeros(int(starts[-1]) + PAD, np.int32), np.empty(int(starts[-1]), np.int32)
-    run(_pack, threads, new_ticket(h * w, _PART), keys, starts, packed, ids)
+    run_short(_pack, threads, new_ticket(h * w, _PART), keys, starts, packed, ids)
     return sort_cells(packed, ids, threads) if sort and len(ids) else _without_faces(ids, False)
 
 
