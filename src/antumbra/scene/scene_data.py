@@ -25,7 +25,7 @@ from .lights import Light
 from .materials import MONTHS, LightShare, Transmittance
 from .mesh import MeshInfo, ObjectInfo, Source
 from .raster import Raster
-from .scene_bounds import Survey, faces_of, frame_origin, moving_faces, objects_of, sampled_faces
+from .scene_bounds import Survey, face_corners, faces_of, frame_origin, moving_faces, objects_of, sampled_faces
 from .terrain import HeightGrid
 from .triangles import Triangles
 from .units import LengthUnit, checked_unit
@@ -268,6 +268,13 @@ class SceneData(ABC):
     def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
         """The triangles at `time`. A store raises InputError."""
 
+    def corners(self, time: float = 0.0, faces: NDArray[np.integer] | None = None) -> NDArray[np.float64]:
+        """(m, 3, 3) float64, world: the corners of faces, (m,) int, at `time`; None: all. A store raises InputError.
+
+        They are those of the source, before a frame rounds them, so they do not depend on the other faces.
+        """
+        raise self.refusal()
+
     @abstractmethod
     def _cameras_at(self, time: float) -> list[Camera]:
         """The cameras at a time in [0, `duration`]."""
@@ -377,7 +384,7 @@ class MemoryData(SceneData):
 
     def cell_tops(self) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
         find = getattr(self.source, "tops", None)
-        return None if find is None else cast("tuple[NDArray[np.float64], NDArray[np.int32]] | None", find(self.origin))
+        return None if find is None else cast("tuple[NDArray[np.float64], NDArray[np.int32]] | None", find())
 
     def sampled_faces(self, time: float | None = None) -> NDArray[np.float64]:
         if time is None:
@@ -494,6 +501,10 @@ class MemoryData(SceneData):
         face_id, cutouts = np.arange(self.n_triangles, dtype=np.int32), self.cutouts
         solid = solid_faces(rows_with_area(vertices, threads), None if cutouts is None else cutouts.solid)
         return Triangles(vertices, self.origin.copy(), face_id, self.colours, cutouts, solid)
+
+    def corners(self, time: float = 0.0, faces: NDArray[np.integer] | None = None) -> NDArray[np.float64]:
+        chosen = np.arange(self.n_triangles) if faces is None else faces
+        return face_corners(self.source, chosen, self.clamped(time))
 
     def update(
         self,
