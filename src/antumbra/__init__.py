@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from . import cluster, examples
     from .baking.bake import Baked, bake
     from .base.errors import InputError
+    from .city.changes.before_and_after import before_and_after
+    from .city.changes.scene_changes import SceneChange, changed_scene, scene_change
     from .city.cityjson.attribute_writer import write_attributes
     from .city.gis.gis_scenes import from_footprints, from_raster
     from .city.sensors.ground_areas import area_sensors
@@ -102,6 +104,7 @@ __all__ = [
     "RenderOptions",
     "Renderer",
     "Scene",
+    "SceneChange",
     "Sensors",
     "Shadow",
     "Sightlines",
@@ -120,7 +123,9 @@ __all__ = [
     "VisibilityMatrix",
     "area_sensors",
     "bake",
+    "before_and_after",
     "build_store",
+    "changed_scene",
     "cluster",
     "dataset",
     "examples",
@@ -139,6 +144,7 @@ __all__ = [
     "pvlib_shading",
     "raster_sensors",
     "render",
+    "scene_change",
     "sensors_of",
     "shadow",
     "sky_view",
@@ -195,6 +201,7 @@ _HOME = {
     "RenderOptions": "picture.render_options",
     "Renderer": "picture.renderer",
     "Scene": "engine.scene",
+    "SceneChange": "city.changes.scene_changes",
     "Sensors": "city.sensors.sensors",
     "Shadow": "city.shadow.shadow_polygons",
     "Sightlines": "city.sight.sightlines",
@@ -213,7 +220,9 @@ _HOME = {
     "VisibilityMatrix": "city.sight.visibility_matrix",
     "area_sensors": "city.sensors.ground_areas",
     "bake": "baking.bake",
+    "before_and_after": "city.changes.before_and_after",
     "build_store": "engine.store_building",
+    "changed_scene": "city.changes.scene_changes",
     "dataset": "datasets.dataset",
     "face_sensors": "city.sensors.sensors",
     "from_footprints": "city.gis.gis_scenes",
@@ -230,6 +239,7 @@ _HOME = {
     "pvlib_shading": "integrations.pvlib",
     "raster_sensors": "city.sensors.sensors",
     "render": "picture.renderer",
+    "scene_change": "city.changes.scene_changes",
     "sensors_of": "city.sensors.sensor_files",
     "shadow": "city.shadow.shadow",
     "sky_view": "city.sun.sun_hours",

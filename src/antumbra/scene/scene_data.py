@@ -8,6 +8,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from copy import copy
 from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
@@ -178,6 +179,7 @@ class SceneData(ABC):
     moved: Triangles | None = (
         None  # the triangles of the latest `update`, as `triangles` returns them; None: none so far
     )
+    hidden: NDArray[np.bool_] | None = None  # (n,): faces that are not there, as in one of two states; None: none
     given_unit: LengthUnit | None = None  # of the world coordinates; None: that of the CRS, or metres
     _cameras: list[Camera]  # at time 0
     _lights: list[Light]
@@ -380,10 +382,11 @@ class MemoryData(SceneData):
     @property
     def terrain(self) -> HeightGrid | None:
         grid: HeightGrid | None = getattr(self.source, "height_grid", None)
-        return None if grid is None or self.moved is not None or self.cutouts is not None else grid
+        changed = self.moved is not None or self.cutouts is not None or self.hidden is not None
+        return None if changed else grid
 
     def cell_tops(self) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
-        find = getattr(self.source, "tops", None)
+        find = None if self.hidden is not None else getattr(self.source, "tops", None)
         return None if find is None else cast("tuple[NDArray[np.float64], NDArray[np.int32]] | None", find())
 
     def sampled_faces(self, time: float | None = None) -> NDArray[np.float64]:
@@ -498,13 +501,36 @@ class MemoryData(SceneData):
         with np.errstate(all="ignore"):
             for piece in self.source.pieces(time):
                 start += gather(piece, self.origin, vertices[start:], threads)
+        if self.hidden is not None:
+            vertices[self.hidden] = vertices[self._shown, 0]
         face_id, cutouts = np.arange(self.n_triangles, dtype=np.int32), self.cutouts
         solid = solid_faces(rows_with_area(vertices, threads), None if cutouts is None else cutouts.solid)
         return Triangles(vertices, self.origin.copy(), face_id, self.colours, cutouts, solid)
 
     def corners(self, time: float = 0.0, faces: NDArray[np.integer] | None = None) -> NDArray[np.float64]:
         chosen = np.arange(self.n_triangles) if faces is None else faces
-        return face_corners(self.source, chosen, self.clamped(time))
+        corners = face_corners(self.source, chosen, self.clamped(time))
+        if self.hidden is not None:
+            corners[self.hidden[chosen]] = face_corners(self.source, self._shown, self.clamped(time))[0, 0]
+        return corners
+
+    def hiding(self, faces: NDArray[np.bool_]) -> "MemoryData":
+        """The same data, in the same frame and with the same numbers of faces and objects, without some faces.
+
+        They become triangles without area at a corner of another face, so nothing meets them.
+
+        faces : (n,) bool
+        """
+        out = copy(self)
+        out.hidden = faces if faces.any() else None
+        if faces.all():
+            raise InputError(f"{self.name}: nothing of the scene is left; remove fewer objects")
+        return out
+
+    @property
+    def _shown(self) -> NDArray[np.int64]:
+        """(1,) int: a face that is not hidden."""
+        return np.argmin(self.hidden, keepdims=True)  # type: ignore[arg-type, no-any-return]
 
     def update(
         self,
@@ -523,6 +549,8 @@ class MemoryData(SceneData):
 
         if self.animated:
             raise InputError(f"{self.name}: its animation moves the geometry, and update is for static scenes")
+        if self.hidden is not None:
+            raise InputError(f"{self.name}: objects of it were removed, and update is for scenes with all their faces")
         if (vertices is None) == (transform is None) or (vertices is not None and objects is not None):
             raise InputError(f"{self.name}: give update either vertices, or a transform with the objects to move")
         threads = thread_count(threads)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.city.vegetation.joined_scenes import join_data
+from antumbra.scene.joined_scenes import join_data
 
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 FACES = np.array([tri for a, b, c, d in QUADS for tri in ((a, b, c), (a, c, d))])

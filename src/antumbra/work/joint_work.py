@@ -1,0 +1,54 @@
+"""Two results of one kind from one set of units: shards, clusters and resuming split them as if they were one work."""
+
+import warnings
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+from .executors import Executor, LocalExecutor, UnitCollector, Units
+
+_T = TypeVar("_T")
+
+Study = Callable[[Executor], _T | None]
+"""A study as a function of the executor of its units; it returns None if the executor leaves some to others."""
+
+
+class _Joint:
+    """An executor of two works: it runs the units of the first before those of the second."""
+
+    def __init__(self, executor: Executor, first: Sequence[Units]):
+        self.folder, self._executor, self._first = executor.folder, executor, list(first)
+        self.work = self._first
+
+    def finish(self, work: Sequence[Units]) -> bool:
+        self.work = [*self._first, *work]
+        return self._executor.finish(self.work)
+
+    def end(self, work: Sequence[Units]) -> None:
+        """No-op: the first work needs its units once more."""
+
+
+class _Finished(LocalExecutor):
+    """An executor of units that are done."""
+
+    def end(self, work: Sequence[Units]) -> None:
+        """No-op: `both_results` removes the units."""
+
+
+def both_results(first: Study[_T], second: Study[_T], executor: Executor) -> tuple[_T, _T] | None:
+    """The results of two studies, whose units an executor runs as one work; None if it leaves some to others.
+
+    executor : with a folder
+    """
+    assert executor.folder is not None
+    collector = UnitCollector(executor.folder)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # they come again with the result
+        first(collector)
+    joint = _Joint(executor, collector.work)
+    later = second(joint)
+    if later is None:
+        return None
+    earlier = first(_Finished(executor.folder))
+    assert earlier is not None
+    executor.end(joint.work)
+    return earlier, later
