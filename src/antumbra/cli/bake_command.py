@@ -80,6 +80,8 @@ class BakeCommand(StudyCommand[BakeOptions, "Baked"]):
     files: ClassVar[str | None] = None
 
     def check(self) -> None:
+        if self.add or self.remove:
+            raise InputError("--add and --remove change no glTF file, and bake writes one; change it in a modeller")
         if self.vertex and self.options.texture is not None:
             raise InputError("--vertex and --texture exclude each other; leave one of them out")
         if self.sky is not None and self.options.what != "light":

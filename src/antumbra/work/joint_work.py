@@ -2,13 +2,13 @@
 
 import warnings
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 from .executors import Executor, LocalExecutor, UnitCollector, Units
 
 _T = TypeVar("_T")
 
-Study = Callable[[Executor], _T | None]
+Study: TypeAlias = Callable[["Executor | None"], _T | None]
 """A study as a function of the executor of its units; it returns None if the executor leaves some to others."""
 
 
@@ -34,21 +34,29 @@ class _Finished(LocalExecutor):
         """No-op: `both_results` removes the units."""
 
 
-def both_results(first: Study[_T], second: Study[_T], executor: Executor) -> tuple[_T, _T] | None:
+def both_results(first: Study[_T], second: Study[_T], executor: Executor | None) -> tuple[_T, _T] | None:
     """The results of two studies, whose units an executor runs as one work; None if it leaves some to others.
 
-    executor : with a folder
+    executor : with a folder; None: studies without units
     """
+    if executor is None:
+        earlier, later = _silent(first, None), second(None)
+        assert earlier is not None and later is not None
+        return earlier, later
     assert executor.folder is not None
     collector = UnitCollector(executor.folder)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # they come again with the result
-        first(collector)
+    _silent(first, collector)
     joint = _Joint(executor, collector.work)
     later = second(joint)
     if later is None:
         return None
-    earlier = first(_Finished(executor.folder))
+    earlier = _silent(first, _Finished(executor.folder))
     assert earlier is not None
     executor.end(joint.work)
     return earlier, later
+
+
+def _silent(study: Study[_T], executor: Executor | None) -> _T | None:
+    """The result of the first study without its notes, since those of the second are the same."""
+    with warnings.catch_warnings(action="ignore", category=UserWarning):
+        return study(executor)

@@ -97,6 +97,12 @@ class SceneChange(NamedTuple):
             zones = tuple(each._replace(left_out=each.left_out + int(n)) for each, n in zip(zones, more))
         return replace(sensors.take(np.flatnonzero(~covered)), zones=zones)
 
+    def state(self, scene: AnyScene, name: str) -> Scene:
+        """A state, "before" or "after", of the kept scene with further objects, such as the plants of `from_trees`."""
+        data = cast(MemoryData, scene.data)
+        hidden = ~_shown(cast(MemoryData, getattr(self, name).data))
+        return Scene.of_data(data.hiding(np.concatenate([hidden, np.zeros(data.n_triangles - len(hidden), bool)])))
+
     def compare(self, study: Callable[..., Any], sensors: Any = "face", *args: Any, **keywords: Any) -> Table:
         """Run a study of both states on the same sensors.
 

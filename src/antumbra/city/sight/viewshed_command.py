@@ -24,7 +24,7 @@ from ...cli.options import (
     points_or_file,
     writes,
 )
-from ...cli.scene_arguments import DEFAULT_SCENE
+from ...cli.scene_arguments import DEFAULT_SCENE, BeforeOption
 from ...cli.study_run import Scenes, Writers, command_of
 from ...cli.vegetation_options import VegetationOption
 from ...work.result_summary import Summary
@@ -84,6 +84,7 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
         float | None, typer.Option(help="World units between observers along lines.", show_default=False)
     ] = None
     trees: VegetationOption = None
+    before: BeforeOption = False
     output: Annotated[OutputsOption, ListedBefore("plan")] = None
     map: MapOption = None
     column: ColumnOption = None
@@ -152,6 +153,9 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
 
     def table_of(self, result: "Viewshed") -> "Table":
         return result.table
+
+    def with_table(self, result: "Viewshed", table: "Table") -> "Viewshed":
+        return result._replace(table=table)
 
     def writers(self, result: "Viewshed", scenes: Scenes) -> Writers:
         return {**super().writers(result, scenes), "bits": partial(_write_bits, result)}
