@@ -15,8 +15,8 @@ from ..tables.surface_columns import NAMES
 BEFORE, LOSS = "_before", "_loss"
 """Ends of the names of columns."""
 
-_DESCRIPTIVE = (*NAMES, "sensors", "x2", "y2", "z2", "length")  # of sensors and pairs, in both states
-_INDICES = "first", "nearest", "face", "object"  # whole numbers that are names
+_DESCRIPTIVE = (*NAMES, "sensors", "point", "x2", "y2", "z2")  # of sensors and pairs, in both states
+_NO_LOSS = "first", "nearest", "face", "object", "distance", "px", "py", "pz"  # which one, and where it is
 
 
 def before_and_after(before: Table, after: Table) -> Table:
@@ -45,7 +45,7 @@ def before_and_after(before: Table, after: Table) -> Table:
     names = [*after.columns, *(name for name in before.columns if name not in after.columns)]
     for name in names:
         earlier, later = before.columns.get(name), after.columns.get(name)
-        if name in _DESCRIPTIVE and later is not None:
+        if (name in _DESCRIPTIVE or (name == "length" and before.about.get("job") == "los")) and later is not None:
             columns[name] = later
         elif earlier is None or later is None:  # hours of a month, for example, that one state lacks
             raise InputError(f"the column {name!r} is in one state only; compare two runs of the same study")
@@ -60,7 +60,7 @@ def before_and_after(before: Table, after: Table) -> Table:
 def _of_states(name: str, before: Column, after: Column) -> dict[str, Column]:
     """The columns of a quantity, or of a time, a name, or a yes or no."""
     columns = {name + BEFORE: before._replace(about=f"{before.about}, before"), name: after}
-    if before.values.dtype.kind not in "fiu" or name in _INDICES:
+    if before.values.dtype.kind not in "fiu" or name in _NO_LOSS:
         return columns
     kind = np.float64 if before.values.dtype.kind == "f" else np.int64
     loss = before.values.astype(kind) - after.values.astype(kind)

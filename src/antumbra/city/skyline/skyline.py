@@ -29,8 +29,9 @@ from ...trace.rays.ray_hits import intersections
 from ...work.result_summary import Summary, SummaryTable, heading
 from ..sensors.point_checks import notes_on_sensors, on_surface, tell
 from ..sensors.sensor_files import check_sensors, sensors_of
-from ..sensors.sensors import Sensors, sensors_from, sightline_ends
+from ..sensors.sensors import Sensors, point_sensors, sensors_from, sightline_ends
 from ..tables.map_page import MAP_SUFFIXES, check_map, checked_title, save_page
+from ..tables.result_table import Column, Table
 from .edge_projection import Compass, Slopes, compass_of, raise_slopes
 from .horizon_diagram import horizon_figure
 from .skyline_options import SkylineOptions
@@ -137,6 +138,17 @@ class Skyline(NamedTuple):
         index = pandas.Index(self.azimuth, name="horizon_azimuth")
         series: Any = pandas.Series(self._row(point, highest), index=index, name="horizon_elevation")
         return series
+
+    def table(self) -> Table:
+        """A `Table` with a row per point and azimuth: "point", "azimuth", "elevation" and "highest", in degrees."""
+        n, m = self.elevation.shape
+        columns = {
+            "elevation": Column(self.elevation.ravel(), "degrees", "elevation of the horizon"),
+            "highest": Column(self.highest.ravel(), "degrees", "highest elevation within half a step"),
+            "point": Column(np.repeat(np.arange(n), m), "", "index of the point"),
+            "azimuth": Column(np.tile(self.azimuth, n), "degrees", "clockwise from true north"),
+        }
+        return Table(point_sensors(np.repeat(self.points, m, axis=0)), columns, dict(self.about))
 
     def save(self, path: str | os.PathLike[str], *, point: int | None = None, highest: bool = False) -> None:
         """Write the skylines in the format of the suffix.

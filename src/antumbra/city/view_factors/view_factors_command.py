@@ -74,7 +74,7 @@ class ViewFactorsCommand(StudyCommand[ViewFactorOptions, "tuple[ViewFactors, flo
         from .view_factors import view_factors
 
         def study() -> "tuple[ViewFactors, float]":
-            sampled = view_factors(scenes.bare, **field_values(self.options))
+            sampled = view_factors(scenes.planted, **field_values(self.options))
             return sampled.reciprocal() if self.reciprocal else sampled, sampled.reciprocity_error
 
         return study
