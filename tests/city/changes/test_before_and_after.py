@@ -54,7 +54,8 @@ def test_areas_have_both_states():
     assert both.about["areas"] == [
         {
             "name": "garden", "cells": 9, "left_out": 1, "sun_hours_before": 3.0, "sun_hours": 2.0,
-            "sun_hours_loss": 1.0, "share_before": 0.75, "share": 0.25, "share_loss": 0.5, "passes_before": True, "passes": False,
+            "sun_hours_loss": 1.0, "share_before": 0.75, "share": 0.25, "share_loss": 0.5,
+            "passes_before": True, "passes": False,
         }
     ]  # fmt: skip
 

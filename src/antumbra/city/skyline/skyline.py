@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
 
@@ -27,11 +28,12 @@ from ...scene.map_point import map_point, on_earth
 from ...sun.location import Place, place_of_crs
 from ...trace.rays.ray_hits import intersections
 from ...work.result_summary import Summary, SummaryTable, heading
+from ..sensors.point_attributes import Attributes, with_attributes
 from ..sensors.point_checks import notes_on_sensors, on_surface, tell
 from ..sensors.sensor_files import check_sensors, sensors_of
 from ..sensors.sensors import Sensors, point_sensors, sensors_from, sightline_ends
 from ..tables.map_page import MAP_SUFFIXES, check_map, checked_title, save_page
-from ..tables.result_table import Column, Table
+from ..tables.result_table import Column, Table, csv_texts, plain_values
 from .edge_projection import Compass, Slopes, compass_of, raise_slopes
 from .horizon_diagram import horizon_figure
 from .skyline_options import SkylineOptions
@@ -63,6 +65,7 @@ class Skyline(NamedTuple):
     elevation: np.ndarray  # (n, m) float64, degrees above the horizontal: of what lies along each azimuth
     highest: np.ndarray  # (n, m) float64, degrees: of what lies within half a step, both ends included
     about: dict[str, Any]  # metadata of the study, in JSON types
+    attributes: Attributes = {}  # noqa: RUF012 - name -> (n,): other columns of the file of points
 
     def __repr__(self) -> str:
         return f"Skyline({len(self.points)} points x {len(self.azimuth)} azimuths)"
@@ -148,13 +151,15 @@ class Skyline(NamedTuple):
             "point": Column(np.repeat(np.arange(n), m), "", "index of the point"),
             "azimuth": Column(np.tile(self.azimuth, n), "degrees", "clockwise from true north"),
         }
-        return Table(point_sensors(np.repeat(self.points, m, axis=0)), columns, dict(self.about))
+        sensors = point_sensors(np.repeat(self.points, m, axis=0))
+        given = {name: np.repeat(values, m) for name, values in self.attributes.items()}
+        return Table(replace(sensors, attributes=given), columns, dict(self.about))
 
     def save(self, path: str | os.PathLike[str], *, point: int | None = None, highest: bool = False) -> None:
         """Write the skylines in the format of the suffix.
 
-        .csv has a row per point and azimuth; .json and .npz have the arrays and `about`; .txt is the horizon file of
-        PVGIS, for a single point: an elevation per line, from north clockwise.
+        .csv has a row per point and azimuth; .json and .npz have the arrays and `about`; all have the `attributes`.
+        .txt is the horizon file of PVGIS, for a single point: an elevation per line, from north clockwise.
 
         Parameters
         ----------
@@ -181,6 +186,10 @@ class Skyline(NamedTuple):
         with atomic_output(target) as temporary, open(temporary, "wb") as file:
             if suffix == ".npz":
                 arrays = {name: getattr(self, name) for name in ("points", "azimuth", "elevation", "highest")}
+                given = {name: values.astype("U") if values.dtype == object else values
+                         for name, values in self.attributes.items()}  # fmt: skip
+                arrays = with_attributes({}, given, {**arrays, "about": np.empty(0)})
+                del arrays["about"]
                 np.savez_compressed(file, allow_pickle=False, about=np.array(json.dumps(self.about)), **arrays)
             else:
                 file.writelines(self._csv() if suffix == ".csv" else [self._json()])
@@ -252,15 +261,20 @@ class Skyline(NamedTuple):
         return row
 
     def _csv(self) -> Iterator[bytes]:
-        yield b"point,x,y,z,azimuth,elevation,highest\n"
+        own, results = dict.fromkeys(("point", "x", "y", "z")), dict.fromkeys(("azimuth", "elevation", "highest"))
+        names: Any = with_attributes(own, self.attributes, results)  # type: ignore[arg-type]  # names alone matter
+        yield (",".join(csv_texts(np.array([*names], object))) + "\n").encode()
+        given = list(zip(*map(csv_texts, self.attributes.values()))) or [()] * len(self.points)
         for k, (at, *rows) in enumerate(zip(self.points, self.elevation, self.highest)):
-            where = f"{k},{','.join(str(c) for c in at.tolist())}"
+            where = ",".join([str(k), *(str(c) for c in at.tolist()), *given[k]])
             columns = zip(self.azimuth.tolist(), *(np.round(row, _DECIMALS).tolist() for row in rows))
             yield "".join(f"{where},{azimuth},{e},{h}\n" for azimuth, e, h in columns).encode()
 
     def _json(self) -> bytes:
         rows = {name: np.round(getattr(self, name), _DECIMALS).tolist() for name in ("elevation", "highest")}
         document = {"about": self.about, "points": self.points.tolist(), "azimuth": self.azimuth.tolist(), **rows}
+        if self.attributes:
+            document["attributes"] = {name: plain_values(values) for name, values in self.attributes.items()}
         document["sky_view_factor"] = np.round(self.sky_view_factor(), _DECIMALS).tolist()
         return json.dumps(document, allow_nan=False).encode()
 
@@ -349,7 +363,7 @@ def skyline(
     if place is not None:
         about |= {"latitude": place.latitude, "longitude": place.longitude}
     elevation, highest = (np.degrees(atan(rows)) for rows in slopes)
-    return Skyline(sensors.points, azimuth, elevation, highest, about)
+    return Skyline(sensors.points, azimuth, elevation, highest, about, sensors.attributes)
 
 
 def sensors_at(scene: AnyScene, points: Sensors | ArrayLike, normals: ArrayLike | None) -> Sensors:
@@ -369,9 +383,11 @@ def _raised(scene: AnyScene, sensors: Sensors, options: SkylineOptions) -> Senso
     if options.on_surface:
         eyes = on_surface(scene, eyes, "points", scene.clamped(options.time), thread_count(options.threads))
     if options.eye_height == 0.0:  # on the surface itself
-        return sensors_from(scene, eyes, np.eye(3)[up], "points")
-    eyes[:, up] += options.eye_height
-    return sensors_from(scene, eyes, None, "points")
+        raised = sensors_from(scene, eyes, np.eye(3)[up], "points")
+    else:
+        eyes[:, up] += options.eye_height
+        raised = sensors_from(scene, eyes, None, "points")
+    return replace(raised, attributes=sensors.attributes)
 
 
 def _slopes_of(scene: AnyScene, sensors: Sensors, compass: Compass, time: float, threads: int) -> Slopes:

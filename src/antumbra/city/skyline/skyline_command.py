@@ -101,13 +101,10 @@ class SkylineCommand(StudyCommand[SkylineOptions, "list[Skyline]"]):
         return [*before, *after]
 
     def _points(self, scenes: Scenes) -> "Sensors":
-        from ..sensors.point_attributes import warn_of_lost
         from ..sensors.sensors import point_sensors
 
         if self.points is not None:
-            points = scenes.sensors(self.points, self.threads)
-            warn_of_lost(self.points, points.attributes)
-            return points
+            return scenes.sensors(self.points, self.threads)
         return point_sensors([parse_point(text, "--at") for text in self.at or []])
 
     def writers(self, result: "list[Skyline]", scenes: Scenes) -> Writers:
