@@ -104,7 +104,8 @@ def test_both_states_are_those_of_two_runs_with_windows_from_a_file(cli, tmp_pat
         "id,dwelling,x,y,z,nx,ny,nz\nw1,ground,85002,447000,2,0,-1,0\nw2,ground,85008,447000,2,0,-1,0\n"
         "w3,top,85005,447000,8,0,-1,0\nw4,top,85000,447005,8,-1,0,0\n"
     )
-    words = *DAY, "--sensors", "windows.csv", "--energy"
+    here = "--latitude", 52, "--longitude", 4.36, "--north", 0  # that of the CRS is at the middle of a scene
+    words = *DAY, *here, "--sensors", "windows.csv", "--energy"
     assert cli("sun", town, *words, *ADD, "--before", "-o", "both.csv").code == 0
     assert cli("sun", town, *words, "-o", "before.csv").code == 0
     assert cli("sun", town, *words, *ADD, "-o", "after.csv").code == 0

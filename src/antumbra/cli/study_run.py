@@ -244,7 +244,7 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         nothing: dict[str, Any] = dict.fromkeys(self.of_one_state)
         first = replace(self, **nothing)
         if executor is None and hasattr(self, "shard"):
-            path = [*self.paths("output"), *self.paths("map")][0]
+            path = next(path for name in outputs_of(type(self)) for path in self.paths(name))
             executor = LocalExecutor(checked_folder(path.with_suffix(".parts"), parents=True))
 
         def study() -> _Result | None:
