@@ -37,14 +37,7 @@ STUDIES = {  # command -> (words, file of both states, a quantity)
     "viewshed": (("--sensors", "grid:1", "--observer", "85015,446950,2"), "out.csv", "seen"),
     "skyline": (("--at", "85005,447005,11", "--step", 30), "out.csv", "elevation"),
     "los": (("--from", "85005,446999,5", "--to", "85020,446960,5"), "out.csv", None),
-    "matrix": (
-        (
-            "--sensors",
-            "grid:4",
-        ),
-        "counts.csv",
-        "seen",
-    ),
+    "matrix": (("--sensors", "grid:1", "--targets", "targets.csv"), "counts.csv", "seen"),
 }
 
 
@@ -55,6 +48,7 @@ def town(tmp_path):
     corners = np.concatenate([city_files.CUBE * 10.0, city_files.CUBE * 3.0 + (20.0, 0.0, 0.0)]) + (85000, 447000, 0)
     city_files.put(tmp_path, city_files.city(cubes, vertices=corners))
     (tmp_path / "tower.obj").write_text(TOWER)
+    (tmp_path / "targets.csv").write_text("x,y,z\n85014,446950,5\n85020,446960,2\n")
     return "a.city.json"
 
 
@@ -208,8 +202,9 @@ def test_wrong_changes_are_refused_before_anything_is_written(cli, tmp_path, tow
 
 def test_bakes_and_stores_refuse_changes(cli, tmp_path, town):
     for command in (("bake", "tower.obj", "-o", "a.glb"), ("build", "tower.obj", "-o", "a.antumbra")):
-        done = cli(*command, "--remove", "tower")
-        assert done.code == 2 and "--add and --remove change" in done.err and len(list(tmp_path.iterdir())) == 2
+        for option, value in (("--remove", "tower"), ("--add", "tower.obj")):
+            done = cli(*command, option, value)
+            assert done.code == 2 and f"{option} {value}: " in done.err and len(list(tmp_path.iterdir())) == 3
 
 
 def test_pictures_show_the_changed_scene(cli, tmp_path, town):

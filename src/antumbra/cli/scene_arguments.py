@@ -377,6 +377,12 @@ class SceneArguments:
         spec = spec._replace(added=tuple(map(parse_added, self.add or ())), removed=tuple(self.remove or ()))
         return spec._replace(up=getattr(self, "up", None), crs=getattr(self, "crs", None))
 
+    def refuse_changes(self, why: str) -> None:
+        """Raise an InputError if the command has --add or --remove; `why`: it does not support them, and the remedy."""
+        for option, values in (("--add", self.add), ("--remove", self.remove)):
+            if values:
+                raise InputError(f"{option} {values[0]}: {why}")
+
     def record_of(self, text: str) -> str:
         """The text of the scene with all these options, for records and reports."""
         parts = [] if self.height is None else [f"height={quote(self.height)}"]

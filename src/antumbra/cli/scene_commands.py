@@ -377,8 +377,7 @@ def build(args: BuildArguments) -> int:
       antumbra build west.tif east.tif -o dem.antumbra
       antumbra info city.antumbra --check
     """
-    if args.add or args.remove:
-        raise InputError("--add and --remove change scenes in memory, not stores; name all files as SCENEs")
+    args.refuse_changes("stores hold whole files; name all of them as SCENEs")
     specs = [spec for text in args.scenes for spec in _tiles_of(args.spec_of(text))]
     memory = arguments.parse_bytes(args.max_memory, "--max-memory")
 

@@ -201,9 +201,8 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         about = self.about_of(result)
         if scenes.change is not None and about is not None:
             about["change"] = list(scenes.change.notes)
-        if self.records_trees and getattr(self, "trees", None) is not None:
-            record: Any = result
-            record.about["trees"] = getattr(self, "trees")  # noqa: B009 - a field of subclasses
+        if self.records_trees and getattr(self, "trees", None) is not None and about is not None:
+            about["trees"] = getattr(self, "trees")  # noqa: B009 - a field of subclasses
 
     def writers(self, result: _Result, scenes: Scenes) -> Writers:
         """What writes the files of each field that names some."""
