@@ -102,4 +102,4 @@ def test_only_commands_with_a_scene_have_its_options():
         "quiet",
     ]
     made = [list(takes(kind)(lambda args: 0).__annotations__) for kind in (Plain, WithScene)]
-    assert made == [["name"], ["scene", "height", "terrain", "unit", "quiet", "max_memory"]]
+    assert made == [["name"], ["scene", "height", "terrain", "unit", "add", "remove", "quiet", "max_memory"]]

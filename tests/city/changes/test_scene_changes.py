@@ -125,8 +125,9 @@ def test_delft_gains_no_sun_from_a_tower():
     "study, column", [(at.sky_view, "sky_view"), (at.visible_share, "share"), (at.viewshed, "seen")]
 )
 def test_other_studies_of_sensors_have_both_states(study, column):
-    more = {at.visible_share: [at.Turbine((-50.0, -50.0, 0.0), 60.0, 30.0)], at.viewshed: [[[-100.0, -100.0, 2.0]]]}
-    table = quiet(at.scene_change(plain(), box()).compare, study, "raster:8", *more.get(study, []))
+    turbine = at.Turbine((-50.0, -50.0, 0.0), 60.0, 30.0)
+    more = {at.visible_share: {"target": turbine}, at.viewshed: {"observers": [[-100.0, -100.0, 2.0]]}}
+    table = quiet(at.scene_change(plain(), box()).compare, study, "raster:8", **more.get(study, {}))
     assert list(table.columns)[:3] == [f"{column}_loss", f"{column}_before", column]
     assert (table[f"{column}_loss"] >= 0).all() and (table[f"{column}_loss"] > 0).any()
 

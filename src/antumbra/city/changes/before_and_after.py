@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ...base.checks import checked_instance
 from ...base.errors import InputError
 from ..tables.result_table import Column, Table
 from ..tables.surface_columns import NAMES
@@ -39,6 +40,8 @@ def before_and_after(before: Table, after: Table) -> Table:
     InputError
         If the sensors differ.
     """
+    checked_instance(before, Table, "before")
+    checked_instance(after, Table, "after")
     if not np.array_equal(before.sensors.points, after.sensors.points):
         raise InputError("before and after have other sensors; give both studies the same Sensors")
     columns = dict[str, Column]()

@@ -103,7 +103,7 @@ class SceneChange(NamedTuple):
         hidden = ~_shown(cast(MemoryData, getattr(self, name).data))
         return Scene.of_data(data.hiding(np.concatenate([hidden, np.zeros(data.n_triangles - len(hidden), bool)])))
 
-    def compare(self, study: Callable[..., Any], sensors: Any = "face", *args: Any, **keywords: Any) -> Table:
+    def compare(self, study: Callable[..., Any], sensors: Any = "face", **keywords: Any) -> Table:
         """Run a study of both states on the same sensors.
 
         Parameters
@@ -113,7 +113,7 @@ class SceneChange(NamedTuple):
             sensors that returns a `Table`; or `antumbra.viewshed`, whose table counts.
         sensors
             As for `sensors`.
-        *args, **keywords
+        **keywords
             Further arguments of the study; with `areas`, the sensors lie in these.
 
         Returns
@@ -127,11 +127,13 @@ class SceneChange(NamedTuple):
         InputError
             As the study does.
         """
+        if not callable(study):
+            raise InputError(f"study is {quoted(study)}; give a function such as antumbra.sun_hours")
         areas = keywords.pop("areas", None)
         on = self.sensors(sensors, areas, keywords.get("threads"))
         with warnings.catch_warnings(action="ignore", category=UserWarning):  # the same notes follow
-            before = study(self.before, on, *args, **keywords)
-        after = study(self.after, on, *args, **keywords)
+            before = study(self.before, on, **keywords)
+        after = study(self.after, on, **keywords)
         table = before_and_after(getattr(before, "table", before), getattr(after, "table", after))
         table.about["change"] = list(self.notes)
         return table
