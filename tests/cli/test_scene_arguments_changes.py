@@ -78,6 +78,30 @@ def test_every_study_has_both_states_of_each_quantity(cli, tmp_path, town, study
     assert not any("shed" in row.get("building", "") or "tower" in row.get("building", "") for row in rows)
 
 
+def test_view_factors_of_both_states_have_the_same_rays(cli, tmp_path, town):
+    words = "view-factors", town, "--surfaces", "building", "--samples", 4096
+    assert cli(*words, *ADD, "--remove", "shed", "--before", "-o", "out.csv").code == 0
+    rows = {(row["from"], row["to"]): row for row in rows_of(tmp_path / "out.csv")}
+    assert {one for one, _ in rows} == {"house"} and float(rows["house", "tower"]["factor_before"]) == 0.0
+    assert float(rows["house", "shed"]["factor"]) == 0.0 < float(rows["house", "shed"]["factor_loss"])
+    assert abs(sum(float(row["factor_loss"]) for row in rows.values())) < 1e-12
+    away = (
+        "view-factors",
+        town,
+        "--surfaces",
+        "building",
+        "--samples",
+        4096,
+        "--add",
+        "tower.obj?up=z&at=84980,447000,-100",
+    )
+    assert cli(*away, "--before", "-o", "away.csv").code == 0
+    losses = {row["to"]: float(row["factor_loss"]) for row in rows_of(tmp_path / "away.csv") if row["from"] == "house"}
+    assert losses["shed"] == losses["sky"] == 0.0 and losses["tower"] < 0.0 < losses["ground"]
+    refused = cli(*away, "--before", "-o", "a.npz")
+    assert refused.code == 2 and "a.npz: both states, as by --before, are written as .csv" in refused.err
+
+
 @pytest.mark.parametrize("suffix", ["csv", "json", "npz", "parquet", "gpkg", "png", "glb", "tif"])
 def test_every_output_has_the_loss(cli, tmp_path, town, suffix):
     done = cli("sun", town, *DAY, "--sensors", "raster:2", *ADD, "--before", "-o", f"out.{suffix}", "--json").json()

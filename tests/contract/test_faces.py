@@ -216,6 +216,7 @@ def examples(folder: Path) -> dict[str, Example]:
             at.ViewFactors, **{each: getattr(factors, each) for each in ("names", "types", "areas", "matrix", "errors")}
         ),
         "ViewFactors.reciprocal": ex(factors.reciprocal),
+        "ViewFactors.save_change": ex(factors.save_change, path=folder / "change.csv", before=factors),
         "ViewFactors.save": ex(factors.save, path=folder / "factors.csv"),
         "CityModel.surface_types": ex(city.city.surface_types, faces=[0, -1]),
         "Frame.save": ex(frame.save, path=folder / "frame.png"),

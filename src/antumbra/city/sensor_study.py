@@ -29,7 +29,7 @@ class SensorStudy(StudyCommand[_Options, _Result]):
     def about_of(self, result: _Result) -> dict[str, Any]:
         return self.table_of(result).about
 
-    def compared(self, before: _Result, after: _Result) -> _Result:
+    def compared(self, before: _Result, after: _Result, scenes: Scenes) -> _Result:
         from .changes.before_and_after import before_and_after
 
         return self.with_table(after, before_and_after(self.table_of(before), self.table_of(after)))

@@ -187,7 +187,7 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         """
         raise NotImplementedError
 
-    def compared(self, before: _Result, after: _Result) -> _Result:
+    def compared(self, before: _Result, after: _Result, scenes: Scenes) -> _Result:
         """The results of both states as one, for commands with the field `before`."""
         raise NotImplementedError
 
@@ -250,7 +250,7 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
             pair = both_results(
                 lambda each: first.work(scenes.before, each)(), lambda each: self.work(scenes, each)(), executor
             )
-            return None if pair is None else self.compared(*pair)
+            return None if pair is None else self.compared(*pair, scenes)
 
         return study
 

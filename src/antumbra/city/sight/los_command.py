@@ -104,7 +104,7 @@ class LosCommand(StudyCommand[SightOptions, "list[Sightlines]"]):
         study = partial(line_of_sight, scenes.planted, **self.pair_list.keywords(), **field_values(self.options))
         return lambda: [study()]
 
-    def compared(self, before: "list[Sightlines]", after: "list[Sightlines]") -> "list[Sightlines]":
+    def compared(self, before: "list[Sightlines]", after: "list[Sightlines]", scenes: Scenes) -> "list[Sightlines]":
         return [*before, *after]
 
     def writers(self, result: "list[Sightlines]", scenes: Scenes) -> Writers:

@@ -109,7 +109,9 @@ class MatrixCommand(StudyCommand[MatrixOptions, "list[VisibilityMatrix]"]):
 
         return matrices
 
-    def compared(self, before: "list[VisibilityMatrix]", after: "list[VisibilityMatrix]") -> "list[VisibilityMatrix]":
+    def compared(
+        self, before: "list[VisibilityMatrix]", after: "list[VisibilityMatrix]", scenes: Scenes
+    ) -> "list[VisibilityMatrix]":
         return [*before, *after]
 
     def writers(self, result: "list[VisibilityMatrix]", scenes: Scenes) -> Writers:

@@ -97,7 +97,7 @@ class SkylineCommand(StudyCommand[SkylineOptions, "list[Skyline]"]):
         study = partial(skyline, scenes.planted, points, surface=scenes.bare, **field_values(self.options))
         return lambda: [study()]
 
-    def compared(self, before: "list[Skyline]", after: "list[Skyline]") -> "list[Skyline]":
+    def compared(self, before: "list[Skyline]", after: "list[Skyline]", scenes: Scenes) -> "list[Skyline]":
         return [*before, *after]
 
     def _points(self, scenes: Scenes) -> "Sensors":
