@@ -31,7 +31,7 @@ NEEDED = {"face": "faces", "grid": "faces", "vertex": "corners", "raster": "rast
 
 _STEEP = 1e-3  # slope of a normal below which a face is nearly upright
 _ROUNDED = 2.0**-48  # relative distance in plan that float64 rounding explains
-_ROWS = 1 << 18  # positions at a time
+_ROWS = 1 << 20  # positions at a time
 _UNIT = 1e-5  # tolerance of a unit length, from float32 rounding
 
 
