@@ -170,7 +170,7 @@ def test_trees_stand_in_both_states(cli, tmp_path, town):
 
 @pytest.mark.parametrize("name", ["tower.obj", "tower.glb", "tower.city.json", "tower.geojson"])
 def test_obj_gltf_cityjson_and_footprints_are_added_alike(cli, tmp_path, town, name):
-    where = {"tower.obj": "?up=z&at=85010,446985,0", "tower.glb": "?at=85010,446985,0"}.get(name, "")
+    where = {"tower.obj": "?up=z&at=85010,446985,0", "tower.glb": "?at=85010,446985,0", "tower.geojson": "?base=0"}
     if name == "tower.glb":
         put_glb(tmp_path / name)
     elif name == "tower.city.json":
@@ -186,7 +186,9 @@ def test_obj_gltf_cityjson_and_footprints_are_added_alike(cli, tmp_path, town, n
             "geometry": {"type": "Polygon", "coordinates": [ring]},
         }
         (tmp_path / name).write_text(json.dumps({"type": "FeatureCollection", "crs": crs, "features": [feature]}))
-    done = cli("sun", town, *DAY, "--sensors", "grid:2", "--add", f"{name}{where}", "--before", "-o", "out.csv")
+    done = cli(
+        "sun", town, *DAY, "--sensors", "grid:2", "--add", name + where.get(name, ""), "--before", "-o", "out.csv"
+    )
     assert done.code == 0 and "x 85010 to 85018, y 446985 to 446993, z 0 to 40" in done.err
     assert cli("sun", town, *DAY, "--sensors", "grid:2", *ADD, "--before", "-o", "obj.csv").code == 0
     assert (tmp_path / "out.csv").read_bytes() == (tmp_path / "obj.csv").read_bytes()

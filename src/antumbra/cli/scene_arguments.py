@@ -285,7 +285,8 @@ def open_change(spec: SceneSpec, quiet: bool = False) -> "SceneChange":
         with_crs = each.scene._replace(crs=base.crs) if footprints else each.scene
         still = each.scene.path is not None and each.scene.path.suffix.lower() in (".glb", ".gltf")
         scene = open_scene(with_crs._replace(instances=False) if still else with_crs, quiet)
-        parts.append(scene if each.at is None else (scene, each.at))
+        at = (0.0, 0.0, 0.0) if each.at is None and "base" in dict(each.scene.gis) else each.at
+        parts.append(scene if at is None else (scene, at))
     change = scene_change(base, parts, list(spec.removed))
     for note in () if quiet else change.notes:
         say(f"note: {note}")

@@ -229,6 +229,19 @@ def test_added_footprints_stand_on_the_lowest_ground_below_them():
     assert np.allclose(spans, [(10.0, 30.0), (14.0, 22.0)], rtol=0.0, atol=1e-5)
 
 
+def test_footprints_without_a_base_need_ground_below_them(tmp_path):
+    gpd, shapely = pytest.importorskip("geopandas"), pytest.importorskip("shapely")
+    plan = {name: shapely.box(85000 + x, 447000 + y, 85000 + x + 14, 447000 + y + 14) for name, x, y in
+            (("over a house", -2, -2), ("beside it", -30, 0))}  # fmt: skip
+    for name, shape in plan.items():
+        flats = at.from_footprints(gpd.GeoDataFrame({"height": [20.0], "id": ["flats"]}, geometry=[shape]))
+        if name == "over a house":  # its corners are beside the house
+            assert "z 0 to 20, on the ground" in at.scene_change(town(tmp_path), flats).notes[0]
+        else:
+            with pytest.raises(at.InputError, match="'flats' has no ground of a below it; give its base"):
+                at.scene_change(town(tmp_path), flats)
+
+
 def test_objects_of_an_added_city_keep_their_ids_types_and_parents(tmp_path):
     base = town(tmp_path)
     more = town(tmp_path)

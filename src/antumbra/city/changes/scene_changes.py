@@ -185,7 +185,7 @@ def scene_change(
         What is added, each a scene or anything that `load` takes, or a pair of it and the world position, (x, y, z), of
         its origin. Without a position, its coordinates are those of the scene. Another axis that points up is turned
         up; lengths with a unit, a CRS or in glTF are converted to the unit of the scene. Buildings of
-        `antumbra.from_footprints` without a base stand on the lowest ground below them.
+        `antumbra.from_footprints` without a base, at 0, stand on the lowest ground below them, if no position is given.
     remove : str or list of str, optional
         Names of objects of `scene`, such as ids of CityJSON or of footprints, or nodes of glTF. A building includes its
         parts.
@@ -197,9 +197,9 @@ def scene_change(
     Raises
     ------
     InputError
-        If something cannot be read, an object is unknown, nothing is left, an addition has a CRS whose horizontal part
-        differs from that of the scene, or lies farther beside the scene than the scene is wide, or a scene is in a
-        store.
+        If something cannot be read, an object is unknown, nothing is left, or a scene is in a store; or if an addition
+        has a CRS whose horizontal part differs from that of the scene, lies farther beside the scene than this is wide,
+        or is a footprint without a base and without ground below it.
 
     Examples
     --------
@@ -272,7 +272,7 @@ def _placed(addition: Any, base: MemoryData) -> tuple[MemoryData, str]:
     source: Source = PlacedSource(part.source, _scale(part, base) * turn, offsets)
     words = "" if part.up == base.up else f", turned from {part.up} up"
     if at is None and _on_ground(part):
-        grounds = _grounds(source, len(part.objects), base)
+        grounds = _grounds(source, part, base)
         source = PlacedSource(part.source, _scale(part, base) * turn, grounds)
         words = f"{words}, on the ground"
     data = MemoryData(
@@ -296,7 +296,7 @@ def _loaded(what: Any, base: MemoryData) -> AnyScene:
         known = format_of(path)
         if known is not None and known.contents is Contents.FOOTPRINTS:
             return from_footprints(path, crs=base.crs)
-        return load(path, instances=None if known is None or known.suffixes[0] not in _METRES else False)
+        return load(path, instances=False if path.suffix.lower() in _METRES else None)
     return scene_of(what)
 
 
@@ -313,18 +313,33 @@ def _on_ground(part: MemoryData) -> bool:
     return isinstance(solids, BuildingSolids) and solids.terrain is None and float(part.bounds[0, 2]) == 0.0
 
 
-def _grounds(source: Source, objects: int, base: MemoryData) -> NDArray[np.float64]:
-    """(objects, 3) float64: the ways up from 0 to the lowest ground of a scene below each object."""
-    up, out = "xyz".index(base.up), np.zeros((objects, 3))
-    flat = MemoryData(source, up=base.up)
-    corners = flat.corners().reshape(-1, 3)
-    owner = np.repeat(flat.object_of_face, 3)
-    heights, faces = ground_at(Scene.of_data(base), corners)
+def _grounds(source: Source, part: MemoryData, base: MemoryData) -> NDArray[np.float64]:
+    """(objects, 3) float64: the ways up from 0 to the lowest ground of a scene below each object.
+
+    Raises
+    ------
+    InputError
+        If there is no ground below an object.
+    """
+    up, flat = "xyz".index(base.up), MemoryData(source, up=base.up)
+    places = np.einsum("pk,nkj->npj", _WITHIN, flat.corners()).reshape(-1, 3)
+    heights, faces = ground_at(Scene.of_data(base), places)
     heights[faces < 0] = np.inf
-    lowest = np.full(objects, np.inf)
-    np.minimum.at(lowest, owner, heights)
-    out[:, up] = np.where(np.isfinite(lowest), lowest, 0.0)
+    lowest = np.full(len(part.objects), np.inf)
+    np.minimum.at(lowest, np.repeat(flat.object_of_face, len(_WITHIN)), heights)
+    if np.isinf(lowest).any():
+        name = part.objects[int(np.argmax(lowest))].name
+        raise InputError(
+            f"{part.name}: {quoted(name)} has no ground of {base.name} below it; give its base, such as base=12.5"
+        )
+    out = np.zeros((len(lowest), 3))
+    out[:, up] = lowest
     return out
+
+
+_STEPS = np.arange(5) / 4.0
+_WITHIN = np.array([(1.0 - a - b, a, b) for a in _STEPS for b in _STEPS if a + b <= 1.0])
+"""(15, 3): weights of the corners of a face for places in it, among them its corners."""
 
 
 def _check_beside(part: MemoryData, base: MemoryData) -> None:
