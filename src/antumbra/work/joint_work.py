@@ -27,11 +27,17 @@ class _Joint:
         """No-op: the first work needs its units once more."""
 
 
-class _Finished(LocalExecutor):
-    """An executor of units that are done."""
+class _Keeping(LocalExecutor):
+    """A local executor that keeps the units of a work, which `both_results` removes when both works are done."""
+
+    work: Sequence[Units] = ()
+
+    def finish(self, work: Sequence[Units]) -> bool:
+        self.work = work
+        return super().finish(work)
 
     def end(self, work: Sequence[Units]) -> None:
-        """No-op: `both_results` removes the units."""
+        """No-op."""
 
 
 def both_results(first: Study[_T], second: Study[_T], executor: Executor | None) -> tuple[_T, _T] | None:
@@ -44,13 +50,19 @@ def both_results(first: Study[_T], second: Study[_T], executor: Executor | None)
         assert earlier is not None and later is not None
         return earlier, later
     assert executor.folder is not None
+    if isinstance(executor, LocalExecutor):
+        keeping = _Keeping(executor.folder), _Keeping(executor.folder)
+        earlier, later = _silent(first, keeping[0]), second(keeping[1])
+        assert earlier is not None and later is not None
+        executor.end([*keeping[0].work, *keeping[1].work])
+        return earlier, later
     collector = UnitCollector(executor.folder)
     _silent(first, collector)
     joint = _Joint(executor, collector.work)
     later = second(joint)
     if later is None:
         return None
-    earlier = _silent(first, _Finished(executor.folder))
+    earlier = _silent(first, _Keeping(executor.folder))
     assert earlier is not None
     executor.end(joint.work)
     return earlier, later
