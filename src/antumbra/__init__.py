@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from . import cluster, examples
     from .baking.bake import Baked, bake
     from .base.errors import InputError
+    from .city.changes.before_and_after import before_and_after
+    from .city.changes.scene_changes import SceneChange, changed_scene, scene_change
     from .city.cityjson.attribute_writer import write_attributes
     from .city.gis.gis_scenes import from_footprints, from_raster
     from .city.pv.module_shading import ModuleShading, module_shading
@@ -111,6 +113,7 @@ __all__ = [
     "Renderer",
     "RouteShade",
     "Scene",
+    "SceneChange",
     "Sensors",
     "Shadow",
     "Sheet",
@@ -131,7 +134,9 @@ __all__ = [
     "VisibilityMatrix",
     "area_sensors",
     "bake",
+    "before_and_after",
     "build_store",
+    "changed_scene",
     "cluster",
     "dataset",
     "examples",
@@ -152,6 +157,7 @@ __all__ = [
     "raster_sensors",
     "render",
     "route_shade",
+    "scene_change",
     "sensors_of",
     "shadow",
     "sky_view",
@@ -213,6 +219,7 @@ _HOME = {
     "Renderer": "picture.renderer",
     "RouteShade": "city.sun.route_shade",
     "Scene": "engine.scene",
+    "SceneChange": "city.changes.scene_changes",
     "Sensors": "city.sensors.sensors",
     "Shadow": "city.shadow.shadow_polygons",
     "Sheet": "city.sheets.sheet_options",
@@ -233,7 +240,9 @@ _HOME = {
     "VisibilityMatrix": "city.sight.visibility_matrix",
     "area_sensors": "city.sensors.ground_areas",
     "bake": "baking.bake",
+    "before_and_after": "city.changes.before_and_after",
     "build_store": "engine.store_building",
+    "changed_scene": "city.changes.scene_changes",
     "dataset": "datasets.dataset",
     "face_sensors": "city.sensors.sensors",
     "from_footprints": "city.gis.gis_scenes",
@@ -252,6 +261,7 @@ _HOME = {
     "raster_sensors": "city.sensors.sensors",
     "render": "picture.renderer",
     "route_shade": "city.sun.route_shade",
+    "scene_change": "city.changes.scene_changes",
     "sensors_of": "city.sensors.sensor_files",
     "shadow": "city.shadow.shadow",
     "sky_view": "city.sun.sun_hours",

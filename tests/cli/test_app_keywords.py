@@ -35,6 +35,7 @@ TWINS |= {case.command: getattr(at, case.function) for case in study_cases() if 
 
 OF_COMMANDS = {
     "up": "load() takes it", "unit": "load() takes it", "max_memory": "load() takes it",
+    "add": "scene_change", "remove": "scene_change", "before": "SceneChange.compare",
     "height": "from_footprints", "terrain": "from_footprints and from_raster",
     "json": "output", "quiet": "output", "html": "output", "sheet": "output", "explain_plan": "output",
     "output": "results are returned, and have save()", "column": "Table.save takes it",
@@ -120,7 +121,7 @@ ANYTHING = {  # any text names something, or a file that may be missing
     "output", "html", "sheet", "epw", "crs", "host", "merge", "observers", "targets", "sparse", "bits", "matrix",
     "counts", "city_output", "column", "camera", "light", "timezone", "plot", "attribute",
     "allow_host", "trees", "map", "points", "polygon", "object", "surfaces", "polygons", "hours", "modules", "line",
-    "turbines",
+    "turbines", "add",
 }  # fmt: skip
 """Options whose messages name the value, not the option."""
 NO_VALUES = "merge", "warmup", "plans", "scenes", "formats"

@@ -14,22 +14,8 @@ from antumbra.cli.scene_arguments import DEFAULT_SCENE, SceneArguments, SceneSpe
 
 def test_scenes():
     assert parse_scene("a/b.glb") == SceneSpec(Path("a/b.glb"))
-    assert parse_scene("procedural:city") == (None, "city", None, 0, None, True, (), None, (), (), None, None, None)
-    assert parse_scene("procedural:city?triangles=100k&seed=3") == (
-        None,
-        "city",
-        100_000,
-        3,
-        None,
-        True,
-        (),
-        None,
-        (),
-        (),
-        None,
-        None,
-        None,
-    )
+    assert parse_scene("procedural:city") == SceneSpec(None, "city")
+    assert parse_scene("procedural:city?triangles=100k&seed=3") == SceneSpec(None, "city", 100_000, 3)
     assert parse_scene("a/b.city.json?lod=2.2") == SceneSpec(Path("a/b.city.json"), lod="2.2")
     both = SceneSpec(Path("a/b.city.json"), lod="2.2", unit="ft")
     assert parse_scene("a/b.city.json?lod=2.2&unit=ft") == both
@@ -106,6 +92,14 @@ def test_only_commands_with_a_scene_have_its_options():
         quiet: Annotated[bool, typer.Option()] = False
 
     assert [each.name for each in parameters_of(Plain)] == ["name"]
-    assert [each.name for each in parameters_of(WithScene)] == ["scene", "height", "terrain", "unit", "quiet"]
+    assert [each.name for each in parameters_of(WithScene)] == [
+        "scene",
+        "height",
+        "terrain",
+        "unit",
+        "add",
+        "remove",
+        "quiet",
+    ]
     made = [list(takes(kind)(lambda args: 0).__annotations__) for kind in (Plain, WithScene)]
-    assert made == [["name"], ["scene", "height", "terrain", "unit", "quiet", "max_memory"]]
+    assert made == [["name"], ["scene", "height", "terrain", "unit", "add", "remove", "quiet", "max_memory"]]

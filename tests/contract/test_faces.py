@@ -42,6 +42,7 @@ PLUMBING = {
     "shadows", "queries", "accelerated", "frame_tracer", "segment_hits",  # of an Engine, for jobs and pictures
     "of", "moved_off", "seeing_all_around", "take",  # of Receivers, for jobs
     "reshaped",  # of a Visibility
+    "exposed", "state",  # of a SceneChange, for commands
     "middles", "places",  # of a Raster, for sensors
     "of_metres", "same_as",  # of a LengthUnit, for jobs
     "ignore_alpha", "refusal", "wait", "close",  # without parameters
@@ -157,6 +158,7 @@ def examples(folder: Path) -> dict[str, Example]:
     calendar = at.sun_calendar(own, points, days, place=PLACE, step=60.0)
     seen = at.viewshed(own, at.raster_sensors(own, 1.0), [0.5, 3.0, -0.5], each=True)
     skyline = at.skyline(own, points, step=30.0)
+    change = at.scene_change(own, own)
     moment = {"at": "2026-06-21T12:00", "place": PLACE}
     houses = geopandas.GeoDataFrame(geometry=[shapely.box(0, 0, 1, 1)])
     shadow = at.shadow(own, **moment)
@@ -220,9 +222,17 @@ def examples(folder: Path) -> dict[str, Example]:
             at.ViewFactors, **{each: getattr(factors, each) for each in ("names", "types", "areas", "matrix", "errors")}
         ),
         "ViewFactors.reciprocal": ex(factors.reciprocal),
+        "ViewFactors.save_change": ex(factors.save_change, path=folder / "change.csv", before=factors),
         "ViewFactors.save": ex(factors.save, path=folder / "factors.csv"),
         "CityModel.surface_types": ex(city.city.surface_types, faces=[0, -1]),
         "Frame.save": ex(frame.save, path=folder / "frame.png"),
+        "SceneChange.compare": ex(
+            lambda study, sensors: change.compare(study, sensors, directions=16), study=at.sky_view, sensors=points
+        ),
+        "SceneChange.sensors": ex(change.sensors, sensors=points),
+        "scene_change": ex(at.scene_change, scene=own, add=own, remove=[]),
+        "changed_scene": ex(at.changed_scene, scene=own, add=own, remove=[]),
+        "before_and_after": ex(at.before_and_after, before=table, after=table),
         "bake": ex(at.bake, scene=own, output=folder / "baked.glb", **quick),
         "build_store": ex(at.build_store, scenes=own, path=folder / "made.antumbra"),
         "dataset": ex(at.dataset, scene=own, folder=folder / "set", size=(4, 4), overwrite=True, **quick),
@@ -272,6 +282,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "Skyline.save": ex(skyline.save, path=folder / "skyline.csv"),
         "Skyline.series": ex(skyline.series),
         "Skyline.sky_view_factor": ex(skyline.sky_view_factor),
+        "Skyline.table": ex(skyline.table),
         "Skyline.userhorizon": ex(skyline.userhorizon),
         "sky_view": ex(at.sky_view, scene=own, sensors=sensors, directions=16),
         "trimesh_nearest": ex(at.trimesh_nearest, mesh=trimesh.creation.box()),

@@ -63,12 +63,14 @@ def ring(scene):
 
 
 OTHERS = {
+    "changed_scene": "objects have the unit of the coordinates",
     "dataset": "pictures",
     "place_of": "a position on the earth, which a stretched map has too",
     "face_sensors": "points on faces, which any coordinates have",
     "from_trees": "plants have the unit of the coordinates",
     "grid_sensors": "its spacing is in world units",
     "raster_sensors": "its cells are in world units",
+    "scene_change": "objects have the unit of the coordinates",
     "vertex_sensors": "points on faces, which any coordinates have",
 }
 """Name of another public function of these folders -> why it takes any coordinates."""

@@ -51,7 +51,7 @@ THROUGH = {
         trace/frusta/frusta_areas
     """,
     "scenes that are loaded, joined and updated": """
-        city/vegetation/joined_scenes scene/map_degrees scene/moved_geometry scene/raster
+        scene/joined_scenes scene/map_degrees scene/moved_geometry scene/raster
     """,
     "stores that are built and read": """
         store/chunk_sorting store/system_resources

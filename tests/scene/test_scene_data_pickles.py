@@ -27,7 +27,7 @@ def things(tmp_path_factory):
     given += [at.visibility(scene, (0, 1, 0), light), at.line_of_sight(scene, (0, 1, 0), (0, 2, 0))]
     given += [at.viewshed(scene, some, (0, 1, 0)), at.visibility_matrix(scene, some), scene.triangles()]
     given += [at.Turbine((0, 0, 0), 2.0, 1.0), at.points_along([(0, 0), (1, 0)], 0.5)]
-    given += [at.view_factors(scene, "object", samples=64)]
+    given += [at.view_factors(scene, "object", samples=64), at.scene_change(scene, scene)]
     given += [at.Renderer(scene), at.raster_sensors(scene, 2.0), at.raster_sensors(scene, 2.0).raster]
     given += [scene.unit, at.skyline(scene, (0, 1, 0), step=30.0), at.shadow(scene, at="2026-06-21T12:00", place=place)]
     given += [at.Engine(scene, "bsah+single"), at.Receivers.in_space(np.zeros((1, 3)), scene.origin)]

@@ -6,6 +6,7 @@
 - `shadow/`: shadows on the ground as polygons
 - `sight/`: sightlines, visibility matrices and viewsheds
 - `view_factors/`: view factors between surfaces
+- `changes/`: scenes with objects added and removed, and studies before and after
 - `vegetation/`: plants as closed crowns that let a share of the light pass
 - `sensors/`: sample points with normals and areas
 - `sheets/`: pages for reports: maps, tables, method and sources

@@ -26,6 +26,19 @@ class SensorStudy(StudyCommand[_Options, _Result]):
         table: Any = result
         return table  # type: ignore[no-any-return]
 
+    def about_of(self, result: _Result) -> dict[str, Any]:
+        return self.table_of(result).about
+
+    def compared(self, before: _Result, after: _Result, scenes: Scenes) -> _Result:
+        from .changes.before_and_after import before_and_after
+
+        return self.with_table(after, before_and_after(self.table_of(before), self.table_of(after)))
+
+    def with_table(self, result: _Result, table: "Table") -> _Result:
+        """The result with another table."""
+        new: Any = table
+        return new  # type: ignore[no-any-return]
+
     @property
     def sensor_form(self) -> str:
         """The text of the sensors."""

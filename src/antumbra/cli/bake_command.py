@@ -80,6 +80,7 @@ class BakeCommand(StudyCommand[BakeOptions, "Baked"]):
     files: ClassVar[str | None] = None
 
     def check(self) -> None:
+        self.refuse_changes("a bake keeps everything else in the file; change the file itself")
         if self.vertex and self.options.texture is not None:
             raise InputError("--vertex and --texture exclude each other; leave one of them out")
         if self.sky is not None and self.options.what != "light":

@@ -307,6 +307,9 @@ def scene_digest(spec: SceneSpec) -> str:
     from ..store.store_format import STORE_SUFFIX
 
     digest = hashlib.sha256(usedforsecurity=False)
+    for each in spec.added:
+        digest.update(f"add {scene_digest(each.scene)} {each.scene.up} {each.scene.crs} {each.at}".encode())
+    digest.update("".join(f"remove {name}\n" for name in spec.removed).encode())
     if spec.path is None:
         digest.update(f"{spec.name} {spec.triangles} {spec.seed}".encode())
         return digest.hexdigest()

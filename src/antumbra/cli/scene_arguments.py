@@ -1,7 +1,8 @@
 """The argument SCENE with its options, and opening the scene that they name.
 
 Options of a file are part of its text, ``buildings.gpkg?height=h&terrain=dem.tif``, or options of the command:
-``--height``, ``--terrain`` and ``--unit``, which every command with a scene has. Both make one `SceneSpec`.
+``--height``, ``--terrain`` and ``--unit``, which every command with a scene has. Both make one `SceneSpec`. So do
+``--add`` and ``--remove``, which change the scene.
 """
 
 import re
@@ -22,10 +23,11 @@ from ..formats.scene_format import Contents, Tile, check_z_up
 from ..scene.materials import MONTHS, Transmittance
 from ..scene.scene_data import group_notes
 from ..scene.units import checked_unit
-from .arguments import parse_count, parse_number
+from .arguments import parse_count, parse_number, parse_point
 from .console import say
 
 if TYPE_CHECKING:
+    from .. import SceneChange
     from ..engine.paged_scene import PagedScene
     from ..engine.scene import AnyScene
     from ..scene.terrain import StreamedTerrain
@@ -59,6 +61,8 @@ class SceneSpec(NamedTuple):
     unit: str | None = None  # of the coordinates
     up: str | None = None
     crs: str | None = None
+    added: tuple["Added", ...] = ()
+    removed: tuple[str, ...] = ()  # names of objects
 
     @property
     def on_raster(self) -> bool:
@@ -77,6 +81,13 @@ class SceneSpec(NamedTuple):
             return "antumbra"
         folder = self.path.is_dir()
         return (self.path.resolve().name if folder else self.path.stem.removesuffix(".city")) or "antumbra"
+
+
+class Added(NamedTuple):
+    """A scene that is added to another one."""
+
+    scene: SceneSpec
+    at: tuple[float, ...] | None  # world position of its origin; None: its coordinates are those of the other scene
 
 
 def is_raster(path: Path | None) -> bool:
@@ -232,6 +243,56 @@ _READERS: dict[str, Callable[[str], str | float]] = {
     "base": _column_or_number,
 }
 
+# --- Changes of a scene -----------------------------------------------------------------------------------------------
+
+
+_OF_ADDED = "up", "crs", "at"  # besides the options of any scene
+
+
+def parse_added(text: str) -> Added:
+    """Parse the text of ``--add``: that of a scene, also with ``up``, ``crs``, and ``at``, the position of its origin.
+
+    ``tower.obj?up=z&at=85010,446520,0``, ``plan.gpkg?height=h&crs=EPSG:28992``
+    """
+    file, mark, query = text.rpartition("?")
+    given, others = dict[str, str](), list[str]()
+    for part in query.split("&") if mark else []:
+        name, _, value = part.partition("=")
+        if name not in _OF_ADDED:
+            others.append(part)
+        elif not value or name in given:
+            raise InputError(f"--add {text}: {name} is empty or repeated; write FILE?{name}=VALUE")
+        else:
+            given[name] = unquote(value)
+    rest = f"{file}{'?' * bool(others)}{'&'.join(others)}" if mark else text
+    spec = parse_scene(rest)._replace(up=given.get("up"), crs=given.get("crs"))
+    if spec.path is not None and is_raster(spec.path):
+        raise InputError(
+            f"--add {text}: rasters are scenes or terrain; give buildings as OBJ, glTF, CityJSON, or footprints"
+        )
+    at = None if "at" not in given else tuple(parse_point(given["at"], f"--add {file}?at").tolist())
+    return Added(spec, at)
+
+
+def open_change(spec: SceneSpec, quiet: bool = False) -> "SceneChange":
+    """The states of a scene without and with its changes. Notes are printed on standard error."""
+    from .. import scene_change
+
+    base = open_scene(spec._replace(added=(), removed=()), quiet)
+    parts = list[Any]()
+    for each in spec.added:
+        footprints = is_footprints(each.scene.path) and each.scene.crs is None
+        with_crs = each.scene._replace(crs=base.crs) if footprints else each.scene
+        still = each.scene.path is not None and each.scene.path.suffix.lower() in (".glb", ".gltf")
+        scene = open_scene(with_crs._replace(instances=False) if still else with_crs, quiet)
+        at = (0.0, 0.0, 0.0) if each.at is None and "base" in dict(each.scene.gis) else each.at
+        parts.append(scene if at is None else (scene, at))
+    change = scene_change(base, parts, list(spec.removed))
+    for note in () if quiet else change.notes:
+        say(f"note: {note}")
+    return change
+
+
 # --- Options of all commands with a scene -----------------------------------------------------------------------------
 
 
@@ -269,6 +330,27 @@ class SceneArguments:
             rich_help_panel="Scene",
         ),
     ] = None
+    add: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--add",
+            help="Add the objects of a file: OBJ, glTF, CityJSON or footprints, with options such as "
+            "FILE?up=z&at=X,Y,Z, the axis that points up and the position of its origin; may be repeated.",
+            metavar="FILE[?OPTIONS]",
+            show_default=False,
+            rich_help_panel="Scene",
+        ),
+    ] = None
+    remove: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--remove",
+            help="Remove an object, such as a building by its id; may be repeated.",
+            metavar="ID",
+            show_default=False,
+            rich_help_panel="Scene",
+        ),
+    ] = None
 
     def spec_of(self, text: str) -> SceneSpec:
         """The scene of a text, with these options and, if the command has them, ``--up`` and ``--crs``.
@@ -293,7 +375,14 @@ class SceneArguments:
                 raise InputError(f"--unit {self.unit} is for files, and procedural scenes are in metres; leave it out")
             of_text = () if spec.unit is None else (spec.unit,)
             spec = spec._replace(unit=_checked_unit(record, self.unit, *of_text))
+        spec = spec._replace(added=tuple(map(parse_added, self.add or ())), removed=tuple(self.remove or ()))
         return spec._replace(up=getattr(self, "up", None), crs=getattr(self, "crs", None))
+
+    def refuse_changes(self, why: str) -> None:
+        """Raise an InputError if the command has --add or --remove; `why`: it does not support them, and the remedy."""
+        for option, values in (("--add", self.add), ("--remove", self.remove)):
+            if values:
+                raise InputError(f"{option} {values[0]}: {why}")
 
     def record_of(self, text: str) -> str:
         """The text of the scene with all these options, for records and reports."""
@@ -303,6 +392,14 @@ class SceneArguments:
         return f"{text}{'&' if '?' in text else '?'}{'&'.join(parts)}" if parts else text
 
 
+BeforeOption = Annotated[
+    bool,
+    typer.Option(
+        "--before",
+        help="Also compute the state before --add and --remove, on the same sensors: Q_before, Q and Q_loss.",
+    ),
+]
+
 # --- Opening of scenes ------------------------------------------------------------------------------------------------
 
 
@@ -310,7 +407,9 @@ _MOST_NOTES = 5
 
 
 def open_scene(spec: SceneSpec, quiet: bool = False) -> "AnyScene":
-    """Open a scene. The loader's notes are printed on standard error."""
+    """Open a scene, with its changes. The loader's notes are printed on standard error."""
+    if spec.added or spec.removed:
+        return open_change(spec, quiet).after
     if spec.path is None:
         from .. import procedural
 

@@ -378,6 +378,7 @@ def build(args: BuildArguments) -> int:
       antumbra build west.tif east.tif -o dem.antumbra
       antumbra info city.antumbra --check
     """
+    args.refuse_changes("stores hold whole files; name all of them as SCENEs")
     specs = [spec for text in args.scenes for spec in _tiles_of(args.spec_of(text))]
     memory = arguments.parse_bytes(args.max_memory, "--max-memory")
 

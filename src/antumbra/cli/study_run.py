@@ -14,17 +14,20 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeAlias, TypeV
 
 from ..base import wings
 from ..base.errors import InputError
+from ..base.files import checked_folder
 from ..base.option_fields import field_values
+from ..work.executors import LocalExecutor
+from ..work.joint_work import both_results
 from ..work.result_summary import Summary, duration
 from . import console
 from .console import ProgressDisplay
 from .options import Json, Quiet, SceneArgument, literal, outputs_of, takes
-from .scene_arguments import SceneArguments, SceneSpec, in_memory, open_scene
+from .scene_arguments import SceneArguments, SceneSpec, in_memory, open_change, open_scene
 from .shards import executor_for, for_node, report_shard
 from .vegetation_options import VegetationSpec, add_vegetation, parse_vegetation, sensors_below_plants
 
 if TYPE_CHECKING:
-    from .. import Sensors
+    from .. import SceneChange, Sensors
     from ..engine.scene import AnyScene
     from ..work.executors import Executor
 
@@ -40,14 +43,33 @@ Writers: TypeAlias = Mapping[str, Callable[..., object]]
 
 @dataclass(frozen=True)
 class Scenes:
-    """The scene of a study, without and with its vegetation, whose faces follow all others."""
+    """The scene of a study, without and with its vegetation, whose faces follow all others.
+
+    For a study before and after a change, the bare scene is what both states share, on which sensors lie.
+    """
 
     bare: "AnyScene"
     planted: "AnyScene"
+    change: "SceneChange | None" = None  # of the scene, by --add and --remove
+    earlier: "AnyScene | None" = None  # the scene before the change, with vegetation; None: it is not studied
+
+    @property
+    def before(self) -> "Scenes":
+        """The scenes before the change."""
+        assert self.earlier is not None
+        return replace(self, planted=self.earlier)
+
+    @property
+    def n_faces(self) -> int:
+        """The number of faces in the file of the scene."""
+        return self.bare.n_triangles if self.change is None else self.change.n_faces
 
     def sensors(self, text: str, threads: int | None, areas: Any = None) -> "Sensors":
         """The sensors that a text names on the scene without vegetation, for the scene with it."""
-        return sensors_below_plants(text, self.bare, self.planted, threads, areas)
+        sensors = sensors_below_plants(text, self.bare, self.planted, threads, areas)
+        if self.earlier is None or self.change is None:
+            return sensors
+        return self.change.exposed(sensors, threads)
 
 
 class StudyRun(ProgressDisplay):
@@ -62,10 +84,12 @@ class StudyRun(ProgressDisplay):
         self.seconds = 0.0
         self.written = list[str]()
 
-    def open(self, spec: SceneSpec, trees: VegetationSpec | None = None, to_memory: bool = False) -> Scenes:
-        """The scene without and with its trees. `to_memory`: refuse one in a store."""
+    def open(
+        self, spec: SceneSpec, trees: VegetationSpec | None = None, to_memory: bool = False, before: bool = False
+    ) -> Scenes:
+        """The scene without and with its trees, as `opened` makes it."""
         self.say("reading the scene")
-        scenes = opened(spec, trees, to_memory, self._args.quiet)
+        scenes = opened(spec, trees, to_memory, self._args.quiet, before)
         self.say("preparing")
         return scenes
 
@@ -106,8 +130,14 @@ class StudyRun(ProgressDisplay):
         return 0
 
 
-def opened(spec: SceneSpec, trees: VegetationSpec | None, to_memory: bool, quiet: bool) -> Scenes:
-    """The scene without and with its trees. `to_memory`: refuse one in a store."""
+def opened(spec: SceneSpec, trees: VegetationSpec | None, to_memory: bool, quiet: bool, before: bool = False) -> Scenes:
+    """The scene without and with its trees. `to_memory`: refuse one in a store; `before`: also before its change."""
+    if spec.added or spec.removed:
+        change = open_change(spec, quiet)
+        if not before:
+            return Scenes(change.after, add_vegetation(change.after, trees), change)
+        planted = add_vegetation(change.kept, trees)  # trees stand on what both states share
+        return Scenes(change.kept, change.state(planted, "after"), change, change.state(planted, "before"))
     bare = open_scene(spec, quiet)
     if to_memory:
         bare = in_memory(bare)
@@ -130,6 +160,7 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
     quiet: Quiet = False
 
     records_trees: ClassVar[bool] = False  # whether the result has a record, which names the trees
+    of_one_state: ClassVar[tuple[str, ...]] = ()  # fields of files that the study writes itself, of the state after
     files: ClassVar[str | None] = "outputs"  # name of the written files in JSON; None: the summary names them
 
     # What is a study's own:
@@ -159,11 +190,22 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         """
         raise NotImplementedError
 
+    def compared(self, before: _Result, after: _Result, scenes: Scenes) -> _Result:
+        """The results of both states as one, for commands with the field `before`."""
+        raise NotImplementedError
+
+    def about_of(self, result: _Result) -> dict[str, Any] | None:
+        """The metadata of the result; None if it has none."""
+        about: dict[str, Any] | None = getattr(result, "about", None)
+        return about
+
     def describe(self, result: _Result, scenes: Scenes) -> None:
-        """Add the vegetation, which only the command has, to the record of the result, if there is one."""
-        if self.records_trees and getattr(self, "trees", None) is not None:
-            record: Any = result
-            record.about["trees"] = getattr(self, "trees")  # noqa: B009 - a field of subclasses
+        """Add the vegetation and the change, which only the command has, to the record of the result if it has one."""
+        about = self.about_of(result)
+        if scenes.change is not None and about is not None:
+            about["change"] = list(scenes.change.notes)
+        if self.records_trees and getattr(self, "trees", None) is not None and about is not None:
+            about["trees"] = getattr(self, "trees")  # noqa: B009 - a field of subclasses
 
     def writers(self, result: _Result, scenes: Scenes) -> Writers:
         """What writes the files of each field that names some."""
@@ -182,6 +224,11 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         return self.spec_of(self.scene)
 
     @property
+    def in_both_states(self) -> bool:
+        """Whether the state before the change of the scene is studied, too."""
+        return bool(getattr(self, "before", False))
+
+    @property
     def tree_spec(self) -> VegetationSpec | None:
         """The trees."""
         return parse_vegetation(getattr(self, "trees", None))
@@ -191,6 +238,24 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         """The number of threads; None: all cores."""
         threads: int | None = getattr(self.options, "threads", None)
         return threads
+
+    def work_of_states(self, scenes: Scenes, executor: "Executor | None") -> Callable[[], _Result | None]:
+        """`work`; with --before, that of both states, whose units are those of one work."""
+        if scenes.earlier is None:
+            return self.work(scenes, executor)
+        nothing: dict[str, Any] = dict.fromkeys(self.of_one_state)
+        first = replace(self, **nothing)
+        if executor is None and hasattr(self, "shard"):
+            path = next(path for name in outputs_of(type(self)) for path in self.paths(name))
+            executor = LocalExecutor(checked_folder(path.with_suffix(".parts"), parents=True))
+
+        def study() -> _Result | None:
+            pair = both_results(
+                lambda each: first.work(scenes.before, each)(), lambda each: self.work(scenes, each)(), executor
+            )
+            return None if pair is None else self.compared(*pair, scenes)
+
+        return study
 
     def paths(self, name: str) -> list[Path]:
         """The files that a field names, or by default."""
@@ -202,16 +267,18 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
     def run(self) -> int:
         """Run the command and return its exit code."""
         spec, trees = self.spec, self.tree_spec
+        if self.in_both_states and not (spec.added or spec.removed):
+            raise InputError("--before compares the scene with its change; give --add FILE or --remove ID, too")
         self.check()
         sheet = self._sheet()
         for path in self.paths("output"):
             self.check_output(path)
         executor = self._executor()
         with StudyRun(self) as run:
-            scenes = run.open(spec, trees, self.needs_memory)
+            scenes = run.open(spec, trees, self.needs_memory, self.in_both_states)
             if sheet is not None:
                 self.check_sheet(sheet, scenes)
-            result = run.timed(self.work(scenes, executor))
+            result = run.timed(self.work_of_states(scenes, executor))
             if result is None:
                 return report_shard(executor, self, run.seconds)
             self.describe(result, scenes)
@@ -280,7 +347,8 @@ def _has_path(value: object) -> bool:
 def start_on_node(command: StudyCommand[Any, Any], paths: dict[str, str], threads: int, executor: "Executor") -> None:
     """Start a study on a node of a cluster: its units go to the executor. As `cluster.ray_workers.Prepare`."""
     there = command.on_node(paths, threads)
-    there.work(opened(there.spec, there.tree_spec, there.needs_memory, quiet=True), executor)()
+    scenes = opened(there.spec, there.tree_spec, there.needs_memory, True, there.in_both_states)
+    there.work_of_states(scenes, executor)()
 
 
 def command_of(

@@ -172,6 +172,9 @@ class InstanceData(SceneData):
         """The triangles of all copies. Flattens the scene; InputError if that takes more memory than there is."""
         return self.flattened().triangles(time, threads)
 
+    def corners(self, time: float = 0.0, faces: NDArray[np.integer] | None = None) -> NDArray[np.float64]:
+        return self.world_corners(np.arange(self.n_triangles) if faces is None else faces)
+
     def flattened(self) -> MemoryData:
         """The same scene with all copies in memory.
 

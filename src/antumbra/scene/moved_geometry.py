@@ -49,7 +49,7 @@ class MovedMeshes:
 
     def pieces(self, time: float) -> Generator[Piece, None, None]:
         for piece, rows in _rows_of(self._loaded.pieces(0.0)):
-            yield _at_corners(piece, self._vertices[rows] + self._origin, _look_of_corners(piece))
+            yield at_corners(piece, self._vertices[rows] + self._origin, look_of_corners(piece))
 
     def cameras(self, time: float) -> list[Any]:
         return self._loaded.cameras(time)
@@ -67,13 +67,13 @@ def _rows_of(pieces: Iterable[Piece]) -> Iterator[tuple[Piece, slice]]:
         first = last
 
 
-def _at_corners(piece: Piece, corners: NDArray[Any], look: MeshAppearance | None) -> Piece:
+def at_corners(piece: Piece, corners: NDArray[Any], look: MeshAppearance | None) -> Piece:
     """A piece with three vertices of its own per face, the corners, (m, 3, 3) world, of the faces of all copies."""
     vertices = corners.reshape(len(piece.vertices), -1, 3)
     return piece._replace(vertices=vertices, faces=None, look=look, towards=None, share=0.0)
 
 
-def _look_of_corners(piece: Piece) -> MeshAppearance | None:
+def look_of_corners(piece: Piece) -> MeshAppearance | None:
     """The look of a piece with a row for each corner of its faces."""
     look, faces = piece.look, piece.faces
     if look is None or faces is None:
@@ -169,7 +169,7 @@ class MovableMeshes:
         """The pieces of the scene with new vertices, as from `given`."""
         pieces = list(self.loaded.pieces(0.0))
         if points.shape == (self._n_triangles, 3, 3):
-            return [_at_corners(piece, points[rows], None) for piece, rows in _rows_of(pieces)]
+            return [at_corners(piece, points[rows], None) for piece, rows in _rows_of(pieces)]
         parts = np.split(points, np.cumsum([_n_given(piece) for piece in pieces])[:-1])
         return [_with_vertices(piece, part) for piece, part in zip(pieces, parts)]
 

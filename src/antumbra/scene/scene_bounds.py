@@ -176,6 +176,21 @@ def sampled_faces(source: Source, n_triangles: int, time: float = 0.0) -> NDArra
     return np.concatenate(samples)
 
 
+def face_corners(source: Source, faces: NDArray[np.integer], time: float = 0.0) -> NDArray[np.float64]:
+    """(m, 3, 3) float64, world: the corners of faces, (m,) int, at `time`, as the source has them, in no frame."""
+    out, first = np.empty((len(faces), 3, 3)), 0
+    order = np.argsort(faces, kind="stable")
+    ascending = faces[order]
+    for piece in source.pieces(time):
+        n = faces_of(piece)
+        last = first + n * len(piece.vertices)
+        low, high = np.searchsorted(ascending, (first, last))
+        if low < high:
+            out[order[low:high]] = _corners(piece, *np.divmod(ascending[low:high] - first, n))
+        first = last
+    return out
+
+
 def _corners(piece: Piece, copies: np.ndarray, faces: np.ndarray) -> NDArray[np.float64]:
     """(m, 3, 3) float64: the corners of the given faces of the given copies."""
     corners = 3 * faces[:, None] + np.arange(3) if piece.faces is None else piece.faces[faces]

@@ -8,6 +8,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from copy import copy
 from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
@@ -26,7 +27,7 @@ from .lights import Light
 from .materials import MONTHS, LightShare, Transmittance
 from .mesh import MeshInfo, ObjectInfo, Source
 from .raster import Raster
-from .scene_bounds import Survey, faces_of, frame_origin, moving_faces, objects_of, sampled_faces
+from .scene_bounds import Survey, face_corners, faces_of, frame_origin, moving_faces, objects_of, sampled_faces
 from .terrain import HeightGrid
 from .triangles import Triangles
 from .units import LengthUnit, checked_unit
@@ -179,6 +180,7 @@ class SceneData(ABC):
     moved: Triangles | None = (
         None  # the triangles of the latest `update`, as `triangles` returns them; None: none so far
     )
+    hidden: NDArray[np.bool_] | None = None  # (n,): faces that are not there, as in one of two states; None: none
     given_unit: LengthUnit | None = None  # of the world coordinates; None: that of the CRS, or metres
     _cameras: list[Camera]  # at time 0
     _lights: list[Light]
@@ -268,6 +270,13 @@ class SceneData(ABC):
     @abstractmethod
     def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
         """The triangles at `time`. A store raises InputError."""
+
+    def corners(self, time: float = 0.0, faces: NDArray[np.integer] | None = None) -> NDArray[np.float64]:
+        """(m, 3, 3) float64, world: the corners of faces, (m,) int, at `time`; None: all. A store raises InputError.
+
+        They are those of the source, before a frame rounds them, so they do not depend on the other faces.
+        """
+        raise self.refusal()
 
     @abstractmethod
     def _cameras_at(self, time: float) -> list[Camera]:
@@ -391,11 +400,12 @@ class MemoryData(SceneData):
     @property
     def terrain(self) -> HeightGrid | None:
         grid: HeightGrid | None = getattr(self.source, "height_grid", None)
-        return None if grid is None or self.moved is not None or self.cutouts is not None else grid
+        changed = self.moved is not None or self.cutouts is not None or self.hidden is not None
+        return None if changed else grid
 
     def cell_tops(self) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
-        find = getattr(self.source, "tops", None)
-        return None if find is None else cast("tuple[NDArray[np.float64], NDArray[np.int32]] | None", find(self.origin))
+        find = None if self.hidden is not None else getattr(self.source, "tops", None)
+        return None if find is None else cast("tuple[NDArray[np.float64], NDArray[np.int32]] | None", find())
 
     def sampled_faces(self, time: float | None = None) -> NDArray[np.float64]:
         if time is None:
@@ -509,9 +519,36 @@ class MemoryData(SceneData):
         with np.errstate(all="ignore"):
             for piece in self.source.pieces(time):
                 start += gather(piece, self.origin, vertices[start:], threads)
+        if self.hidden is not None:
+            vertices[self.hidden] = vertices[self._shown, 0]
         face_id, cutouts = np.arange(self.n_triangles, dtype=np.int32), self.cutouts
         solid = solid_faces(rows_with_area(vertices, threads), None if cutouts is None else cutouts.solid)
         return Triangles(vertices, self.origin.copy(), face_id, self.colours, cutouts, solid)
+
+    def corners(self, time: float = 0.0, faces: NDArray[np.integer] | None = None) -> NDArray[np.float64]:
+        chosen = np.arange(self.n_triangles) if faces is None else faces
+        corners = face_corners(self.source, chosen, self.clamped(time))
+        if self.hidden is not None:
+            corners[self.hidden[chosen]] = face_corners(self.source, self._shown, self.clamped(time))[0, 0]
+        return corners
+
+    def hiding(self, faces: NDArray[np.bool_]) -> "MemoryData":
+        """The same data, in the same frame and with the same numbers of faces and objects, without some faces.
+
+        They become triangles without area at a corner of another face, so nothing meets them.
+
+        faces : (n,) bool
+        """
+        out = copy(self)
+        out.hidden = faces if faces.any() else None
+        if faces.all():
+            raise InputError(f"{self.name}: nothing of the scene is left; remove fewer objects")
+        return out
+
+    @property
+    def _shown(self) -> NDArray[np.int64]:
+        """(1,) int: a face that is not hidden."""
+        return np.argmin(self.hidden, keepdims=True)  # type: ignore[arg-type, no-any-return]
 
     def update(
         self,
@@ -530,6 +567,8 @@ class MemoryData(SceneData):
 
         if self.animated:
             raise InputError(f"{self.name}: its animation moves the geometry, and update is for static scenes")
+        if self.hidden is not None:
+            raise InputError(f"{self.name}: objects of it were removed, and update is for scenes with all their faces")
         if (vertices is None) == (transform is None) or (vertices is not None and objects is not None):
             raise InputError(f"{self.name}: give update either vertices, or a transform with the objects to move")
         threads = thread_count(threads)

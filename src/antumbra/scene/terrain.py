@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from .crs import unit_of_crs
 from .mesh import WHITE, MeshInfo, ObjectInfo, Piece
 from .raster import Raster
-from .scene_bounds import flush_to_zero
 from .units import LengthUnit
 
 TERRAIN_TYPE = "TINRelief"
@@ -266,8 +265,8 @@ class TerrainSurfaces:
         """The surface, if there is only one and its heights are in memory."""
         return self.surface if isinstance(self.surface, HeightGrid) else None
 
-    def tops(self, origin: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
-        """(cells,) float64 heights, as rounded in the frame at `origin`, and (cells,) int32 faces, of all cells.
+    def tops(self) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
+        """(cells,) float64 heights, as they were read, and (cells,) int32 faces, of all cells.
 
         Cells without a surface have the height NaN and the face -1. None if there are several surfaces.
         """
@@ -276,7 +275,7 @@ class TerrainSurfaces:
         heights = surface.rows(0, surface.grid.rows).astype(np.float64).reshape(-1)
         faces = face_of_cells(surface).reshape(-1)
         heights[faces < 0] = np.nan
-        return flush_to_zero((heights - origin[2]).astype(np.float32)).astype(np.float64) + origin[2], faces
+        return heights, faces
 
     def cameras(self, time: float) -> list[Any]:
         return []

@@ -1,5 +1,6 @@
 """Columns of the user's tables: in the results of every job with a row per point, or named in a note."""
 
+import csv
 import json
 import warnings
 
@@ -167,7 +168,6 @@ def test_lines_of_sight_have_the_columns_of_both_ends_or_of_the_pairs(cli, point
         ("viewshed", "floor.obj", "--observers", "points.csv", "--sensors", "face", "-o", "a.csv"),
         ("visible", "floor.obj", "--points", "points.csv", "--sensors", "face", "-o", "a.csv"),
         ("matrix", "floor.obj", "--sensors", "face", "--targets", "points.csv", "-o", "a.npy"),
-        ("skyline", "floor.obj", "--points", "points.csv", "-o", "a.csv"),
     ],
 )
 def test_columns_without_a_place_in_the_results_are_named(words, cli, points):
@@ -193,3 +193,29 @@ def test_files_without_other_columns_warn_of_nothing(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert read_points(tmp_path / "a.csv").attributes == {}
+
+
+@pytest.mark.parametrize("before", [(), ("--add", "box.obj", "--before")])
+@pytest.mark.parametrize("suffix", ["csv", "json", "npz"])
+def test_skylines_have_the_columns_of_their_points(cli, points, suffix, before):
+    (points.parent / "floor.obj").write_text(FLOOR)
+    (points.parent / "box.obj").write_text("v 0 0 -1\nv 1 0 -1\nv 0.5 4 -1\nf 1 2 3\n")
+    done = cli("skyline", "floor.obj", "--points", "points.csv", "--step", 90, *before, "-o", f"a.{suffix}")
+    assert done.code == 0, done.err
+    path = points.parent / f"a.{suffix}"
+    if suffix == "csv":
+        with open(path, newline="", encoding="utf-8") as file:
+            found = {name: list(values) for name, *values in zip(*csv.reader(file))}
+        assert found["name"] == ["a, b"] * 4 + ["c"] * 4 and found["code"] == ["007"] * 4 + ["012"] * 4
+    elif suffix == "json":
+        document = json.loads(path.read_text())
+        found = document["rows" if before else "attributes"]
+        assert list(dict.fromkeys(found["name"])) == ["a, b", "c"]
+    else:
+        assert list(dict.fromkeys(np.load(path)["name"].tolist())) == ["a, b", "c"]
+    if before and suffix == "csv":
+        loss = [float(row) for row in found["elevation_loss"]]
+        assert (
+            loss == [float(b) - float(a) for b, a in zip(found["elevation_before"], found["elevation"])]
+            and min(loss) < 0
+        )

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.scene.joined_scenes import join_data
 
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 FACES = np.array([tri for a, b, c, d in QUADS for tri in ((a, b, c), (a, c, d))])
@@ -110,3 +111,44 @@ def test_rasters_with_edges_at_multiples_of_the_spacing_share_their_centres(spac
             east, north = wider.middles()
             middles[0].add(tuple(east[-40:])), middles[1].add(tuple(north))
     assert [len(each) for each in middles] == [8, 8]
+
+
+TURNS = {"straight": STRAIGHT, "turned by a quarter": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])}
+FAR = {"at zero": (0.0, 0.0, 0.0), "on a map": (584321.377, 5746123.941, 1.253), "far": (-2.1e6, 1.3e7 + 0.1, -7.7)}
+
+
+def rough(corners, turn, place, foot):
+    """Corners in millimetres, which no frame holds in float32; turned, in feet if `foot`, and moved to a place."""
+    moved = np.round(corners * 1000.0 + (0.123, 0.456, 0.789)) / 1000.0 @ turn.T
+    return moved / (0.3048 if foot else 1.0) + place
+
+
+@pytest.mark.parametrize("foot", [False, True])
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("place", FAR)
+@pytest.mark.parametrize("kind", MAKERS)
+def test_surfaces_in_millimetres_keep_their_sensors_bit_for_bit_beside_any_other_object(kind, place, turn, foot):
+    part = {"turn": TURNS[turn], "place": FAR[place], "foot": foot}
+    before, make = rough(village((0, 0, 0)), **part), MAKERS[kind]
+    alone = rows(make(scene_of(before)), len(before))
+    assert len(alone) >= 28
+    for low, size in TOWERS.values():
+        both = scene_of(np.concatenate([before, rough(box(low, size), **part)]))
+        kept = rows(make(both), len(before))
+        if kind == "raster":  # a tower may stand on some cells
+            assert len(kept) > 0.98 * len(alone)
+            assert {tuple(row) for row in kept} <= {tuple(row) for row in alone}
+        else:
+            assert np.array_equal(kept, alone)
+
+
+@pytest.mark.parametrize("corner", [(0.0, 0.0, 1.0), (584321.3, 5746123.9, 0.7), (-2.1e6, 1.3e7, 2.0)])
+def test_the_cells_of_a_raster_keep_their_heights_bit_for_bit_beside_a_tower(corner):
+    affine = pytest.importorskip("affine")
+    west, north, side = corner
+    heights = np.random.default_rng(1).uniform(30.0, 90.0, (25, 31))
+    bare = at.from_raster((heights, affine.Affine(side, 0.0, west, 0.0, -side, north)))
+    tower = at.Scene.from_arrays(box((400.0, -8.0, 500.0), (3.0, 3.0, 80.0)) + (west, north, 0.0), up="z")
+    both = at.Scene.of_data(join_data(bare.data, tower.data, "both"))
+    alone, kept = (at.sensors_of("raster", scene) for scene in (bare, both))
+    assert np.array_equal(alone.points, kept.points) and np.array_equal(alone.points[:, 2], heights.ravel())

@@ -154,7 +154,7 @@ def test_pictures_and_models_show_the_rows_on_their_faces(city, tmp_path):
         ({"facing": "a:b"}, "write two numbers from -360 to 360"),
         ({"facing": (0, 500)}, "write two numbers from -360 to 360"),
         ({"facing": "11:12"}, "no sensors facing 11:12"),
-        ({"per": "roof"}, 'per is \'roof\'; it must be "sensor", "surface" or "building"'),
+        ({"per": "roof"}, "per is 'roof', and sensors have no such column; use sensor, surface, building"),
         ({"per": "building", "sensors": "vertex"}, "need sensors on faces, unlike 'vertex'"),
         ({"facing": "0:90", "sensors": "raster:0.5"}, "facing needs sensors with normals, unlike 'raster'"),
         ({"surfaces": "RoofSurface", "sensors": "vertex"}, "surfaces need sensors on faces, unlike 'vertex'"),
@@ -168,3 +168,62 @@ def test_errors(city, keywords, message):
 def test_only_cities_have_types():
     with pytest.raises(at.InputError, match="has no semantic surfaces"):
         at.sun_hours(at.procedural("city", 2000), "face", **STUDY, surfaces="RoofSurface")
+
+
+# --- One row per value of the user's column ---------------------------------------------------------------------------
+
+WINDOWS = """id,dwelling,floor,x,y,z,nx,ny,nz
+w1,ground,0,0.25,0,0.5,0,-1,0
+w2,top,1,0.75,0,0.75,0,-1,0
+w3,ground,0,0.5,1,0.5,0,1,0
+w4,"attic, left",1,1,0.5,0.5,1,0,0
+"""
+
+
+@pytest.fixture
+def windows(tmp_path):
+    path = tmp_path / "windows.csv"
+    path.write_text(WINDOWS)
+    return at.sensors_of(str(path), cube())
+
+
+def cube():
+    faces = [face for a, b, c, d in city_files.CUBE_FACES for face in ((a, b, c), (a, c, d))]
+    return at.Scene.from_arrays(city_files.CUBE.astype(float), faces, up="z")
+
+
+def test_windows_of_a_dwelling_make_one_row_with_their_mean(windows):
+    table = at.sun_hours(cube(), windows, **STUDY, energy=True, by=["hour"])
+    rows = at.sun_hours(cube(), windows, **STUDY, energy=True, by=["hour"], per="dwelling")
+    given = rows.sensors.attributes
+    assert given["dwelling"].tolist() == ["ground", "top", "attic, left"] and given["floor"].tolist() == [0, 1, 1]
+    assert "id" not in given and rows["sensors"].tolist() == [2, 1, 1]
+    for name in ("sun_hours", "direct_kwh_m2", "hours_12"):
+        one, two, three, four = table[name].tolist()
+        assert rows[name].tolist() == [(one + three) / 2.0, two, four]
+    assert rows["first"][0] == np.nanmin(table["first"][[0, 2]]) and "direct_kwh" not in rows.columns
+    assert len(set(rows["sun_hours"].tolist())) == 3 and rows.about["per"] == "dwelling"
+
+
+def test_a_rule_becomes_the_share_of_windows_of_a_dwelling_that_pass(windows):
+    keywords = {"rule": "en17037-minimum", "place": STUDY["place"]}
+    table, rows = (at.sun_hours(cube(), windows, **keywords, per=per) for per in ("sensor", "dwelling"))
+    assert rows["passes"][0] == table["passes"][[0, 2]].mean() == 0.5
+
+
+def test_rows_per_column_are_in_every_output(windows, tmp_path):
+    rows = at.sun_hours(cube(), windows, **STUDY, per="dwelling")
+    for suffix in (".csv", ".json", ".npz", ".parquet", ".gpkg", ".png"):
+        rows.save(tmp_path / f"rows{suffix}")
+    with open(tmp_path / "rows.csv", newline="") as file:
+        assert [row["dwelling"] for row in csv.DictReader(file)] == ["ground", "top", "attic, left"]
+    assert np.load(tmp_path / "rows.npz")["dwelling"].tolist() == ["ground", "top", "attic, left"]
+    gpd = pytest.importorskip("geopandas")
+    assert gpd.read_file(tmp_path / "rows.gpkg")["dwelling"].tolist() == ["ground", "top", "attic, left"]
+
+
+def test_an_unknown_column_is_refused_with_those_there_are(windows):
+    with pytest.raises(at.InputError, match=r"per is 'dweling', .* did you mean 'dwelling'"):
+        at.sun_hours(cube(), windows, **STUDY, per="dweling")
+    with pytest.raises(at.InputError, match="rows per building need sensors on faces, unlike 'points'"):
+        at.sun_hours(cube(), windows, **STUDY, per="building")

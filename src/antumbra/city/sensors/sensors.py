@@ -30,7 +30,8 @@ NEEDED = {"face": "faces", "grid": "faces", "vertex": "corners", "raster": "rast
 """Kind of sensors -> the field that it requires."""
 
 _STEEP = 1e-3  # slope of a normal below which a face is nearly upright
-_ROWS = 1 << 18  # positions at a time
+_ROUNDED = 2.0**-48  # relative distance in plan that float64 rounding explains
+_ROWS = 1 << 20  # positions at a time
 _UNIT = 1e-5  # tolerance of a unit length, from float32 rounding
 
 
@@ -262,9 +263,8 @@ class Sensors:
 
 
 def corners_of(scene: AnyScene, time: float = 0.0) -> NDArray[np.float64]:
-    """(n, 3, 3) float64: the corners of all faces, world. Raises InputError for a scene in a store."""
-    triangles = scene.triangles(time)
-    return np.asarray(triangles.vertices.astype(np.float64) + triangles.origin)
+    """(n, 3, 3) float64: the corners of all faces, world, whatever else the scene holds. InputError for a store."""
+    return scene.data.corners(time)
 
 
 def areas_of(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -448,10 +448,9 @@ def _first_surface(
     hit = scene.closest_hit(begin, along, time=time, threads=threads)
     heights = np.where(hit.mask, start + sign * np.where(hit.mask, hit.t, 0.0), scene.bounds[0, up])
     if scene.data.resident and scene.data.terrain is None:  # whose triangles would be made for this
-        triangles, face = hit.surfaces()
         hits = np.flatnonzero(hit.mask)
         for some in np.split(hits, range(_ROWS, len(hits), _ROWS)):
-            corners = triangles.vertices[face[some]].astype(np.float64) + triangles.origin
+            corners = scene.data.corners(time, hit.face[some])
             heights[some] = _heights_on(corners, at[some], heights[some], up)
     return heights, hit.face.astype(np.int64)
 
@@ -460,12 +459,17 @@ def _heights_on(corners: np.ndarray, at: np.ndarray, heights: np.ndarray, up: in
     """(n,) float64: the heights of faces, (n, 3, 3), at positions: in float64, independent of the scene's frame.
 
     heights : those from rays in float32, which stay for faces that are nearly upright
+
+    Positions at a corner have its height, to the last bit: cells of a raster, whichever of its triangles a ray meets.
     """
     away, normals = at - corners[:, 0], np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     plan = [axis for axis in range(3) if axis != up]
     steep = np.abs(normals[:, up]) < _STEEP * np.abs(normals[:, plan]).max(1)
     rise = -(away[:, plan] * normals[:, plan]).sum(1) / np.where(steep, 1.0, normals[:, up])
-    return np.where(steep, heights, np.clip(corners[:, 0, up] + rise, corners[..., up].min(1), corners[..., up].max(1)))
+    on = np.clip(corners[:, 0, up] + rise, corners[..., up].min(1), corners[..., up].max(1))
+    same = (np.abs(corners - at[:, None]) <= _ROUNDED * np.abs(at[:, None]))[..., plan].all(2)
+    on = np.where(same.any(1), corners[np.arange(len(at)), same.argmax(1), up], on)
+    return np.where(steep, heights, on)
 
 
 def point_sensors(at: ArrayLike, normals: ArrayLike | None = None, areas: ArrayLike | None = None) -> Sensors:

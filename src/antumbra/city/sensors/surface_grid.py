@@ -26,8 +26,7 @@ def grid_sensors(scene: SceneLike, spacing: float, time: float = 0.0, *, lift: f
 
     Rows are horizontal. The grid of a horizontal face, or of a wall along an axis, lies half a spacing and 1/128 beside
     the multiples of the spacing in world coordinates; faces in another plane share a grid with those nearby. A face
-    keeps its sensors, up to the rounding of its corners to float32, when other geometry is added or removed. Its area
-    is divided among its sensors.
+    keeps its sensors, bit for bit, when other geometry is added or removed. Its area is divided among its sensors.
 
     spacing : float
         World units between neighbours.

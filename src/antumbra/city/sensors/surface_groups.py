@@ -1,7 +1,7 @@
 """Groups of faces: objects, buildings and surfaces; normals with their azimuth, tilt and tangents."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +10,7 @@ from ...base.checks import as_array, choice, quoted, spelling_hint
 from ...base.errors import InputError
 from ...engine.scene import AnyScene
 from ...kernels.elementary import acos, atan2, cos
+from ...scene.scene_data import MemoryData
 from .sensors import corners_of
 
 # --- Groups of faces --------------------------------------------------------------------------------------------------
@@ -100,7 +101,7 @@ def _planar_parts(scene: AnyScene) -> SurfaceGroups:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    corners = corners_of(scene)
+    corners = corners_of(scene) if scene.data.hidden is None else _all_corners(scene)
     n, objects = len(corners), np.asarray(scene.object_of_face[np.arange(len(corners))])
     normals = unit_normals(corners)
     vertices = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 3)
@@ -120,6 +121,12 @@ def _planar_parts(scene: AnyScene) -> SurfaceGroups:
     owners = objects[np.sort(first)]
     names = [f"{scene.objects[k].name}/{i}" for i, k in enumerate(owners.tolist())]
     return SurfaceGroups(names, [scene.objects[k].type for k in owners], ranks[labels])
+
+
+def _all_corners(scene: AnyScene) -> NDArray[np.float64]:
+    """`corners_of`, also of hidden faces, so that all states of a scene have the same parts."""
+    data = cast(MemoryData, scene.data)
+    return data.hiding(np.zeros(data.n_triangles, bool)).corners()
 
 
 # --- Normals ----------------------------------------------------------------------------------------------------------

@@ -6,6 +6,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
+import numpy as np
+import typer
+
+from ...base.errors import InputError
 from ...base.option_fields import field_values
 from ...cli.options import (
     CrsOption,
@@ -20,7 +24,7 @@ from ...cli.options import (
     position_of,
     tables,
 )
-from ...cli.study_run import Scenes, StudyCommand, command_of
+from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
 from ...cli.vegetation_options import VegetationOption
 from ...work.result_summary import Summary
 from .shadow_options import ShadowOptions
@@ -58,6 +62,13 @@ class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
 
     scene: SceneArgument
     trees: Annotated[VegetationOption, ListedBefore("plan")] = None
+    before: Annotated[
+        bool,
+        typer.Option(
+            "--before",
+            help="Compare with the state before --add and --remove: new and gone shadow, or added hours.",
+        ),
+    ] = False
     crs: CrsOption = None
     latitude: DegreesOption = None
     longitude: DegreesOption = None
@@ -78,6 +89,8 @@ class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
     def check(self) -> None:
         position_of(self)
         self.options.check_moment()
+        if self.before and self.options.by == "object":
+            raise InputError("--before compares the whole shadow; leave --by object out")
         if self.tree_spec is not None and self.options.on_plane:
             why = "the outline on a plane is that of solid crowns; with --cell SIZE, they let light pass"
             self.tree_spec.check_solid(why)
@@ -97,7 +110,23 @@ class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
 
         scene = measured_scene(scenes.planted)
         options = replace(self.options, place=place_of(scene, **position_of(self)))
+        if self.before and options.on_plane and options.plane is None:  # the same plane in both states
+            options = replace(options, plane=float(scene.bounds[0, "xyz".index(scene.up)]))
         return partial(shadow, scene, surface=scenes.bare, **field_values(options))
+
+    def compared(self, before: "Shadow", after: "Shadow", scenes: Scenes) -> "Shadow":
+        from .added_shadow import added_shadow
+
+        limits, exposed = np.array(self.options.classes, np.float64), None
+        if after.table is not None and scenes.change is not None:
+            exposed = scenes.change.exposed(after.table.sensors, self.threads)
+        return added_shadow(before, after, limits, scenes.bare.unit.square_metres, exposed)
+
+    def writers(self, result: "Shadow", scenes: Scenes) -> Writers:
+        writers = dict(super().writers(result, scenes))
+        if self.before:
+            writers["map"] = partial(result.save_map, title="Added shadow")
+        return writers
 
     def summary(self, result: "Shadow", scenes: Scenes, seconds: float) -> Summary:
         return result.summary(seconds)

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _SHADOW, _CASTERS = "#3d4756", "#d8c6a8"
+_CHANGES = {"new": "#b2182b", "gone": "#4393c3", "both": "#b9c0ca"}
+"""Value of the column "change" -> colour."""
 _MOST_ROWS = 1000
 
 
@@ -74,6 +76,12 @@ def _draw_map(shadow: Any, page: Page, fit: MapFit | None, sheet: Sheet) -> None
 def _groups(shadow: Any) -> list[_Group]:
     """The classes of hours, or all polygons."""
     columns = shadow.columns
+    if "change" in columns:
+        return [
+            _Group(name, colour, list(shadow.polygons[rows]), float(columns["area"][rows].sum()))
+            for name, colour in _CHANGES.items()
+            if (rows := columns["change"] == name).any()
+        ]
     if "hours_from" not in columns:
         return [_Group("shadow", _SHADOW, list(shadow.polygons), shadow.area)]
     scale = range_scale(columns["hours_from"], columns["hours_to"], "h")

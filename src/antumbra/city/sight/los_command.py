@@ -11,7 +11,7 @@ import typer
 from ...base.errors import InputError
 from ...base.option_fields import field_values
 from ...cli.options import CrsOption, ListedBefore, MapOption, SceneArgument, SheetOption, UpOption, tables
-from ...cli.scene_arguments import DEFAULT_SCENE
+from ...cli.scene_arguments import DEFAULT_SCENE, BeforeOption
 from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
 from ...cli.vegetation_options import VegetationOption
 from ...work.result_summary import Summary
@@ -29,7 +29,7 @@ _SUFFIXES = ".csv", ".parquet", ".json", ".npz", _MODEL
 
 
 @dataclass(frozen=True, kw_only=True)
-class LosCommand(StudyCommand[SightOptions, "Sightlines"]):
+class LosCommand(StudyCommand[SightOptions, "list[Sightlines]"]):
     """Find which points see each other in SCENE, and what blocks the others.
 
     The result lists, per pair, the nearest blocking face, its object, the blocked point, and the distances. An endpoint
@@ -68,6 +68,7 @@ class LosCommand(StudyCommand[SightOptions, "Sightlines"]):
         ),
     ] = "all"
     trees: VegetationOption = None
+    before: BeforeOption = False
     output: Annotated[list[Path] | None, tables("Output file", "--output", "-o", suffixes=_SUFFIXES)] = None
     map: MapOption = None
     sheet: SheetOption = None
@@ -116,36 +117,47 @@ class LosCommand(StudyCommand[SightOptions, "Sightlines"]):
             return read_pairs(Path(self.pairs))
         return pairs_of(self.pairs, begin.within(scene), end.within(scene))
 
-    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Sightlines]":
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], list[Sightlines]]":
         from ..sensors.sensor_files import check_file_crs
         from .sightlines import line_of_sight
 
         check_file_crs(scenes.planted, Path(self.pairs))
         pairs = self.pairs_in(scenes.planted)
-        return partial(line_of_sight, scenes.planted, **pairs.keywords(), **field_values(self.options))
+        study = partial(line_of_sight, scenes.planted, **pairs.keywords(), **field_values(self.options))
+        return lambda: [study()]
 
-    def writers(self, result: "Sightlines", scenes: Scenes) -> Writers:
+    def compared(self, before: "list[Sightlines]", after: "list[Sightlines]", scenes: Scenes) -> "list[Sightlines]":
+        return [*before, *after]
+
+    def writers(self, result: "list[Sightlines]", scenes: Scenes) -> Writers:
         return {"output": partial(self._write, result, scenes), "map": partial(self._write_map, result, scenes)}
 
-    def _write_map(self, result: "Sightlines", scenes: Scenes, path: Path, sheet: "Sheet") -> None:
+    def _write_map(self, result: "list[Sightlines]", scenes: Scenes, path: Path, sheet: "Sheet") -> None:
         from .sight_map import save_sight_map
 
-        save_sight_map(scenes.planted, self.pairs_in(scenes.planted), result, path, sheet)
+        save_sight_map(scenes.planted, self.pairs_in(scenes.planted), result[-1], path, sheet)
 
-    def _write(self, result: "Sightlines", scenes: Scenes, path: Path) -> None:
+    def _write(self, result: "list[Sightlines]", scenes: Scenes, path: Path) -> None:
         from ...base.files import atomic_output
+        from ..changes.before_and_after import before_and_after
         from .sightlines import sight_model, sight_table
 
         if path.suffix.lower() == _MODEL:
             with atomic_output(path) as temporary:
-                temporary.write_bytes(sight_model(scenes.planted, self.pairs_in(scenes.planted), result))
-        else:
-            sight_table(scenes.planted, self.pairs_in(scenes.planted), result).save(path, "visible")
+                temporary.write_bytes(sight_model(scenes.planted, self.pairs_in(scenes.planted), result[-1]))
+            return
+        tables = [sight_table(scenes.planted, self.pairs_in(scenes.planted), each) for each in result]
+        (before_and_after(*tables) if len(tables) > 1 else tables[0]).save(path, "visible")
 
-    def summary(self, result: "Sightlines", scenes: Scenes, seconds: float) -> Summary:
+    def summary(self, result: "list[Sightlines]", scenes: Scenes, seconds: float) -> Summary:
         from .sightlines import sight_summary
 
-        return sight_summary(scenes.planted, self.pairs_in(scenes.planted), result, seconds)
+        summary = sight_summary(scenes.planted, self.pairs_in(scenes.planted), result[-1], seconds)
+        if len(result) == 1:
+            return summary
+        n = int(result[0].visible.sum())
+        lines = [("visible before", f"{n:,} of {result[0].visible.size:,} pairs"), *summary.lines]
+        return summary._replace(values={**summary.values, "visible_before": n}, lines=lines)
 
 
 los = command_of(LosCommand, SightOptions)

@@ -38,7 +38,7 @@ _BITS, _SPARSE = ".npy", ".npz"
 
 
 @dataclass(frozen=True, kw_only=True)
-class MatrixCommand(StudyCommand[MatrixOptions, "VisibilityMatrix"]):
+class MatrixCommand(StudyCommand[MatrixOptions, "list[VisibilityMatrix]"]):
     """Find which sensors of SCENE see which targets, as one bit per pair.
 
     Sensors on surfaces are visible only from their outer side. Bit j % 64 of word j // 64 in row i is set if sensor i
@@ -80,6 +80,13 @@ class MatrixCommand(StudyCommand[MatrixOptions, "VisibilityMatrix"]):
     map: MapOption = None
     sheet: SheetOption = None
     trees: VegetationOption = None
+    before: Annotated[
+        bool,
+        typer.Option(
+            "--before",
+            help="In --counts, also the state before --add and --remove: seen_before, seen and seen_loss.",
+        ),
+    ] = False
     up: Annotated[UpOption, ListedBefore("threads")] = None
     crs: CrsOption = None
     shard: Annotated[ShardOption, LISTED_LAST] = None
@@ -95,10 +102,12 @@ class MatrixCommand(StudyCommand[MatrixOptions, "VisibilityMatrix"]):
             check_sensors(self.targets, "--targets")
         for path in self.paths("counts"):
             writer_of(path, kind_of(self.sensors))
+        if self.before and (self.output is not None or self.sparse is not None):
+            raise InputError("--before is of --counts and --map; leave --output and --sparse out")
         if self.output is None and self.sparse is None and not self.counts and not self.map:
             raise InputError("there is nothing to write: give --output, --sparse, --counts or --map")
 
-    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], VisibilityMatrix]":
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], list[VisibilityMatrix] | None]":
         from ..sensors.point_attributes import warn_of_lost
         from .visibility_matrix import visibility_matrix
 
@@ -107,26 +116,39 @@ class MatrixCommand(StudyCommand[MatrixOptions, "VisibilityMatrix"]):
             targets = scenes.sensors(self.targets, self.threads)
             warn_of_lost(self.targets, targets.attributes)
         study = partial(visibility_matrix, scenes.planted, sensors, targets, **field_values(self.options))
-        return partial(study, output=self.output, keep=executor)
 
-    def writers(self, result: "VisibilityMatrix", scenes: Scenes) -> Writers:
+        def matrices() -> "list[VisibilityMatrix] | None":
+            found: VisibilityMatrix | None = study(output=self.output, keep=executor)  # None: a shard
+            return None if found is None else [found]
+
+        return matrices
+
+    def compared(
+        self, before: "list[VisibilityMatrix]", after: "list[VisibilityMatrix]", scenes: Scenes
+    ) -> "list[VisibilityMatrix]":
+        return [*before, *after]
+
+    def writers(self, result: "list[VisibilityMatrix]", scenes: Scenes) -> Writers:
         return {
             "output": lambda path: None,  # the study has written it
-            "sparse": result.save,
+            "sparse": result[-1].save,
             "counts": lambda path: self._counts(result, scenes).save(path),
             "map": lambda path, sheet: self._counts(result, scenes).save_map(path, sheet=sheet),
         }
 
-    def _counts(self, result: "VisibilityMatrix", scenes: Scenes) -> "Table":
-        """The number of targets that each sensor sees."""
+    def _counts(self, result: "list[VisibilityMatrix]", scenes: Scenes) -> "Table":
+        """The number of targets that each sensor sees, before and after if both states were traced."""
+        from ..changes.before_and_after import before_and_after
         from ..tables.result_table import Column, Table
 
-        column = Column(result.counts, "", f"visible targets, of {result.columns}")
-        sensors = scenes.sensors(self.sensors, self.threads)
-        return Table(sensors, {"seen": column}, {"job": "matrix"}, scenes.planted)
+        sensors, tables = scenes.sensors(self.sensors, self.threads), list[Table]()
+        for each in result:
+            column = Column(each.counts, "", f"visible targets, of {each.columns}")
+            tables.append(Table(sensors, {"seen": column}, {"job": "matrix"}, scenes.planted))
+        return before_and_after(*tables) if len(tables) > 1 else tables[0]
 
-    def summary(self, result: "VisibilityMatrix", scenes: Scenes, seconds: float) -> Summary:
-        return result.summary(scenes.planted.name, seconds)
+    def summary(self, result: "list[VisibilityMatrix]", scenes: Scenes, seconds: float) -> Summary:
+        return result[-1].summary(scenes.planted.name, seconds)
 
 
 matrix = command_of(MatrixCommand, MatrixOptions)

@@ -25,7 +25,7 @@ from ...cli.options import (
     tables,
     writes,
 )
-from ...cli.scene_arguments import DEFAULT_SCENE
+from ...cli.scene_arguments import DEFAULT_SCENE, BeforeOption
 from ...cli.study_run import Scenes, Writers, command_of
 from ...cli.vegetation_options import VegetationOption
 from ...work.result_summary import Summary
@@ -90,6 +90,7 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
         float | None, typer.Option(help="World units between observers along lines.", show_default=False)
     ] = None
     trees: VegetationOption = None
+    before: BeforeOption = False
     output: Annotated[OutputsOption, ListedBefore("plan")] = None
     map: MapOption = None
     sheet: SheetOption = None
@@ -175,6 +176,9 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
 
     def table_of(self, result: "Viewshed") -> "Table":
         return result.table
+
+    def with_table(self, result: "Viewshed", table: "Table") -> "Viewshed":
+        return result._replace(table=table)
 
     def writers(self, result: "Viewshed", scenes: Scenes) -> Writers:
         return {

@@ -22,7 +22,7 @@ from ...cli.options import (
     SheetOption,
     UpOption,
 )
-from ...cli.scene_arguments import DEFAULT_SCENE, in_memory
+from ...cli.scene_arguments import DEFAULT_SCENE, BeforeOption, in_memory
 from ...cli.study_run import Scenes, command_of
 from ...cli.vegetation_options import VegetationOption
 from ...work.result_summary import Summary
@@ -102,6 +102,7 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table"]):
         typer.Option(help="World units between points on objects and polygons.  [default: 1 m]", show_default=False),
     ] = None
     trees: VegetationOption = None
+    before: BeforeOption = False
     output: OutputsOption = None
     map: MapOption = None
     sheet: SheetOption = None

@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
 
@@ -28,12 +29,14 @@ from ...sun.location import Place, place_of_crs
 from ...trace.rays.ray_hits import intersections
 from ...work.result_summary import Summary, SummaryTable, heading
 from ..sensors.curved_earth import curvature_record, earth_of, lowered_scene
+from ..sensors.point_attributes import Attributes, with_attributes
 from ..sensors.point_checks import notes_on_sensors, raised, tell
 from ..sensors.sensor_files import check_sensors, sensors_of
-from ..sensors.sensors import Sensors, sensors_from, sightline_ends
+from ..sensors.sensors import Sensors, point_sensors, sensors_from, sightline_ends
 from ..sheets.page import MAP_SUFFIXES, check_map
 from ..sheets.sheet import save_report
 from ..sheets.sheet_options import Sheet, checked_sheet
+from ..tables.result_table import Column, Table, csv_texts, plain_values
 from .edge_projection import Compass, Slopes, compass_of, raise_slopes
 from .horizon_diagram import horizon_report
 from .skyline_options import SkylineOptions
@@ -65,6 +68,7 @@ class Skyline(NamedTuple):
     elevation: np.ndarray  # (n, m) float64, degrees above the horizontal: of what lies along each azimuth
     highest: np.ndarray  # (n, m) float64, degrees: of what lies within half a step, both ends included
     about: dict[str, Any]  # metadata of the study, in JSON types
+    attributes: Attributes = {}  # noqa: RUF012 - name -> (n,): other columns of the file of points
 
     def __repr__(self) -> str:
         return f"Skyline({len(self.points)} points x {len(self.azimuth)} azimuths)"
@@ -141,11 +145,24 @@ class Skyline(NamedTuple):
         series: Any = pandas.Series(self._row(point, highest), index=index, name="horizon_elevation")
         return series
 
+    def table(self) -> Table:
+        """A `Table` with a row per point and azimuth: "point", "azimuth", "elevation" and "highest", in degrees."""
+        n, m = self.elevation.shape
+        columns = {
+            "elevation": Column(self.elevation.ravel(), "degrees", "elevation of the horizon"),
+            "highest": Column(self.highest.ravel(), "degrees", "highest elevation within half a step"),
+            "point": Column(np.repeat(np.arange(n), m), "", "index of the point"),
+            "azimuth": Column(np.tile(self.azimuth, n), "degrees", "clockwise from true north"),
+        }
+        sensors = point_sensors(np.repeat(self.points, m, axis=0))
+        given = {name: np.repeat(values, m) for name, values in self.attributes.items()}
+        return Table(replace(sensors, attributes=given), columns, dict(self.about))
+
     def save(self, path: str | os.PathLike[str], *, point: int | None = None, highest: bool = False) -> None:
         """Write the skylines in the format of the suffix.
 
-        .csv has a row per point and azimuth; .json and .npz have the arrays and `about`; .txt is the horizon file of
-        PVGIS, for a single point: an elevation per line, from north clockwise.
+        .csv has a row per point and azimuth; .json and .npz have the arrays and `about`; all have the `attributes`.
+        .txt is the horizon file of PVGIS, for a single point: an elevation per line, from north clockwise.
 
         Parameters
         ----------
@@ -172,6 +189,10 @@ class Skyline(NamedTuple):
         with atomic_output(target) as temporary, open(temporary, "wb") as file:
             if suffix == ".npz":
                 arrays = {name: getattr(self, name) for name in ("points", "azimuth", "elevation", "highest")}
+                given = {name: values.astype("U") if values.dtype == object else values
+                         for name, values in self.attributes.items()}  # fmt: skip
+                arrays = with_attributes({}, given, {**arrays, "about": np.empty(0)})
+                del arrays["about"]
                 np.savez_compressed(file, allow_pickle=False, about=np.array(json.dumps(self.about)), **arrays)
             else:
                 file.writelines(self._csv() if suffix == ".csv" else [self._json()])
@@ -246,15 +267,20 @@ class Skyline(NamedTuple):
         return row
 
     def _csv(self) -> Iterator[bytes]:
-        yield b"point,x,y,z,azimuth,elevation,highest\n"
+        own, results = dict.fromkeys(("point", "x", "y", "z")), dict.fromkeys(("azimuth", "elevation", "highest"))
+        names: Any = with_attributes(own, self.attributes, results)  # type: ignore[arg-type]  # names alone matter
+        yield (",".join(csv_texts(np.array([*names], object))) + "\n").encode()
+        given = list(zip(*map(csv_texts, self.attributes.values()))) or [()] * len(self.points)
         for k, (at, *rows) in enumerate(zip(self.points, self.elevation, self.highest)):
-            where = f"{k},{','.join(str(c) for c in at.tolist())}"
+            where = ",".join([str(k), *(str(c) for c in at.tolist()), *given[k]])
             columns = zip(self.azimuth.tolist(), *(np.round(row, _DECIMALS).tolist() for row in rows))
             yield "".join(f"{where},{azimuth},{e},{h}\n" for azimuth, e, h in columns).encode()
 
     def _json(self) -> bytes:
         rows = {name: np.round(getattr(self, name), _DECIMALS).tolist() for name in ("elevation", "highest")}
         document = {"about": self.about, "points": self.points.tolist(), "azimuth": self.azimuth.tolist(), **rows}
+        if self.attributes:
+            document["attributes"] = {name: plain_values(values) for name, values in self.attributes.items()}
         document["sky_view_factor"] = np.round(self.sky_view_factor(), _DECIMALS).tolist()
         return json.dumps(document, allow_nan=False).encode()
 
@@ -350,7 +376,7 @@ def skyline(
     if place is not None:
         about |= {"latitude": place.latitude, "longitude": place.longitude}
     elevation, highest = (np.degrees(atan(rows)) for rows in slopes)
-    return Skyline(sensors.points, azimuth, elevation, highest, about)
+    return Skyline(sensors.points, azimuth, elevation, highest, about, sensors.attributes)
 
 
 def horizon_elevations(

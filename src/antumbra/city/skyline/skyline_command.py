@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -12,7 +12,7 @@ from ...base.errors import InputError
 from ...base.option_fields import field_values
 from ...cli.arguments import parse_point
 from ...cli.options import CrsOption, ListedBefore, MapOption, SceneArgument, SheetOption, UpOption, tables
-from ...cli.scene_arguments import DEFAULT_SCENE
+from ...cli.scene_arguments import DEFAULT_SCENE, BeforeOption
 from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
 from ...cli.vegetation_options import VegetationOption
 from ...work.result_summary import Summary
@@ -27,7 +27,7 @@ _SUFFIXES = ".csv", ".json", ".npz", ".txt"
 
 
 @dataclass(frozen=True, kw_only=True)
-class SkylineCommand(StudyCommand[SkylineOptions, "Skyline"]):
+class SkylineCommand(StudyCommand[SkylineOptions, "list[Skyline]"]):
     """Find the skyline of points in SCENE: the elevation of the horizon by azimuth.
 
     Azimuths are degrees clockwise from true north. elevation is that along an azimuth, highest the greatest within half
@@ -59,6 +59,7 @@ class SkylineCommand(StudyCommand[SkylineOptions, "Skyline"]):
         ),
     ] = None
     trees: VegetationOption = None
+    before: BeforeOption = False
     output: Annotated[
         list[Path] | None,
         tables("Output file, .txt for PVGIS", "--output", "-o", suffixes=_SUFFIXES),
@@ -88,29 +89,42 @@ class SkylineCommand(StudyCommand[SkylineOptions, "Skyline"]):
         if (self.at is None) == (self.points is None):
             raise InputError("there are no points, or two kinds of them; give --at X,Y,Z or --points FILE")
 
-    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Skyline]":
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], list[Skyline]]":
         from .skyline import check_skyline_output, skyline
 
         points = self._points(scenes)
         for path in [*self.paths("output"), *self.paths("map")]:
             check_skyline_output(path, len(points))
-        return partial(skyline, scenes.planted, points, surface=scenes.bare, **field_values(self.options))
+        study = partial(skyline, scenes.planted, points, surface=scenes.bare, **field_values(self.options))
+        return lambda: [study()]
+
+    def compared(self, before: "list[Skyline]", after: "list[Skyline]", scenes: Scenes) -> "list[Skyline]":
+        return [*before, *after]
 
     def _points(self, scenes: Scenes) -> "Sensors":
-        from ..sensors.point_attributes import warn_of_lost
         from ..sensors.sensors import point_sensors
 
         if self.points is not None:
-            points = scenes.sensors(self.points, self.threads)
-            warn_of_lost(self.points, points.attributes)
-            return points
+            return scenes.sensors(self.points, self.threads)
         return point_sensors([parse_point(text, "--at") for text in self.at or []])
 
-    def writers(self, result: "Skyline", scenes: Scenes) -> Writers:
-        return {"output": partial(result.save, highest=self.highest), "map": result.save_map}
+    def writers(self, result: "list[Skyline]", scenes: Scenes) -> Writers:
+        return {"output": partial(self._write, result), "map": result[-1].save_map}
 
-    def summary(self, result: "Skyline", scenes: Scenes, seconds: float) -> Summary:
-        return result.summary(scenes.planted.name, seconds)
+    def _write(self, result: "list[Skyline]", path: Path) -> None:
+        """Write the skylines; of both states, all files but those of PVGIS have a row per point and azimuth."""
+        from ..changes.before_and_after import before_and_after
+
+        if len(result) == 1 or path.suffix.lower() == ".txt":
+            result[-1].save(path, highest=self.highest)
+        else:
+            before_and_after(*(each.table() for each in result)).save(path)
+
+    def about_of(self, result: "list[Skyline]") -> "dict[str, Any]":
+        return result[-1].about
+
+    def summary(self, result: "list[Skyline]", scenes: Scenes, seconds: float) -> Summary:
+        return result[-1].summary(scenes.planted.name, seconds)
 
 
 skyline = command_of(SkylineCommand, SkylineOptions)

@@ -29,7 +29,7 @@ from ...cli.options import (
     position_of,
     writes,
 )
-from ...cli.scene_arguments import limit_memory
+from ...cli.scene_arguments import BeforeOption, limit_memory
 from ...cli.shards import MergeOption, RayOption, ShardOption
 from ...cli.study_run import Scenes, Writers, command_of
 from ...cli.vegetation_options import VegetationOption
@@ -94,6 +94,7 @@ class SunCommand(SensorStudy[SunOptions, "Table"]):
         ListedBefore("epw"),
     ] = None
     trees: VegetationOption = None
+    before: BeforeOption = False
     crs: Annotated[CrsOption, ListedBefore("energy")] = None
     latitude: DegreesOption = None
     longitude: DegreesOption = None
@@ -123,6 +124,7 @@ class SunCommand(SensorStudy[SunOptions, "Table"]):
     ray: RayOption = None
     merge: MergeOption = None
 
+    of_one_state: ClassVar[tuple[str, ...]] = ("matrix",)
     files: ClassVar[str | None] = "files"
     records_trees: ClassVar[bool] = True
 
@@ -154,6 +156,7 @@ class SunCommand(SensorStudy[SunOptions, "Table"]):
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Table]":
         from ...engine.measured_scenes import measured_scene
         from ...sun.location import place_of
+        from ..changes.before_and_after import before_and_after
         from .sun_hours import sun_hours
 
         scene = measured_scene(scenes.planted)
@@ -161,8 +164,9 @@ class SunCommand(SensorStudy[SunOptions, "Table"]):
         options = replace(self.options, place=place_of(scene, **position_of(self)))
         sensors = scenes.sensors(self._form_in(scene), self.threads, self.areas)
         study = partial(sun_hours, scene, **field_values(options))
-        if self.column is not None:
-            study(sensors=sensors.part(0, 0)).shown(self.column)  # reports an unknown column before the long work
+        if self.column is not None:  # an unknown column is reported before the long work
+            none = study(sensors=sensors.part(0, 0))
+            (before_and_after(none, none) if self.in_both_states else none).shown(self.column)
         first = [*self.paths("output"), *self.paths("map")][0]
         return partial(study, sensors=sensors, matrix=self.matrix, keep=executor or first.with_suffix(".parts"))
 
@@ -176,7 +180,7 @@ class SunCommand(SensorStudy[SunOptions, "Table"]):
     def writers(self, result: "Table", scenes: Scenes) -> Writers:
         return {
             **super().writers(result, scenes),
-            "city_output": partial(self._write_city, result, scenes.bare.n_triangles),
+            "city_output": partial(self._write_city, result, scenes.n_faces),
             "matrix": lambda path: None,  # the study has written it
         }
 

@@ -30,7 +30,7 @@ from ..sensors.sensor_files import sensors_of
 from ..sensors.sensors import Sensors, sensors_from
 from ..tables.bit_matrices import row_file_size
 from ..tables.result_table import Column, Table
-from ..tables.surface_columns import Facing, chosen_sensors, per_group, surface_columns
+from ..tables.surface_columns import Facing, check_per, chosen_sensors, per_group, surface_columns
 from .daylight_rules import Rule, meets_rule, rule_named, weights_of
 from .epw_file import TYPICAL_YEAR, read_epw
 from .solar_radiation import Weather, clear_sky, on_days
@@ -219,6 +219,7 @@ def sun_hours(
     sensors = sensors_from(scene, sensors, None, "sensors")
     if options.per != "sensor" and sensors.zone is not None:
         raise InputError(f"areas have results of their own, in about; leave per={options.per!r} out")
+    check_per(options.per, sensors)
     north = study.place.north
     sensors = chosen_sensors(scene, sensors, options.surfaces, cast(Facing | None, options.facing), north)
     target = None if matrix is None else checked_output(matrix, (".npy",))

@@ -8,15 +8,15 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, cast
 
-from ...base.checks import checked_instance, choice, flag, items, listed, number, parts_of, quoted
+from ...base.checks import checked_instance, choice, flag, items, listed, number, parts_of, quoted, text
 from ...base.errors import InputError
-from ...base.option_fields import Choice, WholeNumber, check_fields, option, optional, same_option, unchecked
+from ...base.option_fields import WholeNumber, check_fields, option, optional, same_option, unchecked
 from ...engine.plan import Plan
 from ...picture.render_options import EngineOptions
 from ...sun.location import Place, checked_place
 from ...sun.sun_positions import checked_step, days_of
 from ..sensors.curvature_options import CurvatureOptions
-from ..tables.surface_columns import PER, Facing
+from ..tables.surface_columns import Facing
 from .daylight_rules import check_rule, rule_named
 
 MOST_DIRECTIONS = 1 << 14
@@ -148,9 +148,10 @@ class SunKeywords:
     """Use only the sensors on surfaces whose azimuth lies in this range, clockwise, both ends included: "150:210" or
     (150, 210) faces south, (315, 45) north. Degrees clockwise from true north. Horizontal surfaces face nowhere. None:
     all."""
-    per: str = option("sensor", Choice(PER), "What a row stands for.")
-    """One row per sensor, surface or building. Rows of surfaces and buildings have the means of their sensors over the
-    area, the earliest "first" and the latest "last", and for each column per m2 another one with its sum."""
+    per: str = option("sensor", text, "What a row stands for: sensor, surface, building, or a column of their file.")
+    """One row per sensor, surface or building, or for each value of a column of the file of the sensors, such as
+    "dwelling". Rows of several sensors have their means over the area, the earliest "first" and the latest "last", and
+    for each column per m2 another one with its sum. Points without areas count alike."""
     samples: int = option(1, WholeNumber(1, MOST_SAMPLES), "Sample points on the sun's disk; 1: its centre.")
     """Points on the sun's disk, 1 to 64; 1: its centre."""
     plan: str | Plan | None = same_option(EngineOptions, "plan", help="Plan; see antumbra plans.", note="auto")

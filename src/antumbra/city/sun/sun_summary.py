@@ -31,6 +31,11 @@ def sun_summary(table: Table, per: str, seconds: float) -> Summary:
         *([(f"{per}s", f"{len(table):,}")] if per != "sensor" else []),
         ("hours of sun", f"{least:,.1f} to {most:,.1f}, median {middle:,.1f}"),
     ]
+    if "sun_hours_loss" in table.columns and len(hours):
+        loss = table["sun_hours_loss"][covered]
+        lines.append(
+            ("loss of sun", f"up to {max(loss.max(), 0.0):,.1f} h, in {(loss > 0.0).sum():,} of {len(loss):,} rows")
+        )
     if "passes" in table.columns and "areas" not in about and per == "sensor":
         lines.append((about["rule"], f"{table['passes'][covered].mean():.1%} of the sensors on surfaces pass"))
     areas = _area_table(about["areas"]) if "areas" in about else None

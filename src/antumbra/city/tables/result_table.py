@@ -50,11 +50,11 @@ def _csv(table: "Table", path: Path, column: str) -> None:
     with atomic_output(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
         file.write(",".join(columns) + "\n")
         for first in range(0, len(table), _ROWS):
-            texts = [_texts(values[first : first + _ROWS]) for values in columns.values()]
+            texts = [csv_texts(values[first : first + _ROWS]) for values in columns.values()]
             file.writelines(",".join(row) + "\n" for row in zip(*texts))
 
 
-def _texts(values: np.ndarray) -> list[str]:
+def csv_texts(values: np.ndarray) -> list[str]:
     """Values as CSV fields: the shortest text that round-trips, empty for NaN and NaT; names quoted where needed."""
     if values.dtype.kind in "UO":
         return ['"' + text.replace('"', '""') + '"' if set(text) & set(',"\r\n') else text for text in values.tolist()]
@@ -64,16 +64,16 @@ def _texts(values: np.ndarray) -> list[str]:
 
 
 def _json(table: "Table", path: Path, column: str) -> None:
-    rows = {name: _plain(values) for name, values in table.rows().items()}
+    rows = {name: plain_values(values) for name, values in table.rows().items()}
     document = {"about": table.about, "columns": _units(table), "rows": rows}
     with atomic_output(path) as temporary:
         temporary.write_text(json.dumps(document, allow_nan=False), encoding="utf-8")
 
 
-def _plain(values: np.ndarray) -> list[Any]:
+def plain_values(values: np.ndarray) -> list[Any]:
     """Values for JSON: None for NaN."""
     if values.dtype.kind == "M":
-        return [text or None for text in _texts(values)]
+        return [text or None for text in csv_texts(values)]
     return [None if value != value else value for value in values.tolist()]
 
 

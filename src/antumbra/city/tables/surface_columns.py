@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.checks import quoted, spelling_hint
 from ...base.errors import InputError
 from ...engine.scene import AnyScene
 from ...scene.units import LengthUnit
@@ -25,7 +26,7 @@ NAMES = "building", "surface", "type", "azimuth", "tilt"
 """The columns of `surface_columns`."""
 
 PER = "sensor", "surface", "building"
-"""What the rows of a table may stand for."""
+"""What the rows of a table may stand for, besides the values of a column of the file of the sensors."""
 
 _ON_FACES = "face", "grid"
 
@@ -106,6 +107,17 @@ def chosen_sensors(
 # --- One row per surface or building ----------------------------------------------------------------------------------
 
 
+def check_per(per: str, sensors: Sensors) -> None:
+    """Raise an InputError, before a study, unless `per_group` can make the rows from these sensors."""
+    if per not in PER and per not in sensors.attributes:
+        known = [*PER, *sensors.attributes]
+        hint = spelling_hint(per, known)
+        raise InputError(f"per is {quoted(per)}, and sensors have no such column; {hint}use {', '.join(known)}")
+    on_faces = sensors.faces is not None and sensors.areas is not None and sensors.kind != "vertex"
+    if per in ("surface", "building") and not on_faces:
+        raise InputError(f"rows per {per} need sensors on faces, unlike {sensors.kind!r}; use face, grid or raster")
+
+
 def per_group(table: Table, per: str, north: float) -> Table:
     """A table with a row for each surface or building that has sensors.
 
@@ -113,17 +125,13 @@ def per_group(table: Table, per: str, north: float) -> Table:
     is the earliest of all sensors, the last sun the latest. Numbers per square metre also get a column with their sum
     over the area.
 
-    per : "surface" or "building"
-
-    Raises
-    ------
-    InputError
-        If the sensors do not lie on faces, or have no areas.
+    per : "surface", "building", or an attribute of the sensors, such as the column "dwelling" of their file
     """
     sensors, scene = table.sensors, table.scene
     assert scene is not None
-    if sensors.faces is None or sensors.areas is None or sensors.kind == "vertex":
-        raise InputError(f"rows per {per} need sensors on faces, unlike {sensors.kind!r}; use face, grid or raster")
+    if per not in PER:
+        return _per_attribute(table, per)
+    assert sensors.faces is not None and sensors.areas is not None  # checked before the study
     groups = surface_groups(scene, per)
     on = np.flatnonzero(sensors.faces >= 0)
     used, row = np.unique(groups.of_face[sensors.faces[on]], return_inverse=True)
@@ -144,6 +152,42 @@ def per_group(table: Table, per: str, north: float) -> Table:
     row_of_face = np.full(scene.n_triangles, -1, np.int64)
     row_of_face[sensors.faces[on]] = row
     return Table(middles, columns, {**table.about, "per": per}, scene, table.camera, table.marks, row_of_face)
+
+
+def _per_attribute(table: Table, per: str) -> Table:
+    """A table with a row for each value of an attribute, in the order of the first sensors that have it.
+
+    Sensors without areas count alike. Other attributes come through if they have one value in each row.
+    """
+    sensors, scene = table.sensors, table.scene
+    assert scene is not None
+    keys = sensors.attributes[per]
+    found, first, row = np.unique(keys.astype(str) if keys.dtype == object else keys, return_index=True,
+                                  return_inverse=True)  # fmt: skip
+    order = np.argsort(first)
+    rank = np.empty(len(found), np.int64)
+    rank[order] = np.arange(len(found))
+    row, first = rank[row.ravel()], first[order]
+    areas = np.ones(len(sensors)) if sensors.areas is None else sensors.areas
+    rows = _GroupRows(row, areas, len(found), scene.unit)
+    columns: dict[str, Column] = {}
+    for name, column in table.columns.items():
+        if name not in NAMES:
+            of_rows = rows.columns(name, column)
+            columns |= of_rows if sensors.areas is not None else {name: of_rows[name]}
+    columns["sensors"] = Column(np.bincount(row, minlength=len(found)), "", f"number of sensors of the {per}")
+    attributes = {name: values[first] for name, values in sensors.attributes.items() if _is_one(values, first[row])}
+    total = None if sensors.areas is None else rows.total
+    middles = Sensors(rows.means(sensors.points), None, total, None, "points", attributes=attributes)
+    return Table(middles, columns, {**table.about, "per": per}, scene, table.camera, table.marks)
+
+
+def _is_one(values: np.ndarray, first: NDArray[np.integer]) -> bool:
+    """Whether values, (n,), are those of the first sensors of their rows, (n,) indices; NaN and NaT are themselves."""
+    same = values == values[first]
+    if values.dtype.kind in "fM":
+        same |= np.isnan(values) & np.isnan(values[first])
+    return bool(np.all(same))
 
 
 _LEAST_MEAN = 1e-3  # length of the mean of unit normals below which they cancel out

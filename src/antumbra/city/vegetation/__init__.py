@@ -3,5 +3,4 @@
 - `vegetation_scenes`: `from_trees`
 - `vegetation_table`: plants with heights and radii, from point and polygon layers and CSV files
 - `crowns`: the triangles of crowns and trunks
-- `joined_scenes`: two scenes as one
 """

@@ -11,12 +11,12 @@ from ...base.errors import InputError
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import SceneLike, scene_of
 from ...scene.crs import checked_crs, in_one_unit
+from ...scene.joined_scenes import join_data
 from ...scene.map_degrees import check_no_degrees
 from ...scene.scene_bounds import plan_bounds
 from ...scene.scene_data import MemoryData, group_notes
 from ...scene.units import checked_unit
 from .crowns import CrownMeshes
-from .joined_scenes import join_data
 from .vegetation_table import Plants, VegetationLike, VegetationOptions, read_vegetation
 
 

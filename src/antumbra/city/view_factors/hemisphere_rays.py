@@ -44,9 +44,15 @@ class HemisphereRays:
     sign : float
         1: rays leave the side from which corners run counterclockwise; -1: the other one.
     seed : int
+    streams : (groups,) int, optional
+        The number of each group's random stream, ascending; None: that of the group. States of a scene, some of whose
+        faces are hidden, then have the same rays.
     """
 
-    def __init__(self, triangles: Triangles, of_face: NDArray[np.integer], samples: int, sign: float, seed: int):
+    def __init__(
+        self, triangles: Triangles, of_face: NDArray[np.integer], samples: int, sign: float, seed: int,
+        streams: NDArray[np.integer] | None = None,
+    ):  # fmt: skip
         corners = triangles.vertices.astype(np.float64)
         areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2.0
         self._corners, self._face_areas, self._origin = _shrunk(corners, areas), areas, triangles.origin
@@ -59,6 +65,7 @@ class HemisphereRays:
         self._last = np.cumsum(counts)
         self._first = self._last - counts
         self.areas = np.bincount(of_face[self._faces], areas[self._faces])
+        self._streams = np.arange(len(counts)) if streams is None else streams
         self._points = _sobol_points(samples // REPLICATES)
 
     def of_groups(self, first: int, last: int) -> SurfaceRays:
@@ -73,10 +80,11 @@ class HemisphereRays:
 
     def _cube_points(self, first: int, last: int) -> NDArray[np.float64]:
         """(groups * samples, 4) float64 in (0, 1)."""
+        streams = self._streams[first:last]
         generator = np.random.Philox(key=self._seed)
-        generator.advance(first * _SHIFTS // 8)  # it counts blocks of eight 32-bit numbers
-        raw = generator.random_raw((last - first) * _SHIFTS // 2)
-        shifts = raw.view(np.uint32).reshape(last - first, REPLICATES, 1, 4)
+        generator.advance(int(streams[0]) * _SHIFTS // 8)  # it counts blocks of eight 32-bit numbers
+        raw = generator.random_raw(int(streams[-1] + 1 - streams[0]) * _SHIFTS // 2)
+        shifts = raw.view(np.uint32).reshape(-1, REPLICATES, 1, 4)[streams - streams[0]]
         return np.asarray(((self._points ^ shifts) + 0.5) / 2.0**_BITS, np.float64).reshape(-1, 4)
 
     def _chosen_faces(

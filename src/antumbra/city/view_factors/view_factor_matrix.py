@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.checks import as_array, items, quoted
+from ...base.checks import as_array, checked_instance, items, quoted
 from ...base.errors import InputError
 from ...base.files import atomic_output, checked_output
 from ...work.result_summary import Summary, SummaryTable
@@ -199,6 +199,43 @@ class ViewFactors:
                 return
             with open(temporary, "w", encoding="utf-8", newline="") as text:
                 self._write_rows(csv.writer(text, lineterminator="\n"))
+
+    def save_change(self, path: str | PathLike[str], before: "ViewFactors") -> None:
+        """Write these view factors beside those before a change of the scene as .csv, a row per element of either.
+
+        The columns are from, to, factor_loss (before minus after), factor_before, factor, error (of the loss) and area,
+        for surfaces "from" of both states. Both states have the same rays, so what does not change has no loss.
+
+        Raises
+        ------
+        InputError
+            If the suffix is another one, the path cannot be written, or two surfaces have one name.
+        """
+        checked_instance(before, ViewFactors, "before")
+        target = checked_output(path, SUFFIXES[1:])
+        states = [each._by_names() for each in (before, self)]
+        names = [name for name in self.names if name in set(before.names)]
+        with atomic_output(target) as temporary, open(temporary, "w", encoding="utf-8", newline="") as text:
+            rows = csv.writer(text, lineterminator="\n")
+            rows.writerow(["from", "to", "factor_loss", "factor_before", "factor", "error", "area"])
+            for name in names:
+                earlier, later = (state.get(name, {}) for state in states)
+                area = self.areas[self.names.index(name)]
+                for to in dict.fromkeys([*later, *earlier]):
+                    (old, old_error), (new, error) = (state.get(to, (0.0, 0.0)) for state in (earlier, later))
+                    rows.writerow((name, to, old - new, old, new, float(np.hypot(old_error, error)), area))
+
+    def _by_names(self) -> dict[str, dict[str, tuple[float, float]]]:
+        """From -> to -> the factor and its error."""
+        if len(set(self.names)) < len(self):
+            raise InputError("surfaces of both states are told apart by their names, and some have the same one")
+        names, errors, matrix = [*self.names, *OUTSIDE], _aligned(self.errors, self.matrix), self.matrix
+        found = dict[str, dict[str, tuple[float, float]]]()
+        for i, name in enumerate(self.names):
+            at = slice(matrix.indptr[i], matrix.indptr[i + 1])
+            values = zip(matrix.data[at].tolist(), errors[at].tolist())
+            found[name] = dict(zip((names[j] for j in matrix.indices[at].tolist()), values))
+        return found
 
     def _arrays(self) -> dict[str, Any]:
         matrix = self.matrix

@@ -108,7 +108,7 @@ class _Sampling(NamedTuple):
             raise InputError(f"{scene.name}: no surface has an area, so there are no view factors; choose other faces")
         names, types = ([values[k] for k in used[none:]] for values in (groups.names, groups.types))
         of_face = (numbers - none).astype(np.int32)
-        rays = HemisphereRays(triangles, of_face, samples, -1.0 if side == "back" else 1.0, seed)
+        rays = HemisphereRays(triangles, of_face, samples, -1.0 if side == "back" else 1.0, seed, used[none:])
         return cls(SurfaceGroups(names, types, of_face), rays, samples, side)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +12,7 @@ from ...base.checks import alternatives
 from ...base.errors import InputError
 from ...base.option_fields import field_values
 from ...cli.options import CrsOption, ListedBefore, SceneArgument, UpOption, writes
-from ...cli.scene_arguments import DEFAULT_SCENE
+from ...cli.scene_arguments import DEFAULT_SCENE, BeforeOption
 from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
 from ...work.result_summary import Summary
 from .view_factor_options import ViewFactorOptions
@@ -24,7 +25,7 @@ _SUFFIXES = ".npz", ".csv"  # as in `city.view_factors.view_factor_matrix`, whic
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewFactorsCommand(StudyCommand[ViewFactorOptions, "tuple[ViewFactors, float]"]):
+class ViewFactorsCommand(StudyCommand[ViewFactorOptions, "list[tuple[ViewFactors, float]]"]):
     """Find the view factors between the surfaces of SCENE, and of the sky.
 
     F_ij is the share of the diffuse radiation leaving surface i that arrives at surface j. Each row also has the shares
@@ -48,6 +49,7 @@ class ViewFactorsCommand(StudyCommand[ViewFactorOptions, "tuple[ViewFactors, flo
         typer.Option("--reciprocal", help="Adjust the factors, so that A_i F_ij = A_j F_ji holds exactly."),
         ListedBefore("seed"),
     ] = False
+    before: BeforeOption = False
     output: Annotated[
         list[Path] | None,
         typer.Option(
@@ -67,23 +69,35 @@ class ViewFactorsCommand(StudyCommand[ViewFactorOptions, "tuple[ViewFactors, flo
         return True
 
     def check(self) -> None:
+        for path in self.paths("output"):
+            if self.before and path.suffix.lower() != _SUFFIXES[1]:
+                raise InputError(f"{path.name}: both states, as by --before, are written as {_SUFFIXES[1]}")
         if not self.output and not self.json and self.quiet:
             raise InputError("there is nothing to write: give --output, --json, or leave --quiet out")
 
-    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], tuple[ViewFactors, float]]":
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], list[tuple[ViewFactors, float]]]":
         from .view_factors import view_factors
 
-        def study() -> "tuple[ViewFactors, float]":
-            sampled = view_factors(scenes.bare, **field_values(self.options))
-            return sampled.reciprocal() if self.reciprocal else sampled, sampled.reciprocity_error
+        def study() -> "list[tuple[ViewFactors, float]]":
+            sampled = view_factors(scenes.planted, **field_values(self.options))
+            return [(sampled.reciprocal() if self.reciprocal else sampled, sampled.reciprocity_error)]
 
         return study
 
-    def writers(self, result: "tuple[ViewFactors, float]", scenes: Scenes) -> Writers:
-        return {"output": result[0].save}
+    def compared(
+        self,
+        before: "list[tuple[ViewFactors, float]]",
+        after: "list[tuple[ViewFactors, float]]",
+        scenes: Scenes,
+    ) -> "list[tuple[ViewFactors, float]]":
+        return [*before, *after]
 
-    def summary(self, result: "tuple[ViewFactors, float]", scenes: Scenes, seconds: float) -> Summary:
-        factors, sampled_error = result
+    def writers(self, result: "list[tuple[ViewFactors, float]]", scenes: Scenes) -> Writers:
+        (before, _), (factors, _) = result[0], result[-1]
+        return {"output": factors.save if len(result) == 1 else partial(factors.save_change, before=before)}
+
+    def summary(self, result: "list[tuple[ViewFactors, float]]", scenes: Scenes, seconds: float) -> Summary:
+        factors, sampled_error = result[-1]
         return factors.summary(sampled_error, seconds)
 
 

@@ -181,7 +181,7 @@ class StrategyMemory:
 
     def __init__(self) -> None:
         self._rates: dict[Key, tuple[int, dict[str, float]]] = {}  # with the frame in which they were measured
-        self._predicted: dict[Key, int] = {}  # number of queries without a trial, however many forms of the tree there may be
+        self._predicted: dict[Key, int] = {}  # number of queries without a trial, by keys without their last part
         self._frame = 0
         self.choices: list[StrategyChoice] = []
         self.lost = self.in_good = 0.0
