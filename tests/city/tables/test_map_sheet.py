@@ -93,7 +93,7 @@ def test_smooth_cells_have_the_values_of_cells_at_their_centres_and_are_linear()
 
 def test_a_sheet_has_all_its_parts():
     scene = at.Scene.from_arrays([[[0.0, 0, 0], [60, 0, 0], [0, 0, -60]]], name="plot")
-    made = at.sun_hours(scene, "raster:10", rule="br209-windows", place=DELFT, step=60)
+    made = at.sun_hours(scene, "raster:10", rule="br209-apsh", sunshine=[60.0] * 12, place=DELFT)
     made.about["crs"], made.about["trees"] = "EPSG:28992", "trees.gpkg"
     figure = map_figure(made, "sun_hours")
     words = texts(figure)
@@ -101,13 +101,13 @@ def test_a_sheet_has_all_its_parts():
     assert "Hours of direct sun" in words and "sun_hours [h]" in words and "N" in words and "grid" not in words
     assert f"{most:,.0f}" in words and "0" in words and any(word.endswith(" m") for word in words)
     facts = dict(facts_of(made))
-    assert facts["scene"] == "plot" and facts["rule"].startswith("br209-windows: ") and "BR 209" in facts["rule"]
+    assert facts["scene"] == "plot" and facts["rule"].startswith("br209-apsh: ") and "BR 209" in facts["rule"]
     assert facts["dates"] == "2025-01-01 09:30 to 2025-12-31 16:30" and "52.00000, 4.36000" in facts["place"]
     assert facts["reference system"] == "EPSG:28992" and facts["trees"] == "trees.gpkg"
     assert facts["sensors"] == "36 (raster, cells of 10 m)"
-    passes = texts(map_figure(made, "passes", "My title"))
+    passes = texts(map_figure(made, "br209_apsh_passes", "My title"))
     assert "My title" in passes
-    share = made["passes"][made.sensors.covered].mean()
+    share = made["br209_apsh_passes"][made.sensors.covered].mean()
     assert f"yes   {share:.1%} of the sensors" in passes and f"no   {1 - share:.1%} of the sensors" in passes
     assert "no value" in passes and not made.sensors.covered.all()
 

@@ -3,7 +3,7 @@
 - `sun_hours`: `sun_hours` and `sky_view`
 - `sun_options`: options of `sun_hours`, with their checks
 - `solar_radiation`: weather and clear skies; `epw_file`: EPW files
-- `daylight_rules`: rules on sun hours
+- `daylight_rules`: rules, with their clauses; `rule_verdicts`: scores of suns, and verdicts on tables
 - `sun_visibility`: visible suns of each sensor
 - `sun_tally`: sums over visible suns
 """
