@@ -17,6 +17,8 @@ SLIVER = 0.05
 IN_PLANE = 0.001
 """Metres from a neighbour's plane within which a sliver lies in it."""
 
+_NO_NORMAL = 0.0001  # metres: the normal of a narrower face says nothing
+_SIMILAR = 0.5  # cosine of the largest angle between the normals of other slivers and of their planes
 _SAME_PLANE = float(cos(np.radians(FLAT)))
 _ACROSS = np.array([0.5257, 0.3129, 0.7911])  # a direction in which different normals have different components
 
@@ -26,8 +28,9 @@ def planar_parts(
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """The planar parts of objects: faces that share an edge, and whose normals differ by less than `FLAT`.
 
-    A sliver takes the normal of a neighbour if all of its corners lie within `IN_PLANE` of the neighbour's plane; of
-    several, that of the most similar one. So slivers neither separate parts of a wall nor join the walls of a corner.
+    A sliver takes the normal of a neighbour within 60 degrees of its own if all of its corners lie within `IN_PLANE` of
+    the neighbour's plane; of several, the most similar one. So slivers neither separate parts of a wall nor join the
+    walls of a corner.
 
     Parameters
     ----------
@@ -93,7 +96,7 @@ def _slivers_in_planes(
         away = corners[face] - corners[beside, :1]
         distances = np.abs(np.einsum("ijk,ik->ij", away, out[beside])).max(1, initial=0.0)
         similar = (normals[face] * out[beside]).sum(1)
-        lies = (distances <= IN_PLANE * unit) & (similar >= 0.0)
+        lies = (distances <= IN_PLANE * unit) & ((similar >= _SIMILAR) | (widths[face] < _NO_NORMAL * unit))
         if not lies.any():
             return out
         face, beside, similar = face[lies], beside[lies], similar[lies]
