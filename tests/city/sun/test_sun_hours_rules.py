@@ -254,13 +254,33 @@ def test_windows_without_a_dwelling_belong_to_no_row(tmp_path, windows):
     ]
 
 
+def test_windows_are_compared_before_dwellings_are_judged(tmp_path, windows):
+    """One window passes by itself, the other by what remains, though the worst values of the dwelling do neither."""
+    path = str(tmp_path / "windows.csv")
+    scenes = (
+        at.Scene.from_arrays(city_files.CUBE + (9e3, 9e3, 0), CUBE_FACES, up="z"),
+        at.load(tmp_path / "wall.obj", up="z"),
+    )
+    before, after = (at.sun_hours(scene, path, rule="br209-vsc", per="dwelling") for scene in scenes)
+    former, now = before.made_from.table, after.made_from.table
+    assert len(former) == len(now) == 4 and next(iter(now.columns)) == "br209_vsc"
+    name, columns = "br209_vsc", dict(now.columns)
+    columns[name + "_before"] = former.columns[name]._replace(values=np.array([24.0, 60.0, 39.6, 39.6]))
+    columns[name + "_loss"] = former.columns[name]._replace(values=columns[name + "_before"].values - now[name])
+    rows = after.made_from.make(at.Table(now.sensors, columns, now.about, now.scene))
+    assert list(rows.columns)[:4] == [f"{name}_{end}" for end in ("passes", "ratio", "share")] + [name]
+    assert rows[f"{name}_passes"].tolist() == [True, False] and rows[f"{name}_share"].tolist() == [1.0, 0.0]
+    np.testing.assert_allclose(rows[f"{name}_loss"], rows[f"{name}_before"] - rows[name])
+    np.testing.assert_allclose(rows[f"{name}_ratio"][0], (now[name] / [24.0, 60.0, 39.6, 39.6])[:2].min())
+
+
 @pytest.mark.parametrize(
     "given, words",
     [
         (("--rule", "br209-vsx"), ["--rule 'br209-vsx' is unknown; did you mean 'br209-vsc'"]),
         (("--rule", "br209-apsh"), ["give an EPW file", "--sunshine JAN/FEB/.../DEC"]),
         (("--rule", "en17037-high"), ["the place is unknown; give a latitude"]),
-        (("--rule", "br209-vsc", "--per", "dweling"), ["per is 'dweling'; did you mean 'dwelling'"]),
+        (("--rule", "br209-vsc", "--per", "dweling"), ["per is 'dweling'", "did you mean 'dwelling'"]),
         (("--rule", "br209-vsc", "--per", "facade"), ["rows per facade need sensors on faces", "a column facade"]),
         (("--rule", "br209-vsc", "--tilt", "0:45"), ["no sensors with a tilt in 0:45"]),
         (("--rule", "br209-vsc", "--column", "moon", "-o", "a.png"), ["no column 'moon'", "br209_vsc"]),

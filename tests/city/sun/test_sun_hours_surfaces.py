@@ -164,10 +164,8 @@ def test_pictures_and_models_show_the_rows_on_their_faces(city, tmp_path):
         ({"facing": "a:b"}, "write two numbers from -360 to 360"),
         ({"facing": (0, 500)}, "write two numbers from -360 to 360"),
         ({"facing": "11:12"}, "no sensors facing 11:12"),
-        (
-            {"per": "surfaces"},
-            "per is 'surfaces'; did you mean 'surface'. it must be one of sensor, surface, facade, build",
-        ),
+        ({"per": "surfaces"}, "per is 'surfaces', and sensors have no such column; did you mean 'surface'. use sensor"),
+        ({"per": "facade", "tilt": "0:10"}, "per is 'facade', and no sensor lies on a wall"),
         ({"per": "building", "sensors": "vertex"}, "need sensors on faces, unlike 'vertex'"),
         ({"facing": "0:90", "sensors": "raster:0.5"}, "facing needs sensors with normals, unlike 'raster'"),
         ({"surfaces": "RoofSurface", "sensors": "vertex"}, "surfaces need sensors on faces, unlike 'vertex'"),

@@ -152,6 +152,8 @@ def area_records(table: Table, rules: Sequence[Rule]) -> list[dict[str, Any]]:
         inside = sensors.zone == k
         record: dict[str, Any] = {"name": zone.name, "cells": int(inside.sum()), "left_out": zone.left_out}
         record["sun_hours"] = float(hours[inside].mean()) if hours is not None and inside.any() else None
+        for end in (BEFORE, LOSS) if "sun_hours" + BEFORE in table.columns and inside.any() else ():
+            record["sun_hours" + end] = float(table["sun_hours" + end][inside].mean())
         for rule in rules:
             if rule.area is not None:
                 record |= _area_verdict(rule, table, inside)

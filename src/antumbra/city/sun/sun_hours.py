@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterable, Sequence
 from datetime import date
+from functools import partial
 from typing import Any, NamedTuple, ParamSpec, cast
 
 import numpy as np
@@ -29,8 +30,8 @@ from ..sensors.sensor_files import sensors_of
 from ..sensors.sensors import Sensors, sensors_from
 from ..sensors.surface_groups import tilts
 from ..tables.bit_matrices import row_file_size
-from ..tables.result_table import Column, Table
-from ..tables.surface_columns import Between, Facing, checked_per, chosen_sensors, per_group, surface_columns, ungrouped
+from ..tables.result_table import Column, MadeFrom, Table
+from ..tables.surface_columns import Between, Facing, check_per, chosen_sensors, per_group, surface_columns, ungrouped
 from .daylight_rules import Criterion, Kind, Rule
 from .epw_file import TYPICAL_YEAR, read_epw
 from .rule_verdicts import area_records, grouped_verdicts, rates_of, with_verdicts
@@ -269,7 +270,7 @@ def sun_hours(
     sensors = sensors_from(scene, sensors, None, "sensors")
     if options.per != "sensor" and sensors.zone is not None:
         raise InputError(f"areas have results of their own, in about; leave per={options.per!r} out")
-    checked_per(sensors, options.per)
+    check_per(options.per, sensors, scene)
     facing, tilt = cast(Facing | None, options.facing), cast(Between | None, options.tilt)
     sensors = chosen_sensors(scene, sensors, options.surfaces, facing, tilt, study.north)
     notes, overcast = (
@@ -335,15 +336,21 @@ def sun_hours(
 def judged_rows(table: Table, rules: Sequence[Rule], per: str, north: float) -> Table:
     """A table of sensors with the verdicts of rules, and a row for each sensor, surface, building or other group.
 
-    Columns that end in ``_before`` are a former state.
+    Columns that end in ``_before`` are a former state. The result records how it was made, so that the tables of two
+    states can be joined first, and judged and grouped afterwards.
 
     per, north : as in `SunKeywords` and `Place`
     """
+    rows = table
     if rules:
-        table = with_verdicts(table, rules)
+        rows = with_verdicts(table, rules)
     elif table.sensors.zone is not None:
         table.about["areas"] = area_records(table, rules)
-    return table if per == "sensor" else per_group(table, per, north, grouped_verdicts(rules))
+    if per != "sensor":
+        rows = per_group(rows, per, north, grouped_verdicts(rules))
+    if rows is not table:
+        rows.made_from = MadeFrom(table, partial(judged_rows, rules=rules, per=per, north=north))
+    return rows
 
 
 class _When(NamedTuple):

@@ -160,6 +160,7 @@ def _values_at(
     tree = PointTree(np.hstack([sensors.points, sensors.normals * away]))
     nearest = np.asarray(values[tree.nearest(np.hstack([at, normals * away])).indices])
     if sensors.kind == "grid":
+        assert sensors.faces is not None
         nearest[~np.isin(faces, sensors.faces)] = np.nan
     return nearest
 

@@ -14,6 +14,7 @@ from ...base.checks import quoted, spelling_hint
 from ...base.errors import InputError
 from ...engine.scene import AnyScene
 from ...scene.units import LengthUnit
+from ..cityjson.surface_types import WALL
 from ..sensors.sensors import Sensors
 from ..sensors.surface_groups import (
     SurfaceGroups,
@@ -30,7 +31,7 @@ from .result_table import Column, Table
 NAMES = "building", "surface", "type", "azimuth", "tilt"
 """The columns of `surface_columns`."""
 
-PER = "surface", "facade", "building"
+PER = "surface", "building", "facade"
 """Groups of sensors on faces."""
 
 Judged: TypeAlias = Callable[[Mapping[str, Column], NDArray[np.integer], NDArray[np.float64]], dict[str, Column]]
@@ -133,21 +134,22 @@ _ROUNDING = 1e-3  # degrees: the arc cosine of a normal nearly along the axis
 # --- One row per surface, building, or value of a column --------------------------------------------------------------
 
 
-def checked_per(sensors: Sensors, per: str) -> None:
-    """Raise an InputError, before long work begins, if `per_group` cannot group these sensors in this way."""
+def check_per(per: str, sensors: Sensors, scene: AnyScene) -> None:
+    """Raise an InputError, before a study, unless `per_group` can make the rows from these sensors."""
     on_faces = sensors.faces is not None and sensors.areas is not None and sensors.kind != "vertex"
-    if per == "sensor" or per in sensors.attributes or (per in PER and on_faces):
-        return
-    if per in PER:
+    if per not in ("sensor", *PER, *sensors.attributes):
+        known = ["sensor", *PER, *sensors.attributes]
+        hint = spelling_hint(per, known)
+        raise InputError(f"per is {quoted(per)}, and sensors have no such column; {hint}use {', '.join(known)}")
+    if per in PER and per not in sensors.attributes and not on_faces:
         raise InputError(
             f"rows per {per} need sensors on faces, unlike {sensors.kind!r}; use face, grid or raster, or points with "
             f"a column {per}"
         )
-    known = ["sensor", *PER, *sensors.attributes]
-    raise InputError(
-        f"per is {quoted(per)}; {spelling_hint(per, known)}it must be one of {', '.join(known)}"
-        + ("" if sensors.attributes else ", or a column of a file of sensors")
-    )
+    if per == "facade" and on_faces and len(sensors):
+        assert sensors.faces is not None
+        if not (face_types(scene, np.unique(sensors.faces)) == WALL).any():
+            raise InputError(f"per is {per!r}, and no sensor lies on a wall; use other sensors, or {PER[0]}")
 
 
 def ungrouped(sensors: Sensors, per: str) -> list[str]:
@@ -175,12 +177,10 @@ def per_group(table: Table, per: str, north: float, judged: Judged | None = None
     """
     sensors, scene = table.sensors, table.scene
     assert scene is not None
-    checked_per(sensors, per)
+    check_per(per, sensors, scene)
     groups = None if per in sensors.attributes else surface_groups(scene, per)
     numbers = _numbers(sensors.attributes[per]) if groups is None else _groups_of(groups, sensors)
     on = np.flatnonzero(numbers >= 0)
-    if len(sensors) and not len(on):
-        raise InputError(f"no sensor belongs to a {per}; choose other sensors")
     used, row = np.unique(numbers[on], return_inverse=True)
     weights = np.ones(len(on)) if sensors.areas is None else sensors.areas[on]
     rows = _GroupRows(row, weights, len(used), scene.unit)
@@ -219,10 +219,11 @@ def _groups_of(groups: SurfaceGroups, sensors: Sensors) -> NDArray[np.int64]:
 
 
 def _numbers(values: np.ndarray) -> NDArray[np.int64]:
-    """(n,) int64: numbers of the values of a column, in ascending order; -1: no value."""
+    """(n,) int64: numbers of the values of a column, in the order in which they first appear; -1: no value."""
     missing = np.array([each == "" for each in values], bool) if values.dtype.kind == "O" else values != values
     numbers = np.full(len(values), -1, np.int64)
-    numbers[~missing] = np.unique(values[~missing], return_inverse=True)[1].reshape(-1)
+    _, first, of_value = np.unique(values[~missing], return_index=True, return_inverse=True)
+    numbers[~missing] = np.argsort(np.argsort(first))[of_value.reshape(-1)]
     return numbers
 
 
@@ -283,11 +284,11 @@ class _GroupRows:
         """The columns of rows for a column of sensors."""
         values, unit, about = column
         if values.dtype.kind == "M":
-            return {name: Column(self._extreme(values, name == "last"), unit, about)}
+            return {name: Column(self._extreme(values, name.startswith("last")), unit, about)}
         means = self.means(values)
         columns = {name: Column(means, unit, f"{about}; mean{' over the area' if by_area else ''}")}
-        if by_area and unit.endswith("/m2") and name.endswith("_m2"):
-            columns[name[: -len("_m2")]] = Column(
+        if by_area and unit.endswith("/m2") and "_m2" in name:
+            columns[name.replace("_m2", "", 1)] = Column(
                 means * self.total * self._unit.square_metres, unit.removesuffix("/m2"), f"{about}; sum over the area"
             )
         return columns
