@@ -13,6 +13,8 @@ from pvlib.solarposition import get_solarposition
 
 import antumbra as at
 import city_files
+from antumbra.city.sun.daylight_rules import RULES
+from weather_files import epw
 
 LONDON = at.Place(51.5, -0.1, 0.0, 0.0, "UTC")
 SUNSHINE = [62.0, 78, 115, 169, 199, 204, 212, 205, 149, 117, 73, 52]
@@ -112,6 +114,26 @@ def test_probable_hours_are_those_of_an_independent_sum(frame):
         assert table[name][0] == pytest.approx(100.0 * probable[counted].sum() / sum(SUNSHINE), abs=1e-9)
     assert 0.0 < table["br209_apsh_winter"][0] < 5.0 and table["br209_apsh"][0] > 25.0
     assert table["br209_apsh_passes"].tolist() == [False]
+
+
+def test_probable_hours_of_weather_are_its_bright_hours(tmp_path):
+    """The file's direct radiation is above 120 W/m2 from February on, in seven hours a day around noon."""
+    scene, window, _ = opposite(40.0)
+    table = at.sun_hours(scene, window, rule="br209-apsh", epw=epw(tmp_path), place=at.Place(52.0, 4.4))
+    times = pandas.date_range("2023-02-01 09:30", "2023-12-31 15:30", freq="h", tz="Etc/GMT-1")
+    times = times[(times.hour >= 9) & (times.hour <= 15)]
+    found = get_solarposition(times, 52.0, 4.4, 0.0)
+    seen = clear_of(found["elevation"].to_numpy(), found["azimuth"].to_numpy(), 40.0)
+    assert (
+        table["br209_apsh"][0] == pytest.approx(100.0 * seen.mean(), abs=1e-9) and 30.0 < table["br209_apsh"][0] < 70.0
+    )
+    hours = at.sun_hours(scene, window, rule="en17037-high", lowest=0.0, epw=epw(tmp_path), place=at.Place(52.0, 4.4))
+    assert hours.about["step"] == 5.0 and "direct_kwh_m2" not in hours.columns  # possible sun, not that of the weather
+
+
+def test_the_help_names_every_rule(cli):
+    words = cli("sun", "--help").out.replace("\n", " ").split()
+    assert all(name in {word.strip(",;.") for word in words} for name in RULES)
 
 
 def test_unobstructed_ground_has_all_probable_hours():
