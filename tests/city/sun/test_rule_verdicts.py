@@ -9,7 +9,7 @@ from antumbra.city.sun.daylight_rules import RULES, Kind, rule_named
 from antumbra.city.sun.rule_verdicts import area_records, grouped_verdicts, rates_of, verdict_of, with_verdicts
 from antumbra.city.tables.result_table import Column, Table
 from antumbra.sun.location import Place
-from antumbra.sun.sun_positions import month_days, months_of, zone_of
+from antumbra.sun.sun_positions import month_days, months_of, parse_days, zone_of
 
 LONDON = Place(51.5, -0.1, 0.0, 0.0, "Europe/London")
 SUNSHINE = np.array([62.0, 78, 115, 169, 199, 204, 212, 205, 149, 117, 73, 52])
@@ -78,6 +78,17 @@ def test_more_sunshine_than_hours_of_sun_is_refused():
     rule = rule_named("br209-apsh")
     with pytest.raises(at.InputError, match=r"sunshine is 400 h in dec, and the sun is above the horizon for 24. h"):
         rates_of(rule.criteria, suns_for(rule), np.append(SUNSHINE[:11], 400.0))
+
+
+def test_every_seventh_day_stands_for_its_month():
+    rule = rule_named("br209-apsh")
+    days = parse_days("2026-01-03:2026-12-31:7")
+    suns = at.suns_of(LONDON, at.times_of(days, zone_of(LONDON), 60), "z")
+    annual, _ = rates_of(rule.criteria, suns, SUNSHINE)
+    june = months_of(suns.local) == 5
+    assert (annual * suns.hours)[june].sum() == pytest.approx(100.0 * SUNSHINE[5] / SUNSHINE.sum())
+    with pytest.raises(at.InputError, match=r"sunshine is 600 h in jun, .* for (48|49|50)\d h"):
+        rates_of(rule.criteria, suns, np.where(np.arange(12) == 5, 600.0, SUNSHINE))
 
 
 # --- Verdicts ---------------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from pvlib.solarposition import get_solarposition
 import antumbra as at
 import city_files
 from antumbra.city.sun.daylight_rules import RULES
+from antumbra.city.sun.overcast_sky import OVERCAST_DIRECTIONS
 from weather_files import epw
 
 LONDON = at.Place(51.5, -0.1, 0.0, 0.0, "UTC")
@@ -81,6 +82,7 @@ def test_the_light_of_the_sky_needs_neither_place_nor_days():
     table = at.sun_hours(scene, window, rule="br209-vsc")
     assert list(table.columns) == ["br209_vsc_passes", "br209_vsc", "azimuth", "tilt"]
     assert table.columns["br209_vsc"].unit == "%" and "latitude" not in table.about
+    assert table.about["directions"] == OVERCAST_DIRECTIONS and table.about["suns"] == 0
     assert [rule["name"] for rule in table.about["rules"]] == ["br209-vsc"] and "section 2.2" in table.about["citation"]
 
 

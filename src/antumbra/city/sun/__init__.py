@@ -4,6 +4,7 @@
 - `sun_options`: options of `sun_hours`, with their checks
 - `solar_radiation`: weather and clear skies; `epw_file`: EPW files
 - `daylight_rules`: rules, with their clauses; `rule_verdicts`: scores of suns, and verdicts on tables
+- `overcast_sky`: the vertical sky component
 - `sun_visibility`: visible suns of each sensor
 - `sun_tally`: sums over visible suns
 """

@@ -57,16 +57,27 @@ def _percent_per_hour(suns: Suns, sunshine: NDArray[np.float64] | None) -> NDArr
     else:
         months = months_of(suns.local)
         possible = np.bincount(months, suns.hours, len(MONTHS))
-        for month in np.flatnonzero(sunshine > possible * (1.0 + _ROUNDING)):
+        whole = possible * _shares_of_days(suns)
+        for month in np.flatnonzero(sunshine > whole * (1.0 + _ROUNDING)):
             raise InputError(
                 f"sunshine is {sunshine[month]:g} h in {MONTHS[month]}, and the sun is above the horizon for "
-                f"{possible[month]:.0f} h; give mean hours of a whole month"
+                f"{whole[month]:.0f} h; give mean hours of a month"
             )
         probable = np.divide(sunshine, possible, out=np.zeros(len(MONTHS)), where=possible > 0.0)[months]
     total = float((suns.hours * probable).sum())
     if not total > 0.0:
         raise InputError("no sun of these days is probable; check the weather, the place and the days")
     return np.asarray(100.0 * probable / total)
+
+
+def _shares_of_days(suns: Suns) -> NDArray[np.float64]:
+    """(12,) float64: days of each month, divided by those that have suns; 0 if none has."""
+    days = np.unique(suns.local.astype("datetime64[D]"))
+    months = days.astype("datetime64[M]")
+    lengths = ((months + 1).astype("datetime64[D]") - months.astype("datetime64[D]")).astype(np.float64)
+    counts = np.bincount(months_of(days), minlength=len(MONTHS))
+    total = np.bincount(months_of(days), lengths, len(MONTHS))
+    return np.divide(total, counts**2, out=np.zeros(len(MONTHS)), where=counts > 0)
 
 
 # --- Verdicts ---------------------------------------------------------------------------------------------------------

@@ -70,6 +70,7 @@ class SunCommand(SensorStudy[SunOptions, "Table"]):
       antumbra sun dem.tif --days 2026-12-21 --step 15 -o sun.tif
       antumbra sun buildings.gpkg --height h --terrain dem.tif --sensors grid:2 --days 2026-03-21 -o sun.png
       antumbra sun city.city.json --sensors windows.csv --rule br209-apsh --epw delft.epw -o windows.csv
+      antumbra sun city.city.json --sensors windows.csv --rule br209-vsc --per dwelling -o homes.csv
       antumbra sun city.city.json --trees "trees.gpkg?height=h&radius=r&transmittance=0.2" --days 2026-06-21 -o sun.png
       antumbra sun city.city.json --rule br209-amenity --areas gardens.geojson -o gardens.tif
       antumbra sun city.city.json --days year:2026 --energy --surfaces RoofSurface --per building -o roofs.csv

@@ -28,12 +28,12 @@ from ..sensors.ground_areas import AreaLike, default_cells
 from ..sensors.point_checks import notes_on_sensors, tell
 from ..sensors.sensor_files import sensors_of
 from ..sensors.sensors import Sensors, sensors_from
-from ..sensors.surface_groups import tilts
 from ..tables.bit_matrices import row_file_size
 from ..tables.result_table import Column, MadeFrom, Table
 from ..tables.surface_columns import Between, Facing, check_per, chosen_sensors, per_group, surface_columns, ungrouped
 from .daylight_rules import Criterion, Kind, Rule
 from .epw_file import TYPICAL_YEAR, read_epw
+from .overcast_sky import OVERCAST_DIRECTIONS, overcast, upright_sensors
 from .rule_verdicts import area_records, grouped_verdicts, rates_of, with_verdicts
 from .solar_radiation import Weather, clear_sky, on_days
 from .sun_options import MOST_DIRECTIONS, SunKeywords, SunOptions
@@ -128,40 +128,6 @@ def sky_query(
     return sun_query(
         scene, sensors, suns, np.empty((count, 0), np.int64), 1, months=month, energy=energy, plan=plan, threads=threads
     )
-
-
-def overcast_query(scene: AnyScene, sensors: Sensors, plan: str | Plan | None, threads: int | None) -> SunQuery:
-    """A query with sky directions as suns, whose energies add up to the vertical sky component, in percent.
-
-    The luminance of the CIE's overcast sky is proportional to 1 + 2 sin(altitude), and its light on unobstructed
-    ground to 7/3 of that of a uniform sky as bright as its horizon.
-    """
-    query = sky_query(scene, sensors, _OVERCAST_DIRECTIONS, plan, threads)
-    heights = query.calendar.directions[:, "xyz".index(scene.up)]
-    percent = 100.0 * (6.0 / 7.0) * (1.0 + 2.0 * heights) / _OVERCAST_DIRECTIONS
-    return query._replace(calendar=query.calendar._replace(energy=percent))
-
-
-_OVERCAST_DIRECTIONS = 8192
-_UPRIGHT = 1.0  # degrees: a plane that is tilted by less is vertical
-
-
-def upright_sensors(scene: AnyScene, sensors: Sensors, rule: Rule) -> tuple[Sensors, list[str]]:
-    """The sensors on vertical planes, and a note if there are others. InputError if there are none.
-
-    rule : that needs them
-    """
-    cure = "give points on walls, with the columns nx, ny and nz, or the sensors face or grid"
-    if sensors.normals is None or sensors.kind == "raster":
-        raise InputError(f"rule {rule.name} needs to know where windows face; {cure}")
-    upright = np.abs(tilts(sensors.normals, scene.up) - 90.0) <= _UPRIGHT
-    if upright.all():
-        return sensors, []
-    if not upright.any():
-        raise InputError(f"rule {rule.name} is about vertical planes, and no sensor lies on one; {cure}")
-    left = len(sensors) - int(upright.sum())
-    note = f"rule {rule.name} is about vertical planes: {left:,} of {len(sensors):,} sensors are left out"
-    return sensors.take(np.flatnonzero(upright)), [note]
 
 
 def share_of_sky(tally: Tally) -> NDArray[np.float64]:
@@ -273,12 +239,10 @@ def sun_hours(
     check_per(options.per, sensors, scene)
     facing, tilt = cast(Facing | None, options.facing), cast(Between | None, options.tilt)
     sensors = chosen_sensors(scene, sensors, options.surfaces, facing, tilt, study.north)
-    notes, overcast = (
-        [*study.notes, *ungrouped(sensors, options.per)],
-        next((rule for rule in study.rules if rule.kind is Kind.SKY), None),
-    )
-    if overcast is not None and len(sensors):
-        sensors, left_out = upright_sensors(scene, sensors, overcast)
+    notes = [*study.notes, *ungrouped(sensors, options.per)]
+    sky_rule = next((rule for rule in study.rules if rule.kind is Kind.SKY), None)
+    if sky_rule is not None and len(sensors):
+        sensors, left_out = upright_sensors(scene, sensors, sky_rule)
         notes += left_out
     target = None if matrix is None else checked_output(matrix, (".npy",))
     warned = tell([*notes, *notes_on_sensors(scene, sensors, "sensors", 0.0, threads)])
@@ -297,9 +261,9 @@ def sun_hours(
         sums.append(SunSums(query, what, executor.folder, matrix=target is not None and run is study.main))
     if target is not None:
         check_disk_space(target, row_file_size(sums[0].matrix_shape))
-    if overcast is not None:
-        sky = overcast_query(scene, sensors, plan, threads)
-        sums.append(SunSums(sky, "overcast sky", executor.folder))
+    if sky_rule is not None:
+        sky = sky_query(scene, sensors, OVERCAST_DIRECTIONS, plan, threads)
+        sums.append(SunSums(overcast(sky), "overcast sky", executor.folder))
     skies = _diffuse_of_seasons(scene, study.main) if options.sky else {}
     for month in skies:
         sky = sky_query(scene, sensors, options.sky, plan, threads, month)
@@ -311,8 +275,8 @@ def sun_hours(
     columns = dict[str, Column]()
     for bins, tally in zip(all_bins, tallies):
         columns |= bins.scores(tally)
-    if overcast is not None:
-        quantity, percent = overcast.criteria[0], tallies[len(study.runs)].energy
+    if sky_rule is not None:
+        quantity, percent = sky_rule.criteria[0], tallies[len(study.runs)].energy
         columns[quantity.column] = Column(percent, quantity.unit, quantity.about)
     if study.main is not None:
         columns |= _columns(study.main, all_bins[0], tallies[0])
@@ -525,7 +489,7 @@ def _about(study: Study, options: SunOptions) -> dict[str, Any]:
     given = {name: getattr(options, name) for name in names}
     about |= {k: list(v) if isinstance(v, tuple) else v for k, v in given.items() if v is not None}
     if any(rule.kind is Kind.SKY for rule in study.rules):
-        about["directions"] = _OVERCAST_DIRECTIONS
+        about["directions"] = OVERCAST_DIRECTIONS
     if study.rules:
         fields = "name", "citation", "text", "notes"
         about["rules"] = [{field: getattr(rule, field) for field in fields} for rule in study.rules]
