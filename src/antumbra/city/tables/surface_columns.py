@@ -34,6 +34,8 @@ NAMES = "building", "surface", "type", "azimuth", "tilt"
 PER = "surface", "building", "facade"
 """Groups of sensors on faces."""
 
+_ON_FACES = "face", "grid"
+
 Judged: TypeAlias = Callable[[Mapping[str, Column], NDArray[np.integer], NDArray[np.float64]], dict[str, Column]]
 """(columns, row of each sensor, weight of each sensor) -> columns of rows that are no means, such as verdicts."""
 
@@ -71,7 +73,7 @@ def surface_columns(scene: AnyScene, sensors: Sensors, north: float = 0.0) -> di
         if scene.city is not None:
             surfaces = np.where(faces < 0, -1, scene.city.surface_of_face[np.maximum(faces, 0)])
             columns["surface"] = Column(surfaces, "", "index in Scene.city.surfaces")
-        if scene.city is not None or sensors.kind != "raster":
+        if scene.city is not None or sensors.kind in _ON_FACES:
             about = "type of the surface, by its normal if the file names none"
             columns["type"] = Column(face_types(scene, faces), "", about)
     if sensors.normals is not None and sensors.kind != "raster":
