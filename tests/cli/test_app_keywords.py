@@ -145,8 +145,8 @@ def test_wrong_values_of_options(name, cli, square_obj):
         if param.param_type_name != "option" or param.is_flag or param.name in ANYTHING | {"help"}:
             continue
         option = next(text for text in param.opts if text.startswith("--"))
-        done = cli(name, square_obj, *_others(ARGUMENTS.get(name, []), param), f"{option}=facade")
-        done.refused("facade")
+        done = cli(name, square_obj, *_others(ARGUMENTS.get(name, []), param), f"{option}=arcade")
+        done.refused("arcade")
         told = done.err.removeprefix("antumbra: ")
         assert told.startswith((option, "plan", "rule", "days")), told
         assert not re.search(r"Value error|Input should|Invalid value|pydantic", told), told

@@ -312,7 +312,7 @@ class DatasetAccessor:
         days, keywords
             As in `antumbra.sun_hours`.
         """
-        for name in ("surfaces", "facing", "per"):
+        for name in ("surfaces", "facing", "tilt", "per"):
             if name in keywords:
                 raise InputError(f"{name} chooses rows of a table, and arrays have a value for each cell; leave it out")
         surface = _surface_of(self._dataset, on)

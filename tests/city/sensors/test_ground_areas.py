@@ -157,7 +157,7 @@ def test_the_report_judges_each_area(tmp_path):
     table = at.sun_hours(scene, rule="br209-amenity", areas=areas, place=HERE)
     own = table.sensors.zone == 0
     np.testing.assert_array_equal(table["sun_hours"][own], alone["sun_hours"])
-    np.testing.assert_array_equal(table["passes"][own], lit)
+    np.testing.assert_array_equal(table["br209_amenity_passes"][own], lit)
     first, second = table.about["areas"]
     assert first["share"] == lit.mean() and first["passes"] == (lit.mean() >= 0.5)
     assert (first["name"], first["cells"], first["left_out"]) == ("strip", 384, 0)
@@ -179,7 +179,7 @@ def test_half_of_an_area_is_enough(tmp_path):
     scene = town(tmp_path)
     cells = at.area_sensors(scene, placed([(-4, 8), (12, 8), (12, 14), (-4, 14)]), 0.5)
     table = at.sun_hours(scene, cells, place=HERE, rule="br209-amenity")
-    dark, lit = (np.flatnonzero(table["passes"] == value) for value in (False, True))
+    dark, lit = (np.flatnonzero(table["br209_amenity_passes"] == value) for value in (False, True))
 
     def judged(dark, lit):
         """The report on an area of some cells."""
@@ -196,11 +196,14 @@ def test_files_have_the_judged_cells_alone(cli, tmp_path):
     garden = feature("garden", *placed([(-4, -4), (12, -4), (12, 12), (-4, 12)]))
     (tmp_path / "gardens.geojson").write_text(json.dumps(collection(garden)))
     asked = "sun", "a.city.json", "--rule", "br209-amenity", "--areas", "gardens.geojson", "--sensors", "raster:1"
-    told = cli(*asked, "-o", "a.tif", "-o", "a.png", "-o", "a.csv", "--column", "passes", "--json").json()
+    told = cli(*asked, "-o", "a.tif", "-o", "a.png", "-o", "a.csv", "--column", "br209_amenity_passes", "--json").json()
     (area,) = told["areas"]
     assert (area["name"], area["cells"], area["left_out"]) == ("garden", 192, 64)
     with rasterio.open(tmp_path / "a.tif") as file:
-        hours, passes = file.read(1), file.read(file.descriptions.index("passes") + 1)
+        hours, passes = (
+            file.read(file.descriptions.index(f"br209_amenity_{name}") + 1) for name in ("hours", "passes")
+        )
+        assert file.descriptions[0] == "br209_amenity_passes"  # what viewers show
     assert hours.shape == (16, 16) and np.isnan(hours[4:12, 4:12]).all() and np.isfinite(hours).sum() == 192
     assert area["share"] == np.nanmean(passes) and area["sun_hours"] == pytest.approx(np.nanmean(hours))
     shown = cli(*asked, "-o", "a.csv").out

@@ -24,8 +24,13 @@ def box(**more):
 
 def test_planar_parts_of_a_box_are_its_sides():
     groups = surface_groups(box(name="box"), "surface")
-    assert groups.of_face.tolist() == np.repeat(np.arange(6), 2).tolist()
-    assert groups.names == [f"box/{k}" for k in range(6)] and groups.types == [""] * 6
+    sides = groups.of_face.reshape(6, 2)
+    assert (sides[:, 0] == sides[:, 1]).all() and sorted(sides[:, 0]) == list(range(6))
+    assert groups.names == [f"box/{k}" for k in range(6)]
+    of_side = [groups.types[k] for k in sides[:, 0]]
+    assert of_side == ["GroundSurface", "RoofSurface", *["WallSurface"] * 4]
+    facades = surface_groups(box(name="box"), "facade")
+    assert (facades.of_face[:4] == -1).all() and facades.names == [f"box/{k}" for k in range(4)]
 
 
 def test_planar_parts_do_not_reach_across_gaps_or_objects():

@@ -83,7 +83,7 @@ def test_a_row_per_building(cli, tmp_path):
 
 def test_a_rule_and_its_share(cli):
     done = cli("sun", SCENE, *HERE, "--rule", "en17037-minimum", "--step", 60, "--sensors", "raster:10", "-o", "a.csv")
-    assert done.code == 0 and "% of the sensors on surfaces pass" in done.out
+    assert done.code == 0 and "sensors on surfaces pass (" in done.out
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def test_a_rule_and_its_share(cli):
         ((SCENE, *HERE, *DAY, "-o", "a.tif"), ("holds a raster", "face")),
         ((SCENE, *HERE, *DAY, "--city-output", "b.json"), ("for CityJSON",)),
         ((SCENE, *HERE, "--days", "2026-02-30"), ("2026-02-30", "choose a day")),
-        ((SCENE, *HERE, *DAY, "--rule", "none"), ("rule 'none' is unknown", "br209-windows")),
+        ((SCENE, *HERE, *DAY, "--rule", "none"), ("rule 'none' is unknown", "br209-apsh")),
         ((SCENE, *HERE, *DAY, "--column", "moon", "-o", "a.png"), ("no column 'moon'", "sun_hours")),
         ((SCENE, *HERE, *DAY, "--plan", "fast"), ("fast",)),
     ],

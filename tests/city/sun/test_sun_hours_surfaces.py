@@ -25,11 +25,17 @@ def table(city):
 
 def test_each_sensor_has_its_surface(city, table):
     faces = table.sensors.faces
-    assert table["type"].tolist() == city.city.surface_types(faces).tolist()
+    named, normals = city.city.surface_types(faces), table.sensors.normals
+    built = np.array([each.startswith("Building") for each in city.city.types])[city.city.object_of_face[faces]]
+    by_normal = np.where(
+        np.abs(normals[:, 2]) < 0.5, "WallSurface", np.where(normals[:, 2] > 0, "RoofSurface", "GroundSurface")
+    )
+    assert table["type"].tolist() == np.where((named == "") & built, by_normal, named).tolist()
+    assert ((named == "") & built).any() and ((named == "") & ~built).any() and (named != "").any()
     assert (table["surface"] == city.city.surface_of_face[faces]).all()
     names = [city.city.objects[k] for k in city.city.object_of_face[faces]]
     assert table["building"].tolist() == ["house" if name == "part" else name for name in names]
-    assert {"", "RoofSurface", "WallSurface"} == set(table["type"]) and "part" in names
+    assert {"", "GroundSurface", "RoofSurface", "WallSurface"} == set(table["type"]) and "part" in names
     x, y, z = table.sensors.normals.T
     walls = np.abs(z) < 0.5
     expected = (np.degrees(np.arctan2(x, y)) - 10.0) % 360.0
@@ -64,7 +70,7 @@ def test_cells_of_a_raster_on_surfaces_of_a_type(tmp_path):
     roofed = city_files.solid(semantics={"surfaces": [{"type": "RoofSurface"}], "values": [[None, 0, *[None] * 4]]})
     shed = city_files.CUBE + (3, 0, 0)
     plain = city_files.building(
-        {**city_files.solid(), "boundaries": [[[[8 + i for i in f]] for f in city_files.CUBE_FACES]]}
+        {**city_files.solid(), "boundaries": [[[[8 + i for i in f]] for f in city_files.CUBE_FACES]]}, kind="WaterBody"
     )
     document = city_files.city({"a": city_files.building(roofed), "b": plain}, np.concatenate([city_files.CUBE, shed]))
     scene = at.load(city_files.put(tmp_path, document))
@@ -118,7 +124,9 @@ def test_rows_per_building_are_means_over_the_area(city, table):
 def test_rows_per_surface(city, table):
     rows = at.sun_hours(city, "face", **STUDY, per="surface")
     assert rows["surface"].tolist() == np.unique(city.city.surface_of_face).tolist()
-    assert rows["type"].tolist() == [city.city.surfaces[k].type or "" for k in rows["surface"]]
+    named = [city.city.surfaces[k].type for k in rows["surface"]]
+    assert [kind for kind, name in zip(rows["type"], named) if name] == [name for name in named if name]
+    assert "WallSurface" in [kind for kind, name in zip(rows["type"], named) if not name]
     assert {170.0, 80.0} <= set(rows["azimuth"]) and np.isnan(rows["azimuth"]).any()
     assert rows.about["per"] == "surface"
 
@@ -129,8 +137,10 @@ def test_rows_of_other_scenes_are_planar_parts():
     rows = at.sun_hours(scene, "grid:0.5", **STUDY, per="surface")
     assert len(rows) == 6 and rows["building"].tolist() == ["box"] * 6 and rows["surface"].tolist() == list(range(6))
     np.testing.assert_allclose(rows.sensors.areas, 9.0)
-    assert rows["tilt"].tolist() == [180.0, 0.0, 90.0, 90.0, 90.0, 90.0]
-    assert "type" not in rows.columns and np.isclose(rows["sun_hours"][1], rows.about["hours"])
+    assert sorted(rows["tilt"]) == [0.0, 90.0, 90.0, 90.0, 90.0, 180.0]
+    roof = rows["type"].tolist().index("RoofSurface")
+    assert rows["tilt"][roof] == 0.0 and np.isclose(rows["sun_hours"][roof], rows.about["hours"])
+    assert [rows["type"].tolist().count(f"{kind}Surface") for kind in ("Roof", "Wall", "Ground")] == [1, 4, 1]
 
 
 def test_pictures_and_models_show_the_rows_on_their_faces(city, tmp_path):
@@ -154,7 +164,8 @@ def test_pictures_and_models_show_the_rows_on_their_faces(city, tmp_path):
         ({"facing": "a:b"}, "write two numbers from -360 to 360"),
         ({"facing": (0, 500)}, "write two numbers from -360 to 360"),
         ({"facing": "11:12"}, "no sensors facing 11:12"),
-        ({"per": "roof"}, "per is 'roof', and sensors have no such column; use sensor, surface, building"),
+        ({"per": "surfaces"}, "per is 'surfaces', and sensors have no such column; did you mean 'surface'. use sensor"),
+        ({"per": "facade", "tilt": "0:10"}, "per is 'facade', and no sensor lies on a wall"),
         ({"per": "building", "sensors": "vertex"}, "need sensors on faces, unlike 'vertex'"),
         ({"facing": "0:90", "sensors": "raster:0.5"}, "facing needs sensors with normals, unlike 'raster'"),
         ({"surfaces": "RoofSurface", "sensors": "vertex"}, "surfaces need sensors on faces, unlike 'vertex'"),
@@ -165,9 +176,15 @@ def test_errors(city, keywords, message):
         at.sun_hours(city, **STUDY, **keywords)
 
 
-def test_only_cities_have_types():
-    with pytest.raises(at.InputError, match="has no semantic surfaces"):
-        at.sun_hours(at.procedural("city", 2000), "face", **STUDY, surfaces="RoofSurface")
+def test_types_follow_from_normals_without_semantics():
+    scene = at.procedural("city", 2000)
+    roofs = at.sun_hours(scene, "face", **STUDY, surfaces="RoofSurface")
+    every = at.sun_hours(scene, "face", **STUDY)
+    assert (roofs["tilt"] < 60.0).all() and len(roofs) == (every["tilt"] < 60.0).sum() > 0
+    flat = at.sun_hours(scene, "raster:40", **STUDY, surfaces="RoofSurface")
+    assert len(flat) > 0 and (flat.sensors.faces >= 0).all()
+    with pytest.raises(at.InputError, match="no surfaces of type 'RoofSurfaces'; did you mean 'RoofSurface'"):
+        at.sun_hours(scene, "face", **STUDY, surfaces="RoofSurfaces")
 
 
 # --- One row per value of the user's column ---------------------------------------------------------------------------
@@ -205,10 +222,11 @@ def test_windows_of_a_dwelling_make_one_row_with_their_mean(windows):
     assert len(set(rows["sun_hours"].tolist())) == 3 and rows.about["per"] == "dwelling"
 
 
-def test_a_rule_becomes_the_share_of_windows_of_a_dwelling_that_pass(windows):
+def test_the_best_window_of_a_dwelling_decides_and_the_share_that_passes_is_told(windows):
     keywords = {"rule": "en17037-minimum", "place": STUDY["place"]}
     table, rows = (at.sun_hours(cube(), windows, **keywords, per=per) for per in ("sensor", "dwelling"))
-    assert rows["passes"][0] == table["passes"][[0, 2]].mean() == 0.5
+    assert rows["en17037_minimum_share"][0] == table["en17037_minimum_passes"][[0, 2]].mean() == 0.5
+    assert rows["en17037_minimum_passes"][0]
 
 
 def test_rows_per_column_are_in_every_output(windows, tmp_path):

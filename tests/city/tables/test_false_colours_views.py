@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.city.tables.false_colours import project_points
+from antumbra.city.tables.false_colours import false_colours, project_points
 
 CAMERAS = [
     at.Camera((3, 4, 5), (0, 1, 0), width=60, height=40),
@@ -23,3 +23,16 @@ def test_points_on_a_pixels_ray_lie_in_it(camera):
     np.testing.assert_allclose(project_points(camera, origins + 7.0 * directions), places, atol=1e-3)
     behind = project_points(camera, camera.position - (camera.target - camera.position)[None])
     assert np.isnan(behind).all() or camera.projection == "panoramic"
+
+
+@pytest.mark.parametrize("sensors", ["face", "grid:0.5"])
+def test_surfaces_that_a_study_leaves_out_are_grey(sensors):
+    """A floor and a wall that meet: without the wall's sensors, the wall does not take the colours of the floor."""
+    floor = np.array([[[0.0, 0, 0], [9, 0, 0], [9, 9, 0]], [[0, 0, 0], [9, 9, 0], [0, 9, 0]]])
+    wall = floor[..., [0, 2, 1]][:, ::-1] + (0, 9, 0)
+    scene = at.Scene.from_arrays(np.concatenate([floor, wall]), up="z")
+    table = at.sun_hours(scene, sensors, "2026-06-21", place=at.Place(52.0, 4.4), tilt="0:45")
+    assert set(table.sensors.faces) == {0, 1}
+    table.camera = at.Camera((4.5, -9.0, 9.0), (4.5, 9.0, 3.0), (0, 0, 1), width=64, height=48)
+    picture = false_colours(table, "sun_hours")
+    assert np.ptp(picture[45, 45].astype(int)) == 0 < np.ptp(picture[66, 45].astype(int))

@@ -109,7 +109,7 @@ def test_cells_of_a_map_lie_where_they_are(cells, bounds):
 
 def test_a_sheet_has_all_its_parts():
     scene = at.Scene.from_arrays([[[0.0, 0, 0], [60, 0, 0], [0, 0, -60]]], name="plot")
-    made = at.sun_hours(scene, "raster:10", rule="br209-windows", place=DELFT, step=60)
+    made = at.sun_hours(scene, "raster:10", rule="br209-apsh", sunshine=[60.0] * 12, place=DELFT)
     made.about["crs"], made.about["trees"] = "EPSG:28992", "trees.gpkg"
     figure = table_map(made, "sun_hours")
     words = texts(figure)
@@ -117,13 +117,13 @@ def test_a_sheet_has_all_its_parts():
     assert "Hours of direct sun" in words and "sun_hours [h]" in words and "N" in words and "grid" not in words
     assert f"{most:,.0f}" in words and "0" in words and any(word.endswith(" m") for word in words)
     facts = dict(facts_of(made))
-    assert facts["scene"] == "plot" and facts["rule"].startswith("br209-windows: ") and "BR 209" in facts["rule"]
+    assert facts["scene"] == "plot" and facts["rule"].startswith("br209-apsh: ") and "BR 209" in facts["rule"]
     assert facts["dates"] == "2025-01-01 09:30 to 2025-12-31 16:30" and "52.00000, 4.36000" in facts["place"]
     assert facts["reference system"] == "EPSG:28992, Amersfoort / RD New" and facts["trees"] == "trees.gpkg"
     assert facts["sensors"] == "36 (raster, cells of 10 m)"
-    passes = texts(table_map(made, "passes", title="My title"))
+    passes = texts(table_map(made, "br209_apsh_passes", title="My title"))
     assert "My title" in passes
-    share = made["passes"][made.sensors.covered].mean()
+    share = made["br209_apsh_passes"][made.sensors.covered].mean()
     passes = " ".join(passes)
     assert f"passes: {share:.1%} of the cells" in passes and f"fails: {1 - share:.1%} of the cells" in passes
     assert "no value" in passes and not made.sensors.covered.all()

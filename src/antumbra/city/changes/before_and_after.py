@@ -42,6 +42,8 @@ def before_and_after(before: Table, after: Table) -> Table:
     """
     checked_instance(before, Table, "before")
     checked_instance(after, Table, "after")
+    if before.made_from is not None and after.made_from is not None:  # the joined states are judged and grouped
+        return after.made_from.make(before_and_after(before.made_from.table, after.made_from.table))
     if not np.array_equal(before.sensors.points, after.sensors.points):
         raise InputError("before and after have other sensors; give both studies the same Sensors")
     columns = dict[str, Column]()

@@ -4,5 +4,6 @@
 - `cityjson_file`: JSON, versions, vertices and templates
 - `city_geometries`: the choice of levels of detail, and of one geometry among repeated ones
 - `city_polygons`: boundaries with their semantic surfaces, and their triangulation
+- `surface_types`: types of surfaces without semantics
 - `attribute_writer`: `write_attributes`, a copy of a file with added attributes
 """

@@ -21,10 +21,7 @@ from .city_geometries import DEPTHS, INSTANCE
 from .city_polygons import RESERVED
 from .cityjson_file import SUFFIXES, lines_of, many_lists
 from .cityjson_source import read_cityjson
-
-_BUILT = ("Building", "Bridge", "Tunnel", "OtherConstruction")
-_OTHER_TYPES = {"Road": "TrafficArea", "Railway": "TrafficArea", "Transport": "TrafficArea", "Water": "WaterSurface"}
-_STEEP = 0.5  # vertical component of a unit normal; polygons with less are walls
+from .surface_types import surface_type
 
 
 class _Means(NamedTuple):
@@ -158,7 +155,7 @@ def _write_surface(
     surfaces, index = geometry["semantics"]["surfaces"], surface.semantic
     if index is None:
         index = len(surfaces)
-        surfaces.append({"type": _surface_type(city.types[surface.object], height)})
+        surfaces.append({"type": surface_type(city.types[surface.object], height)})
         *path, last = surface.path
         inner = geometry["semantics"]["values"]
         for step in path:
@@ -175,13 +172,6 @@ def _padded_values(boundaries: list[Any], values: Any, depth: int) -> Any:
         for k, inner in enumerate(boundaries):
             values[k] = _padded_values(inner, values[k], depth - 1)
     return values
-
-
-def _surface_type(owner: str, height: float) -> str:
-    """A semantic surface type that CityJSON allows for the object; "+Surface" marks an extension."""
-    if owner.startswith(_BUILT):
-        return "WallSurface" if abs(height) < _STEEP else "RoofSurface" if height > 0.0 else "GroundSurface"
-    return next((kind for begin, kind in _OTHER_TYPES.items() if owner.startswith(begin)), "+Surface")
 
 
 def _of_kind(kind: type, value: Any) -> Any:

@@ -7,7 +7,8 @@
 - `raster_grid`: horizontal rasters of square cells
 - `surface_grid`: points in square cells on faces
 - `ground_areas`: sensors in polygons on the ground, outside buildings
-- `surface_groups`: faces grouped in surfaces, objects or buildings; azimuth and tilt
+- `surface_groups`: faces grouped in surfaces, facades, objects or buildings; types, azimuth and tilt
+- `planar_parts`: coplanar faces joined along their edges
 - `point_attributes`: columns of the users' own points
 - `point_checks`: notes on points beside the scene, below the ground or behind a surface
 """

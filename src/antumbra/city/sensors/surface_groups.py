@@ -1,4 +1,4 @@
-"""Groups of faces: objects, buildings and surfaces; normals with their azimuth, tilt and tangents."""
+"""Groups of faces: objects, buildings, surfaces and facades; types of surfaces; normals with their azimuth and tilt."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias, cast
@@ -9,21 +9,20 @@ from numpy.typing import ArrayLike, NDArray
 from ...base.checks import as_array, choice, quoted, spelling_hint
 from ...base.errors import InputError
 from ...engine.scene import AnyScene
-from ...kernels.elementary import acos, atan2, cos
+from ...kernels.elementary import acos, atan2
 from ...scene.scene_data import MemoryData
+from ..cityjson.surface_types import BUILT, WALL, types_of_normals
+from .planar_parts import planar_parts
 from .sensors import corners_of
 
 # --- Groups of faces --------------------------------------------------------------------------------------------------
 
 
-GROUPINGS = "face", "surface", "object", "building"
+GROUPINGS = "face", "surface", "facade", "object", "building"
 """Names of the ways in which `surface_groups` groups faces."""
 
 Grouping: TypeAlias = "str | ArrayLike"
 """A name of `GROUPINGS`, or a group number for each face, (faces,) int, -1: none."""
-
-_SAME_PLANE = float(cos(np.radians(0.1)))  # cosine of the angle between the normals of joined faces
-_ACROSS = np.array([0.5257, 0.3129, 0.7911])  # a direction in which different normals have different components
 
 
 class SurfaceGroups(NamedTuple):
@@ -38,8 +37,9 @@ def surface_groups(scene: AnyScene, by: Grouping) -> SurfaceGroups:
     """The faces of a scene in groups.
 
     - ``face``: each face is a group
-    - ``surface``: semantic surfaces of a city model; otherwise the planar parts of objects: faces that are joined by an
-      edge, and whose normals differ by less than 0.1 degrees
+    - ``surface``: semantic surfaces of a city model; faces without semantics form the planar parts of their objects,
+      see `planar_parts`
+    - ``facade``: the planar parts of the walls of objects; other faces belong to no group
     - ``object``: the objects of the scene
     - ``building``: the outermost objects, such as a Building with all its BuildingParts; otherwise the objects
 
@@ -54,12 +54,11 @@ def surface_groups(scene: AnyScene, by: Grouping) -> SurfaceGroups:
     faces = np.arange(scene.n_triangles, dtype=np.int32)
     if by == "face":
         return SurfaceGroups([str(k) for k in range(len(faces))], [""] * len(faces), faces)
+    if by == "facade":
+        walls = np.flatnonzero(face_types(scene, faces) == WALL)
+        return _parts_of(scene, walls, [WALL] * len(faces))
     if by == "surface":
-        if scene.city is None:
-            return _planar_parts(scene)
-        names = [f"{scene.city.objects[each.object]}/{k}" for k, each in enumerate(scene.city.surfaces)]
-        types = [each.type or "" for each in scene.city.surfaces]
-        return _with_faces(names, types, scene.city.surface_of_face)
+        return _surfaces(scene)
     objects = np.asarray(scene.object_of_face[faces], np.int32)
     if by == "object" or scene.city is None:
         return _with_faces([each.name for each in scene.objects], [each.type for each in scene.objects], objects)
@@ -96,37 +95,68 @@ def _with_faces(names: Sequence[str], types: Sequence[str], of_face: NDArray[np.
     return SurfaceGroups([names[k] for k in used], [types[k] for k in used], numbers.astype(np.int32))
 
 
-def _planar_parts(scene: AnyScene) -> SurfaceGroups:
-    """Faces of an object that are joined by edges, with nearly the same normal; names are "object/number"."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+def _surfaces(scene: AnyScene) -> SurfaceGroups:
+    """Semantic surfaces, and planar parts of the faces without semantics."""
+    city, faces = scene.city, np.arange(scene.n_triangles)
+    if city is None:
+        return _parts_of(scene, faces, face_types(scene, faces))
+    types = face_types(scene, faces)
+    surfaces = np.array(city.surface_of_face)
+    plain = np.flatnonzero(np.array([not each.type for each in city.surfaces], bool)[surfaces])
+    parts = _parts_of(scene, plain, types).of_face[plain]
+    first = np.full(parts.max(initial=-1) + 1, len(city.surfaces), surfaces.dtype)  # a part bears its first number
+    np.minimum.at(first, parts, surfaces[plain])
+    surfaces[plain] = first[parts]
+    names = [f"{city.objects[each.object]}/{k}" for k, each in enumerate(city.surfaces)]
+    of_surface = np.full(len(names), "", object)
+    of_surface[surfaces] = types
+    return _with_faces(names, of_surface.tolist(), surfaces)
 
-    corners = corners_of(scene) if scene.data.hidden is None else _all_corners(scene)
-    n, objects = len(corners), np.asarray(scene.object_of_face[np.arange(len(corners))])
-    normals = unit_normals(corners)
-    vertices = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 3)
-    ends = np.sort(np.stack([vertices, np.roll(vertices, -1, 1)], -1).reshape(-1, 2), axis=1)
-    face = np.repeat(np.arange(n), 3)
-    keys = np.column_stack([objects[face], ends])
-    order = np.lexsort([(normals @ _ACROSS)[face], *keys.T[::-1]])  # the sides of coincident faces, one after the other
-    before, after = order[:-1], order[1:]
-    same = (keys[before] == keys[after]).all(1)
-    a, b = face[before[same]], face[after[same]]
-    flat = (normals[a] * normals[b]).sum(1) > _SAME_PLANE
-    joined = coo_array((np.ones(flat.sum(), bool), (a[flat], b[flat])), shape=(n, n))
-    labels = connected_components(joined, directed=False)[1]
-    first = np.unique(labels, return_index=True)[1]
-    ranks = np.empty(len(first), np.int32)
-    ranks[np.argsort(first)] = np.arange(len(first), dtype=np.int32)  # in the order of their first faces
-    owners = objects[np.sort(first)]
-    names = [f"{scene.objects[k].name}/{i}" for i, k in enumerate(owners.tolist())]
-    return SurfaceGroups(names, [scene.objects[k].type for k in owners], ranks[labels])
+
+def _parts_of(scene: AnyScene, faces: NDArray[np.integer], types: Sequence[str] | np.ndarray) -> SurfaceGroups:
+    """The planar parts of some faces, by object; names are "object/number", counted for each name of an object.
+
+    types : of all faces
+    """
+    objects = np.asarray(scene.object_of_face[faces], np.int64)
+    labels, first = planar_parts(_all_corners(scene)[faces], objects, 1.0 / scene.unit.metres)
+    of_face = np.full(scene.n_triangles, -1, np.int32)
+    of_face[faces] = labels
+    names, counts = list[str](), dict[str, int]()
+    for owner in objects[first].tolist():
+        name = scene.objects[owner].name
+        names.append(f"{name}/{counts.setdefault(name, 0)}")
+        counts[name] += 1
+    return SurfaceGroups(names, [types[face] for face in faces[first].tolist()], of_face)
 
 
 def _all_corners(scene: AnyScene) -> NDArray[np.float64]:
-    """`corners_of`, also of hidden faces, so that all states of a scene have the same parts."""
+    """`corners_of`, also of hidden faces, so that all states of a scene have the same parts and types."""
+    if scene.data.hidden is None:
+        return corners_of(scene)
     data = cast(MemoryData, scene.data)
     return data.hiding(np.zeros(data.n_triangles, bool)).corners()
+
+
+# --- Types of surfaces ------------------------------------------------------------------------------------------------
+
+
+def face_types(scene: AnyScene, faces: NDArray[np.integer]) -> NDArray[np.object_]:
+    """(n,) str: the type of the surface of each face, (n,) int; "" if it is unknown, and for the face -1.
+
+    That of its semantic surface. Without semantics it follows from the normal, see `types_of_normals`; in city models
+    only for buildings and other constructions, since their other objects have neither walls nor roofs.
+    """
+    types = np.full(len(faces), "", object)
+    plain = faces >= 0
+    if scene.city is not None:
+        types[:] = scene.city.surface_types(faces)
+        built = np.array([each.startswith(BUILT) for each in scene.city.types], bool)
+        plain &= (types == "") & built[scene.city.object_of_face[np.maximum(faces, 0)]]
+    if plain.any():
+        normals = unit_normals(_all_corners(scene)[faces[plain]])
+        types[plain] = types_of_normals(normals[:, "xyz".index(scene.up)])
+    return types
 
 
 # --- Normals ----------------------------------------------------------------------------------------------------------
@@ -170,13 +200,8 @@ def faces_between(azimuth: NDArray[np.float64], first: float, last: float) -> ND
 
 
 def checked_types(scene: AnyScene, types: Sequence[str]) -> list[str]:
-    """Types of semantic surfaces. Raises InputError if the scene has none, or none of a type."""
-    if scene.city is None:
-        names = quoted(",".join(types))
-        raise InputError(
-            f"surfaces is {names}, and {scene.name} has no semantic surfaces as CityJSON has; leave it out"
-        )
-    known = sorted({each.type for each in scene.city.surfaces if each.type})
+    """Types of surfaces. Raises InputError if the scene has none of a type."""
+    known = sorted(set(face_types(scene, np.arange(scene.n_triangles)).tolist()) - {""})
     for name in types:
         if name not in known:
             hint = spelling_hint(name, known)

@@ -70,7 +70,8 @@ class SunCommand(SensorStudy[SunOptions, "Table"]):
       antumbra sun city.ply --crs EPSG:28992 --up z --sensors raster:1 --days year:2026 -o sun.tif
       antumbra sun dem.tif --days 2026-12-21 --step 15 -o sun.tif
       antumbra sun buildings.gpkg --height h --terrain dem.tif --sensors grid:2 --days 2026-03-21 -o sun.png
-      antumbra sun city.city.json --sensors windows.csv --rule br209-windows --epw delft.epw -o windows.csv
+      antumbra sun city.city.json --sensors windows.csv --rule br209-apsh --epw delft.epw -o windows.csv
+      antumbra sun city.city.json --sensors windows.csv --rule br209-vsc --per dwelling -o homes.csv
       antumbra sun city.city.json --trees "trees.gpkg?height=h&radius=r&transmittance=0.2" --days 2026-06-21 -o sun.png
       antumbra sun city.city.json --rule br209-amenity --areas gardens.geojson -o gardens.tif
       antumbra sun city.city.json --days year:2026 --energy --surfaces RoofSurface --per building -o roofs.csv
@@ -140,7 +141,7 @@ class SunCommand(SensorStudy[SunOptions, "Table"]):
         if self.areas is not None:
             check_areas(self.areas)
         check_sensors(self.sensor_form, areas=self.areas is not None)
-        self.options.check_rule(self.areas is not None)
+        self.options.check_rules(self.areas is not None)
         self._memory()
         if self.city_output is not None:
             self._check_city(self.city_output)

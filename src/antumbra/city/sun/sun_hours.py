@@ -1,8 +1,9 @@
 """`sun_hours` and `sky_view`: tables of the direct sun, and of the share of the sky, that reaches each sensor."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import date
+from functools import partial
 from typing import Any, NamedTuple, ParamSpec, cast
 
 import numpy as np
@@ -29,10 +30,12 @@ from ..sensors.point_checks import notes_on_sensors, tell
 from ..sensors.sensor_files import sensors_of
 from ..sensors.sensors import Sensors, sensors_from
 from ..tables.bit_matrices import row_file_size
-from ..tables.result_table import Column, Table
-from ..tables.surface_columns import Facing, check_per, chosen_sensors, per_group, surface_columns
-from .daylight_rules import Rule, meets_rule, rule_named, weights_of
+from ..tables.result_table import Column, MadeFrom, Table
+from ..tables.surface_columns import Between, Facing, check_per, chosen_sensors, per_group, surface_columns, ungrouped
+from .daylight_rules import Criterion, Kind, Rule
 from .epw_file import TYPICAL_YEAR, read_epw
+from .overcast_sky import OVERCAST_DIRECTIONS, overcast, upright_sensors
+from .rule_verdicts import area_records, grouped_verdicts, rates_of, with_verdicts
 from .solar_radiation import Weather, clear_sky, on_days
 from .sun_options import MOST_DIRECTIONS, SunKeywords, SunOptions
 from .sun_tally import Tally
@@ -136,16 +139,30 @@ def share_of_sky(tally: Tally) -> NDArray[np.float64]:
 # --- Sun hours --------------------------------------------------------------------------------------------------------
 
 
-class Study(NamedTuple):
-    """A sun study resolved from its options, apart from the sensors: suns, rule, and groupings of hours."""
+class SunRun(NamedTuple):
+    """Suns whose hours are added up together, and the criteria of rules that count them."""
 
-    place: Place
     suns: Suns
-    rule: Rule | None
-    diffuse: np.ndarray | None  # (12,) float64, Wh/m2 of diffuse light on a horizontal plane in each month
-    by: tuple[str, ...]
     step: float  # minutes
+    criteria: tuple[Criterion, ...]
+    sunshine: np.ndarray | None  # (12,) float64, mean hours of sunshine in each month
+    diffuse: np.ndarray | None  # (12,) float64, Wh/m2 of diffuse light on a horizontal plane in each month
+    by: tuple[str, ...]  # groupings of hours
+
+
+class Study(NamedTuple):
+    """A sun study resolved from its options, apart from the sensors."""
+
+    place: Place | None
+    runs: tuple[SunRun, ...]  # those of other suns than the first one are for rules alone
+    main: SunRun | None  # the first run; None: rules have different suns, so that hours in general mean nothing
+    rules: tuple[Rule, ...]
     notes: tuple[str, ...]  # what may be wrong with the time and the weather
+
+    @property
+    def north(self) -> float:
+        """`Place.north`; 0 if there is no place."""
+        return 0.0 if self.place is None else self.place.north
 
 
 @with_keywords(SunKeywords, 3)
@@ -190,13 +207,15 @@ def sun_hours(
         Columns "sun_hours" (h); "sun_share" of the hours with the sun above the horizon; "longest" (h), the longest
         unbroken stretch; "first" and "last", the middle of the first and last interval with sun (local time); the
         optional ones; and "building", "surface" (index in `CityModel.surfaces`), "type", "azimuth" and "tilt" (degrees)
-        of the surface, where they are known. None if the executor leaves parts to other shards.
+        of the surface, where they are known. Those of rules come first: "RULE_passes", such as "br209_vsc_passes", and
+        the quantities that they judge. Rules with different days have no "sun_hours" in common, unless there are
+        `days`. None if the executor leaves parts to other shards.
 
     Raises
     ------
     InputError
         If the place or the days are unknown, a text is malformed, points are in degrees, a package is missing
-        (``antumbra[sun]``), or no sun is above the horizon.
+        (``antumbra[sun]``), no sun is above the horizon, or a rule lacks what it needs: areas, sunshine, or walls.
 
     Warns
     -----
@@ -219,48 +238,62 @@ def sun_hours(
     sensors = sensors_from(scene, sensors, None, "sensors")
     if options.per != "sensor" and sensors.zone is not None:
         raise InputError(f"areas have results of their own, in about; leave per={options.per!r} out")
-    check_per(options.per, sensors)
-    north = study.place.north
-    sensors = chosen_sensors(scene, sensors, options.surfaces, cast(Facing | None, options.facing), north)
+    check_per(options.per, sensors, scene)
+    facing, tilt = cast(Facing | None, options.facing), cast(Between | None, options.tilt)
+    sensors = chosen_sensors(scene, sensors, options.surfaces, facing, tilt, study.north)
+    notes = [*study.notes, *ungrouped(sensors, options.per)]
+    sky_rule = next((rule for rule in study.rules if rule.kind is Kind.SKY), None)
+    if sky_rule is not None and len(sensors):
+        sensors, left_out = upright_sensors(scene, sensors, sky_rule)
+        notes += left_out
     target = None if matrix is None else checked_output(matrix, (".npy",))
-    warned = tell([*study.notes, *notes_on_sensors(scene, sensors, "sensors", 0.0, threads)])
-    suns, bins = study.suns, _Bins(study)
-    direct = None if suns.dni is None else suns.dni * suns.hours
+    warned = tell([*notes, *notes_on_sensors(scene, sensors, "sensors", 0.0, threads)])
+    if study.main is None and (target is not None or options.by or options.energy):
+        raise InputError("matrix, by and energy are about the same suns for all rules; give days, or rules of one day")
+    if keep is None and target is not None:
+        keep = target.with_name(target.name + ".parts")  # the bits of all sensors may exceed memory
     earth, bent, lowered = earth_of(options, scene), scene, sensors
     if earth is not None:
         bent, lowered = lowered_scene(scene, earth), earth.lowered_sensors(sensors)
-    query = sun_query(
-        bent, lowered, suns, bins.of_suns, bins.count, months=months_of(suns.local), samples=samples, energy=direct,
-        plan=plan, threads=threads,
-    )  # fmt: skip
-    if keep is None and target is not None:
-        keep = target.with_name(target.name + ".parts")  # the bits of all sensors may exceed memory
-    executor = executor_of(keep)
-    sums = [SunSums(query, "suns", executor.folder, matrix=target is not None)]
+    executor, sums, all_bins = executor_of(keep), list[SunSums](), [_Bins(run) for run in study.runs]
+    for run, bins in zip(study.runs, all_bins):
+        suns, direct = run.suns, None if run.suns.dni is None else run.suns.dni * run.suns.hours
+        query = sun_query(
+            bent, lowered, suns, bins.of_suns, bins.count, months=months_of(suns.local), samples=samples,
+            energy=direct, plan=plan, threads=threads,
+        )  # fmt: skip
+        what = "suns" if run is study.main else f"suns for {', '.join(each.column for each in run.criteria)}"
+        sums.append(SunSums(query, what, executor.folder, matrix=target is not None and run is study.main))
     if target is not None:
         check_disk_space(target, row_file_size(sums[0].matrix_shape))
-    skies = _diffuse_of_seasons(scene, study) if options.sky else {}
+    if sky_rule is not None:
+        sky = sky_query(bent, lowered, OVERCAST_DIRECTIONS, plan, threads)
+        sums.append(SunSums(overcast(sky), "overcast sky", executor.folder))
+    skies = _diffuse_of_seasons(scene, study.main) if options.sky else {}
     for month in skies:
         sky = sky_query(bent, lowered, options.sky, plan, threads, month)
         sums.append(SunSums(sky, "sky" if month == NO_DATE else f"sky in {MONTHS[month]}", executor.folder))
     job = [each.parts for each in sums]
     if not executor.finish(job):
         return None  # type: ignore[return-value]  # a shard, of a command
-    tally, *sky_tallies = [each.tally() for each in sums]
-    table = Table(
-        sensors, _columns(study, bins, tally), _about(study, options) | curvature_record(options, scene) | warned, scene
-    )
-    if sensors.zone is not None:
-        table.about["areas"] = area_records(sensors, tally.hours, study.rule, table)
+    tallies = [each.tally() for each in sums]
+    columns = dict[str, Column]()
+    for bins, tally in zip(all_bins, tallies):
+        columns |= bins.scores(tally)
+    if sky_rule is not None:
+        quantity, percent = sky_rule.criteria[0], tallies[len(study.runs)].energy
+        columns[quantity.column] = Column(percent, quantity.unit, quantity.about)
+    if study.main is not None:
+        columns |= _columns(study.main, all_bins[0], tallies[0])
     if skies:
-        views = dict(zip(skies, map(share_of_sky, sky_tallies)))
-        table.columns["sky_view"] = Column(views[NO_DATE], "", SKY_VIEW_ABOUT)
-        if study.diffuse is not None:
+        views = dict(zip(skies, map(share_of_sky, tallies[-len(skies) :])))
+        columns["sky_view"] = Column(views[NO_DATE], "", SKY_VIEW_ABOUT)
+        if study.main is not None and study.main.diffuse is not None:
             energy = np.sum([views[month] * (diffuse / 1000.0) for month, diffuse in skies.items()], axis=0)
-            table.columns["diffuse_kwh_m2"] = Column(energy, "kWh/m2", "energy of diffuse light, uniform sky")
-    table.columns |= surface_columns(scene, sensors, north)
-    if options.per != "sensor":
-        table = per_group(table, options.per, north)
+            columns["diffuse_kwh_m2"] = Column(energy, "kWh/m2", "energy of diffuse light, uniform sky")
+    columns |= surface_columns(scene, sensors, study.north)
+    about = _about(study, options) | curvature_record(options, scene) | warned
+    table = judged_rows(Table(sensors, columns, about, scene), study.rules, options.per, study.north)
     if target is not None:
         with atomic_output(target) as temporary:
             sums[0].write_matrix(temporary)
@@ -268,39 +301,103 @@ def sun_hours(
     return table
 
 
+def judged_rows(table: Table, rules: Sequence[Rule], per: str, north: float) -> Table:
+    """A table of sensors with the verdicts of rules, and a row for each sensor, surface, building or other group.
+
+    Columns that end in ``_before`` are a former state. The result records how it was made, so that the tables of two
+    states can be joined first, and judged and grouped afterwards.
+
+    per, north : as in `SunKeywords` and `Place`
+    """
+    rows = table
+    if rules:
+        rows = with_verdicts(table, rules)
+    elif table.sensors.zone is not None:
+        table.about["areas"] = area_records(table, rules)
+    if per != "sensor":
+        rows = per_group(rows, per, north, grouped_verdicts(rules))
+    if rows is not table:
+        rows.made_from = MadeFrom(table, partial(judged_rows, rules=rules, per=per, north=north))
+    return rows
+
+
+class _When(NamedTuple):
+    """What decides which suns count."""
+
+    days: tuple[date, ...] | None  # None: those of the weather
+    step: float
+    lowest: float
+    by_weather: bool  # whether the hours of the EPW file are the intervals
+
+
 def study_of(options: SunOptions, scene: AnyScene, areas: bool) -> Study:
     """The place, the suns and the groupings of hours: everything that does not depend on the scene's triangles.
 
     areas : whether the sensors lie in areas
     """
-    rule = None if options.rule is None else rule_named(options.rule)
-    days = options.dates
-    options.check_rule(areas)
-    step = options.step or (60.0 if rule is None else checked_step(rule.step))
-    place = place_in(scene, options.place)
-    weather, diffuse, notes = None, None, tuple[str, ...]()
+    rules, days = options.rules, options.dates
+    options.check_rules(areas)
+    place, weather = place_in(scene, options.place), None
     if options.epw is not None:
         weather, place = read_epw(options.epw, place)
-    if place is None:
-        raise InputError("the place is unknown; give a latitude and a longitude, a CRS, or an EPW file")
-    if days is None and rule is not None:
-        days = rule.days(TYPICAL_YEAR)
-    if weather is not None:
-        weather = weather if days is None else on_days(weather, days)
-        notes = weather.notes
-        suns = suns_of(place, weather.times, scene.up, weather.dni)
-        diffuse = _sum_months(weather)
-    else:
-        if days is None:
+    when = _criteria_by_suns(options)
+    if days is not None or not rules:
+        if days is None and weather is None:
             raise InputError("the days are unknown; give days such as 2026-06-21 or year:2026, a rule, or an EPW file")
-        times = times_of(days, zone_of(place), step)
-        clear = clear_sky(place, times) if options.energy else None
-        suns = suns_of(place, times, scene.up, None if clear is None else clear.dni)
-        if clear is not None:
-            diffuse = _sum_months(clear)
+        step = options.step or min((each.step for each in when), default=60.0)
+        first = _When(None if days is None else tuple(days), step, options.lowest or 0.0, weather is not None)
+        when = {first: when.get(first, ())} | when
+    if place is None and when:
+        raise InputError("the place is unknown; give a latitude and a longitude, a CRS, or an EPW file")
+    runs, notes = list[SunRun](), dict[str, None]()
+    for each, criteria in when.items():
+        assert place is not None
+        run, its_notes = _run(options, place, weather if each.by_weather else None, each, criteria, scene.up)
+        runs.append(run)
+        notes |= dict.fromkeys((*its_notes, *zone_notes(place, run.suns.times[0])))
+    if options.lowest is None and (open_rules := [rule.name for rule in rules if rule.lowest is None]):
+        notes[
+            f"{', '.join(open_rules)}: suns at any altitude count, but the standard sets a minimum by country; give it "
+            "as the lowest altitude"
+        ] = None
+    has_main = len(runs) == 1 or days is not None or not rules
+    return Study(place, tuple(runs), runs[0] if runs and has_main else None, rules, tuple(notes))
+
+
+def _criteria_by_suns(options: SunOptions) -> dict[_When, tuple[Criterion, ...]]:
+    """The criteria of rules about the sun, by the suns that they count; each column once."""
+    found = dict[_When, tuple[Criterion, ...]]()
+    for rule in options.rules:
+        if rule.days is not None:
+            days = rule.days(TYPICAL_YEAR) if options.dates is None else options.dates
+            lowest = (rule.lowest or 0.0) if options.lowest is None else options.lowest
+            by_weather = rule.kind is Kind.PROBABLE and options.sunshine is None
+            when = _When(tuple(days), options.step or float(rule.step), lowest, by_weather)
+            there = found.get(when, ())
+            known = {each.column for each in there}
+            found[when] = (*there, *(each for each in rule.criteria if each.column not in known))
+    return found
+
+
+def _run(
+    options: SunOptions, place: Place, weather: Weather | None, when: _When, criteria: tuple[Criterion, ...], up: str
+) -> tuple[SunRun, tuple[str, ...]]:
+    """The suns of a run, and notes on its weather."""
+    notes, sky = tuple[str, ...](), weather
+    if weather is not None:
+        sky = weather = weather if when.days is None else on_days(weather, when.days)
+        times, notes = weather.times, weather.notes
+    else:
+        assert when.days is not None
+        times = times_of(when.days, zone_of(place), checked_step(when.step))
+        sky = clear_sky(place, times) if options.energy else None
+    suns = suns_of(place, times, up, None if sky is None else sky.dni, lowest=when.lowest)
     if not len(suns.hours):
-        raise InputError("no sun is above the horizon on these days; check the days and the place")
-    return Study(place, suns, rule, diffuse, tuple(options.by), step, (*notes, *zone_notes(place, suns.times[0])))
+        above = "the horizon" if when.lowest == 0.0 else f"{when.lowest:g} degrees"
+        raise InputError(f"no sun is above {above} on these days; check the days and the place")
+    sunshine = None if options.sunshine is None else np.array(options.sunshine, np.float64)
+    diffuse = None if sky is None else _sum_months(sky)
+    return SunRun(suns, when.step, criteria, sunshine, diffuse, tuple(options.by)), notes
 
 
 def _sum_months(weather: Weather) -> NDArray[np.float64]:
@@ -312,42 +409,46 @@ def _sum_months(weather: Weather) -> NDArray[np.float64]:
 
 
 class _Bins:
-    """Bins of hours: months, hours of the day, and criteria of a rule. Suns that belong to none use the last bin."""
+    """Bins of hours: months, hours of the day, and suns with the same score. Others use the last bin."""
 
-    def __init__(self, study: Study):
-        suns, self.names, columns = study.suns, list[str](), list[np.ndarray]()
-        if "month" in study.by:
+    def __init__(self, run: SunRun):
+        suns, self.names, columns = run.suns, list[str](), list[np.ndarray]()
+        if "month" in run.by:
             columns.append(self._add([f"hours_{name}" for name in MONTHS]) + months_of(suns.local))
-        if "hour" in study.by:
+        if "hour" in run.by:
             columns.append(self._add([f"hours_{hour:02d}" for hour in range(24)]) + _hour(suns))
-        self.criteria: list[tuple[str, float]] = []  # name of the bin, and score per hour in it
-        weights = np.empty((0, len(suns.hours))) if study.rule is None else weights_of(study.rule, suns)
-        for k, weight in enumerate(weights):
-            counts = weight > 0.0
-            first = self._add([f"criterion {k}"])
-            columns.append(np.where(counts, first, -1))
-            self.criteria.append((self.names[first], float((weight[counts] / suns.hours[counts]).max(initial=0.0))))
-        self.count = len(self.names) + 1
-        bins = np.stack(columns, 1) if columns else np.empty((len(suns.hours), 0), np.int64)
-        self.of_suns = np.where(bins < 0, self.count - 1, bins)
-        self.used = set(self.of_suns.ravel().tolist())
+        self.used = {int(k) for k in np.unique(columns)} if columns else set[int]()
+        self._criteria, self.count = run.criteria, len(self.names) + 1
+        if run.criteria:
+            rates = rates_of(run.criteria, suns, run.sunshine)
+            self._rates, same = np.unique(rates, axis=1, return_inverse=True)  # (criteria, bins), and the bin of a sun
+            columns.append(len(self.names) + same.reshape(-1))
+            self.count = len(self.names) + self._rates.shape[1]
+        self.of_suns = np.stack(columns, 1) if columns else np.empty((len(suns.hours), 0), np.int64)
 
     def _add(self, names: list[str]) -> int:
         self.names += names
         return len(self.names) - len(names)
 
     def hours(self, tally: Tally) -> dict[str, np.ndarray]:
-        """Name -> hours of each sensor, for the months and hours of day with a sun and for all criteria."""
-        criteria = [name for name, _ in self.criteria]
-        return {name: tally.binned[:, k] for k, name in enumerate(self.names) if k in self.used or name in criteria}
+        """Name -> hours of each sensor, for the months and hours of day with a sun."""
+        return {name: tally.binned[:, k] for k, name in enumerate(self.names) if k in self.used}
+
+    def scores(self, tally: Tally) -> dict[str, Column]:
+        """The quantities that rules judge."""
+        hours = tally.binned[:, len(self.names) :]
+        return {
+            each.column: Column(np.einsum("ij,j->i", hours, self._rates[k]), each.unit, each.about)
+            for k, each in enumerate(self._criteria)
+        }
 
 
 def _hour(suns: Suns) -> NDArray[np.int64]:
     return np.asarray((suns.local.astype("datetime64[h]") - suns.local.astype("datetime64[D]")).astype(np.int64))
 
 
-def _columns(study: Study, bins: _Bins, tally: Tally) -> dict[str, Column]:
-    suns, total = study.suns, study.suns.hours.sum()
+def _columns(run: SunRun, bins: _Bins, tally: Tally) -> dict[str, Column]:
+    suns, total = run.suns, run.suns.hours.sum()
     columns = {
         "sun_hours": Column(tally.hours, "h", "hours of direct sun"),
         "sun_share": Column(tally.hours / total, "", "share of the hours with the sun above the horizon"),
@@ -357,18 +458,8 @@ def _columns(study: Study, bins: _Bins, tally: Tally) -> dict[str, Column]:
     }
     if suns.dni is not None:
         columns["direct_kwh_m2"] = Column(tally.energy / 1000.0, "kWh/m2", "energy of direct light")
-    hours = bins.hours(tally)
-    criteria = dict(bins.criteria)
-    for name, values in hours.items():
-        if name not in criteria:
-            columns[name] = Column(values, "h", f"hours of direct sun, {name.partition('_')[2]}")
-    if study.rule is not None:
-        scores = np.stack([hours[name] * factor for name, factor in bins.criteria], 1)
-        for k, criterion in enumerate(study.rule.criteria):
-            unit = "" if criterion.share else "h"
-            columns[criterion.name] = Column(scores[:, k], unit, f"{study.rule.name}: at least {criterion.least:g}")
-        what = "meets" if study.rule.area is None else "gets the hours of"
-        columns["passes"] = Column(meets_rule(study.rule, scores), "", f"whether the sensor {what} {study.rule.name}")
+    for name, values in bins.hours(tally).items():
+        columns[name] = Column(values, "h", f"hours of direct sun, {name.partition('_')[2]}")
     return columns
 
 
@@ -377,12 +468,12 @@ def _time_of(suns: Suns, which: NDArray[np.int32]) -> NDArray[np.datetime64]:
     return np.where(which >= 0, suns.local[np.maximum(which, 0)], np.datetime64("NaT"))
 
 
-def _diffuse_of_seasons(scene: AnyScene, study: Study) -> dict[int, float]:
+def _diffuse_of_seasons(scene: AnyScene, run: SunRun | None) -> dict[int, float]:
     """Month -> diffuse light, Wh/m2, that arrives while surfaces transmit as in this month, besides `NO_DATE`.
 
     The sky view needs no date, so `NO_DATE` is always there; it has all the light if the scene does not change.
     """
-    diffuse = np.zeros(len(MONTHS)) if study.diffuse is None else study.diffuse
+    diffuse = np.zeros(len(MONTHS)) if run is None or run.diffuse is None else run.diffuse
     seasons = seasons_of(scene, np.arange(len(MONTHS)))
     if not seasons.any():
         return {NO_DATE: float(diffuse.sum())}
@@ -390,29 +481,22 @@ def _diffuse_of_seasons(scene: AnyScene, study: Study) -> dict[int, float]:
     return {NO_DATE: 0.0} | {season: energy for season, energy in lit.items() if energy > 0.0}
 
 
-def area_records(sensors: Sensors, hours: np.ndarray, rule: Rule | None, table: Table) -> list[dict[str, Any]]:
-    """The results of each area, in JSON types. All cells have the same size, so shares of cells are shares of area."""
-    assert sensors.zone is not None
-    records = []
-    for k, zone in enumerate(sensors.zones):
-        inside = sensors.zone == k
-        record: dict[str, Any] = {"name": zone.name, "cells": int(inside.sum()), "left_out": zone.left_out}
-        record["sun_hours"] = float(hours[inside].mean()) if inside.any() else None
-        if rule is not None and rule.area is not None:
-            share = float(table["passes"][inside].mean()) if inside.any() else None
-            record |= {"share": share, "passes": None if share is None else share >= rule.area}
-        records.append(record)
-    return records
-
-
 def _about(study: Study, options: SunOptions) -> dict[str, Any]:
     """Metadata of the study, in JSON types."""
-    suns, place, rule = study.suns, study.place, study.rule
-    about: dict[str, Any] = {"job": "sun", **place._asdict()}
-    about |= {"first": str(suns.local[0]), "last": str(suns.local[-1]), "suns": len(suns.hours)}
-    about |= {"hours": float(suns.hours.sum()), "step": study.step, "samples": options.samples}
-    about |= {"surfaces": list(options.surfaces)} if options.surfaces is not None else {}
-    about |= {"facing": list(options.facing)} if options.facing is not None else {}
-    if rule is not None:
-        about |= {"rule": rule.name, "citation": rule.citation, "text": rule.text, "notes": rule.notes}
+    about: dict[str, Any] = {"job": "sun", **({} if study.place is None else study.place._asdict())}
+    about |= {"suns": sum(len(run.suns.hours) for run in study.runs), "samples": options.samples}
+    if study.main is not None:
+        suns, step = study.main.suns, study.main.step
+        about |= {"first": str(suns.local[0]), "last": str(suns.local[-1])}
+        about |= {"hours": float(suns.hours.sum()), "step": step}
+    names = "surfaces", "facing", "tilt", "lowest", "sunshine"
+    given = {name: getattr(options, name) for name in names}
+    about |= {k: list(v) if isinstance(v, tuple) else v for k, v in given.items() if v is not None}
+    if any(rule.kind is Kind.SKY for rule in study.rules):
+        about["directions"] = OVERCAST_DIRECTIONS
+    if study.rules:
+        fields = "name", "citation", "text", "notes"
+        about["rules"] = [{field: getattr(rule, field) for field in fields} for rule in study.rules]
+        about["rule"] = ", ".join(rule.name for rule in study.rules)
+        about["citation"] = "; ".join(dict.fromkeys(rule.citation for rule in study.rules))
     return about

@@ -170,7 +170,8 @@ def _values_at(
 ) -> NDArray[np.float64]:
     """The values at surface points: those of the face's sensor if each face has one, else of the nearest sensor.
 
-    Sensors that face another direction count as farther away, so the two sides of a wall keep separate values.
+    Sensors that face another direction count as farther away, so the two sides of a wall keep separate values. Faces
+    whose sensors were left out, such as roofs in a study of walls, have no value.
     """
     if sensors.kind == "face":
         assert sensors.faces is not None
@@ -181,7 +182,11 @@ def _values_at(
         return np.asarray(values[PointTree(sensors.points).nearest(at).indices])
     away = float(np.ptp(sensors.points, axis=0).max()) / 20.0 or 1.0
     tree = PointTree(np.hstack([sensors.points, sensors.normals * away]))
-    return np.asarray(values[tree.nearest(np.hstack([at, normals * away])).indices])
+    nearest = np.asarray(values[tree.nearest(np.hstack([at, normals * away])).indices])
+    if sensors.kind == "grid":
+        assert sensors.faces is not None
+        nearest[~np.isin(faces, sensors.faces)] = np.nan
+    return nearest
 
 
 # --- False-colour models ----------------------------------------------------------------------------------------------

@@ -279,6 +279,13 @@ class Column(NamedTuple):
     about: str  # one-line description
 
 
+class MadeFrom(NamedTuple):
+    """How the rows of a table were made from a table with a row per sensor."""
+
+    table: "Table"
+    make: "Callable[[Table], Table]"
+
+
 @dataclass(eq=False)
 class Table:
     """The results of a study, one row per sensor.
@@ -300,6 +307,8 @@ class Table:
     row_of_face : (faces,) int or None
         For rows that stand for several faces, such as buildings: the row of each face, -1: none. Pictures and models
         show its values on these faces.
+    made_from : MadeFrom or None
+        The table of sensors whose verdicts and groups these rows are. None: these are the rows of the study.
     """
 
     sensors: Sensors
@@ -309,6 +318,7 @@ class Table:
     camera: Camera | None = None
     marks: np.ndarray | None = None
     row_of_face: np.ndarray | None = None
+    made_from: MadeFrom | None = None
 
     def __post_init__(self) -> None:
         checked_instance(self.sensors, Sensors, "sensors")

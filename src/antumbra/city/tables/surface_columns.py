@@ -1,7 +1,11 @@
-"""Surfaces in tables: the building, surface, type, azimuth and tilt of each sensor, and tables with a row per group."""
+"""Surfaces in tables: the building, surface, type, azimuth and tilt of each sensor, and tables with a row per group.
 
-from collections.abc import Sequence
-from typing import NamedTuple
+A group is a surface, a facade or a building, or the sensors with the same value in a column of the user, such as the
+windows of a dwelling.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +14,14 @@ from ...base.checks import quoted, spelling_hint
 from ...base.errors import InputError
 from ...engine.scene import AnyScene
 from ...scene.units import LengthUnit
+from ..cityjson.surface_types import WALL
 from ..sensors.sensors import Sensors
 from ..sensors.surface_groups import (
     SurfaceGroups,
     azimuths,
     buildings_of,
     checked_types,
+    face_types,
     faces_between,
     surface_groups,
     tilts,
@@ -25,10 +31,20 @@ from .result_table import Column, Table
 NAMES = "building", "surface", "type", "azimuth", "tilt"
 """The columns of `surface_columns`."""
 
-PER = "sensor", "surface", "building"
-"""What the rows of a table may stand for, besides the values of a column of the file of the sensors."""
+PER = "surface", "building", "facade"
+"""Groups of sensors on faces."""
 
 _ON_FACES = "face", "grid"
+
+Judged: TypeAlias = Callable[[Mapping[str, Column], NDArray[np.integer], NDArray[np.float64]], dict[str, Column]]
+"""(columns, row of each sensor, weight of each sensor) -> columns of rows that are no means, such as verdicts."""
+
+
+class Between(NamedTuple):
+    """Angles in degrees, both ends included."""
+
+    first: float
+    last: float
 
 
 class Facing(NamedTuple):
@@ -57,8 +73,9 @@ def surface_columns(scene: AnyScene, sensors: Sensors, north: float = 0.0) -> di
         if scene.city is not None:
             surfaces = np.where(faces < 0, -1, scene.city.surface_of_face[np.maximum(faces, 0)])
             columns["surface"] = Column(surfaces, "", "index in Scene.city.surfaces")
-            types = [each.type or "" for each in scene.city.surfaces]
-            columns["type"] = _names(types, surfaces, "type of the semantic surface")
+        if scene.city is not None or sensors.kind in _ON_FACES:
+            about = "type of the surface, by its normal if the file names none"
+            columns["type"] = Column(face_types(scene, faces), "", about)
     if sensors.normals is not None and sensors.kind != "raster":
         columns |= _directions(sensors.normals, scene.up, north)
     return columns
@@ -77,9 +94,10 @@ def _directions(normals: NDArray[np.float64], up: str, north: float) -> dict[str
 
 
 def chosen_sensors(
-    scene: AnyScene, sensors: Sensors, types: Sequence[str] | None, facing: Facing | None, north: float
-) -> Sensors:
-    """The sensors on semantic surfaces of some types, and with an azimuth in a range; None: any.
+    scene: AnyScene, sensors: Sensors, types: Sequence[str] | None, facing: Facing | None, tilt: Between | None,
+    north: float,
+) -> Sensors:  # fmt: skip
+    """The sensors on surfaces of some types, with an azimuth and a tilt in a range; None: any.
 
     Raises
     ------
@@ -91,103 +109,133 @@ def chosen_sensors(
         names = checked_types(scene, types)
         if sensors.faces is None or sensors.kind == "vertex":
             raise InputError(f"surfaces need sensors on faces, unlike {sensors.kind!r}; use face, grid or raster")
-        assert scene.city is not None
-        chosen &= np.isin(scene.city.surface_types(sensors.faces), names)
+        chosen &= np.isin(face_types(scene, sensors.faces), names)
+    for name, angles in (("facing", facing), ("tilt", tilt)):
+        if angles is not None and (sensors.normals is None or sensors.kind == "raster"):
+            raise InputError(f"{name} needs sensors with normals, unlike {sensors.kind!r}; use face, vertex or grid")
     if facing is not None:
-        if sensors.normals is None or sensors.kind == "raster":
-            raise InputError(f"facing needs sensors with normals, unlike {sensors.kind!r}; use face, vertex or grid")
-        chosen &= faces_between(azimuths(sensors.normals, scene.up, north), *facing)
+        chosen &= faces_between(azimuths(_normals(sensors), scene.up, north), *facing)
+    if tilt is not None:
+        degrees = tilts(_normals(sensors), scene.up)
+        chosen &= (degrees >= tilt.first - _ROUNDING) & (degrees <= tilt.last + _ROUNDING)
     if len(sensors) and not chosen.any():
         limits = [f"of type {', '.join(types)}"] if types is not None else []
         limits += [f"facing {facing.first:g}:{facing.last:g}"] if facing is not None else []
+        limits += [f"with a tilt in {tilt.first:g}:{tilt.last:g}"] if tilt is not None else []
         raise InputError(f"{scene.name} has no sensors {' '.join(limits)}; choose other surfaces")
     return sensors if chosen.all() else sensors.take(np.flatnonzero(chosen))
 
 
-# --- One row per surface or building ----------------------------------------------------------------------------------
+def _normals(sensors: Sensors) -> NDArray[np.float64]:
+    assert sensors.normals is not None
+    return sensors.normals
 
 
-def check_per(per: str, sensors: Sensors) -> None:
+_ROUNDING = 1e-3  # degrees: the arc cosine of a normal nearly along the axis
+
+# --- One row per surface, building, or value of a column --------------------------------------------------------------
+
+
+def check_per(per: str, sensors: Sensors, scene: AnyScene) -> None:
     """Raise an InputError, before a study, unless `per_group` can make the rows from these sensors."""
-    if per not in PER and per not in sensors.attributes:
-        known = [*PER, *sensors.attributes]
+    on_faces = sensors.faces is not None and sensors.areas is not None and sensors.kind != "vertex"
+    if per not in ("sensor", *PER, *sensors.attributes):
+        known = ["sensor", *PER, *sensors.attributes]
         hint = spelling_hint(per, known)
         raise InputError(f"per is {quoted(per)}, and sensors have no such column; {hint}use {', '.join(known)}")
-    on_faces = sensors.faces is not None and sensors.areas is not None and sensors.kind != "vertex"
-    if per in ("surface", "building") and not on_faces:
-        raise InputError(f"rows per {per} need sensors on faces, unlike {sensors.kind!r}; use face, grid or raster")
+    if per in PER and per not in sensors.attributes and not on_faces:
+        raise InputError(
+            f"rows per {per} need sensors on faces, unlike {sensors.kind!r}; use face, grid or raster, or points with "
+            f"a column {per}"
+        )
+    if per == "facade" and on_faces and len(sensors):
+        assert sensors.faces is not None
+        if not (face_types(scene, np.unique(sensors.faces)) == WALL).any():
+            raise InputError(f"per is {per!r}, and no sensor lies on a wall; use other sensors, or {PER[0]}")
 
 
-def per_group(table: Table, per: str, north: float) -> Table:
-    """A table with a row for each surface or building that has sensors.
+def ungrouped(sensors: Sensors, per: str) -> list[str]:
+    """A note if sensors have no value in the column by which rows are grouped, so that they belong to no row."""
+    if per not in sensors.attributes:
+        return []
+    count = int((_numbers(sensors.attributes[per]) < 0).sum())
+    return [f"{count:,} of {len(sensors):,} sensors have no {per}, and belong to no row"] if count else []
 
-    Numbers become means over the area that the sensors represent: a share of "passes" is a share of area. The first sun
-    is the earliest of all sensors, the last sun the latest. Numbers per square metre also get a column with their sum
-    over the area.
 
-    per : "surface", "building", or an attribute of the sensors, such as the column "dwelling" of their file
+def per_group(table: Table, per: str, north: float, judged: Judged | None = None) -> Table:
+    """A table with a row for each surface, facade, building, or value of a column of the user, that has sensors.
+
+    Numbers become means, over the area that the sensors represent if they have areas. The first sun is the earliest of
+    all sensors, the last sun the latest. Numbers per square metre also get a column with their sum over the area. Other
+    columns of the user come through if their values agree within each row.
+
+    per : "surface", "facade", "building", or the name of an attribute of the sensors; a column comes first
+    judged : gives columns that are no means
+
+    Raises
+    ------
+    InputError
+        If the sensors neither have such a column nor lie on faces with areas.
     """
     sensors, scene = table.sensors, table.scene
     assert scene is not None
-    if per not in PER:
-        return _per_attribute(table, per)
-    assert sensors.faces is not None and sensors.areas is not None  # checked before the study
-    groups = surface_groups(scene, per)
-    on = np.flatnonzero(sensors.faces >= 0)
-    used, row = np.unique(groups.of_face[sensors.faces[on]], return_inverse=True)
-    rows = _GroupRows(row, sensors.areas[on], len(used), scene.unit)
-    columns: dict[str, Column] = {}
-    for name, column in table.columns.items():
-        if name not in NAMES:
-            columns |= rows.columns(name, column._replace(values=column.values[on]))
-    columns["sensors"] = Column(np.bincount(row, minlength=len(used)), "", f"number of sensors on the {per}")
+    check_per(per, sensors, scene)
+    groups = None if per in sensors.attributes else surface_groups(scene, per)
+    numbers = _numbers(sensors.attributes[per]) if groups is None else _groups_of(groups, sensors)
+    on = np.flatnonzero(numbers >= 0)
+    used, row = np.unique(numbers[on], return_inverse=True)
+    weights = np.ones(len(on)) if sensors.areas is None else sensors.areas[on]
+    rows = _GroupRows(row, weights, len(used), scene.unit)
+    values = {name: each._replace(values=each.values[on]) for name, each in table.columns.items() if name not in NAMES}
+    columns = {} if judged is None else judged(values, row, weights)
+    means = dict[str, Column]()
+    for name, column in values.items():
+        means |= {} if name in columns else rows.columns(name, column, sensors.areas is not None)
+    columns |= means
+    columns["sensors"] = Column(np.bincount(row, minlength=len(used)), "", f"number of sensors of the {per}")
+    attributes = {name: _shared(each[on], row, len(used)) for name, each in sensors.attributes.items()}
+    known = {name: each for name, each in attributes.items() if each is not None}
+    about = {**table.about, "per": per}
+    if groups is None:
+        areas = None if sensors.areas is None else rows.total
+        middles = Sensors(rows.means(sensors.points[on]), None, areas, None, "points", attributes=known)
+        return Table(middles, columns, about, scene, table.camera, table.marks)
+    assert sensors.faces is not None
     columns |= _group_columns(scene, per, groups, used)
-    if per == "surface" and sensors.normals is not None and sensors.kind != "raster":
+    if per in ("surface", "facade") and sensors.normals is not None and sensors.kind != "raster":
         mean = rows.means(sensors.normals[on])
         length = np.linalg.norm(mean, axis=1, keepdims=True)
         sure = length[:, 0] > _LEAST_MEAN
         normals = np.divide(mean, length, out=np.full_like(mean, np.nan), where=sure[:, None])
         columns |= _directions(normals, scene.up, north)
-    middles = Sensors(rows.means(sensors.points[on]), None, rows.total, None, "points")
+    middles = Sensors(rows.means(sensors.points[on]), None, rows.total, None, "points", attributes=known)
     row_of_face = np.full(scene.n_triangles, -1, np.int64)
     row_of_face[sensors.faces[on]] = row
-    return Table(middles, columns, {**table.about, "per": per}, scene, table.camera, table.marks, row_of_face)
+    return Table(middles, columns, about, scene, table.camera, table.marks, row_of_face)
 
 
-def _per_attribute(table: Table, per: str) -> Table:
-    """A table with a row for each value of an attribute, in the order of the first sensors that have it.
-
-    Sensors without areas count alike. Other attributes come through if they have one value in each row.
-    """
-    sensors, scene = table.sensors, table.scene
-    assert scene is not None
-    keys = sensors.attributes[per]
-    found, first, row = np.unique(keys.astype(str) if keys.dtype == object else keys, return_index=True,
-                                  return_inverse=True)  # fmt: skip
-    order = np.argsort(first)
-    rank = np.empty(len(found), np.int64)
-    rank[order] = np.arange(len(found))
-    row, first = rank[row.ravel()], first[order]
-    areas = np.ones(len(sensors)) if sensors.areas is None else sensors.areas
-    rows = _GroupRows(row, areas, len(found), scene.unit)
-    columns: dict[str, Column] = {}
-    for name, column in table.columns.items():
-        if name not in NAMES:
-            of_rows = rows.columns(name, column)
-            columns |= of_rows if sensors.areas is not None else {name: of_rows[name]}
-    columns["sensors"] = Column(np.bincount(row, minlength=len(found)), "", f"number of sensors of the {per}")
-    attributes = {name: values[first] for name, values in sensors.attributes.items() if _is_one(values, first[row])}
-    total = None if sensors.areas is None else rows.total
-    middles = Sensors(rows.means(sensors.points), None, total, None, "points", attributes=attributes)
-    return Table(middles, columns, {**table.about, "per": per}, scene, table.camera, table.marks)
+def _groups_of(groups: SurfaceGroups, sensors: Sensors) -> NDArray[np.int64]:
+    """(n,) int64: the group of each sensor, -1: none."""
+    assert sensors.faces is not None
+    return np.asarray(np.append(groups.of_face, -1).astype(np.int64)[sensors.faces])
 
 
-def _is_one(values: np.ndarray, first: NDArray[np.integer]) -> bool:
-    """Whether values, (n,), are those of the first sensors of their rows, (n,) indices; NaN and NaT are themselves."""
-    same = values == values[first]
-    if values.dtype.kind in "fM":
-        same |= np.isnan(values) & np.isnan(values[first])
-    return bool(np.all(same))
+def _numbers(values: np.ndarray) -> NDArray[np.int64]:
+    """(n,) int64: numbers of the values of a column, in the order in which they first appear; -1: no value."""
+    missing = np.array([each == "" for each in values], bool) if values.dtype.kind == "O" else values != values
+    numbers = np.full(len(values), -1, np.int64)
+    _, first, of_value = np.unique(values[~missing], return_index=True, return_inverse=True)
+    numbers[~missing] = np.argsort(np.argsort(first))[of_value.reshape(-1)]
+    return numbers
+
+
+def _shared(values: np.ndarray, row: NDArray[np.integer], count: int) -> np.ndarray | None:
+    """(rows,) of the value that all sensors of each row have; None if those of a row differ."""
+    first = np.full(count, len(values), np.int64)
+    np.minimum.at(first, row, np.arange(len(values)))
+    shared = values[first]
+    same = (values == shared[row]) | ((values != values) & (shared[row] != shared[row]))
+    return shared if np.all(same) else None
 
 
 _LEAST_MEAN = 1e-3  # length of the mean of unit normals below which they cancel out
@@ -201,18 +249,21 @@ def _group_columns(scene: AnyScene, per: str, groups: SurfaceGroups, used: NDArr
     one_face = np.unique(groups.of_face, return_index=True)[1][used]  # a face of each group
     names, _, building_of = buildings_of(scene)
     columns = {"building": _names(names, building_of[scene.object_of_face[one_face]], "outermost object")}
+    columns["type"] = _names(groups.types, used, "type of the surface, by its normal if the file names none")
+    if per == "facade":
+        return {"facade": _names(groups.names, used, "object, and number of its facade")} | columns
     if scene.city is None:
         return columns | {"surface": Column(used.astype(np.int64), "", "index of the planar part")}
-    surfaces = scene.city.surface_of_face[one_face].astype(np.int64)
-    columns["surface"] = Column(surfaces, "", "index in Scene.city.surfaces")
-    return columns | {"type": _names(groups.types, used, "type of the semantic surface")}
+    surfaces = np.full(len(groups.names), len(scene.city.surfaces), np.int64)
+    np.minimum.at(surfaces, groups.of_face, scene.city.surface_of_face)
+    return columns | {"surface": Column(surfaces[used], "", "index in Scene.city.surfaces")}
 
 
 class _GroupRows:
     """Sums over the sensors of each row.
 
     row : (n,) int, the row of each sensor
-    areas : (n,) float64
+    areas : (n,) float64, or other weights
     count : number of rows
     unit : of the scene
     """
@@ -231,15 +282,15 @@ class _GroupRows:
             means = np.stack(sums, -1) / self.total[:, None]
         return means if values.ndim == 2 else means[:, 0]
 
-    def columns(self, name: str, column: Column) -> dict[str, Column]:
+    def columns(self, name: str, column: Column, by_area: bool) -> dict[str, Column]:
         """The columns of rows for a column of sensors."""
         values, unit, about = column
         if values.dtype.kind == "M":
-            return {name: Column(self._extreme(values, name == "last"), unit, about)}
+            return {name: Column(self._extreme(values, name.startswith("last")), unit, about)}
         means = self.means(values)
-        columns = {name: Column(means, unit, f"{about}; mean over the area")}
-        if unit.endswith("/m2") and name.endswith("_m2"):
-            columns[name[: -len("_m2")]] = Column(
+        columns = {name: Column(means, unit, f"{about}; mean{' over the area' if by_area else ''}")}
+        if by_area and unit.endswith("/m2") and "_m2" in name:
+            columns[name.replace("_m2", "", 1)] = Column(
                 means * self.total * self._unit.square_metres, unit.removesuffix("/m2"), f"{about}; sum over the area"
             )
         return columns
