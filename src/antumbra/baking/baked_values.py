@@ -212,38 +212,6 @@ def sample_bilinear(image: NDArray[np.float32], uv: NDArray[np.float64]) -> np.n
     return np.asarray((1.0 - t) * above + t * ((1.0 - s) * image[k1, i] + s * image[k1, i1]))
 
 
-def seam_differences(sheet: Sheet, image: NDArray[np.float32]) -> NDArray[np.float64]:
-    """(n,) float64: the difference of the image between the two sides of a seam, at points along all seams.
-
-    A seam is an edge where two charts meet on a smooth surface. Hard edges, whose sides differ in normal, do not count.
-    """
-    surface = surface_of(sheet)
-    _, corner = np.unique(surface.positions.reshape(-1, 3).astype(np.float32), axis=0, return_inverse=True)
-    corner = corner.reshape(-1, 3)
-    a, b = (np.concatenate([corner[:, [k, (k + 1) % 3][e]] for k in range(3)]) for e in (0, 1))
-    side = {
-        name: [np.concatenate([v[:, [k, (k + 1) % 3][e]] for k in range(3)]) for e in (0, 1)]
-        for name, v in (("uv", surface.uv), ("normal", surface.normals))
-    }
-    swap = a > b
-    key = np.where(swap, b, a) * (int(corner.max()) + 1) + np.where(swap, a, b)
-    for pair in side.values():
-        pair[0], pair[1] = (np.where(swap[:, None], pair[1 - e], pair[e]) for e in (0, 1))
-    order = np.argsort(key, kind="stable")
-    same = np.flatnonzero(key[order][1:] == key[order][:-1])
-    one, other = order[same], order[same + 1]
-    apart = np.abs(side["uv"][0][one] - side["uv"][0][other]).max(1) + np.abs(
-        side["uv"][1][one] - side["uv"][1][other]
-    ).max(1)
-    aligned = [(side["normal"][e][one] * side["normal"][e][other]).sum(1) > 0.999 for e in (0, 1)]
-    seam = (apart > 1e-3) & aligned[0] & aligned[1]
-    one, other, differences = one[seam], other[seam], []
-    for t in (0.25, 0.5, 0.75):
-        along = ((1.0 - t) * side["uv"][0] + t * side["uv"][1]) / sheet.cover.size
-        differences.append(np.abs(sample_bilinear(image, along[one]) - sample_bilinear(image, along[other])).max(1))
-    return np.concatenate(differences)
-
-
 def _corner_normals(one: Unwrapped) -> np.ndarray:
     part = one.part
     if not part.flat:
