@@ -108,6 +108,8 @@ def _replace(
 
 
 _REACH = 2  # radius of the filter, texels
+_INSET = 1.0 / 32.0  # least distance of samples from the edges of their faces, in texels
+_MOST_INSET = 1.0 / 6.0  # of the height of a face
 _PLACES = np.array([-0.4, 0.0, 0.4])  # offsets of alternative samples from the centre of a hidden texel
 
 
@@ -130,14 +132,25 @@ def surface_of(sheet: Sheet) -> SheetSurface:
 def texel_receivers(surface: SheetSurface, face: np.ndarray, weights: np.ndarray) -> ReceiverPoints:
     """Points on faces. On smooth surfaces they lie on the curve described by the normals, not on the facets.
 
-    Bulging facets therefore do not shadow their neighbours [Hanika 2021].
+    Bulging facets therefore do not shadow their neighbours [Hanika 2021]. No point lies on an edge of its face, where
+    another surface may begin: rays that start on a wall would pass it.
     """
     corners, normals = surface.positions[face], surface.normals[face]
+    weights = _off_edges(weights, surface.uv[face])
     points = np.einsum("nk,nki->ni", weights, corners)
     normal = np.einsum("nk,nki->ni", weights, normals)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     below = np.minimum(np.einsum("nki,nki->nk", points[:, None] - corners, normals), 0.0)
     return ReceiverPoints(points - np.einsum("nk,nk,nki->ni", weights, below, normals), normal)
+
+
+def _off_edges(weights: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """(n, 3): barycentric coordinates of points in triangles ((n, 3, 2), in texels), a little away from all edges."""
+    edges = uv[:, [2, 0, 1]] - uv[:, [1, 2, 0]]
+    area = np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])[:, None]
+    least = np.minimum(_INSET * np.linalg.norm(edges, axis=2) / np.maximum(area, 1e-30), _MOST_INSET)
+    inside = np.maximum(weights, least)
+    return np.asarray(inside / inside.sum(1, keepdims=True))
 
 
 class Texels:
