@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.baking.bounces import _entries
 from baked_files import Glb, box, grid, primitive
 from gltf_files import Gltf, png
 
@@ -58,7 +59,7 @@ def test_each_bounce_in_a_furnace_is_a_term_of_its_series(tmp_path, turn):
 
 def plate(y, facing):
     """A square of side 2 at height y, (f, 3, 3); facing: 1 up, -1 down."""
-    points, faces = grid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9), y)
+    points, faces = grid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 5), y)
     return points[faces[:, ::facing]].astype(float)
 
 
@@ -84,18 +85,18 @@ def test_light_between_two_parallel_plates_follows_their_form_factors(tmp_path, 
 
     def inside(node, bounces):
         """The mean over the vertices inside a plate and over two samplers, and the vertices' form factors."""
-        out, options = tmp_path / "out.glb", {"bounces": bounces, "spp": 1024}
+        out, options = tmp_path / "out.glb", {"bounces": bounces, "spp": 256}
         values = [light_at_vertices(path, out, node, sampler=name, **options) for name in ("hammersley", "halton:0")]
         places = Glb(out).attribute("POSITION", node).astype(float)
         rows = np.abs(places[:, [0, 2]]).max(1) < 0.99
         return np.mean(values, 0)[rows].mean(), factors(places[rows, 0], places[rows, 2])
 
     direct, to_upper = inside(1, 1)
-    assert direct == pytest.approx(exitance * to_upper.sum(1).mean(), rel=2e-3)
+    assert direct == pytest.approx(exitance * to_upper.sum(1).mean(), rel=5e-3)
     once, to_lower = inside(0, 1)
-    assert once == pytest.approx(albedo * (to_lower @ emitted).mean(), rel=3e-3)
+    assert once == pytest.approx(albedo * (to_lower @ emitted).mean(), rel=1e-2)
     twice = inside(1, 2)[0] - direct
-    assert twice == pytest.approx(albedo**2 * (to_upper @ (between @ emitted)).mean(), rel=5e-3)
+    assert twice == pytest.approx(albedo**2 * (to_upper @ (between @ emitted)).mean(), rel=5e-2)  # 8 % of the paths
 
 
 def test_an_integrating_sphere_spreads_the_light_of_a_lamp_evenly(tmp_path):
@@ -140,6 +141,22 @@ def test_every_plan_and_number_of_threads_bakes_the_same_bounces(tmp_path, optio
     for name, more in (("plain.glb", {}), ("other.glb", options)):
         at.bake(path, tmp_path / name, "light", lights=lights, bounces=3, spp=16, **more)
     assert (tmp_path / "plain.glb").read_bytes() == (tmp_path / "other.glb").read_bytes()
+
+
+@pytest.mark.parametrize("n", [16, 64, 256])
+def test_all_paths_together_test_each_light_of_a_sky_with_its_power(n):
+    sky = at.Sky(intensity=2.0, colour=(1.0, 0.5, 0.25), count=100)
+    tested = _entries(sky, n, (1, 2))
+    directions = np.concatenate([light.directions for light in tested])
+    powers = np.concatenate([light.intensities[:, None] * light.colours for light in tested]) / n
+    of_sky = {
+        tuple(d.round(9)): p for d, p in zip(-sky.points, 2.0 * sky.intensities[:, None] * sky.colours * sky.colour)
+    }
+    sums = {}
+    for d, power in zip(directions, powers):
+        sums[tuple(d.round(9))] = sums.get(tuple(d.round(9)), 0.0) + power
+    assert sums.keys() == of_sky.keys() and max(map(len, (light.points for light in tested))) == -(-100 // n)
+    np.testing.assert_allclose([sums[d] for d in of_sky], list(of_sky.values()), rtol=1e-12)
 
 
 def test_emissive_textures_count_by_their_mean_on_each_face(tmp_path):

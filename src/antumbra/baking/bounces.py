@@ -6,22 +6,34 @@ direct irradiance E at the hits of a path of cosine-weighted rays, its estimate 
     pi (L_1 + a_1 (E_1 / pi + L_2) + a_1 a_2 (E_2 / pi + L_3) + ...)
 
 All surfaces scatter diffusely, on both sides; the albedo is the base colour of the face. Directions have fixed seeds.
+Of a light list, such as a sky, each path tests a few entries, and all paths together test all of them.
 """
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.engine import Engine
 from ..query.gbuffer import GBuffer
-from ..query.ray_passes import Passes, diffuse_rays, path_passes
+from ..query.light_samples import light_samples
+from ..query.ray_passes import SEED, diffuse_rays, path_passes
 from ..query.receivers import NOTHING, Receivers, surface_receivers
+from ..scene.light_lists import DirectionalLights, LightList
 from ..scene.lights import Light
 from ..trace.rays.ray_hits import hit_surfaces
 
-Direct = Callable[[Receivers, Sequence[NDArray[np.float64]]], NDArray[np.float32]]
-"""A function of receivers and the samples of each light, which returns the direct irradiance, (h, w, 3) float32."""
+Direct = Callable[[Receivers, Sequence[Light], Sequence[NDArray[np.float64]]], NDArray[np.float32]]
+"""A function of receivers, lights and their samples, which returns the direct irradiance, (h, w, 3) float32."""
+
+
+class _Step(NamedTuple):
+    """One ray along a path: its direction, and the light at its end."""
+
+    directions: NDArray[np.float64]  # (4, 4, 3), on the hemisphere; repeated over the receivers
+    lights: list[Light]
+    samples: list[NDArray[np.float64]]  # of each light, (16, k, 3)
 
 
 class Bounces:
@@ -51,32 +63,30 @@ class Bounces:
     ):
         self._engine, self._bounces, self._emission, self._time = engine, bounces, emission, time
         length = bounces + (emission is not None)  # emitted light that has met `bounces` surfaces
-        self._rays: list[Passes] = path_passes(lights, spp, sampler, length)
-        self.rays_each = spp * (length + bounces * len(lights))
+        self._paths = _paths(lights, spp, sampler, length)
+        shadow_rays = sum(s.shape[1] for path in self._paths for step in path[:bounces] for s in step.samples)
+        self.rays_each = spp * length + shadow_rays
 
     def irradiance(self, receivers: Receivers, direct: Direct) -> NDArray[np.float32]:
         """(h, w, 3) float32: the irradiance of receivers from bounced and emitted light; 0 where there is none."""
-        paths = len(self._rays[0].directions)
         radiance = np.zeros((*receivers.sides.shape, 3))
-        for k in range(paths):
-            radiance += self._along_paths(receivers, k, direct)
-        return np.asarray(np.pi / paths * radiance, np.float32)
+        for path in self._paths:
+            radiance += self._along(path, receivers, direct)
+        return np.asarray(np.pi / len(self._paths) * radiance, np.float32)
 
-    def _along_paths(self, receivers: Receivers, k: int, direct: Direct) -> NDArray[np.float64]:
-        """(h, w, 3) float64: the radiance that arrives along path k of each receiver."""
+    def _along(self, path: list[_Step], receivers: Receivers, direct: Direct) -> NDArray[np.float64]:
+        """(h, w, 3) float64: the radiance that arrives along a path of each receiver."""
         shape = receivers.sides.shape
         radiance, share, skip = np.zeros((*shape, 3)), np.ones((*shape, 3)), np.full(shape, -1, np.int32)
-        for bounce, rays in enumerate(self._rays):
-            receivers, skip, albedo = self._next(receivers, rays.directions[k], skip)
+        for bounce, step in enumerate(path):
+            receivers, skip, albedo = self._next(receivers, step.directions, skip)
             if not receivers.sides.any():
                 break
             if self._emission is not None:
                 radiance += np.where((skip >= 0)[..., None], share * self._emission[skip], 0.0)
             share = share * albedo
             if bounce < self._bounces:
-                radiance += (
-                    share * np.float64(1.0 / np.pi) * direct(receivers, [of_light[k] for of_light in rays.lights])
-                )
+                radiance += share * np.float64(1.0 / np.pi) * direct(receivers, step.lights, step.samples)
         return radiance
 
     def _next(
@@ -116,3 +126,35 @@ class Bounces:
         colours = np.zeros((zero.size, 3), np.float32)
         colours[index >= 0] = triangles.colour[index[index >= 0]]
         return met, face.reshape(shape), colours.reshape(*shape, 3)
+
+
+def _paths(lights: Sequence[Light], spp: int, sampler: str, length: int) -> list[list[_Step]]:
+    """The steps of `spp` paths."""
+    of_steps = []
+    for k, passes in enumerate(path_passes(lights, spp, sampler, length)):
+        chosen = [_entries(light, spp, (SEED, k, i)) for i, light in enumerate(lights)]
+        of_steps.append(
+            [
+                _Step(
+                    passes.directions[p],
+                    [of_light[p] for of_light in chosen],
+                    [
+                        light_samples(of_light[p], 1) if isinstance(light, LightList) else passes.lights[i][p]
+                        for i, (light, of_light) in enumerate(zip(lights, chosen))
+                    ],
+                )
+                for p in range(spp)
+            ]
+        )
+    return [list(steps) for steps in zip(*of_steps)]
+
+
+def _entries(light: Light, n: int, seed: tuple[int, ...]) -> list[Light]:
+    """The light that each of n paths tests; of a list of distant lights, some of its entries, scaled for the others."""
+    if not isinstance(light, LightList):
+        return [light] * n
+    order = np.random.default_rng(seed).permutation(len(light.points))
+    rows = [order[p::n] if len(order) >= n else order[p % len(order), None] for p in range(n)]
+    share = n / np.bincount(np.concatenate(rows), minlength=len(order))
+    intensities, tint = light.intensity * share * light.intensities, np.asarray(light.colour)
+    return [DirectionalLights(-light.points[row], intensities[row], light.colours[row] * tint) for row in rows]

@@ -127,14 +127,16 @@ class Meter:
     ) -> NDArray[np.float32]:
         """(h, w, c) float32: the quantity at the receivers of a grid; `there`: which of its cells have one."""
         ends = self.ends(receivers, grid, there)
-        values = self.evaluate(self.shadows(ends, self._samples))
+        lights = self.settings.lights
+        values = self.evaluate(lights, self.shadows(ends, lights, self._samples))
         if self._bounces is not None:
-            values += self._bounces.irradiance(ends, lambda met, samples: self.evaluate(self.shadows(met, samples)))
+            direct = lambda met, tested, samples: self.evaluate(tested, self.shadows(met, tested, samples))
+            values += self._bounces.irradiance(ends, direct)
         return values
 
     def counts(self, receivers: ReceiverPoints, grid: NDArray[np.int64], there: NDArray[np.bool_]) -> NDArray[np.int32]:
         """(h, w, lights) int32: the number of occluded samples of each light, instead of the quantity."""
-        shadows = self.shadows(self.ends(receivers, grid, there), self._samples)
+        shadows = self.shadows(self.ends(receivers, grid, there), self.settings.lights, self._samples)
         return np.stack([occluded_count(traced) for traced in shadows], -1)
 
     def ends(self, receivers: ReceiverPoints, grid: NDArray[np.int64], there: NDArray[np.bool_]) -> Receivers:
@@ -144,12 +146,11 @@ class Meter:
         self.rays += int(there.sum()) * self._rays_each
         return ends._replace(sides=np.where(there, 1, NOTHING).astype(np.int8))
 
-    def shadows(self, ends: Receivers, samples: Sequence[NDArray[np.float64]]) -> Shadows:
-        """Trace the shadow rays of receivers to all lights."""
-        settings = self.settings
-        return self._engine.shadows(ends, settings.lights, samples, time=settings.time, later=self._later)
+    def shadows(self, ends: Receivers, lights: Sequence[Light], samples: Sequence[NDArray[np.float64]]) -> Shadows:
+        """Trace the shadow rays of receivers to lights."""
+        return self._engine.shadows(ends, lights, samples, time=self.settings.time, later=self._later)
 
-    def evaluate(self, shadows: Shadows) -> NDArray[np.float32]:
+    def evaluate(self, lights: Sequence[Light], shadows: Shadows) -> NDArray[np.float32]:
         """(h, w, c) float32: the quantity, from the occlusion bits of each light."""
         what, threads = self.settings.what, self.settings.threads
         if what in ("ao", "shadow"):
@@ -158,7 +159,7 @@ class Meter:
             (traced,) = shadows
             return _directions(unoccluded_directions(traced, threads), traced.query.normals)
         total = np.zeros((*shadows[0].query.sides.shape, self.settings.channels), np.float32)
-        for light, traced in zip(self.settings.lights, shadows):
+        for light, traced in zip(lights, shadows):
             tint = 1.0 if what == "sun" else np.float32(light.intensity) * np.asarray(light.colour, np.float32)
             total += self._irradiance(light, traced, tint)
         return total
