@@ -122,7 +122,7 @@ def bake_textures(
         seams.append(seam_differences(sheet, image))
         exrs[image_path(output, i, len(sheets), ".exr")] = image
         texture_image = material_image(base, sheet, values * exposure, [originals[k] for k in sheet.members], options)
-        pixels = encode_pixels(texture_image, options.bits, options.unlit)
+        pixels = encode_pixels(texture_image, options.bits, options.unlit, dither=options.makes_lightmap)
         png = png_file(pixels, is_srgb=False, level=SMALL)  # glTF says which textures are sRGB
         pngs[image_path(output, i, len(sheets), ".png")] = png
         texture = asset.texture(png, "lightmap" if options.makes_lightmap else options.what)

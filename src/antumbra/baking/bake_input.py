@@ -47,13 +47,10 @@ def meter_settings(options: BakeOptions, scene: Scene) -> MeterSettings:
     """The settings of the measurement, with the scene's default lights if there are no others."""
     what, time = options.what, options.time
     lights = options.measured_lights() or default_bake_lights(scene, what, time)
+    separate = options.denoise and what == "light"
     return MeterSettings(
-        what, lights, options.spp, options.sampler, options.plan, time, options.threads, options.bounces
+        what, lights, options.spp, options.sampler, options.plan, time, options.threads, options.bounces, separate
     )
-
-
-_HEADROOM, _DARK = 4.0, 1e-6
-"""Brightest texel of a lightmap that is not clipped, relative to the 99th percentile; and the least one, in lux."""
 
 
 def exposure_of(values: NDArray[np.float32], options: BakeOptions) -> float:
@@ -62,9 +59,6 @@ def exposure_of(values: NDArray[np.float32], options: BakeOptions) -> float:
         return options.exposure
     if options.what != "light":
         return 1.0
-    if options.makes_lightmap:
-        brightest = values.max(-1)
-        return 1.0 / max(min(float(brightest.max()), _HEADROOM * float(np.percentile(brightest, 99))), _DARK)
     return automatic_exposure(values[None], np.ones((1, len(values)), bool))
 
 

@@ -102,8 +102,9 @@ class BakeKeywords:
     """Multiply a texture of shadow, sun or light by the base colour texture, and replace that, in unlit materials. All
     viewers show such files, but textures that repeat or are finer lose detail. False: a lightmap, which leaves
     materials as they are."""
-    denoise: bool = option(False, flag, "Smooth the noise of ao or shadow over 4x4 texels.")
-    """Filter a texture of ao or shadow over 4 x 4 texels, within penumbrae and surfaces."""
+    denoise: bool = option(False, flag, "Smooth the noise of ao, shadow or light over 4x4 texels.")
+    """Filter a texture of ao or shadow over 4 x 4 texels, within penumbrae and surfaces; of light, filter the
+    sky and bounced light, several times."""
     radius: float | None = option(
         None, RealNumber(0.0, np.inf, "(]", optional=True), "For ao: greatest distance of occluders.", note="no limit"
     )
@@ -150,8 +151,8 @@ class BakeOptions(BakeKeywords, BakeQuantity):
             raise InputError(f"unlit is for shadow, sun and light, not for {self.what}; leave it out")
         if self.bounces and self.what != "light":
             raise InputError(f"bounces is for light, not for {self.what}; leave it out")
-        if self.denoise and self.what not in ("ao", "shadow"):
-            raise InputError(f"denoise is for ao and shadow, not for {self.what}; leave it out and raise spp")
+        if self.denoise and self.what not in ("ao", "shadow", "light"):
+            raise InputError(f"denoise is for ao, shadow and light, not for {self.what}; leave it out and raise spp")
         name = self.vertex_attribute
         if name != "COLOR_0" and not (name.startswith("_") and name.isascii() and name[1:]):
             example = f"_{self.what.upper().replace('-', '_')}"

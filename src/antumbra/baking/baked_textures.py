@@ -23,13 +23,27 @@ from .texture_atlas import Sheet
 # --- Pixels and image files -------------------------------------------------------------------------------------------
 
 
-def encode_pixels(image: NDArray[np.floating], bits: int, srgb: bool) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """An image (h, w, c) float in [0, 1] as uint8 or uint16; `srgb`: encode its first three channels as sRGB."""
+_ORDER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]])  # ordered dithering [Bayer 1973]
+
+
+def encode_pixels(
+    image: NDArray[np.floating], bits: int, srgb: bool, dither: bool = False
+) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """An image (h, w, c) float in [0, 1] as uint8 or uint16.
+
+    srgb : encode its first three channels as sRGB
+    dither : round up as often as a value is nearer to the next one, so that dark gradients show no steps
+    """
     image = np.clip(image, 0.0, 1.0).astype(np.float64)
     if srgb:
         image[..., :3] = linear_to_srgb(image[..., :3])
     top = (1 << bits) - 1
-    pixels = np.round(top * image)
+    if dither:
+        h, w = image.shape[:2]
+        rounding = np.tile((_ORDER + 0.5) / 16.0, (-(-h // 4), -(-w // 4)))[:h, :w, None]
+        pixels = np.floor(top * image + rounding).clip(0, top)
+    else:
+        pixels = np.round(top * image)
     return pixels.astype(np.uint8) if bits == 8 else pixels.astype(np.uint16)
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.progress import report_progress
-from ..picture.discontinuity_filter import filter_fractions
+from ..picture.discontinuity_filter import filter_fractions, smooth_irradiance
+from ..picture.frame_passes import SMOOTHINGS
 from ..query.receivers import NOTHING
 from ..query.surface_links import PictureSurfaces
 from ..scene.lights import AmbientOcclusion
@@ -165,7 +166,11 @@ class Texels:
         self._surface = surface_of(sheet)
         receivers = texel_receivers(self._surface, sheet.cover.face, sheet.cover.weights)
         self._measurement = Measurement(
-            meter, receivers, texel_blocks(sheet.cover, receivers.positions), denoise, folder
+            meter,
+            receivers,
+            texel_blocks(sheet.cover, receivers.positions),
+            denoise and not meter.settings.separate,
+            folder,
         )
         self.parts = self._measurement.parts
 
@@ -177,18 +182,26 @@ class Texels:
         """
         values, receivers = self._measurement.result(), self._measurement.receivers
         sheet, surface, meter = self._sheet, self._surface, self._meter
-        if self._denoise:
+        separate = meter.settings.separate
+        if self._denoise and not separate:
             values = np.mean([_smoothed(sheet, surface, receivers, c, meter) for c in values.T], 0)[:, None]
         hidden = np.zeros(len(values), bool)
-        if solids is None:
-            return values, hidden
+        if solids is not None:
+            self._replace_hidden(values, hidden, solids)
+        if separate:
+            lamps, others = np.split(values, 2, 1)
+            values = lamps + _smoothed_light(sheet, surface, receivers, others, meter)
+        return values, hidden
+
+    def _replace_hidden(self, values: np.ndarray, hidden: np.ndarray, solids: Solids) -> None:
+        """Mark hidden texels, and change their values."""
+        sheet, surface, meter, receivers = self._sheet, self._surface, self._meter, self._measurement.receivers
         with report_progress("moving hidden texels"):
             candidates = np.flatnonzero(may_be_hidden(values, meter))
             hidden[candidates] = solids.contain(receivers.at(candidates))
             if hidden.any() and not hidden.all():  # all: a room whose walls face outward
                 _push_out(values, hidden, sheet.cover, surface, meter, solids)
                 _fill_hidden(values, hidden, sheet)
-        return values, hidden
 
 
 def texel_blocks(cover: Cover, positions: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -284,23 +297,41 @@ def _smoothed(
 ) -> np.ndarray:
     """(n,) float32: the visible share of a light, by the discontinuity filter over texels of one chart."""
     cover, spp = sheet.cover, meter.settings.spp
+    surfaces = _as_picture(sheet, surface, receivers, meter)
+    occluded = _scattered(cover, counts, np.int32(0), (cover.size, cover.size))
+    smooth = filter_fractions(surfaces, occluded, spp, meter.settings.threads).reshape(-1)[cover.texel]
+    return np.where(_beside_others(sheet, _REACH), np.float32(1.0) - counts / np.float32(spp), smooth).astype(
+        np.float32
+    )
+
+
+def _smoothed_light(
+    sheet: Sheet, surface: SheetSurface, receivers: ReceiverPoints, values: np.ndarray, meter: Meter
+) -> np.ndarray:
+    """(n, 3) float32: light that varies slowly, averaged over texels of one chart as in pictures."""
+    cover, surfaces = sheet.cover, _as_picture(sheet, surface, receivers, meter)
+    mixed, smooth = _beside_others(sheet, _REACH)[:, None], np.asarray(values, np.float32)
+    for _ in range(SMOOTHINGS):
+        image = _scattered(cover, smooth, np.float32(0), (cover.size, cover.size))
+        filtered = smooth_irradiance(surfaces, image, meter.settings.threads).reshape(-1, 3)[cover.texel]
+        smooth = np.where(mixed, smooth, filtered)
+    return smooth
+
+
+def _as_picture(sheet: Sheet, surface: SheetSurface, receivers: ReceiverPoints, meter: Meter) -> PictureSurfaces:
+    """The texels of a sheet as a picture for filters."""
+    cover = sheet.cover
     shape = cover.size, cover.size
     picture: Callable[[np.ndarray, Any], np.ndarray]
     picture = lambda values, background: _scattered(cover, values, background, shape)
     width = _texel_width(surface)[cover.face]
-    surfaces = PictureSurfaces(
+    return PictureSurfaces(
         picture((receivers.positions - meter.scene.origin).astype(np.float32), np.float32(0)),
         picture(receivers.normals.astype(np.float32), np.float32(0)),
         picture(cover.face.astype(np.int32), np.int32(-1)),
         picture(width.astype(np.float32), np.float32(0)),
         picture(np.ones(len(width), np.int8), np.int8(NOTHING)),
         np.float32(1.0),
-    )
-    smooth = filter_fractions(surfaces, picture(counts, np.int32(0)), spp, meter.settings.threads).reshape(-1)[
-        cover.texel
-    ]
-    return np.where(_beside_others(sheet, _REACH), np.float32(1.0) - counts / np.float32(spp), smooth).astype(
-        np.float32
     )
 
 

@@ -55,10 +55,15 @@ class MeterSettings(NamedTuple):
     time: float
     threads: int | None
     bounces: int = 0  # of light
+    separate: bool = False  # whether skies and bounced light have channels of their own, after those of other lights
+
+    @property
+    def colours(self) -> int:
+        return 3 if self.what in ("light", "bent-normal") else 1
 
     @property
     def channels(self) -> int:
-        return 3 if self.what in ("light", "bent-normal") else 1
+        return 2 * self.colours if self.separate else self.colours
 
     def samples(self) -> list[NDArray[np.float64]]:
         return [light_samples(light, self.spp, self.sampler) for light in self.lights]
@@ -82,6 +87,10 @@ def curve_order(blocks: NDArray[np.int64], positions: NDArray[np.float64]) -> ND
 
 Shadows: TypeAlias = list[TracedQuery]
 """The query and the answer of each light."""
+
+
+_SMOOTH = "hemisphere", "list"
+"""Domains of lights that vary slowly over a surface: the whole sky, or many lights in it."""
 
 
 class Meter:
@@ -128,11 +137,19 @@ class Meter:
         """(h, w, c) float32: the quantity at the receivers of a grid; `there`: which of its cells have one."""
         ends = self.ends(receivers, grid, there)
         lights = self.settings.lights
-        values = self.evaluate(lights, self.shadows(ends, lights, self._samples))
-        if self._bounces is not None:
+        shadows = self.shadows(ends, lights, self._samples)
+        if self._bounces is None:
+            indirect: float | NDArray[np.float32] = 0.0
+        else:
             direct = lambda met, tested, samples: self.evaluate(tested, self.shadows(met, tested, samples))
-            values += self._bounces.irradiance(ends, direct)
-        return values
+            indirect = self._bounces.irradiance(ends, direct)
+        if not self.settings.separate:
+            return self.evaluate(lights, shadows) + indirect
+        parts = np.zeros((2, *there.shape, self.settings.colours), np.float32)
+        parts[1] += indirect
+        for light, traced in zip(lights, shadows):
+            parts[int(light.domain in _SMOOTH)] += self.evaluate([light], [traced])
+        return np.concatenate(list(parts), -1)
 
     def counts(self, receivers: ReceiverPoints, grid: NDArray[np.int64], there: NDArray[np.bool_]) -> NDArray[np.int32]:
         """(h, w, lights) int32: the number of occluded samples of each light, instead of the quantity."""
@@ -158,7 +175,7 @@ class Meter:
         if what == "bent-normal":
             (traced,) = shadows
             return _directions(unoccluded_directions(traced, threads), traced.query.normals)
-        total = np.zeros((*shadows[0].query.sides.shape, self.settings.channels), np.float32)
+        total = np.zeros((*shadows[0].query.sides.shape, self.settings.colours), np.float32)
         for light, traced in zip(lights, shadows):
             tint = 1.0 if what == "sun" else np.float32(light.intensity) * np.asarray(light.colour, np.float32)
             total += self._irradiance(light, traced, tint)
@@ -180,7 +197,7 @@ class Meter:
 
     def _in_channels(self, light: NDArray[np.float32]) -> NDArray[np.float32]:
         """Light of 1 or 3 channels, with the channels of the quantity."""
-        return light.mean(-1, keepdims=True) if light.shape[-1] > self.settings.channels else np.asarray(light)
+        return light.mean(-1, keepdims=True) if light.shape[-1] > self.settings.colours else np.asarray(light)
 
 
 class Measurement:
@@ -204,7 +221,7 @@ class Measurement:
             lights, plan = [light_record(light) for light in settings.lights], inexact_plan(settings.plan)
             scene = scene_digest(meter.scene, meter.scene.clamped(settings.time), settings.threads)
             quantity = settings.what, lights, settings.spp, settings.sampler, plan, counted
-            bounced = () if not settings.bounces else (settings.bounces, meter.emission)
+            bounced = () if not settings.bounces else (settings.bounces, settings.separate, meter.emission)
             about = about_parts("bake", scene, *quantity, *receivers, blocks, *bounced)
         self.parts = Parts("tracing rays", len(blocks), BLOCKS_PER_PART, self._part, folder, about)
 
