@@ -1,7 +1,8 @@
-"""Baked files in other programs: Khronos' validator, and three.js in headless Chromium.
+"""Baked files in other programs: Khronos' validator, three.js in headless Chromium, and Blender.
 
-Lightmaps also in Blender: ANTUMBRA_BLENDER_PYTHON names a Python with the wheel `bpy`. The others run where `node`, the modules gltf-validator, three and playwright-core, and Chromium are:
+The first two run where `node`, the modules gltf-validator, three and playwright-core, and Chromium are:
 npm install gltf-validator three playwright-core, and ANTUMBRA_NODE_MODULES names the folder node_modules.
+Blender runs where ANTUMBRA_BLENDER_PYTHON names a Python that has its wheel, bpy.
 """
 
 import json
@@ -103,7 +104,7 @@ def test_blender_shows_a_lightmap(tmp_path):
     lightmaps = HERE.parents[1] / "examples" / "lightmaps"
     command = [python, "-c", BLEND, str(lightmaps), str(path), str(tmp_path / "out.exr")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0 and "lit ['floor'" in done.stdout, done.stderr[-2000:]
+    assert done.returncode == 0 and "'floor']" in done.stdout, done.stderr[-2000:]
     with openexr.File(str(tmp_path / "out.exr")) as file:
         channels = file.channels()
         seen = next(channels[name].pixels for name in ("RGBA", "RGB") if name in channels)[..., :3]
