@@ -53,13 +53,20 @@ def meter_settings(options: BakeOptions, scene: Scene) -> MeterSettings:
     )
 
 
+_HEADROOM = 2.0
+"""The range of a lightmap, relative to that of a picture: viewers expose again, but 8 bits show steps in the dark."""
+
+
 def exposure_of(values: NDArray[np.float32], options: BakeOptions) -> float:
     """The factor on light, from the measured values, (n, c)."""
     if options.exposure is not None:
         return options.exposure
     if options.what != "light":
         return 1.0
-    return automatic_exposure(values[None], np.ones((1, len(values)), bool))
+    exposure = automatic_exposure(values[None], np.ones((1, len(values)), bool))
+    if not options.makes_lightmap:
+        return exposure
+    return max(exposure / _HEADROOM, 1.0 / max(float(np.percentile(values.max(-1), 99.9)), 1e-6))
 
 
 # --- The scene and its glTF file --------------------------------------------------------------------------------------

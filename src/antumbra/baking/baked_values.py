@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.progress import report_progress
-from ..picture.discontinuity_filter import filter_fractions, smooth_irradiance
-from ..picture.frame_passes import SMOOTHINGS
+from ..picture.discontinuity_filter import filter_fractions
 from ..query.receivers import NOTHING
 from ..query.surface_links import PictureSurfaces
 from ..scene.lights import AmbientOcclusion
@@ -109,6 +108,13 @@ def _replace(
 
 
 _REACH = 2  # radius of the filter, texels
+_SMOOTHINGS = 2  # passes over light that varies slowly
+_WINDOW, _RADIUS, _FACING = (
+    25,
+    3.0,
+    0.8,
+)  # texels of a pass; their greatest distance, in texels; least cosine of normals
+_BATCH = 1 << 16
 _INSET = 1.0 / 32.0  # least distance of samples from the edges of their faces, in texels
 _MOST_INSET = 1.0 / 6.0  # of the height of a face
 _PLACES = np.array([-0.4, 0.0, 0.4])  # offsets of alternative samples from the centre of a hidden texel
@@ -190,7 +196,7 @@ class Texels:
             self._replace_hidden(values, hidden, solids)
         if separate:
             lamps, others = np.split(values, 2, 1)
-            values = lamps + _smoothed_light(sheet, surface, receivers, others, meter)
+            values = lamps + _smoothed_light(surface, sheet.cover, receivers, others)
         return values, hidden
 
     def _replace_hidden(self, values: np.ndarray, hidden: np.ndarray, solids: Solids) -> None:
@@ -297,35 +303,11 @@ def _smoothed(
 ) -> np.ndarray:
     """(n,) float32: the visible share of a light, by the discontinuity filter over texels of one chart."""
     cover, spp = sheet.cover, meter.settings.spp
-    surfaces = _as_picture(sheet, surface, receivers, meter)
-    occluded = _scattered(cover, counts, np.int32(0), (cover.size, cover.size))
-    smooth = filter_fractions(surfaces, occluded, spp, meter.settings.threads).reshape(-1)[cover.texel]
-    return np.where(_beside_others(sheet, _REACH), np.float32(1.0) - counts / np.float32(spp), smooth).astype(
-        np.float32
-    )
-
-
-def _smoothed_light(
-    sheet: Sheet, surface: SheetSurface, receivers: ReceiverPoints, values: np.ndarray, meter: Meter
-) -> np.ndarray:
-    """(n, 3) float32: light that varies slowly, averaged over texels of one chart as in pictures."""
-    cover, surfaces = sheet.cover, _as_picture(sheet, surface, receivers, meter)
-    mixed, smooth = _beside_others(sheet, _REACH)[:, None], np.asarray(values, np.float32)
-    for _ in range(SMOOTHINGS):
-        image = _scattered(cover, smooth, np.float32(0), (cover.size, cover.size))
-        filtered = smooth_irradiance(surfaces, image, meter.settings.threads).reshape(-1, 3)[cover.texel]
-        smooth = np.where(mixed, smooth, filtered)
-    return smooth
-
-
-def _as_picture(sheet: Sheet, surface: SheetSurface, receivers: ReceiverPoints, meter: Meter) -> PictureSurfaces:
-    """The texels of a sheet as a picture for filters."""
-    cover = sheet.cover
     shape = cover.size, cover.size
     picture: Callable[[np.ndarray, Any], np.ndarray]
     picture = lambda values, background: _scattered(cover, values, background, shape)
     width = _texel_width(surface)[cover.face]
-    return PictureSurfaces(
+    surfaces = PictureSurfaces(
         picture((receivers.positions - meter.scene.origin).astype(np.float32), np.float32(0)),
         picture(receivers.normals.astype(np.float32), np.float32(0)),
         picture(cover.face.astype(np.int32), np.int32(-1)),
@@ -333,6 +315,36 @@ def _as_picture(sheet: Sheet, surface: SheetSurface, receivers: ReceiverPoints, 
         picture(np.ones(len(width), np.int8), np.int8(NOTHING)),
         np.float32(1.0),
     )
+    smooth = filter_fractions(surfaces, picture(counts, np.int32(0)), spp, meter.settings.threads).reshape(-1)[
+        cover.texel
+    ]
+    return np.where(_beside_others(sheet, _REACH), np.float32(1.0) - counts / np.float32(spp), smooth).astype(
+        np.float32
+    )
+
+
+def _smoothed_light(surface: SheetSurface, cover: Cover, receivers: ReceiverPoints, values: np.ndarray) -> np.ndarray:
+    """(n, c) float32: light that varies slowly, averaged over the texels nearest in space that face the same way.
+
+    In space, and not on the sheet, so that both sides of a seam average the same texels.
+    """
+    from scipy.spatial import cKDTree
+
+    tree, width = cKDTree(receivers.positions), _texel_width(surface)[cover.face]
+    out = np.asarray(values, np.float32)
+    for _ in range(_SMOOTHINGS):
+        before, out = out, np.empty_like(out)
+        for start in range(0, len(out), _BATCH):
+            rows = slice(start, start + _BATCH)
+            points, normals = receivers.at(rows)
+            distance, near = tree.query(points, min(_WINDOW, len(before)))
+            distance, near = distance.reshape(len(points), -1), near.reshape(len(points), -1)
+            size = width[rows, None]
+            off = np.abs(np.einsum("nki,ni->nk", receivers.positions[near] - points[:, None], normals))
+            facing = np.einsum("nki,ni->nk", receivers.normals[near], normals)
+            weight = (distance <= _RADIUS * size) * (off <= size) * (facing > _FACING)
+            out[rows] = np.einsum("nk,nkc->nc", weight, before[near]) / weight.sum(1)[:, None]
+    return out
 
 
 def sheet_notes(sheets: Sequence[Sheet], uv_set: int | None) -> list[str]:

@@ -106,7 +106,7 @@ def smooth_edges(
 
 
 _BLACK = np.zeros(3, np.float32)
-SMOOTHINGS = 6
+_SMOOTHINGS = 6
 """Filter passes over bounced light. It varies slowly over a surface, and one window has few of its rays."""
 _T = TypeVar("_T")
 
@@ -302,7 +302,7 @@ def bounce(
         indirect = state.known.indirect
     if state.request.smooth:
         grid = sparse_picture(visible, step)
-        for _ in range(SMOOTHINGS):
+        for _ in range(_SMOOTHINGS):
             indirect = smooth_irradiance(grid, indirect, state.threads)
     indirect = interpolated(surfaces.gbuffer, indirect, step)
     state.clock.lap("filter")
