@@ -223,7 +223,8 @@ class Measurement:
             quantity = settings.what, lights, settings.spp, settings.sampler, plan, counted
             bounced = () if not settings.bounces else (settings.bounces, settings.separate, meter.emission)
             about = about_parts("bake", scene, *quantity, *receivers, blocks, *bounced)
-        self.parts = Parts("tracing rays", len(blocks), BLOCKS_PER_PART, self._part, folder, about)
+        size = BLOCKS_PER_PART // (4 if settings.bounces else 1)  # paths take long: report and store them more often
+        self.parts = Parts("tracing rays", len(blocks), size, self._part, folder, about)
 
     def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
         grid = _grid(self.blocks[first:last])
