@@ -1,6 +1,7 @@
 // Shows a GLB file in three.js in headless Chromium, and saves the picture:
 //   NODE_PATH=... node show.mjs MODEL.glb OUT.png '{"size": [640, 480], "position": [...], "target": [...], ...}'
-// `ambient`: intensity of an ambient light; `linear`: write linear light, so that pixels are the values themselves.
+// `ambient`: intensity of an ambient light; `linear`: write linear light, so that pixels are the values themselves;
+// `lightmap`: read lightmaps, with the loader of the examples, and remove the lights of the file; `exposure`: of ACES.
 import {createRequire} from "node:module";
 import fs from "node:fs";
 import http from "node:http";
@@ -11,16 +12,19 @@ const {chromium} = require("playwright-core");
 const three = path.dirname(path.dirname(require.resolve("three")));
 const [model, out, text] = process.argv.slice(2);
 const view = JSON.parse(text);
+const lightmaps = path.join(import.meta.dirname, "../../examples/lightmaps/three_lightmap.js");
 
 const page = `<!doctype html><body style="margin:0"><script type="importmap">
 {"imports": {"three": "/three/build/three.module.js", "three/addons/": "/three/examples/jsm/"}}</script>
 <script type="module">
 import * as THREE from "three";
 import {GLTFLoader} from "three/addons/loaders/GLTFLoader.js";
+import {LightmapExtension, removeLights} from "/three_lightmap.js";
 const view = ${text};
 const renderer = new THREE.WebGLRenderer({preserveDrawingBuffer: true, antialias: !view.linear});
 renderer.setSize(...view.size);
 if (view.linear) renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
+if (view.exposure) [renderer.toneMapping, renderer.toneMappingExposure] = [THREE.ACESFilmicToneMapping, view.exposure];
 document.body.append(renderer.domElement);
 const scene = new THREE.Scene();
 scene.background = new THREE.Color(view.background ?? 0);
@@ -29,7 +33,10 @@ const camera = new THREE.PerspectiveCamera(view.vfov ?? 60, view.size[0] / view.
 camera.position.set(...view.position);
 camera.lookAt(...view.target);
 try {
-  const gltf = await new GLTFLoader().loadAsync("/model.glb");
+  const loader = new GLTFLoader();
+  if (view.lightmap) loader.register((parser) => new LightmapExtension(parser));
+  const gltf = await loader.loadAsync("/model.glb");
+  if (view.lightmap) removeLights(gltf.scene);
   scene.add(gltf.scene);
   renderer.render(scene, camera);
   document.title = "drawn";
@@ -40,6 +47,7 @@ const server = http.createServer((request, response) => {
   const send = (type, body) => { response.setHeader("Content-Type", type); response.end(body); };
   if (url === "/") send("text/html", page);
   else if (url === "/model.glb") send("model/gltf-binary", fs.readFileSync(model));
+  else if (url === "/three_lightmap.js") send("text/javascript", fs.readFileSync(lightmaps));
   else if (url.startsWith("/three/")) send("text/javascript", fs.readFileSync(path.join(three, url.slice(7))));
   else { response.statusCode = 404; response.end(); }
 }).listen(0, "127.0.0.1", async () => {

@@ -28,7 +28,7 @@ def floor_file(folder, repeats, pixels=BRICKS, sampler=None, parts=1):
 
 
 def baked(path, folder, what="light", **options):
-    return at.bake(path, folder / "out.glb", what, lights=SUN, spp=16, **options)
+    return at.bake(path, folder / "out.glb", what, lights=SUN, spp=16, unlit="texture" in options, **options)
 
 
 @pytest.mark.parametrize("what", ["light", "sun", "shadow"])
@@ -40,7 +40,7 @@ def test_a_texture_that_repeats_is_noted_when_it_is_replaced(tmp_path, what, uv)
         made = baked(path, tmp_path, what, texture=128, uv=uv)
     (note,) = made.notes
     size = int(note.rpartition(" ")[2])
-    assert note.startswith("1 parts have textures") and "bake at vertices" in note and 1000 < size <= 1100
+    assert note.startswith("1 parts have textures") and "leave unlit out" in note and 1000 < size <= 1100
     assert not baked(path, tmp_path, what, texture=size, uv=uv).notes
     assert not baked(path, tmp_path, what).notes  # COLOR_0 keeps the texture
     before, after = (Glb(file).json["images"] for file in (path, tmp_path / "out.glb"))
@@ -64,9 +64,12 @@ def test_a_texture_of_the_same_resolution_is_no_loss(tmp_path):
 def test_the_command_prints_the_note(tmp_path, cli):
     pytest.importorskip("xatlas")
     path = floor_file(tmp_path, np.float32(16.0))
-    told = cli("bake", path, "-o", "out.glb", "--what", "light", "--texture", "64", "--spp", "16")
+    told = cli("bake", path, "-o", "out.glb", "--what", "light", "--unlit", "--texture", "64", "--spp", "16")
     assert told.code == 0 and "note: 1 parts have textures" in told.err
-    assert len(cli("bake", path, "-o", "out.glb", "--what", "sun", "--texture", "64", "--json").json()["notes"]) == 1
+    assert (
+        len(cli("bake", path, "-o", "out.glb", "--what", "sun", "--unlit", "--texture", "64", "--json").json()["notes"])
+        == 1
+    )
 
 
 @pytest.mark.parametrize("wrap, expected", [(10497, [0, 1, 0, 1]), (33648, [0, 1, 1, 0]), (33071, [0, 1, 1, 1])])

@@ -1,7 +1,10 @@
 """The process of xatlas: what it returns, and what the caller sees when it fails."""
 
+import os
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -28,6 +31,8 @@ def test_meshes_come_back_in_their_order():
         ("raise ValueError('too large')", "ValueError: too large"),
         ("import os; os._exit(3)", "exit code 3"),
         ("pass", "exit code 0"),
+        ("raise MemoryError", "memory ran out"),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "memory ran out"),
     ],
 )
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
@@ -39,6 +44,49 @@ def test_a_crash_is_one_line_with_a_remedy(tmp_path, monkeypatch, cli, program, 
     assert "\n" not in str(caught.value) and "uv" in str(caught.value)
     assert cli("bake", path, "-o", "out.glb", "--texture", "64").code == 2
     assert not (tmp_path / "out.glb").exists()
+
+
+_LITTLE_MEMORY = """
+import json, sys, resource
+sys.path[:] = json.loads(sys.stdin.readline())
+import xatlas
+from antumbra.baking.chart_process import serve
+now = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (now + (1 << 24), now + (1 << 24)))
+serve(json.loads(sys.stdin.readline()))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of memory, and /proc")
+def test_exhausted_memory_is_one_line(monkeypatch):
+    monkeypatch.setattr(chart_process, "_START", _LITTLE_MEMORY)
+    x = np.linspace(0.0, 1.0, 400)
+    with pytest.raises(at.InputError, match=r"cannot unwrap these surfaces \((memory ran out|.* SIG\w+)\); bake into"):
+        charts_of([grid(x, x)], 64, 4)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_a_process_that_hangs_ends_with_the_command(tmp_path):
+    """Ctrl-C in a terminal signals the command and the process of xatlas, which ignores it."""
+    path = scene_file(tmp_path, grid([0.0, 1.0], [0.0, 1.0]))
+    begun = str(tmp_path / "begun")
+    hangs = f"import signal, time; signal.signal(2, signal.SIG_IGN); open({begun!r}, 'w'); time.sleep(100)"
+    program = f"""
+import sys
+from antumbra.baking import chart_process
+chart_process._START = {hangs!r}
+from antumbra.cli import main
+sys.exit(main(["bake", {str(path)!r}, "-o", {str(tmp_path / "out.glb")!r}, "--texture", "64"]))
+"""
+    command = subprocess.Popen([sys.executable, "-c", program], start_new_session=True, stderr=subprocess.PIPE)
+    while not (tmp_path / "begun").exists():
+        assert command.poll() is None, command.stderr.read()
+        time.sleep(0.05)
+    os.killpg(command.pid, signal.SIGINT)
+    _, errors = command.communicate(timeout=60)
+    assert command.returncode == 130 and b"Traceback" not in errors and not (tmp_path / "out.glb").exists()
+    with pytest.raises(ProcessLookupError):  # nothing of its process group is left
+        os.killpg(command.pid, 0)
 
 
 def test_ctrl_c_ends_the_process_and_removes_its_files(tmp_path, monkeypatch):

@@ -12,7 +12,13 @@ from baked_files import KIND, WIDTH, Glb, box, grid, primitive
 from formats.gltf.test_gltf_meshes_draco import EXTENSION, textured
 from gltf_files import Gltf, everything, png
 
-BAKES = [{}, {"texture": 32}, {"what": "light", "texture": 32}, {"texture": 32, "uv": 0}]
+BAKES = [
+    {},
+    {"texture": 32},
+    {"what": "light", "texture": 32},
+    {"what": "light", "texture": 32, "unlit": True},
+    {"texture": 32, "uv": 0},
+]
 
 
 def model(folder, **more):
@@ -81,7 +87,7 @@ def test_nothing_dead_is_left_and_all_else_is_there(tmp_path, options):
     np.testing.assert_array_equal(after.array(idle[1]), np.arange(24).reshape(8, 3) + 1)
     lines = after.json["meshes"][0]["primitives"][1]
     np.testing.assert_array_equal(after.array(lines["attributes"]["POSITION"]), grid([5, 6], [5, 6])[0])
-    if options.get("what") == "light":
+    if "unlit" in options:
         images = [before.image(1), *(after.image(k) for k in range(len(after.json["images"])))]
         assert any(image.shape == (5, 5, 3) and (image == images[0]).all() for image in images[1:])  # of the lines
         assert not any((image == before.image(0)).all() for image in images[1:] if image.shape == (5, 5, 3))
@@ -114,7 +120,9 @@ def test_a_bake_reads_draco(tmp_path, options):
     glb, text = Glb(tmp_path / "out.glb"), json.dumps(Glb(tmp_path / "out.glb").json)
     assert EXTENSION not in text and report.parts == 1 and "POSITION" in glb.primitive()["attributes"]
     given, idle = Glb(path).json, lambda root: {k: len(root.get(k, [])) - len(v) for k, v in used_in(root).items()}
-    assert idle(glb.json) == idle(given) and len(glb.json["images"]) == 1  # views that the file never used
+    assert idle(glb.json) == idle(given) and len(glb.json["images"]) == 1 + len(
+        options
+    )  # views that the file never used
     for key in ("vertices", "origin"):
         a, b = (getattr(at.load(p).triangles(), key) for p in (path, tmp_path / "out.glb"))
         np.testing.assert_array_equal(a, b)

@@ -4,8 +4,12 @@
 - `bake_options`: quantities and options, with their checks
 - `bake_input`: the scene to measure, its lights, and the glTF file to edit
 - `surface_meter`: rays from all receivers, and values from their occlusion bits
+- `bounces`: light that has met surfaces on its way, along paths of diffuse rays
+- `emission`: the light that materials emit
 - `solids`: which receivers are inside solids
-- `baked_values`: values at vertices and texels, and texture images
+- `baked_values`: values at vertices and texels, and their images
+- `baked_textures`: pixels of textures, image files, and the places of textures in materials
+- `seams`: edges where charts meet
 - `base_colours`: base colours of texels, and what their textures lose
 - `texture_atlas`: UV sets or a new atlas, and conservative texel coverage
 - `chart_process`: the charts of an atlas, by xatlas in a process of its own

@@ -21,14 +21,20 @@ from ..engine.scene_loading import SceneLike
 from ..formats.format_registry import GLB
 from ..formats.gltf.gltf_asset import Asset
 from ..formats.gltf.gltf_writer import Json
-from ..picture.image_files import write_exr
 from ..picture.png_files import SMALL, png_file
-from ..scene.materials import linear_to_srgb
 from ..work.executors import Executor, Keep, executor_of
 from ..work.result_summary import Summary, duration
 from .bake_input import BakeScene, BakeSource, bake_source, exposure_of, meter_settings, open_source
 from .bake_options import BakeKeywords, BakeOptions
-from .baked_values import Texels, image_of, replace_hidden, seam_differences, sheet_notes, vertex_receivers
+from .baked_textures import (
+    clipping_note,
+    encode_pixels,
+    image_path,
+    material_image,
+    save_float_exr,
+    set_texture,
+)
+from .baked_values import Texels, image_of, replace_hidden, sheet_notes, vertex_receivers
 from .base_colours import BaseColours
 from .gltf_primitives import (
     NodePrimitive,
@@ -40,6 +46,7 @@ from .gltf_primitives import (
     unshared_primitives,
     write_colours,
 )
+from .seams import seam_differences, seam_of, seam_words
 from .solids import Solids
 from .surface_meter import Measurement, Meter, curve_blocks
 from .texture_atlas import Sheet, Unwrapped, atlas, uv_set_sheets
@@ -62,7 +69,7 @@ class Baked(NamedTuple):
     rays: int  # shadow rays traced
     mean: float  # mean of all measured values, without those of hidden texels
     exposure: float  # factor on light in colours and textures, which range from 0 to 1; not in custom attributes or EXR
-    seam: float | None  # 99th percentile of the difference across seams; None: no texture, or no seams
+    seam: float | None  # 99th percentile of the difference across seams, over the mean; None: no texture, or no seams
     seconds: dict[str, float]  # per phase: read, unwrap, trace, write
     notes: tuple[str, ...] = ()  # what the file loses, and how to keep it
 
@@ -74,30 +81,10 @@ class Baked(NamedTuple):
         lines = [("file", str(self.path)), *(("image", str(path)) for path in self.images)]
         lines.append((self.what, f"{self.receivers:,} {where} in {self.parts:,} parts, {mean}"))
         lines += [("exposure", f"{self.exposure:.4g}")] if self.exposure != 1.0 else []
-        lines += [] if self.seam is None else [("seams", f"99 % differ by less than {self.seam:.3f}")]
+        lines += [] if self.seam is None else [("seams", seam_words(self.seam))]
         lines.append(("rays", f"{self.rays:,}, {self.rays / trace / 1e6:.1f} million per second"))
         lines.append(("time", ", ".join(f"{name} {duration(s)}" for name, s in self.seconds.items())))
         return Summary(self._asdict(), lines)
-
-
-# --- Image files ------------------------------------------------------------------------------------------------------
-
-
-def encode_pixels(image: NDArray[np.floating], bits: int, srgb: bool) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """An image (h, w, c) float in [0, 1] as uint8 or uint16; `srgb`: encode its first three channels as sRGB."""
-    image = np.clip(image, 0.0, 1.0).astype(np.float64)
-    if srgb:
-        image[..., :3] = linear_to_srgb(image[..., :3])
-    top = (1 << bits) - 1
-    pixels = np.round(top * image)
-    return pixels.astype(np.uint8) if bits == 8 else pixels.astype(np.uint16)
-
-
-def save_float_exr(image: NDArray[np.float32], path: Path) -> None:
-    """Write an image (h, w, 1 or 3) to a float32 EXR file: channel Y, or R, G, B."""
-    image = np.ascontiguousarray(image, np.float32)
-    channels = {"Y": np.ascontiguousarray(image[..., 0])} if image.shape[-1] == 1 else {"RGB": image}
-    write_exr(channels, path, None)
 
 
 # --- Baking into textures ---------------------------------------------------------------------------------------------
@@ -107,12 +94,13 @@ def bake_textures(
     source: BakeScene, options: BakeOptions, output: Path, clock: PhaseClock, executor: Executor
 ) -> Baked | None:
     """Measure the texels of all sheets and write the files; None if the executor leaves texels to other shards."""
-    scene, asset, parts, double_sided, _, notes = source
+    scene, asset, parts, double_sided, emission, _, notes = source
     accessors, size = accessors_of(asset, scene.name), options.texture
     assert size is not None
     sheets = atlas(parts, size) if options.uv is None else uv_set_sheets(parts, accessors, options.uv, size)
     clock.lap("unwrap")
-    meter = Meter(scene, meter_settings(options, scene), sum(len(sheet.cover.texel) for sheet in sheets))
+    settings, count = meter_settings(options, scene), sum(len(sheet.cover.texel) for sheet in sheets)
+    meter = Meter(scene, settings, count, emission)
     texels = [Texels(sheet, meter, options.denoise, executor.folder) for sheet in sheets]
     job = [each.parts for each in texels]
     if not executor.finish(job):
@@ -126,34 +114,39 @@ def bake_textures(
     seen = all_values if hidden.all() else all_values[~hidden]
     exposure = exposure_of(seen, options)
     originals = [dict(part.json, attributes=dict(part.json["attributes"])) for part in parts]
-    primitives, images, seams = unshared_primitives(asset, parts), list[tuple[Path, np.ndarray]](), list[np.ndarray]()
+    primitives, seams = unshared_primitives(asset, parts), list[NDArray[np.float64]]()
+    pngs, exrs = dict[Path, bytes](), dict[Path, NDArray[np.float32]]()
     remapper, base = Remapper(asset, accessors), BaseColours(asset, accessors)
     for i, (sheet, (values, _)) in enumerate(zip(sheets, measured)):
         image = image_of(sheet.cover, values)
-        images.append((_exr_path(output, i, len(sheets)), image))
         seams.append(seam_differences(sheet, image))
-        texture_image = _material_image(base, sheet, values * exposure, [originals[k] for k in sheet.members], options)
-        pixels = encode_pixels(texture_image, options.bits, options.is_light)
+        exrs[image_path(output, i, len(sheets), ".exr")] = image
+        texture_image = material_image(base, sheet, values * exposure, [originals[k] for k in sheet.members], options)
+        pixels = encode_pixels(texture_image, options.bits, options.unlit, dither=options.makes_lightmap)
         png = png_file(pixels, is_srgb=False, level=SMALL)  # glTF says which textures are sRGB
-        texture = asset.texture(png, options.what)
+        pngs[image_path(output, i, len(sheets), ".png")] = png
+        texture = asset.texture(png, "lightmap" if options.makes_lightmap else options.what)
         sheet_primitives = [primitives[k] for k in sheet.members]
         sets = [
             _uv_set(one, primitive, remapper, asset, options.uv)
             for one, primitive in zip(sheet.unwrapped, sheet_primitives)
         ]
-        change_materials(asset, sheet_primitives, sets, partial(_set_texture, asset, texture, options))
-    images = images if options.exr else []
+        change_materials(asset, sheet_primitives, sets, partial(set_texture, asset, texture, exposure, options))
+    pngs, exrs = pngs if options.png else {}, exrs if options.exr else {}
     with ExitStack() as files:  # write all of them, or none
-        for path, image in images:
+        for path, png in pngs.items():
+            files.enter_context(atomic_output(path)).write_bytes(png)
+        for path, image in exrs.items():
             save_float_exr(image, files.enter_context(atomic_output(path)))
         files.enter_context(atomic_output(output)).write_bytes(asset.glb())
     executor.end(job)
     clock.lap("write")
-    seam = np.concatenate(seams)
     notes = [*notes, *sheet_notes(sheets, options.uv), *base.notes(size)]
+    if options.makes_lightmap:
+        notes += clipping_note(seen, exposure)
     return Baked(
         path=output,
-        images=[path for path, _ in images],
+        images=[*pngs, *exrs],
         what=options.what,
         attribute=None,
         parts=len(parts),
@@ -162,7 +155,7 @@ def bake_textures(
         rays=meter.rays,
         mean=float(seen.mean()),
         exposure=exposure,
-        seam=float(np.percentile(seam, 99)) if len(seam) else None,
+        seam=seam_of(np.concatenate(seams), 1.0 if options.what == "bent-normal" else float(seen.mean())),
         seconds=clock.seconds,
         notes=tuple(notes),
     )
@@ -178,33 +171,6 @@ def _uv_set(one: Unwrapped, primitive: Json, remapper: Remapper, asset: Asset, u
     return number
 
 
-def _material_image(
-    base: BaseColours, sheet: Sheet, values: NDArray[np.floating], originals: list[Json], options: BakeOptions
-) -> NDArray[np.float32]:
-    """(size, size, c) float32: the material's texture, ambient occlusion or light times the base colour."""
-    what = options.what
-    if what == "ao":
-        return image_of(sheet.cover, values)
-    if what == "bent-normal":
-        return np.asarray(0.5 + 0.5 * image_of(sheet.cover, values))
-    colours = base.texels(sheet, originals)
-    colours[:, :3] *= np.clip(values, 0.0, 1.0)
-    image = image_of(sheet.cover, colours)
-    return image[..., :3] if (colours[:, 3] == 1.0).all() else image
-
-
-def _set_texture(asset: Asset, texture: int, options: BakeOptions, material: Json, uv_set: int) -> None:
-    """Assign a baked texture to a material."""
-    texture_info = {"index": texture, "texCoord": uv_set}
-    if options.what == "ao":
-        material["occlusionTexture"] = texture_info
-    elif options.what == "bent-normal":
-        material.setdefault("extras", {})["bentNormalTexture"] = texture_info
-    else:
-        material.setdefault("pbrMetallicRoughness", {})["baseColorTexture"] = texture_info
-        asset.make_unlit(material)
-
-
 def _local_texels(sheet: Sheet, values: NDArray[np.float32]) -> NDArray[np.float32]:
     """World directions of texels in the frames of their parts."""
     out, start = values.copy(), 0
@@ -215,10 +181,6 @@ def _local_texels(sheet: Sheet, values: NDArray[np.float32]) -> NDArray[np.float
     return out
 
 
-def _exr_path(output: Path, number: int, of: int) -> Path:
-    return output.with_name(f"{output.stem}{f'-{number}' if of > 1 else ''}.exr")
-
-
 # --- Baking into vertex attributes ------------------------------------------------------------------------------------
 
 
@@ -226,8 +188,8 @@ def bake_vertices(
     source: BakeScene, options: BakeOptions, output: Path, clock: PhaseClock, executor: Executor
 ) -> Baked | None:
     """Measure the vertices of all parts and write the file; None if the executor leaves vertices to other shards."""
-    scene, asset, parts, double_sided, is_new, notes = source
-    meter = Meter(scene, meter_settings(options, scene), sum(len(p.positions) for p in parts))
+    scene, asset, parts, double_sided, emission, is_new, notes = source
+    meter = Meter(scene, meter_settings(options, scene), sum(len(p.positions) for p in parts), emission)
     receivers = vertex_receivers(parts)
     measurement = Measurement(meter, receivers, curve_blocks(receivers.positions), False, executor.folder)
     if not executor.finish([measurement.parts]):
@@ -343,6 +305,8 @@ def bake_file(
 ) -> Baked | None:
     """Bake into a file; None if the executor leaves parts to other shards."""
     scene = open_source(source, options.time)
+    if options.what == "light" and not options.bounces and scene.emission is not None:
+        scene.notes.append(f"{scene.scene.name}: its materials emit light, which bounces gathers, 1 or more")
     clock.lap("read")
     job = bake_textures if options.texture else bake_vertices
     return job(scene, options, output, clock, executor)

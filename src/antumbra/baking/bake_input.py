@@ -28,6 +28,7 @@ from ..scene.light_lists import without_interleave
 from ..scene.lights import DirectionalLight, Light
 from ..scene.mesh import Piece
 from .bake_options import BakeOptions
+from .emission import emitted_radiance
 from .gltf_primitives import NodePrimitive, primitive_json, read_primitives
 from .surface_meter import MeterSettings
 
@@ -47,7 +48,15 @@ def meter_settings(options: BakeOptions, scene: Scene) -> MeterSettings:
     what, time = options.what, options.time
     lights = options.measured_lights() or default_bake_lights(scene, what, time)
     drawn = [light.drawn(options.seed) for light in lights]
-    return MeterSettings(what, drawn, options.spp, options.sampler, options.plan, time, options.threads, options.seed)
+    separate = options.denoise and what == "light"
+    return MeterSettings(
+        what, drawn, options.spp, options.sampler, options.plan, time, options.threads, options.seed, options.bounces,
+        separate,
+    )  # fmt: skip
+
+
+_HEADROOM = 2.0
+"""The range of a lightmap, relative to that of a picture: viewers expose again, but 8 bits show steps in the dark."""
 
 
 def exposure_of(values: NDArray[np.float32], options: BakeOptions) -> float:
@@ -56,7 +65,10 @@ def exposure_of(values: NDArray[np.float32], options: BakeOptions) -> float:
         return options.exposure
     if options.what != "light":
         return 1.0
-    return automatic_exposure(values[None], np.ones((1, len(values)), bool))
+    exposure = automatic_exposure(values[None], np.ones((1, len(values)), bool))
+    if not options.makes_lightmap:
+        return exposure
+    return max(exposure / _HEADROOM, 1.0 / max(float(np.percentile(values.max(-1), 99.9)), 1e-6))
 
 
 # --- The scene and its glTF file --------------------------------------------------------------------------------------
@@ -81,6 +93,7 @@ class BakeScene(NamedTuple):
     asset: Asset
     parts: list[NodePrimitive]  # of the asset, in the frame of the scene
     double_sided: NDArray[np.bool_]  # (n,) bool: the faces of the scene whose material in the file is double-sided
+    emission: NDArray[np.float32] | None  # (n, 3): radiance of the faces of the scene; None: none emits light
     is_new: bool  # the file is created from the scene, so its COLOR_0 are base colours
     notes: list[str]  # what the file loses
 
@@ -114,13 +127,14 @@ def open_source(source: BakeSource, time: float) -> BakeScene:
         _scale_to_metres(asset, scene.unit.metres)
         parts = parts if scene.up == "y" else [_in_scene_frame(part, axes(scene.up)) for part in parts]
         double_sided = np.ones(scene.n_triangles, bool)  # as `_material` writes them
-        return BakeScene(scene, asset, parts, double_sided, True, _conversion_notes(scene))
+        return BakeScene(scene, asset, parts, double_sided, None, True, _conversion_notes(scene))
     asset, read = open_asset(file), scene
     double_sided = _double_sided_faces(scene, asset, time)
+    emission, notes = emitted_radiance(scene, asset, time)
     if _has_instancing(asset):
         _expand_instances(asset, file)
         read = _scene_of_asset(asset, scene.name)
-    return BakeScene(scene, asset, read_primitives(read, asset, time), double_sided, False, [])
+    return BakeScene(scene, asset, read_primitives(read, asset, time), double_sided, emission, False, notes)
 
 
 def _conversion_notes(scene: Scene) -> list[str]:

@@ -25,6 +25,7 @@ from ..picture.render_options import EngineOptions, RenderOptions
 from ..scene.lights import MAX_SPP, AmbientOcclusion, DirectionalLight, Light, check_lights
 
 MAX_TEXTURE = 16384
+MAX_BOUNCES = 64
 _SKY = ("ao", "bent-normal")  # quantities that depend on the sky instead of lights
 
 QUANTITIES = {
@@ -91,10 +92,19 @@ class BakeKeywords:
     """UV set of the file for the texture. None: a new atlas (needs ``antumbra[bake]``)."""
     bits: int = option(8, _bits, "Bits per texture channel: 8 or 16.")
     """Bits per channel of the texture, 8 or 16."""
+    png: bool = option(False, flag, "Also write the texture as .png next to FILE.")
+    """Also write the texture as PNG beside `output`, as it is in the file."""
     exr: bool = option(False, flag, "Also write the texture as .exr next to FILE.")
     """Also write the texture as float32 beside `output`."""
-    denoise: bool = option(False, flag, "Smooth the noise of ao or shadow over 4x4 texels.")
-    """Filter a texture of ao or shadow over 4 x 4 texels, within penumbrae and surfaces."""
+    unlit: bool = option(
+        False, flag, "Multiply a texture of light by the base colours, and replace them, in unlit materials."
+    )
+    """Multiply a texture of shadow, sun or light by the base colour texture, and replace that, in unlit materials. All
+    viewers show such files, but textures that repeat or are finer lose detail. False: a lightmap, which leaves
+    materials as they are."""
+    denoise: bool = option(False, flag, "Smooth the noise of ao, shadow or light over 4x4 texels.")
+    """Filter a texture of ao or shadow over 4 x 4 texels, within penumbrae and surfaces; of light, filter the
+    sky and bounced light, several times."""
     radius: float | None = option(
         None, RealNumber(0.0, np.inf, "(]", optional=True), "For ao: greatest distance of occluders.", note="no limit"
     )
@@ -102,6 +112,9 @@ class BakeKeywords:
     lights: Sequence[Light] | Light | None = option(None, unchecked, doc_type="lights or None")
     """For shadow, sun and light, in the scene's own coordinates, even if +Z is up. None:
     `Scene.default_lights`. `AmbientOcclusion` among the lights of ``light`` acts as a sky."""
+    bounces: int = option(0, WholeNumber(0, MAX_BOUNCES), "For light: bounces of indirect light.", metavar="N")
+    """For light: add light that bounces off up to this number of diffuse surfaces, 0 to 64, and light that surfaces
+    emit. Each receiver traces `spp` paths, with a shadow ray to each light where they meet a surface."""
     exposure: float | None = option(
         None, _exposure, "Exposure factor; values are clipped at 1.", note="1; for light automatic"
     )
@@ -133,10 +146,14 @@ class BakeOptions(BakeKeywords, BakeQuantity):
                 import_extra("xatlas", "an atlas (--texture without --uv)", "bake")
             if self.exr:
                 openexr()
-        elif self.uv is not None or self.exr or self.denoise or self.bits != 8:
-            raise InputError("uv, bits, exr and denoise belong to a texture; give its size as texture")
-        if self.denoise and self.what not in ("ao", "shadow"):
-            raise InputError(f"denoise is for ao and shadow, not for {self.what}; leave it out and raise spp")
+        elif self.uv is not None or self.png or self.exr or self.unlit or self.denoise or self.bits != 8:
+            raise InputError("uv, bits, png, exr, unlit and denoise belong to a texture; give its size as texture")
+        if self.unlit and not self.is_light:
+            raise InputError(f"unlit is for shadow, sun and light, not for {self.what}; leave it out")
+        if self.bounces and self.what != "light":
+            raise InputError(f"bounces is for light, not for {self.what}; leave it out")
+        if self.denoise and self.what not in ("ao", "shadow", "light"):
+            raise InputError(f"denoise is for ao, shadow and light, not for {self.what}; leave it out and raise spp")
         name = self.vertex_attribute
         if name != "COLOR_0" and not (name.startswith("_") and name.isascii() and name[1:]):
             example = f"_{self.what.upper().replace('-', '_')}"
@@ -153,6 +170,11 @@ class BakeOptions(BakeKeywords, BakeQuantity):
     def is_light(self) -> bool:
         """Whether the values multiply base colours, instead of being shown as they are."""
         return self.what in ("shadow", "sun", "light")
+
+    @property
+    def makes_lightmap(self) -> bool:
+        """Whether the texture is a lightmap, which leaves the materials' own textures as they are."""
+        return self.texture is not None and self.is_light and not self.unlit
 
     def measured_lights(self) -> list[Light]:
         """The lights whose shadows are measured; empty: the default lights of the scene. Raises InputError."""

@@ -108,6 +108,15 @@ def _replace(
 
 
 _REACH = 2  # radius of the filter, texels
+_SMOOTHINGS = 2  # passes over light that varies slowly
+_WINDOW, _RADIUS, _FACING = (
+    25,
+    3.0,
+    0.8,
+)  # texels of a pass; their greatest distance, in texels; least cosine of normals
+_BATCH = 1 << 16
+_INSET = 1.0 / 32.0  # least distance of samples from the edges of their faces, in texels
+_MOST_INSET = 1.0 / 6.0  # of the height of a face
 _PLACES = np.array([-0.4, 0.0, 0.4])  # offsets of alternative samples from the centre of a hidden texel
 
 
@@ -130,14 +139,25 @@ def surface_of(sheet: Sheet) -> SheetSurface:
 def texel_receivers(surface: SheetSurface, face: np.ndarray, weights: np.ndarray) -> ReceiverPoints:
     """Points on faces. On smooth surfaces they lie on the curve described by the normals, not on the facets.
 
-    Bulging facets therefore do not shadow their neighbours [Hanika 2021].
+    Bulging facets therefore do not shadow their neighbours [Hanika 2021]. No point lies on an edge of its face, where
+    another surface may begin: rays that start on a wall would pass it.
     """
     corners, normals = surface.positions[face], surface.normals[face]
+    weights = _off_edges(weights, surface.uv[face])
     points = np.einsum("nk,nki->ni", weights, corners)
     normal = np.einsum("nk,nki->ni", weights, normals)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     below = np.minimum(np.einsum("nki,nki->nk", points[:, None] - corners, normals), 0.0)
     return ReceiverPoints(points - np.einsum("nk,nk,nki->ni", weights, below, normals), normal)
+
+
+def _off_edges(weights: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """(n, 3): barycentric coordinates of points in triangles ((n, 3, 2), in texels), a little away from all edges."""
+    edges = uv[:, [2, 0, 1]] - uv[:, [1, 2, 0]]
+    area = np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])[:, None]
+    least = np.minimum(_INSET * np.linalg.norm(edges, axis=2) / np.maximum(area, 1e-30), _MOST_INSET)
+    inside = np.maximum(weights, least)
+    return np.asarray(inside / inside.sum(1, keepdims=True))
 
 
 class Texels:
@@ -152,7 +172,11 @@ class Texels:
         self._surface = surface_of(sheet)
         receivers = texel_receivers(self._surface, sheet.cover.face, sheet.cover.weights)
         self._measurement = Measurement(
-            meter, receivers, texel_blocks(sheet.cover, receivers.positions), denoise, folder
+            meter,
+            receivers,
+            texel_blocks(sheet.cover, receivers.positions),
+            denoise and not meter.settings.separate,
+            folder,
         )
         self.parts = self._measurement.parts
 
@@ -164,18 +188,26 @@ class Texels:
         """
         values, receivers = self._measurement.result(), self._measurement.receivers
         sheet, surface, meter = self._sheet, self._surface, self._meter
-        if self._denoise:
+        separate = meter.settings.separate
+        if self._denoise and not separate:
             values = np.mean([_smoothed(sheet, surface, receivers, c, meter) for c in values.T], 0)[:, None]
         hidden = np.zeros(len(values), bool)
-        if solids is None:
-            return values, hidden
+        if solids is not None:
+            self._replace_hidden(values, hidden, solids)
+        if separate:
+            lamps, others = np.split(values, 2, 1)
+            values = lamps + _smoothed_light(surface, sheet.cover, receivers, others)
+        return values, hidden
+
+    def _replace_hidden(self, values: np.ndarray, hidden: np.ndarray, solids: Solids) -> None:
+        """Mark hidden texels, and change their values."""
+        sheet, surface, meter, receivers = self._sheet, self._surface, self._meter, self._measurement.receivers
         with report_progress("moving hidden texels"):
             candidates = np.flatnonzero(may_be_hidden(values, meter))
             hidden[candidates] = solids.contain(receivers.at(candidates))
             if hidden.any() and not hidden.all():  # all: a room whose walls face outward
                 _push_out(values, hidden, sheet.cover, surface, meter, solids)
                 _fill_hidden(values, hidden, sheet)
-        return values, hidden
 
 
 def texel_blocks(cover: Cover, positions: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -210,38 +242,6 @@ def sample_bilinear(image: NDArray[np.float32], uv: NDArray[np.float64]) -> np.n
     i1, k1 = np.minimum(i + 1, w - 1), np.minimum(k + 1, h - 1)
     above = (1.0 - s) * image[k, i] + s * image[k, i1]
     return np.asarray((1.0 - t) * above + t * ((1.0 - s) * image[k1, i] + s * image[k1, i1]))
-
-
-def seam_differences(sheet: Sheet, image: NDArray[np.float32]) -> NDArray[np.float64]:
-    """(n,) float64: the difference of the image between the two sides of a seam, at points along all seams.
-
-    A seam is an edge where two charts meet on a smooth surface. Hard edges, whose sides differ in normal, do not count.
-    """
-    surface = surface_of(sheet)
-    _, corner = np.unique(surface.positions.reshape(-1, 3).astype(np.float32), axis=0, return_inverse=True)
-    corner = corner.reshape(-1, 3)
-    a, b = (np.concatenate([corner[:, [k, (k + 1) % 3][e]] for k in range(3)]) for e in (0, 1))
-    side = {
-        name: [np.concatenate([v[:, [k, (k + 1) % 3][e]] for k in range(3)]) for e in (0, 1)]
-        for name, v in (("uv", surface.uv), ("normal", surface.normals))
-    }
-    swap = a > b
-    key = np.where(swap, b, a) * (int(corner.max()) + 1) + np.where(swap, a, b)
-    for pair in side.values():
-        pair[0], pair[1] = (np.where(swap[:, None], pair[1 - e], pair[e]) for e in (0, 1))
-    order = np.argsort(key, kind="stable")
-    same = np.flatnonzero(key[order][1:] == key[order][:-1])
-    one, other = order[same], order[same + 1]
-    apart = np.abs(side["uv"][0][one] - side["uv"][0][other]).max(1) + np.abs(
-        side["uv"][1][one] - side["uv"][1][other]
-    ).max(1)
-    aligned = [(side["normal"][e][one] * side["normal"][e][other]).sum(1) > 0.999 for e in (0, 1)]
-    seam = (apart > 1e-3) & aligned[0] & aligned[1]
-    one, other, differences = one[seam], other[seam], []
-    for t in (0.25, 0.5, 0.75):
-        along = ((1.0 - t) * side["uv"][0] + t * side["uv"][1]) / sheet.cover.size
-        differences.append(np.abs(sample_bilinear(image, along[one]) - sample_bilinear(image, along[other])).max(1))
-    return np.concatenate(differences)
 
 
 def _corner_normals(one: Unwrapped) -> np.ndarray:
@@ -321,6 +321,30 @@ def _smoothed(
     return np.where(_beside_others(sheet, _REACH), np.float32(1.0) - counts / np.float32(spp), smooth).astype(
         np.float32
     )
+
+
+def _smoothed_light(surface: SheetSurface, cover: Cover, receivers: ReceiverPoints, values: np.ndarray) -> np.ndarray:
+    """(n, c) float32: light that varies slowly, averaged over the texels nearest in space that face the same way.
+
+    In space, and not on the sheet, so that both sides of a seam average the same texels.
+    """
+    from scipy.spatial import cKDTree
+
+    tree, width = cKDTree(receivers.positions), _texel_width(surface)[cover.face]
+    out = np.asarray(values, np.float32)
+    for _ in range(_SMOOTHINGS):
+        before, out = out, np.empty_like(out)
+        for start in range(0, len(out), _BATCH):
+            rows = slice(start, start + _BATCH)
+            points, normals = receivers.at(rows)
+            distance, near = tree.query(points, min(_WINDOW, len(before)))
+            distance, near = distance.reshape(len(points), -1), near.reshape(len(points), -1)
+            size = width[rows, None]
+            off = np.abs(np.einsum("nki,ni->nk", receivers.positions[near] - points[:, None], normals))
+            facing = np.einsum("nki,ni->nk", receivers.normals[near], normals)
+            weight = (distance <= _RADIUS * size) * (off <= size) * (facing > _FACING)
+            out[rows] = np.einsum("nk,nkc->nc", weight, before[near]) / weight.sum(1)[:, None]
+    return out
 
 
 def sheet_notes(sheets: Sequence[Sheet], uv_set: int | None) -> list[str]:

@@ -52,11 +52,13 @@ class BaseColours:
             if texture is None or not inside.any():
                 continue
             fields = self._asset.json["textures"][texture["index"]]
-            image, name = self._image(image_of_texture(fields)), _uv_set(texture)
+            image, name = self._image(image_of_texture(fields)), uv_set_of(texture)
             if image is None or name not in primitive["attributes"]:
                 self._unreadable += 1
                 continue
-            uv = _transformed(self._accessors.finite(primitive["attributes"][name], "VEC2")[one.part.rows], texture)
+            uv = transformed_coordinates(
+                self._accessors.finite(primitive["attributes"][name], "VEC2")[one.part.rows], texture
+            )
             corners = corners_of([one], [uv])
             self._details.append(_detail(one, corners, image.shape[1::-1], cover.size))
             points = np.einsum(
@@ -75,7 +77,7 @@ class BaseColours:
             raised = f", or raise texture to {enough}" if enough <= MAX_TEXTURE else ""
             notes.append(
                 f"{len(lost)} parts have textures that are up to {finer:.1f} times finer than the baked one{repeated}, "
-                f"which replaces them; to keep their detail, bake at vertices (without texture){raised}"
+                f"which replaces them; to keep their detail, leave unlit out{raised}"
             )
         if self._unreadable:
             notes.append(f"{self._unreadable} parts have textures that cannot be read; they are baked as white")
@@ -118,12 +120,13 @@ def _area(corners: NDArray[np.float64]) -> float:
     return float(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
 
 
-def _uv_set(texture: Json) -> str:
+def uv_set_of(texture: Json) -> str:
+    """The attribute with the coordinates of a texture."""
     transform = texture.get("extensions", {}).get(_TRANSFORM, {})
     return f"TEXCOORD_{transform.get('texCoord', texture.get('texCoord', 0))}"
 
 
-def _transformed(uv: NDArray[np.float64], texture: Json) -> NDArray[np.float64]:
+def transformed_coordinates(uv: NDArray[np.float64], texture: Json) -> NDArray[np.float64]:
     """Texture coordinates under KHR_texture_transform."""
     transform = texture.get("extensions", {}).get(_TRANSFORM, {})
     angle, scale, offset = (

@@ -24,6 +24,7 @@ sys.path[:] = json.loads(sys.stdin.readline())
 from antumbra.baking.chart_process import serve
 serve(json.loads(sys.stdin.readline()))
 """
+_KILLED = 9  # the signal by which systems end processes when memory runs out
 _CURE = "bake into texture coordinates of the file (uv), or at vertices (without texture)"
 
 
@@ -94,10 +95,13 @@ def charts_of(
 
 
 def _reason(done: "subprocess.CompletedProcess[bytes]") -> str:
-    """Why a process failed: its signal, the last line of its traceback, or its exit code."""
+    """Why a process failed: memory, its signal, the last line of its traceback, or its exit code."""
+    errors = done.stderr.decode(errors="replace")
+    if done.returncode == -_KILLED or "bad_alloc" in errors or "MemoryError" in errors:
+        return "memory ran out"
     if done.returncode < 0:
         return f"its process ended with {signal.Signals(-done.returncode).name}"
-    lines = done.stderr.decode(errors="replace").strip().splitlines()
+    lines = errors.strip().splitlines()
     return lines[-1][:200] if lines else f"its process ended with exit code {done.returncode}"
 
 

@@ -4,6 +4,7 @@ Each receiver of a block has its own sample set, and neighbours share packets. B
 space-filling curve; a block of a texture is 4 x 4 texels.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -26,6 +27,7 @@ from ..scene.lights import Light, PointLight
 from ..trace.transmission import TracedQuery, lit_fraction, occluded_count
 from ..work.scene_records import light_record, scene_digest
 from ..work.work_parts import Parts, about_parts, inexact_plan
+from .bounces import Bounces
 
 SIDE = 4  # receivers along the side of a block
 BLOCK = SIDE * SIDE
@@ -53,10 +55,16 @@ class MeterSettings(NamedTuple):
     time: float
     threads: int | None
     seed: int = 0
+    bounces: int = 0  # of light
+    separate: bool = False  # whether skies and bounced light have channels of their own, after those of other lights
+
+    @property
+    def colours(self) -> int:
+        return 3 if self.what in ("light", "bent-normal") else 1
 
     @property
     def channels(self) -> int:
-        return 3 if self.what in ("light", "bent-normal") else 1
+        return 2 * self.colours if self.separate else self.colours
 
     def samples(self) -> list[NDArray[np.float64]]:
         return [light_samples(light, self.spp, self.sampler, self.seed) for light in self.lights]
@@ -82,6 +90,10 @@ Shadows: TypeAlias = list[TracedQuery]
 """The query and the answer of each light."""
 
 
+_SMOOTH = "hemisphere", "list"
+"""Domains of lights that vary slowly over a surface: the whole sky, or many lights in it."""
+
+
 class Meter:
     """Measures receivers of one scene, for which one tree is built.
 
@@ -91,33 +103,74 @@ class Meter:
     settings : MeterSettings
     receivers : int
         Approximate number of receivers to come.
+    emission : (n, 3) float32, optional
+        Radiance of each face of the scene, which counts with `MeterSettings.bounces`.
     """
 
-    def __init__(self, scene: AnyScene, settings: MeterSettings, receivers: int):
+    def __init__(
+        self,
+        scene: AnyScene,
+        settings: MeterSettings,
+        receivers: int,
+        emission: NDArray[np.float32] | None = None,
+    ):
         self.scene, self.settings, self._samples, self.rays = scene, settings, settings.samples(), 0
-        self._rays_each = sum(map(traced_samples, settings.lights, self._samples))
-        self._later = receivers * self._rays_each
         self._engine = scene.engine.with_options(settings.plan, settings.threads, None)
+        self._bounces, self.emission = None, emission
+        self._rays_each = sum(map(traced_samples, settings.lights, self._samples))
+        if settings.bounces:
+            _, lights, spp, sampler, *_ = settings
+            self._bounces = Bounces(
+                self._engine, settings.bounces, lights, spp, sampler, emission, settings.time, settings.seed
+            )
+            self._rays_each += self._bounces.rays_each
+        self._later = receivers * self._rays_each
 
     def values(self, receivers: ReceiverPoints) -> NDArray[np.float32]:
         """(n, c) float32: the values of a few receivers, traced by one query."""
         out = np.zeros((len(receivers.positions), self.settings.channels), np.float32)
         grid = _grid(curve_blocks(receivers.positions))
         there = grid >= 0
-        out[grid[there]] = self.evaluate(self.shadows(receivers, grid, there))[there]
+        out[grid[there]] = self.measured(receivers, grid, there)[there]
         return out
 
-    def shadows(self, receivers: ReceiverPoints, grid: NDArray[np.int64], there: NDArray[np.bool_]) -> Shadows:
-        """Trace the receivers of a grid; `there`: which of its cells have one."""
+    def measured(
+        self, receivers: ReceiverPoints, grid: NDArray[np.int64], there: NDArray[np.bool_]
+    ) -> NDArray[np.float32]:
+        """(h, w, c) float32: the quantity at the receivers of a grid; `there`: which of its cells have one."""
+        ends = self.ends(receivers, grid, there)
+        lights = self.settings.lights
+        shadows = self.shadows(ends, lights, self._samples)
+        if self._bounces is None:
+            indirect: float | NDArray[np.float32] = 0.0
+        else:
+            direct = lambda met, tested, samples: self.evaluate(tested, self.shadows(met, tested, samples))
+            indirect = self._bounces.irradiance(ends, direct)
+        if not self.settings.separate:
+            return self.evaluate(lights, shadows) + indirect
+        parts = np.zeros((2, *there.shape, self.settings.colours), np.float32)
+        parts[1] += indirect
+        for light, traced in zip(lights, shadows):
+            parts[int(light.domain in _SMOOTH)] += self.evaluate([light], [traced])
+        return np.concatenate(list(parts), -1)
+
+    def counts(self, receivers: ReceiverPoints, grid: NDArray[np.int64], there: NDArray[np.bool_]) -> NDArray[np.int32]:
+        """(h, w, lights) int32: the number of occluded samples of each light, instead of the quantity."""
+        shadows = self.shadows(self.ends(receivers, grid, there), self.settings.lights, self._samples)
+        return np.stack([occluded_count(traced) for traced in shadows], -1)
+
+    def ends(self, receivers: ReceiverPoints, grid: NDArray[np.int64], there: NDArray[np.bool_]) -> Receivers:
+        """The receivers of a grid, off their surfaces; their rays are counted."""
         world, normals = receivers.positions[grid], receivers.normals[grid]
         ends = Receivers.moved_off(world, normals, self.scene.origin, middle=self.scene.middle)
-        ends = ends._replace(sides=np.where(there, 1, NOTHING).astype(np.int8))
-        settings = self.settings
-        results = self._engine.shadows(ends, settings.lights, self._samples, time=settings.time, later=self._later)
         self.rays += int(there.sum()) * self._rays_each
-        return results
+        return ends._replace(sides=np.where(there, 1, NOTHING).astype(np.int8))
 
-    def evaluate(self, shadows: Shadows) -> NDArray[np.float32]:
+    def shadows(self, ends: Receivers, lights: Sequence[Light], samples: Sequence[NDArray[np.float64]]) -> Shadows:
+        """Trace the shadow rays of receivers to lights."""
+        return self._engine.shadows(ends, lights, samples, time=self.settings.time, later=self._later)
+
+    def evaluate(self, lights: Sequence[Light], shadows: Shadows) -> NDArray[np.float32]:
         """(h, w, c) float32: the quantity, from the occlusion bits of each light."""
         what, threads = self.settings.what, self.settings.threads
         if what in ("ao", "shadow"):
@@ -125,8 +178,8 @@ class Meter:
         if what == "bent-normal":
             (traced,) = shadows
             return _directions(unoccluded_directions(traced, threads), traced.query.normals)
-        total = np.zeros((*shadows[0].query.sides.shape, self.settings.channels), np.float32)
-        for light, traced in zip(self.settings.lights, shadows):
+        total = np.zeros((*shadows[0].query.sides.shape, self.settings.colours), np.float32)
+        for light, traced in zip(lights, shadows):
             tint = 1.0 if what == "sun" else np.float32(light.intensity) * np.asarray(light.colour, np.float32)
             total += self._irradiance(light, traced, tint)
         return total
@@ -147,7 +200,7 @@ class Meter:
 
     def _in_channels(self, light: NDArray[np.float32]) -> NDArray[np.float32]:
         """Light of 1 or 3 channels, with the channels of the quantity."""
-        return light.mean(-1, keepdims=True) if light.shape[-1] > self.settings.channels else np.asarray(light)
+        return light.mean(-1, keepdims=True) if light.shape[-1] > self.settings.colours else np.asarray(light)
 
 
 class Measurement:
@@ -171,14 +224,16 @@ class Measurement:
             lights, plan = [light_record(light) for light in settings.lights], inexact_plan(settings.plan)
             scene = scene_digest(meter.scene, meter.scene.clamped(settings.time), settings.threads)
             quantity = settings.what, lights, settings.spp, settings.sampler, settings.seed, plan, counted
-            about = about_parts("bake", scene, *quantity, *receivers, blocks)
-        self.parts = Parts("tracing rays", len(blocks), BLOCKS_PER_PART, self._part, folder, about)
+            bounced = () if not settings.bounces else (settings.bounces, settings.separate, meter.emission)
+            about = about_parts("bake", scene, *quantity, *receivers, blocks, *bounced)
+        size = BLOCKS_PER_PART // (4 if settings.bounces else 1)  # paths take long: report and store them more often
+        self.parts = Parts("tracing rays", len(blocks), size, self._part, folder, about)
 
     def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
         grid = _grid(self.blocks[first:last])
         there, meter = grid >= 0, self._meter
-        shadows = meter.shadows(self.receivers, grid, there)
-        return {"found": (_counts(shadows) if self._counted else meter.evaluate(shadows))[there]}
+        found = meter.counts if self._counted else meter.measured
+        return {"found": found(self.receivers, grid, there)[there]}
 
     def result(self) -> np.ndarray:
         """(n, c) float32 values or (n, lights) int32 counts, once all parts are done; 0 for receivers in no block."""
@@ -189,11 +244,6 @@ class Measurement:
             grid = _grid(self.blocks[first:last])
             out[grid[grid >= 0]] = self.parts[k]["found"]
         return out
-
-
-def _counts(shadows: Shadows) -> NDArray[np.int32]:
-    """(h, w, lights) int32: the number of occluded samples of each light."""
-    return np.stack([occluded_count(traced) for traced in shadows], -1)
 
 
 def _grid(blocks: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -40,9 +40,10 @@ class BakeCommand(StudyCommand[BakeOptions, "Baked"]):
       bent-normal  mean unoccluded direction
 
     An ao texture becomes the occlusion texture of the materials, which viewers apply to ambient light. Textures of
-    shadow, sun and light are multiplied by the base colour and replace it, and the materials become unlit
-    (KHR_materials_unlit). COLOR_0 multiplies the base colour; for shadow, sun and light it also makes the materials
-    unlit. A mesh used by several nodes is duplicated, because each node receives different light.
+    shadow, sun and light become lightmaps (MOZ_lightmap), with UV sets of their own, and materials stay as they are;
+    with --unlit, light is multiplied by the base colours and replaces them in unlit materials (KHR_materials_unlit).
+    COLOR_0 multiplies the base colour; for shadow, sun and light it also makes the materials unlit. A mesh used by
+    several nodes is duplicated, because each node receives different light.
 
     Points inside solids are dark but never visible; they get the values of visible points nearby. The front of a face
     is the side on which its corners run counter-clockwise, as in glTF.
@@ -55,7 +56,7 @@ class BakeCommand(StudyCommand[BakeOptions, "Baked"]):
     Examples
       antumbra bake temple.glb -o temple_ao.glb
       antumbra bake temple.glb -o temple_ao.glb --texture 2048 --bits 16
-      antumbra bake hall.glb -o hall_lit.glb --what light --sky 0.5 --texture 2048 --uv 1 --exr
+      antumbra bake hall.glb -o hall_lit.glb --what light --sky 0.5 --bounces 3 --texture 2048 --exr
       antumbra bake city.ply --up z -o city.glb --what sun --light sun:1,0.5,-1
       antumbra bake robot.glb -o robot.glb --attribute _AO --radius 0.5
     """

@@ -75,20 +75,46 @@ def diffuse_passes(lights: Sequence[Light], n: int, sampler: str, seed: int = 0)
             raise InputError(f"{name} dims the ambient light that bounce replaces; leave one of them out")
         if is_indirect(light):
             raise InputError(f"{name} with indirect=True and bounce both add bounced light; leave one of them out")
+    directions = domain_sets(n, sampler, "hemisphere", seed)
+    return _passes(directions, [_pass_samples(light, n, sampler, SEED, seed) for light in lights])
+
+
+def path_passes(lights: Sequence[Light], n: int, sampler: str, length: int, seed: int = 0) -> list[Passes]:
+    """The samples of n paths of `length` diffuse rays: the passes of each ray along the paths.
+
+    Each ray and light has a permutation of its own, the same for all seeds, so that the rays of a path are independent.
+    """
+    hemisphere_sets = domain_sets(n, sampler, "hemisphere", seed)
+    of_rays = []
+    for k in range(length):
+        directions = hemisphere_sets if k == 0 else _shuffled(hemisphere_sets, (SEED, k))
+        samples = [_pass_samples(light, n, sampler, (SEED, k, i), seed) for i, light in enumerate(lights)]
+        of_rays.append(_passes(directions, samples))
+    return of_rays
+
+
+def _passes(directions: NDArray[np.float64], lights: list[list[np.ndarray]]) -> Passes:
+    """`Passes` with directions (16, n, 3)."""
     # Eq. (1) of docs/design/sampling.md: pixel (x, y) uses the set of row y mod 4 and column x mod 4
-    directions = domain_sets(n, sampler, "hemisphere", seed).transpose(1, 0, 2).reshape(n, 4, 4, 3)
-    return Passes(np.ascontiguousarray(directions), [_pass_samples(light, n, sampler, seed) for light in lights])
+    of_pass = directions.transpose(1, 0, 2).reshape(-1, 4, 4, 3)
+    return Passes(np.ascontiguousarray(of_pass), lights)
 
 
-def _pass_samples(light: Light, n: int, sampler: str, seed: int) -> list[NDArray[np.float64]]:
+def _pass_samples(
+    light: Light, n: int, sampler: str, order: int | tuple[int, ...], seed: int
+) -> list[NDArray[np.float64]]:
     """The samples of a light per pass, (16, k, 3) float64."""
     samples = light_samples(light, n, sampler, seed)
     if light.domain == "list":
         return [samples] * n
-    rng = np.random.default_rng(SEED)
-    order = rng.permuted(np.tile(np.arange(n), (N_SETS, 1)), axis=1)  # (16, n)
-    mixed = samples[rng.permutation(N_SETS)[:, None], order]
-    return list(np.ascontiguousarray(mixed.transpose(1, 0, 2)[:, :, None]))
+    return list(np.ascontiguousarray(_shuffled(samples, order).transpose(1, 0, 2)[:, :, None]))
+
+
+def _shuffled(samples: NDArray[np.float64], seed: int | tuple[int, ...]) -> NDArray[np.float64]:
+    """Sample sets, (16, n, 3), in another order, and each with its samples in another order."""
+    rng = np.random.default_rng(seed)
+    order = rng.permuted(np.tile(np.arange(samples.shape[1]), (N_SETS, 1)), axis=1)  # (16, n)
+    return np.asarray(samples[rng.permutation(N_SETS)[:, None], order])
 
 
 @kernel

@@ -29,7 +29,10 @@ from .gltf_writer import GltfWriter, Json, glb_bytes
 
 
 LISTS = "textures", "images", "samplers", "accessors", "bufferViews"  # each after the lists that refer to it
-_KNOWN = (*SUPPORTED, *HARMLESS, "KHR_node_visibility", "KHR_animation_pointer")
+LIGHTMAP = "MOZ_lightmap"
+"""An extension of materials: a texture of linear irradiance, and the factor on it."""
+
+_KNOWN = (*SUPPORTED, *HARMLESS, LIGHTMAP, "KHR_node_visibility", "KHR_animation_pointer")
 
 Used = dict[str, set[int]]
 """Name of a list in the JSON -> its referenced indices."""
@@ -100,7 +103,7 @@ def _texture_uses(value: Any) -> Iterator[Json]:
             yield from _texture_uses(each)
     elif isinstance(value, dict):
         for name, each in value.items():
-            if name.endswith("Texture") and isinstance(each, dict):
+            if (name.endswith("Texture") or name == LIGHTMAP) and isinstance(each, dict):
                 yield each
             yield from _texture_uses(each)
 
