@@ -99,7 +99,7 @@ def work_of(counters, plan):
     if plan.trace == "single":
         return 10 * c["box_tests"] + 10 * c["triangle_tests"] + rare
     if plan.trace == "wide":
-        return 6 * c["box_tests"] + 10 * c["triangle_tests"] + rare
+        return 20 * c["nodes"] + 15 * c["box_tests"] + 25 * c["triangle_tests"] + rare
     return 50 * c["nodes"] + 3 * c["triangles"] + 25 * c["triangle_tests"] + rare
 
 

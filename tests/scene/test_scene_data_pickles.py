@@ -10,6 +10,7 @@ import antumbra as at
 
 @pytest.fixture(scope="module")
 def things(tmp_path_factory):
+    pandas = pytest.importorskip("pandas")
     scene = at.procedural("atrium", triangles=1000)
     path = tmp_path_factory.mktemp("pickles") / "a.antumbra"
     report = at.build_store(scene, path)
@@ -30,6 +31,10 @@ def things(tmp_path_factory):
     given += [at.view_factors(scene, "object", samples=64), at.scene_change(scene, scene)]
     given += [at.Renderer(scene), at.raster_sensors(scene, 2.0), at.raster_sensors(scene, 2.0).raster]
     given += [scene.unit, at.skyline(scene, (0, 1, 0), step=30.0), at.shadow(scene, at="2026-06-21T12:00", place=place)]
+    module, index = at.PvModule((0, 1, 0)), pandas.date_range("2026-06-21", periods=4, freq="6h", tz="UTC")
+    given += [module, at.module_shading(scene, module, index, place=place), at.Sheet(project="a")]
+    given += [at.sun_calendar(scene, (0, 1, 0), "2026-06-21", place=place)]
+    given += [at.route_shade(scene, [(0, 1, 0), (2, 1, 0)], 1.0, "2026-06-21", place=place)]
     given += [at.Engine(scene, "bsah+single"), at.Receivers.in_space(np.zeros((1, 3)), scene.origin)]
     return {type(each).__name__: each for each in given}
 

@@ -296,6 +296,8 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
 
     def _sheet(self) -> Any:
         """The options of the map sheet, checked, with the input files as its sources; None: there is no map."""
+        if not hasattr(self, "map"):  # the sheet of a data set is another one
+            return None
         texts, maps = getattr(self, "sheet", None), self.paths("map")
         if texts and not maps:
             raise InputError("--sheet is for map sheets; give --map FILE, too")

@@ -151,7 +151,7 @@ def test_cells_of_areas_inside_a_new_building_count_as_left_out():
     (record,) = table.about["areas"]
     assert record["cells"] == 276 and record["left_out"] == 24 and len(table) == 276
     assert record["sun_hours_loss"] == record["sun_hours_before"] - record["sun_hours"] > 0.0
-    assert record["passes_before"] is True and record["share_before"] == 1.0 > record["share"]
+    assert record["passes"] is True and record["share_before"] == 1.0 > record["share"]
 
 
 def test_walls_that_a_new_building_covers_are_left_out_and_its_neighbours_stay():
