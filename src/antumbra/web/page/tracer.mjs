@@ -1,0 +1,304 @@
+// @ts-check
+/** What a worker of the page computes: rows of pictures, answers at points, and the proof. Its scene has a memory of its own. */
+
+import { loadKernels, Scene } from "../module/scene.mjs";
+
+const SHIFT = 2 ** -21; // of receivers off their surfaces, as in antumbra.query.receivers
+const GOLDEN = Math.PI * (3 - Math.sqrt(5));
+const SKY_DIRECTIONS = 4096;
+const [ZENITH, HORIZON, GROUND] = [
+  [0.46, 0.63, 0.92],
+  [0.92, 0.94, 0.97],
+  [0.6, 0.59, 0.57],
+]; // of antumbra.scene.sky
+const SUN_COLOUR = [1, 0.95, 0.87];
+const SUN_INTENSITY = 4.5;
+const AMBIENT = 0.12;
+
+/**
+ * Rays of a picture: pixel (x, y) looks from `origin` along `corner + x dx + y dy`.
+ * @typedef {{origin: number[], corner: number[], dx: number[], dy: number[]}} Rays
+ */
+
+/**
+ * Rows of a picture. The sun's direction is null while it is below the horizon; `radius` is the tangent of its half angle.
+ * @typedef {{rays: Rays, width: number, first: number, rows: number, sample: number, sun: number[] | null,
+ *   radius: number, daylight: number}} Band
+ */
+
+/** @typedef {{origin: number[], direction: number[], suns: Float64Array, now: number[] | null}} Question */
+
+export class Tracer {
+  /**
+   * @param {Scene} scene
+   * @param {Record<string, any>} arrays
+   * @param {string} up
+   */
+  constructor(scene, arrays, up) {
+    this.scene = scene;
+    this.positions = arrays.positions;
+    this.indices = arrays.indices;
+    this.colours = arrays.colours;
+    this.colourOf = arrays.colourOf;
+    this.up = up === "z" ? 2 : 1;
+  }
+
+  /**
+   * @param {Record<string, any>} arrays
+   * @param {any} kernels the list of kernels
+   * @param {string} up
+   */
+  static async create(arrays, kernels, up) {
+    const module = await loadKernels({ wasm: arrays.wasm, list: kernels });
+    const scene = await Scene.create(arrays.positions, arrays.indices, { kernels: module, threads: 1 });
+    return new Tracer(scene, arrays, up);
+  }
+
+  /**
+   * The unit normal of a face.
+   * @param {number} face
+   */
+  normal(face) {
+    const [a, b, c] = [0, 1, 2].map((k) => 3 * this.indices[3 * face + k]);
+    const p = this.positions;
+    const [ux, uy, uz] = [p[b] - p[a], p[b + 1] - p[a + 1], p[b + 2] - p[a + 2]];
+    const [vx, vy, vz] = [p[c] - p[a], p[c + 1] - p[a + 1], p[c + 2] - p[a + 2]];
+    const n = [uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx];
+    const length = Math.hypot(...n) || 1;
+    return n.map((each) => each / length);
+  }
+
+  /**
+   * A point on a face, moved off it.
+   * @param {number[]} point
+   * @param {number[]} normal
+   */
+  receiver(point, normal) {
+    const shift = SHIFT * Math.max(...point.map(Math.abs));
+    return point.map((x, k) => Math.fround(x + shift * normal[k]));
+  }
+
+  /**
+   * Rows of a picture: linear light and the share of surfaces, 4 numbers a pixel.
+   * @param {Band} band
+   */
+  band(band) {
+    const { rays, width, first, rows, sample } = band;
+    const n = width * rows;
+    const [jx, jy] = sample === 0 ? [0.5, 0.5] : [halton(sample, 2), halton(sample, 3)];
+    const [origins, directions] = [new Float32Array(3 * n), new Float32Array(3 * n)];
+    for (let i = 0, at = 0; i < n; i++)
+      for (let k = 0; k < 3; k++, at++) {
+        origins[at] = rays.origin[k];
+        const [x, y] = [(i % width) + jx, first + Math.floor(i / width) + jy];
+        directions[at] = rays.corner[k] + x * rays.dx[k] + y * rays.dy[k];
+      }
+    const hits = this.scene.closestHit(origins, directions);
+    return this.#shade(band, hits, origins, directions);
+  }
+
+  /**
+   * @param {Band} band
+   * @param {import("../module/scene.mjs").Hits} hits
+   * @param {Float32Array} origins
+   * @param {Float32Array} directions
+   */
+  #shade({ width, first, sample, sun, radius, daylight }, { face, t }, origins, directions) {
+    const n = face.length;
+    const light = new Float32Array(4 * n);
+    const [starts, ways, skip] = [new Float32Array(6 * n), new Float32Array(6 * n), new Int32Array(2 * n)];
+    const values = new Float32Array(8 * n); // of each shadow ray: red, green, blue, pixel
+    const disk = sun && frameOf(sun);
+    let m = 0;
+    let last = -1;
+    let flat = [0, 0, 0];
+    for (let i = 0; i < n; i++) {
+      if (face[i] < 0) continue;
+      if (face[i] !== last) {
+        last = face[i];
+        flat = this.normal(last);
+      }
+      const d = directions.subarray(3 * i, 3 * i + 3);
+      const side = flat[0] * d[0] + flat[1] * d[1] + flat[2] * d[2] > 0 ? -1 : 1;
+      const normal = [side * flat[0], side * flat[1], side * flat[2]];
+      const point = [0, 1, 2].map((k) => origins[3 * i + k] + t[i] * d[k]);
+      const start = this.receiver(point, normal);
+      const pixel = (i % width) + (first + Math.floor(i / width)) * 4099;
+      const random = [0, 1, 2, 3].map((k) => (hash(pixel, k) + (sample + 1) * STEPS[k]) % 1);
+      const colour = 3 * this.colourOf[last];
+      const tint = [this.colours[colour], this.colours[colour + 1], this.colours[colour + 2]];
+      light[4 * i + 3] = 1;
+      const ambient = AMBIENT * daylight * (0.65 + 0.35 * normal[this.up]) * (sun ? 5 : 2.5);
+      for (let k = 0; k < 3; k++) light[4 * i + k] = tint[k] * ambient;
+      const add = (/** @type {number[]} */ way, /** @type {number[]} */ amount) => {
+        starts.set(start, 3 * m);
+        ways.set(way, 3 * m);
+        skip[m] = last;
+        values.set([tint[0] * amount[0], tint[1] * amount[1], tint[2] * amount[2], i], 4 * m);
+        m++;
+      };
+      if (disk && sun) {
+        const [r, a] = [radius * Math.sqrt(random[0]) * Number(sample > 0), 2 * Math.PI * random[1]];
+        const way = sun.map((s, k) => s + r * (Math.cos(a) * disk[0][k] + Math.sin(a) * disk[1][k]));
+        const cosine = normal[0] * sun[0] + normal[1] * sun[1] + normal[2] * sun[2];
+        if (cosine > 0) add(way, SUN_COLOUR.map((c) => c * cosine * SUN_INTENSITY));
+      }
+      const [u, v] = frameOf(normal);
+      const [r, a] = [Math.sqrt(random[2]), 2 * Math.PI * random[3]];
+      const height = Math.sqrt(1 - random[2]);
+      const way = normal.map((s, k) => height * s + r * (Math.cos(a) * u[k] + Math.sin(a) * v[k]));
+      add(way, skyLight(way[this.up]).map((l) => Math.PI * l * daylight));
+    }
+    const blocked = this.scene.occluded(starts.subarray(0, 3 * m), ways.subarray(0, 3 * m), {
+      skipFace: skip.subarray(0, m),
+    });
+    for (let ray = 0; ray < m; ray++) {
+      if (blocked[ray]) continue;
+      const at = 4 * values[4 * ray + 3];
+      for (let k = 0; k < 3; k++) light[at + k] += values[4 * ray + k];
+    }
+    return light;
+  }
+
+  /**
+   * What a point sees of the sun through the day, and of the sky; null if the ray meets nothing. The states of the suns are
+   * 0 behind the surface, 1 seen, 2 blocked.
+   * @param {Question} question
+   */
+  ask({ origin, direction, suns, now }) {
+    const hit = this.scene.closestHit(Float32Array.from(origin), Float32Array.from(direction));
+    const face = hit.face[0];
+    if (face < 0) return null;
+    const flat = this.normal(face);
+    const side = flat.reduce((sum, n, k) => sum + n * direction[k], 0) > 0 ? -1 : 1;
+    const normal = flat.map((n) => side * n);
+    const point = origin.map((o, k) => o + hit.t[0] * direction[k]);
+    const start = this.receiver(point, normal);
+    const states = this.#states(start, normal, face, suns);
+    const at = now ? this.#states(start, normal, face, Float64Array.from(now)) : null;
+    const sky = this.#sky(start, normal, face);
+    return { face, point, normal, ...states, now: at?.states[0], nowBlocker: at?.blockers[0], sky };
+  }
+
+  /**
+   * @param {number[]} start
+   * @param {number[]} normal
+   * @param {number} face
+   * @param {Float64Array} suns
+   */
+  #states(start, normal, face, suns) {
+    const n = suns.length / 3;
+    const states = new Uint8Array(n);
+    const blockers = new Int32Array(n).fill(-1);
+    const facing = Array.from({ length: n }, (_, i) => i).filter(
+      (i) => normal[0] * suns[3 * i] + normal[1] * suns[3 * i + 1] + normal[2] * suns[3 * i + 2] > 0,
+    );
+    const ways = Float64Array.from(facing.flatMap((i) => [suns[3 * i], suns[3 * i + 1], suns[3 * i + 2]]));
+    const options = { skipFace: new Int32Array(facing.length).fill(face) };
+    const hits = this.scene.closestHit(repeat(start, facing.length), ways, options);
+    facing.forEach((i, k) => {
+      blockers[i] = hits.face[k];
+      states[i] = hits.face[k] < 0 ? 1 : 2;
+    });
+    return { states, blockers };
+  }
+
+  /**
+   * The share of the sky above the horizon that a point sees.
+   * @param {number[]} start
+   * @param {number[]} normal
+   * @param {number} face
+   */
+  #sky(start, normal, face) {
+    const ways = [];
+    for (let i = 0; i < SKY_DIRECTIONS; i++) {
+      const height = (i + 0.5) / SKY_DIRECTIONS;
+      const level = Math.sqrt(1 - height * height);
+      const [a, b] = [level * Math.cos(i * GOLDEN), level * Math.sin(i * GOLDEN)];
+      const way = this.up === 2 ? [a, b, height] : [a, height, b];
+      if (normal[0] * way[0] + normal[1] * way[1] + normal[2] * way[2] > 0) ways.push(...way);
+    }
+    const n = ways.length / 3;
+    const blocked = this.scene.occluded(repeat(start, n), Float32Array.from(ways), {
+      skipFace: new Int32Array(n).fill(face),
+    });
+    return blocked.reduce((open, each) => open + 1 - each, 0) / SKY_DIRECTIONS;
+  }
+
+  /**
+   * The number of recorded rays whose answers have other bits here.
+   * @param {Record<string, any>} recorded
+   */
+  prove({ origins, directions, blocked, faces, distances }) {
+    const hits = this.scene.closestHit(origins, directions);
+    const found = this.scene.occluded(origins, directions);
+    let wrong = 0;
+    for (let ray = 0; ray < faces.length; ray++)
+      if (found[ray] !== blocked[ray] || hits.face[ray] !== faces[ray] || !Object.is(hits.t[ray], distances[ray])) wrong++;
+    return wrong;
+  }
+}
+
+const STEPS = [0.7548776662, 0.5698402909, 0.8566748838, 0.4301597090]; // of additive sequences
+
+/**
+ * A number in [0, 1) of a pixel.
+ * @param {number} pixel
+ * @param {number} k
+ */
+function hash(pixel, k) {
+  let x = Math.imul(pixel + 1, 0x9e3779b1) ^ Math.imul(k + 1, 0x85ebca6b);
+  x = Math.imul(x ^ (x >>> 15), 0x2c1b3c6d);
+  x = Math.imul(x ^ (x >>> 12), 0x297a2d39);
+  return ((x ^ (x >>> 15)) >>> 0) / 2 ** 32;
+}
+
+/**
+ * @param {number} index
+ * @param {number} base
+ */
+function halton(index, base) {
+  let [value, share] = [0, 1];
+  for (let i = index; i > 0; i = Math.floor(i / base)) {
+    share /= base;
+    value += share * (i % base);
+  }
+  return value;
+}
+
+/**
+ * Two unit vectors perpendicular to a unit vector and to each other [Duff et al. 2017].
+ * @param {number[]} n
+ */
+function frameOf([x, y, z]) {
+  const sign = z < 0 ? -1 : 1;
+  const a = -1 / (sign + z);
+  const b = x * y * a;
+  return [
+    [1 + sign * x * x * a, sign * b, -sign * x],
+    [b, sign + y * y * a, -y],
+  ];
+}
+
+/**
+ * The radiance of soft daylight.
+ * @param {number} height sine of the elevation
+ */
+export function skyLight(height) {
+  if (height >= 0) {
+    const share = Math.min(height, 1) ** 0.6;
+    return HORIZON.map((h, k) => h + (ZENITH[k] - h) * share);
+  }
+  const share = Math.min(-height / 0.35, 1);
+  return HORIZON.map((h, k) => h + (GROUND[k] - h) * share * share * (3 - 2 * share));
+}
+
+/**
+ * @param {number[]} point
+ * @param {number} n
+ */
+function repeat(point, n) {
+  const out = new Float32Array(3 * n);
+  for (let i = 0; i < n; i++) out.set(point, 3 * i);
+  return out;
+}
