@@ -1,7 +1,7 @@
 // @ts-check
 /** The answer at a point: a sentence, and the day as a bar. */
 
-import { clock, midnight, daysAfter, sunAngles, towards } from "./sun.mjs";
+import { clock, daysAfter, midnight, sunAngles, towards } from "./sun.mjs";
 import { fill } from "./words.mjs";
 
 /** @typedef {import("./sun.mjs").Place} Place */

@@ -34,7 +34,9 @@ class Page {
   async open() {
     const { about, words } = this;
     this.#label();
-    const arrays = await unpack(part("data").textContent, about.columns, (share) => this.#progress(words.unpacking, share));
+    const arrays = await unpack(part("data").textContent, about.columns, (share) =>
+      this.#progress(words.unpacking, share),
+    );
     part("data").remove();
     this.#progress(words.building, 1);
     await pause();
@@ -45,11 +47,22 @@ class Page {
     await this.pool.start(source, scene, indices.length / 3, (error) => this.fail(error));
     part("opening").hidden = true;
     const canvas = part("picture");
-    this.picture = new Picture(canvas, this.pool, this.camera, () => this.sun.light, (samples) => {
-      part("samples").textContent = samples === SAMPLES ? "" : fill(words.samples, { n: samples, all: SAMPLES });
-      document.body.dataset.samples = String(samples);
-    });
-    follow(canvas, this.camera, () => this.#changed(), (x, y) => this.ask(x, y));
+    this.picture = new Picture(
+      canvas,
+      this.pool,
+      this.camera,
+      () => this.sun.light,
+      (samples) => {
+        part("samples").textContent = samples === SAMPLES ? "" : fill(words.samples, { n: samples, all: SAMPLES });
+        document.body.dataset.samples = String(samples);
+      },
+    );
+    follow(
+      canvas,
+      this.camera,
+      () => this.#changed(),
+      (x, y) => this.ask(x, y),
+    );
     new ResizeObserver(() => this.#changed()).observe(canvas);
     this.#changed();
     this.picture.run().catch((error) => this.fail(error));
@@ -155,7 +168,11 @@ class Page {
 
 /** What the page needs of a browser and is missing, or "". */
 function missing() {
-  const needed = { WebAssembly: "WebAssembly", DecompressionStream: "DecompressionStream", OffscreenCanvas: "OffscreenCanvas" };
+  const needed = {
+    WebAssembly: "WebAssembly",
+    DecompressionStream: "DecompressionStream",
+    OffscreenCanvas: "OffscreenCanvas",
+  };
   return Object.keys(needed).find((name) => !(name in globalThis)) ?? "";
 }
 

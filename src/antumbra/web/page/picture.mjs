@@ -20,6 +20,8 @@ export class Picture {
   /** @type {(() => void) | null} */ #wake = null;
   #exposure = 0;
   #metered = false;
+  #skyKey = "";
+  #sky = new Float32Array();
 
   /**
    * @param {HTMLCanvasElement} canvas
@@ -117,6 +119,25 @@ export class Picture {
   }
 
   /**
+   * The radiance of the sky behind each pixel, kept until the view changes.
+   * @param {number} width
+   * @param {number} height
+   */
+  #skyBehind(width, height) {
+    const { corner, dx, dy } = this.camera.rays(width, height);
+    const key = JSON.stringify([corner, dx, dy, width, height]);
+    if (key === this.#skyKey) return this.#sky;
+    this.#skyKey = key;
+    this.#sky = new Float32Array(3 * width * height);
+    for (let i = 0; i < width * height; i++) {
+      const [x, y] = [(i % width) + 0.5, Math.floor(i / width) + 0.5];
+      const [a, b, c] = [0, 1, 2].map((k) => corner[k] + x * dx[k] + y * dy[k]);
+      this.#sky.set(skyLight((this.up === 2 ? c : b) / Math.hypot(a, b, c)), 3 * i);
+    }
+    return this.#sky;
+  }
+
+  /**
    * @param {Float32Array} sum
    * @param {number} width
    * @param {number} height
@@ -127,21 +148,14 @@ export class Picture {
     this.#metered = true;
     const image = new ImageData(width, height);
     const { data } = image;
-    const { daylight } = this.light();
-    const { corner, dx, dy } = this.camera.rays(width, height);
-    const k = this.up;
+    const dim = BACKDROP * (0.1 + 0.9 * this.light().daylight);
+    const behind = this.#skyBehind(width, height);
     for (let i = 0; i < width * height; i++) {
       const share = sum[4 * i + 3] / samples;
-      let behind = null;
-      if (share < 1) {
-        const [x, y] = [(i % width) + 0.5, Math.floor(i / width) + 0.5];
-        const d = [0, 1, 2].map((axis) => corner[axis] + x * dx[axis] + y * dy[axis]);
-        behind = skyLight(d[k] / Math.hypot(...d));
-      }
+      const factor = share > 0 ? this.#exposure / (samples * share) : 0;
       for (let c = 0; c < 3; c++) {
-        let linear = share > 0 ? share * rollOff((sum[4 * i + c] / (samples * share)) * this.#exposure) : 0;
-        if (behind) linear += (1 - share) * behind[c] * BACKDROP * (0.1 + 0.9 * daylight);
-        data[4 * i + c] = toByte(linear);
+        const surface = share * rollOff(sum[4 * i + c] * factor);
+        data[4 * i + c] = toByte(surface + (1 - share) * behind[3 * i + c] * dim);
       }
       data[4 * i + 3] = 255;
     }
@@ -160,6 +174,7 @@ export class Picture {
  * @param {Float32Array} light of one sample
  */
 export function exposureOf(light) {
+  /** @type {number[]} */
   const values = [];
   for (let i = 0; i < light.length; i += 4) {
     const luminance = 0.2126 * light[i] + 0.7152 * light[i + 1] + 0.0722 * light[i + 2];

@@ -66,7 +66,8 @@ const DEGREE = Math.PI / 180;
  */
 function series(powers, t) {
   return powers.reduce(
-    (sum, terms, power) => sum + t ** power * terms.reduce((part, [a, b, c]) => part + a * Math.cos(b + c * t), 0) * 1e-8,
+    (sum, terms, power) =>
+      sum + t ** power * terms.reduce((part, [a, b, c]) => part + a * Math.cos(b + c * t), 0) * 1e-8,
     0,
   );
 }

@@ -1,7 +1,7 @@
 // @ts-check
 /** The controls of the sun: date and time with a place, otherwise its direction and height. */
 
-import { clock, midnight, daysAfter, sunAngles, towards } from "./sun.mjs";
+import { clock, daysAfter, midnight, sunAngles, towards } from "./sun.mjs";
 import { fill } from "./words.mjs";
 
 /** @typedef {import("./sun.mjs").Place} Place */
@@ -10,6 +10,9 @@ import { fill } from "./words.mjs";
 const RADIUS = Math.tan(((0.533 / 2) * Math.PI) / 180); // of the sun's disk
 const MINUTES_A_SECOND = 60; // of the day that plays
 const MINUTE = 60;
+
+/** @param {string} id */
+const part = (id) => /** @type {any} */ (document.getElementById(id));
 
 export class SunPanel {
   /**
@@ -26,8 +29,11 @@ export class SunPanel {
     this.changed = changed;
     this.playing = 0;
     this.date = about.date;
-    const part = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
-    [this.day, this.first, this.second, this.button, this.output] = ["date", "first", "second", "play", "when"].map(part);
+    this.day = part("date");
+    this.first = part("first");
+    this.second = part("second");
+    this.button = part("play");
+    this.output = part("when");
     if (this.place) this.#withPlace(about);
     else this.#withAngles(about);
     for (const slider of [this.first, this.second]) slider.addEventListener("input", () => this.#moved());

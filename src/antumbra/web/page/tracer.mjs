@@ -69,16 +69,6 @@ export class Tracer {
   }
 
   /**
-   * A point on a face, moved off it.
-   * @param {number[]} point
-   * @param {number[]} normal
-   */
-  receiver(point, normal) {
-    const shift = SHIFT * Math.max(...point.map(Math.abs));
-    return point.map((x, k) => Math.fround(x + shift * normal[k]));
-  }
-
-  /**
    * Rows of a picture: linear light and the share of surfaces, 4 numbers a pixel.
    * @param {Band} band
    */
@@ -87,17 +77,20 @@ export class Tracer {
     const n = width * rows;
     const [jx, jy] = sample === 0 ? [0.5, 0.5] : [halton(sample, 2), halton(sample, 3)];
     const [origins, directions] = [new Float32Array(3 * n), new Float32Array(3 * n)];
-    for (let i = 0, at = 0; i < n; i++)
-      for (let k = 0; k < 3; k++, at++) {
-        origins[at] = rays.origin[k];
-        const [x, y] = [(i % width) + jx, first + Math.floor(i / width) + jy];
-        directions[at] = rays.corner[k] + x * rays.dx[k] + y * rays.dy[k];
+    const { origin, corner, dx, dy } = rays;
+    for (let i = 0; i < n; i++) {
+      const [x, y] = [(i % width) + jx, first + Math.floor(i / width) + jy];
+      for (let k = 0; k < 3; k++) {
+        origins[3 * i + k] = origin[k];
+        directions[3 * i + k] = corner[k] + x * dx[k] + y * dy[k];
       }
+    }
     const hits = this.scene.closestHit(origins, directions);
     return this.#shade(band, hits, origins, directions);
   }
 
   /**
+   * Light of the hit points: of the sun through a point of its disk, of the sky along one direction, and ambient.
    * @param {Band} band
    * @param {import("../module/scene.mjs").Hits} hits
    * @param {Float32Array} origins
@@ -106,57 +99,46 @@ export class Tracer {
   #shade({ width, first, sample, sun, radius, daylight }, { face, t }, origins, directions) {
     const n = face.length;
     const light = new Float32Array(4 * n);
-    const [starts, ways, skip] = [new Float32Array(6 * n), new Float32Array(6 * n), new Int32Array(2 * n)];
-    const values = new Float32Array(8 * n); // of each shadow ray: red, green, blue, pixel
-    const disk = sun && frameOf(sun);
-    let m = 0;
+    const shadows = new ShadowRays(2 * n);
+    const [u, v] = sun ? frameOf(sun) : [[], []];
+    const [point, normal, random, way] = [
+      [0, 0, 0],
+      [0, 0, 0],
+      [0, 0, 0, 0],
+      [0, 0, 0],
+    ];
+    const ambient = AMBIENT * daylight * (sun ? 5 : 2.5);
     let last = -1;
     let flat = [0, 0, 0];
     for (let i = 0; i < n; i++) {
       if (face[i] < 0) continue;
-      if (face[i] !== last) {
-        last = face[i];
-        flat = this.normal(last);
+      if (face[i] !== last) flat = this.normal(face[i]);
+      last = face[i];
+      const at = 3 * i;
+      const along = flat[0] * directions[at] + flat[1] * directions[at + 1] + flat[2] * directions[at + 2];
+      for (let k = 0; k < 3; k++) {
+        normal[k] = along > 0 ? -flat[k] : flat[k];
+        point[k] = origins[at + k] + t[i] * directions[at + k];
       }
-      const d = directions.subarray(3 * i, 3 * i + 3);
-      const side = flat[0] * d[0] + flat[1] * d[1] + flat[2] * d[2] > 0 ? -1 : 1;
-      const normal = [side * flat[0], side * flat[1], side * flat[2]];
-      const point = [0, 1, 2].map((k) => origins[3 * i + k] + t[i] * d[k]);
-      const start = this.receiver(point, normal);
       const pixel = (i % width) + (first + Math.floor(i / width)) * 4099;
-      const random = [0, 1, 2, 3].map((k) => (hash(pixel, k) + (sample + 1) * STEPS[k]) % 1);
-      const colour = 3 * this.colourOf[last];
-      const tint = [this.colours[colour], this.colours[colour + 1], this.colours[colour + 2]];
+      for (let k = 0; k < 4; k++) random[k] = (hash(pixel, k) + (sample + 1) * STEPS[k]) % 1;
+      const base = ambient * (0.65 + 0.35 * normal[this.up]);
+      for (let k = 0; k < 3; k++) light[4 * i + k] = base;
       light[4 * i + 3] = 1;
-      const ambient = AMBIENT * daylight * (0.65 + 0.35 * normal[this.up]) * (sun ? 5 : 2.5);
-      for (let k = 0; k < 3; k++) light[4 * i + k] = tint[k] * ambient;
-      const add = (/** @type {number[]} */ way, /** @type {number[]} */ amount) => {
-        starts.set(start, 3 * m);
-        ways.set(way, 3 * m);
-        skip[m] = last;
-        values.set([tint[0] * amount[0], tint[1] * amount[1], tint[2] * amount[2], i], 4 * m);
-        m++;
-      };
-      if (disk && sun) {
-        const [r, a] = [radius * Math.sqrt(random[0]) * Number(sample > 0), 2 * Math.PI * random[1]];
-        const way = sun.map((s, k) => s + r * (Math.cos(a) * disk[0][k] + Math.sin(a) * disk[1][k]));
-        const cosine = normal[0] * sun[0] + normal[1] * sun[1] + normal[2] * sun[2];
-        if (cosine > 0) add(way, SUN_COLOUR.map((c) => c * cosine * SUN_INTENSITY));
+      shadows.start(point, normal, last, i);
+      const cosine = sun ? normal[0] * sun[0] + normal[1] * sun[1] + normal[2] * sun[2] : 0;
+      if (sun && cosine > 0) {
+        const r = sample > 0 ? radius * Math.sqrt(random[0]) : 0; // the first picture has hard shadows
+        const [a, b] = [r * Math.cos(2 * Math.PI * random[1]), r * Math.sin(2 * Math.PI * random[1])];
+        for (let k = 0; k < 3; k++) way[k] = sun[k] + a * u[k] + b * v[k];
+        shadows.add(way, SUN_COLOUR, cosine * SUN_INTENSITY);
       }
-      const [u, v] = frameOf(normal);
-      const [r, a] = [Math.sqrt(random[2]), 2 * Math.PI * random[3]];
-      const height = Math.sqrt(1 - random[2]);
-      const way = normal.map((s, k) => height * s + r * (Math.cos(a) * u[k] + Math.sin(a) * v[k]));
-      add(way, skyLight(way[this.up]).map((l) => Math.PI * l * daylight));
+      cosineDirection(normal, random[2], 2 * Math.PI * random[3], way);
+      shadows.add(way, skyLight(way[this.up]), Math.PI * daylight);
     }
-    const blocked = this.scene.occluded(starts.subarray(0, 3 * m), ways.subarray(0, 3 * m), {
-      skipFace: skip.subarray(0, m),
-    });
-    for (let ray = 0; ray < m; ray++) {
-      if (blocked[ray]) continue;
-      const at = 4 * values[4 * ray + 3];
-      for (let k = 0; k < 3; k++) light[at + k] += values[4 * ray + k];
-    }
+    shadows.trace(this.scene, light);
+    for (let i = 0; i < n; i++)
+      if (face[i] >= 0) for (let k = 0; k < 3; k++) light[4 * i + k] *= this.colours[3 * this.colourOf[face[i]] + k];
     return light;
   }
 
@@ -173,7 +155,7 @@ export class Tracer {
     const side = flat.reduce((sum, n, k) => sum + n * direction[k], 0) > 0 ? -1 : 1;
     const normal = flat.map((n) => side * n);
     const point = origin.map((o, k) => o + hit.t[0] * direction[k]);
-    const start = this.receiver(point, normal);
+    const start = receiver(point, normal);
     const states = this.#states(start, normal, face, suns);
     const at = now ? this.#states(start, normal, face, Float64Array.from(now)) : null;
     const sky = this.#sky(start, normal, face);
@@ -234,12 +216,98 @@ export class Tracer {
     const found = this.scene.occluded(origins, directions);
     let wrong = 0;
     for (let ray = 0; ray < faces.length; ray++)
-      if (found[ray] !== blocked[ray] || hits.face[ray] !== faces[ray] || !Object.is(hits.t[ray], distances[ray])) wrong++;
+      if (found[ray] !== blocked[ray] || hits.face[ray] !== faces[ray] || !Object.is(hits.t[ray], distances[ray]))
+        wrong++;
     return wrong;
   }
 }
 
-const STEPS = [0.7548776662, 0.5698402909, 0.8566748838, 0.4301597090]; // of additive sequences
+/** Rays from surfaces to lights, and the light that each carries to its pixel. */
+class ShadowRays {
+  /** @param {number} most */
+  constructor(most) {
+    this.n = 0;
+    this.starts = new Float32Array(3 * most);
+    this.ways = new Float32Array(3 * most);
+    this.skip = new Int32Array(most);
+    this.light = new Float32Array(3 * most);
+    this.pixels = new Int32Array(most);
+    this.from = [0, 0, 0];
+    this.face = -1;
+    this.pixel = 0;
+  }
+
+  /**
+   * The point from which the next rays start.
+   * @param {number[]} point
+   * @param {number[]} normal
+   * @param {number} face
+   * @param {number} pixel
+   */
+  start(point, normal, face, pixel) {
+    this.from = receiver(point, normal);
+    this.face = face;
+    this.pixel = pixel;
+  }
+
+  /**
+   * @param {number[]} way
+   * @param {number[]} colour
+   * @param {number} amount
+   */
+  add(way, colour, amount) {
+    const ray = this.n++;
+    for (let k = 0; k < 3; k++) {
+      this.starts[3 * ray + k] = this.from[k];
+      this.ways[3 * ray + k] = way[k];
+      this.light[3 * ray + k] = colour[k] * amount;
+    }
+    this.skip[ray] = this.face;
+    this.pixels[ray] = this.pixel;
+  }
+
+  /**
+   * Add the light that arrives to pixels of four numbers.
+   * @param {Scene} scene
+   * @param {Float32Array} out
+   */
+  trace(scene, out) {
+    const { n, starts, ways, skip } = this;
+    const blocked = scene.occluded(starts.subarray(0, 3 * n), ways.subarray(0, 3 * n), {
+      skipFace: skip.subarray(0, n),
+    });
+    for (let ray = 0; ray < n; ray++) {
+      if (blocked[ray]) continue;
+      const at = 4 * this.pixels[ray];
+      for (let k = 0; k < 3; k++) out[at + k] += this.light[3 * ray + k];
+    }
+  }
+}
+
+/**
+ * A point on a face, moved off it as far as float32 needs.
+ * @param {number[]} point
+ * @param {number[]} normal
+ */
+function receiver([x, y, z], normal) {
+  const shift = SHIFT * Math.max(Math.abs(x), Math.abs(y), Math.abs(z));
+  return [Math.fround(x + shift * normal[0]), Math.fround(y + shift * normal[1]), Math.fround(z + shift * normal[2])];
+}
+
+/**
+ * A direction about a normal, with a density in proportion to the cosine.
+ * @param {number[]} normal
+ * @param {number} share in [0, 1): the squared sine
+ * @param {number} angle
+ * @param {number[]} out
+ */
+function cosineDirection(normal, share, angle, out) {
+  const [u, v] = frameOf(normal);
+  const [height, a, b] = [Math.sqrt(1 - share), Math.sqrt(share) * Math.cos(angle), Math.sqrt(share) * Math.sin(angle)];
+  for (let k = 0; k < 3; k++) out[k] = height * normal[k] + a * u[k] + b * v[k];
+}
+
+const STEPS = [0.7548776662, 0.5698402909, 0.8566748838, 0.430159709]; // of additive sequences
 
 /**
  * A number in [0, 1) of a pixel.

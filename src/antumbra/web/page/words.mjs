@@ -72,7 +72,8 @@ const DE = {
   day: "Der Tag an dieser Stelle: {sentence}",
   proofRunning: "Bits werden geprüft",
   proved: "Dieselben Bits wie Antumbra {version}: {n} von {n} Strahlen",
-  wrong: "WARNUNG: {wrong} von {n} Strahlen weichen auf diesem Gerät von Antumbra {version} ab. Die Seite ist hier unzuverlässig.",
+  wrong:
+    "WARNUNG: {wrong} von {n} Strahlen weichen auf diesem Gerät von Antumbra {version} ab. Die Seite ist hier unzuverlässig.",
   samples: "{n} von {all} Abtastungen",
   north: "Norden",
   scale: "Maßstab in der Bildmitte",
