@@ -25,7 +25,11 @@ class Page {
     this.words = words;
     this.pool = new Pool();
     this.camera = new Orbit(about.camera, about.up);
-    this.sun = new SunPanel(about, words, () => this.#changed());
+    this.sun = new SunPanel(about, words, () => {
+      this.#changed();
+      clearTimeout(this.later);
+      this.later = setTimeout(() => this.#answer().catch((error) => this.fail(error)), 60);
+    });
     this.found = /** @type {any} */ (null);
     this.asked = /** @type {any} */ (null);
     this.objectOf = new Int32Array();
@@ -53,7 +57,8 @@ class Page {
       this.camera,
       () => this.sun.light,
       (samples) => {
-        part("samples").textContent = samples === SAMPLES ? "" : fill(words.samples, { n: samples, all: SAMPLES });
+        part("samples").textContent =
+          samples === SAMPLES ? "" : ` · ${fill(words.samples, { n: samples, all: SAMPLES })}`;
         document.body.dataset.samples = String(samples);
       },
     );
@@ -133,8 +138,6 @@ class Page {
     part("north").style.transform = `rotate(${this.sun.north - (this.camera.heading * 180) / Math.PI}deg)`;
     scaleBar(part("scale"), this.camera, part("picture").clientHeight, this.about.metres, this.words);
     this.#mark();
-    clearTimeout(this.later);
-    this.later = setTimeout(() => this.#answer().catch((error) => this.fail(error)), 60);
   }
 
   #mark() {

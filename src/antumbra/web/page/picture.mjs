@@ -1,7 +1,7 @@
 // @ts-check
 /** The picture: coarse as soon as anything changes, then finer, sample by sample, as the workers return rows. */
 
-import { skyLight } from "./tracer.mjs";
+import { skyLight } from "./shadow_rays.mjs";
 
 /** @typedef {import("./orbit.mjs").Orbit} Orbit */
 /** @typedef {import("./pool.mjs").Pool} Pool */

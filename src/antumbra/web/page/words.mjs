@@ -20,7 +20,7 @@ const EN = {
   hint: "Click a place to ask when it has sun.",
   nothing: "There is no surface here.",
   inSun: "In the sun.",
-  inShadow: "In shadow, of {blocker}.",
+  inShadow: "In the shadow of {blocker}.",
   behind: "Turned away from the sun.",
   atNight: "The sun is below the horizon.",
   hours: "{hours} of sun on this day",
