@@ -93,6 +93,7 @@ class Page {
     const rays = this.camera.rays(width, height);
     const direction = rays.corner.map((c, k) => c + x * rays.dx[k] + y * rays.dy[k]);
     this.asked = { origin: rays.origin, direction };
+    part("answer").setAttribute("aria-busy", "true");
     await this.#answer();
   }
 
@@ -109,7 +110,8 @@ class Page {
     part("answer").textContent = sentence;
     part("answer").dataset.hours = found && when ? String(hoursOf(when.day, found.states)) : "";
     part("answer").dataset.point = found ? JSON.stringify([found.point, found.normal]) : "";
-    part("day").hidden = !found || !when;
+    part("answer").setAttribute("aria-busy", "false");
+    part("day").style.visibility = found ? "visible" : "hidden";
     if (found && when) {
       part("day").setAttribute("aria-label", fill(words.day, { sentence }));
       drawDay(part("day"), when.day, found.states, sun.seconds);
@@ -160,6 +162,8 @@ class Page {
     const { words, about } = this;
     part("picture").setAttribute("aria-label", words.picture);
     part("answer").textContent = words.hint;
+    part("day").hidden = !about.place;
+    part("day").style.visibility = "hidden";
     part("north").setAttribute("aria-label", words.north);
     part("proof").textContent = words.proofRunning;
     part("help").textContent = words.help;
