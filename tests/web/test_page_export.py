@@ -27,7 +27,11 @@ NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="without node, the modules of the page are NOT checked")
 needs_linker = pytest.mark.skipif(find_spec("ziglang") is None, reason="without ziglang, pages are NOT checked")
 OPTIONS = PageOptions("Box & <floor>", datetime(2026, 6, 21, 15, 30), Place(52.0, 4.4, timezone="Europe/Amsterdam"))
-SCENE, DATA, CODE = 'script type="application/json" id="scene"', 'script type="text/plain" id="data"', 'script id="code"'
+SCENE, DATA, CODE = (
+    'script type="application/json" id="scene"',
+    'script type="text/plain" id="data"',
+    'script id="code"',
+)
 PLACES = [
     Place(52.0, 4.4, 3.0, timezone="Europe/Amsterdam"),
     Place(-33.9, 151.2, 40.0, timezone="Australia/Sydney"),

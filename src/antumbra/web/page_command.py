@@ -60,7 +60,7 @@ class PageArguments(SceneArguments):
     date: Annotated[
         str | None,
         typer.Option(
-            help="Day, or day and local time, that the page opens with, such as 2026-06-21T15:30.  [default: today, 14:00]",
+            help="Day, or day and local time, of the first picture, such as 2026-06-21T15:30.  [default: today, 14:00]",
             metavar="DATE",
             show_default=False,
         ),
@@ -81,8 +81,8 @@ def page(args: PageArguments) -> int:
     """Write SCENE as one HTML file with exact shadows, which any browser opens offline.
 
     The page shows the shadows of the sun at any date and time, and tells of each clicked place when it has sun and what
-    blocks it. It checks its own bits against those of this program when it opens. The place on Earth is that of the CRS,
-    or --latitude and --longitude; without one, the sun is set by hand.
+    blocks it. It checks its own bits against those of this program when it opens. The place on Earth is that of the
+    CRS, or --latitude and --longitude; without one, the sun is set by hand.
 
     \b
     Examples

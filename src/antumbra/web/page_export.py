@@ -1,7 +1,7 @@
 """A scene as one HTML file with exact shadows, which any browser opens from a folder, without a network.
 
-The file has the scene's triangles with their bits, compressed; the kernels in WebAssembly; and the program of `page`. Its
-content security policy allows no request.
+The file has the scene's triangles with their bits, compressed; the kernels in WebAssembly; and the program of `page`.
+Its content security policy allows no request.
 """
 
 import base64
@@ -55,7 +55,7 @@ class PageReport(NamedTuple):
     digest: str  # of the scene
 
 
-# --- Columns of numbers, as `page/unpack.mjs` reads them ---------------------------------------------------------------
+# --- Columns of numbers, as `page/unpack.mjs` reads them --------------------------------------------------------------
 
 
 class Columns:
@@ -231,8 +231,8 @@ def _html(about: dict[str, Any], data: str, options: PageOptions) -> bytes:
     template = Template((PAGE / "page.html").read_text(encoding="utf-8"))
     style, code = (PAGE / "page.css").read_text(encoding="utf-8"), page_program()
     policy = (
-        f"default-src 'none'; script-src 'sha256-{_digest(code)}' 'wasm-unsafe-eval'; style-src 'sha256-{_digest(style)}'; "
-        "worker-src blob:; base-uri 'none'; form-action 'none'"
+        f"default-src 'none'; script-src 'sha256-{_digest(code)}' 'wasm-unsafe-eval'; "
+        f"style-src 'sha256-{_digest(style)}'; worker-src blob:; base-uri 'none'; form-action 'none'"
     )
     text = template.substitute(
         language=options.language,

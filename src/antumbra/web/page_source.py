@@ -1,6 +1,6 @@
 """The program of the page as one text: its ES modules, each in a function of its own, in the order of their imports.
 
-The modules remain those of the repository. A page opened from a folder may import no file, so its program must be inline.
+The modules remain those of the repository. A page opened from a folder may import no file, so its program is inline.
 """
 
 import re
@@ -10,7 +10,7 @@ PAGE = Path(__file__).parent / "page"
 ENTRY = PAGE / "main.mjs"
 
 _IMPORT = re.compile(r'^import \{([^}]*)\} from "(\.[^"]+)";\n', re.M)
-_REEXPORT = re.compile(r'^export \{[^}]*\} from .*\n', re.M)
+_REEXPORT = re.compile(r"^export \{[^}]*\} from .*\n", re.M)
 _EXPORT = re.compile(r"^export (?=(?:async )?(?:class|function|const|let) (\w+))", re.M)
 _DOC = re.compile(r"^ *(?:/\*\*(?:[^*]|\*(?!/))*\*/|//.*)\n", re.M)  # comments that fill their lines
 

@@ -76,7 +76,10 @@ function commonest(names) {
  */
 export function duration(hours) {
   const minutes = Math.round(60 * hours);
-  return minutes < 60 ? `${minutes} min` : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
+  const parts = [];
+  if (minutes >= 60) parts.push(`${Math.floor(minutes / 60)} h`);
+  if (minutes % 60 > 0 || minutes === 0) parts.push(`${minutes % 60} min`);
+  return parts.join(" ");
 }
 
 /**
