@@ -19,5 +19,6 @@ const calls = {
   },
 };
 const answers = [];
-for (const { call, ...given } of JSON.parse(readFileSync(`${folder}/calls.json`))) answers.push(await calls[call](given));
+for (const { call, ...given } of JSON.parse(readFileSync(`${folder}/calls.json`)))
+  answers.push(await calls[call](given));
 writeFileSync(`${folder}/answers.json`, JSON.stringify(answers));
