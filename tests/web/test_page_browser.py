@@ -138,6 +138,7 @@ def test_answers_have_the_hours_of_python(chromium, written):
     table = at.sun_hours(scene, sensors, DAY, step=5, place=PLACE)
     np.testing.assert_array_equal(np.round(hours * 12), np.round(np.asarray(table["sun_hours"]) * 12))
     assert len(set(hours.tolist())) > 2
+    assert normals[0].tolist() == [0, -1, 0] and "Sees 50 % of the sky" in sentences[0]  # a wall that faces open land
     blocked = [text for text in sentences if ", blocked " in text]
     assert blocked and all("by Tower_" in text for text in blocked)
     assert opened.faults == []
