@@ -43,6 +43,10 @@ COMMANDS = {
     ),
     "shadow": Command("antumbra.city.shadow.shadow_command", "Find the shadow on the ground of SCENE, as polygons."),
     "view": Command("antumbra.cli.view_command", "Show SCENE in the browser, until Ctrl-C."),
+    "page": Command(
+        "antumbra.web.page_command",
+        "Write SCENE as one HTML file with exact shadows, which any browser opens offline.",
+    ),
     "bake": Command(
         "antumbra.cli.bake_command",
         "Bake occlusion, shadows or light of SCENE into a copy of its glTF file.",

@@ -1,0 +1,103 @@
+// @ts-check
+/** The workers of the page, each with a scene and memory of its own, and the jobs that they take from a queue. */
+
+import { Tracer } from "./tracer.mjs";
+
+const LARGE = 400_000; // triangles from which one worker has to do, for memory
+const MOST_WORKERS = 6;
+
+/** @typedef {"band" | "ask" | "prove"} Method */
+/** @typedef {{method: Method, job: any, done: (answer: any) => void, failed: (reason: Error) => void}} Task */
+
+/** Answer messages in a worker. The first one makes its scene. */
+export function serve() {
+  /** @type {Tracer} */
+  let tracer;
+  globalThis.onmessage = async ({ data: { method, job } }) => {
+    try {
+      if (method === "create") {
+        tracer = await Tracer.create(job.arrays, job.kernels, job.up);
+        postMessage({});
+      } else postMessage({ answer: tracer[/** @type {Method} */ (method)](job) });
+    } catch (error) {
+      postMessage({ error: String(/** @type {Error} */ (error).message ?? error) });
+    }
+  };
+}
+
+export class Pool {
+  /** @type {Worker[]} */ #idle = [];
+  /** @type {Task[]} */ #tasks = [];
+
+  /**
+   * Start workers; it returns when the first one is ready.
+   * @param {string} source of the program
+   * @param {any} scene arrays, kernels, up
+   * @param {number} triangles
+   * @param {(reason: Error) => void} failed
+   */
+  async start(source, scene, triangles, failed) {
+    const url = URL.createObjectURL(new Blob([source], { type: "text/javascript" }));
+    this.size = triangles > LARGE ? 1 : Math.max(1, Math.min(MOST_WORKERS, (navigator.hardwareConcurrency ?? 2) - 1));
+    const started = Array.from({ length: this.size }, async () => {
+      const worker = new Worker(url);
+      await send(worker, "create", scene);
+      this.#idle.push(worker);
+      this.#next();
+    });
+    for (const each of started) each.catch(failed);
+    await Promise.any(started).catch((error) => {
+      throw error.errors[0];
+    });
+  }
+
+  /**
+   * Let the next idle worker do a job.
+   * @param {Method} method
+   * @param {any} job
+   * @param {boolean} urgent before all others
+   * @returns {Promise<any>}
+   */
+  run(method, job, urgent = false) {
+    return new Promise((done, failed) => {
+      const task = { method, job, done, failed };
+      if (urgent) this.#tasks.unshift(task);
+      else this.#tasks.push(task);
+      this.#next();
+    });
+  }
+
+  /** Drop the bands that have not begun. */
+  drop() {
+    const dropped = this.#tasks.filter(({ method }) => method === "band");
+    this.#tasks = this.#tasks.filter(({ method }) => method !== "band");
+    for (const { done } of dropped) done(null);
+  }
+
+  #next() {
+    while (this.#idle.length > 0 && this.#tasks.length > 0) {
+      const worker = /** @type {Worker} */ (this.#idle.pop());
+      const { method, job, done, failed } = /** @type {Task} */ (this.#tasks.shift());
+      send(worker, method, job)
+        .then(done, failed)
+        .finally(() => {
+          this.#idle.push(worker);
+          this.#next();
+        });
+    }
+  }
+}
+
+/**
+ * @param {Worker} worker
+ * @param {string} method
+ * @param {any} job
+ * @returns {Promise<any>}
+ */
+function send(worker, method, job) {
+  return new Promise((done, failed) => {
+    worker.onmessage = ({ data: { answer, error } }) => (error ? failed(new Error(error)) : done(answer));
+    worker.onerror = ({ message }) => failed(new Error(message || "a worker did not start"));
+    worker.postMessage({ method, job });
+  });
+}

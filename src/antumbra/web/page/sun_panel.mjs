@@ -1,0 +1,141 @@
+// @ts-check
+/** The controls of the sun: date and time with a place, otherwise its direction and height. */
+
+import { clock, daysAfter, midnight, sunAngles, towards } from "./sun.mjs";
+import { fill } from "./words.mjs";
+
+/** @typedef {import("./sun.mjs").Place} Place */
+/** @typedef {import("./words.mjs").Words} Words */
+
+const RADIUS = Math.tan(((0.533 / 2) * Math.PI) / 180); // of the sun's disk
+const MINUTES_A_SECOND = 60; // of the day that plays
+const MINUTE = 60;
+
+/** @param {string} id */
+const part = (id) => /** @type {any} */ (document.getElementById(id));
+
+export class SunPanel {
+  /**
+   * @param {any} about
+   * @param {Words} words
+   * @param {() => void} changed
+   */
+  constructor(about, words, changed) {
+    /** @type {Place | null} */
+    this.place = about.place;
+    this.north = this.place?.north ?? 0;
+    this.up = about.up;
+    this.words = words;
+    this.changed = changed;
+    this.playing = 0;
+    this.date = about.date;
+    this.day = part("date");
+    this.first = part("first");
+    this.second = part("second");
+    this.button = part("play");
+    this.output = part("when");
+    if (this.place) this.#withPlace(about);
+    else this.#withAngles(about);
+    for (const slider of [this.first, this.second]) slider.addEventListener("input", () => this.#moved());
+    this.#show();
+  }
+
+  /** @param {any} about */
+  #withPlace(about) {
+    const { words } = this;
+    label("date", words.date);
+    label("first", words.time);
+    this.day.value = this.date;
+    Object.assign(this.first, { min: 0, max: 1439, step: 1, value: about.minute });
+    this.second.closest("label").hidden = true;
+    this.day.addEventListener("change", () => {
+      if (!this.day.value) this.day.value = this.date;
+      this.date = this.day.value;
+      this.#moved();
+    });
+    this.button.addEventListener("click", () => this.#play());
+    this.#name();
+  }
+
+  /** @param {any} about */
+  #withAngles(about) {
+    label("first", this.words.bearing);
+    label("second", this.words.height);
+    Object.assign(this.first, { min: 0, max: 359, step: 1, value: about.angles.azimuth });
+    Object.assign(this.second, { min: 0, max: 90, step: 1, value: about.angles.altitude });
+    this.day.closest("label").hidden = true;
+    this.button.hidden = true;
+  }
+
+  /** The moment that is shown, in seconds since 1970; with a place. */
+  get seconds() {
+    const place = /** @type {Place} */ (this.place);
+    const start = midnight(place, this.date);
+    return Math.min(start + MINUTE * Number(this.first.value), midnight(place, daysAfter(this.date, 1)) - 1);
+  }
+
+  get angles() {
+    return this.place
+      ? sunAngles(this.place, this.seconds)
+      : { azimuth: Number(this.first.value), altitude: Number(this.second.value) };
+  }
+
+  get altitude() {
+    return this.angles.altitude;
+  }
+
+  /** @returns {import("./picture.mjs").Light} */
+  get light() {
+    const { angles } = this;
+    const daylight = Math.min(1, Math.max(0.03, (angles.altitude + 6) / 14));
+    return { sun: angles.altitude > 0 ? towards(angles, this.north, this.up) : null, radius: RADIUS, daylight };
+  }
+
+  #moved() {
+    this.#show();
+    this.changed();
+  }
+
+  #show() {
+    const { altitude, azimuth } = this.angles;
+    const sun = fill(this.words.sunAt, { altitude: altitude.toFixed(1), azimuth: azimuth.toFixed(0) });
+    const time = this.place ? clock(this.place, this.seconds) : "";
+    this.output.textContent = [time, altitude > 0 ? sun : this.words.night].filter(Boolean).join(" · ");
+    this.output.dataset.angles = JSON.stringify([altitude, azimuth]);
+    this.first.setAttribute("aria-valuetext", this.output.textContent);
+    this.second.setAttribute("aria-valuetext", `${altitude.toFixed(0)}°`);
+  }
+
+  #play() {
+    this.playing = this.playing ? 0 : performance.now();
+    this.#name();
+    let last = performance.now();
+    const step = (/** @type {number} */ now) => {
+      if (!this.playing) return;
+      const minutes = Math.floor(((now - last) / 1000) * MINUTES_A_SECOND);
+      if (minutes > 0) {
+        last = now;
+        this.first.value = (Number(this.first.value) + minutes) % 1440;
+        this.#moved();
+      }
+      requestAnimationFrame(step);
+    };
+    requestAnimationFrame(step);
+  }
+
+  #name() {
+    const name = this.playing ? this.words.stop : this.words.play;
+    this.button.textContent = this.playing ? "❚❚" : "▶";
+    this.button.setAttribute("aria-label", name);
+    this.button.title = name;
+  }
+}
+
+/**
+ * @param {string} id of an input
+ * @param {string} text of its label
+ */
+function label(id, text) {
+  const element = /** @type {HTMLElement} */ (document.getElementById(id));
+  /** @type {HTMLElement} */ (element.closest("label")?.querySelector("span")).textContent = text;
+}

@@ -1,0 +1,253 @@
+"""A scene as one HTML file with exact shadows, which any browser opens from a folder, without a network.
+
+The file has the scene's triangles with their bits, compressed; the kernels in WebAssembly; and the program of `page`.
+Its content security policy allows no request.
+"""
+
+import base64
+import hashlib
+import json
+import zlib
+from datetime import datetime
+from html import escape
+from pathlib import Path
+from string import Template
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.errors import InputError
+from ..base.extras import import_extra
+from ..base.files import atomic_output, temporary_folder
+from ..engine.scene import AnyScene
+from ..kernels.toolchain.library_build import compile_for, link_library
+from ..scene.camera import Camera
+from ..scene.triangles import Triangles
+from ..sun.location import Place
+from ..version import VERSION
+from ..work.scene_records import scene_digest
+from .javascript_package import LEVEL, SYSTEM, called_kernels
+from .page_source import PAGE, page_program
+
+MOST_TRIANGLES = 2_000_000
+PROOF_RAYS = 2000
+LANGUAGES = "en", "de"
+_VISIBLE = 0.6  # share of the way to the middle of the scene, for a camera whose centre shows nothing
+
+
+class PageOptions(NamedTuple):
+    """What a page shows besides the scene."""
+
+    title: str
+    when: datetime  # local time of the place that the page opens with; without a place, it is ignored
+    place: Place | None = None  # None: the sun is set by its direction and height
+    credits: str = ""
+    language: str = "en"
+
+
+class PageReport(NamedTuple):
+    """What was written."""
+
+    triangles: int
+    size: int  # bytes of the file
+    scene_size: int  # bytes of the scene's own columns in it
+    digest: str  # of the scene
+
+
+# --- Columns of numbers, as `page/unpack.mjs` reads them --------------------------------------------------------------
+
+
+class Columns:
+    """Named arrays, byte 0 of all numbers first, then byte 1, and so on, which compresses best."""
+
+    def __init__(self) -> None:
+        self.listed: list[dict[str, Any]] = []
+        self._parts: list[bytes] = []
+
+    def add(self, name: str, values: np.ndarray, step: bool = False) -> None:
+        """Add an array, flat; `step`: as differences between neighbours."""
+        flat = np.ascontiguousarray(values).ravel()
+        kind = f"{flat.dtype.kind.replace('b', 'u')}{flat.dtype.itemsize}"
+        self.listed.append({"name": name, "type": kind, "length": flat.size, "step": step})
+        if step:
+            flat = np.diff(flat, prepend=flat.dtype.type(0))
+        planes = flat.view(np.uint8).reshape(-1, flat.dtype.itemsize).T
+        self._parts.append(np.ascontiguousarray(planes).tobytes())
+
+    def packed(self) -> bytes:
+        """Base64 of a zlib stream of all columns."""
+        stream = zlib.compressobj(9)
+        return base64.b64encode(b"".join([*map(stream.compress, self._parts), stream.flush()]))
+
+
+def _add_geometry(columns: Columns, triangles: Triangles, objects: NDArray[np.int32]) -> None:
+    """Distinct vertices, indices, colours and objects of faces."""
+    corners = triangles.vertices.reshape(-1, 3)
+    vertices, indices = _distinct(corners)
+    colours, colour_of = _distinct(triangles.colour)
+    columns.add("positions", vertices)
+    columns.add("indices", indices, step=True)
+    columns.add("colours", colours)
+    columns.add("colourOf", colour_of, step=True)
+    columns.add("objectOf", objects, step=True)
+
+
+def _distinct(rows: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Rows with different bits, in the order of their first use, and the index of each row among them."""
+    keys = np.ascontiguousarray(rows).view(np.dtype((np.void, 12))).ravel()
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty(len(order), np.int32)
+    rank[order] = np.arange(len(order), dtype=np.int32)
+    return rows[first[order]], rank[inverse.ravel()]
+
+
+def _add_proof(columns: Columns, scene: AnyScene, triangles: Triangles) -> None:
+    """Rays to vertices, edges and anywhere, with the answers of the scene here."""
+    generator = np.random.default_rng(20)
+    corners = triangles.vertices.reshape(-1, 3)
+    lower, upper = corners.min(0).astype(np.float64), corners.max(0).astype(np.float64)
+    starts = triangles.origin + lower + (upper - lower) * generator.uniform(-0.3, 1.3, (PROOF_RAYS, 3))
+    origins = (starts - triangles.origin).astype(np.float32)
+    aims = corners[generator.integers(0, len(corners), PROOF_RAYS)]
+    faces = generator.integers(0, len(triangles.vertices), PROOF_RAYS // 2)
+    aims[::2] = triangles.vertices[faces, :2].mean(1)
+    directions = (aims - origins).astype(np.float32)
+    directions[::5] = generator.normal(size=directions[::5].shape)
+    directions[(directions == 0).all(1)] = 1.0
+    world = origins.astype(np.float64) + triangles.origin
+    hits = scene.closest_hit(world, directions.astype(np.float64))
+    columns.add("origins", (world - triangles.origin).astype(np.float32))
+    columns.add("directions", directions)
+    columns.add("blocked", scene.occluded(world, directions.astype(np.float64)))
+    rows = np.full(int(triangles.face_id.max()) + 1, -1, np.int32)
+    rows[triangles.face_id] = np.arange(len(triangles.face_id), dtype=np.int32)
+    columns.add("faces", np.where(hits.face < 0, np.int32(-1), rows[hits.face]).astype(np.int32))
+    columns.add("distances", hits.t.astype(np.float64))
+
+
+# --- The page ---------------------------------------------------------------------------------------------------------
+
+
+def check_scene(scene: AnyScene) -> None:
+    """Raise an InputError if a page cannot show the scene exactly."""
+    scene.data.check_resident()
+    if scene.n_triangles > MOST_TRIANGLES:
+        raise InputError(
+            f"{scene.name} has {scene.n_triangles:,} triangles, and a page holds {MOST_TRIANGLES:,}; "
+            "export a part of the scene, or a lower level of detail"
+        )
+    if scene.n_triangles == 0:
+        raise InputError(f"{scene.name} has no triangles; a page needs a scene with surfaces")
+    if scene.cutouts is not None:
+        raise InputError(
+            f"{scene.name} has holes or lets light pass by alpha or transmittance, which pages do not show; "
+            "load it with ?cutouts=off and without transmittance, so that these faces block all light"
+        )
+
+
+def write_page(
+    scene: AnyScene, path: Path, options: PageOptions, camera: Camera | None = None, time: float = 0.0
+) -> PageReport:
+    """Write a scene as one HTML file that needs nothing else.
+
+    Parameters
+    ----------
+    scene : Scene
+    path : Path
+    options : PageOptions
+    camera : Camera or None
+        The view that the page opens with, perspective. None: the scene's default view.
+    time : float
+        Seconds into the animation. Pages do not move.
+
+    Raises
+    ------
+    InputError
+        If the scene is in a store, has more than 2 million triangles, or lets light pass; if an option is invalid; if
+        the linker is missing; or if the file cannot be written. An existing file then stays.
+    """
+    check_scene(scene)
+    if options.language not in LANGUAGES:
+        raise InputError(f"language is {options.language!r}; choose {' or '.join(LANGUAGES)}")
+    triangles = scene.triangles(time)
+    columns = Columns()
+    _add_geometry(columns, triangles, scene.data.object_of_face)
+    scene_size = len(columns.packed())
+    _add_proof(columns, scene, triangles)
+    wasm, kernels = _kernels()
+    columns.add("wasm", np.frombuffer(wasm, np.uint8))
+    digest = scene_digest(scene, time)
+    view = camera or scene.default_camera(1280, 800, time=time)
+    names = [each.parent or each.name for each in scene.objects]
+    about = {
+        "version": VERSION,
+        "digest": digest[:12],
+        "triangles": len(triangles.vertices),
+        "up": scene.up,
+        "metres": scene.unit.metres,
+        "camera": _orbit_of(scene, triangles, view),
+        "place": None if options.place is None else options.place._asdict(),
+        "date": f"{options.when:%Y-%m-%d}",
+        "minute": 60 * options.when.hour + options.when.minute,
+        "angles": {"azimuth": 215, "altitude": 42},
+        "objects": names if len(set(names)) > 1 else [],
+        "kernels": {"kernels": kernels},
+        "columns": columns.listed,
+    }
+    html = _html(about, columns.packed().decode(), options)
+    with atomic_output(path) as temporary:
+        temporary.write_bytes(html)
+    return PageReport(len(triangles.vertices), len(html), scene_size, digest)
+
+
+def _kernels() -> tuple[bytes, dict[str, Any]]:
+    """The module of kernels, and the list that names them."""
+    import_extra("ziglang", "linking kernels", "build")
+    requests = called_kernels()
+    compile_for([SYSTEM], [LEVEL], requests)
+    with temporary_folder() as folder:
+        listed = link_library(SYSTEM, LEVEL, requests, folder / "kernels.wasm")
+        return (folder / "kernels.wasm").read_bytes(), dict(listed)
+
+
+def _orbit_of(scene: AnyScene, triangles: Triangles, camera: Camera) -> dict[str, Any]:
+    """The camera in the frame of the triangles, with the point at its centre as its target."""
+    if camera.projection != "perspective":
+        raise InputError(f"camera is {camera.projection}, and pages have perspective views; give POSITION:TARGET")
+    ahead = camera.target - camera.position
+    ahead = ahead / np.linalg.norm(ahead)
+    away = float(scene.closest_hit(camera.position[None], ahead[None]).t[0])
+    if not np.isfinite(away):
+        middle = float((scene.bounds.mean(0) - camera.position) @ ahead)
+        away = middle if middle > 0.0 else float(np.linalg.norm(scene.bounds[1] - scene.bounds[0])) * _VISIBLE
+    position = camera.position - triangles.origin
+    return {"position": position.tolist(), "target": (position + away * ahead).tolist(), "vfov": float(camera.vfov)}
+
+
+def _html(about: dict[str, Any], data: str, options: PageOptions) -> bytes:
+    """The file."""
+    template = Template((PAGE / "page.html").read_text(encoding="utf-8"))
+    style, code = (PAGE / "page.css").read_text(encoding="utf-8"), page_program()
+    policy = (
+        f"default-src 'none'; script-src 'sha256-{_digest(code)}' 'wasm-unsafe-eval'; "
+        f"style-src 'sha256-{_digest(style)}'; worker-src blob:; base-uri 'none'; form-action 'none'"
+    )
+    text = template.substitute(
+        language=options.language,
+        policy=policy,
+        version=VERSION,
+        title=escape(options.title),
+        credits=escape(options.credits or f"Antumbra {VERSION}"),
+        style=style,
+        about=json.dumps(about, separators=(",", ":")).replace("<", "\\u003c"),
+        data=data,
+        code=code,
+    )
+    return text.encode("utf-8")
+
+
+def _digest(text: str) -> str:
+    """SHA-256 in base64, as a content security policy has it."""
+    return base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode()

@@ -1,0 +1,24 @@
+// Calls modules of the page for a test: node page_parts.mjs MODULES FOLDER. FOLDER has calls.json; answers.json is written.
+import { readFileSync, writeFileSync } from "node:fs";
+import { pathToFileURL } from "node:url";
+
+const [, , modules, folder] = process.argv;
+const { sunAngles, offsetAt, midnight, daysAfter } = await import(pathToFileURL(`${modules}/sun.mjs`));
+const { unpack } = await import(pathToFileURL(`${modules}/unpack.mjs`));
+const { WORDS } = await import(pathToFileURL(`${modules}/words.mjs`));
+
+const calls = {
+  angles: ({ place, seconds }) => seconds.map((second) => Object.values(sunAngles(place, second))),
+  offsets: ({ place, seconds }) => seconds.map((second) => offsetAt(place, second)),
+  midnights: ({ place, days }) => days.map((day) => [midnight(place, day), midnight(place, daysAfter(day, 1))]),
+  words: () => WORDS,
+  columns: async ({ data, columns }) => {
+    const arrays = await unpack(data, columns, () => {});
+    for (const [name, array] of Object.entries(arrays)) writeFileSync(`${folder}/${name}`, array);
+    return Object.keys(arrays);
+  },
+};
+const answers = [];
+for (const { call, ...given } of JSON.parse(readFileSync(`${folder}/calls.json`)))
+  answers.push(await calls[call](given));
+writeFileSync(`${folder}/answers.json`, JSON.stringify(answers));
