@@ -18,6 +18,7 @@ HITS = {"face": np.int32, "t": np.float64, "u": np.float32, "v": np.float32}
 TYPES = {
     "occluded": {"blocked": np.uint8},
     "closestHit": HITS,
+    "sunHours": {"hours": np.float64},
     "visibility": {"fraction": np.float32, "bits": np.uint64, "seenSamples": np.uint8},
 }
 

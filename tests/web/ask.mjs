@@ -25,7 +25,8 @@ for (const [k, { method, values, options }] of (scene ? questions : []).entries(
   const named = Object.fromEntries(Object.entries(options).map(([name, value]) => [name, arrayOf(value)]));
   try {
     const found = scene[method](...values.map(arrayOf), named);
-    const arrays = found instanceof Uint8Array ? { blocked: found } : { ...found, seenSamples: found.seenSamples };
+    const whole = { occluded: "blocked", sunHours: "hours" }[method]; // the name of an answer that is one array
+    const arrays = whole ? { [whole]: found } : { ...found, seenSamples: found.seenSamples };
     for (const [name, array] of Object.entries(arrays))
       if (ArrayBuffer.isView(array)) writeFileSync(`${folder}/${k}-${name}`, array);
     answers.push({});

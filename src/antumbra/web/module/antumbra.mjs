@@ -3,3 +3,4 @@
  * those of Antumbra in Python. */
 
 export { loadKernels, Scene } from "./scene.mjs";
+export { sunPosition, sunsOf } from "./sun.mjs";

@@ -6,6 +6,8 @@ import { boundsOf, frameOrigin, middleOf, receiversOf, recentre } from "./frame.
 import { KernelModule } from "./kernels.mjs";
 import { MOST_RAYS, traceRays } from "./rays.mjs";
 import { visibilityOf } from "./shadows.mjs";
+import { sunsOf } from "./sun.mjs";
+import { sumHours } from "./sun_hours.mjs";
 import { IN_NODE, threadCount } from "./threads.mjs";
 import { buildTree, widen } from "./tree.mjs";
 
@@ -194,6 +196,22 @@ export class Scene {
     if (wide) this.#blocks ??= buildBlocks(this.#kernels, wide[5]);
     const geometry = { kernels: this.#kernels, wide, blocks: this.#blocks, origin: this.#origin, box: this.#box };
     return visibilityOf(geometry, receivers, light, samples, cull);
+  }
+
+  /**
+   * The hours of direct sun at points: of all suns whose centre a point sees, the hours that they stand for.
+   * @param {ArrayLike<number>} points three numbers a point
+   * @param {ArrayLike<number> | null} normals as in `visibility`
+   * @param {import("./sun.mjs").SunOptions | import("./sun.mjs").Suns} suns a place and dates, or suns of `sunsOf`
+   * @returns {Float64Array}
+   */
+  sunHours(points, normals, suns) {
+    const given = "directions" in suns ? suns : sunsOf(suns);
+    if (given.directions.length !== 3 * given.hours.length)
+      throw new RangeError(
+        `directions has ${given.directions.length} numbers for the hours of ${given.hours.length} suns`,
+      );
+    return sumHours(points.length / 3, given, (light) => this.visibility(points, normals, light));
   }
 
   /**
