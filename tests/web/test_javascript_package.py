@@ -171,4 +171,5 @@ def test_the_example_of_the_readme_says_what_it_returns(package, tmp_path):
     assert done.stdout.splitlines() == [
         "[1,0] Uint8Array [1, 0]",
         '{"face":[0],"t":[0.5],"u":[0.25],"v":[0.25]} { face: [0], t: [0.5], u: [0.25], v: [0.25] }',
+        "[0,1] Float32Array [0, 1]",
     ]
