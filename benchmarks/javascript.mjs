@@ -11,7 +11,7 @@ const read = (name, Type) => {
 const median = (values) => values.sort((a, b) => a - b)[Math.floor(values.length / 2)];
 const wrongIn = (found, truth) => found.reduce((n, value, k) => n + (value !== truth[k]), 0);
 
-const { limits, rounds } = JSON.parse(readFileSync("plan.json"));
+const { limits, soft, rounds } = JSON.parse(readFileSync("plan.json"));
 const positions = read("positions", Float32Array);
 const rows = [];
 
@@ -81,5 +81,22 @@ for (const [kind, limit] of Object.entries(limits)) {
     const [wrong, wrong_theirs] = [timed.found[0], timed.found[1].map(plain)].map((found) => wrongIn(found, truth));
     rows.push({ query, rays: kind, ours: timed.ours, theirs: timed.theirs, wrong, wrong_theirs });
   }
+}
+{
+  const [points, normals] = ["points", "normals"].map((name) => read(`soft-${name}`, Float32Array));
+  const [starts, ends] = ["starts", "ends"].map((name) => read(`soft-${name}`, Float32Array));
+  const ways = ends.map((x, k) => x - starts[k]);
+  const truth = [read("soft-bits", Uint32Array), read("soft-blocked", Uint8Array)];
+  const theirs = () => {
+    const out = new Uint8Array(truth[1].length);
+    eachRay(starts, ways, 1, (i, hit) => {
+      out[i] = hit ? 1 : 0;
+    });
+    return out;
+  };
+  const timed = await inTurns(() => scene.visibility(points, normals, soft.light).bits, theirs);
+  const [wrong, wrong_theirs] = timed.found.map((found, side) => wrongIn(found, truth[side]));
+  const row = { query: "visibility", rays: "soft shadows", ours: timed.ours, theirs: timed.theirs * soft.share };
+  rows.push({ ...row, wrong, wrong_theirs });
 }
 console.log(JSON.stringify(rows));

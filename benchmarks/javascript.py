@@ -7,6 +7,9 @@ points a thousandth of the way in front of surfaces, rays from a camera there, r
 vertices. three-mesh-bvh has a call for one ray, `raycastFirst`, which answers any-hit queries too. Its tree is built by
 the surface area heuristic. Answers are compared with those of Antumbra in Python. npm installs three-mesh-bvh into a
 temporary folder.
+
+Soft shadows are those of the surfaces in a picture of 640 x 360 pixels, with 16 samples of a lamp in the middle. The
+time of three-mesh-bvh is that of each 16th point's segments, times 16.
 """
 
 import json
@@ -19,6 +22,8 @@ import numpy as np
 
 import antumbra as at
 from antumbra.base.errors import InputError
+from antumbra.query.light_samples import domain_sets
+from antumbra.query.receivers import Receivers
 from antumbra.web.javascript_package import build_package
 from common import SCENES, arguments, machine
 from comparison import start
@@ -26,6 +31,8 @@ from comparison import start
 PEERS = "three@0.180", "three-mesh-bvh@0.9.17"
 REAL = "sponza_crytek", "bart_robots"
 SCRIPT = Path(__file__).with_suffix(".mjs")
+PICTURE = 640, 360
+EACH = 16  # of the points whose segments three-mesh-bvh traces
 
 
 def install(folder: Path) -> None:
@@ -59,6 +66,35 @@ def rays(vertices: np.ndarray, n: int, seed: int = 1) -> dict[str, tuple[np.ndar
     }
 
 
+def write_soft_shadows(scene: at.Scene, path: Path, folder: Path) -> dict:
+    """Write the points of a picture and their answers, and return what the script needs to know."""
+    surfaces = scene.engine.surfaces(at.load(path).default_camera(*PICTURE))
+    there = surfaces.face >= 0
+    points = (surfaces.position[there] + surfaces.origin).astype(np.float32)
+    normals = np.ascontiguousarray(surfaces.normal[there])
+    lower, upper = scene.bounds
+    size = (upper - lower).max()
+    corner = ((lower + upper) / 2 + [0, 0.3 * (upper - lower)[1], 0]).astype(np.float32)
+    light = at.QuadLight(corner, [0.05 * size, 0, 0], [0, 0, 0.05 * size])
+    seen = at.visibility(scene, points, light, normals)
+    own = Receivers.of(points, normals, scene.origin, scene.middle).origins[0] + scene.origin
+    samples = domain_sets(16, "larcher-pillichshammer", "square")[np.arange(len(points)) & 3][::EACH]
+    ends = light.corner + samples[..., :1] * light.u + samples[..., 1:2] * light.v
+    above = ((ends - own[::EACH, None]) * normals[::EACH, None]).sum(-1) > 0
+    arrays = {
+        "points": points,
+        "normals": normals,
+        "bits": seen.bits,
+        "starts": np.broadcast_to(own[::EACH, None], ends.shape)[above].astype(np.float32),
+        "ends": ends[above].astype(np.float32),
+        "blocked": ~seen.seen_samples[::EACH][above],
+    }
+    for name, array in arrays.items():
+        array.tofile(folder / f"soft-{name}")
+    vectors = {name: getattr(light, name).tolist() for name in ("corner", "u", "v")}
+    return {"light": {"kind": "quad", **vectors}, "share": EACH}
+
+
 def measure(path: Path, folder: Path, n: int, rounds: int) -> list[dict]:
     """A row per query and kind of rays, and one for the build."""
     vertices = np.ascontiguousarray(at.load(path).triangles().vertices)
@@ -71,7 +107,8 @@ def measure(path: Path, folder: Path, n: int, rounds: int) -> list[dict]:
         scene.occluded(origins, directions, tmax=tmax).tofile(folder / f"{kind}-blocked")
         scene.closest_hit(origins, directions, tmax=tmax).face.astype(np.int32).tofile(folder / f"{kind}-face")
     limits = {kind: None if tmax == np.inf else tmax for kind, (_, _, tmax) in kinds.items()}
-    (folder / "plan.json").write_text(json.dumps({"limits": limits, "rounds": rounds}))
+    soft = write_soft_shadows(scene, path, folder)
+    (folder / "plan.json").write_text(json.dumps({"limits": limits, "soft": soft, "rounds": rounds}))
     script = folder / SCRIPT.name  # so that its imports are found
     script.write_bytes(SCRIPT.read_bytes())
     done = subprocess.run(["node", script], cwd=folder, check=True, capture_output=True, text=True)

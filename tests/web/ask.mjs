@@ -21,12 +21,14 @@ try {
 } catch (error) {
   answers.push({ error: error.message });
 }
-for (const [k, { method, origins, directions, options }] of (scene ? questions : []).entries()) {
+for (const [k, { method, values, options }] of (scene ? questions : []).entries()) {
   const named = Object.fromEntries(Object.entries(options).map(([name, value]) => [name, arrayOf(value)]));
   try {
-    const found = scene[method](arrayOf(origins), arrayOf(directions), named);
-    const arrays = method === "occluded" ? { blocked: found } : found;
-    for (const [name, array] of Object.entries(arrays)) writeFileSync(`${folder}/${k}-${name}`, array);
+    const found = scene[method](...values.map(arrayOf), named);
+    const whole = { occluded: "blocked", sunHours: "hours" }[method]; // the name of an answer that is one array
+    const arrays = whole ? { [whole]: found } : { ...found, seenSamples: found.seenSamples };
+    for (const [name, array] of Object.entries(arrays))
+      if (ArrayBuffer.isView(array)) writeFileSync(`${folder}/${k}-${name}`, array);
     answers.push({});
   } catch (error) {
     answers.push({ error: error.message });

@@ -116,8 +116,8 @@ def reach_of(box: NDArray[np.float32], points: NDArray[np.float32] | None = None
     if points is not None:
         low, high = bounds(points, threads)
         lower, upper = np.minimum(lower, low), np.maximum(upper, high)
-    across = upper.astype(np.float64) - lower
-    return 2.0 * sqrt(across.dot(across)) + _TINY
+    x, y, z = (upper.astype(np.float64) - lower).tolist()
+    return 2.0 * sqrt(x * x + y * y + z * z) + _TINY  # a dot product of NumPy has other last bits on other processors
 
 
 # --- Placing lights ---------------------------------------------------------------------------------------------------

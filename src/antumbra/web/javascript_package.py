@@ -68,7 +68,7 @@ def _package_file() -> dict[str, object]:
     return {
         "name": "antumbra",
         "version": re.sub(r"(a|b|rc)(\d+)", r"-\1.\2", VERSION),  # npm's spelling
-        "description": "Exact and fast ray queries on triangles: shadows, nearest hits, in browsers and node",
+        "description": "Exact and fast rays on triangles: soft shadows, sun hours, nearest hits, in browsers and node",
         "license": "Apache-2.0",
         "type": "module",
         "exports": {".": f"./{ENTRY}", "./kernels.wasm": "./kernels.wasm", "./kernels.json": "./kernels.json"},

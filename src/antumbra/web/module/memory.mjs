@@ -7,7 +7,16 @@ const ALIGNMENT = 64; // a cache line; kernels load vectors from whole lines
 /** @typedef {Float32Array | Float64Array | Int32Array | Uint8Array | BigInt64Array} NumberArray */
 
 /** Element types by the names that kernels' keys have for them. */
-const TYPES = { f4: Float32Array, f8: Float64Array, i4: Int32Array, i8: BigInt64Array, u1: Uint8Array, b1: Uint8Array };
+const TYPES = {
+  f4: Float32Array,
+  f8: Float64Array,
+  i1: Int8Array,
+  i4: Int32Array,
+  i8: BigInt64Array,
+  u1: Uint8Array,
+  u8: BigUint64Array,
+  b1: Uint8Array,
+};
 
 /** @typedef {keyof typeof TYPES} ElementType */
 

@@ -1,21 +1,23 @@
 // @ts-check
 /** A scene of triangles that stay where they are, and exact queries of rays: `antumbra.Scene`. */
 
+import { buildBlocks } from "./blocks.mjs";
+import { checkMesh, checkPoints, checkRays, cullOf, faultOf } from "./checks.mjs";
+import { boundsOf, frameOrigin, middleOf, receiversOf, recentre } from "./frame.mjs";
 import { KernelModule } from "./kernels.mjs";
+import { MOST_RAYS, traceRays } from "./rays.mjs";
+import { visibilityOf } from "./shadows.mjs";
+import { sunsOf } from "./sun.mjs";
+import { sumHours } from "./sun_hours.mjs";
 import { IN_NODE, threadCount } from "./threads.mjs";
 import { buildTree, widen } from "./tree.mjs";
 
 /** @typedef {import("./memory.mjs").MemoryArray} MemoryArray */
 /** @typedef {import("./kernels.mjs").KernelInstance} KernelInstance */
+/** @typedef {import("./lights.mjs").Light} Light */
+/** @typedef {import("./shadows.mjs").Visibility} Visibility */
 
-const NEAR = 16; // widest extents within which the frame keeps its origin at 0
-const NEAREST = 2 ** -110; // coordinates in the frame with smaller magnitudes are 0
-const MAX_EXTENT = 1e18;
 const AT_A_TIME = 16384; // triangles that are measured at a time
-const BATCHES = 16; // of 64 rays, that a kernel takes at a time
-const RAYS = 64;
-const COUNTERS = 15;
-const MOST_RAYS = 1 << 20; // rays that are in memory at once
 
 /**
  * Rays, as arrays of three numbers each. `t` counts in lengths of the direction; tmin = 0 and tmax = Infinity.
@@ -35,6 +37,12 @@ const MOST_RAYS = 1 << 20; // rays that are in memory at once
  */
 
 /**
+ * @typedef {object} VisibilityOptions
+ * @property {number} [samples] of the light for each point, 1 to 1024; default: 16. Point i uses set i % 4 of 16
+ * @property {"front" | "back"} [cullFaces] faces that light passes
+ */
+
+/**
  * Nearest hits: for a miss, the face is -1, t is Infinity, and u and v are 0.
  * @typedef {{face: Int32Array, t: Float64Array, u: Float32Array, v: Float32Array}} Hits
  */
@@ -43,6 +51,9 @@ export class Scene {
   /** @type {KernelInstance} */ #kernels;
   /** @type {any[]} */ #tree;
   /** @type {number[]} */ #origin;
+  /** @type {number[]} */ #middle;
+  /** @type {import("./frame.mjs").Box} */ #box; // in the frame
+  /** @type {import("./blocks.mjs").BlockTree | null} */ #blocks = null; // made for the first light
   /** @type {Int32Array | null} */ #faces; // of the tree's triangles; null: all
   /** @type {Promise<KernelModule> | null} */ static #module = null;
 
@@ -55,11 +66,13 @@ export class Scene {
   constructor(kernels, positions, indices) {
     this.triangles = (indices ? indices.length : positions.length / 3) / 3;
     this.#kernels = kernels;
-    const [lower, upper] = boundsOf(positions);
-    this.#origin = frameOrigin(lower, upper);
+    const bounds = boundsOf(positions);
+    this.#origin = frameOrigin(bounds);
+    this.#middle = middleOf(bounds);
     const { arena } = this.#kernels;
     const all = arena.array("f4", [this.triangles, 9]);
     recentre(positions, indices, this.#origin, all.view);
+    this.#box = boundsOf(all.view);
     this.#faces = this.#solidFaces(all);
     const bvh = this.#faces?.length === 0 ? null : buildTree(this.#kernels, this.#kept(all));
     this.#tree = bvh ? widen(this.#kernels, bvh) : [];
@@ -167,6 +180,42 @@ export class Scene {
   }
 
   /**
+   * Which samples of a light points see.
+   * @param {ArrayLike<number>} points three numbers a point
+   * @param {ArrayLike<number> | null} normals of any length, for points on surfaces: what is below them is not seen;
+   *   null: the points are in free space
+   * @param {Light} light
+   * @param {VisibilityOptions} [options]
+   * @returns {Visibility}
+   */
+  visibility(points, normals, light, { samples = 16, cullFaces } = {}) {
+    checkPoints(points, normals);
+    const cull = cullOf(cullFaces);
+    if (light?.kind === "ambient" && !normals) throw new TypeError("ambient light needs the normals of the points");
+    const receivers = receiversOf(points, normals, this.#origin, this.#middle);
+    const wide = this.#tree.length === 0 ? null : this.#tree;
+    if (wide) this.#blocks ??= buildBlocks(this.#kernels, wide[5]);
+    const geometry = { kernels: this.#kernels, wide, blocks: this.#blocks, origin: this.#origin, box: this.#box };
+    return visibilityOf(geometry, receivers, light, samples, cull);
+  }
+
+  /**
+   * The hours of direct sun at points: of all suns whose centre a point sees, the hours that they stand for.
+   * @param {ArrayLike<number>} points three numbers a point
+   * @param {ArrayLike<number> | null} normals as in `visibility`
+   * @param {import("./sun.mjs").SunOptions | import("./sun.mjs").Suns} suns a place and dates, or suns of `sunsOf`
+   * @returns {Float64Array}
+   */
+  sunHours(points, normals, suns) {
+    const given = "directions" in suns ? suns : sunsOf(suns);
+    if (given.directions.length !== 3 * given.hours.length)
+      throw new RangeError(
+        `directions has ${given.directions.length} numbers for the hours of ${given.hours.length} suns`,
+      );
+    return sumHours(points.length / 3, given, (light) => this.visibility(points, normals, light));
+  }
+
+  /**
    * Trace rays, a million at a time.
    * @param {ArrayLike<number>} origins
    * @param {ArrayLike<number> | null} directions
@@ -181,19 +230,8 @@ export class Scene {
       const rays = new RayPart(this.#kernels, first, Math.min(MOST_RAYS, n - first));
       this.#kernels.arena.scratch(() => {
         const list = rays.list(origins, directions, options, this.#origin, this.#faces);
-        const [m, none] = [rays.n, 0];
-        const arena = this.#kernels.arena;
-        const hits = [
-          arena.array("b1", [anyHit ? m : none]),
-          arena.array("i4", [anyHit ? none : m]),
-          arena.array("f8", [anyHit ? none : m]),
-          arena.array("f4", [anyHit ? none : m]),
-          arena.array("f4", [anyHit ? none : m]),
-        ];
-        const [faults, counters] = [arena.array("b1", [1]), arena.array("i8", [COUNTERS])];
-        const args = [this.#tree, list, anyHit, hits, faults, counters];
-        this.#kernels.run("antumbra.trace.rays.ray_batches:_blocks", Math.ceil(m / RAYS), BATCHES, ...args);
-        if (faults.view[0]) throw new RangeError(faultOf(origins, directions, options, first, first + m));
+        const hits = traceRays(this.#kernels, this.#tree, list, rays.n, anyHit);
+        if (!hits) throw new RangeError(faultOf(origins, directions, options, first, first + rays.n));
         use(hits, first);
       });
     }
@@ -225,7 +263,7 @@ class RayPart {
     const { targets, tmin = 0, tmax = targets ? 1 : Infinity, skipFace, cullFaces } = options;
     const ends = /** @type {ArrayLike<number>} */ (targets ?? directions);
     const skip = skipFace && faces ? rowsOf(skipFace, faces) : skipFace;
-    const cull = cullFaces === undefined ? 0 : cullFaces === "back" ? 1 : -1; // a value of CULL_FACES
+    const cull = cullOf(cullFaces);
     const parts = [this.#points(origins), this.#points(ends), this.#number(tmin), this.#number(tmax)];
     return [...parts, this.#skip(skip), frame, this.n, cull, targets !== undefined];
   }
@@ -277,132 +315,6 @@ function part(values, first, n) {
 function rowsOf(wanted, faces) {
   const rows = new Map(Array.from(faces, (face, row) => [face, row]));
   return wanted.map((face) => rows.get(face) ?? -1);
-}
-
-// --- The frame of float32 coordinates (`antumbra.scene.scene_bounds`) --------------------------------------------------
-
-/**
- * The lower and the upper corner of vertices.
- * @param {Float32Array} positions
- */
-function boundsOf(positions) {
-  const [lower, upper] = [
-    [Infinity, Infinity, Infinity],
-    [-Infinity, -Infinity, -Infinity],
-  ];
-  for (let i = 0; i < positions.length; i++) {
-    const axis = i % 3;
-    lower[axis] = Math.min(lower[axis], positions[i]);
-    upper[axis] = Math.max(upper[axis], positions[i]);
-  }
-  return [lower, upper];
-}
-
-/**
- * The origin of the frame: 0 on axes on which the scene lies near it, otherwise its centre in float32.
- * @param {number[]} lower
- * @param {number[]} upper
- */
-function frameOrigin(lower, upper) {
-  const extent = Math.max(...lower.map((low, axis) => upper[axis] - low));
-  if (!(extent <= MAX_EXTENT))
-    throw new RangeError(`positions reach over ${extent}; they must be finite and at most 1e18 wide`);
-  if (!(extent > 1e-200)) return lower;
-  return lower.map((low, axis) => {
-    const near = Math.max(Math.abs(low), Math.abs(upper[axis])) <= NEAR * extent;
-    return near ? 0 : Math.fround(low / 2 + upper[axis] / 2);
-  });
-}
-
-/**
- * Write the corners of all triangles, relative to the frame.
- * @param {Float32Array} positions
- * @param {ArrayLike<number> | null} indices
- * @param {number[]} origin
- * @param {Float32Array} out
- */
-function recentre(positions, indices, origin, out) {
-  for (let corner = 0; corner < out.length / 3; corner++) {
-    const vertex = indices ? indices[corner] : corner;
-    for (let axis = 0; axis < 3; axis++) {
-      const local = Math.fround(positions[3 * vertex + axis] - origin[axis]);
-      out[3 * corner + axis] = Math.abs(local) < NEAREST ? 0 : local;
-    }
-  }
-}
-
-// --- Checks ------------------------------------------------------------------------------------------------------------
-
-/**
- * @param {Float32Array} positions
- * @param {ArrayLike<number> | null} indices
- */
-function checkMesh(positions, indices) {
-  if (!(positions instanceof Float32Array)) throw new TypeError("positions must be a Float32Array");
-  const vertices = positions.length / 3;
-  const corners = indices ? indices.length : vertices;
-  if (!Number.isInteger(vertices) || !Number.isInteger(corners / 3) || corners === 0)
-    throw new RangeError("a scene needs whole triangles: three coordinates a vertex, and three vertices a triangle");
-  const bad = positions.findIndex((x) => !Number.isFinite(x));
-  if (bad >= 0) throw new RangeError(`positions: vertex ${Math.floor(bad / 3)} is not finite`);
-  for (let i = 0; indices && i < corners; i++)
-    if (!(indices[i] >= 0 && indices[i] < vertices))
-      throw new RangeError(`indices: ${indices[i]} at ${i} is no vertex; there are ${vertices}`);
-}
-
-/**
- * The number of rays, whose arrays have been checked.
- * @param {ArrayLike<number>} origins
- * @param {ArrayLike<number> | null} directions
- * @param {RayOptions} options
- */
-function checkRays(origins, directions, { targets, tmin, tmax, skipFace, cullFaces }) {
-  const n = origins.length / 3;
-  if (!Number.isInteger(n)) throw new RangeError("origins must have three numbers a ray");
-  if (Boolean(directions) === Boolean(targets)) throw new TypeError("give either directions or targets");
-  if (targets && (tmin !== undefined || tmax !== undefined)) throw new TypeError("segments take no tmin and no tmax");
-  const lengths = {
-    directions: [directions, 3],
-    targets: [targets, 3],
-    tmin: [tmin, 1],
-    tmax: [tmax, 1],
-    skipFace: [skipFace, 1],
-  };
-  for (const [name, [value, each]] of Object.entries(lengths)) {
-    const size = /** @type {any} */ (value)?.length;
-    if (size !== undefined && size !== n * /** @type {number} */ (each))
-      throw new RangeError(`${name} has ${size} numbers, and ${n} rays need ${n * /** @type {number} */ (each)}`);
-  }
-  if (cullFaces !== undefined && cullFaces !== "front" && cullFaces !== "back")
-    throw new TypeError(`cullFaces is ${cullFaces}; it must be "front" or "back"`);
-  return n;
-}
-
-/**
- * What is wrong with the first invalid ray.
- * @param {ArrayLike<number>} origins
- * @param {ArrayLike<number> | null} directions
- * @param {RayOptions} options
- * @param {number} first
- * @param {number} end
- */
-function faultOf(origins, directions, { targets, tmin = 0, tmax = Infinity }, first, end) {
-  const finite = (/** @type {ArrayLike<number>} */ values, /** @type {number} */ ray) =>
-    [0, 1, 2].every((k) => Number.isFinite(Math.fround(values[3 * ray + k])));
-  const numberOf = (/** @type {number | ArrayLike<number>} */ value, /** @type {number} */ ray) =>
-    typeof value === "number" ? value : value[ray];
-  for (let ray = first; ray < end; ray++) {
-    if (!finite(origins, ray)) return `origins hold NaN or infinity, or are beyond float32 (ray ${ray})`;
-    const ends = /** @type {ArrayLike<number>} */ (targets ?? directions);
-    if (!finite(ends, ray))
-      return `${targets ? "targets" : "directions"} hold NaN or infinity, or are beyond float32 (ray ${ray})`;
-    if (!targets && [0, 1, 2].every((k) => Math.fround(ends[3 * ray + k]) === 0))
-      return `direction of ray ${ray} is zero in float32; give every ray a direction`;
-    const low = numberOf(tmin, ray);
-    if (!(low >= 0 && low < Infinity)) return `tmin must be finite and not negative (ray ${ray})`;
-    if (Number.isNaN(numberOf(tmax, ray))) return `tmax is NaN (ray ${ray})`;
-  }
-  return "rays are invalid";
 }
 
 // --- Loading -----------------------------------------------------------------------------------------------------------

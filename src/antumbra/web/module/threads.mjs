@@ -11,7 +11,10 @@ const BUSY = 2; // threads between their look at OPEN and their end
 const FAILED = 3; // threads whose kernel trapped
 const FUNCTION = 4; // place of the kernel among the module's exports, in their order
 const ARGUMENTS = 5; // address of its arguments
-export const CONTROL_WORDS = 6;
+const PAGES = 6; // of memory
+export const CONTROL_WORDS = 7;
+
+const PAGE = 65536;
 
 /** Whether this is node, not a browser. */
 export const IN_NODE = Boolean(/** @type {any} */ (globalThis).process?.versions?.node);
@@ -105,6 +108,7 @@ export class Helpers {
     const words = this.#words;
     words[FUNCTION] = /** @type {number} */ (this.places.get(symbol));
     words[ARGUMENTS] = args;
+    words[PAGES] = this.memory.buffer.byteLength / PAGE;
     Atomics.store(words, FAILED, 0);
     Atomics.store(words, OPEN, 1);
     Atomics.add(words, JOB, 1);
@@ -137,11 +141,14 @@ export function serve({ module, memory, stack, results, control }) {
   const functions = WebAssembly.Module.exports(module).map(({ name }) => exports[name]);
   exports.__stack_pointer.value = stack | 0;
   const words = new Int32Array(memory.buffer, control, CONTROL_WORDS);
+  let pages = 0;
   for (;;) {
     const job = Atomics.load(words, JOB);
     Atomics.add(words, BUSY, 1);
     if (Atomics.load(words, OPEN) === 1) {
       try {
+        if (words[PAGES] !== pages) memory.grow(0); // makes this thread see what another one has added
+        pages = words[PAGES];
         functions[words[FUNCTION]](words[ARGUMENTS], results);
       } catch {
         Atomics.add(words, FAILED, 1);
