@@ -330,7 +330,8 @@ class RayArrays(NamedTuple):
     def traceable(self) -> NDArray[np.bool_]:
         """(m,) bool: whether the coordinates are finite, also in float32, and the direction is not zero."""
         origins, directions = self.local()
-        return np.isfinite(origins).all(1) & np.isfinite(directions).all(1) & (directions.any(1) | self.segments)
+        good: NDArray[np.bool_] = np.isfinite(origins).all(1) & np.isfinite(directions).all(1)
+        return good & (directions.any(1) | self.segments)
 
     def check(self) -> None:
         """Raise an InputError for the first invalid ray, if there is one."""
