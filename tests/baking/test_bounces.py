@@ -99,6 +99,33 @@ def test_light_between_two_parallel_plates_follows_their_form_factors(tmp_path, 
     assert twice == pytest.approx(albedo**2 * (to_upper @ (between @ emitted)).mean(), rel=5e-2)  # 8 % of the paths
 
 
+def test_the_mean_over_seeds_converges_at_each_bounce(tmp_path):
+    """Inside two facing squares, with 16 paths each: each term of the series, by Gauss' quadrature."""
+    albedo, exitance, seeds = 0.6, 3.0, 48
+    nodes, weights = np.polynomial.legendre.leggauss(24)
+    x, z = (each.ravel() for each in np.meshgrid(nodes, nodes))
+    weight = np.outer(weights, weights).ravel()
+    factors = lambda u, v: weight / (np.pi * ((u[:, None] - x) ** 2 + (v[:, None] - z) ** 2 + 1.0) ** 2)
+    path = emissive_file(tmp_path, (plate(0.0, 1), albedo, exitance), (plate(1.0, -1), albedo, 0.0))
+    found = []
+    for seed in range(1, seeds + 1):
+        lower = light_at_vertices(path, tmp_path / "out.glb", 0, bounces=2, spp=16, seed=seed)
+        made = Glb(tmp_path / "out.glb")
+        places = [made.attribute("POSITION", node)[:, [0, 2]].astype(float) for node in (0, 1)]
+        inner = [np.abs(place).max(1) < 0.99 for place in places]
+        found.append([lower[inner[0]].mean(), made.attribute("_LIGHT", 1)[inner[1]].mean()])
+    once, twice = np.array(found, float).T / exitance
+    from_lower = factors(x, z).sum(1)  # the share of the lower square's exitance that arrives on the upper one
+    to_lower, to_upper = (factors(*place[rows].T) for place, rows in zip(places, inner))
+    terms = [
+        (once, (to_lower @ (albedo * from_lower)).mean()),
+        (twice - to_upper.sum(1).mean(), (to_upper @ (albedo**2 * (factors(x, z) @ from_lower))).mean()),
+    ]
+    for values, truth in terms:
+        print(f"{values.mean():.5f}, exactly {truth:.5f}, error of the mean {values.std() / np.sqrt(seeds):.5f}")
+        assert abs(values.mean() - truth) < 4 * values.std() / np.sqrt(seeds) < 0.3 * truth
+
+
 def test_an_integrating_sphere_spreads_the_light_of_a_lamp_evenly(tmp_path):
     """In a sphere of radius R with a lamp I anywhere inside, each bounce k adds r^k I / R^2, on average exactly."""
     trimesh = pytest.importorskip("trimesh")

@@ -131,3 +131,12 @@ def test_what_has_no_distance_is_refused():
         at.trimesh_nearest(trimesh.creation.box()).on_surface([0.0, 0, 1])
     with pytest.raises(at.InputError, match="NaN"):
         at.trimesh_nearest(trimesh.creation.box()).on_surface([[np.nan, 0, 1]])
+
+
+def test_a_point_that_is_not_a_number_fails_alone():
+    points = np.array([[0.0, 0.0, 0.0], [np.nan, 0.0, 0.0], [3.0, 0.0, 0.0]])
+    near = at.trimesh_nearest(trimesh.creation.box())
+    closest, distance, face = near.on_surface(points)
+    np.testing.assert_array_equal(distance, [0.5, np.nan, 2.5])
+    assert np.isnan(closest[1]).all() and face[1] == -1 and (face[[0, 2]] >= 0).all()
+    np.testing.assert_array_equal(near.signed_distance(points), [0.5, np.nan, -2.5])

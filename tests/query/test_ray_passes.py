@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.picture.renderer import Renderer
 from antumbra.query.light_samples import SAMPLERS, domain_sets, light_samples
-from antumbra.query.ray_passes import diffuse_passes, diffuse_rays
+from antumbra.query.ray_passes import diffuse_passes, diffuse_rays, path_passes
 from antumbra.query.shadow_query import segments, shadow_queries
 from antumbra.trace.rays.ray_hits import hit_surfaces, nearest_hits
 
@@ -46,6 +46,28 @@ def test_directions_and_light_samples_come_in_all_pairs(sampler):
     share = np.bincount(cells, minlength=16) / len(cells)
     assert share.min() > 0.5 / 16 and share.max() < 2 / 16  # if sample k went with direction k, most would be 0
     assert abs(np.corrcoef(directions.T, lights.T)[:2, 2:]).max() < 0.15
+
+
+def segment(distance):
+    """The share of a unit disk beyond a chord at a distance from its centre."""
+    return (np.arccos(distance) - distance * np.sqrt(1 - distance**2)) / np.pi
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_the_rays_of_a_path_and_its_light_samples_come_in_all_pairs_over_seeds(sampler):
+    """The mean over seeds is the product of the parts, for each set: nothing ties one part to another for all seeds."""
+    seeds, n = 256, 4
+    found = []
+    for seed in range(1, seeds + 1):
+        rays = path_passes([QUAD], n, sampler, 3, seed)
+        first, second, third = ((ray.directions[..., 0] > 0.3).reshape(n, 16) for ray in rays)
+        lit, lit_before = (np.stack(ray.lights[0])[:, :, 0, 0] > 0.5 for ray in rays[1::-1])
+        found.append([first & second, second & third, second & lit, first & lit_before])
+    found = np.mean(found, 2)  # over the passes: (seeds, pairs, sets)
+    ahead = segment(0.3)
+    error = found.mean(0) - np.array([ahead**2, ahead**2, ahead / 2, ahead / 2])[:, None]
+    assert (abs(error) < 4.5 * np.maximum(found.std(0), 0.02) / np.sqrt(seeds)).all()
+    assert found.std(0).min() > 0.02
 
 
 def test_every_pass_asks_all_of_a_list():

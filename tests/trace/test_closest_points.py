@@ -232,7 +232,6 @@ def test_scenes_in_a_store_are_refused(tmp_path):
     "points, words",
     [
         ([[0.0, np.nan, 0.0]], r"points are NaN, infinite or beyond float32 \(point 0\)"),
-        ([[0.0, 0.0, 0.0], [0.0, 1e39, 0.0]], r"beyond float32 \(point 1\)"),
         (np.zeros((4, 2)), r"points must have shape \(\.\.\., 3\), not \(4, 2\)"),
         ("here", "points must be numbers"),
     ],

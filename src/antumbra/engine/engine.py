@@ -19,7 +19,7 @@ from ..kernels.parallel import thread_count
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.point_list import points_of
-from ..query.ray_list import cull_value, rays_of, segments_between
+from ..query.ray_list import cull_value, failing, rays_of, segments_between
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery
 from ..scene.camera import Camera
@@ -235,7 +235,13 @@ class Engine(RayQueries):
             face, t, u, v = self._resident(origins, directions, None, hit_filter, False, time, threads)
             return cast(Hit, HitFaces(*(cast(np.ndarray, each) for each in (t, face, u, v))))
         rays = rays_of(origins, directions, hit_filter, self._frame, self._n_faces, None, self._moment(time))
-        hits, find = self._rays.trace_rays(rays, False, self._count(threads))
+        try:
+            hits, find = self._rays.trace_rays(rays, False, self._count(threads))
+        except InputError:
+            rays, failed = rays.without_failed()
+            if not len(failed):
+                raise
+            hits, find = failing(self._rays.trace_rays(rays, False, self._count(threads)), failed)
         faces = HitFaces(hits.t, hits.face, hits.u, hits.v)
         if len(rays.shape) != 1:
             faces = HitFaces(*(array.reshape(rays.shape) for array in (hits.t, hits.face, hits.u, hits.v)))
@@ -278,7 +284,7 @@ class Engine(RayQueries):
         return self.source.ray_lists.all_hits(segments, None, TRIANGLES, self._count(threads))
 
     def _inside(self, points: "ArrayLike", time: float, threads: int | None) -> NDArray[np.bool_]:
-        array, up = points_of(points, self._frame).points, np.eye(3)["xyz".index(self.data.up)]
+        array, up = points_of(points, self._frame).checked().points, np.eye(3)["xyz".index(self.data.up)]
         rays = rays_of(array, up, HitFilter(0.0, np.inf), self._frame, self._n_faces, None, self._moment(time))
         bodies = self.source.ray_lists.bodies(rays.time)
         if bodies.open_edges or self.data.notes:
@@ -286,11 +292,19 @@ class Engine(RayQueries):
         return inside_of(bodies, rays, self._count(threads)).reshape(rays.shape)
 
     def _closest_points(self, points: "ArrayLike", time: float, threads: int | None) -> ClosestPoints:
-        arguments = points_of(points, self._frame)
+        arguments, failed = points_of(points, self._frame).without_failed()
         found = self.source.ray_lists.closest_points(arguments.local(), self._moment(time), self._count(threads))
         found.position[:] += self._frame
+        if len(failed):
+            found.distance[failed], found.position[failed] = np.nan, np.nan
+            found.face[failed], found.u[failed], found.v[failed] = -1, 0.0, 0.0
         arrays: list[Any] = [array.reshape((*arguments.shape, *array.shape[1:])) for array in found]
         return ClosestPoints(*arrays)
+
+    def _signed_distance(self, points: "ArrayLike", time: float, threads: int | None) -> NDArray[np.float64]:
+        places = points_of(points, self._frame).without_failed()[0].points
+        distance = self._closest_points(points, time, threads).distance
+        return np.where(self._inside(places, time, threads) & (distance > 0.0), -distance, distance)
 
     def _count(self, threads: int | None) -> int:
         """The number of threads of a query."""

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import as_array
 from ..base.progress import ProgressCallback, with_quiet_progress
+from ..query.point_list import MAX_COORDINATE
 from ..query.receivers import NOTHING, Receivers
 from ..scene.lights import Light
 from .plan import Plan
@@ -49,8 +50,9 @@ def visibility(
     normals : (..., 3) float or None
         For points on surfaces: surface normals of any length, pointing to the tested side. They broadcast against the
         points. Each point is offset from its surface by a few units in the last place, and samples below its horizon
-        are occluded. None: the points lie in free space and are used unchanged. A point that is NaN or infinite, or
-        whose normal is so or zero, fails alone: its `fraction` is NaN, and it sees no sample.
+        are occluded. None: the points lie in free space and are used unchanged. A point that is NaN, infinite or
+        beyond float32, or whose normal is zero or not finite, fails alone, unless all do: its `fraction` is NaN, and
+        it sees no sample.
     spp, plan, time, threads, sampler, seed, cull_faces
         As in `antumbra.render`. Point i uses sample set i mod 4.
     max_memory : int or None
@@ -69,7 +71,7 @@ def visibility(
     Raises
     ------
     InputError
-        If a shape or dtype is wrong, a point is beyond float32, the plan is unknown, or all points fail.
+        If a shape or dtype is wrong, the plan is unknown, or all points fail.
     """
     scene = scene_of(scene)
     engine = scene.engine.with_options(plan, threads, max_memory)
@@ -93,7 +95,7 @@ def _receivers_of(
     points: NDArray[Any], normals: "ArrayLike | None", scene: AnyScene
 ) -> tuple[Receivers, NDArray[np.intp]]:
     """The receivers at points, and the indices of those that fail, at which there is none."""
-    good = np.isfinite(points).all(-1) if points.ndim and points.shape[-1] == 3 else np.ones(0, bool)
+    good = (np.abs(points) < MAX_COORDINATE).all(-1) if points.ndim and points.shape[-1] == 3 else np.ones(0, bool)
     if normals is not None:
         normals = as_array(normals, "normals")
         with suppress(ValueError):  # `Receivers` refuses shapes that do not broadcast

@@ -86,6 +86,9 @@ class RayQueries:
     ) -> Hit:
         """The nearest hit of each ray strictly between tmin and tmax; arguments and errors as for `occluded`.
 
+        A ray that is NaN, infinite or beyond float32, or whose direction is zero, fails alone, unless all rays do: its
+        t is NaN, and the rest as on a miss. In arrays on a device, it is an error.
+
         Returns
         -------
         Hit
@@ -218,7 +221,8 @@ class RayQueries:
         Points are rounded as for `contains`. The distance from the rounded point is computed in float64: its error is
         below ``2**-48`` of the distance plus the longest edge of the face. Of faces with the same computed distance,
         the one with the lowest index is returned; both faces of an edge have the same distance from a point that is
-        closest to the edge.
+        closest to the edge. A point that is NaN, infinite or beyond float32 fails alone, unless all points do: its
+        distance and position are NaN, and its face -1.
 
         Parameters
         ----------
@@ -239,8 +243,8 @@ class RayQueries:
         Raises
         ------
         InputError
-            As for `contains`; or if the scene is in a store, or its instances take more memory than the machine has,
-            since they are flattened.
+            If the shape is not (..., 3), all points fail, the scene is in a store, or its instances take more memory
+            than the machine has, since they are flattened.
         """
         closest: ClosestPoints = self.engine._closest_points(points, time, threads)
         return closest
@@ -263,11 +267,12 @@ class RayQueries:
         Returns
         -------
         (...) float64
+            NaN where `closest_points` has it.
 
         Raises
         ------
         InputError
             As for `closest_points`.
         """
-        distance = self.closest_points(points, time, threads=threads).distance
-        return np.where(self.contains(points, time, threads=threads) & (distance > 0.0), -distance, distance)
+        distance: NDArray[np.float64] = self.engine._signed_distance(points, time, threads)
+        return distance

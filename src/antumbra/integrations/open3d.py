@@ -198,8 +198,8 @@ class RaycastingScene:
         """The closest points; for points that are NaN or infinite, these numbers, and face -1."""
         scene, threads = self._committed(), _threads(nthreads)
         found, valid = _of_points(lambda points: scene.closest_points(points, threads=threads), points)
-        if valid is not None:
-            lost = ~valid
+        lost = np.isnan(found.distance) if valid is None else ~valid
+        if lost.any():
             found.distance[lost] = np.abs(points[lost]).sum(-1)
             found.face[lost], found.u[lost], found.v[lost], found.position[lost] = -1, 0.0, 0.0, np.nan
         return found

@@ -365,17 +365,19 @@ class ProximityQuery:
         closest : (m, 3) float64
         distance : (m,) float64
         triangle_id : (m,) int64
-            Of equally distant faces, the first.
+            Of equally distant faces, the first. A point that is NaN or infinite has none: -1, at the distance NaN.
         """
         points = rows_of(points, "points", 3, 2).astype(np.float64, copy=False)
         face = self._rays.scene.closest_points(points).face.astype(np.int64)
-        if len(face) and face.max() < 0:
+        measured = np.isfinite(points).all(1)
+        if (measured & (face < 0)).any():
             raise InputError(
                 "the mesh has no face with area, from which distances could be measured; give another mesh"
             )
         corners = np.asarray(self.mesh.vertices)[np.asarray(self.mesh.faces)[face]]
         on_faces = import_extra("trimesh.triangles", "trimesh_nearest", "meshes").closest_point
-        closest = np.asarray(on_faces(corners, points), np.float64) if len(points) else np.empty((0, 3))
+        closest = np.full(points.shape, np.nan)
+        closest[measured] = on_faces(corners[measured], points[measured]) if measured.any() else np.nan
         return closest, np.linalg.norm(points - closest, axis=1), face
 
     def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -383,8 +385,11 @@ class ProximityQuery:
 
         The sign is exact, see `Scene.contains`.
         """
+        points = rows_of(points, "points", 3, 2)
         distance = self.on_surface(points)[1]
-        return np.where(self._rays.contains_points(points), distance, -distance)
+        inside, measured = np.zeros(len(points), np.bool_), ~np.isnan(distance)
+        inside[measured] = self._rays.contains_points(points[measured])
+        return np.where(inside, distance, -distance)
 
     def vertex(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """(distance, vertex_id): the closest vertex to each point, by trimesh's own tree."""

@@ -304,14 +304,15 @@ def light_samples(light: Light, spp: int, sampler: str = "larcher-pillichshammer
 
 
 @lru_cache(64)
-def domain_sets(n: int, sampler: str, domain: str, seed: int = 0) -> np.ndarray:
+def domain_sets(n: int, sampler: str, domain: str, seed: int = 0, ray: int = 0) -> np.ndarray:
     """(16, n, 3) float64: the sample sets on a domain, see `to_domain`. Raises the errors of `sample_sets`.
 
-    A seed gives the hemisphere other shifts than light surfaces: bounced light pairs samples of both. The result is
-    cached: do not write to it.
+    A seed gives the hemisphere other shifts than light surfaces, and each `ray` along a path other ones: bounced light
+    combines their samples, which a common shift would leave correlated for all seeds. The result is cached: do not
+    write to it.
     """
     if seed and domain == "hemisphere":
-        seed = int(np.random.SeedSequence([seed, 1]).generate_state(1, np.uint64)[0])
+        seed = int(np.random.SeedSequence([seed, 1 + ray]).generate_state(1, np.uint64)[0])
     square = sample_sets(n, sampler, seed)
     if domain == "hemisphere" and sampler in ROTATIONS:
         return _rotated_halton(n, ROTATIONS[sampler], seed)

@@ -24,6 +24,26 @@ class PointArguments(NamedTuple):
         """That of the points, (...)."""
         return self.points.shape[:-1]
 
+    def checked(self) -> "PointArguments":
+        """Themselves. InputError if a point is NaN, infinite or beyond float32."""
+        failed = self.without_failed()[1]
+        if len(failed):
+            raise InputError(f"points are NaN, infinite or beyond float32 (point {failed[0]})")
+        return self
+
+    def without_failed(self) -> "tuple[PointArguments, NDArray[np.intp]]":
+        """The points with another in the place of each that fails alone; and the indices of those, in C order.
+
+        A point fails if a coordinate is NaN, infinite or beyond float32. InputError if all points do.
+        """
+        if np.abs(self.points).max(initial=0.0) < MAX_COORDINATE:
+            return self, np.empty(0, np.intp)
+        good = (np.abs(self.points) < MAX_COORDINATE).all(-1)
+        if not good.any():
+            raise InputError("points are NaN, infinite or beyond float32 (point 0)")
+        points = np.where(good[..., None], self.points, self.points[good][0])
+        return self._replace(points=points), np.flatnonzero(~good)
+
     def local(self) -> NDArray[np.float32]:
         """(n, 3) float32: the points in the scene's frame, recentred in float64 and rounded once."""
         world = self.points.reshape(-1, 3).astype(np.float64)
@@ -31,11 +51,8 @@ class PointArguments(NamedTuple):
 
 
 def points_of(points: ArrayLike, frame: tuple[float, float, float]) -> PointArguments:
-    """Points, (..., 3) world. InputError if the shape is another, or a point is NaN, infinite or beyond float32."""
+    """Points, (..., 3) world. InputError if the shape is another."""
     array = as_array(points, "points", strided=True)
     if array.ndim < 1 or array.shape[-1] != 3:
         raise InputError(f"points must have shape (..., 3), not {array.shape}")
-    if not np.abs(array).max(initial=0.0) < MAX_COORDINATE:
-        first = int(np.argmin((np.abs(array) < MAX_COORDINATE).reshape(-1, 3).all(1)))
-        raise InputError(f"points are NaN, infinite or beyond float32 (point {first})")
     return PointArguments(array, frame)

@@ -9,7 +9,7 @@ from math import prod
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..base.checks import as_array, choice
 from ..base.errors import InputError
@@ -82,6 +82,21 @@ class TracedRays(NamedTuple):
     find: FoundTriangles | None  # the triangles hit, which may be made only then; None: for any-hit
 
 
+def failing(traced: TracedRays, failed: NDArray[np.intp]) -> TracedRays:
+    """Closest hits, with the rays of these indices marked as failed; changes the arrays in place."""
+    hits, find = traced
+    hits.t[failed], hits.face[failed], hits.u[failed], hits.v[failed] = np.nan, -1, 0.0, 0.0
+
+    def find_others() -> tuple[Triangles, np.ndarray]:
+        assert find is not None
+        triangles, index = find()
+        index = index.copy()
+        index.reshape(-1)[failed] = -1
+        return triangles, index
+
+    return TracedRays(hits, find_others)
+
+
 _NONE = HitArrays(*(np.empty(0, dtype) for dtype in (np.bool_, np.int32, np.float64, np.float32, np.float32)))
 _NO_HITS = _NONE[1:]
 _HITS = ArgumentForm(_NONE)
@@ -119,6 +134,20 @@ class RayArguments(NamedTuple):
     @property
     def n(self) -> int:
         return prod(self.shape)
+
+    def without_failed(self) -> "tuple[RayArguments, NDArray[np.intp]]":
+        """The rays with another in the place of each that fails alone; and the indices of those, in C order.
+
+        A ray fails if a coordinate is NaN, infinite or beyond float32, or its direction is zero. If no ray fails, or
+        all do, they stay as they are.
+        """
+        good = self.arrays().traceable()
+        if good.all() or not good.any():
+            return self, np.empty(0, np.intp)
+        first, points = int(good.argmax()), (*self.shape, 3)
+        rows = [np.broadcast_to(array, points).reshape(-1, 3) for array in (self.origins, self.directions)]
+        origins, directions = (np.where(good[:, None], row, row[first]).reshape(points) for row in rows)
+        return self._replace(origins=origins, directions=directions), np.flatnonzero(~good)
 
     def copied(self) -> "RayArguments":
         """The same rays in copied arrays, which the caller cannot change."""
@@ -297,6 +326,12 @@ class RayArrays(NamedTuple):
             with np.errstate(over="ignore"):
                 directions = (directions.astype(np.float64) - origins).astype(np.float32)
         return RayPass(origins, directions, np.ascontiguousarray(self.skip[:, 0]))
+
+    def traceable(self) -> NDArray[np.bool_]:
+        """(m,) bool: whether the coordinates are finite, also in float32, and the direction is not zero."""
+        origins, directions = self.local()
+        good: NDArray[np.bool_] = np.isfinite(origins).all(1) & np.isfinite(directions).all(1)
+        return good & (directions.any(1) | self.segments)
 
     def check(self) -> None:
         """Raise an InputError for the first invalid ray, if there is one."""

@@ -26,7 +26,7 @@ from .receivers import NOTHING, SHIFT
 
 
 SEED = 1
-"""Seed of the permutation that pairs light samples with directions."""
+"""First part of the seeds of permutations that pair light samples with directions."""
 
 
 class RayPass(NamedTuple):
@@ -59,9 +59,9 @@ class Passes(NamedTuple):
 def diffuse_passes(lights: Sequence[Light], n: int, sampler: str, seed: int = 0) -> Passes:
     """The samples of n passes of diffuse rays, 1 to 1024, with cosine density; each ray end tests one sample per light.
 
-    A random permutation, different for each set, pairs light samples with directions. Without it, samples with equal
-    indices would lie in corresponding places of the light and of the hemisphere. For `PointLights` each pass tests all
-    lights, or all lights of a set.
+    A random permutation, different for each set and seed, pairs light samples with directions. Without it, samples with
+    equal indices would lie in corresponding places of the light and of the hemisphere. For `PointLights` each pass
+    tests all lights, or all lights of a set.
 
     Raises
     ------
@@ -76,18 +76,19 @@ def diffuse_passes(lights: Sequence[Light], n: int, sampler: str, seed: int = 0)
         if is_indirect(light):
             raise InputError(f"{name} with indirect=True and bounce both add bounced light; leave one of them out")
     directions = domain_sets(n, sampler, "hemisphere", seed)
-    return _passes(directions, [_pass_samples(light, n, sampler, SEED, seed) for light in lights])
+    return _passes(directions, [_pass_samples(light, n, sampler, (SEED,), seed) for light in lights])
 
 
 def path_passes(lights: Sequence[Light], n: int, sampler: str, length: int, seed: int = 0) -> list[Passes]:
     """The samples of n paths of `length` diffuse rays: the passes of each ray along the paths.
 
-    Each ray and light has a permutation of its own, the same for all seeds, so that the rays of a path are independent.
+    Each ray and light has shifts and a permutation of its own for each seed, so that the mean over seeds covers all
+    combinations of samples along a path.
     """
-    hemisphere_sets = domain_sets(n, sampler, "hemisphere", seed)
     of_rays = []
     for k in range(length):
-        directions = hemisphere_sets if k == 0 else _shuffled(hemisphere_sets, (SEED, k))
+        directions = domain_sets(n, sampler, "hemisphere", seed, k)
+        directions = directions if k == 0 else _shuffled(directions, (SEED, k), seed)
         samples = [_pass_samples(light, n, sampler, (SEED, k, i), seed) for i, light in enumerate(lights)]
         of_rays.append(_passes(directions, samples))
     return of_rays
@@ -100,19 +101,20 @@ def _passes(directions: NDArray[np.float64], lights: list[list[np.ndarray]]) -> 
     return Passes(np.ascontiguousarray(of_pass), lights)
 
 
-def _pass_samples(
-    light: Light, n: int, sampler: str, order: int | tuple[int, ...], seed: int
-) -> list[NDArray[np.float64]]:
+def _pass_samples(light: Light, n: int, sampler: str, place: tuple[int, ...], seed: int) -> list[NDArray[np.float64]]:
     """The samples of a light per pass, (16, k, 3) float64."""
     samples = light_samples(light, n, sampler, seed)
     if light.domain == "list":
         return [samples] * n
-    return list(np.ascontiguousarray(_shuffled(samples, order).transpose(1, 0, 2)[:, :, None]))
+    return list(np.ascontiguousarray(_shuffled(samples, place, seed).transpose(1, 0, 2)[:, :, None]))
 
 
-def _shuffled(samples: NDArray[np.float64], seed: int | tuple[int, ...]) -> NDArray[np.float64]:
-    """Sample sets, (16, n, 3), in another order, and each with its samples in another order."""
-    rng = np.random.default_rng(seed)
+def _shuffled(samples: NDArray[np.float64], place: tuple[int, ...], seed: int) -> NDArray[np.float64]:
+    """Sample sets, (16, n, 3), in another order, and each with its samples in another order.
+
+    A net has its samples in the same cells for all seeds, so the order must differ between them.
+    """
+    rng = np.random.default_rng((*place, seed))
     order = rng.permuted(np.tile(np.arange(samples.shape[1]), (N_SETS, 1)), axis=1)  # (16, n)
     return np.asarray(samples[rng.permutation(N_SETS)[:, None], order])
 

@@ -55,7 +55,7 @@ class HitFilter(NamedTuple):
 class HitFaces(NamedTuple):
     """The arrays of a `Hit`."""
 
-    t: NDArray[np.float64]  # (...) float64, in lengths of the direction, rounded to nearest; inf on a miss
+    t: NDArray[np.float64]  # (...) float64, in lengths of the direction, rounded to nearest; inf on a miss, NaN: failed
     face: NDArray[np.int32]  # (...) int32, index of the face in the scene; -1 on a miss
     u: NDArray[np.float32]  # (...) float32, barycentric weight of the face's second corner, 0 to 1; 0 on a miss
     v: NDArray[np.float32]  # (...) float32, barycentric weight of its third corner, 0 to 1; 0 on a miss
@@ -184,11 +184,11 @@ class AllHits(NamedTuple):
 class ClosestPoints(NamedTuple):
     """The closest points of a scene's faces to points of shape (..., 3)."""
 
-    distance: NDArray[np.float64]  # (...) float64; inf in a scene without faces
-    face: NDArray[np.int32]  # (...) int32, index of the face in the scene; -1 in a scene without faces
+    distance: NDArray[np.float64]  # (...) float64; inf in a scene without faces, NaN: failed
+    face: NDArray[np.int32]  # (...) int32, index of the face in the scene; -1 where there is none
     u: NDArray[np.float32]  # (...) float32, barycentric weight of the face's second corner, 0 to 1
     v: NDArray[np.float32]  # (...) float32, barycentric weight of its third corner, 0 to 1
-    position: NDArray[np.float64]  # (..., 3) float64, world: the closest point; NaN in a scene without faces
+    position: NDArray[np.float64]  # (..., 3) float64, world: the closest point; NaN where there is none
 
     def __repr__(self) -> str:
         return f"ClosestPoints({self.face.shape} points; {', '.join(self._fields)})"

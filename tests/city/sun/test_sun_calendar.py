@@ -74,6 +74,30 @@ def test_on_a_mountain_the_horizon_dips(k):
     assert (seconds(flat.sunrise) - seconds(found.sunrise) > 240).all()
 
 
+@pytest.mark.parametrize("degrees", [90.0, 180.0, 250.0])
+def test_a_window_has_sun_until_it_passes_its_plane_to_the_second(degrees):
+    """A window without obstacles that faces an azimuth: the sun is in front of it within 90 degrees of there."""
+    facing = np.radians(degrees)
+    window = at.point_sensors([[0.0, 0.0, 2.0]], [[np.sin(facing), np.cos(facing), 0.0]])
+    found = at.sun_calendar(ground(), window, DAYS, place=HERE, sun="centre", step=4.0)
+    for k, day in enumerate(DAYS):
+        times = np.datetime64(f"{day}T00:00:00") + np.arange(0, 86400) * np.timedelta64(1, "s")
+        elevation, azimuth = (np.radians(angles) for angles in solar_angles(HERE, times))
+        sunny = times[(elevation > 0.0) & (np.cos(azimuth - facing) > 0.0)]
+        offset = 7200 if day.month == 6 else 3600
+        assert abs(seconds(found.first[0, k]) - offset - seconds(sunny[0])) <= 2
+        assert abs(seconds(found.last[0, k]) - offset - seconds(sunny[-1])) <= 2
+    assert ((found.first > found.sunrise) | (found.last < found.sunset)).any()
+
+
+def test_a_point_on_the_ground_has_sun_above_its_horizontal_only():
+    found = at.sun_calendar(
+        ground(), [[0.0, 0.0, 0.0]], DAYS, place=HERE, sun="centre", on_surface=True, curvature=True, step=7.0
+    )
+    utc = found.first[0] - np.array([3600, 7200, 3600]) * np.timedelta64(1, "s")
+    assert np.abs(solar_angles(HERE, utc)[0]).max() < 0.004
+
+
 def test_days_without_sun_are_empty(tmp_path):
     north = at.Place(75.0, 20.0, timezone="UTC")
     found = at.sun_calendar(ground(), [0.0, 0.0, 2.0], [date(2026, 12, 21), date(2026, 6, 21)], place=north)

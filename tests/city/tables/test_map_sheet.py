@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 
 import antumbra as at
 from antumbra.city.sheets.map_frame import Extent, round_length
-from antumbra.city.tables.map_legend import facts_of
+from antumbra.city.tables.map_legend import facts_of, mark_facts
 from antumbra.city.tables.map_scale import map_scale
 from antumbra.city.tables.map_sheet import cells_in, smooth_cells
 from antumbra.city.tables.result_table import Column, Table
@@ -137,6 +137,17 @@ def test_areas_and_observers_are_facts():
     facts = dict(facts_of(made))
     assert facts["area garden"] == "mean 2.5 h; 75.0% of the cells: passes" and facts["area yard"] == "no cells"
     assert facts["observers"] == "3"
+
+
+def test_turbines_have_the_labels_of_their_columns():
+    scene = hill("z")
+    x, y = scene.bounds[:, :2].mean(0)
+    one, two = (at.Turbine((x, y + north, 0.0), hub_height=60.0, rotor_diameter=30.0) for north in (-3.0, 3.0))
+    for farm in ({"WT north": one, "WT 2": two}, [one, two]):
+        made = at.visible_share(scene, "raster:2+1.6", farm, on_surface=True)
+        words, names = texts(table_map(made, "turbines")), made.about["targets"]
+        assert [f"share_{name}" for name in names] == list(made.columns)[3:] and set(names) <= set(words)
+        assert "turbines" in words and [name for name, _ in mark_facts(made)] == [f"turbine {name}" for name in names]
 
 
 @pytest.mark.parametrize("kind", ["face", "vertex", "grid", "raster", "points"])

@@ -167,7 +167,7 @@ def visible_share(
     -------
     Table
         The columns are ``share``, from 0 to 1, and ``visible``, the number of visible sample points. For a sequence or
-        dict of turbines, ``turbines`` comes first, the number of those of which something is visible; ``share`` is that
+        dict of turbines, ``turbines`` comes first, the number of those in sight, even in part; ``share`` is that
         of the area of all rotors, and ``share_NAME`` that of each rotor, named by the dict or by numbers from 1.
         `Table.about` has the total of sample points, ``samples``.
 
@@ -277,7 +277,7 @@ def _rotor_columns(
     if not named:
         return {"share": Column(share, "", "visible share of the target"), "visible": visible}
     columns = {
-        "turbines": Column((counts > 0).sum(1).astype(np.int32), "", f"turbines of which some is visible, of {k}"),
+        "turbines": Column((counts > 0).sum(1).astype(np.int32), "", f"turbines in sight, of {k}"),
         "share": Column(share, "", "visible share of the area of all rotors"),
         "visible": visible,
     }

@@ -181,7 +181,8 @@ def sun_calendar(
     Notes
     -----
     Beyond the scene, the horizon is open: the sun is up above an elevation of 0. With `curvature`, the horizon dips by
-    sqrt(2 h (1 - k) / R), for a height h above the lowest point of the scene, at which the earth goes on. Suns are
+    sqrt(2 h (1 - k) / R), for a height h above the lowest point of the scene, at which the earth goes on; not for
+    points on a surface, which hides what is below its horizon. Suns are
     tried a step apart, and the times between a hidden and a visible one are halved down to a second.
     """
     options, scene = CalendarOptions(**given(*args, **keywords)), measured_scene(scene)
@@ -351,6 +352,8 @@ class _Work:
         towards = directions_of(self._elevations(angles[0]), angles[1] + self.place.north, self.scene.up)
         lit = self._slopes(rows, towards[:, None])[:, 0] > -self.dips[rows]
         if blocked and lit.any():
+            if self.sensors.normals is not None:  # their surfaces hide what is below them
+                lit &= (towards * self.sensors.normals[rows]).sum(-1) > 0.0
             some = np.flatnonzero(lit)
             origins = self._receivers(rows[some]).origins[0] + self.traced.origin
             lit[some] = ~np.asarray(self.traced.occluded(origins, towards[some], threads=self.options.threads))

@@ -27,7 +27,7 @@ LINES: dict[bool, tuple[str, Any]] = {True: ("#2b8a5a", "-"), False: ("#b03a1a",
 """Whether a line of sight is free -> its colour and dashes."""
 
 MOST_MARKS = 30
-"""Marks that are labelled by their numbers."""
+"""Marks that have labels."""
 
 _MARKS = {"viewshed": "observer", "visible share": "target"}
 _MOST_COUNTS = 8  # greatest whole number of a legend with a key for each
@@ -99,12 +99,18 @@ def draw_legend(panel: Column, table: Any, scale: MapScale, values: np.ndarray, 
         panel.gap(1.0)
         panel.key("white", "no value", "x" if shows_points(table) else HATCH)
     if table.marks is not None and len(table.marks):
-        name = _MARKS.get(str(table.about.get("job")), "mark")
-        panel.key(
-            "white",
-            name if len(table.marks) == 1 else f"{name}s" + (", by number" * (len(table.marks) <= MOST_MARKS)),
-            "^",
-        )
+        name = _kind_of_marks(table)
+        numbered = 1 < len(table.marks) <= MOST_MARKS and "targets" not in table.about
+        panel.key("white", name + "s" * (len(table.marks) > 1) + ", by number" * numbered, "^")
+
+
+def _kind_of_marks(table: Any) -> str:
+    return "turbine" if "targets" in table.about else _MARKS.get(str(table.about.get("job")), "mark")
+
+
+def mark_labels(table: Any) -> list[str]:
+    """The labels of a table's marks: names of turbines, which their columns have; or the numbers in its columns."""
+    return list(table.about.get("targets", map(str, range(len(table.marks)))))
 
 
 def _number(scale: MapScale, value: float) -> str:
@@ -188,10 +194,10 @@ def sensor_fact(table: Any) -> tuple[str, str]:
 
 def mark_facts(table: Any) -> Iterator[tuple[str, str]]:
     """Yield names and texts: the positions of the table's marks, if they are few."""
-    marks = [] if table.marks is None else table.marks.tolist()
-    name, unit = _MARKS.get(str(table.about.get("job")), "mark"), unit_of(table.about).name
-    for k, mark in enumerate(marks if len(marks) <= MOST_MARKS else []):
-        yield name if len(marks) == 1 else f"{name} {k}", f"{', '.join(f'{x:.10g}' for x in mark)} {unit}"
+    marks = [] if table.marks is None or len(table.marks) > MOST_MARKS else table.marks.tolist()
+    name, unit = _kind_of_marks(table), unit_of(table.about).name
+    for label, mark in zip(mark_labels(table) if marks else [], marks):
+        yield name if len(marks) == 1 else f"{name} {label}", f"{', '.join(f'{x:.10g}' for x in mark)} {unit}"
 
 
 def _area_text(area: dict[str, Any]) -> str:

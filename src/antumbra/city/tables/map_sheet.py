@@ -48,6 +48,7 @@ from .map_legend import (
     facts_of,
     is_seen,
     mark_facts,
+    mark_labels,
     scale_of,
     sensor_fact,
     shows_points,
@@ -433,7 +434,7 @@ def _draw_marks_and_labels(axes: "Axes", table: Any, labels: list[str] | None, f
             marks[:, 0], marks[:, 1], s=36, marker="^", c="white", edgecolors="black", linewidths=1.2, zorder=5
         )
         if 1 < len(marks) <= MOST_MARKS:
-            plan, texts, radius = [marks], [str(k) for k in range(len(marks))], max(radius, 1.3)
+            plan, texts, radius = [marks], mark_labels(table), max(radius, 1.3)
     if labels is not None:
         plan.append(_places(table, fit)[0])
         texts += labels
