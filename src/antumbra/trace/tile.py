@@ -24,6 +24,7 @@ from ..kernels.simd import (
     load16x3,
     lowest_bit,
     mask_from_bits16,
+    minimum,
     prefetch,
     ptr,
     ptr_at,
@@ -47,7 +48,7 @@ from .shafts import BEAM_FLOATS, INVERSE_FLOATS, SHAFT_FLOATS
 
 
 _F = np.float32
-_LIGHT = _F(2.0**-6)
+_LIGHT = _F(2.0**-8)
 
 
 class TileShape(NamedTuple):
@@ -291,37 +292,59 @@ def _extent(tile, lanes, k):
     return reduce_min(select(there, o, splat16(_F(np.inf)))), reduce_max(select(there, o, splat16(_F(-np.inf))))
 
 
-@kernel
-def _size_and_halves(tile, lanes):
-    """(sum of the extents of the receivers' box, bits of the lanes in its lower half along the longest axis)."""
-    size, longest, at, middle = _F(0.0), _F(-1.0), 0, _F(0.0)
+@inlined
+def _size_and_axis(tile, lanes):
+    """(sum of the extents of the receivers' box, its longest axis)."""
+    size, longest, axis = _F(0.0), _F(-1.0), 0
     for k in range(3):
         low, high = _extent(tile, lanes, k)
         size += high - low
         if high - low > longest:
-            longest, at, middle = high - low, k, _F(0.5) * low + _F(0.5) * high
-    return size, bits(load16(tile.origins, 16 * at) <= middle) & lanes
+            longest, axis = high - low, k
+    return size, axis
+
+
+@kernel
+def _below_gap(tile, lanes, axis):
+    """Bits of the receivers in `lanes` below the widest gap between their coordinates along an axis."""
+    infinite = splat16(_F(np.inf))
+    x = select(mask_from_bits16(lanes), load16(tile.origins, 16 * axis), infinite)
+    above, remaining = infinite, lanes  # above: the next larger coordinate
+    while remaining != 0:
+        other = broadcast16(tile.origins, 16 * axis + lowest_bit(remaining))
+        remaining &= remaining - 1
+        above = minimum(above, select(other > x, other, infinite))
+    gap = select(above < infinite, above - x, splat16(_F(-1.0)))
+    widest = gap >= splat16(reduce_max(gap))
+    return bits(x <= splat16(reduce_min(select(widest, x, infinite)))) & lanes
 
 
 @kernel
 def coherent_part(tile, lanes, light):
     """Bits of the receivers to trace together with the first of `lanes`: all, or those near it.
 
-    A receivers' box of size s and a light's box of size l span a shaft of width s + l. The box is halved as long as the
-    shafts of its two halves are clearly narrower in sum. Receivers on one triangle are not divided.
+    A receivers' box of size s and a light's box of size l span a shaft of width s + l. The box is divided while the
+    shafts of its parts are clearly narrower in sum. It is divided at the widest gap between receivers: of three distant
+    places, two in one half would make it almost as wide as the whole. Receivers on one triangle are not divided.
+
+    light : the light's size, or a fraction of it, because most blocks are close to the receivers
     """
     face = get(tile.faces, lowest_bit(lanes))
     if face >= 0 and bits(load16(tile.faces, 0) == face) & lanes == lanes:
         return lanes
-    while lanes & (lanes - 1) != 0:
-        size, lower = _size_and_halves(tile, lanes)
+    size, axis = _size_and_axis(tile, lanes)
+    while _F(2.0) * light <= SPLIT * (size + light):
+        lower = _below_gap(tile, lanes, axis)
         upper = lanes & ~lower
-        if lower == 0 or upper == 0:
+        if upper == 0:
             return lanes
-        a, b = _size_and_halves(tile, lower)[0], _size_and_halves(tile, upper)[0]
+        (a, a_axis), (b, b_axis) = _size_and_axis(tile, lower), _size_and_axis(tile, upper)
         if a + b + _F(2.0) * light > SPLIT * (size + light):
             return lanes
-        lanes = lower if lanes & -lanes & lower != 0 else upper
+        if lanes & -lanes & lower != 0:
+            lanes, size, axis = lower, a, a_axis
+        else:
+            lanes, size, axis = upper, b, b_axis
     return lanes
 
 
