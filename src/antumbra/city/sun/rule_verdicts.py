@@ -219,13 +219,15 @@ def _extremes(rule: Rule, columns: Mapping[str, Column], row: NDArray[np.integer
     """The quantities of a rule, of the best or the worst sensor of each row."""
     extremes, word = dict[str, Column](), "greatest" if rule.best else "least"
     for criterion in rule.criteria:
-        for name in criterion.column, criterion.column + BEFORE:
+        states = dict[str, Column]()
+        for name in criterion.column + BEFORE, criterion.column:
             if name in columns:
                 values, unit, about = columns[name]
-                extremes[name] = Column(_extreme(values, row, rule.best), unit, f"{about}; {word} of its sensors")
+                states[name] = Column(_extreme(values, row, rule.best), unit, f"{about}; {word} of its sensors")
         if criterion.column + LOSS in columns:
-            lost = extremes[criterion.column + BEFORE].values - extremes[criterion.column].values
+            lost = states[criterion.column + BEFORE].values - states[criterion.column].values
             extremes[criterion.column + LOSS] = columns[criterion.column + LOSS]._replace(values=lost)
+        extremes |= states
     return extremes
 
 
