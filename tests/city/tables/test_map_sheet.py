@@ -117,7 +117,7 @@ def test_a_sheet_has_all_its_parts():
     assert "Hours of direct sun" in words and "sun_hours [h]" in words and "N" in words and "grid" not in words
     assert f"{most:,.0f}" in words and "0" in words and any(word.endswith(" m") for word in words)
     facts = dict(facts_of(made))
-    assert facts["scene"] == "plot" and facts["rule"].startswith("br209-apsh: ") and "BR 209" in facts["rule"]
+    assert facts["scene"] == "plot" and "BR 209" in facts["rule br209-apsh"]
     assert facts["dates"] == "2025-01-01 09:30 to 2025-12-31 16:30" and "52.00000, 4.36000" in facts["place"]
     assert facts["reference system"] == "EPSG:28992, Amersfoort / RD New" and facts["trees"] == "trees.gpkg"
     assert facts["sensors"] == "36 (raster, cells of 10 m)"
@@ -137,6 +137,36 @@ def test_areas_and_observers_are_facts():
     facts = dict(facts_of(made))
     assert facts["area garden"] == "mean 2.5 h; 75.0% of the cells: passes" and facts["area yard"] == "no cells"
     assert facts["observers"] == "3"
+
+
+def test_areas_say_what_they_were_before():
+    made = table("raster")
+    areas = {
+        "name": "garden",
+        "sun_hours": 2.5,
+        "sun_hours_before": 4.0,
+        "share": 0.7,
+        "share_before": 0.9,
+        "passes": True,
+    }
+    made.about["areas"] = [areas]
+    text = "mean 2.5 h (before: 4.0 h); 70.0% of the cells (before: 90.0%): passes"
+    assert dict(facts_of(made))["area garden"] == text
+
+
+def test_each_rule_and_each_change_is_a_fact_and_rows_are_named():
+    made = table("points")
+    rules = [{"name": name, "citation": f"clause of {name}", "text": "t", "notes": "n"} for name in ("a", "b")]
+    made.about |= {"rules": rules, "change": ["added tower", "removed house"], "per": "dwelling", "lowest": 11.0}
+    made.about |= {"first": "2026-03-21T08", "last": "2026-03-21T17", "suns": 9, "hours": 9.0}
+    facts = list(facts_of(made))
+    assert ("rule a", "clause of a") in facts and ("rule b", "clause of b") in facts
+    assert [text for name, text in facts if name == "change"] == ["added tower", "removed house"]
+    assert ("sun", "9 positions, 9 h above 11 degrees") in facts and ("dwellings", f"{len(made):,}") in facts
+    made.columns["q_passes"] = at.Column(np.arange(len(made)) % 2 == 0, "", "verdict by q")
+    words = texts(table_map(made, "q_passes"))
+    assert "Verdict by q, per dwelling" in words
+    assert any(word.startswith("passes: ") and word.endswith("of the dwellings") for word in words)
 
 
 @pytest.mark.parametrize("kind", ["face", "vertex", "grid", "raster", "points"])

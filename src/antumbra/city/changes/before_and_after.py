@@ -69,7 +69,7 @@ def _of_states(name: str, before: Column, after: Column) -> dict[str, Column]:
         return columns
     kind = np.float64 if before.values.dtype.kind == "f" else np.int64
     loss = before.values.astype(kind) - after.values.astype(kind)
-    return {name + LOSS: Column(loss, after.unit, f"{after.about}, before minus after"), **columns}
+    return {name + LOSS: Column(loss, after.unit, f"loss of {after.about}, before minus after"), **columns}
 
 
 def _area(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:

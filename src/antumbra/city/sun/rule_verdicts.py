@@ -126,8 +126,10 @@ def verdict_columns(rule: Rule, columns: Mapping[str, Column]) -> dict[str, Colu
 
 def _named(rule: Rule, verdict: Verdict) -> dict[str, Column]:
     """The columns of a verdict."""
-    what = f"meets {rule.name}" if rule.area is None else f"gets the hours of {rule.name}"
-    columns = {rule.prefix + PASSES: Column(verdict.passes, "", f"whether it {what}")}
+    about = f"verdict by {rule.name}" if rule.area is None else f"places with the hours of {rule.name}"
+    if verdict.ratio is not None and rule.kept is not None and rule.area is None:
+        about += ", compared with the former state"
+    columns = {rule.prefix + PASSES: Column(verdict.passes, "", about)}
     if verdict.ratio is not None:
         about = f"share of the former value that remains, {rule.name}"
         columns[rule.prefix + RATIO] = Column(verdict.ratio, "", about)

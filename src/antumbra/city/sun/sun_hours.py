@@ -497,6 +497,4 @@ def _about(study: Study, options: SunOptions) -> dict[str, Any]:
     if study.rules:
         fields = "name", "citation", "text", "notes"
         about["rules"] = [{field: getattr(rule, field) for field in fields} for rule in study.rules]
-        about["rule"] = ", ".join(rule.name for rule in study.rules)
-        about["citation"] = "; ".join(dict.fromkeys(rule.citation for rule in study.rules))
     return about

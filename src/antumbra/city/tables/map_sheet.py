@@ -88,8 +88,8 @@ def table_report(table: Any, column: str, sheet: Sheet, lines: Sequence[SightLin
     """
     if not len(table):
         raise InputError("the table has no rows; there is nothing to draw on a map")
-    chosen, about = table.columns[column], table.about
-    heading = _ONE_OBSERVER if is_seen(table, column) else _sentence(chosen.about) or column
+    about = table.about
+    heading = _ONE_OBSERVER if is_seen(table, column) else _heading(table, column)
     extent, core = _extents_of(table, lines)
     draw = partial(_draw_map, table, column, _labels(table, sheet), list(lines))
     margin = _POINT_MARGIN if shows_points(table) else _MARGIN
@@ -117,6 +117,12 @@ class _Sensed(NamedTuple):
     scene: AnyScene
     marks: None
     row_of_face: object
+
+
+def _heading(table: Any, column: str) -> str:
+    """The title of a map: what it shows, and per what."""
+    per = table.about.get("per")
+    return (_sentence(table.columns[column].about) or column) + (f", per {per}" if per else "")
 
 
 def _sentence(text: str) -> str:
@@ -163,7 +169,8 @@ def _labels(table: Any, sheet: Sheet) -> list[str] | None:
     columns = table.sensors.attributes
     if sheet.labels is None:
         named = {name.lower(): name for name in reversed(columns)}
-        found = next((named[name] for name in _LABELS if name in named), None)
+        per = table.about.get("per")
+        found = per if per in columns else next((named[name] for name in _LABELS if name in named), None)
         if shows_points(table) and found is not None:
             return _texts(columns[found])
         if table.row_of_face is not None and "building" in table.columns and len(table) <= _MOST_BUILDINGS:
