@@ -152,11 +152,11 @@ def with_verdicts(table: Table, rules: Sequence[Rule]) -> Table:
     columns = verdicts | {name: column for name, column in table.columns.items() if name not in verdicts}
     about = table.about
     if table.sensors.zone is not None:
-        about = {**about, "areas": area_records(table, rules)}
+        about = {**about, "areas": _area_records(table, rules)}
     return Table(table.sensors, columns, about, table.scene, table.camera, table.marks, table.row_of_face)
 
 
-def area_records(table: Table, rules: Sequence[Rule]) -> list[dict[str, Any]]:
+def _area_records(table: Table, rules: Sequence[Rule]) -> list[dict[str, Any]]:
     """The results of each area, in JSON types. All cells have the same size, so shares of cells are shares of area."""
     sensors, records = table.sensors, list[dict[str, Any]]()
     assert sensors.zone is not None
@@ -188,7 +188,7 @@ def _area_verdict(rule: Rule, table: Table, inside: NDArray[np.bool_]) -> dict[s
     verdict: dict[str, Any] = {"share": share, "passes": share >= rule.area}
     if quantity.column + BEFORE in table.columns:
         former = float((table[quantity.column + BEFORE][inside] >= quantity.least - _ROUNDING).mean())
-        verdict["share_before"] = former
+        verdict |= {"share_before": former, "share_loss": former - share, "passes_before": former >= rule.area}
         verdict["passes"] |= rule.kept is not None and share >= rule.kept * former - _ROUNDING
     return verdict
 

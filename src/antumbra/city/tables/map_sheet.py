@@ -37,7 +37,7 @@ from ..sheets.scene_plan import (
 from ..sheets.sheet import Report, save_report
 from ..sheets.sheet_options import Sheet
 from ..sheets.units_text import unit_text
-from .false_colours import column_values
+from .false_colours import column_values, heading_of
 from .map_legend import (
     CLASS_MARKERS,
     END_MARKERS,
@@ -93,7 +93,7 @@ def table_report(table: Any, column: str, sheet: Sheet, lines: Sequence[SightLin
     if not len(table):
         raise InputError("the table has no rows; there is nothing to draw on a map")
     about = table.about
-    heading = _ONE_OBSERVER if is_seen(table, column) else _heading(table, column)
+    heading = _ONE_OBSERVER if is_seen(table, column) else heading_of(table, column)
     extent, core = _extents_of(table, lines)
     draw = partial(_draw_map, table, column, _labels(table, sheet), list(lines))
     margin = _POINT_MARGIN if shows_points(table) else _MARGIN
@@ -121,18 +121,6 @@ class _Sensed(NamedTuple):
     scene: AnyScene
     marks: None
     row_of_face: object
-
-
-def _heading(table: Any, column: str) -> str:
-    """The title of a map: what it shows, and per what."""
-    per = table.about.get("per")
-    return (_sentence(table.columns[column].about) or column) + (f", per {per}" if per else "")
-
-
-def _sentence(text: str) -> str:
-    """A text with a capital letter, unless it begins with a name such as br209-windows."""
-    first = text.partition(" ")[0]
-    return text if any(letter.isdigit() for letter in first) else text[:1].upper() + text[1:]
 
 
 # --- What the map shows -----------------------------------------------------------------------------------------------
