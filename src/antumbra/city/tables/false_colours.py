@@ -194,9 +194,9 @@ def _draw_points(
     sensors, scene = table.sensors, table.scene
     normals = 0.0 if sensors.normals is None else sensors.normals
     eye = np.asarray(camera.position, np.float64)
-    hidden = scene.occluded(sensors.points + normals * scene.unit.of_metres(_OFF), targets=eye)
+    hidden = np.asarray(scene.occluded(sensors.points + normals * scene.unit.of_metres(_OFF), targets=eye))
     places = project_points(camera, sensors.points)
-    inside = np.isfinite(places).all(1) & ((places >= 0) & (places < picture.shape[1::-1])).all(1)
+    inside = np.asarray((np.isfinite(places) & (places >= 0) & (places < picture.shape[1::-1])).all(1))
     order = np.argsort(-np.linalg.norm(sensors.points - eye, axis=1), kind="stable")
     order = order[inside[order]]
     right, down = np.floor(places[order]).astype(np.int64).T
