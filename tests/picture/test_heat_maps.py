@@ -3,7 +3,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from antumbra.picture.heat_maps import Scale, heat_colours, heat_map, linear_scale, linear_ticks, log_scale
+from antumbra.picture.heat_maps import heat_colours, heat_map, linear_scale, linear_ticks, log_scale
 
 
 def test_colours_grow_brighter_from_0_to_the_top_and_no_further():
@@ -36,14 +36,6 @@ def test_a_plus_means_that_numbers_lie_beyond_the_scale(values, last):
     assert ticks[-1][1] == last and ticks[-1][0] == 1.0 and ticks[0] == (0.0, "0")
     assert log_scale(np.array([1.0, 100.0])).bar("").ticks[-1][1] == "100"
     assert log_scale(np.r_[np.ones(999), 1e6]).bar("").ticks[-1][1] == "2+"
-
-
-def test_names_have_colours_instead_of_a_scale():
-    scale = Scale(np.array([0.0, 1.0]), False, names=("no", "yes"))
-    bar, colours = scale.bar("fits"), scale.colours(np.array([0, 1]), np.ones(2, bool))
-    assert bar.ticks == [(0.25, "no"), (0.75, "yes")] and bar.caption == "fits"
-    assert len(np.unique(bar.colours, axis=0)) == 2
-    assert (bar.colours[[0, -1]] == colours).all() and (colours[0] != colours[1]).any()
 
 
 def test_a_scale_of_nothing():

@@ -45,9 +45,11 @@ def windows(unit="m"):
     }
     about = {
         "job": "sun", **PLACE._asdict(), "first": "2026-03-21T07:15:00", "last": "2026-03-21T18:45:00", "suns": 24,
-        "hours": 12.0, "step": 30.0, "samples": 1, "rule": "en17037-minimum",
-        "citation": "EN 17037:2018, level minimum", "text": "At least 1.5 hours.",
-        "notes": "The sky is clear.", "warnings": ["the time zone is unusual"],
+        "hours": 12.0, "step": 30.0, "samples": 1, "warnings": ["the time zone is unusual"],
+        "rules": [
+            {"name": "en17037-minimum", "citation": "EN 17037:2018, level minimum", "text": "At least 1.5 hours.",
+             "notes": "The sky is clear."},
+        ],
     }  # fmt: skip
     return Table(sensors, columns, about, scene)
 

@@ -158,7 +158,6 @@ class Scale(NamedTuple):
     ticks: NDArray[np.float64]  # (k,), increasing, from the start of the scale to its end
     logarithmic: bool
     beyond: bool = False  # whether some values lie beyond the end
-    names: tuple[str, ...] = ()  # of categories: names of the values 0, 1, ..., in place of ticks
 
     def places(self, values: np.ndarray) -> NDArray[np.float64]:
         """(...) float64: positions on the scale: 0 at its start, 1 at its end, outside [0, 1] for values beyond it."""
@@ -176,10 +175,6 @@ class Scale(NamedTuple):
 
     def bar(self, caption: str) -> ColourBar:
         """The colour bar; `caption` says what the values are."""
-        if self.names:
-            n = len(self.names)
-            colours = heat_colours(self.places(np.arange(n)).repeat(-(-1024 // n)), 1.0)
-            return ColourBar(colours, [((k + 0.5) / n, name) for k, name in enumerate(self.names)], caption)
         texts = [f"{tick:,.6g}" for tick in self.ticks]
         texts = [("<" if self.logarithmic else "") + texts[0], *texts[1:-1], texts[-1] + "+" * self.beyond]
         return ColourBar(

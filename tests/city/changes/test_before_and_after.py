@@ -47,19 +47,6 @@ def test_a_missing_value_has_a_missing_loss():
     assert np.isnan(both["q_loss"]).all()
 
 
-def test_areas_have_both_states():
-    record = {"name": "garden", "cells": 9, "left_out": 1, "sun_hours": 3.0, "share": 0.75, "passes": True}
-    later = {**record, "sun_hours": 2.0, "share": 0.25, "passes": False}
-    both = at.before_and_after(table(about={"areas": [record]}), table(about={"areas": [later]}))
-    assert both.about["areas"] == [
-        {
-            "name": "garden", "cells": 9, "left_out": 1, "sun_hours_before": 3.0, "sun_hours": 2.0,
-            "sun_hours_loss": 1.0, "share_before": 0.75, "share": 0.25, "share_loss": 0.5,
-            "passes_before": True, "passes": False,
-        }
-    ]  # fmt: skip
-
-
 def test_other_sensors_or_columns_are_refused():
     with pytest.raises(at.InputError, match="before and after have other sensors; give both studies the same Sensors"):
         at.before_and_after(table(q=[1.0, 2.0]), table(POINTS + 1.0, q=[1.0, 2.0]))

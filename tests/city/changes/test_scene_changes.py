@@ -141,17 +141,27 @@ def test_sensors_inside_a_new_building_are_left_out_and_points_stay():
         sensors = change.sensors("raster:4")
     inside = ((sensors.points > LOW - (0, 0, 1)) & (sensors.points < LOW + SIZE)).all(1)
     assert len(sensors) == 3596 and not inside.any()
-    assert len(change.sensors(np.array([[16.0, -16.0, 0.0], [0.0, 0.0, 0.0]]))) == 2
+    with pytest.warns(UserWarning, match="1 of 2 sensors lie inside what is added .* there; the first is 16,-16,2"):
+        assert len(change.sensors(np.array([[16.0, -16.0, 2.0], [0.0, 0.0, 0.0]]))) == 2
+    before_its_wall = at.point_sensors([[LOW[0] - 0.02, -16.0, 2.0]], [[-1.0, 0.0, 0.0]])
+    with warnings.catch_warnings(action="error"):
+        assert len(change.sensors(before_its_wall)) == 1
 
 
-def test_cells_of_areas_inside_a_new_building_count_as_left_out():
+@pytest.mark.parametrize("rule", [None, "br209-amenity"])
+def test_cells_of_areas_inside_a_new_building_count_as_left_out(rule):
     areas = {"garden": [[0.0, -30.0], [40.0, -30.0], [40.0, 0.0], [0.0, 0.0]]}
-    change = at.scene_change(plain(), box())
-    table = quiet(change.compare, at.sun_hours, "raster:2", areas=areas, rule="br209-amenity", place=PLACE)
+    change, days = at.scene_change(plain(), box()), {} if rule else {"days": "2026-03-21"}
+    table = quiet(change.compare, at.sun_hours, "raster:2", areas=areas, rule=rule, place=PLACE, **days)
     (record,) = table.about["areas"]
     assert record["cells"] == 276 and record["left_out"] == 24 and len(table) == 276
-    assert record["sun_hours_loss"] == record["sun_hours_before"] - record["sun_hours"] > 0.0
-    assert record["passes"] is True and record["share_before"] == 1.0 > record["share"]
+    assert record["sun_hours"] == table["sun_hours"].mean() < record["sun_hours_before"]
+    np.testing.assert_allclose(record["sun_hours_loss"], record["sun_hours_before"] - record["sun_hours"], rtol=1e-12)
+    assert ("share" in record) == (rule is not None)
+    if rule is not None:
+        share = (table["br209_amenity_hours"] >= 2.0 - 1e-9).mean()
+        assert record["passes_before"] is True and record["share_before"] == 1.0 > record["share"] == share
+        assert record["share_loss"] == 1.0 - share and record["passes"] == (share >= 0.5)
 
 
 def test_walls_that_a_new_building_covers_are_left_out_and_its_neighbours_stay():

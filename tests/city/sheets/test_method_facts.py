@@ -6,7 +6,15 @@ import json
 import pytest
 
 import antumbra as at
-from antumbra.city.sheets.method_facts import day_of, file_text, licence_in, method_facts, place_in_about, source_facts
+from antumbra.city.sheets.method_facts import (
+    OVERCAST,
+    day_of,
+    file_text,
+    licence_in,
+    method_facts,
+    place_in_about,
+    source_facts,
+)
 from antumbra.city.sheets.units_text import area_text, unit_text
 from antumbra.scene.units import UNITS
 
@@ -29,12 +37,33 @@ def test_no_parameter_of_a_study_is_left_out():
              "last": "2026-03-22T07", "suns": 4, "hours": 4.0, "surfaces": ["RoofSurface"], "facing": [90.0, 270.0],
              "trees": "trees.gpkg", "x": None}  # fmt: skip
     facts = dict(method_facts(about))
-    assert facts["surfaces"] == "RoofSurface" and facts["facing"] == "90, 270" and facts["trees"] == "trees.gpkg"
+    assert (
+        facts["surfaces"] == "RoofSurface" and facts["facing"] == "90, 270 degrees" and facts["trees"] == "trees.gpkg"
+    )
     assert "elevation" not in facts and "x" not in facts
     assert place_in_about(about) == at.Place(52.0, 4.0, 3.0) and day_of(about) is None
     assert place_in_about({"job": "viewshed"}) is None
     assert day_of({**about, "last": "2026-03-21T18"}).isoformat() == "2026-03-21"
     assert day_of({"time": "2026-06-21T15:00+02:00"}).isoformat() == "2026-06-21"
+
+
+def test_every_rule_has_its_text_its_clause_and_its_approximations():
+    rules = [{"name": name, "citation": f"clause of {name}", "text": f"{name} demands", "notes": f"{name} assumes"}
+             for name in ("br209-vsc", "din5034-winter")]  # fmt: skip
+    facts = list(
+        method_facts({"job": "sun", "suns": 9, "lowest": 6.0, "directions": 8192, "rules": rules, "per": "flat"})
+    )
+    for rule in rules:
+        at = facts.index((f"rule {rule['name']}", rule["text"]))
+        assert facts[at + 1 : at + 3] == [("clause", rule["citation"]), ("approximations", rule["notes"])]
+    assert ("sun positions", "9 above 6 degrees") in facts and ("rows", "one per flat") in facts
+    assert ("lowest altitude of the sun", "6 degrees") in facts and ("directions of the sky", "8,192") in facts
+    assert [name for name, _ in facts].count("method") == 2
+
+
+def test_a_study_of_the_sky_alone_speaks_of_no_suns():
+    facts = list(method_facts({"job": "sun", "suns": 0, "directions": 8192}))
+    assert [text for name, text in facts if name == "method"] == [OVERCAST] and "sun positions" not in dict(facts)
 
 
 def test_sources_name_files_crs_and_unit_without_folders(tmp_path):

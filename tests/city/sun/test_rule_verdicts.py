@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.city.sensors.sensors import Zone
 from antumbra.city.sun.daylight_rules import RULES, Kind, rule_named
-from antumbra.city.sun.rule_verdicts import area_records, grouped_verdicts, rates_of, verdict_of, with_verdicts
+from antumbra.city.sun.rule_verdicts import grouped_verdicts, rates_of, verdict_of, with_verdicts
 from antumbra.city.tables.result_table import Column, Table
 from antumbra.sun.location import Place
 from antumbra.sun.sun_positions import month_days, months_of, parse_days, zone_of
@@ -180,7 +180,7 @@ def test_an_area_passes_by_half_of_it_or_by_what_remains():
     def judged(after, before=None):
         columns = {"br209_amenity_hours": Column(np.array(after, float), "h", "")}
         columns |= {} if before is None else {"br209_amenity_hours_before": Column(np.array(before, float), "h", "")}
-        (record,) = area_records(Table(sensors, columns), [rule])
+        (record,) = with_verdicts(Table(sensors, columns), [rule]).about["areas"]
         return record
 
     assert judged([2, 2, 0, 0])["passes"] and not judged([2, 1.9, 0, 0])["passes"]

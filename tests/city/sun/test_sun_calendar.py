@@ -8,6 +8,9 @@ import pandas
 import pytest
 
 import antumbra as at
+from antumbra.city.sheets.method_facts import method_facts
+from antumbra.city.sheets.sheet import report_pages
+from antumbra.city.sun.calendar_diagram import calendar_report
 from antumbra.sun.sun_positions import solar_angles
 
 pvlib = pytest.importorskip("pvlib")
@@ -105,6 +108,33 @@ def test_days_without_sun_are_empty(tmp_path):
     found.save(tmp_path / "a.csv")
     rows = (tmp_path / "a.csv").read_text().splitlines()
     assert rows[0] == "point,date,sunrise,first_sun,last_sun,sunset,hours" and rows[2] == "1,2026-12-21,,,,,0"
+
+
+def test_a_sheet_says_where_the_sun_is_interrupted_and_draws_single_days(tmp_path, monkeypatch):
+    text_kind = pytest.importorskip("matplotlib.text").Text
+    east, north = 85000.0, 446000.0
+    mast = np.array([[-1.5, -9, 0], [1.5, -9, 0], [1.5, -9, 90], [-1.5, -9, 90]]) + (
+        east,
+        north,
+        0,
+    )  # before noon's sun
+    scene = at.Scene.from_arrays(mast, [[0, 1, 2], [0, 2, 3]], up="z", crs="EPSG:28992")
+    found = at.sun_calendar(scene, [east, north, 1.0], "2026-03-01:2026-03-03,2026-05-01", place=HERE)
+    report = calendar_report(found, 0)
+    facts = dict(report.counts)
+    assert facts["days with interrupted sun"].startswith("4") and facts["point"] == "85000.00, 446000.00, 1.00 m"
+    assert facts["days"] == "4, 2026-03-01 to 2026-05-01" and facts["days without sun"] == "0 of 4"
+    (page,) = report_pages(report, at.Sheet(), whole=False)
+    diagram = next(axes for axes in page.figure.axes if axes.get_ylim() == (0.0, 24.0))
+    lines = [(line.get_xdata(), line.get_ydata()) for line in diagram.lines]
+    assert [len(days) for days, _ in lines] == [4] * 4 + [2] * 4  # no line between days that do not follow each other
+    hours = (found.first[0] - found.days).astype("timedelta64[s]").astype(int) / 3600.0
+    assert lines[2][1].tolist() == [*hours[:3], hours[2]] and lines[6][1].tolist() == [hours[3]] * 2
+    texts = " ".join(text.get_text() for text in page.figure.findobj(text_kind))
+    assert "from the first to the last sun" in texts and "EPSG:28992" in texts and "08:00" in texts
+    method = dict(method_facts(report.about, report.counts))
+    assert method["method"].startswith("Exact rays") and method["sun"] == "the refracted upper limb"
+    assert "elevation" not in method and method["eye height"] == "0 m"
 
 
 @pytest.fixture

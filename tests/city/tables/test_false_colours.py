@@ -7,6 +7,7 @@ from PIL import Image
 import antumbra as at
 from antumbra.city.tables import false_colours
 from antumbra.city.tables.false_colours import column_scale, column_values, project_points
+from antumbra.city.tables.map_scale import map_scale
 from antumbra.city.tables.result_table import Column
 from antumbra.picture.heat_maps import heat_colours
 from antumbra.scene.camera import fitted_camera
@@ -47,7 +48,7 @@ def test_each_column_has_its_own_title_and_legend(tmp_path, monkeypatch):
     made.columns["passes"] = Column(np.arange(120) % 2 == 0, "", "whether the sensor meets the rule")
     for name, title, caption, texts in (
         ("hours", "Hours of direct sun", "hours [h]", ["0", "2", "4", "6", "8", "10", "12"]),
-        ("passes", "Whether the sensor meets the rule", "passes", ["no", "yes"]),
+        ("passes", "Whether the sensor meets the rule", "passes", ["fails", "passes"]),
     ):
         made.save(tmp_path / "a.png", name)
         (panel,), bar = told.pop()
@@ -66,6 +67,28 @@ def test_views_have_colours_and_marks(tmp_path, kind):
     assert len(np.unique(plain.reshape(-1, 3), axis=0)) > 50
     changed = np.argwhere((plain != marked).any(-1))
     assert 20 < len(changed) < 200 and (np.ptp(changed, axis=0) < 14).all()
+
+
+@pytest.mark.parametrize("spots", [1, 40_000])
+def test_points_are_discs_rings_behind_surfaces_and_colour_nothing_else(tmp_path, spots):
+    wall = at.Scene.from_arrays([[-9, 0, 0], [9, 0, 0], [9, 0, 12], [-9, 0, 12]], [[0, 1, 2], [0, 2, 3]], up="z")
+    places = np.repeat([[-4.0, -0.01, 6.0], [4.0, 0.01, 6.0]], spots, 0)  # before the wall, and behind it
+    made = at.Table(at.point_sensors(places, np.repeat([[0.0, -1, 0], [0, 1, 0]], spots, 0)), {}, {}, wall)
+    made.columns["q_passes"] = Column(np.repeat([True, False], spots), "", "verdict by q")
+    made.camera = at.Camera((0, -40, 6), (0, 0, 6), (0, 0, 1), 40.0, 400, 300)
+    drawn = picture(made, tmp_path)
+    fails, passes = (
+        each.colour for each in map_scale(made["q_passes"], made["q_passes"] >= 0, name="q_passes").classes
+    )
+    top, left = np.argwhere((drawn[:400, :400] == 30).all(-1)).min(0)
+    view = drawn[top : top + 300, left : left + 400]
+    discs, rings = (np.argwhere((view == colour).all(-1)) for colour in (passes, fails))
+    assert np.abs(discs.mean(0) - project_points(made.camera, places[:1])[0, ::-1]).max() < 1.0
+    assert np.abs(rings.mean(0) - project_points(made.camera, places[-1:])[0, ::-1]).max() < 1.0
+    assert (np.ptp(discs, axis=0) < 16).all() and (np.ptp(rings, axis=0) < 16).all()
+    if spots == 1:
+        middle = np.round(rings.mean(0)).astype(int)
+        assert len(np.unique(view[tuple(middle)])) == 1 and len(discs) > len(rings) > 20  # the wall within the ring
 
 
 def test_a_given_camera_is_used(tmp_path):

@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 
 import antumbra as at
 from antumbra.city.sheets.map_frame import Extent, round_length
-from antumbra.city.tables.map_legend import facts_of, mark_facts
+from antumbra.city.tables.map_legend import facts_of, mark_facts, scale_of
 from antumbra.city.tables.map_scale import map_scale
 from antumbra.city.tables.map_sheet import cells_in, smooth_cells
 from antumbra.city.tables.result_table import Column, Table
@@ -117,7 +117,7 @@ def test_a_sheet_has_all_its_parts():
     assert "Hours of direct sun" in words and "sun_hours [h]" in words and "N" in words and "grid" not in words
     assert f"{most:,.0f}" in words and "0" in words and any(word.endswith(" m") for word in words)
     facts = dict(facts_of(made))
-    assert facts["scene"] == "plot" and facts["rule"].startswith("br209-apsh: ") and "BR 209" in facts["rule"]
+    assert facts["scene"] == "plot" and "BR 209" in facts["rule br209-apsh"]
     assert facts["dates"] == "2025-01-01 09:30 to 2025-12-31 16:30" and "52.00000, 4.36000" in facts["place"]
     assert facts["reference system"] == "EPSG:28992, Amersfoort / RD New" and facts["trees"] == "trees.gpkg"
     assert facts["sensors"] == "36 (raster, cells of 10 m)"
@@ -150,6 +150,36 @@ def test_turbines_have_the_labels_of_their_columns():
         assert "turbines" in words and [name for name, _ in mark_facts(made)] == [f"turbine {name}" for name in names]
 
 
+def test_areas_say_what_they_were_before():
+    made = table("raster")
+    areas = {
+        "name": "garden",
+        "sun_hours": 2.5,
+        "sun_hours_before": 4.0,
+        "share": 0.7,
+        "share_before": 0.9,
+        "passes": True,
+    }
+    made.about["areas"] = [areas]
+    text = "mean 2.5 h (before: 4.0 h); 70.0% of the cells (before: 90.0%): passes"
+    assert dict(facts_of(made))["area garden"] == text
+
+
+def test_each_rule_and_each_change_is_a_fact_and_rows_are_named():
+    made = table("points")
+    rules = [{"name": name, "citation": f"clause of {name}", "text": "t", "notes": "n"} for name in ("a", "b")]
+    made.about |= {"rules": rules, "change": ["added tower", "removed house"], "per": "dwelling", "lowest": 11.0}
+    made.about |= {"first": "2026-03-21T08", "last": "2026-03-21T17", "suns": 9, "hours": 9.0}
+    facts = list(facts_of(made))
+    assert ("rule a", "clause of a") in facts and ("rule b", "clause of b") in facts
+    assert [text for name, text in facts if name == "change"] == ["added tower", "removed house"]
+    assert ("sun", "9 positions, 9 h above 11 degrees") in facts and ("dwellings", f"{len(made):,}") in facts
+    made.columns["q_passes"] = at.Column(np.arange(len(made)) % 2 == 0, "", "verdict by q")
+    words = texts(table_map(made, "q_passes"))
+    assert "Verdict by q, per dwelling" in words
+    assert any(word.startswith("passes: ") and word.endswith("of the dwellings") for word in words)
+
+
 @pytest.mark.parametrize("kind", ["face", "vertex", "grid", "raster", "points"])
 @pytest.mark.parametrize("column", ["hours", "count"])
 def test_all_kinds_of_sensors(kind, column):
@@ -161,6 +191,25 @@ def test_all_kinds_of_sensors(kind, column):
     west, east = figure.axes[0].get_xlim()
     shown = made.sensors.points[made.sensors.covered, 0]
     assert west <= shown.min() and east >= shown.max()
+
+
+def test_walls_alone_are_lines_in_the_colours_of_their_values_and_failing_ones_lie_on_top():
+    corners, faces = np.array(list(np.ndindex(2, 2, 2)), float) * (20.0, 10.0, 6.0), []
+    for a, b, c, d in [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]:
+        faces += [(a, b, c), (a, c, d)]
+    scene = at.Scene.from_arrays(corners, faces, up="z", name="block")
+    keywords = {"days": "2026-03-21", "place": DELFT, "per": "facade"}
+    walls = at.sun_hours(scene, "face", surfaces=["WallSurface"], **keywords)
+    walls.columns["q_passes"] = at.Column(walls["sun_hours"] > 3.0, "", "verdict by q")
+    assert 0 < walls["q_passes"].sum() < len(walls) == 4
+    axes, classes = table_map(walls, "q_passes").axes[0], scale_of(walls, "q_passes")
+    (lines,) = (each for each in axes.collections if each.get_linewidth()[0] == 2.0)
+    drawn = np.round(lines.get_color()[:, :3] * 255).tolist()
+    passing = np.repeat(np.sort(walls["q_passes"])[::-1], 2).astype(float)  # two triangles each
+    assert drawn == classes.colours(passing).tolist() and len(lines.get_segments()) == 8
+    all_faces = at.sun_hours(scene, "face", **{**keywords, "per": "building"})
+    outlined = table_map(all_faces, "sun_hours").axes[0].collections
+    assert all(each.get_linewidth()[0] < 2.0 for each in outlined if type(each).__name__ == "LineCollection")
 
 
 @pytest.mark.parametrize("up", ["y", "z"])

@@ -66,3 +66,14 @@ def test_areas_come_first():
     areas, summary = tables_of(made)
     assert [row[0] for row in areas.rows] == ["yard", "garden"] and summary.title == "Summary"
     assert areas.rows[0][3:] == ["-", "-", "no cells"] and areas.rows[1][3:] == ["2.25", "40.0%", "fails"]
+
+
+def test_areas_have_both_states_beside_each_other():
+    made = table("raster")
+    garden = {"name": "garden", "cells": 9, "left_out": 0, "sun_hours": 2.25, "sun_hours_before": 4.5}
+    made.about["areas"] = [{**garden, "share": 0.4, "share_before": 0.6, "passes": False}]
+    areas, _ = tables_of(made)
+    assert areas.headers[3:] == [
+        "mean sun hours before (h)", "mean sun hours (h)", "share of cells before", "share of cells", "verdict",
+    ]  # fmt: skip
+    assert areas.rows[0][3:] == ["4.50", "2.25", "60.0%", "40.0%", "fails"]

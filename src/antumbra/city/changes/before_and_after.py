@@ -4,8 +4,6 @@ A quantity ``Q`` of the study has the columns ``Q_loss``, before minus after, wh
 is named; ``Q_before``; and ``Q``, after. What is no quantity, such as a time, a name or a yes or no, has no loss.
 """
 
-from typing import Any
-
 import numpy as np
 
 from ...base.checks import checked_instance
@@ -33,7 +31,7 @@ def before_and_after(before: Table, after: Table) -> Table:
     Table
         For each quantity Q its loss, before minus after, "Q_loss", "Q_before", and after, "Q"; for times, names, and
         yes and no, "Q_before" and "Q". A loss is NaN where either value is missing. Columns that describe the sensors
-        stand once. The entries of ``about["areas"]`` get the same names.
+        stand once. Verdicts of daylight rules compare the states, and are joined per dwelling or area afterwards.
 
     Raises
     ------
@@ -56,10 +54,7 @@ def before_and_after(before: Table, after: Table) -> Table:
             raise InputError(f"the column {name!r} is in one state only; compare two runs of the same study")
         else:
             columns |= _of_states(name, earlier, later)
-    about = {**after.about}
-    if "areas" in about:
-        about["areas"] = [_area(*each) for each in zip(before.about["areas"], about["areas"])]
-    return Table(after.sensors, columns, about, after.scene, after.camera, after.marks, after.row_of_face)
+    return Table(after.sensors, columns, {**after.about}, after.scene, after.camera, after.marks, after.row_of_face)
 
 
 def _of_states(name: str, before: Column, after: Column) -> dict[str, Column]:
@@ -69,17 +64,4 @@ def _of_states(name: str, before: Column, after: Column) -> dict[str, Column]:
         return columns
     kind = np.float64 if before.values.dtype.kind == "f" else np.int64
     loss = before.values.astype(kind) - after.values.astype(kind)
-    return {name + LOSS: Column(loss, after.unit, f"{after.about}, before minus after"), **columns}
-
-
-def _area(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
-    """The record of an area in both states."""
-    record = dict[str, Any]()
-    for name, value in after.items():
-        if name in ("name", "cells", "left_out"):
-            record[name] = value
-            continue
-        record |= {name + BEFORE: before[name], name: value}
-        if not isinstance(value, bool | None) and before[name] is not None:
-            record[name + LOSS] = before[name] - value
-    return record
+    return {name + LOSS: Column(loss, after.unit, f"loss of {after.about}, before minus after"), **columns}

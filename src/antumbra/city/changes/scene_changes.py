@@ -77,20 +77,26 @@ class SceneChange(NamedTuple):
             None: all cores.
         """
         if not isinstance(sensors, str):
-            return sensors_from(self.kept, sensors, None, "sensors")
+            return self.exposed(sensors_from(self.kept, sensors, None, "sensors"), threads, "points")
         return self.exposed(sensors_of(sensors, self.kept, threads, areas), threads, kind_of(sensors))
 
     def exposed(self, sensors: Sensors, threads: int | None = None, kind: str = "") -> Sensors:
-        """The sensors that no added or removed object covers; those of the kind "points" are all kept.
+        """The sensors that no added or removed object covers; those of the kind "points" are all kept, with a note.
 
         A sensor is covered if it lies inside a closed object, from its surface, or for floors from 1 m above it.
         """
-        if self.changed is None or (kind or sensors.kind) == "points" or sensors.normals is None:
+        if self.changed is None:
             return sensors
-        covered = _covered(self.changed, sensors.points, sensors.normals, threads)
+        normals = np.zeros_like(sensors.points) if sensors.normals is None else sensors.normals
+        covered = _covered(self.changed, sensors.points, normals, threads)
         if not covered.any():
             return sensors
-        tell([f"{covered.sum():,} of {len(sensors):,} sensors lie inside what is added or removed, and are left out"])
+        told = f"{covered.sum():,} of {len(sensors):,} sensors lie inside what is added or removed, "
+        if (kind or sensors.kind) == "points" or sensors.normals is None:
+            first = ",".join(f"{x:.9g}" for x in sensors.points[covered.argmax()])
+            tell([f"{told}so one state means nothing there; the first is {first}"])
+            return sensors
+        tell([f"{told}and are left out"])
         zones = sensors.zones
         if sensors.zone is not None:
             more = np.bincount(sensors.zone[covered], minlength=len(zones))
@@ -142,7 +148,7 @@ class SceneChange(NamedTuple):
 def _covered(
     changed: Scene, points: NDArray[np.float64], normals: NDArray[np.float64], threads: int | None
 ) -> NDArray[np.bool_]:
-    """(n,) bool: whether points on surfaces with these unit normals lie inside the objects of a scene."""
+    """(n,) bool: whether points on surfaces with these unit normals, or none (0), lie inside the objects of a scene."""
     up = "xyz".index(changed.up)
     reach, out = changed.unit.of_metres(_REACH), np.zeros(len(points), bool)
     corners = changed.data.corners(0.0, np.flatnonzero(_shown(cast(MemoryData, changed.data)))).reshape(-1, 3)

@@ -17,6 +17,8 @@ from ...version import VERSION
 METHODS = {
     "sun": "Exact rays from each sensor to the sun in the middle of each interval. A sensor has sun if no surface is "
     "in between and the sun is above the sensor's own surface. Positions of the sun: NREL's Solar Position Algorithm.",
+    "sun calendar": "Exact rays from the point to suns a step apart; the times between a hidden and a visible sun are "
+    "halved down to a second. Positions of the sun: NREL's Solar Position Algorithm.",
     "shadow": "Exact shadows of all surfaces. Position of the sun: NREL's Solar Position Algorithm.",
     "skyline": "The exact upper edge of everything along each azimuth.",
     "viewshed": "Exact lines of sight from each observer to each sensor.",
@@ -27,22 +29,33 @@ METHODS = {
 }
 """Job -> how it is done."""
 
+OVERCAST = (
+    "Light of the sky: exact rays from each sensor to directions that divide the sky evenly, weighted by the luminance "
+    "of the CIE's overcast sky and by the cosine."
+)
+"""How the light of the sky is computed for a rule."""
+
 _LENGTHS = {
     "eye_height", "min_distance", "max_distance", "earth_radius", "height", "cell", "hub_height", "rotor_diameter",
     "spacing",
 }  # fmt: skip
-_DEGREES = {"sun_azimuth", "sun_elevation", "azimuth", "elevation"}
+_DEGREES = {"sun_azimuth", "sun_elevation", "azimuth", "elevation", "lowest", "facing", "tilt"}
 _ELSEWHERE = {
-    "job", "rule", "citation", "text", "notes", "warnings", "crs", "length_unit", "up", "scene", "areas", "latitude",
+    "job", "rules", "change", "warnings", "crs", "length_unit", "up", "scene", "areas", "latitude",
     "longitude", "timezone", "north", "first", "last", "suns", "hours", "altitude",
 }  # fmt: skip
-_SUNLIT = "sun", "shadow"  # jobs at a place, whose elevation is in metres
+SUNLIT = "sun", "sun calendar", "shadow"  # jobs at a place, whose elevation is in metres
 _NAMES = {
-    "step": "step",
-    "suns": "sun positions",
+    "directions": "directions of the sky",
+    "lowest": "lowest altitude of the sun",
+    "per": "rows",
+    "samples": "samples of the sun's disk",
+    "sensors": "sensors from",
+    "sunshine": "mean hours of sunshine, January to December",
     "max_distance": "greatest distance",
     "min_distance": "least distance",
 }
+_SUNS = {"limb": "the refracted upper limb", "centre": "the geometric centre"}
 _PIECE = 1 << 22  # bytes read at once
 _MOST_NOTES = 12
 _LONGEST_HEADER = 64 << 20  # bytes of the JSON of a glTF file
@@ -57,7 +70,7 @@ def place_in_about(about: dict[str, Any]) -> Place | None:
     """The place of a study; None: it has none."""
     if about.get("latitude") is None or about.get("longitude") is None:
         return None
-    height = about.get("elevation") if about.get("job") in _SUNLIT else 0.0  # else a range of angles
+    height = about.get("elevation") if about.get("job") in SUNLIT else 0.0  # else a range of angles
     return Place(
         float(about["latitude"]), float(about["longitude"]), float(height or 0.0), timezone=about.get("timezone")
     )
@@ -76,6 +89,11 @@ def day_of(about: dict[str, Any]) -> date | None:
 def minutes_text(text: object) -> str:
     """A time without its seconds."""
     return str(text).replace("T", " ")[:16]
+
+
+def above_text(about: dict[str, Any]) -> str:
+    """Above which altitude the suns of a study count."""
+    return f"above {about['lowest']:g} degrees" if about.get("lowest") else "above the horizon"
 
 
 def place_facts(about: dict[str, Any]) -> Iterator[tuple[str, str]]:
@@ -99,17 +117,21 @@ def method_facts(about: dict[str, Any], counts: Sequence[tuple[str, str]] = ()) 
     counts : further facts, such as the number of sensors
     """
     job, unit = str(about.get("job", "")), unit_of(about)
-    if job in METHODS:
+    if job in METHODS and about.get("suns") != 0:
         yield "method", METHODS[job]
-    if "rule" in about:
-        yield "rule", str(about["rule"])
-        for name, key in (("clause", "citation"), ("what it requires", "text"), ("approximations", "notes")):
-            if about.get(key):
-                yield name, str(about[key])
+    if job == "sun" and "directions" in about:
+        yield "method", OVERCAST
+    for text in about.get("change", []):
+        yield "change", text
+    for rule in about.get("rules", []):
+        yield f"rule {rule['name']}", rule["text"]
+        yield "clause", rule["citation"]
+        yield "approximations", rule["notes"]
     if "first" in about and "last" in about:
         yield "period", f"{minutes_text(about['first'])} to {minutes_text(about['last'])}"
-    if "suns" in about:
-        yield "sun positions", f"{about['suns']:,} above the horizon, {about.get('hours', 0.0):,.5g} h"
+    if about.get("suns"):
+        hours = f", {about['hours']:,.5g} h" if "hours" in about else ""  # rules of several days have none in common
+        yield "sun positions", f"{about['suns']:,} {above_text(about)}{hours}"
     if "latitude" in about:
         zone = about.get("timezone") or "whole hour nearest to the longitude"
         yield (
@@ -119,12 +141,7 @@ def method_facts(about: dict[str, Any], counts: Sequence[tuple[str, str]] = ()) 
     if "north" in about:
         yield "true north", f"{about['north']:.2f} degrees clockwise from that of the coordinates"
     for name, value in about.items():
-        if (
-            name not in _ELSEWHERE
-            and value is not None
-            and value != []
-            and not (name == "elevation" and job in _SUNLIT)
-        ):
+        if name not in _ELSEWHERE and value is not None and value != [] and not (name == "elevation" and job in SUNLIT):
             yield _NAMES.get(name, name.replace("_", " ")), _value_text(name, value, unit, job)
     yield from counts
     yield "software", f"Antumbra {VERSION}"
@@ -136,6 +153,10 @@ def method_facts(about: dict[str, Any], counts: Sequence[tuple[str, str]] = ()) 
 def _value_text(name: str, value: Any, unit: LengthUnit, job: str) -> str:
     """A parameter with its unit."""
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if name == "per":
+        return f"one per {value}"
+    if name == "sun":
+        return _SUNS.get(value, str(value))
     if name == "step" and number:
         return f"{value:g} {'degrees' if job == 'skyline' else 'minutes'}"
     if name in _LENGTHS and number:

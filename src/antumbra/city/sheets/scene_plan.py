@@ -73,17 +73,27 @@ def outlines_of(scene: AnyScene, extent: Extent | None = None) -> NDArray[np.flo
 
 def _walls(corners: NDArray[np.float64], scene: AnyScene, extent: Extent | None) -> NDArray[np.float64]:
     """(n, 2, 2): the longest sides in plan of the upright ones of faces, (k, 3, 3), that are high enough."""
-    up = "xyz".index(scene.up)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normals, axis=1)
-    upright = (length > 0.0) & (np.abs(normals[:, up]) <= _UPRIGHT * length)
-    upright &= np.ptp(corners[..., up], axis=1) >= scene.unit.of_metres(LOW)
+    high = np.ptp(corners[..., "xyz".index(scene.up)], axis=1) >= scene.unit.of_metres(LOW)
+    upright = _is_upright(corners, scene.up) & high
     plan = plan_of_points(corners[upright].reshape(-1, 3), scene.up).reshape(-1, 3, 2)
     if extent is not None:
         low, high = plan.min(1), plan.max(1)
         inside = (high >= (extent.west, extent.south)).all(1) & (low <= (extent.east, extent.north)).all(1)
         plan = plan[inside]
     return _longest_sides(plan)
+
+
+def _is_upright(corners: NDArray[np.float64], up: str) -> NDArray[np.bool_]:
+    """(k,) bool: which faces, (k, 3, 3), are walls, so that a line is left of them in plan."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normals, axis=1)
+    return np.asarray((length > 0.0) & (np.abs(normals[:, "xyz".index(up)]) <= _UPRIGHT * length))
+
+
+def wall_lines(corners: NDArray[np.float64], up: str) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """(k,) bool: which faces, (k, 3, 3), are walls; and (n, 2, 2) float64: each of these in plan."""
+    walls = _is_upright(corners, up)
+    return walls, _longest_sides(plan_of_points(corners[walls].reshape(-1, 3), up).reshape(-1, 3, 2))
 
 
 def _longest_sides(plan: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from ...sun.location import Place
 from ...sun.sun_positions import suns_of, times_of, zone_of
 from ..sensors.point_checks import tell
 from .map_frame import Extent, MapFit, fit_map
-from .method_facts import day_of, method_facts, minutes_text, place_in_about, source_facts
+from .method_facts import SUNLIT, day_of, method_facts, minutes_text, place_in_about, source_facts
 from .page import FAINT, Column, Layout, Page, Rect, fonts, layout_of, missing_letters, save_pages
 from .sheet_options import Sheet
 from .sheet_tables import SheetTable, cell_text, table_pages
@@ -135,7 +135,7 @@ def _method_pages(report: Report, sheet: Sheet, layout: Layout, fit: MapFit | No
     page = _named_page(layout, "Method")
     right = _halves(layout)[1]
     place = report.place or place_in_about(report.about)
-    if place is not None and report.about.get("job") in ("sun", "shadow"):
+    if place is not None and report.about.get("job") in SUNLIT:
         right = _draw_diagram(page, right, place, day_of(report.about), report.about)
     facts = list(method_facts(report.about, report.counts))
     if fit is not None:

@@ -14,6 +14,7 @@ _LEADING = 1.55  # height of a row, in font sizes
 _BETWEEN = 3.5  # millimetres between columns
 _APART = 10.0  # millimetres between blocks of rows
 _WIDEST = 75.0  # millimetres: wider cells are cut
+_LEAST_ROWS = 4
 _HEADING = 7.0  # height of a table's title
 
 
@@ -48,18 +49,19 @@ def table_pages(layout: Layout, tables: Sequence[SheetTable]) -> list[Page]:
     for table in tables:
         size, groups = _groups(table, layout.body.width)
         row = _LEADING * size * MM_PER_POINT
-        for columns in groups:
+        for k, columns in enumerate(groups):
             first = 0
             while first < max(len(table.rows), 1):
                 above = _HEADING + row + (row if table.note and first == 0 else 0.0)
-                if not pages or top - above - row < layout.body.bottom:
+                least = min(_LEAST_ROWS, len(table.rows) - first)  # or a page of its own
+                if not pages or top - above - least * row < layout.body.bottom:
                     pages.append(Page(layout))
                     top = layout.body.top
                 room = max(int((top - above - layout.body.bottom) / row), 1)
                 part = _Part(table, columns, size, _widths(table, size))
                 across = min(part.across(layout.body.width), -(-(len(table.rows) - first) // room) or 1)
                 ends = [min(first + k * room, len(table.rows)) for k in range(max(across, 1) + 1)]
-                top = part.draw(pages[-1], list(pairwise(ends)), top)
+                top = part.draw(pages[-1], list(pairwise(ends)), top, k > 0 or first > 0)
                 first += room * max(across, 1)
             top -= 5.0
     return pages
@@ -107,10 +109,9 @@ class _Part(NamedTuple):
         """How often the columns fit beside each other."""
         return max(int((room + _APART) / (self.width + _APART)), 1)
 
-    def draw(self, page: Page, blocks: Sequence[tuple[int, int]], top: float) -> float:
+    def draw(self, page: Page, blocks: Sequence[tuple[int, int]], top: float, continued: bool) -> float:
         """Draw blocks of rows (first and last, exclusive) beside each other; return the height of their lower edge."""
         row, left = _LEADING * self.size * MM_PER_POINT, page.layout.body.left
-        continued = blocks[0][0] > 0
         page.text(left, top - 4.5, self.table.title + (" (continued)" if continued else ""), 10, weight="bold")
         y = top - _HEADING
         if self.table.note and not continued:

@@ -126,8 +126,10 @@ def verdict_columns(rule: Rule, columns: Mapping[str, Column]) -> dict[str, Colu
 
 def _named(rule: Rule, verdict: Verdict) -> dict[str, Column]:
     """The columns of a verdict."""
-    what = f"meets {rule.name}" if rule.area is None else f"gets the hours of {rule.name}"
-    columns = {rule.prefix + PASSES: Column(verdict.passes, "", f"whether it {what}")}
+    about = f"verdict by {rule.name}" if rule.area is None else f"places with the hours of {rule.name}"
+    if verdict.ratio is not None and rule.kept is not None and rule.area is None:
+        about += ", compared with the former state"
+    columns = {rule.prefix + PASSES: Column(verdict.passes, "", about)}
     if verdict.ratio is not None:
         about = f"share of the former value that remains, {rule.name}"
         columns[rule.prefix + RATIO] = Column(verdict.ratio, "", about)
@@ -150,11 +152,11 @@ def with_verdicts(table: Table, rules: Sequence[Rule]) -> Table:
     columns = verdicts | {name: column for name, column in table.columns.items() if name not in verdicts}
     about = table.about
     if table.sensors.zone is not None:
-        about = {**about, "areas": area_records(table, rules)}
+        about = {**about, "areas": _area_records(table, rules)}
     return Table(table.sensors, columns, about, table.scene, table.camera, table.marks, table.row_of_face)
 
 
-def area_records(table: Table, rules: Sequence[Rule]) -> list[dict[str, Any]]:
+def _area_records(table: Table, rules: Sequence[Rule]) -> list[dict[str, Any]]:
     """The results of each area, in JSON types. All cells have the same size, so shares of cells are shares of area."""
     sensors, records = table.sensors, list[dict[str, Any]]()
     assert sensors.zone is not None
@@ -186,7 +188,7 @@ def _area_verdict(rule: Rule, table: Table, inside: NDArray[np.bool_]) -> dict[s
     verdict: dict[str, Any] = {"share": share, "passes": share >= rule.area}
     if quantity.column + BEFORE in table.columns:
         former = float((table[quantity.column + BEFORE][inside] >= quantity.least - _ROUNDING).mean())
-        verdict["share_before"] = former
+        verdict |= {"share_before": former, "share_loss": former - share, "passes_before": former >= rule.area}
         verdict["passes"] |= rule.kept is not None and share >= rule.kept * former - _ROUNDING
     return verdict
 
@@ -219,13 +221,15 @@ def _extremes(rule: Rule, columns: Mapping[str, Column], row: NDArray[np.integer
     """The quantities of a rule, of the best or the worst sensor of each row."""
     extremes, word = dict[str, Column](), "greatest" if rule.best else "least"
     for criterion in rule.criteria:
-        for name in criterion.column, criterion.column + BEFORE:
+        states = dict[str, Column]()
+        for name in criterion.column + BEFORE, criterion.column:
             if name in columns:
                 values, unit, about = columns[name]
-                extremes[name] = Column(_extreme(values, row, rule.best), unit, f"{about}; {word} of its sensors")
+                states[name] = Column(_extreme(values, row, rule.best), unit, f"{about}; {word} of its sensors")
         if criterion.column + LOSS in columns:
-            lost = extremes[criterion.column + BEFORE].values - extremes[criterion.column].values
+            lost = states[criterion.column + BEFORE].values - states[criterion.column].values
             extremes[criterion.column + LOSS] = columns[criterion.column + LOSS]._replace(values=lost)
+        extremes |= states
     return extremes
 
 

@@ -116,8 +116,10 @@ class SunCalendar(NamedTuple):
         dark = int(np.isnat(self.first).sum(1).max())
         values = {"scene": scene, "points": len(self.names), "days": len(self.days), "days_without_sun": dark}
         values |= {"hours": float(self.hours.sum(1).mean()), "seconds": seconds}
-        lines = [("points", f"{len(self.names):,}"), ("days", f"{len(self.days):,}, at most {dark:,} without sun")]
-        return Summary(values, [*lines, ("sun", f"{values['hours']:,.1f} h on all days, a mean over the points")])
+        several = len(self.names) > 1
+        days = f"{len(self.days):,}, {'at most ' if several else ''}{dark:,} without sun"
+        sun = f"{values['hours']:,.1f} h on all days{', a mean over the points' if several else ''}"
+        return Summary(values, [("points", f"{len(self.names):,}"), ("days", days), ("sun", sun)])
 
     def _rows(self) -> Iterator[str]:
         days = np.datetime_as_string(self.days).tolist()
@@ -209,7 +211,9 @@ def sun_calendar(
     arrays = parts.taken(["first", "last", "sunrise", "sunset", "hours"])
     executor.end([parts])
     about: dict[str, Any] = {"job": "sun calendar", "scene": scene.name, **place._asdict(), "sun": options.sun}
-    about |= {"step": options.step, "up": scene.up, **curvature_record(options, scene), **warned}
+    about |= {"step": options.step, "eye_height": options.eye_height, "on_surface": options.on_surface}
+    about |= {"length_unit": scene.unit.name, "up": scene.up, **curvature_record(options, scene), **warned}
+    about |= {} if scene.crs is None else {"crs": scene.crs}
     local = {name: work.local(arrays[name]) for name in ("first", "last", "sunrise", "sunset")}
     return SunCalendar(names, sensors.points, work.days, **local, hours=arrays["hours"], about=about)
 

@@ -35,7 +35,7 @@ from ..tables.surface_columns import Between, Facing, check_per, chosen_sensors,
 from .daylight_rules import Criterion, Kind, Rule
 from .epw_file import TYPICAL_YEAR, read_epw
 from .overcast_sky import OVERCAST_DIRECTIONS, overcast, upright_sensors
-from .rule_verdicts import area_records, grouped_verdicts, rates_of, with_verdicts
+from .rule_verdicts import grouped_verdicts, rates_of, with_verdicts
 from .solar_radiation import Weather, clear_sky, on_days
 from .sun_options import MOST_DIRECTIONS, SunKeywords, SunOptions
 from .sun_tally import Tally
@@ -310,10 +310,8 @@ def judged_rows(table: Table, rules: Sequence[Rule], per: str, north: float) -> 
     per, north : as in `SunKeywords` and `Place`
     """
     rows = table
-    if rules:
+    if rules or table.sensors.zone is not None:
         rows = with_verdicts(table, rules)
-    elif table.sensors.zone is not None:
-        table.about["areas"] = area_records(table, rules)
     if per != "sensor":
         rows = per_group(rows, per, north, grouped_verdicts(rules))
     if rows is not table:
@@ -497,6 +495,4 @@ def _about(study: Study, options: SunOptions) -> dict[str, Any]:
     if study.rules:
         fields = "name", "citation", "text", "notes"
         about["rules"] = [{field: getattr(rule, field) for field in fields} for rule in study.rules]
-        about["rule"] = ", ".join(rule.name for rule in study.rules)
-        about["citation"] = "; ".join(dict.fromkeys(rule.citation for rule in study.rules))
     return about

@@ -43,6 +43,9 @@ _MOST_PIXELS = 4096  # maximum side of a map
 _DARKEST = 0.45  # factor on a colour where no ambient light arrives
 _NOWHERE = 70  # grey of surfaces without a value
 _DOT = 5  # pixels: radius of a mark
+_POINTS = "discs: points; rings: points behind surfaces"
+_OFF = 0.05  # metres: how far off their surface sensors must be hidden
+_SPREAD = 20_000.0  # square pixels, of the squares around the discs of all sensors
 
 
 def false_colours(table: Any, name: str) -> NDArray[np.uint8]:
@@ -57,10 +60,17 @@ def false_colours(table: Any, name: str) -> NDArray[np.uint8]:
         picture, places = _map(table, values, scale)
     else:
         picture, places = _view(table, values, scale)
-    column = table.columns[name]
-    caption = f"{name} [{column.unit}]" if column.unit else name
-    panel = Panel(_dotted(picture, places), [column.about[:1].upper() + column.about[1:]])
-    return panel_sheet([panel], scale.bar(caption))
+    unit = table.columns[name].unit
+    lines = [heading_of(table, name), *([_POINTS] if _shows_points(table) else [])]
+    panel = Panel(_dotted(picture, places), lines)
+    return panel_sheet([panel], scale.bar(f"{name} [{unit}]" if unit else name))
+
+
+def heading_of(table: Any, name: str) -> str:
+    """The title of a picture or a map of a column: what it holds, and per what."""
+    text, per = table.columns[name].about or name, table.about.get("per")
+    is_name = any(letter.isdigit() for letter in text.partition(" ")[0])  # such as br209-vsc
+    return (text if is_name else text[:1].upper() + text[1:]) + (f", per {per}" if per else "")
 
 
 def column_values(table: Any, name: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -75,8 +85,8 @@ def column_values(table: Any, name: str) -> tuple[NDArray[np.float64], NDArray[n
     return values, known & table.sensors.covered
 
 
-class ChangeScale(NamedTuple):
-    """The scale of losses, as maps have it: centred on zero, up to the extremes, so that gains differ from none."""
+class SheetScale(NamedTuple):
+    """The scale of maps, of classes, such as verdicts, and of losses, whose gains differ from none."""
 
     scale: MapScale
 
@@ -90,21 +100,24 @@ class ChangeScale(NamedTuple):
 
     def bar(self, caption: str) -> ColourBar:
         """As `Scale.bar`."""
+        if classes := self.scale.classes:
+            n = len(classes)
+            colours = np.array([each.colour for each in classes], np.uint8).repeat(-(-1024 // n), 0)
+            return ColourBar(colours, [((k + 0.5) / n, each.name) for k, each in enumerate(classes)], caption)
         low, span = self.scale.low, self.scale.span or 1.0
         ticks = [((tick - low) / span, f"{tick:,.6g}") for tick in self.scale.ticks()]
         return ColourBar(self.scale.colours(np.linspace(low, low + span, 1024)), ticks, caption)
 
 
-def column_scale(values: np.ndarray, known: np.ndarray, name: str = "") -> Scale | ChangeScale:
+def column_scale(values: np.ndarray, known: np.ndarray, name: str = "") -> Scale | SheetScale:
     """The colour scale of a column.
 
-    Booleans have two colours, integers a scale up to their maximum; the scale of floats leaves out a few outliers. That
-    of losses, whose `name` ends in ``_loss``, is centred on zero.
+    Booleans and losses, whose `name` ends in ``_loss``, have the scale of map sheets, integers one up to their maximum;
+    the scale of floats leaves out a few outliers.
     """
-    if values.dtype.kind in "fiu" and (change := map_scale(values, known, name=name)).diverging:
-        return ChangeScale(change)
-    if values.dtype.kind == "b":
-        return Scale(np.array([0.0, 1.0]), False, names=("no", "yes"))
+    of_map = map_scale(values, known, name=name)
+    if of_map.classes or of_map.diverging:
+        return SheetScale(of_map)
     if values.dtype.kind not in "iu" or not known.any():
         return linear_scale(values[known].astype(np.float64))
     top = max(int(values[known].max()), 1)
@@ -123,7 +136,7 @@ def _dotted(picture: np.ndarray, places: np.ndarray) -> np.ndarray:
     return np.asarray(image)
 
 
-def _map(table: Any, values: np.ndarray, scale: Scale | ChangeScale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+def _map(table: Any, values: np.ndarray, scale: Scale | SheetScale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     """A map of a raster, north up, enlarged if it has few cells; and the pixels of the marks."""
     raster = table.sensors.raster
     assert raster is not None and table.scene is not None
@@ -142,7 +155,7 @@ def _marks(table: Any) -> NDArray[np.float64]:
     return np.empty((0, 3)) if table.marks is None else table.marks
 
 
-def _view(table: Any, values: np.ndarray, scale: Scale | ChangeScale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+def _view(table: Any, values: np.ndarray, scale: Scale | SheetScale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     """The scene in the colours of its sensors, shaded by ambient occlusion; and the pixels of the marks."""
     scene = table.scene
     assert scene is not None
@@ -154,7 +167,9 @@ def _view(table: Any, values: np.ndarray, scale: Scale | ChangeScale) -> tuple[N
     covered = buffer.face >= 0
     colours = np.full((*covered.shape, 3), 30, np.uint8)
     at = buffer.position[covered] + buffer.origin
-    if table.row_of_face is None:
+    if _shows_points(table):
+        surface_values = np.full(int(covered.sum()), np.nan)
+    elif table.row_of_face is None:
         surface_values = _values_at(table.sensors, values, at, buffer.normal[covered], buffer.face[covered])
     else:
         surface_values = np.append(values, np.nan)[table.row_of_face[buffer.face[covered]]]
@@ -162,7 +177,43 @@ def _view(table: Any, values: np.ndarray, scale: Scale | ChangeScale) -> tuple[N
     surface_colours = np.where(known[:, None], scale.colours(np.nan_to_num(surface_values), known), np.uint8(_NOWHERE))
     light = _DARKEST + (1.0 - _DARKEST) * frame.visibility[0][covered][:, None]
     colours[covered] = np.round(surface_colours * light).astype(np.uint8)
+    if _shows_points(table):
+        _draw_points(colours, table, values, scale, camera)
     return colours, project_points(camera, _marks(table))
+
+
+def _shows_points(table: Any) -> bool:
+    """Whether a picture shows the sensors as single points, since they belong to no surface."""
+    return table.sensors.kind == "points" and table.row_of_face is None
+
+
+def _draw_points(
+    picture: NDArray[np.uint8], table: Any, values: np.ndarray, scale: Scale | SheetScale, camera: Camera
+) -> None:
+    """Draw a disc at each sensor, and a ring at those that the scene hides; the nearest last."""
+    sensors, scene = table.sensors, table.scene
+    normals = 0.0 if sensors.normals is None else sensors.normals
+    eye = np.asarray(camera.position, np.float64)
+    hidden = np.asarray(scene.occluded(sensors.points + normals * scene.unit.of_metres(_OFF), targets=eye))
+    places = project_points(camera, sensors.points)
+    inside = np.asarray((np.isfinite(places) & (places >= 0) & (places < picture.shape[1::-1])).all(1))
+    order = np.argsort(-np.linalg.norm(sensors.points - eye, axis=1), kind="stable")
+    order = order[inside[order]]
+    right, down = np.floor(places[order]).astype(np.int64).T
+    known = np.isfinite(values[order])
+    colours = scale.colours(np.nan_to_num(values[order]), known)
+    colours[~known] = _NOWHERE
+    radius = int(np.clip(np.sqrt(_SPREAD / max(len(order), 1)), 1, _DOT + 2))
+    steps = np.arange(-radius, radius + 1)
+    away = np.hypot(*np.meshgrid(steps, steps))
+    rim = 1.5 if radius > 2 else 0.0
+    for dy, dx in np.argwhere(away <= radius + 0.5).tolist():
+        on_rim = away[dy, dx] > radius + 0.5 - rim
+        edge = np.where(hidden[order, None], colours, np.uint8(0)) if on_rim else colours
+        drawn = on_rim | ~hidden[order] | (radius <= 2)
+        y, x = down + dy - radius, right + dx - radius
+        drawn &= (y >= 0) & (y < picture.shape[0]) & (x >= 0) & (x < picture.shape[1])
+        picture[y[drawn], x[drawn]] = edge[drawn]
 
 
 def _values_at(

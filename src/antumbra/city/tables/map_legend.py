@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..sheets.method_facts import minutes_text, place_facts, unit_of
+from ..sheets.method_facts import above_text, minutes_text, place_facts, unit_of
 from ..sheets.page import FAINT, Column, Rect
 from ..sheets.units_text import area_text, unit_text
 from .false_colours import column_values
@@ -32,6 +32,7 @@ MOST_MARKS = 30
 _MARKS = {"viewshed": "observer", "visible share": "target"}
 _MOST_COUNTS = 8  # greatest whole number of a legend with a key for each
 _MOST_AREAS = 12
+_MOST_CHANGES = 4
 
 
 class SightLine(NamedTuple):
@@ -144,7 +145,7 @@ def _draw_keys(
 ) -> None:
     """Draw a key per value, with its share of the sensors, and its area where sensors have one."""
     areas, unit, known = table.sensors.areas, unit_of(table.about), np.isfinite(values)
-    what = "sensors" if table.sensors.raster is None else "cells"
+    what = _rows_name(table) if table.sensors.raster is None else "cells"
     for marker, (value, name) in zip(markers, named):
         rows = values == value
         text = f"{name}: {rows[known].mean():.1%} of the {what}" if known.any() else name
@@ -170,13 +171,15 @@ def facts_of(table: Any) -> Iterator[tuple[str, str]]:
     about = table.about
     if table.scene is not None:
         yield "scene", table.scene.name
-    if "rule" in about:
-        yield "rule", f"{about['rule']}: {about.get('citation', '')}".rstrip(": ")
+    for rule in about.get("rules", []):
+        yield f"rule {rule['name']}", rule["citation"]
+    for text in about.get("change", [])[:_MOST_CHANGES]:
+        yield "change", text
     for area in about.get("areas", [])[:_MOST_AREAS]:
         yield f"area {area['name']}", _area_text(area)
     if "first" in about and "last" in about:
         yield "dates", f"{minutes_text(about['first'])} to {minutes_text(about['last'])}"
-        yield "sun", f"{about['suns']:,} positions, {about['hours']:,.4g} h above the horizon"
+        yield "sun", f"{about['suns']:,} positions, {about['hours']:,.4g} h {above_text(about)}"
     if about.get("observers"):
         yield "observers", f"{about['observers']:,}"
     yield from place_facts(about)
@@ -185,11 +188,16 @@ def facts_of(table: Any) -> Iterator[tuple[str, str]]:
 
 def sensor_fact(table: Any) -> tuple[str, str]:
     """The number and the kind of the sensors, or of the rows that stand for groups of them."""
-    sensors, per = table.sensors, table.about.get("per")
-    if per:
-        return f"{per}s", f"{len(table):,}"
+    sensors = table.sensors
+    if table.about.get("per"):
+        return _rows_name(table), f"{len(table):,}"
     cell = "" if sensors.raster is None else f", cells of {sensors.raster.spacing:g} {unit_of(table.about).name}"
     return "sensors", f"{len(sensors):,} ({sensors.kind}{cell})"
+
+
+def _rows_name(table: Any) -> str:
+    """What the rows of a `Table` stand for, in the plural."""
+    return f"{table.about.get('per') or 'sensor'}s"
 
 
 def mark_facts(table: Any) -> Iterator[tuple[str, str]]:
@@ -203,7 +211,13 @@ def mark_facts(table: Any) -> Iterator[tuple[str, str]]:
 def _area_text(area: dict[str, Any]) -> str:
     if area.get("sun_hours") is None:
         return "no cells"
-    text = f"mean {area['sun_hours']:.1f} h"
+    text = f"mean {area['sun_hours']:.1f} h{_former(area, 'sun_hours_before', '.1f', ' h')}"
     if area.get("share") is not None:
-        text += f"; {area['share']:.1%} of the cells: {'passes' if area['passes'] else 'fails'}"
+        share = f"{area['share']:.1%} of the cells{_former(area, 'share_before', '.1%')}"
+        text += f"; {share}: {'passes' if area['passes'] else 'fails'}"
     return text
+
+
+def _former(area: dict[str, Any], name: str, form: str, unit: str = "") -> str:
+    """The former value of an area, in parentheses."""
+    return "" if area.get(name) is None else f" (before: {area[name]:{form}}{unit})"

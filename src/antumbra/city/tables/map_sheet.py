@@ -16,7 +16,9 @@ from ...base.checks import quoted, spelling_hint
 from ...base.errors import InputError
 from ...engine.scene import AnyScene
 from ...scene.raster import Raster
+from ..cityjson.surface_types import WALL
 from ..sensors.sensors import Sensors, corners_of
+from ..sensors.surface_groups import face_types
 from ..sheets.map_frame import Extent, MapFit, bounds_of, draw_frame, fit_map
 from ..sheets.map_labels import draw_labels, spread_points
 from ..sheets.method_facts import unit_of
@@ -30,11 +32,12 @@ from ..sheets.scene_plan import (
     hillshade,
     outlines_of,
     plan_of_points,
+    wall_lines,
 )
 from ..sheets.sheet import Report, save_report
 from ..sheets.sheet_options import Sheet
 from ..sheets.units_text import unit_text
-from .false_colours import column_values
+from .false_colours import column_values, heading_of
 from .map_legend import (
     CLASS_MARKERS,
     END_MARKERS,
@@ -69,6 +72,7 @@ _ONE_OBSERVER = "What the observer sees"
 _LEAST = 1e-6  # of the surroundings: a point has an extent, too
 _MOST_BUILDINGS = 60  # labelled by themselves
 _LARGEST_MARK, _SMALLEST_MARK = 1.5, 0.7  # millimetres: radius of marks of few sensors
+_WALL, _CASING = 2.0, 0.8  # points: width of walls in the colours of their values, and of the dark edge more
 _MOST_SPREAD = 300  # points that are moved away from others at their place
 
 
@@ -89,8 +93,8 @@ def table_report(table: Any, column: str, sheet: Sheet, lines: Sequence[SightLin
     """
     if not len(table):
         raise InputError("the table has no rows; there is nothing to draw on a map")
-    chosen, about = table.columns[column], table.about
-    heading = _ONE_OBSERVER if is_seen(table, column) else _sentence(chosen.about) or column
+    about = table.about
+    heading = _ONE_OBSERVER if is_seen(table, column) else heading_of(table, column)
     extent, core = _extents_of(table, lines)
     draw = partial(_draw_map, table, column, _labels(table, sheet), list(lines))
     margin = _POINT_MARGIN if shows_points(table) else _MARGIN
@@ -118,12 +122,6 @@ class _Sensed(NamedTuple):
     scene: AnyScene
     marks: None
     row_of_face: object
-
-
-def _sentence(text: str) -> str:
-    """A text with a capital letter, unless it begins with a name such as br209-windows."""
-    first = text.partition(" ")[0]
-    return text if any(letter.isdigit() for letter in first) else text[:1].upper() + text[1:]
 
 
 # --- What the map shows -----------------------------------------------------------------------------------------------
@@ -164,7 +162,8 @@ def _labels(table: Any, sheet: Sheet) -> list[str] | None:
     columns = table.sensors.attributes
     if sheet.labels is None:
         named = {name.lower(): name for name in reversed(columns)}
-        found = next((named[name] for name in _LABELS if name in named), None)
+        per = table.about.get("per")
+        found = per if per in columns else next((named[name] for name in _LABELS if name in named), None)
         if shows_points(table) and found is not None:
             return _texts(columns[found])
         if table.row_of_face is not None and "building" in table.columns and len(table) <= _MOST_BUILDINGS:
@@ -231,7 +230,7 @@ def _draw_values(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale, 
     if sensors.raster is not None:
         _draw_raster(axes, table, values, scale, fit)
     elif scene is not None and scene.data.resident and (sensors.kind == "face" or table.row_of_face is not None):
-        _draw_faces(axes, table, values, scale)
+        _draw_faces(axes, table, values, scale, fit)
     else:
         if scene is not None and sensors.kind == "points":
             draw_hillshade(axes, _shade(scene, fit.extent, fit), fit.extent)
@@ -340,8 +339,8 @@ def _colours(values: np.ndarray, scale: MapScale) -> NDArray[np.float64]:
     return np.where(known[:, None], scale.colours(np.where(known, values, scale.low)), 255) / 255.0
 
 
-def _draw_faces(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale) -> None:
-    """Draw faces from above, the highest last."""
+def _draw_faces(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale, fit: MapFit) -> None:
+    """Draw faces from above, the highest last; walls alone as lines. Other faces are a hillshade."""
     from matplotlib.collections import PolyCollection
 
     corners, of_face = corners_of(table.scene), np.full(table.scene.n_triangles, np.nan)
@@ -351,6 +350,8 @@ def _draw_faces(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale) -
     else:
         faces = np.flatnonzero(table.row_of_face >= 0)
         of_face[faces] = values[table.row_of_face[faces]]
+    if len(faces) < table.scene.n_triangles:
+        draw_hillshade(axes, _shade(table.scene, fit.extent, fit), fit.extent)
     corners = corners[faces]
     order = np.argsort(corners[..., "xyz".index(table.scene.up)].max(1), kind="stable")
     plan = plan_of_points(corners.reshape(-1, 3), table.scene.up).reshape(-1, 3, 2)[order]
@@ -365,6 +366,23 @@ def _draw_faces(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale) -
                     list(plan[some]), facecolors=colours[some], edgecolors=edge, hatch=hatch, zorder=1, **style
                 )
             )
+    if (face_types(table.scene, faces) == WALL).all():
+        _draw_walls(axes, corners, of_face[faces], table.scene.up, scale)
+
+
+def _draw_walls(
+    axes: "Axes", corners: NDArray[np.float64], values: NDArray[np.float64], up: str, scale: MapScale
+) -> None:
+    """Draw walls, (k, 3, 3), as lines in the colours of their values: what fails, or has most, last."""
+    from matplotlib.collections import LineCollection
+
+    walls, lines = wall_lines(corners, up)
+    values = values[walls]
+    order = np.argsort(-values if scale.classes else values, kind="stable")
+    order = order[np.isfinite(values[order])]
+    for colours, more in ((INK, _CASING), (_colours(values[order], scale), 0.0)):
+        style: dict[str, Any] = {"rasterized": len(lines) > _MOST_FACES, "linewidths": _WALL + more, "zorder": 3.5}
+        axes.add_collection(LineCollection(list(lines[order]), colors=colours, **style))
 
 
 def _radius(table: Any, fit: MapFit) -> float:

@@ -84,20 +84,19 @@ def _summary(table: Any) -> SheetTable:
 
 def _areas(table: Any) -> SheetTable:
     """A row per area of a study of gardens."""
-    judged = any(area.get("share") is not None for area in table.about["areas"])
-    headers = [
-        "area",
-        "cells",
-        "inside buildings",
-        "mean sun hours (h)",
-        *(("share of cells", "verdict") if judged else ()),
-    ]
+    areas = table.about["areas"]
+    judged = any(area.get("share") is not None for area in areas)
+    states = [end for end in ("_before", "") if any("sun_hours" + end in area for area in areas)]
+    words = {"_before": " before", "": ""}
+    headers = ["area", "cells", "left out", *(f"mean sun hours{words[end]} (h)" for end in states)]
+    headers += [*(f"share of cells{words[end]}" for end in states), "verdict"] if judged else []
     rows = []
-    for area in table.about["areas"]:
-        hours, share = area.get("sun_hours"), area.get("share")
+    for area in areas:
         row = [str(area["name"]), f"{area.get('cells', 0):,}", f"{area.get('left_out', 0):,}"]
-        row.append("-" if hours is None else f"{hours:.2f}")
+        hours, shares = ([area.get(name + end) for end in states] for name in ("sun_hours", "share"))
+        row += ["-" if each is None else f"{each:.2f}" for each in hours]
         if judged:
-            row += ["-", "no cells"] if share is None else [f"{share:.1%}", "passes" if area["passes"] else "fails"]
+            row += ["-" if each is None else f"{each:.1%}" for each in shares]
+            row.append("no cells" if area.get("share") is None else "passes" if area["passes"] else "fails")
         rows.append(row)
-    return SheetTable("Areas", headers, rows, frozenset((1, 2, 3, 4)))
+    return SheetTable("Areas", headers, rows, frozenset(range(1, 3 + 2 * len(states))))
