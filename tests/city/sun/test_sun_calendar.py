@@ -178,6 +178,10 @@ def test_shards_give_the_same_bytes(cli, hall):
         (("--days", "2026-03-20", "--at", "1,2,3", "--points", "points.csv"), "exclude each other"),
         (("--days", "2026-03-40", "--at", "1,2,3"), "is not a day"),
         (("--days", "2026-03-20", "--points", "points.csv", "--map", "a.pdf"), "a diagram shows one point"),
+        (
+            ("--days", "2026-03-20", "--at", "-5,0,1", "--map", "a.pdf", "--sheet", "scale=1:500"),
+            "the sheet is a diagram",
+        ),
         (("--days", "2026-03-20", "--at", "900,0,0", "--on-surface"), "are to be placed on a surface"),
     ],
 )

@@ -58,9 +58,14 @@ class Report:
         if self.extent is not None:
             extent = self.extent if self.core is None or sheet.scale is None else self.core
             return fit_map(extent, self.unit, sheet, self.margin)
-        if sheet.scale is not None or sheet.extent is not None:
-            raise InputError("the sheet of a skyline is a diagram without a scale; leave scale and extent out")
+        check_diagram(sheet)
         return None
+
+
+def check_diagram(sheet: Sheet) -> None:
+    """Raise an InputError if a sheet has what only maps have."""
+    if sheet.scale is not None or sheet.extent is not None:
+        raise InputError("the sheet is a diagram without a scale; leave scale and extent out")
 
 
 def check_report(report: Report, sheet: Sheet) -> None:

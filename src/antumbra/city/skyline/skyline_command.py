@@ -89,6 +89,11 @@ class SkylineCommand(StudyCommand[SkylineOptions, "list[Skyline]"]):
         if (self.at is None) == (self.points is None):
             raise InputError("there are no points, or two kinds of them; give --at X,Y,Z or --points FILE")
 
+    def check_sheet(self, sheet: Any, scenes: Scenes) -> None:
+        from ..sheets.sheet import check_diagram
+
+        check_diagram(sheet)
+
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], list[Skyline]]":
         from .skyline import check_skyline_output, skyline
 

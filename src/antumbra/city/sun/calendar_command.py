@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -98,6 +98,11 @@ class CalendarCommand(StudyCommand[CalendarOptions, "SunCalendar"]):
         warn_of_lost(file.name, file.sensors.attributes, IDS)
         for path in [*self.paths("output"), *self.paths("map")]:
             check_calendar_output(path, len(file.sensors))
+
+    def check_sheet(self, sheet: Any, scenes: Scenes) -> None:
+        from ..sheets.sheet import check_diagram
+
+        check_diagram(sheet)
 
     def default_output(self) -> str:
         return f"{self.spec.stem}-calendar.csv"
