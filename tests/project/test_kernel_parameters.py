@@ -44,7 +44,7 @@ UNDESCRIBED = counts("""
     primary_frusta:8 primary_rays:5 published_frusta:7 query_bounds:1 raster_bins:5 raster_setup:1 rasteriser:5
     ray_batches:1 ray_bundles:9 ray_hits:2 ray_leaves:6 ray_passes:2 ray_split:5 ray_tile:4 ray_traversal:6
     ray_tree:1 receiver_order:3 receivers:1 refit:3 reinsertion:7 reverse_frusta:2 sample_frusta:5 shading:1
-    shadow_query:4 shaft_culling:5 shaft_hierarchy:10 shafts:1 single_rays:4 sky_background:1 srdh_builder:9
+    shadow_query:4 shaft_culling:5 shaft_hierarchy:10 shafts:1 single_rays:3 sky_background:1 srdh_builder:9
     sun_tally:1 surface_crossing:5 surface_links:1 terrain_lanes:3 terrain_ray_lists:1 terrain_rays:1 tile:7
     tile_clusters:6 tile_group:4 tl_lbvh:13 top_down:5 top_levels:12 transmission:1 tree_layout:7 tree_parts:2
     tree_quality:8 triangle_bounds:4 triangle_setup:4 triangle_tests:2 triangle_traversal:11 walkthroughs:1

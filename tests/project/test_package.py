@@ -107,7 +107,7 @@ def test_what_tests_import_is_installed_for_them():
 def test_extras_for_users_are_explained():
     """In the package, for `antumbra doctor`, and in the documentation; ``all`` includes them all."""
     for_developers = {"release", "build", "view-test", "peers", "all-peers", "opencl-cpu", "docs", "dev"}
-    for_developers |= {"test", "test-peers", "test-all"}
+    for_developers |= {"test", "test-peers", "test-wasm", "test-all"}
     extras = PROJECT["optional-dependencies"]
     assert EXTRAS.keys() == extras.keys() - for_developers
     assert re.fullmatch(r"antumbra\[(.*)\]", *extras["all"])[1].split(",") == [name for name in EXTRAS if name != "all"]
@@ -274,7 +274,7 @@ def test_wheel_is_pure_and_holds_the_package_only(built):
         package / "lab/papers/needs.json",
         *package.glob("lab/papers/*/README.md"),
     ]
-    data += [package / "py.typed"]
+    data += [package / "py.typed", *package.glob("web/*/*.*")]
     data += [path for path in (package / "examples").iterdir() if path.suffix not in (".py", "")]
     assert inside == {path.relative_to(ROOT / "src").as_posix() for path in (*SOURCES, *data)}
 

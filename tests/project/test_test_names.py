@@ -32,11 +32,11 @@ THROUGH = {
         kernels/ticket_loops
     """,
     "frames, points and rays of an engine": """
-        engine/sources/paged_hits engine/sources/point_shadows engine/ray_queries engine/refitted_rays engine/visibility
+        engine/sources/paged_hits engine/sources/point_shadows engine/refitted_rays engine/visibility
         engine/joined_store_tree picture/frame_passes lab/culling_picture
     """,
     "files and arrays that load, from_raster, from_footprints and from_trees read": """
-        city/gis/gis_scenes formats/array_files city/gis/csv_rows formats/json_fields formats/ply_rows
+        city/gis/gis_scenes city/gis/csv_rows formats/json_fields formats/ply_rows
         formats/reprojection city/cityjson/cityjson_file city/gis/footprint_solids
         city/gis/gis_data city/gis/height_arrays city/gis/height_tiles city/gis/vector_table
         city/gis/vrt_files formats/gltf/accessors
@@ -51,17 +51,19 @@ THROUGH = {
         trace/frusta/frusta_areas
     """,
     "scenes that are loaded, joined and updated": """
-        scene/joined_scenes scene/map_degrees scene/moved_geometry scene/raster
+        base/pickles scene/map_degrees scene/moved_geometry scene/raster
     """,
     "stores that are built and read": """
-        store/chunk_sorting store/system_resources
+        store/chunk_sorting
     """,
     "the study of the folder": """
         city/sight/line_points city/shadow/plane_projection city/shadow/shadow_polygons
-        city/skyline/edge_projection city/tables/surface_columns
+        city/skyline/edge_projection city/tables/surface_columns city/tables/polygon_files city/pv/modules
+        city/pv/pv_options city/sight/observers city/sun/route_options baking/emission
     """,
     "commands": """
-        cli/picture_report city/sight/visible_command version
+        cli/picture_report city/sun/calendar_command city/sun/route_command picture/picture_records web/page_command
+        version
     """,
     "the measurements of the paper": """
         lab/papers/chc_rt/chcrt_tables lab/papers/multi_frusta/frusta_measurements

@@ -51,7 +51,7 @@ _ROUNDING = 4.0 * float(np.finfo(np.float32).eps)  # of a plane, per extent of a
 class ModuleShading(NamedTuple):
     """The shading of m modules or strings at n times."""
 
-    names: list[str]
+    names: list[str]  # of the modules or strings
     times: Any  # pandas.DatetimeIndex with a time zone
     shaded_fraction: NDArray[np.float64]  # (m, n): the share of the direct light that is blocked, 0 to 1
     sky_view_factor: NDArray[np.float64]  # (m, n): the share of a uniform sky's light that arrives on the plane

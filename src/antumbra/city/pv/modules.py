@@ -21,13 +21,13 @@ COLUMNS = (*_NUMBERS, "string")
 
 
 class _ModuleFields(NamedTuple):
-    position: tuple[float, float, float]
-    width: float
-    height: float
-    tilt: NDArray[np.float64]
-    azimuth: NDArray[np.float64]
-    string: str
-    lattice: tuple[int, int]
+    position: tuple[float, float, float]  # world coordinates of its middle
+    width: float  # world units
+    height: float  # world units, along its slope
+    tilt: NDArray[np.float64]  # () or (n,) degrees
+    azimuth: NDArray[np.float64]  # () or (n,) degrees
+    string: str  # empty: none
+    lattice: tuple[int, int]  # sample points along the width and the height
 
 
 class PvModule(_ModuleFields):

@@ -112,7 +112,7 @@ def lowered_scene(scene: AnyScene, earth: Earth, time: float = 0.0) -> Scene:
     A raster of heights with short edges stays one, which takes less memory than its triangles.
     """
     terrain = scene.data.terrain
-    if terrain is not None and np.hypot(terrain.grid.dx, terrain.grid.dy) <= earth.longest:
+    if terrain is not None and terrain.grid.dx**2 + terrain.grid.dy**2 <= earth.longest**2:
         east = terrain.grid.eastings() - earth.centre[0]
         north = terrain.grid.northings() - earth.centre[1]
         drops = earth.drop * ((north * north)[:, None] + east * east)

@@ -344,7 +344,7 @@ class _Work:
         other = np.where(same, other, k)  # the sun of the whole day: no edge
         low, high = np.ones(len(k)), np.zeros(len(k))  # shares of the way to the other time: hidden, and visible
         span = np.abs(self.seconds[other] - self.seconds[k]).max(initial=1)
-        for _ in range(int(np.ceil(np.log2(span))) + 1):
+        for _ in range(int(span).bit_length() + 1):
             share = (low + high) / 2.0
             lit = self._lit_at(rows[at], angles[:, k] + share * (angles[:, other] - angles[:, k]), blocked)
             low, high = np.where(lit, low, share), np.where(lit, share, high)

@@ -205,7 +205,8 @@ def _draw_points(
     colours[~known] = _NOWHERE
     radius = int(np.clip(np.sqrt(_SPREAD / max(len(order), 1)), 1, _DOT + 2))
     steps = np.arange(-radius, radius + 1)
-    away = np.hypot(*np.meshgrid(steps, steps))
+    x, y = np.meshgrid(steps, steps)
+    away = np.sqrt(x * x + y * y)
     rim = 1.5 if radius > 2 else 0.0
     for dy, dx in np.argwhere(away <= radius + 0.5).tolist():
         on_rim = away[dy, dx] > radius + 0.5 - rim

@@ -223,7 +223,7 @@ class ViewFactors:
                 area = self.areas[self.names.index(name)]
                 for to in dict.fromkeys([*later, *earlier]):
                     (old, old_error), (new, error) = (state.get(to, (0.0, 0.0)) for state in (earlier, later))
-                    rows.writerow((name, to, old - new, old, new, float(np.hypot(old_error, error)), area))
+                    rows.writerow((name, to, old - new, old, new, float(np.sqrt(old_error**2 + error**2)), area))
 
     def _by_names(self) -> dict[str, dict[str, tuple[float, float]]]:
         """From -> to -> the factor and its error."""

@@ -30,7 +30,7 @@ from ...query.receivers import FREE, surface_receivers
 from ...query.shadow_query import ShadowQuery, new_bits
 from ...scene.lights import Light, QuadLight, SphereLight
 from ..rays.ray_batches import RayTracer
-from ..rays.single_rays import trace_shadow
+from ..rays.single_rays import as_built, trace_shadow
 from .device_kernels import KERNELS
 from .device_tracer import CAPACITIES, Capacities, DeviceTracer
 
@@ -173,8 +173,7 @@ def _cases() -> _Cases:
 def _cpu_answers(cases: _Cases) -> Iterator[NDArray[np.generic]]:
     """The answers of the CPU's tracers, as `_answers` orders those of a device."""
     for bvh in cases.bvh, refit(cases.bvh, cases.moved, 1):
-        wide = widen(bvh, 1)
-        tracer = RayTracer(wide)
+        tracer = RayTracer(widen(bvh, 1))
         for rays, any_hit in _lists(cases):
             hits = hit_arrays(rays.n, any_hit)
             if not tracer.trace(rays, any_hit, hits, 1):
@@ -182,7 +181,7 @@ def _cpu_answers(cases: _Cases) -> Iterator[NDArray[np.generic]]:
             yield from _columns(hits, any_hit)
         for query in cases.queries:
             bits = new_bits(query)
-            trace_shadow(wide, query, bits, 1)
+            trace_shadow(as_built(bvh), query, bits, 1)
             yield bits
 
 

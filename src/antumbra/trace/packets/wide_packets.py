@@ -135,6 +135,7 @@ def _trace_rows(tree, rays, first, facing, batch, hits, counters):
 @kernel
 def _trace_packets(ticket, wide, query, samples, job, out, counters):
     """Worker: trace tiles, four rows at a time."""
+    # In: wide, a `WideBvh`; query; samples; job, a `RayTileJob`. Out: out, bits of all receivers
     scratch, tree = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS)), wide_tree_of(wide)
     batch = RayBlock(stack_f32(_ROWS), stack_f64(_PRECISE), stack_i32(_RAYS), True)
     hits, mine = WideHit(stack_i32(_RAYS), stack_i32(_TESTS)), cleared(stack_i64(N_COUNTERS))
