@@ -26,4 +26,6 @@ def test_the_first_point_that_is_beyond_float32_is_named(wrong):
     points = np.zeros((2, 2, 3))
     points[1, 0, 2] = wrong
     with pytest.raises(at.InputError, match=r"beyond float32 \(point 2\)"):
-        points_of(points, (0.0, 0.0, 0.0))
+        points_of(points, (0.0, 0.0, 0.0)).checked()
+    others, failed = points_of(points, (0.0, 0.0, 0.0)).without_failed()
+    assert failed.tolist() == [2] and not others.local().any()
