@@ -3,9 +3,13 @@
 import importlib
 import json
 import re
+import shutil
+import subprocess
+from importlib.util import find_spec
 
 import pytest
 
+import antumbra as at
 import wrong_elsewhere
 from antumbra.engine.method_registry import BUILDERS, own_methods
 
@@ -177,6 +181,19 @@ def test_open3d_suite(run, tmp_path):
     done = run("open3d_suite", tmp_path, rows=False)
     for name in "Open3D", "Antumbra":
         assert re.search(rf"^{name} +1 of 2 tests pass; fails: test_fails$", done.out, re.MULTILINE)
+
+
+def test_javascript(run):
+    npm = shutil.which("npm")
+    if (
+        npm is None
+        or find_spec("ziglang") is None
+        or subprocess.run([npm, "view", "three"], capture_output=True).returncode
+    ):
+        pytest.skip("no npm or its registry, or no ziglang: the benchmark of the package for JavaScript is NOT run")
+    done = run("javascript", at.examples.file_of("temple"), "--rays", 100, "--rounds", 1)
+    assert {row["query"] for row in done.rows} >= {"build", "any hit", "closest hit"}
+    assert all(row["wrong"] == 0 and row["ours"] > 0.0 for row in done.rows)
 
 
 def test_peer_chart(run, tmp_path):
