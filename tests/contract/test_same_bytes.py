@@ -46,6 +46,7 @@ JOBS = {
     "route": ("route", CITY, "--line", "route.csv", "--spacing", "5", "--days", "2026-06-21", "--hours", "h.csv", "-o",
               "a.csv", "a.gpkg", "a.parquet", "a.json", "a.npz", "a.png", "--map", *MAPS),
     "pv": ("pv", CITY, "--modules", "route.csv", "--days", "2026-06-21", "-o", "a.csv", "a.parquet"),
+    "page": ("page", CITY, "--date", "2026-06-21T12:00", "-o", "a.html"),
     "dataset": ("dataset", CITY, *SMALL, "--random", "1", "-o", "set", "--sheet", "sheet.png"),
     "build": ("build", CITY, "-o", "a.antumbra"),
     **{f"scenes {suffix}": ("scenes", "atrium", "--triangles", "1000", "-o", f"a{suffix}")
