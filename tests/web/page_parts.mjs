@@ -3,7 +3,8 @@ import { readFileSync, writeFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";
 
 const [, , modules, folder] = process.argv;
-const { sunAngles, offsetAt, midnight, daysAfter } = await import(pathToFileURL(`${modules}/sun.mjs`));
+const { sunAngles } = await import(pathToFileURL(`${modules}/../module/sun_position.mjs`));
+const { offsetAt, midnight, daysAfter } = await import(pathToFileURL(`${modules}/sun.mjs`));
 const { unpack } = await import(pathToFileURL(`${modules}/unpack.mjs`));
 const { WORDS } = await import(pathToFileURL(`${modules}/words.mjs`));
 

@@ -1,7 +1,8 @@
 // @ts-check
 /** The answer at a point: a sentence, and the day as a bar. */
 
-import { clock, daysAfter, midnight, sunAngles, towards } from "./sun.mjs";
+import { sunAngles } from "../module/sun_position.mjs";
+import { clock, daysAfter, midnight, towards } from "./sun.mjs";
 import { fill } from "./words.mjs";
 
 /** @typedef {import("./sun.mjs").Place} Place */

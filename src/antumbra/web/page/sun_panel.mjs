@@ -1,7 +1,8 @@
 // @ts-check
 /** The controls of the sun: date and time with a place, otherwise its direction and height. */
 
-import { clock, daysAfter, midnight, sunAngles, towards } from "./sun.mjs";
+import { sunAngles } from "../module/sun_position.mjs";
+import { clock, daysAfter, midnight, towards } from "./sun.mjs";
 import { fill } from "./words.mjs";
 
 /** @typedef {import("./sun.mjs").Place} Place */
