@@ -8,6 +8,9 @@ import pytest
 
 import antumbra as at
 
+pytest.importorskip("pvlib", reason="needs pvlib, so verdicts of both states are NOT checked")
+pytest.importorskip("geopandas", reason="needs geopandas, so verdicts of both states are NOT checked")
+
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 TURNS = {"straight": 0, "turned": 1}  # quarters, counterclockwise
