@@ -1,6 +1,7 @@
 import pytest
 
 from antumbra.web.javascript_package import build_package
+from pages import headless
 
 
 @pytest.fixture(scope="session")
@@ -9,3 +10,9 @@ def package(tmp_path_factory):
     folder = tmp_path_factory.mktemp("javascript")
     build_package(folder)
     return folder
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with headless() as started:
+        yield started

@@ -1,5 +1,6 @@
 """The package for JavaScript in headless Chromium: with one thread, and with several where the page is isolated."""
 
+import shutil
 import threading
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -9,8 +10,6 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.web.javascript_package import build_package
-from pages import headless
 
 pytestmark = [
     pytest.mark.programs,
@@ -47,16 +46,10 @@ class Isolated(Handler):
 
 
 @pytest.fixture(scope="module")
-def chromium():
-    with headless() as started:
-        yield started
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory):
+def site(tmp_path_factory, package):
     """(folder of a page, a scene, origins, directions)."""
     folder = tmp_path_factory.mktemp("site")
-    build_package(folder)
+    shutil.copytree(package, folder, dirs_exist_ok=True)
     (folder / "index.html").write_text("<!doctype html><title>rays</title>")
     scene = at.procedural("atrium", triangles=5_000)
     vertices = scene.triangles().vertices

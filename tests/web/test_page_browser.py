@@ -13,7 +13,6 @@ from antumbra.sun.location import Place
 from antumbra.sun.sun_positions import solar_angles
 from antumbra.web import page_export
 from antumbra.web.page_export import PageOptions, write_page
-from pages import headless
 
 pytestmark = [
     pytest.mark.programs,
@@ -51,12 +50,6 @@ def scene_of_towers(folder):
 
 def options(language="en"):
     return PageOptions("Towers", datetime(2026, 3, 21, 12, 30), PLACE, "A model of ours", language)
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    with headless() as started:
-        yield started
 
 
 @pytest.fixture(scope="module")

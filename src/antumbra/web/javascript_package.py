@@ -14,6 +14,7 @@ from pathlib import Path
 from ..base.errors import InputError
 from ..base.extras import import_extra
 from ..kernels.toolchain.compile_pool import KernelRequest
+from ..kernels.toolchain.kernel_library import LibraryKernel
 from ..kernels.toolchain.kernel_manifest import package_manifest
 from ..kernels.toolchain.library_build import compile_for, link_library
 from ..version import VERSION
@@ -41,6 +42,23 @@ def called_kernels() -> list[KernelRequest]:
     return found
 
 
+def link_kernels(path: Path) -> dict[str, LibraryKernel]:
+    """Compile and link the kernels that the modules call, and return the list that names them.
+
+    path : of the module of WebAssembly; its folder is made if it does not exist
+
+    Raises
+    ------
+    InputError, RuntimeError
+        As for `build_package`.
+    """
+    import_extra("ziglang", "linking kernels", "build")
+    requests = called_kernels()
+    compile_for([SYSTEM], [LEVEL], requests)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return link_library(SYSTEM, LEVEL, requests, path)
+
+
 def build_package(out: Path) -> list[Path]:
     """Write the package into a folder, which is made if it does not exist, and return its files.
 
@@ -51,11 +69,7 @@ def build_package(out: Path) -> list[Path]:
     RuntimeError
         If a kernel is unknown, or cannot be compiled or linked.
     """
-    import_extra("ziglang", "linking kernels", "build")
-    requests = called_kernels()
-    compile_for([SYSTEM], [LEVEL], requests)
-    out.mkdir(parents=True, exist_ok=True)
-    kernels = link_library(SYSTEM, LEVEL, requests, out / "kernels.wasm")
+    kernels = link_kernels(out / "kernels.wasm")
     (out / "kernels.json").write_text(json.dumps({"version": VERSION, "kernels": kernels}, separators=(",", ":")))
     for path in (*SOURCES.glob("*.mjs"), SOURCES / "README.md"):
         shutil.copyfile(path, out / path.name)

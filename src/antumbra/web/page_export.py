@@ -18,16 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
-from ..base.extras import import_extra
 from ..base.files import atomic_output, temporary_folder
 from ..engine.scene import AnyScene
-from ..kernels.toolchain.library_build import compile_for, link_library
 from ..scene.camera import Camera
 from ..scene.triangles import Triangles
 from ..sun.location import Place
 from ..version import VERSION
 from ..work.scene_records import scene_digest
-from .javascript_package import LEVEL, SYSTEM, called_kernels
+from .javascript_package import link_kernels
 from .page_source import PAGE, page_program
 
 MOST_TRIANGLES = 2_000_000
@@ -51,7 +49,6 @@ class PageReport(NamedTuple):
 
     triangles: int
     size: int  # bytes of the file
-    scene_size: int  # bytes of the scene's own columns in it
     digest: str  # of the scene
 
 
@@ -174,7 +171,6 @@ def write_page(
     triangles = scene.triangles(time)
     columns = Columns()
     _add_geometry(columns, triangles, scene.data.object_of_face)
-    scene_size = len(columns.packed())
     _add_proof(columns, scene, triangles)
     wasm, kernels = _kernels()
     columns.add("wasm", np.frombuffer(wasm, np.uint8))
@@ -199,16 +195,13 @@ def write_page(
     html = _html(about, columns.packed().decode(), options)
     with atomic_output(path) as temporary:
         temporary.write_bytes(html)
-    return PageReport(len(triangles.vertices), len(html), scene_size, digest)
+    return PageReport(len(triangles.vertices), len(html), digest)
 
 
 def _kernels() -> tuple[bytes, dict[str, Any]]:
     """The module of kernels, and the list that names them."""
-    import_extra("ziglang", "linking kernels", "build")
-    requests = called_kernels()
-    compile_for([SYSTEM], [LEVEL], requests)
     with temporary_folder() as folder:
-        listed = link_library(SYSTEM, LEVEL, requests, folder / "kernels.wasm")
+        listed = link_kernels(folder / "kernels.wasm")
         return (folder / "kernels.wasm").read_bytes(), dict(listed)
 
 

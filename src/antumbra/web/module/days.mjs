@@ -67,7 +67,7 @@ function dayOf(day, text) {
  * @param {number} longitude
  * @returns {(second: number) => number}
  */
-function zoneOf(timezone, longitude) {
+export function zoneOf(timezone, longitude) {
   if (timezone === undefined) return () => 3600 * toWhole(longitude / 15);
   const fixed = /^([+-])(\d{1,2})(?::?(\d{2}))?$/.exec(timezone);
   if (fixed) {
@@ -93,7 +93,7 @@ function zoneOf(timezone, longitude) {
  * @param {number} day
  * @param {(second: number) => number} offset
  */
-function midnight(day, offset) {
+export function midnight(day, offset) {
   const [before, after] = [offset(day - DAY), offset(day + DAY)];
   const follows = offset(day - before) !== before && offset(day - after) === after;
   return day - (follows ? after : before);

@@ -48,7 +48,7 @@ export function sunPosition(time, latitude, longitude) {
  * @param {number} bearing
  * @param {"y" | "z"} up
  */
-function directionTo(altitude, bearing, up) {
+export function directionTo(altitude, bearing, up) {
   const [[sinAltitude, cosAltitude], [sinBearing, cosBearing]] = [altitude, bearing].map((x) => sinCos(x * DEGREE));
   const [east, north] = [sinBearing * cosAltitude, cosBearing * cosAltitude];
   return up === "z" ? [east, north, sinAltitude] : [east, sinAltitude, -north];

@@ -1,6 +1,8 @@
 // @ts-check
 /** Trees: a BVH by binned SAH, built by one thread, and its eight-wide form (`antumbra.bvh`). */
 
+import { exponentOf } from "./vectors.mjs";
+
 /** @typedef {import("./kernels.mjs").KernelInstance} KernelInstance */
 /** @typedef {import("./memory.mjs").MemoryArray} MemoryArray */
 
@@ -99,10 +101,7 @@ function boundTriangles(kernels, triangles, records) {
  */
 function areaScale(box) {
   const largest = Math.max(...[0, 1, 2, 4, 5, 6].map((k) => Math.abs(box[k])));
-  let exponent = 0; // as of frexp: the largest is below 2 ** exponent
-  while (largest >= 2 ** exponent) exponent++;
-  while (largest > 0 && largest < 2 ** (exponent - 1)) exponent--;
-  return 2 ** Math.min(126, -exponent);
+  return largest > 0 ? 2 ** Math.min(126, -exponentOf(largest)) : 1;
 }
 
 /**

@@ -18,7 +18,7 @@ const [SEEN, BLOCKED] = [1, 2];
  * The intervals of a day, and the direction of the sun in the middle of each.
  * @param {Place} place
  * @param {string} date
- * @param {string} up
+ * @param {"y" | "z"} up
  * @returns {Day}
  */
 export function dayOf(place, date, up) {

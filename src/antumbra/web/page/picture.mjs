@@ -59,11 +59,6 @@ export class Picture {
     this.#wake?.();
   }
 
-  /** Set the exposure anew with the next picture. */
-  meter() {
-    this.#metered = false;
-  }
-
   /** @param {number} change */
   async #draw(change) {
     const [width, height] = this.#size();
@@ -109,8 +104,9 @@ export class Picture {
     const out = new Float32Array(4 * width * height);
     const rays = this.camera.rays(width, height);
     const rows = Math.max(1, Math.floor(BAND / width));
+    const shown = this.light();
     const bands = Array.from({ length: Math.ceil(height / rows) }, (_, k) => k * rows).map(async (first) => {
-      const job = { rays, width, first, rows: Math.min(rows, height - first), sample, ...this.light() };
+      const job = { rays, width, first, rows: Math.min(rows, height - first), sample, ...shown };
       const light = await this.pool.run("band", job);
       if (light) out.set(light, 4 * width * first);
     });

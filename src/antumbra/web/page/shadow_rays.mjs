@@ -1,6 +1,8 @@
 // @ts-check
 /** Rays from surfaces to the sun and the sky: where they start, how they are spread over samples, and what light they carry. */
 
+import { tangents } from "../module/vectors.mjs";
+
 const SHIFT = 2 ** -21; // of receivers off their surfaces, as in antumbra.query.receivers
 const [ZENITH, HORIZON, GROUND] = [
   [0.46, 0.63, 0.92],
@@ -88,7 +90,7 @@ export function receiver([x, y, z], normal) {
  * @param {number[]} out
  */
 export function cosineDirection(normal, share, angle, out) {
-  const [u, v] = frameOf(normal);
+  const [u, v] = tangents(normal);
   const [height, a, b] = [Math.sqrt(1 - share), Math.sqrt(share) * Math.cos(angle), Math.sqrt(share) * Math.sin(angle)];
   for (let k = 0; k < 3; k++) out[k] = height * normal[k] + a * u[k] + b * v[k];
 }
@@ -118,20 +120,6 @@ export function halton(index, base) {
     value += share * (i % base);
   }
   return value;
-}
-
-/**
- * Two unit vectors perpendicular to a unit vector and to each other [Duff et al. 2017].
- * @param {number[]} n
- */
-export function frameOf([x, y, z]) {
-  const sign = z < 0 ? -1 : 1;
-  const a = -1 / (sign + z);
-  const b = x * y * a;
-  return [
-    [1 + sign * x * x * a, sign * b, -sign * x],
-    [b, sign + y * y * a, -y],
-  ];
 }
 
 /**

@@ -2,7 +2,8 @@
 /** What a worker of the page computes: rows of pictures, answers at points, and the proof. Its scene has a memory of its own. */
 
 import { loadKernels, Scene } from "../module/scene.mjs";
-import { cosineDirection, frameOf, halton, hash, receiver, ShadowRays, STEPS, skyLight } from "./shadow_rays.mjs";
+import { tangents } from "../module/vectors.mjs";
+import { cosineDirection, halton, hash, receiver, ShadowRays, STEPS, skyLight } from "./shadow_rays.mjs";
 
 const GOLDEN = Math.PI * (3 - Math.sqrt(5));
 const SKY_DIRECTIONS = 4096;
@@ -95,7 +96,7 @@ export class Tracer {
     const n = face.length;
     const light = new Float32Array(4 * n);
     const shadows = new ShadowRays(2 * n);
-    const [u, v] = sun ? frameOf(sun) : [[], []];
+    const [u, v] = sun ? tangents(sun) : [[], []];
     const [point, normal, random, way] = [
       [0, 0, 0],
       [0, 0, 0],
