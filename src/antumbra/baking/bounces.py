@@ -5,8 +5,9 @@ direct irradiance E at the hits of a path of cosine-weighted rays, its estimate 
 
     pi (L_1 + a_1 (E_1 / pi + L_2) + a_1 a_2 (E_2 / pi + L_3) + ...)
 
-All surfaces scatter diffusely, on both sides; the albedo is the base colour of the face. Directions have fixed seeds.
-Of a light list, such as a sky, each path tests a few entries, and all paths together test all of them.
+All surfaces scatter diffusely, on both sides; the albedo is the base colour of the face.
+Equal seeds give equal directions. Of a light list, such as a sky, each path tests a few entries, and all paths together
+test all of them.
 """
 
 from collections.abc import Callable, Sequence

@@ -345,7 +345,7 @@ def _split(layer: str, values: np.ndarray, names: str = "RGB") -> dict[str, np.n
 def note_of(path: Path) -> str | None:
     """The note in an image file, read from its header alone; None without a note, or if it is not an image file."""
     try:
-        if path.suffix.lower() == ".exr":
+        if is_linear(path):
             with path.open("rb") as stream:
                 if stream.read(4) != _EXR_MAGIC:  # the library would report it on standard error
                     return None

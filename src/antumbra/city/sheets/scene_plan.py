@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.scene import AnyScene
+from ...scene.scene_bounds import plan_bounds, plan_points
+from ..cityjson.surface_types import BUILT
 from ..sensors.sensors import LOW, on_top
 from .map_frame import Extent
 
@@ -27,7 +29,6 @@ _SAME = 1e-3  # metres: ends of lines closer than this coincide
 _FACES, _MOST_FACES = 1 << 20, 20_000_000  # at a time, and altogether
 _MOST_LINES = 40_000  # in vector output; more are drawn as pixels
 _LIGHT = -0.5, 0.5, 0.5**0.5  # east, north, up: from the north-west, 45 degrees high, as maps have it
-_BUILDINGS = "Building", "Bridge", "Tunnel", "OtherConstruction"
 _ROWS = 1 << 20  # rays at a time
 _DARKEST, _BRIGHTEST = 0.35, 1.2  # factors on colours
 _PAPER = 236.0  # grey of horizontal surfaces
@@ -35,16 +36,9 @@ _RELIEF = 0.35  # slope to which gentle hills are raised, on average
 _MOST_RAISED = 6.0  # times
 
 
-def plan_of_points(points: NDArray[np.float64], up: str) -> NDArray[np.float64]:
-    """(n, 2) float64: easting and northing of world points, (n, 3)."""
-    return np.stack([points[:, 0], -points[:, 2]], 1) if up == "y" else points[:, :2]
-
-
 def bounds_of_scene(scene: AnyScene) -> Extent:
     """The bounds of a scene in plan."""
-    corners = plan_of_points(np.asarray(scene.bounds, np.float64), scene.up)
-    low, high = corners.min(0), corners.max(0)
-    return Extent(*low.tolist(), *high.tolist())
+    return Extent(*plan_bounds(np.asarray(scene.bounds, np.float64), scene.up).ravel().tolist())
 
 
 # --- Outlines ---------------------------------------------------------------------------------------------------------
@@ -62,7 +56,7 @@ def outlines_of(scene: AnyScene, extent: Extent | None = None) -> NDArray[np.flo
         return np.empty((0, 2, 2))
     triangles, built = scene.triangles(), None
     if scene.city is not None and any(scene.city.types):
-        names = np.array([each.startswith(_BUILDINGS) for each in scene.city.types])
+        names = np.array([each.startswith(BUILT) for each in scene.city.types])
         built = names[scene.city.object_of_face]
     lines = [np.empty((0, 2, 2))]
     for first in range(0, len(triangles.vertices), _FACES):
@@ -75,7 +69,7 @@ def _walls(corners: NDArray[np.float64], scene: AnyScene, extent: Extent | None)
     """(n, 2, 2): the longest sides in plan of the upright ones of faces, (k, 3, 3), that are high enough."""
     high = np.ptp(corners[..., "xyz".index(scene.up)], axis=1) >= scene.unit.of_metres(LOW)
     upright = _is_upright(corners, scene.up) & high
-    plan = plan_of_points(corners[upright].reshape(-1, 3), scene.up).reshape(-1, 3, 2)
+    plan = plan_points(corners[upright].reshape(-1, 3), scene.up).reshape(-1, 3, 2)
     if extent is not None:
         low, high = plan.min(1), plan.max(1)
         inside = (high >= (extent.west, extent.south)).all(1) & (low <= (extent.east, extent.north)).all(1)
@@ -93,7 +87,7 @@ def _is_upright(corners: NDArray[np.float64], up: str) -> NDArray[np.bool_]:
 def wall_lines(corners: NDArray[np.float64], up: str) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """(k,) bool: which faces, (k, 3, 3), are walls; and (n, 2, 2) float64: each of these in plan."""
     walls = _is_upright(corners, up)
-    return walls, _longest_sides(plan_of_points(corners[walls].reshape(-1, 3), up).reshape(-1, 3, 2))
+    return walls, _longest_sides(plan_points(corners[walls].reshape(-1, 3), up).reshape(-1, 3, 2))
 
 
 def _longest_sides(plan: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -68,11 +68,6 @@ def check_diagram(sheet: Sheet) -> None:
         raise InputError("the sheet is a diagram without a scale; leave scale and extent out")
 
 
-def check_report(report: Report, sheet: Sheet) -> None:
-    """Raise an InputError if a report does not suit its sheet."""
-    report.fit(sheet)
-
-
 def save_report(path: Path, report: Report, sheet: Sheet) -> None:
     """Write the sheet of a report; .svg and .png hold the map alone."""
     with fonts():

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from ...engine.scene import AnyScene
+from ...scene.scene_bounds import plan_points
 from ..sheets.page import check_map
-from ..sheets.scene_plan import plan_of_points
 from ..sheets.sheet import save_report
 from ..sheets.sheet_options import Sheet
 from ..tables.map_legend import SightLine
@@ -23,7 +23,7 @@ def save_sight_map(scene: AnyScene, pairs: PairList, sightlines: Sightlines, pat
         If the path cannot be written, the map does not fit at the sheet's scale, or there are no pairs.
     """
     target, table = check_map(path), sight_table(scene, pairs, sightlines)
-    begin, end = (plan_of_points(each, scene.up) for each in (pairs.observers, pairs.targets))
+    begin, end = (plan_points(each, scene.up) for each in (pairs.observers, pairs.targets))
     ends = zip(begin.tolist(), end.tolist(), sightlines.visible.tolist(), _names(pairs, "from"), _names(pairs, "to"))
     lines = [SightLine((a[0], a[1]), (b[0], b[1]), *rest) for a, b, *rest in ends]
     save_report(target, table_report(table, "visible", sheet, lines), sheet)

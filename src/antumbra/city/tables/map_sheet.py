@@ -16,6 +16,7 @@ from ...base.checks import quoted, spelling_hint
 from ...base.errors import InputError
 from ...engine.scene import AnyScene
 from ...scene.raster import Raster
+from ...scene.scene_bounds import plan_points
 from ..cityjson.surface_types import WALL
 from ..sensors.sensors import Sensors, corners_of
 from ..sensors.surface_groups import face_types
@@ -31,7 +32,6 @@ from ..sheets.scene_plan import (
     draw_pixels,
     hillshade,
     outlines_of,
-    plan_of_points,
     wall_lines,
 )
 from ..sheets.sheet import Report, save_report
@@ -135,7 +135,7 @@ def _extents_of(table: Any, lines: Sequence[SightLine]) -> tuple[Extent, Extent]
         cells = _cells_extent(raster, covered if covered.any() else np.ones_like(covered))
         return cells, cells
     up = "z" if scene is None else scene.up
-    plan = [plan_of_points(each, up) for each in (table.sensors.points, table.marks) if each is not None]
+    plan = [plan_points(each, up) for each in (table.sensors.points, table.marks) if each is not None]
     plan += [np.array([line.begin, line.end]) for line in lines]
     core = bounds_of(np.concatenate(plan))
     if scene is None:
@@ -354,7 +354,7 @@ def _draw_faces(axes: "Axes", table: Any, values: np.ndarray, scale: MapScale, f
         draw_hillshade(axes, _shade(table.scene, fit.extent, fit), fit.extent)
     corners = corners[faces]
     order = np.argsort(corners[..., "xyz".index(table.scene.up)].max(1), kind="stable")
-    plan = plan_of_points(corners.reshape(-1, 3), table.scene.up).reshape(-1, 3, 2)[order]
+    plan = plan_points(corners.reshape(-1, 3), table.scene.up).reshape(-1, 3, 2)[order]
     colours, known = _colours(of_face[faces][order], scale), np.isfinite(of_face[faces][order])
     gains = known & (np.nan_to_num(of_face[faces][order]) < 0.0) if scale.diverging else np.zeros_like(known)
     for some, edges, hatch in ((~known, "#c4c7cc", HATCH), (known & ~gains, None, None), (gains, INK, GAIN_HATCH)):
@@ -390,7 +390,7 @@ def _radius(table: Any, fit: MapFit) -> float:
     radius = float(np.clip(np.sqrt(4000.0 / max(len(table), 1)), 0.35, _LARGEST_MARK))
     if not shows_points(table) or len(table) > _MOST_SPREAD:
         return radius
-    plan = plan_of_points(table.sensors.points, "z" if table.scene is None else table.scene.up)
+    plan = plan_points(table.sensors.points, "z" if table.scene is None else table.scene.up)
     apart = np.linalg.norm(plan[:, None] - plan, axis=2) * (fit.layout.map.width / fit.extent.width)
     nearest = float(apart[apart > _SMALLEST_MARK].min(initial=np.inf))  # nearer ones are at the same place
     return float(np.clip(nearest / 2.0, _SMALLEST_MARK, radius))
@@ -399,12 +399,12 @@ def _radius(table: Any, fit: MapFit) -> float:
 def _places(table: Any, fit: MapFit) -> tuple[NDArray[np.float64], bool]:
     """(n, 2) float64: where the marks of sensors are drawn; and whether some are moved away from others above them."""
     sensors, up = table.sensors, "z" if table.scene is None else table.scene.up
-    plan = plan_of_points(sensors.points, up).astype(np.float64)
+    plan = plan_points(sensors.points, up).astype(np.float64)
     if not shows_points(table) or len(plan) > _MOST_SPREAD:
         return plan, False
     outward = np.tile([0.0, 1.0], (len(plan), 1))
     if sensors.normals is not None:
-        level = plan_of_points(sensors.normals, up)
+        level = plan_points(sensors.normals, up)
         length = np.linalg.norm(level, axis=1)
         upright = length > 0.1
         outward[upright] = level[upright] / length[upright, None]
@@ -447,7 +447,7 @@ def _draw_marks_and_labels(axes: "Axes", table: Any, labels: list[str] | None, f
     up = "z" if table.scene is None else table.scene.up
     plan, texts, radius = [np.empty((0, 2))], list[str](), _radius(table, fit)
     if table.marks is not None and len(table.marks):
-        marks = plan_of_points(table.marks, up)
+        marks = plan_points(table.marks, up)
         axes.scatter(
             marks[:, 0], marks[:, 1], s=36, marker="^", c="white", edgecolors="black", linewidths=1.2, zorder=5
         )

@@ -18,7 +18,7 @@ from ...base.forks import is_stuck, renew_after_fork
 from ...bvh.wide_bvh import widen
 from ...query.closed_surfaces import closed_surfaces
 from ...query.pixel_refinement import subpixel_rays
-from ...query.query_bounds import bounds, triangle_box
+from ...query.query_bounds import triangle_box
 from ...query.ray_list import RayArguments, TracedRays, changed_error, hit_arrays
 from ...query.shadow_query import Surfaces, surfaces_of
 from ...scene.scene_data import MemoryData, SceneData
@@ -146,7 +146,7 @@ class RayLists:
         vertices, cutouts = triangles.vertices, triangles.cutouts
         shown = None if cutouts is None else np.union1d(cutouts.solid, cutouts.faces)
         open_edges, once = closed_surfaces(vertices if shown is None else vertices[shown])
-        box = np.stack(bounds(vertices, self._threads))
+        box = triangle_box(triangles, self._threads)
         if once is None:
             return Bodies(box, open_edges, lambda rays, threads: self.count_hits(rays, INSIDE, threads), time)
         solid = solid_faces(rows_with_area(vertices, self._threads), once if shown is None else shown[once])

@@ -4,7 +4,7 @@
 - `wide_traversal`: the eight-wide BVH: `RayBlock`, box and triangle tests
 - `ray_packet`: packets of coherent rays through the wide BVH
 - `interleaved_rays`: incoherent rays through the wide BVH
-- `single_rays`: the tracers `single` and `wide`, step counts
+- `single_rays`: the tracer `single`, step counts
 - `ray_batches`: ray arrays, for `Scene.occluded` and `Scene.closest_hit`
 - `hit_reports`: t and weights of hits, sixteen at a time
 - `all_hits`: all hits of ray arrays, or their number

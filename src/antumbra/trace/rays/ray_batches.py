@@ -1,7 +1,7 @@
 """Ray batches: read, check, trace and write 64 rays of a ray list at a time, in four blocks.
 
-Coherent rays are traced as packets (`ray_packet`), others interleaved (`single_rays`). `hit_reports` computes the t and
-weights of nearest hits. `all_hits` finds all hits of such batches.
+Coherent rays are traced as packets (`ray_packet`), others interleaved (`interleaved_rays`). `hit_reports` computes the
+t and weights of nearest hits. `all_hits` finds all hits of such batches.
 """
 
 import numpy as np

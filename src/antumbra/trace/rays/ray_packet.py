@@ -198,9 +198,9 @@ def packet_of(tree, rows, alive):
 
 
 @inlined
-def _times(nodes, at, origin, a):
+def _times(nodes, at, a):
     """(least, greatest) t at which rays of the packet pass eight planes, the first one at word `at`."""
-    planes = load8(nodes, at) - origin
+    planes = load8(nodes, at) - a.origin
     p, q = planes * a.low, planes * a.high
     return minimum(p, q) + a.near, maximum(p, q) + a.far
 
@@ -215,8 +215,8 @@ def _slabs(nodes, at, a):
         lower, upper = load8(nodes, at + a.word), load8(nodes, at + a.word + WIDTH)
         forth, back = fma(lower, splat8(a.high), splat8(a.near)), fma(upper, splat8(a.low), splat8(a.far))
         return maximum(forth, back), splat8(_INF), splat8(-_INF), splat8(_INF)
-    first_in, last_in = _times(nodes, at + a.word, a.origin, a)
-    first_out, last_out = _times(nodes, at + (a.word ^ WIDTH), a.origin, a)
+    first_in, last_in = _times(nodes, at + a.word, a)
+    first_out, last_out = _times(nodes, at + (a.word ^ WIDTH), a)
     return first_in, last_in, first_out, last_out
 
 
