@@ -304,8 +304,8 @@ def bake_file(
     source: BakeSource, options: BakeOptions, output: Path, clock: PhaseClock, executor: Executor
 ) -> Baked | None:
     """Bake into a file; None if the executor leaves parts to other shards."""
-    scene = open_source(source, options.time)
-    if options.what == "light" and not options.bounces and scene.emission is not None:
+    scene = open_source(source, options.time, emits=options.what == "light")
+    if not options.bounces and scene.emission is not None:
         scene.notes.append(f"{scene.scene.name}: its materials emit light, which bounces gathers, 1 or more")
     clock.lap("read")
     job = bake_textures if options.texture else bake_vertices

@@ -111,8 +111,10 @@ def is_gltf(path: Path) -> bool:
     return format_of(path) in (GLB, GLTF)
 
 
-def open_source(source: BakeSource, time: float) -> BakeScene:
+def open_source(source: BakeSource, time: float, emits: bool) -> BakeScene:
     """The file to edit, and its parts at a time. A scene from another source is converted to glTF first.
+
+    emits : whether to read what its faces emit
 
     Raises
     ------
@@ -130,7 +132,7 @@ def open_source(source: BakeSource, time: float) -> BakeScene:
         return BakeScene(scene, asset, parts, double_sided, None, True, _conversion_notes(scene))
     asset, read = open_asset(file), scene
     double_sided = _double_sided_faces(scene, asset, time)
-    emission, notes = emitted_radiance(scene, asset, time)
+    emission, notes = emitted_radiance(scene, asset, time) if emits else (None, list[str]())
     if _has_instancing(asset):
         _expand_instances(asset, file)
         read = _scene_of_asset(asset, scene.name)

@@ -109,11 +109,9 @@ def _replace(
 
 _REACH = 2  # radius of the filter, texels
 _SMOOTHINGS = 2  # passes over light that varies slowly
-_WINDOW, _RADIUS, _FACING = (
-    25,
-    3.0,
-    0.8,
-)  # texels of a pass; their greatest distance, in texels; least cosine of normals
+_WINDOW = 25  # texels of a pass
+_RADIUS = 3.0  # their greatest distance, in texels
+_FACING = 0.8  # the least cosine of their normals
 _BATCH = 1 << 16
 _INSET = 1.0 / 32.0  # least distance of samples from the edges of their faces, in texels
 _MOST_INSET = 1.0 / 6.0  # of the height of a face

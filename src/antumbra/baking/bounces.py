@@ -89,7 +89,7 @@ class Bounces:
                 radiance += np.where((skip >= 0)[..., None], share * self._emission[skip], 0.0)
             share = share * albedo
             if bounce < self._bounces:
-                radiance += share * np.float64(1.0 / np.pi) * direct(receivers, step.lights, step.samples)
+                radiance += share * (1.0 / np.pi) * direct(receivers, step.lights, step.samples)
         return radiance
 
     def _next(

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.small_matrices import dot, length
+from ..kernels.small_matrices import length
 from ..query.receivers import point_receivers
 from ..scene.camera import Camera
 from ..scene.lights import DirectionalLight, Light, SphereLight
@@ -92,5 +92,5 @@ def _sphere_in_view(region: SamplingRegion, seen: SeenSurfaces, rng: np.random.G
     size = min(size, 0.5 * float(length(target - centre)))
     if region.walled(centre, size):
         return None
-    distance = float(np.median(np.sqrt(dot(np.square(seen.points - centre), np.ones(3)))))
+    distance = float(np.median(length(seen.points - centre)))
     return SphereLight(centre, size, intensity=float(np.pi * distance**2))

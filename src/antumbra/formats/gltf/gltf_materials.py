@@ -34,7 +34,8 @@ from .gltf_file import GltfDocument, data_uri_bytes, is_data_uri
 
 
 MAX_IMAGE_BYTES = 1 << 28
-_WRAPS = {10497: REPEAT, 33071: CLAMP, 33648: MIRROR}
+WRAPS = {10497: REPEAT, 33071: CLAMP, 33648: MIRROR}
+"""Wrap modes by their numbers in samplers."""
 _NEAREST = 9728
 BASISU = "KHR_texture_basisu"
 IMAGE_EXTENSIONS = "EXT_texture_webp", BASISU
@@ -157,7 +158,7 @@ class Materials:
             index = self._first_with.setdefault(self._place(self._images[index]), index)
         number = texture.whole("sampler", None, high=len(self._samplers))
         sampler = Fields({}, texture.where) if number is None else self._samplers[number]
-        wrap_s, wrap_t = (_WRAPS.get(sampler.whole(key, 10497), REPEAT) for key in ("wrapS", "wrapT"))
+        wrap_s, wrap_t = (WRAPS.get(sampler.whole(key, 10497), REPEAT) for key in ("wrapS", "wrapT"))
         return index, wrap_s, wrap_t, sampler.whole("magFilter", 0) == _NEAREST, has_alpha
 
     def _place(self, image: Fields) -> tuple[Any, ...]:
