@@ -15,7 +15,8 @@ from antumbra.base.option_fields import (
     option,
     with_keywords,
 )
-from antumbra.cli.app import Grouped, program
+from antumbra.cli.app import program
+from antumbra.cli.command_help import HelpfulCommand
 from antumbra.cli.options import derived_options, literal, takes
 from antumbra.cli.picture_spec import RenderArguments
 from antumbra.cli.scene_arguments import SceneArguments
@@ -117,9 +118,9 @@ def test_a_new_option_needs_no_other_edit():
         return 0
 
     program = typer.Typer(rich_markup_mode=None)
-    program.command(cls=Grouped)(command)
+    program.command(cls=HelpfulCommand)(command)
     shown = CliRunner().invoke(program, ["--help"]).output
     assert "Light:\n" in shown and "How much it glows." in shown and "--glow" in shown
-    assert "0<=x<=9" in shown and "How much it glows, 0 to 9." in render.__doc__
+    assert "0 to 9" in shown and "How much it glows, 0 to 9." in render.__doc__
     assert CliRunner().invoke(program, ["s", "--glow", "3"]).exit_code == 0
     assert made[0].glow == field_values(made[0])["glow"] == deciding_fields(made[0])["glow"] == 3

@@ -13,8 +13,8 @@ class Command(NamedTuple):
     """Where a command is defined. The function has the command's name, with _ for -."""
 
     module: str
+    group: str  # its group in the list of commands
     help: str  # its line in the list of commands: the first line of its own help
-    grouped: bool = True  # whether its help groups its options if there are many
     kernels: str = ""  # module:name of the example calls of a study's own kernels, if it has some
 
     def function(self, name: str) -> Callable[..., Any]:
@@ -24,96 +24,73 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "render": Command("antumbra.cli.render_command", "Render SCENE with exact shadows."),
-    "sun": Command(
-        "antumbra.city.sun.sun_command",
-        "Find the hours of direct sun on the surfaces of SCENE.",
-        kernels="antumbra.city.sun.sun_tally:EXAMPLES",
-    ),
-    "pv": Command(
-        "antumbra.city.pv.pv_command", "Find how much of each photovoltaic module in SCENE is shaded, by time."
-    ),
-    "route": Command(
-        "antumbra.city.sun.route_command",
-        "Find how much of each hour the stations along a route through SCENE are in shade.",
-    ),
-    "calendar": Command(
-        "antumbra.city.sun.calendar_command",
-        "Find the first and the last sun of each day at points of SCENE, behind its horizon.",
-    ),
-    "shadow": Command("antumbra.city.shadow.shadow_command", "Find the shadow on the ground of SCENE, as polygons."),
-    "view": Command("antumbra.cli.view_command", "Show SCENE in the browser, until Ctrl-C."),
-    "page": Command(
-        "antumbra.web.page_command",
-        "Write SCENE as one HTML file with exact shadows, which any browser opens offline.",
-    ),
+    "render": Command("antumbra.cli.render_command", "Pictures", "Render SCENE with exact shadows."),
+    "view": Command("antumbra.cli.view_command", "Pictures", "Show SCENE in the browser."),
+    "page": Command("antumbra.web.page_command", "Pictures", "Write SCENE as one HTML file that works offline."),
     "bake": Command(
         "antumbra.cli.bake_command",
-        "Bake occlusion, shadows or light of SCENE into a copy of its glTF file.",
-        grouped=False,
+        "Pictures",
+        "Bake occlusion, shadows or light into a glTF file.",
         kernels="antumbra.baking.surface_meter:EXAMPLES",
     ),
-    "los": Command(
-        "antumbra.city.sight.los_command",
-        "Find which points see each other in SCENE, and what blocks the others.",
-        grouped=False,
+    "dataset": Command("antumbra.cli.dataset_command", "Pictures", "Render images with visibility, occluders and ids."),
+    "sun": Command(
+        "antumbra.city.sun.sun_command",
+        "Sun and shadow",
+        "Compute hours of direct sun on surfaces.",
+        kernels="antumbra.city.sun.sun_tally:EXAMPLES",
+    ),
+    "shadow": Command(
+        "antumbra.city.shadow.shadow_command", "Sun and shadow", "Draw the shadow on the ground, as GIS polygons."
+    ),
+    "calendar": Command(
+        "antumbra.city.sun.calendar_command", "Sun and shadow", "Find the first and last sun of each day at points."
+    ),
+    "route": Command(
+        "antumbra.city.sun.route_command", "Sun and shadow", "Compute the shade along a route, by the hour."
+    ),
+    "pv": Command("antumbra.city.pv.pv_command", "Sun and shadow", "Compute the shading of photovoltaic modules."),
+    "skyline": Command(
+        "antumbra.city.skyline.skyline_command",
+        "Sun and shadow",
+        "Compute the elevation of the horizon by azimuth.",
+        kernels="antumbra.city.skyline.skyline:EXAMPLES",
     ),
     "viewshed": Command(
         "antumbra.city.sight.viewshed_command",
-        "Count the observers that see each sensor of SCENE.",
-        grouped=False,
+        "Sight",
+        "Count the observers that see each place.",
         kernels="antumbra.city.sight.least_heights:EXAMPLES",
     ),
     "visible": Command(
         "antumbra.city.sight.visible_command",
-        "Find the share of a target in SCENE that each sensor sees.",
-        grouped=False,
+        "Sight",
+        "Compute the share of a target that each place sees.",
     ),
+    "los": Command("antumbra.city.sight.los_command", "Sight", "Find which points see each other."),
     "matrix": Command(
         "antumbra.city.sight.matrix_command",
-        "Find which sensors of SCENE see which targets, as one bit per pair.",
-        grouped=False,
+        "Sight",
+        "Find which sensors see which targets, bit by bit.",
         kernels="antumbra.city.sight.visibility_matrix:EXAMPLES",
-    ),
-    "skyline": Command(
-        "antumbra.city.skyline.skyline_command",
-        "Find the skyline of points in SCENE: the elevation of the horizon by azimuth.",
-        grouped=False,
-        kernels="antumbra.city.skyline.skyline:EXAMPLES",
     ),
     "view-factors": Command(
         "antumbra.city.view_factors.view_factors_command",
-        "Find the view factors between the surfaces of SCENE, and of the sky.",
-        grouped=False,
+        "Sight",
+        "Compute view factors between surfaces and the sky.",
     ),
-    "dataset": Command(
-        "antumbra.cli.dataset_command",
-        "Render a data set of SCENE: per camera, a multi-layer EXR and a shadow mask of each light.",
-    ),
-    "merge": Command(
-        "antumbra.cli.shards",
-        "Join the shards of a command into the files it writes without --shard, byte for byte.",
-        grouped=False,
-    ),
-    "build": Command("antumbra.cli.scene_commands", "Combine SCENEs in one store, which may exceed memory."),
-    "info": Command("antumbra.cli.scene_commands", "Show the contents of SCENE."),
-    "scenes": Command(
-        "antumbra.cli.scene_commands", "List the procedural and the example scenes, or export a procedural one."
-    ),
-    "formats": Command("antumbra.cli.scene_commands", "List the file formats of scenes, and what is lost in them."),
-    "plans": Command("antumbra.cli.installation_commands", "List the methods, and the plans they form."),
+    "info": Command("antumbra.cli.scene_commands", "Scenes", "Show the contents of SCENE."),
+    "scenes": Command("antumbra.cli.scene_commands", "Scenes", "List the built-in scenes, or export one."),
+    "formats": Command("antumbra.cli.scene_commands", "Scenes", "List the file formats, and the options of SCENE."),
+    "build": Command("antumbra.cli.scene_commands", "Scenes", "Build a store, which may exceed memory."),
+    "doctor": Command("antumbra.cli.installation_commands", "Installation and machines", "Check this installation."),
     "warmup": Command(
-        "antumbra.cli.installation_commands",
-        "Compile all kernels ahead of time, store them on disk, and calibrate the plan auto.",
+        "antumbra.cli.installation_commands", "Installation and machines", "Compile all kernels ahead of time."
     ),
-    "culling": Command("antumbra.lab.explain_commands", "Show which triangles of SCENE survive pre-BVH culling."),
-    "explain": Command(
-        "antumbra.lab.explain_commands", "Show where plans spend the traversal steps of SCENE's shadow rays."
-    ),
-    "compare": Command("antumbra.lab.compare_command", "Measure plans on the same picture of SCENE, side by side."),
-    "doctor": Command(
-        "antumbra.cli.installation_commands",
-        "Check this installation: versions, processor, kernels on disk, optional packages, devices, and a small query.",
-    ),
+    "merge": Command("antumbra.cli.shards", "Installation and machines", "Join the shards of a command."),
+    "plans": Command("antumbra.cli.installation_commands", "Research", "List the methods, and the plans they form."),
+    "compare": Command("antumbra.lab.compare_command", "Research", "Measure plans side by side on one picture."),
+    "explain": Command("antumbra.lab.explain_commands", "Research", "Show where plans spend their traversal steps."),
+    "culling": Command("antumbra.lab.explain_commands", "Research", "Show which triangles survive pre-BVH culling."),
 }
 """Name -> command, in the order of the help."""

@@ -23,6 +23,9 @@ CHECK_MAP = "antumbra.city.sheets.page:check_map"
 PARSE_SHEET = "antumbra.city.sheets.sheet_options:parse_sheet"
 """The function that makes the options of a map sheet from texts."""
 
+RULES = "antumbra.city.sun.daylight_rules:RULES"
+"""The daylight rules, by name."""
+
 SWEEP_SAH, TL_LBVH = "antumbra.lab.builders.sweep_sah:build", "antumbra.lab.builders.tl_lbvh:build"
 """Builders."""
 

@@ -1,6 +1,7 @@
 """The command line, ``antumbra``: one module per group of commands.
 
-- `app`: the program, its commands, and the option groups in their help; `command_parsing`: how their words are parsed
+- `app`: the program and its commands; `command_help`: their help; `command_parsing`: how their words are parsed;
+  `completion`: what the shell completes
 - `render_command`: ``antumbra render``; `picture_spec`: its arguments and the picture they specify; `picture_report`:
   summaries and HTML pages of rendered pictures
 - `bake_command`: ``antumbra bake``, light and occlusion baked into glTF files

@@ -1,4 +1,4 @@
-"""The program ``antumbra``: its commands, and the option groups in their help.
+"""The program ``antumbra``: its commands.
 
 A command's module is imported only when the command runs or explains itself, and heavy packages (Numba, trimesh, Rich)
 only when it needs them. So ``--help`` appears at once.
@@ -10,62 +10,12 @@ from functools import cache
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
 
 from ..base import wings
 from ..base.command_registry import COMMANDS, Command
 from ..base.errors import InputError
-from .command_parsing import ParsedOnce
-
-# --- Commands: option groups of the help, which is plain text without Rich --------------------------------------------
-
-
-PANELS: dict[str, tuple[str, ...]] = {
-    "Scene": ("up",),
-    "Camera": ("camera", "size"),
-    "Light": ("light", "sky", "ao", "vpl", "exposure"),
-    "Quality": ("preset",),
-    "Animation": ("frames", "fps", "overwrite"),
-    "Speed": ("plan", "explain_plan"),
-    "Machines": ("shard", "ray"),
-    "Output": ("output", "html", "json", "quiet"),
-}
-"""Title -> its parameters, besides those that name a title themselves. All others are listed under "Options"."""
-
-_LEAST = 12  # least number of options that are grouped
-
-
-class Program(ParsedOnce, TyperGroup):
-    """The program."""
-
-
-class PlainCommand(ParsedOnce, TyperCommand):
-    """A command."""
-
-
-class Grouped(PlainCommand):
-    """A command whose help groups its options if there are many."""
-
-    def format_options(self, ctx: Any, formatter: Any) -> None:
-        params = self.get_params(ctx)
-        grouped = sum(param.param_type_name == "option" for param in params) >= _LEAST
-        sections: dict[str, list[tuple[str, str]]] = {title: [] for title in ("Arguments", *PANELS, "Options")}
-        for param in params:
-            record = param.get_help_record(ctx)
-            if record is not None:
-                sections[_title(param) if grouped or param.param_type_name == "argument" else "Options"].append(record)
-        for title, records in sections.items():
-            if records:
-                with formatter.section(title):
-                    formatter.write_dl(records)
-
-
-def _title(param: Any) -> str:
-    if param.param_type_name == "argument":
-        return "Arguments"
-    panel = getattr(param, "rich_help_panel", None)
-    return panel or next((title for title, names in PANELS.items() if param.name in names), "Options")
-
+from .command_help import HelpfulCommand, Program
+from .completion import completing_words
 
 # --- The program and its commands -------------------------------------------------------------------------------------
 
@@ -89,7 +39,7 @@ def program(names: frozenset[str] | None = None) -> typer.Typer:
     )
     for name, entry in COMMANDS.items():
         function = entry.function(name) if names is None or name in names else _listed
-        app.command(name, cls=Grouped if entry.grouped else PlainCommand, help=_help_of(function, entry))(function)
+        app.command(name, cls=HelpfulCommand, help=_help_of(function, entry))(function)
     if names is None or _BENCH[0] in names:
         app.add_typer(wings.named(wings.BENCH), name=_BENCH[0])
     else:
@@ -127,9 +77,8 @@ def _top(
 
 def run(arguments: list[str]) -> object:
     """Run the command named by the arguments; return its exit code or its return value."""
-    names = (
-        None if "merge" in arguments else frozenset({*COMMANDS, _BENCH[0]}.intersection(arguments))
-    )  # it runs others
+    named = {*COMMANDS, _BENCH[0]}.intersection(arguments or completing_words())
+    names = None if "merge" in arguments else frozenset(named)  # it runs others
     command: Any = typer.main.get_command(program(names))
     try:
         return command.main(arguments, prog_name="antumbra", standalone_mode=False)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class BakeCommand(StudyCommand[BakeOptions, "Baked"]):
-    """Bake occlusion, shadows or light of SCENE into a copy of its glTF file.
+    """Bake occlusion, shadows or light into a glTF file.
 
     Everything else in the file is kept: nodes, instances, materials, textures, animations. Other scenes are first
     converted to glTF, with their triangles and base colours.

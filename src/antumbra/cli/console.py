@@ -181,6 +181,27 @@ def _encodable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode()  # file names may not be valid Unicode
 
 
+# --- Colours in terminals ---------------------------------------------------------------------------------------------
+
+
+BOLD, RED, YELLOW = "1", "31", "33"
+"""ANSI styles."""
+
+
+def is_coloured(stream: TextIO | None) -> bool:
+    """Whether a stream is a terminal that shows colours. NO_COLOR turns them off."""
+    if stream is None or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
+        return False
+    with suppress(AttributeError, ValueError):  # a closed stream
+        return stream.isatty()
+    return False
+
+
+def styled(text: str, style: str, coloured: bool = True) -> str:
+    """Text in a style."""
+    return f"\033[{style}m{text}\033[0m" if coloured else text
+
+
 # --- Progress of operations that take longer than a second ------------------------------------------------------------
 
 
@@ -241,13 +262,15 @@ class ProgressDisplay:
         return progress
 
     def _start(self) -> None:
+        from rich import progress as bars
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-        columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn()
+        text = bars.TextColumn("{task.description}", markup=False)
+        left = bars.TimeRemainingColumn(elapsed_when_finished=True)
+        columns = bars.SpinnerColumn(), text, bars.BarColumn(), bars.TaskProgressColumn(), left
         with self._lock:
             if not self._closed:
-                self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
+                self._bar = bars.Progress(*columns, console=Console(stderr=True), transient=True)
                 self._task: TaskID = self._bar.add_task(self._text)
                 self._update(self._bar)
                 self._bar.start()
@@ -265,7 +288,7 @@ def _notes(quiet: bool) -> Iterator[None]:
 
         def show_note(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
             if issubclass(category, UserWarning):
-                say(f"note: {message}")
+                say(f"note: {message}", YELLOW)
             else:
                 show(message, category, *where, **more)
 
@@ -326,7 +349,7 @@ def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
         if isinstance(error, OSError):
             _drop_output()
         line, code = ended or explained(error)
-        say(line)
+        say(line, RED)
         if "--json" in before:
             with suppress(OSError, ValueError):
                 print(json.dumps({"error": line}), flush=True)
@@ -418,7 +441,7 @@ def _note_lines(quiet: bool) -> Iterator[None]:
 
     def show(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
         if issubclass(category, UserWarning):
-            say(f"note: {message}")
+            say(f"note: {message}", YELLOW)
         else:
             before(message, category, *rest, **more)
 
@@ -458,11 +481,11 @@ def _given(error: Any) -> str:
         return ""
 
 
-def say(line: str) -> None:
-    """Print a line on standard error."""
+def say(line: str, style: str = "") -> None:
+    """Print a line on standard error. In a terminal, its beginning has a style."""
     text = " ".join(one_line(line).split())
     with suppress(OSError, ValueError):
-        print("antumbra:", text, file=sys.stderr, flush=True)
+        print(styled("antumbra:", style, bool(style) and is_coloured(sys.stderr)), text, file=sys.stderr, flush=True)
 
 
 def _prepare_streams() -> None:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class DatasetCommand(StudyCommand[DatasetOptions, "Dataset"]):
-    """Render a data set of SCENE: per camera, a multi-layer EXR and a shadow mask of each light.
+    """Render images with visibility, occluders and ids.
 
     Without cameras or lights, those of the file are used, or defaults that suit the scene. Cameras are numbered in the
     order --camera, --orbit, --random; lights in the order --light, --ao, --random-lights. antumbra render --help

@@ -23,6 +23,7 @@ from ..base.extras import EXTRAS
 from ..version import VERSION
 from ..work.result_summary import duration
 from . import console
+from .completion import completion_of
 from .console import ProgressDisplay
 from .options import Json, Quiet
 
@@ -102,10 +103,10 @@ def doctor(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Check this installation: versions, processor, kernels on disk, optional packages, devices, and a small query.
+    """Check this installation.
 
-    Each device answers thousands of queries that are hard to decide. The exit code is 1 if any answer is wrong. Include
-    the output in bug reports.
+    It shows versions, the processor, kernels on disk, optional packages and devices. Each device answers thousands of
+    queries that are hard to decide. The exit code is 1 if any answer is wrong. Include the output in bug reports.
 
     \b
     Examples
@@ -278,6 +279,7 @@ def warmup(
         list[str] | None,
         typer.Option(
             help="Compile only for this plan; may be repeated.  [default: all methods]",
+            autocompletion=completion_of("plan"),
             metavar="PLAN",
             show_default=False,
         ),
@@ -285,10 +287,10 @@ def warmup(
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Compile all kernels ahead of time, store them on disk, and calibrate the plan auto.
+    """Compile all kernels ahead of time.
 
-    Without it, each kernel is compiled on first use, once per machine and version, and the plan auto predicts times
-    from measurements of another machine.
+    They are stored on disk, and the plan auto is calibrated. Without this command, each kernel is compiled on first
+    use, once per machine and version, and auto predicts times from measurements of another machine.
 
     \b
     Examples

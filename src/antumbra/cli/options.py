@@ -20,9 +20,9 @@ from ..base.errors import InputError
 from ..base.memory import reading_limit
 from ..base.option_fields import Choice, CommandOption, WholeNumber, option_of
 from ..devices.device_list import device_budget, using_device
-from ..engine.scene_reading import SCENE_SUFFIXES
 from ..picture.render_options import RenderKeywords
 from .arguments import parse_bytes
+from .completion import completion_of
 from .scene_arguments import SceneArguments
 
 # --- Options that name output files or folders ------------------------------------------------------------------------
@@ -264,12 +264,19 @@ _PLAN, _DEVICE = "plan", "device"
 
 
 SCENE_HELP = (
-    f"A {alternatives(SCENE_SUFFIXES)} file, a folder of vertex frames, example:NAME, or "
-    "procedural:NAME?triangles=N&seed=N. FILE?lod=N selects a level of detail of CityJSON; FILE?cutouts=off ignores "
-    "alpha; FILE?transmittance=NAME:0.3 lets light pass through a material or object, and NAME:JAN/FEB/.../DEC a share "
-    "for each month; FILE?instances=on keeps copies of meshes as instances. FILE?band=2 selects a band of a raster of "
-    "heights; FILE?layer=NAME a layer of footprints, and FILE?invalid=skip leaves out faulty ones."
+    "A file or folder, example:NAME, or procedural:NAME?triangles=N&seed=N; antumbra formats lists the files, and "
+    "options such as FILE?lod=2.2."
 )
+SCENE_OPTIONS = {
+    "FILE?lod=N": "a level of detail of CityJSON",
+    "FILE?cutouts=off": "alpha cuts no holes",
+    "FILE?transmittance=NAME:0.3": "a material or object lets light pass; JAN/FEB/.../DEC: a share for each month",
+    "FILE?instances=on": "copies of meshes stay instances",
+    "FILE?band=2": "a band of a raster of heights",
+    "FILE?layer=NAME": "a layer of footprints",
+    "FILE?invalid=skip": "leaves out faulty footprints",
+}
+"""Syntax of the options of a scene -> what they do."""
 SceneArgument = Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
 
 
@@ -284,6 +291,9 @@ class Parameter(NamedTuple):
     def signature(self) -> inspect.Parameter:
         """As a keyword of a function."""
         default = inspect.Parameter.empty if self.default is MISSING else self.default
+        for info in get_args(self.kind)[1:]:
+            if getattr(info, "autocompletion", True) is None:
+                info.autocompletion = completion_of(self.name)
         return inspect.Parameter(self.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=self.kind)
 
 
@@ -456,10 +466,12 @@ SENSORS_HELP = (
     "raster:SPACING[+HEIGHT|@HEIGHT], raster:FILE.tif (its cells), raster[+HEIGHT] (the cells of the scene's own "
     "raster), or a file of points (.csv, .parquet, .npy, .npz, .gpkg, .geojson)."
 )
-SensorsOption = Annotated[str, typer.Option(help=SENSORS_HELP)]
+SensorsOption = Annotated[str, typer.Option(help=SENSORS_HELP, metavar="SENSORS")]
 SensorsOrDefault = Annotated[
     str | None,
-    typer.Option(help=SENSORS_HELP + "  [default: face; on a raster of heights: raster]", show_default=False),
+    typer.Option(
+        help=SENSORS_HELP + "  [default: face; on a raster of heights: raster]", metavar="SENSORS", show_default=False
+    ),
 ]
 OutputsOption = Annotated[list[Path] | None, tables("Output file", "--output", "-o")]
 MapOption = Annotated[

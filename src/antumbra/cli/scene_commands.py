@@ -22,7 +22,7 @@ from ..picture.picture_records import camera_fields, light_fields
 from ..work.result_summary import duration
 from . import arguments, console
 from .console import ProgressDisplay
-from .options import SCENE_HELP, Json, Quiet, SceneArgument, Threads, UpOption, takes, writes
+from .options import SCENE_HELP, SCENE_OPTIONS, Json, Quiet, SceneArgument, Threads, UpOption, takes, writes
 from .scene_arguments import SceneArguments, SceneSpec, is_raster, open_scene, stream_rasters
 
 if TYPE_CHECKING:
@@ -233,7 +233,7 @@ def scenes(
     ] = None,
     json: Json = False,
 ) -> None:
-    """List the procedural and the example scenes, or export a procedural one.
+    """List the built-in scenes, or export one.
 
     A GLB file also contains the scene's camera and a point light, which replaces the quad light because glTF has no
     area lights. To render a scene, use its name: antumbra render procedural:city, or example:temple
@@ -302,7 +302,7 @@ def _make(name: str, triangles: int | None, seed: int, output: Path | None) -> d
 
 
 def formats(json: Json = False) -> None:
-    """List the file formats of scenes, and what is lost in them.
+    """List the file formats, and the options of SCENE.
 
     All are read; "write" marks those that antumbra scenes exports. Other commands write GLB files (bake), stores
     (build), and copies of CityJSON files with results (sun --city-output). An extra is installed with
@@ -326,7 +326,7 @@ def formats(json: Json = False) -> None:
             }
             for each in SCENE_FORMATS
         ]
-        console.print_json({"formats": rows})
+        console.print_json({"formats": rows, "options": SCENE_OPTIONS})
         return
     console.print_table(
         ("format", "suffix", "use", "extra", "what is lost"),
@@ -335,6 +335,7 @@ def formats(json: Json = False) -> None:
             for each in SCENE_FORMATS
         ],
     )
+    console.print_table(("SCENE", "meaning"), SCENE_OPTIONS.items())
 
 
 # --- ``antumbra build`` -----------------------------------------------------------------------------------------------
@@ -362,7 +363,7 @@ class BuildArguments(SceneArguments):
 
 @takes(BuildArguments)
 def build(args: BuildArguments) -> int:
-    """Combine SCENEs in one store, which may exceed memory.
+    """Build a store, which may exceed memory.
 
     A store holds the triangles in chunks, each with its BVH and checksums. Several scenes are merged in the given
     order, in their state at time 0, with all their cameras and lights. procedural:city is generated and written block

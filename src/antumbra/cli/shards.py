@@ -138,11 +138,12 @@ def merge(
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
-    """Join the shards of a command into the files it writes without --shard, byte for byte.
+    """Join the shards of a command.
 
-    Each FOLDER records the command that wrote it. That command runs again, in the current folder, with the results of
-    the shards instead of traced rays. A shard that is missing, duplicated, stale, or from another command causes an
-    error that names it, and no file is written.
+    The files are those that the command writes without --shard, byte for byte. Each FOLDER records the command that
+    wrote it. That command runs again, in the current folder, with the results of the shards instead of traced rays. A
+    shard that is missing, duplicated, stale, or from another command causes an error that names it, and no file is
+    written.
 
     \b
     Examples

@@ -70,12 +70,12 @@ class ViewArguments(SceneArguments):
 
 @takes(ViewArguments)
 def view(args: ViewArguments) -> int:
-    """Show SCENE in the browser, until Ctrl-C.
+    """Show SCENE in the browser.
 
-    Drag to rotate, scroll to zoom. While the camera moves, the browser shows a mesh with baked light; when it stops,
-    traced pictures appear, from coarse to fine. Click a surface to list the lights it sees and the triangles that block
-    the others. Drag the handles of lights to move them, and use sliders for the sun and the animation. With a location
-    on Earth (--latitude and --longitude, or --crs), the sun follows a date and time.
+    Ctrl-C ends it. Drag to rotate, scroll to zoom. While the camera moves, the browser shows a mesh with baked light;
+    when it stops, traced pictures appear, from coarse to fine. Click a surface to list the lights it sees and the
+    triangles that block the others. Drag the handles of lights to move them, and use sliders for the sun and the
+    animation. With a location on Earth (--latitude and --longitude, or --crs), the sun follows a date and time.
 
     \b
     Examples

@@ -410,7 +410,7 @@ def _times(report: ComparisonReport) -> Iterator[tuple[str, list[str]]]:
 
 @takes(CompareArguments)
 def compare(args: CompareArguments) -> int:
-    """Measure plans on the same picture of SCENE, side by side.
+    """Measure plans side by side on one picture.
 
     The plans take turns, and the medians of their frames are shown, phase by phase. Compilation is never timed. Each
     frame starts from scratch and reuses nothing from earlier frames. The counters come from a separate, untimed frame.

@@ -92,7 +92,7 @@ class ExplainArguments(SceneArguments):
 
 @takes(ExplainArguments)
 def explain(args: ExplainArguments) -> int:
-    """Show where plans spend the traversal steps of SCENE's shadow rays.
+    """Show where plans spend their traversal steps.
 
     The picture shows a panel per plan, side by side: the boxes tested per pixel, in one common colour scale. The tables
     split box tests into the classes of the SRDH paper: on the path to the hit, off that path, and of unblocked rays.
@@ -291,7 +291,7 @@ class CullingArguments(SceneArguments):
 
 @takes(CullingArguments)
 def culling(args: CullingArguments) -> int:
-    """Show which triangles of SCENE survive pre-BVH culling.
+    """Show which triangles survive pre-BVH culling.
 
     The picture has three panels: the camera's view, and the transparent scene from above and from the side. Orange
     triangles may intersect a shadow ray of the camera's pixels. All other triangles are blue, receivers white, and

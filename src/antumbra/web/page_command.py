@@ -78,7 +78,7 @@ class PageArguments(SceneArguments):
 
 @takes(PageArguments)
 def page(args: PageArguments) -> int:
-    """Write SCENE as one HTML file with exact shadows, which any browser opens offline.
+    """Write SCENE as one HTML file that works offline.
 
     The page shows the shadows of the sun at any date and time, and tells of each clicked place when it has sun and what
     blocks it. It checks its own bits against those of this program when it opens. The place on Earth is that of the

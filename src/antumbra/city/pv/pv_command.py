@@ -39,7 +39,7 @@ _SUFFIXES = ".csv", ".parquet"
 
 @dataclass(frozen=True, kw_only=True)
 class PvCommand(StudyCommand[PvOptions, "ModuleShading"]):
-    """Find how much of each photovoltaic module in SCENE is shaded, by time.
+    """Compute the shading of photovoltaic modules.
 
     The table of modules has their positions, id or name, and optionally tilt, azimuth (degrees), width, height, and
     string. A row with an axis_azimuth is a tracker (axis_tilt, max_angle, and gcr for backtracking). The result has a

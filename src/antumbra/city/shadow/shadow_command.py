@@ -38,7 +38,7 @@ _SUFFIXES = ".gpkg", ".geojson", ".parquet", ".tif"
 
 @dataclass(frozen=True, kw_only=True)
 class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
-    """Find the shadow on the ground of SCENE, as polygons.
+    """Draw the shadow on the ground, as GIS polygons.
 
     At a moment, the shadow falls on a horizontal plane and its outline is exact. With --cell, or with --days for the
     hours of shadow, polygons follow raster cells on the highest surfaces, whose centres are traced exactly. The

@@ -30,11 +30,12 @@ _SUFFIXES = ".csv", ".parquet", ".json", ".npz", _MODEL
 
 @dataclass(frozen=True, kw_only=True)
 class LosCommand(StudyCommand[SightOptions, "list[Sightlines]"]):
-    """Find which points see each other in SCENE, and what blocks the others.
+    """Find which points see each other.
 
-    The result lists, per pair, the nearest blocking face, its object, the blocked point, and the distances. An endpoint
-    on a surface needs a normal (columns nx,ny,nz, or nx1 to nz2) or its face (face1, face2); otherwise float32 may
-    round it behind the surface. Tables have a row per pair; a .glb shows the lines, green up to the first blocker.
+    The result lists what blocks the others: per pair, the nearest blocking face, its object, the blocked point, and the
+    distances. An endpoint on a surface needs a normal (columns nx,ny,nz, or nx1 to nz2) or its face (face1, face2);
+    otherwise float32 may round it behind the surface. Tables have a row per pair; a .glb shows the lines, green up to
+    the first blocker.
 
     \b
     Examples

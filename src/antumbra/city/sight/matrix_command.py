@@ -39,7 +39,7 @@ _BITS, _SPARSE = ".npy", ".npz"
 
 @dataclass(frozen=True, kw_only=True)
 class MatrixCommand(StudyCommand[MatrixOptions, "list[VisibilityMatrix]"]):
-    """Find which sensors of SCENE see which targets, as one bit per pair.
+    """Find which sensors see which targets, bit by bit.
 
     Sensors on surfaces are visible only from their outer side. Bit j % 64 of word j // 64 in row i is set if sensor i
     and target j see each other. Without --targets, each pair is traced once, and no sensor sees itself.

@@ -45,7 +45,7 @@ _SIZE = 1024, 768  # of pictures
 
 @dataclass(frozen=True, kw_only=True)
 class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
-    """Count the observers that see each sensor of SCENE.
+    """Count the observers that see each place.
 
     The result has the columns seen (number of observers), first and nearest (observer indices, -1: none) and distance;
     with --along, also length, that of the lines that see a sensor; with --least-height, also least_height. Rasters are

@@ -43,7 +43,7 @@ _WAYS = "--turbine X,Y,Z, --turbines FILE, --object NAME, --polygon FILE or --po
 
 @dataclass(frozen=True, kw_only=True)
 class VisibleCommand(SensorStudy[VisibleOptions, "Table"]):
-    """Find the share of a target in SCENE that each sensor sees.
+    """Compute the share of a target that each place sees.
 
     The target is one or several wind turbines, whose rotors turn towards each sensor, an object of the scene, a polygon
     or points. The result has the columns share, from 0 to 1, and visible, the number of visible sample points. For

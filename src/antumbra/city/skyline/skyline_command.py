@@ -28,7 +28,7 @@ _SUFFIXES = ".csv", ".json", ".npz", ".txt"
 
 @dataclass(frozen=True, kw_only=True)
 class SkylineCommand(StudyCommand[SkylineOptions, "list[Skyline]"]):
-    """Find the skyline of points in SCENE: the elevation of the horizon by azimuth.
+    """Compute the elevation of the horizon by azimuth.
 
     Azimuths are degrees clockwise from true north. elevation is that along an azimuth, highest the greatest within half
     a step on both sides, so nothing between two azimuths is missed. -90: there is nothing; 90: the point lies below

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class CalendarCommand(StudyCommand[CalendarOptions, "SunCalendar"]):
-    """Find the first and the last sun of each day at points of SCENE, behind its horizon.
+    """Find the first and last sun of each day at points.
 
     The result has a row per point and day: sunrise and sunset over an open horizon, first_sun and last_sun behind the
     scene, in local time to the second, and the hours of sun. --map draws the days of one point.

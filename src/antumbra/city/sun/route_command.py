@@ -38,7 +38,7 @@ _SUFFIXES = ".csv", ".parquet", ".gpkg", ".json", ".npz", ".png"
 
 @dataclass(frozen=True, kw_only=True)
 class RouteCommand(StudyCommand[RouteOptions, "RouteShade"]):
-    """Find how much of each hour the stations along a route through SCENE are in shade.
+    """Compute the shade along a route, by the hour.
 
     The result has a row per station, with its distance along the route, and the columns shade, the share of the time
     with sun, and shade_08, that from 8 to 9 o'clock, for each hour with sun. --hours FILE.csv has a row per hour: the

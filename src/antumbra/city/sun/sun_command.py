@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SunCommand(SensorStudy[SunOptions, "Table"]):
-    """Find the hours of direct sun on the surfaces of SCENE.
+    """Compute hours of direct sun on surfaces.
 
     The location comes from the file's CRS (CityJSON), --crs, --latitude and --longitude, or an EPW file. Each sun
     position represents --step minutes, and results are exact for these positions. Repeat an interrupted command to

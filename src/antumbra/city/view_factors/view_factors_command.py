@@ -26,7 +26,7 @@ _SUFFIXES = ".npz", ".csv"  # as in `city.view_factors.view_factor_matrix`, whic
 
 @dataclass(frozen=True, kw_only=True)
 class ViewFactorsCommand(StudyCommand[ViewFactorOptions, "list[tuple[ViewFactors, float]]"]):
-    """Find the view factors between the surfaces of SCENE, and of the sky.
+    """Compute view factors between surfaces and the sky.
 
     F_ij is the share of the diffuse radiation leaving surface i that arrives at surface j. Each row also has the shares
     of the sky, of the ground below the horizon, and of other faces: the backs of surfaces. Each row sums to 1.
