@@ -1,6 +1,8 @@
 """Sphinx: ``sphinx-build -W docs docs/_build``."""
 
+import inspect
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import antumbra
@@ -8,6 +10,7 @@ import antumbra
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE / "_ext"), str(HERE.parent / "scripts")]
 
+SOURCE = "https://github.com/antumbra/antumbra"
 project = "Antumbra"
 author = "the Antumbra authors"
 copyright = author
@@ -15,9 +18,13 @@ version = release = antumbra.__version__
 
 extensions = [
     "sphinx.ext.autodoc",
+    "sphinx.ext.linkcode",
     "sphinx.ext.napoleon",
     "myst_parser",
+    "sphinx_copybutton",
+    "sphinx_design",
     "sphinxcontrib.bibtex",
+    "sphinxext.opengraph",
     "fields",
     "help",
     "labels",
@@ -37,7 +44,8 @@ autodoc_typehints = "none"  # docstrings say shapes and types
 napoleon_google_docstring = False
 napoleon_use_ivar = True
 
-myst_enable_extensions = ["deflist"]
+default_role = "py:obj"  # names in backticks of docstrings become links
+myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
 
 bibtex_bibfiles = ["REFERENCES.bib"]
@@ -47,4 +55,32 @@ html_theme = "furo"
 html_title = f"Antumbra {release}"
 html_static_path = ["_static"]
 html_css_files = ["antumbra.css"]
+html_logo = html_favicon = "_static/logo.svg"
+html_search_scorer = str(HERE / "_static" / "scorer.js")
+html_baseurl = ogp_site_url = "https://antumbra.github.io/antumbra/"
+ogp_image = "_images/soft_shadows.webp"
+ogp_social_cards = {"enable": False}  # they need Matplotlib, and show text
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True
+html_theme_options = {
+    "source_repository": SOURCE,
+    "source_branch": "main",
+    "source_directory": "docs/",
+}
 html_extra_path = ["llms.txt"]  # it links to sources of pages, which html_copy_source publishes
+
+
+def linkcode_resolve(domain: str, info: dict[str, str]) -> str | None:
+    """The address of the source of a documented name."""
+    thing = import_module(info["module"]) if domain == "py" and info["module"] else None
+    for part in info["fullname"].split("."):
+        thing = getattr(thing, part, None)
+    thing = inspect.unwrap(getattr(thing, "fget", thing) or thing) if thing is not None else None
+    try:
+        file, (lines, first) = Path(inspect.getsourcefile(thing) or ""), inspect.getsourcelines(thing)
+    except TypeError:  # neither a function nor a class
+        return None
+    if antumbra.__name__ not in file.parts:
+        return None
+    inside = file.relative_to(Path(antumbra.__file__).parents[1]).as_posix()
+    return f"{SOURCE}/blob/main/src/{inside}#L{first}-L{first + len(lines) - 1}"

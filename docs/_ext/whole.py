@@ -18,6 +18,7 @@ NAME = "antumbra.md"
 PAPERS = Path(__file__).resolve().parents[1] / "papers"
 ROLE = re.compile(r"\{(?:func|class|meth|exc)\}(?=`)")
 BARE_LINK = re.compile(r"\[\]\(([^)\s]+)\)")
+CARD = re.compile(r"^:.*\n", re.MULTILINE)  # its fences and options; its text stays
 FENCE = re.compile(r"^```\{([\w-]+)\}(.*?)\n(.*?)^```\n?", re.MULTILINE | re.DOTALL)
 
 
@@ -25,7 +26,7 @@ def whole(pages: list[tuple[str, str]]) -> str:
     """All pages, (name, Markdown), below headings of their addresses."""
     parts = ["# Antumbra: all pages\n"]
     for name, text in pages:
-        text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+        text = CARD.sub("", re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
         text = BARE_LINK.sub(r"[\1](\1)", ROLE.sub("", FENCE.sub(_written_out, text)))
         parts.append(f"<!-- {name}.html -->\n\n{text.strip()}\n")
     return "\n".join(parts)
