@@ -26,7 +26,7 @@ def words(text: str) -> int:
     """The number of words of a page."""
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
     text = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
-    text = re.sub(r"^:.*$", "", text, flags=re.MULTILINE)  # fences and options of cards
+    text = re.sub(r"^:(?:::.*|[\w-]+:.*)$", "", text, flags=re.MULTILINE)  # fences and options of cards
     text = re.sub(r"\]\([^)\s]*\)", "]", text)
     return len(re.findall(r"\S*\w\S*", text))
 

@@ -18,7 +18,7 @@ NAME = "antumbra.md"
 PAPERS = Path(__file__).resolve().parents[1] / "papers"
 ROLE = re.compile(r"\{(?:func|class|meth|exc)\}(?=`)")
 BARE_LINK = re.compile(r"\[\]\(([^)\s]+)\)")
-CARD = re.compile(r"^:.*\n", re.MULTILINE)  # its fences and options; its text stays
+CARD = re.compile(r"^:(?:::.*|[\w-]+:.*)\n", re.MULTILINE)  # its fences and options; its text stays
 FENCE = re.compile(r"^```\{([\w-]+)\}(.*?)\n(.*?)^```\n?", re.MULTILINE | re.DOTALL)
 
 
