@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
-from ..base.files import atomic_output, temporary_folder
+from ..base.files import atomic_output
 from ..engine.scene import AnyScene
 from ..scene.camera import Camera
 from ..scene.triangles import Triangles
 from ..sun.location import Place
 from ..version import VERSION
 from ..work.scene_records import scene_digest
-from .javascript_package import link_kernels
+from .kernel_module import kernel_module
 from .page_source import PAGE, page_program
 
 MOST_TRIANGLES = 2_000_000
@@ -172,8 +172,8 @@ def write_page(
     columns = Columns()
     _add_geometry(columns, triangles, scene.data.object_of_face)
     _add_proof(columns, scene, triangles)
-    wasm, kernels = _kernels()
-    columns.add("wasm", np.frombuffer(wasm, np.uint8))
+    module = kernel_module()
+    columns.add("wasm", np.frombuffer(module.wasm, np.uint8))
     digest = scene_digest(scene, time)
     view = camera or scene.default_camera(1280, 800, time=time)
     names = [each.parent or each.name for each in scene.objects]
@@ -189,20 +189,13 @@ def write_page(
         "minute": 60 * options.when.hour + options.when.minute,
         "angles": {"azimuth": 215, "altitude": 42},
         "objects": names if len(set(names)) > 1 else [],
-        "kernels": {"kernels": kernels},
+        "kernels": {"kernels": module.kernels},
         "columns": columns.listed,
     }
     html = _html(about, columns.packed().decode(), options)
     with atomic_output(path) as temporary:
         temporary.write_bytes(html)
     return PageReport(len(triangles.vertices), len(html), digest)
-
-
-def _kernels() -> tuple[bytes, dict[str, Any]]:
-    """The module of kernels, and the list that names them."""
-    with temporary_folder() as folder:
-        listed = link_kernels(folder / "kernels.wasm")
-        return (folder / "kernels.wasm").read_bytes(), dict(listed)
 
 
 def _orbit_of(scene: AnyScene, triangles: Triangles, camera: Camera) -> dict[str, Any]:
