@@ -101,8 +101,7 @@ def _check_paths(data: bytes, name: str, file: str) -> None:
 
 def _check_pages(archive: zipfile.ZipFile, name: str) -> None:
     """Check that there is the module of pages, of the sources in the wheel."""
-    from antumbra.kernels.toolchain.kernel_library import LIST
-    from antumbra.web.kernel_module import MODULE
+    from antumbra.kernels.toolchain.kernel_library import LIST, MODULE
 
     found = {each.removeprefix(_PAGES) for each in archive.namelist() if each.startswith(_PAGES)}
     if found != {MODULE, LIST}:

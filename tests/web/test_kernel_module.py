@@ -11,8 +11,8 @@ import pytest
 
 import antumbra
 from antumbra.base.errors import InputError
+from antumbra.kernels.toolchain.kernel_library import MODULE
 from antumbra.web import kernel_linking, kernel_module
-from antumbra.web.kernel_module import MODULE
 
 needs_linker = pytest.mark.skipif(find_spec("ziglang") is None, reason="without ziglang, the module is NOT checked")
 WITHOUT_TOOLS = """
@@ -45,7 +45,7 @@ def test_a_module_is_linked_once_and_a_damaged_one_again(tmp_path, monkeypatch):
     monkeypatch.setattr(kernel_linking, "_link", lambda requests: linked.append(1) or link(requests))
     first = kernel_linking.linked_module()
     assert kernel_linking.linked_module() == first and linked == [1]
-    assert len(first.kernels) == len(requests) and first.wasm.startswith(b"\0asm")
+    assert len(first[1]) == len(requests) and first[0].startswith(b"\0asm")
     file.write_bytes(file.read_bytes()[:-1])
     assert kernel_linking.linked_module() == first and linked == [1, 1]
 

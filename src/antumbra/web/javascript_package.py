@@ -12,10 +12,10 @@ import sys
 from pathlib import Path
 
 from ..base.errors import InputError
-from ..kernels.toolchain.kernel_library import LIST
+from ..kernels.toolchain.kernel_library import LIST, MODULE
 from ..version import VERSION
 from .kernel_linking import SOURCES
-from .kernel_module import MODULE, kernel_module
+from .kernel_module import kernel_module
 
 ENTRY = "antumbra.mjs"
 

@@ -12,8 +12,10 @@ import sys
 from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
+from typing import TypeAlias
 
 from ..base.errors import InputError
+from ..base.extras import import_extra
 from ..base.files import atomic_output, make_folder, read_trusted, temporary_folder
 from ..base.progress import report_progress
 from ..kernels.machine_code import library_destination
@@ -21,13 +23,16 @@ from ..kernels.marshalling import import_object
 from ..kernels.toolchain.compile_pool import KernelRequest
 from ..kernels.toolchain.kernel_cache import KernelFolder, cache_folder
 from ..kernels.toolchain.kernel_digest import kernel_digest, module_digest
-from ..kernels.toolchain.kernel_library import PACKAGE, LibraryKernel, LibraryList, digest_of
+from ..kernels.toolchain.kernel_library import MODULE, PACKAGE, LibraryKernel, LibraryList, digest_of
 from ..kernels.toolchain.kernel_manifest import package_manifest
 from ..kernels.toolchain.library_build import compile_for, link_library, source_files
-from .kernel_module import FOLDER, MODULE, KernelModule, kernel_module
 
 SOURCES = Path(__file__).parent / "module"
 SYSTEM, LEVEL = "wasm32", "simd128"
+
+Linked: TypeAlias = tuple[bytes, dict[str, LibraryKernel]]
+"""A module, and its kernels by `kernel_library.name_of`."""
+
 _CALLED = re.compile(r'"(antumbra(?:\.\w+)+:\w+)"')  # names of kernels in the modules
 _OTHER_WINGS = re.compile(r"antumbra\.(?:lab|city|techniques)\.")  # methods that the modules do not offer
 
@@ -48,7 +53,7 @@ def called_kernels() -> list[KernelRequest]:
     return found
 
 
-def linked_module() -> KernelModule:
+def linked_module() -> Linked:
     """The module of the cache, or one linked now.
 
     Raises
@@ -76,27 +81,28 @@ def _cached_file(requests: list[KernelRequest]) -> Path:
     return KernelFolder(cache_folder(), library_destination(SYSTEM, LEVEL)).path / f"{name}.module"
 
 
-def _packed(module: KernelModule) -> bytes:
+def _packed(linked: Linked) -> bytes:
     """A digest of the rest; the list; the module."""
-    body = json.dumps(module.kernels).encode() + b"\n" + module.wasm
+    wasm, kernels = linked
+    body = json.dumps(kernels).encode() + b"\n" + wasm
     return blake2b(body, digest_size=16).digest() + body
 
 
-def _unpacked(data: bytes) -> KernelModule:
+def _unpacked(data: bytes) -> Linked:
     """Raises ValueError if the file is damaged."""
     body = data[16:]
     if blake2b(body, digest_size=16).digest() != data[:16]:
         raise ValueError("damaged")
     kernels, _, wasm = body.partition(b"\n")
-    return KernelModule(wasm, {name: LibraryKernel(*each) for name, each in json.loads(kernels).items()})
+    return wasm, {name: LibraryKernel(*each) for name, each in json.loads(kernels).items()}
 
 
-def _link(requests: list[KernelRequest]) -> KernelModule:
+def _link(requests: list[KernelRequest]) -> Linked:
     """Compile and link kernels."""
     compile_for([SYSTEM], [LEVEL], requests)
     with temporary_folder() as folder, report_progress("linking the kernels"):
         kernels = link_library(SYSTEM, LEVEL, requests, folder / MODULE)
-        return KernelModule((folder / MODULE).read_bytes(), kernels)
+        return (folder / MODULE).read_bytes(), kernels
 
 
 def write_module(out: Path) -> None:
@@ -105,13 +111,14 @@ def write_module(out: Path) -> None:
     Raises
     ------
     InputError, RuntimeError
-        As for `kernel_module`.
+        As for `linked_module`; InputError if the linker is not installed.
     """
-    module = kernel_module()
+    import_extra("ziglang", "linking kernels", "build")
+    wasm, kernels = linked_module()
     files = source_files(tuple(called_kernels()))
     out.mkdir(parents=True, exist_ok=True)
-    (out / MODULE).write_bytes(module.wasm)
-    LibraryList(files, digest_of(PACKAGE, files), module.kernels).write(out)
+    (out / MODULE).write_bytes(wasm)
+    LibraryList(files, digest_of(PACKAGE, files), kernels).write(out)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -119,7 +126,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m antumbra.web.kernel_module", description="Write the kernels of pages and their list."
     )
-    parser.add_argument("--out", type=Path, default=FOLDER, help="folder for the files")
+    parser.add_argument("--out", type=Path, required=True, help="folder for the files")
     options = parser.parse_args(arguments)
     try:
         write_module(options.out)

@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..base.extras import import_extra
-from ..kernels.toolchain.kernel_library import LibraryKernel, LibraryList
+from ..kernels.toolchain.kernel_library import MODULE, LibraryKernel, LibraryList
 
 FOLDER = Path(__file__).parent / "kernels"
 """The folder of the module in an installed package."""
 
-MODULE = "kernels.wasm"
 _USER = "the first page of an installation without kernels"
 
 
@@ -44,4 +43,4 @@ def kernel_module() -> KernelModule:
         import_extra(package, _USER, extra)
     from .kernel_linking import linked_module
 
-    return linked_module()
+    return KernelModule(*linked_module())
