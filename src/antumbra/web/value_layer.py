@@ -28,6 +28,7 @@ class ValueLayer(NamedTuple):
     corners: np.ndarray | None = None  # (faces of the scene, 3) int: the rows of its corners, -1: none
     points: np.ndarray | None = None  # (n, 3) float64, world
     normals: np.ndarray | None = None  # (n, 3): which sides of surfaces points colour; None: all
+    point_faces: np.ndarray | None = None  # (n,) int: the face that each point colours before others do; None: any
     reach: float = 0.0  # world units: points colour the surface so far around them
 
     def arrays(self, triangles: Triangles) -> dict[str, np.ndarray]:
@@ -40,7 +41,13 @@ class ValueLayer(NamedTuple):
             return found | {"rowOf": rows[triangles.face_id].astype(np.int32)}
         assert self.points is not None
         found["points"] = (self.points - triangles.origin).astype(np.float32)
-        return found if self.normals is None else found | {"pointNormals": self.normals.astype(np.float32)}
+        if self.normals is not None:
+            found["pointNormals"] = self.normals.astype(np.float32)
+        if self.point_faces is not None:
+            row = np.full(max(triangles.face_id.max(), self.point_faces.max(initial=0)) + 1, -1, np.int32)
+            row[triangles.face_id] = np.arange(len(triangles.face_id))
+            found["pointFaces"] = row[self.point_faces]
+        return found
 
     def about(self) -> dict[str, Any]:
         """The scale and its legend, in JSON types, and what the rows are."""

@@ -17,6 +17,7 @@ from .map_scale import MapScale
 
 _CELLS = 1.5  # widths of a cell: the sensors of a grid colour the surface so far around them, also on slopes
 _DISC = 0.005  # of the diagonal of the scene: radius of the disc of a single point
+_ABOVE = 0.01  # metres: where rays to the surface below begin, since sensors may lie on it
 _DROP = 5.0  # metres: points without normals colour the surface below them, unless it is lower
 
 
@@ -34,6 +35,7 @@ def table_layer(table: Any, name: str) -> ValueLayer:
         return layer._replace(faces=faces)
     if sensors.kind == "vertex":
         return layer._replace(corners=sensors.corners)
+    layer = layer._replace(point_faces=sensors.faces if sensors.kind == "grid" else None)
     return layer._replace(points=_on_surfaces(table), normals=_sides(sensors, table.scene.up), reach=_reach(table))
 
 
@@ -63,7 +65,8 @@ def _on_surfaces(table: Any) -> NDArray[np.float64]:
     if sensors.normals is not None and sensors.raster is None:
         return np.asarray(sensors.points)
     down = np.broadcast_to(-axes(scene.up)[1], sensors.points.shape)
-    away = scene.closest_hit(sensors.points, down).t
+    above = scene.unit.of_metres(_ABOVE)
+    away = scene.closest_hit(sensors.points - above * down, down).t - above
     shift = np.where(away <= scene.unit.of_metres(_DROP), away, 0.0)
     return np.asarray(sensors.points + shift[:, None] * down)
 

@@ -1,7 +1,7 @@
 """Result tables: one row per sensor, columns with units, and a CRS; with writers for all output formats.
 
-The formats are CSV, JSON, NPZ, Parquet, GeoPackage, GeoTIFF, PNG, GLB and HTML. A writer takes a `Table`, the path, and the
-name of the column that pictures show. A style of QGIS is written beside files with a CRS.
+The formats are CSV, JSON, NPZ, Parquet, GeoPackage, GeoTIFF, PNG, GLB and HTML. A writer takes a `Table`, the path, and
+the name of the column that pictures show. A style of QGIS is written beside files with a CRS.
 """
 
 import io

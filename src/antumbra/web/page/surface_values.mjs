@@ -25,6 +25,7 @@ export class SurfaceValues {
     this.indices = arrays.indices;
     this.points = arrays.points;
     this.normals = arrays.pointNormals;
+    this.faceOf = arrays.pointFaces;
     this.away = layer.reach; // a point that faces the other way is this times 2 farther
     /** @type {Map<number, number[]>} */
     this.linear = new Map();
@@ -66,7 +67,7 @@ export class SurfaceValues {
   at(face, point, normal) {
     if (this.layer.at === "faces") return this.#valueOf(this.rowOf[face]);
     if (this.layer.at === "corners") return this.#between(face, point);
-    return this.#valueOf(this.#nearest(point, normal));
+    return this.#valueOf(this.#nearest(face, point, normal));
   }
 
   /**
@@ -112,15 +113,17 @@ export class SurfaceValues {
   }
 
   /**
-   * The nearest point within reach that faces the same way; -1: none.
+   * The nearest point within reach that faces the same way, of the same face if there is one; -1: none.
+   * @param {number} face
    * @param {number[]} point
    * @param {number[]} normal
    */
-  #nearest(point, normal) {
-    const { order, starts, points, normals, layer, away } = this;
+  #nearest(face, point, normal) {
+    const { order, starts, points, normals, faceOf, layer, away } = this;
+    const most = layer.reach * layer.reach;
     const width = 2 * layer.reach;
     const first = point.map((each) => Math.floor(each / width - 0.5));
-    let [best, found] = [layer.reach * layer.reach, -1];
+    let [best, found] = [2 * most, -1];
     for (let cell = 0; cell < 8; cell++) {
       const at = this.#cell(first[0] + (cell & 1), first[1] + ((cell >> 1) & 1), first[2] + (cell >> 2));
       const from = /** @type {Int32Array} */ (starts);
@@ -128,9 +131,10 @@ export class SurfaceValues {
         const i = /** @type {Int32Array} */ (order)[k];
         let square = 0;
         for (let c = 0; c < 3; c++) square += (point[c] - points[3 * i + c]) ** 2;
-        if (square > best) continue;
         if (normals) for (let c = 0; c < 3; c++) square += (away * (normal[c] - normals[3 * i + c])) ** 2;
-        if (square > best) continue;
+        if (square > most) continue;
+        if (faceOf && faceOf[i] !== face) square += most;
+        if (square >= best) continue;
         best = square;
         found = i;
       }
