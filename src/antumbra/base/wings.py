@@ -29,6 +29,9 @@ PAGE = "antumbra.web.scene_page:make_page"
 CHECK_PAGE = "antumbra.web.page_export:check_scene"
 """The function that checks that a page can show a scene."""
 
+BAKED_PAGE = "antumbra.web.baked_page:baked_page"
+"""The function that makes the page of a bake."""
+
 SWEEP_SAH, TL_LBVH = "antumbra.lab.builders.sweep_sah:build", "antumbra.lab.builders.tl_lbvh:build"
 """Builders."""
 
