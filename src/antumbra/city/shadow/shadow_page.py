@@ -56,7 +56,7 @@ def _ground_data(scene: Scene, plan: NDArray[np.float64], shadow: Any) -> Memory
     east, north = plan[..., 0], plan[..., 1]
     vertices = np.stack([east, height, -north] if scene.up == "y" else [east, north, height], -1)
     unit = None if scene.data.given_unit is None else scene.data.given_unit.name
-    return Scene.from_arrays(vertices, name="ground", up=scene.up, crs=scene.crs, unit=unit).data
+    return cast(MemoryData, Scene.from_arrays(vertices, name="ground", up=scene.up, crs=scene.crs, unit=unit).data)
 
 
 def _bytes_of(colour: Any) -> tuple[int, int, int]:
