@@ -40,7 +40,7 @@ OF_COMMANDS = {
     "json": "output", "quiet": "output", "html": "output", "sheet": "output", "explain_plan": "output",
     "output": "results are returned, and have save()", "column": "Table.save takes it",
     "reciprocal": "ViewFactors.reciprocal", "map": "Table.save_map", "trees": "from_trees",
-    "shard": "keep", "ray": "keep", "merge": "keep",
+    "shard": "keep", "ray": "keep", "merge": "keep", "page": "Baked.page",
     "crs": "place", "latitude": "place", "longitude": "place", "north": "place", "timezone": "place",
     "light": "one of lights", "ao": "one of lights", "sky": "one of lights", "vpl": "some of lights",
     "observer": "one of observers", "target": "one of targets", "pairs": "shapes broadcast",
