@@ -1,4 +1,4 @@
-"""Build hook for platform wheels: compiles all kernels and adds them as shared libraries.
+"""Build hook for platform wheels: compiles all kernels and adds them as shared libraries, and the module of pages.
 
     HATCH_BUILD_HOOK_ENABLE_CUSTOM=1 pip wheel --no-deps -w dist .
 
@@ -29,7 +29,10 @@ TAGS = {
 
 
 class LibraryHook(BuildHookInterface):
-    """Adds the libraries of `antumbra.kernels.toolchain.library_build`, and tags the wheel for their system."""
+    """Adds the libraries of `antumbra.kernels.toolchain.library_build` and the module of `antumbra.web.kernel_linking`.
+
+    It tags the wheel for the system of the libraries.
+    """
 
     def initialize(self, version, build_data):
         if version == "editable":
@@ -39,10 +42,15 @@ class LibraryHook(BuildHookInterface):
             raise RuntimeError(f"there are no kernel libraries for {system}; choose {', '.join(TAGS)}")
         self._folder = tempfile.TemporaryDirectory()
         levels = os.environ.get("ANTUMBRA_LEVELS", "").replace(",", " ").split()
-        command = [sys.executable, "-m", "antumbra.kernels.toolchain.library_build", "--system", system]
-        command += ["--out", self._folder.name, *(word for level in levels for word in ("--level", level))]
-        subprocess.run(command, env=dict(os.environ, PYTHONPATH=str(Path(self.root) / "src")), check=True)
-        build_data["force_include"][self._folder.name] = "antumbra/kernels/libraries"
+        words = ["--system", system, *(word for level in levels for word in ("--level", level))]
+        for module, options, place in [
+            ("kernels.toolchain.library_build", words, "kernels/libraries"),
+            ("web.kernel_linking", [], "web/kernels"),
+        ]:
+            folder = Path(self._folder.name, place)
+            command = [sys.executable, "-m", f"antumbra.{module}", *options, "--out", str(folder)]
+            subprocess.run(command, env=dict(os.environ, PYTHONPATH=str(Path(self.root) / "src")), check=True)
+            build_data["force_include"][str(folder)] = f"antumbra/{place}"
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{TAGS[system]}"
 

@@ -119,8 +119,11 @@ def build_wheel(source: Source, out: Path, system: str | None = None) -> Package
 
 
 def compile_kernels(source: Source, systems: list[str]) -> None:
-    """Compile all kernels for some systems into the user's cache, on all cores."""
-    program = "import sys; from antumbra.kernels.toolchain.library_build import compile_for; compile_for(sys.argv[1:])"
+    """Compile all kernels for some systems, and those of pages, into the user's cache, on all cores."""
+    program = (
+        "import sys; from antumbra.kernels.toolchain.library_build import compile_for; compile_for(sys.argv[1:]); "
+        "from antumbra.web.kernel_linking import linked_module; linked_module()"
+    )
     env = environment_of(source, PYTHONPATH=str(source.root / "src"))
     run([sys.executable, "-c", program, *systems], "compiling kernels", env=env)
 

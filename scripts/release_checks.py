@@ -18,6 +18,7 @@ MAX_MEGABYTES = {"sdist": 40, "pure": 4, "platform": 20}
 """Largest size of each kind of package. PyPI refuses files above 100 MB."""
 
 _LIBRARIES, _DEVICES = "antumbra/kernels/libraries/", "devices/"
+_PAGES = "antumbra/web/kernels/"
 
 
 def check_package(package: Package, version: str) -> None:
@@ -82,14 +83,33 @@ def _check_libraries(archive: zipfile.ZipFile, name: str, system: str | None, ta
         data = archive.read(_LIBRARIES + library)
         if fault := header_fault(data, tag):
             raise ReleaseError(f"{name}: {library} cannot be released: {fault}")
-        if paths := re.findall(rb"/(?:home|root|tmp|work|Users)/[\w./-]+", data):
-            raise ReleaseError(f"{name}: {library} contains the path {paths[0].decode()}")
+        _check_paths(data, name, library)
     contents = json.loads(archive.read(_LIBRARIES + LIST))
     if contents["digest"] != _digest_inside(archive, contents["files"]):
         raise ReleaseError(f"{name}: its libraries are of other sources than those beside them")
     if len(contents["kernels"]) != len(package_manifest().kernels):
         raise ReleaseError(f"{name}: has {len(contents['kernels'])} kernels, not {len(package_manifest().kernels)}")
     _check_devices(archive, name, devices)
+    _check_pages(archive, name)
+
+
+def _check_paths(data: bytes, name: str, file: str) -> None:
+    """Check that a file contains no path of the machine that built it."""
+    if paths := re.findall(rb"/(?:home|root|tmp|work|Users)/[\w./-]+", data):
+        raise ReleaseError(f"{name}: {file} contains the path {paths[0].decode()}")
+
+
+def _check_pages(archive: zipfile.ZipFile, name: str) -> None:
+    """Check that there is the module of pages, of the sources in the wheel."""
+    from antumbra.kernels.toolchain.kernel_library import LIST, MODULE
+
+    found = {each.removeprefix(_PAGES) for each in archive.namelist() if each.startswith(_PAGES)}
+    if found != {MODULE, LIST}:
+        raise ReleaseError(f"{name}: has {sorted(found)} for pages, not {sorted((MODULE, LIST))}")
+    _check_paths(archive.read(_PAGES + MODULE), name, MODULE)
+    contents = json.loads(archive.read(_PAGES + LIST))
+    if contents["digest"] != _digest_inside(archive, contents["files"]):
+        raise ReleaseError(f"{name}: its kernels of pages are of other sources than those beside them")
 
 
 def _check_devices(archive: zipfile.ZipFile, name: str, found: set[str]) -> None:
@@ -123,7 +143,7 @@ def check_same_sources(wheels: list[Path]) -> None:
     contents = []
     for path in wheels:
         with zipfile.ZipFile(path) as archive:
-            own = _LIBRARIES, ".dist-info/RECORD", ".dist-info/WHEEL"
+            own = _LIBRARIES, _PAGES, ".dist-info/RECORD", ".dist-info/WHEEL"
             names = [name for name in archive.namelist() if not any(part in name for part in own)]
             contents.append({name: archive.getinfo(name).CRC for name in names})
     for path, each in zip(wheels, contents):

@@ -83,6 +83,8 @@ def picture_of_sources(source: Source, folder: Path) -> bytes:
 def try_package(package: Path, extra: str, python: Path | str, work: Path, expected: bytes) -> Trial:
     """Install a package in a bare environment in `work`, and render the default picture; it must be the expected one.
 
+    A wheel with kernels must also write a page.
+
     extra : "" for a wheel with kernels: it must do without the packages of extras and without the user's cache
     """
     work.mkdir()
@@ -98,6 +100,18 @@ def try_package(package: Path, extra: str, python: Path | str, work: Path, expec
         raise ReleaseError(f"{name}: its picture differs from that of the sources")
     if list(cache.rglob("*.kernel")):
         raise ReleaseError(f"{name}: lacks kernels of the default picture")
+    if not extra:
+        words = [
+            environment.python,
+            "-m",
+            "antumbra",
+            "page",
+            "procedural:atrium?triangles=100",
+            "-q",
+            "-o",
+            "page.html",
+        ]
+        run(words, f"{name}: antumbra page", work, clean_environment(ANTUMBRA_CACHE=str(cache)))
     return Trial(name, environment, version_of(environment.python), seconds)
 
 

@@ -1,12 +1,12 @@
-"""``{live} NAME``: a 3D view of a model of `scripts/live_models.py`, with a slider of the sun.
+"""``{live} NAME``: a page with exact shadows of `scripts/live_pages.py`, which is made when the site is built.
 
-Its options are `image`, which is shown without WebGL 2 or JavaScript, and `alt`; its content is the caption. The model
-is baked when the site is built.
+Its option `alt` says what is to be seen; its content is the caption.
 """
 
+from html import escape
 from pathlib import Path
 
-import live_models
+import live_pages
 from docutils import nodes
 from docutils.parsers.rst import directives
 from sphinx.util.docutils import SphinxDirective
@@ -14,35 +14,33 @@ from sphinx.util.docutils import SphinxDirective
 FOLDER = "_static/live"
 
 
-class LiveView(SphinxDirective):
-    """A figure that docs/_static/live.js turns into a 3D view."""
+class LivePage(SphinxDirective):
+    """A figure with a page in a frame, which is loaded when it comes into view."""
 
     required_arguments = 1
     has_content = True
-    option_spec = {"image": directives.unchanged_required, "alt": directives.unchanged_required}  # noqa: RUF012
+    option_spec = {"alt": directives.unchanged_required}  # noqa: RUF012
 
     def run(self):
         (name,) = self.arguments
-        if name not in live_models.SCENES:
-            raise self.error(f"no live model {name!r}; there are {', '.join(live_models.SCENES)}")
-        self.env.note_dependency(live_models.__file__)
-        up = "../" * self.env.docname.count("/")
-        start = f'<figure class="live" data-name="{name}" data-model="{up}{FOLDER}/{name}.js">'
-        image = nodes.image(uri=self.options["image"], alt=self.options["alt"])
+        if name not in live_pages.PAGES:
+            raise self.error(f"no live page {name!r}; there are {', '.join(live_pages.PAGES)}")
+        self.env.note_dependency(live_pages.__file__)
+        source = f"{'../' * self.env.docname.count('/')}{FOLDER}/{name}.html"
+        frame = f'<iframe src="{source}" title="{escape(self.options["alt"])}" loading="lazy"></iframe>'
         caption = nodes.paragraph("", "", *self.state.inline_text(" ".join(self.content), self.lineno)[0])
-        end = f'</figure><script defer src="{up}_static/live.js"></script>'
-        html = (nodes.raw("", text, format="html") for text in (start, end))
-        return [next(html), image, caption, next(html)]
+        start, end = (nodes.raw("", text, format="html") for text in (f'<figure class="live">{frame}', "</figure>"))
+        return [start, caption, end]
 
 
-def write_models(app, exception) -> None:
-    """Bake the models once the site is built."""
+def write_pages(app, exception) -> None:
+    """Make the pages once the site is built."""
     if exception is None and app.builder.format == "html":
-        for name in live_models.SCENES:
-            live_models.write(name, Path(app.outdir, FOLDER, f"{name}.js"))
+        for name in live_pages.PAGES:
+            live_pages.write(name, Path(app.outdir, FOLDER, f"{name}.html"))
 
 
 def setup(app):
-    app.add_directive("live", LiveView)
-    app.connect("build-finished", write_models)
+    app.add_directive("live", LivePage)
+    app.connect("build-finished", write_pages)
     return {"parallel_read_safe": True}

@@ -40,7 +40,7 @@ OF_COMMANDS = {
     "json": "output", "quiet": "output", "html": "output", "sheet": "output", "explain_plan": "output",
     "output": "results are returned, and have save()", "column": "Table.save takes it",
     "reciprocal": "ViewFactors.reciprocal", "map": "Table.save_map", "trees": "from_trees",
-    "shard": "keep", "ray": "keep", "merge": "keep",
+    "shard": "keep", "ray": "keep", "merge": "keep", "page": "Baked.page",
     "crs": "place", "latitude": "place", "longitude": "place", "north": "place", "timezone": "place",
     "light": "one of lights", "ao": "one of lights", "sky": "one of lights", "vpl": "some of lights",
     "observer": "one of observers", "target": "one of targets", "pairs": "shapes broadcast",
@@ -121,7 +121,7 @@ ANYTHING = {  # any text names something, or a file that may be missing
     "output", "html", "sheet", "epw", "crs", "host", "merge", "observers", "targets", "sparse", "bits", "matrix",
     "counts", "city_output", "column", "camera", "light", "timezone", "plot", "attribute",
     "allow_host", "trees", "map", "points", "polygon", "object", "surfaces", "polygons", "hours", "modules", "line",
-    "turbines", "add", "title", "credits",
+    "turbines", "add", "title", "credits", "page",
 }  # fmt: skip
 """Options whose messages name the value, not the option."""
 NO_VALUES = "merge", "warmup", "plans", "scenes", "formats"

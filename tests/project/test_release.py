@@ -194,9 +194,22 @@ def test_a_platform_wheel_needs_ptx_and_spirv_of_each_kernel_of_devices(tmp_path
     assert "has 1 kernels of devices, not 0" in fault(tmp_path, whole)
 
 
+@needs_hatchling
+def test_a_platform_wheel_needs_the_kernels_of_pages(tmp_path, monkeypatch):
+    monkeypatch.setattr(kernel_manifest, "package_manifest", lambda: kernel_manifest.KernelManifest([], {}, []))
+    none = hashlib.blake2b(digest_size=16).hexdigest()
+    names = [f"{LIBRARIES}kernels.json", f"{LIBRARIES}devices/kernels.json"]
+    module, listing = "antumbra/web/kernels/kernels.wasm", "antumbra/web/kernels/kernels.json"
+    whole = {name: listed({}, none) for name in names} | {module: b"a", listing: listed({}, none)}
+    assert "has ['kernels.json'] for pages" in fault(tmp_path, whole | {module: None})
+    assert "kernels.wasm contains the path /home/a.c" in fault(tmp_path, whole | {module: b"\0/home/a.c\0"})
+    assert "its kernels of pages are of other sources" in fault(tmp_path, whole | {listing: listed({})})
+
+
 def test_wheels_have_the_same_sources(tmp_path):
     first = write_wheel(tmp_path, CODE)
-    second = write_wheel(tmp_path, CODE | {"antumbra/kernels/libraries/a.so": b"a"}, "py3-none-win_arm64")
+    own = {f"antumbra/{name}": b"a" for name in ("kernels/libraries/a.so", "web/kernels/kernels.wasm")}
+    second = write_wheel(tmp_path, CODE | own, "py3-none-win_arm64")
     checks.check_same_sources([first, second])
     third = write_wheel(tmp_path, {"antumbra/__init__.py": b"x = 2\n"}, "py3-none-win_amd64")
     with pytest.raises(build.ReleaseError, match=r"win_amd64.whl: its antumbra/__init__.py differs"):

@@ -1,13 +1,15 @@
 """Tests over kernels in WebAssembly: ``ANTUMBRA_TEST_KERNELS=wasm32 pytest tests/trace``.
 
 The module that releases ship runs in wasmtime. Its memory lies at a multiple of 4 GiB in this process, and NumPy
-allocates arrays in it, so the low half of an array's address is its address in WebAssembly. Arrays elsewhere, such as
-mapped files, are copied in and out. Each thread has an instance of its own over the same memory, with its own stack.
+allocates arrays in it, in all threads, so the low half of an array's address is its address in WebAssembly. Arrays
+elsewhere, such as mapped files, are copied in and out; unpickled ones are copied in when they are read. Each thread has
+an instance of its own over the same memory, with its own stack.
 
-Kernels that find an array by an address alone need one that lies in this memory. What other threads allocate, or what
-is unpickled, does not, so tests of threads and pickles in `tests/engine` and textures in `tests/picture` fail here.
+Kernels that find an array by an address alone need one that lies in this memory. Textures do not, so tests of them in
+`tests/picture` fail here.
 """
 
+import copyreg
 import ctypes
 import mmap
 import os
@@ -279,11 +281,37 @@ def install() -> None:
     kernels, native = WasmKernels(Path(os.environ[FOLDER])), jit.hooks.find
     jit.hooks = jit.hooks._replace(find=lambda function, key: kernels.find(function, key, native))
     _installed.append(kernels)
+    _allocate_inside(kernels.heap)
     # what kernels find by addresses alone: arrays of rays, mapped files, buffers of a store's chunks
     for module in ray_list, all_hits:
         module.address_of = _address_inside
     array_files.np = SimpleNamespace(**vars(np) | {"memmap": _read_file})
     system_resources.mmap = SimpleNamespace(mmap=lambda _, size: np.empty(size, np.uint8), PAGESIZE=mmap.PAGESIZE)
+
+
+def _allocate_inside(heap: _NumpyHeap) -> None:
+    """Let NumPy allocate in WebAssembly's memory in all threads, and for arrays that are unpickled."""
+    start = threading.Thread.start
+
+    def start_inside(thread: threading.Thread) -> None:
+        run = thread.run
+
+        def run_inside() -> None:
+            heap.use()
+            run()
+
+        thread.run = run_inside  # type: ignore[method-assign]
+        start(thread)
+
+    threading.Thread.start = start_inside  # type: ignore[method-assign]
+    copyreg.pickle(np.ndarray, lambda array: (_unpickled, array.__reduce__()))
+
+
+def _unpickled(make: Callable[..., np.ndarray], arguments: tuple[Any, ...], state: Any) -> np.ndarray:
+    """An array of its own, since NumPy's would lie in the bytes of the pickle."""
+    array = make(*arguments)
+    array.__setstate__(state)
+    return array.copy(order="K")
 
 
 _inside: dict[int, np.ndarray] = {}  # copies of arrays that lie elsewhere, by the arrays' ids

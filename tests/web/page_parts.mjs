@@ -7,12 +7,20 @@ const { sunAngles } = await import(pathToFileURL(`${modules}/../module/sun_posit
 const { offsetAt, midnight, daysAfter } = await import(pathToFileURL(`${modules}/sun.mjs`));
 const { unpack } = await import(pathToFileURL(`${modules}/unpack.mjs`));
 const { WORDS } = await import(pathToFileURL(`${modules}/words.mjs`));
+const { colourOf, textOf } = await import(pathToFileURL(`${modules}/layer.mjs`));
+const { SurfaceValues } = await import(pathToFileURL(`${modules}/surface_values.mjs`));
 
 const calls = {
   angles: ({ place, seconds }) => seconds.map((second) => Object.values(sunAngles(place, second))),
   offsets: ({ place, seconds }) => seconds.map((second) => offsetAt(place, second)),
   midnights: ({ place, days }) => days.map((day) => [midnight(place, day), midnight(place, daysAfter(day, 1))]),
   words: () => WORDS,
+  colours: ({ scale, values }) => values.map((value) => colourOf(scale, value)),
+  texts: ({ scale, values }) => values.map((value) => textOf(scale, value, "en")),
+  values: ({ layer, arrays, hits }) => {
+    const surface = new SurfaceValues(layer, arrays);
+    return hits.map(({ face, point, normal }) => surface.at(face, point, normal));
+  },
   columns: async ({ data, columns }) => {
     const arrays = await unpack(data, columns, () => {});
     for (const [name, array] of Object.entries(arrays)) writeFileSync(`${folder}/${name}`, array);

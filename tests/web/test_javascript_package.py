@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.web.javascript_package import ENTRY, called_kernels
+from antumbra.web.javascript_package import ENTRY
+from antumbra.web.kernel_linking import called_kernels
 from scene_in_node import HITS, MESHES, NODE, Asked, grid, without_node
 
 pytestmark = without_node

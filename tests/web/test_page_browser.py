@@ -174,3 +174,36 @@ def test_a_page_without_a_place_sets_the_sun_by_hand_on_a_phone_in_german(chromi
     assert "Höhe der Sonne" in opened.page.locator(".controls").inner_text()
     wide = opened.page.evaluate("document.documentElement.scrollWidth")
     assert wide <= 390 and opened.faults == []
+
+
+def test_a_page_of_a_result_tells_its_numbers_and_lets_them_be_hidden(chromium, written, tmp_path):
+    scene, _ = written
+    table = at.sun_hours(scene, "face", DAY, place=PLACE, step=60)
+    camera = at.Camera((10.0, -90.0, 80.0), (5.0, 5.0, 0.0), (0.0, 0.0, 1.0), vfov=45.0)
+    table.page(tmp_path / "sun.html", camera=camera)
+    opened = Opened(chromium, tmp_path / "sun.html")
+    opened.page.wait_for_selector("#proof[data-wrong='0']")
+    found = []
+    for place in (0.4, 0.5), (0.3, 0.8), (0.51, 0.36):
+        sentence, point, normal, _ = opened.click(*place)
+        start = point + scene.origin + normal
+        face = int(scene.closest_hit(start[None], -normal[None]).face[0])
+        found.append(float(opened.page.locator("#answer").get_attribute("data-value")))
+        assert found[-1] == table["sun_hours"][face]
+        assert sentence.startswith(f"Hours of direct sun: {found[-1]:g} h.")
+    assert len(set(found)) > 1
+    painted = opened.page.locator("#picture").screenshot()
+    opened.page.locator("#painted").uncheck()
+    opened.page.wait_for_timeout(1500)
+    assert opened.page.locator("#picture").screenshot() != painted
+    assert opened.page.locator("#legend").inner_text().startswith("Hours of direct sun (h)")
+    assert opened.faults == []
+
+
+def test_a_notebook_shows_a_page_in_a_frame_that_cannot_reach_it(chromium, written, tmp_path):
+    page = written[0].page(place=PLACE, when=DAY)
+    (tmp_path / "notebook.html").write_text(f"<!doctype html><body>{page._repr_html_()}", encoding="utf-8")
+    opened = Opened(chromium, tmp_path / "notebook.html")
+    frame = opened.page.frame_locator("iframe")
+    frame.locator("#proof[data-wrong='0']").wait_for()
+    assert opened.faults == [] and "allow-same-origin" not in page._repr_html_()

@@ -8,15 +8,17 @@ from contextlib import ExitStack
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import NamedTuple, ParamSpec
+from typing import Any, NamedTuple, ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base import wings
 from ..base.checks import choice
 from ..base.files import atomic_output, checked_output
 from ..base.option_fields import Given, with_keywords
 from ..base.progress import PhaseClock, Progress, with_progress
+from ..engine.scene import Scene
 from ..engine.scene_loading import SceneLike
 from ..formats.format_registry import GLB
 from ..formats.gltf.gltf_asset import Asset
@@ -34,7 +36,7 @@ from .baked_textures import (
     save_float_exr,
     set_texture,
 )
-from .baked_values import Texels, image_of, replace_hidden, sheet_notes, vertex_receivers
+from .baked_values import Texels, faces_of, image_of, replace_hidden, sheet_notes, vertex_receivers
 from .base_colours import BaseColours
 from .gltf_primitives import (
     NodePrimitive,
@@ -56,6 +58,14 @@ _P = ParamSpec("_P")
 # --- Report -----------------------------------------------------------------------------------------------------------
 
 
+class BakedVertices(NamedTuple):
+    """The values of a bake at the corners of the faces of its scene."""
+
+    scene: Scene
+    values: np.ndarray  # (v, c) float32: of all parts, as measured
+    corners: np.ndarray  # (faces, 3) int64: rows of `values`
+
+
 class Baked(NamedTuple):
     """The report of `antumbra.bake`."""
 
@@ -72,6 +82,7 @@ class Baked(NamedTuple):
     seam: float | None  # 99th percentile of the difference across seams, over the mean; None: no texture, or no seams
     seconds: dict[str, float]  # per phase: read, unwrap, trace, write
     notes: tuple[str, ...] = ()  # what the file loses, and how to keep it
+    vertices: BakedVertices | None = None  # what a page shows; None for a texture
 
     def summary(self) -> Summary:
         """What was baked, and the time of each phase."""
@@ -84,7 +95,30 @@ class Baked(NamedTuple):
         lines += [] if self.seam is None else [("seams", seam_words(self.seam))]
         lines.append(("rays", f"{self.rays:,}, {self.rays / trace / 1e6:.1f} million per second"))
         lines.append(("time", ", ".join(f"{name} {duration(s)}" for name, s in self.seconds.items())))
-        return Summary(self._asdict(), lines)
+        return Summary({name: each for name, each in self._asdict().items() if name != "vertices"}, lines)
+
+    def page(self, path: str | PathLike[str] | None = None, **options: Any) -> Any:
+        """Make a page of the scene, which any browser opens offline, with the values at vertices in colours.
+
+        Of light and of bent normals, it shows the luminance and the height.
+
+        Parameters
+        ----------
+        path : str or path-like, optional
+            An .html file. None: the page is only returned, for a notebook.
+        **options
+            As in `antumbra.Scene.page`.
+
+        Returns
+        -------
+        Page
+
+        Raises
+        ------
+        InputError
+            As `antumbra.Scene.page` does; or if a texture was baked.
+        """
+        return wings.named(wings.BAKED_PAGE)(self, path, options)
 
 
 # --- Baking into textures ---------------------------------------------------------------------------------------------
@@ -234,6 +268,7 @@ def bake_vertices(
         seam=None,
         seconds=clock.seconds,
         notes=tuple(notes),
+        vertices=BakedVertices(scene, values, faces_of(parts).faces),
     )
 
 

@@ -54,7 +54,7 @@ def replace_hidden(
         candidates = np.flatnonzero(may_be_hidden(values, meter))
         hidden = candidates[solids.contain(receivers.at(candidates))]
         if len(hidden):
-            _replace(values, hidden, receivers, _faces_of(parts), meter, solids)
+            _replace(values, hidden, receivers, faces_of(parts), meter, solids)
     return len(hidden)
 
 
@@ -69,7 +69,8 @@ def may_be_hidden(values: NDArray[np.float32], meter: Meter) -> NDArray[np.bool_
     return np.asarray((values <= 1.0 / meter.settings.spp).all(-1))
 
 
-def _faces_of(parts: Sequence[NodePrimitive]) -> AllFaces:
+def faces_of(parts: Sequence[NodePrimitive]) -> AllFaces:
+    """The faces of all parts, which are those of the scene, in order."""
     starts = np.cumsum([0, *(len(p.positions) for p in parts)])
     vectors = np.concatenate([face_vectors(p.positions, p.faces) * p.sign for p in parts])
     areas = np.linalg.norm(vectors, axis=1)

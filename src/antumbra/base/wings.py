@@ -1,4 +1,4 @@
-"""What the wings, `city` and `lab`, add to the core: named here, and imported when it is first used.
+"""What the wings, `city`, `lab` and `web`, add to the core: named here, and imported when it is first used.
 
 The core imports no wing, also not inside functions. Its registries read these places instead, so that without a wing
 they would just be shorter. Commands are named in the table of commands, and public names in that of the package.
@@ -25,6 +25,15 @@ PARSE_SHEET = "antumbra.city.sheets.sheet_options:parse_sheet"
 
 RULES = "antumbra.city.sun.daylight_rules:RULES"
 """The daylight rules, by name."""
+
+PAGE = "antumbra.web.scene_page:make_page"
+"""The function that makes the page of a scene."""
+
+CHECK_PAGE = "antumbra.web.page_export:check_scene"
+"""The function that checks that a page can show a scene."""
+
+BAKED_PAGE = "antumbra.web.baked_page:baked_page"
+"""The function that makes the page of a bake."""
 
 SWEEP_SAH, TL_LBVH = "antumbra.lab.builders.sweep_sah:build", "antumbra.lab.builders.tl_lbvh:build"
 """Builders."""

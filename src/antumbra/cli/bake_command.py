@@ -65,6 +65,14 @@ class BakeCommand(StudyCommand[BakeOptions, "Baked"]):
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The .glb file to write.", metavar="FILE", callback=writes(".glb"))
     ]
+    page: Annotated[
+        Path | None,
+        typer.Option(
+            help="A page with the values at vertices in colours, .html, which any browser opens offline.",
+            metavar="FILE",
+            callback=writes(".html"),
+        ),
+    ] = None
     vertex: Annotated[
         bool, typer.Option("--vertex", help="Bake values at vertices (the default)."), ListedBefore("attribute")
     ] = False
@@ -84,6 +92,8 @@ class BakeCommand(StudyCommand[BakeOptions, "Baked"]):
         self.refuse_changes("a bake keeps everything else in the file; change the file itself")
         if self.vertex and self.options.texture is not None:
             raise InputError("--vertex and --texture exclude each other; leave one of them out")
+        if self.page is not None and self.options.texture is not None:
+            raise InputError("--page shows values at vertices; leave --texture out")
         if self.sky is not None and self.options.what != "light":
             raise InputError("--sky belongs to --what light; leave it out")
         replace(self.options, lights=[light for light in self._lights() if not isinstance(light, int)] or None)
@@ -120,7 +130,7 @@ class BakeCommand(StudyCommand[BakeOptions, "Baked"]):
         return [light for light in lights if not isinstance(light, Sky)] + sky
 
     def writers(self, result: "Baked", scenes: Scenes) -> Writers:
-        return {}  # the study has written the files
+        return {"page": result.page}  # the study has written the other files
 
     def summary(self, result: "Baked", scenes: Scenes, seconds: float) -> Summary:
         return result.summary()

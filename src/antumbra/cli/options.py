@@ -31,7 +31,7 @@ from .scene_arguments import SceneArguments
 # forget the check. Commands check only what depends on other arguments, such as a default name.
 
 
-TABLES = ".csv", ".parquet", ".gpkg", ".json", ".npz", ".png", ".glb", ".tif"
+TABLES = ".csv", ".parquet", ".gpkg", ".json", ".npz", ".png", ".glb", ".html", ".tif"
 """Suffixes of table files, as in `city.tables.result_table.WRITERS`, which is slow to import."""
 
 Callback = Callable[[typer.Context, Any], Any]

@@ -278,6 +278,8 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
             scenes = run.open(spec, trees, self.needs_memory, self.in_both_states)
             if sheet is not None:
                 self.check_sheet(sheet, scenes)
+            if any(path.suffix.lower() == ".html" for name in ("output", "page") for path in self.paths(name)):
+                wings.named(wings.CHECK_PAGE)(scenes.planted)
             result = run.timed(self.work_of_states(scenes, executor))
             if result is None:
                 return report_shard(executor, self, run.seconds)

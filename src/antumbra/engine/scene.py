@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..base import wings
 from ..base.checks import choice, whole_number
 from ..base.forks import free_lock, renew_after_fork
 from ..formats.instance_arrays import data_of_instances
@@ -279,6 +280,54 @@ class AnyScene(RayQueries):
     def default_light(self) -> QuadLight:
         """A single light: a `QuadLight` above the scene, as wide as the radius of its bounding sphere."""
         return camera_module.default_light(self.bounds, self.up)
+
+    def page(
+        self,
+        path: Any = None,
+        *,
+        title: str | None = None,
+        when: Any = None,
+        place: Any = None,
+        credits: str = "",
+        language: str = "en",
+        camera: Camera | None = None,
+        time: float = 0.0,
+    ) -> Any:
+        """Make a page with exact shadows, which any browser opens offline, as ``antumbra page`` does.
+
+        Parameters
+        ----------
+        path : str or path-like, optional
+            An .html file. None: the page is only returned, for a notebook.
+        title : str, optional
+            None: the name of the scene.
+        when : str, date or datetime, optional
+            Day, or local day and time, of the first picture, such as "2026-06-21T15:30". None: today, 14:00.
+        place : Place, optional
+            None: the place of the CRS; without one, the sun is set by hand.
+        credits : str
+            Author and licence of the model, below the picture.
+        language : str
+            "en" or "de".
+        camera : Camera, optional
+            The first view, perspective. None: the default view.
+        time : float
+            Seconds into the animation. Pages do not move.
+
+        Returns
+        -------
+        Page
+            The text is its ``html``; notebooks show it in a frame.
+
+        Raises
+        ------
+        InputError
+            If the scene is in a store, has more than 2 million triangles or holes, or lets light pass; if an argument
+            is invalid, or the file cannot be written.
+        """
+        make = wings.named(wings.PAGE)
+        keywords = {"title": title, "when": when, "place": place, "credits": credits, "language": language}
+        return make(self, path, camera=camera, time=time, **keywords)
 
     def _repr_html_(self) -> str:
         """A summary table for notebooks."""

@@ -12,51 +12,12 @@ import sys
 from pathlib import Path
 
 from ..base.errors import InputError
-from ..base.extras import import_extra
-from ..kernels.toolchain.compile_pool import KernelRequest
-from ..kernels.toolchain.kernel_library import LibraryKernel
-from ..kernels.toolchain.kernel_manifest import package_manifest
-from ..kernels.toolchain.library_build import compile_for, link_library
+from ..kernels.toolchain.kernel_library import LIST, MODULE
 from ..version import VERSION
+from .kernel_linking import SOURCES
+from .kernel_module import kernel_module
 
-SOURCES = Path(__file__).parent / "module"
 ENTRY = "antumbra.mjs"
-SYSTEM, LEVEL = "wasm32", "simd128"
-_CALLED = re.compile(r'"(antumbra(?:\.\w+)+:\w+)"')  # names of kernels in the modules
-_OTHER_WINGS = re.compile(r"antumbra\.(?:lab|city|techniques)\.")  # methods that the modules do not offer
-
-
-def called_kernels() -> list[KernelRequest]:
-    """The recorded kernels that the modules call by name.
-
-    Raises
-    ------
-    RuntimeError
-        If one is not recorded.
-    """
-    names = {name for path in SOURCES.glob("*.mjs") for name in _CALLED.findall(path.read_text(encoding="utf-8"))}
-    found = [each for each in package_manifest().kernels if each.kernel in names and not _OTHER_WINGS.search(each.key)]
-    missing = sorted(names - {each.kernel for each in found})
-    if missing:
-        raise RuntimeError(f"{', '.join(missing)}: not recorded; run scripts/record_kernels.py, or correct the name")
-    return found
-
-
-def link_kernels(path: Path) -> dict[str, LibraryKernel]:
-    """Compile and link the kernels that the modules call, and return the list that names them.
-
-    path : of the module of WebAssembly; its folder is made if it does not exist
-
-    Raises
-    ------
-    InputError, RuntimeError
-        As for `build_package`.
-    """
-    import_extra("ziglang", "linking kernels", "build")
-    requests = called_kernels()
-    compile_for([SYSTEM], [LEVEL], requests)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return link_library(SYSTEM, LEVEL, requests, path)
 
 
 def build_package(out: Path) -> list[Path]:
@@ -65,12 +26,14 @@ def build_package(out: Path) -> list[Path]:
     Raises
     ------
     InputError
-        If the linker is not installed.
+        If the kernels have to be linked, and the linker is not installed.
     RuntimeError
         If a kernel is unknown, or cannot be compiled or linked.
     """
-    kernels = link_kernels(out / "kernels.wasm")
-    (out / "kernels.json").write_text(json.dumps({"version": VERSION, "kernels": kernels}, separators=(",", ":")))
+    module = kernel_module()
+    out.mkdir(parents=True, exist_ok=True)
+    (out / MODULE).write_bytes(module.wasm)
+    (out / LIST).write_text(json.dumps({"version": VERSION, "kernels": module.kernels}, separators=(",", ":")))
     for path in (*SOURCES.glob("*.mjs"), SOURCES / "README.md"):
         shutil.copyfile(path, out / path.name)
     (out / "package.json").write_text(json.dumps(_package_file(), indent=2) + "\n")

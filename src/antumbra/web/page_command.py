@@ -1,7 +1,7 @@
 """``antumbra page``: a scene as one HTML file with exact shadows."""
 
 from dataclasses import dataclass
-from datetime import date, datetime, time
+from datetime import date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from ..engine.scene import AnyScene
     from ..sun.location import Place
 
-_NOON = time(14)  # of the first picture
 _SIZE = 1280, 800  # for which the first view is framed
 
 
@@ -91,12 +90,14 @@ def page(args: PageArguments) -> int:
       antumbra page example:hills --title Hills --credits "Example scene, CC0"
     """
     spec = args.spec_of(args.scene)
-    when = _when_of(args.date)
     camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
     position = position_of(args)
     path = args.output or checked_output(Path(f"{spec.stem}.html"), (".html",))
 
     from .page_export import PageOptions, check_scene, write_page
+    from .scene_page import NOON, local_time
+
+    when = datetime.combine(date.today(), NOON) if args.date is None else local_time(args.date, "--date")
 
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
@@ -117,19 +118,6 @@ def page(args: PageArguments) -> int:
             say("note: times are in the whole-hour zone of the longitude, without summer time; give --timezone")
         print(f"{path}  {report.triangles:,} triangles, {report.size / 1e6:.2f} MB", flush=True)
     return 0
-
-
-def _when_of(text: str | None) -> datetime:
-    """The local time of an option."""
-    if text is None:
-        return datetime.combine(date.today(), _NOON)
-    try:
-        when = datetime.fromisoformat(text)
-    except ValueError:
-        when = None
-    if when is None or when.tzinfo is not None or not 1900 <= when.year <= 2199:
-        raise InputError(f"--date {text[:40]!r} is not a day; write 2026-06-21, or 2026-06-21T15:30 in local time")
-    return when if len(text) > len("2026-06-21") else datetime.combine(when.date(), _NOON)
 
 
 def _place_of(scene: "AnyScene", position: dict[str, Any]) -> "Place | None":

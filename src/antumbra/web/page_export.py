@@ -18,15 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
-from ..base.files import atomic_output, temporary_folder
+from ..base.files import atomic_output
 from ..engine.scene import AnyScene
 from ..scene.camera import Camera
 from ..scene.triangles import Triangles
 from ..sun.location import Place
 from ..version import VERSION
 from ..work.scene_records import scene_digest
-from .javascript_package import link_kernels
+from .kernel_module import kernel_module
 from .page_source import PAGE, page_program
+from .value_layer import ValueLayer
 
 MOST_TRIANGLES = 2_000_000
 PROOF_RAYS = 2000
@@ -145,7 +146,12 @@ def check_scene(scene: AnyScene) -> None:
 
 
 def write_page(
-    scene: AnyScene, path: Path, options: PageOptions, camera: Camera | None = None, time: float = 0.0
+    scene: AnyScene,
+    path: Path,
+    options: PageOptions,
+    camera: Camera | None = None,
+    time: float = 0.0,
+    layer: ValueLayer | None = None,
 ) -> PageReport:
     """Write a scene as one HTML file that needs nothing else.
 
@@ -158,6 +164,8 @@ def write_page(
         The view that the page opens with, perspective. None: the scene's default view.
     time : float
         Seconds into the animation. Pages do not move.
+    layer : ValueLayer or None
+        Numbers that the surfaces show as colours.
 
     Raises
     ------
@@ -165,15 +173,31 @@ def write_page(
         If the scene is in a store, has more than 2 million triangles, or lets light pass; if an option is invalid; if
         the linker is missing; or if the file cannot be written. An existing file then stays.
     """
+    html, report = page_html(scene, options, camera, time, layer)
+    with atomic_output(path) as temporary:
+        temporary.write_bytes(html)
+    return report
+
+
+def page_html(
+    scene: AnyScene,
+    options: PageOptions,
+    camera: Camera | None = None,
+    time: float = 0.0,
+    layer: ValueLayer | None = None,
+) -> tuple[bytes, PageReport]:
+    """The text of a page, in UTF-8, and what it holds; parameters and errors as for `write_page`."""
     check_scene(scene)
     if options.language not in LANGUAGES:
         raise InputError(f"language is {options.language!r}; choose {' or '.join(LANGUAGES)}")
     triangles = scene.triangles(time)
     columns = Columns()
-    _add_geometry(columns, triangles, scene.data.object_of_face)
+    _add_geometry(columns, triangles, scene.data.object_of_face[triangles.face_id])
     _add_proof(columns, scene, triangles)
-    wasm, kernels = _kernels()
-    columns.add("wasm", np.frombuffer(wasm, np.uint8))
+    module = kernel_module()
+    columns.add("wasm", np.frombuffer(module.wasm, np.uint8))
+    for name, values in ({} if layer is None else layer.arrays(triangles)).items():
+        columns.add(name, values, step=values.dtype.kind == "i")
     digest = scene_digest(scene, time)
     view = camera or scene.default_camera(1280, 800, time=time)
     names = [each.parent or each.name for each in scene.objects]
@@ -189,20 +213,12 @@ def write_page(
         "minute": 60 * options.when.hour + options.when.minute,
         "angles": {"azimuth": 215, "altitude": 42},
         "objects": names if len(set(names)) > 1 else [],
-        "kernels": {"kernels": kernels},
+        "kernels": {"kernels": module.kernels},
+        "layer": None if layer is None else layer.about(),
         "columns": columns.listed,
     }
     html = _html(about, columns.packed().decode(), options)
-    with atomic_output(path) as temporary:
-        temporary.write_bytes(html)
-    return PageReport(len(triangles.vertices), len(html), digest)
-
-
-def _kernels() -> tuple[bytes, dict[str, Any]]:
-    """The module of kernels, and the list that names them."""
-    with temporary_folder() as folder:
-        listed = link_kernels(folder / "kernels.wasm")
-        return (folder / "kernels.wasm").read_bytes(), dict(listed)
+    return html, PageReport(len(triangles.vertices), len(html), digest)
 
 
 def _orbit_of(scene: AnyScene, triangles: Triangles, camera: Camera) -> dict[str, Any]:

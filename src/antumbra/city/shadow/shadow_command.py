@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ...work.executors import Executor
     from .shadow_polygons import Shadow
 
-_SUFFIXES = ".gpkg", ".geojson", ".parquet", ".tif"
+_SUFFIXES = ".gpkg", ".geojson", ".parquet", ".tif", ".html"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +48,7 @@ class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
     Outputs
       .gpkg .geojson .parquet    polygons with their area; GeoJSON in WGS 84
       .tif                       GeoTIFF of the cells
+      .html                      a page with the shadow on the scene, which any browser opens offline
       --map .pdf                 map sheet for a report, also .svg and .png
 
     \b

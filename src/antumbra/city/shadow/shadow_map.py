@@ -20,7 +20,7 @@ from ..tables.map_scale import range_scale
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_SHADOW, _CASTERS = "#3d4756", "#d8c6a8"
+_SHADOW, CASTERS = "#3d4756", "#d8c6a8"
 _CHANGES = {"new": "#b2182b", "gone": "#4393c3", "both": "#b9c0ca"}
 """Value of the column "change" -> colour."""
 _MOST_ROWS = 1000
@@ -53,7 +53,7 @@ def shadow_report(shadow: Any) -> Report:
 
 def _draw_map(shadow: Any, page: Page, fit: MapFit | None, sheet: Sheet) -> None:
     assert fit is not None
-    axes, groups, unit = page.axes(fit.layout.map), _groups(shadow), unit_of(shadow.about)
+    axes, groups, unit = page.axes(fit.layout.map), groups_of(shadow), unit_of(shadow.about)
     for group in groups:
         _draw_polygons(axes, group)
     if shadow.casters is not None:
@@ -68,12 +68,12 @@ def _draw_map(shadow: Any, page: Page, fit: MapFit | None, sheet: Sheet) -> None
     for group in groups:
         panel.key(group.colour, f"{group.name}: {area_text(group.area, unit)}")
     if shadow.casters is not None:
-        panel.key(_CASTERS, "casts it")
+        panel.key(CASTERS, "casts it")
     panel.next_part()
     panel.facts(shadow_facts(shadow))
 
 
-def _groups(shadow: Any) -> list[_Group]:
+def groups_of(shadow: Any) -> list[_Group]:
     """The classes of hours, or all polygons."""
     columns = shadow.columns
     if "change" in columns:
@@ -114,7 +114,7 @@ def _draw_casters(axes: "Axes", casters: np.ndarray) -> None:
     """Draw casters, (n, 3, 2) easting and northing, as pixels: they are too many triangles for vector output."""
     from matplotlib.collections import PolyCollection
 
-    style: dict[str, Any] = {"facecolors": _CASTERS, "edgecolors": _CASTERS, "linewidths": 0.2}
+    style: dict[str, Any] = {"facecolors": CASTERS, "edgecolors": CASTERS, "linewidths": 0.2}
     axes.add_collection(PolyCollection(list(casters), rasterized=True, **style))
 
 

@@ -10,6 +10,8 @@ from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...base.files import checked_output
 from ...engine.scene import AnyScene
+from ...web.kernel_module import kernel_module
+from ...web.scene_page import Page
 from ...work.result_summary import Summary, SummaryTable, heading, text_of
 from ..sheets.page import check_map
 from ..sheets.sheet import save_report
@@ -19,11 +21,12 @@ from ..tables.polygon_files import VECTORS, check_polygon_output, level_crs, wri
 from ..tables.qgis_style import VectorStyle, write_style
 from ..tables.result_table import Table, raster_style
 from .shadow_map import shadow_report
+from .shadow_page import plane_page
 
 if TYPE_CHECKING:
     import geopandas
 
-SUFFIXES = *VECTORS, ".tif"
+SUFFIXES = *VECTORS, ".tif", ".html"
 """Suffixes of the files that `Shadow.save` writes."""
 
 _LAYER = "shadow"
@@ -84,7 +87,8 @@ class Shadow(NamedTuple):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the polygons in the format of the suffix: .gpkg, .geojson or .parquet (GeoParquet).
 
-        .tif is a GeoTIFF of the cells. GeoJSON is in WGS 84 if the CRS is known. All formats need ``antumbra[gis]``.
+        .tif is a GeoTIFF of the cells, .html a `page`. GeoJSON is in WGS 84 if the CRS is known. All formats need
+        ``antumbra[gis]``.
         If the CRS is known, a .qml file beside it is the style in which QGIS opens it.
 
         Raises
@@ -94,6 +98,9 @@ class Shadow(NamedTuple):
         """
         target = check_shadow_output(path, self.table is not None)
         suffix = target.suffix.lower()
+        if suffix == ".html":
+            self.page(target)
+            return
         if suffix == ".tif":
             assert self.table is not None
             self.table.save(target)
@@ -130,6 +137,30 @@ class Shadow(NamedTuple):
         target, chosen = check_map(path), checked_sheet(sheet, title)
         save_report(target, shadow_report(self), chosen)
 
+    def page(self, path: str | os.PathLike[str] | None = None, **options: Any) -> Page:
+        """Make a page of the scene, which any browser opens offline, with the shadow in colours.
+
+        On a plane, the polygons lie on a ground, 1 cm above the plane; cells lie on the surfaces. The shadows of the
+        page itself, of any moment, are shown at the same time.
+
+        Parameters
+        ----------
+        path : str or path-like, optional
+            An .html file. None: the page is only returned, for a notebook.
+        **options
+            As in `antumbra.Scene.page`. The place and the moment, or the first day, are by default those of the study.
+
+        Returns
+        -------
+        Page
+
+        Raises
+        ------
+        InputError
+            As `antumbra.Scene.page` does.
+        """
+        return plane_page(self, path, options) if self.table is None else self.table.page(path, **options)
+
     def _write_style(self, path: Path) -> None:
         """Write the QGIS style of polygons and cells: classes of hours, or one colour."""
         columns, table = self.columns, self.table
@@ -154,5 +185,8 @@ def check_shadow_output(path: str | os.PathLike[str], raster: bool) -> Path:
         raise InputError(f"{target.name}: a GeoTIFF needs cells; give their size as cell, such as 1, or use .gpkg")
     if suffix == ".tif":
         import_extra("rasterio", suffix, "gis")
+        return target
+    if suffix == ".html":
+        kernel_module()
         return target
     return check_polygon_output(target)

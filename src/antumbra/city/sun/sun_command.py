@@ -56,6 +56,7 @@ class SunCommand(SensorStudy[SunOptions, "Table"]):
     Outputs
       .png            false-colour picture with a legend
       .glb            the model in these colours
+      .html           a page that any browser opens offline, with these colours and exact shadows
       .csv .parquet .json .npz    table with a row per sensor
       .tif            GeoTIFF, for raster sensors
       .gpkg           GeoPackage, a layer of points

@@ -1,7 +1,7 @@
 """Result tables: one row per sensor, columns with units, and a CRS; with writers for all output formats.
 
-The formats are CSV, JSON, NPZ, Parquet, GeoPackage, GeoTIFF, PNG and GLB. A writer takes a `Table`, the path, and the
-name of the column that pictures show. A style of QGIS is written beside files with a CRS.
+The formats are CSV, JSON, NPZ, Parquet, GeoPackage, GeoTIFF, PNG, GLB and HTML. A writer takes a `Table`, the path, and
+the name of the column that pictures show. A style of QGIS is written beside files with a CRS.
 """
 
 import io
@@ -26,6 +26,8 @@ from ...picture.image_files import save_png
 from ...scene.camera import Camera
 from ...scene.crs import checked_crs
 from ...scene.units import METRE
+from ...web.kernel_module import kernel_module
+from ...web.scene_page import Page, make_page
 from ..sensors.point_attributes import with_attributes
 from ..sensors.sensors import Sensors, check_on_scene
 from ..sheets.page import check_map
@@ -33,6 +35,7 @@ from ..sheets.sheet_options import Sheet, checked_sheet
 from .false_colours import coloured_model, false_colours
 from .map_legend import scale_of
 from .map_sheet import save_map
+from .page_layer import moment_in, place_in, table_layer
 from .qgis_style import RasterStyle, VectorStyle, write_style
 
 # --- Writers ----------------------------------------------------------------------------------------------------------
@@ -230,6 +233,10 @@ def _glb(table: "Table", path: Path, column: str) -> None:
         temporary.write_bytes(data)
 
 
+def _html(table: "Table", path: Path, column: str) -> None:
+    table.page(path, column)
+
+
 Writer: TypeAlias = "Callable[[Table, Path, str], None]"
 
 WRITERS: dict[str, Writer] = {
@@ -241,6 +248,7 @@ WRITERS: dict[str, Writer] = {
     ".tif": _tiff,
     ".png": _png,
     ".glb": _glb,
+    ".html": _html,
 }
 """Suffix -> writer(table, path, column)."""
 
@@ -265,6 +273,8 @@ def writer_of(path: str | os.PathLike[str], kind: str) -> Writer:
     if suffix in _EXTRA:
         package, extra = _EXTRA[suffix]
         import_extra(package, suffix, extra)
+    if suffix == ".html":
+        kernel_module()
     return WRITERS[suffix]
 
 
@@ -361,7 +371,7 @@ class Table:
 
         .csv, .json, .npz, .parquet and .gpkg hold all columns; .parquet is GeoParquet if the CRS is known, .gpkg a
         layer of points. .png is a false-colour picture with a legend, .glb a model in the same colours, .tif a GeoTIFF
-        of a raster. .parquet, .gpkg and .tif need ``antumbra[gis]``.
+        of a raster, .html a `page`. .parquet, .gpkg and .tif need ``antumbra[gis]``.
 
         Beside GeoParquet, GeoPackage and GeoTIFF, a .qml file is the style in which QGIS opens them: classes for yes
         and no, else colours up to the greatest value. A style there that was saved by QGIS stays.
@@ -370,7 +380,7 @@ class Table:
         ----------
         path : str or path-like
         column : str, optional
-            The column that a picture or model shows. None: the first one.
+            The column that a picture, model or page shows. None: the first one.
 
         Raises
         ------
@@ -409,6 +419,35 @@ class Table:
             scale, there are no rows, or matplotlib is missing.
         """
         save_map(self, check_map(path), self.shown(column), checked_sheet(sheet, title))
+
+    def page(self, path: str | os.PathLike[str] | None = None, column: str | None = None, **options: Any) -> Page:
+        """Make a page of the scene, which any browser opens offline, with a column in colours on its surfaces.
+
+        A click tells the value. The scale and its colours are those of `save_map`.
+
+        Parameters
+        ----------
+        path : str or path-like, optional
+            An .html file. None: the page is only returned, for a notebook.
+        column : str, optional
+            None: the first one.
+        **options
+            As in `antumbra.Scene.page`. The place, and the day of the first picture, are by default those of the study.
+
+        Returns
+        -------
+        Page
+
+        Raises
+        ------
+        InputError
+            As `antumbra.Scene.page` does; or if the table has no scene, or the column is unknown or not numeric.
+        """
+        name = self.shown(column)
+        if self.scene is None:
+            raise InputError("the table has no scene, which a page shows; give the table a scene")
+        given = {"place": place_in(self.about), "when": moment_in(self.about), "camera": self.camera} | options
+        return make_page(self.scene, path, layer=table_layer(self, name), **given)
 
     def shown(self, column: str | None) -> str:
         """The name of the column that a picture shows. Raises InputError if it is unknown or not numeric."""

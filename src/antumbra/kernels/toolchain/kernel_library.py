@@ -20,7 +20,9 @@ from typing import Any, NamedTuple
 from ..marshalling import NONE, ResultReader, Spec
 from ..processor import LIBRARIES, level, library_path
 
-LIST = "kernels.json"
+LIST, MODULE = "kernels.json", "kernels.wasm"
+"""Names of the list of a library, and of the module of WebAssembly."""
+
 PACKAGE = Path(__file__).parents[2]
 _SLACK = 120.0  # seconds within which an installer writes all files
 

@@ -145,7 +145,7 @@ LINKERS: dict[str, Linker | WasmLinker] = {
 
 
 @cache
-def _source_files(requests: tuple[KernelRequest, ...]) -> list[str]:
+def source_files(requests: tuple[KernelRequest, ...]) -> list[str]:
     """The files of the package in which kernels are defined, and those that say how kernels are called."""
     modules = {"antumbra.kernels.marshalling", "antumbra.kernels.jit"}
     for request in requests:
@@ -223,7 +223,7 @@ def build_libraries(system: str, out: Path, levels: Sequence[str] | None = None)
     import_extra("ziglang", "linking kernel libraries", "build")
     compile_for([system], levels)
     requests, levels = package_manifest().kernels, levels or SYSTEMS[system].levels
-    files, linker = _source_files(tuple(requests)), LINKERS[system]
+    files, linker = source_files(tuple(requests)), LINKERS[system]
     with temporary_folder() as work:
         contents, libraries = LibraryList(files, digest_of(PACKAGE, files), {}), list[Path]()
         for level in levels:
@@ -245,7 +245,7 @@ def build_libraries(system: str, out: Path, levels: Sequence[str] | None = None)
 def write_devices(folder: Path) -> None:
     """Write the code of all recorded kernels of devices, and their list, into a folder."""
     requests = package_manifest().devices
-    files = _source_files(tuple(requests))
+    files = source_files(tuple(requests))
     contents = LibraryList(files, digest_of(PACKAGE, files), {})
     folder.mkdir()
     for each in requests:

@@ -12,7 +12,10 @@ const FAILED = 3; // threads whose kernel trapped
 const FUNCTION = 4; // place of the kernel among the module's exports, in their order
 const ARGUMENTS = 5; // address of its arguments
 const PAGES = 6; // of memory
-export const CONTROL_WORDS = 7;
+const LENGTH = 7; // of the first failure's message, whose letters follow
+const MESSAGE = 8;
+const LETTERS = 200;
+export const CONTROL_WORDS = MESSAGE + LETTERS;
 
 const PAGE = 65536;
 
@@ -120,7 +123,10 @@ export class Helpers {
       Atomics.store(words, OPEN, 0);
       while (Atomics.load(words, BUSY) > 0); // the last items take microseconds
     }
-    if (Atomics.load(words, FAILED) > 0) throw new Error(`${symbol}: a thread failed in compiled code`);
+    if (Atomics.load(words, FAILED) > 0) {
+      const reason = String.fromCharCode(...words.subarray(MESSAGE, MESSAGE + words[LENGTH]));
+      throw new Error(`${symbol}: a thread failed in compiled code: ${reason}`);
+    }
     return status;
   }
 
@@ -150,11 +156,21 @@ export function serve({ module, memory, stack, results, control }) {
         if (words[PAGES] !== pages) memory.grow(0); // makes this thread see what another one has added
         pages = words[PAGES];
         functions[words[FUNCTION]](words[ARGUMENTS], results);
-      } catch {
-        Atomics.add(words, FAILED, 1);
+      } catch (error) {
+        if (Atomics.add(words, FAILED, 1) === 0) tell(words, String(error));
       }
     }
     Atomics.sub(words, BUSY, 1);
     Atomics.wait(words, JOB, job);
   }
+}
+
+/**
+ * Write why a kernel failed into the control block. The caller reads it when no thread is busy any more.
+ * @param {Int32Array} words
+ * @param {string} reason
+ */
+function tell(words, reason) {
+  words[LENGTH] = Math.min(reason.length, LETTERS);
+  for (let i = 0; i < words[LENGTH]; i++) words[MESSAGE + i] = reason.charCodeAt(i);
 }

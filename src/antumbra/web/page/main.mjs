@@ -2,11 +2,13 @@
 /** The page: unpacks the scene, starts the workers, and joins picture, sun, answers and proof. In a worker: its jobs. */
 
 import { dayOf, drawDay, hoursOf, sentenceOf } from "./answer.mjs";
+import { drawLegend, textOf } from "./layer.mjs";
 import { follow, Orbit } from "./orbit.mjs";
 import { Picture, SAMPLES } from "./picture.mjs";
 import { Pool, serve } from "./pool.mjs";
 import { scaleBar } from "./scale.mjs";
 import { SunPanel } from "./sun_panel.mjs";
+import { SurfaceValues } from "./surface_values.mjs";
 import { pause, unpack } from "./unpack.mjs";
 import { fill, WORDS } from "./words.mjs";
 
@@ -45,17 +47,18 @@ class Page {
     this.#progress(words.building, 1);
     await pause();
     this.objectOf = arrays.objectOf;
-    const { positions, indices, colours, colourOf, wasm } = arrays;
-    const scene = { arrays: { positions, indices, colours, colourOf, wasm }, kernels: about.kernels, up: about.up };
+    const { origins, directions, blocked, faces, distances, objectOf, ...traced } = arrays;
+    this.values = about.layer && new SurfaceValues(about.layer, arrays);
+    const scene = { arrays: { ...traced, layer: about.layer }, kernels: about.kernels, up: about.up };
     const source = part("code").textContent;
-    await this.pool.start(source, scene, indices.length / 3, (error) => this.fail(error));
+    await this.pool.start(source, scene, about.triangles, (error) => this.fail(error));
     part("opening").hidden = true;
     const canvas = part("picture");
     this.picture = new Picture(
       canvas,
       this.pool,
       this.camera,
-      () => this.sun.light,
+      () => ({ ...this.sun.light, painted: Boolean(about.layer) && part("painted").checked }),
       (samples) => {
         part("samples").textContent =
           samples === SAMPLES ? "" : ` · ${fill(words.samples, { n: samples, all: SAMPLES })}`;
@@ -106,7 +109,8 @@ class Page {
     const found = await this.pool.run("ask", question, true);
     if (asked !== this.asked) return;
     this.found = found;
-    const sentence = sentenceOf(found, when, sun.altitude, words, (face) => this.#nameOf(face));
+    const answer = sentenceOf(found, when, sun.altitude, words, (face) => this.#nameOf(face));
+    const sentence = [this.#numberAt(found), answer].filter(Boolean).join(" ");
     part("answer").textContent = sentence;
     part("answer").dataset.hours = found && when ? String(hoursOf(when.day, found.states)) : "";
     part("answer").dataset.point = found ? JSON.stringify([found.point, found.normal]) : "";
@@ -117,6 +121,19 @@ class Page {
       drawDay(part("day"), when.day, found.states, sun.seconds);
     }
     this.#mark();
+  }
+
+  /**
+   * The number of the result at a point, in words.
+   * @param {any} found
+   */
+  #numberAt(found) {
+    if (!found || !this.values) return "";
+    const { layer } = this.values;
+    const value = this.values.at(found.face, found.point, found.normal);
+    const text = Number.isNaN(value) ? this.words.noValue : textOf(layer, value, document.documentElement.lang);
+    part("answer").dataset.value = String(value);
+    return `${layer.name}: ${text}.`;
   }
 
   /** @param {number} face */
@@ -169,6 +186,12 @@ class Page {
     part("help").textContent = words.help;
     part("sun").setAttribute("aria-label", words.controls);
     const triangles = about.triangles.toLocaleString(document.documentElement.lang);
+    part("legend").hidden = !about.layer;
+    if (about.layer) {
+      drawLegend(part("colours"), about.layer);
+      part("layer").textContent = about.layer.unit ? `${about.layer.name} (${about.layer.unit})` : about.layer.name;
+      part("painted").addEventListener("change", () => this.#changed());
+    }
     part("about").textContent = fill(words.scene, { triangles, digest: about.digest });
   }
 }

@@ -12,8 +12,8 @@ const COARSE = 12_000; // pixels of the first picture after a change, for each w
 const BAND = 12_000; // pixels of a job
 const [BRIGHT, SHOULDER, BACKDROP] = [0.75, 0.6, 0.75]; // of antumbra.picture.image_files and sky_background
 
-/** What is shown: the sun's direction, or null at night; the tangent of half its angle; and the share of daylight. */
-/** @typedef {{sun: number[] | null, radius: number, daylight: number}} Light */
+/** What is shown: the sun's direction, or null at night; the tangent of half its angle; the share of daylight; paint. */
+/** @typedef {{sun: number[] | null, radius: number, daylight: number, painted: boolean}} Light */
 
 export class Picture {
   #change = 0;
@@ -140,17 +140,19 @@ export class Picture {
    * @param {number} samples
    */
   #show(sum, width, height, samples) {
-    if (!this.#metered) this.#exposure = exposureOf(sum) ?? this.#exposure;
-    this.#metered = true;
+    const { painted } = this.light();
+    if (!this.#metered && !painted) this.#exposure = exposureOf(sum) ?? this.#exposure;
+    this.#metered ||= !painted;
     const image = new ImageData(width, height);
     const { data } = image;
     const dim = BACKDROP * (0.1 + 0.9 * this.light().daylight);
     const behind = this.#skyBehind(width, height);
     for (let i = 0; i < width * height; i++) {
       const share = sum[4 * i + 3] / samples;
-      const factor = share > 0 ? this.#exposure / (samples * share) : 0;
+      const factor = share > 0 ? (painted ? 1 : this.#exposure) / (samples * share) : 0;
       for (let c = 0; c < 3; c++) {
-        const surface = share * rollOff(sum[4 * i + c] * factor);
+        const light = sum[4 * i + c] * factor;
+        const surface = share * (painted ? light : rollOff(light));
         data[4 * i + c] = toByte(surface + (1 - share) * behind[3 * i + c] * dim);
       }
       data[4 * i + 3] = 255;

@@ -85,7 +85,7 @@ export class SunPanel {
     return this.angles.altitude;
   }
 
-  /** @returns {import("./picture.mjs").Light} */
+  /** @returns {Omit<import("./picture.mjs").Light, "painted">} */
   get light() {
     const { angles } = this;
     const daylight = Math.min(1, Math.max(0.03, (angles.altitude + 6) / 14));

@@ -4,12 +4,15 @@
 import { loadKernels, Scene } from "../module/scene.mjs";
 import { tangents } from "../module/vectors.mjs";
 import { cosineDirection, halton, hash, receiver, ShadowRays, STEPS, skyLight } from "./shadow_rays.mjs";
+import { SurfaceValues } from "./surface_values.mjs";
 
 const GOLDEN = Math.PI * (3 - Math.sqrt(5));
 const SKY_DIRECTIONS = 4096;
 const SUN_COLOUR = [1, 0.95, 0.87];
 const SUN_INTENSITY = 4.5;
 const AMBIENT = 0.12;
+const [PAINTED, PAINT_SUN, PAINT_SKY] = [0.45, 0.25, 0.3]; // light on painted surfaces, so that colours are those of the legend
+const WHITE = [1, 1, 1];
 
 /**
  * Rays of a picture: pixel (x, y) looks from `origin` along `corner + x dx + y dy`.
@@ -17,9 +20,10 @@ const AMBIENT = 0.12;
  */
 
 /**
- * Rows of a picture. The sun's direction is null while it is below the horizon; `radius` is the tangent of its half angle.
+ * Rows of a picture. The sun's direction is null while it is below the horizon; `radius` is the tangent of its half angle;
+ * `painted`: surfaces have the colours of their numbers.
  * @typedef {{rays: Rays, width: number, first: number, rows: number, sample: number, sun: number[] | null,
- *   radius: number, daylight: number}} Band
+ *   radius: number, daylight: number, painted: boolean}} Band
  */
 
 /** @typedef {{origin: number[], direction: number[], suns: Float64Array, now: number[] | null}} Question */
@@ -37,6 +41,7 @@ export class Tracer {
     this.colours = arrays.colours;
     this.colourOf = arrays.colourOf;
     this.up = up === "z" ? 2 : 1;
+    this.values = arrays.layer ? new SurfaceValues(arrays.layer, arrays) : null;
   }
 
   /**
@@ -92,9 +97,11 @@ export class Tracer {
    * @param {Float32Array} origins
    * @param {Float32Array} directions
    */
-  #shade({ width, first, sample, sun, radius, daylight }, { face, t }, origins, directions) {
+  #shade({ width, first, sample, sun, radius, daylight, painted }, { face, t }, origins, directions) {
     const n = face.length;
     const light = new Float32Array(4 * n);
+    const values = painted ? this.values : null;
+    const paint = new Float32Array(values ? 3 * n : 0);
     const shadows = new ShadowRays(2 * n);
     const [u, v] = sun ? tangents(sun) : [[], []];
     const [point, normal, random, way] = [
@@ -118,7 +125,8 @@ export class Tracer {
       }
       const pixel = (i % width) + (first + Math.floor(i / width)) * 4099;
       for (let k = 0; k < 4; k++) random[k] = (hash(pixel, k) + (sample + 1) * STEPS[k]) % 1;
-      const base = ambient * (0.65 + 0.35 * normal[this.up]);
+      const base = values ? PAINTED : ambient * (0.65 + 0.35 * normal[this.up]);
+      if (values) paint.set(values.colour(last, point, normal), 3 * i);
       for (let k = 0; k < 3; k++) light[4 * i + k] = base;
       light[4 * i + 3] = 1;
       shadows.start(point, normal, last, i);
@@ -127,14 +135,17 @@ export class Tracer {
         const r = sample > 0 ? radius * Math.sqrt(random[0]) : 0; // the first picture has hard shadows
         const [a, b] = [r * Math.cos(2 * Math.PI * random[1]), r * Math.sin(2 * Math.PI * random[1])];
         for (let k = 0; k < 3; k++) way[k] = sun[k] + a * u[k] + b * v[k];
-        shadows.add(way, SUN_COLOUR, cosine * SUN_INTENSITY);
+        if (values) shadows.add(way, WHITE, PAINT_SUN);
+        else shadows.add(way, SUN_COLOUR, cosine * SUN_INTENSITY);
       }
       cosineDirection(normal, random[2], 2 * Math.PI * random[3], way);
-      shadows.add(way, skyLight(way[this.up]), Math.PI * daylight);
+      if (values) shadows.add(way, WHITE, PAINT_SKY);
+      else shadows.add(way, skyLight(way[this.up]), Math.PI * daylight);
     }
     shadows.trace(this.scene, light);
     for (let i = 0; i < n; i++)
-      if (face[i] >= 0) for (let k = 0; k < 3; k++) light[4 * i + k] *= this.colours[3 * this.colourOf[face[i]] + k];
+      for (let k = 0; k < 3 && face[i] >= 0; k++)
+        light[4 * i + k] *= values ? paint[3 * i + k] : this.colours[3 * this.colourOf[face[i]] + k];
     return light;
   }
 

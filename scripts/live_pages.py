@@ -1,0 +1,56 @@
+"""Pages with exact shadows in the docs, of generated scenes: python scripts/live_pages.py NAME OUTPUT.html
+
+The directive ``{live}`` (docs/_ext/live.py) makes them when the site is built. Requires antumbra[sun,build].
+"""
+
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import antumbra as at
+
+PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
+SPRING = "2026-03-21"
+_CREDITS = "A scene that antumbra generated"
+
+
+def _camera(eye: tuple[float, ...], target: tuple[float, ...], vfov: float) -> at.Camera:
+    return at.Camera(eye, target, vfov=vfov)
+
+
+def _city_view() -> at.Camera:
+    return _camera((95.0, 90.0, 100.0), (0.0, -2.0, 0.0), 36.0)
+
+
+def city(path: Path) -> None:
+    """The shadows of a city."""
+    scene = at.procedural("city", triangles=20_000)
+    scene.page(path, title="A city", when=f"{SPRING}T15:00", place=PLACE, camera=_city_view(), credits=_CREDITS)
+
+
+def hours(path: Path) -> None:
+    """Hours of sun on all surfaces of the city."""
+    table = at.sun_hours(at.procedural("city", triangles=20_000), "grid:2", SPRING, place=PLACE, step=15)
+    table.page(path, title="Hours of sun on 21 March", camera=_city_view(), credits=_CREDITS)
+
+
+def courtyard(path: Path) -> None:
+    """The baked share of the sky in a courtyard."""
+    with tempfile.TemporaryDirectory() as folder:
+        baked = at.bake(at.procedural("atrium", triangles=20_000), Path(folder, "courtyard.glb"), spp=256)
+    view = _camera((2.0, 2.4, 6.5), (0.0, 2.6, 0.0), 75.0)
+    baked.page(path, title="A courtyard", when="2026-06-21T13:00", place=PLACE, camera=view, credits=_CREDITS)
+
+
+PAGES: dict[str, Callable[[Path], None]] = {"city": city, "hours": hours, "courtyard": courtyard}
+
+
+def write(name: str, path: Path) -> None:
+    """Write a page."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    PAGES[name](path)
+
+
+if __name__ == "__main__":
+    write(sys.argv[1], Path(sys.argv[2]))
