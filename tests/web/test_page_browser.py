@@ -13,6 +13,7 @@ from antumbra.sun.location import Place
 from antumbra.sun.sun_positions import solar_angles
 from antumbra.web import page_export
 from antumbra.web.page_export import PageOptions, write_page
+from web_pages import scene_of_towers
 
 pytestmark = [
     pytest.mark.programs,
@@ -21,31 +22,6 @@ pytestmark = [
 PLACE = Place(52.0, 4.4, timezone="Europe/Amsterdam")
 DAY = "2026-03-21"
 FIRST = "body[data-samples]"
-
-
-def towers():
-    """A floor of 80 m with two towers, named, and z up: {name of a tower: its mesh}."""
-    c = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (0, 1)], np.float64)
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (1, 5, 7, 3)]
-    box = np.array([c[list(three)] for a, b, d, e in quads for three in ((a, b, d), (a, d, e))])
-    floor = np.array([[[-40, -40, 0], [40, -40, 0], [40, 40, 0]], [[-40, -40, 0], [40, 40, 0], [-40, 40, 0]]], float)
-    places = {"Tower A": ((5, 5, 30), (-12, -14, 0)), "Tower B": ((4, 4, 45), (14, -10, 0))}
-    return {"floor": floor, **{name: box * size + shift for name, (size, shift) in places.items()}}
-
-
-def scene_of_towers(folder):
-    """The towers from an OBJ file, whose materials are the objects."""
-    colours = "".join(f"newmtl {name.replace(' ', '_')}\nKd 0.7 0.6 0.5\n" for name in towers())
-    (folder / "towers.mtl").write_text(colours)
-    lines, n = ["mtllib towers.mtl"], 0
-    for name, corners in towers().items():
-        lines.append(f"usemtl {name.replace(' ', '_')}")
-        lines += [f"v {x} {y} {z}" for x, y, z in corners.reshape(-1, 3)]
-        lines += [f"f {n + i + 1} {n + i + 2} {n + i + 3}" for i in range(0, 3 * len(corners), 3)]
-        n += 3 * len(corners)
-    path = folder / "towers.obj"
-    path.write_text("\n".join(lines) + "\n")
-    return at.load(path, up="z")
 
 
 def options(language="en"):
@@ -74,10 +50,20 @@ class Opened:
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.goto(path.as_uri())
 
-    def click(self, right, down):
-        """Click at shares of the picture, and return (sentence, point, normal, hours)."""
+    def point(self, right, down):
+        """Move the pointer to shares of the picture."""
         box = self.page.locator("#picture").bounding_box()
-        self.page.mouse.click(box["x"] + right * box["width"], box["y"] + down * box["height"])
+        self.page.mouse.move(box["x"] + right * box["width"], box["y"] + down * box["height"])
+
+    def press(self, right, down):
+        """Press the pointer at shares of the picture."""
+        self.point(right, down)
+        self.page.mouse.down()
+        self.page.mouse.up()
+
+    def click(self, right, down):
+        """Ask at shares of the picture, and return (sentence, point, normal, hours)."""
+        self.press(right, down)
         self.page.wait_for_selector("#answer[aria-busy='false']")
         answer = self.page.locator("#answer")
         point, normal = json.loads(answer.get_attribute("data-point"))
@@ -131,9 +117,110 @@ def test_answers_have_the_hours_of_python(chromium, written):
     table = at.sun_hours(scene, sensors, DAY, step=5, place=PLACE)
     np.testing.assert_array_equal(np.round(hours * 12), np.round(np.asarray(table["sun_hours"]) * 12))
     assert len(set(hours.tolist())) > 2
-    assert normals[0].tolist() == [0, -1, 0] and "Sees 50 % of the sky" in sentences[0]  # a wall that faces open land
+    assert normals[0].tolist() == [0, -1, 0] and "sees 50 % of the sky" in sentences[0]  # a wall that faces open land
     blocked = [text for text in sentences if ", blocked " in text]
     assert blocked and all("by Tower_" in text for text in blocked)
+    assert opened.faults == []
+
+
+def painted(opened, kind):
+    """Paint hours of sun, and return the words of the command that has the same numbers."""
+    opened.page.locator("#show").select_option(kind)
+    opened.page.wait_for_selector("#value[data-state='done']", timeout=60_000)
+    return opened.page.locator("#command").inner_text().split()
+
+
+def test_paint_has_the_hours_of_the_command(chromium, written):
+    scene, path = written
+    opened = Opened(chromium, path)
+    opened.page.wait_for_selector(FIRST)
+    places = [(0.42, 0.48), (0.47, 0.52), (0.53, 0.47), (0.62, 0.6), (0.35, 0.62), (0.46, 0.75)]
+    spots = [opened.click(*place)[1:3] for place in places]
+    for kind, days in (("day", [DAY]), ("year", [f"2026-{month:02d}-21" for month in range(1, 13)])):
+        words = painted(opened, kind)
+        options = dict(zip(words[2::2], words[3::2]))
+        assert words[:2] == ["antumbra", "sun"] and options["--days"] == ",".join(days)
+        table = at.sun_hours(scene, options["--sensors"], options["--days"], step=float(options["--step"]), place=PLACE)
+        hours, sensors = table["sun_hours"] / len(days), table.sensors
+        found, wanted = [], []
+        for place, (point, normal) in zip(places, spots):
+            opened.point(*place)
+            found.append(float(opened.page.locator("#value").get_attribute("data-hours")))
+            away = np.linalg.norm(sensors.points - point - scene.origin, axis=1)
+            near = (np.abs(sensors.normals - normal).max(1) < 1e-6) & (away < 0.8 * float(options["--sensors"][5:]))
+            wanted.append(sorted(set(hours[near].tolist())))
+        assert all(value in some for value, some in zip(found, wanted))
+        assert len(set(found)) > 3
+    assert opened.faults == []
+
+
+def test_painting_stops_and_starts_anew(chromium, written):
+    opened = Opened(chromium, written[1])
+    opened.page.wait_for_selector(FIRST)
+    button, value = opened.page.locator("#paint"), opened.page.locator("#value")
+    assert button.is_hidden() and opened.page.locator("#legend").is_hidden()
+    opened.page.locator("#show").select_option("year")
+    opened.page.wait_for_selector("#value[data-state='painting']")
+    button.click()
+    opened.page.wait_for_selector("#value[data-state='stopped']")
+    assert button.inner_text() == "Restart" and value.inner_text().endswith("stopped")
+    button.click()
+    opened.page.wait_for_selector("#value[data-state='painting']")
+    before = opened.page.locator("#command").inner_text()
+    opened.page.locator("#date").fill("2025-01-05")
+    opened.page.wait_for_function("before => document.getElementById('command').textContent !== before", arg=before)
+    assert "2025-12-21" in opened.page.locator("#command").inner_text()
+    opened.page.locator("#show").select_option("light")
+    assert opened.page.locator("#legend").is_hidden() and opened.page.locator("#overlay").is_hidden()
+    assert opened.faults == []
+
+
+def test_two_clicks_measure_a_distance_and_the_sight_between(chromium, written):
+    scene, path = written
+    opened = Opened(chromium, path)
+    opened.page.wait_for_selector(FIRST)
+    opened.page.locator("#ruler").click()
+    answer = opened.page.locator("#answer")
+    assert answer.inner_text() == "Click the first place."
+    verdicts = []
+    for first, second in (((0.3, 0.8), (0.6, 0.75)), ((0.3, 0.8), (0.6, 0.3)), ((0.5, 0.5), (0.3, 0.8))):
+        opened.press(*first)
+        opened.page.wait_for_function("document.getElementById('answer').textContent === 'Click the second place.'")
+        opened.press(*second)
+        opened.page.wait_for_function("document.getElementById('answer').textContent.includes('apart')")
+        found = json.loads(answer.get_attribute("data-measured"))
+        spots = found["eye"]["spot"], found["spot"]
+        away = np.subtract(spots[1]["point"], spots[0]["point"])
+        lengths = np.linalg.norm(away), np.hypot(away[0], away[1]), away[2]
+        np.testing.assert_allclose([found[name] for name in ("length", "level", "rise")], lengths, rtol=1e-12)
+        eye = np.array(spots[0]["point"]) + [0, 0, found["eye"]["height"]]
+        normal = None if found["eye"]["height"] else spots[0]["normal"]
+        sight = at.line_of_sight(scene, eye, spots[1]["point"], normals=normal, target_normals=spots[1]["normal"])
+        assert found["seen"] == bool(sight.visible)
+        verdicts.append(found["seen"])
+    assert set(verdicts) == {True, False}
+    opened.page.locator("#ruler").click()
+    assert answer.inner_text() == "Click a place to ask when it has sun."
+    assert opened.faults == []
+
+
+def test_a_click_shows_the_horizon_and_what_is_seen_from_there(chromium, written):
+    opened = Opened(chromium, written[1])
+    opened.page.wait_for_selector(FIRST)
+    overlay = "[...document.getElementById('overlay').getContext('2d').getImageData(0, 0, {0}, {1}).data]"
+    opened.page.locator("#show").select_option("seen")
+    assert opened.page.locator("#legend").inner_text() == "Click the place to look from."
+    opened.click(0.46, 0.75)
+    opened.page.wait_for_function(
+        "document.getElementById('horizon').width > 100 && document.getElementById('overlay').width > 300"
+    )
+    box = opened.page.locator("#overlay").bounding_box()
+    size = int(box["width"]), int(box["height"])
+    opened.page.wait_for_function(f"document.getElementById('overlay').width === {size[0]}")
+    layer = np.array(opened.page.evaluate(overlay.format(*size))).reshape(-1, 4)
+    colours = {tuple(colour) for colour in layer[layer[:, 3] > 0][:, 3:].tolist()}
+    assert len(colours) == 2  # of what is seen, and of what is hidden
+    assert opened.page.locator("#legend").inner_text().split() == ["seen", "from", "here", "hidden"]
     assert opened.faults == []
 
 

@@ -2,18 +2,19 @@
 /** The page: unpacks the scene, starts the workers, and joins picture, sun, answers and proof. In a worker: its jobs. */
 
 import { dayOf, drawDay, hoursOf, sentenceOf } from "./answer.mjs";
+import { HorizonPlot } from "./horizon_plot.mjs";
+import { Ruler } from "./measure.mjs";
 import { follow, Orbit } from "./orbit.mjs";
+import { part } from "./parts.mjs";
 import { Picture, SAMPLES } from "./picture.mjs";
 import { Pool, serve } from "./pool.mjs";
 import { scaleBar } from "./scale.mjs";
 import { SunPanel } from "./sun_panel.mjs";
+import { Tools } from "./tools.mjs";
 import { pause, unpack } from "./unpack.mjs";
 import { fill, WORDS } from "./words.mjs";
 
 /** @typedef {import("./words.mjs").Words} Words */
-
-/** @param {string} id */
-const part = (id) => /** @type {any} */ (document.getElementById(id));
 
 class Page {
   /**
@@ -27,9 +28,15 @@ class Page {
     this.camera = new Orbit(about.camera, about.up);
     this.sun = new SunPanel(about, words, () => {
       this.#changed();
+      this.tools?.sunChanged();
       clearTimeout(this.later);
       this.later = setTimeout(() => this.#answer().catch((error) => this.fail(error)), 60);
     });
+    const name = (/** @type {number} */ face) => this.#nameOf(face);
+    this.ruler = new Ruler(about, words, this.pool, this.camera, name, () => this.#answer());
+    this.horizon = new HorizonPlot(this.pool, this.sun, words);
+    this.picture = /** @type {Picture | null} */ (null);
+    this.tools = /** @type {Tools | null} */ (null);
     this.found = /** @type {any} */ (null);
     this.asked = /** @type {any} */ (null);
     this.objectOf = new Int32Array();
@@ -46,7 +53,12 @@ class Page {
     await pause();
     this.objectOf = arrays.objectOf;
     const { positions, indices, colours, colourOf, wasm } = arrays;
-    const scene = { arrays: { positions, indices, colours, colourOf, wasm }, kernels: about.kernels, up: about.up };
+    const scene = {
+      arrays: { positions, indices, colours, colourOf, wasm },
+      kernels: about.kernels,
+      up: about.up,
+      origin: about.origin,
+    };
     const source = part("code").textContent;
     await this.pool.start(source, scene, indices.length / 3, (error) => this.fail(error));
     part("opening").hidden = true;
@@ -58,15 +70,17 @@ class Page {
       () => this.sun.light,
       (samples) => {
         part("samples").textContent =
-          samples === SAMPLES ? "" : ` · ${fill(words.samples, { n: samples, all: SAMPLES })}`;
+          samples === this.picture?.most ? "" : ` · ${fill(words.samples, { n: samples, all: SAMPLES })}`;
         document.body.dataset.samples = String(samples);
       },
     );
+    const failed = (/** @type {Error} */ error) => this.fail(error);
+    this.tools = new Tools(about, words, this.pool, this.camera, this.sun, this.picture, failed);
     follow(
       canvas,
       this.camera,
       () => this.#changed(),
-      (x, y) => this.ask(x, y),
+      (x, y) => this.ask(x, y).catch(failed),
     );
     new ResizeObserver(() => this.#changed()).observe(canvas);
     this.#changed();
@@ -92,15 +106,21 @@ class Page {
     const { clientWidth: width, clientHeight: height } = part("picture");
     const rays = this.camera.rays(width, height);
     const direction = rays.corner.map((c, k) => c + x * rays.dx[k] + y * rays.dy[k]);
-    this.asked = { origin: rays.origin, direction };
+    const click = { origin: rays.origin, direction };
+    if (this.ruler.on) return this.ruler.clicked(click);
+    this.asked = click;
     part("answer").setAttribute("aria-busy", "true");
     await this.#answer();
   }
 
   async #answer() {
     const { asked, sun, about, words } = this;
-    if (!asked) return;
-    const when = sun.place && { place: sun.place, day: dayOf(sun.place, sun.date, about.up) };
+    if (this.ruler.on) return;
+    if (!asked) {
+      part("answer").textContent = words.hint;
+      return;
+    }
+    const when = sun.place && { place: sun.place, date: sun.date, day: dayOf(sun.place, sun.date, about.up) };
     const day = when?.day.directions ?? new Float64Array();
     const question = { ...asked, suns: day, now: sun.light.sun };
     const found = await this.pool.run("ask", question, true);
@@ -117,6 +137,8 @@ class Page {
       drawDay(part("day"), when.day, found.states, sun.seconds);
     }
     this.#mark();
+    this.tools?.asked(found);
+    await this.horizon.show(found);
   }
 
   /** @param {number} face */
@@ -137,6 +159,7 @@ class Page {
   /** The camera, the sun or the size has changed. */
   #changed() {
     this.picture?.changed();
+    this.tools?.viewChanged();
     part("north").style.transform = `rotate(${this.sun.north - (this.camera.heading * 180) / Math.PI}deg)`;
     scaleBar(part("scale"), this.camera, part("picture").clientHeight, this.about.metres, this.words);
     this.#mark();
@@ -147,6 +170,7 @@ class Page {
     const place = this.found && this.camera.place(this.found.point, canvas.clientWidth, canvas.clientHeight);
     part("mark").hidden = !place;
     if (place) part("mark").style.translate = `${place[0]}px ${place[1]}px`;
+    this.ruler.draw();
   }
 
   /**
@@ -173,14 +197,9 @@ class Page {
   }
 }
 
-/** What the page needs of a browser and is missing, or "". */
+/** What the page needs of a browser and is missing, if anything. */
 function missing() {
-  const needed = {
-    WebAssembly: "WebAssembly",
-    DecompressionStream: "DecompressionStream",
-    OffscreenCanvas: "OffscreenCanvas",
-  };
-  return Object.keys(needed).find((name) => !(name in globalThis)) ?? "";
+  return ["WebAssembly", "DecompressionStream", "OffscreenCanvas"].find((name) => !(name in globalThis));
 }
 
 if (typeof document === "undefined") serve();
