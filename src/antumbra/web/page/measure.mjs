@@ -94,7 +94,11 @@ export class Ruler {
   /** @param {import("./questions.mjs").Click} click */
   async clicked(click) {
     const spot = await this.pool.run("spot", click, true);
-    if (!spot || !this.on) return;
+    if (!this.on) return;
+    if (!spot) {
+      part("answer").textContent = this.words.nothing;
+      return;
+    }
     const first = this.#spots.length === 1 ? this.#spots[0] : null;
     this.#spots = first ? [first, spot] : [spot];
     this.draw();
