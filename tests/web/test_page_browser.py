@@ -3,6 +3,7 @@
 import json
 from datetime import datetime
 from importlib.util import find_spec
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 import antumbra as at
 from antumbra.city.sensors.sensors import point_sensors
 from antumbra.sun.location import Place
-from antumbra.sun.sun_positions import solar_angles
+from antumbra.sun.sun_positions import days_of, directions_of, solar_angles, times_of
 from antumbra.web import page_export
 from antumbra.web.page_export import PageOptions, write_page
 from web_pages import scene_of_towers
@@ -130,11 +131,28 @@ def painted(opened, kind):
     return opened.page.locator("#command").inner_text().split()
 
 
+def hours_within(scene, sensors, days, step, error=0.01):
+    """The least and the most hours of sun of sensors if positions of the sun are wrong by up to `error` degrees."""
+    times = times_of(days_of(",".join(days)), ZoneInfo(PLACE.timezone), step)
+    altitude, azimuth = solar_angles(PLACE, times.middle)
+    seen = []
+    for up in (-error, 0.0, error):
+        for aside in (-error, 0.0, error):
+            ways = directions_of(altitude + up, azimuth + aside / np.cos(np.radians(altitude)), "z")
+            origins = (sensors.points + 1e-4 * sensors.normals)[:, None]
+            ahead = (sensors.normals @ ways.T > 0.0) & (altitude + up > 0.0)
+            seen.append(ahead & ~scene.occluded(*np.broadcast_arrays(origins, ways)))
+    return np.all(seen, 0) @ times.hours, np.any(seen, 0) @ times.hours
+
+
 def test_paint_has_the_hours_of_the_command(chromium, written):
     scene, path = written
     opened = Opened(chromium, path, 1200, 700)
     opened.page.wait_for_selector(FIRST)
-    places = [(right, down) for right in (0.42, 0.46, 0.5, 0.54, 0.58) for down in (0.42, 0.47, 0.52, 0.6, 0.66)]
+    opened.page.locator("#picture").focus()
+    for _ in range(16):
+        opened.page.keyboard.press("+")  # until a sensor's cell has several pixels
+    places = [(right, down) for right in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8) for down in (0.2, 0.35, 0.5, 0.65, 0.8)]
     spots = [opened.click(*place)[1:3] for place in places]
     points, normals = (np.array(column) + shift for column, shift in zip(zip(*spots), (scene.origin, 0.0)))
     faces = scene.closest_hit(points + 1e-3 * normals, -normals).face
@@ -143,16 +161,20 @@ def test_paint_has_the_hours_of_the_command(chromium, written):
         options = dict(zip(words[2::2], words[3::2]))
         assert words[:2] == ["antumbra", "sun"] and options["--days"] == ",".join(days)
         table = at.sun_hours(scene, options["--sensors"], options["--days"], step=float(options["--step"]), place=PLACE)
-        found, wanted = [], []
+        found, rows, spacing = [], [], float(options["--sensors"].removeprefix("grid:"))
         for place, point, face in zip(places, points, faces):
             own = np.flatnonzero(table.sensors.faces == face)
             away = np.linalg.norm(table.sensors.points[own] - point, axis=1)
-            if away.min() > 0.45 * float(options["--sensors"].removeprefix("grid:")):
+            if away.min() > 0.35 * spacing:
                 continue  # between sensors, where rounding decides
             opened.point(*place)
-            found.append(float(opened.page.locator("#value").get_attribute("data-hours")))
-            wanted.append(table["sun_hours"][own[away.argmin()]] / len(days))
-        assert found == wanted
+            found.append(float(opened.page.locator("#value").get_attribute("data-hours")) * len(days))
+            rows.append(own[away.argmin()])
+        low, high = hours_within(scene, table.sensors.take(np.unique(rows)), days, float(options["--step"]))
+        order = np.searchsorted(np.unique(rows), rows)
+        wanted = table["sun_hours"][rows]
+        assert (low[order] - 1e-9 <= found).all() and (found <= high[order] + 1e-9).all()
+        assert np.isclose(found, wanted, atol=1e-9, rtol=0.0).sum() > 0.7 * len(found) > 4
         assert len(set(found)) > 4
     assert opened.faults == []
 

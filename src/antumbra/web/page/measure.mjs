@@ -61,6 +61,12 @@ export function eyeAt(spot, { up, metres }) {
   return { spot, height: stands ? Math.max(0, Number(part("eye").value)) / metres : 0 };
 }
 
+/** Show the height of the eye where it matters. */
+export function showEye() {
+  const measures = part("ruler").getAttribute("aria-pressed") === "true";
+  part("eye").closest("label").hidden = !measures && part("show").value !== "seen";
+}
+
 /** Two places that are clicked one after the other while the button is pressed. */
 export class Ruler {
   /** @type {Spot[]} */ #spots = [];
@@ -84,6 +90,7 @@ export class Ruler {
     part("ruler").addEventListener("click", () => {
       this.on = !this.on;
       part("ruler").setAttribute("aria-pressed", String(this.on));
+      showEye();
       this.#spots = [];
       this.draw();
       if (this.on) part("answer").textContent = words.firstPlace;

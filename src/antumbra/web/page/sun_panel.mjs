@@ -97,7 +97,9 @@ export class SunPanel {
 
   #show() {
     const { altitude, azimuth } = this.angles;
-    const sun = fill(this.words.sunAt, { altitude: altitude.toFixed(1), azimuth: azimuth.toFixed(0) });
+    const digits = { minimumFractionDigits: 1, maximumFractionDigits: 1 };
+    const height = altitude.toLocaleString(this.words.locale, digits);
+    const sun = fill(this.words.sunAt, { altitude: height, azimuth: azimuth.toFixed(0) });
     const time = this.place ? clock(this.place, this.seconds) : "";
     this.output.textContent = [time, altitude > 0 ? sun : this.words.night].filter(Boolean).join(" · ");
     this.output.dataset.angles = JSON.stringify([altitude, azimuth]);

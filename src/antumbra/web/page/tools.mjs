@@ -2,7 +2,7 @@
 /** What lies over the picture: hours of sun on the faces, or what a place sees; with the controls and the legend. */
 
 import { dayName, dayOf, duration, STEP, sunsAbove } from "./answer.mjs";
-import { eyeAt } from "./measure.mjs";
+import { eyeAt, showEye } from "./measure.mjs";
 import { Overlay } from "./overlay.mjs";
 import { Painting } from "./painting.mjs";
 import { label, part } from "./parts.mjs";
@@ -60,6 +60,7 @@ export class Tools {
     part("show").addEventListener("change", () => this.#choose(part("show").value).catch(failed));
     part("eye").addEventListener("input", () => this.#kind === "seen" && this.#showSight());
     part("paint").addEventListener("click", () => this.#press());
+    showEye();
     for (const event of ["pointermove", "pointerdown"])
       part("picture").addEventListener(event, (/** @type {PointerEvent} */ { offsetX, offsetY }) =>
         this.#point(offsetX, offsetY),
@@ -80,7 +81,7 @@ export class Tools {
     if (this.#kind !== "day" && this.#kind !== "year") return;
     clearTimeout(this.#later);
     this.#later = setTimeout(() => {
-      if (this.#painting && this.#painted !== String(this.#days())) this.#paint().catch(this.failed);
+      if (this.#painted !== String(this.#days())) this.#paint().catch(this.failed);
     }, 2 * PAUSE);
   }
 
@@ -98,6 +99,7 @@ export class Tools {
   async #choose(kind) {
     this.#painting?.stop();
     this.#kind = kind;
+    showEye();
     part("paint").hidden = kind !== "day" && kind !== "year";
     part("legend").hidden = kind === "light";
     part("bar").hidden = part("command").hidden = kind === "seen";
@@ -152,6 +154,8 @@ export class Tools {
     const { words, about, sun } = this;
     const days = this.#days();
     this.#painted = String(days);
+    part("value").dataset.state = "painting";
+    part("paint").textContent = words.stop;
     const step = this.#kind === "day" ? STEP : YEAR_STEP;
     const place = /** @type {Place} */ (sun.place);
     const suns = sunsAbove(days.map((day) => dayOf(place, day, about.up, step)));
