@@ -5,7 +5,7 @@ import { pathToFileURL } from "node:url";
 const [, , modules, folder] = process.argv;
 const { sunAngles } = await import(pathToFileURL(`${modules}/../module/sun_position.mjs`));
 const { offsetAt, midnight, daysAfter } = await import(pathToFileURL(`${modules}/sun.mjs`));
-const { dayOf, sunsAbove } = await import(pathToFileURL(`${modules}/answer.mjs`));
+const { dayOf, sentenceOf, sunsAbove } = await import(pathToFileURL(`${modules}/answer.mjs`));
 const { ColourScale } = await import(pathToFileURL(`${modules}/colour_scale.mjs`));
 const { measured, measureSentence } = await import(pathToFileURL(`${modules}/measure.mjs`));
 const { QUESTIONS } = await import(pathToFileURL(`${modules}/questions.mjs`));
@@ -54,6 +54,15 @@ const calls = {
   scale: ({ palette, most, values }) => {
     const scale = new ColourScale(palette, most);
     return { ticks: scale.ticks, colours: values.map((value) => scale.colour(value)) };
+  },
+  sentence: ({ place, date, altitude, blocked, names, language, ...found }) => {
+    const day = dayOf(place, date, "z");
+    const local = (k) => (day.starts[k] - day.starts[0]) / 3600;
+    const spanOf = (k) => blocked.findIndex(([from, to]) => local(k) >= from && local(k) < to);
+    const states = day.starts.map((_, k) => (spanOf(k) >= 0 ? 2 : 1));
+    const blockers = day.starts.map((_, k) => spanOf(k));
+    const when = { place, date, day };
+    return sentenceOf({ ...found, states, blockers }, when, altitude, WORDS[language], (face) => names[face] ?? "");
   },
   measure: ({ first, second, about, eye, sight, language, name }) =>
     measureSentence(measured(first, second, about), eye, sight, WORDS[language], () => name),

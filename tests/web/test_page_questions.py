@@ -205,6 +205,32 @@ def test_the_horizon_is_that_of_the_towers(towers, tmp_path, north):
 
 
 @needs_node
+def test_answers_are_sentences_in_both_languages(tmp_path):
+    call = {
+        "call": "sentence", "place": PLACE._asdict(), "date": DAY, "altitude": 30.0, "names": ["Tower A", "Tower B"],
+        "blocked": [(6.5, 8.0), (14 + 1 / 6, 16 + 5 / 12)], "now": SEEN, "nowBlocker": -1, "sky": 0.372,
+    }  # fmt: skip
+    shade = {"now": BLOCKED, "nowBlocker": 1}
+    calls = [
+        {**call, "language": "en"},
+        {**call, "language": "de", **shade},
+        {**call, "language": "en", "names": [], "blocked": [(0, 24)], **shade},
+        {**call, "language": "de", "blocked": [], "altitude": -2.0},
+        {**call, "language": "de", "names": [], "now": BEHIND},
+    ]
+    assert asked(tmp_path, *calls) == [
+        "In the sun. 8 h 35 min of sun on 21 March, blocked 06:50 to 08:00 by Tower A and 14:10 to 16:25 by Tower B; "
+        "sees 37 % of the sky.",
+        "Im Schatten von Tower B. 8 h 35 min Sonne am 21. März, verschattet von 06:50 bis 08:00 Uhr durch Tower A und "
+        "von 14:10 bis 16:25 Uhr durch Tower B; 37 % des Himmels sichtbar.",
+        "In the shade. No sun on 21 March, blocked 06:50 to 18:50; sees 37 % of the sky.",
+        "Die Sonne steht unter dem Horizont. 12 h Sonne am 21. März; 37 % des Himmels sichtbar.",
+        "Von der Sonne abgewandt. 8 h 35 min Sonne am 21. März, verschattet von 06:50 bis 08:00 Uhr und von "
+        "14:10 bis 16:25 Uhr; 37 % des Himmels sichtbar.",
+    ]
+
+
+@needs_node
 def test_distances_are_sentences_in_both_languages(tmp_path):
     first, second = ({"face": 0, "point": point, "normal": [0, 0, 1]} for point in ([0, 0, 0], [0, 3000, 4000]))
     level = {"face": 0, "point": [12.5, 0, 0], "normal": [0, 0, 1]}
