@@ -20,7 +20,7 @@ from antumbra.web import page_export
 from antumbra.web.page_export import PageOptions, write_page
 from antumbra.web.page_source import PAGE, page_program
 from pages import box_on_floor
-from web_pages import CODE, DATA, SCENE, asked, needs_linker, needs_node, part_of
+from web_pages import CODE, DATA, PARTS, SCENE, asked, needs_linker, needs_node, part_of
 
 OPTIONS = PageOptions("Box & <floor>", datetime(2026, 6, 21, 15, 30), Place(52.0, 4.4, timezone="Europe/Amsterdam"))
 PLACES = [
@@ -162,6 +162,19 @@ def test_the_program_of_a_page_has_each_module_once():
     assert names[-1] == "page_main" and len(names) >= len(list(PAGE.glob("*.mjs")))
     assert "import.meta" not in program and "</" not in program
     assert not re.search(r"^(import|export) ", program, re.M)
+
+
+def test_each_export_of_the_page_is_imported():
+    sources = {path: path.read_text(encoding="utf-8") for path in [*PAGE.glob("*.mjs"), PARTS]}
+    exports = [
+        (path, name) for path in sources for name in re.findall(r"^export \w+(?: function)? (\w+)", sources[path], re.M)
+    ]
+    unused = [
+        name
+        for path, name in exports
+        if not any(re.search(rf"\b{name}\b", text) for other, text in sources.items() if other != path)
+    ]
+    assert unused == [] and len(exports) > 30
 
 
 def test_modules_that_import_each_other_are_refused(tmp_path):

@@ -15,7 +15,7 @@ const STANDING = 0.5; // least upward part of the normal of surfaces on which on
  * @param {number} metres
  * @param {Words} words
  */
-export function lengthText(metres, words) {
+function lengthText(metres, words) {
   const [value, unit] = metres >= 1000 ? [metres / 1000, "km"] : [metres, "m"];
   const digits = value < 100 ? 2 : 1;
   return `${value.toLocaleString(words.locale, { minimumFractionDigits: digits, maximumFractionDigits: digits })} ${unit}`;

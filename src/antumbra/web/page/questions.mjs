@@ -21,7 +21,7 @@ const SKY_DIRECTIONS = 4096;
 export const BEHIND = 0;
 export const SEEN = 1;
 export const BLOCKED = 2;
-export const OUTSIDE = 3;
+const OUTSIDE = 3;
 
 // Of a pixel: no surface, or the side of a surface that has no sensors
 export const NOTHING = -1;
