@@ -3,6 +3,7 @@
 import json
 from datetime import datetime
 from importlib.util import find_spec
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
@@ -10,9 +11,10 @@ import pytest
 import antumbra as at
 from antumbra.city.sensors.sensors import point_sensors
 from antumbra.sun.location import Place
-from antumbra.sun.sun_positions import solar_angles
+from antumbra.sun.sun_positions import days_of, directions_of, solar_angles, times_of
 from antumbra.web import page_export
 from antumbra.web.page_export import PageOptions, write_page
+from web_pages import scene_of_towers
 
 pytestmark = [
     pytest.mark.programs,
@@ -21,31 +23,6 @@ pytestmark = [
 PLACE = Place(52.0, 4.4, timezone="Europe/Amsterdam")
 DAY = "2026-03-21"
 FIRST = "body[data-samples]"
-
-
-def towers():
-    """A floor of 80 m with two towers, named, and z up: {name of a tower: its mesh}."""
-    c = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (0, 1)], np.float64)
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (1, 5, 7, 3)]
-    box = np.array([c[list(three)] for a, b, d, e in quads for three in ((a, b, d), (a, d, e))])
-    floor = np.array([[[-40, -40, 0], [40, -40, 0], [40, 40, 0]], [[-40, -40, 0], [40, 40, 0], [-40, 40, 0]]], float)
-    places = {"Tower A": ((5, 5, 30), (-12, -14, 0)), "Tower B": ((4, 4, 45), (14, -10, 0))}
-    return {"floor": floor, **{name: box * size + shift for name, (size, shift) in places.items()}}
-
-
-def scene_of_towers(folder):
-    """The towers from an OBJ file, whose materials are the objects."""
-    colours = "".join(f"newmtl {name.replace(' ', '_')}\nKd 0.7 0.6 0.5\n" for name in towers())
-    (folder / "towers.mtl").write_text(colours)
-    lines, n = ["mtllib towers.mtl"], 0
-    for name, corners in towers().items():
-        lines.append(f"usemtl {name.replace(' ', '_')}")
-        lines += [f"v {x} {y} {z}" for x, y, z in corners.reshape(-1, 3)]
-        lines += [f"f {n + i + 1} {n + i + 2} {n + i + 3}" for i in range(0, 3 * len(corners), 3)]
-        n += 3 * len(corners)
-    path = folder / "towers.obj"
-    path.write_text("\n".join(lines) + "\n")
-    return at.load(path, up="z")
 
 
 def options(language="en"):
@@ -74,10 +51,20 @@ class Opened:
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.goto(path.as_uri())
 
-    def click(self, right, down):
-        """Click at shares of the picture, and return (sentence, point, normal, hours)."""
+    def point(self, right, down):
+        """Move the pointer to shares of the picture."""
         box = self.page.locator("#picture").bounding_box()
-        self.page.mouse.click(box["x"] + right * box["width"], box["y"] + down * box["height"])
+        self.page.mouse.move(box["x"] + right * box["width"], box["y"] + down * box["height"])
+
+    def press(self, right, down):
+        """Press the pointer at shares of the picture."""
+        self.point(right, down)
+        self.page.mouse.down()
+        self.page.mouse.up()
+
+    def click(self, right, down):
+        """Ask at shares of the picture, and return (sentence, point, normal, hours)."""
+        self.press(right, down)
         self.page.wait_for_selector("#answer[aria-busy='false']")
         answer = self.page.locator("#answer")
         point, normal = json.loads(answer.get_attribute("data-point"))
@@ -131,9 +118,136 @@ def test_answers_have_the_hours_of_python(chromium, written):
     table = at.sun_hours(scene, sensors, DAY, step=5, place=PLACE)
     np.testing.assert_array_equal(np.round(hours * 12), np.round(np.asarray(table["sun_hours"]) * 12))
     assert len(set(hours.tolist())) > 2
-    assert normals[0].tolist() == [0, -1, 0] and "Sees 50 % of the sky" in sentences[0]  # a wall that faces open land
+    assert normals[0].tolist() == [0, -1, 0] and "sees 50 % of the sky" in sentences[0]  # a wall that faces open land
     blocked = [text for text in sentences if ", blocked " in text]
     assert blocked and all("by Tower_" in text for text in blocked)
+    assert opened.faults == []
+
+
+def painted(opened, kind):
+    """Paint hours of sun, and return the words of the command that has the same numbers."""
+    opened.page.locator("#show").select_option(kind)
+    opened.page.wait_for_selector("#value[data-state='done']", timeout=60_000)
+    return opened.page.locator("#command").inner_text().split()
+
+
+def hours_within(scene, sensors, days, step, error=0.01):
+    """The least and the most hours of sun of sensors if positions of the sun are wrong by up to `error` degrees."""
+    times = times_of(days_of(",".join(days)), ZoneInfo(PLACE.timezone), step)
+    altitude, azimuth = solar_angles(PLACE, times.middle)
+    seen = []
+    for up in (-error, 0.0, error):
+        for aside in (-error, 0.0, error):
+            ways = directions_of(altitude + up, azimuth + aside / np.cos(np.radians(altitude)), "z")
+            origins = (sensors.points + 1e-4 * sensors.normals)[:, None]
+            ahead = (sensors.normals @ ways.T > 0.0) & (altitude + up > 0.0)
+            seen.append(ahead & ~scene.occluded(*np.broadcast_arrays(origins, ways)))
+    return np.all(seen, 0) @ times.hours, np.any(seen, 0) @ times.hours
+
+
+def test_paint_has_the_hours_of_the_command(chromium, written):
+    scene, path = written
+    opened = Opened(chromium, path, 1200, 700)
+    opened.page.wait_for_selector(FIRST)
+    opened.page.locator("#picture").focus()
+    for _ in range(16):
+        opened.page.keyboard.press("+")  # until a sensor's cell has several pixels
+    places = [(right, down) for right in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8) for down in (0.2, 0.35, 0.5, 0.65, 0.8)]
+    spots = [opened.click(*place)[1:3] for place in places]
+    points, normals = (np.array(column) + shift for column, shift in zip(zip(*spots), (scene.origin, 0.0)))
+    faces = scene.closest_hit(points + 1e-3 * normals, -normals).face
+    for kind, days in (("day", [DAY]), ("year", [f"2026-{month:02d}-21" for month in range(1, 13)])):
+        words = painted(opened, kind)
+        options = dict(zip(words[2::2], words[3::2]))
+        assert words[:2] == ["antumbra", "sun"] and options["--days"] == ",".join(days)
+        table = at.sun_hours(scene, options["--sensors"], options["--days"], step=float(options["--step"]), place=PLACE)
+        found, rows, spacing = [], [], float(options["--sensors"].removeprefix("grid:"))
+        for place, point, face in zip(places, points, faces):
+            own = np.flatnonzero(table.sensors.faces == face)
+            away = np.linalg.norm(table.sensors.points[own] - point, axis=1)
+            if away.min() > 0.35 * spacing:
+                continue  # between sensors, where rounding decides
+            opened.point(*place)
+            found.append(float(opened.page.locator("#value").get_attribute("data-hours")) * len(days))
+            rows.append(own[away.argmin()])
+        low, high = hours_within(scene, table.sensors.take(np.unique(rows)), days, float(options["--step"]))
+        order = np.searchsorted(np.unique(rows), rows)
+        wanted = table["sun_hours"][rows]
+        assert (low[order] - 1e-9 <= found).all() and (found <= high[order] + 1e-9).all()
+        assert np.isclose(found, wanted, atol=1e-9, rtol=0.0).sum() > 0.7 * len(found) > 4
+        assert len(set(found)) > 4
+    assert opened.faults == []
+
+
+def test_painting_stops_and_starts_anew(chromium, written):
+    opened = Opened(chromium, written[1])
+    opened.page.wait_for_selector(FIRST)
+    button, value = opened.page.locator("#paint"), opened.page.locator("#value")
+    assert button.is_hidden() and opened.page.locator("#legend").is_hidden()
+    opened.page.locator("#show").select_option("year")
+    opened.page.wait_for_selector("#value[data-state='painting']")
+    button.click()
+    opened.page.wait_for_selector("#value[data-state='stopped']")
+    assert button.inner_text() == "Restart" and value.inner_text().endswith("stopped")
+    button.click()
+    opened.page.wait_for_selector("#value[data-state='painting']")
+    before = opened.page.locator("#command").inner_text()
+    opened.page.locator("#date").fill("2025-01-05")
+    opened.page.wait_for_function("before => document.getElementById('command').textContent !== before", arg=before)
+    assert "2025-12-21" in opened.page.locator("#command").inner_text()
+    opened.page.locator("#show").select_option("light")
+    assert opened.page.locator("#legend").is_hidden() and opened.page.locator("#overlay").is_hidden()
+    assert opened.faults == []
+
+
+def test_two_clicks_measure_a_distance_and_the_sight_between(chromium, written):
+    scene, path = written
+    opened = Opened(chromium, path)
+    opened.page.wait_for_selector(FIRST)
+    opened.page.locator("#ruler").click()
+    answer = opened.page.locator("#answer")
+    assert answer.inner_text() == "Click the first place."
+    verdicts = []
+    for first, second in (((0.3, 0.8), (0.6, 0.75)), ((0.3, 0.8), (0.6, 0.45)), ((0.5, 0.5), (0.3, 0.8))):
+        opened.press(*first)
+        opened.page.wait_for_function(
+            "() => document.getElementById('answer').textContent === 'Click the second place.'"
+        )
+        opened.press(*second)
+        opened.page.wait_for_function("() => document.getElementById('answer').textContent.includes('apart')")
+        found = json.loads(answer.get_attribute("data-measured"))
+        spots = found["eye"]["spot"], found["spot"]
+        away = np.subtract(spots[1]["point"], spots[0]["point"])
+        lengths = np.linalg.norm(away), np.hypot(away[0], away[1]), away[2]
+        np.testing.assert_allclose([found[name] for name in ("length", "level", "rise")], lengths, rtol=1e-12)
+        eye = np.array(spots[0]["point"]) + [0, 0, found["eye"]["height"]]
+        normal = None if found["eye"]["height"] else spots[0]["normal"]
+        sight = at.line_of_sight(scene, eye, spots[1]["point"], normals=normal, target_normals=spots[1]["normal"])
+        assert found["seen"] == bool(sight.visible)
+        verdicts.append(found["seen"])
+    assert set(verdicts) == {True, False}
+    opened.page.locator("#ruler").click()
+    assert answer.inner_text() == "Click a place to ask when it has sun."
+    assert opened.faults == []
+
+
+def test_a_click_shows_the_horizon_and_what_is_seen_from_there(chromium, written):
+    opened = Opened(chromium, written[1])
+    opened.page.wait_for_selector(FIRST)
+    overlay = "[...document.getElementById('overlay').getContext('2d').getImageData(0, 0, {0}, {1}).data]"
+    opened.page.locator("#show").select_option("seen")
+    assert opened.page.locator("#legend").inner_text() == "Click the place to look from."
+    opened.click(0.46, 0.75)
+    opened.page.wait_for_function(
+        "() => document.getElementById('horizon').width > 100 && document.getElementById('overlay').width > 300"
+    )
+    box = opened.page.locator("#overlay").bounding_box()
+    size = int(box["width"]), int(box["height"])
+    opened.page.wait_for_function(f"() => document.getElementById('overlay').width === {size[0]}")
+    layer = np.array(opened.page.evaluate(overlay.format(*size))).reshape(-1, 4)
+    colours = {tuple(colour) for colour in layer[layer[:, 3] > 0][:, 3:].tolist()}
+    assert len(colours) == 2  # of what is seen, and of what is hidden
+    assert opened.page.locator("#legend").inner_text().split() == ["seen", "from", "here", "hidden"]
     assert opened.faults == []
 
 
@@ -171,7 +285,7 @@ def test_a_page_without_a_place_sets_the_sun_by_hand_on_a_phone_in_german(chromi
     opened.page.locator("#second").fill("10")
     assert opened.angles()[0] == 10
     assert opened.page.locator("#date").is_hidden() and opened.page.locator("#play").is_hidden()
-    assert "Höhe der Sonne" in opened.page.locator(".controls").inner_text()
+    assert "Höhe der Sonne" in opened.page.locator(".controls").first.inner_text()
     wide = opened.page.evaluate("document.documentElement.scrollWidth")
     assert wide <= 390 and opened.faults == []
 
@@ -196,7 +310,7 @@ def test_a_page_of_a_result_tells_its_numbers_and_lets_them_be_hidden(chromium, 
     opened.page.locator("#painted").uncheck()
     opened.page.wait_for_timeout(1500)
     assert opened.page.locator("#picture").screenshot() != painted
-    assert opened.page.locator("#legend").inner_text().startswith("Hours of direct sun (h)")
+    assert opened.page.locator("#result").inner_text().startswith("Hours of direct sun (h)")
     assert opened.faults == []
 
 

@@ -5,10 +5,7 @@ import hashlib
 import html
 import json
 import re
-import shutil
-import subprocess
 from datetime import UTC, date, datetime, timedelta
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -16,22 +13,16 @@ import pytest
 
 import antumbra as at
 from antumbra.base.errors import InputError
+from antumbra.picture.heat_maps import RAMP, linear_scale
 from antumbra.sun.location import Place, parse_zone
 from antumbra.sun.sun_positions import solar_angles, times_of
 from antumbra.web import page_export
 from antumbra.web.page_export import PageOptions, write_page
 from antumbra.web.page_source import PAGE, page_program
 from pages import box_on_floor
+from web_pages import CODE, DATA, PARTS, SCENE, asked, needs_linker, needs_node, part_of
 
-NODE = shutil.which("node")
-needs_node = pytest.mark.skipif(NODE is None, reason="without node, the modules of the page are NOT checked")
-needs_linker = pytest.mark.skipif(find_spec("ziglang") is None, reason="without ziglang, pages are NOT checked")
 OPTIONS = PageOptions("Box & <floor>", datetime(2026, 6, 21, 15, 30), Place(52.0, 4.4, timezone="Europe/Amsterdam"))
-SCENE, DATA, CODE = (
-    'script type="application/json" id="scene"',
-    'script type="text/plain" id="data"',
-    'script id="code"',
-)
 PLACES = [
     Place(52.0, 4.4, 3.0, timezone="Europe/Amsterdam"),
     Place(-33.9, 151.2, 40.0, timezone="Australia/Sydney"),
@@ -40,18 +31,6 @@ PLACES = [
     Place(27.7, 85.3, 1400.0, timezone="Asia/Kathmandu"),
     Place(-80.0, -170.0),
 ]
-
-
-def asked(folder, *calls):
-    """The answers of modules of the page in node."""
-    (folder / "calls.json").write_text(json.dumps(calls))
-    subprocess.run([NODE, Path(__file__).parent / "page_parts.mjs", PAGE, folder], check=True)
-    return json.loads((folder / "answers.json").read_text())
-
-
-def part_of(page, start):
-    """The text of the element of a page whose tag starts so."""
-    return re.search(rf"<{start}[^>]*>(.*?)</", page, re.S)[1]
 
 
 def digest_of(text):
@@ -122,6 +101,17 @@ def test_each_language_has_all_words(tmp_path):
     assert [name for name in words["en"] if f"words.{name}" not in sources] == []
 
 
+@needs_node
+def test_colours_and_ticks_are_those_of_our_pictures(tmp_path):
+    tops = [0.4, 1.0, 8.0, 9.3, 12.25, 16.75, 4380.0]
+    values = np.random.default_rng(2).uniform(0.0, 20.0, 300)
+    call = {"call": "scale", "palette": RAMP.tolist(), "values": values.tolist()}
+    for top, found in zip(tops, asked(tmp_path, *({**call, "most": top} for top in tops))):
+        scale = linear_scale(np.array([top]))
+        assert found["ticks"] == pytest.approx(scale.ticks.tolist(), rel=1e-12)
+        assert found["colours"] == scale.colours(values, np.ones(300, bool)).tolist()
+
+
 @needs_linker
 @needs_node
 def test_a_page_holds_the_bits_of_the_scene(page, tmp_path):
@@ -172,6 +162,19 @@ def test_the_program_of_a_page_has_each_module_once():
     assert names[-1] == "page_main" and len(names) >= len(list(PAGE.glob("*.mjs")))
     assert "import.meta" not in program and "</" not in program
     assert not re.search(r"^(import|export) ", program, re.M)
+
+
+def test_each_export_of_the_page_is_imported():
+    sources = {path: path.read_text(encoding="utf-8") for path in [*PAGE.glob("*.mjs"), PARTS]}
+    exports = [
+        (path, name) for path in sources for name in re.findall(r"^export \w+(?: function)? (\w+)", sources[path], re.M)
+    ]
+    unused = [
+        name
+        for path, name in exports
+        if not any(re.search(rf"\b{name}\b", text) for other, text in sources.items() if other != path)
+    ]
+    assert unused == [] and len(exports) > 30
 
 
 def test_modules_that_import_each_other_are_refused(tmp_path):

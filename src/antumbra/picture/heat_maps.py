@@ -118,13 +118,16 @@ def _font(letters: int) -> Any:
 
 # --- False colours and scales -----------------------------------------------------------------------------------------
 
-# The colour map `plasma` by Nathaniel Smith and Stefan van der Walt (CC0), in sRGB. It is perceptually uniform, and its
-# lowest colour differs from the black of pixels without a value.
-_RAMP = np.array([
+RAMP = np.array([
     [13, 8, 135], [49, 5, 151], [76, 2, 161], [102, 0, 167], [126, 3, 168], [149, 17, 161], [170, 35, 149],
     [188, 53, 135], [204, 71, 120], [218, 90, 106], [230, 108, 92], [240, 128, 78], [248, 149, 64], [253, 172, 51],
     [253, 197, 39], [248, 223, 37], [240, 249, 33],
 ], np.float64)  # fmt: skip
+"""The colour map `plasma` by Nathaniel Smith and Stefan van der Walt (CC0), in sRGB.
+
+It is perceptually uniform, and its lowest colour differs from the black of pixels without a value.
+"""
+
 _PERCENTILE = 99.5  # of the values: end of the scale, so that a few bright pixels do not darken all others
 _MOST_TICKS = 8
 _ROUNDING = 1e-9  # relative: values this close to a tick lie on it
@@ -132,12 +135,10 @@ _ROUNDING = 1e-9  # relative: values this close to a tick lie on it
 
 def heat_colours(values: np.ndarray, top: float) -> NDArray[np.uint8]:
     """(..., 3) uint8: false colours of values from 0 to `top`. Larger values get the colour of `top`."""
-    at = np.clip(np.asarray(values, np.float64) / top, 0.0, 1.0) * (len(_RAMP) - 1)
-    index = np.minimum(at.astype(np.int64), len(_RAMP) - 2)
+    at = np.clip(np.asarray(values, np.float64) / top, 0.0, 1.0) * (len(RAMP) - 1)
+    index = np.minimum(at.astype(np.int64), len(RAMP) - 2)
     fraction = (at - index)[..., None]
-    colours: NDArray[np.uint8] = np.round(_RAMP[index] * (1.0 - fraction) + _RAMP[index + 1] * fraction).astype(
-        np.uint8
-    )
+    colours: NDArray[np.uint8] = np.round(RAMP[index] * (1.0 - fraction) + RAMP[index + 1] * fraction).astype(np.uint8)
     return colours
 
 

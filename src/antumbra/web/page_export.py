@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ..base.errors import InputError
 from ..base.files import atomic_output
 from ..engine.scene import AnyScene
+from ..picture.heat_maps import RAMP
 from ..scene.camera import Camera
 from ..scene.triangles import Triangles
 from ..sun.location import Place
@@ -206,6 +207,8 @@ def page_html(
         "digest": digest[:12],
         "triangles": len(triangles.vertices),
         "up": scene.up,
+        "origin": triangles.origin.tolist(),
+        "palette": RAMP.astype(int).tolist(),
         "metres": scene.unit.metres,
         "camera": _orbit_of(scene, triangles, view),
         "place": None if options.place is None else options.place._asdict(),

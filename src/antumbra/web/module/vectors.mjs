@@ -7,12 +7,11 @@
  * A vector at unit length, also where its square overflows.
  * @param {Vector} v
  * @param {string} what names it in errors
- * @param {string} [cure]
  */
-export function unit(v, what, cure = "give it a direction") {
+export function unit(v, what) {
   const largest = Math.max(Math.abs(v[0]), Math.abs(v[1]), Math.abs(v[2]));
-  if (!Number.isFinite(largest)) throw new RangeError(`${what} has NaN or infinity; ${cure}`);
-  if (largest === 0) throw new RangeError(`${what} is zero; ${cure}`);
+  if (!Number.isFinite(largest)) throw new RangeError(`${what} has NaN or infinity; give it a direction`);
+  if (largest === 0) throw new RangeError(`${what} is zero; give it a direction`);
   return unitOf(v, largest);
 }
 
@@ -41,6 +40,16 @@ export function exponentOf(x) {
   while (x >= 2 ** exponent && exponent < 1024) exponent++;
   while (exponent > -1073 && x < 2 ** (exponent - 1)) exponent--;
   return exponent;
+}
+
+/** @param {Vector} a @param {Vector} b */
+export function dot(a, b) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/** @param {Vector} a @param {Vector} b */
+export function cross(a, b) {
+  return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 }
 
 /**

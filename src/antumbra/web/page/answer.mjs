@@ -2,15 +2,15 @@
 /** The answer at a point: a sentence, and the day as a bar. */
 
 import { sunAngles } from "../module/sun_position.mjs";
-import { clock, daysAfter, midnight, towards } from "./sun.mjs";
+import { BLOCKED, SEEN } from "./questions.mjs";
+import { clock, dateAt, daysAfter, midnight, towards } from "./sun.mjs";
 import { fill } from "./words.mjs";
 
 /** @typedef {import("./sun.mjs").Place} Place */
 /** @typedef {import("./words.mjs").Words} Words */
 
-const STEP = 300; // seconds of the intervals of a day, each judged at its middle, as by antumbra sun --step 5
+export const STEP = 5; // minutes of the intervals of a day, each judged at its middle, as by antumbra sun --step 5
 const MOST_SPANS = 3; // in a sentence
-const [SEEN, BLOCKED] = [1, 2];
 
 /** @typedef {{starts: number[], ends: number[], directions: Float64Array, above: boolean[]}} Day */
 
@@ -19,15 +19,47 @@ const [SEEN, BLOCKED] = [1, 2];
  * @param {Place} place
  * @param {string} date
  * @param {"y" | "z"} up
+ * @param {number} step minutes
  * @returns {Day}
  */
-export function dayOf(place, date, up) {
+export function dayOf(place, date, up, step = STEP) {
   const [first, last] = [midnight(place, date), midnight(place, daysAfter(date, 1))];
-  const starts = Array.from({ length: Math.ceil((last - first) / STEP) }, (_, k) => first + k * STEP);
-  const ends = starts.map((start) => Math.min(start + STEP, last));
+  const starts = Array.from({ length: Math.ceil((last - first) / 60 / step) }, (_, k) => first + 60 * step * k);
+  const ends = starts.map((start) => Math.min(start + 60 * step, last));
   const angles = starts.map((start, k) => sunAngles(place, start + Math.floor((ends[k] - start) / 2)));
   const directions = Float64Array.from(angles.flatMap((each) => towards(each, place.north, up)));
   return { starts, ends, directions, above: angles.map(({ altitude }) => altitude > 0) };
+}
+
+/**
+ * The suns above the horizon of days, in the order of time.
+ * @param {Day[]} days
+ * @returns {import("../module/sun.mjs").Suns}
+ */
+export function sunsAbove(days) {
+  const rows = days.flatMap(({ starts, ends, directions, above }) =>
+    starts
+      .map((start, k) => ({
+        hours: (ends[k] - start) / 3600,
+        way: directions.subarray(3 * k, 3 * k + 3),
+        up: above[k],
+      }))
+      .filter(({ up }) => up),
+  );
+  return {
+    directions: Float64Array.from(rows.flatMap(({ way }) => [...way])),
+    hours: Float64Array.from(rows, ({ hours }) => hours),
+  };
+}
+
+/**
+ * A day in words, such as 21 March.
+ * @param {string} date
+ * @param {Words} words
+ */
+export function dayName(date, words) {
+  const form = new Intl.DateTimeFormat(words.locale, { day: "numeric", month: "long", timeZone: "UTC" });
+  return form.format(Date.parse(`${date}T00:00:00Z`));
 }
 
 /**
@@ -62,7 +94,7 @@ function spansOf({ starts, ends, above }, states, blockers) {
 }
 
 /**
- * The name that occurs most often.
+ * The text that occurs most often.
  * @param {string[]} names
  */
 function commonest(names) {
@@ -86,34 +118,56 @@ export function duration(hours) {
 /**
  * What a worker found at a point, as a sentence.
  * @param {any} found
- * @param {{place: Place, day: Day} | null} when null: without a place, only the sun that is shown
- * @param {number | null} sunNow the height of the sun that is shown, degrees
+ * @param {{place: Place, date: string, day: Day} | null} when null: without a place, only the sun that is shown
+ * @param {number} altitude of the sun that is shown, degrees
  * @param {Words} words
  * @param {(face: number) => string} nameOf an object, or ""
  */
-export function sentenceOf(found, when, sunNow, words, nameOf) {
+export function sentenceOf(found, when, altitude, words, nameOf) {
   if (!found) return words.nothing;
-  const name = (/** @type {number} */ face) => nameOf(face) || words.something;
-  const parts = [];
-  if (sunNow === null || sunNow <= 0) parts.push(words.atNight);
-  else if (found.now === SEEN) parts.push(words.inSun);
-  else if (found.now === BLOCKED) parts.push(fill(words.inShadow, { blocker: name(found.nowBlocker) }));
-  else parts.push(words.behind);
-  if (when) {
-    const { place, day } = when;
-    const all = spansOf(day, found.states, found.blockers);
-    const longest = [...all].sort((a, b) => b.to - b.from - (a.to - a.from)).slice(0, MOST_SPANS);
-    const spans = all
-      .filter((span) => longest.includes(span))
-      .map(({ from, to, faces }) =>
-        fill(words.span, { from: clock(place, from), to: clock(place, to), blocker: commonest(faces.map(name)) }),
-      )
-      .join(", ");
-    const hours = duration(hoursOf(day, found.states));
-    parts.push(`${spans ? fill(words.hoursBlocked, { hours, spans }) : fill(words.hours, { hours })}.`);
-  }
-  parts.push(fill(words.sky, { share: Math.round(100 * found.sky) }));
-  return parts.join(" ");
+  const share = Math.round(100 * found.sky);
+  const now = nowOf(found, altitude, words, nameOf);
+  if (!when) return `${now} ${fill(words.sky, { share })}`;
+  const { place, date, day } = when;
+  const hours = hoursOf(day, found.states);
+  const spans = spansText(spansOf(day, found.states, found.blockers), place, words, nameOf);
+  const dayText =
+    date === dateAt(place, Date.now() / 1000) ? words.today : fill(words.onDay, { date: dayName(date, words) });
+  const sun = fill(hours > 0 ? words.sun : words.noSun, { hours: duration(hours), day: dayText });
+  return `${now} ${fill(spans ? words.blockedSky : words.openSky, { sun, spans, share })}`;
+}
+
+/**
+ * @param {any} found
+ * @param {number} altitude
+ * @param {Words} words
+ * @param {(face: number) => string} nameOf
+ */
+function nowOf({ now, nowBlocker }, altitude, words, nameOf) {
+  if (altitude <= 0) return words.atNight;
+  if (now === SEEN) return words.inSun;
+  if (now !== BLOCKED) return words.behind;
+  const blocker = nameOf(nowBlocker);
+  return blocker ? fill(words.inShadowOf, { blocker }) : words.inShadow;
+}
+
+/**
+ * The longest runs in which the sun is blocked, in the order of time; "" if there are none.
+ * @param {{from: number, to: number, faces: number[]}[]} all
+ * @param {Place} place
+ * @param {Words} words
+ * @param {(face: number) => string} nameOf
+ */
+function spansText(all, place, words, nameOf) {
+  const longest = [...all].sort((a, b) => b.to - b.from - (a.to - a.from)).slice(0, MOST_SPANS);
+  const texts = all
+    .filter((span) => longest.includes(span))
+    .map(({ from, to, faces }) => {
+      const blocker = commonest(faces.map(nameOf));
+      const times = { from: clock(place, from), to: clock(place, to), blocker };
+      return fill(blocker ? words.spanBy : words.span, times);
+    });
+  return new Intl.ListFormat(words.locale).format(texts);
 }
 
 /**

@@ -2,20 +2,21 @@
 /** The page: unpacks the scene, starts the workers, and joins picture, sun, answers and proof. In a worker: its jobs. */
 
 import { dayOf, drawDay, hoursOf, sentenceOf } from "./answer.mjs";
+import { HorizonPlot } from "./horizon_plot.mjs";
 import { drawLegend, textOf } from "./layer.mjs";
+import { Ruler } from "./measure.mjs";
 import { follow, Orbit } from "./orbit.mjs";
+import { part } from "./parts.mjs";
 import { Picture, SAMPLES } from "./picture.mjs";
 import { Pool, serve } from "./pool.mjs";
 import { scaleBar } from "./scale.mjs";
 import { SunPanel } from "./sun_panel.mjs";
 import { SurfaceValues } from "./surface_values.mjs";
+import { Tools } from "./tools.mjs";
 import { pause, unpack } from "./unpack.mjs";
 import { fill, WORDS } from "./words.mjs";
 
 /** @typedef {import("./words.mjs").Words} Words */
-
-/** @param {string} id */
-const part = (id) => /** @type {any} */ (document.getElementById(id));
 
 class Page {
   /**
@@ -29,9 +30,15 @@ class Page {
     this.camera = new Orbit(about.camera, about.up);
     this.sun = new SunPanel(about, words, () => {
       this.#changed();
+      this.tools?.sunChanged();
       clearTimeout(this.later);
       this.later = setTimeout(() => this.#answer().catch((error) => this.fail(error)), 60);
     });
+    const name = (/** @type {number} */ face) => this.#nameOf(face);
+    this.ruler = new Ruler(about, words, this.pool, this.camera, name, () => this.#answer());
+    this.horizon = new HorizonPlot(this.pool, this.sun, words);
+    this.picture = /** @type {Picture | null} */ (null);
+    this.tools = /** @type {Tools | null} */ (null);
     this.found = /** @type {any} */ (null);
     this.asked = /** @type {any} */ (null);
     this.objectOf = new Int32Array();
@@ -49,7 +56,12 @@ class Page {
     this.objectOf = arrays.objectOf;
     const { origins, directions, blocked, faces, distances, objectOf, ...traced } = arrays;
     this.values = about.layer && new SurfaceValues(about.layer, arrays);
-    const scene = { arrays: { ...traced, layer: about.layer }, kernels: about.kernels, up: about.up };
+    const scene = {
+      arrays: { ...traced, layer: about.layer },
+      kernels: about.kernels,
+      up: about.up,
+      origin: about.origin,
+    };
     const source = part("code").textContent;
     await this.pool.start(source, scene, about.triangles, (error) => this.fail(error));
     part("opening").hidden = true;
@@ -61,15 +73,17 @@ class Page {
       () => ({ ...this.sun.light, painted: Boolean(about.layer) && part("painted").checked }),
       (samples) => {
         part("samples").textContent =
-          samples === SAMPLES ? "" : ` · ${fill(words.samples, { n: samples, all: SAMPLES })}`;
+          samples === this.picture?.most ? "" : ` · ${fill(words.samples, { n: samples, all: SAMPLES })}`;
         document.body.dataset.samples = String(samples);
       },
     );
+    const failed = (/** @type {Error} */ error) => this.fail(error);
+    this.tools = new Tools(about, words, this.pool, this.camera, this.sun, this.picture, failed);
     follow(
       canvas,
       this.camera,
       () => this.#changed(),
-      (x, y) => this.ask(x, y),
+      (x, y) => this.ask(x, y).catch(failed),
     );
     new ResizeObserver(() => this.#changed()).observe(canvas);
     this.#changed();
@@ -95,15 +109,21 @@ class Page {
     const { clientWidth: width, clientHeight: height } = part("picture");
     const rays = this.camera.rays(width, height);
     const direction = rays.corner.map((c, k) => c + x * rays.dx[k] + y * rays.dy[k]);
-    this.asked = { origin: rays.origin, direction };
+    const click = { origin: rays.origin, direction };
+    if (this.ruler.on) return this.ruler.clicked(click);
+    this.asked = click;
     part("answer").setAttribute("aria-busy", "true");
     await this.#answer();
   }
 
   async #answer() {
     const { asked, sun, about, words } = this;
-    if (!asked) return;
-    const when = sun.place && { place: sun.place, day: dayOf(sun.place, sun.date, about.up) };
+    if (this.ruler.on) return;
+    if (!asked) {
+      part("answer").textContent = words.hint;
+      return;
+    }
+    const when = sun.place && { place: sun.place, date: sun.date, day: dayOf(sun.place, sun.date, about.up) };
     const day = when?.day.directions ?? new Float64Array();
     const question = { ...asked, suns: day, now: sun.light.sun };
     const found = await this.pool.run("ask", question, true);
@@ -121,6 +141,8 @@ class Page {
       drawDay(part("day"), when.day, found.states, sun.seconds);
     }
     this.#mark();
+    this.tools?.asked(found);
+    await this.horizon.show(found);
   }
 
   /**
@@ -154,6 +176,7 @@ class Page {
   /** The camera, the sun or the size has changed. */
   #changed() {
     this.picture?.changed();
+    this.tools?.viewChanged();
     part("north").style.transform = `rotate(${this.sun.north - (this.camera.heading * 180) / Math.PI}deg)`;
     scaleBar(part("scale"), this.camera, part("picture").clientHeight, this.about.metres, this.words);
     this.#mark();
@@ -164,6 +187,7 @@ class Page {
     const place = this.found && this.camera.place(this.found.point, canvas.clientWidth, canvas.clientHeight);
     part("mark").hidden = !place;
     if (place) part("mark").style.translate = `${place[0]}px ${place[1]}px`;
+    this.ruler.draw();
   }
 
   /**
@@ -186,7 +210,7 @@ class Page {
     part("help").textContent = words.help;
     part("sun").setAttribute("aria-label", words.controls);
     const triangles = about.triangles.toLocaleString(document.documentElement.lang);
-    part("legend").hidden = !about.layer;
+    part("result").hidden = !about.layer;
     if (about.layer) {
       drawLegend(part("colours"), about.layer);
       part("layer").textContent = about.layer.unit ? `${about.layer.name} (${about.layer.unit})` : about.layer.name;
@@ -196,14 +220,9 @@ class Page {
   }
 }
 
-/** What the page needs of a browser and is missing, or "". */
+/** What the page needs of a browser and is missing, if anything. */
 function missing() {
-  const needed = {
-    WebAssembly: "WebAssembly",
-    DecompressionStream: "DecompressionStream",
-    OffscreenCanvas: "OffscreenCanvas",
-  };
-  return Object.keys(needed).find((name) => !(name in globalThis)) ?? "";
+  return ["WebAssembly", "DecompressionStream", "OffscreenCanvas"].find((name) => !(name in globalThis));
 }
 
 if (typeof document === "undefined") serve();

@@ -38,6 +38,17 @@ export class Picture {
     this.shown = shown;
     this.samples = 0;
     this.up = camera.up === "z" ? 2 : 1;
+    this.most = SAMPLES;
+  }
+
+  /**
+   * Draw one sample only, since something hides the surfaces; or go on.
+   * @param {boolean} hidden
+   */
+  pause(hidden) {
+    if (hidden === this.most < SAMPLES) return;
+    this.most = hidden ? 1 : SAMPLES;
+    this.changed();
   }
 
   /** Draw anew, for ever. */
@@ -55,14 +66,14 @@ export class Picture {
   /** The camera, the light or the size has changed. */
   changed() {
     this.#change++;
-    this.pool.drop();
+    this.pool.drop("band");
     this.#wake?.();
   }
 
   /** @param {number} change */
   async #draw(change) {
     const [width, height] = this.#size();
-    const coarse = Math.max(1, Math.sqrt((width * height) / (COARSE * (this.pool.size ?? 1))));
+    const coarse = Math.max(1, Math.sqrt((width * height) / (COARSE * this.pool.size)));
     this.samples = 0;
     if (coarse > 1.5) {
       const [w, h] = [Math.ceil(width / coarse), Math.ceil(height / coarse)];
@@ -73,7 +84,7 @@ export class Picture {
       await new Promise((done) => setTimeout(done, 0)); // for input
     }
     const sum = new Float32Array(4 * width * height);
-    for (let sample = 0; sample < SAMPLES; sample++) {
+    for (let sample = 0; sample < this.most; sample++) {
       if (change !== this.#change) return;
       const light = await this.#pass(width, height, sample, change);
       if (!light) return;
@@ -171,7 +182,7 @@ export class Picture {
  * The exposure that makes a picture bright but not clipped, as antumbra.picture.image_files has it; null without light.
  * @param {Float32Array} light of one sample
  */
-export function exposureOf(light) {
+function exposureOf(light) {
   /** @type {number[]} */
   const values = [];
   for (let i = 0; i < light.length; i += 4) {

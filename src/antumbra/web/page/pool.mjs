@@ -1,12 +1,13 @@
 // @ts-check
 /** The workers of the page, each with a scene and memory of its own, and the jobs that they take from a queue. */
 
+import { QUESTIONS } from "./questions.mjs";
 import { Tracer } from "./tracer.mjs";
 
 const LARGE = 400_000; // triangles from which one worker has to do, for memory
 const MOST_WORKERS = 6;
 
-/** @typedef {"band" | "ask" | "prove"} Method */
+/** @typedef {"band" | "prove" | keyof QUESTIONS} Method */
 /** @typedef {{method: Method, job: any, done: (answer: any) => void, failed: (reason: Error) => void}} Task */
 
 /** Answer messages in a worker. The first one makes its scene. */
@@ -16,9 +17,10 @@ export function serve() {
   globalThis.onmessage = async ({ data: { method, job } }) => {
     try {
       if (method === "create") {
-        tracer = await Tracer.create(job.arrays, job.kernels, job.up);
+        tracer = await Tracer.create(job.arrays, job.kernels, job.up, job.origin);
         postMessage({});
-      } else postMessage({ answer: tracer[/** @type {Method} */ (method)](job) });
+      } else if (method in QUESTIONS) postMessage({ answer: QUESTIONS[method](tracer, job) });
+      else postMessage({ answer: tracer[/** @type {"band" | "prove"} */ (method)](job) });
     } catch (error) {
       postMessage({ error: String(/** @type {Error} */ (error).message ?? error) });
     }
@@ -28,6 +30,7 @@ export function serve() {
 export class Pool {
   /** @type {Worker[]} */ #idle = [];
   /** @type {Task[]} */ #tasks = [];
+  size = 1; // workers
 
   /**
    * Start workers; it returns when the first one is ready.
@@ -67,10 +70,13 @@ export class Pool {
     });
   }
 
-  /** Drop the bands that have not begun. */
-  drop() {
-    const dropped = this.#tasks.filter(({ method }) => method === "band");
-    this.#tasks = this.#tasks.filter(({ method }) => method !== "band");
+  /**
+   * Drop the jobs of a method that have not begun.
+   * @param {Method} which
+   */
+  drop(which) {
+    const dropped = this.#tasks.filter(({ method }) => method === which);
+    this.#tasks = this.#tasks.filter(({ method }) => method !== which);
     for (const { done } of dropped) done(null);
   }
 

@@ -62,6 +62,15 @@ export function daysAfter(date, n) {
 }
 
 /**
+ * The local day at an instant.
+ * @param {Place} place
+ * @param {number} seconds
+ */
+export function dateAt(place, seconds) {
+  return new Date(1000 * (seconds + offsetAt(place, seconds))).toISOString().slice(0, 10);
+}
+
+/**
  * Local clock time such as 14:05.
  * @param {Place} place
  * @param {number} seconds

@@ -2,6 +2,7 @@
 /** The controls of the sun: date and time with a place, otherwise its direction and height. */
 
 import { sunAngles } from "../module/sun_position.mjs";
+import { label, part } from "./parts.mjs";
 import { clock, daysAfter, midnight, towards } from "./sun.mjs";
 import { fill } from "./words.mjs";
 
@@ -11,9 +12,6 @@ import { fill } from "./words.mjs";
 const RADIUS = Math.tan(((0.533 / 2) * Math.PI) / 180); // of the sun's disk
 const MINUTES_A_SECOND = 60; // of the day that plays
 const MINUTE = 60;
-
-/** @param {string} id */
-const part = (id) => /** @type {any} */ (document.getElementById(id));
 
 export class SunPanel {
   /**
@@ -28,7 +26,7 @@ export class SunPanel {
     this.up = about.up;
     this.words = words;
     this.changed = changed;
-    this.playing = 0;
+    this.playing = false;
     this.date = about.date;
     this.day = part("date");
     this.first = part("first");
@@ -99,7 +97,9 @@ export class SunPanel {
 
   #show() {
     const { altitude, azimuth } = this.angles;
-    const sun = fill(this.words.sunAt, { altitude: altitude.toFixed(1), azimuth: azimuth.toFixed(0) });
+    const digits = { minimumFractionDigits: 1, maximumFractionDigits: 1 };
+    const height = altitude.toLocaleString(this.words.locale, digits);
+    const sun = fill(this.words.sunAt, { altitude: height, azimuth: azimuth.toFixed(0) });
     const time = this.place ? clock(this.place, this.seconds) : "";
     this.output.textContent = [time, altitude > 0 ? sun : this.words.night].filter(Boolean).join(" · ");
     this.output.dataset.angles = JSON.stringify([altitude, azimuth]);
@@ -108,7 +108,7 @@ export class SunPanel {
   }
 
   #play() {
-    this.playing = this.playing ? 0 : performance.now();
+    this.playing = !this.playing;
     this.#name();
     let last = performance.now();
     const step = (/** @type {number} */ now) => {
@@ -130,13 +130,4 @@ export class SunPanel {
     this.button.setAttribute("aria-label", name);
     this.button.title = name;
   }
-}
-
-/**
- * @param {string} id of an input
- * @param {string} text of its label
- */
-function label(id, text) {
-  const element = /** @type {HTMLElement} */ (document.getElementById(id));
-  /** @type {HTMLElement} */ (element.closest("label")?.querySelector("span")).textContent = text;
 }

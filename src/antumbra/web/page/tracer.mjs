@@ -1,13 +1,11 @@
 // @ts-check
-/** What a worker of the page computes: rows of pictures, answers at points, and the proof. Its scene has a memory of its own. */
+/** What a worker of the page computes: rows of pictures, and the proof. Its scene has a memory of its own. */
 
 import { loadKernels, Scene } from "../module/scene.mjs";
 import { tangents } from "../module/vectors.mjs";
-import { cosineDirection, halton, hash, receiver, ShadowRays, STEPS, skyLight } from "./shadow_rays.mjs";
+import { cosineDirection, halton, hash, ShadowRays, STEPS, skyLight } from "./shadow_rays.mjs";
 import { SurfaceValues } from "./surface_values.mjs";
 
-const GOLDEN = Math.PI * (3 - Math.sqrt(5));
-const SKY_DIRECTIONS = 4096;
 const SUN_COLOUR = [1, 0.95, 0.87];
 const SUN_INTENSITY = 4.5;
 const AMBIENT = 0.12;
@@ -26,15 +24,14 @@ const WHITE = [1, 1, 1];
  *   radius: number, daylight: number, painted: boolean}} Band
  */
 
-/** @typedef {{origin: number[], direction: number[], suns: Float64Array, now: number[] | null}} Question */
-
 export class Tracer {
   /**
    * @param {Scene} scene
    * @param {Record<string, any>} arrays
    * @param {string} up
+   * @param {number[]} origin of the coordinates, in the world
    */
-  constructor(scene, arrays, up) {
+  constructor(scene, arrays, up, origin) {
     this.scene = scene;
     this.positions = arrays.positions;
     this.indices = arrays.indices;
@@ -42,17 +39,19 @@ export class Tracer {
     this.colourOf = arrays.colourOf;
     this.up = up === "z" ? 2 : 1;
     this.values = arrays.layer ? new SurfaceValues(arrays.layer, arrays) : null;
+    this.mesh = { positions: this.positions, indices: this.indices, origin, up: this.up };
   }
 
   /**
    * @param {Record<string, any>} arrays
    * @param {any} kernels the list of kernels
    * @param {string} up
+   * @param {number[]} origin
    */
-  static async create(arrays, kernels, up) {
+  static async create(arrays, kernels, up, origin) {
     const module = await loadKernels({ wasm: arrays.wasm, list: kernels });
     const scene = await Scene.create(arrays.positions, arrays.indices, { kernels: module, threads: 1 });
-    return new Tracer(scene, arrays, up);
+    return new Tracer(scene, arrays, up, origin);
   }
 
   /**
@@ -150,71 +149,6 @@ export class Tracer {
   }
 
   /**
-   * What a point sees of the sun through the day, and of the sky; null if the ray meets nothing. The states of the suns are
-   * 0 behind the surface, 1 seen, 2 blocked.
-   * @param {Question} question
-   */
-  ask({ origin, direction, suns, now }) {
-    const hit = this.scene.closestHit(Float32Array.from(origin), Float32Array.from(direction));
-    const face = hit.face[0];
-    if (face < 0) return null;
-    const flat = this.normal(face);
-    const side = flat.reduce((sum, n, k) => sum + n * direction[k], 0) > 0 ? -1 : 1;
-    const normal = flat.map((n) => side * n);
-    const point = origin.map((o, k) => o + hit.t[0] * direction[k]);
-    const start = receiver(point, normal);
-    const states = this.#states(start, normal, face, suns);
-    const at = now ? this.#states(start, normal, face, Float64Array.from(now)) : null;
-    const sky = this.#sky(start, normal, face);
-    return { face, point, normal, ...states, now: at?.states[0], nowBlocker: at?.blockers[0], sky };
-  }
-
-  /**
-   * @param {number[]} start
-   * @param {number[]} normal
-   * @param {number} face
-   * @param {Float64Array} suns
-   */
-  #states(start, normal, face, suns) {
-    const n = suns.length / 3;
-    const states = new Uint8Array(n);
-    const blockers = new Int32Array(n).fill(-1);
-    const facing = Array.from({ length: n }, (_, i) => i).filter(
-      (i) => normal[0] * suns[3 * i] + normal[1] * suns[3 * i + 1] + normal[2] * suns[3 * i + 2] > 0,
-    );
-    const ways = Float64Array.from(facing.flatMap((i) => [suns[3 * i], suns[3 * i + 1], suns[3 * i + 2]]));
-    const options = { skipFace: new Int32Array(facing.length).fill(face) };
-    const hits = this.scene.closestHit(repeat(start, facing.length), ways, options);
-    facing.forEach((i, k) => {
-      blockers[i] = hits.face[k];
-      states[i] = hits.face[k] < 0 ? 1 : 2;
-    });
-    return { states, blockers };
-  }
-
-  /**
-   * The share of the sky above the horizon that a point sees.
-   * @param {number[]} start
-   * @param {number[]} normal
-   * @param {number} face
-   */
-  #sky(start, normal, face) {
-    const ways = [];
-    for (let i = 0; i < SKY_DIRECTIONS; i++) {
-      const height = (i + 0.5) / SKY_DIRECTIONS;
-      const level = Math.sqrt(1 - height * height);
-      const [a, b] = [level * Math.cos(i * GOLDEN), level * Math.sin(i * GOLDEN)];
-      const way = this.up === 2 ? [a, b, height] : [a, height, b];
-      if (normal[0] * way[0] + normal[1] * way[1] + normal[2] * way[2] > 0) ways.push(...way);
-    }
-    const n = ways.length / 3;
-    const blocked = this.scene.occluded(repeat(start, n), Float32Array.from(ways), {
-      skipFace: new Int32Array(n).fill(face),
-    });
-    return blocked.reduce((open, each) => open + 1 - each, 0) / SKY_DIRECTIONS;
-  }
-
-  /**
    * The number of recorded rays whose answers have other bits here.
    * @param {Record<string, any>} recorded
    */
@@ -227,14 +161,4 @@ export class Tracer {
         wrong++;
     return wrong;
   }
-}
-
-/**
- * @param {number[]} point
- * @param {number} n
- */
-function repeat(point, n) {
-  const out = new Float32Array(3 * n);
-  for (let i = 0; i < n; i++) out.set(point, 3 * i);
-  return out;
 }
