@@ -39,6 +39,7 @@ from .precompilation import precompile
 from .primary_visibility import AUTO, METHODS, RAYS
 from .ray_queries import RayQueries
 from .scene_reading import data_of
+from .sources.few_points import FewPoints
 from .sources.in_memory_source import RayLists, SharedMemory
 from .sources.instanced_source import SharedInstances
 from .sources.point_shadows import PlanKernels, TreeShadows, queries_in
@@ -173,6 +174,8 @@ class Engine(RayQueries):
             from .sources.card_rays import CardRays
 
             self._rays = CardRays(shared.flat(), self.threads, self._rays)
+        geometry, others = self.source.geometry, self.terrain or self._device_rays
+        self._few = None if geometry is None or not chooses or others else FewPoints(geometry, self._rays)
         renew_after_fork(self)
 
     def _after_fork(self) -> None:
@@ -374,9 +377,13 @@ class Engine(RayQueries):
         checked_instance(receivers, Receivers, "receivers")
         seed = whole_number(seed, "seed", 0, 2**63 - 1)
         lights = [without_interleave(light).drawn(seed) for light in check_lights(lights, self.data.up)]
-        samples = [light_samples(light, spp, sampler, seed) for light in lights]
+        samples, facing = [light_samples(light, spp, sampler, seed) for light in lights], cull_value(cull_faces)
+        if self._few is not None and len(lights) == 1:
+            found = self._few.visibility(receivers, lights[0], samples[0], facing, self._moment(time), self.threads)
+            if found is not None:
+                return found
         with show_progress("tracing shadow rays", progress) as callback:
-            answers = self.shadows(receivers, lights, samples, cull_value(cull_faces), time, progress=callback)
+            answers = self.shadows(receivers, lights, samples, facing, time, progress=callback)
         return visibility_of(answers)
 
     def shadows(
