@@ -18,7 +18,7 @@ from ..devices.device_list import default_device, may_have_card, using_device
 from ..kernels.parallel import thread_count
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
-from ..query.point_list import points_of
+from ..query.point_list import PointArguments, points_of
 from ..query.ray_list import cull_value, failing, rays_of, segments_between
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery
@@ -287,27 +287,35 @@ class Engine(RayQueries):
         return self.source.ray_lists.all_hits(segments, None, TRIANGLES, self._count(threads))
 
     def _inside(self, points: "ArrayLike", time: float, threads: int | None) -> NDArray[np.bool_]:
-        array, up = points_of(points, self._frame).checked().points, np.eye(3)["xyz".index(self.data.up)]
-        rays = rays_of(array, up, HitFilter(0.0, np.inf), self._frame, self._n_faces, None, self._moment(time))
+        return self._contained(points_of(points, self._frame).checked(), time, threads)
+
+    def _contained(self, points: PointArguments, time: float, threads: int | None) -> NDArray[np.bool_]:
+        up = np.eye(3)["xyz".index(self.data.up)]
+        rays = rays_of(points.points, up, HitFilter(0.0, np.inf), self._frame, self._n_faces, None, self._moment(time))
         bodies = self.source.ray_lists.bodies(rays.time)
         if bodies.open_edges or self.data.notes:
             self.data.notes = with_note(self.data.notes, self.data.name, bodies.open_edges)
         return inside_of(bodies, rays, self._count(threads)).reshape(rays.shape)
 
     def _closest_points(self, points: "ArrayLike", time: float, threads: int | None) -> ClosestPoints:
-        arguments, failed = points_of(points, self._frame).without_failed()
-        found = self.source.ray_lists.closest_points(arguments.local(), self._moment(time), self._count(threads))
+        return self._closest_to(*points_of(points, self._frame).without_failed(), time, threads)
+
+    def _closest_to(
+        self, points: PointArguments, failed: NDArray[np.intp], time: float, threads: int | None
+    ) -> ClosestPoints:
+        """The closest points; `failed`: the indices of points that stand for others, which fail."""
+        found = self.source.ray_lists.closest_points(points.local(), self._moment(time), self._count(threads))
         found.position[:] += self._frame
         if len(failed):
             found.distance[failed], found.position[failed] = np.nan, np.nan
             found.face[failed], found.u[failed], found.v[failed] = -1, 0.0, 0.0
-        arrays: list[Any] = [array.reshape((*arguments.shape, *array.shape[1:])) for array in found]
+        arrays: list[Any] = [array.reshape((*points.shape, *array.shape[1:])) for array in found]
         return ClosestPoints(*arrays)
 
     def _signed_distance(self, points: "ArrayLike", time: float, threads: int | None) -> NDArray[np.float64]:
-        places = points_of(points, self._frame).without_failed()[0].points
-        distance = self._closest_points(points, time, threads).distance
-        return np.where(self._inside(places, time, threads) & (distance > 0.0), -distance, distance)
+        checked, failed = points_of(points, self._frame).without_failed()
+        distance = self._closest_to(checked, failed, time, threads).distance
+        return np.where(self._contained(checked, time, threads) & (distance > 0.0), -distance, distance)
 
     def _count(self, threads: int | None) -> int:
         """The number of threads of a query."""
