@@ -375,4 +375,4 @@ def _require(good: np.ndarray | np.bool_, message: str) -> None:
 
 def cull_value(cull_faces: str | None) -> int:
     """The CULL_FACES value of None, "front" or "back"."""
-    return CULL_FACES[choice(cull_faces, "cull_faces", CULL_FACES)]
+    return 0 if cull_faces is None else CULL_FACES[choice(cull_faces, "cull_faces", CULL_FACES)]

@@ -99,6 +99,6 @@ def test_no_second_tree_is_built_for_few_points(answered):
 
 
 @pytest.mark.skipif(wasm_kernels.wanted(), reason="WebAssembly is called through Python")
-@pytest.mark.parametrize("light", ["point", "quad", "sun"])
-def test_one_point_takes_few_calls_within_python(light):
-    assert 30 < python_calls(lambda: at.visibility(SCENE, POINTS[:1], LIGHTS[light])) <= 150
+@pytest.mark.parametrize("light, most", [("point", 100), ("quad", 120), ("sun", 145)])
+def test_one_point_takes_few_calls_within_python(light, most):
+    assert 30 < python_calls(lambda: at.visibility(SCENE, POINTS[:1], LIGHTS[light])) <= most

@@ -104,9 +104,11 @@ class FewPoints:
         latest = self._reach
         if latest is None or latest[0] is not box:
             latest = self._reach = box, box.tolist(), reach_of(box)
-        low, high = latest[1]
-        inside = all(a <= x <= b for point in points.tolist() for a, x, b in zip(low, point, high))
-        return latest[2] if inside else reach_of(box, points, 1)
+        (a, b, c), (d, e, f) = latest[1]
+        for x, y, z in points.tolist():
+            if not (a <= x <= d and b <= y <= e and c <= z <= f):
+                return reach_of(box, points, 1)
+        return latest[2]
 
 
 def _above(normals: NDArray[np.float64], origins: NDArray[np.float32], ends: NDArray[np.float32]) -> NDArray[np.bool_]:
