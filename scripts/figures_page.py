@@ -569,6 +569,7 @@ def page() -> str:
         drop_in(),
         server(),
         server_scaling(),
+        small_queries(),
     ]
     parts += [sun(), startup(), *transcribed("speed"), "## Devices\n", DEVICES, devices(), "## Wrong answers\n"]
     parts += ["[](wrong-elsewhere.md) explains the cases of the first table.\n", *wrong(), sun_rays()]

@@ -83,7 +83,7 @@ def with_quiet_progress(job: Callable[_P, _R]) -> Callable[_P, _R]:
     @wraps(job)
     def run(*args: _P.args, **options: _P.kwargs) -> _R:
         options["progress"] = progress = _checked_progress(options.get("progress"))
-        if progress is not False:
+        if progress is not False:  # without a context: a job may take microseconds
             return job(*args, **options)
         with progress_listener(ignore_progress):
             return job(*args, **options)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import as_array
-from ..base.errors import InputError
 from ..base.progress import ProgressCallback, with_quiet_progress
 from ..query.point_list import MAX_COORDINATE
 from ..query.receivers import NOTHING, Receivers
@@ -96,9 +95,8 @@ def _receivers_of(
     points: NDArray[Any], normals: "ArrayLike | None", scene: AnyScene
 ) -> tuple[Receivers, NDArray[np.intp]]:
     """The receivers at points, and the indices of those that fail, at which there is none."""
-    with suppress(InputError):  # usually no point fails
-        if np.abs(points).max(initial=0.0) < MAX_COORDINATE:
-            return Receivers.of(points, normals, scene.origin, scene.middle), _NONE
+    if normals is None and np.abs(points).max(initial=0.0) < MAX_COORDINATE:
+        return Receivers.in_space(points, scene.origin), _NONE  # at once: usually no point fails
     good = (np.abs(points) < MAX_COORDINATE).all(-1) if points.ndim and points.shape[-1] == 3 else np.ones(0, bool)
     if normals is not None:
         normals = as_array(normals, "normals")

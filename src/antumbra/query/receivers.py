@@ -188,7 +188,9 @@ class Receivers(NamedTuple):
             If a coordinate is NaN, infinite, or beyond float32 in the scene's frame.
         """
         origins = flush_to_zero(_in_frame(_points(points), frame))[None]
-        return cls(origins, np.full(origins.shape[:2], FREE, np.int8), _NO_NORMALS)
+        sides = np.empty(origins.shape[:2], np.int8)
+        sides.fill(FREE)  # faster than np.full
+        return cls(origins, sides, _NO_NORMALS)
 
     @classmethod
     def on_surface(
@@ -291,7 +293,7 @@ def _points(values: ArrayLike) -> np.ndarray:
 
 def _in_frame(points: np.ndarray, frame: ArrayLike) -> NDArray[np.float32]:
     """(n, 3) float32, finite, in the scene's frame."""
-    origin = as_array(frame, "frame")
+    origin = frame if type(frame) is np.ndarray else as_array(frame, "frame")
     if origin.shape != (3,):
         raise InputError(f"frame must have shape (3,), not {origin.shape}; pass Scene.origin")
     local = points.astype(np.float64, copy=False).reshape(-1, 3) - origin

@@ -26,7 +26,7 @@ _SETS = 4  # sample sets of points in a row
 class _Placed(NamedTuple):
     """A light in the frame of a scene."""
 
-    raw: tuple[int, float, float, bytes]  # what `place` makes of: kind, radius, reach and vectors
+    raw: tuple[int, float, float, bytes]  # what `place` makes of: kind, radius, reach; base, u and v
     sets: NDArray[np.float64]  # (16, m, 3)
     patch: LightPatch
     distinct: NDArray[np.float64]  # (16, k, 3): `sets` without equal samples
@@ -75,8 +75,12 @@ class FewPoints:
         blocked = self._rays.trace_rays(segments, True, threads).hits.blocked.reshape(n, count)
         if receivers.normals.size:
             blocked = (blocked | ~_above(receivers.normals[0], begin, end)) & (sides != NOTHING)[:, None]
-        bits = copy_bits(blocked.astype(np.uint64), m) if count == 1 else _packed(blocked)
-        return Visibility(bits[:, None], fraction_lit(bits, m)[:, None], np.array([m]))
+        if count == 1:
+            bits, fraction = copy_bits(blocked.astype(np.uint64), m), (~blocked).astype(np.float32)
+        else:
+            bits = _packed(blocked)
+            fraction = fraction_lit(bits, m)[:, None]
+        return Visibility(bits[:, None], fraction, np.array([m]))
 
     def _place(
         self,
@@ -88,8 +92,8 @@ class FewPoints:
     ) -> _Placed:
         """The light in the scene's frame, at once if it is the latest one."""
         reach, latest = self._reach_of(box, points), self._placed
-        kind, *vectors, radius = light.patch(origin, reach)
-        raw = kind, radius, reach, b"".join(map(bytes, vectors))
+        kind, base, u, v, _, radius = light.patch(origin, reach)
+        raw = kind, radius, reach, bytes(base) + bytes(u) + bytes(v)
         if latest is not None and latest.sets is sets and latest.raw == raw:
             return latest
         patch = place(light, origin, box, reach)
