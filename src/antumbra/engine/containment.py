@@ -31,17 +31,17 @@ def inside_of(bodies: Bodies, rays: RayArguments, threads: int) -> NDArray[np.bo
         inside &= within
         if bodies.open_edges is not None:
             uncertain = np.flatnonzero(within & ~on_surface)
-            inside[uncertain] = _by_votes(bodies, points[uncertain], rays.time, threads)
+            inside[uncertain] = _by_votes(bodies, points[uncertain], threads)
     return np.asarray(on_surface | inside)
 
 
-def _by_votes(bodies: Bodies, points: NDArray[np.float32], time: float, threads: int) -> NDArray[np.bool_]:
-    """(m,) bool: whether most rays at a time from points in the frame cross surfaces an odd number of times."""
+def _by_votes(bodies: Bodies, points: NDArray[np.float32], threads: int) -> NDArray[np.bool_]:
+    """(m,) bool: whether most rays from points in the frame cross surfaces an odd number of times."""
 
     def odd_rays(places: NDArray[np.int64], directions: NDArray[np.float32]) -> NDArray[np.int64]:
         odd, frame = np.zeros(len(places), np.int64), (0.0, 0.0, 0.0)
         for along in directions:
-            rays = RayArguments(points[places], along, 0.0, np.inf, -1.0, (len(places),), 0, False, frame, time)
+            rays = RayArguments(points[places], along, 0.0, np.inf, -1.0, (len(places),), 0, False, frame, bodies.time)
             odd += bodies.crossings(rays, threads) % 2
         return odd
 

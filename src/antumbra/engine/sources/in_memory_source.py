@@ -137,10 +137,10 @@ class RayLists:
         triangles = self.triangles(time)
         with self._lock:
             if self._bodies is None or self._bodies[0] is not triangles:
-                self._bodies = triangles, self._bodies_of(triangles)
-            return self._bodies[1]
+                self._bodies = triangles, self._bodies_of(triangles, time)
+            return self._bodies[1]._replace(time=time)
 
-    def _bodies_of(self, triangles: Triangles) -> Bodies:
+    def _bodies_of(self, triangles: Triangles, time: float) -> Bodies:
         precompile("ray queries")
         precompile("all hits")
         vertices, cutouts = triangles.vertices, triangles.cutouts
@@ -148,12 +148,12 @@ class RayLists:
         open_edges, once = closed_surfaces(vertices if shown is None else vertices[shown])
         box = triangle_box(triangles, self._threads)
         if once is None:
-            return Bodies(box, open_edges, lambda rays, threads: self.count_hits(rays, INSIDE, threads))
+            return Bodies(box, open_edges, lambda rays, threads: self.count_hits(rays, INSIDE, threads), time)
         solid = solid_faces(rows_with_area(vertices, self._threads), once if shown is None else shown[once])
         accelerator = Accelerator(parse_plan(RAY_PLANS[0]), self._threads)
         tracer = RayTracer(accelerator.build(triangles._replace(solid=solid, cutouts=None)).prepared)
         count = lambda rays, threads: _of_valid(rays, count_all(tracer, rays, INSIDE, threads))
-        return Bodies(box, open_edges, count)
+        return Bodies(box, open_edges, count, time)
 
     def closest_points(self, points: NDArray[np.float32], time: float, threads: int) -> ClosestPoints:
         """The closest points to points, (n, 3) in the scene's frame, at a time; those of cut-outs may lie in holes."""

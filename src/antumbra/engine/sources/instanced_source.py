@@ -237,7 +237,7 @@ class Instanced:
         """The surfaces of all copies. They are flattened if meshes, or copies in one place, have faces twice."""
         if self._bodies is None:
             self._bodies = self._find_bodies()
-        return self._bodies
+        return self._bodies._replace(time=time)
 
     def _find_bodies(self) -> Bodies:
         instances, open_edges = self.scene.instances, 0
@@ -250,7 +250,7 @@ class Instanced:
             if surfaces.once is not None:
                 return RayLists(self.scene.flattened(), self._shared.flat(), self.threads).bodies(0.0)
             open_edges += copies * surfaces.open_edges
-        return Bodies(self.bounds, open_edges, lambda rays, threads: self.count_hits(rays, INSIDE, threads))
+        return Bodies(self.bounds, open_edges, lambda rays, threads: self.count_hits(rays, INSIDE, threads), 0.0)
 
     def closest_points(self, points: NDArray[np.float32], time: float, threads: int) -> ClosestPoints:
         """Those of the flattened scene, since copies may be scaled and sheared."""

@@ -405,7 +405,7 @@ class Paged:
 
     def bodies(self, time: float) -> Bodies:
         """The surfaces as they are drawn: open edges and faces drawn twice would need all of them in memory."""
-        return Bodies(self.store.meta.box, None, lambda rays, threads: self.count_hits(rays, INSIDE, threads))
+        return Bodies(self.store.meta.box, None, lambda rays, threads: self.count_hits(rays, INSIDE, threads), time)
 
     def closest_points(self, points: NDArray[np.float32], time: float, threads: int) -> NoReturn:
         raise InputError(

@@ -55,6 +55,7 @@ class Bodies(NamedTuple):
     box: NDArray[np.float32]  # (2, 3): bounds in the recentred frame
     open_edges: int | None  # that an odd number of faces share; None: not counted
     crossings: Callable[[RayArguments, int], NDArray[np.int64]]  # counts of rays by the rule INSIDE, on some threads
+    time: float  # seconds: that of the rays
 
 
 class RayListSource(HitSource, Protocol):
