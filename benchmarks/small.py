@@ -2,8 +2,9 @@
 
     python benchmarks/small.py [SCENE ...] [--rounds N] [--threads N] [--json FILE]
 
-Each round runs every query in turn. The table has the median over the rounds of the mean time per call, in
-microseconds, and its ratio to a single-ray query of trimesh. The default scene is procedural, with 20,000 triangles.
+Each round runs every query in turn, in samples of a few calls, of which the fastest counts: other processes interrupt
+the others. The table has the median over the rounds, in microseconds per call, and its ratio to a single-ray query of
+trimesh. The default scene is procedural, with 20,000 triangles.
 """
 
 import json
@@ -19,6 +20,7 @@ from antumbra.kernels.parallel import thread_count
 from common import arguments, installed, machine
 
 _SECONDS = 0.03  # approximate time per query and round
+_CALLS = 10  # per sample
 _RAYS = 100, 10_000
 
 
@@ -72,14 +74,14 @@ def queries(scene, threads: int) -> dict[str, Callable[[], object]]:
 
 
 def seconds(call: Callable[[], object]) -> float:
-    """The mean time of a call."""
+    """The mean time of a call in the fastest sample."""
     call()
-    start, count = perf_counter(), 0
-    while True:
-        call()
-        count += 1
-        if (spent := perf_counter() - start) > _SECONDS:
-            return spent / count
+    begin, fastest = perf_counter(), float("inf")
+    while (start := perf_counter()) < begin + _SECONDS:
+        for _ in range(_CALLS):
+            call()
+        fastest = min(fastest, (perf_counter() - start) / _CALLS)
+    return fastest
 
 
 def _trimesh() -> Callable:

@@ -214,6 +214,14 @@ def startup() -> str:
     return table("Start-up, whole processes", results["machine"], ["process", "seconds"], rows)
 
 
+def small_queries() -> str:
+    """Of `benchmarks/small.py`: microseconds a call."""
+    results = load("small")
+    rows = [[r["query"], f"{r['microseconds']:.0f}", f"{r['ratio']:.2f}"] for r in results["rows"]]
+    columns = ["query", "microseconds", "relative to one ray by trimesh"]
+    return table(f"Small queries: {results['rows'][0]['scene']}", results["machine"], columns, rows)
+
+
 def small_soft_shadows(results: dict[str, Any]) -> str:
     families, rows = ("antumbra", "embree", "mitsuba", "open3d"), []
     for one in where(results["rows"], family="antumbra"):
@@ -288,6 +296,91 @@ def viewer(results: dict[str, Any]) -> str:
     ]
     title = "Images of the viewer, CPU seconds; the first one includes the tree"
     return table(title, results["machine"], ["image", *(f"{s}, {n:,} triangles" for s, n in scenes)], rows)
+
+
+# --- Rows in which a peer is faster -----------------------------------------------------------------------------------
+
+
+class Below(NamedTuple):
+    """Rows of a table in which a peer is faster."""
+
+    what: str
+    ratios: list[float]  # below 1; empty: none
+    of: int  # rows of this kind
+    why: str
+
+
+def below_in_rebuilds() -> Below:
+    results, ratios = load("rebuild"), []
+    for ours in where(results["rows"], method="auto"):
+        peers = [r["shadows"] for r in where(results["rows"], scene=ours["scene"]) if r["method"].startswith("Embree")]
+        ratios.append(min(peers) / ours["shadows"])
+    why = (
+        "packets trace a tree that was just built 1.6 times as slowly as Embree's, and `auto` predicts without a trial"
+    )
+    return Below("new triangles in every frame, `auto`", ratios, len(ratios), why)
+
+
+def below_in_builds() -> Iterable[Below]:
+    for ours, theirs in (("lbvh", "embree low"), ("bsah", "embree medium")):
+        both = [[where(load("build")["rows"], method=m), m] for m in (ours, theirs)]
+        ratios = [b["median_ms"] / a["median_ms"] for a, b in zip(both[0][0], both[1][0])]
+        yield Below(f"building trees, `{ours}` beside {theirs}", ratios, len(ratios), "")
+
+
+def below_in_drop_in() -> Below:
+    rows = [row for row in load("drop_in")["rows"] if row["ratio"] is not None]
+    why = "first hits include the exact t and weights of float32 coordinates"
+    return Below("drop-in replacements, each scene and number of rays", [row["ratio"] for row in rows], len(rows), why)
+
+
+def below_in_latency() -> Below:
+    rows, ratios = load("server")["rows"], []
+    for ours in where(rows, part="latency", library="antumbra"):
+        peers = [r for r in where(rows, part="latency", rays=ours["rays"]) if r["library"] != "antumbra"]
+        ratios.append(min(r["median_us"] for r in peers) / ours["median_us"])
+    return Below("latency of a call", ratios, len(ratios), "a call of few rays is Python, which peers enter in C++")
+
+
+def below_in_small_pictures() -> Below:
+    file, why = RESULTS / "soft_shadows_small.json", "pixels lie far apart, so that shafts gain less"
+    if file.is_file():
+        rows = where(load(file.stem)["rows"], family="antumbra")
+        ratios = [row["ratio"] for row in rows]
+    else:
+        cells = _transcribed_rows("Soft shadows in small images")
+        ratios = [float(row[2]) / max(map(float, row[3:])) for row in cells]
+    return Below("soft shadows in small images", ratios, len(ratios), why)
+
+
+def below_in_arrays() -> Below:
+    why = "reading rays, exact t and weights take 19 of the 35 ns of a camera ray"
+    if (RESULTS / "arrays-occluded.json").is_file():
+        files = [name for name in ("arrays-occluded", "arrays-closest") if (RESULTS / f"{name}.json").is_file()]
+        rows = [row for name in files for row in load(name)["rows"] if "embree " in row["method"]]
+        cases = dict.fromkeys((row["scene"], row["kind"]) for row in rows)
+        ratios = [min(r["we_are_faster"] for r in where(rows, scene=s, kind=k)) for s, k in cases]
+    else:
+        ratios = [float(row[1].partition(" ")[0]) for row in _transcribed_rows("Arrays of rays")]
+    return Below("arrays of rays, beside Embree's best mode", ratios, len(ratios), why)
+
+
+def _transcribed_rows(title: str) -> list[list[str]]:
+    return next(each["rows"] for each in load("transcribed")["tables"] if each["title"].startswith(title))
+
+
+def below_one() -> str:
+    """The rows of all tables with peers in which a peer is faster, each with its reason."""
+    every = [below_in_rebuilds(), *below_in_builds(), below_in_drop_in(), below_in_latency()]
+    every += [below_in_small_pictures(), below_in_arrays()]
+    rows = []
+    for each in every:
+        ratios = [ratio for ratio in each.ratios if ratio < 1.0]
+        if ratios:
+            assert each.why, f"{each.what}: a peer is faster; state why"
+            rows.append(f"| {each.what} | {len(ratios)} of {each.of} | {min(ratios):.2f} | {each.why} |")
+    head = ["## Where a peer is faster", "", "| rows | below 1 | least ratio | why |", "|---|---:|---:|---|"]
+    return "\n".join([*head, *rows]) + "\n"
 
 
 # --- Wrong answers, papers, scale -------------------------------------------------------------------------------------
@@ -465,6 +558,7 @@ def page() -> str:
     """The text of the page."""
     parts = [
         INTRO,
+        below_one(),
         "## Speed\n",
         PEERS,
         soft_shadows(),
@@ -475,6 +569,7 @@ def page() -> str:
         drop_in(),
         server(),
         server_scaling(),
+        small_queries(),
     ]
     parts += [sun(), startup(), *transcribed("speed"), "## Devices\n", DEVICES, devices(), "## Wrong answers\n"]
     parts += ["[](wrong-elsewhere.md) explains the cases of the first table.\n", *wrong(), sun_rays()]

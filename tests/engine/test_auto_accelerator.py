@@ -153,12 +153,12 @@ def test_few_rays_count_towards_a_better_tree(monkeypatch):
     """Many small questions are as many rays as one large one."""
     scene = at.procedural("atrium", triangles=1000)
     _builds(monkeypatch, 1e6)
-    at.visibility(scene, (0, 1, 0), at.PointLight((1, 2, 1)), spp=1)
+    at.visibility(scene, (0, 1, 0), at.SphereLight((1, 2, 1), 0.1), spp=1)
     kept = _chosen(scene)
     (choice,) = kept.choices
     assert choice.reason == "few rays" and choice.seconds > 0.0 and kept.builder == QUICK and kept.memory.lost > 0.0
     _builds(monkeypatch, 0.0)
-    at.visibility(scene, (0, 1, 0), at.PointLight((1, 2, 1)), spp=1)
+    at.visibility(scene, (0, 1, 0), at.SphereLight((1, 2, 1), 0.1), spp=1)
     assert _chosen(scene).builder == GOOD
 
 

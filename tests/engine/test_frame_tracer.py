@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.engine import accelerator, tree_choice
 from antumbra.engine.sources.in_memory_source import InMemory
 from antumbra.engine.sources.paged_source import Paged
 from antumbra.engine.sources.source_protocols import (
@@ -47,6 +48,20 @@ def test_both_sources_have_all_of_the_protocol(both):
         offers |= {} if source.memory is None else {Memory: source.memory}
         for protocol, offered in offers.items():
             assert names_of(protocol) <= set(dir(offered)), protocol
+
+
+@pytest.mark.parametrize("plan", ["auto", "lbvh+single", "bsah+multifrusta", "bsah+reinsert+wide", "bsah+chcrt"])
+def test_later_frames_build_no_tree(plan, monkeypatch):
+    built, build = [], tree_choice.new_tree
+    for module in (accelerator, tree_choice):
+        monkeypatch.setattr(module, "new_tree", lambda *arguments: built.append(1) or build(*arguments))
+    scene = at.procedural("atrium", triangles=2000)
+    renderer, camera = Renderer(scene, plan), scene.cameras[0].resized(24, 20)
+    frames = [renderer.render(camera, scene.lights, spp=4) for _ in range(3)]
+    assert len(built) == 1 and all(np.array_equal(frames[0].visibility, each.visibility) for each in frames)
+    scene.update(scene.triangles().vertices * [1.0, 0.8, 1.0])
+    moved = renderer.render(camera, scene.lights, spp=4)
+    assert len(built) == 2 and not np.array_equal(moved.visibility, frames[0].visibility)
 
 
 def test_only_stores_count_what_the_camera_sees_and_what_is_read(both):

@@ -41,10 +41,7 @@ def test_later_frames_try_rays_and_have_the_same_surfaces(scene, monkeypatch, co
     used, camera = _used(monkeypatch), scene.cameras[0].resized(40, 30)
     renderer = at.Renderer(scene, plan)
     frames = [renderer.render(camera, LAMP, spp=4) for _ in range(6)]
-    if plan == "auto":  # other plans keep no tree
-        assert used[:4] == [RASTER, RASTER, RAYS, RAYS] and set(used[4:]) <= {RASTER, RAYS}
-    else:
-        assert set(used) == {RASTER}
+    assert used[:4] == [RASTER, RASTER, RAYS, RAYS] and set(used[4:]) <= {RASTER, RAYS}
     for frame in frames[1:]:
         for one, other in zip(frames[0].gbuffer, frame.gbuffer):
             np.testing.assert_array_equal(one, other)

@@ -1,12 +1,11 @@
 """Rays in arrays of any layout and number type, one or many a call, have the same hits."""
 
-import sys
-
 import numpy as np
 import pytest
 
 import antumbra as at
 import wasm_kernels
+from python_calls import python_calls
 
 SCENE = at.procedural("atrium", triangles=2000)
 RANDOM = np.random.default_rng(2)
@@ -120,23 +119,6 @@ def test_the_hits_of_a_few_rays_are_those_of_many(n):
         call = QUERIES[query]
         assert same(call(*some), [each[:n] for each in call(ORIGINS, DIRECTIONS)])
     assert np.array_equal(SCENE.contains(some[0]), SCENE.contains(ORIGINS)[:n])
-
-
-def python_calls(function):
-    """The number of Python functions that a call enters on this thread."""
-    count = 0
-
-    def profile(frame, event, _):
-        nonlocal count
-        count += event == "call"
-
-    function()
-    sys.setprofile(profile)
-    try:
-        function()
-    finally:
-        sys.setprofile(None)
-    return count
 
 
 MOST_CALLS = {"occluded": 45, "closest_hit": 52, "all_hits": 85, "count_hits": 65}

@@ -46,6 +46,8 @@ def is_number(value: object) -> bool:
 
 def whole_number(value: Any, what: str, low: int, high: int) -> int:
     """Convert `value` to an int; InputError naming `what` unless it is a whole number in [`low`, `high`]."""
+    if type(value) is int and low <= value <= high:
+        return value
     if is_number(value):
         with suppress(TypeError, ValueError, ArithmeticError):
             integer = int(value)
@@ -103,6 +105,8 @@ def flag(value: Any, what: str) -> bool:
 def choice(value: Any, what: str, names: Iterable[str | None]) -> Any:
     """`value` if it is one of `names`; otherwise an InputError that names `what` and all of them."""
     known = list(names)
+    if type(value) is str and value in known:
+        return value
     if any(value is None if name is None else isinstance(value, str) and value == name for name in known):
         return value
     words = ["None" if name is None else f'"{name}"' for name in known]

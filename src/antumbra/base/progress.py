@@ -83,7 +83,9 @@ def with_quiet_progress(job: Callable[_P, _R]) -> Callable[_P, _R]:
     @wraps(job)
     def run(*args: _P.args, **options: _P.kwargs) -> _R:
         options["progress"] = progress = _checked_progress(options.get("progress"))
-        with progress_listener(ignore_progress) if progress is False else nullcontext():
+        if progress is not False:  # without a context: a job may take microseconds
+            return job(*args, **options)
+        with progress_listener(ignore_progress):
             return job(*args, **options)
 
     return run

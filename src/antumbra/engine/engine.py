@@ -18,7 +18,7 @@ from ..devices.device_list import default_device, may_have_card, using_device
 from ..kernels.parallel import thread_count
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
-from ..query.point_list import points_of
+from ..query.point_list import PointArguments, points_of
 from ..query.ray_list import cull_value, failing, rays_of, segments_between
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery
@@ -39,6 +39,7 @@ from .precompilation import precompile
 from .primary_visibility import AUTO, METHODS, RAYS
 from .ray_queries import RayQueries
 from .scene_reading import data_of
+from .sources.few_points import FewPoints
 from .sources.in_memory_source import RayLists, SharedMemory
 from .sources.instanced_source import SharedInstances
 from .sources.point_shadows import PlanKernels, TreeShadows, queries_in
@@ -173,6 +174,8 @@ class Engine(RayQueries):
             from .sources.card_rays import CardRays
 
             self._rays = CardRays(shared.flat(), self.threads, self._rays)
+        geometry, others = self.source.geometry, self.terrain or self._device_rays
+        self._few = None if geometry is None or not chooses or others else FewPoints(geometry, self._rays)
         renew_after_fork(self)
 
     def _after_fork(self) -> None:
@@ -284,27 +287,35 @@ class Engine(RayQueries):
         return self.source.ray_lists.all_hits(segments, None, TRIANGLES, self._count(threads))
 
     def _inside(self, points: "ArrayLike", time: float, threads: int | None) -> NDArray[np.bool_]:
-        array, up = points_of(points, self._frame).checked().points, np.eye(3)["xyz".index(self.data.up)]
-        rays = rays_of(array, up, HitFilter(0.0, np.inf), self._frame, self._n_faces, None, self._moment(time))
+        return self._contained(points_of(points, self._frame).checked(), time, threads)
+
+    def _contained(self, points: PointArguments, time: float, threads: int | None) -> NDArray[np.bool_]:
+        up = np.eye(3)["xyz".index(self.data.up)]
+        rays = rays_of(points.points, up, HitFilter(0.0, np.inf), self._frame, self._n_faces, None, self._moment(time))
         bodies = self.source.ray_lists.bodies(rays.time)
         if bodies.open_edges or self.data.notes:
             self.data.notes = with_note(self.data.notes, self.data.name, bodies.open_edges)
         return inside_of(bodies, rays, self._count(threads)).reshape(rays.shape)
 
     def _closest_points(self, points: "ArrayLike", time: float, threads: int | None) -> ClosestPoints:
-        arguments, failed = points_of(points, self._frame).without_failed()
-        found = self.source.ray_lists.closest_points(arguments.local(), self._moment(time), self._count(threads))
+        return self._closest_to(*points_of(points, self._frame).without_failed(), time, threads)
+
+    def _closest_to(
+        self, points: PointArguments, failed: NDArray[np.intp], time: float, threads: int | None
+    ) -> ClosestPoints:
+        """The closest points; `failed`: the indices of points that stand for others, which fail."""
+        found = self.source.ray_lists.closest_points(points.local(), self._moment(time), self._count(threads))
         found.position[:] += self._frame
         if len(failed):
             found.distance[failed], found.position[failed] = np.nan, np.nan
             found.face[failed], found.u[failed], found.v[failed] = -1, 0.0, 0.0
-        arrays: list[Any] = [array.reshape((*arguments.shape, *array.shape[1:])) for array in found]
+        arrays: list[Any] = [array.reshape((*points.shape, *array.shape[1:])) for array in found]
         return ClosestPoints(*arrays)
 
     def _signed_distance(self, points: "ArrayLike", time: float, threads: int | None) -> NDArray[np.float64]:
-        places = points_of(points, self._frame).without_failed()[0].points
-        distance = self._closest_points(points, time, threads).distance
-        return np.where(self._inside(places, time, threads) & (distance > 0.0), -distance, distance)
+        checked, failed = points_of(points, self._frame).without_failed()
+        distance = self._closest_to(checked, failed, time, threads).distance
+        return np.where(self._contained(checked, time, threads) & (distance > 0.0), -distance, distance)
 
     def _count(self, threads: int | None) -> int:
         """The number of threads of a query."""
@@ -374,9 +385,13 @@ class Engine(RayQueries):
         checked_instance(receivers, Receivers, "receivers")
         seed = whole_number(seed, "seed", 0, 2**63 - 1)
         lights = [without_interleave(light).drawn(seed) for light in check_lights(lights, self.data.up)]
-        samples = [light_samples(light, spp, sampler, seed) for light in lights]
+        samples, facing = [light_samples(light, spp, sampler, seed) for light in lights], cull_value(cull_faces)
+        if self._few is not None and len(lights) == 1:
+            found = self._few.visibility(receivers, lights[0], samples[0], facing, self._moment(time), self.threads)
+            if found is not None:
+                return found
         with show_progress("tracing shadow rays", progress) as callback:
-            answers = self.shadows(receivers, lights, samples, cull_value(cull_faces), time, progress=callback)
+            answers = self.shadows(receivers, lights, samples, facing, time, progress=callback)
         return visibility_of(answers)
 
     def shadows(

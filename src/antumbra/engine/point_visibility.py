@@ -95,6 +95,8 @@ def _receivers_of(
     points: NDArray[Any], normals: "ArrayLike | None", scene: AnyScene
 ) -> tuple[Receivers, NDArray[np.intp]]:
     """The receivers at points, and the indices of those that fail, at which there is none."""
+    if normals is None and np.abs(points).max(initial=0.0) < MAX_COORDINATE:
+        return Receivers.in_space(points, scene.origin), _NONE  # at once: usually no point fails
     good = (np.abs(points) < MAX_COORDINATE).all(-1) if points.ndim and points.shape[-1] == 3 else np.ones(0, bool)
     if normals is not None:
         normals = as_array(normals, "normals")
@@ -109,4 +111,7 @@ def _receivers_of(
         receivers, failed = Receivers.of(points, normals, scene.origin, scene.middle), np.flatnonzero(~good)
         receivers.sides[0, failed] = NOTHING
         return receivers, failed
-    return Receivers.of(points, normals, scene.origin, scene.middle), np.empty(0, np.intp)
+    return Receivers.of(points, normals, scene.origin, scene.middle), _NONE
+
+
+_NONE = np.empty(0, np.intp)

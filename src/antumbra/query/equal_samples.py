@@ -5,6 +5,8 @@ position or direction. Whoever traces a query traces `with_distinct_samples` of 
 sample to the others with `copy_bits`. Queries and bits keep all samples, so results do not depend on it.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -49,10 +51,16 @@ def traced_samples(light: Light, sets: NDArray[np.float64]) -> int:
 
 def copy_bits(bits: NDArray[np.uint64], samples: int) -> NDArray[np.uint64]:
     """(h, w, ceil(samples / 64)) uint64: the bits of all samples, each that of the only sample in (h, w, 1) `bits`."""
+    copies: NDArray[np.uint64] = bits * _all_samples(samples)
+    return copies
+
+
+@lru_cache(64)
+def _all_samples(samples: int) -> NDArray[np.uint64]:
+    """(ceil(samples / 64),) uint64: the bits of all samples, set. The result is cached: do not write to it."""
     words = np.full(-(-samples // 64), ~np.uint64(0))
     words[-1] >>= np.uint64(-samples % 64)
-    copies: NDArray[np.uint64] = bits * words
-    return copies
+    return words
 
 
 def any_bit(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:

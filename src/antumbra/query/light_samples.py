@@ -23,7 +23,7 @@ from ..base.checks import choice, whole_number
 from ..kernels.elementary import cos, sin
 from ..kernels.jit import inlined, kernel
 from ..scene.light_lists import N_SETS, LightList
-from ..scene.lights import AMBIENT, DIRECTIONAL, MAX_SPP, SPHERE, Light
+from ..scene.lights import AMBIENT, DIRECTIONAL, MAX_SPP, SPHERE, Light, LightPatch
 from .sobol_sequence import scrambled_sobol
 
 # --- Light samples in kernels -----------------------------------------------------------------------------------------
@@ -104,6 +104,18 @@ def sample_point(patch, a, b, c):
         np.float32(((patch.by + a * patch.uy) + b * patch.vy) + c * patch.wy),
         np.float32(((patch.bz + a * patch.uz) + b * patch.vz) + c * patch.wz),
     )
+
+
+def sample_ends(light: LightPatch, origins: NDArray[np.float32], sets: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(n, m, 3) float32: the samples of receivers 0 to n - 1 in a row, as `sample_point`, with sets (16, m, 3).
+
+    origins : (n, 3) float32; the axes of the light do not depend on them: its kind is not SPHERE or AMBIENT
+    """
+    of_receivers = sets[np.arange(len(origins)) & 3]
+    base = origins[:, None] + light.base if light.kind == DIRECTIONAL else light.base
+    a, b, c = (of_receivers[..., k, None] * axis for k, axis in enumerate((light.u, light.v, light.w)))
+    ends: NDArray[np.float32] = (((base + a) + b) + c).astype(np.float32)
+    return ends
 
 
 # --- Sample sets ------------------------------------------------------------------------------------------------------

@@ -143,7 +143,7 @@ def place(light: Light, origin: np.ndarray, box: np.ndarray | None, reach: float
         _check_ratio(box, max(reach, _farthest(light, patch)), light)
         return patch
     vectors = np.array((patch.base, patch.u, patch.v))
-    _check_ratio(box, max(reach, float(np.abs(vectors).max()) + patch.radius), light)
+    _check_ratio(box, max(reach, max(map(abs, vectors.reshape(-1).tolist())) + patch.radius), light)
     base, u, v = flush_to_zero(vectors)
     return LightPatch(patch.kind, base, u, v, patch.w, patch.radius)
 

@@ -231,9 +231,15 @@ def rays_in_frame(rays: RayPass) -> RayArguments:
     return RayArguments(rays.origins, rays.directions, 0.0, np.inf, rays.skip, shape, 0, False, (0.0, 0.0, 0.0))
 
 
-def segments_between(begin: np.ndarray, end: np.ndarray, skip: np.ndarray, time: float) -> RayArguments:
-    """Segments between points in the scene's frame, (n, 3) float32 each; skip : (n,) int."""
-    return RayArguments(begin, end, 0.0, 1.0, skip, (len(begin),), 0, True, (0.0, 0.0, 0.0), time)
+def segments_between(
+    begin: np.ndarray, end: np.ndarray, skip: np.ndarray | float, time: float, facing: int = 0
+) -> RayArguments:
+    """Segments between points in the scene's frame, (n, 3) float32 each.
+
+    skip : (n,) int, or -1.0 for no face
+    facing : a value of CULL_FACES
+    """
+    return RayArguments(begin, end, 0.0, 1.0, skip, (len(begin),), facing, True, (0.0, 0.0, 0.0), time)
 
 
 def _number_or_array(value: ArrayLike, what: str) -> np.ndarray | float:
@@ -268,6 +274,8 @@ def _segment_ends(
     directions: ArrayLike | None, tmin: ArrayLike, tmax: ArrayLike, targets: ArrayLike
 ) -> tuple[ArrayLike, float]:
     """(targets, tmax) of segments, which take no directions, tmin or tmax."""
+    if type(tmin) is type(tmax) is float and directions is None and tmin == 0.0 and tmax == np.inf:
+        return targets, 1.0
     if directions is not None or np.any(as_array(tmin, "tmin")) or np.any(as_array(tmax, "tmax") != np.inf):
         raise InputError("give either targets, which end the rays, or directions, tmin and tmax")
     return targets, 1.0
@@ -367,4 +375,4 @@ def _require(good: np.ndarray | np.bool_, message: str) -> None:
 
 def cull_value(cull_faces: str | None) -> int:
     """The CULL_FACES value of None, "front" or "back"."""
-    return CULL_FACES[choice(cull_faces, "cull_faces", CULL_FACES)]
+    return 0 if cull_faces is None else CULL_FACES[choice(cull_faces, "cull_faces", CULL_FACES)]

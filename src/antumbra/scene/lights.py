@@ -401,6 +401,6 @@ def check_lights(lights: Light | Iterable[Light], up: str) -> list[Light]:
     lights = items(lights, Light, "a light", "give an antumbra.PointLight, QuadLight, ... or a list of them")
     if not lights:
         raise InputError("no lights; give at least one, for example scene.default_light()")
-    if any(type(light) is Light for light in lights):
+    if Light in map(type, lights):
         raise InputError("antumbra.Light is the base class of lights; give a PointLight, a QuadLight, ...")
     return [light.upright(up) for light in lights]

@@ -275,6 +275,7 @@ def test_queries_too_short_for_a_trial_pay_for_one_together(scene, monkeypatch):
     monkeypatch.setattr(strategies, "predicted_rate", lambda name, facts: 1e-7)
     monkeypatch.setattr(strategies, "form_seconds", lambda name, triangles: 0.0)
     monkeypatch.setattr(strategies, "_clock", lambda tracer, threads: 0.0)
+    monkeypatch.setattr(strategies, "worth_loading", lambda names, seconds: ["packet16", "multifrusta"])
     triangles, query = query_of(scene, scene.cameras[0].resized(160, 120), LAMP, 4)
     auto = strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
     reasons = []
@@ -295,11 +296,33 @@ def test_a_conversion_of_the_tree_counts_less_the_more_queries_share_it(scene, m
     triangles, query = query_of(scene, scene.cameras[0].resized(160, 120), LAMP, 4)
     forms = strategies.TreeForms(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
     facts = strategies.features_of(query, *forms.extent)
+    conversions = forms.conversions(["single", "packet16:blocks"])
     chosen = [
-        strategies.choose_strategy(query, forms, facts, ["single", "packet16:blocks"], 2, {}, 0, served).strategy
-        for served in (1, 100)
+        strategies.choose_strategy(query, forms, facts, conversions, 2, {}, 0, served).strategy for served in (1, 100)
     ]
     assert chosen == ["single", "packet16:blocks"]
+
+
+def test_the_frames_of_a_walk_share_the_cost_of_a_conversion(scene, monkeypatch):
+    """Their tiles differ in size, so that their strategies are measured apart."""
+    served, keys, choose = [], set(), strategies.choose_strategy
+    monkeypatch.setattr(strategies, "try_strategies", lambda *arguments: {})
+
+    def recorded(query, forms, features, *rest):
+        keys.add(strategies.feature_key(features))
+        served.append(rest[-1])
+        return choose(query, forms, features, *rest)
+
+    monkeypatch.setattr(strategies, "choose_strategy", recorded)
+    auto = None
+    for distance in (1.0, 1.5, 2.0):
+        camera = scene.cameras[0]
+        position = camera.target + distance * (np.asarray(camera.position) - camera.target)
+        near = at.Camera(position, camera.target, camera.up, camera.vfov, 64, 64)
+        triangles, query = query_of(scene, near, LAMP, 4)
+        auto = auto or strategies.AutoState(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
+        strategies.AutoTracer().trace(auto, query, np.zeros((64, 64, 1), np.uint64), 2)
+    assert served == [1, 2, 3] and len(keys) > 1
 
 
 def test_strategies_are_tried_in_the_order_of_their_predictions():

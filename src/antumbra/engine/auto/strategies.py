@@ -134,9 +134,7 @@ def answer_query(
 
 # --- choice -----------------------------------------------------------------------------------------------------------
 
-TRIAL_SHARE = (
-    0.04  # maximum cost of trying strategies, relative to the predicted cost of the queries since the last try
-)
+TRIAL_SHARE = 0.04  # maximum cost of a trial, relative to the predicted cost of the queries since the last one
 KEPT_TRIAL_SHARE = 0.12  # the same where one of them has to be loaded, as only queries of kept trees do
 MAX_CONVERSION_SHARE = 0.1  # maximum cost of a tree conversion for a try, relative to the least predicted cost
 KEPT_CONVERSION_SHARE = 0.4  # the same for each further query in the tree
@@ -222,17 +220,21 @@ class StrategyMemory:
             self._predicted[key[:-1]] = self.repeats(key)
 
 
+_SIZES = 3  # index of the first size in a `feature_key`
+
+
 def feature_key(features: QueryFeatures) -> Key:
     """A key that is equal for most features that differ little."""
     sizes = (round(2.0 * log2(size)) for size in (features.tile, features.stratum, features.chunk))
-    return features.kind, features.samples, features.receivers.bit_length(), *sizes
+    receivers = (features.receivers - 1).bit_length()  # the same for a full picture and one with some background
+    return features.kind, features.samples, receivers, *sizes
 
 
 def choose_strategy(
     query: ShadowQuery,
     forms: TreeForms,
     features: QueryFeatures,
-    suited: list[str],
+    conversions: dict[str, float],
     threads: int,
     known: dict[str, float],
     repeats: int = 1,
@@ -240,17 +242,17 @@ def choose_strategy(
 ) -> StrategyChoice:
     """Choose the strategy for a query.
 
-    suited : names of the strategies that can answer it
+    conversions : from `TreeForms.conversions`, of the strategies that can answer it
     known : strategy -> nanoseconds per ray of earlier queries; empty: unknown
     repeats : number of similar queries, this one included, that may pay for a trial
     served : number of similar queries in this tree, which share the cost of converting it: as many may follow
     """
-    conversion = {name: seconds / served for name, seconds in forms.conversions(suited).items()}
+    conversion = {name: seconds / served for name, seconds in conversions.items()}
     if known:
-        cost = {name: 1e-9 * known[name] * features.rays + conversion[name] for name in suited if name in known}
+        cost = {name: 1e-9 * known[name] * features.rays + conversion[name] for name in conversion if name in known}
         strategy = min(cost, key=cost.__getitem__)
         return StrategyChoice(strategy, features.rays, "earlier query", cost[strategy], {})
-    cost = {name: predicted_rate(name, features) * features.rays + conversion[name] for name in suited}
+    cost = {name: predicted_rate(name, features) * features.rays + conversion[name] for name in conversion}
     strategy = min((name for name in cost if not cost_of(name).load), key=cost.__getitem__)
     tried = try_strategies(query, forms, cost, conversion, features, threads, repeats, served)
     if not tried:
@@ -287,11 +289,9 @@ def may_convert(share: float, least: float, served: int) -> bool:
     return share * served < (MAX_CONVERSION_SHARE + KEPT_CONVERSION_SHARE * (served - 1)) * least
 
 
-def _convertible(forms: TreeForms, suited: list[str], least: float, served: int) -> int:
+def _convertible(conversions: dict[str, float], least: float, served: int) -> int:
     """The number of strategies for which the tree has the form, or may be converted to it: see `may_convert`."""
-    return sum(
-        not seconds or may_convert(seconds / served, least, served) for seconds in forms.conversions(suited).values()
-    )
+    return sum(not seconds or may_convert(seconds / served, least, served) for seconds in conversions.values())
 
 
 def sorting_pays(
@@ -554,14 +554,15 @@ class AutoTracer(Tracer):
         seconds = features.rays * min(predicted_rate(name, features) for name in suited)
         suited = worth_loading(suited, 0.0 if prepared.builder == QUICK else seconds)
         # strategies are tried again once another one is loaded, or the tree may be converted to its form
-        served = prepared.serve(feature_key(features))
-        key = *feature_key(features), len(suited), _convertible(forms, suited, seconds, served)
+        similar, conversions = feature_key(features), forms.conversions(suited)
+        served = prepared.serve(similar[:_SIZES])  # those of a camera that walks, too: sizes change with the view
+        key = *similar, len(suited), _convertible(conversions, seconds, served)
         if sorting_pays(query, forms, features, suited, threads):
             places = spatial_order(query.origins[0])
             query = reorder_query(query, places)
             features = features_of(query, *forms.extent)
         known, repeats = memory.rates(key), memory.repeats(key)
-        choice = choose_strategy(query, forms, features, suited, threads, known, repeats, served)
+        choice = choose_strategy(query, forms, features, conversions, threads, known, repeats, served)
         prepared.improve(query, choice, threads)
         tracer = TRACERS[choice.strategy]
         form, start = prepared.forms.of(tracer.form), _clock(tracer, threads)

@@ -189,6 +189,11 @@ class RayLists:
             return self._make_ready(time, queries)
         return ready if self.spent <= ready.upgrade_after else self._upgraded(ready, queries)
 
+    def triangles_of_tree(self, time: float) -> Triangles | None:
+        """The triangles at a time within 0 .. `duration` if there is a tree of them."""
+        ready = self._ready
+        return ready.accelerated.triangles if ready is not None and self._is_current(ready, time) else None
+
     def _upgraded(self, ready: _RayTree, rays: int) -> _RayTree:
         """The better tree; or this one while another thread builds the better one, so that only one call waits."""
         if not self._lock.acquire(blocking=False):
@@ -308,14 +313,22 @@ class InMemory:
         ready = self._trees.of(self._accelerator, time)
         return ready.triangles, ready
 
+    def triangles_for_few(self, time: float) -> Triangles | None:
+        triangles = self.ray_lists.triangles_of_tree(time)
+        if triangles is None and self._trees.cached(self._accelerator, time) is None:
+            triangles = self._trees.triangles(time, self.threads)  # otherwise rays would need a second tree
+        return None if triangles is None or triangles.cutouts is not None else triangles
+
     def keep_for_points(self, accelerated: Accelerated) -> None:
         if not (accelerated.partial or self._accelerator.plan.wants_rays):
             self._trees.add(self._accelerator.plan, accelerated)
 
     def keep(self, accelerated: Accelerated) -> None:
-        """Cache the tree if its tracer has state across frames, and later frames use the same triangles and tree."""
-        plan = self._accelerator.plan
-        if accelerated.keeps_state and not (self.scene.animated or accelerated.partial or plan.wants_rays):
+        """Cache the tree if later frames use the same triangles and tree, whoever chose the plan.
+
+        Not a tree that is built for the rays of its frame.
+        """
+        if not (self.scene.animated or accelerated.partial or self._accelerator.plan.wants_rays):
             self._last = accelerated
 
     def box(self, triangles: Triangles) -> np.ndarray:

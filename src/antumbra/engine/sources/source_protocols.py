@@ -163,6 +163,10 @@ class Geometry(Protocol):
         """The triangles at a time in seconds, and a tree for a point query; None: the tree depends on the query."""
         ...
 
+    def triangles_for_few(self, time: float) -> Triangles | None:
+        """The triangles at a time in seconds, if few points are best traced as rays; None: by shadow queries."""
+        ...
+
     def keep(self, accelerated: Accelerated) -> None:
         """Offer the tree of a frame's shadow rays for reuse in later frames."""
 
