@@ -56,6 +56,9 @@ class SensorStudy(StudyCommand[_Options, _Result]):
 
         writer_of(path, kind_of(self.sensor_form))
 
+    def close(self, result: _Result) -> None:
+        self.table_of(result).close()
+
     def check_sheet(self, sheet: Any, scenes: Scenes) -> None:
         from .tables.map_sheet import check_scale
 
