@@ -254,9 +254,6 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
             return self.work(scenes, executor)
         nothing: dict[str, Any] = dict.fromkeys(self.of_one_state)
         first = replace(self, **nothing)
-        if executor is None and hasattr(self, "shard"):
-            path = next(path for name in outputs_of(type(self)) for path in self.paths(name))
-            executor = LocalExecutor(checked_folder(path.with_suffix(".parts"), parents=True))
 
         def study() -> _Result | None:
             pair = both_results(
@@ -332,12 +329,19 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         return list({path.resolve(): path for path in (*scene, *files_in(given, names).values())}.values())
 
     def _executor(self) -> "Executor | None":
-        """The executor that --shard, --ray or --merge names; shards lie beside the first output."""
+        """The executor that --shard, --ray or --merge names, or one that resumes; parts lie beside the first output."""
         if not hasattr(self, "shard"):
             return None
-        first = next(path for name in outputs_of(type(self)) for path in self.paths(name))
+        first = next((path for name in outputs_of(type(self)) for path in self.paths(name)), None)
+        if first is None:
+            for name in ("shard", "ray"):
+                if getattr(self, name) is not None:
+                    raise InputError(f"--{name} keeps parts beside an output, and there is none; give --output FILE")
+            return None
         inputs = vars(self) | field_values(self.options)
-        return executor_for(self, first, partial(start_on_node, self), inputs, getattr(self.options, "plan", None))
+        plan = getattr(self.options, "plan", None)
+        executor = executor_for(self, first, partial(start_on_node, self), inputs, plan)
+        return executor or LocalExecutor(checked_folder(first.with_suffix(".parts"), parents=True))
 
     def on_node(self, paths: dict[str, str], threads: int) -> Self:
         """The command for a node of a cluster.

@@ -4,7 +4,7 @@ Sensors lie on faces, at vertices, on surface grids, in horizontal rasters, or a
 once, when a `Sensors` is created.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import NamedTuple
 
@@ -215,9 +215,14 @@ class Sensors:
         """(n,) bool: False for raster cells off the surfaces that the raster follows; True otherwise."""
         if self.kind != "raster" or self.zone is not None or self.faces is None:
             return np.ones(len(self), bool)
-        on_face = self.faces >= 0
-        follows = bool(on_face.any()) if self.on_surfaces is None else self.on_surfaces
-        return on_face if follows else np.ones(len(self), bool)
+        return self.faces >= 0 if self._follows else np.ones(len(self), bool)
+
+    @property
+    def _follows(self) -> bool:
+        """Whether cells without a face lie off the surfaces that the raster follows."""
+        if self.on_surfaces is not None or self.faces is None:
+            return bool(self.on_surfaces)
+        return bool((self.faces >= 0).any())
 
     def on_raster(self, values: np.ndarray) -> np.ndarray:
         """(rows, columns) float64: the values ((n,) numbers) of `covered` cells; NaN elsewhere.
@@ -275,8 +280,12 @@ class Sensors:
         return [self.points] if self.normals is None else [self.points, self.normals]
 
     def block(self, first: int, last: int) -> "Sensors":
-        """As `part`: sensors in memory are their own `SensorBlocks`."""
-        return self.part(first, last)
+        """As `part`, but cells remain cells: sensors in memory are their own `SensorBlocks`."""
+        some = self.part(first, last)
+        if self.raster is None:
+            return some
+        cells = np.arange(first, last) if self.cells is None else self.cells[first:last]
+        return replace(some, kind=self.kind, raster=self.raster, cells=cells, on_surfaces=self._follows)
 
     def _attributes(self, which: NDArray[np.integer] | slice) -> dict[str, np.ndarray]:
         return {name: values[which] for name, values in self.attributes.items()}

@@ -168,9 +168,7 @@ class SunCommand(SensorStudy[SunOptions, "Table | TableBlocks"]):
         if self.column is not None:  # an unknown column is reported before the long work
             none = sun_hours(scene, sensors.block(0, 0), **field_values(options))
             (before_and_after(none, none) if self.in_both_states else none).shown(self.column)
-        first = [*self.paths("output"), *self.paths("map")][0]
-        keep = executor or first.with_suffix(".parts")
-        return partial(sun_blocks, scene, options, sensors, None, self.matrix, keep)
+        return partial(sun_blocks, scene, options, sensors, None, self.matrix, executor)
 
     def describe(self, result: "Table | TableBlocks", scenes: Scenes) -> None:
         from ...engine.engine import default_plan_of

@@ -1,7 +1,7 @@
 """`sun_hours` and `sky_view`: tables of the direct sun, and of the share of the sky, that reaches each sensor."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import date
 from functools import partial
 from typing import Any, NamedTuple, ParamSpec, cast
@@ -24,10 +24,11 @@ from ...scene.materials import MONTHS
 from ...sun.location import Place, place_in
 from ...sun.sun_positions import Suns, checked_step, months_of, suns_of, times_of, zone_notes, zone_of
 from ...work.executors import Keep, checked_keep, executor_of
+from ..sensors.block_parts import warned_by_block
 from ..sensors.curved_earth import curvature_record, earth_of, lowered_scene
 from ..sensors.ground_areas import AreaLike, default_cells
 from ..sensors.point_checks import notes_on_sensors, tell
-from ..sensors.sensor_blocks import ChangedBlocks, DescribedSensors, SensorBlocks
+from ..sensors.sensor_blocks import DescribedSensors, SensorBlocks
 from ..sensors.sensor_files import sensor_blocks, sensors_of
 from ..sensors.sensors import Sensors, sensors_from
 from ..tables.bit_matrices import row_file_size
@@ -113,6 +114,7 @@ def sky_view(
     sensors = sensors_from(scene, checked, None, "sensors")
     warned = tell(notes_on_sensors(scene, sensors, "sensors", 0.0, threads))
     tally = sum_suns(sky_query(scene, sensors, count, plan, threads), what="sky")
+    assert tally is not None  # no executor leaves parts to others
     columns = {
         "sky_view": Column(share_of_sky(tally), "", SKY_VIEW_ABOUT),
         "sky_share": Column(tally.hours / count, "", "share of the sky's hemisphere that is visible"),
@@ -288,75 +290,60 @@ def sun_blocks(
         keep = target.with_name(target.name + ".parts")  # the bits of all sensors may exceed memory
     earth, bent = earth_of(options, scene), scene
     source: SensorBlocks = described or cast(Sensors, sensors)
-    lowered = source
     if earth is not None:
         bent = lowered_scene(scene, earth)
-        lowered = ChangedBlocks(source, earth.lowered_sensors, [earth.drop, earth.centre.tolist(), earth.sag])
+    moved = None if earth is None else earth.lowered_sensors
     executor, sums, all_bins = executor_of(keep), list[SunSums](), [_Bins(run) for run in study.runs]
 
-    def noted(first: int, last: int) -> list[str]:
-        return notes_on_sensors(scene, source.block(first, last), "sensors", 0.0, threads)
+    def noted(some: Sensors) -> list[str]:
+        return notes_on_sensors(scene, some, "sensors", 0.0, threads)
 
     for run, bins in zip(study.runs, all_bins):
         suns, direct = run.suns, None if run.suns.dni is None else run.suns.dni * run.suns.hours
         query = sun_query(
-            bent, lowered, suns, bins.of_suns, bins.count, months=months_of(suns.local), samples=samples,
+            bent, source, suns, bins.of_suns, bins.count, months=months_of(suns.local), samples=samples,
             energy=direct, plan=plan, threads=threads,
         )  # fmt: skip
         what = "suns" if run is study.main else f"suns for {', '.join(each.column for each in run.criteria)}"
         with_bits = target is not None and run is study.main
+        query = query._replace(moved=moved)
         sums.append(SunSums(query, what, executor.folder, with_bits, None if sums or described is None else noted))
     if target is not None:
         check_disk_space(target, row_file_size(sums[0].matrix_shape))
     if sky_rule is not None:
-        sky = sky_query(bent, lowered, OVERCAST_DIRECTIONS, plan, threads)
+        sky = sky_query(bent, source, OVERCAST_DIRECTIONS, plan, threads)._replace(moved=moved)
         sums.append(SunSums(overcast(sky), "overcast sky", executor.folder))
     skies = _diffuse_of_seasons(scene, study.main) if options.sky else {}
     for month in skies:
-        sky = sky_query(bent, lowered, options.sky, plan, threads, month)
+        sky = sky_query(bent, source, options.sky, plan, threads, month)._replace(moved=moved)
         sums.append(SunSums(sky, "sky" if month == NO_DATE else f"sky in {MONTHS[month]}", executor.folder))
     job = [each.parts for each in sums]
     if not executor.finish(job):
         return None
     if described is not None:
-        left, more = sums[0].notes()
-        chosen.check(scene, left, len(described))
-        warned = {"warnings": [*notes, *more]} if tell(more) or notes else {}
+        chosen.check(scene, sum(sums[0].blocks.counts()), len(described))
+        warned = warned_by_block(notes, sums[0].blocks)
     if target is not None:
         with atomic_output(target) as temporary:
             sums[0].write_matrix(temporary)
     about = _about(study, options) | curvature_record(options, scene) | warned
 
-    def judged(sensors: Sensors, tallies: Sequence[Tally]) -> Table:
+    def table_of(sensors: Sensors, tallies: Sequence[Tally]) -> Table:
         columns = _all_columns(study, all_bins, skies, sky_rule, tallies)
         columns |= surface_columns(scene, sensors, study.north)
         return judged_rows(Table(sensors, columns, about, scene), study.rules, options.per, study.north)
 
     if described is None:
-        table = judged(cast(Sensors, sensors), [each.tally() for each in sums])
+        table = table_of(cast(Sensors, sensors), [each.tally() for each in sums])
         executor.end(job)
         return table
-    return _in_blocks(described, sums, judged, partial(executor.end, job))
-
-
-def _in_blocks(
-    source: DescribedSensors, sums: list[SunSums], judged: Callable[[Sensors, Sequence[Tally]], Table],
-    close: Callable[[], None],
-) -> TableBlocks:  # fmt: skip
-    """The table of described sensors, whose blocks are made again from their finished parts."""
-    ranges = sums[0].parts.ranges
-
-    def make(k: int) -> Table:
-        if not ranges:
-            return whole()
-        return judged(source.block(*ranges[k]), [each.tally_of_part(k) for each in sums])
-
-    def whole() -> Table:
-        return judged(source.whole(), [each.tally() for each in sums])
-
-    first = make(0)
-    raster = first.sensors.raster
-    return TableBlocks(max(len(ranges), 1), make, whole, first.about, source.kind, raster, close)
+    return TableBlocks(
+        described,
+        sums[0].parts.ranges,
+        lambda sensors, k: table_of(sensors, [each.tally_of_part(k) for each in sums]),
+        lambda sensors: table_of(sensors, [each.tally() for each in sums]),
+        partial(executor.end, job),
+    )
 
 
 def _all_columns(

@@ -4,10 +4,9 @@ Sensors are traced by block. The sensors of a block and the suns are ordered so 
 a thin ray bundle, in which packet and frusta tracers share work.
 """
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,11 +25,12 @@ from ...scene.lights import MAX_SPP, tangents
 from ...scene.materials import MONTHS
 from ...sun.sun_positions import Suns
 from ...trace.transmission import TracedQuery
-from ...work.executors import LocalExecutor
+from ...work.executors import Keep, executor_of
 from ...work.scene_records import scene_digest
-from ...work.work_parts import Parts, about_parts, inexact_plan
-from ..sensors.point_checks import Note, joined_notes
+from ...work.work_parts import about_parts, inexact_plan
+from ..sensors.block_parts import BlockParts
 from ..sensors.sensor_blocks import SensorBlocks
+from ..sensors.sensors import Sensors
 from ..tables.bit_matrices import RowFile, hidden_sun_rows
 from .sun_tally import WHOLE, Calendar, SunLight, Tally, tally_of
 
@@ -106,6 +106,7 @@ class SunQuery(NamedTuple):
     seasons: np.ndarray  # (ceil(m / 16),) int64: the month of each bundle's transmittances; NO_DATE: their mean
     plan: str | Plan | None
     threads: int | None
+    moved: Callable[[Sensors], Sensors] | None = None  # where the sensors lie in the scene; None: where they are
 
 
 def disk_directions(directions: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
@@ -164,51 +165,47 @@ def _starts(suns: Suns) -> np.ndarray:
     return begins
 
 
-NOTES = "notes"
-"""Array of a part: `Note.number` and `Note.about` of each note, as JSON."""
-
 _ORDER = "sensors in their own order"  # the layout of the parts, which their digest covers
 
 
 class SunSums:
-    """The sums of all sensors, computed in parts, each of a block of sensors.
+    """The sums of all sensors, computed by block.
 
     what : name of the work, for users
     folder : stores the parts; None: in memory
     matrix : whether the parts also contain the bits of each sensor and sun
-    notes : finds notes on a block, from its first and last sensor, which become part of it
+    notes : as for `BlockParts`
     """
 
     def __init__(
         self, query: SunQuery, what: str, folder: Path | None = None, matrix: bool = False,
-        notes: Callable[[int, int], Sequence[str]] | None = None,
+        notes: Callable[[Sensors], Sequence[str]] | None = None,
     ):  # fmt: skip
         precompile("sun hours")
-        self._query, self._matrix, self._notes, n = query, matrix, notes, len(query.sensors)
+        self._query, self._matrix, n = query, matrix, len(query.sensors)
         self._rows = n > 0 and _in_rows(query)
         about = None
         if folder is not None:
-            settings = inexact_plan(query.plan), query.columns, matrix, notes is not None, _ORDER
+            settings = inexact_plan(query.plan), query.columns, matrix, notes is not None, _ORDER, query.seasons
             of = scene_digest(query.scene, 0.0, query.threads)
-            about = about_parts(what, of, *settings, query.seasons, *query.calendar, *query.sensors.description)
+            about = about_parts(what, of, *settings, *query.calendar, *query.sensors.description)
         title = f"{what}: {n:,} sensors x {len(query.calendar.hours):,} directions"
-        self.parts = Parts(title, n, ROWS_PER_PART if self._rows else SENSORS_PER_PART, self._part, folder, about)
+        size = ROWS_PER_PART if self._rows else SENSORS_PER_PART
+        self.blocks = BlockParts(title, query.sensors, size, self._sums_of_block, folder, about, notes)
+        self.parts = self.blocks.parts
 
-    def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
+    def _sums_of_block(self, sensors: Sensors) -> dict[str, np.ndarray]:
         """The sums of a block, whose sensors are traced in an order in which neighbours lie close together."""
-        query, sensors = self._query, self._query.sensors.block(first, last)
-        order = np.arange(len(sensors)) if self._rows else sensor_order(sensors.points, sensors.normals)
+        query = self._query
+        sensors = sensors if query.moved is None else query.moved(sensors)
+        points, normals = sensors.points, sensors.normals
+        order = np.arange(len(sensors)) if self._rows else sensor_order(points, normals)
         at_once = max(1, _PASSING_BYTES // (4 * len(query.towards) + 1)) if _transmits(query.scene) else len(order)
         places = np.split(order, range(at_once, len(order), at_once)) if len(order) else [order]
-        normals = sensors.normals
-        receivers = Receivers.of(sensors.points, normals, query.scene.origin, query.scene.middle)
+        receivers = Receivers.of(points, normals, query.scene.origin, query.scene.middle)
         parts = [self._sums(receivers.take(some), None if normals is None else normals[some]) for some in places]
         back = np.argsort(order)
-        sums = {name: np.concatenate([part[name] for part in parts])[back] for name in parts[0]}
-        if self._notes is not None:
-            found = [note for note in self._notes(first, last) if isinstance(note, Note)]
-            sums[NOTES] = np.array(json.dumps([(note.number, note.about) for note in found]))
-        return sums
+        return {name: np.concatenate([part[name] for part in parts])[back] for name in parts[0]}
 
     def _sums(self, receivers: Receivers, normals: NDArray[np.float64] | None) -> dict[str, np.ndarray]:
         """The sums of some sensors."""
@@ -229,14 +226,6 @@ class SunSums:
         part = self.parts[k]
         return Tally(**{name: part[name] for name in Tally._fields})
 
-    def notes(self) -> tuple[int, list[str]]:
-        """The number of sensors, and the notes on them, once all parts are done."""
-        total, blocks = 0, list[Any]()
-        for part in map(self.parts.__getitem__, range(len(self.parts))):
-            total += len(part["hours"])
-            blocks.append(json.loads(str(part[NOTES])))
-        return total, joined_notes(blocks, total)
-
     @property
     def matrix_shape(self) -> tuple[int, int]:
         """Rows, at most, and words per row of the matrix."""
@@ -244,7 +233,7 @@ class SunSums:
 
     def write_matrix(self, path: Path) -> None:
         """Write the bits of each sensor and sun, once all parts are done; see `hidden_sun_rows`."""
-        counts = [len(self.parts[k]["hours"]) for k in range(len(self.parts))]
+        counts = self.blocks.counts()
         with RowFile(path, (sum(counts), self.matrix_shape[1])) as file:
             for k, first in enumerate(np.cumsum([0, *counts[:-1]]).tolist() if counts else ()):
                 file.put(np.arange(first, first + counts[k]), self.parts[k]["matrix"])
@@ -257,14 +246,16 @@ def _in_rows(query: SunQuery) -> bool:
     return query.scene.engine.with_options(query.plan, query.threads, None).prefers_rows
 
 
-def sum_suns(query: SunQuery, folder: Path | None = None, what: str = "suns") -> Tally:
-    """The sums of all sensors, in the original order.
+def sum_suns(query: SunQuery, keep: Keep = None, what: str = "suns") -> Tally | None:
+    """The sums of all sensors; None if an executor leaves parts to other shards.
 
-    folder : stores finished parts, from which an interrupted study resumes; None: nothing is stored
+    keep : as for `antumbra.sun_hours`
     what : name of the work, for users
     """
-    executor, work = LocalExecutor(folder), SunSums(query, what, folder)
-    executor.finish([work.parts])
+    executor = executor_of(keep)
+    work = SunSums(query, what, executor.folder)
+    if not executor.finish([work.parts]):
+        return None
     tally = work.tally()
     executor.end([work.parts])
     return tally

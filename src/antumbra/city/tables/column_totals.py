@@ -8,8 +8,8 @@ import numpy as np
 
 from .false_colours import column_values
 
-_COUNTED = "sun_hours"  # the column whose median is found
-_DIGITS = 3  # of its values
+_COUNTED = "sun_hours", "visible"  # columns whose values are counted
+_DIGITS = 3  # of these values
 
 
 @dataclass
@@ -21,6 +21,8 @@ class ColumnTotals:
     rows: int = 0  # whose sensors are `Sensors.covered`
     total: float = 0.0
     positive: int = 0
+    area: float = 0.0  # that the sensors of the rows represent
+    area_positive: float = 0.0
     least: float = np.inf
     most: float = -np.inf
     low: float = np.inf  # of the values that pictures show
@@ -33,6 +35,12 @@ class ColumnTotals:
         covered, shown = values[table.sensors.covered], values[known]
         self.rows, self.total = self.rows + len(covered), self.total + float(covered.sum())
         self.positive += int((covered > 0.0).sum())
+        if (areas := table.sensors.areas) is not None:
+            areas = areas[table.sensors.covered]
+            self.area, self.area_positive = (
+                self.area + float(areas.sum()),
+                self.area_positive + float(areas[covered > 0.0].sum()),
+            )
         self.least, self.most = covered.min(initial=self.least), covered.max(initial=self.most)
         if len(shown):
             self.low, self.high = min(self.low, float(shown.min())), max(self.high, float(shown.max()))
@@ -67,6 +75,6 @@ def add_totals(totals: dict[str, ColumnTotals], table: Any) -> None:
     for name, column in table.columns.items():
         if column.values.dtype.kind in "fiub":
             if name not in totals:
-                counts = Counter[float]() if name == _COUNTED else None
+                counts = Counter[float]() if name in _COUNTED else None
                 totals[name] = ColumnTotals(column.values.dtype, column.unit, counts=counts)
             totals[name].add(table, name)

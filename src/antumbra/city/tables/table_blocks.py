@@ -1,44 +1,49 @@
 """Tables that are made, written and summed up a block of rows at a time, so that memory is that of a block."""
 
 import os
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...scene.raster import Raster
+from ...scene.camera import Camera
+from ..sensors.sensor_blocks import DescribedSensors
+from ..sensors.sensors import Sensors
 from .column_totals import ColumnTotals, add_totals
 from .result_table import STREAMED, Table, writer_of
 
 
-@dataclass(eq=False)
 class TableBlocks:
     """A table of sensors that are described, with the methods of a `Table` by which commands write and sum it up.
 
-    count : number of blocks, at least 1
-    make : makes the table of a block
+    source : its sensors
+    ranges : the first and the last sensor, exclusive, of each block
+    make : makes the table of the sensors of block k
     make_whole : makes that of all sensors
-    about : metadata, in JSON types
-    kind, raster : of the sensors
     close : removes what the blocks are made from
     """
 
-    count: int
-    make: Callable[[int], Table]
-    make_whole: Callable[[], Table]
-    about: dict[str, Any]
-    kind: str
-    raster: Raster | None
-    close: Callable[[], None]
-    _totals: dict[str, ColumnTotals] | None = field(default=None, init=False)
-    _rows: int = field(default=0, init=False)
-    _whole: Table | None = field(default=None, init=False)
+    def __init__(
+        self, source: DescribedSensors, ranges: Sequence[tuple[int, int]], make: Callable[[Sensors, int], Table],
+        make_whole: Callable[[Sensors], Table], close: Callable[[], None],
+    ):  # fmt: skip
+        self._source, self._ranges, self._make, self._make_whole, self.close = source, ranges, make, make_whole, close
+        self._totals: dict[str, ColumnTotals] | None = None
+        self._rows = 0
+        self._whole: Table | None = None
+        self.kind, first = source.kind, self._block(0)
+        self.raster, self.about = first.sensors.raster, first.about
+        self.camera: Camera | None = None  # for pictures
+
+    def _block(self, k: int) -> Table:
+        if not self._ranges:
+            return self._make_whole(self._source.whole())
+        return self._make(self._source.block(*self._ranges[k]), k)
 
     def blocks(self) -> Iterator[Table]:
         """The tables of all blocks. The first time to the end, they are also summed up."""
         totals, rows = dict[str, ColumnTotals](), 0
-        for k in range(self.count):
-            table = self.make(k)
+        for k in range(max(len(self._ranges), 1)):
+            table = self._block(k)
             table.about = self.about
             if self._totals is None:
                 add_totals(totals, table)
@@ -50,8 +55,8 @@ class TableBlocks:
     def whole(self) -> Table:
         """The table in memory."""
         if self._whole is None:
-            self._whole = self.make_whole()
-            self._whole.about = self.about
+            self._whole = self._make_whole(self._source.whole())
+        self._whole.about, self._whole.camera = self.about, self.camera
         return self._whole
 
     @property
@@ -71,7 +76,7 @@ class TableBlocks:
         """As `Table.save`; tables and GeoTIFFs are written by block."""
         writer = writer_of(path, self.kind)
         table: Any = self if writer in STREAMED else self.whole()
-        writer(table, Path(path), self.make(0).shown(column))
+        writer(table, Path(path), self._block(0).shown(column))
 
     def save_map(self, path: str | os.PathLike[str], column: str | None = None, **options: Any) -> None:
         """As `Table.save_map`."""
@@ -79,4 +84,4 @@ class TableBlocks:
 
     def shown(self, column: str | None) -> str:
         """As `Table.shown`."""
-        return self.make(0).shown(column)
+        return self._block(0).shown(column)
