@@ -1,13 +1,18 @@
 """Shards of every command, and their merge: the bytes of the whole, and errors that name what is wrong."""
 
+import inspect
 import json
+import re
 import shutil
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.base.command_registry import COMMANDS
+from antumbra.cli.study_run import StudyCommand
 from antumbra.picture.image_files import note_of
 from antumbra.work.executors import JOB, read_shard_record, write_shard_record
 
@@ -235,3 +240,60 @@ def test_a_film_is_written_once_all_of_its_frames_exist(run, tmp_path):
     run("a", *words, "--shard", "1/2", "-q")
     run("a", "merge", shards_of(tmp_path / "a" / "f.gif.frames"), "-q")
     assert (tmp_path / "a" / "f.gif").read_bytes() == (tmp_path / "whole" / "f.gif").read_bytes()
+
+
+# --- The registry of jobs ---------------------------------------------------------------------------------------------
+
+
+PAGE = Path(__file__).parents[2] / "docs" / "jobs" / "cluster.md"
+IN_THEIR_OWN_TESTS = {"calendar", "pv", "route"}  # whose shards test_sun_calendar.py and its neighbours merge
+
+
+def studies_below(base):
+    """All classes of commands below one."""
+    for each in base.__subclasses__():
+        yield from studies_below(each)
+        yield each
+
+
+def jobs():
+    """Name of a command -> the names of its arguments, of pictures and studies."""
+    for each in COMMANDS.values():
+        if each.module.startswith(("antumbra.city", "antumbra.cli")):
+            each_module = __import__(each.module, fromlist=["_"])
+            assert each_module.__name__ == each.module
+    modules = {each.__module__: each for each in studies_below(StudyCommand) if hasattr(each, "__dataclass_fields__")}
+    found = {name: modules[each.module] for name, each in COMMANDS.items() if each.module in modules}
+    found["render"] = inspect.getmodule(COMMANDS["render"].function("render")).RenderArguments
+    return {name: {each.name for each in fields(kind)} for name, kind in found.items()}
+
+
+def test_every_job_has_threads_shards_a_cluster_and_a_merge():
+    named = jobs()
+    assert len(named) == 14 and {"render", "sun", "los", "view-factors", "dataset"} <= named.keys()
+    lacking = {name: {"shard", "ray", "merge"} - given for name, given in named.items()}
+    assert not any(lacking.values()), lacking
+
+
+def test_the_documentation_has_a_row_for_every_job():
+    rows = set(re.findall(r"^\| `([a-z-]+)` \|", PAGE.read_text(encoding="utf-8"), re.M))
+    assert rows == jobs().keys()
+
+
+def test_the_shards_of_every_job_are_merged_by_a_test():
+    assert {words[0] for words in JOBS.values()} | IN_THEIR_OWN_TESTS == jobs().keys()
+
+
+STUDIES = "bake dataset line_of_sight shadow skyline sun_hours view_factors viewshed visibility_matrix visible_share"
+
+
+@pytest.mark.parametrize("name", STUDIES.split())
+def test_every_study_keeps_its_parts_in_a_folder_or_gives_them_to_an_executor(name):
+    assert inspect.signature(getattr(at, name)).parameters["keep"].default is None
+
+
+@pytest.mark.parametrize("option", ["--shard", "--ray"])
+def test_parts_without_a_place_are_refused(cli, option):
+    cli("los", "--from", "0,1,8", "--to", "0,1,-8", option, "0/2" if option == "--shard" else "local").refused(
+        option, "--output"
+    )

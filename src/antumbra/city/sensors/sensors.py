@@ -256,7 +256,7 @@ class Sensors:
         normals, areas, faces, zone = (None if array is None else array[index] for array in fields)
         return Sensors(
             self.points[index], normals, areas, faces, self.kind, self.raster, corners, cells, zone, self.zones,
-            self._attributes(index), self.on_surfaces,
+            self._attributes(index), self._follows if self.kind == "raster" else None,
         )  # fmt: skip
 
     def part(self, first: int, last: int) -> "Sensors":
@@ -503,7 +503,7 @@ def _heights_on(corners: np.ndarray, at: np.ndarray, heights: np.ndarray, up: in
     """
     away, normals = at - corners[:, 0], np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     plan = [axis for axis in range(3) if axis != up]
-    steep = np.abs(normals[:, up]) < _STEEP * np.abs(normals[:, plan]).max(1)
+    steep = np.abs(normals[:, up]) <= _STEEP * np.abs(normals[:, plan]).max(1)  # also without area, rounded away
     rise = -(away[:, plan] * normals[:, plan]).sum(1) / np.where(steep, 1.0, normals[:, up])
     on = np.clip(corners[:, 0, up] + rise, corners[..., up].min(1), corners[..., up].max(1))
     same = (np.abs(corners - at[:, None]) <= _ROUNDED * np.abs(at[:, None]))[..., plan].all(2)

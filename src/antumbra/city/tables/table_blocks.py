@@ -42,8 +42,8 @@ class TableBlocks:
     def blocks(self) -> Iterator[Table]:
         """The tables of all blocks. The first time to the end, they are also summed up."""
         totals, rows = dict[str, ColumnTotals](), 0
-        for k in range(max(len(self._ranges), 1)):
-            table = self._block(k)
+        in_memory = None if self._whole is None else [self._whole]
+        for table in in_memory or map(self._block, range(max(len(self._ranges), 1))):
             table.about = self.about
             if self._totals is None:
                 add_totals(totals, table)
@@ -76,7 +76,7 @@ class TableBlocks:
         """As `Table.save`; tables and GeoTIFFs are written by block."""
         writer = writer_of(path, self.kind)
         table: Any = self if writer in STREAMED else self.whole()
-        writer(table, Path(path), self._block(0).shown(column))
+        writer(table, Path(path), next(self.blocks()).shown(column))
 
     def save_map(self, path: str | os.PathLike[str], column: str | None = None, **options: Any) -> None:
         """As `Table.save_map`."""
@@ -84,4 +84,4 @@ class TableBlocks:
 
     def shown(self, column: str | None) -> str:
         """As `Table.shown`."""
-        return self._block(0).shown(column)
+        return next(self.blocks()).shown(column)

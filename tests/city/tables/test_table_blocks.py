@@ -1,0 +1,89 @@
+"""Tables by block: the files and the sums of tables in memory, whatever the blocks."""
+
+import numpy as np
+import pytest
+
+import antumbra as at
+from antumbra.city.sun import sun_hours as studies
+from antumbra.city.sun.sun_options import SunOptions
+from antumbra.city.tables import result_table
+from antumbra.city.tables.table_blocks import TableBlocks
+
+PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
+OPTIONS = SunOptions(days="2026-03-21", place=PLACE, step=60, energy=True)
+
+
+def town():
+    """Boxes on a floor, which the raster exceeds."""
+    rng = np.random.default_rng(0)
+    cube = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = np.array([tri for a, b, c, d in quads for tri in ((a, b, c), (a, c, d))])
+    soup = [cube[faces] * rng.uniform(1, 5, 3) + (*rng.uniform(-12, 12, 2), 0) for _ in range(9)]
+    return at.Scene.from_arrays(np.concatenate(soup), up="z", crs="EPSG:28992")
+
+
+def in_blocks(monkeypatch, size, sensors="raster:0.5", options=OPTIONS):
+    """The study in blocks of a size."""
+    monkeypatch.setattr("antumbra.city.sun.sun_visibility.SENSORS_PER_PART", size)
+    found = studies.sun_blocks(town(), options, sensors, None, None, None)
+    assert isinstance(found, TableBlocks)
+    return found
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".tif", ".npz", ".gpkg"])
+@pytest.mark.parametrize("sensors", ["raster:0.5", "raster:0.5@3", "grid:0.7"])
+def test_files_written_by_block_are_those_of_the_table_in_memory(monkeypatch, tmp_path, suffix, sensors):
+    pytest.importorskip("rasterio")
+    pytest.importorskip("pyarrow")
+    if suffix == ".tif" and sensors.startswith("grid"):
+        pytest.skip("a grid on surfaces forms no raster")
+    monkeypatch.setattr(result_table, "_GROUP", 700)
+    monkeypatch.setattr(result_table, "_TILE", 16)
+    texts = []
+    for k, size in enumerate((190, 1 << 20)):
+        (tmp_path / str(k)).mkdir()
+        in_blocks(monkeypatch, size, sensors).save(tmp_path / str(k) / f"a{suffix}")
+    (tmp_path / "2").mkdir()
+    table = at.sun_hours(town(), sensors, "2026-03-21", place=PLACE, step=60, energy=True)
+    assert len(table) > 1000 and 0.0 < table["sun_hours"].mean() < table["sun_hours"].max()
+    table.save(tmp_path / "2" / f"a{suffix}")
+    for k in range(3):
+        texts.append({path.name: path.read_bytes() for path in sorted((tmp_path / str(k)).iterdir())})
+    assert texts[0] == texts[1] == texts[2] and f"a{suffix}" in texts[0]
+
+
+def test_the_totals_of_blocks_are_those_of_the_table(monkeypatch):
+    blocks = in_blocks(monkeypatch, 150)
+    table, found = blocks.whole(), blocks.totals
+    covered = table.sensors.covered
+    assert 0 < covered.sum() < len(table) == len(blocks)
+    hours = table["sun_hours"][covered]
+    assert found["sun_hours"].rows == len(hours) and np.isclose(found["sun_hours"].mean, hours.mean())
+    assert np.isclose(found["sun_hours"].median, np.median(hours), atol=1e-3)
+    assert (found["sun_hours"].least, found["sun_hours"].most) == (hours.min(), hours.max())
+    assert found["sun_hours"].positive == (hours > 0).sum()
+    assert np.isclose(found["sun_hours"].area, table.sensors.areas[covered].sum())
+
+
+def test_a_geotiff_is_tiled(monkeypatch, tmp_path):
+    rasterio = pytest.importorskip("rasterio")
+    blocks = in_blocks(monkeypatch, 170)
+    blocks.save(tmp_path / "a.tif")
+    table = blocks.whole()
+    with rasterio.open(tmp_path / "a.tif") as file:
+        assert file.profile["tiled"] and file.descriptions[0] == "sun_hours"
+        for band, name in enumerate(file.descriptions, 1):
+            expected = table.sensors.on_raster(table[name]).astype(np.float32)
+            assert np.array_equal(file.read(band), expected, equal_nan=True) and np.isnan(expected).any()
+
+
+def test_a_choice_of_surfaces_is_made_by_block(monkeypatch):
+    some = SunOptions(days="2026-03-21", place=PLACE, tilt="80:100")
+    blocks = in_blocks(monkeypatch, 90, "grid:0.7", some)
+    table = at.sun_hours(town(), at.grid_sensors(town(), 0.7), "2026-03-21", place=PLACE, tilt="80:100")
+    assert 100 < len(blocks) == len(table) < len(at.grid_sensors(town(), 0.7))
+    assert np.array_equal(np.concatenate([each["sun_hours"] for each in blocks.blocks()]), table["sun_hours"])
+    none = SunOptions(days="2026-03-21", place=PLACE, tilt="20:30")
+    with pytest.raises(at.InputError, match="no sensors with a tilt in 20:30"):
+        in_blocks(monkeypatch, 90, "grid:0.7", none)
