@@ -335,8 +335,9 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         first = next((path for name in outputs_of(type(self)) for path in self.paths(name)), None)
         if first is None:
             for name in ("shard", "ray"):
-                if getattr(self, name) is not None:
-                    raise InputError(f"--{name} keeps parts beside an output, and there is none; give --output FILE")
+                if (value := getattr(self, name)) is not None:
+                    why = "keeps parts beside an output, and there is none; give --output FILE"
+                    raise InputError(f"--{name} {value}: {why}")
             return None
         inputs = vars(self) | field_values(self.options)
         plan = getattr(self.options, "plan", None)

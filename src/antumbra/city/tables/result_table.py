@@ -114,7 +114,9 @@ def _parquet(table: "Table", path: Path, column: str) -> None:
     metadata = {"antumbra": json.dumps({"about": table.about, "columns": _units(first)})}
     with (
         atomic_output(path) as temporary,
-        pyarrow.parquet.ParquetWriter(temporary, pyarrow.schema(columns), compression="zstd") as file,
+        pyarrow.parquet.ParquetWriter(
+            temporary, pyarrow.schema(columns), compression="zstd", store_schema=False
+        ) as file,  # a stored schema would hide the metadata, which are known last
     ):
         for group in _row_groups(_arrow_blocks(table, pyarrow.schema(columns), box)):
             file.write_table(group)
