@@ -31,13 +31,16 @@ def in_blocks(monkeypatch, size, sensors="raster:0.5", options=OPTIONS):
     return found
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".tif", ".npz", ".gpkg"])
-@pytest.mark.parametrize("sensors", ["raster:0.5", "raster:0.5@3", "grid:0.7"])
-def test_files_written_by_block_are_those_of_the_table_in_memory(monkeypatch, tmp_path, suffix, sensors):
+FILES = [
+    (form, suffix) for form in ("raster:0.5", "raster:0.5@3", "grid:0.7") for suffix in (".csv", ".parquet", ".tif")
+]
+FILES = [pair for pair in FILES if pair != ("grid:0.7", ".tif")] + [("raster:0.5", ".npz")]  # a grid forms no raster
+
+
+@pytest.mark.parametrize("sensors, suffix", FILES)
+def test_files_written_by_block_are_those_of_the_table_in_memory(monkeypatch, tmp_path, sensors, suffix):
     pytest.importorskip("rasterio")
     pytest.importorskip("pyarrow")
-    if suffix == ".tif" and sensors.startswith("grid"):
-        pytest.skip("a grid on surfaces forms no raster")
     monkeypatch.setattr(result_table, "_GROUP", 700)
     monkeypatch.setattr(result_table, "_TILE", 16)
     texts = []
@@ -87,3 +90,22 @@ def test_a_choice_of_surfaces_is_made_by_block(monkeypatch):
     none = SunOptions(days="2026-03-21", place=PLACE, tilt="20:30")
     with pytest.raises(at.InputError, match="no sensors with a tilt in 20:30"):
         in_blocks(monkeypatch, 90, "grid:0.7", none)
+
+
+def test_a_table_that_does_not_fit_in_memory_is_refused_before_the_work(cli, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ("sun", "procedural:city?triangles=3000", "--latitude", 52, "--longitude", 4.36, "--days", "2026-03-21")
+    many = (*words, "--sensors", "raster:0.03", "--max-memory", "1G")
+    cli(*many, "-o", "a.png").refused("a.png", "21,790,224 sensors", ".csv, .parquet, .tif", "--max-memory")
+    shard = cli(*many, "-o", "a.csv", "--shard", "9/9999")
+    assert shard.code == 0 and "21,790,224 sensors by block" in shard.err and not (tmp_path / "a.csv").exists()
+
+
+@pytest.mark.parametrize(
+    "make", [lambda scene: at.raster_sensors(scene, 0.001), lambda scene: at.grid_sensors(scene, 0.0005)]
+)
+def test_sensors_that_do_not_fit_in_memory_are_refused(make):
+    from antumbra.base.memory import reading_limit
+
+    with reading_limit(1 << 30), pytest.raises(at.InputError, match=r"sensors at once takes about .* of memory"):
+        make(town())

@@ -21,7 +21,7 @@ from ...kernels.parallel import thread_count
 from ...query.receivers import Receivers, receivers_above
 from ...scene.crs import check_horizontal_crs
 from ...scene.raster import Raster
-from .raster_grid import aligned_raster, checked_raster, plan_of, raster_in, raster_of_file
+from .raster_grid import aligned_raster, check_memory, checked_raster, plan_of, raster_in, raster_of_file
 
 # --- Checked fields of `Sensors` --------------------------------------------------------------------------------------
 
@@ -409,6 +409,8 @@ def raster_cells(
 
     own : whether the cells are those of the scene's own raster
     """
+    if cells is None:
+        check_memory(raster.n_cells)
     up = "xyz".index(scene.up)
     numbers = np.arange(raster.n_cells) if cells is None else np.arange(cells.start, cells.stop)
     at, faces = raster.places(numbers, scene.up), np.full(len(numbers), -1, np.int64)

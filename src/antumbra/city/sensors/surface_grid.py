@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...base.checks import number
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
-from .raster_grid import check_count
+from .raster_grid import check_count, check_memory
 from .sensors import Sensors, areas_of, checked_lift, corners_of
 
 _BLOCK = 256.0
@@ -106,6 +106,8 @@ def _sensors_on(
 ) -> Sensors:
     """The sensors on faces, which are numbered from `first_face`; `places`: some of them."""
     on = _lattices(corners, spacing, up)
+    if places is None:
+        check_memory(float(on.rows.points.sum()))
     face, at = _points(on.rows, on.flat, places)
     height = (on.corners[:, 0] * on.normals).sum(-1) + lift
     flat = spacing * (at[:, :1] * on.across[face] + at[:, 1:] * on.along[face]) + height[face, None] * on.normals[face]

@@ -150,7 +150,7 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
         from .viewshed import viewshed_blocks
 
         observers = self._observers(scenes)
-        sensors = scenes.sensor_blocks(self.sensor_form, self.threads)
+        sensors = self.check_room(scenes.sensor_blocks(self.sensor_form, self.threads))
         options = replace(self.options, bits=self.bits is not None, each=self.options.each or bool(self.polygons))
         camera = None
         if self.camera is not None:

@@ -158,7 +158,7 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table | TableBlocks"]):
         from .targets import visible_blocks
 
         target = self._target(scenes.bare)
-        sensors = scenes.sensor_blocks(self.sensor_form, self.threads)
+        sensors = self.check_room(scenes.sensor_blocks(self.sensor_form, self.threads))
         return partial(visible_blocks, scenes.planted, self.options, sensors, target, scenes.bare, executor)
 
     def _target(self, scene: "AnyScene") -> "Turbine | dict[str, Turbine] | Sensors":

@@ -164,7 +164,7 @@ class SunCommand(SensorStudy[SunOptions, "Table | TableBlocks"]):
         scene = measured_scene(scenes.planted)
         limit_memory(scene, self._memory())
         options = replace(self.options, place=place_of(scene, **position_of(self)))
-        sensors = scenes.sensor_blocks(self._form_in(scene), self.threads, self.areas)
+        sensors = self.check_room(scenes.sensor_blocks(self._form_in(scene), self.threads, self.areas))
         if self.column is not None:  # an unknown column is reported before the long work
             none = sun_hours(scene, sensors.block(0, 0), **field_values(options))
             (before_and_after(none, none) if self.in_both_states else none).shown(self.column)

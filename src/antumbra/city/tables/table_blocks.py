@@ -9,7 +9,13 @@ from ...scene.camera import Camera
 from ..sensors.sensor_blocks import DescribedSensors
 from ..sensors.sensors import Sensors
 from .column_totals import ColumnTotals, add_totals
-from .result_table import STREAMED, Table, writer_of
+from .result_table import STREAMED, WRITERS, Table, writer_of
+
+ROW_BYTES = 160
+"""Memory of a row of a table of sensors, about; its finished part takes a third."""
+
+WRITTEN_BY_BLOCK = tuple(suffix for suffix, writer in WRITERS.items() if writer in STREAMED)
+"""Suffixes of files that need no table in memory."""
 
 
 class TableBlocks:
