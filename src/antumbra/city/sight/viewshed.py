@@ -270,7 +270,8 @@ def viewshed_blocks(
     if executor.folder is not None:
         settings, *limits = map(_settings, (options, *seers.limits))
         of = [*targets.description, eyes, limits, *([] if lengths is None else [lengths])]
-        about = about_parts("viewshed", scene_digest(scene, time, threads), inexact_plan(options.plan), settings, *of)
+        plan, curved = inexact_plan(options.plan), list(curvature_record(options, scene).values())
+        about = about_parts("viewshed", scene_digest(scene, time, threads), plan, settings, curved, *of)
     noted = partial(notes_on_sensors, below, what="sensors", time=time, threads=threads) if described else None
     blocks = BlockParts(f"{n} sensors, {k} observers", targets, size, sums, executor.folder, about, noted)
     if not executor.finish([blocks.parts]):

@@ -292,7 +292,6 @@ def sun_blocks(
     source: SensorBlocks = described or cast(Sensors, sensors)
     if earth is not None:
         bent = lowered_scene(scene, earth)
-    moved = None if earth is None else earth.lowered_sensors
     executor, sums, all_bins = executor_of(keep), list[SunSums](), [_Bins(run) for run in study.runs]
 
     def noted(some: Sensors) -> list[str]:
@@ -306,22 +305,25 @@ def sun_blocks(
         )  # fmt: skip
         what = "suns" if run is study.main else f"suns for {', '.join(each.column for each in run.criteria)}"
         with_bits = target is not None and run is study.main
-        query = query._replace(moved=moved)
+        query = query._replace(earth=earth)
         sums.append(SunSums(query, what, executor.folder, with_bits, None if sums or described is None else noted))
     if target is not None:
         check_disk_space(target, row_file_size(sums[0].matrix_shape))
     if sky_rule is not None:
-        sky = sky_query(bent, source, OVERCAST_DIRECTIONS, plan, threads)._replace(moved=moved)
+        sky = sky_query(bent, source, OVERCAST_DIRECTIONS, plan, threads)._replace(earth=earth)
         sums.append(SunSums(overcast(sky), "overcast sky", executor.folder))
     skies = _diffuse_of_seasons(scene, study.main) if options.sky else {}
     for month in skies:
-        sky = sky_query(bent, source, options.sky, plan, threads, month)._replace(moved=moved)
+        sky = sky_query(bent, source, options.sky, plan, threads, month)._replace(earth=earth)
         sums.append(SunSums(sky, "sky" if month == NO_DATE else f"sky in {MONTHS[month]}", executor.folder))
     job = [each.parts for each in sums]
     if not executor.finish(job):
         return None
     if described is not None:
-        chosen.check(scene, sum(sums[0].blocks.counts()), len(described))
+        left = sum(sums[0].blocks.counts())
+        if not left:
+            executor.end(job)  # there is nothing to resume
+        chosen.check(scene, left, len(described))
         warned = warned_by_block(notes, sums[0].blocks)
     if target is not None:
         with atomic_output(target) as temporary:

@@ -6,7 +6,7 @@ a thin ray bundle, in which packet and frusta tracers share work.
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +29,7 @@ from ...work.executors import Keep, executor_of
 from ...work.scene_records import scene_digest
 from ...work.work_parts import about_parts, inexact_plan
 from ..sensors.block_parts import BlockParts
+from ..sensors.curved_earth import Earth
 from ..sensors.sensor_blocks import SensorBlocks
 from ..sensors.sensors import Sensors
 from ..tables.bit_matrices import RowFile, hidden_sun_rows
@@ -106,7 +107,7 @@ class SunQuery(NamedTuple):
     seasons: np.ndarray  # (ceil(m / 16),) int64: the month of each bundle's transmittances; NO_DATE: their mean
     plan: str | Plan | None
     threads: int | None
-    moved: Callable[[Sensors], Sensors] | None = None  # where the sensors lie in the scene; None: where they are
+    earth: Earth | None = None  # on which the scene is lowered, and so are the sensors; None: it is flat
 
 
 def disk_directions(directions: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
@@ -186,8 +187,16 @@ class SunSums:
         self._rows = n > 0 and _in_rows(query)
         about = None
         if folder is not None:
-            settings = inexact_plan(query.plan), query.columns, matrix, notes is not None, _ORDER, query.seasons
-            of = scene_digest(query.scene, 0.0, query.threads)
+            settings: tuple[Any, ...] = (
+                inexact_plan(query.plan),
+                query.columns,
+                matrix,
+                notes is not None,
+                _ORDER,
+                query.seasons,
+            )
+            of, earth = scene_digest(query.scene, 0.0, query.threads), query.earth
+            settings += (None if earth is None else [earth.drop, earth.centre.tolist(), earth.sag],)
             about = about_parts(what, of, *settings, *query.calendar, *query.sensors.description)
         title = f"{what}: {n:,} sensors x {len(query.calendar.hours):,} directions"
         size = ROWS_PER_PART if self._rows else SENSORS_PER_PART
@@ -197,7 +206,7 @@ class SunSums:
     def _sums_of_block(self, sensors: Sensors) -> dict[str, np.ndarray]:
         """The sums of a block, whose sensors are traced in an order in which neighbours lie close together."""
         query = self._query
-        sensors = sensors if query.moved is None else query.moved(sensors)
+        sensors = sensors if query.earth is None else query.earth.lowered_sensors(sensors)
         points, normals = sensors.points, sensors.normals
         order = np.arange(len(sensors)) if self._rows else sensor_order(points, normals)
         at_once = max(1, _PASSING_BYTES // (4 * len(query.towards) + 1)) if _transmits(query.scene) else len(order)
