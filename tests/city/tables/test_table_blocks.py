@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.city.sun import sun_hours as studies
+from antumbra.city.sun.sun_hours import sun_blocks
 from antumbra.city.sun.sun_options import SunOptions
 from antumbra.city.tables import result_table
+from antumbra.city.tables.column_totals import totals_of
 from antumbra.city.tables.table_blocks import TableBlocks
 
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
@@ -26,7 +27,7 @@ def town():
 def in_blocks(monkeypatch, size, sensors="raster:0.5", options=OPTIONS):
     """The study in blocks of a size."""
     monkeypatch.setattr("antumbra.city.sun.sun_visibility.SENSORS_PER_PART", size)
-    found = studies.sun_blocks(town(), options, sensors, None, None, None)
+    found = sun_blocks(town(), options, sensors, None, None, None)
     assert isinstance(found, TableBlocks)
     return found
 
@@ -62,6 +63,7 @@ def test_the_totals_of_blocks_are_those_of_the_table(monkeypatch):
     covered = table.sensors.covered
     assert 0 < covered.sum() < len(table) == len(blocks)
     hours = table["sun_hours"][covered]
+    assert totals_of(table).keys() == found.keys()
     assert found["sun_hours"].rows == len(hours) and np.isclose(found["sun_hours"].mean, hours.mean())
     assert np.isclose(found["sun_hours"].median, np.median(hours), atol=1e-3)
     assert (found["sun_hours"].least, found["sun_hours"].most) == (hours.min(), hours.max())
