@@ -14,6 +14,9 @@ FORMATS = ("antumbra.city.city_formats:FORMATS",)
 FILES_IN_TEXTS = ("antumbra.city.sensors.sensor_files:raster_file",)
 """Functions of an argument's text that return the path of a file in it, or None."""
 
+SENSOR_BLOCKS = "antumbra.city.sensors.sensor_files:sensor_blocks"
+"""The function that describes the sensors that a text names."""
+
 VEGETATION_FILE = "antumbra.city.vegetation.vegetation_table:checked_vegetation_file"
 """The function that checks the path of a file of plants."""
 

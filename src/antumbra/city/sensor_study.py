@@ -5,10 +5,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from ..cli import console
+from ..cli.options import outputs_of
 from ..cli.study_run import Scenes, StudyCommand, Writers
 
 if TYPE_CHECKING:
     from .tables.result_table import Table
+
+_MANY = 4_000_000  # sensors whose needs are said
 
 _Options = TypeVar("_Options")
 _Result = TypeVar("_Result")
@@ -55,6 +59,30 @@ class SensorStudy(StudyCommand[_Options, _Result]):
         from .tables.result_table import writer_of
 
         writer_of(path, kind_of(self.sensor_form))
+
+    def close(self, result: _Result) -> None:
+        self.table_of(result).close()
+
+    def check_room(self, sensors: Any) -> Any:
+        """Say what many described sensors need, and return them. InputError, before the work, if it cannot fit."""
+        from ..base.memory import check_reading, readable_size
+        from .sensors.sensor_blocks import DescribedSensors
+        from .tables.table_blocks import ROW_BYTES, WRITTEN_BY_BLOCK
+
+        if not isinstance(sensors, DescribedSensors) or len(sensors) < _MANY:
+            return sensors
+        names = [name for name in outputs_of(type(self)) if name != "matrix"]  # whose rows are written one by one
+        files = [path for name in names for path in self.paths(name)]
+        whole = [path.name for path in files if path.suffix.lower() not in WRITTEN_BY_BLOCK]
+        size, n = ROW_BYTES * len(sensors), len(sensors)
+        if whole:
+            by_block = ", ".join(WRITTEN_BY_BLOCK)
+            check_reading(size, f"{whole[0]}: a table of {n:,} sensors in memory, unlike {by_block} files,")
+        elif not self.quiet:
+            console.say(
+                f"note: {n:,} sensors by block; finished parts take about {readable_size(size / 3)} of disk space"
+            )
+        return sensors
 
     def check_sheet(self, sheet: Any, scenes: Scenes) -> None:
         from .tables.map_sheet import check_scale

@@ -24,7 +24,7 @@ from .console import ProgressDisplay
 from .options import Json, Quiet, SceneArgument, literal, outputs_of, takes
 from .scene_arguments import SceneArguments, SceneSpec, in_memory, open_change, open_scene
 from .shards import executor_for, for_node, report_shard
-from .vegetation_options import VegetationSpec, add_vegetation, parse_vegetation, sensors_below_plants
+from .vegetation_options import VegetationSpec, add_vegetation, below_plants, parse_vegetation, sensors_below_plants
 
 if TYPE_CHECKING:
     from .. import SceneChange, Sensors
@@ -70,6 +70,12 @@ class Scenes:
         if self.earlier is None or self.change is None:
             return sensors
         return self.change.exposed(sensors, threads)
+
+    def sensor_blocks(self, text: str, threads: int | None, areas: Any = None) -> Any:
+        """As `sensors`, but `DescribedSensors` if they can be made by block."""
+        if areas is not None or self.earlier is not None:
+            return self.sensors(text, threads, areas)
+        return below_plants(wings.named(wings.SENSOR_BLOCKS)(text, self.bare, threads), self.bare, self.planted)
 
 
 class StudyRun(ProgressDisplay):
@@ -216,6 +222,9 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         """The summary of the result; `seconds`: of the study."""
         raise NotImplementedError
 
+    def close(self, result: _Result) -> None:
+        """Remove what the result was made from, after its files have been written."""
+
     # What all have:
 
     @property
@@ -245,9 +254,6 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
             return self.work(scenes, executor)
         nothing: dict[str, Any] = dict.fromkeys(self.of_one_state)
         first = replace(self, **nothing)
-        if executor is None and hasattr(self, "shard"):
-            path = next(path for name in outputs_of(type(self)) for path in self.paths(name))
-            executor = LocalExecutor(checked_folder(path.with_suffix(".parts"), parents=True))
 
         def study() -> _Result | None:
             pair = both_results(
@@ -286,7 +292,9 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
             self.describe(result, scenes)
             for name, write in self.writers(result, scenes).items():
                 run.save(partial(write, sheet=sheet) if name == "map" else write, self.paths(name))
-        return self.report(run, result, scenes)
+        code = self.report(run, result, scenes)
+        self.close(result)
+        return code
 
     def report(self, run: StudyRun, result: _Result, scenes: Scenes) -> int:
         """Print the summary of the result, unless there is nothing to print, and return the exit code."""
@@ -323,12 +331,20 @@ class StudyCommand(SceneArguments, Generic[_Options, _Result]):
         return list({path.resolve(): path for path in (*scene, *files_in(given, names).values())}.values())
 
     def _executor(self) -> "Executor | None":
-        """The executor that --shard, --ray or --merge names; shards lie beside the first output."""
+        """The executor that --shard, --ray or --merge names, or one that resumes; parts lie beside the first output."""
         if not hasattr(self, "shard"):
             return None
-        first = next(path for name in outputs_of(type(self)) for path in self.paths(name))
+        first = next((path for name in outputs_of(type(self)) for path in self.paths(name)), None)
+        if first is None:
+            for name in ("shard", "ray"):
+                if (value := getattr(self, name)) is not None:
+                    why = "keeps parts beside an output, and there is none; give --output FILE"
+                    raise InputError(f"--{name} {value}: {why}")
+            return None
         inputs = vars(self) | field_values(self.options)
-        return executor_for(self, first, partial(start_on_node, self), inputs, getattr(self.options, "plan", None))
+        plan = getattr(self.options, "plan", None)
+        executor = executor_for(self, first, partial(start_on_node, self), inputs, plan)
+        return executor or LocalExecutor(checked_folder(first.with_suffix(".parts"), parents=True))
 
     def on_node(self, paths: dict[str, str], threads: int) -> Self:
         """The command for a node of a cluster.

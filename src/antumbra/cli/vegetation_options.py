@@ -98,8 +98,13 @@ def sensors_below_plants(
     """
     from .. import sensors_of
 
-    sensors = sensors_of(text, bare, threads, areas)
-    if sensors.corners is None or scene is bare:
+    sensors: Sensors = below_plants(sensors_of(text, bare, threads, areas), bare, scene)
+    return sensors
+
+
+def below_plants(sensors: Any, bare: "AnyScene", scene: "AnyScene") -> Any:
+    """Sensors, perhaps described, on a scene without vegetation, for the scene with it."""
+    if getattr(sensors, "corners", None) is None or scene is bare:
         return sensors
     of_trees = np.full((scene.n_triangles - len(sensors.corners), 3), -1)
     return replace(sensors, corners=np.concatenate([sensors.corners, of_trees]))

@@ -135,7 +135,10 @@ def _sum(path: Path) -> str:
 # --- Files in arguments -----------------------------------------------------------------------------------------------
 
 
-INPUTS = "scene", "add", "terrain", "sensors", "targets", "areas", "epw", "sky", "trees", "points", "line", "modules"
+INPUTS = (
+    *("scene", "add", "terrain", "sensors", "targets", "areas", "epw", "sky", "trees", "points", "line", "modules"),
+    *("observers", "along", "pairs", "turbines", "polygon"),
+)
 """Arguments of work, on the command line or in Python, that may name an input file or folder."""
 
 

@@ -147,7 +147,7 @@ def run(
     Parameters
     ----------
     function : function
-        `antumbra.sun_hours`, `antumbra.visibility_matrix`, `antumbra.bake` or `antumbra.dataset`.
+        One with the argument `keep`, such as `antumbra.sun_hours` or `antumbra.viewshed`.
     scene : str or path-like
         The path of the scene.
     *args, **kwargs
@@ -166,7 +166,7 @@ def run(
     """
     if not inspect.isfunction(function) or "keep" not in inspect.signature(function).parameters:
         name = getattr(function, "__name__", quoted(function))
-        raise InputError(f"{name} cannot be distributed; use sun_hours, visibility_matrix, bake or dataset")
+        raise InputError(f"{name} cannot be distributed; use a function with the argument keep, such as sun_hours")
     scene = path_of(scene, "scene")
     text(address, "address")
     home = function.__module__, function.__name__

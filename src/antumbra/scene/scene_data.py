@@ -206,8 +206,8 @@ class SceneData(ABC):
         """The raster of heights that is the whole scene, solid and where it was read; None for all other scenes."""
         return None
 
-    def cell_tops(self) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
-        """The height and the face at each cell of a scene that is one raster of heights, as `TerrainSurfaces.tops`."""
+    def cell_tops(self, cells: range | None = None) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
+        """The height and the face at cells of a scene that is one raster of heights, as `TerrainSurfaces.tops`."""
         return None
 
     def sampled_faces(self, time: float | None = None) -> NDArray[np.float64] | None:
@@ -403,9 +403,9 @@ class MemoryData(SceneData):
         changed = self.moved is not None or self.cutouts is not None or self.hidden is not None
         return None if changed else grid
 
-    def cell_tops(self) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
+    def cell_tops(self, cells: range | None = None) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
         find = None if self.hidden is not None else getattr(self.source, "tops", None)
-        return None if find is None else cast("tuple[NDArray[np.float64], NDArray[np.int32]] | None", find())
+        return None if find is None else cast("tuple[NDArray[np.float64], NDArray[np.int32]] | None", find(cells))
 
     def sampled_faces(self, time: float | None = None) -> NDArray[np.float64]:
         if time is None:

@@ -7,7 +7,7 @@ heights, which take 4 bytes per cell where the triangles take about 100.
 """
 
 from collections.abc import Callable, Generator, Iterable, Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -265,17 +265,27 @@ class TerrainSurfaces:
         """The surface, if there is only one and its heights are in memory."""
         return self.surface if isinstance(self.surface, HeightGrid) else None
 
-    def tops(self) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
-        """(cells,) float64 heights, as they were read, and (cells,) int32 faces, of all cells.
+    def tops(self, cells: range | None = None) -> tuple[NDArray[np.float64], NDArray[np.int32]] | None:
+        """(cells,) float64 heights, as they were read, and (cells,) int32 faces, of a range of cells; None: of all.
 
         Cells without a surface have the height NaN and the face -1. None if there are several surfaces.
         """
         if (surface := self.surface) is None:
             return None
-        heights = surface.rows(0, surface.grid.rows).astype(np.float64).reshape(-1)
-        faces = face_of_cells(surface).reshape(-1)
+        columns = surface.grid.columns
+        cells = range(surface.grid.rows * columns) if cells is None else cells
+        row, last = cells.start // columns, -(-cells.stop // columns)
+        some = slice(cells.start - row * columns, cells.stop - row * columns)
+        heights = surface.rows(row, last).reshape(-1)[some].astype(np.float64)
+        faces = self._face_of_cells[cells.start : cells.stop]
         heights[faces < 0] = np.nan
         return heights, faces
+
+    @cached_property
+    def _face_of_cells(self) -> NDArray[np.int32]:
+        """(cells,) int32: `face_of_cells`, which numbers all triangles before that of a cell."""
+        assert self.surface is not None
+        return face_of_cells(self.surface).reshape(-1)
 
     def cameras(self, time: float) -> list[Any]:
         return []

@@ -5,6 +5,7 @@ on any machine. Finished parts are stored in a folder, from which interrupted wo
 unit is present exactly once and belongs to the work.
 """
 
+import filecmp
 import hashlib
 import json
 import shlex
@@ -212,13 +213,12 @@ class ShardMerge:
                 )
 
     def _places(self, work: Sequence[Units]) -> list[FinishedUnit]:
-        """Locate each unit. Raises InputError if one is missing or present twice."""
+        """Locate each unit. Raises InputError if one is missing, or there twice with other contents."""
         finished, missing_units = list[FinishedUnit](), list[tuple[int, str]]()
         for number, units, k in numbered(work):
             roots = [root for root in self._roots(units) if units.done(k, root)]
-            if len(roots) > 1:
-                name = units.files(k)[0]
-                raise InputError(f"{name} is there twice, in {roots[0]} and {roots[1]}; leave one of them out")
+            for other in roots[1:]:
+                _check_equal(units.files(k), roots[0], other)
             if roots:
                 finished.append(FinishedUnit(units, k, roots[0]))
             else:
@@ -251,6 +251,13 @@ class ShardMerge:
         what = f"shard{'s' * (len(shards) > 1)} {names} {'are' if len(shards) > 1 else 'is'} not complete"
         again = shlex.join(["antumbra", *self._recorded[0].command, "--shard", f"{shards[0]}/{of}"])
         return f"{what}, {len(missing)} of {total} parts lack{why}; run {again}"
+
+
+def _check_equal(files: list[str], first: Path, second: Path) -> None:
+    """Raise an InputError if a unit's files differ in two roots, of which either could then be wrong."""
+    for file in files:
+        if not filecmp.cmp(first / file, second / file, shallow=False):
+            raise InputError(f"{file} is there twice, and differs in {first} and {second}; leave one of them out")
 
 
 def _check_folder(folder: Path, work: Sequence[Units]) -> None:

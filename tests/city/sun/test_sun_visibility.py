@@ -226,7 +226,7 @@ def test_parts_of_another_scene_are_not_taken(tmp_path, monkeypatch):
     scenes, suns = [town(), town(1)], suns_of()
     sensors = at.raster_sensors(scenes[0], 2.0, 1.0, follow=False)
     make = lambda scene: sun_query(scene, sensors, suns, np.empty((len(suns.hours), 0)), 1)
-    monkeypatch.setattr(sun_visibility.Parts, "clear", lambda self: None)  # as if the first job had been interrupted
+    monkeypatch.setattr("antumbra.work.work_parts.Parts.clear", lambda self: None)  # as if interrupted
     sum_suns(make(scenes[0]), tmp_path)
     assert list(tmp_path.glob("*/*.npz"))
     found, true = sum_suns(make(scenes[1]), tmp_path).hours, sum_suns(make(scenes[1])).hours

@@ -158,7 +158,7 @@ def test_results_depend_on_the_seed_alone(threads):
 def test_surfaces_do_not_depend_on_the_others(monkeypatch):
     scene = at.procedural("atrium", triangles=1000)
     one = at.view_factors(scene, "surface", samples=256)
-    monkeypatch.setattr("antumbra.city.view_factors.view_factors._RAYS", 3 * 256)
+    monkeypatch.setattr("antumbra.city.view_factors.view_factors.RAYS_PER_PART", 3 * 256)
     other = at.view_factors(scene, "surface", samples=256)
     assert (one.matrix != other.matrix).nnz == 0 and len(one) > 3
 

@@ -7,7 +7,7 @@ command: points beside the scene, below the ground, on a surface without a norma
 
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -42,12 +42,35 @@ def tell(notes: Sequence[str]) -> dict[str, list[str]]:
     return {"warnings": list(notes)} if notes else {}
 
 
+class Note(str):
+    """A note that counts some of many points, so that the notes on blocks of points add up."""
+
+    number: int
+    about: tuple[str, str, str]  # the points, what is noted, and the first one
+
+    @classmethod
+    def of(cls, number: int, total: int, about: tuple[str, str, str]) -> "Note":
+        what, words, first = about
+        note = cls(f"{number:,} of {total:,} {what} {words}; the first is {first}")
+        note.number, note.about = number, about
+        return note
+
+
+def joined_notes(blocks: Iterable[Sequence[tuple[int, tuple[str, str, str]]]], total: int) -> list[str]:
+    """The notes on `total` points, from the numbers and `Note.about` of each block."""
+    found = dict[tuple[str, str], tuple[int, str]]()
+    for block in blocks:
+        for number, (what, words, first) in block:
+            before, earliest = found.get((what, words), (0, first))
+            found[what, words] = before + number, earliest
+    return [Note.of(number, total, (*key, first)) for key, (number, first) in found.items()]
+
+
 def _note(what: str, which: NDArray[np.bool_], at: NDArray[np.float64], words: str) -> list[str]:
-    """A note on some points; none if there are none."""
+    """A `Note` on some points; none if there are none."""
     if not which.any():
         return []
-    number = int(which.sum())
-    return [f"{number:,} of {len(at):,} {what} {words}; the first is {_text(at[which.argmax()])}"]
+    return [Note.of(int(which.sum()), len(at), (what, words, _text(at[which.argmax()])))]
 
 
 def _text(point: NDArray[np.float64]) -> str:

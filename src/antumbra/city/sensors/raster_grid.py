@@ -7,13 +7,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...base.checks import as_array, checked_instance, number, points, text, whole_number
 from ...base.errors import InputError
+from ...base.memory import check_reading
 from ...engine.scene import AnyScene
 from ...formats.reprojection import WARP
 from ...scene.raster import Raster
 from ...scene.scene_bounds import plan_bounds
 from ..gis.raster_files import RasterFile
 
-_MOST = 200_000_000  # sensors: more than this is treated as a mistake in the spacing
+_MOST = 10_000_000_000  # sensors: more than this is treated as a mistake in the spacing
+_BYTES = 100  # memory of a sensor while it is made, about
 _SAME = 1e-6  # cells: edges closer than this coincide, up to rounding
 
 
@@ -63,9 +65,14 @@ def raster_in(bounds: ArrayLike, spacing: float) -> Raster:
 
 
 def check_count(count: float, spacing: float) -> None:
-    """Raise an InputError if a spacing needs more than 200 million sensors."""
+    """Raise an InputError if a spacing needs more than ten thousand million sensors."""
     if not count <= _MOST:
         raise InputError(f"a spacing of {spacing:g} needs {count:.2g} sensors, more than {_MOST:.0e}; make it wider")
+
+
+def check_memory(count: float) -> None:
+    """Raise an InputError if some sensors cannot be in memory at once."""
+    check_reading(_BYTES * count, f"making {count:,.0f} sensors at once")
 
 
 def _checked(plan: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.checks import quoted, spelling_hint
+from ...base.checks import number, quoted, spelling_hint
 from ...base.errors import InputError
 from ...base.files import checked_file
 from ...base.memory import check_reading
@@ -29,8 +29,8 @@ from ..gis.raster_files import SUFFIXES as RASTERS
 from ..gis.vector_files import check_columns, open_parquet
 from .ground_areas import AreaLike, area_sensors
 from .point_attributes import Attributes, read_attributes
-from .sensors import Sensors, face_sensors, point_sensors, raster_sensors, vertex_sensors
-from .surface_grid import grid_sensors
+from .sensor_blocks import DescribedSensors, RasterBlocks, SurfaceBlocks
+from .sensors import Sensors, checked_lift, point_sensors, raster_of, vertex_sensors
 from .vector_points import SUFFIXES as VECTORS
 from .vector_points import WORLD, PointFile, read_vector_points
 
@@ -103,20 +103,37 @@ def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas: A
     - ``raster:dem.tif``, ``raster:dem.tif+1.6``: the cells of a raster file
     - a point file: see `read_point_file`; points in another CRS than the scene's are reprojected
     """
-    check_sensors(text, areas=areas is not None)
+    if areas is None:
+        found = sensor_blocks(text, scene, threads)
+        return found if isinstance(found, Sensors) else found.whole()
+    check_sensors(text, areas=True)
+    scene, threads = measured_scene(scene), thread_count(threads)
+    cells, height, follow = _cells_of(text)
+    return area_sensors(scene, areas, cells, height, follow=follow, threads=threads)
+
+
+def sensor_blocks(text: str, scene: SceneLike, threads: int | None = None) -> Sensors | DescribedSensors:
+    """The sensors of `sensors_of`, described if they can be made by block: those on faces and rasters."""
+    check_sensors(text)
     scene, threads = measured_scene(scene), thread_count(threads)
     if on := _ON_FACES.fullmatch(text):
-        lift = _number(on[3], text) if on[3] else 0.0
-        if on[2]:
-            return grid_sensors(scene, _number(on[2], text), lift=lift)
-        return face_sensors(scene, lift=lift) if on[1] == "face" else vertex_sensors(scene, lift=lift)
-    if raster := _RASTER.fullmatch(text):
-        height = _number(raster[3], text) if raster[3] else 0.0
-        cells = raster_file(text) or (_number(raster[1], text) if raster[1] else None)
-        if areas is not None:
-            return area_sensors(scene, areas, cells, height, follow=raster[2] != "@", threads=threads)
-        return raster_sensors(scene, cells, height, follow=raster[2] != "@", threads=threads)
+        lift = checked_lift(_number(on[3], text) if on[3] else 0.0)
+        if on[1] == "vertex":
+            return vertex_sensors(scene, lift=lift)
+        spacing = number(_number(on[2], text), "the spacing of sensors", 0.0, np.inf) if on[2] else None
+        return SurfaceBlocks(scene, spacing, lift)
+    if _RASTER.fullmatch(text):
+        cells, height, follow = _cells_of(text)
+        return RasterBlocks(scene, raster_of(scene, cells), height, follow, cells is None, threads)
     return read_point_file(Path(text)).within(scene)
+
+
+def _cells_of(text: str) -> tuple[str | float | None, float, bool]:
+    """The file or the spacing of the cells that a text names, None: the scene's own; their height; `follow`."""
+    raster = _RASTER.fullmatch(text)
+    assert raster is not None  # checked before
+    height = _number(raster[3], text) if raster[3] else 0.0
+    return raster_file(text) or (_number(raster[1], text) if raster[1] else None), height, raster[2] != "@"
 
 
 def check_file_crs(scene: AnyScene, *paths: Path | None) -> None:

@@ -4,7 +4,7 @@ Sensors lie on faces, at vertices, on surface grids, in horizontal rasters, or a
 once, when a `Sensors` is created.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ from ...kernels.parallel import thread_count
 from ...query.receivers import Receivers, receivers_above
 from ...scene.crs import check_horizontal_crs
 from ...scene.raster import Raster
-from .raster_grid import aligned_raster, checked_raster, plan_of, raster_in, raster_of_file
+from .raster_grid import aligned_raster, check_memory, checked_raster, plan_of, raster_in, raster_of_file
 
 # --- Checked fields of `Sensors` --------------------------------------------------------------------------------------
 
@@ -139,6 +139,9 @@ class Sensors:
     attributes : dict of str to (n,) array
         Other columns of the user's table: numbers, times, bool, or object for texts. They come through to tables of
         results.
+    on_surfaces : bool or None
+        For the kind "raster": whether cells without a face lie off the surfaces that the raster follows. None: if any
+        cell has a face.
 
     Raises
     ------
@@ -158,6 +161,7 @@ class Sensors:
     zone: np.ndarray | None = None
     zones: tuple[Zone, ...] = ()
     attributes: dict[str, np.ndarray] = field(default_factory=dict)
+    on_surfaces: bool | None = None
 
     def __post_init__(self) -> None:
         positions = points(self.points, "points of sensors")
@@ -209,9 +213,16 @@ class Sensors:
     @property
     def covered(self) -> np.ndarray:
         """(n,) bool: False for raster cells off the surfaces that the raster follows; True otherwise."""
-        if self.kind != "raster" or self.zone is not None or self.faces is None or not (self.faces >= 0).any():
+        if self.kind != "raster" or self.zone is not None or self.faces is None:
             return np.ones(len(self), bool)
-        return self.faces >= 0
+        return self.faces >= 0 if self._follows else np.ones(len(self), bool)
+
+    @property
+    def _follows(self) -> bool:
+        """Whether cells without a face lie off the surfaces that the raster follows."""
+        if self.on_surfaces is not None or self.faces is None:
+            return bool(self.on_surfaces)
+        return bool((self.faces >= 0).any())
 
     def on_raster(self, values: np.ndarray) -> np.ndarray:
         """(rows, columns) float64: the values ((n,) numbers) of `covered` cells; NaN elsewhere.
@@ -245,7 +256,7 @@ class Sensors:
         normals, areas, faces, zone = (None if array is None else array[index] for array in fields)
         return Sensors(
             self.points[index], normals, areas, faces, self.kind, self.raster, corners, cells, zone, self.zones,
-            self._attributes(index),
+            self._attributes(index), self._follows if self.kind == "raster" else None,
         )  # fmt: skip
 
     def part(self, first: int, last: int) -> "Sensors":
@@ -257,6 +268,24 @@ class Sensors:
         return Sensors(
             self.points[first:last], normals, areas, faces, "points", zone=zone, zones=self.zones, attributes=attributes
         )
+
+    @property
+    def sided(self) -> bool:
+        """Whether the sensors have normals."""
+        return self.normals is not None
+
+    @property
+    def description(self) -> list[np.ndarray]:
+        """What determines rays from the sensors, for digests."""
+        return [self.points] if self.normals is None else [self.points, self.normals]
+
+    def block(self, first: int, last: int) -> "Sensors":
+        """As `part`, but cells remain cells: sensors in memory are their own `SensorBlocks`."""
+        some = self.part(first, last)
+        if self.raster is None:
+            return some
+        cells = np.arange(first, last) if self.cells is None else self.cells[first:last]
+        return replace(some, kind=self.kind, raster=self.raster, cells=cells, on_surfaces=self._follows)
 
     def _attributes(self, which: NDArray[np.integer] | slice) -> dict[str, np.ndarray]:
         return {name: values[which] for name, values in self.attributes.items()}
@@ -282,10 +311,16 @@ def face_sensors(scene: SceneLike, time: float = 0.0, *, lift: float = 0.0) -> S
         World units along the normal, off the surface: more than the distance at which other surfaces are drawn on it.
     """
     scene, lift = scene_of(scene), checked_lift(lift)
-    corners = corners_of(scene, time)
+    return sensors_on_faces(scene, range(scene.n_triangles), lift, time)
+
+
+def sensors_on_faces(scene: AnyScene, faces: range, lift: float, time: float = 0.0) -> Sensors:
+    """The sensors of `face_sensors` on some faces."""
+    corners = scene.data.corners(time, None if len(faces) == scene.n_triangles else np.arange(faces.start, faces.stop))
     normals, areas = areas_of(corners)
-    faces = np.flatnonzero(areas > 0.0)
-    return Sensors(corners[faces].mean(1) + lift * normals[faces], normals[faces], areas[faces], faces, "face")
+    sound = np.flatnonzero(areas > 0.0)
+    corners, normals, areas = corners[sound], normals[sound], areas[sound]
+    return Sensors(corners.mean(1) + lift * normals, normals, areas, sound + faces.start, "face")
 
 
 def checked_lift(lift: float) -> float:
@@ -363,10 +398,23 @@ def raster_sensors(
         raise InputError(f"bounds and the cells of {spacing or 'a raster'} exclude each other; leave bounds out")
     else:
         raster = raster_in(bounds, number(spacing, "the spacing of sensors", 0.0, np.inf))
+    return raster_cells(scene, raster, height, follow, spacing is None, time=time, threads=threads)
+
+
+def raster_cells(
+    scene: AnyScene, raster: Raster, height: float, follow: bool, own: bool, cells: range | None = None,
+    time: float = 0.0, threads: int | None = None,
+) -> Sensors:  # fmt: skip
+    """Some cells of `raster_sensors`, the same to the last bit; None: all.
+
+    own : whether the cells are those of the scene's own raster
+    """
+    if cells is None:
+        check_memory(raster.n_cells)
     up = "xyz".index(scene.up)
-    at = _centres(raster, scene.up)
-    faces = np.full(len(at), -1, np.int64)
-    tops = _tops_of_own_cells(scene) if follow and spacing is None else None
+    numbers = np.arange(raster.n_cells) if cells is None else np.arange(cells.start, cells.stop)
+    at, faces = raster.places(numbers, scene.up), np.full(len(numbers), -1, np.int64)
+    tops = _tops_of_own_cells(scene, cells) if follow and own else None
     if tops is not None:
         at[:, up], faces = tops
         at[:, up] += height
@@ -376,15 +424,8 @@ def raster_sensors(
     else:
         at[:, up] = height
     upwards = np.broadcast_to(np.eye(3)[up], at.shape)
-    return Sensors(at, upwards, np.full(len(at), raster.area), faces, "raster", raster)
-
-
-def _centres(raster: Raster, up: str) -> NDArray[np.float64]:
-    """(cells, 3) float64: `Raster.places` of all cells."""
-    out = np.zeros((raster.rows, raster.columns, 3))
-    out[..., 0], north = raster.middles()
-    out[..., 1 if up == "z" else 2] = (north if up == "z" else -north)[:, None]
-    return out.reshape(-1, 3)
+    areas = np.broadcast_to(raster.area, len(at))
+    return Sensors(at, upwards, areas, faces, "raster", raster, cells=None if cells is None else numbers)
 
 
 def raster_of(scene: AnyScene, spacing: float | str | PathLike[str] | None, plan: np.ndarray | None = None) -> Raster:
@@ -401,12 +442,12 @@ def raster_of(scene: AnyScene, spacing: float | str | PathLike[str] | None, plan
     return raster
 
 
-def _tops_of_own_cells(scene: AnyScene) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
-    """Surface heights at the cells of a scene of one raster, as by `on_top` but without rays; None for other scenes.
+def _tops_of_own_cells(scene: AnyScene, cells: range | None) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
+    """Surface heights at cells of a scene of one raster, as by `on_top` but without rays; None for other scenes.
 
     A cell's height is that of a vertex, so the result is the same up to the rounding of rays.
     """
-    if (tops := scene.data.cell_tops()) is None:
+    if (tops := scene.data.cell_tops(cells)) is None:
         return None
     heights, faces = tops
     return np.where(faces >= 0, heights, scene.bounds[0, 2]), faces.astype(np.int64)
@@ -464,7 +505,7 @@ def _heights_on(corners: np.ndarray, at: np.ndarray, heights: np.ndarray, up: in
     """
     away, normals = at - corners[:, 0], np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     plan = [axis for axis in range(3) if axis != up]
-    steep = np.abs(normals[:, up]) < _STEEP * np.abs(normals[:, plan]).max(1)
+    steep = np.abs(normals[:, up]) <= _STEEP * np.abs(normals[:, plan]).max(1)  # also without area, rounded away
     rise = -(away[:, plan] * normals[:, plan]).sum(1) / np.where(steep, 1.0, normals[:, up])
     on = np.clip(corners[:, 0, up] + rise, corners[..., up].min(1), corners[..., up].max(1))
     same = (np.abs(corners - at[:, None]) <= _ROUNDED * np.abs(at[:, None]))[..., plan].all(2)

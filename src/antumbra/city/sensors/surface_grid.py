@@ -5,13 +5,15 @@ removed.
 """
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...base.checks import number
+from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
-from .raster_grid import check_count
+from .raster_grid import check_count, check_memory
 from .sensors import Sensors, areas_of, checked_lift, corners_of
 
 _BLOCK = 256.0
@@ -19,6 +21,8 @@ _BLOCK = 256.0
 
 _PHASE = 0.5 + 2.0**-7
 """Spacings from an anchor to the lattice: not half a spacing, since many edges lie at round coordinates."""
+
+_FACES = 1 << 18  # faces whose sensors are counted at a time
 
 
 def grid_sensors(scene: SceneLike, spacing: float, time: float = 0.0, *, lift: float = 0.0) -> Sensors:
@@ -35,24 +39,81 @@ def grid_sensors(scene: SceneLike, spacing: float, time: float = 0.0, *, lift: f
     """
     scene, lift = scene_of(scene), checked_lift(lift)
     spacing = number(spacing, "the spacing of sensors", 0.0, np.inf)
-    corners = corners_of(scene, time)
+    return _sensors_on(corners_of(scene, time), 0, spacing, lift, scene.up)
+
+
+def grid_counts(scene: AnyScene, spacing: float) -> NDArray[np.int64]:
+    """(faces,) int64: the number of sensors of `grid_sensors` on each face, without making them."""
+    counts = list[np.ndarray]()
+    for first in range(0, scene.n_triangles, _FACES):
+        faces = np.arange(first, min(first + _FACES, scene.n_triangles))
+        face = _lattices(scene.data.corners(0.0, faces), spacing, scene.up)
+        counts.append(np.zeros(len(faces), np.int64))
+        counts[-1][face.sound] = np.bincount(face.rows.face, face.rows.points, len(face.sound)).astype(np.int64)
+    return np.concatenate([np.empty(0, np.int64), *counts])
+
+
+def grid_on_faces(scene: AnyScene, spacing: float, lift: float, faces: range, places: range) -> Sensors:
+    """Some of the sensors of `grid_sensors`, the same to the last bit.
+
+    faces : those on which they lie
+    places : their numbers among the sensors of these faces
+    """
+    corners = scene.data.corners(0.0, np.arange(faces.start, faces.stop))
+    return _sensors_on(corners, faces.start, spacing, lift, scene.up, places)
+
+
+# --- Lattices of faces ------------------------------------------------------------------------------------------------
+
+
+class _Rows(NamedTuple):
+    """Rows of lattice points in triangles, in their order; without one, a point at the centre."""
+
+    face: np.ndarray  # (r,) int64: the triangle
+    row: np.ndarray  # (r,) float64: the whole number of the lattice row; NaN: the centre
+    first: np.ndarray  # (r,) float64: the whole number of the first point
+    points: np.ndarray  # (r,) int64: how many
+
+
+class _Lattices(NamedTuple):
+    """The lattices of the faces with an area."""
+
+    sound: np.ndarray  # (n,) int64: their numbers
+    anchors: np.ndarray  # (n, 3) float64, world
+    corners: np.ndarray  # (n, 3, 3) float64, from the anchors
+    normals: np.ndarray  # (n, 3) float64
+    areas: np.ndarray  # (n,) float64
+    across: np.ndarray  # (n, 3) float64: unit vectors in the planes
+    along: np.ndarray
+    flat: np.ndarray  # (n, 3, 2) float64: the corners in the plane, in spacings
+    rows: _Rows
+
+
+def _lattices(corners: np.ndarray, spacing: float, up: str) -> _Lattices:
     anchors = _anchors(corners, spacing)
-    corners -= anchors[:, None]
+    corners = corners - anchors[:, None]
     normals, areas = areas_of(corners)
     sound = np.flatnonzero(areas > 0.0)
     corners, normals, areas = corners[sound], normals[sound], areas[sound]
     check_count(areas.sum() / spacing / spacing + len(sound), spacing)
-    across, along = _plane_axes(normals, "xyz".index(scene.up))
+    across, along = _plane_axes(normals, "xyz".index(up))
     flat = np.stack([(corners * axis[:, None]).sum(-1) for axis in (across, along)], -1) / spacing
-    face, places = _lattice(flat)
-    empty = np.setdiff1d(np.arange(len(sound)), face)
-    face, places = np.concatenate([face, empty]), np.concatenate([places, flat[empty].mean(1)])
-    order = np.argsort(face, kind="stable")
-    face, places = face[order], places[order]
-    height = (corners[:, 0] * normals).sum(-1) + lift
-    at = spacing * (places[:, :1] * across[face] + places[:, 1:] * along[face]) + height[face, None] * normals[face]
-    share = areas / np.bincount(face, minlength=len(sound))
-    return Sensors(at + anchors[sound][face], normals[face], share[face], sound[face], "grid")
+    return _Lattices(sound, anchors[sound], corners, normals, areas, across, along, flat, _lattice_rows(flat))
+
+
+def _sensors_on(
+    corners: np.ndarray, first_face: int, spacing: float, lift: float, up: str, places: range | None = None
+) -> Sensors:
+    """The sensors on faces, which are numbered from `first_face`; `places`: some of them."""
+    on = _lattices(corners, spacing, up)
+    if places is None:
+        check_memory(float(on.rows.points.sum()))
+    face, at = _points(on.rows, on.flat, places)
+    height = (on.corners[:, 0] * on.normals).sum(-1) + lift
+    flat = spacing * (at[:, :1] * on.across[face] + at[:, 1:] * on.along[face]) + height[face, None] * on.normals[face]
+    share = on.areas / np.bincount(on.rows.face, on.rows.points, len(on.sound))
+    faces = on.sound[face] + first_face
+    return Sensors(flat + on.anchors[face], on.normals[face], share[face], faces, "grid")
 
 
 def _anchors(corners: np.ndarray, spacing: float) -> NDArray[np.float64]:
@@ -75,29 +136,37 @@ def _plane_axes(normals: np.ndarray, up: int) -> tuple[np.ndarray, np.ndarray]:
     return across, np.cross(normals, across)
 
 
-def _lattice(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The points (i + _PHASE, j + _PHASE) in triangles: (m,) triangle indices and (m, 2) points.
+def _lattice_rows(flat: np.ndarray) -> _Rows:
+    """The rows of the points (i + _PHASE, j + _PHASE) in triangles, whose corners in the plane are `flat`, (n, 3, 2).
 
-    flat : (n, 3, 2) float64, corners in the plane
+    The points of a row that lie on the inner side of an edge come one after another, in floating point too, since each
+    operation of `_beside` is monotonic. So bisection finds the ends of a row, point for point.
     """
     low, high = np.ceil(flat.min(1) - _PHASE), np.floor(flat.max(1) - _PHASE)
-    counts = np.maximum(high - low + 1.0, 0.0).astype(np.int64)
-    faces, places = list[np.ndarray](), list[np.ndarray]()
-    total = np.cumsum(counts.prod(1))
-    for first, last in _blocks(total, 1 << 22):
-        n = counts[first:last].prod(1)
+    found = [_Rows(*(np.empty(0, kind) for kind in (np.int64, np.float64, np.float64, np.int64)))]
+    heights = np.maximum(high[:, 1] - low[:, 1] + 1.0, 0.0) * (high[:, 0] >= low[:, 0])
+    for first, last in _blocks(np.cumsum(heights.astype(np.int64)), _ROWS):
+        n = heights[first:last].astype(np.int64)
         face = np.repeat(np.arange(first, last), n)
-        k = np.arange(len(face)) - np.repeat(np.cumsum(n) - n, n)
-        columns = counts[face, 0]
-        at = low[face] + np.stack([k % columns, k // columns], -1) + _PHASE
-        inside = _inside(flat[face], at)
-        faces.append(face[inside])
-        places.append(at[inside])
-    return np.concatenate([np.empty(0, np.int64), *faces]), np.concatenate([np.empty((0, 2)), *places])
+        row = low[face, 1] + (np.arange(len(face)) - np.repeat(np.cumsum(n) - n, n))
+        begin, end = np.zeros(len(face), np.int64), (high[face, 0] - low[face, 0] + 1.0).astype(np.int64)
+        for k in range(3):
+            _cut(flat[face, k], flat[face, (k + 1) % 3], row + _PHASE, low[face, 0], begin, end)
+        some = end > begin
+        found.append(_Rows(face[some], row[some], low[face[some], 0] + begin[some], (end - begin)[some]))
+    face, row, begin_at, count = (np.concatenate(each) for each in zip(*found))
+    empty = np.setdiff1d(np.arange(len(flat)), face)
+    face, row = np.concatenate([face, empty]), np.concatenate([row, np.full(len(empty), np.nan)])
+    begin_at, count = np.concatenate([begin_at, np.zeros(len(empty))]), np.concatenate([count, np.ones_like(empty)])
+    order = np.argsort(face, kind="stable")
+    return _Rows(face[order], row[order], begin_at[order], count[order])
+
+
+_ROWS = 1 << 20  # rows at a time
 
 
 def _blocks(total: NDArray[np.int64], most: int) -> Iterator[tuple[int, int]]:
-    """Yield ranges (first, last) of items with about `most` points; `total`: cumulative number of points."""
+    """Yield ranges (first, last) of items with about `most` rows; `total`: cumulative number of rows."""
     first = 0
     while first < len(total):
         before = total[first - 1] if first else 0
@@ -106,13 +175,41 @@ def _blocks(total: NDArray[np.int64], most: int) -> Iterator[tuple[int, int]]:
         first = last
 
 
-def _inside(triangles: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Whether points lie in triangles. A point on an edge shared by two triangles lies in exactly one of them."""
-    sides = []
-    for k in range(3):
-        a, b = triangles[:, k], triangles[:, (k + 1) % 3]
-        edge = b - a
-        side = edge[:, 0] * (at[:, 1] - a[:, 1]) - edge[:, 1] * (at[:, 0] - a[:, 0])
-        first = (edge[:, 1] > 0.0) | ((edge[:, 1] == 0.0) & (edge[:, 0] < 0.0))
-        sides.append((side > 0.0) | ((side == 0.0) & first))
-    return np.asarray(sides[0] & sides[1] & sides[2])
+def _cut(a: np.ndarray, b: np.ndarray, y: np.ndarray, low: np.ndarray, begin: np.ndarray, end: np.ndarray) -> None:
+    """Move the ends of rows, in place, to their points on the inner side of the edges from `a` to `b`."""
+    rises = (b - a)[:, 1]
+    inner_first = rises > 0.0  # the points before a certain one lie inside; for edges that fall, those from it on
+    lower, upper = begin.copy(), end.copy()  # the certain point is in between, both ends included
+    while (open_rows := np.flatnonzero(lower < upper)).size:
+        middle = (lower[open_rows] + upper[open_rows]) // 2
+        x = low[open_rows] + middle + _PHASE
+        inside = _beside(a[open_rows], b[open_rows], x, y[open_rows])
+        goes_on = inside == inner_first[open_rows]
+        lower[open_rows] = np.where(goes_on, middle + 1, lower[open_rows])
+        upper[open_rows] = np.where(goes_on, upper[open_rows], middle)
+    end[inner_first] = lower[inner_first]
+    begin[~inner_first] = lower[~inner_first]
+
+
+def _beside(a: np.ndarray, b: np.ndarray, x: np.ndarray, y: np.ndarray) -> NDArray[np.bool_]:
+    """Whether points are on the inner side of edges. On an edge of two triangles, they are in exactly one of them."""
+    edge = b - a
+    side = edge[:, 0] * (y - a[:, 1]) - edge[:, 1] * (x - a[:, 0])
+    first = (edge[:, 1] > 0.0) | ((edge[:, 1] == 0.0) & (edge[:, 0] < 0.0))
+    return np.asarray((side > 0.0) | ((side == 0.0) & first))
+
+
+def _points(rows: _Rows, flat: np.ndarray, places: range | None) -> tuple[np.ndarray, np.ndarray]:
+    """The points of rows: (m,) triangles and (m, 2) positions; `places`: some of them."""
+    ends = np.cumsum(rows.points)
+    begin, end = (0, int(ends[-1]) if len(ends) else 0) if places is None else (places.start, places.stop)
+    first, last = np.searchsorted(ends, begin, "right"), np.searchsorted(ends, end - 1, "right") + 1
+    rows = _Rows(*(each[first:last] for each in rows))
+    which = np.repeat(np.arange(len(rows.face)), rows.points)
+    starts = ends[first:last] - rows.points
+    which = which[begin - int(starts[0]) :][: end - begin] if len(starts) else which
+    along = rows.first[which] + (np.arange(begin, begin + len(which)) - starts[which])
+    face, at = rows.face[which], np.stack([along, rows.row[which]], -1) + _PHASE
+    centre = np.isnan(at[:, 1])
+    at[centre] = flat[face[centre]].mean(1)
+    return face, at

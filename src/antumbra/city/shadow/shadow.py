@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...base.option_fields import Given, with_keywords
-from ...base.progress import Progress, report_progress, with_progress
+from ...base.progress import Progress, with_progress
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
 from ...sun.location import Place, place_in
 from ...sun.sun_positions import Suns, directions_of, instant_of, months_of, solar_angles, zone_notes, zone_of
+from ...work.executors import Executor, Keep, executor_of
+from ...work.scene_records import scene_digest
+from ...work.work_parts import Parts, about_parts
 from ..sensors.sensors import Sensors, raster_sensors
 from ..sun.sun_hours import sun_hours
 from ..sun.sun_visibility import sum_suns, sun_query
@@ -43,6 +46,7 @@ def shadow(
     given: Given[_P],
     scene: SceneLike,
     surface: "SceneLike | None" = None,
+    keep: Keep = None,
     progress: Progress = None,
     *args: _P.args,
     **keywords: _P.kwargs,
@@ -61,6 +65,9 @@ def shadow(
     surface : Scene, or anything that `antumbra.load` takes, optional
         The scene on whose highest surfaces cells lie: the one without trees, if `scene` has the trees of
         `antumbra.from_trees`. None: `scene`.
+    keep : str, path-like or executor, optional
+        Folder for the finished parts of an interrupted study, or an executor for the parts; see
+        `antumbra.work.executors`.
     progress : function of (text, done, total), or bool, optional
         Called during the work. False: show nothing. None: terminals and notebooks show a bar after a second.
 
@@ -69,7 +76,7 @@ def shadow(
     Shadow
         On a plane, a row for each connected shadow or each object, with its "area" (m2). With cells at a moment, a row
         for each connected shadow. For days, a row for each class: "hours_from", "hours_to" (exclusive, but for the last
-        class, which ends with the hours of daylight) and "area".
+        class, which ends with the hours of daylight) and "area". None if the executor leaves parts to other shards.
 
     Raises
     ------
@@ -79,15 +86,21 @@ def shadow(
     """
     options, scene = ShadowOptions(**given(*args, **keywords)), measured_scene(scene)
     options.check_moment()
+    executor = executor_of(keep)
     import_extra("shapely", "shadow", "gis")
     place = place_in(scene, options.place)
     if place is None:
         raise InputError("the place is unknown; give a latitude and a longitude, or a CRS")
     below = scene if surface is None else measured_scene(surface)
     if options.days is not None:
-        return _hours(scene, _cells(below, options), place, options)
-    moment = _moment_of(scene, place, options)
-    return _on_plane(scene, moment, options) if options.on_plane else _on_cells(scene, below, moment, options)
+        found = _hours(scene, _cells(below, options), place, options, executor)
+    else:
+        moment = _moment_of(scene, place, options)
+        if options.on_plane:
+            found = _on_plane(scene, moment, options, executor)
+        else:
+            found = _on_cells(scene, below, moment, options, executor)
+    return found  # type: ignore[return-value]  # None: a shard, of a command
 
 
 class _Moment(NamedTuple):
@@ -123,22 +136,34 @@ def _moment_of(scene: AnyScene, place: Place, options: ShadowOptions) -> _Moment
 # --- On a plane -------------------------------------------------------------------------------------------------------
 
 
-def _on_plane(scene: AnyScene, moment: _Moment, options: ShadowOptions) -> Shadow:
+GROUPS_PER_PART = 256  # objects that cast a shadow
+
+
+def _on_plane(scene: AnyScene, moment: _Moment, options: ShadowOptions, executor: Executor) -> Shadow | None:
     """The exact outline of the shadow on a plane."""
     corners = _on_map(scene, scene.triangles(threads=options.threads).vertices.astype(np.float64) + scene.origin)
     height = float(corners[..., 2].min()) if options.plane is None else options.plane
     projection = projection_of(_on_map(scene, moment.suns.directions)[0], height)
     groups = _casters(scene, options.casters)
     apart = options.by == "object"
-    rows = []
-    with report_progress("projecting shadows") as report:
-        for k, (name, kind, faces) in enumerate(groups):
+
+    def work(first: int, last: int) -> dict[str, np.ndarray]:
+        shapes = []
+        for _, _, faces in groups[first:last]:
             shape = shadow_union(corners[faces], projection)
-            if apart and not options.footprints:
-                shape = _beside(shape, corners[faces], height)
-            if not shape.is_empty:
-                rows.append((shape, name, kind))
-            report(k + 1, len(groups))
+            shapes.append(_beside(shape, corners[faces], height) if apart and not options.footprints else shape)
+        return _packed(shapes)
+
+    settings = moment.suns.directions, height, options.casters, options.by, options.footprints
+    parts_about = None
+    if executor.folder is not None:
+        parts_about = about_parts("shadow on a plane", scene_digest(scene, 0.0, options.threads), *settings)
+    parts = Parts("projecting shadows", len(groups), GROUPS_PER_PART, work, executor.folder, parts_about)
+    if not executor.finish([parts]):
+        return None
+    unpacked = [shape for k in range(len(parts)) for shape in _unpacked(parts[k])]
+    executor.end([parts])
+    rows = [(shape, name, kind) for shape, (name, kind, _) in zip(unpacked, groups) if not shape.is_empty]
     about = {**moment.about, "height": height}
     casters = corners[np.concatenate([np.empty(0, np.int64), *(faces for _, _, faces in groups)])]
     plan = casters[(casters[..., 2] > height).any(1), :, :2]
@@ -151,6 +176,19 @@ def _on_plane(scene: AnyScene, moment: _Moment, options: ShadowOptions) -> Shado
     if not options.footprints:
         joined = _beside(joined, casters, height)
     return _shadow_of(scene, list(joined.geoms), {}, about)._replace(casters=plan)
+
+
+def _packed(shapes: list[Any]) -> dict[str, np.ndarray]:
+    """Shapes as arrays: well-known binary, and where each ends."""
+    texts = [shape.wkb for shape in shapes]
+    return {"wkb": np.frombuffer(b"".join(texts), np.uint8), "ends": np.cumsum([len(text) for text in texts])}
+
+
+def _unpacked(arrays: dict[str, np.ndarray]) -> list[Any]:
+    """The shapes of `_packed`."""
+    from shapely import from_wkb
+
+    return [from_wkb(text.tobytes()) for text in np.split(arrays["wkb"], arrays["ends"])[:-1]]
 
 
 def _beside(shape: Any, corners: NDArray[np.float64], height: float) -> Any:
@@ -200,12 +238,17 @@ def _on_map(scene: AnyScene, vectors: NDArray[np.float64]) -> NDArray[np.float64
 # --- On cells ---------------------------------------------------------------------------------------------------------
 
 
-def _on_cells(scene: AnyScene, below: AnyScene, moment: _Moment, options: ShadowOptions) -> Shadow:
+def _on_cells(
+    scene: AnyScene, below: AnyScene, moment: _Moment, options: ShadowOptions, executor: Executor
+) -> Shadow | None:
     """The cells in shadow at a moment, on the surfaces of the scene `below`."""
     sensors = _cells(below, options)
     bins, months = np.empty((1, 0), np.int64), months_of(moment.suns.local)
     query = sun_query(scene, sensors, moment.suns, bins, 1, months=months, plan=options.plan, threads=options.threads)
-    hidden = 1.0 - sum_suns(query, what="shadow").hours
+    tally = sum_suns(query, executor, "shadow")
+    if tally is None:
+        return None
+    hidden = 1.0 - tally.hours
     about = {**moment.about, "cell": options.cell}
     table = Table(sensors, {"shadow": Column(hidden, "", "share of the sun's light that is blocked")}, about, scene)
     values = sensors.on_raster(hidden)
@@ -215,11 +258,14 @@ def _on_cells(scene: AnyScene, below: AnyScene, moment: _Moment, options: Shadow
     return _shadow_of(scene, parts, {}, table.about, table)
 
 
-def _hours(scene: AnyScene, sensors: Sensors, place: Place, options: ShadowOptions) -> Shadow:
+def _hours(
+    scene: AnyScene, sensors: Sensors, place: Place, options: ShadowOptions, executor: Executor
+) -> Shadow | None:
     """The classes of hours of shadow on days."""
-    table = sun_hours(
-        scene, sensors, options.days, place=place, step=options.step, plan=options.plan, threads=options.threads
-    )
+    settings: dict[str, Any] = {"step": options.step, "plan": options.plan, "threads": options.threads}
+    table: Table | None = sun_hours(scene, sensors, options.days, place=place, keep=executor, **settings)
+    if table is None:
+        return None
     hours = np.maximum(table.about["hours"] - table["sun_hours"], 0.0)
     table.columns = {
         "shadow_hours": Column(hours, "h", "hours with the sun above the horizon, but hidden"),

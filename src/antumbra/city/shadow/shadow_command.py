@@ -12,6 +12,7 @@ import typer
 from ...base.errors import InputError
 from ...base.option_fields import field_values
 from ...cli.options import (
+    LISTED_LAST,
     CrsOption,
     DegreesOption,
     ListedBefore,
@@ -24,6 +25,7 @@ from ...cli.options import (
     position_of,
     tables,
 )
+from ...cli.shards import MergeOption, RayOption, ShardOption
 from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
 from ...cli.vegetation_options import VegetationOption
 from ...work.result_summary import Summary
@@ -79,6 +81,9 @@ class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
     map: MapOption = None
     sheet: SheetOption = None
     up: Annotated[UpOption, ListedBefore("threads")] = None
+    shard: Annotated[ShardOption, LISTED_LAST] = None
+    ray: RayOption = None
+    merge: MergeOption = None
 
     files: ClassVar[str | None] = "files"
     records_trees: ClassVar[bool] = True
@@ -104,7 +109,7 @@ class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
     def default_output(self) -> str:
         return f"{self.spec.stem}-shadow.gpkg"
 
-    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Shadow]":
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Shadow | None]":
         from ...engine.measured_scenes import measured_scene
         from ...sun.location import place_of
         from .shadow import shadow
@@ -113,7 +118,7 @@ class ShadowCommand(StudyCommand[ShadowOptions, "Shadow"]):
         options = replace(self.options, place=place_of(scene, **position_of(self)))
         if self.before and options.on_plane and options.plane is None:  # the same plane in both states
             options = replace(options, plane=float(scene.bounds[0, "xyz".index(scene.up)]))
-        return partial(shadow, scene, surface=scenes.bare, **field_values(options))
+        return partial(shadow, scene, surface=scenes.bare, keep=executor, **field_values(options))
 
     def compared(self, before: "Shadow", after: "Shadow", scenes: Scenes) -> "Shadow":
         from .added_shadow import added_shadow

@@ -10,8 +10,9 @@ import typer
 
 from ...base.errors import InputError
 from ...base.option_fields import field_values
-from ...cli.options import CrsOption, ListedBefore, MapOption, SceneArgument, SheetOption, UpOption, tables
+from ...cli.options import LISTED_LAST, CrsOption, ListedBefore, MapOption, SceneArgument, SheetOption, UpOption, tables
 from ...cli.scene_arguments import DEFAULT_SCENE, BeforeOption
+from ...cli.shards import MergeOption, RayOption, ShardOption
 from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
 from ...cli.vegetation_options import VegetationOption
 from ...work.result_summary import Summary
@@ -75,6 +76,9 @@ class LosCommand(StudyCommand[SightOptions, "list[Sightlines]"]):
     sheet: SheetOption = None
     up: Annotated[UpOption, ListedBefore("threads")] = None
     crs: CrsOption = None
+    shard: Annotated[ShardOption, LISTED_LAST] = None
+    ray: RayOption = None
+    merge: MergeOption = None
 
     @property
     def needs_memory(self) -> bool:
@@ -118,14 +122,19 @@ class LosCommand(StudyCommand[SightOptions, "list[Sightlines]"]):
             return read_pairs(Path(self.pairs))
         return pairs_of(self.pairs, begin.within(scene), end.within(scene))
 
-    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], list[Sightlines]]":
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], list[Sightlines] | None]":
         from ..sensors.sensor_files import check_file_crs
         from .sightlines import line_of_sight
 
         check_file_crs(scenes.planted, Path(self.pairs))
         pairs = self.pairs_in(scenes.planted)
         study = partial(line_of_sight, scenes.planted, **pairs.keywords(), **field_values(self.options))
-        return lambda: [study()]
+
+        def lines() -> "list[Sightlines] | None":
+            found: Sightlines | None = study(keep=executor)  # None: a shard
+            return None if found is None else [found]
+
+        return lines
 
     def compared(self, before: "list[Sightlines]", after: "list[Sightlines]", scenes: Scenes) -> "list[Sightlines]":
         return [*before, *after]

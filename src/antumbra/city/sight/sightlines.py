@@ -18,9 +18,10 @@ from ...engine.scene_loading import SceneLike
 from ...formats.gltf.gltf_writer import LINES
 from ...kernels.parallel import thread_count
 from ...query.receivers import Receivers
-from ...work.executors import LocalExecutor
+from ...work.executors import Keep, checked_keep, executor_of
 from ...work.result_summary import Summary, SummaryTable, heading
-from ...work.work_parts import Parts
+from ...work.scene_records import scene_digest
+from ...work.work_parts import Parts, about_parts
 from ..sensors.point_attributes import Attributes
 from ..sensors.point_checks import notes_on_points, notes_on_sensors, tell
 from ..sensors.sensor_files import SUFFIXES, attributes_of, check_point_file, read_array, read_columns
@@ -34,7 +35,7 @@ _P = ParamSpec("_P")
 # --- Sightlines -------------------------------------------------------------------------------------------------------
 
 
-_PART = 1 << 16  # pairs traced at a time
+PAIRS_PER_PART = 1 << 16
 
 
 class Sightlines(NamedTuple):
@@ -79,7 +80,7 @@ class _Pairs(NamedTuple):
 def line_of_sight(
     given: Given[_P], scene: SceneLike, observers: ArrayLike, targets: ArrayLike, normals: ArrayLike | None = None,
     target_normals: ArrayLike | None = None, faces: ArrayLike | None = None, target_faces: ArrayLike | None = None,
-    progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
+    keep: Keep = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
 ) -> Sightlines:  # fmt: skip
     """Find whether observers see targets, and the face, object and point that block the others.
 
@@ -97,12 +98,16 @@ def line_of_sight(
         The faces of the scene on which ends lie, -1: none. They do not block this pair, except by the horizon of a
         normal. An end on a face, such as the centre of a window pane, needs its face or its normal, since float32 can
         round it to either side of the face.
+    keep : str, path-like or executor, optional
+        Folder for the finished parts of an interrupted study, or an executor for the parts; see
+        `antumbra.work.executors`.
     progress : function of (text, done, total), or bool, optional
         Called during the work. False: show nothing. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------
     Sightlines
+        None if the executor leaves parts to other shards.
 
     Raises
     ------
@@ -120,16 +125,23 @@ def line_of_sight(
     horizon blocks, the result has the face from `faces` or `target_faces`, and the end on it as the blocking point.
     """
     options, scene = SightOptions(**given(*args, **keywords)), measured_scene(scene)
-    threads, time = thread_count(options.threads), options.time
+    threads, time, keep = thread_count(options.threads), options.time, checked_keep(keep)
     begin, end = _Ends(observers, normals, faces), _Ends(targets, target_normals, target_faces)
     pairs, shape = _checked(scene, begin, end)
     for each, what in ((begin, "observers"), (end, "targets")):
         tell(_notes(scene, each, what, time, threads))
     n = len(pairs.begin)
     work = lambda first, last: _blocks(pairs.part(first, last), scene.engine, time, threads)
-    parts = Parts(f"{n} lines of sight", n, _PART, work)
-    LocalExecutor().finish([parts])
+    executor, about = executor_of(keep), None
+    if executor.folder is not None:
+        given_arrays = [array for array in pairs if array is not None]
+        present = [array is not None for array in pairs]
+        about = about_parts("sight lines", scene_digest(scene, scene.clamped(time), threads), present, *given_arrays)
+    parts = Parts(f"{n} lines of sight", n, PAIRS_PER_PART, work, executor.folder, about)
+    if not executor.finish([parts]):
+        return None  # type: ignore[return-value]  # a shard, of a command
     blocks = parts.joined(("t", "face")) if n else _blocks(pairs, scene.engine, time, threads)
+    executor.end([parts])
     away = pairs.end.astype(np.float64) - pairs.begin
     length, t, face = np.linalg.norm(away, axis=1), blocks["t"], blocks["face"]
     point = pairs.begin + t[:, None] * away + scene.origin

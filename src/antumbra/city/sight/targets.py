@@ -1,7 +1,8 @@
 """How much of a target is visible: a facade, a polygon, any points, or the rotor of a wind turbine."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, ParamSpec
+from collections.abc import Mapping, Sequence
+from functools import cache, partial
+from typing import Any, NamedTuple, ParamSpec, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,24 +10,31 @@ from numpy.typing import ArrayLike, NDArray
 from ...base.checks import number, points, text
 from ...base.errors import InputError
 from ...base.option_fields import Given, with_keywords
-from ...base.progress import Progress, report_progress, with_progress
+from ...base.progress import Progress, with_progress
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
 from ...kernels.parallel import thread_count
 from ...query.receivers import Receivers
 from ...query.shadow_query import count_occluded
+from ...work.executors import Keep, checked_keep, executor_of
 from ...work.result_summary import Summary
+from ...work.scene_records import scene_digest
+from ...work.work_parts import about_parts, inexact_plan
+from ..sensors.block_parts import BlockParts, warned_by_block
 from ..sensors.curved_earth import Earth, curvature_record, earth_of, lowered_scene
 from ..sensors.point_checks import notes_on_sensors, tell
-from ..sensors.sensor_files import sensors_of
+from ..sensors.sensor_blocks import DescribedSensors, SensorBlocks
+from ..sensors.sensor_files import sensor_blocks
 from ..sensors.sensors import Sensors, point_sensors, sensors_from, sightline_ends
 from ..sensors.surface_grid import grid_sensors
 from ..tables.result_table import Column, Table
+from ..tables.table_blocks import TableBlocks
 from .sight_options import VisibleOptions
 from .turbines import Turbine, Turbines, hubs_of, notes_on_turbines, on_ground, seen_of_rotors, turbines_of
 from .visibility_matrix import TileTracer
 
+SENSORS_PER_PART = 1 << 16
 _PAIRS = 1 << 24  # sightlines at a time
 _FLAT = 1e-6  # largest distance of a polygon's corner from its plane, in sizes of the polygon
 _MOST = 1_000_000  # points of a target
@@ -146,7 +154,8 @@ def _lattice_inside(ring: NDArray[np.float64], spacing: float) -> NDArray[np.flo
 def visible_share(
     given: Given[_P], scene: SceneLike, sensors: Sensors | str | ArrayLike,
     target: "Turbine | Sequence[Turbine] | Mapping[str, Turbine] | Sensors | ArrayLike",
-    surface: "SceneLike | None" = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
+    surface: "SceneLike | None" = None, keep: Keep = None, progress: Progress = None, *args: _P.args,
+    **keywords: _P.kwargs,
 ) -> Table:  # fmt: skip
     """The share of a target that each sensor sees. Every line of sight is exact.
 
@@ -160,6 +169,8 @@ def visible_share(
         other points from everywhere. Of a `Turbine`, the disk of the rotor that faces each sensor is sampled.
     surface : Scene, PagedScene, or anything that `antumbra.load` takes, optional
         As for `antumbra.viewshed`.
+    keep : str, path-like or executor, optional
+        As for `antumbra.viewshed`.
     progress : function of (text, done, total), or bool, optional
         As for `antumbra.viewshed`.
 
@@ -169,7 +180,7 @@ def visible_share(
         The columns are ``share``, from 0 to 1, and ``visible``, the number of visible sample points. For a sequence or
         dict of turbines, ``turbines`` comes first, the number of those in sight, even in part; ``share`` is that
         of the area of all rotors, and ``share_NAME`` that of each rotor, named by the dict or by numbers from 1.
-        `Table.about` has the total of sample points, ``samples``.
+        `Table.about` has the total of sample points, ``samples``. None if the executor leaves parts to other shards.
 
     Raises
     ------
@@ -187,18 +198,36 @@ def visible_share(
     -----
     With `curvature`, points at a horizontal distance d sink by (1 - k) d^2 / (2 R); see `antumbra.viewshed`.
     """
-    options, scene = VisibleOptions(**given(*args, **keywords)), measured_scene(scene)
+    options = VisibleOptions(**given(*args, **keywords))
+    found = visible_blocks(scene, options, sensors, target, surface, keep)
+    if found is None:
+        return None  # type: ignore[return-value]  # a shard, of a command
+    table = found.whole()
+    found.close()
+    return table
+
+
+def visible_blocks(
+    scene: SceneLike, options: VisibleOptions, sensors: SensorBlocks | str | ArrayLike,
+    target: "Turbine | Sequence[Turbine] | Mapping[str, Turbine] | Sensors | ArrayLike", surface: "SceneLike | None",
+    keep: Keep,
+) -> Table | TableBlocks | None:  # fmt: skip
+    """The table of `visible_share`, made by block if the sensors are described. Its `close` removes finished parts."""
+    keep, scene = checked_keep(keep), measured_scene(scene)
     threads, moment = thread_count(options.threads), scene.clamped(options.time)
     below = scene if surface is None else measured_scene(surface)
-    checked = sensors_of(sensors, below, threads) if isinstance(sensors, str) else sensors
-    places, earth = sensors_from(scene, checked, None, "sensors"), earth_of(options, scene)
-    notes = notes_on_sensors(below, places, "sensors", moment, threads)
+    named = sensor_blocks(sensors, below, threads) if isinstance(sensors, str) else sensors
+    described = named if isinstance(named, DescribedSensors) else None
+    places: SensorBlocks = described or sensors_from(scene, cast(Any, named), None, "sensors")
+    earth, executor = earth_of(options, scene), executor_of(keep)
+    notes = [] if described else notes_on_sensors(below, cast(Sensors, places), "sensors", moment, threads)
     turbines, on_target = turbines_of(target), None
     if turbines is not None:
         if options.on_surface:
             turbines = on_ground(below, turbines, moment, threads)
         notes += notes_on_turbines(below, turbines, moment, threads)
         total, marks = options.samples * len(turbines.each), hubs_of(turbines, scene.up)
+        aims: list[Any] = [[list(map(str, each)) for each in turbines.each], turbines.names]
     else:
         if options.on_surface:
             raise InputError("on_surface places the feet of turbines, and the target is none; leave it out")
@@ -206,19 +235,54 @@ def visible_share(
         if not len(on_target):
             raise InputError("the target has no points; give at least one")
         notes += notes_on_sensors(below, on_target, "points of the target", moment, threads)
-        total, marks = len(on_target), on_target.points.mean(0, keepdims=True)
+        total, marks, aims = len(on_target), on_target.points.mean(0, keepdims=True), on_target.description
     warned = tell(notes)
-    lines = _Lines(scene, moment) if earth is None else _Lines(lowered_scene(scene, earth, moment), 0.0, earth)
-    with report_progress(f"{len(places)} sensors, {total} points of the target") as report:
+    lines = cache(
+        lambda: _Lines(scene, moment) if earth is None else _Lines(lowered_scene(scene, earth, moment), 0.0, earth)
+    )
+    if turbines is not None and not described and len(places) * len(turbines.each) > _MOST_SHARES:
+        raise InputError(
+            f"{len(turbines.each)} turbines from {len(places)} sensors are {len(places) * len(turbines.each)} shares; "
+            "use fewer sensors, or fewer turbines at once"
+        )
+
+    def counts(some: Sensors) -> dict[str, np.ndarray]:
         if turbines is not None:
-            columns = _rotor_columns(lines, places, turbines, options, not isinstance(target, Turbine), report)
+            return {"counts": _counts_of_rotors(lines(), some, turbines, options)}
+        assert on_target is not None
+        return {"counts": _counts_of_points(lines(), some, on_target, options, len(places))}
+
+    about = None
+    if executor.folder is not None:
+        settings = options.samples, options.curvature, list(curvature_record(options, scene).values())
+        of = scene_digest(scene, moment, threads)
+        about = about_parts("visible", of, inexact_plan(options.plan), settings, *places.description, *aims)
+    noted = partial(notes_on_sensors, below, what="sensors", time=moment, threads=threads) if described else None
+    title = f"{len(places)} sensors, {total} points of the target"
+    blocks = BlockParts(title, places, SENSORS_PER_PART, counts, executor.folder, about, noted)
+    if not executor.finish([blocks.parts]):
+        return None
+    if described:
+        warned = warned_by_block(notes, blocks)
+    of_study: dict[str, Any] = {"job": "visible share", "samples": total}
+    of_study |= {} if turbines is None else {"targets": turbines.names}
+    of_study |= curvature_record(options, scene) | warned
+
+    def table_of(some: Sensors, found: np.ndarray) -> Table:
+        if turbines is None:
+            columns = _point_columns(found, total)
         else:
-            assert on_target is not None
-            columns = _point_columns(lines, places, on_target, options, report)
-    about: dict[str, Any] = {"job": "visible share", "samples": total}
-    about |= {} if turbines is None else {"targets": turbines.names}
-    about |= curvature_record(options, scene) | warned
-    return Table(places, columns, about, scene, marks=marks)
+            columns = _rotor_columns(found, turbines, options.samples, not isinstance(target, Turbine))
+        return Table(some, columns, dict(of_study), scene, marks=marks)
+
+    close = partial(executor.end, [blocks.parts])
+    if described is None:
+        table = table_of(cast(Sensors, places), blocks.whole()["counts"])
+        close()
+        return table
+    of_block = lambda some, k: table_of(some, blocks.parts[k]["counts"])
+    whole = lambda some: table_of(some, blocks.whole()["counts"])
+    return TableBlocks(described, blocks.parts.ranges, of_block, whole, close)
 
 
 class _Lines(NamedTuple):
@@ -233,10 +297,15 @@ class _Lines(NamedTuple):
         return sightline_ends(self.scene, sensors if self.earth is None else self.earth.lowered_sensors(sensors))
 
 
-def _point_columns(
-    lines: _Lines, places: Sensors, target: Sensors, options: VisibleOptions, report: Callable[[int, int], object]
-) -> dict[str, Column]:
-    """The columns for a target of points."""
+def _lines_in(scene: AnyScene, earth: Earth | None, time: float) -> _Lines:
+    """Lines of sight in a scene, on a curved earth if there is one."""
+    return _Lines(scene, time) if earth is None else _Lines(lowered_scene(scene, earth, time), 0.0, earth)
+
+
+def _counts_of_points(
+    lines: _Lines, places: Sensors, target: Sensors, options: VisibleOptions, later: int
+) -> NDArray[np.int32]:
+    """(n,) int32: the points of the target that each sensor sees; `later`: number of all sensors."""
     n, total, threads = len(places), len(target), thread_count(options.threads)
     counts, step, ends, targets = (
         np.zeros(n, np.int32),
@@ -244,33 +313,35 @@ def _point_columns(
         lines.ends(places),
         lines.ends(target),
     )
-    tracing = TileTracer(lines.scene, options.plan, lines.time, threads, n * total)
+    tracing = TileTracer(lines.scene, options.plan, lines.time, threads, later * total)
     for first in range(0, n, step):
         seen = tracing.visible(ends.take(slice(first, first + step)), targets)
         counts[first : first + step] = count_occluded(seen, threads)
-        report(min(first + step, n), n)
+    return counts
+
+
+def _point_columns(counts: NDArray[np.int32], total: int) -> dict[str, Column]:
+    """The columns for a target of points."""
     return {
         "share": Column((counts / total).astype(np.float32), "", "visible share of the target"),
         "visible": Column(counts, "", f"visible sample points, of {total}"),
     }
 
 
-def _rotor_columns(
-    lines: _Lines, places: Sensors, turbines: Turbines, options: VisibleOptions, named: bool,
-    report: Callable[[int, int], object],
-) -> dict[str, Column]:  # fmt: skip
-    """The columns for turbines; `named`: also for each of them."""
+def _counts_of_rotors(lines: _Lines, places: Sensors, turbines: Turbines, options: VisibleOptions) -> NDArray[np.int32]:
+    """(n, k) int32: the sample points of each rotor that each sensor sees."""
     n, k, samples = len(places), len(turbines.each), options.samples
-    if n * k > _MOST_SHARES:
-        raise InputError(
-            f"{k} turbines from {n} sensors are {n * k} shares; use fewer sensors, or fewer turbines at once"
-        )
     counts, step, ends = np.zeros((n, k), np.int32), max(1024, _PAIRS // (samples * k)), lines.ends(places)
     settings = options.plan, lines.time, thread_count(options.threads)
     for first in range(0, n, step):
         part = ends.take(slice(first, first + step))
         counts[first : first + step] = seen_of_rotors(lines.scene, part, turbines, lines.earth, samples, settings)
-        report(min(first + step, n), n)
+    return counts
+
+
+def _rotor_columns(counts: NDArray[np.int32], turbines: Turbines, samples: int, named: bool) -> dict[str, Column]:
+    """The columns for turbines; `named`: also for each of them."""
+    k = len(turbines.each)
     weights = turbines.areas / turbines.areas.sum() / samples
     share = np.minimum(counts @ weights, 1.0).astype(np.float32)
     visible = Column(counts.sum(1, dtype=np.int32), "", f"visible sample points, of {samples * k}")
@@ -287,16 +358,16 @@ def _rotor_columns(
     return columns
 
 
-def share_summary(table: Table, scene: str, seconds: float) -> Summary:
+def share_summary(table: Table | TableBlocks, scene: str, seconds: float) -> Summary:
     """How many sensors see the target; `seconds`: of the study."""
-    counted = table.sensors.covered
-    share, n, points = table["share"][counted], int(counted.sum()), table.about["samples"]
-    some, whole = int((table["visible"][counted] > 0).sum()), int((table["visible"][counted] == points).sum())
+    totals, points = table.totals, table.about["samples"]
+    visible, n = totals["visible"], totals["visible"].rows
+    some, whole = visible.positive, 0 if visible.counts is None else visible.counts[float(points)]
     values = {"scene": scene, "sensors": n, "samples": points, "seconds": seconds, "seen": some, "seen_entirely": whole}
     lines = [("sensors", f"{n:,}"), ("points of the target", f"{points:,}")]
-    if "turbines" in table.columns:
-        most = int(table["turbines"][counted].max(initial=0))
-        values |= {"turbines": len(table.about["targets"]), "most_turbines": most}
-        lines.append(("turbines", f"{len(table.about['targets']):,}; at most {most:,} seen from one sensor"))
-    values["mean_share"] = float(share.mean()) if n else 0.0
+    if (turbines := totals.get("turbines")) is not None:
+        number, most = len(table.about["targets"]), int(turbines.most) if n else 0
+        values |= {"turbines": number, "most_turbines": most}
+        lines.append(("turbines", f"{number:,}; at most {most:,} seen from one sensor"))
+    values["mean_share"] = totals["share"].mean
     return Summary(values, [*lines, ("see it", f"{some:,}, {whole:,} entirely")])

@@ -1,9 +1,10 @@
 """`viewshed`: how many observers see each sensor, and which; with distance and angle limits, and earth curvature."""
 
 import os
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,21 +12,28 @@ from numpy.typing import ArrayLike, NDArray
 from ...base.errors import InputError
 from ...base.extras import import_extra
 from ...base.option_fields import Given, with_keywords
-from ...base.progress import Progress, report_progress, with_progress
+from ...base.progress import Progress, with_progress
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
 from ...kernels.parallel import thread_count
 from ...query.query_bounds import morton_codes
 from ...scene.lights import MAX_SPP
+from ...work.executors import Keep, checked_keep, executor_of
 from ...work.result_summary import Summary
+from ...work.scene_records import scene_digest
+from ...work.work_parts import about_parts, inexact_plan
+from ..sensors.block_parts import BlockParts, warned_by_block
 from ..sensors.curved_earth import Earth, curvature_record, earth_of, lowered_scene
 from ..sensors.point_checks import notes_on_bare_points, notes_on_points, notes_on_sensors, tell
-from ..sensors.sensor_files import sensors_of
+from ..sensors.sensor_blocks import DescribedSensors, SensorBlocks
+from ..sensors.sensor_files import sensor_blocks
 from ..sensors.sensors import Sensors, point_sensors, sensors_from, sightline_ends
+from ..sheets.method_facts import unit_of
 from ..tables.bit_matrices import unpack_bits, words_of
 from ..tables.polygon_files import check_polygon_output, level_crs, outlines, write_polygons
 from ..tables.result_table import Column, Table
+from ..tables.table_blocks import TableBlocks
 from .least_heights import check_own_cells, least_heights_of
 from .line_points import LinePoints
 from .observers import Observers, observers_of
@@ -41,6 +49,7 @@ _P = ParamSpec("_P")
 # --- Viewsheds --------------------------------------------------------------------------------------------------------
 
 
+SENSORS_PER_PART = 1 << 18
 MAX_PAIRS = 1 << 22  # pairs of sensors and observers unpacked at a time
 _MOST = 1 << 31  # maximum bytes of bits
 
@@ -79,17 +88,16 @@ class Viewshed(NamedTuple):
 
     def summary(self, scene: str, seconds: float) -> Summary:
         """How many sensors are seen, and their area; `seconds`: of the study."""
-        table, counted = self.table, self.table.sensors.covered
-        visible, n = table["seen"][counted] > 0, int(counted.sum())
+        seen, unit = self.table.totals["seen"], unit_of(self.table.about)
+        n = seen.rows
         values: dict[str, Any] = {"scene": scene, "sensors": n, "observers": len(self.observers)}
-        values |= {"seen": int(visible.sum()), "seconds": seconds}
+        values |= {"seen": seen.positive, "seconds": seconds}
         share = 100.0 * values["seen"] / max(n, 1)
         lines = [("sensors", f"{n:,}"), ("observers", f"{len(self.observers):,}")]
         lines.append(("seen by any", f"{values['seen']:,} ({share:.1f} %)"))
-        if table.sensors.areas is not None:
-            assert table.scene is not None
-            areas = table.sensors.areas[counted] * table.scene.unit.square_metres
-            values |= {"area": float(areas.sum()), "area_seen": float(areas[visible].sum())}
+        if seen.area > 0.0:
+            square = unit.square_metres
+            values |= {"area": seen.area * square, "area_seen": seen.area_positive * square}
             lines.append(("area seen", f"{values['area_seen']:,.6g} of {values['area']:,.6g} m2"))
         return Summary(values, lines)
 
@@ -97,7 +105,8 @@ class Viewshed(NamedTuple):
 def seen_polygons(found: Viewshed) -> Any:
     """`Viewshed.polygons`."""
     geopandas = import_extra("geopandas", "polygons", "gis")
-    table, raster = found.table, found.table.sensors.raster
+    table = found.table.whole()
+    raster = table.sensors.raster
     if raster is None or not all(f"seen_{name}" in table.columns for name in found.names):
         raise InputError("polygons need the cells of a raster, and a column for each observer; give each=True")
     shapely = import_extra("shapely", "polygons", "gis")
@@ -141,7 +150,8 @@ class _ViewshedState:
 @with_progress
 def viewshed(
     given: Given[_P], scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike | Sensors | LinePoints,
-    surface: "SceneLike | None" = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
+    surface: "SceneLike | None" = None, keep: Keep = None, progress: Progress = None, *args: _P.args,
+    **keywords: _P.kwargs,
 ) -> Viewshed:  # fmt: skip
     """Find which observers see each sensor: a cumulative viewshed. Every line of sight is exact.
 
@@ -159,6 +169,9 @@ def viewshed(
     surface : Scene, PagedScene, or anything that `antumbra.load` takes, optional
         The scene on which sensors and observers are placed, by a text or `on_surface`: the one without trees, if
         `scene` has the plants of `antumbra.from_trees`. None: `scene`.
+    keep : str, path-like or executor, optional
+        Folder for the finished parts of an interrupted study, or an executor for the parts; see
+        `antumbra.work.executors`.
     progress : function of (text, done, total), or bool, optional
         Called during the work. False: show nothing. None: terminals and notebooks show a bar after a second.
 
@@ -170,7 +183,8 @@ def viewshed(
         NaN where there is none. For lines, ``length`` is the length of the lines that see the sensor. With
         `least_height`, the column of this name is the least height above each cell at which a point is seen by any
         observer, 0 where the surface itself is seen; NaN where there is no surface, or every observer is excluded by
-        a limit or below the surface. With `each`, a column ``seen_NAME`` for each observer.
+        a limit or below the surface. With `each`, a column ``seen_NAME`` for each observer. None if the executor leaves
+        parts to other shards.
 
     Raises
     ------
@@ -195,56 +209,129 @@ def viewshed(
     edges of triangles, in float64. They agree with exact lines of sight up to the float32 rounding of coordinates.
     With `curvature`, vertices are lowered and edges are not divided.
     """
-    options, scene = ViewshedOptions(**given(*args, **keywords)), measured_scene(scene)
+    options = ViewshedOptions(**given(*args, **keywords))
+    found = viewshed_blocks(scene, options, sensors, observers, surface, keep)
+    if found is None:
+        return None  # type: ignore[return-value]  # a shard, of a command
+    table = found.table.whole()
+    found.table.close()
+    return found._replace(table=table)
+
+
+def viewshed_blocks(
+    scene: SceneLike, options: ViewshedOptions, sensors: SensorBlocks | str | ArrayLike,
+    observers: ArrayLike | Sensors | LinePoints, surface: "SceneLike | None", keep: Keep,
+) -> Viewshed | None:  # fmt: skip
+    """`viewshed`, whose table is made by block if the sensors are described. Its `close` removes the finished parts."""
+    keep, scene = checked_keep(keep), measured_scene(scene)
     earth = earth_of(options, scene)
     threads, time = thread_count(options.threads), scene.clamped(options.time)
     below = scene if surface is None else measured_scene(surface)
-    checked = sensors_of(sensors, below, threads) if isinstance(sensors, str) else sensors
-    targets = sensors_from(scene, checked, None, "sensors")
+    named = sensor_blocks(sensors, below, threads) if isinstance(sensors, str) else sensors
+    described = None
+    if isinstance(named, DescribedSensors) and (options.bits or options.least_height):
+        named = named.whole()
+    elif isinstance(named, DescribedSensors):
+        described = named
+    given_targets = point_sensors(np.empty((0, 3)))
+    if described is None:
+        given_targets = sensors_from(scene, cast(Any, named), None, "sensors")
+    targets: SensorBlocks = described or given_targets
     along = observers if isinstance(observers, LinePoints) else None
     seers = observers_of(below, observers if along is None else along.points, options)
-    eyes = seers.eyes
-    notes = notes_on_sensors(below, targets, "sensors", time, threads)
+    eyes, executor = seers.eyes, executor_of(keep)
+    notes = notes_on_sensors(below, given_targets, "sensors", time, threads)
     notes += notes_on_points(below, eyes, "observers", time, threads)
-    warned = tell(notes + notes_on_bare_points(below, eyes, "observers", time, threads))
-    if options.least_height:
-        check_own_cells(scene, targets)
+    notes += notes_on_bare_points(below, eyes, "observers", time, threads)
+    warned = tell(notes)
     n, k = len(targets), len(eyes)
+    if options.least_height:
+        check_own_cells(scene, given_targets)
     if options.bits and 8 * n * words_of(k) > _MOST:
         raise InputError(
             f"bits of {n} sensors and {k} observers take {n * k / 8e9:.1f} GB; visibility_matrix streams them"
         )
-    if options.each and n * k > _MOST:
+    if options.each and n * k > _MOST and not described:
         raise InputError(
             f"columns of {n} sensors and {k} observers take {n * k / 1e9:.1f} GB; use bits instead of each"
         )
-    keeps_bits = options.bits or options.each
-    visibility_bits = np.zeros((n, words_of(k)), np.uint64) if keeps_bits else None
-    no_observer = np.full(n, -1, np.int32)
-    sight = _Sight(
-        np.zeros(n, np.int32), np.full(n, k, np.int32), no_observer, np.full(n, np.inf), visibility_bits,
-        None if along is None else np.zeros(n), np.full(n, np.inf) if options.least_height else None,
-    )  # fmt: skip
-    state = _ViewshedState(targets, seers, scene.up, sight, None if along is None else along.lengths, earth)
+    tracing = cache(lambda: _tracing(scene, earth, options, n * k))
+    lengths = None if along is None else along.lengths
+
+    def sums(some: Sensors) -> dict[str, np.ndarray]:
+        state = _ViewshedState(some, seers, scene.up, _no_sight(len(some), k, options, lengths), lengths, earth)
+        _trace(state, *tracing())
+        if state.sight.least_height is not None:
+            _find_least_heights(state, state.sight.least_height, scene, threads)
+        return {name: values for name, values in state.sight._asdict().items() if values is not None}
+
+    size = max(n, 1) if options.least_height else SENSORS_PER_PART
+    about = None
+    if executor.folder is not None:
+        settings, *limits = map(_settings, (options, *seers.limits))
+        of = [*targets.description, eyes, limits, *([] if lengths is None else [lengths])]
+        plan, curved = inexact_plan(options.plan), list(curvature_record(options, scene).values())
+        about = about_parts("viewshed", scene_digest(scene, time, threads), plan, settings, curved, *of)
+    noted = partial(notes_on_sensors, below, what="sensors", time=time, threads=threads) if described else None
+    blocks = BlockParts(f"{n} sensors, {k} observers", targets, size, sums, executor.folder, about, noted)
+    if not executor.finish([blocks.parts]):
+        return None
+    if described:
+        warned = warned_by_block(notes, blocks)
     recorded = ["eye_height", "min_distance", "max_distance", "azimuth", "elevation"]
-    with report_progress(f"{n} sensors, {k} observers") as report:
-        copy = scene if earth is None else lowered_scene(scene, earth, time)
-        moment = time if earth is None else 0.0
-        _trace(state, copy, TileTracer(copy, options.plan, moment, threads, n * k), report)
-        if sight.least_height is not None:
-            _find_least_heights(state, sight.least_height, scene, threads)
-    about = {"job": "viewshed", "observers": k, **{name: getattr(options, name) for name in recorded}}
-    about |= curvature_record(options, scene) | warned
-    columns = _columns(sight, k, scene.unit.name)
-    if options.each and visibility_bits is not None:
-        columns |= {
-            f"seen_{name}": Column(
-                unpack_bits(visibility_bits[:, j // 64 : j // 64 + 1], 64)[:, j % 64], "", "seen by it"
-            )
-            for j, name in enumerate(seers.names)
-        }
-    table = Table(targets, columns, about, scene, marks=eyes)
-    return Viewshed(table, eyes, visibility_bits if options.bits else None, seers.names)
+    of_study = {"job": "viewshed", "observers": k, **{name: getattr(options, name) for name in recorded}}
+    of_study |= curvature_record(options, scene) | warned
+
+    def table_of(some: Sensors, found: Mapping[str, np.ndarray]) -> Table:
+        arrays: dict[str, Any] = {name: found.get(name) for name in _Sight._fields}
+        sight = _Sight(**arrays)
+        columns = _columns(sight, k, scene.unit.name)
+        if options.each and sight.bits is not None:
+            columns |= _columns_of_each(sight.bits, seers.names)
+        return Table(some, columns, dict(of_study), scene, marks=eyes)
+
+    close = partial(executor.end, [blocks.parts])
+    if described is not None:
+        of_block = lambda some, k: table_of(some, blocks.parts[k])
+        whole = lambda some: table_of(some, blocks.whole())
+        table: Any = TableBlocks(described, blocks.parts.ranges, of_block, whole, close)
+        return Viewshed(table, eyes, None, seers.names)
+    found = blocks.whole()
+    close()
+    bits = found["bits"] if options.bits else None
+    return Viewshed(table_of(given_targets, found), eyes, bits, seers.names)
+
+
+def _settings(options: ViewshedOptions) -> dict[str, Any]:
+    """The options on which results depend."""
+    return {each.name: getattr(options, each.name) for each in fields(options) if each.name not in ("plan", "threads")}
+
+
+def _no_sight(n: int, k: int, options: ViewshedOptions, lengths: np.ndarray | None) -> _Sight:
+    """That of n sensors which none of k observers sees."""
+    bits = np.zeros((n, words_of(k)), np.uint64) if options.bits or options.each else None
+    length, least = None if lengths is None else np.zeros(n), np.full(n, np.inf) if options.least_height else None
+    none, first = np.full(n, -1, np.int32), np.full(n, k, np.int32)
+    return _Sight(np.zeros(n, np.int32), first, none, np.full(n, np.inf), bits, length, least)
+
+
+def _tracing(
+    scene: AnyScene, earth: Earth | None, options: ViewshedOptions, sightlines: int
+) -> tuple[AnyScene, TileTracer]:
+    """The scene in which lines of sight are straight, and its tracer."""
+    time, threads = scene.clamped(options.time), thread_count(options.threads)
+    if earth is None:
+        return scene, TileTracer(scene, options.plan, time, threads, sightlines)
+    copy = lowered_scene(scene, earth, time)
+    return copy, TileTracer(copy, options.plan, 0.0, threads, sightlines)
+
+
+def _columns_of_each(bits: np.ndarray, names: Sequence[str]) -> dict[str, Column]:
+    """Whether each observer sees each sensor."""
+    return {
+        f"seen_{name}": Column(unpack_bits(bits[:, j // 64 : j // 64 + 1], 64)[:, j % 64], "", "seen by it")
+        for j, name in enumerate(names)
+    }
 
 
 def _columns(sight: _Sight, observers: int, unit: str) -> dict[str, Column]:
@@ -263,7 +350,7 @@ def _columns(sight: _Sight, observers: int, unit: str) -> dict[str, Column]:
     return columns
 
 
-def _trace(state: _ViewshedState, scene: AnyScene, tracing: TileTracer, progress: Callable[[int, int], object]) -> None:
+def _trace(state: _ViewshedState, scene: AnyScene, tracing: TileTracer) -> None:
     """Trace all observers in lists, and skip sensors beyond the reach of a list; scene: lowered on a curved earth."""
     observers = state.observers
     sensors, at = state.sensors, point_sensors(observers.eyes)
@@ -284,7 +371,6 @@ def _trace(state: _ViewshedState, scene: AnyScene, tracing: TileTracer, progress
             part = places[start : start + step]
             rows = ends.take(slice(start, start + step) if in_rows and places is curve else part)
             _add(state, part, some, tracing.visible(rows, eyes.take(some)))
-            progress(first + len(some) * min(start + step, len(places)) // len(places), len(order))
 
 
 def _find_least_heights(state: _ViewshedState, best: np.ndarray, scene: AnyScene, threads: int) -> None:

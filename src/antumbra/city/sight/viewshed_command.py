@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...base.errors import InputError
-from ...base.option_fields import field_values
 from ...cli.arguments import make_camera, parse_camera, parse_interval
 from ...cli.options import (
+    LISTED_LAST,
     CameraOption,
     ColumnOption,
     CrsOption,
@@ -26,6 +26,7 @@ from ...cli.options import (
     writes,
 )
 from ...cli.scene_arguments import DEFAULT_SCENE, BeforeOption
+from ...cli.shards import MergeOption, RayOption, ShardOption
 from ...cli.study_run import Scenes, Writers, command_of
 from ...cli.vegetation_options import VegetationOption
 from ...work.result_summary import Summary
@@ -113,6 +114,9 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
     ] = None
     up: Annotated[UpOption, ListedBefore("threads")] = None
     crs: CrsOption = None
+    shard: Annotated[ShardOption, LISTED_LAST] = None
+    ray: RayOption = None
+    merge: MergeOption = None
 
     def check(self) -> None:
         from ...base.files import checked_file
@@ -142,19 +146,20 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
         if (self.along is None) != (self.spacing is None):
             raise InputError("--along FILE and --spacing DISTANCE need each other")
 
-    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Viewshed]":
-        from .viewshed import viewshed
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Viewshed | None]":
+        from .viewshed import viewshed_blocks
 
         observers = self._observers(scenes)
-        sensors = scenes.sensors(self.sensor_form, self.threads)
+        sensors = self.check_room(scenes.sensor_blocks(self.sensor_form, self.threads))
         options = replace(self.options, bits=self.bits is not None, each=self.options.each or bool(self.polygons))
         camera = None
         if self.camera is not None:
             camera = make_camera(parse_camera(self.camera), scenes.planted, options.time, _SIZE)
 
-        def study() -> "Viewshed":
-            found = viewshed(scenes.planted, sensors, observers, surface=scenes.bare, **field_values(options))
-            found.table.camera = camera
+        def study() -> "Viewshed | None":
+            found = viewshed_blocks(scenes.planted, options, sensors, observers, scenes.bare, executor)
+            if found is not None:
+                found.table.camera = camera
             return found
 
         return study

@@ -10,8 +10,8 @@ import typer
 
 from ...base.checks import spelling_hint
 from ...base.errors import InputError
-from ...base.option_fields import field_values
 from ...cli.options import (
+    LISTED_LAST,
     ColumnOption,
     CrsOption,
     ListedBefore,
@@ -23,6 +23,7 @@ from ...cli.options import (
     UpOption,
 )
 from ...cli.scene_arguments import DEFAULT_SCENE, BeforeOption, in_memory
+from ...cli.shards import MergeOption, RayOption, ShardOption
 from ...cli.study_run import Scenes, command_of
 from ...cli.vegetation_options import VegetationOption
 from ...work.result_summary import Summary
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from ..sensors.sensors import Sensors
     from ..sensors.vector_points import PointFile
     from ..tables.result_table import Table
+    from ..tables.table_blocks import TableBlocks
     from .turbines import Turbine
 
 _SPACING = 1.0  # metres between points on objects and polygons
@@ -42,7 +44,7 @@ _WAYS = "--turbine X,Y,Z, --turbines FILE, --object NAME, --polygon FILE or --po
 
 
 @dataclass(frozen=True, kw_only=True)
-class VisibleCommand(SensorStudy[VisibleOptions, "Table"]):
+class VisibleCommand(SensorStudy[VisibleOptions, "Table | TableBlocks"]):
     """Compute the share of a target that each place sees.
 
     The target is one or several wind turbines, whose rotors turn towards each sensor, an object of the scene, a polygon
@@ -109,6 +111,9 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table"]):
     column: ColumnOption = None
     up: Annotated[UpOption, ListedBefore("threads")] = None
     crs: CrsOption = None
+    shard: Annotated[ShardOption, LISTED_LAST] = None
+    ray: RayOption = None
+    merge: MergeOption = None
 
     def check(self) -> None:
         super().check()
@@ -149,13 +154,12 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table"]):
             warn_of_lost(points.name, points.sensors.attributes)
         return points
 
-    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Table]":
-        from .targets import visible_share
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Table | TableBlocks | None]":
+        from .targets import visible_blocks
 
         target = self._target(scenes.bare)
-        sensors = scenes.sensors(self.sensor_form, self.threads)
-        study = partial(visible_share, scenes.planted, sensors, target, surface=scenes.bare)
-        return partial(study, **field_values(self.options))
+        sensors = self.check_room(scenes.sensor_blocks(self.sensor_form, self.threads))
+        return partial(visible_blocks, scenes.planted, self.options, sensors, target, scenes.bare, executor)
 
     def _target(self, scene: "AnyScene") -> "Turbine | dict[str, Turbine] | Sensors":
         """The target that the options name."""
@@ -182,7 +186,7 @@ class VisibleCommand(SensorStudy[VisibleOptions, "Table"]):
         points = self._file.within(scene)
         return points if self.polygon is None else polygon_points(points.points, spacing)
 
-    def summary(self, result: "Table", scenes: Scenes, seconds: float) -> Summary:
+    def summary(self, result: "Table | TableBlocks", scenes: Scenes, seconds: float) -> Summary:
         from .targets import share_summary
 
         return share_summary(result, scenes.planted.name, seconds)

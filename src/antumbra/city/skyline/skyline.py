@@ -4,6 +4,7 @@ import json
 import os
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec
 
@@ -27,7 +28,10 @@ from ...kernels.parallel import thread_count
 from ...scene.map_point import map_point, on_earth
 from ...sun.location import Place, place_of_crs
 from ...trace.rays.ray_hits import intersections
+from ...work.executors import Keep, checked_keep, executor_of
 from ...work.result_summary import Summary, SummaryTable, heading
+from ...work.scene_records import scene_digest
+from ...work.work_parts import Parts, about_parts
 from ..sensors.curved_earth import curvature_record, earth_of, lowered_scene
 from ..sensors.point_attributes import Attributes, with_attributes
 from ..sensors.point_checks import notes_on_sensors, raised, tell
@@ -51,6 +55,7 @@ SUFFIXES = ".csv", ".json", ".npz", ".txt"
 
 _PLAN = "bsah+wide"  # its tree is shared with the ray queries of most scenes
 _DECIMALS = 6  # of degrees in text files
+POINTS_PER_PART = 1 << 10
 _MOST_POINTS = 20  # most points in a summary
 
 # --- Results ----------------------------------------------------------------------------------------------------------
@@ -308,7 +313,8 @@ def _one_point(path: str | os.PathLike[str]) -> str:
 @with_progress
 def skyline(
     given: Given[_P], scene: SceneLike, points: Sensors | str | ArrayLike, normals: ArrayLike | None = None,
-    surface: "SceneLike | None" = None, progress: Progress = None, *args: _P.args, **keywords: _P.kwargs,
+    surface: "SceneLike | None" = None, keep: Keep = None, progress: Progress = None, *args: _P.args,
+    **keywords: _P.kwargs,
 ) -> Skyline:  # fmt: skip
     """Find the skylines of points: the elevation of the horizon by azimuth, exact up to the rounding of float64.
 
@@ -327,12 +333,16 @@ def skyline(
     surface : Scene, or anything that `antumbra.load` takes, optional
         The scene on which points are placed, by a text or `on_surface`: the one without trees, if `scene` has
         the trees of `antumbra.from_trees`. None: `scene`.
+    keep : str, path-like or executor, optional
+        Folder for the finished parts of an interrupted study, or an executor for the parts; see
+        `antumbra.work.executors`.
     progress : function of (text, done, total), or bool, optional
         Called during the work. False: show nothing. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------
     Skyline
+        None if the executor leaves parts to other shards.
 
     Raises
     ------
@@ -347,7 +357,7 @@ def skyline(
     """
     options, scene = SkylineOptions(**given(*args, **keywords)), measured_scene(scene)
     scene.data.check_resident()
-    earth = earth_of(options, scene)
+    earth, keep = earth_of(options, scene), checked_keep(keep)
     threads, time = thread_count(options.threads), scene.clamped(options.time)
     below = scene if surface is None else measured_scene(surface)
     if isinstance(points, str):
@@ -362,12 +372,27 @@ def skyline(
         north = 0.0 if scene.crs is None else -map_point(scene.crs, *middle_of(scene)).convergence
     precompile("skyline")
     compass = compass_of(options.count, scene.up, north)
-    if earth is None:
-        slopes = _slopes_of(scene, sensors, compass, time, threads)
-    else:
-        lowered = earth.lowered_sensors(sensors)
-        slopes = _slopes_of(lowered_scene(scene, earth, time), lowered, compass, 0.0, threads)
-        _turn(slopes, earth.turns(sensors.points), compass)
+    copy = cache(lambda: scene if earth is None else lowered_scene(scene, earth, time))
+
+    def work(first: int, last: int) -> dict[str, np.ndarray]:
+        some = sensors.block(first, last)
+        if earth is None:
+            return _slopes_of(scene, some, compass, time, threads)._asdict()
+        slopes = _slopes_of(copy(), earth.lowered_sensors(some), compass, 0.0, threads)
+        _turn(slopes, earth.turns(some.points), compass)
+        return slopes._asdict()
+
+    executor, parts_about = executor_of(keep), None
+    if executor.folder is not None:
+        settings = options.count, north, options.curvature, list(curvature_record(options, scene).values())
+        settings_of = *settings, sensors.kind == "raster", *sensors.description
+        parts_about = about_parts("skylines", scene_digest(scene, time, threads), *settings_of)
+    n = len(sensors)
+    parts = Parts(f"skylines of {n:,} points", n, POINTS_PER_PART, work, executor.folder, parts_about)
+    if not executor.finish([parts]):
+        return None  # type: ignore[return-value]  # a shard, of a command
+    slopes = Slopes(**parts.taken(Slopes._fields))
+    executor.end([parts])
     azimuth = np.arange(options.count) * (360.0 / options.count)
     about: dict[str, Any] = {"job": "skyline", "scene": scene.name, "step": options.step, "north": north, **warned}
     about |= {"up": scene.up, "length_unit": scene.unit.name, **curvature_record(options, scene)}

@@ -11,8 +11,9 @@ import typer
 from ...base.errors import InputError
 from ...base.option_fields import field_values
 from ...cli.arguments import parse_point
-from ...cli.options import CrsOption, ListedBefore, MapOption, SceneArgument, SheetOption, UpOption, tables
+from ...cli.options import LISTED_LAST, CrsOption, ListedBefore, MapOption, SceneArgument, SheetOption, UpOption, tables
 from ...cli.scene_arguments import DEFAULT_SCENE, BeforeOption
+from ...cli.shards import MergeOption, RayOption, ShardOption
 from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
 from ...cli.vegetation_options import VegetationOption
 from ...work.result_summary import Summary
@@ -72,6 +73,9 @@ class SkylineCommand(StudyCommand[SkylineOptions, "list[Skyline]"]):
     ] = False
     up: Annotated[UpOption, ListedBefore("threads")] = None
     crs: CrsOption = None
+    shard: Annotated[ShardOption, LISTED_LAST] = None
+    ray: RayOption = None
+    merge: MergeOption = None
 
     records_trees: ClassVar[bool] = True
 
@@ -94,14 +98,19 @@ class SkylineCommand(StudyCommand[SkylineOptions, "list[Skyline]"]):
 
         check_diagram(sheet)
 
-    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], list[Skyline]]":
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], list[Skyline] | None]":
         from .skyline import check_skyline_output, skyline
 
         points = self._points(scenes)
         for path in [*self.paths("output"), *self.paths("map")]:
             check_skyline_output(path, len(points))
         study = partial(skyline, scenes.planted, points, surface=scenes.bare, **field_values(self.options))
-        return lambda: [study()]
+
+        def skylines() -> "list[Skyline] | None":
+            found: Skyline | None = study(keep=executor)  # None: a shard
+            return None if found is None else [found]
+
+        return skylines
 
     def compared(self, before: "list[Skyline]", after: "list[Skyline]", scenes: Scenes) -> "list[Skyline]":
         return [*before, *after]

@@ -42,10 +42,11 @@ if TYPE_CHECKING:
     from ...engine.scene import AnyScene
     from ...work.executors import Executor
     from ..tables.result_table import Table
+    from ..tables.table_blocks import TableBlocks
 
 
 @dataclass(frozen=True, kw_only=True)
-class SunCommand(SensorStudy[SunOptions, "Table"]):
+class SunCommand(SensorStudy[SunOptions, "Table | TableBlocks"]):
     """Compute hours of direct sun on surfaces.
 
     The location comes from the file's CRS (CityJSON), --crs, --latitude and --longitude, or an EPW file. Each sun
@@ -155,38 +156,36 @@ class SunCommand(SensorStudy[SunOptions, "Table"]):
     def default_output(self) -> str:
         return f"{self.spec.stem}-sun{'.tif' if self.spec.on_raster and self._kind == 'raster' else '.png'}"
 
-    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Table]":
+    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Table | TableBlocks | None]":
         from ...engine.measured_scenes import measured_scene
         from ...sun.location import place_of
         from ..changes.before_and_after import before_and_after
-        from .sun_hours import sun_hours
+        from .sun_hours import sun_blocks, sun_hours
 
         scene = measured_scene(scenes.planted)
         limit_memory(scene, self._memory())
         options = replace(self.options, place=place_of(scene, **position_of(self)))
-        sensors = scenes.sensors(self._form_in(scene), self.threads, self.areas)
-        study = partial(sun_hours, scene, **field_values(options))
+        sensors = self.check_room(scenes.sensor_blocks(self._form_in(scene), self.threads, self.areas))
         if self.column is not None:  # an unknown column is reported before the long work
-            none = study(sensors=sensors.part(0, 0))
+            none = sun_hours(scene, sensors.block(0, 0), **field_values(options))
             (before_and_after(none, none) if self.in_both_states else none).shown(self.column)
-        first = [*self.paths("output"), *self.paths("map")][0]
-        return partial(study, sensors=sensors, matrix=self.matrix, keep=executor or first.with_suffix(".parts"))
+        return partial(sun_blocks, scene, options, sensors, None, self.matrix, executor)
 
-    def describe(self, result: "Table", scenes: Scenes) -> None:
+    def describe(self, result: "Table | TableBlocks", scenes: Scenes) -> None:
         from ...engine.engine import default_plan_of
 
         plan = str(self.options.plan or default_plan_of(scenes.planted.data))
         result.about |= {"scene": self.record_of(self.scene), "sensors": self._form_in(scenes.planted), "plan": plan}
         super().describe(result, scenes)
 
-    def writers(self, result: "Table", scenes: Scenes) -> Writers:
+    def writers(self, result: "Table | TableBlocks", scenes: Scenes) -> Writers:
         return {
             **super().writers(result, scenes),
             "city_output": partial(self._write_city, result, scenes.n_faces),
             "matrix": lambda path: None,  # the study has written it
         }
 
-    def summary(self, result: "Table", scenes: Scenes, seconds: float) -> Summary:
+    def summary(self, result: "Table | TableBlocks", scenes: Scenes, seconds: float) -> Summary:
         from .sun_summary import sun_summary
 
         return sun_summary(result, self.options.per, seconds)
@@ -216,11 +215,12 @@ class SunCommand(SensorStudy[SunOptions, "Table"]):
             raise InputError(f"--city-output is for CityJSON files, unlike {self.spec.stem}; leave it out")
         checked_output(path, (suffix,))
 
-    def _write_city(self, table: "Table", faces: int, path: Path) -> None:
+    def _write_city(self, result: "Table | TableBlocks", faces: int, path: Path) -> None:
         """Write the numeric columns as attributes to a copy of the CityJSON file, which has the first `faces` faces."""
         from ..cityjson.attribute_writer import write_attributes
         from .sun_summary import numeric_results
 
+        table = result.whole()
         values = {name: table.of_faces(name)[:faces] for name in numeric_results(table)}
         assert self.spec.path is not None  # checked before the work: only CityJSON files have attributes
         write_attributes(self.spec.path, path, values, lod=self.spec.lod)

@@ -1,7 +1,7 @@
 """`sun_hours` and `sky_view`: tables of the direct sun, and of the share of the sky, that reaches each sensor."""
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import date
 from functools import partial
 from typing import Any, NamedTuple, ParamSpec, cast
@@ -24,14 +24,17 @@ from ...scene.materials import MONTHS
 from ...sun.location import Place, place_in
 from ...sun.sun_positions import Suns, checked_step, months_of, suns_of, times_of, zone_notes, zone_of
 from ...work.executors import Keep, checked_keep, executor_of
+from ..sensors.block_parts import warned_by_block
 from ..sensors.curved_earth import curvature_record, earth_of, lowered_scene
 from ..sensors.ground_areas import AreaLike, default_cells
 from ..sensors.point_checks import notes_on_sensors, tell
-from ..sensors.sensor_files import sensors_of
+from ..sensors.sensor_blocks import DescribedSensors, SensorBlocks
+from ..sensors.sensor_files import sensor_blocks, sensors_of
 from ..sensors.sensors import Sensors, sensors_from
 from ..tables.bit_matrices import row_file_size
 from ..tables.result_table import Column, MadeFrom, Table
-from ..tables.surface_columns import Between, Facing, check_per, chosen_sensors, per_group, surface_columns, ungrouped
+from ..tables.surface_columns import Between, Choice, Facing, check_per, per_group, surface_columns, ungrouped
+from ..tables.table_blocks import TableBlocks
 from .daylight_rules import Criterion, Kind, Rule
 from .epw_file import TYPICAL_YEAR, read_epw
 from .overcast_sky import OVERCAST_DIRECTIONS, overcast, upright_sensors
@@ -111,6 +114,7 @@ def sky_view(
     sensors = sensors_from(scene, checked, None, "sensors")
     warned = tell(notes_on_sensors(scene, sensors, "sensors", 0.0, threads))
     tally = sum_suns(sky_query(scene, sensors, count, plan, threads), what="sky")
+    assert tally is not None  # no executor leaves parts to others
     columns = {
         "sky_view": Column(share_of_sky(tally), "", SKY_VIEW_ABOUT),
         "sky_share": Column(tally.hours / count, "", "share of the sky's hemisphere that is visible"),
@@ -119,13 +123,18 @@ def sky_view(
 
 
 def sky_query(
-    scene: AnyScene, sensors: Sensors, count: int, plan: str | Plan | None, threads: int | None, month: int = NO_DATE
+    scene: AnyScene,
+    sensors: SensorBlocks,
+    count: int,
+    plan: str | Plan | None,
+    threads: int | None,
+    month: int = NO_DATE,
 ) -> SunQuery:
     """A query with sky directions as suns, whose energy is that of a uniform sky; `month`: of transmittances."""
     towards = sky_directions(count, scene.up)
     zeros, times = np.zeros(count), np.zeros(count, "datetime64[s]")
     suns = Suns(times, times, np.ones(count), towards, zeros, zeros)
-    energy = np.full(count, 1.0 if sensors.normals is None else 2.0) / count
+    energy = np.full(count, 2.0 if sensors.sided else 1.0) / count
     return sun_query(
         scene, sensors, suns, np.empty((count, 0), np.int64), 1, months=month, energy=energy, plan=plan, threads=threads
     )
@@ -225,58 +234,125 @@ def sun_hours(
         some of the days; or if the time zone of the place is not one of its longitude. The notes are in
         ``about["warnings"]``.
     """
-    options, keep, scene = SunOptions(days=days, **given(*args, **keywords)), checked_keep(keep), measured_scene(scene)
+    options = SunOptions(days=days, **given(*args, **keywords))
+    found = sun_blocks(scene, options, sensors, areas, matrix, keep)
+    if found is None:
+        return None  # type: ignore[return-value]  # a shard, of a command
+    table = found.whole()
+    found.close()
+    return table
+
+
+def sun_blocks(
+    scene: SceneLike, options: SunOptions, sensors: SensorBlocks | ArrayLike | str | None, areas: AreaLike | None,
+    matrix: str | os.PathLike[str] | None, keep: Keep,
+) -> Table | TableBlocks | None:  # fmt: skip
+    """The table of `sun_hours`, made by block if the sensors are described and each row is that of a sensor.
+
+    Its `close` removes the finished parts.
+    """
+    keep, scene = checked_keep(keep), measured_scene(scene)
     plan, threads, samples = options.plan, thread_count(options.threads), options.samples
     in_areas = areas is not None or (isinstance(sensors, Sensors) and sensors.zone is not None)
     study = study_of(options, scene, in_areas)
     if sensors is None:
         sensors = "face" if areas is None else default_cells(scene)
     if isinstance(sensors, str):
-        sensors = sensors_of(sensors, scene, threads, areas)
+        named = sensor_blocks(sensors, scene, threads) if areas is None else sensors_of(sensors, scene, threads, areas)
+        sensors = named
     elif areas is not None:
         raise InputError("areas need sensors as text, such as raster:0.5; or leave areas out, and give area_sensors")
-    sensors = sensors_from(scene, sensors, None, "sensors")
-    if options.per != "sensor" and sensors.zone is not None:
-        raise InputError(f"areas have results of their own, in about; leave per={options.per!r} out")
-    check_per(options.per, sensors, scene)
-    facing, tilt = cast(Facing | None, options.facing), cast(Between | None, options.tilt)
-    sensors = chosen_sensors(scene, sensors, options.surfaces, facing, tilt, study.north)
-    notes = [*study.notes, *ungrouped(sensors, options.per)]
     sky_rule = next((rule for rule in study.rules if rule.kind is Kind.SKY), None)
-    if sky_rule is not None and len(sensors):
-        sensors, left_out = upright_sensors(scene, sensors, sky_rule)
-        notes += left_out
+    facing, tilt = cast(Facing | None, options.facing), cast(Between | None, options.tilt)
+    chosen = Choice(options.surfaces, facing, tilt, study.north)
+    described, notes = None, list(study.notes)
+    if isinstance(sensors, DescribedSensors):
+        if options.per == "sensor" and sky_rule is None:
+            described = chosen.of_blocks(scene, sensors)
+        else:
+            sensors = sensors.whole()
+    if described is None:
+        sensors = sensors_from(scene, cast(Any, sensors), None, "sensors")
+        if options.per != "sensor" and sensors.zone is not None:
+            raise InputError(f"areas have results of their own, in about; leave per={options.per!r} out")
+        check_per(options.per, sensors, scene)
+        sensors = chosen.of(scene, sensors)
+        notes += ungrouped(sensors, options.per)
+        if sky_rule is not None and len(sensors):
+            sensors, left_out = upright_sensors(scene, sensors, sky_rule)
+            notes += left_out
+        notes += notes_on_sensors(scene, sensors, "sensors", 0.0, threads)
     target = None if matrix is None else checked_output(matrix, (".npy",))
-    warned = tell([*notes, *notes_on_sensors(scene, sensors, "sensors", 0.0, threads)])
+    warned = tell(notes)
     if study.main is None and (target is not None or options.by or options.energy):
         raise InputError("matrix, by and energy are about the same suns for all rules; give days, or rules of one day")
     if keep is None and target is not None:
         keep = target.with_name(target.name + ".parts")  # the bits of all sensors may exceed memory
-    earth, bent, lowered = earth_of(options, scene), scene, sensors
+    earth, bent = earth_of(options, scene), scene
+    source: SensorBlocks = described or cast(Sensors, sensors)
     if earth is not None:
-        bent, lowered = lowered_scene(scene, earth), earth.lowered_sensors(sensors)
+        bent = lowered_scene(scene, earth)
     executor, sums, all_bins = executor_of(keep), list[SunSums](), [_Bins(run) for run in study.runs]
+
+    def noted(some: Sensors) -> list[str]:
+        return notes_on_sensors(scene, some, "sensors", 0.0, threads)
+
     for run, bins in zip(study.runs, all_bins):
         suns, direct = run.suns, None if run.suns.dni is None else run.suns.dni * run.suns.hours
         query = sun_query(
-            bent, lowered, suns, bins.of_suns, bins.count, months=months_of(suns.local), samples=samples,
+            bent, source, suns, bins.of_suns, bins.count, months=months_of(suns.local), samples=samples,
             energy=direct, plan=plan, threads=threads,
         )  # fmt: skip
         what = "suns" if run is study.main else f"suns for {', '.join(each.column for each in run.criteria)}"
-        sums.append(SunSums(query, what, executor.folder, matrix=target is not None and run is study.main))
+        with_bits = target is not None and run is study.main
+        query = query._replace(earth=earth)
+        sums.append(SunSums(query, what, executor.folder, with_bits, None if sums or described is None else noted))
     if target is not None:
         check_disk_space(target, row_file_size(sums[0].matrix_shape))
     if sky_rule is not None:
-        sky = sky_query(bent, lowered, OVERCAST_DIRECTIONS, plan, threads)
+        sky = sky_query(bent, source, OVERCAST_DIRECTIONS, plan, threads)._replace(earth=earth)
         sums.append(SunSums(overcast(sky), "overcast sky", executor.folder))
     skies = _diffuse_of_seasons(scene, study.main) if options.sky else {}
     for month in skies:
-        sky = sky_query(bent, lowered, options.sky, plan, threads, month)
+        sky = sky_query(bent, source, options.sky, plan, threads, month)._replace(earth=earth)
         sums.append(SunSums(sky, "sky" if month == NO_DATE else f"sky in {MONTHS[month]}", executor.folder))
     job = [each.parts for each in sums]
     if not executor.finish(job):
-        return None  # type: ignore[return-value]  # a shard, of a command
-    tallies = [each.tally() for each in sums]
+        return None
+    if described is not None:
+        left = sum(sums[0].blocks.counts())
+        if not left:
+            executor.end(job)  # there is nothing to resume
+        chosen.check(scene, left, len(described))
+        warned = warned_by_block(notes, sums[0].blocks)
+    if target is not None:
+        with atomic_output(target) as temporary:
+            sums[0].write_matrix(temporary)
+    about = _about(study, options) | curvature_record(options, scene) | warned
+
+    def table_of(sensors: Sensors, tallies: Sequence[Tally]) -> Table:
+        columns = _all_columns(study, all_bins, skies, sky_rule, tallies)
+        columns |= surface_columns(scene, sensors, study.north)
+        return judged_rows(Table(sensors, columns, about, scene), study.rules, options.per, study.north)
+
+    if described is None:
+        table = table_of(cast(Sensors, sensors), [each.tally() for each in sums])
+        executor.end(job)
+        return table
+    return TableBlocks(
+        described,
+        sums[0].parts.ranges,
+        lambda sensors, k: table_of(sensors, [each.tally_of_part(k) for each in sums]),
+        lambda sensors: table_of(sensors, [each.tally() for each in sums]),
+        partial(executor.end, job),
+    )
+
+
+def _all_columns(
+    study: Study, all_bins: Sequence["_Bins"], skies: Mapping[int, float], sky_rule: Rule | None,
+    tallies: Sequence[Tally],
+) -> dict[str, Column]:  # fmt: skip
+    """The columns of results, from the sums of each query."""
     columns = dict[str, Column]()
     for bins, tally in zip(all_bins, tallies):
         columns |= bins.scores(tally)
@@ -291,14 +367,7 @@ def sun_hours(
         if study.main is not None and study.main.diffuse is not None:
             energy = np.sum([views[month] * (diffuse / 1000.0) for month, diffuse in skies.items()], axis=0)
             columns["diffuse_kwh_m2"] = Column(energy, "kWh/m2", "energy of diffuse light, uniform sky")
-    columns |= surface_columns(scene, sensors, study.north)
-    about = _about(study, options) | curvature_record(options, scene) | warned
-    table = judged_rows(Table(sensors, columns, about, scene), study.rules, options.per, study.north)
-    if target is not None:
-        with atomic_output(target) as temporary:
-            sums[0].write_matrix(temporary)
-    executor.end(job)
-    return table
+    return columns
 
 
 def judged_rows(table: Table, rules: Sequence[Rule], per: str, north: float) -> Table:

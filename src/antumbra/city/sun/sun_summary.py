@@ -2,28 +2,28 @@
 
 from typing import Any
 
-import numpy as np
-
 from ...work.result_summary import Summary, SummaryTable
+from ..tables.column_totals import ColumnTotals
 from ..tables.result_table import Table
 from ..tables.surface_columns import NAMES
+from ..tables.table_blocks import TableBlocks
 from .daylight_rules import rule_named
 from .rule_verdicts import PASSES
 
 _MOST_AREAS = 50  # most areas in the table
 
 
-def sun_summary(table: Table, per: str, seconds: float) -> Summary:
+def sun_summary(table: Table | TableBlocks, per: str, seconds: float) -> Summary:
     """The summary of the table of `antumbra.sun_hours`.
 
     per : what a row stands for, as in `SunOptions`
     seconds : of the study
     """
-    about, covered = table.about, table.sensors.covered
-    sensors = len(table) if per == "sensor" else int(table["sensors"].sum())
+    about, totals, rows = table.about, table.totals, len(table)
+    sensors = rows if per == "sensor" else int(totals["sensors"].total)
     rays = sensors * (about["suns"] * about["samples"] + about.get("directions", 0))
-    numbers = {"sensors": sensors, "rows": len(table), "suns": about["suns"], "rays": rays, "seconds": seconds}
-    means = {name: float(table[name][covered].mean()) for name in numeric_results(table)} if covered.any() else {}
+    numbers = {"sensors": sensors, "rows": rows, "suns": about["suns"], "rays": rays, "seconds": seconds}
+    means = {name: each.mean for name, each in totals.items() if name not in NAMES and each.rows}
     lines = list[tuple[str, str]]()
     if "latitude" in about:
         place = f"{about['latitude']:.4f}, {about['longitude']:.4f}; true north at {about['north']:.2f} degrees"
@@ -31,28 +31,25 @@ def sun_summary(table: Table, per: str, seconds: float) -> Summary:
     if "first" in about:
         when = f"{about['suns']:,} from {about['first']} to {about['last']}, {about['hours']:,.1f} h"
         lines.append(("suns", when))
-    lines.append(("sensors", f"{sensors:,} ({about.get('sensors', table.sensors.kind)})"))
-    lines += [(f"{per}s", f"{len(table):,}")] if per != "sensor" else []
-    if "sun_hours" in table.columns:
-        hours = table["sun_hours"][covered]
-        least, middle, most = np.percentile(hours, (0, 50, 100)) if len(hours) else (0.0, 0.0, 0.0)
-        lines.append(("hours of sun", f"{least:,.1f} to {most:,.1f}, median {middle:,.1f}"))
-    if "sun_hours_loss" in table.columns and covered.any():
-        loss = table["sun_hours_loss"][covered]
-        lines.append(
-            ("loss of sun", f"up to {max(loss.max(), 0.0):,.1f} h, in {(loss > 0.0).sum():,} of {len(loss):,} rows")
-        )
+    lines.append(("sensors", f"{sensors:,} ({about.get('sensors', table.kind)})"))
+    lines += [(f"{per}s", f"{rows:,}")] if per != "sensor" else []
+    if (hours := totals.get("sun_hours")) is not None:
+        least, most = (hours.least, hours.most) if hours.rows else (0.0, 0.0)
+        lines.append(("hours of sun", f"{least:,.1f} to {most:,.1f}, median {hours.median:,.1f}"))
+    loss = totals.get("sun_hours_loss")
+    if loss is not None and loss.rows:
+        lines.append(("loss of sun", f"up to {max(loss.most, 0.0):,.1f} h, in {loss.positive:,} of {loss.rows:,} rows"))
     for rule in [] if "areas" in about else about.get("rules", []):
-        lines.append((rule["name"], _passing(table[rule_named(rule["name"]).prefix + PASSES][covered], per)))
+        lines.append((rule["name"], _passing(totals[rule_named(rule["name"]).prefix + PASSES], per)))
     areas = _area_table(about["areas"]) if "areas" in about else None
     return Summary({**about, **numbers, "means": means}, lines, table=areas, rays=rays)
 
 
-def _passing(passes: np.ndarray, per: str) -> str:
+def _passing(passes: ColumnTotals, per: str) -> str:
     """How many rows pass."""
     rows = "sensors on surfaces" if per == "sensor" else "rows"
-    share = f" ({passes.mean():.1%})" if len(passes) else ""
-    return f"{int(passes.sum()):,} of {len(passes):,} {rows} pass{share}"
+    share = f" ({passes.mean:.1%})" if passes.rows else ""
+    return f"{passes.positive:,} of {passes.rows:,} {rows} pass{share}"
 
 
 def numeric_results(table: Table) -> list[str]:

@@ -1,12 +1,12 @@
 """The suns that each sensor sees.
 
-Sensors and suns are ordered so that a tile of 16 sensors and 16 suns is a thin ray bundle, in which packet and frusta
-tracers share work.
+Sensors are traced by block. The sensors of a block and the suns are ordered so that a tile of 16 sensors and 16 suns is
+a thin ray bundle, in which packet and frusta tracers share work.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,9 +25,12 @@ from ...scene.lights import MAX_SPP, tangents
 from ...scene.materials import MONTHS
 from ...sun.sun_positions import Suns
 from ...trace.transmission import TracedQuery
-from ...work.executors import LocalExecutor
+from ...work.executors import Keep, executor_of
 from ...work.scene_records import scene_digest
-from ...work.work_parts import Parts, about_parts, inexact_plan
+from ...work.work_parts import about_parts, inexact_plan
+from ..sensors.block_parts import BlockParts
+from ..sensors.curved_earth import Earth
+from ..sensors.sensor_blocks import SensorBlocks
 from ..sensors.sensors import Sensors
 from ..tables.bit_matrices import RowFile, hidden_sun_rows
 from .sun_tally import WHOLE, Calendar, SunLight, Tally, tally_of
@@ -87,7 +90,6 @@ DISK = 0.533
 
 SENSORS_PER_PART = 1 << 14
 ROWS_PER_PART = 1 << 18  # sensors, if they are in rows
-_SENSORS_AT_ONCE = 1 << 20
 NO_DATE = -1
 """Month of directions that belong to the whole year."""
 
@@ -98,14 +100,14 @@ class SunQuery(NamedTuple):
     """Sensors of a scene and the suns to test."""
 
     scene: AnyScene
-    sensors: Sensors
-    receivers: Receivers  # the sensors, moved off their surfaces
+    sensors: SensorBlocks
     calendar: Calendar
     columns: int  # bins of the calendar
     towards: np.ndarray  # (m, 3) float64: directions to all samples of the suns, in bundle order
     seasons: np.ndarray  # (ceil(m / 16),) int64: the month of each bundle's transmittances; NO_DATE: their mean
     plan: str | Plan | None
     threads: int | None
+    earth: Earth | None = None  # on which the scene is lowered, and so are the sensors; None: it is flat
 
 
 def disk_directions(directions: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
@@ -122,7 +124,7 @@ def disk_directions(directions: NDArray[np.float64], samples: int) -> NDArray[np
 
 
 def sun_query(
-    scene: AnyScene, sensors: Sensors, suns: Suns, bins: np.ndarray, columns: int, *, months: ArrayLike = NO_DATE,
+    scene: AnyScene, sensors: SensorBlocks, suns: Suns, bins: np.ndarray, columns: int, *, months: ArrayLike = NO_DATE,
     samples: int = 1, energy: np.ndarray | None = None, plan: str | Plan | None = None, threads: int | None = None,
 ) -> SunQuery:  # fmt: skip
     """Order the suns in bundles for a query.
@@ -145,22 +147,8 @@ def sun_query(
         np.zeros(len(suns.hours)) if energy is None else np.ascontiguousarray(energy, np.float64),
         np.ascontiguousarray(suns.directions, np.float64),
     )
-    receivers = _receivers(scene, sensors)
     seasons = seasons[order[::BUNDLE]]
-    return SunQuery(scene, sensors, receivers, calendar, columns, towards[order], seasons, plan, threads)
-
-
-def _receivers(scene: AnyScene, sensors: Sensors) -> Receivers:
-    """The sensors, moved off their surfaces, some at a time: intermediate results take 200 bytes per sensor."""
-    points, normals, parts = sensors.points, sensors.normals, list[Receivers]()
-    for first in range(0, max(len(points), 1), _SENSORS_AT_ONCE):
-        some = slice(first, first + _SENSORS_AT_ONCE)
-        parts.append(Receivers.of(points[some], None if normals is None else normals[some], scene.origin, scene.middle))
-    if len(parts) == 1:
-        return parts[0]
-    origins, sides = (np.concatenate([part[k] for part in parts], 1) for k in range(2))
-    no_normals = normals is None or not parts[0].normals.size
-    return Receivers(origins, sides, parts[0].normals if no_normals else np.concatenate([p.normals for p in parts], 1))
+    return SunQuery(scene, sensors, calendar, columns, towards[order], seasons, plan, threads)
 
 
 def seasons_of(scene: AnyScene, months: np.ndarray) -> NDArray[np.int64]:
@@ -178,63 +166,86 @@ def _starts(suns: Suns) -> np.ndarray:
     return begins
 
 
+_ORDER = "sensors in their own order"  # the layout of the parts, which their digest covers
+
+
 class SunSums:
-    """The sums of all sensors, computed in parts.
+    """The sums of all sensors, computed by block.
 
     what : name of the work, for users
     folder : stores the parts; None: in memory
     matrix : whether the parts also contain the bits of each sensor and sun
+    notes : as for `BlockParts`
     """
 
-    def __init__(self, query: SunQuery, what: str, folder: Path | None = None, matrix: bool = False):
+    def __init__(
+        self, query: SunQuery, what: str, folder: Path | None = None, matrix: bool = False,
+        notes: Callable[[Sensors], Sequence[str]] | None = None,
+    ):  # fmt: skip
         precompile("sun hours")
-        self._query, self._matrix, sensors = query, matrix, query.sensors
-        n = len(sensors)
-        in_rows = n > 0 and _in_rows(query)
-        self._order = np.arange(n) if n == 0 or in_rows else sensor_order(sensors.points, sensors.normals)
+        self._query, self._matrix, n = query, matrix, len(query.sensors)
+        self._rows = n > 0 and _in_rows(query)
         about = None
         if folder is not None:
-            arrays = [a for a in (sensors.points, sensors.normals, query.seasons, *query.calendar) if a is not None]
-            of = scene_digest(query.scene, 0.0, query.threads)
-            about = about_parts(what, of, inexact_plan(query.plan), query.columns, matrix, *arrays)
+            settings: tuple[Any, ...] = (
+                inexact_plan(query.plan),
+                query.columns,
+                matrix,
+                notes is not None,
+                _ORDER,
+                query.seasons,
+            )
+            of, earth = scene_digest(query.scene, 0.0, query.threads), query.earth
+            settings += (None if earth is None else [earth.drop, earth.centre.tolist(), earth.sag],)
+            about = about_parts(what, of, *settings, *query.calendar, *query.sensors.description)
         title = f"{what}: {n:,} sensors x {len(query.calendar.hours):,} directions"
-        size = ROWS_PER_PART if in_rows else SENSORS_PER_PART
-        self.parts = Parts(title, n, size, self._part, folder, about)
+        size = ROWS_PER_PART if self._rows else SENSORS_PER_PART
+        self.blocks = BlockParts(title, query.sensors, size, self._sums_of_block, folder, about, notes)
+        self.parts = self.blocks.parts
 
-    def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
-        query, indices = self._query, self._order[first:last]
-        at_once = max(1, _PASSING_BYTES // (4 * len(query.towards) + 1)) if _transmits(query.scene) else len(indices)
-        parts = [self._sums(indices[k : k + at_once]) for k in range(0, len(indices), at_once)]
-        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    def _sums_of_block(self, sensors: Sensors) -> dict[str, np.ndarray]:
+        """The sums of a block, whose sensors are traced in an order in which neighbours lie close together."""
+        query = self._query
+        sensors = sensors if query.earth is None else query.earth.lowered_sensors(sensors)
+        points, normals = sensors.points, sensors.normals
+        order = np.arange(len(sensors)) if self._rows else sensor_order(points, normals)
+        at_once = max(1, _PASSING_BYTES // (4 * len(query.towards) + 1)) if _transmits(query.scene) else len(order)
+        places = np.split(order, range(at_once, len(order), at_once)) if len(order) else [order]
+        receivers = Receivers.of(points, normals, query.scene.origin, query.scene.middle)
+        parts = [self._sums(receivers.take(some), None if normals is None else normals[some]) for some in places]
+        back = np.argsort(order)
+        return {name: np.concatenate([part[name] for part in parts])[back] for name in parts[0]}
 
-    def _sums(self, indices: np.ndarray) -> dict[str, np.ndarray]:
+    def _sums(self, receivers: Receivers, normals: NDArray[np.float64] | None) -> dict[str, np.ndarray]:
         """The sums of some sensors."""
         query = self._query
-        light = _light_of(query, indices)
-        normals = None if query.sensors.normals is None else query.sensors.normals[indices]
+        light = _light_of(query, receivers, normals)
         sums = tally_of(light, normals, query.calendar, query.columns, query.threads)._asdict()
         return {**sums, "matrix": hidden_sun_rows(light.bits, query.calendar.places)} if self._matrix else sums
 
     def tally(self) -> Tally:
-        """The sums of each sensor, in the original order, once all parts are done; only once for parts in memory."""
-        if not len(self._order):
+        """The sums of each sensor, once all parts are done; only once for parts in memory."""
+        if not len(self.parts):
             nothing = SunLight(np.empty((0, 1), np.uint64), WHOLE)
             return tally_of(nothing, None, self._query.calendar, self._query.columns)
-        done = self.parts.taken(Tally._fields)
-        if (np.diff(self._order) == 1).all():
-            return Tally(**done)
-        return Tally(**{name: values[np.argsort(self._order)] for name, values in done.items()})
+        return Tally(**self.parts.taken(Tally._fields))
+
+    def tally_of_part(self, k: int) -> Tally:
+        """The sums of a block, which must be done."""
+        part = self.parts[k]
+        return Tally(**{name: part[name] for name in Tally._fields})
 
     @property
     def matrix_shape(self) -> tuple[int, int]:
-        """Rows, and words per row, of the matrix."""
-        return len(self._order), -(-len(self._query.calendar.hours) // 64)
+        """Rows, at most, and words per row of the matrix."""
+        return len(self._query.sensors), -(-len(self._query.calendar.hours) // 64)
 
     def write_matrix(self, path: Path) -> None:
         """Write the bits of each sensor and sun, once all parts are done; see `hidden_sun_rows`."""
-        with RowFile(path, self.matrix_shape) as file:
-            for k, (first, last) in enumerate(self.parts.ranges):
-                file.put(self._order[first:last], self.parts[k]["matrix"])
+        counts = self.blocks.counts()
+        with RowFile(path, (sum(counts), self.matrix_shape[1])) as file:
+            for k, first in enumerate(np.cumsum([0, *counts[:-1]]).tolist() if counts else ()):
+                file.put(np.arange(first, first + counts[k]), self.parts[k]["matrix"])
 
 
 def _in_rows(query: SunQuery) -> bool:
@@ -244,14 +255,16 @@ def _in_rows(query: SunQuery) -> bool:
     return query.scene.engine.with_options(query.plan, query.threads, None).prefers_rows
 
 
-def sum_suns(query: SunQuery, folder: Path | None = None, what: str = "suns") -> Tally:
-    """The sums of all sensors, in the original order.
+def sum_suns(query: SunQuery, keep: Keep = None, what: str = "suns") -> Tally | None:
+    """The sums of all sensors; None if an executor leaves parts to other shards.
 
-    folder : stores finished parts, from which an interrupted study resumes; None: nothing is stored
+    keep : as for `antumbra.sun_hours`
     what : name of the work, for users
     """
-    executor, work = LocalExecutor(folder), SunSums(query, what, folder)
-    executor.finish([work.parts])
+    executor = executor_of(keep)
+    work = SunSums(query, what, executor.folder)
+    if not executor.finish([work.parts]):
+        return None
     tally = work.tally()
     executor.end([work.parts])
     return tally
@@ -266,13 +279,12 @@ def _transmits(scene: AnyScene) -> bool:
     return cutouts is not None and (channels_of(cutouts.depths) > 0 or len(cutouts.months) > 0)
 
 
-def _light_of(query: SunQuery, which: np.ndarray) -> SunLight:
+def _light_of(query: SunQuery, receivers: Receivers, normals: NDArray[np.float64] | None) -> SunLight:
     """The light of all directions at some sensors. Suns behind all of them are not traced."""
-    sensors, m = query.sensors, len(query.towards)
-    receivers, engine = query.receivers.take(which), query.scene.engine.with_options(query.plan, query.threads, None)
-    normals = None if sensors.normals is None else sensors.normals[which]
-    bits, later = np.full((len(which), -(-m // 64)), ~np.uint64(0)), len(sensors) * m
-    passing = np.zeros((len(which), 64 * bits.shape[1]), np.float32) if _transmits(query.scene) else WHOLE
+    n, m = receivers.n, len(query.towards)
+    engine, later = query.scene.engine.with_options(query.plan, query.threads, None), len(query.sensors) * m
+    bits = np.full((n, -(-m // 64)), ~np.uint64(0))
+    passing = np.zeros((n, 64 * bits.shape[1]), np.float32) if _transmits(query.scene) else WHOLE
     for month, batch in _batches(query.seasons, _in_front(query.towards, normals)):
         places = (batch[:, None] * BUNDLE + np.arange(BUNDLE)).ravel()
         places = places[places < m]

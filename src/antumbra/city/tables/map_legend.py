@@ -8,7 +8,6 @@ import numpy as np
 from ..sheets.method_facts import above_text, minutes_text, place_facts, unit_of
 from ..sheets.page import FAINT, Column, Rect
 from ..sheets.units_text import area_text, unit_text
-from .false_colours import column_values
 from .map_scale import MapScale, map_scale
 
 HATCH = "////"
@@ -49,15 +48,16 @@ class SightLine(NamedTuple):
 
 
 def scale_of(table: Any, column: str) -> MapScale:
-    """The scale of a column of a `Table`; of values before and after a change, the same one."""
-    chosen, name = table.columns[column], column.removesuffix("_before")
-    values, known = column_values(table, column)
-    twin = name if name != column else f"{name}_before"
-    if twin in table.columns and chosen.values.dtype.kind in "iuf":
-        others, counted = column_values(table, twin)
-        both = np.concatenate([values, others]).astype(chosen.values.dtype)
-        return map_scale(both, np.concatenate([known, counted]), chosen.unit, column)
-    return map_scale(chosen.values, known, chosen.unit, column, yes_or_no=is_seen(table, column))
+    """The scale of a column of a `Table` or of `TableBlocks`; of values before and after a change, the same one."""
+    name = column.removesuffix("_before")
+    twin, totals = name if name != column else f"{name}_before", table.totals
+    chosen, extremes = totals[column], [totals[column]]
+    if twin in totals and chosen.dtype.kind in "iuf":
+        extremes.append(totals[twin])
+    ends = np.array([x for each in extremes for x in (each.low, each.high)])
+    known = np.isfinite(ends)
+    values = np.where(known, ends, 0.0).astype(chosen.dtype)
+    return map_scale(values, known, chosen.unit, column, yes_or_no=len(extremes) == 1 and is_seen(table, column))
 
 
 def is_seen(table: Any, column: str) -> bool:

@@ -5,6 +5,7 @@ windows of a dwelling.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -15,6 +16,7 @@ from ...base.errors import InputError
 from ...engine.scene import AnyScene
 from ...scene.units import LengthUnit
 from ..cityjson.surface_types import WALL
+from ..sensors.sensor_blocks import ChangedBlocks, DescribedSensors
 from ..sensors.sensors import Sensors
 from ..sensors.surface_groups import (
     SurfaceGroups,
@@ -93,37 +95,54 @@ def _directions(normals: NDArray[np.float64], up: str, north: float) -> dict[str
     }
 
 
-def chosen_sensors(
-    scene: AnyScene, sensors: Sensors, types: Sequence[str] | None, facing: Facing | None, tilt: Between | None,
-    north: float,
-) -> Sensors:  # fmt: skip
-    """The sensors on surfaces of some types, with an azimuth and a tilt in a range; None: any.
+class Choice(NamedTuple):
+    """The sensors on surfaces of some types, with an azimuth and a tilt in a range; None: any."""
 
-    Raises
-    ------
-    InputError
-        If the scene has no surfaces of a type, the sensors have no faces or normals, or none is left.
-    """
-    chosen = np.ones(len(sensors), bool)
-    if types is not None:
-        names = checked_types(scene, types)
-        if sensors.faces is None or sensors.kind == "vertex":
-            raise InputError(f"surfaces need sensors on faces, unlike {sensors.kind!r}; use face, grid or raster")
-        chosen &= np.isin(face_types(scene, sensors.faces), names)
-    for name, angles in (("facing", facing), ("tilt", tilt)):
-        if angles is not None and (sensors.normals is None or sensors.kind == "raster"):
-            raise InputError(f"{name} needs sensors with normals, unlike {sensors.kind!r}; use face, vertex or grid")
-    if facing is not None:
-        chosen &= faces_between(azimuths(_normals(sensors), scene.up, north), *facing)
-    if tilt is not None:
-        degrees = tilts(_normals(sensors), scene.up)
-        chosen &= (degrees >= tilt.first - _ROUNDING) & (degrees <= tilt.last + _ROUNDING)
-    if len(sensors) and not chosen.any():
-        limits = [f"of type {', '.join(types)}"] if types is not None else []
-        limits += [f"facing {facing.first:g}:{facing.last:g}"] if facing is not None else []
-        limits += [f"with a tilt in {tilt.first:g}:{tilt.last:g}"] if tilt is not None else []
+    types: Sequence[str] | None
+    facing: Facing | None
+    tilt: Between | None
+    north: float
+
+    def of(self, scene: AnyScene, sensors: Sensors) -> Sensors:
+        """The sensors that are left. InputError if the scene has no surfaces of a type, or none is left."""
+        chosen = self._some(scene, sensors)
+        self.check(scene, len(chosen), len(sensors))
+        return chosen
+
+    def of_blocks(self, scene: AnyScene, source: DescribedSensors) -> DescribedSensors:
+        """The sensors that are left, by block; `check` them when their number is known."""
+        if all(each is None for each in self[:3]):
+            return source
+        by = [None if each is None else list(each) for each in self[:3]]
+        self._some(scene, source.block(0, 0))  # refuses sensors without faces or normals
+        return ChangedBlocks(source, partial(self._some, scene), [*by, self.north])
+
+    def check(self, scene: AnyScene, left: int, before: int) -> None:
+        """Raise an InputError if no sensor is left."""
+        if left or not before:
+            return
+        limits = [f"of type {', '.join(self.types)}"] if self.types is not None else []
+        limits += [f"facing {self.facing.first:g}:{self.facing.last:g}"] if self.facing is not None else []
+        limits += [f"with a tilt in {self.tilt.first:g}:{self.tilt.last:g}"] if self.tilt is not None else []
         raise InputError(f"{scene.name} has no sensors {' '.join(limits)}; choose other surfaces")
-    return sensors if chosen.all() else sensors.take(np.flatnonzero(chosen))
+
+    def _some(self, scene: AnyScene, sensors: Sensors) -> Sensors:
+        types, facing, tilt, chosen = self.types, self.facing, self.tilt, np.ones(len(sensors), bool)
+        if types is not None:
+            names = checked_types(scene, types)
+            if sensors.faces is None or sensors.kind == "vertex":
+                raise InputError(f"surfaces need sensors on faces, unlike {sensors.kind!r}; use face, grid or raster")
+            chosen &= np.isin(face_types(scene, sensors.faces), names)
+        for name, angles in (("facing", facing), ("tilt", tilt)):
+            if angles is not None and (sensors.normals is None or sensors.kind == "raster"):
+                have = f"unlike {sensors.kind!r}; use face, vertex or grid"
+                raise InputError(f"{name} needs sensors with normals, {have}")
+        if facing is not None:
+            chosen &= faces_between(azimuths(_normals(sensors), scene.up, self.north), *facing)
+        if tilt is not None:
+            degrees = tilts(_normals(sensors), scene.up)
+            chosen &= (degrees >= tilt.first - _ROUNDING) & (degrees <= tilt.last + _ROUNDING)
+        return sensors if chosen.all() else sensors.take(np.flatnonzero(chosen))
 
 
 def _normals(sensors: Sensors) -> NDArray[np.float64]:

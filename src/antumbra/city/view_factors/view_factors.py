@@ -7,11 +7,14 @@ from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.option_fields import Given, with_keywords
-from ...base.progress import Progress, report_progress, with_progress
+from ...base.progress import Progress, with_progress
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
 from ...kernels.parallel import thread_count
+from ...work.executors import Keep, checked_keep, executor_of
+from ...work.scene_records import scene_digest
+from ...work.work_parts import Parts, about_parts
 from ..sensors.point_checks import notes_on_faces, tell
 from ..sensors.surface_groups import Grouping, SurfaceGroups, surface_groups
 from .hemisphere_rays import REPLICATES, HemisphereRays
@@ -20,7 +23,7 @@ from .view_factor_options import ViewFactorKeywords, ViewFactorOptions
 
 _P = ParamSpec("_P")
 
-_RAYS = 1 << 19  # rays at a time, if a surface does not have more
+RAYS_PER_PART = 1 << 19  # if a surface does not have more
 
 
 @with_keywords(ViewFactorKeywords, 2)
@@ -29,6 +32,7 @@ def view_factors(
     given: Given[_P],
     scene: SceneLike,
     surfaces: Grouping = "surface",
+    keep: Keep = None,
     progress: Progress = None,
     *args: _P.args,
     **keywords: _P.kwargs,
@@ -46,6 +50,9 @@ def view_factors(
         "surface": semantic surfaces of a city model; otherwise the planar parts of objects, whose faces are joined by
         edges. "face", "object", or "building": the outermost objects of a city model. Or a number for each face, which
         is equal for the faces of a surface; -1: the face belongs to none, and only blocks.
+    keep : str, path-like or executor, optional
+        Folder for the finished parts of an interrupted study, or an executor for the parts; see
+        `antumbra.work.executors`.
     progress : function of (text, done, total), or bool, optional
         Called during the work. False: show nothing. None: terminals and notebooks show a bar after a second.
 
@@ -53,7 +60,8 @@ def view_factors(
     -------
     ViewFactors
         A sparse matrix with a row for each surface that has an area, standard errors, and shares of sky and ground.
-        Each row sums to exactly 1. In a closed room, `sky`, `ground` and `other` are 0.
+        Each row sums to exactly 1. In a closed room, `sky`, `ground` and `other` are 0. None if the executor leaves
+        parts to other shards.
 
     Raises
     ------
@@ -72,17 +80,23 @@ def view_factors(
     """
     options, scene = ViewFactorOptions(surfaces=surfaces, **given(*args, **keywords)), measured_scene(scene)
     threads, time = thread_count(options.threads), scene.clamped(options.time)
+    keep = checked_keep(keep)
     side, seed, samples = options.side, options.seed, 1 << (options.samples - 1).bit_length()
     scene.data.check_resident()
     sign = -1.0 if side == "back" else 1.0
     sampling = _Sampling.of(scene, surfaces, samples, side, seed, time)
     warned = tell(notes_on_faces(scene, sign, time, threads))
-    n, counts = len(sampling.groups.names), list[_Counts]()
-    step = max(1, _RAYS // samples)
-    with report_progress(f"view factors: {n:,} surfaces x {samples:,} rays") as report:
-        for first in range(0, n, step):
-            counts.append(_counts(scene, sampling, first, min(first + step, n), time, threads))
-            report(min(first + step, n), n)
+    n, executor, parts_about = len(sampling.groups.names), executor_of(keep), None
+    if executor.folder is not None:
+        settings = samples, side, seed, sampling.groups.of_face
+        parts_about = about_parts("view factors", scene_digest(scene, time, threads), *settings)
+    work = lambda first, last: _counts(scene, sampling, first, last, time, threads)._asdict()
+    title = f"view factors: {n:,} surfaces x {samples:,} rays"
+    parts = Parts(title, n, max(1, RAYS_PER_PART // samples), work, executor.folder, parts_about)
+    if not executor.finish([parts]):
+        return None  # type: ignore[return-value]  # a shard, of a command
+    counts = _Counts(**parts.taken(_Counts._fields))
+    executor.end([parts])
     about = {"job": "view factors", "scene": scene.name, "samples": samples, "side": side, "seed": seed, "time": time}
     about |= {"surfaces": surfaces if isinstance(surfaces, str) else "numbers", **warned}
     return _result(sampling, counts, about, scene.unit.square_metres)
@@ -150,13 +164,13 @@ def _counts(scene: AnyScene, sampling: _Sampling, first: int, last: int, time: f
     return _Counts(first + pairs // width, pairs % width, total, np.sqrt(REPLICATES * variance))
 
 
-def _result(sampling: _Sampling, counts: list[_Counts], about: dict[str, object], square: float) -> ViewFactors:
+def _result(sampling: _Sampling, counts: _Counts, about: dict[str, object], square: float) -> ViewFactors:
     """The view factors; `square`: square metres per square unit."""
     from scipy.sparse import csr_array
 
     groups, samples = sampling.groups, sampling.samples
     n = len(groups.names)
-    rows, columns, rays, errors = (np.concatenate([getattr(each, name) for each in counts]) for name in _Counts._fields)
+    rows, columns, rays, errors = counts
     starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))])
     shape = n, n + len(OUTSIDE)
     matrix, deviations = (csr_array((each / samples, columns, starts), shape=shape) for each in (rays, errors))

@@ -11,8 +11,9 @@ import typer
 from ...base.checks import alternatives
 from ...base.errors import InputError
 from ...base.option_fields import field_values
-from ...cli.options import CrsOption, ListedBefore, SceneArgument, UpOption, writes
+from ...cli.options import LISTED_LAST, CrsOption, ListedBefore, SceneArgument, UpOption, writes
 from ...cli.scene_arguments import DEFAULT_SCENE, BeforeOption
+from ...cli.shards import MergeOption, RayOption, ShardOption
 from ...cli.study_run import Scenes, StudyCommand, Writers, command_of
 from ...work.result_summary import Summary
 from .view_factor_options import ViewFactorOptions
@@ -63,6 +64,9 @@ class ViewFactorsCommand(StudyCommand[ViewFactorOptions, "list[tuple[ViewFactors
     ] = None
     up: Annotated[UpOption, ListedBefore("threads")] = None
     crs: CrsOption = None
+    shard: Annotated[ShardOption, LISTED_LAST] = None
+    ray: RayOption = None
+    merge: MergeOption = None
 
     @property
     def needs_memory(self) -> bool:
@@ -75,11 +79,15 @@ class ViewFactorsCommand(StudyCommand[ViewFactorOptions, "list[tuple[ViewFactors
         if not self.output and not self.json and self.quiet:
             raise InputError("there is nothing to write: give --output, --json, or leave --quiet out")
 
-    def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], list[tuple[ViewFactors, float]]]":
+    def work(
+        self, scenes: Scenes, executor: "Executor | None"
+    ) -> "Callable[[], list[tuple[ViewFactors, float]] | None]":
         from .view_factors import view_factors
 
-        def study() -> "list[tuple[ViewFactors, float]]":
-            sampled = view_factors(scenes.planted, **field_values(self.options))
+        def study() -> "list[tuple[ViewFactors, float]] | None":
+            sampled: ViewFactors | None = view_factors(scenes.planted, keep=executor, **field_values(self.options))
+            if sampled is None:  # a shard
+                return None
             return [(sampled.reciprocal() if self.reciprocal else sampled, sampled.reciprocity_error)]
 
         return study
