@@ -29,7 +29,7 @@ _WIDEST = 1.0 + 2.0**-6  # slope of the outermost wedges; the diagonal has 1
 _FIRST = 64  # wedges about the eye
 _WIDE = 1.0  # cells: width of a wedge at most
 _STRIP = 64  # columns between which the wedges of a thread stay in the cache
-_WEDGES = 256  # that a thread takes at a time
+_WEDGES = 64  # that a thread takes at a time
 _LEVELS = 6, 3  # binary logarithms of the sides of blocks, whose greatest heights are known
 _SURE = 2.0**-32  # tolerance, relative to the greatest height: covers weights from coordinates of 10^5 cells
 _CLOSE = 2.0**-20  # cells: lines of sight this close to a vertex may meet it
@@ -69,6 +69,7 @@ class _Level(NamedTuple):
 
     eye: float  # height
     height: float  # of the sensors above the cells
+    lift: float  # greatest one of receivers
     slack: float  # by which sensors may be higher or lower
     sure: float  # tolerance of heights of the surface
     whole: int  # 1: no cell lacks a height
@@ -98,6 +99,7 @@ class _Pointers(NamedTuple):
     by_columns: int
     eye: float
     height: float
+    lift: float
     slack: float
     sure: float
     whole: int
@@ -111,7 +113,7 @@ def _pointers(z, quadrant, level, blocks, out):
         np.int64(len(quadrant.along)), np.int64(len(quadrant.across)), np.int64(quadrant.start),
         np.int64(quadrant.per_along), np.int64(quadrant.per_across), np.int64(quadrant.column),
         np.int64(quadrant.row), np.int64(quadrant.turn), np.int64(abs(quadrant.per_along) == 1),
-        level.eye, level.height, level.slack, level.sure, np.int64(level.whole),
+        level.eye, level.height, level.lift, level.slack, level.sure, np.int64(level.whole),
     )  # fmt: skip
 
 
@@ -230,18 +232,15 @@ def _passes_recent(v, m, n, lowest):
 
 
 @inlined
-def _block_top(v, m, s, level):
-    """The greatest height of all blocks that a line of sight meets in the columns before m; and whether holes are there.
+def _top_of(v, columns, rows, level):
+    """The greatest height of all blocks that have cells in a part of a quadrant, and whether holes are there.
 
+    columns, rows : (first, last) of the part
     level : its index, and the binary logarithm of its side
     """
     index, shift = level
-    end = max(m - (np.int64(1) << shift), 0)
-    a, b = s * get(v.along, m) - get(v.across, 0), s * get(v.along, end) - get(v.across, 0)
-    first = max(np.int64(np.floor(min(a, b))) - 1, 0)
-    last = min(np.int64(np.ceil(max(a, b))) + 1, v.rows - 1)
-    along_a, along_b = v.column + v.turn * m, v.column + v.turn * end
-    across_a, across_b = v.row + v.turn * first, v.row + v.turn * last
+    along_a, along_b = v.column + v.turn * columns[0], v.column + v.turn * columns[1]
+    across_a, across_b = v.row + v.turn * rows[0], v.row + v.turn * rows[1]
     along_low, along_high = min(along_a, along_b) >> shift, max(along_a, along_b) >> shift
     across_low, across_high = min(across_a, across_b) >> shift, max(across_a, across_b) >> shift
     start, width = get(v.starts, index), get(v.widths, index)
@@ -251,7 +250,24 @@ def _block_top(v, m, s, level):
             at = start + (j * width + i if v.by_columns != 0 else i * width + j)
             top = max(top, get(v.tops, at))
             holes |= np.int64(get(v.holes, at))
-    return np.float64(top), holes, end
+    return np.float64(top), holes
+
+
+@inlined
+def _rows_between(v, low, high):
+    """The first and the last row of all edges between two places."""
+    first = np.int64(np.floor(low - get(v.across, 0))) - 1
+    last = np.int64(np.ceil(high - get(v.across, 0))) + 1
+    return min(max(first, 0), v.rows - 1), max(min(last, v.rows - 1), 0)
+
+
+@inlined
+def _block_top(v, m, s, level):
+    """`_top_of` the blocks that a line of sight meets in the columns before m, and the last of these columns."""
+    end = max(m - (np.int64(1) << level[1]), 0)
+    a, b = s * get(v.along, m), s * get(v.along, end)
+    top, holes = _top_of(v, (end, m), _rows_between(v, min(a, b), max(a, b)), level)
+    return top, holes, end
 
 
 @kernel
@@ -370,6 +386,40 @@ class _Part(NamedTuple):
     per_wedge: float
 
 
+@inlined
+def _hides_all(v, part, begin, end, lower):
+    """Whether wedges hide all that lies in a part of the columns, which then also leaves their slopes as they are."""
+    near, far = get(v.along, part.column - 1), get(v.along, part.end_column - 1)
+    if near < _NEAREST:
+        return False
+    left, right = part.slope + begin * part.per_wedge, part.slope + end * part.per_wedge
+    rows = _rows_between(v, min(left * near, left * far), max(right * near, right * far))
+    top, holes = _top_of(v, (part.column - 1, part.end_column - 1), rows, (0, _LEVELS[0]))
+    if holes != 0:
+        return False
+    highest = top + max(v.height, np.float64(0.0)) + v.lift + v.slack + v.sure - v.eye
+    slope = highest / (near if highest > 0.0 else far)
+    for b in range(begin, end):
+        if not slope < get(lower, b):
+            return False
+    return True
+
+
+@inlined
+def _hide_all(v, part, begin, end, wedges):
+    """Set the cells of some wedges and columns as hidden. wedges: pointers to their upper and recent slopes."""
+    upper, recent = wedges
+    for m in range(part.column, part.end_column):
+        first = _from(v, (part.slope + begin * part.per_wedge) * get(v.along, m))
+        last = _from(v, (part.slope + end * part.per_wedge) * get(v.along, m))
+        for n in range(first, last):
+            put(v.out, v.start + m * v.per_along + n * v.per_across, np.uint8(HIDDEN))
+    for b in range(begin, end):
+        for k in range(b * _RECENT, (b + 1) * _RECENT):
+            put(upper, b, max(get(upper, b), get(recent, k)))
+            put(recent, k, _NONE)
+
+
 @kernel
 def _sweep(ticket, z, quadrant, level, blocks, out, wedges, part):
     """Worker: classify the cells of some columns, wedge by wedge."""
@@ -378,6 +428,9 @@ def _sweep(ticket, z, quadrant, level, blocks, out, wedges, part):
     for item in items(ticket):
         begin = part.wedge + item * _WEDGES
         end = min(begin + _WEDGES, part.end_wedge)
+        if _hides_all(v, part, begin, end, lower):
+            _hide_all(v, part, begin, end, (upper, recent))
+            continue
         for m in range(part.column, part.end_column):
             left = _side(v, m, part.slope + begin * part.per_wedge)
             for b in range(begin, end):
@@ -486,8 +539,9 @@ def view_from(
     sure = _SURE * (ground.reach + abs(float(eye[2])))
     if not float(eye[2]) > _height_at(ground.z, east.places, south.places) + sure:
         return None
-    most = ground.reach + abs(height) + max(east.lifts.max(), south.lifts.max())
-    level = _Level(float(eye[2]), height, _ROUNDED * most, sure, int(not ground.blocks.holes.any()))
+    lift = max(east.lifts.max(), south.lifts.max(), SHIFT * (ground.reach + abs(height)))
+    most = ground.reach + abs(height) + lift
+    level = _Level(float(eye[2]), height, float(lift), _ROUNDED * float(most), sure, int(not ground.blocks.holes.any()))
     out = np.full(ground.z.shape, UNDECIDED, np.uint8)
     for along, across in ((east, south), (south, east)):
         _sweep_quadrant(ground, _quadrant(along, across, 1), level, out, threads)
