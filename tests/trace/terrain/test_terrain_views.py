@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from antumbra.city.sight.visibility_matrix import TileTracer
 from antumbra.query.receivers import Receivers, receivers_above
-from antumbra.trace.terrain.terrain_views import HIDDEN, SEEN, UNDECIDED, ground_of, view_from
+from antumbra.trace.terrain.terrain_views import HIDDEN, SEEN, UNDECIDED, decided, ground_of, view_from
 from strength import examples
 from terrain_scenes import PLACE, rasters, scene_of
 
@@ -34,6 +34,9 @@ def checked(scene, eye, height):
         return None
     seen = TileTracer(scene, TREE, 0.0, 2, len(points)).visible(ends, eyes)[:, 0] == 1
     assert not (~seen & (classes == SEEN)).any() and not (seen & (classes == HIDDEN)).any()
+    open_cells = np.flatnonzero(~np.isnan(pyramid.tree.z.reshape(-1)) & (scene.data.cell_tops()[1] >= 0))
+    exact = decided(pyramid.ground, eyes.origins[0, 0], open_cells, ends.origins[0, open_cells], 2)
+    assert np.array_equal(exact, seen[open_cells])
     return classes
 
 

@@ -16,10 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...kernels.exact.predicate import segment
 from ...kernels.jit import F32Ptr, F64Ptr, I64Ptr, U8Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
-from ...kernels.simd import get, ptr, put
+from ...kernels.simd import get, ptr, put, stack_f32
 from ...query.receivers import SHIFT
+from .terrain_rays import TerrainTree, meets_square, terrain_pointers
 
 HIDDEN, SEEN, UNDECIDED = 0, 1, 2
 
@@ -148,7 +150,8 @@ class _Slopes(NamedTuple):
 def _joined(v, a, height, x):
     """The greatest of slopes and that of a height at a distance; NaN: there is none."""
     over, under = (height + v.sure - v.eye) / x, (height - v.sure - v.eye) / x
-    return _Slopes(over if over > a.over else a.over, under if under > a.under else a.under, a.solid)
+    solid = a.solid if height == height else np.int64(0)
+    return _Slopes(over if over > a.over else a.over, under if under > a.under else a.under, solid)
 
 
 @inlined
@@ -182,7 +185,7 @@ def _between(v, m, s, y, ends):
     """
     found, x, wide = _Slopes(_NONE, _NONE, np.int64(1)), get(v.along, m - 1), get(v.along, m) - get(v.along, m - 1)
     low, high = min(ends[0], ends[1]), max(ends[0], ends[1])
-    for n in range(max(low - 1, 0), min(high, v.rows)):
+    for n in range(max(low - 1, 0), min(max(high, 1), v.rows)):
         near, far, place = _z(v, m - 1, n), _z(v, m, n), get(v.across, n)
         if n + 1 < v.rows:
             side = get(v.across, n + 1) - place
@@ -302,6 +305,46 @@ def _follow(v, m, n):
     return SEEN if clear and x > 0.0 else UNDECIDED
 
 
+@inlined
+def _meets_strip(v, surface, ray, corners, m, s):
+    """Whether a segment meets a triangle between columns m - 1 and m; exact."""
+    a, b = _from(v, s * get(v.along, m - 1)), _from(v, s * get(v.along, m))
+    along = v.column + (v.turn * m if v.turn < 0 else m - 1)
+    for n in range(max(min(a, b) - 2, 0), min(max(a, b) + 2, v.rows - 1)):
+        across = v.row + (v.turn * (n + 1) if v.turn < 0 else n)
+        i, j = (across, along) if v.by_columns != 0 else (along, across)
+        if meets_square(surface, ray, corners, i, j, 0):
+            return True
+    return False
+
+
+@inlined
+def _is_met(v, surface, ray, corners, m, n):
+    """Whether the surface meets the segment from the sensor of a cell to the eye; exact."""
+    s, k, steps, slope = get(v.across, n) / get(v.along, m), m, 0, (ray.oz - v.eye) / get(v.along, m)
+    while k > 0:
+        if steps >= _RECENT:
+            top, _, end = _block_top(v, k, s, (1, _LEVELS[1]))
+            nearest = max(get(v.along, end), np.float64(0.0)) if slope > 0.0 else get(v.along, k)
+            if slope * nearest + v.eye > top + v.sure:
+                k = end
+                continue
+            steps = 0
+        if _meets_strip(v, surface, ray, corners, k, s):
+            return True
+        k, steps = k - 1, steps + 1
+    return False
+
+
+@kernel
+def _decide(ticket, tree, quadrant, level, blocks, cells, points, eye, seen):
+    """Worker: decide sensors of cells, (k, 2) along and across a quadrant."""
+    v, surface, corners = _pointers(tree.z, quadrant, level, blocks, seen), terrain_pointers(tree), stack_f32(18)
+    for i in items(ticket):
+        ray = segment(points[i, 0], points[i, 1], points[i, 2], eye[0], eye[1], eye[2])
+        seen[i] = np.uint8(not _is_met(v, surface, ray, corners, cells[i, 0], cells[i, 1]))
+
+
 # --- Wedges -----------------------------------------------------------------------------------------------------------
 
 
@@ -344,7 +387,7 @@ def _widen_wedge(v, m, left, right, wedge):
     least, most = min(left.height, right.height), max(left.height, right.height)
     if left.height != left.height or right.height != right.height:
         least, most = np.float64(np.nan), left.height if right.height != right.height else right.height
-    top, missing = max(left.slopes.over, right.slopes.over), False
+    top, missing = max(left.slopes.over, right.slopes.over), left.height != left.height or right.height != right.height
     for n in range(left.ends[1], right.ends[1]):
         z = _z(v, m, n)
         at = v.start + m * v.per_along + n * v.per_across
@@ -531,22 +574,68 @@ def view_from(
 
     None if the eye is not inside the grid and surely above the surface.
     """
+    found = _around(ground, eye, height, far)
+    if not float(eye[2]) > _height_at(ground.z, found.east.places, found.south.places) + found.level.sure:
+        return None
+    out = np.full(ground.z.shape, UNDECIDED, np.uint8)
+    for quadrant in found.quadrants:
+        _sweep_quadrant(ground, quadrant, found.level, out, threads)
+    return out
+
+
+def decided(
+    ground: Ground, eye: NDArray[np.float32], cells: NDArray[np.int64], points: NDArray[np.float32], threads: int
+) -> NDArray[np.bool_]:
+    """(k,) bool: whether an eye inside the grid and above the surface sees receivers above cells; exact.
+
+    cells : (k,) row * columns + column, of cells with a height
+    points : (k, 3) float32, over their vertices
+    """
+    found, seen = _around(ground, eye, 0.0, np.inf), points[:, 2] > ground.z.reshape(-1)[cells]
+    empty, one = np.zeros(1, np.float32), np.ones(1, np.int64)
+    tree = TerrainTree(
+        ground.x, ground.y, ground.z, empty, np.array([0, 1]), one, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, np.inf
+    )
+    row, column = np.divmod(cells, ground.z.shape[1])
+    east, south = found.east.places[column], found.south.places[row]
+    level = np.abs(east) >= np.abs(south)
+    which = np.where(level, np.where(east > 0.0, 0, 1), np.where(south > 0.0, 2, 3))
+    which[(east == 0.0) & (south == 0.0)] = -1  # below the eye
+    for k, quadrant in enumerate(found.quadrants):
+        here = np.flatnonzero(which == k)
+        along, across = (column, row) if k < 2 else (row, column)
+        at = np.stack([along[here] - quadrant.column, across[here] - quadrant.row], 1) * quadrant.turn
+        bits, ticket = np.empty(len(here), np.uint8), new_ticket(len(here), 64)
+        run(_decide, threads, ticket, tree, quadrant, found.level, ground.blocks, at, points[here], eye, bits)
+        seen[here] = bits == 1
+    return seen
+
+
+class _Around(NamedTuple):
+    """The grid from an eye."""
+
+    east: _Axis
+    south: _Axis
+    level: _Level
+    quadrants: tuple[_Quadrant, ...]  # to the east, west, south and north
+
+
+def _around(ground: Ground, eye: NDArray[np.float32], height: float, far: float) -> _Around:
+    """The grid from an eye, as for `view_from`."""
     rows, columns = ground.z.shape
     x, y = ground.x.astype(np.float64), ground.y.astype(np.float64)
     per_x, per_y = (columns - 1) / (x[-1] - x[0]), (rows - 1) / (y[0] - y[-1])
     east = _Axis((x - float(eye[0])) * per_x, SHIFT * np.abs(x), 1, far * per_x)
     south = _Axis((float(eye[1]) - y) * per_y, SHIFT * np.abs(y), columns, far * per_y)
     sure = _SURE * (ground.reach + abs(float(eye[2])))
-    if not float(eye[2]) > _height_at(ground.z, east.places, south.places) + sure:
-        return None
-    lift = max(east.lifts.max(), south.lifts.max(), SHIFT * (ground.reach + abs(height)))
-    most = ground.reach + abs(height) + lift
-    level = _Level(float(eye[2]), height, float(lift), _ROUNDED * float(most), sure, int(not ground.blocks.holes.any()))
-    out = np.full(ground.z.shape, UNDECIDED, np.uint8)
-    for along, across in ((east, south), (south, east)):
-        _sweep_quadrant(ground, _quadrant(along, across, 1), level, out, threads)
-        _sweep_quadrant(ground, _quadrant(along.turned, across.turned, -1), level, out, threads)
-    return out
+    lift = float(max(east.lifts.max(), south.lifts.max(), SHIFT * (ground.reach + abs(height))))
+    slack, whole = _ROUNDED * (ground.reach + abs(height) + lift), int(not ground.blocks.holes.any())
+    level = _Level(float(eye[2]), height, lift, slack, sure, whole)
+    axes = (east, south), (south, east)
+    quadrants = tuple(
+        _quadrant(*(axis if turn > 0 else axis.turned for axis in each), turn) for each in axes for turn in (1, -1)
+    )
+    return _Around(east, south, level, quadrants)
 
 
 def _height_at(z: NDArray[np.float32], east: NDArray[np.float64], south: NDArray[np.float64]) -> float:
