@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 from ...base.checks import checked_instance, points, quoted, spelling_hint
 from ...base.errors import InputError
 from ...base.extras import import_extra
-from ...base.files import atomic_output, checked_output
+from ...base.files import atomic_output, check_disk_space, checked_output
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import scene_of
 from ...picture.image_files import save_png
 from ...scene.camera import Camera
 from ...scene.crs import checked_crs
+from ...scene.raster import Raster
 from ...scene.units import METRE
 from ..sensors.point_attributes import with_attributes
 from ..sensors.sensors import Sensors, check_on_scene
@@ -39,6 +40,8 @@ from .qgis_style import RasterStyle, VectorStyle, write_style
 
 
 _ROWS = 1 << 16  # rows converted to text at a time
+_TILE = 256  # cells along the sides of the tiles of a GeoTIFF
+_SURE_CELLS = 1 << 30  # of a raster, which compress to a byte each or less
 _NO_UNIT = "1"  # in GeoTIFF, where readers fill in the unit of heights of a compound CRS if there is none
 _NO_CRS = 'LOCAL_CS["Undefined Cartesian SRS"]'  # in GeoPackage
 _DATE = "OGR_CURRENT_DATE"
@@ -188,36 +191,50 @@ def _geo(table: "Table") -> dict[str, Any]:
 def _tiff(table: "Table", path: Path, column: str) -> None:
     raster = table.sensors.raster
     assert raster is not None
+    names = _bands(table)
+    units = {name: table.columns[name].unit for name in names}
+    with tiff_of_bands(path, raster, units, table.about) as write:
+        values = [table.sensors.on_raster(table[name]).astype(np.float32) for name in names]
+        for first in range(0, raster.rows, _TILE):
+            write(first, np.stack([each[first : first + _TILE] for each in values]))
+    _write_style(table, path, column)
+
+
+@contextmanager
+def tiff_of_bands(
+    path: Path, raster: Raster, units: dict[str, str], about: dict[str, Any]
+) -> Iterator[Callable[[int, NDArray[np.float32]], None]]:
+    """Write a GeoTIFF in tiles; the context is a function that writes rows.
+
+    It takes the first row, a multiple of 256, and (bands, rows, columns) float32, NaN: no data.
+
+    units : name of each band -> its unit
+    about : metadata of the study
+    """
     import_extra("rasterio", ".tif", "gis")
     import rasterio
+    from rasterio.windows import Window
 
-    names = _bands(table)
-    shape = {"width": raster.columns, "height": raster.rows, "count": len(names)}
+    shape = {"width": raster.columns, "height": raster.rows, "count": len(units)}
     place = rasterio.transform.from_origin(raster.west, raster.north, raster.spacing, raster.spacing)
-    options = {"driver": "GTiff", "dtype": "float32", "nodata": np.nan, "transform": place}
+    options = {"driver": "GTiff", "dtype": "float32", "nodata": np.nan, "transform": place, "bigtiff": "IF_SAFER"}
+    options |= {"tiled": True, "blockxsize": _TILE, "blockysize": _TILE, "interleave": "band"}
     options |= {"compress": "deflate", "zlevel": 1}  # twice as fast as the default level, and 4 % larger
-    if table.about.get("crs"):
-        options["crs"] = checked_crs(table.about["crs"])  # as text, so that rasterio keeps the code of a compound CRS
-    with rasterio.MemoryFile() as memory:  # on a full disk, GDAL would print its own messages
-        with memory.open(**shape, **options) as file:
-            _fill(file, table, names)
-        with atomic_output(path) as temporary:
-            temporary.write_bytes(memory.read())
-    _write_style(table, path, column)
+    if about.get("crs"):
+        options["crs"] = checked_crs(about["crs"])  # as text, so that rasterio keeps the code of a compound CRS
+    with atomic_output(path) as temporary:
+        check_disk_space(path, min(raster.n_cells, _SURE_CELLS))  # on a full disk, GDAL would print its own messages
+        with rasterio.open(temporary, "w", **shape, **options) as file:
+            yield lambda first, values: file.write(values, window=Window(0, first, raster.columns, values.shape[1]))
+            for band, (name, unit) in enumerate(units.items(), 1):
+                file.set_band_description(band, name)
+                file.set_band_unit(band, unit or _NO_UNIT)
+            file.update_tags(antumbra=json.dumps(about))
 
 
 def _bands(table: "Table") -> list[str]:
     """The columns that a GeoTIFF holds, a band each."""
     return [name for name, candidate in table.columns.items() if candidate.values.dtype.kind in "fiub"]
-
-
-def _fill(file: Any, table: "Table", names: list[str]) -> None:
-    """Write columns as the bands of an open GeoTIFF."""
-    for band, name in enumerate(names, 1):
-        file.write(table.sensors.on_raster(table[name]).astype(np.float32), band)
-        file.set_band_description(band, name)
-        file.set_band_unit(band, table.columns[name].unit or _NO_UNIT)
-    file.update_tags(antumbra=json.dumps(table.about))
 
 
 def _png(table: "Table", path: Path, column: str) -> None:
