@@ -12,7 +12,7 @@ from ...scene.crs import check_horizontal_crs
 from ...scene.materials import srgb_to_linear
 from ...scene.scene_data import MemoryData
 from ...scene.terrain import HeightGrid, StreamedTerrain, TerrainSurfaces
-from ...scene.units import LengthUnit
+from ...scene.units import LengthUnit, checked_unit
 from .footprint_solids import on_terrain, solids_of
 from .footprint_table import FootprintOptions, FootprintsLike, read_footprints
 from .height_arrays import RasterLike, height_grid
@@ -65,6 +65,12 @@ def ground_grid(ground: Any, crs: str | None, options: HeightOptions) -> tuple[H
     grid, notes = height_grid(ground, HeightOptions(values_at=options.values_at, crs=options.crs, unit=options.unit))
     check_horizontal_crs(grid.name, grid.crs, crs)
     return grid, notes
+
+
+def height_file(path: Path, keywords: dict[str, Any]) -> HeightFile:
+    """A raster file, with keywords of `antumbra.from_raster`."""
+    unit = keywords.get("unit")
+    return HeightFile(path, checked_options(HeightOptions(**keywords | {"unit": unit and checked_unit(unit)})))
 
 
 def streamed_terrain(tiles: Sequence[tuple[Path, HeightOptions]]) -> StreamedTerrain:

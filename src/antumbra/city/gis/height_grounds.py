@@ -22,6 +22,7 @@ from ...trace.terrain.terrain_views import Ground, ground_of
 from .height_files import HeightFile
 
 _BAND = 256  # rows at a time
+_CACHED = 8  # rows converted at a time
 _AROUND = 4  # cells on each side of a place, in its window
 _TRIES = 64
 
@@ -63,6 +64,13 @@ class HeightGround(NamedTuple):
         return data
 
 
+def plane_of(file: HeightFile) -> MemoryData:
+    """A horizontal surface in the place of a file, with its CRS."""
+    corners = file.grid._replace(rows=2, columns=2)
+    surface = HeightGrid(file.name, corners, file.crs, np.zeros((2, 2)))
+    return MemoryData(TerrainSurfaces([surface], file.name), name=file.name, up="z", crs=file.crs)
+
+
 def _start(places: NDArray[np.float64], at: int) -> int:
     """The first cell of a window around a cell, from which steps give the same coordinates to the last bit."""
     step = abs(places[-1] - places[0]) / (len(places) - 1) * np.sign(places[-1] - places[0])
@@ -91,7 +99,7 @@ def height_ground(file: HeightFile, beside: Path | None, progress: ProgressCallb
         return
     check_disk_space(beside, 4 * grid.rows * grid.columns)
     with TemporaryFile(dir=beside.parent) as scratch:
-        yield _filled(file, np.memmap(scratch, np.float32, "w+", shape=shape), progress)
+        yield _filled(file, np.memmap(scratch, np.float32, "w+", shape=shape).view(np.ndarray), progress)
 
 
 def _filled(file: HeightFile, z: NDArray[np.float32], progress: ProgressCallback) -> HeightGround:
@@ -114,7 +122,9 @@ def _filled(file: HeightFile, z: NDArray[np.float32], progress: ProgressCallback
     origin = frame_origin(*bounds)
     for k, band in enumerate(bands):
         heights = z[band] if single else np.where(np.isnan(z[band]), np.nan, file.rows(band.start, band.stop))
-        z[band] = flush_to_zero((heights.astype(np.float64) - origin[2]).astype(np.float32))
+        for row in range(0, len(heights), _CACHED):
+            local = heights[row : row + _CACHED].astype(np.float64) - origin[2]
+            z[band][row : row + _CACHED] = flush_to_zero(local.astype(np.float32))
         progress(len(bands) + k, 2 * len(bands))
     x, y = (
         flush_to_zero((each - o).astype(np.float32)) for each, o in zip((grid.eastings(), grid.northings()), origin)
@@ -134,12 +144,13 @@ def _remove_bare(z: NDArray[np.float32], bands: list[slice]) -> _Counted:
     counted = _Counted(np.ones(z.shape[0], bool), np.zeros(z.shape[1], bool))
     before = np.isfinite(z[:0])  # the last row of the band before, as it was
     for band in bands:
-        here, after = ~np.isnan(z[band]), ~np.isnan(z[band.stop : band.stop + 1])
+        after = ~np.isnan(z[band.stop : band.stop + 1])
+        if before.all() and after.all() and not np.isnan(z[band].min()):
+            before, counted.columns[:] = ~np.isnan(z[band.stop - 1 : band.stop]), True
+            continue
+        here = ~np.isnan(z[band])
         there = np.concatenate([before, here, after])
         before = here[-1:]
-        if there.all():
-            counted.columns[:] = True
-            continue
         diagonal = there[:-1, :-1] & there[1:, 1:]
         south, east = diagonal & there[1:, :-1], diagonal & there[:-1, 1:]
         used = np.zeros(there.shape, bool)

@@ -48,11 +48,20 @@ class RasterNeed(NamedTuple):
     @property
     def whole(self) -> float:
         """Bytes of `viewshed`."""
-        return float(CELL_BYTES * self.cells)
+        return _LEAST + CELL_BYTES * self.cells
 
     def banded(self, in_memory: bool) -> float:
         """Bytes of `save_raster_viewshed`, with the heights in memory or in a scratch file."""
         return _LEAST + self.cells * ((5.3 if in_memory else 1.3) + self.observers / 8)
+
+    def check(self, name: str, limit: float) -> None:
+        """Raise an InputError if not even bands fit; `name`: of the raster."""
+        if self.banded(False) > limit:
+            raise InputError(
+                f"{name}: a viewshed of {self.cells:,} cells and {self.observers} observers takes about "
+                f"{readable_size(self.banded(False))} of memory, more than {readable_size(limit)}; give fewer "
+                "observers, raise --max-memory, or cut the raster with gdal_translate -projwin"
+            )
 
 
 class RasterViewshed(NamedTuple):
@@ -112,15 +121,12 @@ def save_raster_viewshed(
         raise InputError(f"{file.path.name}: its cells are not square; warp it to square cells: gdalwarp -tr SIZE SIZE")
     for name in ("curvature", "each", "bits", "least_height"):
         if getattr(options, name):
-            raise InputError(f"{file.path.name}: {name} needs its cells in memory at once; leave it out, or cut the raster")
+            raise InputError(
+                f"{file.path.name}: {name} needs its cells in memory at once; leave it out, or cut the raster"
+            )
     rows = observers if isinstance(observers, Sensors) else point_sensors(np.atleast_2d(np.asarray(observers)))
     limit, need = max_memory or available_memory() or np.inf, RasterNeed(raster.n_cells, len(rows))
-    if need.banded(False) > limit:
-        raise InputError(
-            f"{file.path.name}: a viewshed of {raster.n_cells:,} cells and {len(rows)} observers takes about "
-            f"{readable_size(need.banded(False))} of memory, more than {readable_size(limit)}; give fewer observers, "
-            f"--max-memory, or a part: gdal_translate -projwin"
-        )
+    need.check(file.path.name, limit)
     scratch = None if need.banded(True) <= limit else target
     threads = thread_count(options.threads)
     with height_ground(file, scratch, lambda done, total: progress(done, 3 * total)) as ground:
@@ -139,7 +145,7 @@ def save_raster_viewshed(
             for first, part in _parts(ground, raster, seers, bits, height):
                 write(first, part)
                 progress(2 * raster.rows + first, 3 * raster.rows)
-                sensors += int((~np.isnan(part[0])).sum())
+                sensors += int((part[0] >= 0.0).sum())  # NaN: no surface
                 seen += int((part[0] > 0.0).sum())
     return RasterViewshed(seers.eyes, sensors, seen, raster.area * unit.square_metres)
 
@@ -187,25 +193,27 @@ def _parts(
     """Yield (first row, (bands, rows, columns) float32) for all rows."""
     for first in range(0, raster.rows, _ROWS):
         last = min(first + _ROWS, raster.rows)
-        bare = np.isnan(ground.ground.z[first:last]).reshape(-1)
-        seen, lowest, nearest = (np.full(bare.size, value, np.float32) for value in (0.0, -1.0, -1.0))
-        distances = np.full(bare.size, np.nan)
-        heights = ground.heights(first, last).reshape(-1)
-        for k, limits in enumerate(observers.limits):
-            at = np.flatnonzero(np.unpackbits(bits[k][first:last], axis=1, count=raster.columns))
-            points = raster.places(at + first * raster.columns, "z")
-            points[:, 2] = heights[at] + height
-            away = points - observers.eyes[k]
-            distance = np.sqrt((away * away).sum(1))
-            inside = limits.includes(away, distance, "z")
-            at, distance = at[inside], distance[inside]
-            seen[at] += 1.0
-            lowest[at] = np.where(lowest[at] < 0.0, np.float32(k), lowest[at])
-            nearer = ~(distances[at] <= distance)
-            distances[at[nearer]], nearest[at[nearer]] = distance[nearer], k
-        part = np.stack([seen, lowest, nearest, distances.astype(np.float32)])
-        part[:, bare] = np.nan
-        yield first, part.reshape(len(_BANDS), last - first, raster.columns)
+        part = np.empty((len(_BANDS), last - first, raster.columns), np.float32)
+        for band, value in zip(part, (0.0, -1.0, -1.0, np.nan)):
+            band[:] = value
+        if any(each[first:last].any() for each in bits):
+            heights, distances = ground.heights(first, last).reshape(-1), np.full(part[0].size, np.inf)
+            seen, lowest, nearest, shown = part.reshape(len(part), -1)
+            for k, limits in enumerate(observers.limits):
+                at = np.flatnonzero(np.unpackbits(bits[k][first:last], axis=1, count=raster.columns))
+                points = raster.places(at + first * raster.columns, "z")
+                points[:, 2] = heights[at] + height
+                away = points - observers.eyes[k]
+                distance = np.sqrt((away * away).sum(1))
+                inside = limits.includes(away, distance, "z")
+                at, distance = at[inside], distance[inside]
+                seen[at] += 1.0
+                lowest[at] = np.where(lowest[at] < 0.0, np.float32(k), lowest[at])
+                nearer = distance < distances[at]
+                distances[at[nearer]], nearest[at[nearer]], shown[at[nearer]] = distance[nearer], k, distance[nearer]
+        if np.isnan(ground.ground.z[first:last].min()):
+            part[:, np.isnan(ground.ground.z[first:last])] = np.nan
+        yield first, part
 
 
 def raster_height(form: str) -> float | None:

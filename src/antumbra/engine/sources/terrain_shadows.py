@@ -85,9 +85,7 @@ class TerrainPyramid:
             self._ground = ground_of(self.tree.x, self.tree.y, self.tree.z)
         return self._ground
 
-    def view(
-        self, sensors: Receivers, eye: NDArray[np.float32], far: float, threads: int
-    ) -> NDArray[np.uint8] | None:
+    def view(self, sensors: Receivers, eye: NDArray[np.float32], far: float, threads: int) -> NDArray[np.uint8] | None:
         """(n,) uint8: what an eye sees, of `terrain_views`; None if sensors are not at one height above all cells."""
         if sensors.n != self.surface.heights.size:
             return None

@@ -478,7 +478,9 @@ def _sweep(ticket, z, quadrant, level, blocks, out, wedges, part):
             left = _side(v, m, part.slope + begin * part.per_wedge)
             for b in range(begin, end):
                 right = _side(v, m, part.slope + (b + 1) * part.per_wedge)
-                gone = (left.ends[0] >= v.rows and left.ends[1] >= v.rows) or (right.ends[0] <= 0 and right.ends[1] <= 0)
+                gone = (left.ends[0] >= v.rows and left.ends[1] >= v.rows) or (
+                    right.ends[0] <= 0 and right.ends[1] <= 0
+                )
                 if not gone:
                     _widen_wedge(v, m, left, right, (lower, upper, recent, solid, b))
                 left = right
@@ -501,10 +503,12 @@ def ground_of(x: NDArray[np.float32], y: NDArray[np.float32], z: NDArray[np.floa
     """A `Ground`, with the blocks of its heights."""
     fine, side, reach = _LEVELS[1], 1 << _LEVELS[0], 0.0
     tops, holes = list[NDArray[np.float32]](), list[NDArray[np.uint8]]()
-    for first in range(0, len(z), 8 * side):
-        part = z[first : first + 8 * side]
-        tops.append(_greatest(part, np.fmax, fine))
-        holes.append(_greatest(np.isnan(part).view(np.uint8), np.maximum, fine))
+    for first in range(0, len(z), side):
+        part = z[first : first + side]
+        whole = not np.isnan(part.min())
+        tops.append(_greatest(part, np.maximum if whole else np.fmax, fine))
+        there = np.zeros_like(tops[-1], np.uint8) if whole else np.isnan(part).view(np.uint8)
+        holes.append(there if whole else _greatest(there, np.maximum, fine))
         reach = max(reach, *(abs(float(each(part, None))) for each in (np.fmin.reduce, np.fmax.reduce)))
     top, hole = np.concatenate(tops), np.concatenate(holes)
     top[np.isnan(top)] = -np.inf
@@ -517,7 +521,7 @@ def ground_of(x: NDArray[np.float32], y: NDArray[np.float32], z: NDArray[np.floa
 def _greatest(values: NDArray[Any], maximum: np.ufunc, shift: int) -> NDArray[Any]:
     """The greatest values of blocks of 2^shift x 2^shift."""
     rows, columns = (np.arange(0, n, 1 << shift) for n in values.shape)
-    out: NDArray[Any] = maximum.reduceat(maximum.reduceat(values, columns, axis=1), rows, axis=0)
+    out: NDArray[Any] = maximum.reduceat(maximum.reduceat(values, rows, axis=0), columns, axis=1)
     return out
 
 
@@ -538,7 +542,9 @@ def height_over(ground: Ground, points: NDArray[np.float32]) -> Over | None:
         return None
     lifts = SHIFT * np.maximum(np.abs(ground.x.astype(np.float64)), np.abs(ground.y.astype(np.float64))[:, None])
     above = at[..., 2] - ground.z.astype(np.float64)
-    some = (above - np.maximum(lifts, SHIFT * np.abs(at[..., 2].astype(np.float64)))).reshape(-1)[:: above.size // 1001 + 1]
+    some = (above - np.maximum(lifts, SHIFT * np.abs(at[..., 2].astype(np.float64)))).reshape(-1)[
+        :: above.size // 1001 + 1
+    ]
     if np.isnan(some).all():
         return None
     height = float(np.nanmedian(some))
@@ -662,9 +668,7 @@ def _quadrant(along: _Axis, across: _Axis, turn: int) -> _Quadrant:
     return _Quadrant(places, *map(np.ascontiguousarray, arrays), start, along.step, across.step, column, row, turn)
 
 
-def _sweep_quadrant(
-    ground: Ground, quadrant: _Quadrant, level: _Level, out: NDArray[np.uint8], threads: int
-) -> None:
+def _sweep_quadrant(ground: Ground, quadrant: _Quadrant, level: _Level, out: NDArray[np.uint8], threads: int) -> None:
     """Classify the cells of a quadrant, in strips of columns away from the eye, with ever more wedges."""
     along, across, n = quadrant.along, quadrant.across, _FIRST
     wedges = _Wedges(np.full(n, -np.inf), np.full(n, -np.inf), np.full(n * _RECENT, -np.inf), np.ones(n, np.uint8))
