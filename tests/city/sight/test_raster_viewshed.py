@@ -1,4 +1,4 @@
-"""Viewsheds of raster files in bands: the GeoTIFF of the study in one piece, bit for bit; and what cannot be in bands."""
+"""Viewsheds of raster files in bands: the GeoTIFF of the study in one piece, bit for bit; and what does not fit."""
 
 import json
 

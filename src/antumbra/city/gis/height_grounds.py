@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from ...base.errors import InputError
 from ...base.files import check_disk_space
 from ...base.progress import ProgressCallback
-from ...scene.scene_bounds import bounds_of_points, check_extent, flush_to_zero, frame_origin
+from ...scene.scene_bounds import check_extent, flush_to_zero, frame_origin
 from ...scene.scene_data import MemoryData
-from ...scene.terrain import GridPoints, HeightGrid, TerrainSurfaces
+from ...scene.terrain import HeightGrid, TerrainSurfaces
 from ...trace.terrain.terrain_views import Ground, ground_of
 from .height_files import HeightFile
 
@@ -49,9 +49,9 @@ class HeightGround(NamedTuple):
             for at, n in zip(np.floor(grid.cells_of(plan[None])[0]), (grid.columns, grid.rows))
         )
         west, rows = _start(grid.eastings(), column), _start(grid.northings(), row)
-        places = grid.eastings()[west], grid.northings()[rows]
         size = min(row + _AROUND, grid.rows) - rows, min(column + _AROUND, grid.columns) - west
-        part = GridPoints(*(float(each) for each in places), grid.dx, grid.dy, *size)
+        east, north = float(grid.eastings()[west]), float(grid.northings()[rows])
+        part = grid._replace(west=east, north=north, rows=size[0], columns=size[1])
         heights = self.heights(rows, rows + size[0])[:, west : west + size[1]]
         surface = HeightGrid(self.file.name, part, self.file.crs, np.ascontiguousarray(heights))
         try:

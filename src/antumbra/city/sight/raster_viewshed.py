@@ -16,6 +16,7 @@ from ...base.errors import InputError
 from ...base.files import checked_output
 from ...base.memory import available_memory, readable_size
 from ...base.progress import ProgressCallback
+from ...engine.precompilation import precompile
 from ...engine.scene import Scene
 from ...kernels.parallel import thread_count
 from ...query.receivers import Receivers, receivers_above
@@ -129,6 +130,7 @@ def save_raster_viewshed(
     need.check(file.path.name, limit)
     scratch = None if need.banded(True) <= limit else target
     threads = thread_count(options.threads)
+    precompile("terrain views")
     with height_ground(file, scratch, lambda done, total: progress(done, 3 * total)) as ground:
         seers, notes = _observers(ground, rows, options)
         warned = tell(notes)

@@ -117,7 +117,7 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
     max_memory: Annotated[
         str | None,
         typer.Option(
-            help="On a raster: memory beyond which a GeoTIFF is made in bands, such as 4G.  [default: what is available]",
+            help="Rasters: memory beyond which a GeoTIFF is made in bands, such as 4G.  [default: all available]",
             metavar="SIZE",
             show_default=False,
         ),

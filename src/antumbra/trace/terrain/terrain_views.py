@@ -1,14 +1,6 @@
-"""Views over terrain: which cells an eye surely sees, and which it surely does not, in one sweep away from the eye.
+"""What an eye sees of the cells of a raster of heights: `view_from` in one sweep, `decided` for those that it leaves.
 
-The grid is divided into four quadrants by the diagonals through the eye, and each into fans of narrow wedges. A wedge
-carries two slopes outwards, column by column: the greatest at which any surface in it crosses the plane through the eye
-(``upper``), and the greatest that the surface reaches all across it (``lower``). A cell below ``lower`` is hidden. A
-cell above ``upper`` is seen if its own line of sight passes the last few columns, which ``upper`` does not include yet.
-The other cells, a few per cent, follow their own line towards the eye and skip blocks of cells below it.
-
-Slopes are computed in float64 from the float32 vertices, and all comparisons leave a tolerance for the arithmetic. A
-cell whose slope lies within it remains undecided, and exact lines of sight decide it (docs/design/terrain.md). So do
-cells beyond holes through which a line of sight may have passed below the surface.
+`terrain_sweep` has the kernels. Here, the raster is divided into quadrants, and those into wedges.
 """
 
 from typing import Any, NamedTuple
@@ -16,477 +8,33 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...kernels.exact.predicate import segment
-from ...kernels.jit import F32Ptr, F64Ptr, I64Ptr, U8Ptr, inlined, kernel
-from ...kernels.parallel import items, new_ticket, run
-from ...kernels.simd import get, ptr, put, stack_f32
+from ...kernels.parallel import new_ticket, run
 from ...query.receivers import SHIFT
-from .terrain_rays import TerrainTree, meets_square, terrain_pointers
+from .terrain_rays import TerrainTree
+from .terrain_sweep import (
+    HIDDEN,
+    LEVELS,
+    RECENT,
+    SEEN,
+    UNDECIDED,
+    WEDGES_AT_A_TIME,
+    Blocks,
+    Level,
+    Part,
+    Quadrant,
+    Wedges,
+    decide,
+    sweep,
+)
 
-HIDDEN, SEEN, UNDECIDED = 0, 1, 2
+__all__ = ["HIDDEN", "SEEN", "UNDECIDED", "Ground", "decided", "ground_of", "height_over", "view_from"]
 
-_RECENT = 6  # columns before a cell in which its own line of sight is followed
-_NEAREST = 8.0  # cells: nearer ones are followed to the eye, since columns there are wide
-_WIDEST = 1.0 + 2.0**-6  # slope of the outermost wedges; the diagonal has 1
 _FIRST = 64  # wedges about the eye
 _WIDE = 1.0  # cells: width of a wedge at most
 _STRIP = 64  # columns between which the wedges of a thread stay in the cache
-_WEDGES = 64  # that a thread takes at a time
-_LEVELS = 6, 3  # binary logarithms of the sides of blocks, whose greatest heights are known
+WIDEST = 1.0 + 2.0**-6  # slope of the outermost wedges; the diagonal has 1
 _SURE = 2.0**-32  # tolerance, relative to the greatest height: covers weights from coordinates of 10^5 cells
-_CLOSE = 2.0**-20  # cells: lines of sight this close to a vertex may meet it
 _ROUNDED = 2.0**-22  # of float32, with a margin
-_NONE = np.float64(-np.inf)
-
-
-class Blocks(NamedTuple):
-    """The greatest heights of blocks of cells, level by level in the order of `_LEVELS`; -inf: no height."""
-
-    tops: NDArray[np.float32]
-    holes: NDArray[np.uint8]  # whether a block has cells without a height
-    starts: NDArray[np.int64]  # (levels,)
-    widths: NDArray[np.int64]  # (levels,) blocks per row
-
-
-class _Quadrant(NamedTuple):
-    """The cells of a quadrant, along axes turned so that both ascend away from its first corner.
-
-    Cell (m, n) has the height ``z[start + m * per_along + n * per_across]``.
-    """
-
-    along: NDArray[np.float64]  # (m,) cells from the eye; the first one lies at the eye or behind it
-    across: NDArray[np.float64]  # (n,)
-    far_along: NDArray[np.float64]  # (m,) `SHIFT` times the magnitude of the coordinate, as of receivers
-    far_across: NDArray[np.float64]
-    start: int
-    per_along: int
-    per_across: int
-    column: int  # of cell (0, 0) along `along` and `across`, and its steps, in blocks
-    row: int
-    turn: int
-
-
-class _Level(NamedTuple):
-    """What does not depend on the quadrant."""
-
-    eye: float  # height
-    height: float  # of the sensors above the cells
-    lift: float  # greatest one of receivers
-    slack: float  # by which sensors may be higher or lower
-    sure: float  # tolerance of heights of the surface
-    whole: int  # 1: no cell lacks a height
-
-
-class _Pointers(NamedTuple):
-    """Pointers to all of these, free of reference counts."""
-
-    z: F32Ptr
-    along: F64Ptr
-    across: F64Ptr
-    far_along: F64Ptr
-    far_across: F64Ptr
-    tops: F32Ptr
-    holes: U8Ptr
-    starts: I64Ptr
-    widths: I64Ptr
-    out: U8Ptr
-    columns: int
-    rows: int
-    start: int
-    per_along: int
-    per_across: int
-    column: int
-    row: int
-    turn: int
-    by_columns: int
-    eye: float
-    height: float
-    lift: float
-    slack: float
-    sure: float
-    whole: int
-
-
-@inlined
-def _pointers(z, quadrant, level, blocks, out):
-    return _Pointers(
-        ptr(z), ptr(quadrant.along), ptr(quadrant.across), ptr(quadrant.far_along), ptr(quadrant.far_across),
-        ptr(blocks.tops), ptr(blocks.holes), ptr(blocks.starts), ptr(blocks.widths), ptr(out),
-        np.int64(len(quadrant.along)), np.int64(len(quadrant.across)), np.int64(quadrant.start),
-        np.int64(quadrant.per_along), np.int64(quadrant.per_across), np.int64(quadrant.column),
-        np.int64(quadrant.row), np.int64(quadrant.turn), np.int64(abs(quadrant.per_along) == 1),
-        level.eye, level.height, level.lift, level.slack, level.sure, np.int64(level.whole),
-    )  # fmt: skip
-
-
-@inlined
-def _z(v, m, n):
-    return np.float64(get(v.z, v.start + m * v.per_along + n * v.per_across))
-
-
-@inlined
-def _from(v, y):
-    """The first row at or beyond a place; `v.rows`: there is none."""
-    n = min(max(np.int64(np.ceil(min(max(y - get(v.across, 0), np.float64(-1.0)), np.float64(v.rows)))), 0), v.rows)
-    while n > 0 and get(v.across, n - 1) >= y:
-        n -= 1
-    while n < v.rows and get(v.across, n) < y:
-        n += 1
-    return n
-
-
-# --- Slopes of the surface along a line of sight ----------------------------------------------------------------------
-
-
-class _Slopes(NamedTuple):
-    """The greatest slopes of a part of the surface: with the tolerance above it, and below it. -inf: no surface."""
-
-    over: float
-    under: float
-    solid: int  # whether no height is missing
-
-
-@inlined
-def _joined(v, a, height, x):
-    """The greatest of slopes and that of a height at a distance; NaN: there is none."""
-    over, under = (height + v.sure - v.eye) / x, (height - v.sure - v.eye) / x
-    solid = a.solid if height == height else np.int64(0)
-    return _Slopes(over if over > a.over else a.over, under if under > a.under else a.under, solid)
-
-
-@inlined
-def _on_edge(a, b, t):
-    """The height at a part t of an edge between two heights. Where one is missing, only the other end is there."""
-    if a != a:
-        return b if t > 1.0 - _CLOSE else a
-    if b != b:
-        return a if t < _CLOSE else b
-    return a + t * (b - a)
-
-
-@inlined
-def _on_column(v, m, y, n):
-    """The height of the surface at a place of column m; NaN outside. n: `_from` of the place."""
-    if n >= v.rows:
-        return np.float64(np.nan)
-    last, z = get(v.across, n), _z(v, m, n)
-    if n == 0:
-        return z if last == y else np.float64(np.nan)
-    first, before = get(v.across, n - 1), _z(v, m, n - 1)
-    return _on_edge(before, z, (y - first) / (last - first))
-
-
-@inlined
-def _between(v, m, s, y, ends):
-    """The `_Slopes` of a line of the slope s in plan, between columns m - 1 and m.
-
-    y : places on both
-    ends : `_from` of these
-    """
-    found, x, wide = _Slopes(_NONE, _NONE, np.int64(1)), get(v.along, m - 1), get(v.along, m) - get(v.along, m - 1)
-    low, high = min(ends[0], ends[1]), max(ends[0], ends[1])
-    for n in range(max(low - 1, 0), min(max(high, 1), v.rows)):
-        near, far, place = _z(v, m - 1, n), _z(v, m, n), get(v.across, n)
-        if n + 1 < v.rows:
-            side = get(v.across, n + 1) - place
-            corner, steep = _z(v, m, n + 1), side - s * wide
-            t = (y[0] - place) / steep if abs(steep) > 1e-300 else np.float64(-1.0)
-            if 0.0 <= t <= 1.0 and x + t * wide > 0.0:
-                found = _joined(v, found, _on_edge(near, corner, t), x + t * wide)
-            if v.whole == 0 and not (abs(near + far + corner + _z(v, m - 1, n + 1)) < np.inf):
-                found = _Slopes(found.over, found.under, np.int64(0))
-        if n >= low:
-            t = (place - y[0]) / (y[1] - y[0]) if y[1] != y[0] else np.float64(-1.0)
-            if 0.0 <= t <= 1.0 and x + t * wide > 0.0:
-                found = _joined(v, found, _on_edge(near, far, t), x + t * wide)
-    return found
-
-
-# --- Cells ------------------------------------------------------------------------------------------------------------
-
-
-@inlined
-def _cell_slopes(v, m, n):
-    """The lowest and the highest slope at which the sensor of a cell may lie; NaN: it may lie in the ground."""
-    z, x = _z(v, m, n) + v.height, get(v.along, m)
-    lift = max(max(get(v.far_along, m), get(v.far_across, n)), SHIFT * abs(z))
-    if not v.height + lift > v.slack + v.sure:
-        return np.float64(np.nan), np.float64(np.nan)
-    return (z + lift - v.slack - v.eye) / x, (z + lift + v.slack - v.eye) / x
-
-
-@inlined
-def _strip(v, m, s, at_cell):
-    """The `_Slopes` between columns m - 1 and m, and on column m unless the line begins there."""
-    y = s * get(v.along, m - 1), s * get(v.along, m)
-    ends = _from(v, y[0]), _from(v, y[1])
-    found = _between(v, m, s, y, ends)
-    return found if at_cell else _joined(v, found, _on_column(v, m, y[1], ends[1]), get(v.along, m))
-
-
-@inlined
-def _passes_recent(v, m, n, lowest):
-    """Whether the line of sight of a cell surely passes above the surface in the last columns."""
-    s = get(v.across, n) / get(v.along, m)
-    for k in range(min(_RECENT, m)):
-        if not lowest > _strip(v, m - k, s, k == 0).over:
-            return False
-    return True
-
-
-@inlined
-def _top_of(v, columns, rows, level):
-    """The greatest height of all blocks that have cells in a part of a quadrant, and whether holes are there.
-
-    columns, rows : (first, last) of the part
-    level : its index, and the binary logarithm of its side
-    """
-    index, shift = level
-    along_a, along_b = v.column + v.turn * columns[0], v.column + v.turn * columns[1]
-    across_a, across_b = v.row + v.turn * rows[0], v.row + v.turn * rows[1]
-    along_low, along_high = min(along_a, along_b) >> shift, max(along_a, along_b) >> shift
-    across_low, across_high = min(across_a, across_b) >> shift, max(across_a, across_b) >> shift
-    start, width = get(v.starts, index), get(v.widths, index)
-    top, holes = np.float32(-np.inf), np.int64(0)
-    for i in range(along_low, along_high + 1):
-        for j in range(across_low, across_high + 1):
-            at = start + (j * width + i if v.by_columns != 0 else i * width + j)
-            top = max(top, get(v.tops, at))
-            holes |= np.int64(get(v.holes, at))
-    return np.float64(top), holes
-
-
-@inlined
-def _rows_between(v, low, high):
-    """The first and the last row of all edges between two places."""
-    first = np.int64(np.floor(low - get(v.across, 0))) - 1
-    last = np.int64(np.ceil(high - get(v.across, 0))) + 1
-    return min(max(first, 0), v.rows - 1), max(min(last, v.rows - 1), 0)
-
-
-@inlined
-def _block_top(v, m, s, level):
-    """`_top_of` the blocks that a line of sight meets in the columns before m, and the last of these columns."""
-    end = max(m - (np.int64(1) << level[1]), 0)
-    a, b = s * get(v.along, m), s * get(v.along, end)
-    top, holes = _top_of(v, (end, m), _rows_between(v, min(a, b), max(a, b)), level)
-    return top, holes, end
-
-
-@kernel
-def _follow(v, m, n):
-    """What is certain of a cell whose line of sight is followed to the eye."""
-    x, s = get(v.along, m), get(v.across, n) / get(v.along, m)
-    low, high = _cell_slopes(v, m, n)
-    if not low <= high:
-        return UNDECIDED
-    clear, solid, k, steps = True, True, m, 0
-    while k > 0:
-        if steps >= _RECENT:
-            skipped = False
-            for index in range(2):
-                shift = _LEVELS[0] if index == 0 else _LEVELS[1]
-                top, holes, end = _block_top(v, k, s, (index, shift))
-                nearest = max(get(v.along, end), np.float64(0.0)) if low > 0.0 else get(v.along, k)
-                if low * nearest + v.eye > top + v.sure:
-                    k, skipped = end, True
-                    solid = solid and holes == 0
-                    break
-            if skipped:
-                continue
-            steps = 0
-        part = _strip(v, k, s, k == m)
-        solid = solid and part.solid != 0
-        if part.over >= low:
-            clear = False
-            if part.under > high and solid:
-                return HIDDEN
-        k, steps = k - 1, steps + 1
-    return SEEN if clear and x > 0.0 else UNDECIDED
-
-
-@inlined
-def _meets_strip(v, surface, ray, corners, m, s):
-    """Whether a segment meets a triangle between columns m - 1 and m; exact."""
-    a, b = _from(v, s * get(v.along, m - 1)), _from(v, s * get(v.along, m))
-    along = v.column + (v.turn * m if v.turn < 0 else m - 1)
-    for n in range(max(min(a, b) - 2, 0), min(max(a, b) + 2, v.rows - 1)):
-        across = v.row + (v.turn * (n + 1) if v.turn < 0 else n)
-        i, j = (across, along) if v.by_columns != 0 else (along, across)
-        if meets_square(surface, ray, corners, i, j, 0):
-            return True
-    return False
-
-
-@inlined
-def _is_met(v, surface, ray, corners, m, n):
-    """Whether the surface meets the segment from the sensor of a cell to the eye; exact."""
-    s, k, steps, slope = get(v.across, n) / get(v.along, m), m, 0, (ray.oz - v.eye) / get(v.along, m)
-    while k > 0:
-        if steps >= _RECENT:
-            top, _, end = _block_top(v, k, s, (1, _LEVELS[1]))
-            nearest = max(get(v.along, end), np.float64(0.0)) if slope > 0.0 else get(v.along, k)
-            if slope * nearest + v.eye > top + v.sure:
-                k = end
-                continue
-            steps = 0
-        if _meets_strip(v, surface, ray, corners, k, s):
-            return True
-        k, steps = k - 1, steps + 1
-    return False
-
-
-@kernel
-def _decide(ticket, tree, quadrant, level, blocks, cells, points, eye, seen):
-    """Worker: decide sensors of cells, (k, 2) along and across a quadrant."""
-    v, surface, corners = _pointers(tree.z, quadrant, level, blocks, seen), terrain_pointers(tree), stack_f32(18)
-    for i in items(ticket):
-        ray = segment(points[i, 0], points[i, 1], points[i, 2], eye[0], eye[1], eye[2])
-        seen[i] = np.uint8(not _is_met(v, surface, ray, corners, cells[i, 0], cells[i, 1]))
-
-
-# --- Wedges -----------------------------------------------------------------------------------------------------------
-
-
-@inlined
-def _classify(v, m, n, lower, upper):
-    """What is certain of a cell, by the slopes of its wedge."""
-    low, high = _cell_slopes(v, m, n)
-    if get(v.along, m) >= _NEAREST:
-        if high < lower:
-            return HIDDEN
-        if low > upper and _passes_recent(v, m, n, low):
-            return SEEN
-    return _follow(v, m, n)
-
-
-class _Side(NamedTuple):
-    """The side of a wedge at a column."""
-
-    ends: tuple[int, int]  # `_from` on the column before, and on this one
-    height: float  # of the surface on the column
-    slopes: _Slopes
-
-
-@inlined
-def _side(v, m, s):
-    y = s * get(v.along, m - 1), s * get(v.along, m)
-    ends = _from(v, y[0]), _from(v, y[1])
-    return _Side(ends, _on_column(v, m, y[1], ends[1]), _between(v, m, s, y, ends))
-
-
-@inlined
-def _widen_wedge(v, m, left, right, wedge):
-    """Classify the cells of a wedge on a column, and add the column to its slopes.
-
-    wedge : pointers to its lower and upper slopes, those of recent columns, whether it is solid; and its index
-    """
-    lower, upper, recent, solid, b = wedge
-    slot, x = b * _RECENT + m % _RECENT, get(v.along, m)
-    put(upper, b, max(get(upper, b), get(recent, slot)))
-    least, most = min(left.height, right.height), max(left.height, right.height)
-    if left.height != left.height or right.height != right.height:
-        least, most = np.float64(np.nan), left.height if right.height != right.height else right.height
-    top, missing = max(left.slopes.over, right.slopes.over), left.height != left.height or right.height != right.height
-    for n in range(left.ends[1], right.ends[1]):
-        z = _z(v, m, n)
-        at = v.start + m * v.per_along + n * v.per_across
-        put(v.out, at, np.uint8(_classify(v, m, n, get(lower, b), get(upper, b)) if z == z else UNDECIDED))
-        missing = missing or z != z
-        least = z if z < least else least
-        top = max(top, (z + v.sure - v.eye) / x) if z == z else top
-    if most == most:
-        top = max(top, (most + v.sure - v.eye) / x)
-    put(recent, slot, top)
-    if left.slopes.solid == 0 or right.slopes.solid == 0 or missing:
-        put(solid, b, np.uint8(0))
-    if get(solid, b) != 0 and least == least:
-        put(lower, b, max(get(lower, b), (least - v.sure - v.eye) / x))
-
-
-class _Wedges(NamedTuple):
-    """The wedges of a quadrant, from one side to the other."""
-
-    lower: NDArray[np.float64]  # (wedges,) slope that the surface reaches all across, in columns so far; -inf: none
-    upper: NDArray[np.float64]  # (wedges,) greatest slope, without recent columns
-    recent: NDArray[np.float64]  # (wedges * _RECENT,) greatest slopes of recent columns
-    solid: NDArray[np.uint8]  # (wedges,) whether no height was missing so far
-
-    def halved(self) -> "_Wedges":
-        """Two wedges for each one."""
-        lower, upper, solid = (np.repeat(each, 2) for each in (self.lower, self.upper, self.solid))
-        return _Wedges(lower, upper, np.repeat(self.recent.reshape(-1, _RECENT), 2, axis=0).reshape(-1), solid)
-
-
-class _Part(NamedTuple):
-    """Some columns and wedges of a quadrant; ends are exclusive."""
-
-    column: int
-    end_column: int
-    wedge: int
-    end_wedge: int
-    slope: float  # in plan, of the first side of wedge 0
-    per_wedge: float
-
-
-@inlined
-def _hides_all(v, part, begin, end, lower):
-    """Whether wedges hide all that lies in a part of the columns, which then also leaves their slopes as they are."""
-    near, far = get(v.along, part.column - 1), get(v.along, part.end_column - 1)
-    if near < _NEAREST:
-        return False
-    left, right = part.slope + begin * part.per_wedge, part.slope + end * part.per_wedge
-    rows = _rows_between(v, min(left * near, left * far), max(right * near, right * far))
-    top, holes = _top_of(v, (part.column - 1, part.end_column - 1), rows, (0, _LEVELS[0]))
-    if holes != 0:
-        return False
-    highest = top + max(v.height, np.float64(0.0)) + v.lift + v.slack + v.sure - v.eye
-    slope = highest / (near if highest > 0.0 else far)
-    for b in range(begin, end):
-        if not slope < get(lower, b):
-            return False
-    return True
-
-
-@inlined
-def _hide_all(v, part, begin, end, wedges):
-    """Set the cells of some wedges and columns as hidden. wedges: pointers to their upper and recent slopes."""
-    upper, recent = wedges
-    for m in range(part.column, part.end_column):
-        first = _from(v, (part.slope + begin * part.per_wedge) * get(v.along, m))
-        last = _from(v, (part.slope + end * part.per_wedge) * get(v.along, m))
-        for n in range(first, last):
-            put(v.out, v.start + m * v.per_along + n * v.per_across, np.uint8(HIDDEN))
-    for b in range(begin, end):
-        for k in range(b * _RECENT, (b + 1) * _RECENT):
-            put(upper, b, max(get(upper, b), get(recent, k)))
-            put(recent, k, _NONE)
-
-
-@kernel
-def _sweep(ticket, z, quadrant, level, blocks, out, wedges, part):
-    """Worker: classify the cells of some columns, wedge by wedge."""
-    v = _pointers(z, quadrant, level, blocks, out)
-    lower, upper, recent, solid = ptr(wedges.lower), ptr(wedges.upper), ptr(wedges.recent), ptr(wedges.solid)
-    for item in items(ticket):
-        begin = part.wedge + item * _WEDGES
-        end = min(begin + _WEDGES, part.end_wedge)
-        if _hides_all(v, part, begin, end, lower):
-            _hide_all(v, part, begin, end, (upper, recent))
-            continue
-        for m in range(part.column, part.end_column):
-            left = _side(v, m, part.slope + begin * part.per_wedge)
-            for b in range(begin, end):
-                right = _side(v, m, part.slope + (b + 1) * part.per_wedge)
-                gone = (left.ends[0] >= v.rows and left.ends[1] >= v.rows) or (
-                    right.ends[0] <= 0 and right.ends[1] <= 0
-                )
-                if not gone:
-                    _widen_wedge(v, m, left, right, (lower, upper, recent, solid, b))
-                left = right
-
-
-# --- All cells --------------------------------------------------------------------------------------------------------
 
 
 class Ground(NamedTuple):
@@ -501,18 +49,19 @@ class Ground(NamedTuple):
 
 def ground_of(x: NDArray[np.float32], y: NDArray[np.float32], z: NDArray[np.float32]) -> Ground:
     """A `Ground`, with the blocks of its heights."""
-    fine, side, reach = _LEVELS[1], 1 << _LEVELS[0], 0.0
-    tops, holes = list[NDArray[np.float32]](), list[NDArray[np.uint8]]()
+    fine, side, reach = LEVELS[1], 1 << LEVELS[0], 0.0
+    tops, holes = list[NDArray[Any]](), list[NDArray[Any]]()
     for first in range(0, len(z), side):
         part = z[first : first + side]
         whole = not np.isnan(part.min())
         tops.append(_greatest(part, np.maximum if whole else np.fmax, fine))
-        there = np.zeros_like(tops[-1], np.uint8) if whole else np.isnan(part).view(np.uint8)
-        holes.append(there if whole else _greatest(there, np.maximum, fine))
+        holes.append(np.zeros(tops[-1].shape, np.uint8))
+        if not whole:
+            holes[-1] = _greatest(np.isnan(part).view(np.uint8), np.maximum, fine)
         reach = max(reach, *(abs(float(each(part, None))) for each in (np.fmin.reduce, np.fmax.reduce)))
     top, hole = np.concatenate(tops), np.concatenate(holes)
     top[np.isnan(top)] = -np.inf
-    wide = [_greatest(each, np.maximum, _LEVELS[0] - fine) for each in (top, hole)]
+    wide = [_greatest(each, np.maximum, LEVELS[0] - fine) for each in (top, hole)]
     flat = [np.concatenate([a.reshape(-1), b.reshape(-1)]) for a, b in zip(wide, (top, hole))]
     starts, widths = (np.array(each, np.int64) for each in ((0, wide[0].size), (wide[0].shape[1], top.shape[1])))
     return Ground(x, y, z, Blocks(flat[0], flat[1], starts, widths), reach)
@@ -612,7 +161,7 @@ def decided(
         along, across = (column, row) if k < 2 else (row, column)
         at = np.stack([along[here] - quadrant.column, across[here] - quadrant.row], 1) * quadrant.turn
         bits, ticket = np.empty(len(here), np.uint8), new_ticket(len(here), 64)
-        run(_decide, threads, ticket, tree, quadrant, found.level, ground.blocks, at, points[here], eye, bits)
+        run(decide, threads, ticket, tree, quadrant, found.level, ground.blocks, at, points[here], eye, bits)
         seen[here] = bits == 1
     return seen
 
@@ -622,8 +171,8 @@ class _Around(NamedTuple):
 
     east: _Axis
     south: _Axis
-    level: _Level
-    quadrants: tuple[_Quadrant, ...]  # to the east, west, south and north
+    level: Level
+    quadrants: tuple[Quadrant, ...]  # to the east, west, south and north
 
 
 def _around(ground: Ground, eye: NDArray[np.float32], height: float, far: float) -> _Around:
@@ -636,11 +185,9 @@ def _around(ground: Ground, eye: NDArray[np.float32], height: float, far: float)
     sure = _SURE * (ground.reach + abs(float(eye[2])))
     lift = float(max(east.lifts.max(), south.lifts.max(), SHIFT * (ground.reach + abs(height))))
     slack, whole = _ROUNDED * (ground.reach + abs(height) + lift), int(not ground.blocks.holes.any())
-    level = _Level(float(eye[2]), height, lift, slack, sure, whole)
+    level = Level(float(eye[2]), height, lift, slack, sure, whole)
     axes = (east, south), (south, east)
-    quadrants = tuple(
-        _quadrant(*(axis if turn > 0 else axis.turned for axis in each), turn) for each in axes for turn in (1, -1)
-    )
+    quadrants = tuple(_quadrant(along, across, turn) for along, across in axes for turn in (1, -1))
     return _Around(east, south, level, quadrants)
 
 
@@ -652,36 +199,40 @@ def _height_at(z: NDArray[np.float32], east: NDArray[np.float64], south: NDArray
     a, b = -east[j] / (east[j + 1] - east[j]), -south[i] / (south[i + 1] - south[i])
     first, last = float(z[i, j]), float(z[i + 1, j + 1])
     corner = float(z[i + 1, j] if b > a else z[i, j + 1])
-    return first + max(a, b) * (corner - first) + min(a, b) * (last - corner)
+    return float(first + max(a, b) * (corner - first) + min(a, b) * (last - corner))
 
 
-def _quadrant(along: _Axis, across: _Axis, turn: int) -> _Quadrant:
-    """The quadrant along an axis. turn: -1 if both axes are turned."""
+def _quadrant(along: _Axis, across: _Axis, turn: int) -> Quadrant:
+    """The quadrant along an axis. turn: -1 to turn both axes."""
+    if turn < 0:
+        along, across = along.turned, across.turned
     first = int(np.searchsorted(along.places, 0.0, "right")) - 1
     end = int(np.searchsorted(along.places, along.far + 1.0))
     places = np.ascontiguousarray(along.places[first:end])
-    low, high = np.searchsorted(across.places, np.array([-1.0, 1.0]) * (_WIDEST * places[-1] + 2.0))
+    low, high = np.searchsorted(across.places, np.array([-1.0, 1.0]) * (WIDEST * places[-1] + 2.0))
     n = len(along.places), len(across.places)
     column, row = (first, int(low)) if turn > 0 else (n[0] - 1 - first, n[1] - 1 - int(low))
     start = column * abs(along.step) + row * abs(across.step)
-    arrays = across.places[low:high], along.lifts[first:end], across.lifts[low:high]
-    return _Quadrant(places, *map(np.ascontiguousarray, arrays), start, along.step, across.step, column, row, turn)
+    rows, lifts, row_lifts = map(
+        np.ascontiguousarray, (across.places[low:high], along.lifts[first:end], across.lifts[low:high])
+    )
+    return Quadrant(places, rows, lifts, row_lifts, start, along.step, across.step, column, row, turn)
 
 
-def _sweep_quadrant(ground: Ground, quadrant: _Quadrant, level: _Level, out: NDArray[np.uint8], threads: int) -> None:
+def _sweep_quadrant(ground: Ground, quadrant: Quadrant, level: Level, out: NDArray[np.uint8], threads: int) -> None:
     """Classify the cells of a quadrant, in strips of columns away from the eye, with ever more wedges."""
     along, across, n = quadrant.along, quadrant.across, _FIRST
-    wedges = _Wedges(np.full(n, -np.inf), np.full(n, -np.inf), np.full(n * _RECENT, -np.inf), np.ones(n, np.uint8))
+    wedges = Wedges(np.full(n, -np.inf), np.full(n, -np.inf), np.full(n * RECENT, -np.inf), np.ones(n, np.uint8))
     column = 1
     while column < len(along):
-        while _WIDE * n < 2.0 * _WIDEST * along[column]:
+        while _WIDE * n < 2.0 * WIDEST * along[column]:
             n, wedges = 2 * n, wedges.halved()
-        widest = _WIDE * n / (2.0 * _WIDEST)
+        widest = _WIDE * n / (2.0 * WIDEST)
         end = min(column + _STRIP, max(int(np.searchsorted(along, widest, "right")), column + 1), len(along))
-        step = 2.0 * _WIDEST / n
+        step = 2.0 * WIDEST / n
         before = max(along[column - 1], 1e-3)
-        first, last = (np.clip(across[[0, -1]] / before, -_WIDEST, _WIDEST) + _WIDEST) / step
-        part = _Part(column, end, int(first), min(int(last) + 1, n), -_WIDEST, step)
-        ticket = new_ticket(-(-(part.end_wedge - part.wedge) // _WEDGES), 1)
-        run(_sweep, threads, ticket, ground.z, quadrant, level, ground.blocks, out, wedges, part)
+        first, last = (np.clip(across[[0, -1]] / before, -WIDEST, WIDEST) + WIDEST) / step
+        part = Part(column, end, int(first), min(int(last) + 1, n), -WIDEST, step)
+        ticket = new_ticket(-(-(part.end_wedge - part.wedge) // WEDGES_AT_A_TIME), 1)
+        run(sweep, threads, ticket, ground.z, quadrant, level, ground.blocks, out, wedges, part)
         column = end
