@@ -8,6 +8,7 @@ import numpy as np
 
 from ...base.checks import choice, number, text, whole_number
 from ...base.errors import InputError
+from ...base.memory import check_reading
 from ...scene.crs import check_horizontal_crs
 from ...scene.materials import srgb_to_linear
 from ...scene.scene_data import MemoryData
@@ -26,6 +27,7 @@ GROUND = np.asarray(srgb_to_linear([0.706, 0.643, 0.541]), np.float32)
 """Linear colour of the ground below a surface."""
 
 _MANY = 50_000_000  # triangles
+_CELL_BYTES = 56.0  # of a cell with its triangles, while a scene is made
 
 
 def checked_options(options: HeightOptions) -> HeightOptions:
@@ -50,6 +52,8 @@ def terrain_data(
         below, more = ground_grid(ground, grid.crs, options)
         surfaces, colours, notes = [grid, below], [SURFACE, GROUND], [*notes, *more]
     name = grid.name if name is None else text(name, "name")
+    cells = sum(each.heights.size for each in surfaces)
+    check_reading(_CELL_BYTES * cells, f"{name}: a scene of {cells:,} cells")
     source = TerrainSurfaces(surfaces, name, colours)
     triangles = sum(mesh.triangles for mesh in source.meshes)
     if triangles > _MANY:
