@@ -87,4 +87,5 @@ def test_eyes_beside_the_grid_or_below_the_ground_have_no_view():
     ground = ground_of(np.arange(4, dtype=np.float32), -np.arange(4, dtype=np.float32), z)
     for eye in (-1.0, -1.0, 5.0), (1.5, -1.5, 0.0), (1.5, -1.5, -1.0), (1.5, 1.0, 5.0), (3.0, -3.0, 5.0):
         assert view_from(ground, np.array(eye, np.float32), 0.0, 1) is None
+        assert view_from(ground, np.array(eye, np.float32), 0.0, 1, far=1.0) is None
     assert view_from(ground, np.array((1.5, -1.5, 1.0), np.float32), 0.0, 1) is not None

@@ -172,7 +172,7 @@ class _Around(NamedTuple):
     east: _Axis
     south: _Axis
     level: Level
-    quadrants: tuple[Quadrant, ...]  # to the east, west, south and north
+    quadrants: tuple[Quadrant, ...]  # to the east, west, south and north; none if the eye is beside the grid
 
 
 def _around(ground: Ground, eye: NDArray[np.float32], height: float, far: float) -> _Around:
@@ -186,7 +186,8 @@ def _around(ground: Ground, eye: NDArray[np.float32], height: float, far: float)
     lift = float(max(east.lifts.max(), south.lifts.max(), SHIFT * (ground.reach + abs(height))))
     slack, whole = _ROUNDED * (ground.reach + abs(height) + lift), int(not ground.blocks.holes.any())
     level = Level(float(eye[2]), height, lift, slack, sure, whole)
-    axes = (east, south), (south, east)
+    inside = all(axis.places[0] <= 0.0 < axis.places[-1] for axis in (east, south))
+    axes = ((east, south), (south, east)) if inside else ()
     quadrants = tuple(_quadrant(along, across, turn) for along, across in axes for turn in (1, -1))
     return _Around(east, south, level, quadrants)
 
