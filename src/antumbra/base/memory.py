@@ -40,6 +40,11 @@ def reading_limit(max_memory: int | None) -> Iterator[None]:
         _given.reset(token)
 
 
+def memory_limit() -> int | None:
+    """Bytes that reading and work on what was read may take: the limit that was given, or what is available."""
+    return _given.get() or available_memory()
+
+
 def check_reading(size: float, where: str, stored: int | None = None) -> None:
     """Raise an InputError if reading takes more memory than the limit.
 

@@ -129,3 +129,32 @@ def test_bad_input(arguments, words):
     given = {"sensors": np.ones((2, 3)), "observers": [0, 0, 9], **arguments}
     with pytest.raises(at.InputError, match=words):
         at.viewshed(ground(), **given)
+
+
+@pytest.mark.parametrize("holes", [0, 60])
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"max_distance": 120.0}, {"azimuth": (300, 80)}, {"curvature": True, "earth_radius": 3e4}, {"each": True}],
+)
+def test_views_over_a_raster_of_heights_equal_lines_of_sight_through_a_tree(options, holes):
+    random = np.random.default_rng(holes)
+    y, x = np.mgrid[:70, :90]
+    heights = 8.0 * np.sin(x / 9.0) * np.cos(y / 6.0) + random.normal(size=x.shape)
+    heights[random.integers(0, 70, holes), random.integers(0, 90, holes)] = np.nan
+    scene = at.from_raster((heights, (2.0, 0.0, 84000.0, 0.0, -3.0, 446000.0)))
+    at_cells = np.array([[84030.0, 445900.0, 14.0], [84150.0, 445950.0, 9.0], [84900.0, 445900.0, 30.0]])
+    sensors = at.Sensors(*raster_above(scene, 0.5))
+    swept = at.viewshed(scene, sensors, at_cells, bits=True, **options)
+    traced = at.viewshed(scene, sensors, at_cells, bits=True, plan="bsah+wide", **options)
+    for name in swept.table.columns:
+        assert np.array_equal(swept.table[name], traced.table[name], equal_nan=True), name
+    assert np.array_equal(swept.bits, traced.bits) and 0 < swept.table["seen"].sum() < 2.9 * len(sensors)
+
+
+def raster_above(scene, height):
+    """The fields of sensors above all cells of an oblong raster, which has no square cells."""
+    heights, faces = scene.data.cell_tops()
+    grid = scene.data.terrain.grid
+    east, north = np.meshgrid(grid.eastings(), grid.northings())
+    above = np.where(faces < 0, scene.bounds[0, 2], heights) + height
+    return np.c_[east.ravel(), north.ravel(), above], None, None, None, "points"

@@ -8,11 +8,12 @@ import numpy as np
 
 from ...base.checks import choice, number, text, whole_number
 from ...base.errors import InputError
+from ...base.memory import check_reading
 from ...scene.crs import check_horizontal_crs
 from ...scene.materials import srgb_to_linear
 from ...scene.scene_data import MemoryData
 from ...scene.terrain import HeightGrid, StreamedTerrain, TerrainSurfaces
-from ...scene.units import LengthUnit
+from ...scene.units import LengthUnit, checked_unit
 from .footprint_solids import on_terrain, solids_of
 from .footprint_table import FootprintOptions, FootprintsLike, read_footprints
 from .height_arrays import RasterLike, height_grid
@@ -26,6 +27,7 @@ GROUND = np.asarray(srgb_to_linear([0.706, 0.643, 0.541]), np.float32)
 """Linear colour of the ground below a surface."""
 
 _MANY = 50_000_000  # triangles
+_CELL_BYTES = 56.0  # of a cell with its triangles, while a scene is made
 
 
 def checked_options(options: HeightOptions) -> HeightOptions:
@@ -50,6 +52,8 @@ def terrain_data(
         below, more = ground_grid(ground, grid.crs, options)
         surfaces, colours, notes = [grid, below], [SURFACE, GROUND], [*notes, *more]
     name = grid.name if name is None else text(name, "name")
+    cells = sum(each.heights.size for each in surfaces)
+    check_reading(_CELL_BYTES * cells, f"{name}: a scene of {cells:,} cells")
     source = TerrainSurfaces(surfaces, name, colours)
     triangles = sum(mesh.triangles for mesh in source.meshes)
     if triangles > _MANY:
@@ -65,6 +69,12 @@ def ground_grid(ground: Any, crs: str | None, options: HeightOptions) -> tuple[H
     grid, notes = height_grid(ground, HeightOptions(values_at=options.values_at, crs=options.crs, unit=options.unit))
     check_horizontal_crs(grid.name, grid.crs, crs)
     return grid, notes
+
+
+def height_file(path: Path, keywords: dict[str, Any]) -> HeightFile:
+    """A raster file, with keywords of `antumbra.from_raster`."""
+    unit = keywords.get("unit")
+    return HeightFile(path, checked_options(HeightOptions(**keywords | {"unit": unit and checked_unit(unit)})))
 
 
 def streamed_terrain(tiles: Sequence[tuple[Path, HeightOptions]]) -> StreamedTerrain:

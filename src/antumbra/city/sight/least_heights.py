@@ -26,6 +26,7 @@ from ...kernels.parallel import items, new_ticket, run
 from ...kernels.simd import get, ptr
 from ...trace.terrain.terrain_rays import TerrainTree
 from ...trace.terrain.terrain_stencils import BLOCKS, COLUMN_PAD, ROW_PAD, Relief
+from ...trace.terrain.terrain_views import decided, ground_of, view_from
 from ..sensors.sensors import Sensors
 
 _FINE, _COARSE = BLOCKS
@@ -279,5 +280,13 @@ def _example() -> None:
     least_heights_of(Scene.of_data(small_terrain()), np.array([1.5, -1.5, 1.0]), 0.0, 1)
 
 
-EXAMPLES = {"least heights": _example}
+def _views() -> None:
+    """The kernels of `terrain_views`, which viewsheds of rasters use too."""
+    places, eye = np.arange(3, dtype=np.float32), np.array([1.0, -1.0, 1.0], np.float32)
+    ground, points = ground_of(places, -places, np.zeros((3, 3), np.float32)), np.array([[2.0, -1.0, 0.1]], np.float32)
+    view_from(ground, eye, 0.1, 1)
+    decided(ground, eye, np.array([5]), points, 1)
+
+
+EXAMPLES = {"least heights": _example, "terrain views": _views}
 """The example calls of this study."""

@@ -18,7 +18,9 @@ from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike
 from ...kernels.parallel import thread_count
 from ...query.query_bounds import morton_codes
+from ...query.receivers import Receivers
 from ...scene.lights import MAX_SPP
+from ...trace.terrain.terrain_views import SEEN, UNDECIDED
 from ...work.executors import Keep, checked_keep, executor_of
 from ...work.result_summary import Summary
 from ...work.scene_records import scene_digest
@@ -358,6 +360,7 @@ def _trace(state: _ViewshedState, scene: AnyScene, tracing: TileTracer) -> None:
         sensors, at = state.earth.lowered_sensors(sensors), state.earth.lowered_sensors(at)
     ends, eyes = sightline_ends(scene, sensors), sightline_ends(scene, at)
     order, curve = np.argsort(morton_codes(eyes.origins[0]), kind="stable"), np.arange(ends.n)
+    order = np.array([k for k in order.tolist() if not _add_view(state, ends, eyes, k, tracing)], np.int64)
     in_rows = state.sensors.kind == "raster" and tracing.prefers_rows
     if not in_rows:
         curve = np.argsort(morton_codes(ends.origins[0]), kind="stable")
@@ -371,6 +374,22 @@ def _trace(state: _ViewshedState, scene: AnyScene, tracing: TileTracer) -> None:
             part = places[start : start + step]
             rows = ends.take(slice(start, start + step) if in_rows and places is curve else part)
             _add(state, part, some, tracing.visible(rows, eyes.take(some)))
+
+
+def _add_view(state: _ViewshedState, ends: Receivers, eyes: Receivers, observer: int, tracing: TileTracer) -> bool:
+    """Record what an observer sees of the cells of a raster of heights, by one sweep; whether that was possible."""
+    alone = np.array([observer])
+    classes = tracing.view(ends, eyes.origins[0, observer], state.observers.reach(alone))
+    if classes is None:
+        return False
+    _add_seen(state, np.flatnonzero(classes == SEEN), observer)
+    places = np.flatnonzero(classes == UNDECIDED)
+    if (reach := state.observers.reach(alone)) < np.inf:
+        places = places[_within(state.sensors.points[places], state.observers.eyes[alone], reach)]
+    for start in range(0, len(places), MAX_PAIRS):
+        part = places[start : start + MAX_PAIRS]
+        _add(state, part, alone, tracing.visible(ends.take(part), eyes.take(alone)))
+    return True
 
 
 def _find_least_heights(state: _ViewshedState, best: np.ndarray, scene: AnyScene, threads: int) -> None:
@@ -393,19 +412,24 @@ def _within(at: np.ndarray, eyes: np.ndarray, distance: float) -> NDArray[np.boo
 
 def _add(state: _ViewshedState, places: np.ndarray, some: np.ndarray, words: np.ndarray) -> None:
     """Record what some observers (indices) see of some sensors (indices); words: bits of all their pairs."""
-    sight, visible = state.sight, unpack_bits(words, len(some))
+    visible = unpack_bits(words, len(some))
     for k, observer in enumerate(some.tolist()):
-        at = places[visible[:, k]]
-        away = state.sensors.points[at] - state.observers.eyes[observer]
-        distance = np.sqrt((away * away).sum(1))
-        inside = state.observers.limits[observer].includes(away, distance, state.up)
-        at, distance = at[inside], distance[inside]
-        sight.observers[at] += 1
-        sight.first[at] = np.minimum(sight.first[at], np.int32(observer))
-        nearest = sight.distance[at]
-        nearer = (distance < nearest) | ((distance == nearest) & (observer < sight.nearest[at]))
-        sight.distance[at[nearer]], sight.nearest[at[nearer]] = distance[nearer], observer
-        if sight.length is not None and state.lengths is not None:
-            sight.length[at] += state.lengths[observer]
-        if sight.bits is not None:
-            sight.bits[at, observer // 64] |= np.uint64(1 << observer % 64)
+        _add_seen(state, places[visible[:, k]], observer)
+
+
+def _add_seen(state: _ViewshedState, at: np.ndarray, observer: int) -> None:
+    """Record that an observer has a free line of sight to some sensors (indices); its limits may exclude some."""
+    sight = state.sight
+    away = state.sensors.points[at] - state.observers.eyes[observer]
+    distance = np.sqrt((away * away).sum(1))
+    inside = state.observers.limits[observer].includes(away, distance, state.up)
+    at, distance = at[inside], distance[inside]
+    sight.observers[at] += 1
+    sight.first[at] = np.minimum(sight.first[at], np.int32(observer))
+    nearest = sight.distance[at]
+    nearer = (distance < nearest) | ((distance == nearest) & (observer < sight.nearest[at]))
+    sight.distance[at[nearer]], sight.nearest[at[nearer]] = distance[nearer], observer
+    if sight.length is not None and state.lengths is not None:
+        sight.length[at] += state.lengths[observer]
+    if sight.bits is not None:
+        sight.bits[at, observer // 64] |= np.uint64(1 << observer % 64)

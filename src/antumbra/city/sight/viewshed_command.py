@@ -10,6 +10,7 @@ import typer
 
 from ...base.errors import InputError
 from ...cli.arguments import make_camera, parse_camera, parse_interval
+from ...cli.console import say
 from ...cli.options import (
     LISTED_LAST,
     CameraOption,
@@ -27,7 +28,7 @@ from ...cli.options import (
 )
 from ...cli.scene_arguments import DEFAULT_SCENE, BeforeOption
 from ...cli.shards import MergeOption, RayOption, ShardOption
-from ...cli.study_run import Scenes, Writers, command_of
+from ...cli.study_run import Scenes, StudyRun, Writers, command_of
 from ...cli.vegetation_options import VegetationOption
 from ...work.result_summary import Summary
 from ..sensor_study import SensorStudy
@@ -35,6 +36,7 @@ from .viewshed_options import ViewshedOptions
 
 if TYPE_CHECKING:
     from ...work.executors import Executor
+    from ..gis.height_files import HeightFile
     from ..sensors.sensors import Sensors
     from ..sensors.vector_points import PointFile
     from ..tables.result_table import Table
@@ -63,6 +65,7 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
       antumbra viewshed dem.tif --along road.gpkg --spacing 25 --on-surface --eye-height 1.2 -o road.tif
       antumbra viewshed dem.tif --observer 85000,446000,90 --least-height -o hidden.tif
       antumbra viewshed dem.tif --observers towers.gpkg --on-surface --each --polygons seen.gpkg -o seen.tif
+      antumbra viewshed country.tif --observer 85000,446000,0 --on-surface --eye-height 2 --max-memory 3G -o seen.tif
       antumbra viewshed hills.ply --up z --observer 0,0,900 --curvature --azimuth 350:10 -o seen.parquet
     """
 
@@ -145,6 +148,69 @@ class ViewshedCommand(SensorStudy[ViewshedOptions, "Viewshed"]):
             )
         if (self.along is None) != (self.spacing is None):
             raise InputError("--along FILE and --spacing DISTANCE need each other")
+
+    def run(self) -> int:
+        """Run the command: in bands if the cells of a raster do not fit into memory."""
+        from ...base.memory import memory_limit, readable_size
+        from ..gis.gis_data import height_file
+        from .raster_viewshed import RasterNeed, raster_height
+
+        if not self.spec.is_streamed or raster_height(self.sensor_form) is None:
+            return super().run()
+        self.check()
+        assert self.spec.path is not None
+        keywords = {**dict(self.spec.gis), "crs": self.spec.crs, "unit": self.spec.unit}
+        file = height_file(self.spec.path, keywords)
+        observers = 1 if self._eyes is None else len(self._eyes.sensors)
+        need = RasterNeed(file.grid.rows * file.grid.columns, observers)
+        most = memory_limit()
+        if most is None or need.whole <= most:
+            return super().run()
+        whole = f"{file.path.name}: {need.cells:,} cells take about {readable_size(need.whole)} at once"
+        if kept := self._needs_all_cells():
+            raise InputError(
+                f"{whole}, more than {readable_size(most)}; leave out {kept}, so that the cells are studied in bands, "
+                "cut the raster with gdal_translate -projwin, or raise --max-memory"
+            )
+        need.check(file.path.name, most)
+        if not self.quiet:
+            say(f"note: {whole}, more than {readable_size(most)}; studied in bands")
+        return self._in_bands(file, most)
+
+    def _needs_all_cells(self) -> str | None:
+        """The first argument that needs all cells in memory; None: the study can be done in bands."""
+        given = {"add": self.add, "remove": self.remove, "trees": self.trees, "along": self.along, "map": self.map}
+        given |= {
+            "bits": self.bits,
+            "polygons": self.polygons,
+            "camera": self.camera,
+            "shard": self.shard,
+            "ray": self.ray,
+        }
+        given |= {name: getattr(self.options, name) for name in ("curvature", "each", "least_height", "plan")}
+        name = next((name for name, value in given.items() if value), None)
+        if name is not None:
+            return "--" + name.replace("_", "-")
+        paths = self.paths("output")
+        single = len(paths) == 1 and paths[0].suffix.lower() == ".tif"
+        return None if single else "all outputs but one .tif file (-o FILE.tif)"
+
+    def _in_bands(self, file: "HeightFile", limit: int | None) -> int:
+        from ...base.progress import report_progress
+        from ...engine.scene import Scene
+        from ..gis.height_grounds import plane_of
+        from .raster_viewshed import raster_height, save_raster_viewshed
+
+        eyes, (path,) = self._eyes, self.paths("output")
+        assert eyes is not None  # checked before
+        with StudyRun(self) as run:
+            observers, height = eyes.within(Scene.of_data(plane_of(file))), raster_height(self.sensor_form) or 0.0
+            with report_progress(f"{file.grid.rows} rows") as progress:
+                study = partial(save_raster_viewshed, file, path, observers, self.options, progress, height, limit)
+                result = run.timed(study)
+            run.written.append(str(path))
+        summary = result.summary(file.name, run.seconds)
+        return run.report(summary._replace(values=summary.values | {"up": "z"}), self.files)
 
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], Viewshed | None]":
         from .viewshed import viewshed_blocks

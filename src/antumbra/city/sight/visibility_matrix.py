@@ -78,6 +78,14 @@ class TileTracer:
         """Whether points in rows of a raster are traced faster than in any other order."""
         return self._engine.prefers_rows
 
+    def view(self, rows: Receivers, eye: NDArray[np.float32], far: float) -> NDArray[np.uint8] | None:
+        """(n,) uint8: what an eye surely sees of the cells of a raster of heights, as `TerrainPyramid.view`.
+
+        None for other points and scenes.
+        """
+        terrain = self._engine.terrain
+        return None if terrain is None else terrain.view(rows, eye, far)
+
     def visible(self, rows: Receivers, columns: Receivers) -> NDArray[np.uint64]:
         """(n, words of m) uint64: bit j of row i is set where points i and j see each other."""
         hidden = hidden_by_horizons(rows, columns, self._engine.threads)

@@ -45,7 +45,8 @@ from .qgis_style import RasterStyle, VectorStyle, write_style
 
 _ROWS = 1 << 16  # rows converted to text at a time
 _GROUP = 1 << 17  # rows of a group in Parquet
-_TILE = 256  # columns and rows of a tile of a GeoTIFF
+_TILE = 256  # cells along the sides of the tiles of a GeoTIFF
+_SURE_CELLS = 1 << 30  # of a raster, which compress to a byte each or less
 _NO_UNIT = "1"  # in GeoTIFF, where readers fill in the unit of heights of a compound CRS if there is none
 _NO_CRS = 'LOCAL_CS["Undefined Cartesian SRS"]'  # in GeoPackage
 _DATE = "OGR_CURRENT_DATE"
@@ -242,29 +243,45 @@ def _geo(crs: str, box: _Box) -> dict[str, Any]:
 
 
 def _tiff(table: "Table", path: Path, column: str) -> None:
+    start = next(table.blocks())
+    raster, names = start.sensors.raster, _bands(start)
+    assert raster is not None
+    with tiff_of_bands(path, raster, {name: start.columns[name].unit for name in names}, table.about) as write:
+        for first, values in _strips(table, raster, names):
+            write(first, values)
+    _write_style(table, path, column)
+
+
+@contextmanager
+def tiff_of_bands(
+    path: Path, raster: Raster, units: dict[str, str], about: dict[str, Any]
+) -> Iterator[Callable[[int, NDArray[np.float32]], None]]:
+    """Write a GeoTIFF in tiles; the context is a function that writes rows.
+
+    It takes the first row, a multiple of 256, and (bands, rows, columns) float32, NaN: no data.
+
+    units : name of each band -> its unit
+    about : metadata of the study
+    """
     import_extra("rasterio", ".tif", "gis")
     import rasterio
+    from rasterio.windows import Window
 
-    first = next(table.blocks())
-    raster, names = first.sensors.raster, _bands(first)
-    assert raster is not None
-    shape = {"width": raster.columns, "height": raster.rows, "count": len(names)}
+    shape = {"width": raster.columns, "height": raster.rows, "count": len(units)}
     place = rasterio.transform.from_origin(raster.west, raster.north, raster.spacing, raster.spacing)
-    options = {"driver": "GTiff", "dtype": "float32", "nodata": np.nan, "transform": place}
+    options = {"driver": "GTiff", "dtype": "float32", "nodata": np.nan, "transform": place, "bigtiff": "IF_SAFER"}
+    options |= {"tiled": True, "blockxsize": _TILE, "blockysize": _TILE, "interleave": "band"}
     options |= {"compress": "deflate", "zlevel": 1}  # twice as fast as the default level, and 4 % larger
-    options |= {"tiled": True, "blockxsize": _TILE, "blockysize": _TILE, "interleave": "band", "bigtiff": "IF_SAFER"}
-    if table.about.get("crs"):
-        options["crs"] = checked_crs(table.about["crs"])  # as text, so that rasterio keeps the code of a compound CRS
+    if about.get("crs"):
+        options["crs"] = checked_crs(about["crs"])  # as text, so that rasterio keeps the code of a compound CRS
     with atomic_output(path) as temporary:
-        check_disk_space(path, raster.n_cells * len(names))  # deflated by 4
+        check_disk_space(path, min(raster.n_cells, _SURE_CELLS))  # on a full disk, GDAL would print its own messages
         with rasterio.open(temporary, "w", **shape, **options) as file:
-            for band, name in enumerate(names, 1):
+            yield lambda first, values: file.write(values, window=Window(0, first, raster.columns, values.shape[1]))
+            for band, (name, unit) in enumerate(units.items(), 1):
                 file.set_band_description(band, name)
-                file.set_band_unit(band, first.columns[name].unit or _NO_UNIT)
-            file.update_tags(antumbra=json.dumps(table.about))
-            for row, values in _strips(table, raster, names):
-                file.write(values, window=((row, row + values.shape[1]), (0, raster.columns)))
-    _write_style(table, path, column)
+                file.set_band_unit(band, unit or _NO_UNIT)
+            file.update_tags(antumbra=json.dumps(about))
 
 
 def _strips(table: "Table", raster: Raster, names: list[str]) -> Iterator[tuple[int, NDArray[np.float32]]]:

@@ -30,6 +30,7 @@ from ...trace.terrain.terrain_lanes import trace_stencils
 from ...trace.terrain.terrain_ray_lists import MOST_EXTENTS, trace_rays
 from ...trace.terrain.terrain_rays import TerrainTree, terrain_tree, trace_terrain
 from ...trace.terrain.terrain_stencils import Relief, Stencils, relief_of, stencils_of
+from ...trace.terrain.terrain_views import UNDECIDED, Ground, ground_of, height_over, view_from
 from ...trace.transmission import TracedQuery
 from ..auto.cost_model import GOOD, build_seconds
 from ..precompilation import precompile
@@ -61,6 +62,7 @@ class TerrainPyramid:
         self._tree: TerrainTree | None = None
         self._relief: Relief | None = None  # made with the first stencils
         self._squares: NDArray[np.int32] | None = None  # made for the first nearest hits
+        self._ground: Ground | None = None  # made for the first view
 
     @property
     def tree(self) -> TerrainTree:
@@ -75,6 +77,22 @@ class TerrainPyramid:
         if self._relief is None:
             self._relief = relief_of(self.tree)
         return self.tree, self._relief
+
+    @property
+    def ground(self) -> Ground:
+        """The heights of `tree`, for views."""
+        if self._ground is None:
+            self._ground = ground_of(self.tree.x, self.tree.y, self.tree.z)
+        return self._ground
+
+    def view(self, sensors: Receivers, eye: NDArray[np.float32], far: float, threads: int) -> NDArray[np.uint8] | None:
+        """(n,) uint8: what an eye sees, of `terrain_views`; None if sensors are not at one height above all cells."""
+        if sensors.n != self.surface.heights.size:
+            return None
+        precompile("terrain views")
+        over = height_over(self.ground, sensors.origins[0])
+        classes = None if over is None else view_from(self.ground, eye, over.height, threads, far)
+        return None if over is None or classes is None else np.where(over.there, classes.reshape(-1), UNDECIDED)
 
     @property
     def extent(self) -> float:
@@ -145,6 +163,10 @@ class TerrainShadows:
     @property
     def prefers_rows(self) -> bool:
         return self._data.terrain is not None
+
+    def view(self, sensors: Receivers, eye: NDArray[np.float32], far: float) -> NDArray[np.uint8] | None:
+        """`TerrainPyramid.view`; None also if the scene is no terrain any more."""
+        return None if self._data.terrain is None else self.pyramid.view(sensors, eye, far, self._threads)
 
     def shadows(self, points: PointQuery, progress: ProgressCallback | None) -> list[TracedQuery]:
         """The shadow query of each light, with its answer."""
