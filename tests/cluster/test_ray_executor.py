@@ -278,5 +278,5 @@ def test_an_address_where_nothing_listens(cli):
     with socket.socket() as bound:
         bound.bind(("127.0.0.1", 0))  # nobody else gets this port, and it does not listen
         failed = cli(*FRAMES, "--ray", f"127.0.0.1:{bound.getsockname()[1]}")
-    assert failed.code == 2 and "cannot be reached (" in failed.err.splitlines()[-1]
+    assert failed.code == 75 and "cannot be reached (" in failed.err.splitlines()[-1]
     assert all(line.startswith("antumbra: ") for line in failed.err.splitlines())

@@ -25,7 +25,8 @@ from .interruption import catch_signals, set_working
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line on `arguments` (None: those of the process) and return the exit code.
 
-    0: success. 1: unexpected error. 2: unusable input. 128 and more: ended by a signal, 130 by Ctrl-C.
+    0: success. 1: unexpected error. 2: unusable input, which never works. 75: unavailable for now, so try again.
+    128 and more: ended by a signal, 130 by Ctrl-C.
     """
     if arguments is not None:
         return _run(arguments)

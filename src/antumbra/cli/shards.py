@@ -95,7 +95,8 @@ def executor_for(
 
         if share is not None:
             raise InputError("--ray splits the work itself; leave it or --shard out")
-        return Cluster(folder, args.ray, start, files_in(inputs), plan, (lambda line: None) if args.quiet else None)
+        say = (lambda line: None) if args.quiet else None
+        return Cluster(folder, args.ray, start, files_in(inputs), plan, say, "the same command resumes from there")
     return None if share is None else ShardExecutor(folder, share, command_words())
 
 
