@@ -17,6 +17,7 @@
 """
 
 import gc
+import os
 import sys
 
 from .interruption import catch_signals, set_working
@@ -35,7 +36,9 @@ def main(arguments: list[str] | None = None) -> int:
     # them again and again would cost the garbage collector a sixth of the time of a small rendering.
     gc.set_threshold(200_000, 20, 20)
     try:
-        return _run(sys.argv[1:])
+        code = _run(sys.argv[1:])
+        _leave_ray(code)
+        return code
     finally:
         set_working(False)
 
@@ -45,3 +48,11 @@ def _run(arguments: list[str]) -> int:
     from .console import guarded
 
     return guarded(run, arguments)
+
+
+def _leave_ray(code: int) -> None:
+    """End the process here if Ray, whose cluster has lost its head, would not let it end with its exit code."""
+    executor = sys.modules.get("antumbra.cluster.ray_executor")
+    if executor is not None and executor.is_waiting_for_head():
+        sys.stdout.flush()
+        os._exit(code)

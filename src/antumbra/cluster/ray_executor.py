@@ -5,6 +5,7 @@ import inspect
 import os
 import re
 import socket
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -32,8 +33,8 @@ if TYPE_CHECKING:
     from .worker_pool import Log
 
 _STORE = 256 << 20  # bytes of the object store of a local cluster
-_TIMEOUT = 5.0  # seconds to connect to a head node
-_GOODBYE = 10.0  # seconds to disconnect
+_TIMEOUT = 5.0  # seconds in which a head node answers
+_ASKING = "asking the head of the cluster"  # name of a thread
 _HOST_PORT = re.compile(r"\[?([^\[\]]+)\]?:(\d{1,5})")  # HOST:PORT
 
 
@@ -145,12 +146,19 @@ def _connect(ray: Any, address: str) -> None:
 
 
 def _disconnect(ray: Any) -> None:
-    """Disconnect, in a thread that is left behind if the head does not answer: Ray would wait for it without end."""
-    thread = Thread(target=ray.shutdown, name="disconnecting from the cluster", daemon=True)
-    thread.start()
-    thread.join(_GOODBYE)
-    if thread.is_alive():
+    """Disconnect if the head answers. Otherwise Ray would wait for it without end, now or when the process exits."""
+    head = Thread(target=ray.nodes, name=_ASKING, daemon=True)
+    head.start()
+    head.join(_TIMEOUT)
+    if head.is_alive():
         atexit.unregister(ray.shutdown)
+    else:
+        ray.shutdown()
+
+
+def is_waiting_for_head() -> bool:
+    """Whether Ray still waits for a head that is lost. A process that ends regularly would then crash in Ray."""
+    return any(thread.name == _ASKING for thread in threading.enumerate())
 
 
 def _unreachable(address: str, reason: str) -> UnavailableError:

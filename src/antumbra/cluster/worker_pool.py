@@ -326,12 +326,14 @@ class WorkerPool:
         if any(worker.step in _PLACED for worker in self._workers.values()):
             self._placed = self._now
         elif self._now - self._placed > _PLACEMENT:
-            waits = [self._wait_of(worker) for worker in self._workers.values() if worker.step is Step.PLACE]
+            waits = [self._wait_of(worker) for worker in self._workers.values()]
             raise UnavailableError(
                 "; ".join(waits[:_CAUSES]) or "no node of the cluster has cores; look at: ray status"
             )
 
     def _wait_of(self, worker: NodeWorker) -> str:
+        if worker.step is Step.PROBE:
+            return f"waiting for a process on {worker.name}"
         cores = f"{worker.cores} core{'s' * (worker.cores != 1)}"
         return f"waiting for {cores} of {worker.name}, {self._head.free.get(worker.node, 0)} free"
 
