@@ -126,15 +126,15 @@ def test_kubernetes(shell):
     assert spec["completionMode"] == "Indexed" and spec["podFailurePolicy"]["rules"][0]["onExitCodes"]["values"] == [2]
     (container,) = spec["template"]["spec"]["containers"]
     (merging,) = merge["spec"]["template"]["spec"]["containers"]
-    assert container["args"][-2:] == ["--shard", f"auto/{spec['completions']}"]
+    assert container["command"][-2:] == ["--shard", f"auto/{spec['completions']}"]
     shutil.copy(Path(at.examples.__file__).parent / "mill.glb", shell.folder / "city.glb")
-    command = ["antumbra", *container["args"]]
+    command = container["command"]
     shell(*command[:-2])
     whole = (shell.folder / "city.csv").read_bytes()
     (shell.folder / "city.csv").unlink()
     for i in range(spec["completions"]):
         shell("env", f"JOB_COMPLETION_INDEX={i}", *command)
-    shell("antumbra", *merging["args"])
+    shell(*merging["command"])
     assert (shell.folder / "city.csv").read_bytes() == whole
 
 
