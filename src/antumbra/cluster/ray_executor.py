@@ -93,8 +93,9 @@ class Cluster:
         """Add to an abnormal end how to resume; what has no line for the user gets a line of its own."""
         if not self._resume:
             return
-        if isinstance(error, (InputError, UnavailableError)):
-            raise type(error)(f"{error}; {state}") from error
+        for kind in (InputError, UnavailableError):
+            if isinstance(error, kind):
+                raise kind(f"{error}; {state}") from error
         self._say(f"note: {state}")
 
     def end(self, work: Sequence[Units]) -> None:

@@ -26,7 +26,7 @@ _POLL, _SCAN, _PING = 0.2, 2.0, 5.0  # seconds between checks for results, for n
 _HINT = 5.0  # seconds before the user is told what a node waits for
 _PLACEMENT = 120.0  # seconds to wait for the first worker
 _SILENCE = 60.0  # seconds without an answer after which a worker counts as stopped
-_HEAD_SILENCE = 20.0  # the same of the head; after a minute, Ray ends the process
+_HEAD_SILENCE = 40.0  # the same of the head; after a minute, Ray ends the process
 _LONG, _LONG_TIMES = 120.0, 10.0  # a unit is late after these seconds and so many medians; each repeat has twice these
 _CAUSES = 3  # nodes named in an error
 
