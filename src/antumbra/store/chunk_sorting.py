@@ -122,7 +122,7 @@ def _sort(settings: SortSettings, triangles: TriangleColumns) -> Group:
 def _count_cells(settings: SortSettings, batches: Batches, shift: int) -> np.ndarray:
     """(2 ** _LEVEL_BITS,) int64: the number of triangles in each cell."""
     counts = np.zeros(1 << _LEVEL_BITS, np.int64)
-    for batch in batches(corners_only=True):
+    for batch in batches():
         codes, _ = _codes(settings, batch.corners)
         counts += np.bincount(codes >> shift & (len(counts) - 1), minlength=len(counts))
         settings.progress(len(codes))

@@ -4,12 +4,12 @@ Columns stay in memory if they fit. Triangle colours are stored as indices into 
 so an index takes one byte.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from io import BufferedIOBase
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,12 +108,12 @@ class StagingFile:
         for part in _split(piece, self._max_faces):
             self._pieces.append(self._store(part))
 
-    def pieces(self, corners_only: bool = False) -> Iterator[Piece]:
-        """Yield all pieces; large ones stay split. `corners_only`: without the colours of their faces."""
+    def pieces(self) -> Iterator[Piece]:
+        """Yield all pieces; large ones stay split."""
         self._stream.flush()
         for vertices, faces, (palette, index), where in self._pieces:
             colour = self._read(palette)
-            if index is not None and not corners_only:
+            if index is not None:
                 colour = colour[self._read(index)]
             yield Piece(self._read(vertices), None if faces is None else self._read(faces), colour, where)
 
@@ -191,27 +191,17 @@ class TriangleColumns(NamedTuple):
         return TriangleColumns(self.corners[index], self.ids[index], self.colours[index])
 
 
-def empty_columns(n: int, corners_only: bool = False) -> TriangleColumns:
-    """Uninitialised columns of n triangles; `corners_only`: the others have no rows."""
-    others = 0 if corners_only else n
-    return TriangleColumns(np.empty((n, 9), np.float32), np.empty(others, np.int32), np.empty((others, 3), np.float32))
+def empty_columns(n: int) -> TriangleColumns:
+    """Uninitialised columns of n triangles."""
+    return TriangleColumns(np.empty((n, 9), np.float32), np.empty(n, np.int32), np.empty((n, 3), np.float32))
 
 
-class Batches(Protocol):
-    """Returns a new iterator over all triangles in batches, in ascending order of ids."""
-
-    def __call__(self, corners_only: bool = False) -> Iterator[TriangleColumns]:
-        """`corners_only`: the other columns are empty."""
-        ...
+Batches = Callable[[], Iterator[TriangleColumns]]
+"""Returns a new iterator over all triangles in batches, in ascending order of ids."""
 
 
 def gather_triangles(
-    pieces: Iterator[Piece],
-    origin: np.ndarray,
-    size: int,
-    threads: int,
-    excluded_box: np.ndarray,
-    corners_only: bool = False,
+    pieces: Iterator[Piece], origin: np.ndarray, size: int, threads: int, excluded_box: np.ndarray
 ) -> Iterator[TriangleColumns]:
     """Yield the triangles of nonzero area in batches of at most `size`. No piece may have more.
 
@@ -219,13 +209,8 @@ def gather_triangles(
     requested.
 
     excluded_box : (2, 3) float32, a box that is extended by the zero-area triangles
-    corners_only : leave the other columns empty
     """
-    batch, n, first = (
-        empty_columns(size, corners_only),
-        0,
-        0,
-    )  # number of triangles in the batch, and the id of the next one
+    batch, n, first = empty_columns(size), 0, 0  # number of triangles in the batch, and the id of the next one
     for piece in pieces:
         faces = faces_of(piece)
         count = len(piece.vertices) * faces
@@ -234,9 +219,8 @@ def gather_triangles(
             n = 0
         rows = batch.rows(slice(n, n + count))
         gather(piece, origin, rows.corners.reshape(count, 3, 3), threads)
-        if not corners_only:
-            rows.ids[:] = np.arange(first, first + count, dtype=np.int32)
-            rows.colours.reshape(-1, faces, 3)[:] = piece.colour
+        rows.ids[:] = np.arange(first, first + count, dtype=np.int32)
+        rows.colours.reshape(-1, faces, 3)[:] = piece.colour
         n, first = n + _compact(rows, first == 0, threads, excluded_box), first + count
     if n:
         yield batch.rows(slice(n))
@@ -246,15 +230,14 @@ def _compact(rows: TriangleColumns, first: bool, threads: int, excluded_box: np.
     """Move the triangles of nonzero area to the front and return their number; `first`: keep row 0 as well."""
     indices = rows_with_area(rows.corners.reshape(-1, 3, 3), threads)
     if indices is None:
-        return len(rows.corners)
+        return len(rows.ids)
     if first and not (len(indices) and indices[0] == 0):
         indices = np.insert(indices, 0, 0)
     corners = np.delete(rows.corners, indices, axis=0).reshape(-1, 3)
     excluded_box[0] = np.minimum(excluded_box[0], corners.min(axis=0, initial=np.inf))
     excluded_box[1] = np.maximum(excluded_box[1], corners.max(axis=0, initial=-np.inf))
     for column in rows:
-        if len(column):
-            column[: len(indices)] = column[indices]
+        column[: len(indices)] = column[indices]
     return len(indices)
 
 
@@ -274,18 +257,14 @@ class Buckets:
             file.write(column.data)
         self._ends[bucket] += len(triangles.ids)
 
-    def batches(self, bucket: int, size: int, corners_only: bool = False) -> Iterator[TriangleColumns]:
-        """Yield the triangles of a bucket in the order in which they were added, at most `size` at a time.
-
-        corners_only : leave the other columns empty
-        """
+    def batches(self, bucket: int, size: int) -> Iterator[TriangleColumns]:
+        """Yield the triangles of a bucket in the order in which they were added, at most `size` at a time."""
         end = int(self._ends[bucket])
         for first in range(int(self._starts[bucket]), end, size):
-            batch = empty_columns(min(size, end - first), corners_only)
+            batch = empty_columns(min(size, end - first))
             for file, column in zip(self._files, batch):
-                if len(column):
-                    file.seek(first * _row_bytes(column))
-                    read_into(file, column)
+                file.seek(first * _row_bytes(column))
+                read_into(file, column)
             yield batch
 
     def close(self) -> None:

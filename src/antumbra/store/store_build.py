@@ -1,6 +1,6 @@
 """Build a store from scenes of any size within a given amount of memory."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import closing
 from pathlib import Path
 from time import perf_counter
@@ -21,7 +21,7 @@ from ..scene.scene_data import SceneData
 from ..scene.terrain import StreamedTerrain
 from ..scene.units import METRE, LengthUnit
 from .chunk_sorting import SortSettings, chunks_of, grid_over, sorted_groups
-from .staging_files import MAX_FACES, StagingFile, TriangleColumns, gather_triangles
+from .staging_files import MAX_FACES, StagingFile, gather_triangles
 from .store_checks import MAX_TRIANGLES
 from .store_file import StoreWriter, top_tree
 from .store_format import StoreMeta
@@ -187,11 +187,7 @@ class _Build:
 
         grid = grid_over((bounds - origin).astype(np.float32))
         sorting = SortSettings(grid, self.folder, _GROUP * self.chunk, self.batch, self.threads, distributed)
-
-        def batches(corners_only: bool = False) -> Iterator[TriangleColumns]:
-            pieces = staging.pieces(corners_only)
-            return gather_triangles(pieces, origin, self.batch, self.threads, self._excluded_box, corners_only)
-
+        batches = lambda: gather_triangles(staging.pieces(), origin, self.batch, self.threads, self._excluded_box)
         done = 0
         with closing(chunks_of(sorted_groups(sorting, batches, n, staging.close), self.chunk, self.workers)) as chunks:
             for chunk in chunks:
