@@ -107,8 +107,9 @@ class _Head:
             while not self._ended:
                 self._wake.clear()
                 nodes = self._ray.nodes()
-                per_node = self._ray._private.state.available_resources_per_node()  # Ray has no public function
-                self.free = {node: int(resources.get("CPU", 0)) for node, resources in per_node.items()}
+                with suppress(AttributeError):  # Ray has no public function
+                    per_node = self._ray._private.state.available_resources_per_node()
+                    self.free = {node: int(resources.get("CPU", 0)) for node, resources in per_node.items()}
                 self.nodes, self.heard = nodes, monotonic()
                 self._wake.wait(_SCAN)
 
