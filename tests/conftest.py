@@ -12,7 +12,7 @@ from antumbra.generate.procedural_scenes import load_plugin_scenes
 from antumbra.kernels.toolchain import kernel_manifest
 from devices import opened
 
-pytest_plugins = ["command_line", "fake_cuda", "missing_packages", "selection", "outcomes", "wasm_kernels"]
+pytest_plugins = ["command_line", "fake_cuda", "missing_packages", "outcomes", "ray_nodes", "selection", "wasm_kernels"]
 load_plugin_scenes()
 add_plugins()  # so that registries are the same in all tests, and the recorded kernels are those of all methods
 

@@ -16,7 +16,7 @@ n=$1 shards=$2
 shift 2
 
 if [ -n "${SLURM_ARRAY_TASK_ID:-}" ]; then
-    exec antumbra "$@" --shard "$SLURM_ARRAY_TASK_ID/$n" --threads "${SLURM_CPUS_ON_NODE:-$(nproc)}"
+    exec antumbra "$@" --shard "auto/$n" --threads "${SLURM_CPUS_ON_NODE:-$(nproc)}"
 fi
 antumbra warmup --quiet # so that jobs do not compile the same kernels
 array=$(sbatch --parsable --array="0-$((n - 1))" --requeue "$0" "$n" "$shards" "$@")

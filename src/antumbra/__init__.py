@@ -14,7 +14,7 @@ TYPE_CHECKING = False  # as type checkers know it: importing typing would delay 
 if TYPE_CHECKING:
     from . import cluster, examples
     from .baking.bake import Baked, bake
-    from .base.errors import InputError
+    from .base.errors import InputError, UnavailableError
     from .city.changes.before_and_after import before_and_after
     from .city.changes.scene_changes import SceneChange, changed_scene, scene_change
     from .city.cityjson.attribute_writer import write_attributes
@@ -127,6 +127,7 @@ __all__ = [
     "Table",
     "Triangles",
     "Turbine",
+    "UnavailableError",
     "ViewFactors",
     "Viewer",
     "Viewshed",
@@ -233,6 +234,7 @@ _HOME = {
     "Table": "city.tables.result_table",
     "Triangles": "scene.triangles",
     "Turbine": "city.sight.turbines",
+    "UnavailableError": "base.errors",
     "ViewFactors": "city.view_factors.view_factor_matrix",
     "Viewer": "viewer.viewer_page",
     "Viewshed": "city.sight.viewshed",

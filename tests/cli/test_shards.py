@@ -12,6 +12,7 @@ import pytest
 
 import antumbra as at
 from antumbra.base.command_registry import COMMANDS
+from antumbra.cli.shards import parse_shard
 from antumbra.cli.study_run import StudyCommand
 from antumbra.picture.image_files import note_of
 from antumbra.work.executors import JOB, read_shard_record, write_shard_record
@@ -220,6 +221,51 @@ def test_shards_of_another_format_are_refused_by_name(tmp_path):
 )
 def test_bad_input(cli, words, told):
     cli(*words).refused(*told)
+
+
+SLURM = {"SLURM_ARRAY_TASK_ID": "3", "SLURM_ARRAY_TASK_COUNT": "4", "SLURM_ARRAY_TASK_MIN": "0"}
+
+
+@pytest.mark.parametrize(
+    "text, variables, shard",
+    [
+        ("auto", SLURM, (3, 4)),
+        ("auto", SLURM | {"SLURM_ARRAY_TASK_MIN": "1"}, (2, 4)),
+        ("auto/64", SLURM | {"SLURM_ARRAY_TASK_COUNT": "1", "SLURM_ARRAY_TASK_MIN": "3"}, (3, 64)),  # --array=3
+        ("auto/8", {"JOB_COMPLETION_INDEX": "7"}, (7, 8)),
+    ],
+)
+def test_shards_of_schedulers(monkeypatch, text, variables, shard):
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    assert parse_shard(text) == shard
+
+
+@pytest.mark.parametrize(
+    "text, variables, words",
+    [
+        ("auto", {}, "none of SLURM_ARRAY_TASK_ID, JOB_COMPLETION_INDEX is set; write I/N"),
+        ("auto/4", {}, "none of SLURM_ARRAY_TASK_ID, JOB_COMPLETION_INDEX is set; write I/N"),
+        ("auto", {"JOB_COMPLETION_INDEX": "1"}, "JOB_COMPLETION_INDEX has no number of tasks; write auto/N"),
+        ("auto/4", {"JOB_COMPLETION_INDEX": "4"}, "task 4 of 4; number the tasks 0 to 3"),
+        ("auto", SLURM | {"SLURM_ARRAY_TASK_ID": "9"}, "task 9 of 4; number the tasks 0 to 3"),
+        ("auto", SLURM | {"SLURM_ARRAY_TASK_ID": "x"}, "SLURM_ARRAY_TASK_ID is 'x'; it must be a whole number"),
+        ("auto/0", {"JOB_COMPLETION_INDEX": "0"}, "has no number of tasks"),
+        ("auto/x", {"JOB_COMPLETION_INDEX": "0"}, "write I/N with 0 <= I < N"),
+    ],
+)
+def test_schedulers_without_a_shard_are_refused(monkeypatch, text, variables, words):
+    for name in ("SLURM_ARRAY_TASK_ID", "JOB_COMPLETION_INDEX"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(at.InputError, match=re.escape(words)):
+        parse_shard(text)
+
+
+def test_a_shard_of_a_scheduler_is_that_shard(run, tmp_path, small_parts, monkeypatch):
+    monkeypatch.setenv("JOB_COMPLETION_INDEX", "1")
+    assert run("a", *JOBS["sun"], "--shard", "auto/2", "--json").json()["shard"] == "1/2"
 
 
 def test_frames_of_shards_have_the_exposure_of_the_first(run, tmp_path):

@@ -13,86 +13,10 @@ import pytest
 import rasterio
 
 import antumbra as at
+from ray_nodes import CITY, FRAMES, worker_pids
 
 ray = pytest.importorskip("ray", reason="tests of clusters need Ray: pip install 'antumbra[ray]'")
 pytestmark = pytest.mark.cluster
-
-CITY = "procedural:city?triangles=3000"
-FRAMES = ("render", CITY, "--size", "40", "--frames", "0:11", "-o", "f.##.png", "--spp", 4, "--exposure", 1)
-_MEMORY = 80 << 20  # bytes of a node's object store
-
-
-def started(start):
-    """What `start` starts. Ray waits half a minute for a node, and a machine with other work may take longer."""
-    for _ in range(3):
-        try:
-            return start()
-        except Exception as error:
-            failed = error
-    raise failed
-
-
-class Nodes:
-    """A cluster of nodes with one core each."""
-
-    def __init__(self):
-        from ray.cluster_utils import Cluster
-
-        os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-        head = {"num_cpus": 0, "object_store_memory": _MEMORY, "include_dashboard": False}
-        self.cluster = started(lambda: Cluster(initialize_head=True, connect=False, head_node_args=head))
-        self.nodes = [self.add(), self.add()]
-        ray.init(address=self.cluster.address, log_to_driver=False, logging_level="ERROR")
-
-    def add(self):
-        return started(lambda: self.cluster.add_node(num_cpus=1, object_store_memory=_MEMORY))
-
-    def remove(self):
-        """Kill a node, with all of its processes."""
-        self.cluster.remove_node(self.nodes.pop(), allow_graceful=False)
-
-    def replace_missing(self):
-        while len(self.nodes) < 2:
-            self.nodes.append(self.add())
-        self.cluster.wait_for_nodes()
-
-
-@pytest.fixture(scope="module")
-def made():
-    nodes = Nodes()
-    yield nodes
-    ray.shutdown()
-    nodes.cluster.shutdown()
-
-
-@pytest.fixture
-def nodes(made):
-    made.replace_missing()
-    return made
-
-
-def contents(folder) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
-
-
-@pytest.fixture
-def same(cli, tmp_path, monkeypatch, nodes):
-    """Runs a command whole and on the cluster; both must write the same bytes, and nothing else."""
-
-    def run(*words, prepare=None):
-        for folder, more in (("whole", ()), ("ray", ("--ray", nodes.cluster.address))):
-            (tmp_path / folder).mkdir()
-            monkeypatch.chdir(tmp_path / folder)
-            if prepare is not None:
-                prepare()
-            done = cli(*words, *more)
-            assert done.code == 0, done
-        whole = contents(tmp_path / "whole")
-        assert whole and contents(tmp_path / "ray") == whole
-        return done
-
-    return run
-
 
 JOBS = {
     "sun": ("sun", CITY, "--latitude", 52, "--longitude", 4.36, "--days", "2026-03-21", "--sky", 16, "-o", "a.csv"),
@@ -122,78 +46,38 @@ def test_files_that_other_arguments_name(same):
     same("sun", CITY, *days, "--sensors", "raster:dem.tif+1.6", "-o", "a.csv", "-q", prepare=prepare)
 
 
-class Disturbing:
-    """Calls a function when some parts are done."""
-
-    def __init__(self, disturb, after=3):
-        self.disturb, self.after, self.totals = disturb, after, set()
-
-    def __call__(self, what, done, total):
-        if "cluster" in what:
-            self.totals.add(done)
-            if done >= self.after and self.disturb is not None:
-                disturb, self.disturb = self.disturb, None
-                disturb()
-
-
-def on_a_disturbed_cluster(same, monkeypatch, disturb) -> Disturbing:
-    from antumbra.cli import console
-
-    heard = Disturbing(disturb)
-    monkeypatch.setattr(console.ProgressDisplay, "say", lambda self, *said: heard(*said, *[0] * (3 - len(said))))
-    told = same(*FRAMES, "-q")
-    assert heard.disturb is None, "nothing was killed"
-    assert max(heard.totals) == 12
-    heard.told = told
-    return heard
-
-
-def test_a_killed_worker_is_replaced(same, monkeypatch, nodes):
+def test_a_killed_worker_is_replaced(disturbed, nodes):
     killed = []
 
     def kill():
-        killed.extend(_actor_pids(nodes)[:1])
+        killed.extend(worker_pids()[:1])
         os.kill(killed[0], signal.SIGKILL)
 
-    on_a_disturbed_cluster(same, monkeypatch, kill)
+    disturbed(FRAMES, kill)
     assert killed
 
 
-def test_a_killed_node_leaves_its_parts_to_others(same, monkeypatch, nodes):
-    on_a_disturbed_cluster(same, monkeypatch, nodes.remove)
+def test_a_killed_node_leaves_its_parts_to_others(disturbed, nodes):
+    disturbed(FRAMES, nodes.remove)
     assert len(nodes.nodes) == 1
 
 
-def test_all_nodes_killed_and_a_new_one(same, monkeypatch, nodes):
+def test_all_nodes_killed_and_a_new_one(disturbed, nodes):
     def kill():
         nodes.remove()
         nodes.remove()
         nodes.nodes.append(nodes.add())
 
-    on_a_disturbed_cluster(same, monkeypatch, kill)
-
-
-def _actor_pids(nodes) -> list[int]:
-    """The processes of workers of this cluster, by the names that Ray gives them."""
-    found = []
-    for folder in Path("/proc").iterdir():
-        if folder.name.isdigit():
-            try:
-                words = (folder / "cmdline").read_bytes().replace(b"\0", b" ").strip()
-            except OSError:
-                continue
-            if words.startswith(b"ray::Node"):
-                found.append(int(folder.name))
-    return found
+    disturbed(FRAMES, kill)
 
 
 def test_nothing_is_left_running(nodes, same):
     same("render", CITY, "--size", "80x100", "-o", "a.png", "-q")
     for _ in range(100):
-        if not _actor_pids(nodes) and ray.available_resources().get("CPU") == 2.0:
+        if not worker_pids() and ray.available_resources().get("CPU") == 2.0:
             break
         ray.wait([ray.put(0)], timeout=0.1)
-    assert not _actor_pids(nodes) and ray.available_resources()["CPU"] == 2.0
+    assert not worker_pids() and ray.available_resources()["CPU"] == 2.0
 
 
 def test_a_scene_that_nodes_lack_is_fetched_once(cli, tmp_path, monkeypatch, nodes):
@@ -278,5 +162,5 @@ def test_an_address_where_nothing_listens(cli):
     with socket.socket() as bound:
         bound.bind(("127.0.0.1", 0))  # nobody else gets this port, and it does not listen
         failed = cli(*FRAMES, "--ray", f"127.0.0.1:{bound.getsockname()[1]}")
-    assert failed.code == 2 and "cannot be reached (" in failed.err.splitlines()[-1]
+    assert failed.code == 75 and "cannot be reached (" in failed.err.splitlines()[-1]
     assert all(line.startswith("antumbra: ") for line in failed.err.splitlines())

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import antumbra as at
+
 TEMPLATES = Path(__file__).resolve().parents[2] / "examples" / "cluster"
 JOB = ("render", "procedural:atrium?triangles=2000", "--size", "48x70", "--spp", "4", "-o", "a b.png")
 SBATCH = """#!/usr/bin/env bash
@@ -113,4 +115,34 @@ def test_flamenco(shell, picture):
         (command,) = task["commands"]
         assert command["name"] == "exec" and task["type"] == "misc"
         shell(command["parameters"]["exe"], *command["parameters"]["args"])
+    assert (shell.folder / "a b.png").read_bytes() == picture
+
+
+def test_kubernetes(shell):
+    """The containers' commands, each with its index, as an indexed job would run them; without containers."""
+    yaml = pytest.importorskip("yaml", reason="the Kubernetes template needs PyYAML: NOT checked")
+    shards, merge = yaml.safe_load_all((TEMPLATES / "kubernetes.yaml").read_text())
+    spec = shards["spec"]
+    assert spec["completionMode"] == "Indexed" and spec["podFailurePolicy"]["rules"][0]["onExitCodes"]["values"] == [2]
+    (container,) = spec["template"]["spec"]["containers"]
+    (merging,) = merge["spec"]["template"]["spec"]["containers"]
+    assert container["command"][-2:] == ["--shard", f"auto/{spec['completions']}"]
+    shutil.copy(Path(at.examples.__file__).parent / "mill.glb", shell.folder / "city.glb")
+    command = container["command"]
+    shell(*command[:-2])
+    whole = (shell.folder / "city.csv").read_bytes()
+    (shell.folder / "city.csv").unlink()
+    for i in range(spec["completions"]):
+        shell("env", f"JOB_COMPLETION_INDEX={i}", *command)
+    shell(*merging["command"])
+    assert (shell.folder / "city.csv").read_bytes() == whole
+
+
+def test_snakemake(shell, picture):
+    snakemake = shutil.which("snakemake") or shutil.which("snakemake", path=Path(sys.executable).parent)
+    if snakemake is None:
+        pytest.skip("no snakemake: pip install snakemake; the Snakefile is NOT checked")
+    words = 'render "procedural:atrium?triangles=2000" --size 48x70 --spp 4 -o "a b.png" --threads 1'
+    config = ("shards=2", "output=a b.png", f"command={words}")
+    shell(snakemake, "--snakefile", TEMPLATES / "Snakefile", "--cores", "1", "--config", *config)
     assert (shell.folder / "a b.png").read_bytes() == picture

@@ -1,4 +1,4 @@
-"""The exception raised for bad input."""
+"""The exceptions raised for bad input, and for what is unavailable for now."""
 
 import re
 
@@ -9,6 +9,16 @@ class InputError(ValueError):
     """Raised for unusable input, with a one-line message that names the problem and its cure.
 
     The command line prints the message without a traceback and exits with code 2.
+    """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(one_line(message))
+
+
+class UnavailableError(RuntimeError):
+    """Raised if a cluster is unreachable or has no free cores, with a one-line message: the same call may work later.
+
+    The command line prints the message without a traceback and exits with code 75, by which schedulers try again.
     """
 
     def __init__(self, message: str = "") -> None:

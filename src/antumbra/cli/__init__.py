@@ -18,6 +18,7 @@
 """
 
 import gc
+import os
 import sys
 
 from .interruption import catch_signals, set_working
@@ -26,7 +27,8 @@ from .interruption import catch_signals, set_working
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line on `arguments` (None: those of the process) and return the exit code.
 
-    0: success. 1: unexpected error. 2: unusable input. 128 and more: ended by a signal, 130 by Ctrl-C.
+    0: success. 1: unexpected error. 2: unusable input, which never works. 75: unavailable for now, so try again.
+    128 and more: ended by a signal, 130 by Ctrl-C.
     """
     if arguments is not None:
         return _run(arguments)
@@ -35,7 +37,9 @@ def main(arguments: list[str] | None = None) -> int:
     # them again and again would cost the garbage collector a sixth of the time of a small rendering.
     gc.set_threshold(200_000, 20, 20)
     try:
-        return _run(sys.argv[1:])
+        code = _run(sys.argv[1:])
+        _leave_ray(code)
+        return code
     finally:
         set_working(False)
 
@@ -45,3 +49,11 @@ def _run(arguments: list[str]) -> int:
     from .console import guarded
 
     return guarded(run, arguments)
+
+
+def _leave_ray(code: int) -> None:
+    """End the process here if Ray, whose cluster has lost its head, would not let it end with its exit code."""
+    executor = sys.modules.get("antumbra.cluster.ray_executor")
+    if executor is not None and executor.is_waiting_for_head():
+        sys.stdout.flush()
+        os._exit(code)

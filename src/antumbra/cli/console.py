@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 
 import typer
 
-from ..base.errors import InputError, one_line
+from ..base.errors import InputError, UnavailableError, one_line
 from ..base.progress import LOG, progress_listener, split_progress
 from ..picture.picture_records import plain
 from .interruption import interruption
@@ -311,6 +311,7 @@ def _logged() -> Iterator[None]:
 
 
 UNFORESEEN, BAD_INPUT, INTERRUPTED, NO_READER = 1, 2, 130, 141  # the last two: 128 + SIGINT, 128 + SIGPIPE
+TRY_AGAIN = 75  # EX_TEMPFAIL of sysexits.h
 
 # Typer does not export the base class of its usage errors, whose module depends on Typer's version.
 _UsageError: Any = typer.BadParameter.__mro__[1]
@@ -404,6 +405,8 @@ def explained(error: BaseException) -> tuple[str, int]:
         return "interrupted", INTERRUPTED
     if isinstance(error, InputError):
         return str(error), BAD_INPUT
+    if isinstance(error, UnavailableError):
+        return str(error), TRY_AGAIN
     if isinstance(error, _UsageError):
         context = getattr(error, "ctx", None)
         command = context.command_path if context else "antumbra"

@@ -158,11 +158,11 @@ def _nodes(address: str) -> list[dict[str, Any]]:
 
 def _node_text(node: dict[str, Any]) -> str:
     if "error" in node:
-        return f"{node['host']}: {node['error']}"
+        return f"{node['node']}: {node['error']}"
     memory = "" if node["memory"] is None else f"{node['memory']:.0f} GiB of memory, "
     kernels = f"{node['missing']} kernels missing" if node["missing"] else "all kernels compiled"
     disk = f"{node['room']:.0f} GiB of disk space"
-    return f"{node['host']}: {node['cores']} cores, {memory}{disk}, {node['antumbra']}, {kernels}"
+    return f"{node['node']}: {node['cores']} cores, {memory}{disk}, {node['antumbra']}, {kernels}"
 
 
 def _kernels() -> dict[str, Any]:

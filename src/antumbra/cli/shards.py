@@ -1,5 +1,6 @@
 """Work split among processes: the options --shard, --ray and --merge, shard folders, and ``antumbra merge``."""
 
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -25,8 +26,9 @@ ShardOption = Annotated[
     str | None,
     typer.Option(
         "--shard",
-        help="Do only shard I of N, 0 to N-1; other processes do the rest, and antumbra merge joins them.",
-        metavar="I/N",
+        help="Do only shard I of N, 0 to N-1; other processes do the rest, and antumbra merge joins them. auto or "
+        "auto/N: the scheduler's I, of SLURM arrays and indexed jobs of Kubernetes.",
+        metavar="I/N|auto",
         show_default=False,
     ),
 ]
@@ -43,7 +45,12 @@ MergeOption = Annotated[list[Path] | None, typer.Option("--merge", hidden=True)]
 
 _Arguments = TypeVar("_Arguments")
 
-_SHARD = re.compile(r"(\d{1,9})/(\d{1,9})")
+_SHARD = re.compile(r"(\d{1,9}|auto)/(\d{1,9})")
+_SCHEDULERS = (
+    ("SLURM_ARRAY_TASK_ID", "SLURM_ARRAY_TASK_COUNT", "SLURM_ARRAY_TASK_MIN"),
+    ("JOB_COMPLETION_INDEX", "", ""),
+)
+"""Variables of schedulers: the number of a task, the number of tasks, and the first task; empty: there is none."""
 _NUMBER = re.compile(r"[^0-9A-Za-z]*#+$")  # frame number at the end of a name
 _NEUTRAL = "--ray", "--shard", "--merge", "--threads", "--json", "--quiet"  # options that do not affect results
 
@@ -55,10 +62,36 @@ def parse_shard(text: str | None) -> "ShardIndex | None":
     if text is None:
         return None
     match = _SHARD.fullmatch(text.strip())
+    if text.strip() == "auto" or (match and match[1] == "auto"):
+        return ShardIndex(*_scheduled(match[2] if match else None))
     index, of = (int(n) for n in match.groups()) if match else (0, 0)
     if not index < of:
-        raise InputError(f"--shard is {text!r}; write I/N with 0 <= I < N, such as 0/4")
+        raise InputError(f"--shard is {text!r}; write I/N with 0 <= I < N, such as 0/4, or auto")
     return ShardIndex(index, of)
+
+
+def _scheduled(number: str | None) -> tuple[int, int]:
+    """(I, N) of this task of a scheduler; `number`: N, whose tasks count from 0. None: that of the scheduler."""
+    name, count, first = next((names for names in _SCHEDULERS if names[0] in os.environ), ("", "", ""))
+    if not name:
+        raise InputError(f"--shard is auto, and none of {', '.join(n for n, *_ in _SCHEDULERS)} is set; write I/N")
+    index, of = _variable(name), _variable(count) if number is None and count else int(number or 0)
+    if not of:
+        raise InputError(f"--shard is auto, and {name} has no number of tasks; write auto/N")
+    if number is None and first in os.environ:
+        index -= _variable(first)
+    if not 0 <= index < of:
+        raise InputError(
+            f"--shard is auto, and {name} is task {_variable(name)} of {of}; number the tasks 0 to {of - 1}"
+        )
+    return index, of
+
+
+def _variable(name: str) -> int:
+    value = os.environ.get(name, "")
+    if not value.isdecimal():
+        raise InputError(f"{name} is {value!r}; it must be a whole number")
+    return int(value)
 
 
 def shards_folder(output: Path) -> Path:
@@ -95,7 +128,8 @@ def executor_for(
 
         if share is not None:
             raise InputError("--ray splits the work itself; leave it or --shard out")
-        return Cluster(folder, args.ray, start, files_in(inputs), plan, (lambda line: None) if args.quiet else None)
+        say = (lambda line: None) if args.quiet else None
+        return Cluster(folder, args.ray, start, files_in(inputs), plan, say, "the same command resumes from there")
     return None if share is None else ShardExecutor(folder, share, command_words())
 
 

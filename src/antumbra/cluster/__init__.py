@@ -1,7 +1,9 @@
 """Work on a Ray cluster (``pip install 'antumbra[ray]'``).
 
 - `ray_executor`: the executor that distributes units over a cluster, and `run`, which calls a function with it
-- `ray_workers`: the worker of a node, the pool that assigns units to workers and replaces lost ones, and `survey`
+- `worker_pool`: the pool that assigns units to workers, watches them, and replaces lost ones
+- `ray_workers`: the worker of a node, the probe that precedes it, and `survey`
+- `own_stdout`: standard output without what Ray prints
 - `node_files`: the input files of some work on a node, opened by path or fetched
 """
 

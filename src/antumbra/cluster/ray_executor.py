@@ -1,34 +1,40 @@
 """The executor that distributes units over a Ray cluster, and `run`, which calls a function with it."""
 
+import atexit
 import inspect
 import os
 import re
 import socket
+import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from ..base.checks import path_of, quoted, text
-from ..base.errors import InputError
+from ..base.errors import InputError, UnavailableError
 from ..base.extras import import_extra
 from ..base.files import temporary_folder
 from ..base.progress import LOG
 from ..engine.scene_loading import load
 from ..work.executors import UnitCollector, Units, numbered
 from .node_files import files_in, input_of, with_files
+from .own_stdout import own_stdout
 
 # --- The executor -----------------------------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
-    from .ray_workers import Log, Prepare
+    from .ray_workers import Prepare
+    from .worker_pool import Log
 
 _STORE = 256 << 20  # bytes of the object store of a local cluster
-_TIMEOUT = 5.0  # seconds to connect to a head node
+_TIMEOUT = 5.0  # seconds in which a head node answers
+_ASKING = "asking the head of the cluster"  # name of a thread
 _HOST_PORT = re.compile(r"\[?([^\[\]]+)\]?:(\d{1,5})")  # HOST:PORT
 
 
@@ -41,6 +47,7 @@ class Cluster:
     inputs : the files that the work reads, by the names that `prepare` uses
     plan : plan whose kernels are compiled before the first unit
     say : function that prints a line for the user; None: logs it to ``antumbra``
+    resume : what an abnormal end tells the user about the parts that are done; empty: nothing, since they are lost
     """
 
     def __init__(
@@ -51,14 +58,16 @@ class Cluster:
         inputs: dict[str, Path],
         plan: str | None = None,
         say: Callable[[str], None] | None = None,
+        resume: str = "",
     ):
         import_extra("ray", "a cluster", "ray")
-        self.folder, self.address, self._say = folder, address, say or LOG.info
+        self.folder, self.address, self._say, self._resume = folder, address, say or LOG.warning, resume
         self._prepare, self._inputs, self._plan = prepare, inputs, plan
         self.log: Log | None = None  # of the last run
 
     def finish(self, work: Sequence[Units]) -> bool:
-        from .ray_workers import NodeWork, WorkerPool
+        from .ray_workers import NodeWork
+        from .worker_pool import WorkerPool
 
         todo = []
         for number, units, k in numbered(work):
@@ -71,9 +80,23 @@ class Cluster:
             node_work = NodeWork(self._prepare, inputs, self._plan, self.folder.name)
             with connected(self.address) as ray:
                 pool = WorkerPool(ray, work, node_work, self._say)
-                pool.do(todo)
                 self.log = pool.log
+                try:
+                    pool.do(todo)
+                except BaseException as error:
+                    total = sum(map(len, work))
+                    self._explain(error, f"{total - pool.n_missing} of {total} parts are done; {self._resume}")
+                    raise
         return True
+
+    def _explain(self, error: BaseException, state: str) -> None:
+        """Add to an abnormal end how to resume; what has no line for the user gets a line of its own."""
+        if not self._resume:
+            return
+        for kind in (InputError, UnavailableError):
+            if isinstance(error, kind):
+                raise kind(f"{error}; {state}") from error
+        self._say(f"note: {state}")
 
     def end(self, work: Sequence[Units]) -> None:
         for units in work:
@@ -84,50 +107,101 @@ class Cluster:
 def connected(address: str) -> Iterator[Any]:
     """The module ``ray``, connected to a cluster. An existing connection is reused and kept.
 
+    What Ray itself prints goes to standard error, since standard output may be JSON.
+
     Raises
     ------
     InputError
-        If Ray is missing, or there is no cluster at the address, even if a connection exists.
+        If Ray is missing, or no machine can reach the address, even if a connection exists.
+    UnavailableError
+        If nothing answers at the address.
     """
     ray = import_extra("ray", "a cluster", "ray")
     if "://" in address:
         raise InputError(f"--ray is {address!r}; run the command on a node of the cluster, with --ray auto")
-    if address not in ("auto", "local"):
+    if address != "local":
         _check_address(ray, address)
-    if ray.is_initialized():
-        yield ray
-        return
+    with own_stdout():
+        if ray.is_initialized():
+            yield ray
+            return
+        _connect(ray, address)
+        try:
+            yield ray
+        finally:
+            _disconnect(ray)
+
+
+def _connect(ray: Any, address: str) -> None:
     options: dict[str, Any] = {}
     if address == "local":
         options = {"num_cpus": os.cpu_count(), "include_dashboard": False, "object_store_memory": _STORE}
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     try:
         ray.init(address=address, log_to_driver=False, logging_level="ERROR", **options)
-    except (ConnectionError, ValueError, RuntimeError) as error:
+    except ConnectionError as error:
+        raise _unreachable(address, str(error)) from None
+    except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())[:160]
-        raise InputError(f"--ray {address}: cannot be reached ({reason}); look at: ray status") from None
-    try:
-        yield ray
-    finally:
+        raise InputError(f"--ray {address}: cannot be used ({reason}); look at: ray status") from None
+
+
+def _disconnect(ray: Any) -> None:
+    """Disconnect if the head answers. Otherwise Ray would wait for it without end, now or when the process exits."""
+    head = Thread(target=ray.nodes, name=_ASKING, daemon=True)
+    head.start()
+    head.join(_TIMEOUT)
+    if head.is_alive():
+        atexit.unregister(ray.shutdown)
+    else:
         ray.shutdown()
 
 
+def is_waiting_for_head() -> bool:
+    """Whether Ray still waits for a head that is lost. A process that ends regularly would then crash in Ray."""
+    return any(thread.name == _ASKING for thread in threading.enumerate())
+
+
+def _unreachable(address: str, reason: str) -> UnavailableError:
+    return UnavailableError(
+        f"--ray {address}: cannot be reached ({' '.join(reason.split())[:160]}); look at: ray status"
+    )
+
+
 def _check_address(ray: Any, address: str) -> None:
-    """Raise InputError unless HOST:PORT accepts connections. Ray itself retries for more than half a minute."""
-    match = _HOST_PORT.fullmatch(address.strip())
-    if match is None or not 0 < int(match[2]) < 65536:
-        raise InputError(f"--ray is {address!r}; write auto, local, or HOST:PORT of the head node")
-    hosts = [match[1]]
-    if match[1] in ("localhost", "127.0.0.1"):
-        hosts.append(ray.util.get_node_ip_address())  # as Ray resolves it
-    reason = ""
-    for host in hosts:
-        try:
-            socket.create_connection((host, int(match[2])), _TIMEOUT).close()
+    """Raise an error unless the head node accepts connections. Ray itself retries for more than half a minute.
+
+    Ray connects to the machine's own address where the head's is 127.0.0.1, and waits without end if only the latter
+    accepts connections.
+    """
+    given = address
+    if address == "auto":
+        with suppress(Exception):  # Ray has no public function that returns the address
+            given = ray._private.services.get_ray_address_from_environment("auto", None)
+        if given in ("auto", None):  # there is no cluster, as `_connect` finds
             return
-        except OSError as error:
-            reason = error.strerror or str(error)
-    raise InputError(f"--ray {address}: cannot be reached ({reason}); look at: ray status")
+    match = _HOST_PORT.fullmatch(given.strip())
+    if match is None or not 0 < int(match[2]) < 65536:
+        raise InputError(f"--ray is {given!r}; write auto, local, or HOST:PORT of the head node")
+    host, port = match[1], int(match[2])
+    is_loopback = host in ("localhost", "::1") or host.startswith("127.")
+    reason = _refusal(ray.util.get_node_ip_address() if is_loopback else host, port)
+    if reason and is_loopback and not _refusal(host, port):
+        raise InputError(
+            f"--ray {address}: the head listens on {host} alone, where no other machine can reach it; start it with "
+            "ray start --head --node-ip-address=ADDRESS"
+        )
+    if reason:
+        raise _unreachable(address, reason)
+
+
+def _refusal(host: str, port: int) -> str:
+    """Why a connection to a port is refused; empty if it is accepted."""
+    try:
+        socket.create_connection((host, port), _TIMEOUT).close()
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""
 
 
 # --- `run`, the Python counterpart of ``--ray`` -----------------------------------------------------------------------
@@ -158,7 +232,9 @@ def run(
     Raises
     ------
     InputError
-        If Ray is missing, there is no such cluster, or an argument is invalid.
+        If Ray is missing, or an argument is invalid.
+    UnavailableError
+        If there is no such cluster, it has no free cores, or it loses workers again and again.
 
     Examples
     --------
