@@ -34,6 +34,13 @@ SOURCED = re.compile(
 )
 
 
+def title_of(page: Path) -> str:
+    """The title of a page."""
+    heading = re.search(r"^# (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    assert heading is not None, page
+    return heading[1]
+
+
 class Source(NamedTuple):
     """A number in a document, and where it comes from."""
 

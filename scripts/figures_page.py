@@ -16,6 +16,8 @@ from pathlib import Path
 from statistics import geometric_mean, median
 from typing import Any, NamedTuple
 
+from document_numbers import title_of
+
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "docs" / "results"
 PAPERS = ROOT / "docs" / "papers" / "results"
@@ -78,9 +80,7 @@ def transcribed(part: str) -> Iterable[str]:
 # --- Speed ------------------------------------------------------------------------------------------------------------
 
 
-PEERS = """```{image} images/peers.svg
-:alt: Million shadow rays per second traced by Antumbra, Embree, Mitsuba and Open3D, in four scenes, two sizes of light
-```
+PEERS = """![Million shadow rays per second traced by Antumbra, Embree, Mitsuba and Open3D, in four scenes](images/peers.svg)
 
 Bars are medians over alternating rounds, on the same rays. Each peer runs in its best mode; Embree has up to 24,
 including packets and coherent streams. Peers trace rays made beforehand, while Antumbra's time includes making its own.
@@ -436,7 +436,8 @@ def papers() -> Iterable[str]:
         claim = f"{CLAIMS[path.stem](results)}; " if path.stem in CLAIMS else ""
         same = results.get("same_bits", results.get("same_answers"))
         answers = "all methods gave the same answers" if same else "**answers differ**"
-        yield f"- [](papers/{path.stem}.md): {claim}{answers}. {source(results['about'])}"
+        title = title_of(PAPERS.parent / f"{path.stem}.md")
+        yield f"- [{title}](papers/{path.stem}.md): {claim}{answers}. {source(results['about'])}"
 
 
 def scale() -> str:
@@ -572,7 +573,7 @@ def page() -> str:
         small_queries(),
     ]
     parts += [sun(), startup(), *transcribed("speed"), "## Devices\n", DEVICES, devices(), "## Wrong answers\n"]
-    parts += ["[](wrong-elsewhere.md) explains the cases of the first table.\n", *wrong(), sun_rays()]
+    parts += ["[Wrong elsewhere](wrong-elsewhere.md) explains the cases of the first table.\n", *wrong(), sun_rays()]
     parts += ["## Papers\n", "Each page has the tables of a paper beside ours.\n", "\n".join(papers()) + "\n"]
     parts += ["## Radiometry\n", *transcribed("radiometry"), "## Scale\n", scale(), *transcribed("scale")]
     return "\n".join(parts)

@@ -102,7 +102,8 @@ def objection(name: str, results: dict[str, Any]) -> str | None:
 def front(name: str) -> str:
     """The fixed beginning of a page: the paper, its idea (written by hand in ideas/), and its code."""
     paper = PAPERS[name]
-    note = f"[](../design/{paper.note}.md) explains the methods in full."
+    title = document_numbers.title_of(ROOT / "docs" / "design" / f"{paper.note}.md")
+    note = f"[{title}](../design/{paper.note}.md) explains the methods in full."
     links = f"{note} To repeat the measurements, run `antumbra bench {name}`."
     idea = f"```{{include}} ideas/{name}.md\n:relative-images:\n```"
     code = f"## The paper in code\n\n```{{paper-code}} {name.replace('-', '_')}\n```"

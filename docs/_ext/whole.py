@@ -17,7 +17,7 @@ from help import help_text
 NAME = "antumbra.md"
 PAPERS = Path(__file__).resolve().parents[1] / "papers"
 ROLE = re.compile(r"\{(?:func|class|meth|exc)\}(?=`)")
-BARE_LINK = re.compile(r"\[\]\(([^)\s]+)\)")
+PICTURE = re.compile(r"!\[([^]]*)\]\([^)]*\)")
 CARD = re.compile(r"^:(?:::.*|[\w-]+:.*)\n", re.MULTILINE)  # its fences and options; its text stays
 FENCE = re.compile(r"^```\{([\w-]+)\}(.*?)\n(.*?)^```\n?", re.MULTILINE | re.DOTALL)
 
@@ -27,7 +27,7 @@ def whole(pages: list[tuple[str, str]]) -> str:
     parts = ["# Antumbra: all pages\n"]
     for name, text in pages:
         text = CARD.sub("", re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
-        text = BARE_LINK.sub(r"[\1](\1)", ROLE.sub("", FENCE.sub(_written_out, text)))
+        text = PICTURE.sub(r"(Picture: \1)", ROLE.sub("", FENCE.sub(_written_out, text)))
         parts.append(f"<!-- {name}.html -->\n\n{text.strip()}\n")
     return "\n".join(parts)
 

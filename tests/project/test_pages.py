@@ -162,14 +162,32 @@ def test_generated_tables_list_the_registries(extension):
 
 def test_all_pages_in_one_file_write_out_what_is_generated(extension):
     pages = [
-        ("a", "# A\n```{image} x.png\n:alt: A cat\n```\n<!-- no -->\n```python\nx = 1\n```\n[](b.md), {func}`at.f`\n"),
+        (
+            "a",
+            "# A\n```{image} x.png\n:alt: A cat\n```\n![A dog](y.png)\n<!-- no -->\n```python\nx = 1\n```\n"
+            "[B](b.md), {func}`at.f`\n",
+        ),
         (
             "b",
             "```{command-help} plans\n```\n```{eval-rst}\n.. autoclass:: antumbra.Place\n```\n```{toctree}\na\n```\n",
         ),
     ]
     text = extension("whole").whole(pages)
-    assert "[b.md](b.md), `at.f`" in text and "antumbra.Place(latitude, longitude, " in text
-    assert "(Picture: A cat)" in text and "x = 1" in text and "<!-- no -->" not in text
+    assert "[B](b.md), `at.f`" in text and "antumbra.Place(latitude, longitude, " in text
+    assert "(Picture: A cat)" in text and "(Picture: A dog)" in text and "x = 1" in text and "<!-- no -->" not in text
     assert "Usage: antumbra plans" in text and "latitude" in text and "{" not in text.partition("b.html")[0]
     assert text.index("<!-- a.html -->") < text.index("<!-- b.html -->")
+
+
+def test_pages_linked_from_the_readme_are_plain_markdown():
+    """They are also read without the site, which alone knows directives, roles and links without a text."""
+    linked = sorted(set(re.findall(r"\]\((docs/[\w/-]+\.md)", (ROOT / "README.md").read_text(encoding="utf-8"))))
+    assert len(linked) > 15
+    for page in [ROOT / name for name in linked]:
+        text = page.read_text(encoding="utf-8")
+        assert not re.search(r"\[\]\(|^`{3,}\{|^:{3,}|\{[a-z:]+\}`", text, re.MULTILINE), page
+
+
+def test_links_have_texts():
+    for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]:
+        assert "_build" in page.parts or "[](" not in page.read_text(encoding="utf-8"), page
