@@ -95,7 +95,7 @@ def ask(cli, output, path):
     """Run a command with an output. Its scene is missing, so that another error shows that work began."""
     given = SCENES.get(output.words[0], [])
     if output.words[0] in ("bake", "dataset") and output.name != "output":
-        given = [*given, "--output", "unused"]
+        given = [*given, "--output", "unused.glb" if output.words[0] == "bake" else "unused"]
     return cli(*output.words, *given, output.option, path)
 
 

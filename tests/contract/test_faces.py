@@ -41,6 +41,8 @@ PLUMBING = {
     "of_data",  # of a scene
     "shadows", "queries", "accelerated", "frame_tracer", "segment_hits",  # of an Engine, for jobs and pictures
     "of", "moved_off", "seeing_all_around", "take",  # of Receivers, for jobs
+    "block",  # of Sensors, for jobs
+    "blocks", "whole",  # of a Table, for files
     "reshaped",  # of a Visibility
     "exposed", "state",  # of a SceneChange, for commands
     "middles", "places",  # of a Raster, for sensors
@@ -102,6 +104,7 @@ def _of_faces(scene, stored: bool) -> dict[str, Example]:
     return {
         "camera": ex(scene.camera, works=False),
         "light": ex(scene.light, works=False),
+        "page": ex(scene.page, works=not stored),
         "clamped": ex(scene.clamped, time=0.0),
         "default_camera": ex(scene.default_camera),
         "default_light": ex(scene.default_light),
@@ -208,6 +211,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "Sensors.on_raster": ex(at.raster_sensors(own, 9.0).on_raster, values=[1.0]),
         "Table": ex(at.Table, sensors=sensors, columns=table.columns),
         "Table.of_faces": ex(table.of_faces, name="seen"),
+        "Table.page": ex(table.page, path=folder / "table.html"),
         "Table.rows": ex(table.rows),
         "Table.save": ex(table.save, path=folder / "table.csv"),
         "Table.save_map": ex(table.save_map, path=folder / "map.pdf"),
@@ -234,6 +238,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "changed_scene": ex(at.changed_scene, scene=own, add=own, remove=[]),
         "before_and_after": ex(at.before_and_after, before=table, after=table),
         "bake": ex(at.bake, scene=own, output=folder / "baked.glb", **quick),
+        "Baked.page": ex(at.bake(own, folder / "shown.glb", **quick).page, path=folder / "baked.html"),
         "build_store": ex(at.build_store, scenes=own, path=folder / "made.antumbra"),
         "dataset": ex(at.dataset, scene=own, folder=folder / "set", size=(4, 4), overwrite=True, **quick),
         "face_sensors": ex(at.face_sensors, scene=own),
@@ -275,6 +280,7 @@ def examples(folder: Path) -> dict[str, Example]:
         "shadow": ex(at.shadow, scene=own, **moment),
         "shadow.of_days": ex(at.shadow, scene=own, days=days, step=360, place=PLACE),
         "Shadow.frame": ex(shadow.frame),
+        "Shadow.page": ex(shadow.page, path=folder / "shadow.html"),
         "Shadow.save_map": ex(shadow.save_map, path=folder / "shadow.pdf"),
         "Shadow.save": ex(shadow.save, path=folder / "shadow.gpkg"),
         "skyline": ex(at.skyline, scene=own, points=points, step=30.0),
@@ -415,7 +421,9 @@ def refusal(example: Example, parameter: str, value) -> str | None:
 def test_wrong_values_are_refused(known, name):
     refused = 0
     for key, example in of_name(known, name).items():
-        for parameter in inspect.signature(example.call).parameters:
+        for parameter, declared in inspect.signature(example.call).parameters.items():
+            if declared.kind is declared.VAR_KEYWORD:
+                continue  # Python itself refuses a name that is unknown
             taken = set[type]()  # kinds of values; of those that a parameter takes, one is enough
             for value in wrong_values():
                 if type(value) in taken:

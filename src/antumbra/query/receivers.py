@@ -293,7 +293,7 @@ def _points(values: ArrayLike) -> np.ndarray:
 
 def _in_frame(points: np.ndarray, frame: ArrayLike) -> NDArray[np.float32]:
     """(n, 3) float32, finite, in the scene's frame."""
-    origin = frame if type(frame) is np.ndarray else as_array(frame, "frame")
+    origin = frame if type(frame) is np.ndarray and frame.dtype.char == "d" else as_array(frame, "frame")
     if origin.shape != (3,):
         raise InputError(f"frame must have shape (3,), not {origin.shape}; pass Scene.origin")
     local = points.astype(np.float64, copy=False).reshape(-1, 3) - origin

@@ -6,14 +6,14 @@ from datetime import date, datetime, time
 from html import escape
 from pathlib import Path
 
-from ..base.checks import quoted
+from ..base.checks import checked_instance, choice, quoted, text
 from ..base.errors import InputError
 from ..base.files import atomic_output, checked_output
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
 from ..scene.camera import Camera
 from ..sun.location import Place, place_of
-from .page_export import PageOptions, page_html
+from .page_export import LANGUAGES, PageOptions, page_html
 from .value_layer import ValueLayer
 
 NOON = time(14)
@@ -57,6 +57,11 @@ def make_page(
 
     layer : numbers that the surfaces show as colours
     """
+    text(credits, "credits")
+    choice(language, "language", LANGUAGES)
+    for value, kind, name in (title, str, "title"), (place, Place, "place"), (camera, Camera, "camera"):
+        if value is not None:
+            checked_instance(value, kind, name)
     shown: AnyScene = scene_of(scene)
     target = None if path is None else checked_output(path, (".html",))
     place = place_of(shown) if place is None else place

@@ -106,7 +106,7 @@ def test_names_that_are_taken_are_changed(points):
     assert list(again.rows()) == ["x", "y", "z", "X_given", "x_given_given", "Geometry_given"]
 
 
-@pytest.mark.parametrize("suffix", [suffix for suffix in WRITERS if suffix not in (".tif", ".png", ".glb")])
+@pytest.mark.parametrize("suffix", [suffix for suffix in WRITERS if suffix not in (".tif", ".png", ".glb", ".html")])
 def test_every_table_format_has_them(suffix, points, tmp_path):
     sensors = read_points(points)
     path = tmp_path / f"out{suffix}"
