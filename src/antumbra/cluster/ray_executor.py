@@ -5,9 +5,10 @@ import inspect
 import os
 import re
 import socket
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, redirect_stdout, suppress
 from functools import partial
 from importlib import import_module
 from os import PathLike
@@ -154,7 +155,8 @@ def _disconnect(ray: Any) -> None:
     if head.is_alive():
         atexit.unregister(ray.shutdown)
     else:
-        ray.shutdown()
+        with redirect_stdout(sys.stderr):  # Ray prints messages that it has held back
+            ray.shutdown()
 
 
 def is_waiting_for_head() -> bool:
