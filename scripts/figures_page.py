@@ -80,7 +80,7 @@ def transcribed(part: str) -> Iterable[str]:
 # --- Speed ------------------------------------------------------------------------------------------------------------
 
 
-PEERS = """![Million shadow rays per second: Antumbra, Embree, Mitsuba and Open3D, in four scenes](images/peers.svg)
+PEERS = """![Million shadow rays per second: Antumbra, Embree and Mitsuba, in four scenes](images/peers.svg)
 
 Bars are medians over alternating rounds, on the same rays. Each peer runs in its best mode; Embree has up to 24,
 including packets and coherent streams. Peers trace rays made beforehand, while Antumbra's time includes making its own.
