@@ -223,13 +223,15 @@ def small_queries() -> str:
 
 
 def small_soft_shadows(results: dict[str, Any]) -> str:
-    families, rows = ("antumbra", "embree", "mitsuba", "open3d"), []
+    families = list(dict.fromkeys(row["family"].partition(" ")[0] for row in results["rows"]))
+    rows = []
     for one in where(results["rows"], family="antumbra"):
-        peers = where(results["rows"], scene=one["scene"], light=one["light"])
-        best = (max((r["mrays"] for r in peers if r["family"] == each), default=0.0) for each in families)
-        rows.append([one["scene"], one["light"], *(f"{rate:.1f}" if rate else "" for rate in best)])
+        case = where(results["rows"], scene=one["scene"], light=one["light"])
+        rates = {name: [r["mrays"] for r in case if r["family"].startswith(name)] for name in families}
+        rows.append([one["scene"], one["light"], *(f"{max(some):.1f}" if some else "" for some in rates.values())])
     title = "Soft shadows in small images, 512 x 512, plan `bsah+auto`: million rays per second"
-    return table(title, results["machine"], ["scene", "light", "Antumbra", "Embree", "Mitsuba", "Open3D"], rows)
+    columns = ["scene", "light", *(name.capitalize() for name in families)]
+    return table(title, results["machine"], columns, rows)
 
 
 def rays_in_arrays(results: dict[str, Any]) -> str:
