@@ -12,15 +12,17 @@ from datetime import datetime
 from html import escape
 from pathlib import Path
 from string import Template
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..base.files import atomic_output, temporary_folder
-from ..engine.scene import AnyScene
+from ..city.changes.scene_changes import SceneChange
+from ..engine.scene import AnyScene, Scene
 from ..scene.camera import Camera
+from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..sun.location import Place
 from ..version import VERSION
@@ -77,6 +79,13 @@ class Columns:
         stream = zlib.compressobj(9)
         return base64.b64encode(b"".join([*map(stream.compress, self._parts), stream.flush()]))
 
+    def digest(self) -> str:
+        """SHA-256 of all columns, in hexadecimal."""
+        digest = hashlib.sha256()
+        for part in self._parts:
+            digest.update(part)
+        return digest.hexdigest()
+
 
 def _add_geometry(columns: Columns, triangles: Triangles, objects: NDArray[np.int32]) -> None:
     """Distinct vertices, indices, colours and objects of faces."""
@@ -100,8 +109,8 @@ def _distinct(rows: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[n
     return rows[first[order]], rank[inverse.ravel()]
 
 
-def _add_proof(columns: Columns, scene: AnyScene, triangles: Triangles) -> None:
-    """Rays to vertices, edges and anywhere, with the answers of the scene here."""
+def _add_proof(columns: Columns, scenes: dict[str, AnyScene], triangles: Triangles) -> None:
+    """Rays to vertices, edges and anywhere, with the answers of scenes here; their keys end the columns' names."""
     generator = np.random.default_rng(20)
     corners = triangles.vertices.reshape(-1, 3)
     lower, upper = corners.min(0).astype(np.float64), corners.max(0).astype(np.float64)
@@ -114,14 +123,35 @@ def _add_proof(columns: Columns, scene: AnyScene, triangles: Triangles) -> None:
     directions[::5] = generator.normal(size=directions[::5].shape)
     directions[(directions == 0).all(1)] = 1.0
     world = origins.astype(np.float64) + triangles.origin
-    hits = scene.closest_hit(world, directions.astype(np.float64))
     columns.add("origins", (world - triangles.origin).astype(np.float32))
     columns.add("directions", directions)
-    columns.add("blocked", scene.occluded(world, directions.astype(np.float64)))
     rows = np.full(int(triangles.face_id.max()) + 1, -1, np.int32)
     rows[triangles.face_id] = np.arange(len(triangles.face_id), dtype=np.int32)
-    columns.add("faces", np.where(hits.face < 0, np.int32(-1), rows[hits.face]).astype(np.int32))
-    columns.add("distances", hits.t.astype(np.float64))
+    for state, scene in scenes.items():
+        hits = scene.closest_hit(world, directions.astype(np.float64))
+        columns.add(f"blocked{state}", scene.occluded(world, directions.astype(np.float64)))
+        columns.add(f"faces{state}", np.where(hits.face < 0, np.int32(-1), rows[hits.face]).astype(np.int32))
+        columns.add(f"distances{state}", hits.t.astype(np.float64))
+
+
+# --- Both states of a scene that changes ------------------------------------------------------------------------------
+
+
+def _hidden(scene: Scene) -> NDArray[np.bool_]:
+    """(n,) bool: the faces that a state lacks."""
+    data = cast(MemoryData, scene.data)
+    return np.zeros(data.n_triangles, bool) if data.hidden is None else data.hidden
+
+
+def _whole(change: SceneChange) -> Scene:
+    """The scene with the faces of both states."""
+    absent = _hidden(change.before) & _hidden(change.after)
+    return Scene.of_data(cast(MemoryData, change.after.data).hiding(absent))
+
+
+def _add_states(columns: Columns, change: SceneChange) -> None:
+    """The states that have each face: 1 before, 2 after, 3 both."""
+    columns.add("states", (~_hidden(change.before) + 2 * ~_hidden(change.after)).astype(np.uint8))
 
 
 # --- The page ---------------------------------------------------------------------------------------------------------
@@ -145,7 +175,12 @@ def check_scene(scene: AnyScene) -> None:
 
 
 def write_page(
-    scene: AnyScene, path: Path, options: PageOptions, camera: Camera | None = None, time: float = 0.0
+    scene: AnyScene,
+    path: Path,
+    options: PageOptions,
+    camera: Camera | None = None,
+    time: float = 0.0,
+    change: SceneChange | None = None,
 ) -> PageReport:
     """Write a scene as one HTML file that needs nothing else.
 
@@ -158,6 +193,8 @@ def write_page(
         The view that the page opens with, perspective. None: the scene's default view.
     time : float
         Seconds into the animation. Pages do not move.
+    change : SceneChange or None
+        The states before and after of a scene, between which the page has a divider; `scene` is the one after.
 
     Raises
     ------
@@ -168,20 +205,28 @@ def write_page(
     check_scene(scene)
     if options.language not in LANGUAGES:
         raise InputError(f"language is {options.language!r}; choose {' or '.join(LANGUAGES)}")
-    triangles = scene.triangles(time)
+    scenes = {"": scene} if change is None else {"Before": change.before, "": change.after}
+    whole = scene if change is None else _whole(change)
+    triangles = whole.triangles(time)
     columns = Columns()
-    _add_geometry(columns, triangles, scene.data.object_of_face)
-    _add_proof(columns, scene, triangles)
+    _add_geometry(columns, triangles, whole.data.object_of_face)
+    _add_proof(columns, scenes, triangles)
+    if change is not None:
+        _add_states(columns, change)
     wasm, kernels = _kernels()
     columns.add("wasm", np.frombuffer(wasm, np.uint8))
-    digest = scene_digest(scene, time)
+    digests = [scene_digest(each, time) for each in scenes.values()]
     view = camera or scene.default_camera(1280, 800, time=time)
-    names = [each.parent or each.name for each in scene.objects]
+    names = [each.parent or each.name for each in whole.objects]
+    shown = int(len(triangles.vertices) if change is None else (~_hidden(cast(Scene, whole))).sum())
     about = {
         "version": VERSION,
-        "digest": digest[:12],
-        "triangles": len(triangles.vertices),
+        "digest": " / ".join(each[:12] for each in digests),
+        "bytes": columns.digest(),
+        "changes": change is not None,
+        "triangles": shown,
         "up": scene.up,
+        "unit": scene.unit.name,
         "metres": scene.unit.metres,
         "camera": _orbit_of(scene, triangles, view),
         "place": None if options.place is None else options.place._asdict(),
@@ -195,7 +240,7 @@ def write_page(
     html = _html(about, columns.packed().decode(), options)
     with atomic_output(path) as temporary:
         temporary.write_bytes(html)
-    return PageReport(len(triangles.vertices), len(html), digest)
+    return PageReport(shown, len(html), digests[-1])
 
 
 def _kernels() -> tuple[bytes, dict[str, Any]]:

@@ -84,6 +84,20 @@ export function duration(hours) {
 }
 
 /**
+ * Whether a point is in the sun that is shown.
+ * @param {any} found
+ * @param {number | null} altitude of the sun, degrees
+ * @param {Words} words
+ * @param {(face: number) => string} nameOf an object, or ""
+ */
+export function nowOf(found, altitude, words, nameOf) {
+  if (altitude === null || altitude <= 0) return words.atNight;
+  if (found.now === SEEN) return words.inSun;
+  if (found.now === BLOCKED) return fill(words.inShadow, { blocker: nameOf(found.nowBlocker) || words.something });
+  return words.behind;
+}
+
+/**
  * What a worker found at a point, as a sentence.
  * @param {any} found
  * @param {{place: Place, day: Day} | null} when null: without a place, only the sun that is shown
@@ -94,11 +108,7 @@ export function duration(hours) {
 export function sentenceOf(found, when, sunNow, words, nameOf) {
   if (!found) return words.nothing;
   const name = (/** @type {number} */ face) => nameOf(face) || words.something;
-  const parts = [];
-  if (sunNow === null || sunNow <= 0) parts.push(words.atNight);
-  else if (found.now === SEEN) parts.push(words.inSun);
-  else if (found.now === BLOCKED) parts.push(fill(words.inShadow, { blocker: name(found.nowBlocker) }));
-  else parts.push(words.behind);
+  const parts = [nowOf(found, sunNow, words, nameOf)];
   if (when) {
     const { place, day } = when;
     const all = spansOf(day, found.states, found.blockers);

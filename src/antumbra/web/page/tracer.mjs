@@ -22,7 +22,11 @@ const AMBIENT = 0.12;
  *   radius: number, daylight: number}} Band
  */
 
-/** @typedef {{origin: number[], direction: number[], suns: Float64Array, now: number[] | null}} Question */
+/** A place on a face, and the normal on the side that is asked about. */
+/** @typedef {{face: number, point: number[], normal: number[]}} Spot */
+
+/** `at`: the place to ask about instead of the one that the ray meets. */
+/** @typedef {{origin: number[], direction: number[], suns: Float64Array, now: number[] | null, at?: Spot}} Question */
 
 export class Tracer {
   /**
@@ -143,19 +147,30 @@ export class Tracer {
    * 0 behind the surface, 1 seen, 2 blocked.
    * @param {Question} question
    */
-  ask({ origin, direction, suns, now }) {
-    const hit = this.scene.closestHit(Float32Array.from(origin), Float32Array.from(direction));
-    const face = hit.face[0];
-    if (face < 0) return null;
-    const flat = this.normal(face);
-    const side = flat.reduce((sum, n, k) => sum + n * direction[k], 0) > 0 ? -1 : 1;
-    const normal = flat.map((n) => side * n);
-    const point = origin.map((o, k) => o + hit.t[0] * direction[k]);
+  ask({ origin, direction, suns, now, at: given }) {
+    const spot = given ?? this.#spot(origin, direction);
+    if (!spot) return null;
+    const { face, point, normal } = spot;
     const start = receiver(point, normal);
     const states = this.#states(start, normal, face, suns);
     const at = now ? this.#states(start, normal, face, Float64Array.from(now)) : null;
     const sky = this.#sky(start, normal, face);
     return { face, point, normal, ...states, now: at?.states[0], nowBlocker: at?.blockers[0], sky };
+  }
+
+  /**
+   * The place that a ray meets.
+   * @param {number[]} origin
+   * @param {number[]} direction
+   * @returns {Spot | null}
+   */
+  #spot(origin, direction) {
+    const hit = this.scene.closestHit(Float32Array.from(origin), Float32Array.from(direction));
+    const face = hit.face[0];
+    if (face < 0) return null;
+    const flat = this.normal(face);
+    const side = flat.reduce((sum, n, k) => sum + n * direction[k], 0) > 0 ? -1 : 1;
+    return { face, point: origin.map((o, k) => o + hit.t[0] * direction[k]), normal: flat.map((n) => side * n) };
   }
 
   /**

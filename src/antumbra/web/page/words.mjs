@@ -1,87 +1,126 @@
 // @ts-check
-/** All words of the page, by language. */
+/** All words of the page: a row for each phrase, a column for each language. */
 
-/** @typedef {typeof EN} Words */
+const LANGUAGES = ["en", "de"];
 
-const EN = {
-  unpacking: "Unpacking the scene",
-  building: "Preparing the rays",
-  failed: "This page could not be opened: {reason}",
-  old: "This browser is too old for the page: it has no {missing}. Any browser from 2023 on has.",
-  picture: "Picture of the scene. Arrow keys turn it, with Shift they move it, + and - zoom, Enter asks at the centre.",
-  date: "Date",
-  time: "Time",
-  play: "Play the day",
-  stop: "Stop",
-  bearing: "Direction of the sun",
-  height: "Height of the sun",
-  sunAt: "Sun {altitude}° high, direction {azimuth}°",
-  night: "The sun is below the horizon",
-  hint: "Click a place to ask when it has sun.",
-  nothing: "There is no surface here.",
-  inSun: "In the sun.",
-  inShadow: "In the shadow of {blocker}.",
-  behind: "Turned away from the sun.",
-  atNight: "The sun is below the horizon.",
-  hours: "{hours} of sun on this day",
-  hoursBlocked: "{hours} of sun on this day, blocked {spans}",
-  span: "{from} to {to} by {blocker}",
-  sky: "Sees {share} % of the sky.",
-  something: "the scene itself",
-  day: "The day at this place: {sentence}",
-  proofRunning: "Checking bits",
-  proved: "Same bits as Antumbra {version}: {n} of {n} rays",
-  wrong: "WARNING: {wrong} of {n} rays differ from Antumbra {version} on this device. Do not rely on this page.",
-  samples: "{n} of {all} samples",
-  north: "North",
-  scale: "Scale at the centre of the picture",
-  scene: "{triangles} triangles, scene {digest}",
-  help: "Drag to turn, right button or two fingers to move, wheel or pinch to zoom.",
-  controls: "Sun",
-};
+const TABLE = {
+  // opening, and what can go wrong
+  unpacking: ["Unpacking the scene", "Die Szene wird entpackt"],
+  building: ["Preparing the rays", "Die Strahlen werden vorbereitet"],
+  failed: ["This page could not be opened: {reason}", "Diese Seite lässt sich nicht öffnen: {reason}"],
+  old: [
+    "This browser is too old for the page: it has no {missing}. Any browser from 2023 on has.",
+    "Dieser Browser ist zu alt für die Seite: ihm fehlt {missing}. Browser ab 2023 haben es.",
+  ],
+  memory: [
+    "This device has too little memory for the scene, which has {triangles} triangles. Close other pages, or open it on a computer.",
+    "Dieses Gerät hat zu wenig Speicher für die Szene mit {triangles} Dreiecken. Andere Seiten schließen, oder die Seite an einem Computer öffnen.",
+  ],
+  damaged: [
+    "The file is damaged. Copy it again from its source.",
+    "Die Datei ist beschädigt. Bitte erneut von der Quelle kopieren.",
+  ],
 
-/** @type {Words} */
-const DE = {
-  unpacking: "Die Szene wird entpackt",
-  building: "Die Strahlen werden vorbereitet",
-  failed: "Diese Seite lässt sich nicht öffnen: {reason}",
-  old: "Dieser Browser ist zu alt für die Seite: ihm fehlt {missing}. Browser ab 2023 haben es.",
-  picture:
+  // picture and tools
+  picture: [
+    "Picture of the scene. Arrow keys turn it, with Shift they move it, + and - zoom, Enter asks at the centre.",
     "Bild der Szene. Pfeiltasten drehen sie, mit Umschalttaste verschieben sie, + und - zoomen, Eingabe fragt in der Bildmitte.",
-  date: "Datum",
-  time: "Uhrzeit",
-  play: "Tag abspielen",
-  stop: "Anhalten",
-  bearing: "Richtung der Sonne",
-  height: "Höhe der Sonne",
-  sunAt: "Sonne {altitude}° hoch, Richtung {azimuth}°",
-  night: "Die Sonne steht unter dem Horizont",
-  hint: "Auf eine Stelle klicken, um zu fragen, wann dort Sonne ist.",
-  nothing: "Hier ist keine Fläche.",
-  inSun: "In der Sonne.",
-  inShadow: "Im Schatten von {blocker}.",
-  behind: "Von der Sonne abgewandt.",
-  atNight: "Die Sonne steht unter dem Horizont.",
-  hours: "{hours} Sonne an diesem Tag",
-  hoursBlocked: "{hours} Sonne an diesem Tag, verdeckt {spans}",
-  span: "{from} bis {to} von {blocker}",
-  sky: "Sieht {share} % des Himmels.",
-  something: "der Szene selbst",
-  day: "Der Tag an dieser Stelle: {sentence}",
-  proofRunning: "Bits werden geprüft",
-  proved: "Dieselben Bits wie Antumbra {version}: {n} von {n} Strahlen",
-  wrong:
+  ],
+  help: [
+    "Drag to turn, right button or two fingers to move, wheel or pinch to zoom.",
+    "Ziehen dreht, rechte Taste oder zwei Finger verschieben, Rad oder Spreizen zoomt.",
+  ],
+  tools: ["View", "Ansicht"],
+  reset: ["Reset view", "Zurücksetzen"],
+  resetDone: ["The first view is shown.", "Die erste Ansicht ist zu sehen."],
+  link: ["Copy link", "Link kopieren"],
+  linkCopied: ["A link to this view is copied.", "Ein Link zu dieser Ansicht ist kopiert."],
+  linkShown: ["The address bar has the link to this view.", "Der Link zu dieser Ansicht steht in der Adresszeile."],
+  linkWrong: [
+    "The link has no view of this page; the first view is shown.",
+    "Der Link hat keine Ansicht dieser Seite; die erste Ansicht ist zu sehen.",
+  ],
+  save: ["Save picture", "Bild speichern"],
+  saved: ["The picture is saved as {name}.", "Das Bild ist als {name} gespeichert."],
+  north: ["North", "Norden"],
+  scale: ["Scale at the centre of the picture", "Maßstab in der Bildmitte"],
+  samples: ["{n} of {all} samples", "{n} von {all} Abtastungen"],
+
+  // sun
+  controls: ["Sun", "Sonne"],
+  date: ["Date", "Datum"],
+  time: ["Time", "Uhrzeit"],
+  play: ["Play the day", "Tag abspielen"],
+  stop: ["Stop", "Anhalten"],
+  bearing: ["Direction of the sun", "Richtung der Sonne"],
+  height: ["Height of the sun", "Höhe der Sonne"],
+  sunAt: ["Sun {altitude}° high, direction {azimuth}°", "Sonne {altitude}° hoch, Richtung {azimuth}°"],
+  night: ["The sun is below the horizon", "Die Sonne steht unter dem Horizont"],
+
+  // answers
+  hint: ["Click a place to ask when it has sun.", "Auf eine Stelle klicken, um zu fragen, wann dort Sonne ist."],
+  nothing: ["There is no surface here.", "Hier ist keine Fläche."],
+  inSun: ["In the sun.", "In der Sonne."],
+  inShadow: ["In the shadow of {blocker}.", "Im Schatten von {blocker}."],
+  behind: ["Turned away from the sun.", "Von der Sonne abgewandt."],
+  atNight: ["The sun is below the horizon.", "Die Sonne steht unter dem Horizont."],
+  hours: ["{hours} of sun on this day", "{hours} Sonne an diesem Tag"],
+  hoursBlocked: ["{hours} of sun on this day, blocked {spans}", "{hours} Sonne an diesem Tag, verdeckt {spans}"],
+  span: ["{from} to {to} by {blocker}", "{from} bis {to} von {blocker}"],
+  sky: ["Sees {share} % of the sky.", "Sieht {share} % des Himmels."],
+  something: ["the scene itself", "der Szene selbst"],
+  day: ["The day at this place: {sentence}", "Der Tag an dieser Stelle: {sentence}"],
+
+  // before and after
+  before: ["Before", "Vorher"],
+  after: ["After", "Nachher"],
+  divider: ["Divider between before and after", "Trennlinie zwischen vorher und nachher"],
+  dividerAt: ["{before} % before, {after} % after", "{before} % vorher, {after} % nachher"],
+  notBefore: ["Before, this surface does not exist.", "Vorher gibt es diese Fläche nicht."],
+  notAfter: ["After, this surface does not exist.", "Nachher gibt es diese Fläche nicht."],
+  lost: [
+    "Before {before} of sun, after {after}: {change} less.",
+    "Vorher {before} Sonne, nachher {after}: {change} weniger.",
+  ],
+  gained: [
+    "Before {before} of sun, after {after}: {change} more.",
+    "Vorher {before} Sonne, nachher {after}: {change} mehr.",
+  ],
+  same: ["{after} of sun before and after.", "Vorher und nachher {after} Sonne."],
+  sunStates: ["Before: {before} After: {after}", "Vorher: {before} Nachher: {after}"],
+
+  // proof
+  scene: ["{triangles} triangles, scene {digest}", "{triangles} Dreiecke, Szene {digest}"],
+  proofRunning: ["Checking bits", "Bits werden geprüft"],
+  proved: [
+    "Same bits as Antumbra {version}: {n} of {n} rays, scene unaltered",
+    "Dieselben Bits wie Antumbra {version}: {n} von {n} Strahlen, Szene unverändert",
+  ],
+  provedRays: [
+    "Same bits as Antumbra {version}: {n} of {n} rays; this browser cannot check the digest",
+    "Dieselben Bits wie Antumbra {version}: {n} von {n} Strahlen; die Prüfsumme kann dieser Browser nicht prüfen",
+  ],
+  wrong: [
+    "WARNING: {wrong} of {n} rays differ from Antumbra {version} on this device. Do not rely on this page.",
     "WARNUNG: {wrong} von {n} Strahlen weichen auf diesem Gerät von Antumbra {version} ab. Die Seite ist hier unzuverlässig.",
-  samples: "{n} von {all} Abtastungen",
-  north: "Norden",
-  scale: "Maßstab in der Bildmitte",
-  scene: "{triangles} Dreiecke, Szene {digest}",
-  help: "Ziehen dreht, rechte Taste oder zwei Finger verschieben, Rad oder Spreizen zoomt.",
-  controls: "Sonne",
+  ],
+  altered: [
+    "WARNING: the scene differs from the one that Antumbra {version} wrote into this page. Do not rely on this page.",
+    "WARNUNG: Die Szene ist nicht die, die Antumbra {version} in diese Seite geschrieben hat. Die Seite ist unzuverlässig.",
+  ],
 };
 
-/** @type {Record<string, Words>} */
-export const WORDS = { en: EN, de: DE };
+/** @typedef {Record<keyof typeof TABLE, string>} Words */
+
+/** The phrases of each language, by name. */
+export const WORDS = /** @type {Record<string, Words>} */ (
+  Object.fromEntries(
+    LANGUAGES.map((language, column) => [
+      language,
+      Object.fromEntries(Object.entries(TABLE).map(([name, row]) => [name, row[column]])),
+    ]),
+  )
+);
 
 /**
  * A phrase with its gaps filled.
