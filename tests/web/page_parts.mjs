@@ -7,12 +7,22 @@ const { sunAngles } = await import(pathToFileURL(`${modules}/../module/sun_posit
 const { offsetAt, midnight, daysAfter } = await import(pathToFileURL(`${modules}/sun.mjs`));
 const { unpack } = await import(pathToFileURL(`${modules}/unpack.mjs`));
 const { WORDS } = await import(pathToFileURL(`${modules}/words.mjs`));
+const { reasonOf } = await import(pathToFileURL(`${modules}/checks.mjs`));
+const { scaleBar } = await import(pathToFileURL(`${modules}/scale.mjs`));
+const { textOf, viewOf } = await import(pathToFileURL(`${modules}/tools.mjs`));
 
 const calls = {
   angles: ({ place, seconds }) => seconds.map((second) => Object.values(sunAngles(place, second))),
   offsets: ({ place, seconds }) => seconds.map((second) => offsetAt(place, second)),
   midnights: ({ place, days }) => days.map((day) => [midnight(place, day), midnight(place, daysAfter(day, 1))]),
   words: () => WORDS,
+  reasons: ({ messages }) => messages.map((message) => reasonOf(new Error(message), WORDS.en, 1234567)),
+  views: ({ own, links }) => [textOf(own), ...links.map((link) => viewOf(link, own))],
+  scale: ({ about, distance }) => {
+    const element = { style: {}, setAttribute() {} };
+    scaleBar(element, { tangent: 0.5, distance }, 800, about, WORDS.en);
+    return [element.textContent, Number.parseFloat(element.style.width)];
+  },
   columns: async ({ data, columns }) => {
     const arrays = await unpack(data, columns, () => {});
     for (const [name, array] of Object.entries(arrays)) writeFileSync(`${folder}/${name}`, array);

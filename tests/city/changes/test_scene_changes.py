@@ -351,3 +351,12 @@ def test_a_variant_has_the_hours_of_its_own_scene_and_shares_equal_faces(turn):
 def test_a_variant_without_a_building_has_no_new_faces():
     change = at.scene_variant(at.changed_scene(plain(), box()), plain())
     assert [(~each.data.hidden).sum() for each in (change.before, change.after, change.changed)] == [14, 2, 12]
+
+
+def test_states_without_a_common_surface_need_points():
+    change = at.scene_variant(plain(), box([-20.0, -20.0, 5.0], [40.0, 40.0, 1.0]))
+    assert change.kept is None
+    with pytest.raises(at.InputError, match="both states share no surface"):
+        change.compare(at.sun_hours, "grid:10", **HOURS)
+    table = change.compare(at.sun_hours, [[0.0, 0.0, 1.0]], **HOURS)
+    assert table["sun_hours_before"][0] > table["sun_hours"][0] >= 0.0

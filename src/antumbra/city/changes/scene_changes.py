@@ -53,7 +53,7 @@ class SceneChange(NamedTuple):
 
     before: Scene  # without what is added
     after: Scene  # without what is removed
-    kept: Scene  # without both: what the two states share, on which sensors lie
+    kept: Scene | None  # without both: what the two states share, on which sensors lie; None: nothing
     changed: Scene | None  # only what is added and removed; None: nothing
     n_faces: int  # of the scene itself; those of the added objects follow
     notes: tuple[str, ...]  # what was placed where, and what was removed
@@ -77,8 +77,15 @@ class SceneChange(NamedTuple):
             None: all cores.
         """
         if not isinstance(sensors, str):
-            return self.exposed(sensors_from(self.kept, sensors, None, "sensors"), threads, "points")
-        return self.exposed(sensors_of(sensors, self.kept, threads, areas), threads, kind_of(sensors))
+            frame = self.before if self.kept is None else self.kept
+            return self.exposed(sensors_from(frame, sensors, None, "sensors"), threads, "points")
+        return self.exposed(sensors_of(sensors, self.shared(), threads, areas), threads, kind_of(sensors))
+
+    def shared(self) -> Scene:
+        """What the two states share. Raises an InputError if that is nothing."""
+        if self.kept is None:
+            raise InputError(f"{self.after.name}: both states share no surface for sensors or trees; give points")
+        return self.kept
 
     def exposed(self, sensors: Sensors, threads: int | None = None, kind: str = "") -> Sensors:
         """The sensors that no added or removed object covers; those of the kind "points" are all kept, with a note.
@@ -263,9 +270,9 @@ def _change(data: MemoryData, n_faces: int, removed: NDArray[np.bool_], notes: l
     added, gone = np.arange(data.n_triangles) >= n_faces, ~_shown(data)
     if data.animated and removed.any() | added.any():
         raise InputError(f"{data.name}: is animated, and objects are added and removed in static scenes")
-    before, after, kept = (Scene.of_data(data.hiding(each | gone)) for each in (added, removed, added | removed))
-    same = gone | ~(added | removed)
-    changed = None if same.all() else Scene.of_data(data.hiding(same))
+    before, after = (Scene.of_data(data.hiding(each | gone)) for each in (added, removed))
+    parts = added | removed | gone, gone | ~(added | removed)
+    kept, changed = (None if hidden.all() else Scene.of_data(data.hiding(hidden)) for hidden in parts)
     return SceneChange(before, after, kept, changed, n_faces, tuple(notes))
 
 

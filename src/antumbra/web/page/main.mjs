@@ -184,7 +184,7 @@ class Page {
     const bar = part(id);
     bar.style.visibility = found ? "visible" : "hidden";
     bar.dataset.hours = found ? String(hoursOf(day, found.states)) : "";
-    bar.title = name;
+    bar.previousElementSibling.textContent = found ? name : "";
     if (!found) return;
     bar.setAttribute("aria-label", fill(this.words.day, { sentence: name ? `${name}. ${sentence}` : sentence }));
     drawDay(bar, day, found.states, this.sun.seconds);
