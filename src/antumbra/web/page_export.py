@@ -205,7 +205,9 @@ def write_page(
     check_scene(scene)
     if options.language not in LANGUAGES:
         raise InputError(f"language is {options.language!r}; choose {' or '.join(LANGUAGES)}")
-    scenes = {"": scene} if change is None else {"Before": change.before, "": change.after}
+    scenes: dict[str, AnyScene] = {"": scene}
+    if change is not None:
+        scenes = {"Before": change.before, "": change.after}
     whole = scene if change is None else _whole(change)
     triangles = whole.triangles(time)
     columns = Columns()

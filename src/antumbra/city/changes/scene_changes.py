@@ -84,7 +84,7 @@ class SceneChange(NamedTuple):
     def shared(self) -> Scene:
         """What the two states share. Raises an InputError if that is nothing."""
         if self.kept is None:
-            raise InputError(f"{self.after.name}: both states share no surface for sensors or trees; give points")
+            raise InputError(f"{self.after.name}: both states share no surface for sensors or trees; keep one")
         return self.kept
 
     def exposed(self, sensors: Sensors, threads: int | None = None, kind: str = "") -> Sensors:
