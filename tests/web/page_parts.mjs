@@ -8,6 +8,7 @@ const { offsetAt, midnight, daysAfter } = await import(pathToFileURL(`${modules}
 const { unpack } = await import(pathToFileURL(`${modules}/unpack.mjs`));
 const { WORDS } = await import(pathToFileURL(`${modules}/words.mjs`));
 const { reasonOf } = await import(pathToFileURL(`${modules}/checks.mjs`));
+const { askBoth } = await import(pathToFileURL(`${modules}/before_after.mjs`));
 const { scaleBar } = await import(pathToFileURL(`${modules}/scale.mjs`));
 const { textOf, viewOf } = await import(pathToFileURL(`${modules}/tools.mjs`));
 
@@ -18,6 +19,14 @@ const calls = {
   words: () => WORDS,
   reasons: ({ messages }) => messages.map((message) => reasonOf(new Error(message), WORDS.en, 1234567)),
   views: ({ own, links }) => [textOf(own), ...links.map((link) => viewOf(link, own))],
+  both: ({ state, faces, height, tilt }) => {
+    const normal = [0, Math.sin(tilt), Math.cos(tilt)];
+    const ask = async ({ state: asked, at }) =>
+      asked === state || at
+        ? { face: 0, point: [1, 2, 3], normal: [0, 0, 1], at: Boolean(at) }
+        : { face: 1, point: [1, 2, 3 + height], normal };
+    return askBoth(ask, {}, state, faces, 0.01);
+  },
   scale: ({ about, distance }) => {
     const element = { style: {}, setAttribute() {} };
     scaleBar(element, { tangent: 0.5, distance }, 800, about, WORDS.en);

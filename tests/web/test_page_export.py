@@ -161,6 +161,20 @@ def test_the_scale_bar_is_a_round_length_in_metres_or_feet(tmp_path):
         assert number.strip("0.") in ("1", "2", "5")
 
 
+@needs_node
+@pytest.mark.parametrize("state", [0, 1])
+def test_a_surface_of_both_states_may_have_other_triangles_but_lies_in_one_plane(tmp_path, state):
+    own, cases = 1 << state, {"same": (0.0, 0.0), "near": (-0.009, 0.0), "far": (-0.03, 0.0), "steep": (0.0, 0.2)}
+    calls = [
+        {"call": "both", "state": state, "faces": [own, 3 - own], "height": h, "tilt": t} for h, t in cases.values()
+    ]
+    shared, *found = asked(tmp_path, {**calls[2], "faces": [3, 0]}, *calls)
+    assert shared[state]["face"] == shared[1 - state]["face"] == 0 and shared[1 - state]["at"]
+    assert [each[state]["face"] for each in found] == [0] * 4
+    others = [each[1 - state] and each[1 - state]["face"] for each in found]
+    assert others == [1, 1, None, None]
+
+
 @needs_linker
 @needs_node
 def test_a_page_holds_both_states_and_shares_equal_faces(tmp_path):

@@ -17,6 +17,8 @@ const STEPS = /** @type {Record<string, number>} */ ({
   End: 1,
 });
 
+const PARALLEL = 0.999; // the least cosine between normals of surfaces that count as the same
+
 export class Divider {
   /**
    * @param {HTMLElement} handle a slider
@@ -64,20 +66,38 @@ export class Divider {
 }
 
 /**
- * Ask about a point in both states.
+ * Ask about a point in both states. A surface of the other state that lies in this one, but has other triangles, counts
+ * as the same.
  * @param {(question: any) => Promise<any>} ask
  * @param {any} question about a ray
  * @param {number} shown the state that the ray meets: 0 before, 1 after
  * @param {Uint8Array} states of each face: bit 0 before, bit 1 after
+ * @param {number} reach how far surfaces that count as the same may be apart
  * @returns {Promise<any[]>} what is found before and after; null where the surface does not exist
  */
-export async function askBoth(ask, question, shown, states) {
-  const found = [null, null];
-  found[shown] = await ask({ ...question, state: shown });
-  const place = /** @type {any} */ (found[shown]);
-  const other = 1 - shown;
-  if (place && states[place.face] & (1 << other)) found[other] = await ask({ ...question, state: other, at: place });
+export async function askBoth(ask, question, shown, states, reach) {
+  const [found, other] = [[null, null], 1 - shown];
+  const spot = /** @type {any} */ (await ask({ ...question, state: shown }));
+  found[shown] = spot;
+  if (!spot) return found;
+  if (states[spot.face] & (1 << other)) found[other] = await ask({ ...question, state: other, at: spot });
+  else {
+    const { point, normal } = spot;
+    const origin = point.map((/** @type {number} */ p, /** @type {number} */ k) => p + reach * normal[k]);
+    const direction = normal.map((/** @type {number} */ n) => -n);
+    const near = await ask({ ...question, origin, direction, state: other });
+    const apart = near && dot(origin, direction) - dot(near.point, direction);
+    if (near && Math.abs(apart) <= 2 * reach && dot(near.normal, normal) > PARALLEL) found[other] = near;
+  }
   return found;
+}
+
+/**
+ * @param {number[]} a
+ * @param {number[]} b
+ */
+function dot(a, b) {
+  return a.reduce((sum, each, k) => sum + each * b[k], 0);
 }
 
 /**

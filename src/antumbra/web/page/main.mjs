@@ -16,6 +16,7 @@ import { fill, WORDS } from "./words.mjs";
 /** @typedef {import("./words.mjs").Words} Words */
 
 const [BEFORE, AFTER] = [0, 1]; // the states of a scene that changes
+const REACH = 0.01; // metres that surfaces of both states may be apart and count as the same
 
 /** @param {string} id */
 const part = (id) => /** @type {any} */ (document.getElementById(id));
@@ -155,7 +156,7 @@ class Page {
     const { origin, direction, state } = asked;
     const question = { origin, direction, suns: when?.day.directions ?? new Float64Array(), now: sun.light.sun };
     const ask = (/** @type {any} */ each) => this.pool.run("ask", each, true);
-    const both = this.states && (await askBoth(ask, question, state, this.states));
+    const both = this.states && (await askBoth(ask, question, state, this.states, REACH / about.metres));
     const found = both ? both[state] : await ask(question);
     if (asked !== this.asked) return;
     this.found = found;
