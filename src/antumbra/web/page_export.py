@@ -12,16 +12,17 @@ from datetime import datetime
 from html import escape
 from pathlib import Path
 from string import Template
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..base.files import atomic_output
-from ..engine.scene import AnyScene
+from ..engine.scene import AnyScene, Scene
 from ..picture.heat_maps import RAMP
 from ..scene.camera import Camera
+from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..sun.location import Place
 from ..version import VERSION
@@ -79,6 +80,13 @@ class Columns:
         stream = zlib.compressobj(9)
         return base64.b64encode(b"".join([*map(stream.compress, self._parts), stream.flush()]))
 
+    def digest(self) -> str:
+        """SHA-256 of all columns, in hexadecimal."""
+        digest = hashlib.sha256()
+        for part in self._parts:
+            digest.update(part)
+        return digest.hexdigest()
+
 
 def _add_geometry(columns: Columns, triangles: Triangles, objects: NDArray[np.int32]) -> None:
     """Distinct vertices, indices, colours and objects of faces."""
@@ -102,8 +110,8 @@ def _distinct(rows: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[n
     return rows[first[order]], rank[inverse.ravel()]
 
 
-def _add_proof(columns: Columns, scene: AnyScene, triangles: Triangles) -> None:
-    """Rays to vertices, edges and anywhere, with the answers of the scene here."""
+def _add_proof(columns: Columns, scenes: dict[str, AnyScene], triangles: Triangles) -> None:
+    """Rays to vertices, edges and anywhere, with the answers of scenes here; their keys end the columns' names."""
     generator = np.random.default_rng(20)
     corners = triangles.vertices.reshape(-1, 3)
     lower, upper = corners.min(0).astype(np.float64), corners.max(0).astype(np.float64)
@@ -116,14 +124,30 @@ def _add_proof(columns: Columns, scene: AnyScene, triangles: Triangles) -> None:
     directions[::5] = generator.normal(size=directions[::5].shape)
     directions[(directions == 0).all(1)] = 1.0
     world = origins.astype(np.float64) + triangles.origin
-    hits = scene.closest_hit(world, directions.astype(np.float64))
     columns.add("origins", (world - triangles.origin).astype(np.float32))
     columns.add("directions", directions)
-    columns.add("blocked", scene.occluded(world, directions.astype(np.float64)))
     rows = np.full(int(triangles.face_id.max()) + 1, -1, np.int32)
     rows[triangles.face_id] = np.arange(len(triangles.face_id), dtype=np.int32)
-    columns.add("faces", np.where(hits.face < 0, np.int32(-1), rows[hits.face]).astype(np.int32))
-    columns.add("distances", hits.t.astype(np.float64))
+    for state, scene in scenes.items():
+        hits = scene.closest_hit(world, directions.astype(np.float64))
+        columns.add(f"blocked{state}", scene.occluded(world, directions.astype(np.float64)))
+        columns.add(f"faces{state}", np.where(hits.face < 0, np.int32(-1), rows[hits.face]).astype(np.int32))
+        columns.add(f"distances{state}", hits.t.astype(np.float64))
+
+
+# --- Both states of a scene that changes ------------------------------------------------------------------------------
+
+
+def _hidden(scene: AnyScene) -> NDArray[np.bool_]:
+    """(n,) bool: the faces that a state lacks."""
+    data = cast(MemoryData, scene.data)
+    return np.zeros(data.n_triangles, bool) if data.hidden is None else data.hidden
+
+
+def _whole(before: Scene, after: AnyScene) -> Scene:
+    """The scene with the faces of both states."""
+    absent = _hidden(before) & _hidden(after)
+    return Scene.of_data(cast(MemoryData, after.data).hiding(absent))
 
 
 # --- The page ---------------------------------------------------------------------------------------------------------
@@ -153,6 +177,7 @@ def write_page(
     camera: Camera | None = None,
     time: float = 0.0,
     layer: ValueLayer | None = None,
+    before: Scene | None = None,
 ) -> PageReport:
     """Write a scene as one HTML file that needs nothing else.
 
@@ -167,6 +192,8 @@ def write_page(
         Seconds into the animation. Pages do not move.
     layer : ValueLayer or None
         Numbers that the surfaces show as colours.
+    before : Scene or None
+        The state before a change whose state after `scene` is (`SceneChange`); the page has a divider between them.
 
     Raises
     ------
@@ -174,7 +201,7 @@ def write_page(
         If the scene is in a store, has more than 2 million triangles, or lets light pass; if an option is invalid; if
         the linker is missing; or if the file cannot be written. An existing file then stays.
     """
-    html, report = page_html(scene, options, camera, time, layer)
+    html, report = page_html(scene, options, camera, time, layer, before)
     with atomic_output(path) as temporary:
         temporary.write_bytes(html)
     return report
@@ -186,29 +213,41 @@ def page_html(
     camera: Camera | None = None,
     time: float = 0.0,
     layer: ValueLayer | None = None,
+    before: Scene | None = None,
 ) -> tuple[bytes, PageReport]:
     """The text of a page, in UTF-8, and what it holds; parameters and errors as for `write_page`."""
     check_scene(scene)
     if options.language not in LANGUAGES:
         raise InputError(f"language is {options.language!r}; choose {' or '.join(LANGUAGES)}")
-    triangles = scene.triangles(time)
+    scenes: dict[str, AnyScene] = {"": scene}
+    if before is not None:
+        scenes = {"Before": before, "": scene}
+    whole = scene if before is None else _whole(before, scene)
+    triangles = whole.triangles(time)
     columns = Columns()
-    _add_geometry(columns, triangles, scene.data.object_of_face[triangles.face_id])
-    _add_proof(columns, scene, triangles)
+    _add_geometry(columns, triangles, whole.data.object_of_face[triangles.face_id])
+    _add_proof(columns, scenes, triangles)
+    if before is not None:
+        states = ~_hidden(before) + 2 * ~_hidden(scene)  # of each face: 1 before, 2 after, 3 both
+        columns.add("states", states.astype(np.uint8))
     module = kernel_module()
     columns.add("wasm", np.frombuffer(module.wasm, np.uint8))
     for name, values in ({} if layer is None else layer.arrays(triangles)).items():
         columns.add(name, values, step=values.dtype.kind == "i")
-    digest = scene_digest(scene, time)
+    digests = [scene_digest(each, time) for each in scenes.values()]
     view = camera or scene.default_camera(1280, 800, time=time)
-    names = [each.parent or each.name for each in scene.objects]
+    names = [each.parent or each.name for each in whole.objects]
+    shown = int(len(triangles.vertices) if before is None else (~_hidden(whole)).sum())
     about = {
         "version": VERSION,
-        "digest": digest[:12],
-        "triangles": len(triangles.vertices),
+        "digest": " / ".join(each[:12] for each in digests),
+        "bytes": columns.digest(),
+        "changes": before is not None,
+        "triangles": shown,
         "up": scene.up,
         "origin": triangles.origin.tolist(),
         "palette": RAMP.astype(int).tolist(),
+        "unit": scene.unit.name,
         "metres": scene.unit.metres,
         "camera": _orbit_of(scene, triangles, view),
         "place": None if options.place is None else options.place._asdict(),
@@ -221,7 +260,7 @@ def page_html(
         "columns": columns.listed,
     }
     html = _html(about, columns.packed().decode(), options)
-    return html, PageReport(len(triangles.vertices), len(html), digest)
+    return html, PageReport(shown, len(html), digests[-1])
 
 
 def _orbit_of(scene: AnyScene, triangles: Triangles, camera: Camera) -> dict[str, Any]:

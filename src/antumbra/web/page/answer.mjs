@@ -138,12 +138,13 @@ export function sentenceOf(found, when, altitude, words, nameOf) {
 }
 
 /**
+ * Whether a point is in the sun that is shown.
  * @param {any} found
- * @param {number} altitude
+ * @param {number} altitude of the sun, degrees
  * @param {Words} words
- * @param {(face: number) => string} nameOf
+ * @param {(face: number) => string} nameOf an object, or ""
  */
-function nowOf({ now, nowBlocker }, altitude, words, nameOf) {
+export function nowOf({ now, nowBlocker }, altitude, words, nameOf) {
   if (altitude <= 0) return words.atNight;
   if (now === SEEN) return words.inSun;
   if (now !== BLOCKED) return words.behind;

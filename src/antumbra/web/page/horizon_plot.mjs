@@ -40,13 +40,17 @@ export class HorizonPlot {
     part("horizon").setAttribute("aria-label", words.horizon);
   }
 
-  /** @param {import("./questions.mjs").Spot | null} spot */
-  async show(spot) {
+  /**
+   * @param {import("./questions.mjs").Spot | null} spot
+   * @param {number} state of the scene
+   */
+  async show(spot, state) {
     part("horizon").hidden = !spot;
-    const point = spot ? JSON.stringify([spot.point, spot.normal]) : "";
+    const point = spot ? JSON.stringify([spot.point, spot.normal, state]) : "";
     if (point !== this.#point) {
       this.#point = point;
-      this.#states = spot && (await this.pool.run("horizon", { spot, size: SIZE, north: this.sun.north }, true));
+      const question = { spot, state, size: SIZE, north: this.sun.north };
+      this.#states = spot && (await this.pool.run("horizon", question, true));
     }
     if (point !== this.#point || !this.#states) return;
     const { place, date, angles } = this.sun;

@@ -49,6 +49,19 @@ export class Orbit {
     return this.target.map((t, k) => t + this.distance * back[k]);
   }
 
+  /** Target, distance, turn and tilt: what `view` takes back. */
+  get view() {
+    return [...this.target, this.distance, this.turn, this.tilt];
+  }
+
+  /** @param {number[]} view */
+  set view(view) {
+    this.target = view.slice(0, 3);
+    [this.distance, this.turn, this.tilt] = view.slice(3);
+    this.orbit(0, 0);
+    this.zoom(1);
+  }
+
   /** Clockwise from the scene's north axis to where the camera looks, in radians. */
   get heading() {
     return this.turn + Math.PI;

@@ -18,8 +18,6 @@ const [BRIGHT, SHOULDER, BACKDROP] = [0.75, 0.6, 0.75]; // of antumbra.picture.i
 export class Picture {
   #change = 0;
   /** @type {(() => void) | null} */ #wake = null;
-  #exposure = 0;
-  #metered = false;
   #skyKey = "";
   #sky = new Float32Array();
 
@@ -29,13 +27,17 @@ export class Picture {
    * @param {Orbit} camera
    * @param {() => Light} light
    * @param {(samples: number) => void} shown
+   * @param {{state?: number, meter?: {exposure: number}}} options the state of the scene, counted from the last, which is
+   *   -1; and the exposure, which pictures that are compared share
    */
-  constructor(canvas, pool, camera, light, shown) {
+  constructor(canvas, pool, camera, light, shown, { state = -1, meter = { exposure: 0 } } = {}) {
     this.canvas = canvas;
     this.pool = pool;
     this.camera = camera;
     this.light = light;
     this.shown = shown;
+    this.state = state;
+    this.meter = meter;
     this.samples = 0;
     this.up = camera.up === "z" ? 2 : 1;
     this.most = SAMPLES;
@@ -117,7 +119,7 @@ export class Picture {
     const rows = Math.max(1, Math.floor(BAND / width));
     const shown = this.light();
     const bands = Array.from({ length: Math.ceil(height / rows) }, (_, k) => k * rows).map(async (first) => {
-      const job = { rays, width, first, rows: Math.min(rows, height - first), sample, ...shown };
+      const job = { rays, width, first, rows: Math.min(rows, height - first), sample, ...shown, state: this.state };
       const light = await this.pool.run("band", job);
       if (light) out.set(light, 4 * width * first);
     });
@@ -152,15 +154,14 @@ export class Picture {
    */
   #show(sum, width, height, samples) {
     const { painted } = this.light();
-    if (!this.#metered && !painted) this.#exposure = exposureOf(sum) ?? this.#exposure;
-    this.#metered ||= !painted;
+    if (!painted) this.meter.exposure ||= exposureOf(sum) ?? 0;
     const image = new ImageData(width, height);
     const { data } = image;
     const dim = BACKDROP * (0.1 + 0.9 * this.light().daylight);
     const behind = this.#skyBehind(width, height);
     for (let i = 0; i < width * height; i++) {
       const share = sum[4 * i + 3] / samples;
-      const factor = share > 0 ? (painted ? 1 : this.#exposure) / (samples * share) : 0;
+      const factor = share > 0 ? (painted ? 1 : this.meter.exposure) / (samples * share) : 0;
       for (let c = 0; c < 3; c++) {
         const light = sum[4 * i + c] * factor;
         const surface = share * (painted ? light : rollOff(light));

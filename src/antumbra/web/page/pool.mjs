@@ -10,17 +10,21 @@ const MOST_WORKERS = 6;
 /** @typedef {"band" | "prove" | keyof QUESTIONS} Method */
 /** @typedef {{method: Method, job: any, done: (answer: any) => void, failed: (reason: Error) => void}} Task */
 
-/** Answer messages in a worker. The first one makes its scene. */
+/** Answer messages in a worker. The first one makes its scene in each of its states; a job without one is about the last. */
 export function serve() {
-  /** @type {Tracer} */
-  let tracer;
+  /** @type {Tracer[]} */
+  const tracers = [];
   globalThis.onmessage = async ({ data: { method, job } }) => {
     try {
       if (method === "create") {
-        tracer = await Tracer.create(job.arrays, job.kernels, job.up, job.origin);
+        for (const indices of job.states)
+          tracers.push(await Tracer.create({ ...job.arrays, indices }, job.kernels, job.up, job.origin));
         postMessage({});
-      } else if (method in QUESTIONS) postMessage({ answer: QUESTIONS[method](tracer, job) });
-      else postMessage({ answer: tracer[/** @type {"band" | "prove"} */ (method)](job) });
+      } else {
+        const tracer = /** @type {Tracer} */ (tracers.at(job.state ?? -1));
+        if (method in QUESTIONS) postMessage({ answer: QUESTIONS[method](tracer, job) });
+        else postMessage({ answer: tracer[/** @type {"band" | "prove"} */ (method)](job) });
+      }
     } catch (error) {
       postMessage({ error: String(/** @type {Error} */ (error).message ?? error) });
     }
@@ -35,7 +39,7 @@ export class Pool {
   /**
    * Start workers; it returns when the first one is ready.
    * @param {string} source of the program
-   * @param {any} scene arrays, kernels, up
+   * @param {any} scene arrays, the indices in each state, kernels, up
    * @param {number} triangles
    * @param {(reason: Error) => void} failed
    */

@@ -13,7 +13,7 @@ import { levelsOf, SurfaceGrid } from "./surface_grid.mjs";
 const GOLDEN = Math.PI * (3 - Math.sqrt(5));
 const SKY_DIRECTIONS = 4096;
 
-/** A ray to a place. @typedef {{origin: number[], direction: number[]}} Click */
+/** A ray to a place, in a state of the scene. @typedef {{origin: number[], direction: number[], state: number}} Click */
 
 /** A place on a surface, and the normal of the side that was clicked. @typedef {{face: number, point: number[], normal: number[]}} Spot */
 
@@ -48,14 +48,16 @@ function spotAt(tracer, { origin, direction }) {
 /**
  * What a place sees of the sun through the day, and of the sky; null if the ray meets nothing.
  * @param {Tracer} tracer
- * @param {Click & {suns: Float64Array, now: number[] | null}} question
+ * @param {Click & {suns: Float64Array, now: number[] | null, at?: Spot}} question `at`: the place, instead of the one
+ *   that the ray meets
  */
-function ask(tracer, { suns, now, ...click }) {
-  const spot = spotAt(tracer, click);
+function ask(tracer, { suns, now, at: given, ...click }) {
+  const spot = given ?? spotAt(tracer, click);
   if (!spot) return null;
   const states = sunsAt(tracer, spot, suns);
   const at = now ? sunsAt(tracer, spot, Float64Array.from(now)) : null;
-  return { ...spot, ...states, now: at?.states[0], nowBlocker: at?.blockers[0], sky: skyAt(tracer, spot) };
+  const { face, point, normal } = spot;
+  return { face, point, normal, ...states, now: at?.states[0], nowBlocker: at?.blockers[0], sky: skyAt(tracer, spot) };
 }
 
 /**

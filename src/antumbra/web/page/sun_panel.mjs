@@ -48,9 +48,7 @@ export class SunPanel {
     Object.assign(this.first, { min: 0, max: 1439, step: 1, value: about.minute });
     this.second.closest("label").hidden = true;
     this.day.addEventListener("change", () => {
-      if (!this.day.value) this.day.value = this.date;
-      this.date = this.day.value;
-      this.#moved();
+      this.setting = { ...this.setting, date: this.day.value };
     });
     this.button.addEventListener("click", () => this.#play());
     this.#name();
@@ -64,6 +62,24 @@ export class SunPanel {
     Object.assign(this.second, { min: 0, max: 90, step: 1, value: about.angles.altitude });
     this.day.closest("label").hidden = true;
     this.button.hidden = true;
+  }
+
+  /** What the user has set, by the names of a link. */
+  get setting() {
+    const [first, second] = [Number(this.first.value), Number(this.second.value)];
+    return this.place ? { date: this.date, minute: first } : { azimuth: first, altitude: second };
+  }
+
+  /** @param {Record<string, any>} setting */
+  set setting({ date, minute, azimuth, altitude }) {
+    if (this.place) {
+      this.day.value = date;
+      if (this.day.value) this.date = date;
+      this.day.value = this.date;
+    }
+    this.first.value = this.place ? minute : azimuth;
+    if (!this.place) this.second.value = altitude;
+    this.#moved();
   }
 
   /** The moment that is shown, in seconds since 1970; with a place. */

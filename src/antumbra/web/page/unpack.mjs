@@ -13,13 +13,15 @@ const TYPES = { f4: Float32Array, f8: Float64Array, i4: Int32Array, u1: Uint8Arr
  * @param {string} text base64 of a zlib stream
  * @param {Column[]} columns
  * @param {(share: number) => void} progress
+ * @param {(bytes: Uint8Array<ArrayBuffer>) => void} seen called with all bytes, before they are arrays
  * @returns {Promise<Record<string, any>>} arrays by name
  */
-export async function unpack(text, columns, progress) {
+export async function unpack(text, columns, progress, seen = () => {}) {
   const size = columns.reduce((sum, { type, length }) => sum + length * TYPES[type].BYTES_PER_ELEMENT, 0);
   const bytes = new Uint8Array(size);
   const stream = new DecompressionStream("deflate");
   const reading = collect(stream.readable, bytes);
+  reading.catch(() => {}); // writing fails, too
   const writer = stream.writable.getWriter();
   let last = performance.now();
   for (let at = 0; at < text.length; at += LETTERS) {
@@ -31,6 +33,7 @@ export async function unpack(text, columns, progress) {
   }
   await writer.close();
   await reading;
+  seen(bytes);
   /** @type {Record<string, any>} */
   const arrays = {};
   let at = 0;
@@ -65,7 +68,7 @@ async function collect(stream, bytes) {
   for (let at = 0; ; ) {
     const { done, value } = await reader.read();
     if (done && at === bytes.length) return;
-    if (done || at + value.length > bytes.length) throw new Error("the file is damaged; copy it again");
+    if (done || at + value.length > bytes.length) throw new Error("the columns have another size");
     bytes.set(value, at);
     at += value.length;
   }
