@@ -26,15 +26,16 @@ _CALLED = re.compile(r'"(antumbra(?:\.\w+)+:\w+)"')  # names of kernels in the m
 _OTHER_WINGS = re.compile(r"antumbra\.(?:lab|city|techniques)\.")  # methods that the modules do not offer
 
 
-def called_kernels() -> list[KernelRequest]:
-    """The recorded kernels that the modules call by name.
+def called_kernels(*folders: Path) -> list[KernelRequest]:
+    """The recorded kernels that the modules, and those in further folders, call by name.
 
     Raises
     ------
     RuntimeError
         If one is not recorded.
     """
-    names = {name for path in SOURCES.glob("*.mjs") for name in _CALLED.findall(path.read_text(encoding="utf-8"))}
+    paths = [path for folder in (SOURCES, *folders) for path in folder.glob("*.mjs")]
+    names = {name for path in paths for name in _CALLED.findall(path.read_text(encoding="utf-8"))}
     found = [each for each in package_manifest().kernels if each.kernel in names and not _OTHER_WINGS.search(each.key)]
     missing = sorted(names - {each.kernel for each in found})
     if missing:
@@ -42,10 +43,11 @@ def called_kernels() -> list[KernelRequest]:
     return found
 
 
-def link_kernels(path: Path) -> dict[str, LibraryKernel]:
+def link_kernels(path: Path, *folders: Path) -> dict[str, LibraryKernel]:
     """Compile and link the kernels that the modules call, and return the list that names them.
 
     path : of the module of WebAssembly; its folder is made if it does not exist
+    folders : of further modules
 
     Raises
     ------
@@ -53,7 +55,7 @@ def link_kernels(path: Path) -> dict[str, LibraryKernel]:
         As for `build_package`.
     """
     import_extra("ziglang", "linking kernels", "build")
-    requests = called_kernels()
+    requests = called_kernels(*folders)
     compile_for([SYSTEM], [LEVEL], requests)
     path.parent.mkdir(parents=True, exist_ok=True)
     return link_library(SYSTEM, LEVEL, requests, path)

@@ -109,6 +109,8 @@ def page(args: PageArguments) -> int:
         options = PageOptions(args.title or scene.name, when, place, args.credits or "", args.language)
         report = write_page(scene, path, options, camera, moment)
     if not args.quiet:
+        for note in report.notes:
+            say(f"note: {note}")
         if scene.animated:
             say(f"note: the scene is animated, and the page shows it at {moment:g} s")
         if place is None:

@@ -7,7 +7,6 @@ Its content security policy allows no request.
 import base64
 import hashlib
 import json
-import zlib
 from datetime import datetime
 from html import escape
 from pathlib import Path
@@ -26,6 +25,8 @@ from ..sun.location import Place
 from ..version import VERSION
 from ..work.scene_records import scene_digest
 from .javascript_package import link_kernels
+from .page_columns import Columns, distinct_rows
+from .page_look import add_look, sun_angles
 from .page_source import PAGE, page_program
 
 MOST_TRIANGLES = 2_000_000
@@ -50,54 +51,20 @@ class PageReport(NamedTuple):
     triangles: int
     size: int  # bytes of the file
     digest: str  # of the scene
+    notes: tuple[str, ...] = ()  # what its pictures lack
 
 
-# --- Columns of numbers, as `page/unpack.mjs` reads them --------------------------------------------------------------
-
-
-class Columns:
-    """Named arrays, byte 0 of all numbers first, then byte 1, and so on, which compresses best."""
-
-    def __init__(self) -> None:
-        self.listed: list[dict[str, Any]] = []
-        self._parts: list[bytes] = []
-
-    def add(self, name: str, values: np.ndarray, step: bool = False) -> None:
-        """Add an array, flat; `step`: as differences between neighbours."""
-        flat = np.ascontiguousarray(values).ravel()
-        kind = f"{flat.dtype.kind.replace('b', 'u')}{flat.dtype.itemsize}"
-        self.listed.append({"name": name, "type": kind, "length": flat.size, "step": step})
-        if step:
-            flat = np.diff(flat, prepend=flat.dtype.type(0))
-        planes = flat.view(np.uint8).reshape(-1, flat.dtype.itemsize).T
-        self._parts.append(np.ascontiguousarray(planes).tobytes())
-
-    def packed(self) -> bytes:
-        """Base64 of a zlib stream of all columns."""
-        stream = zlib.compressobj(9)
-        return base64.b64encode(b"".join([*map(stream.compress, self._parts), stream.flush()]))
+# --- Geometry and proof ----------------------------------------------------------------------------------------------
 
 
 def _add_geometry(columns: Columns, triangles: Triangles, objects: NDArray[np.int32]) -> None:
     """Distinct vertices, indices, colours and objects of faces."""
     corners = triangles.vertices.reshape(-1, 3)
-    vertices, indices = _distinct(corners)
-    colours, colour_of = _distinct(triangles.colour)
+    vertices, indices = distinct_rows(corners)
     columns.add("positions", vertices)
     columns.add("indices", indices, step=True)
-    columns.add("colours", colours)
-    columns.add("colourOf", colour_of, step=True)
+    columns.add_distinct("colour", triangles.colour)
     columns.add("objectOf", objects, step=True)
-
-
-def _distinct(rows: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Rows with different bits, in the order of their first use, and the index of each row among them."""
-    keys = np.ascontiguousarray(rows).view(np.dtype((np.void, 12))).ravel()
-    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    rank = np.empty(len(order), np.int32)
-    rank[order] = np.arange(len(order), dtype=np.int32)
-    return rows[first[order]], rank[inverse.ravel()]
 
 
 def _add_proof(columns: Columns, scene: AnyScene, triangles: Triangles) -> None:
@@ -171,6 +138,7 @@ def write_page(
     triangles = scene.triangles(time)
     columns = Columns()
     _add_geometry(columns, triangles, scene.data.object_of_face)
+    look = add_look(columns, scene, triangles, time, options.place)
     _add_proof(columns, scene, triangles)
     wasm, kernels = _kernels()
     columns.add("wasm", np.frombuffer(wasm, np.uint8))
@@ -187,7 +155,8 @@ def write_page(
         "place": None if options.place is None else options.place._asdict(),
         "date": f"{options.when:%Y-%m-%d}",
         "minute": 60 * options.when.hour + options.when.minute,
-        "angles": {"azimuth": 215, "altitude": 42},
+        "angles": sun_angles(look.record, scene.up),
+        "look": look.record,
         "objects": names if len(set(names)) > 1 else [],
         "kernels": {"kernels": kernels},
         "columns": columns.listed,
@@ -195,13 +164,13 @@ def write_page(
     html = _html(about, columns.packed().decode(), options)
     with atomic_output(path) as temporary:
         temporary.write_bytes(html)
-    return PageReport(len(triangles.vertices), len(html), digest)
+    return PageReport(len(triangles.vertices), len(html), digest, tuple(look.notes))
 
 
 def _kernels() -> tuple[bytes, dict[str, Any]]:
     """The module of kernels, and the list that names them."""
     with temporary_folder() as folder:
-        listed = link_kernels(folder / "kernels.wasm")
+        listed = link_kernels(folder / "kernels.wasm", PAGE)
         return (folder / "kernels.wasm").read_bytes(), dict(listed)
 
 

@@ -2,11 +2,13 @@
 /** The page: unpacks the scene, starts the workers, and joins picture, sun, answers and proof. In a worker: its jobs. */
 
 import { dayOf, drawDay, hoursOf, sentenceOf } from "./answer.mjs";
+import { lookOf } from "./appearance.mjs";
 import { follow, Orbit } from "./orbit.mjs";
 import { Picture, SAMPLES } from "./picture.mjs";
 import { Pool, serve } from "./pool.mjs";
 import { scaleBar } from "./scale.mjs";
 import { SunPanel } from "./sun_panel.mjs";
+import { decodeTextures } from "./textures.mjs";
 import { pause, unpack } from "./unpack.mjs";
 import { fill, WORDS } from "./words.mjs";
 
@@ -45,10 +47,12 @@ class Page {
     this.#progress(words.building, 1);
     await pause();
     this.objectOf = arrays.objectOf;
-    const { positions, indices, colours, colourOf, wasm } = arrays;
-    const scene = { arrays: { positions, indices, colours, colourOf, wasm }, kernels: about.kernels, up: about.up };
+    const textures = await decodeTextures(about.look.textures, arrays, (share) =>
+      this.#progress(words.unpacking, share),
+    );
+    const scene = { wasm: arrays.wasm, kernels: about.kernels, look: lookOf(about, arrays, textures) };
     const source = part("code").textContent;
-    await this.pool.start(source, scene, indices.length / 3, (error) => this.fail(error));
+    await this.pool.start(source, scene, about.triangles, (error) => this.fail(error));
     part("opening").hidden = true;
     const canvas = part("picture");
     this.picture = new Picture(
@@ -61,6 +65,7 @@ class Page {
           samples === SAMPLES ? "" : ` · ${fill(words.samples, { n: samples, all: SAMPLES })}`;
         document.body.dataset.samples = String(samples);
       },
+      about.look.sky !== null,
     );
     follow(
       canvas,

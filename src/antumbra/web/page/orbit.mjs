@@ -1,7 +1,7 @@
 // @ts-check
 /** A camera that orbits around a target, moved by mouse, touch and keys. */
 
-/** @typedef {import("./tracer.mjs").Rays} Rays */
+/** @typedef {import("./frame.mjs").Rays} Rays */
 
 const STEEPEST = 1.55; // radians
 const CLICK = 6; // pixels that a pointer may move in a click

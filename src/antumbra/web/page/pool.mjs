@@ -6,7 +6,7 @@ import { Tracer } from "./tracer.mjs";
 const LARGE = 400_000; // triangles from which one worker has to do, for memory
 const MOST_WORKERS = 6;
 
-/** @typedef {"band" | "ask" | "prove"} Method */
+/** @typedef {"band" | "ground" | "ask" | "prove"} Method */
 /** @typedef {{method: Method, job: any, done: (answer: any) => void, failed: (reason: Error) => void}} Task */
 
 /** Answer messages in a worker. The first one makes its scene. */
@@ -16,9 +16,12 @@ export function serve() {
   globalThis.onmessage = async ({ data: { method, job } }) => {
     try {
       if (method === "create") {
-        tracer = await Tracer.create(job.arrays, job.kernels, job.up);
+        tracer = await Tracer.create(job.wasm, job.kernels, job.look);
         postMessage({});
-      } else postMessage({ answer: tracer[/** @type {Method} */ (method)](job) });
+      } else {
+        const answer = /** @type {any} */ (tracer[/** @type {Method} */ (method)](job));
+        postMessage({ answer }, { transfer: answer?.light ? [answer.light.buffer] : [] });
+      }
     } catch (error) {
       postMessage({ error: String(/** @type {Error} */ (error).message ?? error) });
     }
@@ -32,7 +35,7 @@ export class Pool {
   /**
    * Start workers; it returns when the first one is ready.
    * @param {string} source of the program
-   * @param {any} scene arrays, kernels, up
+   * @param {any} scene wasm, kernels, look
    * @param {number} triangles
    * @param {(reason: Error) => void} failed
    */

@@ -8,7 +8,6 @@ import { fill } from "./words.mjs";
 /** @typedef {import("./sun.mjs").Place} Place */
 /** @typedef {import("./words.mjs").Words} Words */
 
-const RADIUS = Math.tan(((0.533 / 2) * Math.PI) / 180); // of the sun's disk
 const MINUTES_A_SECOND = 60; // of the day that plays
 const MINUTE = 60;
 
@@ -89,7 +88,7 @@ export class SunPanel {
   get light() {
     const { angles } = this;
     const daylight = Math.min(1, Math.max(0.03, (angles.altitude + 6) / 14));
-    return { sun: angles.altitude > 0 ? towards(angles, this.north, this.up) : null, radius: RADIUS, daylight };
+    return { sun: angles.altitude > 0 ? towards(angles, this.north, this.up) : null, daylight };
   }
 
   #moved() {

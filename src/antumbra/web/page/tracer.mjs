@@ -2,52 +2,36 @@
 /** What a worker of the page computes: rows of pictures, answers at points, and the proof. Its scene has a memory of its own. */
 
 import { loadKernels, Scene } from "../module/scene.mjs";
-import { tangents } from "../module/vectors.mjs";
-import { cosineDirection, halton, hash, receiver, ShadowRays, STEPS, skyLight } from "./shadow_rays.mjs";
+import { Frame } from "./frame.mjs";
 
 const GOLDEN = Math.PI * (3 - Math.sqrt(5));
 const SKY_DIRECTIONS = 4096;
-const SUN_COLOUR = [1, 0.95, 0.87];
-const SUN_INTENSITY = 4.5;
-const AMBIENT = 0.12;
-
-/**
- * Rays of a picture: pixel (x, y) looks from `origin` along `corner + x dx + y dy`.
- * @typedef {{origin: number[], corner: number[], dx: number[], dy: number[]}} Rays
- */
-
-/**
- * Rows of a picture. The sun's direction is null while it is below the horizon; `radius` is the tangent of its half angle.
- * @typedef {{rays: Rays, width: number, first: number, rows: number, sample: number, sun: number[] | null,
- *   radius: number, daylight: number}} Band
- */
-
 /** @typedef {{origin: number[], direction: number[], suns: Float64Array, now: number[] | null}} Question */
 
 export class Tracer {
+  /** @type {Frame | null} */ #frame = null;
+
   /**
    * @param {Scene} scene
-   * @param {Record<string, any>} arrays
-   * @param {string} up
+   * @param {any} look positions, indices, the up axis, and the columns of `Look`
    */
-  constructor(scene, arrays, up) {
+  constructor(scene, look) {
     this.scene = scene;
-    this.positions = arrays.positions;
-    this.indices = arrays.indices;
-    this.colours = arrays.colours;
-    this.colourOf = arrays.colourOf;
-    this.up = up === "z" ? 2 : 1;
+    this.look = look;
+    this.positions = look.positions;
+    this.indices = look.indices;
+    this.up = look.up === "z" ? 2 : 1;
   }
 
   /**
-   * @param {Record<string, any>} arrays
+   * @param {Uint8Array} wasm
    * @param {any} kernels the list of kernels
-   * @param {string} up
+   * @param {any} look
    */
-  static async create(arrays, kernels, up) {
-    const module = await loadKernels({ wasm: arrays.wasm, list: kernels });
-    const scene = await Scene.create(arrays.positions, arrays.indices, { kernels: module, threads: 1 });
-    return new Tracer(scene, arrays, up);
+  static async create(wasm, kernels, look) {
+    const module = await loadKernels({ wasm, list: kernels });
+    const scene = await Scene.create(look.positions, look.indices, { kernels: module, threads: 1 });
+    return new Tracer(scene, look);
   }
 
   /**
@@ -65,77 +49,23 @@ export class Tracer {
   }
 
   /**
-   * Rows of a picture: linear light and the share of surfaces, 4 numbers a pixel.
-   * @param {Band} band
+   * Rows of a picture.
+   * @param {import("./frame.mjs").Band} band
    */
   band(band) {
-    const { rays, width, first, rows, sample } = band;
-    const n = width * rows;
-    const [jx, jy] = sample === 0 ? [0.5, 0.5] : [halton(sample, 2), halton(sample, 3)];
-    const [origins, directions] = [new Float32Array(3 * n), new Float32Array(3 * n)];
-    const { origin, corner, dx, dy } = rays;
-    for (let i = 0; i < n; i++) {
-      const [x, y] = [(i % width) + jx, first + Math.floor(i / width) + jy];
-      for (let k = 0; k < 3; k++) {
-        origins[3 * i + k] = origin[k];
-        directions[3 * i + k] = corner[k] + x * dx[k] + y * dy[k];
-      }
-    }
-    const hits = this.scene.closestHit(origins, directions);
-    return this.#shade(band, hits, origins, directions);
+    this.#frame ??= new Frame(this.scene.geometry, this.look);
+    return this.#frame.draw(band);
   }
 
   /**
-   * Light of the hit points: of the sun through a point of its disk, of the sky along one direction, and ambient.
-   * @param {Band} band
-   * @param {import("../module/scene.mjs").Hits} hits
-   * @param {Float32Array} origins
-   * @param {Float32Array} directions
+   * The height of the surface below a point, along the up axis; null without one.
+   * @param {number[]} point
    */
-  #shade({ width, first, sample, sun, radius, daylight }, { face, t }, origins, directions) {
-    const n = face.length;
-    const light = new Float32Array(4 * n);
-    const shadows = new ShadowRays(2 * n);
-    const [u, v] = sun ? tangents(sun) : [[], []];
-    const [point, normal, random, way] = [
-      [0, 0, 0],
-      [0, 0, 0],
-      [0, 0, 0, 0],
-      [0, 0, 0],
-    ];
-    const ambient = AMBIENT * daylight * (sun ? 5 : 2.5);
-    let last = -1;
-    let flat = [0, 0, 0];
-    for (let i = 0; i < n; i++) {
-      if (face[i] < 0) continue;
-      if (face[i] !== last) flat = this.normal(face[i]);
-      last = face[i];
-      const at = 3 * i;
-      const along = flat[0] * directions[at] + flat[1] * directions[at + 1] + flat[2] * directions[at + 2];
-      for (let k = 0; k < 3; k++) {
-        normal[k] = along > 0 ? -flat[k] : flat[k];
-        point[k] = origins[at + k] + t[i] * directions[at + k];
-      }
-      const pixel = (i % width) + (first + Math.floor(i / width)) * 4099;
-      for (let k = 0; k < 4; k++) random[k] = (hash(pixel, k) + (sample + 1) * STEPS[k]) % 1;
-      const base = ambient * (0.65 + 0.35 * normal[this.up]);
-      for (let k = 0; k < 3; k++) light[4 * i + k] = base;
-      light[4 * i + 3] = 1;
-      shadows.start(point, normal, last, i);
-      const cosine = sun ? normal[0] * sun[0] + normal[1] * sun[1] + normal[2] * sun[2] : 0;
-      if (sun && cosine > 0) {
-        const r = sample > 0 ? radius * Math.sqrt(random[0]) : 0; // the first picture has hard shadows
-        const [a, b] = [r * Math.cos(2 * Math.PI * random[1]), r * Math.sin(2 * Math.PI * random[1])];
-        for (let k = 0; k < 3; k++) way[k] = sun[k] + a * u[k] + b * v[k];
-        shadows.add(way, SUN_COLOUR, cosine * SUN_INTENSITY);
-      }
-      cosineDirection(normal, random[2], 2 * Math.PI * random[3], way);
-      shadows.add(way, skyLight(way[this.up]), Math.PI * daylight);
-    }
-    shadows.trace(this.scene, light);
-    for (let i = 0; i < n; i++)
-      if (face[i] >= 0) for (let k = 0; k < 3; k++) light[4 * i + k] *= this.colours[3 * this.colourOf[face[i]] + k];
-    return light;
+  ground(point) {
+    const down = [0, 0, 0];
+    down[this.up] = -1;
+    const { t } = this.scene.closestHit(Float64Array.from(point), Float64Array.from(down));
+    return t[0] < Infinity ? point[this.up] - t[0] : null;
   }
 
   /**
@@ -216,6 +146,18 @@ export class Tracer {
         wrong++;
     return wrong;
   }
+}
+
+const SHIFT = 2 ** -21; // of receivers off their surfaces, as in antumbra.query.receivers
+
+/**
+ * A point on a face, moved off it as far as float32 needs.
+ * @param {number[]} point
+ * @param {number[]} normal
+ */
+function receiver([x, y, z], normal) {
+  const shift = SHIFT * Math.max(Math.abs(x), Math.abs(y), Math.abs(z));
+  return [Math.fround(x + shift * normal[0]), Math.fround(y + shift * normal[1]), Math.fround(z + shift * normal[2])];
 }
 
 /**
