@@ -14,7 +14,16 @@ const { unpack } = await load("unpack");
 
 const page = readFileSync(`${folder}/page.html`, "utf8");
 const partOf = (id) => page.match(new RegExp(`<script [^>]*id="${id}"[^>]*>(.*?)</script>`, "s"))[1];
-const { width, height, passes, sun, images, rows = 64 } = JSON.parse(readFileSync(`${folder}/request.json`));
+const {
+  width,
+  height,
+  passes,
+  sun,
+  images,
+  view,
+  ambient: given,
+  rows = 64,
+} = JSON.parse(readFileSync(`${folder}/request.json`));
 const about = JSON.parse(partOf("scene"));
 const arrays = await unpack(partOf("data"), about.columns, () => {});
 const textures = about.look.textures.map(({ wraps, nearest }, k) => {
@@ -24,13 +33,13 @@ const textures = about.look.textures.map(({ wraps, nearest }, k) => {
 });
 const tracer = await Tracer.create(arrays.wasm, about.kernels, lookOf(about, arrays, textures));
 const camera = new Orbit(about.camera, about.up);
-const rays = camera.rays(width, height);
+const rays = view ?? camera.rays(width, height);
 const draw = (pass, ambient) => {
   const light = new Float32Array(4 * width * height);
   const arrived = [0, 0, 0];
   let surfaces = 0;
   for (let first = 0; first < height; first += rows) {
-    const band = { rays, width, first, rows: Math.min(rows, height - first), pass, sun, daylight: 1, ambient };
+    const band = { rays, width, height, first, rows: Math.min(rows, height - first), pass, sun, daylight: 1, ambient };
     const part = tracer.band(band);
     light.set(part.light, 4 * width * first);
     for (let k = 0; k < 3; k++) arrived[k] += part.arrived[k];
@@ -44,7 +53,7 @@ const seconds = [];
 let exposure = 1;
 for (let pass = 0; pass < passes; pass++) {
   const start = performance.now();
-  const { light } = draw(pass, ambient);
+  const { light } = draw(pass, given ?? ambient);
   seconds.push((performance.now() - start) / 1000);
   if (pass === 0) exposure = exposureOf(light);
   for (let i = 0; i < sum.length; i++) sum[i] += light[i];

@@ -52,7 +52,8 @@ def add_lights(columns: Columns, lights: list[Light], origin: NDArray[np.float64
         record = _list_record(columns, k, light, origin) if isinstance(light, LightList) else _record(light, origin)
         if moves and place is not None:
             record["angularDiameter"] = SUN_WIDTH
-        records.append({**record, "moves": moves, "daylight": bool(suns) and isinstance(light, Sky)})
+        is_sky = isinstance(light, Sky)
+        records.append({**record, "moves": moves, "smooth": is_sky, "daylight": is_sky and bool(suns)})
     return records
 
 

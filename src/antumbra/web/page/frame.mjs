@@ -6,6 +6,7 @@ import { reachOf, traceQuery } from "../module/shadows.mjs";
 import { Appearance } from "./appearance.mjs";
 import { traceBeams } from "./beams.mjs";
 import { emitterOf, lampPatch, listedLights } from "./lamps.mjs";
+import { linksOf, REACH, smooth } from "./smoothing.mjs";
 
 /** @typedef {import("../module/memory.mjs").MemoryArray} MemoryArray */
 /** @typedef {import("../module/shadows.mjs").Geometry} Geometry */
@@ -17,13 +18,15 @@ import { emitterOf, lampPatch, listedLights } from "./lamps.mjs";
  */
 
 /**
- * Rows of a picture. The sun's direction is null while it is below the horizon.
- * @typedef {{rays: Rays, width: number, first: number, rows: number, pass: number, sun: number[] | null,
- *   daylight: number, ambient: number[]}} Band
+ * Rows of a picture, from a multiple of 4 on. The sun's direction is null while it is below the horizon.
+ * @typedef {{rays: Rays, width: number, height: number, first: number, rows: number, pass: number,
+ *   sun: number[] | null, daylight: number, ambient: number[]}} Band
  */
 
 /** Light and coverage, four numbers a pixel; the sum of the light that arrives without shadows, and of surfaces. */
 /** @typedef {{light: Float32Array, arrived: number[], surfaces: number}} Part */
+
+/** The pixels that are wanted, among those that are drawn. @typedef {{from: number, to: number}} Own */
 
 const NOTHING = 0; // no receiver
 const FLAT_ROW = 8; // more pixels than a row has are scratch memory of the kernel of lists
@@ -63,13 +66,19 @@ export class Frame {
    */
   draw(band) {
     const { kernels } = this.geometry;
+    const { first, rows, height } = band;
+    const smooths = this.lamps.some((lamp) => lamp.smooth);
+    const above = smooths ? Math.min(first, TILE) : 0; // rows whose light is averaged too
+    const below = smooths ? Math.min(height - first - rows, REACH) : 0;
     return kernels.arena.scratch(() => {
-      const rays = this.#rays(band);
-      const surfaces = this.#surfaces(band, rays);
+      const wide = { ...band, first: first - above, rows: above + rows + below };
+      const rays = this.#rays(wide);
+      const surfaces = this.#surfaces(wide, rays);
       const shown = this.appearance.at(surfaces, band.rays);
-      const light = this.#light(band, surfaces, shown);
-      if (this.sky) this.#addSky(band, rays, surfaces, light.image);
-      return pack(surfaces, light);
+      const own = { from: above * band.width, to: (above + rows) * band.width };
+      const light = this.#light(wide, surfaces, shown, own);
+      if (this.sky) this.#addSky(wide, rays, surfaces, light.image);
+      return pack(surfaces, light, own);
     });
   }
 
@@ -141,8 +150,9 @@ export class Frame {
    * @param {Band} band
    * @param {any} surfaces
    * @param {import("./appearance.mjs").Shown} shown
+   * @param {Own} own
    */
-  #light(band, surfaces, shown) {
+  #light(band, surfaces, shown, own) {
     const { kernels } = this.geometry;
     const { arena } = kernels;
     const { width, rows, sun, pass, daylight } = band;
@@ -159,6 +169,7 @@ export class Frame {
     const lists = lit.filter((lamp) => lamp.kind === "list");
     const more = arena.array("f4", [lists.length, rows, width, 3]);
     const arrived = [0, 0, 0];
+    const links = lists.some((lamp) => lamp.smooth) ? linksOf(kernels, surfaces, Math.hypot(...band.rays.dy)) : [];
     const normals = [shown.normal, surfaces.normal, shown.bend, shown.soft]; // `PixelNormals`
     const through = [arena.array("i4", [0, 0]), arena.array("f4", [0, 0, 1])];
     for (const lamp of lit) {
@@ -175,7 +186,8 @@ export class Frame {
           const buffer = GBUFFER.map((name) => surfaces[name]);
           const args = [buffer, normals, listed, bits, through, out, scratch];
           kernels.run("antumbra.picture.light_list_irradiance:_list_rows", rows, TILE, ...args);
-          addTo(arrived, out.view, [1, 1, 1], 3);
+          if (lamp.smooth) smooth(kernels, links, out);
+          addTo(arrived, out.view.subarray(3 * own.from, 3 * own.to), [1, 1, 1], 3);
         } else {
           const k = single.indexOf(lamp);
           const [light, share] = [part(irradiances, k), part(shares, k)];
@@ -185,7 +197,7 @@ export class Frame {
           const table = sampleRows(arena, patch);
           const args = [query, table, bits, through, normals, share.as("f4", [rows, width, 1])];
           kernels.run("antumbra.picture.light_visibility:_share_kernel", n, BLOCK, ...args);
-          addTo(arrived, light.view, lamp.tint, 1);
+          addTo(arrived, light.view.subarray(own.from, own.to), lamp.tint, 1);
         }
       });
     }
@@ -272,16 +284,17 @@ function addTo(sums, values, tint, step) {
 /**
  * @param {any} surfaces
  * @param {{image: MemoryArray, arrived: number[]}} light
+ * @param {Own} own
  * @returns {Part}
  */
-function pack({ side }, { image, arrived }) {
+function pack({ side }, { image, arrived }, { from, to }) {
   const [sides, colours] = [side.view, image.view];
-  const light = new Float32Array(4 * sides.length);
+  const light = new Float32Array(4 * (to - from));
   let surfaces = 0;
-  for (let i = 0; i < sides.length; i++) {
-    for (let k = 0; k < 3; k++) light[4 * i + k] = colours[3 * i + k];
+  for (let i = from, at = 0; i < to; i++, at += 4) {
+    for (let k = 0; k < 3; k++) light[at + k] = colours[3 * i + k];
     if (sides[i] === NOTHING) continue;
-    light[4 * i + 3] = 1;
+    light[at + 3] = 1;
     surfaces++;
   }
   return { light, arrived, surfaces };

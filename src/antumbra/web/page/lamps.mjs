@@ -9,7 +9,7 @@ import { SETS } from "../module/samples.mjs";
 /**
  * A light: `tint` is its colour times its intensity. A list has the samples and the 12 numbers of each light in each set in
  * columns. The sun that moves has no direction.
- * @typedef {{kind: string, tint: number[], daylight: boolean, moves?: boolean, distant?: boolean, facing?: boolean,
+ * @typedef {{kind: string, tint: number[], daylight: boolean, moves?: boolean, smooth?: boolean, distant?: boolean, facing?: boolean,
  *   least?: number, samples?: Float64Array, values?: Float32Array, [name: string]: any}} Lamp
  */
 

@@ -110,7 +110,7 @@ export class Picture {
     const rays = this.camera.rays(width, height);
     const most = Math.min(BAND, (width * height) / (this.pool.size ?? 1));
     const rows = TILE * Math.max(1, Math.ceil(most / width / TILE));
-    const shared = { rays, width, pass, ambient: this.#ambient ?? [0, 0, 0], ...this.light() };
+    const shared = { rays, width, height, pass, ambient: this.#ambient ?? [0, 0, 0], ...this.light() };
     const bands = Array.from({ length: Math.ceil(height / rows) }, async (_, k) => {
       const first = k * rows;
       const part = await this.pool.run("band", { ...shared, first, rows: Math.min(rows, height - first) });
