@@ -104,9 +104,8 @@ export class Frame {
     const { kernels, wide, triangles, faces } = this.geometry;
     const { arena } = kernels;
     const n = width * rows;
-    const [corner, dx, dy] = rays.slice(1, 4).map((each) => each.view);
     const ways = arena.array("f4", [n, 3]);
-    const out = ways.view;
+    const [out, corner, dx, dy] = [ways, ...rays.slice(1, 4)].map(({ view }) => view);
     for (let at = 0, i = 0; i < n; i++) {
       const [x, y] = [(i % width) + 0.5, Math.floor(i / width) + 0.5];
       for (let k = 0; k < 3; k++) out[at++] = corner[k] + x * dx[k] + y * dy[k];
@@ -138,9 +137,9 @@ export class Frame {
     kernels.run("antumbra.query.receivers:_move_kernel", n, BLOCK, ...receivers);
     let ids = face;
     if (faces) {
-      ids = arena.array("i4", [rows, width], face.view);
-      const all = ids.view;
-      for (let i = 0; i < n; i++) if (all[i] >= 0) all[i] = faces[all[i]];
+      ids = arena.array("i4", [rows, width]);
+      const [all, row] = [ids.view, face.view];
+      for (let i = 0; i < n; i++) all[i] = row[i] < 0 ? -1 : faces[row[i]];
     }
     return { ...buffer, origins, ids };
   }

@@ -10,6 +10,7 @@ import { scaleBar } from "./scale.mjs";
 import { SunPanel } from "./sun_panel.mjs";
 import { decodeTextures } from "./textures.mjs";
 import { pause, unpack } from "./unpack.mjs";
+import { Walk } from "./walk.mjs";
 import { fill, WORDS } from "./words.mjs";
 
 /** @typedef {import("./words.mjs").Words} Words */
@@ -73,6 +74,11 @@ class Page {
       () => this.#changed(),
       (x, y) => this.ask(x, y),
     );
+    new Walk(canvas, part("walk"), this.camera, this.pool, about.metres, (walking) => {
+      part("help").textContent = walking ? words.walkHelp : words.help;
+      this.#changed();
+    });
+    part("walk").hidden = false;
     new ResizeObserver(() => this.#changed()).observe(canvas);
     this.#changed();
     this.picture.run().catch((error) => this.fail(error));
@@ -172,6 +178,7 @@ class Page {
     part("north").setAttribute("aria-label", words.north);
     part("proof").textContent = words.proofRunning;
     part("help").textContent = words.help;
+    part("walk").textContent = words.walk;
     part("sun").setAttribute("aria-label", words.controls);
     const triangles = about.triangles.toLocaleString(document.documentElement.lang);
     part("about").textContent = fill(words.scene, { triangles, digest: about.digest });

@@ -6,7 +6,7 @@ import { Tracer } from "./tracer.mjs";
 const LARGE = 400_000; // triangles from which one worker has to do, for memory
 const MOST_WORKERS = 6;
 
-/** @typedef {"band" | "ground" | "ask" | "prove"} Method */
+/** @typedef {"band" | "meet" | "ask" | "prove"} Method */
 /** @typedef {{method: Method, job: any, done: (answer: any) => void, failed: (reason: Error) => void}} Task */
 
 /** Answer messages in a worker. The first one makes its scene. */

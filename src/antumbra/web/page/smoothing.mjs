@@ -35,7 +35,8 @@ export function linksOf(kernels, { position, normal, face, depth, side }, pixel)
 export function smooth(kernels, links, irradiance) {
   const { arena } = kernels;
   const [h, w] = irradiance.shape;
-  const source = arena.array("f4", irradiance.shape, irradiance.view);
+  const source = arena.array("f4", irradiance.shape);
   const scratch = arena.array("f4", [6 * ((ROWS + 2 * REACH) * w + 2 * LANES)]);
+  source.view.set(irradiance.view);
   kernels.run("antumbra.picture.discontinuity_filter:_smooth_rows", h, ROWS, links, source, irradiance, scratch);
 }

@@ -58,14 +58,12 @@ export class Tracer {
   }
 
   /**
-   * The height of the surface below a point, along the up axis; null without one.
-   * @param {number[]} point
+   * The point that a ray meets; null without one.
+   * @param {{origin: number[], direction: number[]}} ray
    */
-  ground(point) {
-    const down = [0, 0, 0];
-    down[this.up] = -1;
-    const { t } = this.scene.closestHit(Float64Array.from(point), Float64Array.from(down));
-    return t[0] < Infinity ? point[this.up] - t[0] : null;
+  meet({ origin, direction }) {
+    const t = this.scene.closestHit(origin, direction).t[0];
+    return t < Infinity ? origin.map((o, k) => o + t * direction[k]) : null;
   }
 
   /**

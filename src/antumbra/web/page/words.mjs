@@ -37,6 +37,9 @@ const EN = {
   scale: "Scale at the centre of the picture",
   scene: "{triangles} triangles, scene {digest}",
   help: "Drag to turn, right button or two fingers to move, wheel or pinch to zoom.",
+  walk: "Walk",
+  walkHelp:
+    "W A S D or arrow keys walk, Shift runs, drag to look around, two fingers or the wheel walk too, Escape ends.",
   controls: "Sun",
 };
 
@@ -77,6 +80,9 @@ const DE = {
   scale: "Maßstab in der Bildmitte",
   scene: "{triangles} Dreiecke, Szene {digest}",
   help: "Ziehen dreht, rechte Taste oder zwei Finger verschieben, Rad oder Spreizen zoomt.",
+  walk: "Gehen",
+  walkHelp:
+    "W A S D oder Pfeiltasten gehen, Umschalttaste läuft, Ziehen schaut umher, zwei Finger oder Rad gehen auch, Escape beendet.",
   controls: "Sonne",
 };
 
