@@ -87,7 +87,7 @@ export function duration(hours) {
  * What a worker found at a point, as a sentence.
  * @param {any} found
  * @param {{place: Place, day: Day} | null} when null: without a place, only the sun that is shown
- * @param {number | null} sunNow the height of the sun that is shown, degrees
+ * @param {number | null} sunNow the height of the sun that is shown, degrees; null without one
  * @param {Words} words
  * @param {(face: number) => string} nameOf an object, or ""
  */
@@ -95,10 +95,10 @@ export function sentenceOf(found, when, sunNow, words, nameOf) {
   if (!found) return words.nothing;
   const name = (/** @type {number} */ face) => nameOf(face) || words.something;
   const parts = [];
-  if (sunNow === null || sunNow <= 0) parts.push(words.atNight);
+  if (sunNow !== null && sunNow <= 0) parts.push(words.atNight);
   else if (found.now === SEEN) parts.push(words.inSun);
   else if (found.now === BLOCKED) parts.push(fill(words.inShadow, { blocker: name(found.nowBlocker) }));
-  else parts.push(words.behind);
+  else if (sunNow !== null) parts.push(words.behind);
   if (when) {
     const { place, day } = when;
     const all = spansOf(day, found.states, found.blockers);

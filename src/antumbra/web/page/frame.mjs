@@ -34,14 +34,13 @@ const PLANES = 13; // of scratch memory for a row
 const BLOCK = 256; // pixels that kernels take at a time
 const TILE = 4; // rows of a tile
 
-/**
- * The place in a pixel that a pass looks through, from its centre.
- * @param {number} pass
- */
-export function offsetOf(pass) {
-  const [x, y] = [0.7548776662, 0.5698402909].map((step) => ((pass * step + 0.5) % 1) - 0.5);
-  return [x, y];
-}
+/** The places in a pixel that passes look through, from its centre, around which they lie evenly. */
+const PLACES = [
+  [0, 0],
+  [-0.375, -0.125],
+  [0.125, 0.375],
+  [0.25, -0.25],
+];
 
 export class Frame {
   /**
@@ -88,7 +87,7 @@ export class Frame {
    */
   #rays({ rays: { origin, corner, dx, dy }, width, first, rows, pass }) {
     const { kernels, origin: frame } = this.geometry;
-    const [x, y] = offsetOf(pass);
+    const [x, y] = PLACES[pass % PLACES.length];
     const start = corner.map((c, k) => c + x * dx[k] + (first + y) * dy[k]);
     const vectors = [start, dx, dy].map((each) => kernels.arena.array("f8", [3], each));
     const eye = origin.map((o, k) => o - frame[k]);

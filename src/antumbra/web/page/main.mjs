@@ -172,7 +172,7 @@ class Page {
   #label() {
     const { words, about } = this;
     part("picture").setAttribute("aria-label", words.picture);
-    part("answer").textContent = words.hint;
+    part("answer").textContent = about.place || about.angles ? words.hint : words.hintSky;
     part("day").hidden = !about.place;
     part("day").style.visibility = "hidden";
     part("north").setAttribute("aria-label", words.north);

@@ -11,7 +11,7 @@ export const SAMPLES = 64; // of a light for each pixel, of the finished picture
 const PASSES = SAMPLES / SAMPLES_A_PASS;
 const MOST_PIXELS = 1_000_000;
 const COARSE = 12_000; // pixels of the first picture after a change, for each worker
-const BAND = 12_000; // pixels of a job
+const BAND = 32_000; // pixels of a job, about
 const TILE = 4; // rows of a job are a multiple of it, since kernels take pixels by 4 x 4
 const AMBIENT = 0.12; // of antumbra.picture.shading
 

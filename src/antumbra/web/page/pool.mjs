@@ -41,7 +41,7 @@ export class Pool {
    */
   async start(source, scene, triangles, failed) {
     const url = URL.createObjectURL(new Blob([source], { type: "text/javascript" }));
-    this.size = triangles > LARGE ? 1 : Math.max(1, Math.min(MOST_WORKERS, (navigator.hardwareConcurrency ?? 2) - 1));
+    this.size = triangles > LARGE ? 1 : workerCount(navigator.hardwareConcurrency ?? 2);
     const started = Array.from({ length: this.size }, async () => {
       const worker = new Worker(url);
       await send(worker, "create", scene);
@@ -89,6 +89,11 @@ export class Pool {
         });
     }
   }
+}
+
+/** The page itself needs a core only now and then. @param {number} cores */
+function workerCount(cores) {
+  return Math.max(1, Math.min(MOST_WORKERS, cores <= 2 ? cores : cores - 1));
 }
 
 /**

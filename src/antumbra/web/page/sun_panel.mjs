@@ -34,8 +34,10 @@ export class SunPanel {
     this.second = part("second");
     this.button = part("play");
     this.output = part("when");
+    this.shines = Boolean(this.place || about.angles); // otherwise the scene has other lights only
     if (this.place) this.#withPlace(about);
-    else this.#withAngles(about);
+    else if (about.angles) this.#withAngles(about);
+    else this.#withoutSun();
     for (const slider of [this.first, this.second]) slider.addEventListener("input", () => this.#moved());
     this.#show();
   }
@@ -61,10 +63,16 @@ export class SunPanel {
   #withAngles(about) {
     label("first", this.words.bearing);
     label("second", this.words.height);
-    Object.assign(this.first, { min: 0, max: 359, step: 1, value: about.angles.azimuth });
-    Object.assign(this.second, { min: 0, max: 90, step: 1, value: about.angles.altitude });
+    Object.assign(this.first, { min: 0, max: 359.9, step: 0.1, value: about.angles.azimuth });
+    Object.assign(this.second, { min: 0, max: 90, step: 0.1, value: about.angles.altitude });
     this.day.closest("label").hidden = true;
     this.button.hidden = true;
+  }
+
+  #withoutSun() {
+    for (const each of [this.first, this.second, this.day]) each.closest("label").hidden = true;
+    this.button.hidden = true;
+    this.output.hidden = true;
   }
 
   /** The moment that is shown, in seconds since 1970; with a place. */
@@ -80,12 +88,14 @@ export class SunPanel {
       : { azimuth: Number(this.first.value), altitude: Number(this.second.value) };
   }
 
+  /** Degrees; null without a sun. */
   get altitude() {
-    return this.angles.altitude;
+    return this.shines ? this.angles.altitude : null;
   }
 
   /** @returns {import("./picture.mjs").Light} */
   get light() {
+    if (!this.shines) return { sun: null, daylight: 1 };
     const { angles } = this;
     const daylight = Math.min(1, Math.max(0.03, (angles.altitude + 6) / 14));
     return { sun: angles.altitude > 0 ? towards(angles, this.north, this.up) : null, daylight };

@@ -14,6 +14,7 @@ export const LINEAR = Float32Array.from({ length: 256 }, (_, byte) => {
   return s <= 0.04045 ? s / 12.92 : ((s + 0.055) / 1.055) ** 2.4;
 });
 
+const f = Math.fround;
 const STEPS = 1 << 16; // entries of the table from linear light to bytes
 
 /** @type {Uint8Array | null} */ let bytes = null;
@@ -99,7 +100,9 @@ function halved(values, n, size, runs) {
       const to = (run * k + i) * size;
       for (let j = 0; j < size; j++) {
         const [a, b] = [values[from + j], values[from + size + j]];
-        out[to + j] = odd ? ((k - i) * a + k * b + (i + 1) * values[from + 2 * size + j]) / n : (a + b) / 2;
+        out[to + j] = odd
+          ? f(f(f(f((k - i) * a) + f(k * b)) + f((i + 1) * values[from + 2 * size + j])) * f(1 / n))
+          : (a + b) / 2;
       }
     }
   return out;
@@ -110,6 +113,6 @@ function bytesOf(linear) {
   const table = toByte();
   const out = new Uint8Array(linear.length);
   for (let k = 0; k < out.length; k++)
-    out[k] = k % 4 === 3 ? Math.floor(255 * linear[k] + 0.5) : table[Math.floor(linear[k] * (STEPS - 1) + 0.5)];
+    out[k] = k % 4 === 3 ? f(f(255 * linear[k]) + 0.5) : table[Math.floor(f(f(linear[k] * (STEPS - 1)) + 0.5))];
   return out;
 }
