@@ -1,7 +1,6 @@
 """The look of a scene in its page: the lights of its picture, and the materials, textures and normals of its faces."""
 
 import io
-from contextlib import nullcontext
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -184,9 +183,8 @@ def _image(texture: Texture) -> tuple[str, bytes, bool]:
     data = texture.picture
     if isinstance(data, bytes) and not large and texture.opacity is None:
         kind = next((kind for start, kind in _EMBEDDED.items() if data.startswith(start)), None)
-        with Image.open(io.BytesIO(data)) if kind else nullcontext() as image:
-            if image is not None and image.mode in ("RGB", "L") and "icc_profile" not in image.info:
-                return kind, data, False
+        if kind is not None and _is_plain(data):
+            return kind, data, False
     if large:
         pixels.thumbnail((LARGEST, LARGEST), Image.Resampling.BOX)
     file = io.BytesIO()
@@ -195,3 +193,11 @@ def _image(texture: Texture) -> tuple[str, bytes, bool]:
         return "image/jpeg", file.getvalue(), large
     pixels.save(file, "PNG", optimize=True)
     return "image/png", file.getvalue(), large
+
+
+def _is_plain(data: bytes) -> bool:
+    """Whether an image file has sRGB colours without alpha."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(data)) as image:
+        return image.mode in ("RGB", "L") and "icc_profile" not in image.info
