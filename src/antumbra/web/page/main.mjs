@@ -71,10 +71,13 @@ class Page {
     follow(
       canvas,
       this.camera,
-      () => this.#changed(),
+      () => {
+        this.#changed();
+        if (this.camera.walking) walk.settle().then((rises) => rises && this.#changed());
+      },
       (x, y) => this.ask(x, y),
     );
-    new Walk(canvas, part("walk"), this.camera, this.pool, about.metres, (walking) => {
+    const walk = new Walk(canvas, part("walk"), this.camera, this.pool, about.metres, (walking) => {
       part("help").textContent = walking ? words.walkHelp : words.help;
       this.#changed();
     });

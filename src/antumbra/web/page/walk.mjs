@@ -9,6 +9,7 @@ const AHEAD = 6; // distance of the point that the camera then orbits around, in
 const NEAR = 4; // heights of the eye above the ground from which a camera starts to walk where it is
 const [WALK, RUN] = [2.5, 10]; // metres a second
 const LONGEST = 0.1; // seconds of a step
+const LEAST = 1e-3; // rise that is seen, in heights of the eye
 
 /** Steps forward and to the right. @type {Record<string, [number, number]>} */
 const KEYS = {
@@ -139,16 +140,19 @@ export class Walk {
       const [forward, right] = [0, 1].map((k) => keys.reduce((sum, code) => sum + KEYS[code][k], 0) * way);
       this.camera.step(forward, right);
       await this.settle();
+      this.moved(this.camera.walking);
       requestAnimationFrame(step);
     };
     requestAnimationFrame(step);
   }
 
-  /** Put the eye at its height above the surface below it. */
+  /** Put the eye at its height above the surface below it, and return whether that moves it. */
   async settle() {
     const { eye } = this.camera;
     const below = await this.#meet(eye, this.#down);
-    if (below && this.camera.walking) this.camera.step(0, 0, below[this.up] + this.eye - eye[this.up]);
-    this.moved(this.camera.walking);
+    if (!below || !this.camera.walking) return false;
+    const rise = below[this.up] + this.eye - eye[this.up];
+    this.camera.step(0, 0, rise);
+    return Math.abs(rise) > LEAST * this.eye;
   }
 }
