@@ -6,6 +6,7 @@ const [, , modules, folder] = process.argv;
 const { sunAngles } = await import(pathToFileURL(`${modules}/../module/sun_position.mjs`));
 const { offsetAt, midnight, daysAfter } = await import(pathToFileURL(`${modules}/sun.mjs`));
 const { dayOf, sentenceOf, sunsAbove } = await import(pathToFileURL(`${modules}/answer.mjs`));
+const { lookOf } = await import(pathToFileURL(`${modules}/appearance.mjs`));
 const { ColourScale } = await import(pathToFileURL(`${modules}/colour_scale.mjs`));
 const { measured, measureSentence } = await import(pathToFileURL(`${modules}/measure.mjs`));
 const { QUESTIONS } = await import(pathToFileURL(`${modules}/questions.mjs`));
@@ -26,7 +27,7 @@ let opened = { data: "", tracer: null };
 async function tracerOf({ data, about }) {
   if (opened.data !== data) {
     const arrays = await unpack(data, about.columns, () => {});
-    opened = { data, tracer: await Tracer.create(arrays, about.kernels, about.up, about.origin) };
+    opened = { data, tracer: await Tracer.create(arrays.wasm, about.kernels, lookOf(about, arrays, [])) };
   }
   return opened.tracer;
 }

@@ -538,3 +538,44 @@ def test_a_page_that_cannot_open_says_why(chromium, changed, words, before):
     opened.page.wait_for_selector("#opening[role='alert']")
     assert words in opened.page.locator("#opening").inner_text()
     assert opened.faults == []
+
+
+def eye_of(opened):
+    """What the scale bar and the north arrow say of the camera, which change as it moves."""
+    return [opened.page.locator(each).get_attribute("style") for each in ("#north", "#scale")]
+
+
+def test_a_visitor_walks_and_returns(chromium, written):
+    opened = Opened(chromium, written[1])
+    opened.page.wait_for_selector(FIRST)
+    above = eye_of(opened)
+    opened.page.locator("#walk").click()
+    opened.page.wait_for_function(f"document.querySelector('#scale').getAttribute('style') !== {json.dumps(above[1])}")
+    assert "Escape ends" in opened.page.locator("#help").inner_text()
+    before = opened.page.locator("#picture").screenshot()
+    opened.page.keyboard.down("w")
+    opened.page.wait_for_timeout(700)
+    opened.page.keyboard.up("w")
+    opened.page.wait_for_selector("body[data-samples='64']", timeout=90_000)
+    assert opened.page.locator("#picture").screenshot() != before
+    opened.page.keyboard.press("Escape")
+    assert opened.page.locator("#walk").get_attribute("aria-pressed") == "false"
+    assert opened.faults == []
+
+
+def test_a_room_has_no_controls_of_the_sun_and_its_textures_are_shown(chromium, tmp_path, monkeypatch):
+    red = np.full((4, 4, 3), (200, 30, 20), np.uint8)
+    corners = np.array([[[-4, -4, 0], [4, -4, 0], [4, 4, 0]], [[-4, -4, 0], [4, 4, 0], [-4, 4, 0]]], float)
+    scene = at.Scene.from_arrays(corners, uv=corners.reshape(-1, 3)[:, :2] / 8 + 0.5, texture=red, up="z")
+    lamp = at.SphereLight((0.0, 0.0, 3.0), 0.5, intensity=20.0)
+    monkeypatch.setattr(type(scene), "default_lights", lambda *_: [lamp])
+    camera = at.Camera((0.0, -0.1, 4.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), vfov=60.0)
+    write_page(scene, tmp_path / "room.html", options()._replace(place=None), camera)
+    opened = Opened(chromium, tmp_path / "room.html", 400, 500)
+    opened.page.wait_for_selector("body[data-samples='64']", timeout=90_000)
+    assert opened.page.locator("input:visible").count() == 0
+    script = (
+        "(c => c.getContext('2d').getImageData(c.width / 2, c.height / 2, 1, 1).data)(document.querySelector('canvas'))"
+    )
+    pixel = list(opened.page.evaluate(f"Array.from({script})"))
+    assert pixel[0] > 2 * pixel[1] > 0 and opened.faults == []

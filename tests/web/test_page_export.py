@@ -249,7 +249,7 @@ def test_the_program_of_a_page_has_each_module_once():
 
 
 def test_each_export_of_the_page_is_imported():
-    sources = {path: path.read_text(encoding="utf-8") for path in [*PAGE.glob("*.mjs"), PARTS]}
+    sources = {path: path.read_text(encoding="utf-8") for path in [*PAGE.glob("*.mjs"), *PARTS.parent.glob("*.mjs")]}
     exports = [
         (path, name) for path in sources for name in re.findall(r"^export \w+(?: function)? (\w+)", sources[path], re.M)
     ]

@@ -130,6 +130,8 @@ def page(args: PageArguments) -> int:
         )
         report = write_page(scene, path, options, camera, moment, before=None if change is None else change.before)
     if not args.quiet:
+        for note in report.notes:
+            say(f"note: {note}")
         if scene.animated:
             say(f"note: the scene is animated, and the page shows it at {moment:g} s")
         if place is None:

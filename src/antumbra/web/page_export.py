@@ -7,7 +7,6 @@ Its content security policy allows no request.
 import base64
 import hashlib
 import json
-import zlib
 from datetime import datetime
 from html import escape
 from pathlib import Path
@@ -28,6 +27,8 @@ from ..sun.location import Place
 from ..version import VERSION
 from ..work.scene_records import scene_digest
 from .kernel_module import kernel_module
+from .page_columns import Columns, distinct_rows
+from .page_look import add_look, sun_angles
 from .page_source import PAGE, page_program
 from .value_layer import ValueLayer
 
@@ -53,61 +54,20 @@ class PageReport(NamedTuple):
     triangles: int
     size: int  # bytes of the file
     digest: str  # of the scene
+    notes: tuple[str, ...] = ()  # what its pictures lack
 
 
-# --- Columns of numbers, as `page/unpack.mjs` reads them --------------------------------------------------------------
-
-
-class Columns:
-    """Named arrays, byte 0 of all numbers first, then byte 1, and so on, which compresses best."""
-
-    def __init__(self) -> None:
-        self.listed: list[dict[str, Any]] = []
-        self._parts: list[bytes] = []
-
-    def add(self, name: str, values: np.ndarray, step: bool = False) -> None:
-        """Add an array, flat; `step`: as differences between neighbours."""
-        flat = np.ascontiguousarray(values).ravel()
-        kind = f"{flat.dtype.kind.replace('b', 'u')}{flat.dtype.itemsize}"
-        self.listed.append({"name": name, "type": kind, "length": flat.size, "step": step})
-        if step:
-            flat = np.diff(flat, prepend=flat.dtype.type(0))
-        planes = flat.view(np.uint8).reshape(-1, flat.dtype.itemsize).T
-        self._parts.append(np.ascontiguousarray(planes).tobytes())
-
-    def packed(self) -> bytes:
-        """Base64 of a zlib stream of all columns."""
-        stream = zlib.compressobj(9)
-        return base64.b64encode(b"".join([*map(stream.compress, self._parts), stream.flush()]))
-
-    def digest(self) -> str:
-        """SHA-256 of all columns, in hexadecimal."""
-        digest = hashlib.sha256()
-        for part in self._parts:
-            digest.update(part)
-        return digest.hexdigest()
+# --- Geometry and proof -----------------------------------------------------------------------------------------------
 
 
 def _add_geometry(columns: Columns, triangles: Triangles, objects: NDArray[np.int32]) -> None:
     """Distinct vertices, indices, colours and objects of faces."""
     corners = triangles.vertices.reshape(-1, 3)
-    vertices, indices = _distinct(corners)
-    colours, colour_of = _distinct(triangles.colour)
+    vertices, indices = distinct_rows(corners)
     columns.add("positions", vertices)
     columns.add("indices", indices, step=True)
-    columns.add("colours", colours)
-    columns.add("colourOf", colour_of, step=True)
+    columns.add_distinct("colour", triangles.colour)
     columns.add("objectOf", objects, step=True)
-
-
-def _distinct(rows: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Rows with different bits, in the order of their first use, and the index of each row among them."""
-    keys = np.ascontiguousarray(rows).view(np.dtype((np.void, 12))).ravel()
-    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    rank = np.empty(len(order), np.int32)
-    rank[order] = np.arange(len(order), dtype=np.int32)
-    return rows[first[order]], rank[inverse.ravel()]
 
 
 def _add_proof(columns: Columns, scenes: dict[str, AnyScene], triangles: Triangles) -> None:
@@ -226,10 +186,11 @@ def page_html(
     triangles = whole.triangles(time)
     columns = Columns()
     _add_geometry(columns, triangles, whole.data.object_of_face[triangles.face_id])
+    look = add_look(columns, scene, triangles, time, options.place)
     _add_proof(columns, scenes, triangles)
     if before is not None:
         states = ~_hidden(before) + 2 * ~_hidden(scene)  # of each face: 1 before, 2 after, 3 both
-        columns.add("states", states.astype(np.uint8))
+        columns.add("states", states[triangles.face_id].astype(np.uint8))
     module = kernel_module()
     columns.add("wasm", np.frombuffer(module.wasm, np.uint8))
     for name, values in ({} if layer is None else layer.arrays(triangles)).items():
@@ -253,14 +214,15 @@ def page_html(
         "place": None if options.place is None else options.place._asdict(),
         "date": f"{options.when:%Y-%m-%d}",
         "minute": 60 * options.when.hour + options.when.minute,
-        "angles": {"azimuth": 215, "altitude": 42},
+        "angles": sun_angles(look.record, scene.up),
+        "look": look.record,
         "objects": names if len(set(names)) > 1 else [],
         "kernels": {"kernels": module.kernels},
         "layer": None if layer is None else layer.about(),
         "columns": columns.listed,
     }
     html = _html(about, columns.packed().decode(), options)
-    return html, PageReport(shown, len(html), digests[-1])
+    return html, PageReport(shown, len(html), digests[-1], tuple(look.notes))
 
 
 def _orbit_of(scene: AnyScene, triangles: Triangles, camera: Camera) -> dict[str, Any]:

@@ -34,7 +34,8 @@ export class AnswerPanel {
     this.sun = sun;
     this.told = told;
     this.horizon = new HorizonPlot(pool, sun, words);
-    part("answer").textContent = words.hint;
+    this.hint = sun.shines ? words.hint : words.hintSky;
+    part("answer").textContent = this.hint;
     part("change").hidden = !about.changes;
     for (const [id, shown] of /** @type {const} */ ([
       ["day", about.place],
@@ -60,7 +61,7 @@ export class AnswerPanel {
     const { sun, about, words, states } = this;
     const asked = this.#asked;
     if (!asked) {
-      part("answer").textContent = words.hint;
+      part("answer").textContent = this.hint;
       return;
     }
     const when = sun.place && { place: sun.place, date: sun.date, day: dayOf(sun.place, sun.date, about.up) };

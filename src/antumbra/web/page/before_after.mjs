@@ -7,7 +7,9 @@ import { fill } from "./words.mjs";
 
 /** @typedef {import("./words.mjs").Words} Words */
 
-export const [BEFORE, AFTER] = [0, 1]; // the states of a scene that changes
+// The states of a scene that changes
+export const BEFORE = 0;
+export const AFTER = 1;
 
 const STEPS = /** @type {Record<string, number>} */ ({
   ArrowLeft: -0.02,
@@ -107,7 +109,7 @@ export async function askBoth(ask, question, shown, states, reach) {
  * A sentence.
  * @param {any[]} found before and after
  * @param {import("./answer.mjs").Day | null} day null: without a place, only the sun that is shown
- * @param {number} altitude of the sun that is shown, degrees
+ * @param {number | null} altitude of the sun that is shown, degrees; null: none shines
  * @param {Words} words
  * @param {(face: number) => string} nameOf an object, or ""
  */
@@ -115,6 +117,7 @@ export function changeOf([first, second], day, altitude, words, nameOf) {
   if (!first && !second) return "";
   if (!first) return words.notBefore;
   if (!second) return words.notAfter;
+  if (!day && altitude === null) return "";
   if (!day) {
     const [before, after] = [first, second].map((each) => nowOf(each, altitude, words, nameOf));
     return fill(words.sunStates, { before, after });

@@ -2,6 +2,7 @@
 /** The page: unpacks the scene, starts the workers, and joins pictures, sun, answers and proof. In a worker: its jobs. */
 
 import { AnswerPanel } from "./answer_panel.mjs";
+import { lookOf } from "./appearance.mjs";
 import { AFTER, BEFORE, Divider } from "./before_after.mjs";
 import { digestOf, missing, numberText, reasonOf, recordOf, verdictOf } from "./checks.mjs";
 import { drawLegend } from "./layer.mjs";
@@ -14,8 +15,10 @@ import { Pool, serve } from "./pool.mjs";
 import { scaleBar } from "./scale.mjs";
 import { SunPanel } from "./sun_panel.mjs";
 import { SurfaceValues } from "./surface_values.mjs";
+import { decodeTextures } from "./textures.mjs";
 import { restore, Toolbar, toolsOf } from "./toolbar.mjs";
 import { pause, unpack } from "./unpack.mjs";
+import { Walk } from "./walk.mjs";
 import { fill, WORDS } from "./words.mjs";
 
 /** @typedef {import("./words.mjs").Words} Words */
@@ -80,14 +83,12 @@ class Page {
   async #start({ indices, states, ...arrays }) {
     const { about } = this;
     const shown = states ? [BEFORE, AFTER].map((state) => indicesIn(indices, states, state)) : [indices];
-    const { origins, directions, blocked, faces, distances, objectOf, ...traced } = arrays;
-    const scene = {
-      arrays: { ...traced, layer: about.layer },
-      states: shown,
-      kernels: about.kernels,
-      up: about.up,
-      origin: about.origin,
-    };
+    const { wasm, objectOf, origins, directions, ...rest } = arrays;
+    const { blocked, faces, distances, blockedBefore, facesBefore, distancesBefore, ...columns } = rest;
+    const textures = await decodeTextures(about.look.textures, arrays, (share) =>
+      this.#progress(this.words.unpacking, share),
+    );
+    const scene = { wasm, kernels: about.kernels, look: lookOf(about, columns, textures), states: shown };
     const source = part("code").textContent;
     await this.pool.start(source, scene, (shown.length * indices.length) / 3, this.failed);
   }
@@ -96,10 +97,10 @@ class Page {
   #draw(states) {
     const { about, words, pool, camera, sun, failed } = this;
     const canvas = part("picture");
-    const meter = { exposure: 0 };
+    const options = { hasSky: about.look.sky !== null, meter: { exposure: 0 } };
     const light = () => ({ ...sun.light, painted: Boolean(about.layer) && part("painted").checked });
     const make = (/** @type {HTMLCanvasElement} */ on, /** @type {number} */ state) =>
-      new Picture(on, pool, camera, light, () => this.#count(), { state, meter });
+      new Picture(on, pool, camera, light, () => this.#count(), { ...options, state });
     this.pictures = [make(canvas, -1)];
     if (states) {
       const before = part("pictureBefore");
@@ -110,10 +111,18 @@ class Page {
     for (const tool of toolsOf(this)) this.toolbar.add(tool, failed);
     this.toolbar.say(restore(this));
     addEventListener("hashchange", () => this.toolbar.say(restore(this)));
+    const walk = new Walk(canvas, part("walk"), camera, pool, about.metres, (walking) => {
+      part("help").textContent = walking ? words.walkHelp : words.help;
+      this.changed();
+    });
+    part("walk").hidden = false;
     follow(
       canvas,
       camera,
-      () => this.changed(),
+      () => {
+        this.changed();
+        if (camera.walking) walk.settle().then((rises) => rises && this.changed(), failed);
+      },
       (x, y) => this.#ask(x, y).catch(failed),
     );
     new ResizeObserver(() => this.changed()).observe(canvas);
@@ -210,6 +219,7 @@ class Page {
     part("north").setAttribute("aria-label", words.north);
     part("proof").textContent = words.proofRunning;
     part("help").textContent = words.help;
+    part("walk").textContent = words.walk;
     part("sun").setAttribute("aria-label", words.controls);
     part("result").hidden = !about.layer;
     if (about.layer) {

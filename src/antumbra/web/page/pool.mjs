@@ -18,13 +18,16 @@ export function serve() {
     try {
       if (method === "create") {
         for (const indices of job.states)
-          tracers.push(await Tracer.create({ ...job.arrays, indices }, job.kernels, job.up, job.origin));
+          tracers.push(await Tracer.create(job.wasm, job.kernels, { ...job.look, indices }));
         postMessage({});
-      } else {
-        const tracer = /** @type {Tracer} */ (tracers.at(job.state ?? -1));
-        if (method in QUESTIONS) postMessage({ answer: QUESTIONS[method](tracer, job) });
-        else postMessage({ answer: tracer[/** @type {"band" | "prove"} */ (method)](job) });
+        return;
       }
+      const tracer = /** @type {Tracer} */ (tracers.at(job.state ?? -1));
+      const answer =
+        method in QUESTIONS
+          ? QUESTIONS[method](tracer, job)
+          : /** @type {any} */ (tracer[/** @type {"band" | "prove"} */ (method)](job));
+      postMessage({ answer }, { transfer: answer?.light ? [answer.light.buffer] : [] });
     } catch (error) {
       postMessage({ error: String(/** @type {Error} */ (error).message ?? error) });
     }
@@ -39,13 +42,13 @@ export class Pool {
   /**
    * Start workers; it returns when the first one is ready.
    * @param {string} source of the program
-   * @param {any} scene arrays, the indices in each state, kernels, up
+   * @param {any} scene wasm, kernels, look, and the indices in each state
    * @param {number} triangles
    * @param {(reason: Error) => void} failed
    */
   async start(source, scene, triangles, failed) {
     const url = URL.createObjectURL(new Blob([source], { type: "text/javascript" }));
-    this.size = triangles > LARGE ? 1 : Math.max(1, Math.min(MOST_WORKERS, (navigator.hardwareConcurrency ?? 2) - 1));
+    this.size = triangles > LARGE ? 1 : workerCount(navigator.hardwareConcurrency ?? 2);
     const started = Array.from({ length: this.size }, async () => {
       const worker = new Worker(url);
       await send(worker, "create", scene);
@@ -96,6 +99,11 @@ export class Pool {
         });
     }
   }
+}
+
+/** The page itself needs a core only now and then. @param {number} cores */
+function workerCount(cores) {
+  return Math.max(1, Math.min(MOST_WORKERS, cores <= 2 ? cores : cores - 1));
 }
 
 /**

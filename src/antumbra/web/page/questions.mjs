@@ -4,11 +4,10 @@
 import { boundsOf, middleOf, receiversOf } from "../module/frame.mjs";
 import { directionTo } from "../module/sun.mjs";
 import { dot } from "../module/vectors.mjs";
-import { receiver } from "./shadow_rays.mjs";
 import { levelsOf, SurfaceGrid } from "./surface_grid.mjs";
 
 /** @typedef {import("./tracer.mjs").Tracer} Tracer */
-/** @typedef {import("./tracer.mjs").Rays} Rays */
+/** @typedef {import("./frame.mjs").Rays} Rays */
 
 const GOLDEN = Math.PI * (3 - Math.sqrt(5));
 const SKY_DIRECTIONS = 4096;
@@ -166,7 +165,7 @@ function eyePoint(tracer, { spot, height }) {
  * @param {Spot} spot
  */
 function surfaceEnd(tracer, { point, normal }) {
-  const { origins } = receiversOf(point, normal, [0, 0, 0], middleOf(boundsOf(tracer.positions)));
+  const { origins } = receiversOf(point, normal, [0, 0, 0], middleOf(boundsOf(tracer.mesh.positions)));
   return Array.from(origins);
 }
 
@@ -283,6 +282,18 @@ export const QUESTIONS = {
   spot: spotAt,
   surfaces,
 };
+
+const SHIFT = 2 ** -21; // of receivers off their surfaces, as in antumbra.query.receivers
+
+/**
+ * A point on a face, moved off it as far as float32 needs.
+ * @param {number[]} point
+ * @param {number[]} normal
+ */
+function receiver([x, y, z], normal) {
+  const shift = SHIFT * Math.max(Math.abs(x), Math.abs(y), Math.abs(z));
+  return [Math.fround(x + shift * normal[0]), Math.fround(y + shift * normal[1]), Math.fround(z + shift * normal[2])];
+}
 
 /** @param {number[]} point @param {number} n */
 function repeat(point, n) {

@@ -4,9 +4,9 @@
 const LETTERS = 1 << 18; // of base64 that are decoded at a time; a multiple of 4
 const PAUSE = 30; // milliseconds after which the browser may draw the progress bar
 
-/** @typedef {{name: string, type: "f4" | "f8" | "i4" | "u1", length: number, step: boolean}} Column */
+/** @typedef {{name: string, type: "f4" | "f8" | "i4" | "i2" | "u1", length: number, step: boolean}} Column */
 
-const TYPES = { f4: Float32Array, f8: Float64Array, i4: Int32Array, u1: Uint8Array };
+const TYPES = { f4: Float32Array, f8: Float64Array, i4: Int32Array, i2: Int16Array, u1: Uint8Array };
 
 /**
  * Decode columns.

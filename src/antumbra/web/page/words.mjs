@@ -32,6 +32,11 @@ const TABLE = {
     "Drag to turn, right button or two fingers to move, wheel or pinch to zoom.",
     "Ziehen dreht, rechte Taste oder zwei Finger verschieben, Rad oder Spreizen zoomt.",
   ],
+  walk: ["Walk", "Gehen"],
+  walkHelp: [
+    "W A S D or arrow keys walk, Shift runs, drag to look around, two fingers or the wheel walk too, Escape ends.",
+    "W A S D oder Pfeiltasten gehen, Umschalttaste läuft, Ziehen schaut umher, zwei Finger oder Rad gehen auch, Escape beendet.",
+  ],
   tools: ["View", "Ansicht"],
   reset: ["Reset view", "Zurücksetzen"],
   resetDone: ["The first view is shown.", "Die erste Ansicht ist zu sehen."],
@@ -61,6 +66,10 @@ const TABLE = {
 
   // answers
   hint: ["Click a place to ask when it has sun.", "Auf eine Stelle klicken, um zu fragen, wann dort Sonne ist."],
+  hintSky: [
+    "Click a place to ask how much of the sky it sees.",
+    "Auf eine Stelle klicken, um zu fragen, wie viel Himmel sie sieht.",
+  ],
   nothing: ["There is no surface here.", "Hier ist keine Fläche."],
   inSun: ["In the sun.", "In der Sonne."],
   inShadow: ["In the shade.", "Im Schatten."],
