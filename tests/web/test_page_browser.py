@@ -113,7 +113,7 @@ def test_a_page_that_finds_other_bits_says_so(chromium, written, tmp_path, monke
 
 def test_answers_have_the_hours_of_python(chromium, written):
     scene, path = written
-    opened = Opened(chromium, path)
+    opened = Opened(chromium, path, 1200, 480)
     opened.page.wait_for_selector(FIRST)
     found, sentences = [], []
     for right, down in ((0.4, 0.5), (0.43, 0.47), (0.5, 0.5), (0.55, 0.4), (0.51, 0.36), (0.3, 0.8)):
@@ -209,7 +209,7 @@ def test_painting_stops_and_starts_anew(chromium, written):
 
 def test_two_clicks_measure_a_distance_and_the_sight_between(chromium, written):
     scene, path = written
-    opened = Opened(chromium, path)
+    opened = Opened(chromium, path, 1200, 480)
     opened.page.wait_for_selector(FIRST)
     opened.page.locator("#ruler").click()
     answer = opened.page.locator("#answer")
@@ -467,10 +467,10 @@ def test_the_tab_key_passes_through_the_page_in_the_order_of_reading(chromium, c
     opened = Opened(chromium, changed[1])
     opened.page.wait_for_selector(FIRST)
     visited = []
-    for _ in range(7):
+    for _ in range(8):
         opened.page.keyboard.press("Tab")
         visited.append(opened.page.evaluate("() => document.activeElement.id"))
-    assert visited == ["reset", "link", "save", "picture", "divider", "play", "first"]
+    assert visited == ["walk", "reset", "link", "save", "picture", "divider", "play", "first"]
     names = opened.page.evaluate(NAMES)
     assert all(name.strip() for name in names), names
     live = opened.page.evaluate("() => [...document.querySelectorAll('[aria-live], [role=status]')].map((e) => e.id)")
@@ -540,6 +540,9 @@ def test_a_page_that_cannot_open_says_why(chromium, changed, words, before):
     assert opened.faults == []
 
 
+# --- Walking and rooms ------------------------------------------------------------------------------------------------
+
+
 def eye_of(opened):
     """What the scale bar and the north arrow say of the camera, which change as it moves."""
     return [opened.page.locator(each).get_attribute("style") for each in ("#north", "#scale")]
@@ -550,7 +553,9 @@ def test_a_visitor_walks_and_returns(chromium, written):
     opened.page.wait_for_selector(FIRST)
     above = eye_of(opened)
     opened.page.locator("#walk").click()
-    opened.page.wait_for_function(f"document.querySelector('#scale').getAttribute('style') !== {json.dumps(above[1])}")
+    opened.page.wait_for_function(
+        f"() => document.querySelector('#scale').getAttribute('style') !== {json.dumps(above[1])}"
+    )
     assert "Escape ends" in opened.page.locator("#help").inner_text()
     before = opened.page.locator("#picture").screenshot()
     opened.page.keyboard.down("w")

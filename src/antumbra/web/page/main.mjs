@@ -46,6 +46,11 @@ class Page {
     });
     const name = (/** @type {number} */ face) => this.answers.nameOf(face);
     this.ruler = new Ruler(about, words, this.pool, this.camera, name, () => this.#answer());
+    this.walk = new Walk(part("picture"), this.camera, this.pool, about.metres, (walking) => {
+      part("help").textContent = walking ? words.walkHelp : words.help;
+      part("walk").setAttribute("aria-pressed", String(walking));
+      this.changed();
+    });
     this.toolbar = new Toolbar(part("tools"), part("said"));
     /** @type {Picture[]} of the state after, or of the only one, and of the state before */
     this.pictures = [];
@@ -111,17 +116,12 @@ class Page {
     for (const tool of toolsOf(this)) this.toolbar.add(tool, failed);
     this.toolbar.say(restore(this));
     addEventListener("hashchange", () => this.toolbar.say(restore(this)));
-    const walk = new Walk(canvas, part("walk"), camera, pool, about.metres, (walking) => {
-      part("help").textContent = walking ? words.walkHelp : words.help;
-      this.changed();
-    });
-    part("walk").hidden = false;
     follow(
       canvas,
       camera,
       () => {
         this.changed();
-        if (camera.walking) walk.settle().then((rises) => rises && this.changed(), failed);
+        if (camera.walking) this.walk.settle().then((rises) => rises && this.changed(), failed);
       },
       (x, y) => this.#ask(x, y).catch(failed),
     );
@@ -219,7 +219,6 @@ class Page {
     part("north").setAttribute("aria-label", words.north);
     part("proof").textContent = words.proofRunning;
     part("help").textContent = words.help;
-    part("walk").textContent = words.walk;
     part("sun").setAttribute("aria-label", words.controls);
     part("result").hidden = !about.layer;
     if (about.layer) {

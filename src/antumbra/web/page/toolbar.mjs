@@ -65,6 +65,7 @@ export class Toolbar {
  * @property {import("./sun_panel.mjs").SunPanel} sun
  * @property {import("./before_after.mjs").Divider | null} divider
  * @property {import("./words.mjs").Words} words
+ * @property {import("./walk.mjs").Walk} walk
  * @property {boolean} proved
  * @property {() => void} changed
  */
@@ -78,6 +79,7 @@ export function toolsOf(page) {
   const { words } = page;
   const first = viewOfPage(page);
   return [
+    { id: "walk", name: words.walk, press: () => page.walk.toggle() },
     { id: "reset", name: words.reset, press: () => reset(page, first) },
     { id: "link", name: words.link, press: () => link(page) },
     { id: "save", name: words.save, press: () => save(page) },
@@ -93,8 +95,7 @@ export function restore(page) {
   if (!text) return "";
   const view = viewOf(text, viewOfPage(page));
   if (!view) return page.words.linkWrong;
-  page.camera.view = view.camera;
-  if (view.divider !== undefined) page.divider?.move(view.divider);
+  show(page, view);
   page.sun.setting = view.sun;
   return "";
 }
@@ -109,11 +110,20 @@ function viewOfPage({ camera, sun, divider }) {
 
 /**
  * @param {Shown} page
- * @param {View} first
+ * @param {View} view
  */
-function reset(page, { camera, divider }) {
+function show(page, { camera, divider }) {
+  if (page.camera.walking) page.walk.stop();
   page.camera.view = camera;
   if (divider !== undefined) page.divider?.move(divider);
+}
+
+/**
+ * @param {Shown} page
+ * @param {View} first
+ */
+function reset(page, first) {
+  show(page, first);
   page.changed();
   return page.words.resetDone;
 }

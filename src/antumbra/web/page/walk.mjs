@@ -1,5 +1,5 @@
 // @ts-check
-/** Walking: keys and the button that starts it; the eye stays at its height above what is below. */
+/** Walking: its keys and steps; the eye stays at its height above what is below. */
 
 /** @typedef {import("./orbit.mjs").Orbit} Orbit */
 /** @typedef {import("./pool.mjs").Pool} Pool */
@@ -30,34 +30,36 @@ export class Walk {
 
   /**
    * @param {HTMLElement} element that takes the keys
-   * @param {HTMLElement} button
    * @param {Orbit} camera
    * @param {Pool} pool
    * @param {number} metres in a unit of the scene
    * @param {(walking: boolean) => void} moved
    */
-  constructor(element, button, camera, pool, metres, moved) {
-    this.button = button;
+  constructor(element, camera, pool, metres, moved) {
+    this.element = element;
     this.camera = camera;
     this.pool = pool;
     this.metres = metres;
     this.eye = EYE / metres;
     this.up = camera.up === "z" ? 2 : 1;
     this.moved = moved;
-    button.addEventListener("click", () => {
-      if (camera.walking) this.stop();
-      else this.start();
-      element.focus();
-    });
     element.addEventListener("keydown", (event) => this.#key(event, true));
     element.addEventListener("keyup", (event) => this.#key(event, false));
     element.addEventListener("blur", () => this.#pressed.clear());
   }
 
+  /** Start, or stop. */
+  async toggle() {
+    this.element.focus();
+    if (this.camera.walking) this.stop();
+    else await this.start();
+    return "";
+  }
+
   /** Stand on what is below the camera if it is near, otherwise at the centre of the picture. */
   async start() {
     const { camera } = this;
-    this.#show(true);
+    this.#set(true);
     const { eye, axes } = camera;
     const below = await this.#meet(eye, this.#down);
     let floor = below && eye[this.up] - below[this.up] <= NEAR * this.eye ? below : null;
@@ -67,7 +69,7 @@ export class Walk {
     );
     if (!camera.walking) return;
     if (!floor) {
-      this.#show(false);
+      this.#set(false);
       return;
     }
     camera.tilt = 0;
@@ -78,14 +80,13 @@ export class Walk {
 
   stop() {
     this.#pressed.clear();
-    this.#show(false);
-    this.moved(false);
+    this.#set(false);
   }
 
   /** @param {boolean} walking */
-  #show(walking) {
+  #set(walking) {
     this.camera.walking = walking;
-    this.button.setAttribute("aria-pressed", String(walking));
+    this.moved(walking);
   }
 
   get #down() {
