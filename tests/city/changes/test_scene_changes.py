@@ -353,6 +353,24 @@ def test_a_variant_without_a_building_has_no_new_faces():
     assert [(~each.data.hidden).sum() for each in (change.before, change.after, change.changed)] == [14, 2, 12]
 
 
+@pytest.mark.parametrize("what", ["image", "coordinates", "vertex colours", "normals"])
+def test_faces_of_a_variant_that_look_different_are_not_shared(what):
+    corners = np.array([[[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[4, 0, 0], [4, 4, 0], [0, 4, 0]]], float)
+    grey, red = (np.full((4, 4, 3), colour, np.uint8) for colour in ((90, 90, 90), (200, 30, 20)))
+    flat, tilted = (np.tile(n, (6, 1)) for n in ((0.0, 0.0, 1.0), (0.1, 0.0, 1.0)))
+    uv, white = corners.reshape(-1, 3)[:, :2] / 4, np.ones((6, 3))
+    first, other = {
+        "image": ({"uv": uv, "texture": grey}, {"uv": uv, "texture": red}),
+        "coordinates": ({"uv": uv, "texture": red}, {"uv": uv + 0.25, "texture": red}),
+        "vertex colours": ({"vertex_colours": white}, {"vertex_colours": white / 2}),
+        "normals": ({"normals": flat}, {"normals": tilted}),
+    }[what]
+    made = [at.Scene.from_arrays(corners, up="z", **look) for look in (first, first, other)]
+    same, different = (at.scene_variant(made[0], each) for each in made[1:])
+    assert same.changed is None and (~same.before.data.hidden).sum() == 2
+    assert different.kept is None and (~different.after.data.hidden).sum() == 2
+
+
 def test_states_without_a_common_surface_need_points():
     change = at.scene_variant(plain(), box([-20.0, -20.0, 5.0], [40.0, 40.0, 1.0]))
     assert change.kept is None

@@ -245,8 +245,8 @@ def scene_variant(scene: SceneLike, variant: Addition) -> SceneChange:
     scene : Scene, or anything that `antumbra.load` takes
         The state before.
     variant : scene, path, mesh, or a pair of one of these and the world position of its origin
-        The state after, placed as what `scene_change` adds. Its faces with the corners and the colour of a face of the
-        scene, to the bit, are that face.
+        The state after, placed as what `scene_change` adds. Its faces with the corners, the colour, the texture and the
+        normals of a face of the scene, to the bit, are that face.
 
     Raises
     ------
@@ -257,12 +257,29 @@ def scene_variant(scene: SceneLike, variant: Addition) -> SceneChange:
     part, note = _placed(variant, base)
     data, n = join_data(base, part, base.name), base.n_triangles
     triangles = data.triangles()
-    rows = np.concatenate([triangles.vertices.reshape(-1, 9), triangles.colour], axis=1).view(np.dtype((np.void, 48)))
-    _, kind = np.unique(rows.ravel(), return_inverse=True)
+    rows = np.concatenate([triangles.vertices.reshape(-1, 9), triangles.colour, _looks(data)], axis=1)
+    _, kind = np.unique(rows.view(np.dtype((np.void, rows.shape[1] * 4))).ravel(), return_inverse=True)
     shared = np.isin(kind[n:], kind[:n][_shown(base)])
     removed = np.concatenate([~np.isin(kind[:n], kind[n:][_shown(part)]), np.zeros(len(shared), bool)])
     repeated = np.concatenate([np.zeros(n, bool), shared])
     return _change(data.hiding(repeated | ~_shown(data)), n, removed, [note.replace("added", "variant", 1)])
+
+
+def _looks(data: MemoryData) -> NDArray[np.float32]:
+    """(n, k) float32: what faces show besides their colour: the image and tint of textures, and values of corners."""
+    appearance, n = data.appearance, data.n_triangles
+    if appearance is None:
+        return np.zeros((n, 0), np.float32)
+    images: dict[Any, int] = {}
+    tints = np.zeros((len(appearance.materials) + 1, 4), np.float32)  # the last row is that of faces without material
+    for k, (_, factor, texture, *_) in enumerate(appearance.materials):
+        picture = None if texture is None or texture.picture is None else bytes(texture.picture)
+        image = texture and (picture, texture.opacity, texture.wrap_s, texture.wrap_t, texture.nearest)
+        tints[k] = images.setdefault(image, len(images)), *factor[:3]
+    shows = appearance.textured if appearance.colours is None else np.ones(n, bool)
+    corners = [appearance.uv, appearance.colours, appearance.normals]
+    columns = [each.reshape(n, -1) for each in corners if each is not None]
+    return np.concatenate([tints[appearance.material_of_face] * shows[:, None], *columns], axis=1)
 
 
 def _change(data: MemoryData, n_faces: int, removed: NDArray[np.bool_], notes: list[str]) -> SceneChange:
