@@ -53,7 +53,8 @@ export class HorizonPlot {
       this.#states = spot && (await this.pool.run("horizon", question, true));
     }
     if (point !== this.#point || !this.#states) return;
-    const { place, date, angles } = this.sun;
+    const { place, date } = this.sun;
+    const angles = this.sun.shines ? this.sun.angles : null;
     drawHorizon(part("horizon"), this.#states, place && { place, date }, angles, this.words.compass.split(" "));
   }
 }
@@ -62,7 +63,7 @@ export class HorizonPlot {
  * @param {HTMLCanvasElement} canvas
  * @param {Uint8Array} states of `horizon` of `questions.mjs`
  * @param {{place: Place, date: string} | null} when
- * @param {Angles} sun that is shown
+ * @param {Angles | null} sun that is shown; null: none shines
  * @param {string[]} compass the letters of north, east, south and west
  */
 function drawHorizon(canvas, states, when, sun, compass) {
@@ -86,7 +87,7 @@ function drawHorizon(canvas, states, when, sun, compass) {
     drawPath(context, place, date, TODAY, 2.4, at);
     drawHours(context, place, date, at, font);
   }
-  if (sun.altitude > 0) dot(context, at(sun), 4, NOW);
+  if (sun && sun.altitude > 0) dot(context, at(sun), 4, NOW);
 }
 
 /** @param {Uint8Array} states */

@@ -21,7 +21,7 @@ const FONT = "system-ui, sans-serif";
  * @returns {Promise<Blob>} PNG
  */
 export function snapshot(main, { title, when, credits, about, proof, proved }) {
-  const pictures = /** @type {HTMLCanvasElement[]} */ ([...main.querySelectorAll("canvas:not([hidden])")]);
+  const pictures = /** @type {HTMLCanvasElement[]} */ ([...main.querySelectorAll("canvas.layer:not([hidden])")]);
   const { width, height } = pictures[0];
   const scale = width / Math.max(1, pictures[0].clientWidth);
   const canvas = document.createElement("canvas");
@@ -80,7 +80,7 @@ function drawCut(context, picture, width, height) {
 }
 
 /**
- * The arrow, the scale, the divider and the names of its sides, as they are shown.
+ * The arrow, the scale, the divider, the names of its sides, and the panels, as they are shown.
  * @param {CanvasRenderingContext2D} context
  * @param {HTMLElement} main
  */
@@ -91,6 +91,10 @@ function drawSigns(context, main) {
     const box = sign.getBoundingClientRect();
     if (box.width === 0 || getComputedStyle(sign).visibility === "hidden") continue;
     const [x, y, w, h] = [box.left - frame.left, box.top - frame.top, box.width, box.height];
+    if (sign.dataset.sign === "panel") {
+      drawPanel(context, sign, frame);
+      continue;
+    }
     if (sign.dataset.sign === "arrow") {
       context.save();
       context.translate(x + w / 2, y + h / 2);
@@ -107,6 +111,38 @@ function drawSigns(context, main) {
     Object.assign(context, { textAlign: "center", textBaseline: "middle" });
     context.fillText(sign.textContent ?? "", x + w / 2, y + h / 2);
   }
+}
+
+/**
+ * A panel: its ground, and the canvases, patches and texts in it.
+ * @param {CanvasRenderingContext2D} context
+ * @param {HTMLElement} panel
+ * @param {DOMRect} frame
+ */
+function drawPanel(context, panel, frame) {
+  context.save();
+  Object.assign(context, { shadowBlur: 0, textAlign: "left", textBaseline: "alphabetic" });
+  const within = /** @type {HTMLElement[]} */ ([panel, ...panel.querySelectorAll("*")]);
+  for (const each of within) {
+    const box = each.getBoundingClientRect();
+    if (box.width === 0) continue;
+    const [x, y, w, h] = [box.left - frame.left, box.top - frame.top, box.width, box.height];
+    const { backgroundColor, borderTopLeftRadius, color, fontSize } = getComputedStyle(each);
+    const radius = Number.parseFloat(borderTopLeftRadius) * (borderTopLeftRadius.endsWith("%") ? w / 100 : 1);
+    context.fillStyle = backgroundColor;
+    context.beginPath();
+    context.roundRect(x, y, w, h, radius);
+    context.fill();
+    if (each instanceof HTMLCanvasElement) context.drawImage(each, x, y, w, h);
+    for (const text of [...each.childNodes].filter((node) => node instanceof Text)) {
+      const range = document.createRange();
+      range.selectNode(text);
+      const { left, top, width } = range.getBoundingClientRect();
+      const line = { text: text.data, size: Number.parseFloat(fontSize), colour: color };
+      write(context, wrapped(context, line, width + 1), top - frame.top, left - frame.left);
+    }
+  }
+  context.restore();
 }
 
 /**
@@ -137,13 +173,14 @@ function fontOf({ size, bold }) {
  * @param {CanvasRenderingContext2D} context
  * @param {Line[]} lines
  * @param {number} top
+ * @param {number} left
  */
-function write(context, lines, top) {
+function write(context, lines, top, left = 14) {
   let y = top;
   for (const line of lines) {
     context.font = fontOf(line);
     context.fillStyle = line.colour;
     y += 1.45 * line.size;
-    context.fillText(line.text, 14, y - 0.4 * line.size);
+    context.fillText(line.text, left, y - 0.4 * line.size);
   }
 }
