@@ -353,7 +353,7 @@ def press(opened, key, times, where="#divider"):
 
 def test_what_changes_at_a_point_is_that_of_python(chromium, changed):
     change, path, _ = changed
-    opened = Opened(chromium, path)
+    opened = Opened(chromium, path, 1200, 480)
     opened.page.wait_for_selector(FIRST)
     opened.page.wait_for_selector("#proof[data-wrong='0']")
     assert "4000 of 4000 rays" in opened.page.locator("#proof").inner_text()
@@ -409,6 +409,24 @@ def test_each_side_of_the_divider_shows_and_answers_its_state(chromium, changed)
     opened.page.mouse.move(opened.page.locator("#main").bounding_box()["width"] * 0.25, 300)
     opened.page.mouse.up()
     assert float(before.get_attribute("data-share")) == pytest.approx(0.25, abs=0.005)
+    assert opened.faults == []
+
+
+def test_paint_lies_on_the_side_after_while_the_side_before_is_finished(chromium, changed):
+    opened = Opened(chromium, changed[1])
+    opened.page.wait_for_selector(FIRST)
+    press(opened, "End", 1)
+    light = opened.page.locator("#main").screenshot()
+    painted(opened, "day")
+    assert opened.page.locator("#scale-title").inner_text() == "After: Hours of sun on 21 March"
+    box = opened.page.locator("#picture").bounding_box()
+    opened.point(0.4, 0.6)
+    assert opened.page.locator("#value").get_attribute("data-hours") == ""  # the state before is shown here
+    press(opened, "Home", 1)
+    opened.point(0.4, 0.6)
+    assert float(opened.page.locator("#value").get_attribute("data-hours")) > 0.0
+    assert opened.page.locator("#main").screenshot() != light and box["width"] > 300
+    opened.page.wait_for_function("() => document.getElementById('samples').textContent === ''", timeout=60_000)
     assert opened.faults == []
 
 

@@ -70,7 +70,7 @@ export class Picture {
   /** The camera, the light or the size has changed. */
   changed() {
     this.#change++;
-    this.pool.drop("band");
+    this.pool.drop("band", this.state);
     this.#wake?.();
   }
 

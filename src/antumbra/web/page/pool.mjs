@@ -80,10 +80,11 @@ export class Pool {
   /**
    * Drop the jobs of a method that have not begun.
    * @param {Method} which
+   * @param {number} [state] of the scene, as the jobs have it
    */
-  drop(which) {
-    const dropped = this.#tasks.filter(({ method }) => method === which);
-    this.#tasks = this.#tasks.filter(({ method }) => method !== which);
+  drop(which, state) {
+    const dropped = this.#tasks.filter(({ method, job }) => method === which && job.state === state);
+    this.#tasks = this.#tasks.filter((task) => !dropped.includes(task));
     for (const { done } of dropped) done(null);
   }
 
