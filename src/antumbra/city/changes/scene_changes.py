@@ -252,6 +252,13 @@ def scene_variant(scene: SceneLike, variant: Addition) -> SceneChange:
     ------
     InputError
         As `scene_change` does.
+
+    Examples
+    --------
+    >>> scene = at.procedural("city", triangles=5_000)
+    >>> change = at.scene_variant(scene, scene)
+    >>> change.changed is None
+    True
     """
     base = _in_memory(scene_of(scene))
     part, note = _placed(variant, base)
