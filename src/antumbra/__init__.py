@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .baking.bake import Baked, bake
     from .base.errors import InputError, UnavailableError
     from .city.changes.before_and_after import before_and_after
-    from .city.changes.scene_changes import SceneChange, changed_scene, scene_change
+    from .city.changes.scene_changes import SceneChange, changed_scene, scene_change, scene_variant
     from .city.cityjson.attribute_writer import write_attributes
     from .city.gis.gis_scenes import from_footprints, from_raster
     from .city.pv.module_shading import ModuleShading, module_shading
@@ -159,6 +159,7 @@ __all__ = [
     "render",
     "route_shade",
     "scene_change",
+    "scene_variant",
     "sensors_of",
     "shadow",
     "sky_view",
@@ -264,6 +265,7 @@ _HOME = {
     "render": "picture.renderer",
     "route_shade": "city.sun.route_shade",
     "scene_change": "city.changes.scene_changes",
+    "scene_variant": "city.changes.scene_changes",
     "sensors_of": "city.sensors.sensor_files",
     "shadow": "city.shadow.shadow",
     "sky_view": "city.sun.sun_hours",

@@ -121,7 +121,7 @@ ANYTHING = {  # any text names something, or a file that may be missing
     "output", "html", "sheet", "epw", "crs", "host", "merge", "observers", "targets", "sparse", "bits", "matrix",
     "counts", "city_output", "column", "camera", "light", "timezone", "plot", "attribute",
     "allow_host", "trees", "map", "points", "polygon", "object", "surfaces", "polygons", "hours", "modules", "line",
-    "turbines", "add", "title", "credits", "page",
+    "turbines", "add", "title", "credits", "page", "variant",
 }  # fmt: skip
 """Options whose messages name the value, not the option."""
 NO_VALUES = "merge", "warmup", "plans", "scenes", "formats"

@@ -233,8 +233,10 @@ def examples(folder: Path) -> dict[str, Example]:
         "SceneChange.compare": ex(
             lambda study, sensors: change.compare(study, sensors, directions=16), study=at.sky_view, sensors=points
         ),
+        "SceneChange.shared": ex(change.shared),
         "SceneChange.sensors": ex(change.sensors, sensors=points),
         "scene_change": ex(at.scene_change, scene=own, add=own, remove=[]),
+        "scene_variant": ex(at.scene_variant, scene=own, variant=own),
         "changed_scene": ex(at.changed_scene, scene=own, add=own, remove=[]),
         "before_and_after": ex(at.before_and_after, before=table, after=table),
         "bake": ex(at.bake, scene=own, output=folder / "baked.glb", **quick),

@@ -114,11 +114,12 @@ def _sun(frame, scene):
     return {"hours": table["sun_hours"], "longest": table["longest"]}, energy
 
 
-@finds("changed_scene", "scene_change")
+@finds("changed_scene", "scene_change", "scene_variant")
 def _change(frame, scene):
     points, faces = box((20, -10, 0), (24, -6, 30))
     tower = at.Scene.from_arrays(frame.of(np.asarray(points, float)), faces, up="z", unit=frame.unit, name="tower")
     change = at.scene_change(scene, tower)
+    assert at.scene_variant(scene, change.after).after.unit.name == frame.unit.name
     table = change.compare(at.sun_hours, points_in(frame), days=DAY, place=frame.place, step=15)
     assert (table["sun_hours_loss"] > 0.0).any() and at.changed_scene(scene, tower).unit.name == frame.unit.name
     return {"loss": table["sun_hours_loss"]}, {}

@@ -27,6 +27,7 @@ CALLS = {
     "load": "at.load('scene.antumbra').closest_hit((0, 1, 0), (0, -1, 0))",
     "before_and_after": "at.before_and_after(*[at.sky_view(scene, [(0, 1, 0)], directions=16)] * 2)",
     "changed_scene": "at.changed_scene(scene, scene)",
+    "scene_variant": "at.scene_variant(scene, scene)",
     "scene_change": "at.scene_change(scene, scene).compare(at.sky_view, at.point_sensors([(0, 1, 0)]), directions=16)",
     "place_of": "at.place_of(scene, latitude=52.0, longitude=4.4)",
     "point_sensors": "at.point_sensors([(0, 1, 0)])",

@@ -146,13 +146,14 @@ def _trees(frame, scene, folder):
     return Found(exact, {"bounds": np.sort(frame.back(planted.bounds), axis=0), "elevation": skyline.elevation})
 
 
-@finds("changed_scene", "scene_change")
+@finds("changed_scene", "scene_change", "scene_variant")
 def _change(frame, scene, folder):
     tower = np.array([[x, y, z] for x in (0.0, 2.0) for y in (0.0, 6.0) for z in (-3.5, -1.5)])
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
     added = at.Scene.from_arrays(frame.of(tower), faces, up=frame.up, name="tower")
     change, place = at.scene_change(scene, added), at.Place(52.0, 4.5, north=frame.north)
+    assert at.scene_variant(scene, change.after).notes[0].startswith("variant")
     table = change.compare(at.sun_hours, sensors_in(frame), days="2026-03-21", place=place)
     assert (table["sun_hours_loss"] > 0.0).any() and at.changed_scene(scene, added).n_triangles == len(
         faces

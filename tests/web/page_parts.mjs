@@ -6,6 +6,7 @@ const [, , modules, folder] = process.argv;
 const { sunAngles } = await import(pathToFileURL(`${modules}/../module/sun_position.mjs`));
 const { offsetAt, midnight, daysAfter } = await import(pathToFileURL(`${modules}/sun.mjs`));
 const { dayOf, sentenceOf, sunsAbove } = await import(pathToFileURL(`${modules}/answer.mjs`));
+const { lookOf } = await import(pathToFileURL(`${modules}/appearance.mjs`));
 const { ColourScale } = await import(pathToFileURL(`${modules}/colour_scale.mjs`));
 const { measured, measureSentence } = await import(pathToFileURL(`${modules}/measure.mjs`));
 const { QUESTIONS } = await import(pathToFileURL(`${modules}/questions.mjs`));
@@ -15,6 +16,10 @@ const { unpack } = await import(pathToFileURL(`${modules}/unpack.mjs`));
 const { WORDS } = await import(pathToFileURL(`${modules}/words.mjs`));
 const { colourOf, textOf } = await import(pathToFileURL(`${modules}/layer.mjs`));
 const { SurfaceValues } = await import(pathToFileURL(`${modules}/surface_values.mjs`));
+const { reasonOf } = await import(pathToFileURL(`${modules}/checks.mjs`));
+const { askBoth } = await import(pathToFileURL(`${modules}/before_after.mjs`));
+const { scaleBar } = await import(pathToFileURL(`${modules}/scale.mjs`));
+const { textOf: linkOf, viewOf } = await import(pathToFileURL(`${modules}/toolbar.mjs`));
 
 /** The tracer of the page that was asked last. */
 let opened = { data: "", tracer: null };
@@ -22,7 +27,7 @@ let opened = { data: "", tracer: null };
 async function tracerOf({ data, about }) {
   if (opened.data !== data) {
     const arrays = await unpack(data, about.columns, () => {});
-    opened = { data, tracer: await Tracer.create(arrays, about.kernels, about.up, about.origin) };
+    opened = { data, tracer: await Tracer.create(arrays.wasm, about.kernels, lookOf(about, arrays, [])) };
   }
   return opened.tracer;
 }
@@ -77,6 +82,21 @@ const calls = {
   values: ({ layer, arrays, hits }) => {
     const surface = new SurfaceValues(layer, arrays);
     return hits.map(({ face, point, normal }) => surface.at(face, point, normal));
+  },
+  reasons: ({ messages }) => messages.map((message) => reasonOf(new Error(message), WORDS.en, 1234567)),
+  views: ({ own, links }) => [linkOf(own), ...links.map((link) => viewOf(link, own))],
+  both: ({ state, faces, height, tilt }) => {
+    const normal = [0, Math.sin(tilt), Math.cos(tilt)];
+    const ask = async ({ state: asked, at }) =>
+      asked === state || at
+        ? { face: 0, point: [1, 2, 3], normal: [0, 0, 1], at: Boolean(at) }
+        : { face: 1, point: [1, 2, 3 + height], normal };
+    return askBoth(ask, {}, state, faces, 0.01);
+  },
+  bar: ({ about, distance }) => {
+    const element = { style: {}, setAttribute() {} };
+    scaleBar(element, { tangent: 0.5, distance }, 800, about, WORDS.en);
+    return [element.textContent, Number.parseFloat(element.style.width)];
   },
   columns: async ({ data, columns }) => {
     const arrays = await unpack(data, columns, () => {});

@@ -1,12 +1,17 @@
 """Pages in headless Chromium, opened from a folder without a network: pictures, suns, answers, and the proof."""
 
+import base64
+import io
 import json
+import re
+import zlib
 from datetime import datetime
 from importlib.util import find_spec
 from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import antumbra as at
 from antumbra.city.sensors.sensors import point_sensors
@@ -14,7 +19,7 @@ from antumbra.sun.location import Place
 from antumbra.sun.sun_positions import days_of, directions_of, solar_angles, times_of
 from antumbra.web import page_export
 from antumbra.web.page_export import PageOptions, write_page
-from web_pages import scene_of_towers
+from web_pages import scene_of_towers, towers
 
 pytestmark = [
     pytest.mark.programs,
@@ -42,14 +47,16 @@ def written(tmp_path_factory):
 class Opened:
     """A page in a browser without a network."""
 
-    def __init__(self, chromium, path, width=800, height=600):
+    def __init__(self, chromium, path, width=800, height=600, link="", before=""):
         context = chromium.new_context(viewport={"width": width, "height": height})
         context.set_offline(True)
         self.page, self.faults, self.requests = context.new_page(), [], []
         self.page.on("pageerror", lambda fault: self.faults.append(str(fault)))
         self.page.on("console", lambda message: self.faults.append(message.text))
         self.page.on("request", lambda request: self.requests.append(request.url))
-        self.page.goto(path.as_uri())
+        if before:
+            self.page.add_init_script(before)
+        self.page.goto(path.as_uri() + link)
 
     def point(self, right, down):
         """Move the pointer to shares of the picture."""
@@ -106,7 +113,7 @@ def test_a_page_that_finds_other_bits_says_so(chromium, written, tmp_path, monke
 
 def test_answers_have_the_hours_of_python(chromium, written):
     scene, path = written
-    opened = Opened(chromium, path)
+    opened = Opened(chromium, path, 1200, 480)
     opened.page.wait_for_selector(FIRST)
     found, sentences = [], []
     for right, down in ((0.4, 0.5), (0.43, 0.47), (0.5, 0.5), (0.55, 0.4), (0.51, 0.36), (0.3, 0.8)):
@@ -202,7 +209,7 @@ def test_painting_stops_and_starts_anew(chromium, written):
 
 def test_two_clicks_measure_a_distance_and_the_sight_between(chromium, written):
     scene, path = written
-    opened = Opened(chromium, path)
+    opened = Opened(chromium, path, 1200, 480)
     opened.page.wait_for_selector(FIRST)
     opened.page.locator("#ruler").click()
     answer = opened.page.locator("#answer")
@@ -321,3 +328,277 @@ def test_a_notebook_shows_a_page_in_a_frame_that_cannot_reach_it(chromium, writt
     frame = opened.page.frame_locator("iframe")
     frame.locator("#proof[data-wrong='0']").wait_for()
     assert opened.faults == [] and "allow-same-origin" not in page._repr_html_()
+
+
+# --- Both states ------------------------------------------------------------------------------------------------------
+
+TOWER_C = at.Scene.from_arrays(towers()["Tower A"] + (22.0, 22.0, 0.0), name="Tower C", up="z")
+
+
+@pytest.fixture(scope="module")
+def changed(tmp_path_factory):
+    """(change, path of its page, its camera)."""
+    folder = tmp_path_factory.mktemp("changes")
+    change = at.scene_change(scene_of_towers(folder), TOWER_C, "Tower_B")
+    camera = at.Camera((10.0, -90.0, 80.0), (5.0, 5.0, 0.0), (0.0, 0.0, 1.0), vfov=45.0)
+    write_page(change.after, folder / "change.html", options(), camera, before=change.before)
+    return change, folder / "change.html", camera
+
+
+def press(opened, key, times, where="#divider"):
+    opened.page.locator(where).focus()
+    for _ in range(times):
+        opened.page.keyboard.press(key)
+
+
+def test_what_changes_at_a_point_is_that_of_python(chromium, changed):
+    change, path, _ = changed
+    opened = Opened(chromium, path, 1200, 480)
+    opened.page.wait_for_selector(FIRST)
+    opened.page.wait_for_selector("#proof[data-wrong='0']")
+    assert "4000 of 4000 rays" in opened.page.locator("#proof").inner_text()
+    points, normals, hours, sentences = [], [], [], []
+    for key, places in {
+        "Home": ((0.4, 0.5), (0.43, 0.47), (0.52, 0.52)),
+        "End": ((0.35, 0.75), (0.5, 0.6), (0.6, 0.6)),
+    }.items():
+        press(opened, key, 1)
+        for right, down in places:
+            _, point, normal, _ = opened.click(right, down)
+            points.append(point)
+            normals.append(normal)
+            bars = [opened.page.locator(bar) for bar in ("#dayBefore", "#day")]
+            hours.append([float(bar.get_attribute("data-hours")) for bar in bars])
+            sentences.append(opened.page.locator("#change").inner_text())
+    sensors = point_sensors(np.array(points) + change.after.origin, np.array(normals))
+    table = change.compare(at.sun_hours, sensors, days=DAY, step=5, place=PLACE)
+    before, after = np.array(hours).T
+    np.testing.assert_array_equal(np.round(12 * before), np.round(12 * np.asarray(table["sun_hours_before"])))
+    np.testing.assert_array_equal(np.round(12 * after), np.round(12 * np.asarray(table["sun_hours"])))
+    ends = [" less." if b > a else " more." if b < a else " before and after." for b, a in zip(before, after)]
+    assert all(text.endswith(end) for text, end in zip(sentences, ends)) and len(set(ends)) > 1
+    assert opened.faults == []
+
+
+def test_each_side_of_the_divider_shows_and_answers_its_state(chromium, changed):
+    _, path, _ = changed
+    opened = Opened(chromium, path)
+    opened.page.wait_for_selector(FIRST)
+    handle, before = opened.page.locator("#divider"), opened.page.locator("#pictureBefore")
+    pictures = {}
+    for key, share, words in (("Home", "0", "Before, this surface"), ("End", "100", "After, this surface")):
+        press(opened, key, 1)
+        assert handle.get_attribute("aria-valuenow") == share
+        pictures[key] = opened.page.locator("#main").screenshot()
+        found = set()
+        for right in np.linspace(0.35, 0.75, 9):
+            for down in (0.15, 0.2, 0.3):
+                box = opened.page.locator("#picture").bounding_box()
+                opened.page.mouse.click(box["x"] + right * box["width"], box["y"] + down * box["height"])
+                opened.page.wait_for_selector("#answer[aria-busy='false']")
+                found.add(opened.page.locator("#change").inner_text().split(" does")[0])
+        assert words in found, (key, found)
+        assert ("After" if key == "Home" else "Before") + ", this surface" not in found
+    assert pictures["Home"] != pictures["End"]
+    press(opened, "ArrowLeft", 2)
+    press(opened, "PageDown", 1)
+    assert before.get_attribute("data-share") == "0.86"
+    box = handle.bounding_box()
+    opened.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 50)
+    opened.page.mouse.down()
+    opened.page.mouse.move(opened.page.locator("#main").bounding_box()["width"] * 0.25, 300)
+    opened.page.mouse.up()
+    assert float(before.get_attribute("data-share")) == pytest.approx(0.25, abs=0.005)
+    assert opened.faults == []
+
+
+def test_paint_lies_on_the_side_after_while_the_side_before_is_finished(chromium, changed):
+    opened = Opened(chromium, changed[1])
+    opened.page.wait_for_selector(FIRST)
+    press(opened, "End", 1)
+    light = opened.page.locator("#main").screenshot()
+    painted(opened, "day")
+    assert opened.page.locator("#scale-title").inner_text() == "After: Hours of sun on 21 March"
+    box = opened.page.locator("#picture").bounding_box()
+    opened.point(0.4, 0.6)
+    assert opened.page.locator("#value").get_attribute("data-hours") == ""  # the state before is shown here
+    press(opened, "Home", 1)
+    opened.point(0.4, 0.6)
+    assert float(opened.page.locator("#value").get_attribute("data-hours")) > 0.0
+    assert opened.page.locator("#main").screenshot() != light and box["width"] > 300
+    opened.page.wait_for_function("() => document.getElementById('samples').textContent === ''", timeout=60_000)
+    assert opened.faults == []
+
+
+# --- The frame --------------------------------------------------------------------------------------------------------
+
+
+def test_a_link_restores_the_view(chromium, changed):
+    opened = Opened(chromium, changed[1])
+    opened.page.wait_for_selector(FIRST)
+    press(opened, "ArrowLeft", 3, "#picture")
+    press(opened, "PageUp", 1)
+    opened.page.locator("#date").fill("2026-07-05")
+    opened.page.locator("#first").fill("1080")
+    opened.page.locator("#link").click()
+    link = opened.page.url.partition("#")[2]
+    again = Opened(chromium, changed[1], link=f"#{link}")
+    again.page.wait_for_selector(FIRST)
+    again.page.locator("#link").click()
+    assert again.page.url.partition("#")[2] == link and "date=2026-07-05&minute=1080&divider=0.6" in link
+    for part in ("#when", "#north", "#divider"):
+        assert again.page.locator(part).get_attribute("style") == opened.page.locator(part).get_attribute("style")
+    assert again.angles() == opened.angles()
+    again.page.locator("#reset").click()
+    again.page.locator("#link").click()
+    assert "divider=0.5" in again.page.url and again.page.url.partition("&")[0] != f"#{link}".partition("&")[0]
+    wrong = Opened(chromium, changed[1], link="#camera=1,2")
+    wrong.page.wait_for_selector("#said:has-text('no view of this page')")
+    assert again.faults == wrong.faults == []
+
+
+def test_the_saved_picture_has_its_caption_and_no_button_makes_a_request(chromium, changed):
+    opened = Opened(chromium, changed[1])
+    opened.page.wait_for_selector(FIRST)
+    opened.page.wait_for_selector("#proof[data-wrong='0']")
+    with opened.page.expect_download() as saved:
+        opened.page.locator("#save").click()
+    assert saved.value.suggested_filename == "Towers 2026-03-21 12-30.png"
+    pixels = np.asarray(Image.open(io.BytesIO(saved.value.path().read_bytes())).convert("RGB")).astype(int)
+    box = opened.page.locator("#picture").bounding_box()
+    shown = box["width"] / pixels.shape[1] * pixels.shape[0]
+    assert 70 < shown - box["height"] < 200
+    for rows in (pixels[:20], pixels[-60:]):  # title, and credits: dark ink on white paper
+        assert (rows[0] == 255).all() and rows.min() < 100
+    for name in ("#reset", "#link"):
+        opened.page.locator(name).click()
+    assert [url for url in opened.requests if not url.startswith("blob:")] == [changed[1].as_uri()]
+    assert opened.faults == []
+
+
+NAMES = """() => [...document.querySelectorAll("button, input, [role]:not([role=status])")]
+    .filter((each) => each.checkVisibility({ visibilityProperty: true }))
+    .map((each) => each.getAttribute("aria-label") || each.textContent || each.labels?.[0]?.textContent || "")"""
+
+
+def test_the_tab_key_passes_through_the_page_in_the_order_of_reading(chromium, changed):
+    opened = Opened(chromium, changed[1])
+    opened.page.wait_for_selector(FIRST)
+    visited = []
+    for _ in range(8):
+        opened.page.keyboard.press("Tab")
+        visited.append(opened.page.evaluate("() => document.activeElement.id"))
+    assert visited == ["walk", "reset", "link", "save", "picture", "divider", "play", "first"]
+    names = opened.page.evaluate(NAMES)
+    assert all(name.strip() for name in names), names
+    live = opened.page.evaluate("() => [...document.querySelectorAll('[aria-live], [role=status]')].map((e) => e.id)")
+    assert set(live) >= {"said", "answer", "change", "proof"}
+
+
+@pytest.mark.parametrize("width", [390, 1440])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_pages_fit_phones_and_desktops_in_both_schemes(chromium, changed, width, scheme):
+    opened = Opened(chromium, changed[1], width, 844)
+    opened.page.emulate_media(color_scheme=scheme)
+    opened.page.wait_for_selector(FIRST)
+    assert opened.page.evaluate("() => document.documentElement.scrollWidth") <= width
+    box = opened.page.locator("#picture").bounding_box()
+    assert box["height"] > 300 and box["width"] > 0.7 * width
+    back = opened.page.evaluate("() => getComputedStyle(document.body).backgroundColor")
+    assert (sum(map(int, re.findall(r"\d+", back)[:3])) > 380) == (scheme == "light")
+
+
+# --- What can go wrong ------------------------------------------------------------------------------------------------
+
+
+def with_a_bit_altered(path, out, name):
+    """Write a page in which one bit of a column differs."""
+    text = path.read_text(encoding="utf-8")
+    columns = json.loads(re.search(r'id="scene">(.*?)</', text, re.S)[1])["columns"]
+    old = re.search(r'id="data">(.*?)</', text, re.S)[1]
+    data, at_byte = bytearray(zlib.decompress(base64.b64decode(old))), 0
+    for column in columns:
+        if column["name"] == name:
+            data[at_byte] ^= 1
+            break
+        at_byte += column["length"] * int(column["type"][1:])
+    else:
+        raise KeyError(name)
+    out.write_text(text.replace(old, base64.b64encode(zlib.compress(bytes(data))).decode()), encoding="utf-8")
+
+
+@pytest.mark.parametrize("name, wrong", [("blocked", "1"), ("blockedBefore", "1"), ("colours", "0")])
+def test_an_altered_bit_is_shown_and_never_hidden(chromium, changed, tmp_path, name, wrong):
+    with_a_bit_altered(changed[1], tmp_path / "page.html", name)
+    opened = Opened(chromium, tmp_path / "page.html", 390, 844)
+    opened.page.wait_for_selector(f"header #proof[role='alert'][data-wrong='{wrong}']")
+    text = opened.page.locator("#proof").inner_text()
+    assert "WARNING: the scene differs" in text and ("1 of 4000 rays differ" in text) == (wrong == "1")
+    opened.page.mouse.wheel(0, 2000)
+    opened.page.emulate_media(media="print")
+    box = opened.page.locator("#proof").bounding_box()
+    assert box["height"] > 20 and 0 <= box["y"] < 200
+
+
+SHORT = "DecompressionStream = class { constructor() { throw new RangeError('Array buffer allocation failed') } }"
+LACKS = {
+    "it has no WebAssembly SIMD": "WebAssembly.validate = () => false",
+    "it has no DecompressionStream": "delete globalThis.DecompressionStream",
+    "it has no WebAssembly.": "delete globalThis.WebAssembly",
+    "This device has too little memory for the scene, which has 32 triangles": SHORT,
+    "The file is damaged": "globalThis.atob = () => { throw new Error('wrong letters') }",
+}
+
+
+@pytest.mark.parametrize("words, before", LACKS.items(), ids=LACKS)
+def test_a_page_that_cannot_open_says_why(chromium, changed, words, before):
+    opened = Opened(chromium, changed[1], before=before)
+    opened.page.wait_for_selector("#opening[role='alert']")
+    assert words in opened.page.locator("#opening").inner_text()
+    assert opened.faults == []
+
+
+# --- Walking and rooms ------------------------------------------------------------------------------------------------
+
+
+def eye_of(opened):
+    """What the scale bar and the north arrow say of the camera, which change as it moves."""
+    return [opened.page.locator(each).get_attribute("style") for each in ("#north", "#scale")]
+
+
+def test_a_visitor_walks_and_returns(chromium, written):
+    opened = Opened(chromium, written[1])
+    opened.page.wait_for_selector(FIRST)
+    above = eye_of(opened)
+    opened.page.locator("#walk").click()
+    opened.page.wait_for_function(
+        f"() => document.querySelector('#scale').getAttribute('style') !== {json.dumps(above[1])}"
+    )
+    assert "Escape ends" in opened.page.locator("#help").inner_text()
+    before = opened.page.locator("#picture").screenshot()
+    opened.page.keyboard.down("w")
+    opened.page.wait_for_timeout(700)
+    opened.page.keyboard.up("w")
+    opened.page.wait_for_selector("body[data-samples='64']", timeout=90_000)
+    assert opened.page.locator("#picture").screenshot() != before
+    opened.page.keyboard.press("Escape")
+    assert opened.page.locator("#walk").get_attribute("aria-pressed") == "false"
+    assert opened.faults == []
+
+
+def test_a_room_has_no_controls_of_the_sun_and_its_textures_are_shown(chromium, tmp_path, monkeypatch):
+    red = np.full((4, 4, 3), (200, 30, 20), np.uint8)
+    corners = np.array([[[-4, -4, 0], [4, -4, 0], [4, 4, 0]], [[-4, -4, 0], [4, 4, 0], [-4, 4, 0]]], float)
+    scene = at.Scene.from_arrays(corners, uv=corners.reshape(-1, 3)[:, :2] / 8 + 0.5, texture=red, up="z")
+    lamp = at.SphereLight((0.0, 0.0, 3.0), 0.5, intensity=20.0)
+    monkeypatch.setattr(type(scene), "default_lights", lambda *_: [lamp])
+    camera = at.Camera((0.0, -0.1, 4.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), vfov=60.0)
+    write_page(scene, tmp_path / "room.html", options()._replace(place=None), camera)
+    opened = Opened(chromium, tmp_path / "room.html", 400, 500)
+    opened.page.wait_for_selector("body[data-samples='64']", timeout=90_000)
+    assert opened.page.locator("input:visible").count() == 0
+    script = (
+        "(c => c.getContext('2d').getImageData(c.width / 2, c.height / 2, 1, 1).data)(document.querySelector('canvas'))"
+    )
+    pixel = list(opened.page.evaluate(f"Array.from({script})"))
+    assert pixel[0] > 2 * pixel[1] > 0 and opened.faults == []

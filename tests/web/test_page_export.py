@@ -112,6 +112,90 @@ def test_colours_and_ticks_are_those_of_our_pictures(tmp_path):
         assert found["colours"] == scale.colours(values, np.ones(300, bool)).tolist()
 
 
+def test_links_restore_a_view_and_others_are_refused(tmp_path):
+    own = {"camera": [1.5, -2e-7, 3, 40, 0.1], "sun": {"date": "2026-06-21", "minute": 930}, "divider": 0.4}
+    text = "camera=1.5,-2e-7,3,40,0.1&date=2026-06-21&minute=930&divider=0.4"
+    links = ["camera=1,2,3,4,5&minute=60", "camera=1,2,3", "camera=1,2,x,4,5", f"{text}&date=x", "minute=5", ""]
+    links += [text.replace("2026-06-21", "today"), text.replace("930", ""), text.replace("0.4", "left")]
+    found, *views = asked(tmp_path, {"call": "views", "own": own, "links": [text, *links]})[0]
+    assert found == text and views[0] == own
+    assert views[1] == {"camera": [1, 2, 3, 4, 5], "sun": {"date": "2026-06-21", "minute": 60}, "divider": 0.4}
+    assert views[2:4] == [None] * 2 and views[5:] == [None] * 5
+
+
+@needs_node
+def test_short_memory_is_told_in_words(tmp_path):
+    short = [
+        "WebAssembly.Memory(): could not allocate memory",
+        "Array buffer allocation failed",
+        "Out of memory",
+        "Invalid array length",
+    ]
+    (found,) = asked(tmp_path, {"call": "reasons", "messages": [*short, "a worker did not start"]})
+    assert all(text.startswith("This device has too little memory") for text in found[:4])
+    assert found[4] == "a worker did not start"
+
+
+@needs_node
+def test_the_scale_bar_is_a_round_length_in_metres_or_feet(tmp_path):
+    units = {"m": 1.0, "mm": 0.001, "ft": 0.3048, "us-ft": 1200 / 3937, "in": 0.0254}
+    abouts = [{"unit": name, "metres": metres} for name, metres in units.items()]
+    calls = [{"call": "bar", "about": a, "distance": d} for d in (3.0, 700.0, 41000.0) for a in abouts]
+    for call, (text, pixels) in zip(calls, asked(tmp_path, *calls)):
+        number, unit = text.split()
+        length = float(number) * {"m": 1.0, "km": 1000.0, "ft": 0.3048}[unit]
+        shown = pixels * call["distance"] / 800 * call["about"]["metres"]
+        assert shown == pytest.approx(length, rel=1e-5) and 26 < pixels <= 130
+        assert (unit == "ft") == (call["about"]["unit"] in ("ft", "us-ft", "in"))
+        assert number.strip("0.") in ("1", "2", "5")
+
+
+@needs_node
+@pytest.mark.parametrize("state", [0, 1])
+def test_a_surface_of_both_states_may_have_other_triangles_but_lies_in_one_plane(tmp_path, state):
+    own, cases = 1 << state, {"same": (0.0, 0.0), "near": (-0.009, 0.0), "far": (-0.03, 0.0), "steep": (0.0, 0.2)}
+    calls = [
+        {"call": "both", "state": state, "faces": [own, 3 - own], "height": h, "tilt": t} for h, t in cases.values()
+    ]
+    shared, *found = asked(tmp_path, {**calls[2], "faces": [3, 0]}, *calls)
+    assert shared[state]["face"] == shared[1 - state]["face"] == 0 and shared[1 - state]["at"]
+    assert [each[state]["face"] for each in found] == [0] * 4
+    others = [each[1 - state] and each[1 - state]["face"] for each in found]
+    assert others == [1, 1, None, None]
+
+
+@needs_linker
+@needs_node
+def test_a_page_holds_both_states_and_shares_equal_faces(tmp_path):
+    box, tower = box_on_floor(), at.Scene.from_arrays([[[4, 0, 0], [5, 0, 0], [4, 3, 0]]], name="tower")
+    after = at.changed_scene(box, tower)
+    change, variant = at.scene_change(box, tower, remove=()), at.scene_variant(box, after)
+    sizes = []
+    for made in (change, variant):
+        report = write_page(made.after, tmp_path / "page.html", OPTIONS, before=made.before)
+        text = (tmp_path / "page.html").read_text(encoding="utf-8")
+        about = json.loads(part_of(text, SCENE))
+        asked(tmp_path, {"call": "columns", "data": part_of(text, DATA), "columns": about["columns"]})
+        arrays = {
+            each["name"]: np.fromfile(tmp_path / each["name"], np.dtype(each["type"])) for each in about["columns"]
+        }
+        corners = arrays["positions"].reshape(-1, 3)[arrays["indices"]].reshape(-1, 3, 3)
+        for state, (scene, end) in enumerate(((made.before, "Before"), (made.after, ""))):
+            held = (arrays["states"] >> state & 1).astype(bool)
+            own = scene.triangles()
+            assert held.sum() == (12, 13)[state]
+            assert corners[held].tobytes() == own.vertices[held].tobytes()
+            rays = arrays["origins"].reshape(-1, 3) + own.origin, arrays["directions"].reshape(-1, 3)
+            assert arrays[f"blocked{end}"].astype(bool).tolist() == scene.occluded(*rays).tolist()
+            assert arrays[f"distances{end}"].tobytes() == scene.closest_hit(*rays).t.tobytes()
+        assert (arrays["blocked"] != arrays["blockedBefore"]).any()
+        whole = b"".join((tmp_path / each["name"]).read_bytes() for each in about["columns"])
+        assert about["triangles"] == report.triangles == 13 and about["changes"] and len(whole) > 0
+        assert len(set(about["digest"].split(" / "))) == 2
+        sizes.append(arrays["positions"].size)
+    assert sizes[0] == sizes[1]
+
+
 @needs_linker
 @needs_node
 def test_a_page_holds_the_bits_of_the_scene(page, tmp_path):
@@ -165,7 +249,7 @@ def test_the_program_of_a_page_has_each_module_once():
 
 
 def test_each_export_of_the_page_is_imported():
-    sources = {path: path.read_text(encoding="utf-8") for path in [*PAGE.glob("*.mjs"), PARTS]}
+    sources = {path: path.read_text(encoding="utf-8") for path in [*PAGE.glob("*.mjs"), *PARTS.parent.glob("*.mjs")]}
     exports = [
         (path, name) for path in sources for name in re.findall(r"^export \w+(?: function)? (\w+)", sources[path], re.M)
     ]
@@ -208,6 +292,9 @@ WRONG = {
     "offset": ("example:hills", "--date", "2026-06-21T12:00+02:00"),
     "half a place": ("example:hills", "--latitude", "5"),
     "view": ("example:hills", "--camera", "top"),
+    "two changes": ("example:hills", "--variant", "example:hills", "--remove", "hills"),
+    "variant": ("example:hills", "--variant", "absent.glb"),
+    "place of a variant": ("example:hills", "--variant", "example:hills?at=1,2"),
 }
 
 
@@ -225,3 +312,29 @@ def test_a_command_writes_a_page(cli):
     about = json.loads(part_of(Path("hills.html").read_text(encoding="utf-8"), SCENE))
     assert (about["date"], about["minute"]) == (day, 14 * 60)
     assert about["place"]["latitude"] == pytest.approx(52, abs=2)
+
+
+@needs_linker
+def test_credits_are_those_in_the_file_unless_they_are_given(cli, tmp_path):
+    model = {"asset": {"version": "2.0", "copyright": "CC BY 4.0,\n Ada & Co"}, "scene": 0, "scenes": [{"nodes": [0]}]}
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1]], np.float32).tobytes()
+    model |= {
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"byteLength": 36, "uri": f"data:;base64,{base64.b64encode(corners).decode()}"}],
+    }
+    Path("model.gltf").write_text(json.dumps(model))
+    for words, credits in (((), "CC BY 4.0, Ada &amp; Co"), (("--credits", "Ours"), "Ours")):
+        assert cli("page", "model.gltf", "-q", *words).code == 0
+        assert part_of(Path("model.html").read_text(encoding="utf-8"), 'p id="credits"') == credits
+
+
+@needs_linker
+def test_a_command_writes_both_states_of_a_scene(cli):
+    outcome = cli("page", "example:hills", "--variant", "example:hills?at=0,0,5", "-o", "hills.html")
+    assert outcome.code == 0 and "note: variant hills" in outcome.err
+    about = json.loads(part_of(Path("hills.html").read_text(encoding="utf-8"), SCENE))
+    assert about["changes"]
+    assert about["triangles"] == 2 * at.examples.hills().n_triangles

@@ -254,6 +254,16 @@ def parse_added(text: str) -> Added:
 
     ``tower.obj?up=z&at=85010,446520,0``, ``plan.gpkg?height=h&crs=EPSG:28992``
     """
+    added = parse_placed(text, "--add")
+    if is_raster(added.scene.path):
+        raise InputError(
+            f"--add {text}: rasters are scenes or terrain; give buildings as OBJ, glTF, CityJSON, or footprints"
+        )
+    return added
+
+
+def parse_placed(text: str, option: str) -> Added:
+    """Parse the text of a scene, also with ``up``, ``crs``, and ``at``; `option` begins errors."""
     file, mark, query = text.rpartition("?")
     given, others = dict[str, str](), list[str]()
     for part in query.split("&") if mark else []:
@@ -261,36 +271,40 @@ def parse_added(text: str) -> Added:
         if name not in _OF_ADDED:
             others.append(part)
         elif not value or name in given:
-            raise InputError(f"--add {text}: {name} is empty or repeated; write FILE?{name}=VALUE")
+            raise InputError(f"{option} {text}: {name} is empty or repeated; write FILE?{name}=VALUE")
         else:
             given[name] = unquote(value)
     rest = f"{file}{'?' * bool(others)}{'&'.join(others)}" if mark else text
     spec = parse_scene(rest)._replace(up=given.get("up"), crs=given.get("crs"))
-    if spec.path is not None and is_raster(spec.path):
-        raise InputError(
-            f"--add {text}: rasters are scenes or terrain; give buildings as OBJ, glTF, CityJSON, or footprints"
-        )
-    at = None if "at" not in given else tuple(parse_point(given["at"], f"--add {file}?at").tolist())
+    at = None if "at" not in given else tuple(parse_point(given["at"], f"{option} {file}?at").tolist())
     return Added(spec, at)
 
 
-def open_change(spec: SceneSpec, quiet: bool = False) -> "SceneChange":
-    """The states of a scene without and with its changes. Notes are printed on standard error."""
-    from .. import scene_change
+def open_change(spec: SceneSpec, quiet: bool = False, variant: Added | None = None) -> "SceneChange":
+    """The states of a scene without and with its changes, or of a scene and its variant.
+
+    Notes are printed on standard error.
+    """
+    from .. import scene_change, scene_variant
 
     base = open_scene(spec._replace(added=(), removed=()), quiet)
-    parts = list[Any]()
-    for each in spec.added:
-        footprints = is_footprints(each.scene.path) and each.scene.crs is None
-        with_crs = each.scene._replace(crs=base.crs) if footprints else each.scene
-        still = each.scene.path is not None and each.scene.path.suffix.lower() in (".glb", ".gltf")
-        scene = open_scene(with_crs._replace(instances=False) if still else with_crs, quiet)
-        at = (0.0, 0.0, 0.0) if each.at is None and "base" in dict(each.scene.gis) else each.at
-        parts.append(scene if at is None else (scene, at))
-    change = scene_change(base, parts, list(spec.removed))
+    if variant is not None:
+        change = scene_variant(base, _open_placed(variant, base.crs, quiet))
+    else:
+        change = scene_change(base, [_open_placed(each, base.crs, quiet) for each in spec.added], list(spec.removed))
     for note in () if quiet else change.notes:
         say(f"note: {note}")
     return change
+
+
+def _open_placed(each: Added, crs: str | None, quiet: bool) -> Any:
+    """A scene that is added to one in a CRS, or a pair of it and its position."""
+    footprints = is_footprints(each.scene.path) and each.scene.crs is None
+    with_crs = each.scene._replace(crs=crs) if footprints else each.scene
+    still = each.scene.path is not None and each.scene.path.suffix.lower() in (".glb", ".gltf")
+    scene = open_scene(with_crs._replace(instances=False) if still else with_crs, quiet)
+    at = (0.0, 0.0, 0.0) if each.at is None and "base" in dict(each.scene.gis) else each.at
+    return scene if at is None else (scene, at)
 
 
 # --- Options of all commands with a scene -----------------------------------------------------------------------------

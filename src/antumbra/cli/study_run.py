@@ -142,8 +142,9 @@ def opened(spec: SceneSpec, trees: VegetationSpec | None, to_memory: bool, quiet
         change = open_change(spec, quiet)
         if not before:
             return Scenes(change.after, add_vegetation(change.after, trees), change)
-        planted = add_vegetation(change.kept, trees)  # trees stand on what both states share
-        return Scenes(change.kept, change.state(planted, "after"), change, change.state(planted, "before"))
+        shared = change.shared()
+        planted = add_vegetation(shared, trees)  # trees stand on what both states share
+        return Scenes(shared, change.state(planted, "after"), change, change.state(planted, "before"))
     bare = open_scene(spec, quiet)
     if to_memory:
         bare = in_memory(bare)

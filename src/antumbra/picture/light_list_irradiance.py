@@ -57,8 +57,17 @@ class ListedLights(NamedTuple):
     least: np.float32  # squared distances are clamped to at least this
 
 
-def _listed_lights(lights: LightList, samples: NDArray[np.float64], origin: NDArray[np.float64]) -> ListedLights:
-    """The lights of a list with these samples, (16, n, 3), in a frame with this origin."""
+class ListFields(NamedTuple):
+    """The numbers of a list of lights, set by set."""
+
+    values: NDArray[np.float64]  # (16, n, _FIELDS): the fields of the lights of each set
+    distant: bool  # as in `ListedLights`
+    facing: bool
+    least: float
+
+
+def list_fields(lights: LightList, samples: NDArray[np.float64], origin: NDArray[np.float64]) -> ListFields:
+    """The fields of the lights of a list with these samples, (16, n, 3), in a frame with this origin."""
     values = np.zeros((16, samples.shape[1], _FIELDS))
     values[..., _CANDELA:] = lights.weights()
     distant, facing, least = True, False, 0.0
@@ -70,6 +79,12 @@ def _listed_lights(lights: LightList, samples: NDArray[np.float64], origin: NDAr
             values[..., _NORMAL:_CANDELA] = lights.normals[lights.sets]
     values[..., _POINT:_ROUNDED] = points
     values[..., _ROUNDED:_NORMAL] = points - points.astype(np.float32)
+    return ListFields(values, distant, facing, least)
+
+
+def _listed_lights(lights: LightList, samples: NDArray[np.float64], origin: NDArray[np.float64]) -> ListedLights:
+    """The lights of a list as vectors."""
+    values, distant, facing, least = list_fields(lights, samples, origin)
     by_row = values.reshape(4, 4, -1, _FIELDS).transpose(0, 2, 3, 1).astype(np.float32)  # the columns x mod 4 last
     return ListedLights(np.ascontiguousarray(np.tile(by_row, 2)), distant, facing, np.float32(least))
 

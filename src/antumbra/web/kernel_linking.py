@@ -26,6 +26,7 @@ from ..kernels.toolchain.kernel_digest import kernel_digest, module_digest
 from ..kernels.toolchain.kernel_library import MODULE, PACKAGE, LibraryKernel, LibraryList, digest_of
 from ..kernels.toolchain.kernel_manifest import package_manifest
 from ..kernels.toolchain.library_build import compile_for, link_library, source_files
+from .page_source import PAGE
 
 SOURCES = Path(__file__).parent / "module"
 SYSTEM, LEVEL = "wasm32", "simd128"
@@ -38,14 +39,15 @@ _OTHER_WINGS = re.compile(r"antumbra\.(?:lab|city|techniques)\.")  # methods tha
 
 
 def called_kernels() -> list[KernelRequest]:
-    """The recorded kernels that the modules call by name.
+    """The recorded kernels that the modules and those of pages call by name.
 
     Raises
     ------
     RuntimeError
         If one is not recorded.
     """
-    names = {name for path in SOURCES.glob("*.mjs") for name in _CALLED.findall(path.read_text(encoding="utf-8"))}
+    paths = [path for folder in (SOURCES, PAGE) for path in folder.glob("*.mjs")]
+    names = {name for path in paths for name in _CALLED.findall(path.read_text(encoding="utf-8"))}
     found = [each for each in package_manifest().kernels if each.kernel in names and not _OTHER_WINGS.search(each.key)]
     missing = sorted(names - {each.kernel for each in found})
     if missing:

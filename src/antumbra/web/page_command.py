@@ -25,7 +25,7 @@ from ..cli.options import (
     takes,
     writes,
 )
-from ..cli.scene_arguments import SceneArguments, open_scene
+from ..cli.scene_arguments import Added, SceneArguments, SceneSpec, open_change, open_scene, parse_placed
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -53,7 +53,20 @@ class PageArguments(SceneArguments):
         str | None, typer.Option(help="Title of the page.  [default: the scene's name]", show_default=False)
     ] = None
     credits: Annotated[
-        str | None, typer.Option(help="Author and licence of the model, below the picture.", show_default=False)
+        str | None,
+        typer.Option(
+            help="Author and licence of the model, below the picture.  [default: those in the glTF or CityJSON file]",
+            show_default=False,
+        ),
+    ] = None
+    variant: Annotated[
+        str | None,
+        typer.Option(
+            help="Another state of the scene, behind a divider: SCENE is before, this is after. "
+            "--add and --remove make such a state, too.",
+            metavar="FILE[?OPTIONS]",
+            show_default=False,
+        ),
     ] = None
     language: Annotated[Literal["en", "de"], typer.Option(help="Language of the page.")] = "en"
     date: Annotated[
@@ -81,17 +94,20 @@ def page(args: PageArguments) -> int:
 
     The page shows the shadows of the sun at any date and time, and tells of each clicked place when it has sun and what
     blocks it. It checks its own bits against those of this program when it opens. The place on Earth is that of the
-    CRS, or --latitude and --longitude; without one, the sun is set by hand.
+    CRS, or --latitude and --longitude; without one, the sun is set by hand. With --variant, --add or --remove, a
+    divider parts the states before and after, and the page tells what changes at a clicked place.
 
     \b
     Examples
       antumbra page city.city.json --timezone Europe/Amsterdam -o city.html
       antumbra page model.glb --latitude 48.14 --longitude 11.58 --timezone Europe/Berlin --language de
+      antumbra page city.city.json --add "tower.obj?up=z" -o tower.html
       antumbra page example:hills --title Hills --credits "Example scene, CC0"
     """
     spec = args.spec_of(args.scene)
     camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
     position = position_of(args)
+    variant = _variant_of(args, spec)
     path = args.output or checked_output(Path(f"{spec.stem}.html"), (".html",))
 
     from .page_export import PageOptions, check_scene, write_page
@@ -101,15 +117,21 @@ def page(args: PageArguments) -> int:
 
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(spec, args.quiet)
+        changes = variant is not None or spec.added or spec.removed
+        change = open_change(spec, args.quiet, variant) if changes else None
+        scene = open_scene(spec, args.quiet) if change is None else change.after
         check_scene(scene)
         place = _place_of(scene, position)
         moment = scene.clamped(args.time)
         camera = None if camera_spec is None else arguments.make_camera(camera_spec, scene, moment, _SIZE)
         display.say("packing the page")
-        options = PageOptions(args.title or scene.name, when, place, args.credits or "", args.language)
-        report = write_page(scene, path, options, camera, moment)
+        options = PageOptions(
+            args.title or scene.name, when, place, args.credits or _credits_in(spec, variant), args.language
+        )
+        report = write_page(scene, path, options, camera, moment, before=None if change is None else change.before)
     if not args.quiet:
+        for note in report.notes:
+            say(f"note: {note}")
         if scene.animated:
             say(f"note: the scene is animated, and the page shows it at {moment:g} s")
         if place is None:
@@ -128,3 +150,23 @@ def _place_of(scene: "AnyScene", position: dict[str, Any]) -> "Place | None":
     if place is None and position:
         raise InputError("--north and --timezone need a place; give --latitude and --longitude, or --crs")
     return place
+
+
+def _variant_of(args: PageArguments, spec: SceneSpec) -> Added | None:
+    """The state after that an option names; None: none does."""
+    if args.variant is None:
+        return None
+    if spec.added or spec.removed:
+        raise InputError(
+            f"--variant {args.variant} is one state, and --add and --remove make another; give one of them"
+        )
+    return parse_placed(args.variant, "--variant")
+
+
+def _credits_in(spec: SceneSpec, variant: Added | None) -> str:
+    """The licences that the files of a scene and its changes state, each once."""
+    from ..formats.stated_licence import licence_in
+
+    specs = [spec, *(each.scene for each in (*spec.added, *((variant,) if variant else ())))]
+    texts = [licence_in(each.path) for each in specs if each.path is not None]
+    return "; ".join(dict.fromkeys(" ".join(text.split()) for text in texts if text))

@@ -7,26 +7,28 @@ Its content security policy allows no request.
 import base64
 import hashlib
 import json
-import zlib
 from datetime import datetime
 from html import escape
 from pathlib import Path
 from string import Template
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..base.files import atomic_output
-from ..engine.scene import AnyScene
+from ..engine.scene import AnyScene, Scene
 from ..picture.heat_maps import RAMP
 from ..scene.camera import Camera
+from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..sun.location import Place
 from ..version import VERSION
 from ..work.scene_records import scene_digest
 from .kernel_module import kernel_module
+from .page_columns import Columns, distinct_rows
+from .page_look import add_look, sun_angles
 from .page_source import PAGE, page_program
 from .value_layer import ValueLayer
 
@@ -52,58 +54,24 @@ class PageReport(NamedTuple):
     triangles: int
     size: int  # bytes of the file
     digest: str  # of the scene
+    notes: tuple[str, ...] = ()  # what its pictures lack
 
 
-# --- Columns of numbers, as `page/unpack.mjs` reads them --------------------------------------------------------------
-
-
-class Columns:
-    """Named arrays, byte 0 of all numbers first, then byte 1, and so on, which compresses best."""
-
-    def __init__(self) -> None:
-        self.listed: list[dict[str, Any]] = []
-        self._parts: list[bytes] = []
-
-    def add(self, name: str, values: np.ndarray, step: bool = False) -> None:
-        """Add an array, flat; `step`: as differences between neighbours."""
-        flat = np.ascontiguousarray(values).ravel()
-        kind = f"{flat.dtype.kind.replace('b', 'u')}{flat.dtype.itemsize}"
-        self.listed.append({"name": name, "type": kind, "length": flat.size, "step": step})
-        if step:
-            flat = np.diff(flat, prepend=flat.dtype.type(0))
-        planes = flat.view(np.uint8).reshape(-1, flat.dtype.itemsize).T
-        self._parts.append(np.ascontiguousarray(planes).tobytes())
-
-    def packed(self) -> bytes:
-        """Base64 of a zlib stream of all columns."""
-        stream = zlib.compressobj(9)
-        return base64.b64encode(b"".join([*map(stream.compress, self._parts), stream.flush()]))
+# --- Geometry and proof -----------------------------------------------------------------------------------------------
 
 
 def _add_geometry(columns: Columns, triangles: Triangles, objects: NDArray[np.int32]) -> None:
     """Distinct vertices, indices, colours and objects of faces."""
     corners = triangles.vertices.reshape(-1, 3)
-    vertices, indices = _distinct(corners)
-    colours, colour_of = _distinct(triangles.colour)
+    vertices, indices = distinct_rows(corners)
     columns.add("positions", vertices)
     columns.add("indices", indices, step=True)
-    columns.add("colours", colours)
-    columns.add("colourOf", colour_of, step=True)
+    columns.add_distinct("colour", triangles.colour)
     columns.add("objectOf", objects, step=True)
 
 
-def _distinct(rows: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Rows with different bits, in the order of their first use, and the index of each row among them."""
-    keys = np.ascontiguousarray(rows).view(np.dtype((np.void, 12))).ravel()
-    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    rank = np.empty(len(order), np.int32)
-    rank[order] = np.arange(len(order), dtype=np.int32)
-    return rows[first[order]], rank[inverse.ravel()]
-
-
-def _add_proof(columns: Columns, scene: AnyScene, triangles: Triangles) -> None:
-    """Rays to vertices, edges and anywhere, with the answers of the scene here."""
+def _add_proof(columns: Columns, scenes: dict[str, AnyScene], triangles: Triangles) -> None:
+    """Rays to vertices, edges and anywhere, with the answers of scenes here; their keys end the columns' names."""
     generator = np.random.default_rng(20)
     corners = triangles.vertices.reshape(-1, 3)
     lower, upper = corners.min(0).astype(np.float64), corners.max(0).astype(np.float64)
@@ -116,14 +84,30 @@ def _add_proof(columns: Columns, scene: AnyScene, triangles: Triangles) -> None:
     directions[::5] = generator.normal(size=directions[::5].shape)
     directions[(directions == 0).all(1)] = 1.0
     world = origins.astype(np.float64) + triangles.origin
-    hits = scene.closest_hit(world, directions.astype(np.float64))
     columns.add("origins", (world - triangles.origin).astype(np.float32))
     columns.add("directions", directions)
-    columns.add("blocked", scene.occluded(world, directions.astype(np.float64)))
     rows = np.full(int(triangles.face_id.max()) + 1, -1, np.int32)
     rows[triangles.face_id] = np.arange(len(triangles.face_id), dtype=np.int32)
-    columns.add("faces", np.where(hits.face < 0, np.int32(-1), rows[hits.face]).astype(np.int32))
-    columns.add("distances", hits.t.astype(np.float64))
+    for state, scene in scenes.items():
+        hits = scene.closest_hit(world, directions.astype(np.float64))
+        columns.add(f"blocked{state}", scene.occluded(world, directions.astype(np.float64)))
+        columns.add(f"faces{state}", np.where(hits.face < 0, np.int32(-1), rows[hits.face]).astype(np.int32))
+        columns.add(f"distances{state}", hits.t.astype(np.float64))
+
+
+# --- Both states of a scene that changes ------------------------------------------------------------------------------
+
+
+def _hidden(scene: AnyScene) -> NDArray[np.bool_]:
+    """(n,) bool: the faces that a state lacks."""
+    data = cast(MemoryData, scene.data)
+    return np.zeros(data.n_triangles, bool) if data.hidden is None else data.hidden
+
+
+def _whole(before: Scene, after: AnyScene) -> Scene:
+    """The scene with the faces of both states."""
+    absent = _hidden(before) & _hidden(after)
+    return Scene.of_data(cast(MemoryData, after.data).hiding(absent))
 
 
 # --- The page ---------------------------------------------------------------------------------------------------------
@@ -153,6 +137,7 @@ def write_page(
     camera: Camera | None = None,
     time: float = 0.0,
     layer: ValueLayer | None = None,
+    before: Scene | None = None,
 ) -> PageReport:
     """Write a scene as one HTML file that needs nothing else.
 
@@ -167,6 +152,8 @@ def write_page(
         Seconds into the animation. Pages do not move.
     layer : ValueLayer or None
         Numbers that the surfaces show as colours.
+    before : Scene or None
+        The state before a change whose state after `scene` is (`SceneChange`); the page has a divider between them.
 
     Raises
     ------
@@ -174,7 +161,7 @@ def write_page(
         If the scene is in a store, has more than 2 million triangles, or lets light pass; if an option is invalid; if
         the linker is missing; or if the file cannot be written. An existing file then stays.
     """
-    html, report = page_html(scene, options, camera, time, layer)
+    html, report = page_html(scene, options, camera, time, layer, before)
     with atomic_output(path) as temporary:
         temporary.write_bytes(html)
     return report
@@ -186,42 +173,56 @@ def page_html(
     camera: Camera | None = None,
     time: float = 0.0,
     layer: ValueLayer | None = None,
+    before: Scene | None = None,
 ) -> tuple[bytes, PageReport]:
     """The text of a page, in UTF-8, and what it holds; parameters and errors as for `write_page`."""
     check_scene(scene)
     if options.language not in LANGUAGES:
         raise InputError(f"language is {options.language!r}; choose {' or '.join(LANGUAGES)}")
-    triangles = scene.triangles(time)
+    scenes: dict[str, AnyScene] = {"": scene}
+    if before is not None:
+        scenes = {"Before": before, "": scene}
+    whole = scene if before is None else _whole(before, scene)
+    triangles = whole.triangles(time)
     columns = Columns()
-    _add_geometry(columns, triangles, scene.data.object_of_face[triangles.face_id])
-    _add_proof(columns, scene, triangles)
+    _add_geometry(columns, triangles, whole.data.object_of_face[triangles.face_id])
+    look = add_look(columns, scene, triangles, time, options.place)
+    _add_proof(columns, scenes, triangles)
+    if before is not None:
+        states = ~_hidden(before) + 2 * ~_hidden(scene)  # of each face: 1 before, 2 after, 3 both
+        columns.add("states", states[triangles.face_id].astype(np.uint8))
     module = kernel_module()
     columns.add("wasm", np.frombuffer(module.wasm, np.uint8))
     for name, values in ({} if layer is None else layer.arrays(triangles)).items():
         columns.add(name, values, step=values.dtype.kind == "i")
-    digest = scene_digest(scene, time)
+    digests = [scene_digest(each, time) for each in scenes.values()]
     view = camera or scene.default_camera(1280, 800, time=time)
-    names = [each.parent or each.name for each in scene.objects]
+    names = [each.parent or each.name for each in whole.objects]
+    shown = int(len(triangles.vertices) if before is None else (~_hidden(whole)).sum())
     about = {
         "version": VERSION,
-        "digest": digest[:12],
-        "triangles": len(triangles.vertices),
+        "digest": " / ".join(each[:12] for each in digests),
+        "bytes": columns.digest(),
+        "changes": before is not None,
+        "triangles": shown,
         "up": scene.up,
         "origin": triangles.origin.tolist(),
         "palette": RAMP.astype(int).tolist(),
+        "unit": scene.unit.name,
         "metres": scene.unit.metres,
         "camera": _orbit_of(scene, triangles, view),
         "place": None if options.place is None else options.place._asdict(),
         "date": f"{options.when:%Y-%m-%d}",
         "minute": 60 * options.when.hour + options.when.minute,
-        "angles": {"azimuth": 215, "altitude": 42},
+        "angles": sun_angles(look.record, scene.up),
+        "look": look.record,
         "objects": names if len(set(names)) > 1 else [],
         "kernels": {"kernels": module.kernels},
         "layer": None if layer is None else layer.about(),
         "columns": columns.listed,
     }
     html = _html(about, columns.packed().decode(), options)
-    return html, PageReport(len(triangles.vertices), len(html), digest)
+    return html, PageReport(shown, len(html), digests[-1], tuple(look.notes))
 
 
 def _orbit_of(scene: AnyScene, triangles: Triangles, camera: Camera) -> dict[str, Any]:

@@ -318,3 +318,63 @@ def test_a_change_without_changes_is_the_scene():
     table = change.compare(at.sky_view, "raster:20", directions=64)
     assert (table["sky_view_loss"] == 0.0).all() and change.notes == () and change.changed is None
     assert json.dumps(table.about["change"]) == "[]"
+
+
+# --- Changes of changed scenes, and variants --------------------------------------------------------------------------
+
+
+def test_what_a_first_change_removed_stays_removed_in_a_second_one():
+    first = at.scene_change(plain(), box(name="old"))
+    second = at.scene_change(first.before, box([-40.0, 0.0, 0.0]))
+    places = [[16.0, -16.0, 50.0], [-34.0, 4.0, 50.0], [50.0, 50.0, 50.0]]
+    for state, heights in {"before": [0, 0, 0], "after": [0, 30, 0], "kept": [0, 0, 0]}.items():
+        hits = getattr(second, state).closest_hit(places, [[0.0, 0.0, -1.0]] * 3)
+        assert (50.0 - hits.t).tolist() == heights, state
+    alone = second.changed.closest_hit(places, [[0.0, 0.0, -1.0]] * 3)
+    assert (50.0 - alone.t).tolist() == [-np.inf, 30, -np.inf]
+
+
+@pytest.mark.parametrize("turn", [None, QUARTER], ids=["straight", "turned by a quarter"])
+def test_a_variant_has_the_hours_of_its_own_scene_and_shares_equal_faces(turn):
+    scene = at.changed_scene(plain(turn=turn), box(turn=turn))
+    other = at.changed_scene(plain(turn=turn), [box(turn=turn), box([-40.0, 0.0, 0.0], turn=turn)])
+    change = at.scene_variant(scene, other)
+    new = at.scene_change(scene, box([-40.0, 0.0, 0.0], turn=turn))
+    own, told = (each.compare(at.sun_hours, "raster:11", **HOURS) for each in (change, new))
+    for name in ("sun_hours_before", "sun_hours", "sun_hours_loss"):
+        np.testing.assert_array_equal(own[name], told[name])
+    assert (own["sun_hours_loss"] > 0.0).any()
+    shown = [(~each.data.hidden).sum() for each in (change.before, change.after, change.kept, change.changed)]
+    assert shown == [14, 26, 14, 12] and change.notes[0].startswith("variant")
+
+
+def test_a_variant_without_a_building_has_no_new_faces():
+    change = at.scene_variant(at.changed_scene(plain(), box()), plain())
+    assert [(~each.data.hidden).sum() for each in (change.before, change.after, change.changed)] == [14, 2, 12]
+
+
+@pytest.mark.parametrize("what", ["image", "coordinates", "vertex colours", "normals"])
+def test_faces_of_a_variant_that_look_different_are_not_shared(what):
+    corners = np.array([[[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[4, 0, 0], [4, 4, 0], [0, 4, 0]]], float)
+    grey, red = (np.full((4, 4, 3), colour, np.uint8) for colour in ((90, 90, 90), (200, 30, 20)))
+    flat, tilted = (np.tile(n, (6, 1)) for n in ((0.0, 0.0, 1.0), (0.1, 0.0, 1.0)))
+    uv, white = corners.reshape(-1, 3)[:, :2] / 4, np.ones((6, 3))
+    first, other = {
+        "image": ({"uv": uv, "texture": grey}, {"uv": uv, "texture": red}),
+        "coordinates": ({"uv": uv, "texture": red}, {"uv": uv + 0.25, "texture": red}),
+        "vertex colours": ({"vertex_colours": white}, {"vertex_colours": white / 2}),
+        "normals": ({"normals": flat}, {"normals": tilted}),
+    }[what]
+    made = [at.Scene.from_arrays(corners, up="z", **look) for look in (first, first, other)]
+    same, different = (at.scene_variant(made[0], each) for each in made[1:])
+    assert same.changed is None and (~same.before.data.hidden).sum() == 2
+    assert different.kept is None and (~different.after.data.hidden).sum() == 2
+
+
+def test_states_without_a_common_surface_need_points():
+    change = at.scene_variant(plain(), box([-20.0, -20.0, 5.0], [40.0, 40.0, 1.0]))
+    assert change.kept is None
+    with pytest.raises(at.InputError, match="both states share no surface"):
+        change.compare(at.sun_hours, "grid:10", **HOURS)
+    table = change.compare(at.sun_hours, [[0.0, 0.0, 1.0]], **HOURS)
+    assert table["sun_hours_before"][0] > table["sun_hours"][0] >= 0.0

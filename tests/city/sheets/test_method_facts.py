@@ -1,7 +1,6 @@
 """What sheets say of method and sources: units, every parameter, licences and digests, no folders of this machine."""
 
 import hashlib
-import json
 
 import pytest
 
@@ -10,7 +9,6 @@ from antumbra.city.sheets.method_facts import (
     OVERCAST,
     day_of,
     file_text,
-    licence_in,
     method_facts,
     place_in_about,
     source_facts,
@@ -79,19 +77,6 @@ def test_sources_name_files_crs_and_unit_without_folders(tmp_path):
     assert file_text(tmp_path) == "a folder of 1 files"
     with pytest.raises(at.InputError, match=r"sources: no\.csv cannot be read"):
         file_text(tmp_path / "no.csv")
-
-
-def test_licences_that_files_state(tmp_path):
-    glb = tmp_path / "a.glb"
-    root = json.dumps({"asset": {"version": "2.0", "copyright": "2026, CC BY 4.0"}}).encode()
-    sizes = (20 + len(root)).to_bytes(4, "little") + len(root).to_bytes(4, "little")
-    glb.write_bytes(b"glTF" + bytes([2, 0, 0, 0]) + sizes + b"JSON" + root)
-    (tmp_path / "a.gltf").write_bytes(root)
-    (tmp_path / "b.city.json").write_text(json.dumps({"type": "CityJSON", "metadata": {"license": "CC0"}}))
-    (tmp_path / "c.json").write_text("[1]")
-    (tmp_path / "d.json").write_text("{")
-    found = [licence_in(tmp_path / name) for name in ("a.glb", "a.gltf", "b.city.json", "c.json", "d.json", "e.obj")]
-    assert found == ["2026, CC BY 4.0", "2026, CC BY 4.0", "CC0", None, None, None]
 
 
 def test_areas_and_units_as_sheets_write_them():

@@ -53,7 +53,7 @@ class SceneChange(NamedTuple):
 
     before: Scene  # without what is added
     after: Scene  # without what is removed
-    kept: Scene  # without both: what the two states share, on which sensors lie
+    kept: Scene | None  # without both: what the two states share, on which sensors lie; None: nothing
     changed: Scene | None  # only what is added and removed; None: nothing
     n_faces: int  # of the scene itself; those of the added objects follow
     notes: tuple[str, ...]  # what was placed where, and what was removed
@@ -77,8 +77,15 @@ class SceneChange(NamedTuple):
             None: all cores.
         """
         if not isinstance(sensors, str):
-            return self.exposed(sensors_from(self.kept, sensors, None, "sensors"), threads, "points")
-        return self.exposed(sensors_of(sensors, self.kept, threads, areas), threads, kind_of(sensors))
+            frame = self.before if self.kept is None else self.kept
+            return self.exposed(sensors_from(frame, sensors, None, "sensors"), threads, "points")
+        return self.exposed(sensors_of(sensors, self.shared(), threads, areas), threads, kind_of(sensors))
+
+    def shared(self) -> Scene:
+        """What the two states share. Raises an InputError if that is nothing."""
+        if self.kept is None:
+            raise InputError(f"{self.after.name}: both states share no surface for sensors or trees; keep one")
+        return self.kept
 
     def exposed(self, sensors: Sensors, threads: int | None = None, kind: str = "") -> Sensors:
         """The sensors that no added or removed object covers; those of the kind "points" are all kept, with a note.
@@ -226,14 +233,71 @@ def scene_change(
         part, note = _placed(each, base)
         notes.append(note)
         data = join_data(data, part, base.name)
-    added = np.arange(data.n_triangles) >= base.n_triangles
     removed = np.concatenate([removed, np.zeros(data.n_triangles - base.n_triangles, bool)])
+    return _change(data, base.n_triangles, removed, notes)
+
+
+def scene_variant(scene: SceneLike, variant: Addition) -> SceneChange:
+    """The states of a scene and of a variant of it, such as another design, as `scene_change` makes them.
+
+    Parameters
+    ----------
+    scene : Scene, or anything that `antumbra.load` takes
+        The state before.
+    variant : scene, path, mesh, or a pair of one of these and the world position of its origin
+        The state after, placed as what `scene_change` adds. Its faces with the corners, the colour, the texture and the
+        normals of a face of the scene, to the bit, are that face.
+
+    Raises
+    ------
+    InputError
+        As `scene_change` does.
+
+    Examples
+    --------
+    >>> scene = at.procedural("city", triangles=5_000)
+    >>> change = at.scene_variant(scene, scene)
+    >>> change.changed is None
+    True
+    """
+    base = _in_memory(scene_of(scene))
+    part, note = _placed(variant, base)
+    data, n = join_data(base, part, base.name), base.n_triangles
+    triangles = data.triangles()
+    rows = np.concatenate([triangles.vertices.reshape(-1, 9), triangles.colour, _looks(data)], axis=1)
+    _, kind = np.unique(rows.view(np.dtype((np.void, rows.shape[1] * 4))).ravel(), return_inverse=True)
+    shared = np.isin(kind[n:], kind[:n][_shown(base)])
+    removed = np.concatenate([~np.isin(kind[:n], kind[n:][_shown(part)]), np.zeros(len(shared), bool)])
+    repeated = np.concatenate([np.zeros(n, bool), shared])
+    return _change(data.hiding(repeated | ~_shown(data)), n, removed, [note.replace("added", "variant", 1)])
+
+
+def _looks(data: MemoryData) -> NDArray[np.float32]:
+    """(n, k) float32: what faces show besides their colour: the image and tint of textures, and values of corners."""
+    appearance, n = data.appearance, data.n_triangles
+    if appearance is None:
+        return np.zeros((n, 0), np.float32)
+    images: dict[Any, int] = {}
+    tints = np.zeros((len(appearance.materials) + 1, 4), np.float32)  # the last row is that of faces without material
+    for k, (_, factor, texture, *_) in enumerate(appearance.materials):
+        picture = None if texture is None or texture.picture is None else bytes(texture.picture)
+        image = texture and (picture, texture.opacity, texture.wrap_s, texture.wrap_t, texture.nearest)
+        tints[k] = images.setdefault(image, len(images)), *factor[:3]
+    shows = appearance.textured if appearance.colours is None else np.ones(n, bool)
+    corners = [appearance.uv, appearance.colours, appearance.normals]
+    columns = [each.reshape(n, -1) for each in corners if each is not None]
+    return np.concatenate([tints[appearance.material_of_face] * shows[:, None], *columns], axis=1)
+
+
+def _change(data: MemoryData, n_faces: int, removed: NDArray[np.bool_], notes: list[str]) -> SceneChange:
+    """The states of joined data whose faces from `n_faces` on are added. Faces that it hides are in no state."""
+    added, gone = np.arange(data.n_triangles) >= n_faces, ~_shown(data)
     if data.animated and removed.any() | added.any():
-        raise InputError(f"{base.name}: is animated, and objects are added and removed in static scenes")
-    states = [Scene.of_data(data.hiding(hidden)) for hidden in (added, removed, added | removed)]
-    changed = Scene.of_data(data.hiding(~(added | removed))) if (added | removed).any() else None
-    before, after, kept = states
-    return SceneChange(before, after, kept, changed, base.n_triangles, tuple(notes))
+        raise InputError(f"{data.name}: is animated, and objects are added and removed in static scenes")
+    before, after = (Scene.of_data(data.hiding(each | gone)) for each in (added, removed))
+    parts = added | removed | gone, gone | ~(added | removed)
+    kept, changed = (None if hidden.all() else Scene.of_data(data.hiding(hidden)) for hidden in parts)
+    return SceneChange(before, after, kept, changed, n_faces, tuple(notes))
 
 
 def _in_memory(scene: AnyScene) -> MemoryData:

@@ -1,7 +1,6 @@
 """What a sheet says about how a result was made, from the metadata of the study: method, rule, parameters, sources."""
 
 import hashlib
-import json
 from collections.abc import Iterator, Sequence
 from datetime import date
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 
 from ...base.errors import InputError
 from ...engine.scene import AnyScene
+from ...formats.stated_licence import licence_in
 from ...scene.crs import parts_of_crs
 from ...scene.units import METRE, UNITS, LengthUnit
 from ...sun.location import Place
@@ -58,7 +58,6 @@ _NAMES = {
 _SUNS = {"limb": "the refracted upper limb", "centre": "the geometric centre"}
 _PIECE = 1 << 22  # bytes read at once
 _MOST_NOTES = 12
-_LONGEST_HEADER = 64 << 20  # bytes of the JSON of a glTF file
 
 
 def unit_of(about: dict[str, Any]) -> LengthUnit:
@@ -228,27 +227,3 @@ def file_text(path: Path) -> str:
         return f"{path.stat().st_size:,} bytes, SHA-256 {digest.hexdigest()}"
     except OSError as error:
         raise InputError(f"sources: {path.name} cannot be read: {error.strerror or error}") from None
-
-
-def licence_in(path: Path) -> str | None:
-    """The licence that a glTF or CityJSON file states; None: it states none."""
-    suffix = path.suffix.lower()
-    try:
-        if suffix == ".glb":
-            with open(path, "rb") as file:
-                head = file.read(20)
-                size = int.from_bytes(head[12:16], "little")
-                root = json.loads(file.read(size)) if size <= _LONGEST_HEADER else {}
-        elif suffix in (".gltf", ".json") and path.stat().st_size <= _LONGEST_HEADER:
-            root = json.loads(path.read_bytes())
-        else:
-            return None
-    except (OSError, ValueError):
-        return None
-    if not isinstance(root, dict):
-        return None
-    asset, metadata = root.get("asset"), root.get("metadata")
-    places = [asset.get("copyright")] if isinstance(asset, dict) else []
-    if isinstance(metadata, dict):
-        places += [metadata.get(name) for name in ("license", "licence", "datasetLicense")]
-    return next((text for text in places if isinstance(text, str) and text.strip()), None)

@@ -54,6 +54,7 @@ export class Scene {
   /** @type {number[]} */ #middle;
   /** @type {import("./frame.mjs").Box} */ #box; // in the frame
   /** @type {import("./blocks.mjs").BlockTree | null} */ #blocks = null; // made for the first light
+  /** @type {MemoryArray} */ #triangles; // of the tree, in the frame
   /** @type {Int32Array | null} */ #faces; // of the tree's triangles; null: all
   /** @type {Promise<KernelModule> | null} */ static #module = null;
 
@@ -74,7 +75,8 @@ export class Scene {
     recentre(positions, indices, this.#origin, all.view);
     this.#box = boundsOf(all.view);
     this.#faces = this.#solidFaces(all);
-    const bvh = this.#faces?.length === 0 ? null : buildTree(this.#kernels, this.#kept(all));
+    this.#triangles = this.#kept(all);
+    const bvh = this.#faces?.length === 0 ? null : buildTree(this.#kernels, this.#triangles);
     this.#tree = bvh ? widen(this.#kernels, bvh) : [];
   }
 
@@ -193,10 +195,25 @@ export class Scene {
     const cull = cullOf(cullFaces);
     if (light?.kind === "ambient" && !normals) throw new TypeError("ambient light needs the normals of the points");
     const receivers = receiversOf(points, normals, this.#origin, this.#middle);
+    return visibilityOf(this.geometry, receivers, light, samples, cull);
+  }
+
+  /**
+   * The scene in memory, for callers of kernels.
+   * @returns {import("./shadows.mjs").Geometry}
+   */
+  get geometry() {
     const wide = this.#tree.length === 0 ? null : this.#tree;
     if (wide) this.#blocks ??= buildBlocks(this.#kernels, wide[5]);
-    const geometry = { kernels: this.#kernels, wide, blocks: this.#blocks, origin: this.#origin, box: this.#box };
-    return visibilityOf(geometry, receivers, light, samples, cull);
+    return {
+      kernels: this.#kernels,
+      wide,
+      blocks: this.#blocks,
+      origin: this.#origin,
+      box: this.#box,
+      triangles: this.#triangles,
+      faces: this.#faces,
+    };
   }
 
   /**

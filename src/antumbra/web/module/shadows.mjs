@@ -12,9 +12,10 @@ import { SETS } from "./samples.mjs";
 /** @typedef {import("./memory.mjs").MemoryArray} MemoryArray */
 
 /**
- * A scene in WebAssembly's memory; without trees if no triangle has an area.
+ * A scene in WebAssembly's memory; without trees if no triangle has an area. `faces`: those of the trees' triangles; null:
+ * all.
  * @typedef {{kernels: KernelInstance, wide: any[] | null, blocks: import("./blocks.mjs").BlockTree | null,
- *   origin: number[], box: import("./frame.mjs").Box}} Geometry
+ *   origin: number[], box: import("./frame.mjs").Box, triangles: MemoryArray, faces: Int32Array | null}} Geometry
  */
 
 const STRATA = 16; // samples of a chunk
@@ -100,9 +101,9 @@ function countSeen({ bits, fraction, samples }) {
 /**
  * A length greater than the distance from any point to any corner.
  * @param {import("./frame.mjs").Box} box
- * @param {Float32Array} origins
+ * @param {ArrayLike<number>} origins
  */
-function reachOf([lower, upper], origins) {
+export function reachOf([lower, upper], origins) {
   let sum = 0;
   for (let axis = 0; axis < 3; axis++) {
     let [low, high] = [lower[axis], upper[axis]];
@@ -139,7 +140,7 @@ function largest(values) {
  * @param {Patch} patch
  * @param {Float32Array} origins
  */
-function suitsShafts({ blocks, box }, patch, origins) {
+export function suitsShafts({ blocks, box }, patch, origins) {
   if (!blocks || patch.kind === KINDS.AMBIENT) return false;
   const [base, u, v, w] = patch.axes;
   const across = [...u, ...v, ...w].reduce((sum, x) => sum + Math.abs(x), 0) * Math.max(1, largest(patch.samples));
@@ -197,7 +198,18 @@ function shadowQuery({ kernels: { arena }, blocks }, { origins, sides, normals }
 }
 
 /**
- * Trace a query by shafts.
+ * Trace a query: by shafts if they suit it. The receivers are pixels, or points in a row.
+ * @param {Geometry} geometry
+ * @param {any[]} query the arguments of a `ShadowQuery`
+ * @param {Patch} patch
+ * @param {MemoryArray} bits (h, w, words)
+ */
+export function traceQuery(geometry, query, patch, bits) {
+  (suitsShafts(geometry, patch, query[0].view) ? traceShafts : traceSegments)(geometry, query, patch, bits);
+}
+
+/**
+ * Trace a query by shafts. Tiles are 16 points of a row, or 4 x 4 pixels.
  * @param {Geometry} geometry
  * @param {any[]} query
  * @param {Patch} patch
@@ -206,17 +218,19 @@ function shadowQuery({ kernels: { arena }, blocks }, { origins, sides, normals }
 function traceShafts({ kernels, blocks }, query, patch, bits) {
   const { arena } = kernels;
   const trees = treeList(kernels, /** @type {any} */ (blocks));
-  const table = lightTable(kernels, query, patch);
+  const [h, w] = bits.shape;
+  const side = h === 1 ? [LANES, 1] : [4, 4]; // of tiles in pixels, and of regions in tiles
+  const table = lightTable(kernels, query, patch, h === 1);
   const counters = arena.array("i8", [COUNTERS]);
-  const columns = Math.ceil(bits.shape[1] / LANES);
-  const across = Math.ceil(columns / LANES);
-  const regions = across >= BUSY * (kernels.helpers.workers.length + 1) ? MOST_REGIONS : 1;
-  const places = [LANES, 1, columns, 1, LANES, 1, across, 1]; // `TileShape`, `RegionLayout`
+  const tiles = [Math.ceil(w / side[0]), Math.ceil(h / side[1])];
+  const [across, down] = [Math.ceil(tiles[0] / side[0]), Math.ceil(tiles[1] / side[1])];
+  const regions = across * down >= BUSY * (kernels.helpers.workers.length + 1) ? MOST_REGIONS : 1;
+  const runs = down === 1 ? Math.ceil(across / RUN) : Math.ceil(across / 8) * Math.ceil(down / 8);
+  const places = [...side, ...tiles, ...side, across, down]; // `TileShape`, `RegionLayout`
   for (let chunk = 0; chunk * STRATA < patch.traced; chunk++) {
     const count = Math.min(STRATA, patch.traced - chunk * STRATA);
     const args = [trees, query, table, places, regions, chunk, count, bits, counters];
-    const areas = (Math.ceil(across / RUN) * RUN) / regions;
-    kernels.run("antumbra.trace.frusta.multi_frusta:_trace_areas", areas, 1, ...args);
+    kernels.run("antumbra.trace.frusta.multi_frusta:_trace_areas", (runs * RUN) / regions, 1, ...args);
   }
 }
 
@@ -225,8 +239,9 @@ function traceShafts({ kernels, blocks }, query, patch, bits) {
  * @param {KernelInstance} kernels
  * @param {any[]} query
  * @param {Patch} patch
+ * @param {boolean} row whether the receivers are in a row, so that four sets are used
  */
-function lightTable(kernels, query, patch) {
+export function lightTable(kernels, query, patch, row) {
   const { arena } = kernels;
   const chunks = Math.ceil(patch.traced / STRATA);
   const [points, groups, targets, byLane] = [
@@ -235,7 +250,7 @@ function lightTable(kernels, query, patch) {
     arena.array("f4", [chunks, 6, LANES]),
     arena.array("f4", [chunks, LANES, 3, STRATA]),
   ];
-  const sets = Array.from({ length: LANES }, (_, lane) => lane & 3);
+  const sets = Array.from({ length: LANES }, (_, lane) => (row ? lane & 3 : lane));
   if (patch.kind === KINDS.FIXED || patch.kind === KINDS.LIST) {
     const unused = arena.array("f8", [chunks, 1, 1, 1]);
     const table = [points, groups, targets, byLane, unused, unused];
@@ -264,8 +279,8 @@ function lightTable(kernels, query, patch) {
  */
 function traceSegments({ kernels, wide }, query, { traced }, bits) {
   const { arena } = kernels;
-  const [, m, words] = bits.shape;
-  const [ends, above] = [arena.array("f4", [1, m, traced, 3]), arena.array("b1", [1, m, traced])];
+  const [h, w, words] = bits.shape;
+  const [ends, above] = [arena.array("f4", [h, w, traced, 3]), arena.array("b1", [h, w, traced])];
   kernels.call("antumbra.query.shadow_query:_segments_kernel", query, ends, above);
   const open = [];
   const isAbove = above.view;

@@ -119,7 +119,7 @@ export function duration(hours) {
  * What a worker found at a point, as a sentence.
  * @param {any} found
  * @param {{place: Place, date: string, day: Day} | null} when null: without a place, only the sun that is shown
- * @param {number} altitude of the sun that is shown, degrees
+ * @param {number | null} altitude of the sun that is shown, degrees; null: none shines
  * @param {Words} words
  * @param {(face: number) => string} nameOf an object, or ""
  */
@@ -127,7 +127,7 @@ export function sentenceOf(found, when, altitude, words, nameOf) {
   if (!found) return words.nothing;
   const share = Math.round(100 * found.sky);
   const now = nowOf(found, altitude, words, nameOf);
-  if (!when) return `${now} ${fill(words.sky, { share })}`;
+  if (!when) return `${now} ${fill(words.sky, { share })}`.trim();
   const { place, date, day } = when;
   const hours = hoursOf(day, found.states);
   const spans = spansText(spansOf(day, found.states, found.blockers), place, words, nameOf);
@@ -138,12 +138,14 @@ export function sentenceOf(found, when, altitude, words, nameOf) {
 }
 
 /**
+ * Whether a point is in the sun that is shown.
  * @param {any} found
- * @param {number} altitude
+ * @param {number | null} altitude of the sun, degrees; null: none shines
  * @param {Words} words
- * @param {(face: number) => string} nameOf
+ * @param {(face: number) => string} nameOf an object, or ""
  */
-function nowOf({ now, nowBlocker }, altitude, words, nameOf) {
+export function nowOf({ now, nowBlocker }, altitude, words, nameOf) {
+  if (altitude === null) return "";
   if (altitude <= 0) return words.atNight;
   if (now === SEEN) return words.inSun;
   if (now !== BLOCKED) return words.behind;

@@ -40,16 +40,21 @@ export class HorizonPlot {
     part("horizon").setAttribute("aria-label", words.horizon);
   }
 
-  /** @param {import("./questions.mjs").Spot | null} spot */
-  async show(spot) {
+  /**
+   * @param {import("./questions.mjs").Spot | null} spot
+   * @param {number} state of the scene
+   */
+  async show(spot, state) {
     part("horizon").hidden = !spot;
-    const point = spot ? JSON.stringify([spot.point, spot.normal]) : "";
+    const point = spot ? JSON.stringify([spot.point, spot.normal, state]) : "";
     if (point !== this.#point) {
       this.#point = point;
-      this.#states = spot && (await this.pool.run("horizon", { spot, size: SIZE, north: this.sun.north }, true));
+      const question = { spot, state, size: SIZE, north: this.sun.north };
+      this.#states = spot && (await this.pool.run("horizon", question, true));
     }
     if (point !== this.#point || !this.#states) return;
-    const { place, date, angles } = this.sun;
+    const { place, date } = this.sun;
+    const angles = this.sun.shines ? this.sun.angles : null;
     drawHorizon(part("horizon"), this.#states, place && { place, date }, angles, this.words.compass.split(" "));
   }
 }
@@ -58,7 +63,7 @@ export class HorizonPlot {
  * @param {HTMLCanvasElement} canvas
  * @param {Uint8Array} states of `horizon` of `questions.mjs`
  * @param {{place: Place, date: string} | null} when
- * @param {Angles} sun that is shown
+ * @param {Angles | null} sun that is shown; null: none shines
  * @param {string[]} compass the letters of north, east, south and west
  */
 function drawHorizon(canvas, states, when, sun, compass) {
@@ -82,7 +87,7 @@ function drawHorizon(canvas, states, when, sun, compass) {
     drawPath(context, place, date, TODAY, 2.4, at);
     drawHours(context, place, date, at, font);
   }
-  if (sun.altitude > 0) dot(context, at(sun), 4, NOW);
+  if (sun && sun.altitude > 0) dot(context, at(sun), 4, NOW);
 }
 
 /** @param {Uint8Array} states */

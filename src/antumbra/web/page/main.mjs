@@ -1,9 +1,12 @@
 // @ts-check
-/** The page: unpacks the scene, starts the workers, and joins picture, sun, answers and proof. In a worker: its jobs. */
+/** The page: unpacks the scene, starts the workers, and joins pictures, sun, answers and proof. In a worker: its jobs. */
 
-import { dayOf, drawDay, hoursOf, sentenceOf } from "./answer.mjs";
-import { HorizonPlot } from "./horizon_plot.mjs";
-import { drawLegend, textOf } from "./layer.mjs";
+import { AnswerPanel } from "./answer_panel.mjs";
+import { lookOf } from "./appearance.mjs";
+import { AFTER, BEFORE, Divider } from "./before_after.mjs";
+import { digestOf, missing, numberText, reasonOf, recordOf, verdictOf } from "./checks.mjs";
+import { drawLegend } from "./layer.mjs";
+import { LayerControls } from "./layer_controls.mjs";
 import { Ruler } from "./measure.mjs";
 import { follow, Orbit } from "./orbit.mjs";
 import { part } from "./parts.mjs";
@@ -12,8 +15,10 @@ import { Pool, serve } from "./pool.mjs";
 import { scaleBar } from "./scale.mjs";
 import { SunPanel } from "./sun_panel.mjs";
 import { SurfaceValues } from "./surface_values.mjs";
-import { Tools } from "./tools.mjs";
+import { decodeTextures } from "./textures.mjs";
+import { restore, Toolbar, toolsOf } from "./toolbar.mjs";
 import { pause, unpack } from "./unpack.mjs";
+import { Walk } from "./walk.mjs";
 import { fill, WORDS } from "./words.mjs";
 
 /** @typedef {import("./words.mjs").Words} Words */
@@ -26,69 +31,111 @@ class Page {
   constructor(about, words) {
     this.about = about;
     this.words = words;
+    this.failed = (/** @type {Error} */ error) => this.fail(error);
     this.pool = new Pool();
     this.camera = new Orbit(about.camera, about.up);
     this.sun = new SunPanel(about, words, () => {
-      this.#changed();
-      this.tools?.sunChanged();
+      this.changed();
+      this.layers?.sunChanged();
       clearTimeout(this.later);
-      this.later = setTimeout(() => this.#answer().catch((error) => this.fail(error)), 60);
+      this.later = setTimeout(() => this.#answer(), 60);
     });
-    const name = (/** @type {number} */ face) => this.#nameOf(face);
+    this.answers = new AnswerPanel(about, words, this.pool, this.sun, (spot) => {
+      this.#mark();
+      this.layers?.asked(spot);
+    });
+    const name = (/** @type {number} */ face) => this.answers.nameOf(face);
     this.ruler = new Ruler(about, words, this.pool, this.camera, name, () => this.#answer());
-    this.horizon = new HorizonPlot(this.pool, this.sun, words);
-    this.picture = /** @type {Picture | null} */ (null);
-    this.tools = /** @type {Tools | null} */ (null);
-    this.found = /** @type {any} */ (null);
-    this.asked = /** @type {any} */ (null);
-    this.objectOf = new Int32Array();
+    this.walk = new Walk(part("picture"), this.camera, this.pool, about.metres, (walking) => {
+      part("help").textContent = walking ? words.walkHelp : words.help;
+      part("walk").setAttribute("aria-pressed", String(walking));
+      this.changed();
+    });
+    this.toolbar = new Toolbar(part("tools"), part("said"));
+    /** @type {Picture[]} of the state after, or of the only one, and of the state before */
+    this.pictures = [];
+    this.divider = /** @type {Divider | null} */ (null);
+    this.layers = /** @type {LayerControls | null} */ (null);
+    this.digest = /** @type {Promise<string | null>} */ (Promise.resolve(null));
+    this.proved = true;
   }
 
   async open() {
     const { about, words } = this;
     this.#label();
-    const arrays = await unpack(part("data").textContent, about.columns, (share) =>
-      this.#progress(words.unpacking, share),
-    );
+    const arrays = await unpack(
+      part("data").textContent,
+      about.columns,
+      (share) => this.#progress(words.unpacking, share),
+      (bytes) => {
+        this.digest = digestOf(bytes);
+      },
+    ).catch((error) => {
+      throw new Error(reasonOf(error, words, about.triangles, words.damaged));
+    });
     part("data").remove();
     this.#progress(words.building, 1);
     await pause();
-    this.objectOf = arrays.objectOf;
-    const { origins, directions, blocked, faces, distances, objectOf, ...traced } = arrays;
-    this.values = about.layer && new SurfaceValues(about.layer, arrays);
-    const scene = {
-      arrays: { ...traced, layer: about.layer },
-      kernels: about.kernels,
-      up: about.up,
-      origin: about.origin,
-    };
-    const source = part("code").textContent;
-    await this.pool.start(source, scene, about.triangles, (error) => this.fail(error));
+    Object.assign(this.answers, { objectOf: arrays.objectOf, states: arrays.states ?? null });
+    if (about.layer) this.answers.values = new SurfaceValues(about.layer, arrays);
+    await this.#start(arrays);
     part("opening").hidden = true;
-    const canvas = part("picture");
-    this.picture = new Picture(
-      canvas,
-      this.pool,
-      this.camera,
-      () => ({ ...this.sun.light, painted: Boolean(about.layer) && part("painted").checked }),
-      (samples) => {
-        part("samples").textContent =
-          samples === this.picture?.most ? "" : ` · ${fill(words.samples, { n: samples, all: SAMPLES })}`;
-        document.body.dataset.samples = String(samples);
-      },
+    this.#draw(arrays.states ?? null);
+    await this.#prove(arrays);
+  }
+
+  /** @param {Record<string, any>} arrays */
+  async #start({ indices, states, ...arrays }) {
+    const { about } = this;
+    const shown = states ? [BEFORE, AFTER].map((state) => indicesIn(indices, states, state)) : [indices];
+    const { wasm, objectOf, origins, directions, ...rest } = arrays;
+    const { blocked, faces, distances, blockedBefore, facesBefore, distancesBefore, ...columns } = rest;
+    const textures = await decodeTextures(about.look.textures, arrays, (share) =>
+      this.#progress(this.words.unpacking, share),
     );
-    const failed = (/** @type {Error} */ error) => this.fail(error);
-    this.tools = new Tools(about, words, this.pool, this.camera, this.sun, this.picture, failed);
+    const scene = { wasm, kernels: about.kernels, look: lookOf(about, columns, textures), states: shown };
+    const source = part("code").textContent;
+    await this.pool.start(source, scene, (shown.length * indices.length) / 3, this.failed);
+  }
+
+  /** @param {Uint8Array | null} states that have each face */
+  #draw(states) {
+    const { about, words, pool, camera, sun, failed } = this;
+    const canvas = part("picture");
+    const options = { hasSky: about.look.sky !== null, meter: { exposure: 0 } };
+    const light = () => ({ ...sun.light, painted: Boolean(about.layer) && part("painted").checked });
+    const make = (/** @type {HTMLCanvasElement} */ on, /** @type {number} */ state) =>
+      new Picture(on, pool, camera, light, () => this.#count(), { ...options, state });
+    this.pictures = [make(canvas, -1)];
+    if (states) {
+      const before = part("pictureBefore");
+      this.divider = new Divider(part("divider"), before, [part("nameBefore"), part("nameAfter")], words);
+      this.pictures.push(make(before, BEFORE));
+    }
+    this.layers = new LayerControls(about, words, pool, camera, sun, this.pictures[0], this.divider, failed);
+    for (const tool of toolsOf(this)) this.toolbar.add(tool, failed);
+    this.toolbar.say(restore(this));
+    addEventListener("hashchange", () => this.toolbar.say(restore(this)));
     follow(
       canvas,
-      this.camera,
-      () => this.#changed(),
-      (x, y) => this.ask(x, y).catch(failed),
+      camera,
+      () => {
+        this.changed();
+        if (camera.walking) this.walk.settle().then((rises) => rises && this.changed(), failed);
+      },
+      (x, y) => this.#ask(x, y).catch(failed),
     );
-    new ResizeObserver(() => this.#changed()).observe(canvas);
-    this.#changed();
-    this.picture.run().catch((error) => this.fail(error));
-    await this.#prove(arrays);
+    new ResizeObserver(() => this.changed()).observe(canvas);
+    this.changed();
+    for (const picture of this.pictures) picture.run().catch(failed);
+  }
+
+  #count() {
+    const { pictures, words } = this;
+    const samples = Math.min(...pictures.map((picture) => picture.samples));
+    const done = pictures.every((picture) => picture.samples === picture.most);
+    part("samples").textContent = done ? "" : ` · ${fill(words.samples, { n: samples, all: SAMPLES })}`;
+    document.body.dataset.samples = String(samples);
   }
 
   /** @param {any} error */
@@ -96,95 +143,61 @@ class Page {
     const box = part("opening");
     box.hidden = false;
     box.setAttribute("role", "alert");
-    box.textContent = fill(this.words.failed, { reason: error?.message ?? error });
+    box.textContent = fill(this.words.failed, { reason: reasonOf(error, this.words, this.about.triangles) });
     document.body.dataset.failed = "yes";
   }
 
   /**
-   * Ask what a point of the picture sees.
+   * A place was clicked: measure from it, or tell what it sees.
    * @param {number} x pixels in the picture
    * @param {number} y
    */
-  async ask(x, y) {
+  async #ask(x, y) {
     const { clientWidth: width, clientHeight: height } = part("picture");
     const rays = this.camera.rays(width, height);
     const direction = rays.corner.map((c, k) => c + x * rays.dx[k] + y * rays.dy[k]);
-    const click = { origin: rays.origin, direction };
-    if (this.ruler.on) return this.ruler.clicked(click);
-    this.asked = click;
-    part("answer").setAttribute("aria-busy", "true");
-    await this.#answer();
+    const click = { origin: rays.origin, direction, state: this.divider?.stateAt(x) ?? 0 };
+    await (this.ruler.on ? this.ruler.clicked(click) : this.answers.ask(click));
   }
 
-  async #answer() {
-    const { asked, sun, about, words } = this;
-    if (this.ruler.on) return;
-    if (!asked) {
-      part("answer").textContent = words.hint;
-      return;
-    }
-    const when = sun.place && { place: sun.place, date: sun.date, day: dayOf(sun.place, sun.date, about.up) };
-    const day = when?.day.directions ?? new Float64Array();
-    const question = { ...asked, suns: day, now: sun.light.sun };
-    const found = await this.pool.run("ask", question, true);
-    if (asked !== this.asked) return;
-    this.found = found;
-    const answer = sentenceOf(found, when, sun.altitude, words, (face) => this.#nameOf(face));
-    const sentence = [this.#numberAt(found), answer].filter(Boolean).join(" ");
-    part("answer").textContent = sentence;
-    part("answer").dataset.hours = found && when ? String(hoursOf(when.day, found.states)) : "";
-    part("answer").dataset.point = found ? JSON.stringify([found.point, found.normal]) : "";
-    part("answer").setAttribute("aria-busy", "false");
-    part("day").style.visibility = found ? "visible" : "hidden";
-    if (found && when) {
-      part("day").setAttribute("aria-label", fill(words.day, { sentence }));
-      drawDay(part("day"), when.day, found.states, sun.seconds);
-    }
-    this.#mark();
-    this.tools?.asked(found);
-    await this.horizon.show(found);
-  }
-
-  /**
-   * The number of the result at a point, in words.
-   * @param {any} found
-   */
-  #numberAt(found) {
-    if (!found || !this.values) return "";
-    const { layer } = this.values;
-    const value = this.values.at(found.face, found.point, found.normal);
-    const text = Number.isNaN(value) ? this.words.noValue : textOf(layer, value, document.documentElement.lang);
-    part("answer").dataset.value = String(value);
-    return `${layer.name}: ${text}.`;
-  }
-
-  /** @param {number} face */
-  #nameOf(face) {
-    return this.about.objects[this.objectOf[face]] ?? "";
+  #answer() {
+    if (!this.ruler.on) this.answers.update().catch(this.failed);
   }
 
   /** @param {Record<string, any>} arrays */
-  async #prove({ origins, directions, blocked, faces, distances }) {
-    const n = faces.length;
-    const wrong = await this.pool.run("prove", { origins, directions, blocked, faces, distances }, true);
-    const phrase = wrong ? this.words.wrong : this.words.proved;
-    part("proof").textContent = fill(phrase, { wrong, n, version: this.about.version });
-    part("proof").dataset.wrong = String(wrong);
-    if (wrong) part("proof").setAttribute("role", "alert");
+  async #prove(arrays) {
+    const { about } = this;
+    const states = arrays.states ? [-2, -1] : [-1];
+    const records = states.map((state) => ({ ...recordOf(arrays, state), state }));
+    const wrongs = await Promise.all(records.map((record) => this.pool.run("prove", record, true)));
+    const [wrong, n] = [wrongs.reduce((sum, each) => sum + each, 0), records.length * records[0].faces.length];
+    const digest = await this.digest;
+    const found = { wrong, n, version: about.version, digest, recorded: about.bytes };
+    const { ok, text } = verdictOf(found, this.words);
+    this.proved = ok;
+    const line = part("proof");
+    line.textContent = text;
+    line.dataset.wrong = String(wrong);
+    if (ok) return;
+    line.setAttribute("role", "alert");
+    part("header").append(line); // where it is always seen
   }
 
   /** The camera, the sun or the size has changed. */
-  #changed() {
-    this.picture?.changed();
-    this.tools?.viewChanged();
-    part("north").style.transform = `rotate(${this.sun.north - (this.camera.heading * 180) / Math.PI}deg)`;
-    scaleBar(part("scale"), this.camera, part("picture").clientHeight, this.about.metres, this.words);
+  changed() {
+    for (const picture of this.pictures) picture.changed();
+    this.layers?.viewChanged();
+    const turn = this.sun.north - (this.camera.heading * 180) / Math.PI;
+    part("north").style.transform = `rotate(${turn}deg)`;
+    part("north").dataset.turn = String(turn);
+    scaleBar(part("scale"), this.camera, part("picture").clientHeight, this.about, this.words);
     this.#mark();
   }
 
   #mark() {
     const canvas = part("picture");
-    const place = this.found && this.camera.place(this.found.point, canvas.clientWidth, canvas.clientHeight);
+    const { found } = this.answers;
+    const place = found && this.camera.place(found.point, canvas.clientWidth, canvas.clientHeight);
     part("mark").hidden = !place;
     if (place) part("mark").style.translate = `${place[0]}px ${place[1]}px`;
     this.ruler.draw();
@@ -195,34 +208,36 @@ class Page {
    * @param {number} share
    */
   #progress(what, share) {
-    part("doing").textContent = what;
+    if (part("doing").textContent !== what) part("doing").textContent = what; // so that it is said once
     part("progress").value = share;
   }
 
   #label() {
     const { words, about } = this;
     part("picture").setAttribute("aria-label", words.picture);
-    part("answer").textContent = words.hint;
-    part("day").hidden = !about.place;
-    part("day").style.visibility = "hidden";
+    part("tools").setAttribute("aria-label", words.tools);
     part("north").setAttribute("aria-label", words.north);
     part("proof").textContent = words.proofRunning;
     part("help").textContent = words.help;
     part("sun").setAttribute("aria-label", words.controls);
-    const triangles = about.triangles.toLocaleString(document.documentElement.lang);
     part("result").hidden = !about.layer;
     if (about.layer) {
       drawLegend(part("colours"), about.layer);
       part("layer").textContent = about.layer.unit ? `${about.layer.name} (${about.layer.unit})` : about.layer.name;
-      part("painted").addEventListener("change", () => this.#changed());
+      part("painted").addEventListener("change", () => this.changed());
     }
-    part("about").textContent = fill(words.scene, { triangles, digest: about.digest });
+    part("about").textContent = fill(words.scene, { triangles: numberText(about.triangles), digest: about.digest });
   }
 }
 
-/** What the page needs of a browser and is missing, if anything. */
-function missing() {
-  return ["WebAssembly", "DecompressionStream", "OffscreenCanvas"].find((name) => !(name in globalThis));
+/**
+ * The triangles that a state of the scene has; those that it lacks are at a point, where no ray meets them.
+ * @param {Int32Array} indices
+ * @param {Uint8Array} states
+ * @param {number} state
+ */
+function indicesIn(indices, states, state) {
+  return indices.map((vertex, k) => (states[Math.floor(k / 3)] & (1 << state) ? vertex : 0));
 }
 
 if (typeof document === "undefined") serve();

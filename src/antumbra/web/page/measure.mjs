@@ -114,7 +114,7 @@ export class Ruler {
       return;
     }
     const eye = eyeAt(first, this.about);
-    const sight = await this.pool.run("sightline", { eye, spot }, true);
+    const sight = await this.pool.run("sightline", { eye, spot, state: click.state }, true);
     if (this.#spots[1] !== spot) return;
     const lengths = measured(first, spot, this.about);
     const height = eye.height * this.about.metres;

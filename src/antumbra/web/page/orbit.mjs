@@ -1,7 +1,7 @@
 // @ts-check
-/** A camera that orbits around a target, moved by mouse, touch and keys. */
+/** A camera that orbits around a target, or walks, moved by mouse, touch and keys. */
 
-/** @typedef {import("./tracer.mjs").Rays} Rays */
+/** @typedef {import("./frame.mjs").Rays} Rays */
 
 const STEEPEST = 1.55; // radians
 const CLICK = 6; // pixels that a pointer may move in a click
@@ -21,6 +21,7 @@ export class Orbit {
     this.tangent = Math.tan((vfov * Math.PI) / 360);
     this.nearest = this.distance / 1000;
     this.farthest = this.distance * 20;
+    this.walking = false;
   }
 
   /** @param {number[]} v scene axes, as east, north and up */
@@ -47,6 +48,19 @@ export class Orbit {
   get eye() {
     const back = this.axes[2];
     return this.target.map((t, k) => t + this.distance * back[k]);
+  }
+
+  /** Target, distance, turn and tilt: what `view` takes back. */
+  get view() {
+    return [...this.target, this.distance, this.turn, this.tilt];
+  }
+
+  /** @param {number[]} view */
+  set view(view) {
+    this.target = view.slice(0, 3);
+    [this.distance, this.turn, this.tilt] = view.slice(3);
+    this.orbit(0, 0);
+    this.zoom(1);
   }
 
   /** Clockwise from the scene's north axis to where the camera looks, in radians. */
@@ -99,6 +113,38 @@ export class Orbit {
     this.target = this.target.map((t, k) => t - size * (right * x[k] + up * y[k]));
   }
 
+  /**
+   * Turn the head: the eye stays where it is.
+   * @param {number} right radians
+   * @param {number} up
+   */
+  look(right, up) {
+    const { eye } = this;
+    this.orbit(right, -up);
+    this.moveEye(eye);
+  }
+
+  /**
+   * Move level, and up.
+   * @param {number} forward in units of the scene
+   * @param {number} right
+   * @param {number} up
+   */
+  step(forward, right, up = 0) {
+    const [s, c] = [Math.sin(this.turn), Math.cos(this.turn)];
+    const way = this.#world([-s * forward - c * right, -c * forward + s * right, up]);
+    this.target = this.target.map((t, k) => t + way[k]);
+  }
+
+  /**
+   * Put the eye at a point, looking the same way.
+   * @param {number[]} eye
+   */
+  moveEye(eye) {
+    const back = this.axes[2];
+    this.target = eye.map((e, k) => e - this.distance * back[k]);
+  }
+
   /** @param {number} factor */
   zoom(factor) {
     this.distance = Math.max(this.nearest, Math.min(this.farthest, this.distance * factor));
@@ -129,7 +175,10 @@ export function follow(element, camera, moved, clicked) {
     if (travel < CLICK && pointers.size === 1) return;
     const others = [...pointers].filter(([id]) => id !== event.pointerId).map(([, place]) => place);
     const height = element.clientHeight;
-    if (others.length > 0) {
+    const angle = (2 * Math.atan(camera.tangent)) / height; // of a pixel
+    if (camera.walking && others.length > 0) camera.step((-dy / height) * camera.distance, 0);
+    else if (camera.walking) camera.look(-angle * dx, angle * dy);
+    else if (others.length > 0) {
       const [other] = others;
       const before = Math.hypot(last.x - other.x, last.y - other.y);
       camera.zoom(before / Math.max(1, Math.hypot(event.offsetX - other.x, event.offsetY - other.y)));
@@ -151,7 +200,9 @@ export function follow(element, camera, moved, clicked) {
     "wheel",
     (event) => {
       event.preventDefault();
-      camera.zoom(Math.exp(0.001 * event.deltaY * (event.deltaMode === 1 ? 30 : 1)));
+      const turns = 0.001 * event.deltaY * (event.deltaMode === 1 ? 30 : 1);
+      if (camera.walking) camera.step(-turns * camera.distance, 0);
+      else camera.zoom(Math.exp(turns));
       moved();
     },
     { passive: false },
@@ -159,6 +210,7 @@ export function follow(element, camera, moved, clicked) {
   /** @type {Record<string, [number, number]>} */
   const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
   element.addEventListener("keydown", (event) => {
+    if (camera.walking && event.key !== "Enter") return; // see `Walk`
     const arrow = arrows[event.key];
     if (arrow && event.shiftKey) camera.pan(-0.05 * arrow[0], -0.05 * arrow[1]);
     else if (arrow) camera.orbit(0.08 * arrow[0], 0.08 * arrow[1]);

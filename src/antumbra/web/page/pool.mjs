@@ -10,17 +10,24 @@ const MOST_WORKERS = 6;
 /** @typedef {"band" | "prove" | keyof QUESTIONS} Method */
 /** @typedef {{method: Method, job: any, done: (answer: any) => void, failed: (reason: Error) => void}} Task */
 
-/** Answer messages in a worker. The first one makes its scene. */
+/** Answer messages in a worker. The first one makes its scene in each of its states; a job without one is about the last. */
 export function serve() {
-  /** @type {Tracer} */
-  let tracer;
+  /** @type {Tracer[]} */
+  const tracers = [];
   globalThis.onmessage = async ({ data: { method, job } }) => {
     try {
       if (method === "create") {
-        tracer = await Tracer.create(job.arrays, job.kernels, job.up, job.origin);
+        for (const indices of job.states)
+          tracers.push(await Tracer.create(job.wasm, job.kernels, { ...job.look, indices }));
         postMessage({});
-      } else if (method in QUESTIONS) postMessage({ answer: QUESTIONS[method](tracer, job) });
-      else postMessage({ answer: tracer[/** @type {"band" | "prove"} */ (method)](job) });
+        return;
+      }
+      const tracer = /** @type {Tracer} */ (tracers.at(job.state ?? -1));
+      const answer =
+        method in QUESTIONS
+          ? QUESTIONS[method](tracer, job)
+          : /** @type {any} */ (tracer[/** @type {"band" | "prove"} */ (method)](job));
+      postMessage({ answer }, { transfer: answer?.light ? [answer.light.buffer] : [] });
     } catch (error) {
       postMessage({ error: String(/** @type {Error} */ (error).message ?? error) });
     }
@@ -35,13 +42,13 @@ export class Pool {
   /**
    * Start workers; it returns when the first one is ready.
    * @param {string} source of the program
-   * @param {any} scene arrays, kernels, up
+   * @param {any} scene wasm, kernels, look, and the indices in each state
    * @param {number} triangles
    * @param {(reason: Error) => void} failed
    */
   async start(source, scene, triangles, failed) {
     const url = URL.createObjectURL(new Blob([source], { type: "text/javascript" }));
-    this.size = triangles > LARGE ? 1 : Math.max(1, Math.min(MOST_WORKERS, (navigator.hardwareConcurrency ?? 2) - 1));
+    this.size = triangles > LARGE ? 1 : workerCount(navigator.hardwareConcurrency ?? 2);
     const started = Array.from({ length: this.size }, async () => {
       const worker = new Worker(url);
       await send(worker, "create", scene);
@@ -73,10 +80,11 @@ export class Pool {
   /**
    * Drop the jobs of a method that have not begun.
    * @param {Method} which
+   * @param {number} [state] of the scene, as the jobs have it
    */
-  drop(which) {
-    const dropped = this.#tasks.filter(({ method }) => method === which);
-    this.#tasks = this.#tasks.filter(({ method }) => method !== which);
+  drop(which, state) {
+    const dropped = this.#tasks.filter(({ method, job }) => method === which && job.state === state);
+    this.#tasks = this.#tasks.filter((task) => !dropped.includes(task));
     for (const { done } of dropped) done(null);
   }
 
@@ -92,6 +100,11 @@ export class Pool {
         });
     }
   }
+}
+
+/** The page itself needs a core only now and then. @param {number} cores */
+function workerCount(cores) {
+  return Math.max(1, Math.min(MOST_WORKERS, cores <= 2 ? cores : cores - 1));
 }
 
 /**

@@ -4,16 +4,15 @@
 import { boundsOf, middleOf, receiversOf } from "../module/frame.mjs";
 import { directionTo } from "../module/sun.mjs";
 import { dot } from "../module/vectors.mjs";
-import { receiver } from "./shadow_rays.mjs";
 import { levelsOf, SurfaceGrid } from "./surface_grid.mjs";
 
 /** @typedef {import("./tracer.mjs").Tracer} Tracer */
-/** @typedef {import("./tracer.mjs").Rays} Rays */
+/** @typedef {import("./frame.mjs").Rays} Rays */
 
 const GOLDEN = Math.PI * (3 - Math.sqrt(5));
 const SKY_DIRECTIONS = 4096;
 
-/** A ray to a place. @typedef {{origin: number[], direction: number[]}} Click */
+/** A ray to a place, in a state of the scene. @typedef {{origin: number[], direction: number[], state: number}} Click */
 
 /** A place on a surface, and the normal of the side that was clicked. @typedef {{face: number, point: number[], normal: number[]}} Spot */
 
@@ -48,14 +47,16 @@ function spotAt(tracer, { origin, direction }) {
 /**
  * What a place sees of the sun through the day, and of the sky; null if the ray meets nothing.
  * @param {Tracer} tracer
- * @param {Click & {suns: Float64Array, now: number[] | null}} question
+ * @param {Click & {suns: Float64Array, now: number[] | null, at?: Spot}} question `at`: the place, instead of the one
+ *   that the ray meets
  */
-function ask(tracer, { suns, now, ...click }) {
-  const spot = spotAt(tracer, click);
+function ask(tracer, { suns, now, at: given, ...click }) {
+  const spot = given ?? spotAt(tracer, click);
   if (!spot) return null;
   const states = sunsAt(tracer, spot, suns);
   const at = now ? sunsAt(tracer, spot, Float64Array.from(now)) : null;
-  return { ...spot, ...states, now: at?.states[0], nowBlocker: at?.blockers[0], sky: skyAt(tracer, spot) };
+  const { face, point, normal } = spot;
+  return { face, point, normal, ...states, now: at?.states[0], nowBlocker: at?.blockers[0], sky: skyAt(tracer, spot) };
 }
 
 /**
@@ -164,7 +165,7 @@ function eyePoint(tracer, { spot, height }) {
  * @param {Spot} spot
  */
 function surfaceEnd(tracer, { point, normal }) {
-  const { origins } = receiversOf(point, normal, [0, 0, 0], middleOf(boundsOf(tracer.positions)));
+  const { origins } = receiversOf(point, normal, [0, 0, 0], middleOf(boundsOf(tracer.mesh.positions)));
   return Array.from(origins);
 }
 
@@ -281,6 +282,18 @@ export const QUESTIONS = {
   spot: spotAt,
   surfaces,
 };
+
+const SHIFT = 2 ** -21; // of receivers off their surfaces, as in antumbra.query.receivers
+
+/**
+ * A point on a face, moved off it as far as float32 needs.
+ * @param {number[]} point
+ * @param {number[]} normal
+ */
+function receiver([x, y, z], normal) {
+  const shift = SHIFT * Math.max(Math.abs(x), Math.abs(y), Math.abs(z));
+  return [Math.fround(x + shift * normal[0]), Math.fround(y + shift * normal[1]), Math.fround(z + shift * normal[2])];
+}
 
 /** @param {number[]} point @param {number} n */
 function repeat(point, n) {

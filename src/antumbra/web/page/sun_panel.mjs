@@ -9,7 +9,6 @@ import { fill } from "./words.mjs";
 /** @typedef {import("./sun.mjs").Place} Place */
 /** @typedef {import("./words.mjs").Words} Words */
 
-const RADIUS = Math.tan(((0.533 / 2) * Math.PI) / 180); // of the sun's disk
 const MINUTES_A_SECOND = 60; // of the day that plays
 const MINUTE = 60;
 
@@ -33,8 +32,10 @@ export class SunPanel {
     this.second = part("second");
     this.button = part("play");
     this.output = part("when");
+    this.shines = Boolean(this.place || about.angles); // otherwise the scene has other lights only
     if (this.place) this.#withPlace(about);
-    else this.#withAngles(about);
+    else if (about.angles) this.#withAngles(about);
+    else this.#withoutSun();
     for (const slider of [this.first, this.second]) slider.addEventListener("input", () => this.#moved());
     this.#show();
   }
@@ -48,9 +49,7 @@ export class SunPanel {
     Object.assign(this.first, { min: 0, max: 1439, step: 1, value: about.minute });
     this.second.closest("label").hidden = true;
     this.day.addEventListener("change", () => {
-      if (!this.day.value) this.day.value = this.date;
-      this.date = this.day.value;
-      this.#moved();
+      this.setting = { ...this.setting, date: this.day.value };
     });
     this.button.addEventListener("click", () => this.#play());
     this.#name();
@@ -60,10 +59,35 @@ export class SunPanel {
   #withAngles(about) {
     label("first", this.words.bearing);
     label("second", this.words.height);
-    Object.assign(this.first, { min: 0, max: 359, step: 1, value: about.angles.azimuth });
-    Object.assign(this.second, { min: 0, max: 90, step: 1, value: about.angles.altitude });
+    Object.assign(this.first, { min: 0, max: 359.9, step: 0.1, value: about.angles.azimuth });
+    Object.assign(this.second, { min: 0, max: 90, step: 0.1, value: about.angles.altitude });
     this.day.closest("label").hidden = true;
     this.button.hidden = true;
+  }
+
+  /** What the user has set, by the names of a link. */
+  get setting() {
+    const [first, second] = [Number(this.first.value), Number(this.second.value)];
+    if (!this.shines) return {};
+    return this.place ? { date: this.date, minute: first } : { azimuth: first, altitude: second };
+  }
+
+  /** @param {Record<string, any>} setting */
+  set setting({ date, minute, azimuth, altitude }) {
+    if (this.place) {
+      this.day.value = date;
+      if (this.day.value) this.date = date;
+      this.day.value = this.date;
+    }
+    if (this.shines) this.first.value = this.place ? minute : azimuth;
+    if (this.shines && !this.place) this.second.value = altitude;
+    this.#moved();
+  }
+
+  #withoutSun() {
+    for (const each of [this.first, this.second, this.day]) each.closest("label").hidden = true;
+    this.button.hidden = true;
+    this.output.hidden = true;
   }
 
   /** The moment that is shown, in seconds since 1970; with a place. */
@@ -79,15 +103,17 @@ export class SunPanel {
       : { azimuth: Number(this.first.value), altitude: Number(this.second.value) };
   }
 
+  /** Degrees; null without a sun. */
   get altitude() {
-    return this.angles.altitude;
+    return this.shines ? this.angles.altitude : null;
   }
 
   /** @returns {Omit<import("./picture.mjs").Light, "painted">} */
   get light() {
+    if (!this.shines) return { sun: null, daylight: 1 };
     const { angles } = this;
     const daylight = Math.min(1, Math.max(0.03, (angles.altitude + 6) / 14));
-    return { sun: angles.altitude > 0 ? towards(angles, this.north, this.up) : null, radius: RADIUS, daylight };
+    return { sun: angles.altitude > 0 ? towards(angles, this.north, this.up) : null, daylight };
   }
 
   #moved() {

@@ -4,22 +4,24 @@
 const LETTERS = 1 << 18; // of base64 that are decoded at a time; a multiple of 4
 const PAUSE = 30; // milliseconds after which the browser may draw the progress bar
 
-/** @typedef {{name: string, type: "f4" | "f8" | "i4" | "u1", length: number, step: boolean}} Column */
+/** @typedef {{name: string, type: "f4" | "f8" | "i4" | "i2" | "u1", length: number, step: boolean}} Column */
 
-const TYPES = { f4: Float32Array, f8: Float64Array, i4: Int32Array, u1: Uint8Array };
+const TYPES = { f4: Float32Array, f8: Float64Array, i4: Int32Array, i2: Int16Array, u1: Uint8Array };
 
 /**
  * Decode columns.
  * @param {string} text base64 of a zlib stream
  * @param {Column[]} columns
  * @param {(share: number) => void} progress
+ * @param {(bytes: Uint8Array<ArrayBuffer>) => void} seen called with all bytes, before they are arrays
  * @returns {Promise<Record<string, any>>} arrays by name
  */
-export async function unpack(text, columns, progress) {
+export async function unpack(text, columns, progress, seen = () => {}) {
   const size = columns.reduce((sum, { type, length }) => sum + length * TYPES[type].BYTES_PER_ELEMENT, 0);
   const bytes = new Uint8Array(size);
   const stream = new DecompressionStream("deflate");
   const reading = collect(stream.readable, bytes);
+  reading.catch(() => {}); // writing fails, too
   const writer = stream.writable.getWriter();
   let last = performance.now();
   for (let at = 0; at < text.length; at += LETTERS) {
@@ -31,6 +33,7 @@ export async function unpack(text, columns, progress) {
   }
   await writer.close();
   await reading;
+  seen(bytes);
   /** @type {Record<string, any>} */
   const arrays = {};
   let at = 0;
@@ -65,7 +68,7 @@ async function collect(stream, bytes) {
   for (let at = 0; ; ) {
     const { done, value } = await reader.read();
     if (done && at === bytes.length) return;
-    if (done || at + value.length > bytes.length) throw new Error("the file is damaged; copy it again");
+    if (done || at + value.length > bytes.length) throw new Error("the columns have another size");
     bytes.set(value, at);
     at += value.length;
   }

@@ -2,6 +2,7 @@
 /** What lies over the picture: hours of sun on the faces, or what a place sees; with the controls and the legend. */
 
 import { dayName, dayOf, duration, STEP, sunsAbove } from "./answer.mjs";
+import { BEFORE } from "./before_after.mjs";
 import { eyeAt, showEye } from "./measure.mjs";
 import { Overlay } from "./overlay.mjs";
 import { Painting } from "./painting.mjs";
@@ -21,7 +22,7 @@ const [IN_SIGHT, OUT_OF_SIGHT] = [
 /** Days that stand for a year, and minutes of the intervals of those days. */
 const [MONTHLY, YEAR_STEP] = ["21", 60];
 
-export class Tools {
+export class LayerControls {
   /** @type {Painting | null} */ #painting = null;
   /** @type {Spot | null} */ #spot = null;
   #kind = "light";
@@ -38,15 +39,18 @@ export class Tools {
    * @param {import("./orbit.mjs").Orbit} camera
    * @param {{place: Place | null, date: string}} sun
    * @param {import("./picture.mjs").Picture} picture
+   * @param {import("./before_after.mjs").Divider | null} divider layers lie over the state after, on its side
    * @param {(reason: Error) => void} failed
    */
-  constructor(about, words, pool, camera, sun, picture, failed) {
+  constructor(about, words, pool, camera, sun, picture, divider, failed) {
     this.about = about;
     this.words = words;
     this.pool = pool;
     this.camera = camera;
     this.sun = sun;
     this.picture = picture;
+    this.divider = divider;
+    this.side = divider ? `${words.after}: ` : "";
     this.failed = failed;
     this.overlay = new Overlay(part("overlay"), pool, camera, failed);
     label("show", words.show);
@@ -125,6 +129,7 @@ export class Tools {
       return;
     }
     part("scale-title").replaceChildren(
+      this.side,
       ...[
         ["seen", words.inSight],
         ["unseen", words.outOfSight],
@@ -160,7 +165,8 @@ export class Tools {
     const place = /** @type {Place} */ (sun.place);
     const suns = sunsAbove(days.map((day) => dayOf(place, day, about.up, step)));
     const title = this.#kind === "day" ? words.dayScale : words.yearScale;
-    part("scale-title").textContent = fill(title, { date: dayName(sun.date, words), year: sun.date.slice(0, 4) });
+    part("scale-title").textContent =
+      this.side + fill(title, { date: dayName(sun.date, words), year: sun.date.slice(0, 4) });
     if (!this.#painting) {
       const levels = await this.pool.run("levels", {}, true);
       this.#painting = new Painting(this.pool, levels, about.palette, () => this.#changed());
@@ -191,7 +197,7 @@ export class Tools {
 
   /** @param {number} x @param {number} y */
   #point(x, y) {
-    this.#pointer = [x, y];
+    this.#pointer = this.divider?.stateAt(x) === BEFORE ? [-1, -1] : [x, y];
     if (this.#painting && this.overlay.layer === this.#painting) this.#say();
   }
 
