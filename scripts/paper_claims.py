@@ -8,7 +8,8 @@ import re
 from collections import Counter
 from typing import Any, NamedTuple
 
-from claims import CLAIMS, CONDITIONS, Claim
+from claims import CLAIMS, CONDITIONS
+from claims.claim import Claim
 
 HOLDS, FAILS, UNTRIED = "holds", "does not hold", "not tried"
 

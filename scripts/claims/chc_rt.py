@@ -2,7 +2,7 @@
 
 from statistics import median
 
-from antumbra.lab.papers.chc_rt import walkthrough_timing
+from antumbra.lab.papers.chc_rt import chcrt_published, walkthrough_timing
 from antumbra.lab.papers.chc_rt.chcrt_plots import moved_points
 from antumbra.lab.papers.chc_rt.walkthrough_timing import Turn
 from antumbra.lab.papers.chc_rt.walkthroughs import FRUSTA, SINGLE
@@ -73,6 +73,19 @@ def _phase3(r: Results, table: str) -> float:
 _SAME_KERNEL = "over `multifrusta`, whose kernel it uses"
 _NO_RIVAL = "in memory, queries cost these frusta more than they save"
 
+
+def _median(kind: str, theirs: float, span: str) -> Claim:
+    """The claim of Table 2 for rays that frusta trace."""
+    return Claim(
+        "Table 2",
+        f"{kind} rays {theirs} times as fast in the median ({span})",
+        RANGE + ", " + _SAME_KERNEL + "; median {:.2f} over single rays",
+        lambda r: (*_speedups(r, kind), _speedups(r, kind, SINGLE)[2]),
+        lambda low, high, ours, single: ours >= theirs,
+        _NO_RIVAL,
+    )
+
+
 CLAIMS: tuple[Claim, ...] = (
     Claim(
         "Abstract, Table 2",
@@ -83,20 +96,11 @@ CLAIMS: tuple[Claim, ...] = (
         _NO_RIVAL,
         "the speedup over single rays is mostly that of frusta",
     ),
-    *(
-        Claim(
-            "Table 2",
-            f"{kind} rays {theirs} times as fast, in the median {middle}",
-            "{:.2f} to {:.2f}, median {:.2f}, " + _SAME_KERNEL + "; median {:.2f} over single rays",
-            lambda r, kind=kind: (*_speedups(r, kind), _speedups(r, kind, SINGLE)[2]),
-            lambda low, high, ours, single: ours > 1,
-            _NO_RIVAL,
-        )
-        for kind, theirs, middle in (("primary", "1.12 to 5.50", 3.43), ("AO", "0.97 to 4.46", 2.54))
-    ),
+    _median("primary", 3.43, "1.12 to 5.50"),
+    _median("AO", 2.54, "0.97 to 4.46"),
     Claim(
         "Table 2",
-        "diffuse rays 0.89 to 5.92 times as fast, in the median 1.79",
+        "diffuse rays 1.79 times as fast in the median (0.89 to 5.92)",
         "{:.2f} to {:.2f}, median {:.2f}, over single rays",
         lambda r: _speedups(r, _DIFFUSE, SINGLE),
         lambda low, high, middle: middle >= 1.79,
@@ -188,19 +192,21 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "7, Table 3",
-        "0.04, 0.24 and 5.4 % of the store are moved per frame (medians: primary, AO, diffuse)",
+        "{:.2f}, {:.2f} and {:.1f} % of the store are moved per frame (medians: primary, AO, diffuse)".format(
+            *(100 * median(chcrt_published.moved(k)) for k in range(3))
+        ),
         "{:.0f}, {:.0f} and {:.0f} %",
         lambda r: [_moved(r, kind) for kind in ("primary", "AO", _DIFFUSE)],
-        lambda primary, ao, diffuse: diffuse <= 5.4,
+        lambda *ours: all(x <= 100 * max(chcrt_published.moved(k)) for k, x in enumerate(ours)),
         "the store is much smaller than the paper's, so a view needs more of it",
     ),
     Claim(
         "7, Table 3",
-        "AO and diffuse rays move more than primary rays",
+        "AO and diffuse rays move significantly more than primary rays",
         "primary {:.0f} %, AO {:.0f} %, diffuse {:.0f} % of the store",
         lambda r: [_moved(r, kind) for kind in ("primary", "AO", _DIFFUSE)],
-        lambda primary, ao, diffuse: min(ao, diffuse) > primary,
-        UNKNOWN,
+        lambda primary, ao, diffuse: min(ao, diffuse) >= 1.5 * primary,
+        "AO rays do not; " + UNKNOWN,
     ),
     Claim(
         "7, Figure 8",
