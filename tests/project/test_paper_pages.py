@@ -14,6 +14,7 @@ from repository import ROOT, tool
 
 sys.path.append(str(ROOT / "scripts"))  # paper_pages imports document_numbers
 pages = tool(ROOT / "scripts" / "paper_pages.py")
+claims = tool(ROOT / "scripts" / "paper_claims.py")
 diagrams = tool(ROOT / "scripts" / "paper_diagrams.py")
 
 KERNELS = {"antumbra.bvh.nodes:no_such_kernel": {"i": "0" * 32}}
@@ -142,3 +143,53 @@ def test_pages_show_the_conditions_of_their_results(name):
     assert not results["about"]["quick"] and (results.get("rounds") or results["frames"]) >= pages.ROUNDS
     for field, value in pages.conditions(results).items():
         assert f"\n- **{field}**: {pages.escaped(value)}\n" in text
+
+
+def test_frames_are_those_that_were_measured():
+    turn = {"scene": "city", "view": "near", "kind": "AO", "method": "chcrt"}
+    times = [{**turn, "frame": k} for k in range(3)] + [{**turn, "view": "far", "frame": k} for k in range(2)]
+    shown = lambda **results: pages.conditions(results_of(rounds=None, **results))["frames"]
+    assert shown(frames=60, times=times) == "2 to 3 measured per row, of at most 60"
+    assert shown(frames=60, times=times[:3]) == "3 measured per row, of at most 60"
+    assert shown(frames=3, times=times[:3]) == "3"
+    assert shown(frames=200) == "200"
+    video = [{"figure": "video", "grid": grid, "marked": "hulls"} for grid in (16, 16, 32)]
+    assert shown(frames=2, video=video) == "1 to 2 measured per row, of at most 2"
+
+
+# --- The papers' claims -----------------------------------------------------------------------------------------------
+
+
+def test_the_overview_of_claims_is_the_generated_one():
+    assert pages.CLAIMS.read_text(encoding="utf-8") == pages.claims_page(), "run scripts/paper_pages.py --fronts"
+    assert "\nclaims\n" in (pages.PAGES / "index.md").read_text(encoding="utf-8")
+
+
+def test_verdicts_follow_the_numbers():
+    claim = claims.Claim("1", "at least 2", "{:.1f}, {:.0f}%", lambda r: r["pair"], lambda a, b: a >= 2, "slow", "once")
+    assert claims.judged(claim, {"pair": (2.0, 7)})[1:] == ("2.0, 7 %", claims.HOLDS, "once")
+    assert claims.judged(claim, {"pair": (1.9, 7)})[1:] == ("1.9, 7 %", claims.FAILS, "slow; once")
+    assert claims.judged(claim._replace(holds=None), {"pair": (2.0, 7)}).verdict == claims.UNTRIED
+    with pytest.raises(KeyError):  # results without the number
+        claims.judged(claim, {})
+
+
+@pytest.mark.parametrize("name", pages.PAPERS)
+def test_claims_have_a_verdict_and_a_reason_if_they_do_not_hold(name):
+    rows = claims.all_judged(name, pages.present_results(name))
+    assert len(rows) >= 18 and {row.verdict for row in rows} == {claims.HOLDS, claims.FAILS, claims.UNTRIED}
+    for row in rows:
+        assert row.claim.section and row.claim.text and "|" not in "".join((row.claim.text, row.ours, row.why))
+        assert row.ours or row.verdict == claims.UNTRIED
+        assert row.claim.reason or row.verdict == claims.HOLDS, row.claim.text
+    text = (pages.PAGES / f"{name}.md").read_text(encoding="utf-8")
+    for row in rows:
+        assert (f": {row.claim.text}. Here: " in text) == (row.verdict == claims.FAILS), row.claim.text
+
+
+@pytest.mark.parametrize("name, paper", pages.PAPERS.items())
+def test_pages_link_to_their_claims(name, paper):
+    text = (pages.PAGES / f"{name}.md").read_text(encoding="utf-8")
+    (anchor,) = re.findall(r"\(claims\.md#([\w-]+)\)", text)
+    headings = re.findall(r"^## (.+)$", pages.claims_page(), re.MULTILINE)
+    assert paper.title in headings and anchor == re.sub(r"[^\w -]", "", paper.title.lower()).replace(" ", "-")

@@ -69,7 +69,7 @@ THROUGH = {
         lab/papers/chc_rt/chcrt_tables lab/papers/multi_frusta/frusta_measurements
         lab/papers/multi_frusta/frusta_plots lab/papers/multi_frusta/frusta_tables lab/papers/multi_frusta/hit_intervals
         lab/papers/multi_frusta/large_packets lab/papers/pre_bvh_culling/culling_charts
-        lab/papers/pre_bvh_culling/culling_tables lab/papers/scenes/cellar lab/papers/srdh/srdh_tables
+        lab/papers/scenes/cellar lab/papers/srdh/srdh_tables
     """,
 }
 """Through what modules are tested that no test imports -> these modules."""

@@ -137,6 +137,7 @@ def test_speedups_are_of_the_same_kind():
     )]  # fmt: skip
     turns += [t._replace(view="far", seconds=2 * t.seconds if t.method == CHCRT else t.seconds) for t in turns]
     assert walkthrough_timing.speedups(turns) == {PRIMARY: [1.5, 0.75], SOFT: [4.0, 2.0]}
+    assert walkthrough_timing.speedups(turns, "packet16") == {PRIMARY: [], SOFT: [9.0, 4.5]}
     assert walkthrough_timing.speedups([t for t in turns if t.method == CHCRT]) == {PRIMARY: [], SOFT: []}
     assert [len(chcrt_published.speedups(k)) for k in range(3)] == [6, 6, 6]
     assert max(chcrt_published.speedups(0)) == pytest.approx(5.5) and min(chcrt_published.speedups(2)) < 0.9

@@ -318,13 +318,13 @@ def speedup(ours: list[Turn], theirs: list[Turn]) -> float:
     return typical(theirs) / median(t.seconds for t in ours if t.frame in frames)
 
 
-def speedups(turns: list[Turn]) -> dict[str, list[float]]:
-    """The speedups of CHC+RT over plain tracing from the root: those of each scene and view, by ray kind."""
+def speedups(turns: list[Turn], method: str = SINGLE) -> dict[str, list[float]]:
+    """The speedups of CHC+RT over a method that traces from the root: those of each scene and view, by ray kind."""
     return {
         row["kind"]: [
             speedup(of(mine, method=CHCRT), plain)
             for walk in rows_of(turns, "scene", "view")
-            if (plain := of(mine := of(turns, **walk, **row), method=SINGLE))
+            if (plain := of(mine := of(turns, **walk, **row), method=method))
         ]
         for row in rows_of(turns, "kind")
     }

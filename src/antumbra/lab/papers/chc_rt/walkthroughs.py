@@ -142,10 +142,10 @@ SAMPLER = "halton:36"  # sampler of AO and diffuse rays
 BUILD = "bsah+reinsert"
 """All methods trace this tree: an SAH tree after insertion-based optimisation, as in the paper."""
 
-SINGLE = "single"
+SINGLE, FRUSTA = "single", "multifrusta"
 """The tracer that stands in for GLSL: one ray at a time, from the root."""
 
-TRACERS = {SINGLE: KINDS, "packet16": (AO, SOFT), "multifrusta": (PRIMARY, AO, SOFT)}
+TRACERS = {SINGLE: KINDS, "packet16": (AO, SOFT), FRUSTA: (PRIMARY, AO, SOFT)}
 """Stateless tracer -> the ray kinds that it has a method for."""
 
 

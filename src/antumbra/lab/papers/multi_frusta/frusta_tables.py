@@ -42,6 +42,8 @@ def print_tables(scenes: Sequence[MeasuredScene], costs: Mapping[str, FittedCost
     for scene in scenes:
         _print_scene(scene)
     _print_costs(scenes, costs)
+    print("Where the paper contradicts itself")
+    print_notes(frusta_published.contradictions())
 
 
 def _print_scene(scene: MeasuredScene) -> None:
@@ -104,9 +106,8 @@ def _print_reduction(rows: Rows, base: str, tracers: Sequence[str], kind: str) -
     print_table(title, columns, [(tracer, rows[tracer]) for tracer in tracers], frusta_published.pairs(kind))
 
 
-def _published_ratio(pair: tuple[frusta_published.PublishedRow, frusta_published.PublishedRow], name: str) -> str:
-    field = {"seconds": "cycles", "shaded": "with_shading"}.get(name, name)
-    return f"{getattr(pair[0], field) / getattr(pair[1], field):.2f}"
+def _published_ratio(pair: frusta_published.Pair, name: str) -> str:
+    return frusta_published.printed_factor(pair, {"seconds": "cycles", "shaded": "with_shading"}.get(name, name))
 
 
 # --- Sec. 5.2, Table 2 and Figures 5 and 6 ----------------------------------------------------------------------------

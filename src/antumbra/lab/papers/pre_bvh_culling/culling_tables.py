@@ -1,6 +1,7 @@
 """Prints the tables of the pre-BVH culling paper, with its results in brackets [Selgrad et al. 2015]."""
 
 from collections.abc import Mapping, Sequence
+from math import inf
 from typing import NamedTuple
 
 from ....techniques.culling.pre_bvh_culling import STEPS
@@ -65,13 +66,13 @@ def print_tables(rows: CullingRows, tracers: Sequence[str]) -> None:
 
 
 def _print_remaining(rows: CullingRows) -> None:
-    """Print the remaining triangles with each marking, in the paper's views and in random ones."""
-    share = {(r.figure, r.marked): percent(r.remaining) for r in rows.grids}
-    share |= {(r.part, r.marked): _quartiles(r) for r in rows.shares}
+    """Print the remaining triangles with each marking, in random views, then in those chosen to be like the paper's."""
+    share = {(r.part, r.marked): _quartiles(r) for r in rows.shares}
+    share |= {(r.figure, r.marked): percent(r.remaining) for r in rows.grids}
     count = {r.part: len(r.shares) for r in rows.shares}
     theirs = {figure: 100 * remaining for figure, remaining in REMAINING.items()}
     columns = (
-        label("view", lambda view: f"{view}, {count[view]} random cameras" if view in count else view),
+        label("view", lambda view: f"{view}, {count[view]} random cameras" if view in count else f"{view}, chosen"),
         TableColumn("as published (grid32:paper, Fig. 2d)", lambda v: beside(share[v, PUBLISHED], theirs.get(v), 0)),
         TableColumn("hulls (grid32)", lambda view: share[view, OURS]),
         TableColumn("convex region (Fig. 2b)", lambda view: share[view, REGION]),
@@ -139,8 +140,9 @@ def _even(last: TimeToImage, t: TimeToImage) -> str:
     """The number of samples from which BSAH without culling is as fast, with the paper's in brackets."""
     if t is last:
         return ""
-    known = t.method in TIME_TO_IMAGE.get(t.figure, {})
-    return beside(f"{break_even(last, t):.0f}", published_break_even(t.figure, t.method) if known else None, 0)
+    known, even = t.method in TIME_TO_IMAGE.get(t.figure, {}), break_even(last, t)
+    note = ", extrapolated" if max(t.trace.keys() & last.trace.keys()) < even < inf else ""
+    return beside(f"{even:.0f}{note}", published_break_even(t.figure, t.method) if known else None, 0)
 
 
 _NAMES = (
