@@ -103,7 +103,8 @@ def _check_pages(archive: zipfile.ZipFile, name: str) -> None:
     """Check that there is the module of pages, of the sources in the wheel."""
     from antumbra.kernels.toolchain.kernel_library import LIST, MODULE
 
-    found = {each.removeprefix(_PAGES) for each in archive.namelist() if each.startswith(_PAGES)}
+    files = (each.filename for each in archive.filelist)  # `namelist` has folders, too, after `zipfile.Path`
+    found = {each.removeprefix(_PAGES) for each in files if each.startswith(_PAGES)}
     if found != {MODULE, LIST}:
         raise ReleaseError(f"{name}: has {sorted(found)} for pages, not {sorted((MODULE, LIST))}")
     _check_paths(archive.read(_PAGES + MODULE), name, MODULE)

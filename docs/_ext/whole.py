@@ -26,8 +26,8 @@ def whole(pages: list[tuple[str, str]]) -> str:
     """All pages, (name, Markdown), below headings of their addresses."""
     parts = ["# Antumbra: all pages\n"]
     for name, text in pages:
-        text = CARD.sub("", re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
-        text = PICTURE.sub(r"(Picture: \1)", ROLE.sub("", FENCE.sub(_written_out, text)))
+        text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+        text = PICTURE.sub(r"(Picture: \1)", ROLE.sub("", CARD.sub("", FENCE.sub(_written_out, text))))
         parts.append(f"<!-- {name}.html -->\n\n{text.strip()}\n")
     return "\n".join(parts)
 

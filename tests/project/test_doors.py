@@ -124,6 +124,8 @@ def reading(library: str) -> dict[str, set[str]]:
 
 
 def is_writing(name: str, node: ast.Call) -> bool:
+    if name == "open":
+        return len(node.args) > 1 and isinstance(node.args[1], ast.Constant) and node.args[1].value == "w"
     return name == "MemoryFile" and not node.args
 
 

@@ -21,7 +21,7 @@ def test_there_is_one_for_each_trade_and_the_page_links_it():
     names = {path.stem for path in NOTEBOOKS}
     assert names == {"shadows", "sun_hours", "baking", "lines_of_sight", "terrain"}
     page = (ROOT / "docs" / "notebook.md").read_text()
-    assert set(re.findall(r"<notebooks/(\w+)\.ipynb>", page)) == names
+    assert set(re.findall(r"\(notebooks/(\w+)\.ipynb\)", page)) == names
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -48,7 +48,7 @@ THROUGH = {
         generate/forest generate/palette scene/palette_scene
     """,
     "the tracer of the folder": """
-        trace/frusta/frusta_areas
+        trace/frusta/frusta_areas trace/terrain/terrain_sweep
     """,
     "scenes that are loaded, joined and updated": """
         base/pickles scene/map_degrees scene/moved_geometry scene/raster
@@ -59,7 +59,7 @@ THROUGH = {
     "the study of the folder": """
         city/sight/line_points city/shadow/plane_projection city/shadow/shadow_polygons
         city/skyline/edge_projection city/tables/surface_columns city/tables/polygon_files city/pv/modules
-        city/pv/pv_options city/sight/observers city/sun/route_options baking/emission
+        city/pv/pv_options city/sight/observers city/sun/route_options baking/emission city/gis/height_grounds
     """,
     "commands": """
         cli/picture_report city/sun/calendar_command city/sun/route_command picture/picture_records web/page_command

@@ -309,6 +309,12 @@ def _pixel_count(image: bytes) -> int:
     return size[0] * size[1]
 
 
+def is_plain_image(data: bytes) -> bool:
+    """Whether the file of an image that can be decoded has sRGB colours without alpha."""
+    with _open_image(data) as image:
+        return image.mode in ("RGB", "L") and "icc_profile" not in image.info
+
+
 def _is_jpeg(picture: "bytes | np.ndarray | None") -> bool:
     """Whether `decode_image` may reduce a picture."""
     return isinstance(picture, bytes) and picture.startswith(b"\xff\xd8")

@@ -15,7 +15,7 @@ from ..scene.appearance import SHARPEST, Appearance, normals_from_frames
 from ..scene.default_picture import sun
 from ..scene.light_lists import LightList
 from ..scene.lights import DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
-from ..scene.materials import Texture
+from ..scene.materials import Texture, is_plain_image
 from ..scene.sky import Sky
 from ..scene.triangles import Triangles
 from ..sun.location import Place
@@ -183,7 +183,7 @@ def _image(texture: Texture) -> tuple[str, bytes, bool]:
     data = texture.picture
     if isinstance(data, bytes) and not large and texture.opacity is None:
         kind = next((kind for start, kind in _EMBEDDED.items() if data.startswith(start)), None)
-        if kind is not None and _is_plain(data):
+        if kind is not None and is_plain_image(data):
             return kind, data, False
     if large:
         pixels.thumbnail((LARGEST, LARGEST), Image.Resampling.BOX)
@@ -193,11 +193,3 @@ def _image(texture: Texture) -> tuple[str, bytes, bool]:
         return "image/jpeg", file.getvalue(), large
     pixels.save(file, "PNG", optimize=True)
     return "image/png", file.getvalue(), large
-
-
-def _is_plain(data: bytes) -> bool:
-    """Whether an image file has sRGB colours without alpha."""
-    from PIL import Image
-
-    with Image.open(io.BytesIO(data)) as image:
-        return image.mode in ("RGB", "L") and "icc_profile" not in image.info

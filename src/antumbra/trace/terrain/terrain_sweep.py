@@ -71,6 +71,14 @@ class Level(NamedTuple):
     whole: int  # 1: no cell lacks a height
 
 
+class View(NamedTuple):
+    """A quadrant of the ground, as an eye sees it."""
+
+    quadrant: Quadrant
+    level: Level
+    blocks: Blocks
+
+
 class _Pointers(NamedTuple):
     """Pointers to all of these, free of reference counts."""
 
@@ -102,7 +110,8 @@ class _Pointers(NamedTuple):
 
 
 @inlined
-def _pointers(z, quadrant, level, blocks, out):
+def _pointers(z, view, out):
+    quadrant, level, blocks = view
     return _Pointers(
         ptr(z), ptr(quadrant.along), ptr(quadrant.across), ptr(quadrant.far_along), ptr(quadrant.far_across),
         ptr(blocks.tops), ptr(blocks.holes), ptr(blocks.starts), ptr(blocks.widths), ptr(out),
@@ -269,7 +278,7 @@ def _block_top(v, m, s, level):
 
 @kernel
 def _follow(v, m, n):
-    """What is certain of a cell whose line of sight is followed to the eye."""
+    """What is certain of cell (m, n), whose line of sight is followed to the eye. v: `_Pointers`."""
     x, s = get(v.along, m), get(v.across, n) / get(v.along, m)
     low, high = _cell_slopes(v, m, n)
     if not low <= high:
@@ -331,9 +340,12 @@ def _is_met(v, surface, ray, corners, m, n):
 
 
 @kernel
-def decide(ticket, tree, quadrant, level, blocks, cells, points, eye, seen):
-    """Worker: decide sensors of cells, (k, 2) along and across a quadrant."""
-    v, surface, corners = _pointers(tree.z, quadrant, level, blocks, seen), terrain_pointers(tree), stack_f32(18)
+def decide(ticket, tree, view, cells, points, eye, seen):
+    """Worker: decide sensors."""
+    # In: tree: of the terrain; view: `View`; cells, (k, 2) along and across the quadrant; points, (k, 3) their sensors;
+    #     eye, (3,)
+    # Out: seen, (k,) uint8: whether the eye sees them
+    v, surface, corners = _pointers(tree.z, view, seen), terrain_pointers(tree), stack_f32(18)
     for i in items(ticket):
         ray = segment(points[i, 0], points[i, 1], points[i, 2], eye[0], eye[1], eye[2])
         seen[i] = np.uint8(not _is_met(v, surface, ray, corners, cells[i, 0], cells[i, 1]))
@@ -458,9 +470,11 @@ def _hide_all(v, part, begin, end, wedges):
 
 
 @kernel
-def sweep(ticket, z, quadrant, level, blocks, out, wedges, part):
+def sweep(ticket, z, view, out, wedges, part):
     """Worker: classify the cells of some columns, wedge by wedge."""
-    v = _pointers(z, quadrant, level, blocks, out)
+    # In: z, heights of all cells; view: `View`; wedges: `Wedges`, changed; part: `Part`
+    # Out: out, HIDDEN, SEEN or UNDECIDED of all cells
+    v = _pointers(z, view, out)
     lower, upper, recent, solid = ptr(wedges.lower), ptr(wedges.upper), ptr(wedges.recent), ptr(wedges.solid)
     for item in items(ticket):
         begin = part.wedge + item * WEDGES_AT_A_TIME

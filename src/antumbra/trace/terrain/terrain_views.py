@@ -22,6 +22,7 @@ from .terrain_sweep import (
     Level,
     Part,
     Quadrant,
+    View,
     Wedges,
     decide,
     sweep,
@@ -161,7 +162,8 @@ def decided(
         along, across = (column, row) if k < 2 else (row, column)
         at = np.stack([along[here] - quadrant.column, across[here] - quadrant.row], 1) * quadrant.turn
         bits, ticket = np.empty(len(here), np.uint8), new_ticket(len(here), 64)
-        run(decide, threads, ticket, tree, quadrant, found.level, ground.blocks, at, points[here], eye, bits)
+        view = View(quadrant, found.level, ground.blocks)
+        run(decide, threads, ticket, tree, view, at, points[here], eye, bits)
         seen[here] = bits == 1
     return seen
 
@@ -235,5 +237,5 @@ def _sweep_quadrant(ground: Ground, quadrant: Quadrant, level: Level, out: NDArr
         first, last = (np.clip(across[[0, -1]] / before, -WIDEST, WIDEST) + WIDEST) / step
         part = Part(column, end, int(first), min(int(last) + 1, n), -WIDEST, step)
         ticket = new_ticket(-(-(part.end_wedge - part.wedge) // WEDGES_AT_A_TIME), 1)
-        run(sweep, threads, ticket, ground.z, quadrant, level, ground.blocks, out, wedges, part)
+        run(sweep, threads, ticket, ground.z, View(quadrant, level, ground.blocks), out, wedges, part)
         column = end
