@@ -39,7 +39,18 @@ def things(tmp_path_factory):
     return {type(each).__name__: each for each in given}
 
 
-LEFT_OUT = {"Baked", "CityModel", "Dataset", "GBuffer", "InputError", "Light", "MeshInfo", "Suns", "Viewer"}
+LEFT_OUT = {
+    "Baked",
+    "CityModel",
+    "Dataset",
+    "GBuffer",
+    "InputError",
+    "Light",
+    "MeshInfo",
+    "Suns",
+    "UnavailableError",
+    "Viewer",
+}
 """Public classes that this test does not make: plain tuples of what it does make, an error, and a server."""
 
 
