@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 import antumbra as at
 from antumbra.city.sight import viewshed
 from antumbra.city.tables.bit_matrices import unpack_bits
+from antumbra.engine.sources import terrain_shadows
 from sight_scenes import expected, scene_of
 from strength import examples
 
@@ -158,3 +159,25 @@ def raster_above(scene, height):
     east, north = np.meshgrid(grid.eastings(), grid.northings())
     above = np.where(faces < 0, scene.bounds[0, 2], heights) + height
     return np.c_[east.ravel(), north.ravel(), above], None, None, None, "points"
+
+
+@pytest.mark.parametrize("holes", [0, 30])
+def test_blocks_of_cells_share_the_sweep_of_an_eye(holes, monkeypatch):
+    random = np.random.default_rng(holes)
+    y, x = np.mgrid[:80, :60]
+    heights = 6.0 * np.sin(x / 7.0) * np.cos(y / 8.0) + random.normal(size=x.shape)
+    heights[random.integers(0, 80, holes), random.integers(0, 60, holes)] = np.nan
+    scene = at.from_raster((heights, (2.0, 0.0, 84000.0, 0.0, -2.0, 446000.0)))
+    eyes, sweeps = [[84031.0, 445901.0, 12.0], [84090.0, 445950.0, 15.0]], []
+    swept = terrain_shadows.view_from
+    monkeypatch.setattr(viewshed, "SENSORS_PER_PART", 500)
+    monkeypatch.setattr(terrain_shadows, "view_from", lambda *a: sweeps.append(a) or swept(*a))
+    found = at.viewshed(scene, "raster+1.5", eyes)
+    assert len(sweeps) == 2 and len(found.table) == 4800
+    traced = at.viewshed(scene, "raster+1.5", eyes, plan="bsah+wide")
+    assert len(sweeps) == 2
+    for name in ("seen", "first", "nearest", "distance"):
+        assert np.array_equal(found.table[name], traced.table[name], equal_nan=True), name
+    monkeypatch.setattr("antumbra.city.sight.visibility_matrix._VIEWS", 0)
+    assert np.array_equal(at.viewshed(scene, "raster+1.5", eyes).table["seen"], found.table["seen"])
+    assert len(sweeps) == 2 and 0 < found.table["seen"].sum() < 2 * len(found.table)

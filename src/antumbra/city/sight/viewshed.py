@@ -379,7 +379,8 @@ def _trace(state: _ViewshedState, scene: AnyScene, tracing: TileTracer) -> None:
 def _add_view(state: _ViewshedState, ends: Receivers, eyes: Receivers, observer: int, tracing: TileTracer) -> bool:
     """Record what an observer sees of the cells of a raster of heights, by one sweep; whether that was possible."""
     alone = np.array([observer])
-    classes = tracing.view(ends, eyes.origins[0, observer], state.observers.reach(alone))
+    cells = state.sensors.cells
+    classes = tracing.view(ends, cells, eyes.origins[0, observer], state.observers.reach(alone))
     if classes is None:
         return False
     _add_seen(state, np.flatnonzero(classes == SEEN), observer)

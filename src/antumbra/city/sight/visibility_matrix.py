@@ -29,6 +29,7 @@ from ...query.query_bounds import morton_codes
 from ...query.receivers import Receivers
 from ...scene.light_lists import PointLights
 from ...scene.lights import MAX_SPP, LightPatch
+from ...trace.terrain.terrain_views import UNDECIDED
 from ...work.executors import Keep, checked_keep, executor_of
 from ...work.result_summary import Summary
 from ...work.scene_records import scene_digest
@@ -59,6 +60,7 @@ _P = ParamSpec("_P")
 # --- Tiles ------------------------------------------------------------------------------------------------------------
 
 
+_VIEWS = 1 << 30  # bytes of views that are kept
 STRIP = 4096
 """Points per strip: a multiple of MAX_SPP. A tile has 2 MiB of bits."""
 
@@ -72,19 +74,38 @@ class TileTracer:
 
     def __init__(self, scene: AnyScene, plan: str | Plan | None, time: float, threads: int | None, sightlines: int):
         self._engine, self._time, self._sightlines = scene.engine.with_options(plan, threads, None), time, sightlines
+        self._views: dict[tuple[bytes, float], NDArray[np.uint8]] = {}  # (eye, far) -> what it sees of all cells
+        self._height: float | None = None  # of the sensors of views
 
     @property
     def prefers_rows(self) -> bool:
         """Whether points in rows of a raster are traced faster than in any other order."""
         return self._engine.prefers_rows
 
-    def view(self, rows: Receivers, eye: NDArray[np.float32], far: float) -> NDArray[np.uint8] | None:
-        """(n,) uint8: what an eye surely sees of the cells of a raster of heights, as `TerrainPyramid.view`.
+    def view(
+        self, rows: Receivers, cells: NDArray[np.int64] | None, eye: NDArray[np.float32], far: float
+    ) -> NDArray[np.uint8] | None:
+        """(n,) uint8: what an eye surely sees of sensors above cells of a raster of heights, of `terrain_views`.
 
-        None for other points and scenes.
+        cells : (n,) row * columns + column, ascending; None: all
+
+        The view of an eye is kept for other cells. None for other points and scenes, and for more views of some cells
+        than can be kept.
         """
         terrain = self._engine.terrain
-        return None if terrain is None else terrain.view(rows, eye, far)
+        over = None if terrain is None else terrain.over(rows, cells, self._height)
+        if terrain is None or over is None:
+            return None
+        self._height = over.height
+        kept = (len(self._views) + 1) * terrain.pyramid.surface.heights.size <= _VIEWS
+        classes = self._views.get((eye.tobytes(), far))
+        if classes is None and (kept or cells is None):
+            classes = terrain.view(eye, over.height, far)
+            if classes is not None and cells is not None:
+                self._views[eye.tobytes(), far] = classes
+        return (
+            None if classes is None else np.where(over.there, classes if cells is None else classes[cells], UNDECIDED)
+        )
 
     def visible(self, rows: Receivers, columns: Receivers) -> NDArray[np.uint64]:
         """(n, words of m) uint64: bit j of row i is set where points i and j see each other."""

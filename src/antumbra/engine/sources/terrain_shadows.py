@@ -30,7 +30,7 @@ from ...trace.terrain.terrain_lanes import trace_stencils
 from ...trace.terrain.terrain_ray_lists import MOST_EXTENTS, trace_rays
 from ...trace.terrain.terrain_rays import TerrainTree, terrain_tree, trace_terrain
 from ...trace.terrain.terrain_stencils import Relief, Stencils, relief_of, stencils_of
-from ...trace.terrain.terrain_views import UNDECIDED, Ground, ground_of, height_over, view_from
+from ...trace.terrain.terrain_views import Ground, Over, ground_of, height_over, view_from
 from ...trace.transmission import TracedQuery
 from ..auto.cost_model import GOOD, build_seconds
 from ..precompilation import precompile
@@ -85,14 +85,19 @@ class TerrainPyramid:
             self._ground = ground_of(self.tree.x, self.tree.y, self.tree.z)
         return self._ground
 
-    def view(self, sensors: Receivers, eye: NDArray[np.float32], far: float, threads: int) -> NDArray[np.uint8] | None:
-        """(n,) uint8: what an eye sees, of `terrain_views`; None if sensors are not at one height above all cells."""
-        if sensors.n != self.surface.heights.size:
+    def over(self, sensors: Receivers, cells: NDArray[np.int64] | None, height: float | None) -> Over | None:
+        """How sensors lie above cells, by `height_over`; cells None: all. None if they are not those of the cells."""
+        size = self.surface.heights.size
+        cells = np.arange(size) if cells is None else cells
+        if sensors.n != len(cells) or not len(cells) or int(cells.max()) >= size:
             return None
+        return height_over(self.ground, sensors.origins[0], cells, height)
+
+    def view(self, eye: NDArray[np.float32], height: float, far: float, threads: int) -> NDArray[np.uint8] | None:
+        """(cells,) uint8: what an eye sees of sensors at a height above all cells, by `view_from`."""
         precompile("terrain views")
-        over = height_over(self.ground, sensors.origins[0])
-        classes = None if over is None else view_from(self.ground, eye, over.height, threads, far)
-        return None if over is None or classes is None else np.where(over.there, classes.reshape(-1), UNDECIDED)
+        classes = view_from(self.ground, eye, height, threads, far)
+        return None if classes is None else classes.reshape(-1)
 
     @property
     def extent(self) -> float:
@@ -164,9 +169,13 @@ class TerrainShadows:
     def prefers_rows(self) -> bool:
         return self._data.terrain is not None
 
-    def view(self, sensors: Receivers, eye: NDArray[np.float32], far: float) -> NDArray[np.uint8] | None:
-        """`TerrainPyramid.view`; None also if the scene is no terrain any more."""
-        return None if self._data.terrain is None else self.pyramid.view(sensors, eye, far, self._threads)
+    def over(self, sensors: Receivers, cells: NDArray[np.int64] | None, height: float | None) -> Over | None:
+        """`TerrainPyramid.over`; None also if the scene is no terrain any more."""
+        return None if self._data.terrain is None else self.pyramid.over(sensors, cells, height)
+
+    def view(self, eye: NDArray[np.float32], height: float, far: float) -> NDArray[np.uint8] | None:
+        """`TerrainPyramid.view`."""
+        return self.pyramid.view(eye, height, far, self._threads)
 
     def shadows(self, points: PointQuery, progress: ProgressCallback | None) -> list[TracedQuery]:
         """The shadow query of each light, with its answer."""

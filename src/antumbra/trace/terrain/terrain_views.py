@@ -76,31 +76,36 @@ def _greatest(values: NDArray[Any], maximum: np.ufunc, shift: int) -> NDArray[An
 
 
 class Over(NamedTuple):
-    """The sensors above the cells of a raster."""
+    """Sensors above cells of a raster."""
 
     height: float  # of most sensors above their cells, without the lift of receivers
-    there: NDArray[np.bool_]  # (cells,) which have this height, within a part of the slack of `view_from`
+    there: NDArray[np.bool_]  # (n,) which have this height, within a part of the slack of `view_from`
 
 
-def height_over(ground: Ground, points: NDArray[np.float32]) -> Over | None:
-    """How receivers, (cells, 3) float32, lie above the cells of a raster; None if they do not lie over their vertices.
+def height_over(
+    ground: Ground, points: NDArray[np.float32], cells: NDArray[np.int64], height: float | None = None
+) -> Over | None:
+    """How receivers, (n, 3) float32, lie above cells of a raster; None if they do not lie over their vertices.
 
     Receivers elsewhere, such as those of cells without a surface, are not `there`.
+
+    cells : (n,) row * columns + column
+    height : that of sensors seen before; None: find it
     """
-    at = points.reshape(*ground.z.shape, 3)
-    if not ((at[..., 0] == ground.x).all() and (at[..., 1] == ground.y[:, None]).all()):
+    row, column = np.divmod(cells, ground.z.shape[1])
+    x, y, z = ground.x[column], ground.y[row], ground.z.reshape(-1)[cells].astype(np.float64)
+    if not ((points[:, 0] == x).all() and (points[:, 1] == y).all()):
         return None
-    lifts = SHIFT * np.maximum(np.abs(ground.x.astype(np.float64)), np.abs(ground.y.astype(np.float64))[:, None])
-    above = at[..., 2] - ground.z.astype(np.float64)
-    some = (above - np.maximum(lifts, SHIFT * np.abs(at[..., 2].astype(np.float64)))).reshape(-1)[
-        :: above.size // 1001 + 1
-    ]
-    if np.isnan(some).all():
-        return None
-    height = float(np.nanmedian(some))
-    lifts = np.maximum(lifts, SHIFT * np.abs(ground.z.astype(np.float64) + height))
+    lifts = SHIFT * np.maximum(np.abs(x.astype(np.float64)), np.abs(y.astype(np.float64)))
+    above = points[:, 2] - z
+    if height is None:
+        some = (above - np.maximum(lifts, SHIFT * np.abs(points[:, 2].astype(np.float64))))[:: len(points) // 1001 + 1]
+        if np.isnan(some).all():
+            return None
+        height = float(np.nanmedian(some))
+    lifts = np.maximum(lifts, SHIFT * np.abs(z + height))
     slack = _ROUNDED * (ground.reach + abs(height)) / 2.0
-    return Over(height, (np.abs(above - height - lifts) <= slack).reshape(-1))
+    return Over(height, np.abs(above - height - lifts) <= slack)
 
 
 class _Axis(NamedTuple):
