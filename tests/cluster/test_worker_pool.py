@@ -20,7 +20,7 @@ pytestmark = pytest.mark.cluster
 
 
 def stop_workers(count):
-    for pid in worker_pids()[:count]:
+    for pid in worker_pids(count)[:count]:
         os.kill(pid, signal.SIGSTOP)
 
 
@@ -157,13 +157,14 @@ sys.exit(main())
 def command(tmp_path):
     """Runs a command, and a function once its first frames are written; returns the process and its output."""
 
-    def run(disturb, *words):
+    def run(disturb, *words, workers=1):
         with subprocess.Popen(
             [sys.executable, "-c", SCRIPT, *map(str, words)], cwd=tmp_path, text=True, stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         ) as process:  # fmt: skip
             while len(list(tmp_path.glob("f.*.png"))) < 2 and process.poll() is None:
                 time.sleep(0.05)
+            worker_pids(workers)
             assert process.poll() is None, process.communicate()
             disturb()
             out, err = process.communicate(timeout=60)
@@ -177,7 +178,7 @@ def frames(size):
 
 
 def test_standard_output_is_json_when_a_node_dies(command, nodes):
-    code, out, err = command(nodes.remove, *frames(40), "--ray", nodes.cluster.address, "--json")
+    code, out, err = command(nodes.remove, *frames(80), "--ray", nodes.cluster.address, "--json", workers=2)
     assert code == 0, err
     assert all(isinstance(json.loads(line), dict) for line in out.splitlines()) and out
     assert "was lost (its process has ended)" in err

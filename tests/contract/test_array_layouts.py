@@ -320,6 +320,7 @@ ELSEWHERE = {
     "SunCalendar": "results",
     "ModuleShading": "results",
     "route_shade": "arguments of points_along",
+    "scene_variant": "what Scene.from_arrays takes",
     "pyvista.DatasetAccessor": "directions of lights, points of lights",
     "write_attributes": "tests/city/cityjson/test_attribute_writer.py",
 }

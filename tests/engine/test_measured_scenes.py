@@ -71,6 +71,7 @@ OTHERS = {
     "grid_sensors": "its spacing is in world units",
     "raster_sensors": "its cells are in world units",
     "scene_change": "objects have the unit of the coordinates",
+    "scene_variant": "both designs have the unit of the coordinates",
     "vertex_sensors": "points on faces, which any coordinates have",
 }
 """Name of another public function of these folders -> why it takes any coordinates."""

@@ -1,6 +1,7 @@
 """A Ray cluster of two nodes on this machine, shared by all tests of a session, and jobs that are compared on it."""
 
 import os
+import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -95,8 +96,32 @@ def same(cli, tmp_path, monkeypatch, nodes):
     return run
 
 
-def worker_pids() -> list[int]:
-    """The processes of all workers, by the names that Ray gives them."""
+def _parent(pid: int) -> int:
+    """The process that started another one; 0: it has ended."""
+    try:
+        return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+    except OSError:
+        return 0
+
+
+def _is_ours(pid: int) -> bool:
+    """Whether this process has started another one, itself or through others: tests may run beside it."""
+    while pid > 1 and pid != os.getpid():
+        pid = _parent(pid)
+    return pid > 1
+
+
+def worker_pids(count: int = 0) -> list[int]:
+    """The processes of the workers of this process's clusters; waits until there are `count`."""
+    for _ in range(300):
+        if len(found := _workers()) >= count:
+            break
+        time.sleep(0.1)
+    return found
+
+
+def _workers() -> list[int]:
+    """Workers by the names that Ray gives them."""
     found = []
     for folder in Path("/proc").iterdir():
         if folder.name.isdigit():
@@ -104,7 +129,7 @@ def worker_pids() -> list[int]:
                 words = (folder / "cmdline").read_bytes().replace(b"\0", b" ").strip()
             except OSError:
                 continue
-            if words.startswith(b"ray::Node"):
+            if words.startswith(b"ray::Node") and _is_ours(int(folder.name)):
                 found.append(int(folder.name))
     return found
 
