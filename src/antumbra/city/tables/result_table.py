@@ -8,7 +8,7 @@ import io
 import json
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -46,7 +46,7 @@ from .qgis_style import RasterStyle, VectorStyle, write_style
 _ROWS = 1 << 16  # rows converted to text at a time
 _GROUP = 1 << 17  # rows of a group in Parquet
 _TILE = 256  # cells along the sides of the tiles of a GeoTIFF
-_SURE_CELLS = 1 << 30  # of a raster, which compress to a byte each or less
+_IN_MEMORY = 1 << 26  # bytes of a raster that is made in memory, where a full disk is an error of Python
 _NO_UNIT = "1"  # in GeoTIFF, where readers fill in the unit of heights of a compound CRS if there is none
 _NO_CRS = 'LOCAL_CS["Undefined Cartesian SRS"]'  # in GeoPackage
 _DATE = "OGR_CURRENT_DATE"
@@ -274,14 +274,22 @@ def tiff_of_bands(
     options |= {"compress": "deflate", "zlevel": 1}  # twice as fast as the default level, and 4 % larger
     if about.get("crs"):
         options["crs"] = checked_crs(about["crs"])  # as text, so that rasterio keeps the code of a compound CRS
-    with atomic_output(path) as temporary:
-        check_disk_space(path, min(raster.n_cells, _SURE_CELLS))  # on a full disk, GDAL would print its own messages
-        with rasterio.open(temporary, "w", **shape, **options) as file:
-            yield lambda first, values: file.write(values, window=Window(0, first, raster.columns, values.shape[1]))
-            for band, (name, unit) in enumerate(units.items(), 1):
-                file.set_band_description(band, name)
-                file.set_band_unit(band, unit or _NO_UNIT)
-            file.update_tags(antumbra=json.dumps(about))
+    size = 4 * len(units) * raster.n_cells
+    with atomic_output(path) as temporary, ExitStack() as stack:
+        if size <= _IN_MEMORY:
+            memory = stack.enter_context(rasterio.MemoryFile())
+            file = stack.enter_context(memory.open(**shape, **options))
+        else:
+            check_disk_space(path, size)  # on a full disk, GDAL leaves a part of the file without an error
+            file = stack.enter_context(rasterio.open(temporary, "w", **shape, **options))
+        yield lambda first, values: file.write(values, window=Window(0, first, raster.columns, values.shape[1]))
+        for band, (name, unit) in enumerate(units.items(), 1):
+            file.set_band_description(band, name)
+            file.set_band_unit(band, unit or _NO_UNIT)
+        file.update_tags(antumbra=json.dumps(about))
+        file.close()
+        if size <= _IN_MEMORY:
+            temporary.write_bytes(memory.read())
 
 
 def _strips(table: "Table", raster: Raster, names: list[str]) -> Iterator[tuple[int, NDArray[np.float32]]]:
