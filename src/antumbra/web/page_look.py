@@ -64,7 +64,8 @@ def sun_angles(look: dict[str, Any], up: str) -> dict[str, float] | None:
     x, y, z = (-each for each in moved["direction"])
     east, north, height = (x, y, z) if up == "z" else (x, -z, y)
     azimuth = float(np.degrees(atan2(east, north))) % 360.0
-    return {"azimuth": round(azimuth, 3), "altitude": round(float(np.degrees(atan2(height, np.hypot(east, north)))), 3)}
+    altitude = float(np.degrees(atan2(height, np.sqrt(east * east + north * north))))
+    return {"azimuth": round(azimuth, 3), "altitude": round(altitude, 3)}
 
 
 def _record(light: Light, origin: NDArray[np.float64]) -> dict[str, Any]:
