@@ -29,7 +29,9 @@ def checked(scene, eye, height):
     points, pyramid = cells_of(scene, height), scene.engine.terrain.pyramid
     ends = receivers_above(points, 2, scene.origin, scene.middle)
     eyes = Receivers.in_space(np.array([eye]), scene.origin)
-    classes = TileTracer(scene, None, 0.0, 2, len(points)).view(ends, None, eyes.origins[0, 0], np.inf)
+    tracing = TileTracer(scene, None, 0.0, 2, len(points))
+    over = tracing.over(ends, None)
+    classes = None if over is None else tracing.view(over, None, eyes.origins[0, 0], np.inf)
     if classes is None:
         return None
     seen = TileTracer(scene, TREE, 0.0, 2, len(points)).visible(ends, eyes)[:, 0] == 1

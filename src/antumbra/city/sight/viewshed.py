@@ -20,7 +20,7 @@ from ...kernels.parallel import thread_count
 from ...query.query_bounds import morton_codes
 from ...query.receivers import Receivers
 from ...scene.lights import MAX_SPP
-from ...trace.terrain.terrain_views import SEEN, UNDECIDED
+from ...trace.terrain.terrain_views import SEEN, UNDECIDED, Over
 from ...work.executors import Keep, checked_keep, executor_of
 from ...work.result_summary import Summary
 from ...work.scene_records import scene_digest
@@ -360,7 +360,9 @@ def _trace(state: _ViewshedState, scene: AnyScene, tracing: TileTracer) -> None:
         sensors, at = state.earth.lowered_sensors(sensors), state.earth.lowered_sensors(at)
     ends, eyes = sightline_ends(scene, sensors), sightline_ends(scene, at)
     order, curve = np.argsort(morton_codes(eyes.origins[0]), kind="stable"), np.arange(ends.n)
-    order = np.array([k for k in order.tolist() if not _add_view(state, ends, eyes, k, tracing)], np.int64)
+    over = tracing.over(ends, state.sensors.cells)
+    if over is not None:
+        order = np.array([k for k in order.tolist() if not _add_view(state, (ends, over), eyes, k, tracing)], np.int64)
     in_rows = state.sensors.kind == "raster" and tracing.prefers_rows
     if not in_rows:
         curve = np.argsort(morton_codes(ends.origins[0]), kind="stable")
@@ -376,11 +378,12 @@ def _trace(state: _ViewshedState, scene: AnyScene, tracing: TileTracer) -> None:
             _add(state, part, some, tracing.visible(rows, eyes.take(some)))
 
 
-def _add_view(state: _ViewshedState, ends: Receivers, eyes: Receivers, observer: int, tracing: TileTracer) -> bool:
+def _add_view(
+    state: _ViewshedState, targets: tuple[Receivers, Over], eyes: Receivers, observer: int, tracing: TileTracer
+) -> bool:
     """Record what an observer sees of the cells of a raster of heights, by one sweep; whether that was possible."""
-    alone = np.array([observer])
-    cells = state.sensors.cells
-    classes = tracing.view(ends, cells, eyes.origins[0, observer], state.observers.reach(alone))
+    (ends, over), alone = targets, np.array([observer])
+    classes = tracing.view(over, state.sensors.cells, eyes.origins[0, observer], state.observers.reach(alone))
     if classes is None:
         return False
     _add_seen(state, np.flatnonzero(classes == SEEN), observer)

@@ -29,7 +29,7 @@ from ...query.query_bounds import morton_codes
 from ...query.receivers import Receivers
 from ...scene.light_lists import PointLights
 from ...scene.lights import MAX_SPP, LightPatch
-from ...trace.terrain.terrain_views import UNDECIDED
+from ...trace.terrain.terrain_views import UNDECIDED, Over
 from ...work.executors import Keep, checked_keep, executor_of
 from ...work.result_summary import Summary
 from ...work.scene_records import scene_digest
@@ -82,21 +82,25 @@ class TileTracer:
         """Whether points in rows of a raster are traced faster than in any other order."""
         return self._engine.prefers_rows
 
-    def view(
-        self, rows: Receivers, cells: NDArray[np.int64] | None, eye: NDArray[np.float32], far: float
-    ) -> NDArray[np.uint8] | None:
-        """(n,) uint8: what an eye surely sees of sensors above cells of a raster of heights, of `terrain_views`.
+    def over(self, rows: Receivers, cells: NDArray[np.int64] | None) -> Over | None:
+        """How sensors lie above cells of a raster of heights, for `view`; None for other points and scenes.
 
-        cells : (n,) row * columns + column, ascending; None: all
-
-        The view of an eye is kept for other cells. None for other points and scenes, and for more views of some cells
-        than can be kept.
+        cells : (n,) row * columns + column; None: all
         """
         terrain = self._engine.terrain
         over = None if terrain is None else terrain.over(rows, cells, self._height)
-        if terrain is None or over is None:
-            return None
-        self._height = over.height
+        self._height = self._height if over is None else over.height
+        return over
+
+    def view(
+        self, over: Over, cells: NDArray[np.int64] | None, eye: NDArray[np.float32], far: float
+    ) -> NDArray[np.uint8] | None:
+        """(n,) uint8: what an eye surely sees of the sensors of `over`, of `terrain_views`.
+
+        The view of an eye is kept for other cells. None: it has none, or more views of some cells than can be kept.
+        """
+        terrain = self._engine.terrain
+        assert terrain is not None  # as it has sensors
         kept = (len(self._views) + 1) * terrain.pyramid.surface.heights.size <= _VIEWS
         classes = self._views.get((eye.tobytes(), far))
         if classes is None and (kept or cells is None):

@@ -88,8 +88,9 @@ class TerrainPyramid:
     def over(self, sensors: Receivers, cells: NDArray[np.int64] | None, height: float | None) -> Over | None:
         """How sensors lie above cells, by `height_over`; cells None: all. None if they are not those of the cells."""
         size = self.surface.heights.size
-        cells = np.arange(size) if cells is None else cells
-        if sensors.n != len(cells) or not len(cells) or int(cells.max()) >= size:
+        if sensors.n != (size if cells is None else len(cells)) or not sensors.n:
+            return None
+        if cells is not None and int(cells.max()) >= size:
             return None
         return height_over(self.ground, sensors.origins[0], cells, height)
 

@@ -83,20 +83,24 @@ class Over(NamedTuple):
 
 
 def height_over(
-    ground: Ground, points: NDArray[np.float32], cells: NDArray[np.int64], height: float | None = None
+    ground: Ground, points: NDArray[np.float32], cells: NDArray[np.int64] | None, height: float | None = None
 ) -> Over | None:
     """How receivers, (n, 3) float32, lie above cells of a raster; None if they do not lie over their vertices.
 
     Receivers elsewhere, such as those of cells without a surface, are not `there`.
 
-    cells : (n,) row * columns + column
+    cells : (n,) row * columns + column; None: all
     height : that of sensors seen before; None: find it
     """
-    row, column = np.divmod(cells, ground.z.shape[1])
-    x, y, z = ground.x[column], ground.y[row], ground.z.reshape(-1)[cells].astype(np.float64)
+    rows, columns = ground.z.shape
+    if cells is None:
+        x, y, z = np.tile(ground.x, rows), np.repeat(ground.y, columns), ground.z.reshape(-1)
+    else:
+        x, y, z = ground.x[cells % columns], ground.y[cells // columns], ground.z.reshape(-1)[cells]
     if not ((points[:, 0] == x).all() and (points[:, 1] == y).all()):
         return None
     lifts = SHIFT * np.maximum(np.abs(x.astype(np.float64)), np.abs(y.astype(np.float64)))
+    z = z.astype(np.float64)
     above = points[:, 2] - z
     if height is None:
         some = (above - np.maximum(lifts, SHIFT * np.abs(points[:, 2].astype(np.float64))))[:: len(points) // 1001 + 1]
