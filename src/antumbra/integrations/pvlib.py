@@ -13,7 +13,7 @@ from ..base.checks import checked_instance, number, whole_number
 from ..base.errors import InputError
 from ..base.extras import import_extra
 from ..base.progress import Progress, with_progress
-from ..city.pv.module_shading import Traced, checked_place_of, checked_times, light_through, module_shading, sky_of
+from ..city.pv.module_shading import Traced, checked_times, light_through, module_shading, sky_of
 from ..city.pv.modules import PvModule
 from ..city.sensors.sensors import Sensors
 from ..city.skyline.skyline import sensors_at, skyline
@@ -23,7 +23,7 @@ from ..engine.plan import DEFAULT_PLAN, Plan, parse_plan
 from ..engine.scene_loading import SceneLike
 from ..kernels.parallel import thread_count
 from ..query.receivers import Receivers
-from ..sun.location import Place, checked_place
+from ..sun.location import Place, checked_place, checked_place_of
 from ..sun.sun_positions import months_of, solar_angles
 
 if TYPE_CHECKING:

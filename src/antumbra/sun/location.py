@@ -202,6 +202,14 @@ def place_in(scene: AnyScene, place: Place | None) -> Place | None:
     return place_of(scene) if place is None else place
 
 
+def checked_place_of(scene: AnyScene, place: Place | None) -> Place:
+    """`place_in`, or an InputError if the place is unknown."""
+    found = place_in(scene, place)
+    if found is None:
+        raise InputError("the place is unknown; give a place, such as antumbra.Place(52.0, 4.36), or a CRS")
+    return found
+
+
 def check_on_earth(crs: str | None) -> None:
     """Raise an InputError if a CRS is that of another body."""
     if crs is not None and not on_earth(crs):

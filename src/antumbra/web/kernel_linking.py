@@ -126,7 +126,7 @@ def write_module(out: Path) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Write the module of kernels and its list."""
     parser = argparse.ArgumentParser(
-        prog="python -m antumbra.web.kernel_module", description="Write the kernels of pages and their list."
+        prog="python -m antumbra.web.kernel_linking", description="Write the kernels of pages and their list."
     )
     parser.add_argument("--out", type=Path, required=True, help="folder for the files")
     options = parser.parse_args(arguments)

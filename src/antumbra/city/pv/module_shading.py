@@ -20,7 +20,7 @@ from ...query.light_samples import light_samples
 from ...query.receivers import Receivers
 from ...scene.light_lists import DirectionalLights
 from ...scene.lights import MAX_SPP
-from ...sun.location import Place, place_in
+from ...sun.location import Place, checked_place_of
 from ...sun.sun_positions import directions_of, months_of, solar_angles
 from ...work.executors import Keep, executor_of
 from ...work.result_summary import Summary
@@ -224,14 +224,6 @@ def checked_times(times: Any) -> Any:
     if times.hasnans:
         raise InputError("times hold NaT; drop these rows")
     return times
-
-
-def checked_place_of(scene: AnyScene, place: Place | None) -> Place:
-    """The place given, or that of the scene's CRS; otherwise an InputError."""
-    found = place_in(scene, place)
-    if found is None:
-        raise InputError("the place is unknown; give a place, such as antumbra.Place(52.0, 4.36), or a CRS")
-    return found
 
 
 def sky_of(

@@ -14,6 +14,7 @@ from ...scene.units import LengthUnit
 from .page import FAINT, INK, Layout, Page, Rect, layout_of
 from .page_text import text_width
 from .sheet_options import PAPERS, Sheet
+from .units_text import FOOT_UNITS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +25,6 @@ METRIC = 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5
 FEET = 1.2, 2.4, 3.6, 4.8, 6.0, 7.2, 9.6
 """Times powers of ten: 1 inch is 10, 20, 30, 40, 50, 60 or 80 feet."""
 
-_FEET = "ft", "us-ft"
 _ROUND = 1e-9  # tolerance of a length that fits
 _BAR = 45.0  # millimetres: longest scale bar
 _COORDINATES = 30.0  # millimetres between coordinates, at least
@@ -91,12 +91,12 @@ class MapFit(NamedTuple):
         """The scale, such as "1:500", or "1:600 (1 in = 50 ft)"."""
         text = f"1:{self.denominator:,.6g}" if self.denominator < 1e6 else f"1:{self.denominator:,.0f}"
         feet = self.denominator / 12.0
-        return f"{text} (1 in = {feet:,g} ft)" if unit.name in _FEET and feet == round(feet) else text
+        return f"{text} (1 in = {feet:,g} ft)" if unit.name in FOOT_UNITS and feet == round(feet) else text
 
 
 def round_scale(least: float, unit: LengthUnit) -> float:
     """The smallest round N that is at least `least`; in feet, one at which an inch is a round number of feet."""
-    series = FEET if unit.name in _FEET else METRIC
+    series = FEET if unit.name in FOOT_UNITS else METRIC
     power = 10.0 ** np.floor(np.log10(least / series[0]))
     steps = [k * factor for factor in (power, 10.0 * power) for k in series]
     return float(next(round(n, 9) for n in steps if n >= least * (1.0 - _ROUND)))

@@ -5,7 +5,9 @@ import re
 from ...scene.units import METRE, LengthUnit
 
 _SQUARE = re.compile(r"(?<=[mt])2\b")  # of metres and feet
-_FEET = "ft", "us-ft"
+FOOT_UNITS = "ft", "us-ft"
+"""Names of the units that are feet."""
+
 _LARGE = 1e6  # square metres: larger areas are in square kilometres
 
 
@@ -16,7 +18,7 @@ def unit_text(unit: str) -> str:
 
 def area_unit(unit: LengthUnit) -> LengthUnit:
     """The unit whose square is that of areas: feet if coordinates are in feet, otherwise metres."""
-    return unit if unit.name in _FEET else METRE
+    return unit if unit.name in FOOT_UNITS else METRE
 
 
 def area_text(square_metres: float, unit: LengthUnit) -> str:

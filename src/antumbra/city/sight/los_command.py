@@ -85,7 +85,7 @@ class LosCommand(StudyCommand[SightOptions, "list[Sightlines]"]):
         return True
 
     def check(self) -> None:
-        from .sightlines import check_pairs, pairs_of, read_pairs
+        from .sightlines import check_pairs, pairs_of
 
         check_pairs(self.pairs)
         begin, end = self._ends
@@ -96,7 +96,7 @@ class LosCommand(StudyCommand[SightOptions, "list[Sightlines]"]):
                 "there are no points: give --from and --to, --observers and --targets, or a file of --pairs"
             )
         if begin is None or end is None:
-            read_pairs(Path(self.pairs))
+            _ = self._listed
         else:
             pairs_of(self.pairs, begin.sensors, end.sensors)
 
@@ -113,13 +113,20 @@ class LosCommand(StudyCommand[SightOptions, "list[Sightlines]"]):
         begin = points_or_file(self.observer, self.observers, "--from", "--observers")
         return begin, points_or_file(self.target, self.targets, "--to", "--targets")
 
+    @cached_property
+    def _listed(self) -> "PairList":
+        """The pairs of a file of points."""
+        from .sightlines import read_pairs
+
+        return read_pairs(Path(self.pairs))
+
     def pairs_in(self, scene: "AnyScene") -> "PairList":
         """The pairs that the arguments name, in the CRS of a scene."""
-        from .sightlines import pairs_of, read_pairs
+        from .sightlines import pairs_of
 
         begin, end = self._ends
         if begin is None or end is None:
-            return read_pairs(Path(self.pairs))
+            return self._listed
         return pairs_of(self.pairs, begin.within(scene), end.within(scene))
 
     def work(self, scenes: Scenes, executor: "Executor | None") -> "Callable[[], list[Sightlines] | None]":

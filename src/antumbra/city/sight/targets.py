@@ -237,9 +237,7 @@ def visible_blocks(
         notes += notes_on_sensors(below, on_target, "points of the target", moment, threads)
         total, marks, aims = len(on_target), on_target.points.mean(0, keepdims=True), on_target.description
     warned = tell(notes)
-    lines = cache(
-        lambda: _Lines(scene, moment) if earth is None else _Lines(lowered_scene(scene, earth, moment), 0.0, earth)
-    )
+    lines = cache(lambda: _lines_in(scene, earth, moment))
     if turbines is not None and not described and len(places) * len(turbines.each) > _MOST_SHARES:
         raise InputError(
             f"{len(turbines.each)} turbines from {len(places)} sensors are {len(places) * len(turbines.each)} shares; "

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.checks import number
-from ...base.errors import InputError
 from ...base.files import atomic_output, checked_output
 from ...base.option_fields import Given, with_keywords
 from ...base.progress import Progress, with_progress
 from ...engine.measured_scenes import measured_scene
 from ...engine.scene_loading import SceneLike
 from ...kernels.parallel import thread_count
-from ...sun.location import place_in
+from ...sun.location import checked_place_of
 from ...sun.sun_positions import days_of, suns_of, times_of, zone_of
 from ...work.executors import Keep
 from ...work.result_summary import Summary, SummaryTable
@@ -112,9 +111,7 @@ def route_shade(
         As for `antumbra.sun_hours`.
     """
     options, scene = RouteOptions(**given(*args, **keywords)), measured_scene(scene)
-    place = place_in(scene, options.place)
-    if place is None:
-        raise InputError("the place is unknown; give a place, such as antumbra.Place(52.0, 4.36), or a CRS")
+    place = checked_place_of(scene, options.place)
     chosen = days_of(days)
     stations, lengths = _stations(scene, surface, line, spacing, options)
     suns = suns_of(place, times_of(chosen, zone_of(place), options.step), scene.up)

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from ...base.errors import InputError
 from ...scene.materials import MONTHS
 from ...sun.sun_positions import Suns, month_days, months_of
+from ..changes.before_and_after import BEFORE, LOSS
 from ..tables.result_table import Column, Table
 from .daylight_rules import Criterion, Kind, Rule
 
 BRIGHT = 120.0
 """W/m2: sunshine is bright if direct normal irradiance is above this (World Meteorological Organization)."""
 
-BEFORE, LOSS, PASSES, RATIO, SHARE = "_before", "_loss", "_passes", "_ratio", "_share"
+PASSES, RATIO, SHARE = "_passes", "_ratio", "_share"
 """Ends of the names of columns: the former state, the loss since, and the verdicts of a rule."""
 
 _ROUNDING = 1e-9  # tolerance, so that a sum of twelfths of an hour reaches a whole number

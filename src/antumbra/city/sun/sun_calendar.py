@@ -23,7 +23,7 @@ from ...query.light_samples import light_samples
 from ...query.receivers import Receivers
 from ...scene.light_lists import DirectionalLights
 from ...scene.lights import MAX_SPP
-from ...sun.location import Place, place_in
+from ...sun.location import Place, checked_place_of
 from ...sun.sun_positions import Times, days_of, directions_of, months_of, solar_angles, times_of, zone_notes, zone_of
 from ...work.executors import Keep, executor_of
 from ...work.result_summary import Summary
@@ -197,9 +197,7 @@ def sun_calendar(
     sensors = raised(below, sensors, options.eye_height, options.on_surface, "points", 0.0, threads)
     if not len(sensors):
         raise InputError("there is no point; give at least one")
-    place, chosen = place_in(scene, options.place), days_of(days)
-    if place is None:
-        raise InputError("the place is unknown; give a place, such as antumbra.Place(52.0, 4.36), or a CRS")
+    place, chosen = checked_place_of(scene, options.place), days_of(days)
     times = times_of(chosen, zone_of(place), options.step)
     warned = tell([*zone_notes(place, times.middle[0]), *notes_on_sensors(below, sensors, "points", 0.0, threads)])
     names = names_of_rows("points", sensors.attributes, len(sensors))
